@@ -1,6 +1,6 @@
 //! The harness: pairs from datasets, predictions from methods, scores from metrics, and reports.
 //!
-//! Data flows one way; each module uses only those above it, but for `report::methods_text`, which reads `pictures`.
+//! Data flows one way; each module uses only those above it.
 //! The command line calls what is public here and no more.
 //!
 //! * [`io`]: what goes to disk and comes back.

@@ -14,6 +14,10 @@ pub enum Picture {
 /// A fault in the pixels of a picture.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum PictureError {
+    #[error(
+        "area only reduces pictures; to enlarge: bilinear, bilinear-antialias, bicubic or lanczos"
+    )]
+    AreaEnlarges,
     #[error("the picture is {width}x{height}: it has no pixel")]
     Empty {
         /// Width, pixels.

@@ -86,7 +86,7 @@ def test_scores_are_a_table_for_everyone(tmp_path):
     with pytest.raises(KeyError, match="no column"):
         scores["nonsense"]
     pandas, polars = pytest.importorskip("pandas"), pytest.importorskip("polars")
-    frame = polars.DataFrame(scores)
+    frame = polars.DataFrame(scores.to_dict())
     assert frame["psnr"].to_list() == scores["psnr"] and frame.shape == (24, len(scores.columns))
     other = pandas.DataFrame(scores.to_dict())
     means = frame.group_by("method").agg(polars.col("psnr").mean())

@@ -1,17 +1,8 @@
 //! Tables that pandas, polars and notebooks take.
 
-use std::sync::Arc;
-
-use arrow_array::ffi_stream::FFI_ArrowArrayStream;
-use arrow_array::{
-    ArrayRef, BooleanArray, Float64Array, RecordBatch, RecordBatchIterator, StringArray,
-};
-use arrow_schema::{Field, Schema};
 use pyo3::exceptions::PyKeyError;
 use pyo3::prelude::*;
-use pyo3::types::{PyCapsule, PyDict, PyList};
-
-use crate::errors::failed;
+use pyo3::types::{PyDict, PyList};
 
 /// The values of a column; what is unknown is null.
 #[derive(Clone)]
@@ -38,14 +29,6 @@ impl Column {
         }
     }
 
-    fn arrow(&self) -> ArrayRef {
-        match self {
-            Self::Text(values) => Arc::new(StringArray::from(values.clone())),
-            Self::Number(values) => Arc::new(Float64Array::from(values.clone())),
-            Self::Truth(values) => Arc::new(BooleanArray::from(values.clone())),
-        }
-    }
-
     fn python<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyList>> {
         match self {
             Self::Text(values) => PyList::new(py, values),
@@ -65,8 +48,7 @@ impl Column {
     }
 }
 
-/// Columns of equal length. ``pandas.DataFrame.from_arrow`` and ``polars.DataFrame`` take it as it is, and any other
-/// reader of Arrow's stream interface; ``to_dict()`` is for everything else.
+/// Columns of equal length. ``pandas.DataFrame`` and ``polars.DataFrame`` take its ``to_dict()``.
 #[pyclass(frozen, module = "sharp_bench")]
 pub(crate) struct Table {
     columns: Vec<(String, Column)>,
@@ -109,29 +91,6 @@ impl Table {
             dict.set_item(name, column.python(py)?)?;
         }
         Ok(dict)
-    }
-
-    #[pyo3(signature = (requested_schema=None))]
-    fn __arrow_c_stream__<'py>(
-        &self,
-        py: Python<'py>,
-        requested_schema: Option<Bound<'py, PyAny>>,
-    ) -> PyResult<Bound<'py, PyCapsule>> {
-        // Ours is the only form; the protocol lets a producer ignore a wish.
-        drop(requested_schema);
-        let arrays: Vec<ArrayRef> = self
-            .columns
-            .iter()
-            .map(|(_, column)| column.arrow())
-            .collect();
-        let fields = self.columns.iter().zip(&arrays);
-        let fields =
-            fields.map(|((name, _), array)| Field::new(name, array.data_type().clone(), true));
-        let schema = Arc::new(Schema::new(fields.collect::<Vec<_>>()));
-        let batch = RecordBatch::try_new(Arc::clone(&schema), arrays).map_err(failed)?;
-        let reader = RecordBatchIterator::new([Ok(batch)], schema);
-        let stream = FFI_ArrowArrayStream::new(Box::new(reader));
-        PyCapsule::new_with_value(py, stream, c"arrow_array_stream")
     }
 
     fn __repr__(&self) -> String {

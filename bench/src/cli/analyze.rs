@@ -11,7 +11,7 @@ use super::data_args::{MetricArgs, demand_weights};
 use super::metrics::demand_explicit;
 use super::output::Terminal;
 use super::{Outcome, output};
-use crate::analyze::translation::{Axis, Comparison, Experiment, Shifts, figure, strip, table};
+use crate::analyze::translation::{Comparison, Experiment, Shifts, figure, strip, table};
 use crate::io::atomic_files::{check_writable, write_atomic};
 use crate::io::observer::Observer;
 use crate::io::pictures;
@@ -44,12 +44,9 @@ enum AnalyzeCommand {
 struct TranslationArgs {
     /// The picture
     image: PathBuf,
-    /// Shifts in per cent of the width (or height); the default is the paper's
+    /// Shifts in per cent of the width; the default is the paper's
     #[arg(long, value_name = "LIST", default_value = "0.1,1,5")]
     shifts: Shifts,
-    /// Along which side to shift
-    #[arg(long, value_enum, default_value_t = Axis::X)]
-    axis: Axis,
     #[command(flatten)]
     metrics: MetricArgs,
     /// Write the table (Markdown, CSV, LaTeX), the figure (SVG, PNG) and the pictures into this folder
@@ -84,7 +81,7 @@ fn translation(args: &TranslationArgs) -> anyhow::Result<Outcome> {
     let terminal = Terminal::default();
     terminal.begin("shifting", args.shifts.percent().len() + 1, "comparisons");
     let advance = || terminal.step();
-    let experiment = Experiment::run(&picture, args.axis, &args.shifts, &scorer, advance)
+    let experiment = Experiment::run(&picture, &args.shifts, &scorer, advance)
         .with_context(|| args.image.display().to_string())?;
     terminal.end();
     for comparison in &experiment.comparisons {
@@ -160,7 +157,6 @@ fn to_json(
     let (width, height) = experiment.reference.dimensions();
     json!({
         "image": args.image.display().to_string(),
-        "axis": match experiment.axis { Axis::X => "x", Axis::Y => "y" },
         "window": [width, height],
         "comparisons": experiment.comparisons.iter().map(comparison).collect::<Vec<_>>(),
         "metrics": scorer.info(),

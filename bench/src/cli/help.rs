@@ -6,7 +6,7 @@ use clap::{Arg, ArgAction, Command, CommandFactory};
 use super::Cli;
 
 /// Options for special cases, which a screen has no room for.
-const RARE: [&str; 39] = [
+const RARE: [&str; 35] = [
     "adapter",
     "aggregate",
     "allow-programs",
@@ -23,10 +23,7 @@ const RARE: [&str; 39] = [
     "fps",
     "keep-gaussians",
     "layer",
-    "look-at",
-    "max-disparity",
     "max-pixels",
-    "max-zoom",
     "memory-limit",
     "near",
     "no-cache",
@@ -38,7 +35,6 @@ const RARE: [&str; 39] = [
     "plan-only",
     "quantise",
     "release-screen",
-    "repeats",
     "scale-sweep",
     "shard",
     "simd",

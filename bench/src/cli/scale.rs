@@ -49,9 +49,6 @@ struct ShardArgs {
     /// Start the programs of `command` methods that the plan names
     #[arg(long)]
     allow_programs: bool,
-    /// Templates of your own, by the names of ours: {{plan}} and the like come in; an unknown one is told with all that there are
-    #[arg(long, value_name = "DIR")]
-    templates: Option<PathBuf>,
     /// Where to write
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
@@ -68,7 +65,6 @@ impl ShardArgs {
             cpus: self.cpus as usize,
             retry_failed,
             allow_programs: self.allow_programs,
-            templates: self.templates.clone(),
         })
     }
 }

@@ -75,12 +75,6 @@ pub fn write_all_over_own(
     written.collect()
 }
 
-/// Like [`write_atomic`], but replaces only a file with the same bytes: for formats of others, which contain no mark of ours.
-pub fn write_new(path: &Path, bytes: &[u8]) -> Result<(), FileError> {
-    refuse_others(path, |there| there == bytes)?;
-    write_atomic(path, bytes)
-}
-
 /// Removes a file that has `mark` in it; false where there is none.
 pub fn remove_own(path: &Path, mark: &str) -> Result<bool, FileError> {
     let is_own = is_file_that(path, |there| has_mark(there, mark));

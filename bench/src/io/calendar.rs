@@ -30,27 +30,10 @@ pub(crate) fn minute(moment: SystemTime) -> String {
 
 /// Whether a text is `YYYY-MM-DD` or `YYYY-MM-DDTHH:MM`, and there is such a day and minute.
 pub(crate) fn is_date(text: &str) -> bool {
-    let form = |c: char| if c.is_ascii_digit() { '0' } else { c };
-    let form: String = text.chars().map(form).collect();
-    if !matches!(form.as_str(), "0000-00-00" | "0000-00-00T00:00") {
-        return false;
-    }
-    let numbers = text.split(['-', 'T', ':']);
-    let numbers: Vec<u32> = numbers.filter_map(|digits| digits.parse().ok()).collect();
-    let leap = |y: u32| y.is_multiple_of(4) && (!y.is_multiple_of(100) || y.is_multiple_of(400));
-    let days = |year: u32, month: u32| match month {
-        1 | 3 | 5 | 7 | 8 | 10 | 12 => 31,
-        4 | 6 | 9 | 11 => 30,
-        2 => 28 + u32::from(leap(year)),
-        _ => 0,
-    };
-    match numbers[..] {
-        [year, month, day] => (1..=days(year, month)).contains(&day),
-        [year, month, day, hour, minute] => {
-            (1..=days(year, month)).contains(&day) && hour < 24 && minute < 60
-        }
-        _ => false,
-    }
+    // It also takes a space for the T and lower case: only this form comes out as it went in.
+    let parsed = text.parse::<toml::value::Datetime>();
+    let is_form = |date: toml::value::Datetime| date.date.is_some() && date.to_string() == text;
+    matches!(text.len(), 10 | 16) && parsed.is_ok_and(is_form)
 }
 
 #[cfg(test)]

@@ -8,8 +8,8 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 use sharp::image_file::{PictureRules, parsed};
-use sharp_metrics::Picture;
 use sharp_metrics::resize::{ResizeKernel, resize};
+use sharp_metrics::{Picture, PictureError};
 
 use super::method::{MethodError, PicturePrediction};
 use crate::io::pictures::{self, PictureReading, ReadError, to_rgb8};
@@ -44,8 +44,12 @@ impl FitRules {
 
     /// Reads [`Self::OPTIONS`]; errors are the bare reason.
     pub(super) fn parse<'a>(option: impl Fn(&str) -> Option<&'a str>) -> Result<Self, String> {
+        let kernel = parsed("resize", &option)?;
+        if kernel == Some(ResizeKernel::Area) {
+            return Err(format!("resize=area: {}", PictureError::AreaEnlarges));
+        }
         Ok(Self {
-            kernel: parsed("resize", &option)?,
+            kernel,
             crop: option("crop")
                 .map(parse_crop)
                 .transpose()?
@@ -203,7 +207,10 @@ impl FitRules {
             ));
         }
         self.kernel.map(Some).ok_or_else(|| {
-            let names: Vec<&str> = ResizeKernel::ALL.iter().map(|k| k.name()).collect();
+            let enlarging = ResizeKernel::ALL
+                .iter()
+                .filter(|k| **k != ResizeKernel::Area);
+            let names: Vec<&str> = enlarging.map(|k| k.name()).collect();
             format!(
                 "{sizes}: name the kernel to resize it up with (resize={})",
                 names.join("|")
@@ -331,7 +338,7 @@ mod tests {
             |kernel, w, h| rules(kernel, Some("center:1:1")).fit(picture(w, h), square, (96, 72));
         assert_eq!(fit(None, 72, 72).unwrap().region, square);
         assert_eq!(
-            fit(Some("area"), 36, 36).unwrap().picture.dimensions(),
+            fit(Some("bicubic"), 36, 36).unwrap().picture.dimensions(),
             (72, 72)
         );
         assert!(

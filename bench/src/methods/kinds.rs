@@ -83,7 +83,7 @@ pub const KINDS: [MethodKind; 8] = [
         name: "imported",
         options: &[&["dir", "scales"], &FitRules::OPTIONS],
         summary: "pictures made elsewhere, DIR/<pair_id>.png|jpg|exr (dir=DIR); smaller ones with resize=bilinear|\
-                  bilinear-antialias|bicubic|lanczos|area, cropped ones with crop=x:y:w:h|center:W:H|center|sidecar; \
+                  bilinear-antialias|bicubic|lanczos, cropped ones with crop=x:y:w:h|center:W:H|center|sidecar; \
                   scales=0.5+1+2 for DIR/<scale>/<pair_id>.png with --scale-sweep",
         build: imported,
     },

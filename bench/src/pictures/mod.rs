@@ -4,10 +4,8 @@
 //! * [`maps`]: maps of a metric over a picture.
 //! * [`keyed_scores`]: scores for JSON and CSV.
 //! * [`other_forms`]: values that other people's code computes under the names of our metrics.
-//! * [`methods_text`]: which metrics these are, as a paper should say it.
 
 pub mod keyed_scores;
 pub mod maps;
 pub mod matching;
-pub mod methods_text;
 pub mod other_forms;

@@ -3,20 +3,12 @@
 use sharp::gaussians::Gaussians;
 use sharp::render::{Backend, CpuRenderer, RenderError, RenderOutput, RenderView, Renderer};
 
-/// A device that failed, and from where on the CPU did its work.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Fallback {
-    pub reason: String,
-    /// The first view that the CPU rendered, counted within the batch from 0.
-    pub from_view: usize,
-}
-
 /// Renders batches of views; a device that is lost or out of memory is given up for good and the CPU continues.
 pub struct BatchRenderer {
     device: Option<Box<dyn Renderer>>,
     cpu: CpuRenderer,
     reason: Option<String>,
-    fallback: Option<Fallback>,
+    fallback: Option<String>,
 }
 
 impl BatchRenderer {
@@ -43,7 +35,7 @@ impl BatchRenderer {
                     opened.reason = Some("the first hardware adapter".to_owned());
                 }
             }
-            (Err(error), _) if error.is_device_fault() => opened.give_up(&error, 0),
+            (Err(error), _) if error.is_device_fault() => opened.give_up(&error),
             (Err(error), Backend::Auto) => opened.reason = Some(error.to_string()),
             (Err(error), _) => return Err(error),
         }
@@ -63,8 +55,9 @@ impl BatchRenderer {
         }
     }
 
-    pub fn fallback(&self) -> Option<&Fallback> {
-        self.fallback.as_ref()
+    /// Why the CPU took over from a device.
+    pub fn fallback(&self) -> Option<&str> {
+        self.fallback.as_deref()
     }
 
     /// Renders views in order. `done(index, picture)` takes each as it is finished and may end the batch.
@@ -91,7 +84,7 @@ impl BatchRenderer {
             match each() {
                 Ok(()) => return Ok(()),
                 Err(Stop::Done(error)) => return Err(error),
-                Err(Stop::Render(error)) if error.is_device_fault() => self.give_up(&error, next),
+                Err(Stop::Render(error)) if error.is_device_fault() => self.give_up(&error),
                 Err(Stop::Render(error)) => return Err(error.into()),
             }
         }
@@ -101,12 +94,9 @@ impl BatchRenderer {
         Ok(())
     }
 
-    fn give_up(&mut self, error: &RenderError, from_view: usize) {
+    fn give_up(&mut self, error: &RenderError) {
         self.device = None;
-        self.fallback = Some(Fallback {
-            reason: error.to_string(),
-            from_view,
-        });
+        self.fallback = Some(error.to_string());
     }
 }
 
@@ -228,9 +218,7 @@ mod tests {
         for lost_at in 0..4 {
             let (mut renderer, uploads) = with_views_left(lost_at);
             assert_eq!(render(&mut renderer, &views()), expected);
-            let fallback = renderer.fallback().unwrap();
-            assert_eq!(fallback.from_view, lost_at);
-            assert!(fallback.reason.contains("lost"));
+            assert!(renderer.fallback().unwrap().contains("lost"));
             assert!(renderer.name().starts_with("cpu-"));
             // The device stays given up.
             render(&mut renderer, &views());

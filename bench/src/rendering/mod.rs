@@ -6,5 +6,5 @@
 pub mod batch;
 pub mod shared;
 
-pub use batch::{BatchRenderer, Fallback};
+pub use batch::BatchRenderer;
 pub use shared::{RenderSettings, SharedRenderer};

@@ -5,12 +5,12 @@ use std::collections::BTreeSet;
 use sharp_datasets::entry::entry;
 
 use super::assemble::{bundled_network, proxies};
+use super::metrics_text::{MethodsText, short};
 use super::tables::latex::{escape, noted};
 use crate::evaluate::Results;
 use crate::evaluate::manifest::{DatasetRecord, ListOrigin, Manifest};
 use crate::evaluate::record::{Record, Status};
 use crate::methods::Privilege;
-use crate::pictures::methods_text::{MethodsText, short};
 use crate::report::ReportDataset;
 
 /// Citation of a dataset, by format.
@@ -334,8 +334,8 @@ mod tests {
             "sRGB, 8 bit, rounded to nearest",
             "mean over pairs",
             "Predictions of 50\\%\\_crop show a part of the target",
-            "PSNR is $-10\\log_{10}$",
-            "version 0.1 with AlexNet",
+            "(\\texttt{psnr}): -10 log10 of the mean squared error",
+            "Features of AlexNet",
             "SHARP paper",
         ] {
             assert!(text.latex.contains(part), "{part}: {}", text.latex);

@@ -13,7 +13,8 @@
 //!   [`view_maps`]: mask, depth and coverage; [`gallery`]: the pairs that the page shows; `choice`: picks some where it
 //!   cannot show all.
 //! * [`sweep`]: scores against camera motion, as a study; [`figures`]: the other figures of a paper.
-//! * [`speed`]: run time and compute; [`mod@methods_text`]: a paragraph for a paper on how the numbers were computed.
+//! * [`speed`]: run time and compute; [`mod@methods_text`]: a paragraph for a paper on how the numbers were computed;
+//!   [`metrics_text`]: sentences on the metrics.
 //! * [`html`]: the page; `page_data`: the data for its script; [`markdown`]: the page as text; [`mod@write`]: writes a folder.
 
 pub mod assemble;
@@ -28,6 +29,7 @@ pub mod html;
 pub mod input;
 pub mod markdown;
 pub mod methods_text;
+pub mod metrics_text;
 mod page_data;
 pub mod paper;
 pub mod pictures;

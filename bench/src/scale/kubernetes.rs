@@ -77,8 +77,8 @@ pub fn kubernetes(request: &Kubernetes) -> Result<Vec<PathBuf>, ScaleError> {
             include_str!("../../templates/scale/merge.yaml"),
         ),
     ];
-    let files = files.map(|(file, text)| Ok((file.to_owned(), fill(file, text, shards, &values)?)));
-    write(out, files.into_iter().collect::<Result<_, ScaleError>>()?)
+    let files = files.map(|(file, text)| (file.to_owned(), fill(text, &values)));
+    write(out, files.into())
 }
 
 /// A part of a container's command: Kubernetes puts values in for `$(NAME)`, and one `$` for two.

@@ -1,7 +1,6 @@
 //! Files that hand the shards of a plan to a scheduler; the scheduling is the scheduler's.
 //!
-//! Each file is a template with `{{name}}` where a value comes in; a folder of the user's with files of the same names takes
-//! their place.
+//! Each file is a template with `{{name}}` where a value comes in.
 
 mod kubernetes;
 mod slurm;
@@ -28,8 +27,6 @@ pub struct Shards {
     pub retry_failed: bool,
     /// Start the programs of `command` methods.
     pub allow_programs: bool,
-    /// Templates that take the place of ours.
-    pub templates: Option<PathBuf>,
 }
 
 /// Why there are no files.
@@ -38,22 +35,12 @@ pub enum ScaleError {
     /// The plan.
     #[error(transparent)]
     Plan(#[from] EvaluateError),
-    /// A template, or where to write.
+    /// Where to write.
     #[error(transparent)]
     File(#[from] FileError),
     /// A folder without a plan for shards.
     #[error("{}: not planned by `run --plan-only`", .0.display())]
     NotPlanned(PathBuf),
-    /// What a template asks for.
-    #[error("template {template}: there is no value {{{{{name}}}}}; there are {known}")]
-    UnknownValue {
-        /// Its file name.
-        template: String,
-        /// As it stands there.
-        name: String,
-        /// All of this scheduler's.
-        known: String,
-    },
     /// What cannot stand in a script.
     #[error("{what} '{value}': {reason}")]
     Refused {
@@ -72,35 +59,17 @@ const MARK: &str = "sharp-bench scale";
 /// A template and the values that come into it.
 type Values = Vec<(&'static str, String)>;
 
-fn fill(name: &str, own: &str, shards: &Shards, values: &Values) -> Result<String, ScaleError> {
-    let user = shards.templates.as_ref().map(|folder| folder.join(name));
-    let text = match user.filter(|path| path.exists()) {
-        Some(path) => {
-            let bytes = sharp::files::read(&path).map_err(FileError::new(&path, "read"))?;
-            String::from_utf8_lossy(&bytes).into_owned()
-        }
-        None => own.to_owned(),
-    };
-    let mut parts = text.split("{{");
+/// One pass: what looks like a name within a value stays.
+fn fill(template: &str, values: &Values) -> String {
+    let mut parts = template.split("{{");
     let mut filled = parts.next().unwrap_or_default().to_owned();
     for part in parts {
-        let (name_of_value, rest) = part.split_once("}}").unwrap_or((part, ""));
-        let value = values
-            .iter()
-            .find(|(known, _)| *known == name_of_value.trim());
-        let (_, value) = value.ok_or_else(|| ScaleError::UnknownValue {
-            template: name.to_owned(),
-            name: name_of_value.trim().chars().take(40).collect(),
-            known: values
-                .iter()
-                .map(|(known, _)| *known)
-                .collect::<Vec<_>>()
-                .join(", "),
-        })?;
-        filled += value;
+        let (name, rest) = part.split_once("}}").unwrap_or((part, ""));
+        let value = values.iter().find(|(known, _)| *known == name);
+        filled += value.map_or("", |(_, value)| value);
         filled += rest;
     }
-    Ok(filled)
+    filled
 }
 
 /// Writes files into a folder, over nothing but earlier ones of ours.

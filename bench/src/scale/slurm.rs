@@ -26,7 +26,7 @@ const JOBS: [&str; 5] = ["pictures", "score", "all", "merge", "every"];
 /// Writes a script a stage, the merge's and `submit.sh`.
 ///
 /// # Errors
-/// When the folder holds no plan, a template asks for what there is not, or a file of someone else is there.
+/// When the folder holds no plan, or a file of someone else is there.
 pub fn slurm(request: &Slurm) -> Result<Vec<PathBuf>, ScaleError> {
     let Slurm { shards, out, .. } = request;
     let (estimate, name) = planned(shards)?;
@@ -68,7 +68,7 @@ pub fn slurm(request: &Slurm) -> Result<Vec<PathBuf>, ScaleError> {
     let mut files = Vec::new();
     for stage in &stages {
         let text = include_str!("../../templates/scale/stage.sbatch");
-        let text = fill("stage.sbatch", text, shards, &values(stage)?)?;
+        let text = fill(text, &values(stage)?);
         files.push((format!("{stage}.sbatch"), text));
     }
     for (file, text) in [
@@ -78,10 +78,7 @@ pub fn slurm(request: &Slurm) -> Result<Vec<PathBuf>, ScaleError> {
         ),
         ("submit.sh", include_str!("../../templates/scale/submit.sh")),
     ] {
-        files.push((
-            file.to_owned(),
-            fill(file, text, shards, &values("merge")?)?,
-        ));
+        files.push((file.to_owned(), fill(text, &values("merge")?)));
     }
     write(out, files)
 }

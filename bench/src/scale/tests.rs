@@ -32,7 +32,6 @@ fn shards(plan: PathBuf) -> Shards {
         cpus: 4,
         retry_failed: false,
         allow_programs: true,
-        templates: None,
     }
 }
 
@@ -107,33 +106,6 @@ fn each_stage_asks_for_what_it_was_estimated_to_need() {
     slurm(&request).unwrap();
     std::fs::write(dir.join("jobs/submit.sh"), "mine").unwrap();
     assert!(slurm(&request).is_err());
-}
-
-#[test]
-fn templates_of_the_user_take_the_place_of_ours() {
-    let dir = tempfile::tempdir().unwrap();
-    let dir = dir.path();
-    let mut request = request(dir, plan(dir, "p"));
-    let templates = dir.join("templates");
-    std::fs::create_dir(&templates).unwrap();
-    request.shards.templates = Some(templates.clone());
-    std::fs::write(
-        templates.join("merge.sbatch"),
-        "#!/bin/zsh\nmerge {{plan}} {{ name }}\n",
-    )
-    .unwrap();
-    slurm(&request).unwrap();
-    let merge = read(dir, "merge.sbatch");
-    assert!(
-        merge.starts_with("#!/bin/zsh\n#") && merge.contains("p sharp-p-"),
-        "{merge}"
-    );
-    std::fs::write(templates.join("merge.sbatch"), "{{nonsense}}").unwrap();
-    let error = slurm(&request).unwrap_err().to_string();
-    assert!(
-        error.contains("merge.sbatch") && error.contains("nonsense") && error.contains("shards"),
-        "{error}"
-    );
 }
 
 #[test]

@@ -76,7 +76,7 @@ pub(super) fn shrink<T: AreaSample>(picture: &[T], from: Size, to: Size) -> Vec<
 }
 
 /// Input pixels an output pixel, with the rounding that decides which of OpenCV's paths is taken.
-pub(super) fn scale(inputs: usize, outputs: usize) -> f64 {
+fn scale(inputs: usize, outputs: usize) -> f64 {
     1.0 / (outputs as f64 / inputs as f64)
 }
 

@@ -6,7 +6,7 @@ use std::str::FromStr;
 use image::{ImageBuffer, Rgb};
 
 use super::Size;
-use super::{area, area_enlarging, pillow, torch};
+use super::{area, pillow, torch};
 use crate::picture::{Picture, PictureError};
 
 /// A resizing function of a library.
@@ -25,8 +25,8 @@ pub enum ResizeKernel {
     Bicubic,
     /// PIL's `Image.resize` with `LANCZOS` (three lobes, antialiased).
     Lanczos,
-    /// OpenCV's `resize` with `INTER_AREA`: means over pixel areas where both sides shrink, a narrow
-    /// kind of bilinear otherwise.
+    /// OpenCV's `resize` with `INTER_AREA`: means over pixel areas. It does not enlarge, where OpenCV
+    /// makes a narrow kind of bilinear of it.
     Area,
 }
 
@@ -110,8 +110,8 @@ impl FromStr for ResizeKernel {
 /// bytes for any number of threads.
 ///
 /// # Errors
-/// [`PictureError`] when the picture has no pixel or one that is not in 0..1, or when `width` or
-/// `height` is 0.
+/// [`PictureError`] when the picture has no pixel or one that is not in 0..1, when `width` or
+/// `height` is 0, or when [`ResizeKernel::Area`] would have to enlarge a side.
 pub fn resize(
     picture: &Picture,
     width: u32,
@@ -137,25 +137,17 @@ pub fn resize(
         )),
         ResizeKernel::Bicubic => with_pillow(picture, from, to, &pillow::BICUBIC),
         ResizeKernel::Lanczos => with_pillow(picture, from, to, &pillow::LANCZOS),
-        ResizeKernel::Area => {
-            let shrinks = to.width <= from.width && to.height <= from.height;
-            match picture {
-                Picture::Rgb8(picture) if shrinks => {
-                    Picture::Rgb8(buffer(area::shrink(picture.as_raw(), from, to), to))
-                }
-                Picture::Rgb8(picture) => Picture::Rgb8(buffer(
-                    area_enlarging::of_u8(picture.as_raw(), from, to),
-                    to,
-                )),
-                Picture::RgbF32(picture) if shrinks => {
-                    Picture::RgbF32(unit_range(area::shrink(picture.as_raw(), from, to), to))
-                }
-                Picture::RgbF32(picture) => Picture::RgbF32(unit_range(
-                    area_enlarging::of_f32(picture.as_raw(), from, to),
-                    to,
-                )),
-            }
+        ResizeKernel::Area if to.width > from.width || to.height > from.height => {
+            return Err(PictureError::AreaEnlarges);
         }
+        ResizeKernel::Area => match picture {
+            Picture::Rgb8(picture) => {
+                Picture::Rgb8(buffer(area::shrink(picture.as_raw(), from, to), to))
+            }
+            Picture::RgbF32(picture) => {
+                Picture::RgbF32(unit_range(area::shrink(picture.as_raw(), from, to), to))
+            }
+        },
     })
 }
 
@@ -234,7 +226,12 @@ mod tests {
         for picture in both(17, 11) {
             for kernel in ResizeKernel::ALL {
                 for size in [(1, 1), (5, 30), (34, 22), (40, 3), (17, 22), (8, 11)] {
-                    let out = resize(&picture, size.0, size.1, kernel).unwrap();
+                    let out = resize(&picture, size.0, size.1, kernel);
+                    if kernel == ResizeKernel::Area && (size.0 > 17 || size.1 > 11) {
+                        assert_eq!(out, Err(PictureError::AreaEnlarges));
+                        continue;
+                    }
+                    let out = out.unwrap();
                     assert_eq!(out.dimensions(), size, "{kernel}");
                     assert_eq!(out.check(), Ok(()), "{kernel} {size:?}");
                 }
@@ -247,7 +244,9 @@ mod tests {
     fn flat_pictures_stay_flat() {
         let flat = Picture::from(RgbImage::from_pixel(13, 9, Rgb([0, 200, 255])));
         for kernel in ResizeKernel::ALL {
-            for size in [(5, 4), (29, 31), (13, 18), (6, 20)] {
+            let sizes = [(5, 4), (12, 2), (29, 31), (13, 18), (6, 20)];
+            let count = if kernel == ResizeKernel::Area { 2 } else { 5 };
+            for size in &sizes[..count] {
                 let out = resize(&flat, size.0, size.1, kernel).unwrap();
                 for (x, y) in [(0, 0), (size.0 - 1, size.1 - 1), (size.0 / 2, size.1 / 2)] {
                     for (channel, level) in [(0, 0.0), (1, 200.0), (2, 255.0)] {

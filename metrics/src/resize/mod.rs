@@ -8,11 +8,10 @@
 //! * [`ResizeKernel`], [`resize`]: the kernels by name and the one entry point.
 //! * `torch`: bilinear of `torch.nn.functional.interpolate`, with and without antialiasing.
 //! * `pillow`: bicubic, Lanczos (and the bilinear of `dists[resize256]`) of PIL.
-//! * `area`: OpenCV's `INTER_AREA` where it reduces, `area_enlarging` where it does not.
+//! * `area`: OpenCV's `INTER_AREA`, which only reduces here.
 //! * `shorter_side`: the reduction of `dists[resize256]`.
 
 mod area;
-mod area_enlarging;
 mod kernel;
 mod pillow;
 mod shorter_side;

@@ -8,12 +8,11 @@ use crate::gaussians::Gaussians;
 use glam::{DAffine3, DMat3, DVec3};
 use std::f64::consts::TAU;
 
-/// The release's paths. `t` runs from 0 to the number of repeats, both included, so that the last
-/// frame of a closed path equals its first.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+/// The release's paths. Both ends are included, so that the last frame of a closed path equals its
+/// first.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum TrajectoryKind {
     /// Sideways as a sine, forward and back as half a cosine. The release's default.
-    #[default]
     RotateForward,
     /// A circle across the viewing direction.
     Rotate,
@@ -38,42 +37,19 @@ impl TrajectoryKind {
     }
 }
 
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum LookAt {
-    /// At the point in focus on the axis of the photograph. The release's default.
-    #[default]
-    Point,
-    /// Straight ahead: the point moves with the camera.
-    Ahead,
-}
+/// Largest shift in x and y, as a share of the near depth times the picture's diagonal over the
+/// focal length.
+const MAX_DISPARITY: f64 = 0.08;
+/// Largest shift in z, as a share of the near depth.
+const MAX_ZOOM: f64 = 0.15;
 
-/// A path and how to walk it; [`Trajectory::default`] is the release's.
+/// A path, once, of the release's size; the camera looks at the point in focus on the photograph's
+/// axis.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Trajectory {
     pub kind: TrajectoryKind,
-    pub look_at: LookAt,
-    /// Frames of one repeat, > 0.
+    /// Frames, > 0.
     pub steps: usize,
-    /// How often the shape is walked.
-    pub repeats: usize,
-    /// Largest shift in x and y, as a share of the near depth times the picture's diagonal over
-    /// the focal length.
-    pub max_disparity: f64,
-    /// Largest shift in z, as a share of the near depth.
-    pub max_zoom: f64,
-}
-
-impl Default for Trajectory {
-    fn default() -> Self {
-        Self {
-            kind: TrajectoryKind::default(),
-            look_at: LookAt::default(),
-            steps: 60,
-            repeats: 1,
-            max_disparity: 0.08,
-            max_zoom: 0.15,
-        }
-    }
 }
 
 /// Depth range of a scene: quantiles of the z of all centres in front of the camera, metres.
@@ -135,11 +111,10 @@ impl Trajectory {
     pub fn eyes(&self, camera: &Intrinsics, depth: &DepthRange) -> Vec<DVec3> {
         let (w, h) = (f64::from(camera.width), f64::from(camera.height));
         let diagonal = (w / camera.fx).hypot(h / camera.fx);
-        let side = self.max_disparity * diagonal * depth.near;
-        let forward = self.max_zoom * depth.near;
-        let frames = self.steps * self.repeats;
-        let turns = self.repeats as f64;
-        let circle = |frame: usize, frames: usize| TAU * linspace(0.0, turns, frame, frames);
+        let side = MAX_DISPARITY * diagonal * depth.near;
+        let forward = MAX_ZOOM * depth.near;
+        let frames = self.steps;
+        let circle = |frame: usize, frames: usize| TAU * linspace(0.0, 1.0, frame, frames);
         (0..frames)
             .map(|frame| match self.kind {
                 TrajectoryKind::RotateForward => {
@@ -150,10 +125,7 @@ impl Trajectory {
                     let t = circle(frame, frames);
                     DVec3::new(side * t.sin(), side * t.cos(), 0.0)
                 }
-                TrajectoryKind::Swipe => {
-                    let x = linspace(-side, side, frame % self.steps, self.steps);
-                    DVec3::new(x, 0.0, 0.0)
-                }
+                TrajectoryKind::Swipe => DVec3::new(linspace(-side, side, frame, frames), 0.0, 0.0),
                 TrajectoryKind::Shake => {
                     let first = frames / 2;
                     if frame < first {
@@ -172,10 +144,7 @@ impl Trajectory {
         let focus = DVec3::new(0.0, 0.0, depth.focus);
         self.eyes(camera, depth)
             .into_iter()
-            .map(|eye| match self.look_at {
-                LookAt::Point => looking(eye, focus),
-                LookAt::Ahead => looking(eye, eye + focus),
-            })
+            .map(|eye| looking(eye, focus))
             .collect()
     }
 }
@@ -225,11 +194,7 @@ mod tests {
     };
 
     fn eyes(kind: TrajectoryKind) -> Vec<DVec3> {
-        let path = Trajectory {
-            kind,
-            ..Trajectory::default()
-        };
-        path.eyes(&camera(), &DEPTH)
+        Trajectory { kind, steps: 60 }.eyes(&camera(), &DEPTH)
     }
 
     #[test]
@@ -260,39 +225,21 @@ mod tests {
     }
 
     #[test]
-    fn repeats_walk_the_path_again() {
-        let path = Trajectory {
-            kind: TrajectoryKind::Swipe,
-            steps: 5,
-            repeats: 2,
-            ..Trajectory::default()
-        };
-        let eyes = path.eyes(&camera(), &DEPTH);
-        assert_eq!(eyes.len(), 10);
-        assert_eq!(eyes[..5], eyes[5..]);
-        let single = Trajectory {
-            steps: 1,
-            repeats: 1,
-            ..path
-        };
-        assert!(single.eyes(&camera(), &DEPTH)[0].is_finite());
+    fn a_path_of_one_frame_stands_somewhere() {
+        for kind in TrajectoryKind::ALL {
+            let single = Trajectory { kind, steps: 1 };
+            assert!(single.eyes(&camera(), &DEPTH)[0].is_finite());
+        }
     }
 
     #[test]
     fn every_pose_sees_its_target_in_the_middle_and_upright() {
-        for look_at in [LookAt::Point, LookAt::Ahead] {
-            let path = Trajectory {
-                look_at,
-                ..Trajectory::default()
-            };
+        for kind in TrajectoryKind::ALL {
+            let path = Trajectory { kind, steps: 60 };
             let eyes = path.eyes(&camera(), &DEPTH);
             for (pose, eye) in path.poses(&camera(), &DEPTH).iter().zip(eyes) {
                 assert!((pose.camera_center() - eye).length() < 1e-12);
-                let target = match look_at {
-                    LookAt::Point => DVec3::new(0.0, 0.0, 3.0),
-                    LookAt::Ahead => eye + DVec3::new(0.0, 0.0, 3.0),
-                };
-                let seen = pose.apply(target);
+                let seen = pose.apply(DVec3::new(0.0, 0.0, 3.0));
                 assert!(seen.x.abs() < 1e-12 && seen.y.abs() < 1e-12 && seen.z > 0.0);
                 assert!((pose.rotation.determinant() - 1.0).abs() < 1e-12);
                 // The world's down stays down.

@@ -25,7 +25,7 @@ fn smaller_pictures_are_resized_up_by_a_named_kernel_only() {
         "--method",
         "imported:label=square,dir=square,resize=bicubic",
         "--method",
-        "imported:label=large,dir=large,resize=area",
+        "imported:label=large,dir=large,resize=lanczos",
     ];
     let said = run(dir, "r", &methods).ends_with(4);
     assert!(

@@ -79,12 +79,7 @@ fn what_cannot_be_rendered_is_one_line() {
         &["--trajectory", "swipe", "--fps", "60", "--out", "x.gif"],
         &["x.gif", "50"],
     );
-    fails(&["--look-at", "point", "--out", "x.png"], &["--look-at"]);
     fails(&["--near", "0", "--out", "x.png"], &["scene.ply", "near 0"]);
-    fails(
-        &["--trajectory", "swipe", "--max-zoom", "NaN", "--out", "f"],
-        &["--max-zoom"],
-    );
     // Values that no option takes.
     usage(&["--trajectory", "spiral", "--out", "f"], "rotate_forward");
     usage(

@@ -5,13 +5,11 @@ use sharp_metrics::{MetricKey, Picture, ScoreError, Scorer};
 
 use crate::pictures::keyed_scores::KeyedScores;
 
-use super::shift::{Axis, Shifts, ShiftsError, Windows, mean_image};
+use super::shift::{Shifts, ShiftsError, Windows, mean_image};
 
 /// A picture compared with itself, moved and averaged.
 #[derive(Debug)]
 pub struct Experiment {
-    /// Along which side the window moves.
-    pub axis: Axis,
     /// The window at the picture's start: what everything is compared with.
     pub reference: RgbImage,
     /// The shifts by size, then the mean image.
@@ -47,12 +45,11 @@ impl Experiment {
     /// When the picture is too small for the shifts.
     pub fn run(
         picture: &RgbImage,
-        axis: Axis,
         shifts: &Shifts,
         scorer: &Scorer,
         mut progress: impl FnMut(),
     ) -> Result<Self, ExperimentError> {
-        let windows = Windows::new(picture, axis, shifts)?;
+        let windows = Windows::new(picture, shifts)?;
         let reference = windows.reference();
         let target = Picture::from(reference.clone());
         let mut comparisons = Vec::new();
@@ -73,7 +70,6 @@ impl Experiment {
             progress();
         }
         Ok(Self {
-            axis,
             reference,
             comparisons,
         })

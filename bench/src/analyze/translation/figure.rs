@@ -14,7 +14,7 @@ use super::experiment::Experiment;
 /// # Errors
 /// When the drawing library refuses.
 pub fn figure(experiment: &Experiment) -> Result<Option<Figure>, ReportError> {
-    let label = format!("translation (% of the {})", experiment.axis.side());
+    let label = "translation (% of the width)";
     let moved_style = style(0);
     let mean_style = Style {
         ink: style(1).ink,
@@ -36,7 +36,7 @@ pub fn figure(experiment: &Experiment) -> Result<Option<Figure>, ReportError> {
             frame: PanelFrame {
                 title: column.label.clone(),
                 remark: column.direction_words().to_owned(),
-                x: PlotAxis::over(&label, 0.0, farthest * 1.04, 6),
+                x: PlotAxis::over(label, 0.0, farthest * 1.04, 6),
                 y: vertical(&column, &values),
                 infinity: values.iter().any(|v| v.is_infinite()),
                 counts: Vec::new(),

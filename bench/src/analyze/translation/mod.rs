@@ -19,4 +19,4 @@ pub mod strip;
 pub mod table;
 
 pub use experiment::{Comparison, Experiment, ExperimentError};
-pub use shift::{Axis, Shifts, ShiftsError};
+pub use shift::{Shifts, ShiftsError};

@@ -4,34 +4,7 @@ use std::str::FromStr;
 
 use image::{Rgb, RgbImage, imageops};
 
-/// Along which side the window moves.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, clap::ValueEnum)]
-pub enum Axis {
-    /// Horizontally, by a share of the width
-    #[default]
-    X,
-    /// Vertically, by a share of the height
-    Y,
-}
-
-impl Axis {
-    /// The side of a picture along it.
-    pub(super) fn side(self) -> &'static str {
-        match self {
-            Self::X => "width",
-            Self::Y => "height",
-        }
-    }
-
-    fn length(self, (width, height): (u32, u32)) -> u32 {
-        match self {
-            Self::X => width,
-            Self::Y => height,
-        }
-    }
-}
-
-/// Shifts in per cent of the side that the window moves along, ascending.
+/// Shifts in per cent of the width, ascending.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Shifts(Vec<f64>);
 
@@ -45,7 +18,7 @@ pub enum ShiftsError {
     #[error("{0} %: shifts are above 0 and at most 50 per cent")]
     Range(f64),
     /// The picture is too small for the window to move.
-    #[error("the picture is {0} pixels along the shift; at least two have to remain in the window")]
+    #[error("the picture is {0} pixels wide; at least two have to remain in the window")]
     Small(u32),
 }
 
@@ -80,11 +53,10 @@ impl FromStr for Shifts {
     }
 }
 
-/// A picture and the window that moves over it.
+/// A picture and the window that moves over it, to the right.
 #[derive(Debug)]
 pub struct Windows<'a> {
     picture: &'a RgbImage,
-    axis: Axis,
     /// Width and height of the window, pixels.
     pub size: (u32, u32),
 }
@@ -94,27 +66,22 @@ impl<'a> Windows<'a> {
     ///
     /// # Errors
     /// When that leaves no window.
-    pub fn new(picture: &'a RgbImage, axis: Axis, shifts: &Shifts) -> Result<Self, ShiftsError> {
+    pub fn new(picture: &'a RgbImage, shifts: &Shifts) -> Result<Self, ShiftsError> {
         let (width, height) = picture.dimensions();
-        let side = axis.length((width, height));
         let largest = shifts.0.last().copied().unwrap_or(0.0);
-        let margin = (largest * f64::from(side) / 100.0).ceil() as u32;
-        if side < margin + 2 {
-            return Err(ShiftsError::Small(side));
+        let margin = (largest * f64::from(width) / 100.0).ceil() as u32;
+        if width < margin + 2 {
+            return Err(ShiftsError::Small(width));
         }
         Ok(Self {
             picture,
-            axis,
-            size: match axis {
-                Axis::X => (width - margin, height),
-                Axis::Y => (width, height - margin),
-            },
+            size: (width - margin, height),
         })
     }
 
     /// A shift in pixels.
     pub fn pixels(&self, percent: f64) -> f64 {
-        percent * f64::from(self.axis.length(self.picture.dimensions())) / 100.0
+        percent * f64::from(self.picture.width()) / 100.0
     }
 
     /// The window at the picture's start.
@@ -128,10 +95,7 @@ impl<'a> Windows<'a> {
         let share = pixels - whole;
         let first = whole as u32;
         RgbImage::from_fn(self.size.0, self.size.1, |x, y| {
-            let at = |step: u32| match self.axis {
-                Axis::X => self.picture.get_pixel(x + step, y).0,
-                Axis::Y => self.picture.get_pixel(x, y + step).0,
-            };
+            let at = |step: u32| self.picture.get_pixel(x + step, y).0;
             let near = at(first);
             if share == 0.0 {
                 return Rgb(near);
@@ -171,7 +135,7 @@ mod tests {
         let picture = ramp(200, 50);
         let shifts: Shifts = "5, 0.1,1%".parse().unwrap();
         assert!(shifts.are_the_papers());
-        let windows = Windows::new(&picture, Axis::X, &shifts).unwrap();
+        let windows = Windows::new(&picture, &shifts).unwrap();
         assert_eq!(windows.size, (190, 50));
         assert_eq!(windows.pixels(0.1), 0.2);
         assert_eq!(windows.reference().get_pixel(189, 7), &Rgb([189, 7, 196]));
@@ -179,9 +143,6 @@ mod tests {
         // 0.2 of a level is rounded away, 0.6 is not.
         assert_eq!(windows.shifted(0.2), windows.reference());
         assert_eq!(windows.shifted(2.6).get_pixel(0, 0), &Rgb([3, 0, 3]));
-        let windows = Windows::new(&picture, Axis::Y, &shifts).unwrap();
-        assert_eq!((windows.size, windows.pixels(1.0)), ((200, 47), 0.5));
-        assert_eq!(windows.shifted(2.5).get_pixel(5, 46), &Rgb([5, 49, 54]));
     }
 
     #[test]
@@ -199,7 +160,7 @@ mod tests {
             assert!(text.parse::<Shifts>().is_err(), "{text}");
         }
         let shifts: Shifts = "50".parse().unwrap();
-        assert!(Windows::new(&ramp(3, 9), Axis::X, &shifts).is_err());
-        assert!(Windows::new(&ramp(4, 9), Axis::X, &shifts).is_ok());
+        assert!(Windows::new(&ramp(3, 9), &shifts).is_err());
+        assert!(Windows::new(&ramp(4, 9), &shifts).is_ok());
     }
 }

@@ -5,8 +5,8 @@ use sharp_metrics::weights::Published;
 use sharp_metrics::{MetricInfo, Scorer};
 
 use super::{Outcome, output};
-use crate::pictures::methods_text::MethodsText;
 use crate::report::Column;
+use crate::report::metrics_text::MethodsText;
 
 /// Each key with its convention and the public code that computes the same.
 pub(super) fn explain(scorer: &Scorer, json: bool) -> anyhow::Result<Outcome> {

@@ -30,7 +30,7 @@ use crate::io::observer::Observer;
 use crate::io::pictures::PictureReading;
 use crate::pictures::keyed_scores::KeyedScores;
 use crate::pictures::matching::MatchBy;
-use crate::pictures::methods_text::MethodsText;
+use crate::report::metrics_text::MethodsText;
 
 /// Score a prediction against a target: two pictures, or two folders
 ///
@@ -79,8 +79,8 @@ pub(super) struct MetricsArgs {
     find: Option<find::Sought>,
     /// Resize each prediction to its target's size first, as a library does it; recorded with the results
     ///
-    /// bilinear and bilinear-antialias are torch's interpolate, bicubic and lanczos PIL's, area is OpenCV's. Without
-    /// it unequal sizes are an error.
+    /// bilinear and bilinear-antialias are torch's interpolate, bicubic and lanczos PIL's, area is OpenCV's and
+    /// only reduces. Without it unequal sizes are an error.
     #[arg(long, value_name = "KERNEL")]
     resize_prediction: Option<ResizeKernel>,
     /// Pictures that are not opaque: refuse, black or white (composited over it, in encoded values) or drop (colours as

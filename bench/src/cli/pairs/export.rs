@@ -2,7 +2,6 @@
 
 use std::path::PathBuf;
 
-use anyhow::anyhow;
 use clap::{Args, ValueEnum};
 use serde_json::json;
 use sharp_datasets::Scene;
@@ -12,11 +11,10 @@ use super::super::outcome::UsageError;
 use super::super::output::Terminal;
 use super::super::{Outcome, output};
 use crate::export::pairs;
-use crate::io::atomic_files::{write_atomic, write_new};
+use crate::io::atomic_files::write_atomic;
 use crate::io::counts::counted;
 use crate::methods::sweep_scales;
 use crate::pairs::PairList;
-use crate::pairs::foreign::{ListForm, written};
 use crate::pairs::sampling::spread;
 
 /// Write for each pair the very source picture that is scored, cameras and conventions, and the name to predict under
@@ -49,11 +47,8 @@ pub(super) struct ExportArgs {
     /// Cameras for a sweep over scales too, such as 0.5,1,2: the translation times each, for methods without metric scale
     #[arg(long, value_delimiter = ',', value_name = "LIST")]
     scales: Vec<String>,
-    /// Write the list alone, in someone else's form, to the file OUT
-    #[arg(long, value_enum, value_name = "FORM", conflicts_with_all = ["with", "scales"])]
-    form: Option<ListForm>,
-    /// The folder to write, or with --form the file
-    #[arg(long, value_name = "PATH")]
+    /// The folder to write
+    #[arg(long, value_name = "DIR")]
     out: PathBuf,
     /// Print JSON
     #[arg(long)]
@@ -92,27 +87,6 @@ pub(super) fn execute(args: &ExportArgs) -> anyhow::Result<Outcome> {
         "{}: no pair of the list is selected (--all exports the others too)",
         list.path.display()
     );
-    if let Some(form) = args.form {
-        let written = written(&pairs, form);
-        let bytes = written.map_err(|reason| anyhow!("{}: {reason}", list.path.display()))?;
-        if args.out == list.path {
-            let reason = "--out is the list itself, which is not written over";
-            return Err(UsageError(reason.to_owned()).into());
-        }
-        write_new(&args.out, &bytes)?;
-        match args.json {
-            true => output::json(&json!({
-                "out": args.out.display().to_string(),
-                "pairs": pairs.len(),
-            }))?,
-            false => output::line(format!(
-                "{} in {}",
-                counted(pairs.len(), "pair"),
-                args.out.display()
-            ))?,
-        }
-        return Ok(Outcome::Done);
-    }
     let found = list.verify(&scenes);
     if let Some(first) = found.different.first() {
         output::remark(format!(

@@ -1,4 +1,4 @@
-//! `pairs import`: someone else's list, as it is or as one of ours.
+//! `pairs import`: someone else's list as one of ours.
 
 use std::path::PathBuf;
 
@@ -6,20 +6,18 @@ use clap::Args;
 use serde_json::json;
 
 use super::super::data_args::DatasetArgs;
-use super::super::outcome::UsageError;
 use super::super::{Outcome, output};
 use crate::config::DatasetConfig;
-use crate::io::atomic_files::{write_new, write_over_own};
+use crate::io::atomic_files::write_over_own;
 use crate::io::counts::counted;
 use crate::pairs::foreign::{Context, ForeignList, ListForm, TargetSlot};
 use crate::pairs::pair_list::LIST_MARK;
 use crate::pairs::provenance::ListCompanion;
 
-/// Read someone else's list of pairs: count it, write it again, or turn it into one of ours
+/// Read someone else's list of pairs: count it, or turn it into one of ours
 ///
 /// With --dataset the list is matched with the dataset's scenes and views and --out is a list for `run --pairs`; scenes
-/// that are not there are left out, with exit code 4. Without, --out is the list in its own form. Without --out it is only
-/// counted.
+/// that are not there are left out, with exit code 4. Without --out it is only counted.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:
@@ -45,8 +43,8 @@ pub(super) struct ImportArgs {
     /// Only scenes whose id matches; `*` and `?` are wildcards
     #[arg(long, value_name = "GLOB", requires = "datasets")]
     scenes: Option<String>,
-    /// What to write
-    #[arg(long, value_name = "FILE")]
+    /// Where to write the list for `run --pairs`
+    #[arg(long, value_name = "FILE", requires = "datasets")]
     out: Option<PathBuf>,
     /// Print JSON
     #[arg(long)]
@@ -72,9 +70,7 @@ pub(super) fn execute(args: &ImportArgs) -> anyhow::Result<Outcome> {
         counted(counts.targets, "target"),
         counts.targets_that_are_inputs
     );
-    let bytes = if args.datasets.is_empty() {
-        list.bytes()
-    } else {
+    if !args.datasets.is_empty() {
         let datasets = DatasetArgs {
             datasets: args.datasets.clone(),
             scenes: args.scenes.clone(),
@@ -111,19 +107,11 @@ pub(super) fn execute(args: &ImportArgs) -> anyhow::Result<Outcome> {
         );
         let ours = imported.list(args.out.as_deref().unwrap_or(&args.list));
         said["sha256"] = json!(ours.sha256);
-        ours.bytes().to_vec()
-    };
-    if let Some(out) = &args.out {
-        if *out == args.list {
-            let reason = "--out is the list itself, which is not written over";
-            return Err(UsageError(reason.to_owned()).into());
+        if let Some(out) = &args.out {
+            write_over_own(out, ours.bytes(), LIST_MARK)?;
+            ListCompanion::remove(out)?;
+            said["out"] = json!(out.display().to_string());
         }
-        match args.datasets.is_empty() {
-            true => write_new(out, &bytes)?,
-            false => write_over_own(out, &bytes, LIST_MARK)?,
-        }
-        ListCompanion::remove(out)?;
-        said["out"] = json!(out.display().to_string());
     }
     match args.json {
         true => output::json(&said)?,

@@ -5,7 +5,7 @@ use std::str::FromStr;
 use clap::ValueEnum;
 use glam::DVec3;
 use sharp::gaussians::Gaussians;
-use sharp::render::trajectory::{LookAt, TrajectoryKind};
+use sharp::render::trajectory::TrajectoryKind;
 
 use crate::cli::rendering_args::numbers;
 
@@ -85,24 +85,6 @@ impl From<PathArg> for TrajectoryKind {
             PathArg::Shake => Self::Shake,
             PathArg::Rotate => Self::Rotate,
             PathArg::RotateForward => Self::RotateForward,
-        }
-    }
-}
-
-/// Where a moved camera looks.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub(super) enum LookArg {
-    /// At a point on the photograph's axis: the 0.1 quantile of depth, at least 2 m away
-    Point,
-    /// The way the photograph's camera does
-    Ahead,
-}
-
-impl From<LookArg> for LookAt {
-    fn from(look: LookArg) -> Self {
-        match look {
-            LookArg::Point => Self::Point,
-            LookArg::Ahead => Self::Ahead,
         }
     }
 }

@@ -5,7 +5,6 @@ use std::sync::mpsc::sync_channel;
 
 use anyhow::{Context, bail, ensure};
 use glam::DAffine3;
-use serde_json::{Value, json};
 use sharp::camera::Intrinsics;
 use sharp::color::Quantization;
 use sharp::gaussians::Gaussians;
@@ -14,13 +13,11 @@ use sharp::render::{RenderError, RenderOutput, RenderView, release_screen};
 
 use super::args::Layers;
 use super::writer::{self, Appearance, OutputKind, ViewWriter};
-use super::{RenderArgs, Summary, frames};
+use super::{RenderArgs, Summary};
 use crate::cli::output::{self, Terminal};
 use crate::export::camera_file::CameraFile;
 use crate::export::viewer::Viewer;
-use crate::io::fingerprints;
 use crate::io::gaussian_files;
-use crate::io::hash::file_sha256;
 use crate::io::observer::Observer;
 use crate::rendering::BatchRenderer;
 
@@ -34,7 +31,6 @@ pub(super) struct RenderJob<'a> {
     photograph: DAffine3,
     views: Vec<RenderView>,
     pub(super) appearance: Appearance,
-    path: String,
 }
 
 /// What the name given by `--out` asks for.
@@ -74,12 +70,12 @@ impl<'a> RenderJob<'a> {
         };
         let scene = file.gaussians;
         let named = || args.scene.display().to_string();
-        let poses = args
+        let moved = args
             .path
             .poses(&scene, &photo, &camera_from_scene)
             .with_context(named)?;
         if let Some(out) = &out {
-            out.check(args, poses.moved.as_ref().map(Vec::len))?;
+            out.check(args, moved.as_ref().map(Vec::len))?;
         }
 
         let screen = if args.release_screen {
@@ -94,7 +90,7 @@ impl<'a> RenderJob<'a> {
             far: args.far,
             ..RenderView::new(camera_from_scene, screen)
         };
-        let views = match poses.moved {
+        let views = match moved {
             None => vec![view(camera_from_scene)],
             Some(moved) => moved
                 .iter()
@@ -126,7 +122,6 @@ impl<'a> RenderJob<'a> {
                 depth_m,
                 alpha: args.alpha,
             },
-            path: poses.text,
             scene,
         })
     }
@@ -173,13 +168,11 @@ impl<'a> RenderJob<'a> {
         &self,
         renderer: &mut BatchRenderer,
         scene: &Gaussians,
-        waiting: &[usize],
         mut view_writer: ViewWriter,
         summary: &mut Summary,
     ) -> anyhow::Result<()> {
-        let views: Vec<RenderView> = waiting.iter().map(|&index| self.views[index]).collect();
         let terminal = Terminal::default();
-        terminal.begin("rendering", views.len(), "views");
+        terminal.begin("rendering", self.views.len(), "views");
         let (sender, receiver) = sync_channel::<(usize, RenderOutput)>(0);
         let (rendered, written) = std::thread::scope(|scope| {
             let view_writer = &mut view_writer;
@@ -189,12 +182,10 @@ impl<'a> RenderJob<'a> {
                 }
                 Ok(())
             });
-            let rendered = renderer.render(scene, &views, |at, view| {
+            let rendered = renderer.render(scene, &self.views, |index, view| {
                 summary.add(&view);
                 terminal.step();
-                sender
-                    .send((waiting[at], view))
-                    .map_err(|_| Stopped::Writing)
+                sender.send((index, view)).map_err(|_| Stopped::Writing)
             });
             drop(sender);
             let written = thread
@@ -262,18 +253,19 @@ impl Output<'_> {
             (Some(layer), Some(Layers::All)) => writer::of_layer(self.path, self.kind, layer),
             _ => self.path.to_owned(),
         };
-        let mut waiting: Vec<usize> = (0..job.views.len()).collect();
-        let settings = self.settings(job, layer, &renderer.name())?;
         let (view_writer, names) = match self.kind {
             OutputKind::Picture => {
                 let paths = vec![out.clone()];
                 (ViewWriter::files(paths.clone(), job.appearance), paths)
             }
             OutputKind::Frames => {
-                frames::start(&out, &settings)?;
+                ensure!(
+                    std::fs::read_dir(&out).map_or(true, |mut files| files.next().is_none()),
+                    "{}: it holds files already: remove it or choose another folder",
+                    out.display()
+                );
                 let name = |index| writer::frame_path(&out, index);
                 let paths: Vec<PathBuf> = (0..job.views.len()).map(name).collect();
-                waiting.retain(|&index| !paths[index].is_file());
                 (ViewWriter::files(paths.clone(), job.appearance), paths)
             }
             OutputKind::Gif | OutputKind::Mp4 => {
@@ -291,17 +283,8 @@ impl Output<'_> {
                 CameraFile::of(&view.intrinsics, &view.camera_from_scene).write(&path)?;
             }
         }
-        let fell_back_before = renderer.fallback().is_some();
-        job.draw(renderer, scene, &waiting, view_writer, summary)?;
-        if let (OutputKind::Frames, Some(fallback), false) =
-            (self.kind, renderer.fallback(), fell_back_before)
-        {
-            let from_frame = waiting.get(fallback.from_view).copied().unwrap_or(0);
-            frames::record_fallback(&out, &settings, fallback, from_frame)?;
-        }
-
+        job.draw(renderer, scene, view_writer, summary)?;
         summary.views += job.views.len();
-        summary.reused += job.views.len() - waiting.len();
         let files = match self.kind {
             OutputKind::Picture => job.appearance.files(&out),
             OutputKind::Frames => vec![out],
@@ -316,38 +299,5 @@ impl Output<'_> {
             .files
             .extend(files.iter().map(|file| file.display().to_string()));
         Ok(())
-    }
-
-    fn settings(
-        &self,
-        job: &RenderJob<'_>,
-        layer: Option<usize>,
-        backend: &str,
-    ) -> anyhow::Result<Value> {
-        if self.kind != OutputKind::Frames {
-            return Ok(Value::Null);
-        }
-        let cameras: Vec<CameraFile> = job
-            .views
-            .iter()
-            .map(|view| CameraFile::of(&view.intrinsics, &view.camera_from_scene))
-            .collect();
-        Ok(json!({
-            "scene_sha256": file_sha256(&job.args.scene)?,
-            "reading": job.args.reading.reading().settings(),
-            "layer": layer,
-            "path": job.path,
-            "cameras_sha256": crate::io::hash::sha256_hex(&serde_json::to_vec(&cameras)?),
-            "frames": job.views.len(),
-            "eps2d": job.args.rendering.settings().eps2d,
-            "near": job.args.near,
-            "far": job.args.far,
-            "background": job.appearance.background.to_string(),
-            "quantization": format!("{:?}", job.appearance.quantization),
-            "depth_range_m": job.appearance.depth_m,
-            "alpha": job.appearance.alpha,
-            "backend": backend,
-            "source_fingerprint": fingerprints::BUILD,
-        }))
     }
 }

@@ -1,7 +1,6 @@
 //! `render SCENE`: Gaussians from a file to pictures: a view, or a path.
 
 mod args;
-mod frames;
 mod job;
 mod path;
 mod writer;
@@ -117,12 +116,10 @@ struct Summary {
     alpha: f64,
     #[serde(skip)]
     pixels: usize,
-    /// Over all pixels of all views rendered now.
+    /// Over all pixels of all views.
     mean_alpha: f64,
     /// Views, layers counted apart.
     views: usize,
-    /// Views that were there from an earlier start.
-    reused: usize,
     backend: String,
     /// Why this backend, where the choice was `auto`.
     backend_reason: Option<String>,
@@ -147,7 +144,6 @@ pub(super) fn execute(args: &RenderArgs) -> anyhow::Result<Outcome> {
         pixels: 0,
         mean_alpha: 0.0,
         views: 0,
-        reused: 0,
         backend: renderer.name(),
         backend_reason: renderer.reason().map(str::to_owned),
         fallback: None,
@@ -179,7 +175,7 @@ pub(super) fn execute(args: &RenderArgs) -> anyhow::Result<Outcome> {
             None | Some(Layers::All) => job.page(&mut renderer, &job.scene, path, &mut summary)?,
         }
     }
-    summary.fallback = renderer.fallback().map(|fallback| fallback.reason.clone());
+    summary.fallback = renderer.fallback().map(str::to_owned);
     report(args, &summary, &renderer.name())
 }
 
@@ -198,10 +194,9 @@ fn report(args: &RenderArgs, summary: &Summary, last_backend: &str) -> anyhow::R
         output::json(summary)?;
         return Ok(Outcome::Done);
     }
-    let views = match (summary.views, summary.reused) {
-        (1, 0) => String::new(),
-        (n, 0) => format!("{n} views, "),
-        (n, there) => format!("{n} views, {there} of them from an earlier start, "),
+    let views = match summary.views {
+        1 => String::new(),
+        n => format!("{n} views, "),
     };
     let reason = summary.backend_reason.as_ref();
     output::line(format!(

@@ -6,17 +6,20 @@ use std::path::{Path, PathBuf};
 use gif::{EncodingError, Frame, Repeat};
 use image::RgbImage;
 
-use super::palette::{self, Indexed};
 use super::{Movie, MovieError, check_size};
 use crate::io::atomic_files::{FileError, PartialFile};
 
 /// Most frames a second: viewers take a delay below two hundredths for a mistake and play it slowly.
 pub const MAX_FPS: u32 = 50;
 
+/// Of NeuQuant, from 1 (looks at every pixel) to 30.
+const SPEED: i32 = 1;
+
 /// A GIF that loops for ever.
 ///
-/// A frame of at most 256 colours is kept exactly; of more, a palette is made for it, without dithering. Delays are hundredths of a second: at 30 frames a second some frames stay for 3 and some for 4,
-/// so that the whole takes the right time.
+/// A frame of at most 256 colours is kept exactly; of more, NeuQuant makes a palette for it, without dithering. Delays are
+/// hundredths of a second: at 30 frames a second some frames stay for 3 and some for 4, so that the whole takes the right
+/// time.
 pub struct GifMovie {
     encoder: gif::Encoder<PartialFile>,
     path: PathBuf,
@@ -73,8 +76,7 @@ impl Movie for GifMovie {
         check_size(&self.path, image, self.size)?;
         // Checked against u16 when the movie was created.
         let (width, height) = (self.size.0 as u16, self.size.1 as u16);
-        let Indexed { palette, indices } = palette::index(image);
-        let mut frame = Frame::from_palette_pixels(width, height, indices, palette, None);
+        let mut frame = Frame::from_rgb_speed(width, height, image.as_raw(), SPEED);
         frame.delay = (self.start(self.frames + 1) - self.start(self.frames)) as u16;
         self.frames += 1;
         self.encoder

@@ -1,11 +1,10 @@
 //! Pictures in a row, as files that move.
 //!
-//! * [`gif`]: animated GIF, by ourselves; `palette`: its 256 colours a frame.
+//! * [`gif`]: animated GIF, by ourselves.
 //! * [`mp4`]: MP4, through an installed ffmpeg.
 
 pub mod gif;
 pub mod mp4;
-mod palette;
 
 use std::path::{Path, PathBuf};
 

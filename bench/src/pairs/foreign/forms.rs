@@ -3,46 +3,38 @@
 use std::fmt;
 
 use serde::de::{MapAccess, Visitor};
-use serde::{Deserialize, Deserializer, Serialize};
+use serde::{Deserialize, Deserializer};
 
-use super::python_json::{self, line_of};
 use super::{Context, ForeignCounts, FrameName, ListForm, TargetSlot};
 
 pub(super) type Wrong = (u64, String);
 
+/// Views of one scene, as a list names them.
 #[derive(Debug, Clone, PartialEq)]
-pub(super) enum Content {
-    Index(Index),
-    Flash3d(Vec<Flash3dRow>),
-    Mine(Vec<MineLine>),
-    Unisharp(Vec<ManifestLine>),
-    Seva(SevaSplit),
+pub(super) struct Entry {
+    /// On which line it begins.
+    line: u64,
+    /// `None` where the list is of one scene.
+    scene: Option<String>,
+    inputs: Vec<FrameName>,
+    targets: Vec<FrameName>,
 }
 
 /// In the order of the file; no key twice.
-#[derive(Debug, Clone, PartialEq, Default)]
-pub(super) struct Index(pub(super) Vec<(String, Option<IndexEntry>)>);
+struct Index(Vec<(String, IndexEntry)>);
 
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Default, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(super) struct IndexEntry {
+struct IndexEntry {
     #[serde(deserialize_with = "positions")]
-    pub(super) context: Vec<u32>,
+    context: Vec<FrameName>,
     #[serde(deserialize_with = "positions")]
-    pub(super) target: Vec<u32>,
+    target: Vec<FrameName>,
 }
 
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub(super) struct Flash3dRow {
-    pub(super) key: String,
-    pub(super) source: u32,
-    /// Five and ten frames on, and a random one.
-    pub(super) targets: [u32; 3],
-}
-
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(super) struct MineLine {
+struct MineLine {
     sequence_id: String,
     src_img_obj: MineFrame,
     tgt_img_obj_5_frames: MineFrame,
@@ -50,40 +42,30 @@ pub(super) struct MineLine {
     tgt_img_obj_random: MineFrame,
 }
 
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
+/// Its cameras are not read: poses come from the dataset.
+#[derive(Deserialize)]
 struct MineFrame {
-    sequence_id: String,
-    camera_intrinsics: [f64; 4],
-    camera_pose: [f64; 12],
     frame_ts: String,
 }
 
-/// The scene's fields, one to three, are kept as they are: they may be paths of its authors.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub(super) struct ManifestLine {
-    pub(super) fields: Vec<String>,
-    pub(super) source: String,
-    pub(super) targets: Vec<String>,
-}
-
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(super) struct SevaSplit {
+struct SevaSplit {
     #[serde(deserialize_with = "positions")]
-    pub(super) train_ids: Vec<u32>,
+    train_ids: Vec<FrameName>,
     #[serde(deserialize_with = "positions")]
-    pub(super) test_ids: Vec<u32>,
+    test_ids: Vec<FrameName>,
 }
 
 /// Positions, or a word on what stands for none.
-fn positions<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Vec<u32>, D::Error> {
-    let places = Option::deserialize(deserializer)?;
-    places.ok_or_else(|| {
+fn positions<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Vec<FrameName>, D::Error> {
+    let places: Option<Vec<u32>> = Option::deserialize(deserializer)?;
+    let places = places.ok_or_else(|| {
         serde::de::Error::custom(
             "null instead of a list of positions, which is [] where there are none",
         )
-    })
+    })?;
+    Ok(places.into_iter().map(FrameName::Position).collect())
 }
 
 /// A pair as the list names it.
@@ -109,8 +91,8 @@ impl<'de> Deserialize<'de> for Index {
                 let mut seen = std::collections::BTreeSet::new();
                 let mut entries = Vec::new();
                 while let Some((key, entry)) = map.next_entry::<String, Option<IndexEntry>>()? {
-                    let checked = checked_key(&key).map_err(serde::de::Error::custom)?;
-                    if !seen.insert(checked.to_owned()) {
+                    checked_key(&key).map_err(serde::de::Error::custom)?;
+                    if !seen.insert(key.clone()) {
                         let reason = format!("scene '{key}' is given twice");
                         return Err(serde::de::Error::custom(reason));
                     }
@@ -118,18 +100,12 @@ impl<'de> Deserialize<'de> for Index {
                         let reason = format!("scene '{key}' has no context view");
                         return Err(serde::de::Error::custom(reason));
                     }
-                    entries.push((key, entry));
+                    entries.push((key, entry.unwrap_or_default()));
                 }
                 Ok(Index(entries))
             }
         }
         deserializer.deserialize_map(Entries)
-    }
-}
-
-impl Serialize for Index {
-    fn serialize<S: serde::Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-        serializer.collect_map(self.0.iter().map(|(key, entry)| (key, entry)))
     }
 }
 
@@ -146,7 +122,8 @@ fn checked_key(key: &str) -> Result<&str, String> {
 /// The lines of a text that are not blank, each with its number.
 fn lines(bytes: &[u8]) -> Result<Vec<(u64, &str)>, Wrong> {
     let text = std::str::from_utf8(bytes).map_err(|error| {
-        let line = line_of(bytes, error.valid_up_to());
+        let before = bytes[..error.valid_up_to()].iter();
+        let line = 1 + before.filter(|byte| **byte == b'\n').count() as u64;
         (line, "not UTF-8".to_owned())
     })?;
     let lines = (1..).zip(text.lines().map(|line| line.trim_end_matches('\r')));
@@ -160,256 +137,173 @@ fn json<'de, T: Deserialize<'de>>(bytes: &'de [u8], first: u64) -> Result<T, Wro
     })
 }
 
-impl Content {
-    pub(super) fn parse(form: ListForm, bytes: &[u8]) -> Result<Self, Wrong> {
-        let content = match form {
-            ListForm::Index => Self::Index(json(bytes, 1)?),
-            ListForm::Seva => Self::Seva(json(bytes, 1)?),
-            ListForm::Flash3d => Self::Flash3d(parsed(bytes, flash3d_row)?),
-            ListForm::Unisharp => Self::Unisharp(parsed(bytes, manifest_line)?),
-            ListForm::Mine => {
-                let lines = lines(bytes)?.into_iter();
-                let lines = lines.map(|(n, text)| {
-                    let line: MineLine = json(text.as_bytes(), n)?;
-                    checked_key(&line.sequence_id).map_err(|reason| (n, reason))?;
-                    Ok(line)
-                });
-                Self::Mine(lines.collect::<Result<_, Wrong>>()?)
-            }
-        };
-        match content.counts().entries {
-            0 => Err((1, "the list is empty".to_owned())),
-            _ => Ok(content),
-        }
-    }
-
-    pub(super) fn bytes(&self) -> Vec<u8> {
-        let of_lines = |lines: Vec<String>| {
-            let text: String = lines.into_iter().map(|line| line + "\n").collect();
-            text.into_bytes()
-        };
-        match self {
-            Self::Index(index) => python_json::text(index).into_bytes(),
-            Self::Seva(split) => python_json::text(split).into_bytes(),
-            Self::Mine(lines) => of_lines(lines.iter().map(python_json::text).collect()),
-            Self::Flash3d(rows) => of_lines(
-                rows.iter()
-                    .map(|row| {
-                        let [five, ten, random] = row.targets;
-                        format!("{} {} {five} {ten} {random}", row.key, row.source)
-                    })
-                    .collect(),
-            ),
-            Self::Unisharp(lines) => of_lines(
-                lines
-                    .iter()
-                    .map(|line| {
-                        let (fields, targets) = (line.fields.join("|"), line.targets.join(","));
-                        format!("{fields}|{}|{targets}", line.source)
-                    })
-                    .collect(),
-            ),
-        }
-    }
-
-    pub(super) fn counts(&self) -> ForeignCounts {
-        let count = |inputs_and_targets: Vec<(Vec<FrameName>, Vec<FrameName>)>, entries: usize| {
-            let targets = inputs_and_targets.iter().map(|(_, targets)| targets.len());
-            let inputs = inputs_and_targets.iter().map(|(inputs, targets)| {
-                targets
-                    .iter()
-                    .filter(|target| inputs.contains(target))
-                    .count()
+/// # Errors
+/// The first thing that is wrong.
+pub(super) fn parse(form: ListForm, bytes: &[u8]) -> Result<Vec<Entry>, Wrong> {
+    let entries = match form {
+        ListForm::Index => {
+            let index: Index = json(bytes, 1)?;
+            let entries = index.0.into_iter().map(|(scene, entry)| Entry {
+                line: 1,
+                scene: Some(scene),
+                inputs: entry.context,
+                targets: entry.target,
             });
-            ForeignCounts {
-                entries,
-                with_pairs: inputs_and_targets
-                    .iter()
-                    .filter(|(_, targets)| !targets.is_empty())
-                    .count(),
-                targets: targets.sum(),
-                targets_that_are_inputs: inputs.sum(),
-            }
-        };
-        let at = |places: &[u32]| places.iter().map(|&p| FrameName::Position(p)).collect();
-        let named = |names: &[String]| names.iter().cloned().map(FrameName::Name).collect();
-        match self {
-            Self::Index(index) => {
-                let entries = index.0.iter().filter_map(|(_, entry)| entry.as_ref());
-                let entries = entries.map(|e| (at(&e.context), at(&e.target)));
-                count(entries.collect(), index.0.len())
-            }
-            Self::Seva(split) => {
-                let one = vec![(at(&split.train_ids), at(&split.test_ids))];
-                count(one, 1)
-            }
-            Self::Flash3d(rows) => {
-                let entries = rows.iter().map(|row| (at(&[row.source]), at(&row.targets)));
-                count(entries.collect(), rows.len())
-            }
-            Self::Unisharp(lines) => {
-                let entries = lines.iter();
-                let entries =
-                    entries.map(|l| (named(std::slice::from_ref(&l.source)), named(&l.targets)));
-                count(entries.collect(), lines.len())
-            }
-            Self::Mine(lines) => {
-                let entries = lines.iter().map(|line| {
-                    let [source, targets @ ..] = line.stamps();
-                    (named(&[source]), named(&targets))
-                });
-                count(entries.collect(), lines.len())
-            }
+            entries.collect()
         }
+        ListForm::Seva => {
+            let split: SevaSplit = json(bytes, 1)?;
+            vec![Entry {
+                line: 1,
+                scene: None,
+                inputs: split.train_ids,
+                targets: split.test_ids,
+            }]
+        }
+        ListForm::Flash3d => parsed(bytes, |n, line| flash3d_row(n, line).map_err(|e| (n, e)))?,
+        ListForm::Unisharp => parsed(bytes, |n, line| manifest_line(n, line).map_err(|e| (n, e)))?,
+        ListForm::Mine => parsed(bytes, |n, line| mine_line(n, json(line.as_bytes(), n)?))?,
+    };
+    match entries.is_empty() {
+        true => Err((1, "the list is empty".to_owned())),
+        false => Ok(entries),
     }
+}
 
-    /// Its pairs, in its order.
+pub(super) fn counts(entries: &[Entry]) -> ForeignCounts {
+    let own_inputs = |entry: &Entry| {
+        let targets = entry.targets.iter();
+        targets
+            .filter(|target| entry.inputs.contains(target))
+            .count()
+    };
+    ForeignCounts {
+        entries: entries.len(),
+        with_pairs: entries.iter().filter(|e| !e.targets.is_empty()).count(),
+        targets: entries.iter().map(|entry| entry.targets.len()).sum(),
+        targets_that_are_inputs: entries.iter().map(own_inputs).sum(),
+    }
+}
+
+impl Entry {
+    /// Its pairs, in its order: where a form has several inputs, each target with the one that `context` chooses; where it has
+    /// three kinds of targets, only that of `slot`.
     pub(super) fn pairs(
         &self,
+        form: ListForm,
         context: Context,
         slot: TargetSlot,
     ) -> Result<Vec<NamedPair>, Wrong> {
-        let mut pairs = Vec::new();
-        let mut add = |line: u64, scene: Option<&str>, source: FrameName, target: FrameName| {
-            pairs.push(NamedPair {
-                line,
-                scene: scene.map(str::to_owned),
-                source,
-                target,
-            });
+        let (rule, targets) = match form {
+            ListForm::Index | ListForm::Seva => (context, &self.targets[..]),
+            ListForm::Unisharp => (Context::First, &self.targets[..]),
+            ListForm::Flash3d | ListForm::Mine => {
+                (Context::First, &self.targets[slot as usize..][..1])
+            }
         };
-        let slot = match slot {
-            TargetSlot::Five => 0,
-            TargetSlot::Ten => 1,
-            TargetSlot::Random => 2,
+        let pair = |target: &FrameName| {
+            let source = source(&self.inputs, target, rule).ok_or_else(|| {
+                let scene = self.scene.as_ref();
+                let what = scene.map_or("train_ids".to_owned(), |key| format!("scene '{key}'"));
+                (self.line, format!("{what} has no such context view"))
+            })?;
+            Ok(NamedPair {
+                line: self.line,
+                scene: self.scene.clone(),
+                source: source.clone(),
+                target: target.clone(),
+            })
         };
-        let position = FrameName::Position;
-        match self {
-            Self::Index(index) => {
-                for (key, entry) in &index.0 {
-                    let Some(entry) = entry else { continue };
-                    for &target in &entry.target {
-                        let source = source(&entry.context, target, context).ok_or_else(|| {
-                            (1, format!("scene '{key}' has no such context view"))
-                        })?;
-                        add(1, Some(key), position(source), position(target));
-                    }
-                }
-            }
-            Self::Seva(split) => {
-                for &target in &split.test_ids {
-                    let source = source(&split.train_ids, target, context)
-                        .ok_or_else(|| (1, "train_ids has no such view".to_owned()))?;
-                    add(1, None, position(source), position(target));
-                }
-            }
-            Self::Flash3d(rows) => {
-                for (line, row) in (1..).zip(rows) {
-                    let target = row.targets[slot];
-                    add(line, Some(&row.key), position(row.source), position(target));
-                }
-            }
-            Self::Mine(lines) => {
-                for (number, line) in (1..).zip(lines) {
-                    let [source, targets @ ..] = line.stamps().map(FrameName::Name);
-                    add(
-                        number,
-                        Some(&line.sequence_id),
-                        source,
-                        targets[slot].clone(),
-                    );
-                }
-            }
-            Self::Unisharp(lines) => {
-                for (number, line) in (1..).zip(lines) {
-                    let source = FrameName::Name(line.source.clone());
-                    for target in &line.targets {
-                        let target = FrameName::Name(target.clone());
-                        add(number, Some(line.scene()), source.clone(), target);
-                    }
-                }
-            }
-        }
-        Ok(pairs)
+        targets.iter().map(pair).collect()
     }
 }
 
-fn source(context: &[u32], target: u32, rule: Context) -> Option<u32> {
+fn source<'a>(
+    context: &'a [FrameName],
+    target: &FrameName,
+    rule: Context,
+) -> Option<&'a FrameName> {
+    let place = |frame: &FrameName| match frame {
+        FrameName::Position(at) => *at,
+        FrameName::Name(_) => 0,
+    };
     match rule {
-        Context::First => context.first().copied(),
-        Context::Second => context.get(1).copied(),
-        Context::Nearest => context.iter().copied().min_by_key(|c| c.abs_diff(target)),
+        Context::First => context.first(),
+        Context::Second => context.get(1),
+        Context::Nearest => context
+            .iter()
+            .min_by_key(|frame| place(frame).abs_diff(place(target))),
     }
 }
 
-fn parsed<T>(bytes: &[u8], line: fn(&str) -> Result<T, String>) -> Result<Vec<T>, Wrong> {
+fn parsed(
+    bytes: &[u8],
+    line: impl Fn(u64, &str) -> Result<Entry, Wrong>,
+) -> Result<Vec<Entry>, Wrong> {
     let lines = lines(bytes)?.into_iter();
-    let parsed = lines.map(|(number, text)| line(text).map_err(|reason| (number, reason)));
-    parsed.collect()
+    lines.map(|(number, text)| line(number, text)).collect()
 }
 
-fn flash3d_row(line: &str) -> Result<Flash3dRow, String> {
+fn flash3d_row(number: u64, line: &str) -> Result<Entry, String> {
     let wrong = || "'key source target target target' is needed, positions from 0".to_owned();
     let [key, numbers @ ..] =
         <[&str; 5]>::try_from(line.split(' ').collect::<Vec<_>>()).map_err(|_| wrong())?;
-    let numbers = numbers.map(|number| number.parse::<u32>().ok());
+    let numbers = numbers.map(|number| number.parse().ok().map(FrameName::Position));
     let [Some(source), Some(five), Some(ten), Some(random)] = numbers else {
         return Err(wrong());
     };
-    Ok(Flash3dRow {
-        key: checked_key(key)?.to_owned(),
-        source,
-        targets: [five, ten, random],
+    Ok(Entry {
+        line: number,
+        scene: Some(checked_key(key)?.to_owned()),
+        inputs: vec![source],
+        targets: vec![five, ten, random],
     })
 }
 
-fn manifest_line(line: &str) -> Result<ManifestLine, String> {
+fn mine_line(number: u64, line: MineLine) -> Result<Entry, Wrong> {
+    checked_key(&line.sequence_id).map_err(|reason| (number, reason))?;
+    let stamp = |frame: MineFrame| FrameName::Name(frame.frame_ts);
+    let targets = [
+        line.tgt_img_obj_5_frames,
+        line.tgt_img_obj_10_frames,
+        line.tgt_img_obj_random,
+    ];
+    Ok(Entry {
+        line: number,
+        scene: Some(line.sequence_id),
+        inputs: vec![stamp(line.src_img_obj)],
+        targets: targets.map(stamp).into(),
+    })
+}
+
+fn manifest_line(number: u64, line: &str) -> Result<Entry, String> {
     let fields: Vec<&str> = line.split('|').collect();
-    let (3..=4, [scene @ .., source, targets]) = (fields.len(), fields.as_slice()) else {
-        return Err(format!(
-            "{} fields, where 'scene|source|target,…' has 3 or 4 (theirs drops the line without a word)",
-            fields.len()
-        ));
+    // Where the first of four is a chunk of scenes, the second names the scene.
+    let (scene, source, targets) = match fields[..] {
+        [chunk, scene, source, targets] if chunk.ends_with(".torch") => (scene, source, targets),
+        [scene, source, targets] | [scene, _, source, targets] => (scene, source, targets),
+        _ => {
+            return Err(format!(
+                "{} fields, where 'scene|source|target,…' has 3 or 4 (theirs drops the line without a word)",
+                fields.len()
+            ));
+        }
     };
     if targets.trim().is_empty() {
         return Err("no target after the last '|'".to_owned());
     }
-    let line = ManifestLine {
-        fields: scene.iter().map(ToString::to_string).collect(),
-        source: (*source).to_owned(),
-        targets: targets.split(',').map(str::to_owned).collect(),
-    };
-    checked_key(line.scene())?;
-    let names = std::iter::once(&line.source).chain(&line.targets);
+    let names = targets.split(',').chain([source]);
     for name in names {
         let is_plain = !name.contains(['/', '\\']) && !name.chars().any(char::is_control);
         if name.trim().is_empty() || !is_plain {
             return Err(format!("'{}' is no view's name", name.escape_debug()));
         }
     }
-    Ok(line)
-}
-
-impl ManifestLine {
-    /// The second field where the first is a chunk of scenes.
-    pub(super) fn scene(&self) -> &str {
-        match self.fields.as_slice() {
-            [chunk, key, ..] if chunk.ends_with(".torch") => key,
-            [scene, ..] => scene,
-            [] => "",
-        }
-    }
-}
-
-impl MineLine {
-    /// Time stamps of the source and of the three targets.
-    fn stamps(&self) -> [String; 4] {
-        [
-            &self.src_img_obj,
-            &self.tgt_img_obj_5_frames,
-            &self.tgt_img_obj_10_frames,
-            &self.tgt_img_obj_random,
-        ]
-        .map(|frame| frame.frame_ts.clone())
-    }
+    let named = |name: &str| FrameName::Name(name.to_owned());
+    Ok(Entry {
+        line: number,
+        scene: Some(checked_key(scene)?.to_owned()),
+        inputs: vec![named(source)],
+        targets: targets.split(',').map(named).collect(),
+    })
 }

@@ -1,24 +1,19 @@
-//! Other people's pair lists, read, written back byte for byte where their form has one spelling, and matched with a
-//! dataset that a reader here has.
+//! Other people's pair lists, read and matched with a dataset that a reader here has.
 //!
-//! * `forms`: what each form holds; `python_json`: JSON as Python spells it; `ours`: a list of ours in their form.
+//! * `forms`: what each form holds.
 
 mod forms;
-mod ours;
-mod python_json;
 #[cfg(test)]
 mod tests;
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::fmt;
 use std::path::{Path, PathBuf};
 
 use clap::ValueEnum;
 use serde::Serialize;
 use sharp_datasets::{Scene, View};
 
-use self::forms::Content;
-pub use self::ours::written;
+use self::forms::Entry;
 use super::build::Pair;
 use super::build::scene::row;
 use super::dataset::OpenDataset;
@@ -34,7 +29,7 @@ pub enum ListForm {
     Index,
     /// Flash3D: `key source +5 +10 random` a line, positions
     Flash3d,
-    /// MINE: a JSON object a line, frames by their time stamps; read only
+    /// MINE: a JSON object a line, frames by their time stamps
     Mine,
     /// UniSHARP: `scene|source|target,…` a line, with one or two fields more in some datasets
     Unisharp,
@@ -70,29 +65,12 @@ pub enum TargetSlot {
     Random,
 }
 
-/// The name of a choice on the command line.
-fn shown<T: ValueEnum>(value: &T, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-    let named = value.to_possible_value();
-    f.write_str(named.as_ref().map_or("", |named| named.get_name()))
-}
-
-impl fmt::Display for Context {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        shown(self, f)
-    }
-}
-
-impl fmt::Display for TargetSlot {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        shown(self, f)
-    }
-}
-
 /// A list of theirs.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ForeignList {
     path: PathBuf,
-    content: Content,
+    form: ListForm,
+    entries: Vec<Entry>,
 }
 
 /// A view as a list names it.
@@ -131,25 +109,21 @@ impl ForeignList {
     /// [`PairError::File`]; [`PairError::List`] with the line of the first thing that is wrong.
     pub fn read(path: &Path, form: ListForm) -> Result<Self, PairError> {
         let bytes = sharp::files::read(path).map_err(FileError::new(path, "read"))?;
-        let content = Content::parse(form, &bytes);
-        let content = content.map_err(|(line, reason)| PairError::List {
+        let entries = forms::parse(form, &bytes);
+        let entries = entries.map_err(|(line, reason)| PairError::List {
             path: path.to_owned(),
             line,
             reason,
         })?;
         Ok(Self {
             path: path.to_owned(),
-            content,
+            form,
+            entries,
         })
     }
 
-    /// The list in its own form.
-    pub fn bytes(&self) -> Vec<u8> {
-        self.content.bytes()
-    }
-
     pub fn counts(&self) -> ForeignCounts {
-        self.content.counts()
+        forms::counts(&self.entries)
     }
 
     /// The list's pairs among the scenes of datasets. A scene is found by its id, or by the end of it after a `/`; pairs
@@ -194,11 +168,12 @@ impl ForeignList {
             hash.or_insert_with(|| view.content.image_sha256().unwrap_or_default())
                 .clone()
         };
-        for pair in self
-            .content
-            .pairs(context, slot)
-            .map_err(|(line, reason)| wrong(line, reason))?
-        {
+        let named = self.entries.iter();
+        let named = named.map(|entry| entry.pairs(self.form, context, slot));
+        let named: Vec<_> = named
+            .collect::<Result<_, _>>()
+            .map_err(|(line, reason)| wrong(line, reason))?;
+        for pair in named.into_iter().flatten() {
             let matching = match &pair.scene {
                 Some(key) => by_key.get(key.as_str()).map_or(&[][..], Vec::as_slice),
                 None => &only,

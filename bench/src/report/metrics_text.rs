@@ -4,11 +4,9 @@ use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 use sharp_metrics::weights::Published;
-use sharp_metrics::{
-    Backbone, LpipsNet, LpipsVariant, Metric, MetricInfo, MetricKey, MetricRegion, OwnWeights,
-    SsimBorder, SsimCovariance, SsimVariant, SsimWindow, WeightsUsed,
-};
+use sharp_metrics::{Backbone, Family, MetricInfo, MetricKey, OwnWeights, WeightsUsed};
 
+use super::tables::latex::escape;
 use crate::io::atomic_files::{FileError, write_all_over_own};
 
 /// References of the metrics and their networks, of the paper and its datasets, a blank line between them.
@@ -81,131 +79,28 @@ impl MethodsText {
     }
 }
 
+/// What `metrics --explain` says of the metric, without whose code computes the same; network and weights by hash.
 fn sentence(info: &MetricInfo) -> String {
-    let metric = info.key.metric();
-    let text = match metric {
-        Metric::Psnr | Metric::PsnrFloored => {
-            let floor = match metric {
-                Metric::PsnrFloored => " (at least $10^{-8}$)",
-                _ => "",
-            };
-            format!(
-                "PSNR is $-10\\log_{{10}}$ of the mean squared error{floor} over all pixels and channels of values in \
-                 $[0,1]$, per image and not pooled"
-            )
-        }
-        Metric::Ssim(variant) => format!("SSIM~\\cite{{wang2004image}} uses {}", ssim(variant)),
-        Metric::Lpips(net, variant) => lpips(info, net, variant),
-        Metric::Dists | Metric::DistsResize256 => dists(info),
+    const COMPARED: [&str; 3] = ["Same as", "Not the same as", "With VGG16 the same as"];
+    let name = match info.family {
+        Family::Psnr => "PSNR",
+        Family::Ssim => "SSIM~\\cite{wang2004image}",
+        Family::Lpips => "LPIPS~\\cite{zhang2018unreasonable}",
+        Family::Dists => "DISTS~\\cite{ding2022image}",
     };
-    let mask = match info.region {
-        MetricRegion::Whole => None,
-        MetricRegion::Frustum => Some("the view-frustum mask (margin 1.05)"),
-        MetricRegion::Given => Some("the given mask"),
-    };
-    let inside = mask.map(|mask| match metric {
-        Metric::Psnr | Metric::PsnrFloored => format!(", over the pixels inside {mask}"),
-        Metric::Ssim(SsimVariant::Gauss11ValidWholeWindow) => {
-            format!(", averaged over the windows that lie inside {mask} as a whole")
-        }
-        Metric::Lpips(_, LpipsVariant::BoxPaste | LpipsVariant::LayerMask) => {
-            format!("; the mask is {mask}")
-        }
-        Metric::Ssim(_) => format!(", averaged over the window centres inside {mask}"),
-        _ => format!(", averaged over the spatial map inside {mask}"),
+    let convention = info.convention.trim_end_matches('.').split(". ");
+    let said = convention.filter(|text| !COMPARED.iter().any(|start| text.starts_with(start)));
+    let said = escape(&said.collect::<Vec<_>>().join(". "));
+    let weights = info.backbone.as_ref().map_or_else(String::new, |known| {
+        let network = match known.name {
+            Backbone::AlexNet => "AlexNet~\\cite{krizhevsky2014one}",
+            Backbone::Vgg16 => "VGG16~\\cite{simonyan2015very}",
+            Backbone::SqueezeNet1_1 => "SqueezeNet 1.1~\\cite{iandola2016squeezenet}",
+        };
+        let (features, own) = (backbone(info), own_weights(info));
+        format!(" Features of {network}: {features}; weights of {own}.")
     });
-    let inside = inside.unwrap_or_default();
-    format!("{text}{inside} (\\texttt{{{}}}).", info.key)
-}
-
-/// Window, constants, covariance, border and channels.
-fn ssim(variant: SsimVariant) -> String {
-    let form = variant.form();
-    let window = match form.window {
-        SsimWindow::Uniform7 => "a $7\\times7$ uniform window",
-        SsimWindow::Gauss11 => "an $11\\times11$ Gaussian window ($\\sigma=1.5$)",
-    };
-    let range = match form.range_of_data {
-        true => " scaled by the larger data range of the two images",
-        false => "",
-    };
-    let covariance = match form.covariance {
-        SsimCovariance::Sample => "sample covariance",
-        SsimCovariance::Population => "population covariance",
-        SsimCovariance::Bounded => {
-            "population covariance bounded by the geometric mean of the variances"
-        }
-    };
-    let border = match form.border {
-        SsimBorder::Zero => "zero padding",
-        SsimBorder::Reflect => "reflected borders",
-        SsimBorder::Valid => "only windows inside the image",
-    };
-    let guard = match form.guarded {
-        true => " and $10^{-8}$ added to the denominator",
-        false => "",
-    };
-    let channels = match variant {
-        _ if form.gray => "on luma $0.299R+0.587G+0.114B$",
-        SsimVariant::Gauss11Zero => {
-            "averaged over the RGB channels, as in the evaluation of 3D Gaussian Splatting"
-        }
-        SsimVariant::Uniform7Sample => {
-            "averaged over the RGB channels (the defaults of scikit-image)"
-        }
-        _ => "averaged over the RGB channels",
-    };
-    format!("{window}, $K_1=0.01$, $K_2=0.03${range}, {covariance} and {border}{guard}, {channels}")
-}
-
-fn lpips(info: &MetricInfo, net: LpipsNet, variant: LpipsVariant) -> String {
-    let network = match net {
-        LpipsNet::Alex => "AlexNet~\\cite{krizhevsky2014one}",
-        LpipsNet::Vgg => "VGG16~\\cite{simonyan2015very}",
-        LpipsNet::Squeeze => "SqueezeNet 1.1~\\cite{iandola2016squeezenet}",
-    };
-    let input = match variant {
-        LpipsVariant::Official => {
-            "on inputs scaled to $[-1,1]$ without resizing, with $10^{-10}$ added to feature norms"
-        }
-        LpipsVariant::Unscaled => {
-            "on inputs left in $[0,1]$ where the network expects $[-1,1]$, without resizing, as in the evaluation of \
-             3D Gaussian Splatting"
-        }
-        LpipsVariant::BoxPaste => {
-            "on inputs scaled to $[-1,1]$ without resizing, with $10^{-10}$ added to feature norms, on the box around \
-             the mask with the prediction replaced by the ground truth outside the mask"
-        }
-        LpipsVariant::LayerMask => {
-            "on inputs scaled to $[-1,1]$ without resizing, with $10^{-8}$ added to feature norms, each layer averaged \
-             over the positions that no pixel outside the mask has reached"
-        }
-        LpipsVariant::TorchmetricsEps => {
-            "on inputs scaled to $[-1,1]$ without resizing, with $10^{-8}$ added to squared feature norms as \
-             torchmetrics does"
-        }
-    };
-    format!(
-        "LPIPS~\\cite{{zhang2018unreasonable}} is version 0.1 with {network} features ({}) and the linear weights of {} \
-         {input}",
-        backbone(info),
-        own_weights(info),
-    )
-}
-
-fn dists(info: &MetricInfo) -> String {
-    let resize = match info.key.metric() {
-        Metric::DistsResize256 => {
-            "after reducing the shorter side to 256 pixels where it is larger (bilinear with antialiasing, 8 bit)"
-        }
-        _ => "at full resolution, without resizing",
-    };
-    format!(
-        "DISTS~\\cite{{ding2022image}} compares VGG16~\\cite{{simonyan2015very}} features with L2 pooling ({}) with the \
-         weights of {}, on inputs in $[0,1]$ {resize}",
-        backbone(info),
-        own_weights(info),
-    )
+    format!("{name} (\\texttt{{{}}}): {said}.{weights}", info.key)
 }
 
 /// The network's weights by hash; torchvision's file by name where these are its features.
@@ -266,15 +161,15 @@ mod tests {
     }
 
     #[test]
-    fn lpips_says_version_network_hashes_range_and_resize_rule() {
+    fn lpips_says_version_network_hashes_range_and_resolution() {
         let weights = Weights::deterministic("");
         let text = text("lpips-alex", &weights);
         for part in [
             "version 0.1",
             "AlexNet",
-            "$[-1,1]$",
+            "scaled to -1..1",
             "df73285e35b2",
-            "without resizing",
+            "at the picture's own resolution",
             "\\texttt{lpips} 0.1.4",
             "\\cite{zhang2018unreasonable}",
         ] {

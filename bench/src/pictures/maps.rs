@@ -1,16 +1,16 @@
 //! Maps of a metric over a picture, as PNG in false colours and as EXR for numbers.
 
-mod drawing;
-
 use std::path::{Path, PathBuf};
 
-use image::{ImageBuffer, Luma};
+use image::{ImageBuffer, Luma, Rgb, RgbImage};
 use sharp_metrics::{Family, MetricKey, Picture, ScoreMap};
 
 use crate::io::atomic_files::FileError;
 use crate::io::rendering_files::{write_exr_channels, write_png};
+use crate::report::error_map::colour;
 
-pub use self::drawing::drawing;
+/// Where the metric has no value.
+const NO_VALUE: Rgb<u8> = Rgb([0xB8, 0xBE, 0xC6]);
 
 /// One value a pixel; NaN where the metric has none.
 pub type Values = ImageBuffer<Luma<f32>, Vec<f32>>;
@@ -66,8 +66,6 @@ pub struct LocalMap {
     pub key: String,
     /// Part of a file name.
     pub alias: String,
-    /// What a value is, in a few words.
-    pub meaning: &'static str,
     /// At the picture's size.
     pub values: Values,
     /// What the colours stand for.
@@ -85,7 +83,6 @@ impl LocalMap {
         Self {
             key: "difference".to_owned(),
             alias: "difference".to_owned(),
-            meaning: "absolute difference, mean over the channels",
             scale: ColourScale::from_zero(&values),
             values,
         }
@@ -109,11 +106,6 @@ impl LocalMap {
         Self {
             key: key.to_string(),
             alias: key.alias(),
-            meaning: if ssim {
-                "structural similarity around each pixel"
-            } else {
-                "distance of features at each pixel, all layers"
-            },
             scale: if ssim {
                 ColourScale::SSIM
             } else {
@@ -123,18 +115,23 @@ impl LocalMap {
         }
     }
 
-    /// Mean of the values that there are, in f64.
-    pub fn mean(&self) -> f64 {
-        let known = self.values.as_raw().iter().filter(|v| !v.is_nan());
-        let (sum, n) = known.fold((0.0, 0_usize), |(sum, n), v| (sum + f64::from(*v), n + 1));
-        sum / n as f64
+    /// In colours (inferno) whose lightness grows in equal steps with the difference, so that they stay in order in grey and
+    /// under every form of colour blindness; grey without a value.
+    fn picture(&self) -> RgbImage {
+        let (width, height) = self.values.dimensions();
+        RgbImage::from_fn(width, height, |x, y| {
+            match self.values.get_pixel(x, y).0[0] {
+                value if value.is_nan() => NO_VALUE,
+                value => colour(self.scale.share(value)),
+            }
+        })
     }
 }
 
 /// Paths of a map.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct MapFiles {
-    /// In false colours with a colour bar.
+    /// In false colours.
     pub png: PathBuf,
     /// The values, one f32 channel `Y` at the picture's size; NaN where the metric has none.
     pub exr: PathBuf,
@@ -150,7 +147,7 @@ pub fn write_map(folder: &Path, name: &str, map: &LocalMap) -> Result<MapFiles, 
         png: path("png"),
         exr: path("exr"),
     };
-    write_png(&files.png, &drawing(map))?;
+    write_png(&files.png, &map.picture())?;
     let (width, height) = map.values.dimensions();
     let size = (width as usize, height as usize);
     let channel = ("Y".to_owned(), map.values.as_raw().as_slice());
@@ -160,10 +157,15 @@ pub fn write_map(folder: &Path, name: &str, map: &LocalMap) -> Result<MapFiles, 
 
 #[cfg(test)]
 mod tests {
-    use image::{Rgb, RgbImage};
     use sharp_metrics::{Scorer, Selection, Weights};
 
     use super::*;
+
+    fn mean(map: &LocalMap) -> f64 {
+        let known = map.values.as_raw().iter().filter(|v| !v.is_nan());
+        let known: Vec<f64> = known.map(|v| f64::from(*v)).collect();
+        known.iter().sum::<f64>() / known.len() as f64
+    }
 
     #[test]
     fn scales_end_at_round_numbers() {
@@ -185,7 +187,7 @@ mod tests {
     fn differences_are_means_over_the_channels() {
         let picture = |rgb| Picture::from(RgbImage::from_pixel(3, 2, Rgb(rgb)));
         let map = LocalMap::difference(&picture([0, 51, 255]), &picture([102, 51, 204]));
-        assert!((map.mean() - 0.2).abs() < 1e-7);
+        assert!((mean(&map) - 0.2).abs() < 1e-7);
         assert_eq!(map.values.dimensions(), (3, 2));
         assert!((map.scale.different - 0.2).abs() < 1e-7 || map.scale.different == 0.5);
     }
@@ -204,8 +206,9 @@ mod tests {
         for ((key, score), (_, map)) in all.scores.iter().zip(&all.maps) {
             let map = LocalMap::of_metric(*key, map.as_ref().unwrap(), (40, 30));
             assert_eq!(map.values.dimensions(), (40, 30));
-            assert!((map.mean() - score.clone().unwrap()).abs() < 1e-6, "{key}");
+            assert!((mean(&map) - score.clone().unwrap()).abs() < 1e-6, "{key}");
             let corner = map.values.get_pixel(0, 0).0[0].is_nan();
+            assert_eq!(*map.picture().get_pixel(0, 0) == NO_VALUE, corner, "{key}");
             let inner = key.alias().contains("valid") || key.alias().contains("uniform7");
             assert_eq!(corner, inner, "{key}");
         }
