@@ -12,7 +12,7 @@
 use std::path::Path;
 
 use libtest_mimic::{Arguments, Failed, Trial};
-use sharp_bench::analyze::translation::{Axis, Experiment};
+use sharp_bench::analyze::translation::Experiment;
 use sharp_metrics::{Backbone, MetricKey, Scorer, Selection, Weights};
 
 const PHOTOGRAPHS: [(&str, &str); 4] = [
@@ -113,7 +113,7 @@ fn check(file: &str, metric: &str, weights: Weights, holds: Fact) -> Result<(), 
     let picture = image::open(Path::new(env!("CARGO_MANIFEST_DIR")).join(file))?.to_rgb8();
     let scorer = Scorer::new(&Selection::parse(metric)?, &weights)?;
     let shifts = "0.1,1,5".parse()?;
-    let experiment = Experiment::run(&picture, Axis::X, &shifts, &scorer, || ())?;
+    let experiment = Experiment::run(&picture, &shifts, &scorer, || ())?;
     let key: MetricKey = metric.parse()?;
     let score = |c: &sharp_bench::analyze::translation::Comparison| {
         c.score(key).ok_or_else(|| format!("{metric} has no value"))
