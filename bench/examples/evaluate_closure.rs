@@ -40,7 +40,7 @@ fn main() -> Result<(), Box<dyn Error>> {
 
     let data = sharp_datasets::bundled::extract(&folder.join("data"))?;
     let request = Request::new(
-        OpenDataset::open_all(&[format!("middlebury={}", data.display())], None)?,
+        OpenDataset::open_all(&[format!("middlebury={}", data.display()).parse()?], None)?,
         vec![Box::new(Closure::new("plane", "1", plane))],
         Scoring::new(&Selection::parse("psnr,ssim")?, &Weights::none())?,
     );

@@ -232,7 +232,7 @@ fn compared(as_read: &[Option<bool>], other: &[Option<bool>]) -> Option<Compared
         && gained + kept >= LEAST_SHARE * both.len() as f64
         && gained - lost >= LEAST_MORE * both.len() as f64
         && gained - lost >= LEAST_ERRORS * (gained + lost).sqrt();
-    is_better.then(|| Compared {
+    is_better.then_some(Compared {
         matches: both.len(),
         before: (lost + kept) as usize,
         after: (gained + kept) as usize,

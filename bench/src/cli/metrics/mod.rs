@@ -68,7 +68,8 @@ pub(super) struct MetricsArgs {
     /// map over the window centres inside, LPIPS the mean of its spatial map inside; DISTS has no masked form.
     #[arg(long, value_name = "FILE|DIR")]
     mask: Option<PathBuf>,
-    /// Write maps of the difference, of SSIM and of LPIPS for each pair: PNG with a colour bar, EXR with the values
+    /// Write maps of the difference, of SSIM and of LPIPS for each pair: PNG, dark where the pictures are alike and bright
+    /// where they differ (--json has the values of both ends), and EXR with the values
     #[arg(long, value_name = "DIR")]
     maps: Option<PathBuf>,
     /// Show what LPIPS and DISTS are made of, layer by layer
