@@ -1,4 +1,4 @@
-//! What a run is told: parsed once, stored typed, printed in one form.
+//! Configuration of a run: parsed once, stored typed, printed in one form.
 //!
 //! * `dataset`: a dataset with the settings of its reader, its frame and its own pair options.
 

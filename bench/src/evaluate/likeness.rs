@@ -1,4 +1,4 @@
-//! How well pictures explain a part of a photograph, and whether one does so significantly better than another.
+//! Likeness of pictures to a part of a photograph, and the significance of differences in it.
 
 use image::RgbImage;
 
@@ -6,20 +6,19 @@ use crate::scoring::Region;
 
 /// Largest width and height that are compared, pixels.
 const SIDES: (u32, u32) = (160, 120);
-/// What another reading has to gain at least, dB. The error of a proper file changes by chance when its Gaussians are read
-/// otherwise, and by some hundredths.
+/// Least gain of another reading, dB. Reading a proper file differently changes its error by chance, by some hundredths.
 const MARGIN: f64 = 0.5;
 /// Standard errors of the gain that it has to exceed.
 const SIGNIFICANCE: f64 = 3.0;
-/// The same of the gain where brightness and contrast are free, which only has to agree.
+/// Least significance of the gain with brightness and contrast free, which only has to agree.
 const SIGNIFICANCE_FREE: f64 = 2.0;
 /// Share of the photograph's variance that an explanation has to explain.
 const EXPLAINED: f64 = 0.5;
 /// Mean squared error below which pictures count as equal, levels²: rounding against truncation to 8 bit.
 const ROUNDING: f64 = 1.0;
 
-/// The part of a photograph with the largest contrast, at the photograph's own resolution: what is wrong by half a pixel or
-/// in the shape of a small Gaussian does not show in a smaller picture.
+/// The part of a photograph with the largest contrast, at the photograph's own resolution: errors of half a
+/// pixel, or in the shape of a small Gaussian, do not show in a smaller picture.
 pub(super) fn window(photograph: &RgbImage) -> Region {
     let (width, height) = photograph.dimensions();
     let size = (width.min(SIDES.0), height.min(SIDES.1));
@@ -132,7 +131,7 @@ impl Errors {
     }
 }
 
-/// How a rendering compares with a part of a photograph.
+/// Comparison of a rendering with a part of a photograph.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Likeness {
     /// One per block of the picture, row by row; equal sizes give equal blocks.

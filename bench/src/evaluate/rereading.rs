@@ -20,9 +20,9 @@ use crate::scoring::Region;
 const MOST_LAYERS: f64 = 3000.0;
 /// Gain in the source, dB, from which other views are asked, too.
 const WORTH_A_LOOK: f64 = 0.25;
-/// How much larger the errors in other views may become.
+/// Largest factor by which errors in other views may grow.
 const NOT_WORSE: f64 = 1.1;
-/// The same where Gaussians are moved by half a pixel, which other views have to confirm.
+/// That factor where Gaussians are moved by half a pixel, which other views have to confirm.
 const BETTER: f64 = 0.97;
 /// Settings that may be wrong at the same time.
 const ROUNDS: usize = 3;

@@ -1,9 +1,10 @@
-//! Whether Gaussians show the photograph that they were predicted from, and if not, what their file may mean instead.
+//! Compares Gaussians with the photograph that they were predicted from and, if they do not show it, tries other readings
+//! of their file.
 //!
-//! A wrong frame, unit, encoding or colour space gives bad scores without an error. Rendered from the source's own camera,
-//! such Gaussians give themselves away; a scale about that camera does not, so the depth that is seen is recorded too. Files
-//! of others are also read otherwise (`doubts_about`), which costs as much as some small pictures: of three sources of each
-//! dataset, which depend on the list of pairs alone.
+//! A wrong frame, unit, encoding or colour space gives bad scores without an error. Renderings
+//! from the source's own camera reveal it, except a scale about that camera, so the rendered depth is recorded too. Other
+//! readings of foreign files are tried (`doubts_about`) for three sources of each dataset, chosen by the list of pairs
+//! alone; this costs as much as some small pictures.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -36,15 +37,15 @@ pub const SOURCE_DEPTH: &str = "source_depth_m";
 const UNLIKELY_SCALE: f64 = 10.0;
 /// Factor of depth above which another unit is thinkable at all: predictions without a unit are off by less.
 const LEAST_FACTOR: f64 = 1.5;
-/// How many times the spread of depth ratios a factor has to exceed: a prediction's own errors spread them.
+/// Least ratio of a factor to the spread of depth ratios, which a prediction's own errors cause.
 const FACTOR_SIGNIFICANCE: f64 = 10.0;
-/// Sources of a scene or dataset that can be told apart by how well they are shown: of fewer, most are read otherwise anyway.
+/// Fewest sources of a scene or dataset among which outliers are sought: of fewer, other readings are tried for most anyway.
 const FEWEST_SOURCES: usize = 4;
 /// dB between wrong sources and the others: half of a photograph explained against an unrelated picture of its variance.
 const LEAST_GAP: f64 = 6.0;
-/// How many times that gap exceeds the way from the worst to the middle of the others: normal values seldom leave such a gap.
+/// Least ratio of that gap to the distance from the worst to the middle of the others: normal values seldom leave such a gap.
 const GAP_SIGNIFICANCE: f64 = 2.0;
-/// dB that wrong sources stay below where scenes differ, too: what the mean colour gives at a contrast of 45 levels.
+/// Upper limit of an outlier where scenes differ, dB: the PSNR of the mean colour at a contrast of 45 levels.
 const UNLIKE_ANY_SCENE: f64 = 15.0;
 /// Outlying sources that are named.
 const MOST_NAMED: usize = 8;
@@ -54,7 +55,7 @@ const ABSURD_LAYERS: f64 = 5000.0;
 /// The share of the picture that they cover one by one, then: millions of small ones over a small picture are proper.
 const ABSURD_SHARE: f64 = 0.02;
 
-/// What a prediction shows of its own source.
+/// A prediction rendered into its own source.
 pub(super) struct SeenSource {
     /// [`SOURCE_PSNR`] and [`SOURCE_DEPTH`].
     pub(super) extras: BTreeMap<String, f64>,
@@ -155,8 +156,8 @@ pub(super) struct CheckedSource<'a> {
     pub(super) scene: &'a Scene,
 }
 
-/// What speaks against the reading of a prediction's file, by what it is about: another reading, or the photograph of another
-/// view, explains the source's significantly better, another unit its depth, or nothing explains it.
+/// Doubts about the reading of a prediction's file, by subject: another reading, or another view's photograph, fits the
+/// source significantly better, another unit fits its depth, or nothing fits.
 ///
 /// # Errors
 /// See [`RenderError`].
@@ -426,7 +427,7 @@ fn apart<'a>(group: &BTreeMap<&'a str, f64>, most: f64) -> Option<[Vec<(&'a str,
     })
 }
 
-/// What speaks against the Gaussians of a method's records: the first doubt of each kind, and [`outlying_sources`].
+/// Doubts about the Gaussians of a method's records: the first of each kind, and [`outlying_sources`].
 pub fn doubts_of<'a>(
     records: impl Iterator<Item = &'a Record> + Clone,
     kind: &str,

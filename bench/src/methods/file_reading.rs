@@ -1,4 +1,4 @@
-//! How a file of Gaussians is read: its numbers, and where they lie from the source's camera. Each part is a setting.
+//! Reading of a file of Gaussians: the form of its numbers, and its space relative to the source's camera. Each part is a setting.
 
 use glam::{DAffine3, DMat3, DVec3};
 use sharp::camera::{Intrinsics, target_camera_from_source_ndc};
@@ -65,7 +65,7 @@ impl Axes {
     }
 }
 
-/// Where the Gaussians of a file are.
+/// Space of the Gaussians in a file.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Placement {
     pub space: FileSpace,
@@ -87,7 +87,7 @@ impl Default for Placement {
     }
 }
 
-/// How a file is read.
+/// Reading of a file.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct FileReading {
     pub stored: StoredForm,

@@ -1,4 +1,4 @@
-//! Why a dataset has no pair to evaluate, or pairs chosen by depth that hardly allows it, and what to do.
+//! Why a dataset has no pair to evaluate, or pairs chosen by depth that is too sparse, and the settings that help.
 
 use sharp_datasets::DatasetSpec;
 
@@ -6,12 +6,12 @@ use crate::io::counts::counted;
 use crate::pairs::PairOptions;
 use crate::pairs::build::{PairCounts, SPARSE_COVERAGE};
 
-/// What gives dense depth, or does without, where the dataset's own is sparse.
+/// Settings for datasets whose own depth is sparse.
 const DENSE: &str = "overlap=given with --overlap-depth DIR (dense depth by anyone, scaled to the dataset's: the paper's \
                      way), overlap=sharp-release (the same by SHARP's checkpoint) or overlap=sparse:8 (the dataset's \
                      depth, agreement within 8 pixels)";
 
-/// What became of a dataset's pairs, in a line.
+/// Counts of a dataset's pairs, in a line.
 pub fn counted_pairs(dataset: &str, counts: &PairCounts) -> String {
     format!(
         "{dataset}: {}, {}, {}, {}; without depth {}, too little overlap {}, too near {}, too far {}; {} qualify, {} selected",

@@ -8,7 +8,7 @@ use sharp_datasets::DepthMap;
 use super::PairError;
 use super::valid_depth::{is_valid_depth, median_of};
 
-/// A scale and what it rests on.
+/// A scale and its evidence.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct MedianScale {
     pub scale: f64,

@@ -1,5 +1,5 @@
-//! How far the open choices move the pairs: each choice changed by itself, everything else left as it is. The choices are
-//! those of [`PairOptions`], and the readings of the datasets.
+//! Sensitivity of the pairs to the open choices: each choice is changed by itself. The choices are those of
+//! [`PairOptions`], and the readings of the datasets.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -12,13 +12,13 @@ use super::dataset::OpenDataset;
 use super::options::PairOptions;
 use super::overlap_cache::OverlapCache;
 
-/// What the only choices are about that concern stereo datasets too.
+/// Subject of the only choices that concern stereo datasets too.
 const OF_ALL: &str = "sampling";
 
-/// What other readings of a dataset are about.
+/// Subject of other readings of a dataset.
 const READING: &str = "dataset reading";
 
-/// What is changed, by what it is about: texts of [`PairOptions`] between blanks.
+/// Changes by subject: texts of [`PairOptions`] between blanks.
 const ALTERNATIVES: [(&str, &str); 10] = [
     ("threshold", "threshold=0.5 threshold=0.7 at-threshold=in"),
     (
@@ -79,7 +79,7 @@ pub struct OtherReading {
 /// Counts pairs under the base options (the first answer), under each alternative that differs from them and makes
 /// sense with them, and under other readings of the datasets. A choice that does not concern stereo pairs is not counted
 /// for datasets that have no others. Overlaps are measured once for each way of measuring: with the context's cache, or
-/// in memory. `advance(done, all)` is told after each.
+/// in memory. `advance(done, all)` is called after each.
 pub fn alternatives(
     scenes: &[Scene],
     base: &PairOptions,
@@ -205,7 +205,7 @@ fn counts(build: &PairBuild, base: &BTreeSet<&str>) -> BTreeMap<String, Count> {
     counts
 }
 
-/// Settings that are no readings of the paper: which files may be opened, and what becomes of pictures that are not their
+/// Settings that are not readings of the paper: permission to open files, and treatment of pictures that are not of their
 /// camera's size.
 const NO_READINGS: [&str; 2] = ["outside", "camera-size"];
 

@@ -13,7 +13,7 @@ use sharp_datasets::left_out::{LeftOutScenes, by_reason};
 use super::error::PairError;
 use crate::config::DatasetConfig;
 
-/// The name of what several datasets say together, which no dataset can have.
+/// Name of the mean over several datasets; no dataset can have it.
 pub const ALL_DATASETS: &str = "all";
 
 #[derive(Debug, Clone)]

@@ -1,4 +1,4 @@
-//! One pair as a foreign method needs it: `pair.json`.
+//! One pair for a foreign method: `pair.json`.
 
 use std::collections::BTreeMap;
 
@@ -12,8 +12,7 @@ use super::pair_id::{PairName, path_of};
 /// Changes whenever a reader of an earlier `pair.json` would misunderstand it.
 pub const FORMAT: u32 = 1;
 
-/// A pair in words and numbers: both cameras, the motion between them, what is expected back. Nothing in it tells of
-/// the target's content.
+/// A pair: both cameras, the motion between them, and the expected output. It holds nothing of the target's content.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct PairDescription {
     pub format: u32,

@@ -21,7 +21,7 @@ use sharp_metrics::{Picture, ResizeKernel, resize};
 
 use crate::io::pictures::to_rgb8;
 
-/// How pictures are brought to a protocol's size.
+/// Rule that resizes and crops pictures to a protocol's size.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Frame {
     pub rule: FrameRule,
@@ -38,7 +38,7 @@ pub enum FrameRule {
     AtMostWidth(u32),
 }
 
-/// What becomes of pictures of one size.
+/// Resize and crop of pictures of one size.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 struct Fit {
     resized: (u32, u32),

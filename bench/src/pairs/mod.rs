@@ -1,24 +1,24 @@
-//! Which pairs are evaluated, and the geometry that decides it.
+//! Choice of the pairs to evaluate, and its geometry.
 //!
 //! The paper fixes stereo left to right, sets of ten views, overlap above 60 % and at most 512 pairs
 //! a dataset; everything it leaves open is an option of [`PairOptions`], printed with the result.
 //!
 //! * [`sets`]: views into sets of ten.
-//! * [`depth`]: depth maps joined with their cameras, and where they come from.
-//! * [`overlap`]: how much of one view another one sees; [`overlap_cache`]: what was measured before.
+//! * [`depth`]: depth maps with their cameras, and the sources of depth.
+//! * [`overlap`]: share of one view that another sees; [`overlap_cache`]: earlier measurements.
 //! * [`options`]: every open choice, with its default and its text form.
 //! * [`pair_id`]: `dataset/scene/source__target`, encoded so that it can be decoded.
 //! * [`dataset`]: datasets as they were opened, with the pair options given for each; [`frame`]: at another size.
-//! * [`build`]: scenes into pairs; [`recipe`]: the choices and files behind a list; [`advice`]: why there is no pair.
+//! * [`build`]: pairs from scenes; [`recipe`]: the choices and files behind a list; [`advice`]: why there is no pair.
 //! * [`description`]: one pair in JSON, and the cameras of its views.
-//! * [`provenance`]: how a list came about, for manifests.
-//! * [`ambiguity`]: how far the open choices move the pairs.
-//! * [`sampling`]: which qualified pairs are evaluated.
-//! * [`scene_checks`]: what scenes contradict, before a run begins.
+//! * [`provenance`]: origin of a list, for manifests.
+//! * [`ambiguity`]: sensitivity of the pairs to the open choices.
+//! * [`sampling`]: sampling of qualified pairs.
+//! * [`scene_checks`]: contradictions in scenes, before a run begins.
 //! * [`pair_list`]: pairs as a file that can be published, verified and compared.
 //! * [`foreign`]: other people's lists.
 //! * [`alignment`]: the global scale between predicted and ground-truth depth.
-//! * [`valid_depth`]: which depths count, their median and share.
+//! * [`valid_depth`]: valid depths, their median and share.
 
 pub mod advice;
 pub mod alignment;

@@ -1,9 +1,9 @@
-//! Overlaps that were measured before, by content.
+//! Cache of measured overlaps, by content.
 //!
 //! A scene's table is named by a hash of everything that its numbers depend on: the sources of this program, the
-//! reader's settings, every view's camera and the bytes of its files, where depth comes from, and how overlap is
-//! measured. What it does not depend on (sets, thresholds, sampling) is not part of the name, so that one table serves
-//! them all; it grows with the views that were asked about.
+//! reader's settings, every view's camera and the bytes of its files, the source of depth, and the options of
+//! measuring. Sets, thresholds and sampling are not part of the name, so that one table serves them all; it grows with the
+//! views that are asked for.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::io::ErrorKind;
@@ -33,7 +33,7 @@ pub(super) struct Overlaps {
     pub(super) b_in_a: f64,
 }
 
-/// What is known of a view's depth at its full size.
+/// Facts about a view's depth at its full size.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub(super) struct DepthFacts {
     /// Median of the valid depths, metres.
@@ -42,7 +42,7 @@ pub(super) struct DepthFacts {
     pub(super) coverage: f64,
 }
 
-/// What is known of a scene under one way of measuring.
+/// Facts about a scene, for one set of measuring options.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub(super) struct SceneOverlaps {
     /// `None` for a view without valid depth.

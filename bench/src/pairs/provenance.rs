@@ -1,4 +1,4 @@
-//! How a pair list came about: from building it, or from the file beside it.
+//! Origin of a pair list: recorded when it is built, read from the file next to it later.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -39,7 +39,7 @@ impl PairProvenance {
     }
 }
 
-/// `FILE.json` beside a list `FILE`: the list's columns hold the pairs, this holds the choices behind them.
+/// `FILE.json` next to a list `FILE`: the list holds the pairs, this file the choices behind them.
 #[derive(Debug, Serialize, Deserialize)]
 pub struct ListCompanion {
     schema: u32,

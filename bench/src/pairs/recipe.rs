@@ -1,4 +1,4 @@
-//! How a pair list is built: the open choices, whose depth decides overlap, what was measured before.
+//! Recipe of a pair list: the open choices, and the files that they need.
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;

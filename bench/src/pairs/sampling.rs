@@ -1,4 +1,4 @@
-//! Which of a dataset's qualified pairs are evaluated: the paper's `min(512, #pairs)`.
+//! Sampling of a dataset's qualified pairs: the paper's `min(512, #pairs)`.
 
 use std::collections::BTreeMap;
 
@@ -7,7 +7,7 @@ use sharp::random::SplitMix64;
 
 use super::pair_list::ResolvedPair;
 
-/// How pairs are drawn when there are more than the limit.
+/// Rule for drawing pairs when there are more than the limit.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum SamplingRule {
     /// Uniformly without replacement: the list, sorted bytewise by pair id, is shuffled by

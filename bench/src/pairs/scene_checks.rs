@@ -27,7 +27,7 @@ pub struct SceneChecks {
     hashes: ViewHashes,
 }
 
-/// What was found in a scene, as a file.
+/// Contradictions found in a scene, as a file.
 #[derive(Serialize, Deserialize)]
 struct Found {
     key: String,

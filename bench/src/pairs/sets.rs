@@ -3,7 +3,7 @@
 use clap::ValueEnum;
 use sharp::random::SplitMix64;
 
-/// Which views share a set. Views are numbered in natural order of their ids.
+/// Rule for grouping views into sets. Views are numbered in natural order of their ids.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum Grouping {
     /// Views 0–9, 10–19, …
@@ -19,7 +19,7 @@ pub enum Grouping {
     Whole,
 }
 
-/// What becomes of a set smaller than the others.
+/// Treatment of a set smaller than the others.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum Remainder {
     /// It stays a set if it has at least two views.

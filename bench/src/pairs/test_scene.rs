@@ -10,7 +10,7 @@ use sharp::camera::{Intrinsics, RigidTransform};
 use sharp_datasets::required_files::FileRole;
 use sharp_datasets::{DatasetError, DepthMap, Pairing, Scene, View, ViewContent};
 
-/// What a view's depth is.
+/// Depth of a view.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Depth {
     Wall(f32),
@@ -96,7 +96,7 @@ pub(super) fn row(dataset: &str, id: &str, step_m: f64, depths: &[Depth]) -> Cam
     CameraRow { scene, reads }
 }
 
-/// The same row with view `v` of the file `dir/v`.
+/// The row with file `dir/v` for view `v`.
 pub(super) fn with_files(mut row: CameraRow, dir: &Path) -> CameraRow {
     for view in &mut row.scene.views {
         let depth = view.content.depth();

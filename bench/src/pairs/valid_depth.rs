@@ -1,4 +1,4 @@
-//! Which values of a depth map count, and simple numbers of them.
+//! Valid values of a depth map, their median and share.
 
 use sharp_datasets::DepthMap;
 

@@ -9,10 +9,10 @@ use crate::io::atomic_files::FileError;
 use crate::io::rendering_files::{write_exr_channels, write_png};
 use crate::report::error_map::colour;
 
-/// Where the metric has no value.
+/// Colour of pixels without a value.
 const NO_VALUE: Rgb<u8> = Rgb([0xB8, 0xBE, 0xC6]);
 
-/// One value a pixel; NaN where the metric has none.
+/// One value per pixel; NaN where the metric has none.
 pub type Values = ImageBuffer<Luma<f32>, Vec<f32>>;
 
 /// Values at the two ends of the colours. The dark end always means "alike", the bright one "different".

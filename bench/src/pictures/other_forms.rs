@@ -9,7 +9,7 @@ use sharp_metrics::{
     ssim_contrast,
 };
 
-/// One such computation and its value.
+/// One of these forms and its value.
 #[derive(Debug, Clone, PartialEq)]
 pub struct OtherForm {
     /// As in `piq.DISTS`.
@@ -165,7 +165,7 @@ pub fn other_forms(
     found
 }
 
-/// By one of the scorer's own metrics; `None` where it does not have it.
+/// Value of one of the scorer's own metrics; `None` if the scorer does not have it.
 fn score(
     scorer: &Scorer,
     key: &str,
@@ -196,7 +196,7 @@ fn weighted(picture: &Picture, [r, g, b]: [f64; 3], offset: f64) -> Picture {
     })
 }
 
-/// Means of `by` × `by` pixels; what is left at the right and at the bottom does not count.
+/// Means of `by` × `by` pixels; the remainder at the right and the bottom is ignored.
 fn pooled(picture: &Picture, by: u32) -> Picture {
     let (width, height) = picture.dimensions();
     Rgb32FImage::from_fn(width / by, height / by, |x, y| {

@@ -101,8 +101,8 @@ pub(super) fn sentence(
     }
 }
 
-/// Which setting brings poses and depth into one unit: that whose quantity is implausible, or the poses' and, after a
-/// semicolon, the other.
+/// The setting that gives poses and depth one unit: the setting of the implausible quantity, or that of the poses and,
+/// after a semicolon, the other.
 fn scaled(scale: f64, units: Units, median_m: f64) -> (String, String) {
     let poses = units
         .scale
@@ -128,7 +128,7 @@ fn scaled(scale: f64, units: Units, median_m: f64) -> (String, String) {
     }
 }
 
-/// How much better another reading explains neighbouring views.
+/// The numbers by which another reading fits neighbouring views better.
 pub(super) fn evidence(as_read: &Explained, other: &Explained) -> String {
     let mut parts = Vec::new();
     if other.meets_depth() {

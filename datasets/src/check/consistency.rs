@@ -1,6 +1,6 @@
-//! How well poses, depth and pictures agree: depth of one view, carried into the next by the poses, must meet that view's
-//! depth, and its colours that view's colours. Far-apart views tell by depth, close ones only by colour: there, depth
-//! agrees under any pose.
+//! Agreement of poses, depth and pictures: the depth of one view, projected into the next by the poses, must meet that
+//! view's depth, and its colours that view's colours. Depth decides for views far apart, colour for close ones, where
+//! depth agrees under any pose.
 
 use serde::Serialize;
 
@@ -8,7 +8,7 @@ use serde::Serialize;
 /// right poses some of it; on real frames read wrongly a fifth agrees.
 const LEAST: f64 = 0.3;
 
-/// How well neighbouring views fit together under one convention for poses.
+/// Agreement of neighbouring views under one convention for poses.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Fit {
     /// The mistake that the reader would have made; `as read` for none.
@@ -21,7 +21,7 @@ pub struct Fit {
     pub colours: usize,
 }
 
-/// How well a scene's poses, depth and pictures agree, in pictures reduced to a width of at most 256.
+/// Agreement of a scene's poses, depth and pictures, in pictures reduced to a width of at most 256.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Consistency {
     /// As the reader takes the poses.

@@ -17,7 +17,7 @@ const fn of(name: &'static str, take: Take) -> Convention {
     Convention { name, take }
 }
 
-/// What poses are compared under; the first is what the reader says.
+/// Conventions that poses are compared under; the first is the reader's.
 pub(super) const CONVENTIONS: [Convention; 4] = [
     of("as read", |pose| *pose),
     of(

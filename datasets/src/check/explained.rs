@@ -1,11 +1,11 @@
-//! How well a reading of two views explains what they show.
+//! Fit of a reading to two views.
 
 use glam::DVec3;
 use sharp::camera::{Intrinsics, RigidTransform};
 
 use super::small_view::{Sample, SmallView, ray};
 
-/// What the stored depth values are.
+/// Meaning of the stored depth values.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum DepthIs {
     Z,
@@ -25,7 +25,7 @@ impl DepthIs {
     }
 }
 
-/// Another way to read views: changes to what the reader made of them.
+/// Another reading of views: changes to the reader's.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Reading {
     /// Of the poses' translations.
@@ -56,7 +56,7 @@ pub(super) const ENOUGH: f64 = 0.05;
 /// Relative difference up to which depths agree.
 const TOLERANCE: f64 = 0.05;
 
-/// What became of one view's samples in another view.
+/// Counts of one view's samples in another view.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Explained {
     pub(super) samples: usize,

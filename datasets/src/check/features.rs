@@ -16,13 +16,13 @@ use crate::View;
 
 /// Views are reduced to at most this width.
 const WIDEST: u32 = 192;
-/// One feature is taken of each of so many cells, across and down.
+/// Cells across and down; each gives one feature.
 const CELLS: (u32, u32) = (14, 10);
-/// Half the width of what is compared around a feature.
+/// Radius of the patch that is compared around a feature.
 const RADIUS: u32 = 3;
 /// The least correlation of a match.
 const LEAST_ALIKE: f32 = 0.85;
-/// How much less alike, of what its correlation lacks to 1, the best match is allowed to be than the next best.
+/// Largest ratio of the best match's distance to that of the next best; a distance is 1 − correlation.
 const UNIQUE: f32 = 0.6;
 /// Pixels between a match and its line.
 const NEAR: f64 = 1.0;
@@ -239,7 +239,7 @@ fn compared(as_read: &[Option<bool>], other: &[Option<bool>]) -> Option<Compared
     })
 }
 
-/// Whether a place of the second view may show a point on a ray of the first.
+/// True if a position in the second view may show a point on a ray of the first.
 fn fits(
     second_from_first: &RigidTransform,
     from: DVec3,

@@ -1,5 +1,5 @@
-//! Other readings of a scene's poses, cameras and depth, and whether one of them explains pictures and depth significantly
-//! better than what the reader made of them.
+//! Fits other readings of a scene's poses, cameras and depth, and names one that explains pictures and depth significantly
+//! better than the reader's.
 
 use std::borrow::Cow;
 use std::cmp::Ordering;
@@ -22,7 +22,7 @@ pub(super) const LEAST_GAIN: f64 = 0.1;
 const LEAST_GAIN_OF_FACTORS: f64 = 0.05;
 /// Views that must land in each other with this many samples, or too little is seen to judge.
 const LEAST_LANDED: usize = 500;
-/// And to be better in this share of the parts of the pictures, by this many standard errors of their mean.
+/// Least share of the parts of the pictures in which it is better, and least number of standard errors of their mean.
 const LEAST_SHARE: f64 = 0.75;
 const LEAST_ERRORS: f64 = 3.0;
 /// Fewer samples of a part of a picture say nothing about that part.
@@ -32,8 +32,7 @@ const WORSE_COLOURS: f64 = 1.02;
 /// Depths at the largest value, of all: fewer, or fewer than so many, are no sign of a limit.
 const LEAST_LIMITED: f64 = 0.01;
 const ENOUGH_LIMITED: usize = 100;
-/// By how much, relative, such a depth has to differ from what the other view makes of it, at least, and in steps of the
-/// depth map at that depth.
+/// Least relative difference of such a depth from the other view's, and its least number of the map's steps at that depth.
 const OFF_LIMIT: f64 = 0.002;
 const OFF_STEPS: f64 = 2.0;
 
@@ -66,7 +65,7 @@ impl Change {
     }
 }
 
-/// What another assignment gives to a picture; the rest stays as it is.
+/// The part of a view that another assignment moves; the rest stays as it is.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Moves {
     Poses,
@@ -467,7 +466,7 @@ impl<'a> Neighbours<'a> {
     }
 }
 
-/// All that was carried from views to the next ones.
+/// Sum over the projections from views to the next ones.
 fn forward(all: &[Explained]) -> Explained {
     let mut sum = Explained::default();
     all.iter().step_by(2).for_each(|one| sum.add(one));
@@ -488,7 +487,7 @@ pub(super) fn mean_loss(all: &[Explained]) -> f64 {
     all.iter().map(Explained::loss).sum::<f64>() / landed as f64
 }
 
-/// Whether another reading, though depth may agree, carries as many colours to worse ones.
+/// True if another reading makes colours worse, even if depth agrees.
 fn is_refuted(as_read: &[Explained], other: &[Explained]) -> bool {
     let (before, after) = (forward(as_read), forward(other));
     let levels = before.colour_levels().zip(after.colour_levels());
@@ -496,7 +495,7 @@ fn is_refuted(as_read: &[Explained], other: &[Explained]) -> bool {
         && levels.is_some_and(|(before, after)| after > WORSE_COLOURS * before)
 }
 
-/// Whether another reading explains the same pairs significantly better.
+/// True if another reading explains the same pairs significantly better.
 pub(super) fn is_better(as_read: &[Explained], other: &[Explained], least_gain: f64) -> bool {
     let (before, after) = (mean_loss(as_read), mean_loss(other));
     let few = landed(other) < LEAST_LANDED || 10 * landed(other) < 3 * landed(as_read);

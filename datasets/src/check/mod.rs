@@ -1,13 +1,13 @@
-//! Checks a dataset before a long run: what is present, what is broken and why, and whether the
-//! poses agree with the depth.
+//! Checks a dataset before a long run: what is present, what is broken and why, and whether poses,
+//! depth and pictures agree.
 //!
-//! * `convention`: how poses are commonly mistaken.
-//! * [`consistency`][]: whether depth and colours agree when poses carry them from view to view.
-//! * `small_view`, `explained`, `fit`: which other reading of poses, cameras and depth explains reduced views better;
-//!   `stereo`: the same of a rectified pair; `features`: of poses without depth.
+//! * `convention`: common mistakes in poses.
+//! * [`consistency`][]: agreement of depth and colours that poses project from view to view.
+//! * `small_view`, `explained`, `fit`: other readings of poses, cameras and depth, fitted to reduced views; `stereo`: the
+//!   same for a rectified pair; `features`: for poses without depth.
 //! * `orders`: other assignments of pictures to poses; `search`: the factor that fits best.
-//! * `plausible`: what no scene has, whatever its data.
-//! * [`advice`][]: what fits better in words, with the setting that mends it.
+//! * `plausible`: values that no real scene has.
+//! * [`advice`][]: a better fit in words, with the setting that mends it.
 
 pub mod advice;
 pub mod consistency;
@@ -36,7 +36,7 @@ use consistency::Consistency;
 use features::Matches;
 use fit::Neighbours;
 
-/// What was found in a dataset.
+/// Findings in a dataset.
 #[derive(Debug, Clone, Serialize)]
 pub struct DatasetReport {
     pub dataset: String,
@@ -51,7 +51,7 @@ pub struct DatasetReport {
     pub problems: usize,
 }
 
-/// What was found in a scene.
+/// Findings in a scene.
 #[derive(Debug, Clone, Serialize)]
 pub struct SceneReport {
     pub id: String,
@@ -106,7 +106,7 @@ pub fn check(
     })
 }
 
-/// What one decoded view shows.
+/// Facts from one decoded view.
 struct Decoded {
     problems: Vec<String>,
     coverage: Option<f64>,
@@ -120,7 +120,7 @@ fn demanded_depth(spec: &DatasetSpec) -> Option<&str> {
     source.filter(|source| !matches!(*source, "auto" | "none"))
 }
 
-/// That no pair can be chosen by a scene's own depth, where it has none, and what to do.
+/// Notes a scene without depth, by which no pair can be chosen, and the settings that help.
 fn without_pairs(spec: &DatasetSpec, scene: &Scene) -> Option<String> {
     let without = processing::without_depth(&scene.views) == scene.views.len();
     let own = match spec.entry.format {
@@ -137,7 +137,7 @@ fn without_pairs(spec: &DatasetSpec, scene: &Scene) -> Option<String> {
     })
 }
 
-/// How much of a scene the check looks at.
+/// Number of views and readings that the check tries.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Effort {
     /// Pairs of neighbouring views.
@@ -175,7 +175,7 @@ pub fn contradictions(scene: &Scene, units: Units) -> Vec<String> {
     look(scene, units, QUICK).contradictions
 }
 
-/// What a look at some views of a scene shows.
+/// Result of checking some views of a scene.
 struct Look {
     contradictions: Vec<String>,
     consistency: Option<Consistency>,

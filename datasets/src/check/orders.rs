@@ -5,10 +5,10 @@ use std::collections::BTreeSet;
 use super::{Effort, evenly_spaced};
 use crate::View;
 
-/// Of fewer views any assignment to poses may fit.
+/// Fewest views: with fewer, any assignment to poses may fit.
 const LEAST_VIEWS: usize = 5;
 
-/// Which view a picture takes something of, if any.
+/// The view, if any, from which each view takes something.
 pub(super) type Assignment = Box<dyn Fn(usize) -> Option<usize>>;
 
 /// The first views of the pairs of neighbours that are looked at.
@@ -16,8 +16,8 @@ pub(super) fn neighbours(views: usize, effort: Effort) -> impl Iterator<Item = u
     evenly_spaced(views.saturating_sub(1), effort.pairs).into_iter()
 }
 
-/// Assignments that come of mistakes, in words: shifts from one of some views on, the reverse order, the order of spelling
-/// for that of numbers, and exchanges of two. `noun` is what is assigned to the pictures.
+/// Assignments that result from mistakes, in words: shifts from one of some views on, reverse order, spelling order in
+/// place of numeric order, and exchanges of two. `noun` is what is assigned to the pictures.
 pub(super) fn orders(
     views: &[View],
     starts: &BTreeSet<usize>,

@@ -1,4 +1,4 @@
-//! What no scene has, whatever its data.
+//! Values that no real scene has.
 
 use super::advice::{DEPTHS_M, Units, number};
 use crate::View;

@@ -7,8 +7,8 @@ pub(super) fn is_worth_a_word(factor: f64) -> bool {
     factor.ln().abs() > LEAST_FACTOR.ln()
 }
 
-/// The factor with the least loss, among `step`^-n … `step`^n and then between; round where that is as good. The loss is told
-/// whether the search is still a coarse one.
+/// The factor with the least loss, among `step`^-n … `step`^n and then between; rounded where that is as good. The loss's
+/// second argument is true during the coarse search.
 pub(super) fn least(n: i32, step: f64, loss: &dyn Fn(f64, bool) -> f64) -> f64 {
     let coarse = (-n..=n).map(|i| step.powi(i));
     let coarse = coarse.map(|factor| (loss(factor, true), factor));

@@ -12,14 +12,14 @@ use crate::View;
 /// The width of views whose depth is carried.
 pub(super) const WIDEST: u32 = 256;
 
-/// What of a view may be turned alone.
+/// The part of a view that is turned by itself.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Part {
     Picture,
     Depth,
 }
 
-/// How pictures and depth maps are turned by mistake: across, down, and in words.
+/// Turns of pictures and depth maps that result from mistakes: across, down, and in words.
 pub(super) const FLIPS: [((bool, bool), &str); 3] = [
     ((false, true), "upside down"),
     ((true, false), "mirrored left to right"),

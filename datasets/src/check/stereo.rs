@@ -1,4 +1,4 @@
-//! Whether the depth of a rectified pair's left view leads to the right view's colours, or whether other disparities do.
+//! Checks that the depth of a rectified pair's left view leads to the right view's colours, and tries other disparities.
 
 use glam::DVec2;
 
@@ -16,7 +16,7 @@ const BASELINES_M: (f64, f64) = (1e-3, 10.0);
 /// Bands of a picture that are evidence of their own, each in [`TILES`].
 const BANDS: u32 = 4;
 
-/// What contradicts itself in a pair whose second view is the right one, and what can be said of one without disparity.
+/// Contradictions in a pair whose second view is the right one, and a note for a pair without disparity.
 pub(super) fn contradictions(views: &[View], effort: Effort) -> (Option<String>, Option<String>) {
     let [left, right] = views else {
         return (None, None);

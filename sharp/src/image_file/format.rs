@@ -1,4 +1,4 @@
-//! Which format a file is of, told by its first bytes, and whether it is all there.
+//! Recognises a file's format by its first bytes, and checks that the file is complete.
 
 use image::ImageFormat;
 
@@ -92,7 +92,7 @@ fn least_bytes_per_pixel(start: &[u8], format: ImageFormat) -> f64 {
     }
 }
 
-/// What a pixel takes in a PNG before it is deflated.
+/// Bits per pixel of a PNG before compression.
 fn png_bits(start: &[u8]) -> f64 {
     // After signature, length, name, width and height.
     let (Some(depth), Some(kind)) = (start.get(24), start.get(25)) else {

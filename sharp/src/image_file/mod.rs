@@ -1,13 +1,13 @@
-//! Pictures in files, the one door for all that are scored, predicted from or used as a mask: PNG, JPEG, WebP, TIFF and
-//! BMP, told apart by their first bytes, decoded only when complete.
+//! Decodes every picture that is scored, predicted from or used as a mask: PNG, JPEG, WebP, TIFF and BMP, recognised by
+//! their first bytes, decoded only when complete.
 //!
 //! Decoders of JPEG fill what is missing with grey, and a half grey picture must neither be scored
-//! nor predicted from; so a file's structure is checked before its pixels are decoded. What a file holds besides opaque,
-//! upright sRGB pixels is found ([`Header`], [`Picture`]) and handled by [`PictureRules`]; nothing of it is dropped unasked.
+//! nor predicted from; so a file's structure is checked before its pixels are decoded. Alpha, orientation
+//! and colour profiles are found ([`Header`], [`Picture`]) and handled by [`PictureRules`]; nothing is dropped unasked.
 //!
-//! * `format`: which one it is, whether it is complete, what it can hold.
+//! * `format`: recognition, completeness, and limits of size.
 //! * `profile`: colour profiles, converted to sRGB.
-//! * `rules`: what becomes of alpha, colours and orientation.
+//! * `rules`: treatment of alpha, colours and orientation.
 
 mod format;
 mod jpeg_markers;
@@ -76,7 +76,7 @@ impl From<std::io::Error> for ImageFileError {
     }
 }
 
-/// What a file's header says.
+/// Facts from a file's header.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Header {
     /// What the file is, whatever its name says: `PNG`, `JPEG`, `WebP`, `TIFF`, `BMP`.
@@ -99,7 +99,7 @@ impl Header {
     }
 }
 
-/// What was found of a picture's alpha.
+/// Alpha of a picture.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Alpha {
     None,
@@ -108,7 +108,7 @@ pub enum Alpha {
     Varying(f64),
 }
 
-/// A decoded picture, and what was done to it.
+/// A decoded picture, and the processing applied to it.
 #[derive(Debug)]
 pub struct Picture {
     /// sRGB without alpha, at the stored bit depth.
@@ -210,7 +210,7 @@ pub fn read(
     })
 }
 
-/// As [`read`], to 8-bit RGB: grey is replicated, 16 bits become 8 by v / 257, rounded.
+/// Like [`read`], to 8-bit RGB: grey is replicated, 16 bits become 8 by v / 257, rounded.
 ///
 /// # Errors
 /// [`ImageFileError`].
@@ -222,7 +222,7 @@ pub fn read_rgb8(
     Ok(read(bytes, rules, fit)?.image.into_rgb8())
 }
 
-/// What a file's header says, without decoding its pixels.
+/// Reads a file's header without decoding its pixels.
 ///
 /// # Errors
 /// [`ImageFileError`], as far as the header shows.

@@ -9,7 +9,7 @@ use glam::{DMat3, DVec3};
 use image::{DynamicImage, ImageBuffer, Pixel};
 use moxcms::{ColorProfile, DataColorSpace, ProfileText, ToneReprCurve};
 
-/// What a file says about its colours.
+/// Colour information of a file.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Profile {
     /// sRGB, or nothing is said.
@@ -25,7 +25,7 @@ pub enum Profile {
     Other { name: String, reason: &'static str },
 }
 
-/// From encoded values to linear sRGB.
+/// Conversion from encoded values to linear sRGB.
 #[derive(Debug, Clone, PartialEq)]
 pub struct MatrixProfile {
     curves: [Vec<f64>; 3],
@@ -144,7 +144,7 @@ impl Profile {
     }
 }
 
-/// From a profile's linear RGB to linear sRGB, both adapted to D50.
+/// Matrix from a profile's linear RGB to linear sRGB, both adapted to D50.
 fn srgb_from(profile: &ColorProfile) -> DMat3 {
     let xyz_from_rgb = |profile: &ColorProfile| {
         let column = |c: moxcms::Xyzd| DVec3::new(c.x, c.y, c.z);
@@ -267,7 +267,7 @@ impl MatrixProfile {
     }
 }
 
-/// The 8-bit level nearest to linear light once it is encoded: what `encoded` and rounding give, without a power a pixel.
+/// The 8-bit level nearest to linear light once encoded: equals `encoded` and rounding, without a power per pixel.
 fn level_of(linear: f64) -> u8 {
     /// Where each level ends.
     static ENDS: LazyLock<[f64; 255]> = LazyLock::new(|| {

@@ -1,4 +1,4 @@
-//! How pictures are read that are more than opaque, upright sRGB pixels.
+//! Rules for pictures with alpha, orientation or colour profiles.
 
 use std::fmt;
 use std::str::FromStr;
@@ -89,7 +89,7 @@ choices! {
     }
 }
 
-/// How a picture is read.
+/// Rules for reading a picture.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct PictureRules {
     pub alpha: AlphaRule,

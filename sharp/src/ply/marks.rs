@@ -1,11 +1,11 @@
-//! What a PLY file says besides numbers: other formats, and rendering rules that are not drawn here.
+//! Marks in a PLY file of other formats, and of rendering rules that are not supported here.
 
 use super::table::{Element, Header};
 
-/// How one gets from another format to a file that is read.
+/// Advice for converting another format.
 const CONVERT: &str = "convert it with `npx @playcanvas/splat-transform IN OUT.ply`";
 
-/// What a file is that is no PLY, by its first bytes and its name, with what helps; `None` where that is not known.
+/// Format of a file that is not a PLY, by its first bytes and its name, with advice; `None` if unknown.
 pub fn foreign_format(bytes: &[u8], name: &str) -> Option<String> {
     let name = name.to_ascii_lowercase();
     let is = |end: &str| name.ends_with(end);
@@ -27,7 +27,7 @@ pub fn foreign_format(bytes: &[u8], name: &str) -> Option<String> {
     Some(format!("{format}, which is not read; {CONVERT}"))
 }
 
-/// What the vertices are, where they are Gaussians of a form that is not read, with what helps.
+/// Names a form of Gaussians that is not read, with advice.
 pub(super) fn other_form(header: &Header, vertex: &Element) -> Option<String> {
     let has = |name: &str| vertex.number(name).is_some();
     let is_chunked = header.elements.iter().any(|e| e.name == "chunk");
@@ -86,7 +86,7 @@ pub(super) fn other_rule(header: &Header, vertex: &Element) -> Option<String> {
     })
 }
 
-/// Whether nerfstudio exported a model of degree 0, whose coefficients are logits of colours.
+/// True for a nerfstudio export of degree 0, whose coefficients are logits of colours.
 pub(super) fn has_logit_colors(header: &Header, coefficients: usize) -> bool {
     let by_nerfstudio = |comment: &String| {
         let comment = comment.to_ascii_lowercase();

@@ -73,7 +73,7 @@ impl fmt::Display for ColorSpace {
     }
 }
 
-/// Gaussians with what a file says about them.
+/// Gaussians with the other contents of their file.
 #[derive(Debug, Clone, PartialEq)]
 pub struct GaussianScene {
     /// In the space of the camera, metres; linear colours.
@@ -153,7 +153,7 @@ impl PlyError {
     }
 }
 
-/// What can be wrong with a PLY file.
+/// Errors of a PLY file.
 #[derive(Debug, thiserror::Error)]
 pub enum PlyReason {
     #[error(transparent)]

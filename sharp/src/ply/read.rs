@@ -39,7 +39,7 @@ pub fn load(path: &Path, reading: impl Into<StoredForm>) -> Result<GaussianScene
     read().map_err(|reason| PlyError::new(path, reason))
 }
 
-/// As [`load`], from a file's bytes.
+/// Like [`load`], from a file's bytes.
 ///
 /// # Errors
 /// [`PlyReason`].
@@ -178,7 +178,7 @@ fn extra<'a>(extras: &'a Extras<'_>, name: &str) -> Option<&'a [f64]> {
     extras.get(name).map(Vec::as_slice)
 }
 
-/// What element `vertex` holds.
+/// Properties of element `vertex`.
 struct Vertices {
     /// As stored.
     stored: Gaussians,
@@ -187,7 +187,7 @@ struct Vertices {
     is_view_dependent: bool,
 }
 
-/// Where colours are that no coefficients stand for.
+/// Properties of colours that are not coefficients.
 const RGB: [&str; 3] = ["red", "green", "blue"];
 
 fn gaussians(

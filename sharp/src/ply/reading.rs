@@ -1,4 +1,4 @@
-//! How stored numbers are read, where a file's program stored them otherwise than 3D Gaussian Splatting does.
+//! Forms of stored numbers, for programs that store them differently from 3D Gaussian Splatting.
 
 use super::{ColorSpace, SH_CONSTANT};
 use crate::color::{linear_from_srgb, srgb_from_linear};
@@ -105,7 +105,7 @@ setting!(
     Ignore = "ignore",
 );
 
-/// How a file's numbers are read; what is `None` is read as its format has it. A value that is given is not doubted.
+/// Form of a file's numbers; `None` is the format's own. Given values are not checked.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct StoredForm {
     pub color_space: Option<ColorSpace>,

@@ -1,4 +1,4 @@
-//! What stored numbers alone reveal of a wrong reading.
+//! Signs of a wrong reading in stored numbers alone.
 //!
 //! The bounds are measured: none fires on real files of seven programs, each fires on files that were written wrongly.
 //! Columns of one value are fresh initialisations and fewer than [`LEAST`] Gaussians say nothing. A quaternion's order

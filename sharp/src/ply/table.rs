@@ -3,7 +3,7 @@
 //!
 //! All numbers are read as f64, which holds every PLY type exactly.
 
-/// How the rows after the header are stored.
+/// Encoding of the rows after the header.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Encoding {
     Ascii,
@@ -94,7 +94,7 @@ pub struct Header {
     pub comments: Vec<String>,
 }
 
-/// What can be wrong with a PLY file of any kind.
+/// Errors of any PLY file.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum TableError {
     #[error("not a PLY file")]

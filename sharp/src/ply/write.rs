@@ -3,7 +3,7 @@
 use super::{GaussianScene, SH_CONSTANT, VERTEX};
 use crate::color::srgb_from_linear;
 
-/// Which elements a written file has.
+/// Elements of a written file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum PlyForm {
     /// As the release writes: camera, size, quantiles of disparity, colour space and version

@@ -26,7 +26,7 @@ pub(super) type DepthFailure = (usize, PairError);
 
 type HeldDepths = BTreeMap<usize, PosedDepth>;
 
-/// Measures what is not known yet of a scene.
+/// Measures the overlaps of a scene that are not known yet.
 pub(super) struct Measuring<'a> {
     scene: &'a Scene,
     options: &'a PairOptions,

@@ -49,8 +49,8 @@ pub struct Pair {
     pub selected: bool,
 }
 
-/// What pair building needs besides scenes and options; nothing in it changes a pair, except for the
-/// depth that overlap is measured on.
+/// Inputs of pair building besides scenes and options; of these, only the depth that overlap is measured on
+/// can change a pair.
 #[derive(Clone)]
 pub struct BuildContext<'a> {
     pub depth: &'a dyn DepthSource,
@@ -85,7 +85,7 @@ impl Default for BuildContext<'_> {
     }
 }
 
-/// The pairs of some scenes, and what became of those that are not among them.
+/// The pairs of some scenes, and counts of the others.
 #[derive(Debug, Clone, Default)]
 pub struct PairBuild {
     /// Qualified pairs, sorted bytewise by id.
@@ -113,10 +113,10 @@ impl PairBuild {
     }
 }
 
-/// Depth at a smaller share of a view's pixels is called sparse: what is seen then rarely has depth where it lands.
+/// Depth at a smaller share of a view's pixels is called sparse: projected points then rarely meet a pixel with depth.
 pub const SPARSE_COVERAGE: f64 = 0.3;
 
-/// How the pairs of a dataset came to be so many.
+/// Counts of a dataset's pairs, step by step.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize)]
 pub struct PairCounts {
     pub scenes: usize,

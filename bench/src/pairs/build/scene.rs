@@ -16,7 +16,7 @@ use crate::pairs::overlap_cache::SceneOverlaps;
 use crate::pairs::pair_id::PairName;
 use crate::pairs::sets::view_sets;
 
-/// One scene on its way into a [`PairBuild`].
+/// Work on one scene of a [`PairBuild`].
 pub(super) struct SceneWork<'a> {
     scene: &'a Scene,
     options: &'a PairOptions,

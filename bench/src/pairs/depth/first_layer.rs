@@ -11,10 +11,10 @@ use super::DepthSource;
 use crate::io::hash::file_sha256;
 use crate::pairs::PairError;
 
-/// The first depth layer of a SHARP network, brought to the picture's size by taking the nearest value.
+/// The first depth layer of a SHARP network, resized to the picture by nearest value.
 ///
-/// As the release predicts: the photograph resized to the network's square, the disparity factor from the dataset's
-/// focal length over the width. The network runs once a view, on the CPU.
+/// Predicted like the release: the photograph resized to the network's square, the disparity factor from the dataset's
+/// focal length over the width. The network runs once per view, on the CPU.
 pub struct FirstLayerDepth {
     network: NetworkSpec,
     checkpoint_sha256: String,

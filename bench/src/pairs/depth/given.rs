@@ -12,7 +12,7 @@ use crate::pairs::PairError;
 use crate::pairs::pair_id::{scene_path, view_name};
 use crate::pairs::valid_depth::is_valid_depth;
 
-/// What a map's name may end in.
+/// Extensions of maps.
 const EXTENSIONS: [&str; 5] = ["npy", "npz", "exr", "pfm", "png"];
 
 /// Metres of one level of a 16-bit PNG.
@@ -22,7 +22,7 @@ const PNG_UNIT_M: f64 = 0.001;
 ///
 /// z-depth (neither disparity nor ray length) of the pictures as they are scored, which is what `cameras export`
 /// writes: floats in metres, 16-bit PNG in millimetres; values that are not finite or not positive mean no depth. A map
-/// of another size but the same shape is brought to the picture's size by taking the nearest value.
+/// of another size but the same aspect is resized to the picture by nearest value.
 #[derive(Debug, Clone)]
 pub struct GivenDepth {
     dir: PathBuf,
@@ -62,7 +62,7 @@ impl GivenDepth {
     }
 }
 
-/// The depth map of that name and any extension. A PNG beside a map of floats is a picture of it and does not count.
+/// The depth map of that name and any extension. A PNG next to a map of floats is a picture of it and is ignored.
 ///
 /// # Errors
 /// [`PairError::Depth`] where there are two.

@@ -1,7 +1,7 @@
-//! Depth maps joined with their cameras, and where they come from.
+//! Depth maps with their cameras, and the sources of depth.
 //!
 //! * [`given`]: maps that someone else predicted.
-//! * [`first_layer`]: what a SHARP checkpoint predicts.
+//! * [`first_layer`]: predictions of a SHARP checkpoint.
 
 pub mod first_layer;
 pub mod given;
@@ -17,7 +17,7 @@ use super::PairError;
 use super::alignment::median_scale;
 use super::valid_depth::{is_valid_depth, median_of};
 
-/// Where the depth that decides overlap comes from.
+/// Source of the depth that decides overlap.
 pub trait DepthSource: Sync {
     /// Depth of a scene's view at its image's size; `None` where there is none.
     fn depth(&self, scene: &Scene, view: &View) -> Result<Option<DepthMap>, PairError>;
@@ -49,8 +49,8 @@ impl DepthSource for GroundTruthDepth {
     }
 }
 
-/// Dense predicted depth, brought to the scale of the dataset's sparse depth by the median of ratios:
-/// what the paper does on ETH3D.
+/// Dense predicted depth, scaled to the dataset's sparse depth by the median of ratios, as in the paper
+/// on ETH3D.
 #[derive(Debug, Clone)]
 pub struct ScaledToGroundTruth<S>(
     /// The dense prediction.

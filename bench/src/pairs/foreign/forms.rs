@@ -1,4 +1,4 @@
-//! What each form holds, line by line. Errors are the line (from 1) and the bare reason.
+//! Parsers of each form, line by line. Errors hold the line (from 1) and the reason; the caller adds the file.
 
 use std::fmt;
 
@@ -20,7 +20,7 @@ pub(super) struct Entry {
     targets: Vec<FrameName>,
 }
 
-/// In the order of the file; no key twice.
+/// Entries in the order of the file, with unique keys.
 struct Index(Vec<(String, IndexEntry)>);
 
 #[derive(Default, Deserialize)]
@@ -57,7 +57,7 @@ struct SevaSplit {
     test_ids: Vec<FrameName>,
 }
 
-/// Positions, or a word on what stands for none.
+/// Positions, or a word for none.
 fn positions<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Vec<FrameName>, D::Error> {
     let places: Option<Vec<u32>> = Option::deserialize(deserializer)?;
     let places = places.ok_or_else(|| {

@@ -1,6 +1,6 @@
 //! Other people's pair lists, read and matched with a dataset that a reader here has.
 //!
-//! * `forms`: what each form holds.
+//! * `forms`: parsers of each form.
 
 mod forms;
 #[cfg(test)]
@@ -21,7 +21,7 @@ use super::error::PairError;
 use super::pair_list::PairList;
 use crate::io::atomic_files::FileError;
 
-/// Whose form a list has.
+/// Project whose form a list has.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum ListForm {
@@ -37,7 +37,7 @@ pub enum ListForm {
     Seva,
 }
 
-/// Which view of several is the source.
+/// The view, of several, that is the source.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, ValueEnum)]
 pub enum Context {
     /// The first
@@ -51,7 +51,7 @@ pub enum Context {
     Nearest,
 }
 
-/// Which target of a line that has three.
+/// The target, of a line that has three.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, ValueEnum)]
 pub enum TargetSlot {
     /// Five frames on
@@ -82,7 +82,7 @@ pub(in crate::pairs) enum FrameName {
     Name(String),
 }
 
-/// What a list holds.
+/// Counts of a list.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 pub struct ForeignCounts {
     /// Scenes or lines.

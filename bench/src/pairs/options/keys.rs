@@ -15,7 +15,7 @@ pub(super) trait OptionValue {
     fn set(&mut self, text: &str) -> Result<(), String>;
 }
 
-/// What each key decides, in the order of the text form.
+/// Meaning of each key, in the order of the text form.
 pub(super) const MEANINGS: [&str; 20] = [
     "which views of a scene share a set; pairs are formed within sets",
     "views in a set, 2 or more",
@@ -106,7 +106,7 @@ macro_rules! numbers {
     };
 }
 
-/// Limits, with the word that stands for none.
+/// Limits, with the word for none.
 macro_rules! limits {
     ($($type:ty, $none:literal;)+) => {
         $(impl OptionValue for Option<$type> {

@@ -4,7 +4,7 @@
 //! accepts (any subset, in any order), what is printed beside a result and what manifests store.
 //!
 //! * `keys`: the table behind reading, writing and `pairs --help-all`.
-//! * [`paper`]: which values are known to differ from what the paper did.
+//! * [`paper`]: values that are known to differ from the paper's.
 
 mod keys;
 pub mod paper;
@@ -25,7 +25,7 @@ use super::overlap::{DepthLookup, OverlapOptions, OverlapTest};
 use super::sampling::SamplingOptions;
 use super::sets::SetOptions;
 
-/// Whether both directions between two views are pairs.
+/// Direction of pairs between two views.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum PairOrder {
     Both,
@@ -33,7 +33,7 @@ pub enum PairOrder {
     Once,
 }
 
-/// What happens to views without depth.
+/// Treatment of views without depth.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum MissingDepth {
     /// They count when sets are formed, but join no pair.
@@ -44,7 +44,7 @@ pub enum MissingDepth {
     LeaveOut,
 }
 
-/// Which of a pair's two overlaps the threshold looks at.
+/// The overlap, of a pair's two, that is compared with the threshold.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum OverlapDirection {
     /// The share of the target's pixels that the source sees: what view synthesis needs.
@@ -69,7 +69,7 @@ impl OverlapDirection {
     }
 }
 
-/// Whose depth decides overlap.
+/// Depth that decides overlap.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum OverlapDepth {
     /// The dataset's own, pixel by pixel.

@@ -1,4 +1,4 @@
-//! Values that are known to differ from what the paper did. What the paper leaves open is not among them.
+//! Values that are known to differ from the paper's. Choices that the paper leaves open are not among them.
 //!
 //! It states: sets of ten views, depth overlap above 60 %, predicted depth scaled to the dataset's where that is sparse,
 //! min(512, all) pairs, and for stereo datasets every left frame to its right one.
@@ -8,7 +8,7 @@ pub use sharp_datasets::entry::PaperOverlap;
 use super::{MissingDepth, OverlapDepth, PairOptions};
 use crate::pairs::sets::Grouping;
 
-/// How readings that are known to differ from the paper are marked wherever they are shown.
+/// Mark of readings that are known to differ from the paper, wherever they are shown.
 pub const PROXY: &str = "proxy: differs from the paper";
 
 fn is_papers(kind: PaperOverlap, depth: OverlapDepth) -> bool {

@@ -1,4 +1,4 @@
-//! How much of one view another one sees.
+//! Share of one view that another sees.
 //!
 //! The paper selects pairs by "depth overlap" above 60 % and does not define it. Here it is directed:
 //! the pixels of one view are lifted by their depth and projected into the other, where each either is
@@ -44,7 +44,7 @@ impl OverlapTest {
     };
 }
 
-/// How the other view's depth is read at a projected position.
+/// Lookup of the other view's depth at a projected position.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum DepthLookup {
     /// The pixel that contains the position.
@@ -58,7 +58,7 @@ pub enum DepthLookup {
     Window { radius: u32 },
 }
 
-/// What a count of seen pixels is divided by.
+/// Denominator for a count of seen pixels.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum Denominator {
     /// Pixels with valid depth of the view whose pixels are projected.
@@ -93,7 +93,7 @@ impl Default for OverlapOptions {
     }
 }
 
-/// What was counted when one view's pixels were projected into another.
+/// Counts from projecting one view's pixels into another.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct OverlapCounts {
     /// Projected pixels that the other view sees.
@@ -156,7 +156,7 @@ pub fn overlap(view: &PosedDepth, other: &PosedDepth, options: &OverlapOptions) 
     counts
 }
 
-/// Which pixels of `view` are seen by `other`: row-major, one entry a pixel, false where depth is
+/// The pixels of `view` that `other` sees: row-major, one entry per pixel, false where depth is
 /// invalid. The stride is ignored.
 pub fn seen_mask(view: &PosedDepth, other: &PosedDepth, options: &OverlapOptions) -> Vec<bool> {
     let projection = Projection::new(view, other);

@@ -1,4 +1,4 @@
-//! What differs between two pair lists.
+//! Differences between two pair lists.
 
 use std::collections::BTreeMap;
 

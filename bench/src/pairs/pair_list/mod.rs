@@ -16,7 +16,7 @@ use sharp_datasets::{Scene, View};
 
 pub use self::csv_form::COLUMNS;
 
-/// How every list of ours begins.
+/// Start of our lists.
 pub const LIST_MARK: &str = "pair_id,dataset,";
 
 use self::csv_form::{parse_row, to_csv};

@@ -13,7 +13,7 @@ use crate::pairs::build::Pair;
 /// Poses that agree to this are the same, metres: far below any calibration, far above rounding.
 const SAME_BASELINE_M: f64 = 1e-9;
 
-/// Rotations likewise, degrees. The angle comes from an arc cosine or sine of rounded numbers.
+/// Tolerance of rotations, degrees. The angle comes from an arc cosine or sine of rounded numbers.
 const SAME_ROTATION_DEG: f64 = 1e-6;
 
 /// A list's photographs and cameras against someone's files.
