@@ -166,20 +166,23 @@ mod tests {
     #[test]
     fn what_is_parsed_is_printed() {
         for text in [
-            "E:eth3d=a/b,depth=points,pairs.overlap=given,pairs.overlap-depth=d",
+            "E:eth3d=a/b,images=undistorted,pairs.overlap=given,pairs.overlap-depth=d",
             "synthetic=size=48x36,frame=cover:24x24:area,pairs.order=once",
             "synthetic",
         ] {
             let parsed: DatasetConfig = text.parse().unwrap();
             assert_eq!(parsed.to_string(), text);
         }
-        let text = "E:eth3d=a,pairs.overlap=given,depth=points";
+        let text = "E:eth3d=a,pairs.overlap=given,images=undistorted";
         let parsed: DatasetConfig = text.parse().unwrap();
         assert_eq!(
             parsed.to_string(),
-            "E:eth3d=a,depth=points,pairs.overlap=given"
+            "E:eth3d=a,images=undistorted,pairs.overlap=given"
         );
-        assert_eq!(parsed.without_pairs().to_string(), "E:eth3d=a,depth=points");
+        assert_eq!(
+            parsed.without_pairs().to_string(),
+            "E:eth3d=a,images=undistorted"
+        );
     }
 
     #[test]

@@ -323,7 +323,7 @@ mod tests {
         assert_eq!(own.overlap_depth, Some("mine".into()));
         for wrong in [
             ",pairs.bogus=1",
-            ",pairs.overlap=ground-truth,pairs.overlap-depth=x",
+            ",pairs.overlap=sharp-release,pairs.overlap-depth=x",
         ] {
             let error = common.of(&open(wrong)).unwrap_err();
             assert!(matches!(error, PairError::DatasetSpec { .. }), "{error}");
