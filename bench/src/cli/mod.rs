@@ -42,6 +42,7 @@ mod weights;
 use std::borrow::Cow;
 use std::ffi::OsString;
 
+use clap::error::ErrorKind;
 use clap::{FromArgMatches, Parser, Subcommand};
 
 use crate::io::text::{one_line, shortened, visible, visible_line};
@@ -120,6 +121,14 @@ pub fn main(arguments: Vec<OsString>) -> u8 {
         },
         Err(error) => {
             let text = error.render().to_string();
+            // A value that cannot be read is an error like any other: one line, whatever the value holds.
+            let hint = "\n\nFor more information, try '--help'.\n";
+            if error.kind() == ErrorKind::ValueValidation
+                && let Some(error) = text.strip_suffix(hint)
+            {
+                say(&format!("{}\n", visible_line(error)));
+                return 2;
+            }
             // It quotes the command line, which is shown with nothing that a terminal obeys.
             match visible(&text) {
                 // Nothing is left to do when standard error itself is gone.
