@@ -1,4 +1,4 @@
-//! `compare A B`: what changed between two runs, and whether chance could have done it.
+//! `compare A B`: changes between two runs, with their significance.
 
 use std::path::PathBuf;
 use std::str::FromStr;

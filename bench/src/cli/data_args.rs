@@ -18,7 +18,7 @@ use crate::pairs::frame::Frame;
 use crate::pairs::{OpenDataset, OverlapCache, PairError, PairOptions, PairRecipe, SceneChecks};
 use crate::scoring::{ScaleChooser, Scoring};
 
-/// Which metrics, with which weights.
+/// Metrics and their weights.
 #[derive(Debug, Args)]
 pub(super) struct MetricArgs {
     /// Metrics, comma-separated: keys or aliases; ssim, lpips, dists (their default variants) or ssim-all, lpips-all,
@@ -93,7 +93,7 @@ impl MetricArgs {
     }
 }
 
-/// Files given as `NAME=FILE`; for other networks what is at hand.
+/// Weights from files given as `NAME=FILE`; other networks' weights are looked for.
 pub(super) fn weights(files: &[String]) -> anyhow::Result<Weights> {
     let mut weights = Weights::at_hand();
     for spec in files {
@@ -116,7 +116,7 @@ pub(super) fn demand_weights(selection: &Selection, scorer: &Scorer) -> anyhow::
     Ok(())
 }
 
-/// Which datasets, and which of their scenes.
+/// Datasets, and a choice of their scenes.
 #[derive(Debug, Args)]
 pub(super) struct DatasetArgs {
     /// A dataset, [NAME:]FORMAT=PATH[,key=value…]; repeatable
@@ -156,7 +156,7 @@ impl DatasetArgs {
 /// Most notes of a dataset that are printed.
 const NOTES: usize = 6;
 
-/// What readers assumed or left out: each note with the first of the scenes that have it.
+/// Prints the readers' notes, each with the first of the scenes that have it.
 fn say_notes(dataset: &OpenDataset) {
     let mut notes: Vec<(&str, &str, usize)> = Vec::new();
     for scene in &dataset.scenes {
@@ -183,7 +183,7 @@ fn say_notes(dataset: &OpenDataset) {
     }
 }
 
-/// Whose depth decides overlap, and where measured overlaps are kept.
+/// Source of the depth that decides overlap, and the cache of measured overlaps.
 #[derive(Debug, Clone, Default, Args)]
 pub(super) struct OverlapArgs {
     /// Depth maps by anyone that decide overlap, DIR/<dataset>/<scene>/<view>.npy|npz|exr|pfm|png; scaled to the
@@ -237,7 +237,7 @@ impl OverlapArgs {
     }
 }
 
-/// Which pairs: a list, or the choices that build one.
+/// Pairs: a list, or the choices that build one.
 #[derive(Debug, Args)]
 pub(super) struct PairArgs {
     /// Evaluate the pairs of this list (CSV as written by `pairs`) instead of building one
@@ -270,7 +270,7 @@ impl PairArgs {
     }
 }
 
-/// What `--backend` and `--adapter` together ask for. Naming an adapter asks for wgpu.
+/// The backend for `--backend` and `--adapter`. Naming an adapter means wgpu.
 pub(super) fn backend(backend: &Backend, adapter: Option<&str>) -> anyhow::Result<Backend> {
     match (backend, adapter) {
         (backend, None) => Ok(backend.clone()),

@@ -40,7 +40,7 @@ pub(super) struct DemoArgs {
 /// The procedural scene: small enough for a demo, large enough for its textures to show.
 const SYNTHETIC: &str = "Synthetic:synthetic=size=480x360,views=24";
 
-/// In the order of the tables.
+/// Methods, in the order of the tables.
 const METHODS: [&str; 6] = [
     "target",
     "sharp:label=sharp-mini,checkpoint=mini",

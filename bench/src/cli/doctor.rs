@@ -129,7 +129,7 @@ fn gpu_adapters(adapters: &[AdapterFacts]) -> Vec<Finding> {
     adapters.iter().enumerate().map(of_adapter).collect()
 }
 
-/// Where the weights that LPIPS or DISTS need are.
+/// Finds the weights of LPIPS or DISTS.
 fn backbone(backbone: Backbone, weights: &Weights) -> Finding {
     let what = match backbone {
         Backbone::AlexNet => "lpips-alex",

@@ -280,7 +280,7 @@ fn of_depth(args: &UncertaintyArgs) -> anyhow::Result<Outcome> {
     write_sheet(&sheet, "uncertainty", &args.out, &style).map(Outcome::of_problems)
 }
 
-/// Whether something of the sheet is not as it should be.
+/// Writes a sheet; `RecordedFailures` if some of its pictures are missing.
 fn write_sheet(
     sheet: &Sheet,
     stem: &str,

@@ -1,4 +1,4 @@
-//! How much memory a command may take.
+//! Memory limit of a command.
 
 use super::output;
 use crate::evaluate::MEMORY_LIMIT_BYTES;

@@ -105,7 +105,7 @@ enum CliCommand {
     Man(man::ManArgs),
 }
 
-/// Does what a command line, which begins with the program's name, asks for. The exit code; see `sharp-bench --help`.
+/// Runs a command line, which begins with the program's name. Returns the exit code; see `sharp-bench --help`.
 pub fn main(arguments: Vec<OsString>) -> u8 {
     let arguments = match planned::with_planned(arguments) {
         Ok(arguments) => arguments,

@@ -1,4 +1,4 @@
-//! How a command ends: its exit code.
+//! Exit codes of commands.
 
 use sharp_datasets::DatasetError;
 use sharp_metrics::SelectionError;
@@ -11,7 +11,7 @@ use crate::report::ReportError;
 use crate::scale::ScaleError;
 use crate::train::TrainError;
 
-/// How a command that finishes or can go on ends; one that cannot finish returns an error instead.
+/// Outcome of a command that finishes or can be continued; one that cannot finish returns an error instead.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Outcome {
     /// Exit code 0.
@@ -27,7 +27,7 @@ pub(super) enum Outcome {
 }
 
 impl Outcome {
-    /// The same, unless scenes of the datasets are broken or incomplete: what was done then lacks them.
+    /// `RecordedFailures` in place of `Done` if scenes of the datasets are broken or incomplete, so that results miss them.
     pub(super) fn with_scenes_of(self, datasets: &[OpenDataset]) -> Self {
         let broken = datasets
             .iter()

@@ -46,7 +46,7 @@ pub(super) fn silence_progress() {
     QUIET.store(true, Ordering::Relaxed);
 }
 
-/// Whether progress is not to be shown.
+/// True if progress is hidden.
 pub(super) fn is_quiet() -> bool {
     QUIET.load(Ordering::Relaxed)
 }

@@ -8,7 +8,7 @@ use sharp::render::{Background, RenderView};
 
 use crate::rendering::RenderSettings;
 
-/// How Gaussians become pixels, whoever renders.
+/// Options of rendering, for any backend.
 #[derive(Debug, Clone, Copy, Args)]
 pub(super) struct RenderingArgs {
     /// Low-pass added to both variances of a projected Gaussian: release (0), config (0.01), gsplat (0.3; also 3dgs),

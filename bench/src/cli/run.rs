@@ -299,7 +299,7 @@ pub(super) fn execute(args: &RunArgs) -> anyhow::Result<Outcome> {
     Ok(outcome)
 }
 
-/// What the command line becomes under a protocol.
+/// Applies a protocol to the command line.
 fn follow(name: &str, args: &RunArgs) -> anyhow::Result<Followed> {
     let metrics = args.metrics.asked()?;
     let usage = |error: ProtocolError| UsageError(error.to_string());
@@ -358,7 +358,7 @@ fn dry_run(evaluation: &Evaluation, args: &RunArgs) -> anyhow::Result<Outcome> {
     Ok(Outcome::Done)
 }
 
-/// What came of it, unless the renderer's device failed: the same command resumes it then.
+/// The result, or `None` if the renderer's device failed: the same command then resumes the run.
 fn unless_stopped<T>(result: Result<T, EvaluateError>) -> anyhow::Result<Option<T>> {
     match result {
         Err(error @ EvaluateError::Device { .. }) => {
@@ -369,7 +369,7 @@ fn unless_stopped<T>(result: Result<T, EvaluateError>) -> anyhow::Result<Option<
     }
 }
 
-/// What a shard did.
+/// Prints the counts of a shard.
 pub(super) fn print_counts(
     counts: &UnitCounts,
     root: &Path,

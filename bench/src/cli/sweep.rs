@@ -92,7 +92,7 @@ pub(super) fn execute(args: &SweepArgs) -> anyhow::Result<Outcome> {
     sweep(&args.runs, spec, (&args.out, "sweep"), &style, args.json)
 }
 
-/// The style of a file, or what is usual without one.
+/// The style in a file, or the default.
 pub(super) fn style(file: Option<&PathBuf>) -> anyhow::Result<FigureStyle> {
     let style = file.map_or_else(
         || Ok(FigureStyle::default()),
@@ -101,7 +101,7 @@ pub(super) fn style(file: Option<&PathBuf>) -> anyhow::Result<FigureStyle> {
     style.context("--style")
 }
 
-/// Makes a sweep, writes it and says what was found.
+/// Makes a sweep, writes it and prints a summary.
 pub(super) fn sweep(
     runs: &[Named],
     spec: SweepSpec,

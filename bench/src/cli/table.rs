@@ -133,7 +133,7 @@ fn to_json(paper: &PublishedTable, table: &Table, written: &[PathBuf]) -> Value 
     })
 }
 
-/// What a table's rows are made by, and what that needs.
+/// The command that makes a table's rows, and its requirements.
 fn made_by(table: &PublishedTable) -> (&'static str, &'static str) {
     match table.made_by {
         MadeBy::Run => ("run", "a run on its datasets"),

@@ -68,7 +68,7 @@ fn print(report: &DatasetReport) -> anyhow::Result<()> {
     ))
 }
 
-/// How neighbouring views fit as read, and how they would at best.
+/// Agreement of neighbouring views as read, and under the best convention.
 fn poses(found: &Consistency) -> String {
     let levels = |fit: &Fit| match fit.colour_levels {
         Some(levels) => format!(", colours differ by {levels:.1} levels"),

@@ -1,4 +1,4 @@
-//! `datasets`: which there are, what a list of pairs needs of them, whether one is sound.
+//! `datasets`: lists them, names the files that a pair list needs, checks one.
 
 mod check;
 mod list;

@@ -1,4 +1,4 @@
-//! What the keys mean, without any picture.
+//! Explains metric keys, without pictures.
 
 use serde_json::json;
 use sharp_metrics::weights::Published;

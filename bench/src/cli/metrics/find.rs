@@ -1,4 +1,4 @@
-//! Which convention gives a published number.
+//! Finds the convention that gives a published number.
 
 use std::str::FromStr;
 

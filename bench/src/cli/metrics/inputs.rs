@@ -1,4 +1,4 @@
-//! Which pictures and masks belong together.
+//! Matches pictures and masks.
 
 use std::path::{Path, PathBuf};
 

@@ -1,10 +1,10 @@
 //! `metrics PREDICTION TARGET`: two pictures, or two folders of them.
 //!
-//! * `inputs`: which pictures and masks belong together.
+//! * `inputs`: matches pictures and masks.
 //! * `scored`: a pair's results, maps included.
 //! * `show`: results as text, JSON and CSV.
-//! * `find`: which convention gives a published number.
-//! * `describe`: what the keys mean, without pictures.
+//! * `find`: finds the convention that gives a published number.
+//! * `describe`: explains metric keys.
 
 pub(super) mod describe;
 mod find;

@@ -16,7 +16,7 @@ use crate::io::text::csv_cell;
 use crate::pictures::keyed_scores::{csv_cells, json_number, json_scores};
 use crate::pictures::other_forms::OtherForm;
 
-/// All pairs and what they were scored with.
+/// All pairs with their scorer and options.
 pub(super) struct ScoredPairs<'a> {
     pub(super) scored: &'a [Scored],
     pub(super) scorer: &'a Scorer,

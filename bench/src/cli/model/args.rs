@@ -12,7 +12,7 @@ use sharp_datasets::files::what_lies_in;
 use crate::cli::output;
 use crate::io::checkpoint::named_network;
 
-/// Which network.
+/// The network.
 #[derive(Debug, Args)]
 pub(crate) struct ModelArgs {
     /// The weights: .pt or .safetensors, or mini, the small network that comes with the program. Without it, a release
@@ -56,7 +56,7 @@ impl ModelArgs {
     }
 }
 
-/// How to read a photograph.
+/// Options for reading a photograph.
 #[derive(Debug, Args)]
 pub(crate) struct PhotoArgs {
     /// Focal length in pixels of the upright photograph, instead of what the file says
@@ -106,7 +106,7 @@ impl PhotoArgs {
     }
 }
 
-/// Where a focal length comes from, in words.
+/// Source of a focal length, in words.
 pub(crate) fn focal_text(photo: &Photo) -> String {
     let source = match photo.focal_source {
         FocalSource::Given => "given".to_owned(),

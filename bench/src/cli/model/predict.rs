@@ -107,7 +107,7 @@ pub(crate) fn execute(args: &PredictArgs) -> anyhow::Result<Outcome> {
     Ok(Outcome::of_problems(failed > 0))
 }
 
-/// One PLY file a photograph in `folder`.
+/// One PLY file per photograph, in `folder`.
 fn named_after(images: &[PathBuf], folder: &Path) -> anyhow::Result<Vec<PathBuf>> {
     let mut outputs = Vec::with_capacity(images.len());
     for image in images {
@@ -219,7 +219,7 @@ fn forward(
     Ok(prediction)
 }
 
-/// How long each part of the network took.
+/// Times of the network's parts.
 struct StageTimes {
     last_milestone: Instant,
     stages: Vec<StageTime>,

@@ -18,7 +18,7 @@ use crate::pairs::options::paper::PROXY;
 use crate::pairs::pair_list::LIST_MARK;
 use crate::pairs::provenance::ListCompanion;
 
-/// What `pairs` without a subcommand takes.
+/// Options of `pairs` without a subcommand.
 #[derive(Debug, Args)]
 pub(super) struct BuildArgs {
     #[command(flatten)]

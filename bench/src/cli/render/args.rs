@@ -9,7 +9,7 @@ use sharp::render::trajectory::TrajectoryKind;
 
 use crate::cli::rendering_args::numbers;
 
-/// How far the camera moves, metres, x right, y down, z forward.
+/// Offset of the camera, metres, x right, y down, z forward.
 pub(super) fn offset(text: &str) -> Result<DVec3, &'static str> {
     numbers(text)
         .map(DVec3::from_array)
@@ -24,7 +24,7 @@ pub(super) fn depth_range(text: &str) -> Result<[f32; 2], &'static str> {
         .ok_or("two numbers are needed: NEAR,FAR in metres, 0 < NEAR < FAR")
 }
 
-/// Which of SHARP's layers are rendered, each alone.
+/// SHARP's layers to render, each alone.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Layers {
     One(usize),

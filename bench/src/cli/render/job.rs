@@ -1,4 +1,4 @@
-//! One `render`: the scene, the views and where they go.
+//! One `render`: the scene, the views and their output.
 
 use std::path::{Path, PathBuf};
 use std::sync::mpsc::sync_channel;
@@ -33,7 +33,7 @@ pub(super) struct RenderJob<'a> {
     pub(super) appearance: Appearance,
 }
 
-/// What the name given by `--out` asks for.
+/// Output named by `--out`.
 pub(super) struct Output<'a> {
     path: &'a Path,
     kind: OutputKind,

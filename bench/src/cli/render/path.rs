@@ -1,4 +1,4 @@
-//! Where the camera goes.
+//! Paths of the camera.
 
 use anyhow::Context;
 use clap::Args;

@@ -1,4 +1,4 @@
-//! Where rendered views go: one picture, a folder of frames, or a movie.
+//! Writes rendered views: one picture, a folder of frames, or a movie.
 
 use std::path::{Path, PathBuf};
 
@@ -12,7 +12,7 @@ use crate::io::movie::gif::GifMovie;
 use crate::io::movie::mp4::Mp4Movie;
 use crate::io::rendering_files;
 
-/// What the name given by `--out` asks for.
+/// Kind of output, by the name in `--out`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum OutputKind {
     /// One view: `.png`, `.exr` or `.safetensors`.
@@ -40,7 +40,7 @@ impl OutputKind {
     }
 }
 
-/// How a view becomes 8-bit pictures.
+/// Conversion of a view to 8-bit pictures.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Appearance {
     pub(super) background: Background,

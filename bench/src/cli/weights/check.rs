@@ -1,4 +1,4 @@
-//! `weights check`: what is in a file, and whether it fits a network.
+//! `weights check`: lists the contents of a file and checks that they fit a network.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -93,7 +93,7 @@ pub(super) fn execute(
     Ok(Outcome::Done)
 }
 
-/// How the official checkpoint stands to its record; `None` for other files.
+/// Compares the official checkpoint with its record; `None` for other files.
 fn standing(file: &Path, sha256: &str) -> anyhow::Result<Option<String>> {
     let official = file.file_name().is_some_and(|name| name == RELEASE_FILE);
     match record_file().filter(|_| official) {

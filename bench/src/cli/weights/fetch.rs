@@ -74,8 +74,8 @@ fn wanted(names: &[String]) -> anyhow::Result<(BTreeSet<Backbone>, bool)> {
     Ok((backbones, sharp))
 }
 
-/// Brings a backbone's features to the cache, unless they are at hand and were not asked for by name; says where they
-/// are.
+/// Fetches a backbone's features into the cache, unless they are present and were not asked for by name. Returns their
+/// place.
 fn backbone_features(args: &FetchArgs, backbone: Backbone, cache: &Path) -> anyhow::Result<Value> {
     let by_name = args.names.iter().any(|name| name == backbone.name());
     let at_hand = Weights::at_hand();
@@ -100,7 +100,7 @@ fn backbone_features(args: &FetchArgs, backbone: Backbone, cache: &Path) -> anyh
     Ok(json!({ "name": backbone.name(), "file": file }))
 }
 
-/// Finds or fetches the official checkpoint, compares it with its record and says how it stands.
+/// Finds or fetches the official checkpoint and compares it with its record.
 fn checkpoint(args: &FetchArgs, cache: &Path) -> anyhow::Result<Value> {
     let (file, standing) = match find_checkpoint() {
         Ok(file) => {

@@ -1,4 +1,4 @@
-//! `weights list`: what is published, and what is on this machine.
+//! `weights list`: published weights, and those on this machine.
 
 use std::path::PathBuf;
 

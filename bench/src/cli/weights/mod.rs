@@ -1,4 +1,4 @@
-//! `weights`: which there are, how to get them, and what is in a file.
+//! `weights`: lists, fetches and checks weights.
 
 mod check;
 mod fetch;
