@@ -280,7 +280,7 @@ fn of_depth(args: &UncertaintyArgs) -> anyhow::Result<Outcome> {
     write_sheet(&sheet, "uncertainty", &args.out, &style).map(Outcome::of_problems)
 }
 
-/// Writes a sheet; `RecordedFailures` if some of its pictures are missing.
+/// Writes a sheet and prints its problems; true if it has any.
 fn write_sheet(
     sheet: &Sheet,
     stem: &str,

@@ -287,7 +287,10 @@ fn joined_manifests(mut a: Manifest, b: Manifest) -> Result<Manifest, String> {
         match a.methods.iter().find(|before| before.label == method.label) {
             None => a.methods.push(method),
             Some(before) if before.identity != method.identity => differs(
-                &format!("method '{}' (`report NAME=FOLDER` tells them apart)", method.label),
+                &format!(
+                    "method '{}' (`report NAME=FOLDER` tells them apart)",
+                    method.label
+                ),
                 &before.identity.to_string(),
                 &method.identity.to_string(),
             )?,
