@@ -61,13 +61,16 @@ impl TrainingView {
     }
 }
 
-/// An 8-bit picture at another size, by OpenCV's area kernel.
+/// An 8-bit picture at another size: by OpenCV's area kernel, or bilinear with antialiasing where a side grows.
 ///
 /// # Errors
 /// [`DataError::Picture`] for a size without a pixel.
 pub(super) fn resized(image: RgbImage, (width, height): (u32, u32)) -> Result<RgbImage, DataError> {
-    let picture = Picture::Rgb8(image);
-    match resize(&picture, width, height, ResizeKernel::Area)? {
+    let kernel = match width > image.width() || height > image.height() {
+        true => ResizeKernel::BilinearAntialias,
+        false => ResizeKernel::Area,
+    };
+    match resize(&Picture::Rgb8(image), width, height, kernel)? {
         Picture::Rgb8(image) => Ok(image),
         Picture::RgbF32(image) => Ok(image::DynamicImage::ImageRgb32F(image).into_rgb8()),
     }
