@@ -9,7 +9,7 @@ use crate::left_out::first_few;
 use crate::scene_builder::is_picture_extension;
 
 /// Extensions of pictures, lower case, lossless formats first.
-const PICTURES: [&str; 8] = ["png", "tif", "tiff", "bmp", "webp", "jpg", "jpeg", "jfif"];
+pub(crate) const PICTURES: [&str; 8] = ["png", "tif", "tiff", "bmp", "webp", "jpg", "jpeg", "jfif"];
 
 /// [`folded`] stems of a folder's files, and the files that have them, in natural order.
 type Stems = BTreeMap<String, Vec<String>>;

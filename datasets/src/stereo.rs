@@ -11,6 +11,7 @@ use std::path::{Path, PathBuf};
 
 use crate::depth::StereoGeometry;
 use crate::entry::{DatasetEntry, PaperOverlap};
+use crate::file_finder::PICTURES;
 use crate::files::{self, Root};
 use crate::format::{FormatError, picture};
 use crate::left_out::FoundScenes;
@@ -19,7 +20,6 @@ use crate::stereo_pair::{self, Side};
 use crate::{DatasetError, DatasetSpec, Scene};
 
 const MAPS: &[&str] = &["pfm", "npy", "npz", "exr", "png"];
-const PICTURES: &[&str] = &["png", "jpg", "jpeg"];
 
 pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
     format: "stereo",
@@ -43,7 +43,7 @@ fn required_files(photo: &PhotographPath<'_>) -> Vec<RequiredFile> {
 fn open(spec: &DatasetSpec) -> Result<FoundScenes, DatasetError> {
     let root = Root::open(&spec.path)?;
     let search = root.find_folders(4, &|folder| {
-        let there = |name: &str| find(&root, folder, name, PICTURES).is_ok_and(|p| p.is_some());
+        let there = |name: &str| find(&root, folder, name, &PICTURES).is_ok_and(|p| p.is_some());
         folder.join("rig.txt").is_file() || (there("left") && there("right"))
     })?;
     let mut found = FoundScenes::default();
@@ -59,8 +59,9 @@ fn read_scene(spec: &DatasetSpec, root: &Root, folder: &Path) -> Result<Scene, D
     let rig = StereoRig::parse(&files::read_text(&file)?)
         .map_err(|error| DatasetError::format(&file, error))?;
     let side = |name: &str, cx: f64| -> Result<Side, DatasetError> {
-        let image = find(root, folder, name, PICTURES)?.ok_or_else(|| {
-            DatasetError::malformed(folder, format!("no {name}.png, .jpg or .jpeg"))
+        let image = find(root, folder, name, &PICTURES)?.ok_or_else(|| {
+            let endings = PICTURES.join(", .");
+            DatasetError::malformed(folder, format!("no {name}.{endings}"))
         })?;
         Ok(Side {
             id: name.to_owned(),
@@ -82,7 +83,7 @@ fn read_scene(spec: &DatasetSpec, root: &Root, folder: &Path) -> Result<Scene, D
     stereo_pair::scene(spec, id.clone(), id, sides, &file, Vec::new())
 }
 
-/// The file of that stem, whatever the case of its extension.
+/// The file of that stem, in any case.
 fn find(
     root: &Root,
     folder: &Path,
@@ -91,7 +92,7 @@ fn find(
 ) -> Result<Option<PathBuf>, DatasetError> {
     for (name, path) in files::list(folder)? {
         let fits = name.rsplit_once('.').is_some_and(|(s, e)| {
-            s == stem && extensions.contains(&e.to_ascii_lowercase().as_str())
+            s.eq_ignore_ascii_case(stem) && extensions.contains(&e.to_ascii_lowercase().as_str())
         });
         if fits {
             root.check(&path)?;
@@ -185,6 +186,27 @@ mod tests {
         ] {
             let error = StereoRig::parse(text).unwrap_err();
             assert!(error.to_string().contains(reason), "{error}");
+        }
+    }
+
+    #[test]
+    fn pictures_of_every_format_are_found_in_any_case() {
+        let dataset = tempfile::tempdir().unwrap();
+        let folder = dataset.path().join("p");
+        std::fs::create_dir(&folder).unwrap();
+        let rig = "fx=8\ncx_left=4\ncy=3\nbaseline_m=0.1\n";
+        std::fs::write(folder.join("rig.txt"), rig).unwrap();
+        let spec = format!("stereo={}", dataset.path().display());
+        let spec = DatasetSpec::parse(&spec).unwrap();
+        for (left, right) in [("left.tif", "right.bmp"), ("Left.PNG", "RIGHT.webp")] {
+            for name in [left, right] {
+                let picture = image::RgbImage::from_pixel(8, 6, image::Rgb([9, 90, 200]));
+                picture.save(folder.join(name)).unwrap();
+            }
+            assert_eq!(crate::spec::open(&spec).unwrap()[0].views.len(), 2);
+            for name in [left, right] {
+                std::fs::remove_file(folder.join(name)).unwrap();
+            }
         }
     }
 }

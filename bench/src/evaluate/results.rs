@@ -265,7 +265,7 @@ impl Results {
         })
     }
 
-    /// What all results of a method show only together, a sentence each that names it: see [`outlying_sources`].
+    /// Findings that need all results of a method, one sentence per method: see `outlying_sources`.
     pub fn warnings(&self) -> Vec<String> {
         let of = |method: &MethodRecord| {
             let own = self.records.iter().filter(|r| r.method == method.label);

@@ -427,7 +427,7 @@ fn apart<'a>(group: &BTreeMap<&'a str, f64>, most: f64) -> Option<[Vec<(&'a str,
     })
 }
 
-/// Doubts about the Gaussians of a method's records: the first of each kind, and [`outlying_sources`].
+/// Doubts about the Gaussians of a method's records: the first of each kind, and `outlying_sources`.
 pub fn doubts_of<'a>(
     records: impl Iterator<Item = &'a Record> + Clone,
     kind: &str,
