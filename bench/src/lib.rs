@@ -1,10 +1,10 @@
 //! The harness: pairs from datasets, predictions from methods, scores from metrics, and reports.
 //!
-//! Data flows one way; each module uses only those above it.
+//! Data flows one way; each module uses only those above it, except that `config` takes frames and errors from `pairs`.
 //! The command line calls what is public here and no more.
 //!
 //! * [`io`]: what goes to disk and comes back.
-//! * [`config`]: what a run is told.
+//! * [`config`]: configuration of a run.
 //! * [`pairs`]: which pairs are evaluated, and the geometry that decides it.
 //! * [`rendering`]: which backend renders, and what happens when its device fails.
 //! * [`scoring`]: predictions against the truth.

@@ -166,7 +166,7 @@ impl fmt::Display for RendererRecord {
 pub struct DatasetRecord {
     /// Its column group in the tables.
     pub name: String,
-    /// As asked for, without pair options; `None` where it is not told, or in a form of another version.
+    /// As given, without pair options; `None` in bundles' digests, and where this version cannot read it.
     #[serde(with = "spec_text")]
     #[schemars(with = "String")]
     pub spec: Option<DatasetConfig>,
@@ -204,7 +204,7 @@ impl DatasetRecord {
         (!sizes.is_empty()).then(|| format!("{} pixels", sizes.join(" to ")))
     }
 
-    /// The spec as it is given on a command line; empty where it is not told.
+    /// The spec in its printed form; empty for `None`.
     pub fn spec_text(&self) -> String {
         self.spec
             .as_ref()

@@ -256,8 +256,8 @@ pub(super) fn doubts_about(
     Ok(doubts)
 }
 
-/// True where a picture of Gaussians over the photograph's mean colour is no closer to it than that colour alone: blurred ones,
-/// and few of them, are closer as long as they are right.
+/// True if Gaussians, rendered over the photograph's mean colour, are no closer to the photograph than that colour alone.
+/// Blurred or sparse Gaussians that are right come closer.
 fn shows_nothing(photograph: &RgbImage, over_mean: &RgbImage) -> bool {
     let whole = Region::whole(photograph.dimensions());
     Likeness::of(photograph, whole, over_mean).is_unrelated()

@@ -133,7 +133,8 @@ fn read(folder: &RunFolder) -> Result<(RunPlan, Current), EvaluateError> {
     Ok((plan, current))
 }
 
-/// Number of units that ended within the window, and the seconds between first and last; `None` if that is long ago.
+/// Number of units that ended within [`WINDOW`] of the last one, and the seconds they took; `None` if the last one ended
+/// longer ago than that.
 fn pace(mut times: Vec<SystemTime>) -> Option<(usize, f64)> {
     times.sort();
     let last = *times.last()?;

@@ -15,7 +15,7 @@ pub struct OtherForm {
     /// As in `piq.DISTS`.
     pub name: &'static str,
     pub family: Family,
-    /// How it differs from ours, and whose code computes it.
+    /// Its difference from our form, and public code that computes it.
     pub convention: &'static str,
     pub value: f64,
 }
@@ -179,7 +179,7 @@ fn score(
     scores.into_iter().next()?.1.ok()
 }
 
-/// A picture with each pixel's colour, whose place in the picture is given too, turned into another.
+/// Applies `change(colour, index)` to every pixel; indices are row-major.
 fn mapped(picture: &Picture, change: impl Fn([f64; 3], usize) -> [f64; 3]) -> Picture {
     let (width, height) = picture.dimensions();
     Rgb32FImage::from_fn(width, height, |x, y| {

@@ -79,7 +79,7 @@ impl MethodsText {
     }
 }
 
-/// What `metrics --explain` says of the metric, without whose code computes the same; network and weights by hash.
+/// The metric's sentence from `metrics --explain` without the list of equivalent code, and network and weights by hash.
 fn sentence(info: &MetricInfo) -> String {
     const COMPARED: [&str; 3] = ["Same as", "Not the same as", "With VGG16 the same as"];
     let name = match info.family {

@@ -125,7 +125,7 @@ impl<'a> Matches<'a> {
         ))
     }
 
-    /// What exchanging the two pictures of a pair explains, in words, if it explains significantly more.
+    /// The evidence that the two pictures of a pair are exchanged, in words, if it is significant.
     pub(super) fn exchanged(&self) -> Option<String> {
         let as_read = self.explained(CONVENTIONS[0].take, &Some);
         let other = self.explained(CONVENTIONS[0].take, &|i| Some(1 - i));

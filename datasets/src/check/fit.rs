@@ -48,7 +48,7 @@ pub(super) enum Change {
     Inverse(f64),
     /// The poses are of another convention, named as in [`CONVENTIONS`] or [`MIRRORED`].
     Convention(&'static str),
-    /// What moves belongs to other pictures, in words.
+    /// Parts of views belong to other pictures; the assignment in words.
     Order(String, Moves),
     /// Pictures or depth maps are turned, in words.
     Flipped(Part, &'static str),
@@ -74,7 +74,7 @@ pub(super) enum Moves {
 }
 
 impl Moves {
-    /// What is assigned to pictures.
+    /// The parts that are reassigned.
     pub(super) fn noun(self) -> &'static str {
         match self {
             Self::Depth => "depth map",

@@ -203,7 +203,7 @@ impl ScoredPairs<'_> {
             .collect()
     }
 
-    /// Mean over the pairs of each form of other code; forms that a pair lacks are left out.
+    /// Mean over the pairs of each form of other code, for forms that every pair has.
     fn other_means(&self) -> Vec<OtherForm> {
         let first = self.scored.first().map_or(&[][..], |pair| &pair.others);
         let mean = |form: &OtherForm| {

@@ -37,7 +37,7 @@ pub enum ListForm {
     Seva,
 }
 
-/// The view, of several, that is the source.
+/// Which of several context views is the source.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, ValueEnum)]
 pub enum Context {
     /// The first
@@ -51,7 +51,7 @@ pub enum Context {
     Nearest,
 }
 
-/// The target, of a line that has three.
+/// Which of a line's three targets is used.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, ValueEnum)]
 pub enum TargetSlot {
     /// Five frames on

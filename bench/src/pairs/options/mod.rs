@@ -44,7 +44,7 @@ pub enum MissingDepth {
     LeaveOut,
 }
 
-/// The overlap, of a pair's two, that is compared with the threshold.
+/// The overlap that is compared with the threshold.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum OverlapDirection {
     /// The share of the target's pixels that the source sees: what view synthesis needs.

@@ -48,7 +48,7 @@ pub struct ReadingValue {
     pub n: usize,
 }
 
-/// Verdict of the readings on a published number.
+/// Whether any reading reproduces a published number.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Agreement {

@@ -153,7 +153,7 @@ pub fn terminal(runs: &[ExplainedRun]) -> String {
     parts.collect::<Vec<_>>().join("\n")
 }
 
-/// Identifies an earlier file.
+/// Marks our files, so that no other file is overwritten.
 const MARK: &str = "<!-- sharp-bench explain -->";
 const CSV_MARK: &str = "dataset,metric,key,picture";
 
