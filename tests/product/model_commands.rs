@@ -216,5 +216,5 @@ fn colours_that_a_file_does_not_explain_are_asked_for() {
         "{}",
         info.out
     );
-    evaluate(",color_space=rec709").is_error_with(&["rec709", "linear or srgb"]);
+    evaluate(",color_space=rec709").is_usage_error_with(&["rec709", "linear or srgb"]);
 }

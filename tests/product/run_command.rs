@@ -347,11 +347,16 @@ fn what_cannot_work_is_one_line() {
             vec!["--method", "copy", "--method", "copy"],
             vec!["label 'copy' is taken"],
         ),
-        (vec!["--method", "imported:dir=nowhere"], vec!["nowhere"]),
         (vec!["--method", "copy:speed=1"], vec!["speed"]),
+        (vec!["--method", "copy", "--limit", "-1"], vec!["--limit"]),
+        (
+            vec!["--method", "copy", "--memory-limit", "4"],
+            vec!["512M"],
+        ),
     ] {
-        run(dir.path(), "r", &args).is_error_with(&parts);
+        run(dir.path(), "r", &args).is_usage_error_with(&parts);
     }
+    run(dir.path(), "r", &["--method", "imported:dir=nowhere"]).is_error_with(&["nowhere"]);
     run(dir.path(), "r", &["--method", "magic"]).is_usage_error_with(&["magic", "depth-splat"]);
     run(dir.path(), "full", &["--method", "copy"]).is_error_with(&["full", "other files"]);
     let unknown = [

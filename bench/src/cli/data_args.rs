@@ -6,6 +6,7 @@ use std::sync::Arc;
 use anyhow::{Context, bail, ensure};
 use clap::Args;
 use sharp::render::Backend;
+use sharp_datasets::DatasetError;
 use sharp_datasets::entry::{ENTRIES, PICTURES};
 use sharp_metrics::{Device, Scorer, ScorerOptions, Selection, Unavailable, Weights};
 
@@ -116,11 +117,20 @@ pub(super) fn demand_weights(selection: &Selection, scorer: &Scorer) -> anyhow::
     Ok(())
 }
 
+/// A dataset's spec. The error is the bare reason: clap quotes the spec.
+pub(super) fn dataset(text: &str) -> Result<DatasetConfig, String> {
+    text.parse().map_err(|error| match error {
+        PairError::DatasetSpec { reason, .. }
+        | PairError::Dataset(DatasetError::Spec { reason, .. }) => reason,
+        error => error.to_string(),
+    })
+}
+
 /// Datasets, and a choice of their scenes.
 #[derive(Debug, Args)]
 pub(super) struct DatasetArgs {
     /// A dataset, [NAME:]FORMAT=PATH[,key=value…]; repeatable
-    #[arg(long = "dataset", value_name = "SPEC", required = true)]
+    #[arg(long = "dataset", value_name = "SPEC", required = true, value_parser = dataset)]
     pub(super) datasets: Vec<DatasetConfig>,
     /// Only scenes whose id matches; `*` and `?` are wildcards
     #[arg(long, value_name = "GLOB")]

@@ -66,7 +66,7 @@ fn two_sizes(command: Command, path: &str) -> Command {
     ];
     let examples = command.get_after_help().map(ToString::to_string);
     let examples = examples.map(|text| examples_of(&text)).unwrap_or_default();
-    let command = command.mut_args(short).args(both);
+    let command = command.mut_args(negative).mut_args(short).args(both);
     let all = command.get_after_help().map(ToString::to_string);
     let command = command.after_long_help(unwrapped(&all.unwrap_or_default()));
     let more = format!("{examples}All options: {path} --help-all");
@@ -75,6 +75,15 @@ fn two_sizes(command: Command, path: &str) -> Command {
         let path = format!("{path} {}", sub.get_name());
         two_sizes(sub, &path)
     })
+}
+
+/// A number below zero is a value, so that its option refuses it by name.
+fn negative(arg: Arg) -> Arg {
+    let is_option = arg.get_long().is_some() && arg.get_action().takes_values();
+    match is_option && !arg.is_allow_hyphen_values_set() {
+        true => arg.allow_negative_numbers(true),
+        false => arg,
+    }
 }
 
 /// The first clause of an option's help, unless it is one for special cases.

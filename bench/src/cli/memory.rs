@@ -36,7 +36,7 @@ impl MemoryArgs {
 
 /// `512M`, `2G`, `1048576`: bytes by powers of 1024.
 fn bytes(text: &str) -> Result<u64, String> {
-    let wrong = || format!("'{text}': a size such as 512M or 2G is needed");
+    let wrong = || "a size such as 512M or 2G is needed".to_owned();
     let unit = text.trim_end_matches("iB").trim_end_matches('B');
     let (number, shift) = match unit.chars().last() {
         Some('K' | 'k') => (&unit[..unit.len() - 1], 10),
@@ -46,7 +46,8 @@ fn bytes(text: &str) -> Result<u64, String> {
         _ => (unit, 0),
     };
     let number: u64 = number.trim().parse().map_err(|_| wrong())?;
-    number.checked_mul(1 << shift).ok_or_else(wrong)
+    let bytes = number.checked_mul(1 << shift);
+    bytes.filter(|bytes| *bytes >= 1 << 20).ok_or_else(wrong)
 }
 
 #[cfg(test)]
@@ -56,14 +57,14 @@ mod tests {
     #[test]
     fn sizes_have_units() {
         for (text, expected) in [
-            ("0", 0),
+            ("1048576", 1 << 20),
             ("512M", 512 << 20),
             ("2G", 2 << 30),
-            ("3KiB", 3 << 10),
+            ("3072KiB", 3 << 20),
         ] {
             assert_eq!(bytes(text), Ok(expected));
         }
-        for text in ["", "M", "2X", "-1", "1.5G", "99999999999999T"] {
+        for text in ["", "M", "2X", "-1", "1.5G", "99999999999999T", "4", "3K"] {
             assert!(bytes(text).is_err(), "{text}");
         }
     }

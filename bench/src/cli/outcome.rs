@@ -71,7 +71,7 @@ pub(super) fn is_usage(error: &anyhow::Error) -> bool {
             || matches!(cause.downcast_ref(), Some(TrainError::NotHeldOut { .. }))
             || matches!(
                 cause.downcast_ref::<SpecError>(),
-                Some(SpecError::UnknownKind { .. })
+                Some(SpecError::UnknownKind { .. } | SpecError::Malformed { .. })
             )
             || matches!(
                 cause.downcast_ref::<ReportError>(),

@@ -42,7 +42,7 @@ pub(super) struct SpeedArgs {
     #[arg(long = "method", value_name = "SPEC", requires = "datasets")]
     methods: Vec<String>,
     /// A dataset to measure on, [NAME:]FORMAT=PATH[,key=value…]; repeatable
-    #[arg(long = "dataset", value_name = "SPEC", requires = "methods")]
+    #[arg(long = "dataset", value_name = "SPEC", requires = "methods", value_parser = data_args::dataset)]
     datasets: Vec<DatasetConfig>,
     #[command(flatten)]
     pairs: PairArgs,

@@ -15,7 +15,7 @@ use sharp_datasets::{Scene, View};
 use super::error::EvaluateError;
 use super::folder::RunFolder;
 use super::manifest::{MethodRecord, RendererRecord};
-use super::record::{PairFiles, Status};
+use super::record::{PairFiles, Record, Status};
 use super::unit::{Slot, Unit};
 use crate::io::fingerprints;
 use crate::io::hash::StableHasher;
@@ -161,16 +161,39 @@ impl Keys {
         }
     }
 
-    /// Hashes of a pair's files; `None` if one cannot be read.
-    pub(super) fn pair_files(&self, planned: &ResolvedPair) -> Option<PairFiles> {
+    /// Hashes of the files behind a prediction; `None` if one cannot be read.
+    pub(super) fn pair_files(
+        &self,
+        method: &dyn Method,
+        planned: &ResolvedPair,
+    ) -> Option<PairFiles> {
+        let inputs = self.method_files(method, &planned.pair.pair_id);
+        let (gaussians, pictures) = match method.approach() {
+            Approach::Gaussians(_) => (inputs, None),
+            _ => (None, inputs),
+        };
         Some(PairFiles {
             source: self.hashes.short(planned.source).ok()?,
             target: self.hashes.short(planned.target).ok()?,
+            pictures,
+            gaussians,
         })
     }
 
-    /// Compares the files behind stored units with those on disk now. Views of datasets that are not open and failed units
-    /// are skipped.
+    /// A hash over the files that a method reads for a pair; `None` where it reads none, or one cannot be read.
+    fn method_files(&self, method: &dyn Method, pair_id: &str) -> Option<String> {
+        let files = method.input_files(pair_id).ok()?;
+        let mut hash = StableHasher::default();
+        for file in &files {
+            hash.add("file", &self.hashes.file(file).ok()?);
+        }
+        let mut hash = hash.finish();
+        hash.truncate(16);
+        (!files.is_empty()).then_some(hash)
+    }
+
+    /// Compares the files behind stored units with those on disk now. Views of datasets that are not open, files of methods
+    /// that are not among these, and failed units are skipped.
     ///
     /// # Errors
     /// [`EvaluateError::NotKept`] for the first unit made from other files; `fix` completes the sentence.
@@ -179,8 +202,16 @@ impl Keys {
         folder: &RunFolder,
         units: impl IntoIterator<Item = &'u Unit>,
         scenes: &[Scene],
+        methods: &[Box<dyn Method>],
         fix: &str,
     ) -> Result<(), EvaluateError> {
+        let refused = |record: &Record, what: &str| EvaluateError::NotKept {
+            folder: folder.root().to_owned(),
+            reason: format!(
+                "method '{}' was evaluated on {} with {what} than is there now; {fix}",
+                record.method, record.pair_id
+            ),
+        };
         let scenes: BTreeMap<(&str, &str), &Scene> = scenes
             .iter()
             .map(|s| ((s.dataset.as_str(), s.id.as_str()), s))
@@ -204,15 +235,18 @@ impl Keys {
                     self.hashes.short(view).ok()
                 });
                 if hash.as_ref().is_some_and(|hash| hash != before) {
-                    return Err(EvaluateError::NotKept {
-                        folder: folder.root().to_owned(),
-                        reason: format!(
-                            "method '{}' was evaluated on {} with another photograph, mask, depth or camera of view '{view}' \
-                             than is there now; {fix}",
-                            record.method, record.pair_id
-                        ),
-                    });
+                    let what =
+                        format!("another photograph, mask, depth or camera of view '{view}'");
+                    return Err(refused(record, &what));
                 }
+            }
+            let method = methods.iter().find(|m| m.label() == record.method);
+            let before = files.gaussians.as_ref().or(files.pictures.as_ref());
+            if let (Some(method), Some(before)) = (method, before)
+                && let Some(now) = self.method_files(method.as_ref(), &record.pair_id)
+                && now != *before
+            {
+                return Err(refused(record, "another file of its own"));
             }
         }
         Ok(())

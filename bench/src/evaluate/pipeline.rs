@@ -426,7 +426,7 @@ impl<'a> PairWork<'_, 'a> {
             .filter(|unit| unit.picture_key == keys.picture)
             .and_then(Unit::scorable);
         if let Some(unit) = stored {
-            let unit = self.refreshed(unit)?;
+            let unit = self.refreshed(method, unit)?;
             let renders = matches!(method.approach(), Approach::Gaussians(_));
             let has_picture = self.folder.has_picture(&unit)
                 && (job.options.keep != Keep::Float || !renders || self.folder.has_float(&unit));
@@ -463,7 +463,7 @@ impl<'a> PairWork<'_, 'a> {
             slot,
             picture_key: keys.picture,
             record: Record {
-                files: job.keys.pair_files(&planned),
+                files: job.keys.pair_files(method, &planned),
                 ..empty_record(&planned, method.label())
             },
             picture: None,
@@ -495,7 +495,7 @@ impl<'a> PairWork<'_, 'a> {
     }
 
     /// A stored unit with what the pair list says of its pair now.
-    fn refreshed(&self, mut unit: Unit) -> Result<Unit, EvaluateError> {
+    fn refreshed(&self, method: &dyn Method, mut unit: Unit) -> Result<Unit, EvaluateError> {
         let now = empty_record(&self.truth.planned, &unit.slot.method);
         let refreshed = Record {
             cluster: now.cluster,
@@ -503,7 +503,7 @@ impl<'a> PairWork<'_, 'a> {
             rotation_deg: now.rotation_deg,
             median_depth_m: now.median_depth_m,
             overlap: now.overlap,
-            files: self.job.keys.pair_files(&self.truth.planned),
+            files: self.job.keys.pair_files(method, &self.truth.planned),
             ..unit.record.clone()
         };
         // Scores by metrics that this run does not compute would stay those of the files before.

@@ -101,12 +101,20 @@ pub struct Record {
     pub warnings: BTreeMap<String, String>,
 }
 
-/// Hashes of a pair's files: 16 hexadecimal digits per view, over its camera, photograph, mask and depth. Results of a
-/// pair are shown together only if these are equal.
+/// Hashes of a pair's files, 16 hexadecimal digits each. Results are shown together only if those of one view, and those
+/// of the Gaussians that one method has of one source, are equal.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub struct PairFiles {
+    /// Over the camera, photograph, mask and depth of the source.
     pub source: String,
+    /// Of the target.
     pub target: String,
+    /// Over the pictures that the method read for this pair, where they were made elsewhere.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub pictures: Option<String>,
+    /// Over the Gaussians that the method read for this source, where they were made elsewhere.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub gaussians: Option<String>,
 }
 
 /// A part of a target.
@@ -130,6 +138,7 @@ pub struct ChosenScale {
 /// Describes the first view for which two successful results used different files; `None` if there is none.
 pub(crate) fn file_difference<'a>(records: impl IntoIterator<Item = &'a Record>) -> Option<String> {
     let mut known: BTreeMap<(&str, &str, &str), (&str, &Record)> = BTreeMap::new();
+    let mut gaussians: BTreeMap<[&str; 4], &str> = BTreeMap::new();
     for record in records {
         let (Status::Ok, Some(files)) = (&record.status, &record.files) else {
             continue;
@@ -155,6 +164,25 @@ pub(crate) fn file_difference<'a>(records: impl IntoIterator<Item = &'a Record>)
                     record.pair_id
                 ));
             }
+        }
+        let Record {
+            method,
+            dataset,
+            scene,
+            source,
+            ..
+        } = record;
+        if let Some(hash) = &files.gaussians
+            && *gaussians
+                .entry([method, dataset, scene, source])
+                .or_insert(hash)
+                != hash
+        {
+            return Some(format!(
+                "the Gaussians that '{method}' has of {dataset}/{scene}/{source} were another file for some of its targets \
+                 than for {}",
+                record.pair_id
+            ));
         }
     }
     None

@@ -50,6 +50,7 @@ pub fn rescore(
         &folder,
         &current.units,
         &scenes_of(&datasets),
+        &[],
         EVALUATE_AGAIN,
     )?;
     let (extended, replaced) = manifest.extended(new, root.to_owned())?;
@@ -115,7 +116,7 @@ pub fn score_shard(
     let (of_shard, there) = (own.len() * manifest.methods.len(), units.len());
     let datasets = open_datasets(&manifest)?;
     let keys = Keys::new(&datasets, &manifest.renderer);
-    keys.check_files(&folder, &units, &scenes_of(&datasets), EVALUATE_AGAIN)?;
+    keys.check_files(&folder, &units, &scenes_of(&datasets), &[], EVALUATE_AGAIN)?;
     let work = Kept {
         folder: &folder,
         keys: &keys,

@@ -250,6 +250,7 @@ impl Evaluation {
                 folder,
                 others,
                 &self.scenes,
+                &self.methods,
                 "evaluate that method and pair in this command too, or choose another folder",
             )?;
             for what in replaced {

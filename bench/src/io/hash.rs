@@ -70,6 +70,10 @@ impl HashedFile {
         }
     }
 
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
     pub fn sha256(&self) -> &str {
         &self.sha256
     }

@@ -46,7 +46,7 @@ impl ScaleSweep {
             let of_scale = pictures.in_folder(&name);
             if !of_scale.dir().is_dir() {
                 let dir = of_scale.dir().display();
-                return Err(spec.error(format!("{dir} is not a folder")));
+                return Err(spec.refused(format!("{dir} is not a folder")));
             }
             scales.push((scale, of_scale));
         }

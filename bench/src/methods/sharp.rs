@@ -46,7 +46,7 @@ impl Sharp {
     /// not known.
     pub fn from_spec(spec: &MethodSpec) -> Result<Self, SpecError> {
         let privilege = spec.privilege(Privilege::DepthScale)?;
-        let refused = |error: &dyn std::fmt::Display| spec.error(error.to_string());
+        let refused = |error: &dyn std::fmt::Display| spec.refused(error);
         let device: DeviceChoice = spec
             .option("device")
             .unwrap_or("cpu")

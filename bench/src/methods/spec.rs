@@ -10,7 +10,10 @@ use super::method::Privilege;
 pub enum SpecError {
     #[error("method '{spec}': unknown kind; {known}")]
     UnknownKind { spec: String, known: String },
-    /// An option that is not understood, or a file or folder it names.
+    /// An option that is not understood.
+    #[error("method '{spec}': {reason}")]
+    Malformed { spec: String, reason: String },
+    /// A file, folder or device that an option names.
     #[error("method '{spec}': {reason}")]
     Refused { spec: String, reason: String },
 }
@@ -30,9 +33,16 @@ pub struct MethodSpec {
 
 impl MethodSpec {
     pub fn error(&self, reason: impl Into<String>) -> SpecError {
-        SpecError::Refused {
+        SpecError::Malformed {
             spec: self.text.clone(),
             reason: reason.into(),
+        }
+    }
+
+    pub(super) fn refused(&self, reason: impl ToString) -> SpecError {
+        SpecError::Refused {
+            spec: self.text.clone(),
+            reason: reason.to_string(),
         }
     }
 
@@ -70,7 +80,7 @@ impl MethodSpec {
             return Err(self.error("needs dir=FOLDER"));
         };
         if !dir.is_dir() {
-            return Err(self.error(format!("{} is not a folder", dir.display())));
+            return Err(self.refused(format!("{} is not a folder", dir.display())));
         }
         Ok(dir)
     }
@@ -80,7 +90,7 @@ impl FromStr for MethodSpec {
     type Err = SpecError;
 
     fn from_str(text: &str) -> Result<Self, SpecError> {
-        let error = |reason: String| SpecError::Refused {
+        let error = |reason: String| SpecError::Malformed {
             spec: text.to_owned(),
             reason,
         };

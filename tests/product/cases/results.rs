@@ -290,6 +290,23 @@ done
         assert_eq!(psnr("dark"), dark, "{line}");
         case.run("rm -r r").ends_with(0);
     }
+    // One row of a table is of one generation of weights, in a folder and between folders.
+    let run = |weights: &str, rest: &str| {
+        fs::write(case.path("w.txt"), weights).unwrap();
+        case.run(&format!(
+            "TOP=$PWD; export TOP; sharp-bench run -q --dataset stereo=D --method \"command:label=m,run='sh my.sh w.txt'\" \
+             --metrics psnr {rest}"
+        ))
+    };
+    run("dark", "--out r").ends_with(0);
+    let said = run("light", "--limit 1 --out r");
+    assert!(said.err.contains("method 'm' was command("), "{}", said.err);
+    assert_eq!(case.scores("r", "psnr").len(), 1);
+    case.run("rm -r r").ends_with(0);
+    run("dark", "--out a --scenes s0").ends_with(0);
+    run("light", "--out b --scenes s1").ends_with(0);
+    case.run("sharp-bench merge a b --out m")
+        .is_error_with(&["method 'm'", "content="]);
     let said = case.run(
         "TOP=$PWD; export TOP; sharp-bench run -q --dataset stereo=D --method \"command:label=m,run='sh my.sh w.txt \
          --extra=gone.pt'\" --metrics psnr --out r",
@@ -302,4 +319,70 @@ done
         "r",
         "names gone.pt, which looks like a file and is not there",
     );
+}
+
+#[test]
+fn pictures_made_again_are_not_averaged_with_those_before() {
+    let case = empty();
+    stereo(&case.path("D"), 10);
+    let make = |level: u8| {
+        for scene in ["s0", "s1", "s2"] {
+            let folder = case.path("p").join("stereo").join(scene);
+            fs::create_dir_all(&folder).unwrap();
+            let picture = image::RgbImage::from_pixel(64, 48, image::Rgb([level; 3]));
+            picture.save(folder.join("left__right.png")).unwrap();
+        }
+    };
+    let run = |rest: &str| {
+        case.run(&format!(
+            "sharp-bench run -q --dataset stereo=D --method imported:dir=p --metrics psnr --out r {rest}"
+        ))
+    };
+    make(20);
+    run("").ends_with(0);
+    let before = case.scores("r", "psnr");
+    make(200);
+    let said = run("--limit 1");
+    said.is_error_with(&[
+        "'imported'",
+        "another file of its own",
+        "choose another folder",
+    ]);
+    assert_eq!(case.scores("r", "psnr"), before);
+    run("").ends_with(0);
+    assert_ne!(case.scores("r", "psnr"), before);
+    // Unchanged ones are no matter, and neither is another folder of the same pictures.
+    run("--limit 1").ends_with(0);
+    case.run("mv p q; ln -s q p").ends_with(0);
+    run("--scenes s2").ends_with(0);
+}
+
+#[test]
+fn gaussians_of_one_source_are_one_file() {
+    let case = super::case("00-good");
+    case.run("sharp-bench pairs -q --dataset synthetic=size=64x48,views=8 --out all.csv")
+        .ends_with(0);
+    let file = "g/synthetic/seed0/view_00.ply";
+    let run = |target: &str, out: &str| {
+        case.run(&format!(
+            "grep -e pair_id -e view_00__view_0{target} all.csv > {target}.csv; sharp-bench run -q --dataset \
+             synthetic=size=64x48,views=8 --pairs {target}.csv --method gaussians:dir=g,color_space=srgb --metrics psnr \
+             --out {out}"
+        ))
+    };
+    run("1", "a").ends_with(0);
+    run("2", "same").ends_with(0);
+    case.run("sharp-bench merge a same --out m").ends_with(0);
+    // One Gaussian fewer would do; another header is another file, too.
+    case.run(&format!(
+        "sed -i '2a comment made again' {file}; head -c 60 {file} | head -4"
+    ))
+    .ends_with(0);
+    run("2", "b").ends_with(0);
+    case.run("sharp-bench merge a b --out m2").is_error_with(&[
+        "'gaussians'",
+        "view_00",
+        "another file",
+    ]);
+    run("2", "a").is_error_with(&["another file of its own"]);
 }

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use clap::Args;
 use serde_json::json;
 
-use super::super::data_args::DatasetArgs;
+use super::super::data_args::{self, DatasetArgs};
 use super::super::{Outcome, output};
 use crate::config::DatasetConfig;
 use crate::io::atomic_files::write_over_own;
@@ -38,7 +38,7 @@ pub(super) struct ImportArgs {
     #[arg(long, value_enum, value_name = "WHICH", default_value_t)]
     slot: TargetSlot,
     /// A dataset, [NAME:]FORMAT=PATH[,key=value…]; repeatable
-    #[arg(long = "dataset", value_name = "SPEC")]
+    #[arg(long = "dataset", value_name = "SPEC", value_parser = data_args::dataset)]
     datasets: Vec<DatasetConfig>,
     /// Only scenes whose id matches; `*` and `?` are wildcards
     #[arg(long, value_name = "GLOB", requires = "datasets")]

@@ -26,9 +26,9 @@ use super::method::{
     SourceView, TargetCamera,
 };
 use super::spec::{MethodSpec, SpecError};
-use crate::io::atomic_files::scratch_folder;
+use crate::io::atomic_files::{FileError, scratch_folder};
 use crate::io::fingerprints;
-use crate::io::hash::{FileStamp, StableHasher, sha256_hex};
+use crate::io::hash::{FileStamp, HashedFile, StableHasher, sha256_hex};
 use crate::io::rendering_files::write_png;
 
 /// Runs a program for all pairs of a run.
@@ -38,8 +38,8 @@ use crate::io::rendering_files::write_png;
 /// of these is a recorded failure of that pair alone; but a program that ends three times before it has
 /// answered anything is not started again.
 ///
-/// The files that the command line names, and those of `files=`, are hashed with each unit; whatever else changes
-/// predictions (an environment, a folder) belongs into `version=`.
+/// The files that the command line names, and those of `files=`, are part of its identity by their hash; whatever else
+/// changes predictions (an environment, a folder) belongs into `version=`.
 #[derive(Debug)]
 pub struct Command {
     label: String,
@@ -48,7 +48,8 @@ pub struct Command {
     /// A pattern of further files, as given; empty without one.
     pattern: String,
     /// Those that the command line and the pattern name.
-    files: NamedFiles,
+    files: Vec<HashedFile>,
+    notes: Vec<String>,
     timeout: Duration,
     fit: FitRules,
     privilege: Privilege,
@@ -105,16 +106,26 @@ impl Command {
         let mut files = named_files(&run, &|name| std::env::var(name).ok());
         let pattern = spec.option("files").unwrap_or_default().to_owned();
         if !pattern.is_empty() {
-            let more = matching(&pattern).map_err(|reason| spec.error(reason))?;
+            let more = matching(&pattern).map_err(|reason| spec.refused(reason))?;
             files.found.extend(more);
             files.found.sort();
             files.found.dedup();
+            files.unseen.retain(|folder| {
+                let is_in_it = |file: &PathBuf| file.starts_with(folder);
+                !files.found.iter().any(is_in_it)
+            });
         }
+        let hashed: Result<Vec<HashedFile>, FileError> = files
+            .found
+            .iter()
+            .map(|path| HashedFile::read(path))
+            .collect();
         Ok(Self {
             label: spec.label.clone(),
             run,
             pattern,
-            files,
+            notes: notes_of(&files),
+            files: hashed.map_err(|error| spec.refused(error))?,
             version: spec.option("version").unwrap_or_default().to_owned(),
             timeout,
             fit,
@@ -203,6 +214,23 @@ impl Command {
             return Err(self.failure(process.kill().describe(&trouble)));
         }
     }
+}
+
+/// Warnings about files that may change unnoticed.
+fn notes_of(files: &NamedFiles) -> Vec<String> {
+    let absent = files.absent.iter().map(|word| {
+        format!(
+            "its command line names {word}, which looks like a file and is not there: if the program reads such a file, \
+             name it by files=PATTERN, or its results are not made again when it changes"
+        )
+    });
+    let unseen = files.unseen.iter().map(|word| {
+        format!(
+            "its command line names {word}, behind which files may be that are not hashed: name them by files=PATTERN, or \
+             its results are not made again when they change"
+        )
+    });
+    absent.chain(unseen).collect()
 }
 
 /// The files that a pattern matches, below its first part without a wildcard.
@@ -302,6 +330,15 @@ impl Method for Command {
         if !self.pattern.is_empty() {
             settings.insert("files".to_owned(), self.pattern.clone());
         }
+        if !self.files.is_empty() {
+            let mut hash = StableHasher::default();
+            for file in &self.files {
+                hash.add("file", file.sha256());
+            }
+            let mut hash = hash.finish();
+            hash.truncate(16);
+            settings.insert("content".to_owned(), hash);
+        }
         MethodIdentity {
             kind: "command".to_owned(),
             settings,
@@ -312,27 +349,8 @@ impl Method for Command {
         fingerprints::COMMAND
     }
 
-    fn input_files(&self, _pair_id: &str) -> Result<Vec<PathBuf>, MethodError> {
-        Ok(self.files.found.clone())
-    }
-
     fn notes(&self) -> Vec<String> {
-        let unseen = self.files.unseen.iter().map(|word| {
-            format!(
-                "its command line names {word}, behind which files may be that are not hashed: name them by files=PATTERN, \
-                 or its results are not made again when they change"
-            )
-        });
-        let absent = self.files.absent.iter();
-        absent
-            .map(|word| {
-                format!(
-                    "its command line names {word}, which looks like a file and is not there: if the program reads such a \
-                     file, name it by files=PATTERN, or its results are not made again when it changes"
-                )
-            })
-            .chain(unseen)
-            .collect()
+        self.notes.clone()
     }
 
     fn begin(&self, logs: &Path, scratch_in: &Path) {
@@ -377,6 +395,9 @@ impl PredictPicture for Command {
         if let Some(reason) = answer.error {
             return Err(self.failure(format!("the program says: {reason}")));
         }
+        if let Some(file) = self.files.iter().find(|file| !file.is_unchanged()) {
+            return Err(MethodError::file(file.path(), "it changed during the run"));
+        }
         let path = answer.picture.unwrap_or(write_to);
         let mut prediction = self.fit.read(&path, region, target.size())?;
         prediction.extras = answer.extras;
@@ -409,13 +430,16 @@ mod tests {
     }
 
     #[test]
-    fn files_of_the_command_line_are_inputs() {
+    fn files_of_the_command_line_are_part_of_the_identity() {
         let dir = tempfile::tempdir().unwrap();
         let script = dir.path().join("my.py");
         std::fs::write(&script, "x").unwrap();
         let text = format!("command:run='python3 {} --fast'", script.display());
-        let command = Command::from_spec(&text.parse().unwrap()).unwrap();
-        assert_eq!(command.input_files("p").unwrap(), [script.as_path()]);
+        let content = |command: &Command| command.identity().settings["content"].clone();
+        let before = content(&Command::from_spec(&text.parse().unwrap()).unwrap());
+        std::fs::write(&script, "y").unwrap();
+        let after = content(&Command::from_spec(&text.parse().unwrap()).unwrap());
+        assert_ne!(before, after);
         let more = dir.path().join("weights/a/w.bin");
         std::fs::create_dir_all(more.parent().unwrap()).unwrap();
         std::fs::write(&more, "x").unwrap();
@@ -427,8 +451,16 @@ mod tests {
             )
         };
         let command = with("weights/**/*.bin").unwrap();
-        assert_eq!(command.input_files("p").unwrap(), [script, more]);
         assert!(command.identity().settings.contains_key("files"));
+        assert_ne!(content(&command), after);
+        // A folder in the command line is warned about until its files are named.
+        let text = format!("{text},run='x {}/weights/a'", dir.path().display());
+        let text = text.replace(&format!("run='python3 {} --fast',", script.display()), "");
+        let command = Command::from_spec(&text.parse().unwrap()).unwrap();
+        assert_eq!(command.notes().len(), 1, "{:?}", command.notes());
+        let text = format!("{text},files='{}/weights/a/*'", dir.path().display());
+        let command = Command::from_spec(&text.parse().unwrap()).unwrap();
+        assert_eq!(command.notes(), Vec::<String>::new());
         let error = with("*.none").unwrap_err().to_string();
         assert!(error.contains("no file matches"), "{error}");
     }

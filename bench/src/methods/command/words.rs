@@ -1,7 +1,7 @@
 //! The files that a command line of the shell names.
 
 use std::collections::BTreeMap;
-use std::path::{Path, PathBuf};
+use std::path::{Component, Path, PathBuf};
 
 /// What a command line names.
 #[derive(Debug, Default, PartialEq, Eq)]
@@ -10,7 +10,7 @@ pub(super) struct NamedFiles {
     pub(super) found: Vec<PathBuf>,
     /// Words that look like files but do not exist.
     pub(super) absent: Vec<String>,
-    /// Words that may name further files, which are not hashed: folders of weights, command substitutions, braces.
+    /// Words that may name further files, which are not hashed: folders, command substitutions, braces.
     pub(super) unseen: Vec<String>,
 }
 
@@ -79,8 +79,11 @@ pub(super) fn named_files(line: &str, variable: &dyn Fn(&str) -> Option<String>)
         let is_there = |path: &PathBuf| path.exists();
         match paths.clone().find(is_there) {
             Some(path) if path.is_file() => named.found.push(path),
-            Some(path) if !is_first && holds_weights(&path) => {
-                named.unseen.extend(candidates.last().cloned());
+            // `.` and `..` are where programs are started, and not what they read.
+            Some(path) if !is_first && candidates.iter().all(|text| has_name(text)) => {
+                if holds_files(&path) {
+                    named.unseen.push(path.display().to_string());
+                }
             }
             Some(_) => {}
             None if is_opaque => named.unseen.push("$(…)".to_owned()),
@@ -121,13 +124,14 @@ fn has_ending(text: &str, endings: &[&str]) -> bool {
     ending.is_some_and(|ending| endings.contains(&ending))
 }
 
-/// True of a folder with files that only weights are.
-fn holds_weights(folder: &Path) -> bool {
-    const WEIGHTS: [&str; 7] = ["bin", "ckpt", "h5", "onnx", "pt", "pth", "safetensors"];
-    let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
-    entries
-        .take(1000)
-        .any(|entry| has_ending(&entry.file_name().to_string_lossy(), &WEIGHTS))
+fn has_name(path: &str) -> bool {
+    let mut parts = Path::new(path).components();
+    parts.any(|part| matches!(part, Component::Normal(_)))
+}
+
+fn holds_files(folder: &Path) -> bool {
+    let mut entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
+    entries.any(|entry| entry.path().is_file())
 }
 
 fn looks_like_a_file(text: &str) -> bool {
