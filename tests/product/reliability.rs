@@ -462,18 +462,21 @@ fn planned() {
         dir.path(),
         &["--plan", "P", "--shard", "1/1", "--method", "mean"],
     )
-    .is_usage_error_with(&["--method", "--threads"]);
+    .is_usage_error_with(&["--method"]);
     for option in ["--dry-run", "--estimate", "--out=elsewhere", "--limit=2"] {
-        run(dir.path(), &["--plan", "P", "--shard", "1/1", option]).is_usage_error_with(&[option]);
+        let said = run(dir.path(), &["--plan", "P", "--shard", "1/1", option]);
+        assert_eq!(said.code, 2, "{}", said.err);
+        let name = option.split('=').next().unwrap();
+        assert!(said.err.contains(name), "{}", said.err);
     }
     // What was changed since is said, not worked around.
     for (name, from, to) in [
-        ("plan.json", "\"--limit=24\"", "\"--limit=3\""),
+        ("run.toml", "limit = 24", "limit = 3"),
         // Or a plan could start programs by itself.
         (
-            "plan.json",
-            "\"--limit=24\"",
-            "\"--limit=24\", \"--allow-programs\"",
+            "run.toml",
+            "limit = 24",
+            "limit = 24\nallow-programs = true",
         ),
         ("pairs.csv", "view_0", "view_9"),
     ] {

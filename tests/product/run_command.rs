@@ -469,3 +469,55 @@ fn what_never_ends_is_no_input() {
     let method = ["--method", "sharp:checkpoint=/dev/zero"];
     run(dir.path(), "r", &method).is_error_with(&["/dev/zero", "not a regular file"]);
 }
+
+#[test]
+fn a_run_is_repeated_from_its_own_file() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path();
+    for folder in ["study/mine/synthetic/seed0", "elsewhere"] {
+        std::fs::create_dir_all(path.join(folder)).unwrap();
+    }
+    let study = "\
+        dataset = [\"synthetic=size=48x36,views=6\"]\n\
+        method = [\"copy\", \"command:label=program,run='sh my.sh'\"]\n\
+        metrics = \"psnr\"\n\
+        pair-options = \"order=once\"\n\
+        limit = 5\n";
+    std::fs::write(path.join("study/study.toml"), study).unwrap();
+    let program = "while read -r line; do
+      to=$(echo \"$line\" | sed 's/.*\"write_to\": *\"\\([^\"]*\\)\".*/\\1/')
+      id=$(echo \"$line\" | sed 's/.*\"pair_id\": *\"\\([^\"]*\\)\".*/\\1/')
+      cp \"$(dirname \"$to\")/source.png\" \"$to\"; echo \"{\\\"pair_id\\\":\\\"$id\\\"}\"
+    done";
+    std::fs::write(path.join("study/my.sh"), program).unwrap();
+    let args = [
+        "run",
+        "--config",
+        "study/study.toml",
+        "--limit",
+        "3",
+        "--out",
+        "r",
+    ];
+    sharp_bench(path, &args).ends_with(0);
+    let scores = read(path.join("r/scores.csv"));
+    assert_eq!(scores.lines().count(), 1 + 3 * 2, "{scores}");
+    let file = "../r/run.toml";
+    let args = ["run", "--config", file, "--out", "../again"];
+    sharp_bench(&path.join("elsewhere"), &args).ends_with(0);
+    assert_eq!(read(path.join("again/scores.csv")), scores);
+    assert_eq!(
+        read(path.join("again/run.toml")),
+        read(path.join("r/run.toml"))
+    );
+    for (file, part) in [
+        ("limits = 3", "'limits'"),
+        ("method = [\"copy\"]", "no dataset"),
+    ] {
+        std::fs::write(path.join("wrong.toml"), file).unwrap();
+        let said = sharp_bench(path, &["run", "--config", "wrong.toml", "--out", "w"]);
+        assert!(said.code > 0 && said.err.contains(part), "{}", said.err);
+    }
+    sharp_bench(path, &["run", "--dataset", "synthetic", "--out", "w"])
+        .is_usage_error_with(&["no method"]);
+}

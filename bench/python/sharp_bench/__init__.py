@@ -176,18 +176,17 @@ class Run:
 
 def evaluate(
     function,
-    datasets,
-    out,
+    datasets=None,
+    out=None,
     *,
     label=None,
     version=None,
     privilege=None,
+    config=None,
     methods=(),
-    metrics="paper",
-    pairs=None,
-    pair_options="",
-    limit=None,
+    metrics=None,
     progress=None,
+    **options,
 ):
     """Evaluates a function as a method, into the run folder ``out``; a :class:`Run`.
 
@@ -200,29 +199,37 @@ def evaluate(
     on where it was when it is called again; what is done is not done again as long as ``version`` is the same. Without it, it is
     a hash of the function's source text, which sees no change of what the function calls: give one that names your weights.
 
-    ``methods`` are evaluated beside it (``"copy"``, ``"depth-splat"``, …), ``pairs`` is a list as ``sharp-bench pairs`` writes it,
+    ``methods`` are evaluated beside it (``"copy"``, ``"depth-splat"``, …), or alone with ``None`` for the function. ``config`` is
+    a ``run.toml``; ``options`` are those of ``sharp-bench run`` by name (``limit=10``, ``pairs="pairs.csv"``,
+    ``pair_options="order=once"``, ``common_region=True``) and take the place of the file's.
     ``progress`` is called with phase, done and of how many; True prints them.
     """
     if privilege not in (None, "source-depth"):
         raise ValueError(f"privilege={privilege!r}: None or 'source-depth'")
-    function_of = _parameters(function)
+    if out is None:
+        raise TypeError("evaluate() needs out=, the run folder")
+    keys = {key.replace("_", "-"): _plain(value) for key, value in options.items()}
+    keys["dataset"] = [datasets] if isinstance(datasets, str) else [os.fspath(spec) for spec in datasets or ()]
+    keys["method"] = list(methods)
+    keys["metrics"] = metrics if metrics is None or isinstance(metrics, str) else ",".join(metrics)
+    function_of = 2 if function is None else _parameters(function)
+    adapted = function and (_of_source(function) if function_of == 1 else _of_pair(function))
     asked = {
-        "datasets": [datasets] if isinstance(datasets, str) else [os.fspath(spec) for spec in datasets],
         "out": out,
         "label": label or getattr(function, "__name__", type(function).__name__).strip("<>"),
-        "version": version or _source_hash(function),
+        "version": version or (function and _source_hash(function)) or "",
         "of_source": function_of == 1,
         "privileged": privilege is not None,
-        "methods": list(methods),
-        "metrics": metrics if isinstance(metrics, str) else ",".join(metrics),
-        "pairs": pairs,
-        "pair_options": pair_options,
-        "limit": limit,
+        "config": config,
+        "keys": json.dumps(keys),
     }
-    adapted = _of_source(function) if function_of == 1 else _of_pair(function)
     counts, notes = _interruptible(lambda stop: _sharp_bench.evaluate(adapted, asked, stop, _display(progress)))
     _warn(notes)
     return Run(out, counts)
+
+
+def _plain(value):
+    return os.fspath(value) if isinstance(value, os.PathLike) else value
 
 
 def _parameters(function):

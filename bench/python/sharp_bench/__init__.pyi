@@ -119,19 +119,18 @@ def compare(a: _Path, b: Optional[_Path] = None, methods: Sequence[Tuple[str, st
 def conventions(metrics: str = "all") -> list[dict[str, Any]]: ...
 def datasets(*specs: str, scenes: Optional[str] = None) -> list[Dataset]: ...
 def evaluate(
-    function: Union[Callable[[Source, Camera], _Answer], Callable[[Source], Gaussians]],
-    datasets: Union[str, Iterable[str]],
-    out: _Path,
+    function: Union[Callable[[Source, Camera], _Answer], Callable[[Source], Gaussians], None],
+    datasets: Union[str, Iterable[str], None] = None,
+    out: Optional[_Path] = None,
     *,
     label: Optional[str] = None,
     version: Optional[str] = None,
     privilege: Optional[Literal["source-depth"]] = None,
+    config: Optional[_Path] = None,
     methods: Sequence[str] = (),
-    metrics: _Metrics = "paper",
-    pairs: Optional[_Path] = None,
-    pair_options: str = "",
-    limit: Optional[int] = None,
+    metrics: Optional[_Metrics] = None,
     progress: _Progress = None,
+    **options: Union[str, int, bool, _Path, Sequence[str], None],
 ) -> Run: ...
 def load_scores(run: _Path) -> Table: ...
 def metrics(

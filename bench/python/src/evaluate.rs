@@ -9,24 +9,23 @@ use std::time::{Duration, Instant};
 use numpy::{PyArray2, PyArray3};
 use pyo3::prelude::*;
 use sharp::render::Backend;
-use sharp_bench::evaluate::{PairOrigin, Request, RunOptions, prepare};
+use sharp_bench::config::{ConfigError, RunConfig};
+use sharp_bench::evaluate::{Request, RunOptions, prepare};
 use sharp_bench::io::observer::Observer;
 use sharp_bench::methods::{
-    self, Approach, GaussianPrediction, GaussianSpace, Method, MethodError, MethodIdentity,
+    Approach, GaussianPrediction, GaussianSpace, Method, MethodError, MethodIdentity,
     PicturePrediction, PredictGaussians, PredictPicture, SourceView, TargetCamera,
 };
-use sharp_bench::pairs::{OpenDataset, PairOptions, PairRecipe};
 use sharp_bench::rendering::RenderSettings;
-use sharp_bench::scoring::Scoring;
 use sharp_datasets::DepthMap;
-use sharp_metrics::{Picture, Selection, Weights};
+use sharp_metrics::Picture;
 
 use crate::arrays;
 use crate::errors::{failed, refused};
 use crate::gaussians::{Gaussians, rendered};
-use crate::pairs::{Warnings, cache, scene_checks};
+use crate::pairs::Warnings;
 
-use crate::views::{Camera, configs};
+use crate::views::Camera;
 
 /// The view that a method starts from.
 #[pyclass(frozen, module = "sharp_bench")]
@@ -276,24 +275,22 @@ impl Observer for Progress<'_> {
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
 pub(crate) struct Asked {
-    datasets: Vec<String>,
     out: PathBuf,
     label: String,
     version: String,
     of_source: bool,
     privileged: bool,
-    methods: Vec<String>,
-    metrics: String,
-    pairs: Option<PathBuf>,
-    pair_options: String,
-    limit: Option<usize>,
+    /// A `run.toml`.
+    config: Option<PathBuf>,
+    /// Keys of a `run.toml` as JSON, in place of those of the file.
+    keys: String,
 }
 
-/// Evaluates a function, and methods of the command line beside it. Counts by name, and warnings.
+/// Evaluates a function where one is given, and methods of the configuration beside it. Counts by name, and warnings.
 #[pyfunction]
 pub(crate) fn evaluate(
     py: Python<'_>,
-    function: Py<PyAny>,
+    function: Option<Py<PyAny>>,
     asked: Asked,
     stop: &Stop,
     progress: Option<Py<PyAny>>,
@@ -306,41 +303,36 @@ pub(crate) fn evaluate(
         phase: Mutex::default(),
         done: AtomicUsize::default(),
     };
-    let selection = Selection::parse(&asked.metrics).map_err(refused)?;
-    let pair_options: PairOptions = asked.pair_options.parse().map_err(refused)?;
-    let specs = asked
-        .methods
-        .iter()
-        .map(|text| text.parse().map_err(refused));
-    let specs: Vec<methods::MethodSpec> = specs.collect::<PyResult<_>>()?;
-    let own = Function {
+    let keys = serde_json::from_str(&asked.keys).map_err(refused)?;
+    let mut config = RunConfig::from_keys(keys).map_err(refused)?;
+    if let Some(file) = &asked.config {
+        let file = RunConfig::read(file).map_err(refused)?;
+        config = file.overlaid(&config).map_err(refused)?;
+    }
+    let own = function.map(|function| Function {
         label: asked.label.clone(),
         version: asked.version,
         privileged: asked.privileged,
         of_source: asked.of_source,
         function,
-    };
+    });
     let run = || -> anyhow::Result<_> {
-        let mut all: Vec<Box<dyn Method>> = vec![Box::new(own)];
-        all.extend(methods::build(&specs, None)?);
-        let scoring = Scoring::new(&selection, &Weights::at_hand())?;
-        let datasets = OpenDataset::open_all(&configs(&asked.datasets)?, None)?;
-        let mut request = Request::new(datasets, all, scoring);
-        request.limit = asked.limit;
-        request.checks = Some(scene_checks());
-        request.pairs = match asked.pairs {
-            Some(list) => PairOrigin::Given(list),
-            None => PairOrigin::Built {
-                recipe: Box::new(PairRecipe::new(pair_options)),
-                cache: cache(),
-            },
-        };
+        let mut request = Request::of(&config, None)?;
+        if let Some(own) = own {
+            request.methods.insert(0, (None, Box::new(own)));
+        }
         let evaluation = prepare(request, &observer)?;
         Ok(evaluation
-            .run(&asked.out, RunOptions::default(), &observer)?
+            .run(&asked.out, RunOptions::from(&config), &observer)?
             .counts)
     };
-    let counts = py.detach(run).map_err(failed)?;
+    let counts = py.detach(run).map_err(|error| {
+        let config = error.downcast_ref::<ConfigError>();
+        match config.is_some_and(ConfigError::is_usage) {
+            true => refused(error),
+            false => failed(error),
+        }
+    })?;
     let counts = [
         ("units", counts.units),
         ("reused", counts.reused),

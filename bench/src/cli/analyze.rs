@@ -7,11 +7,12 @@ use clap::{Args, Subcommand};
 use serde_json::{Value, json};
 use sharp_metrics::Scorer;
 
-use super::data_args::{MetricArgs, demand_weights};
 use super::metrics::demand_explicit;
 use super::output::Terminal;
 use super::{Outcome, output};
 use crate::analyze::translation::{Comparison, Experiment, Shifts, figure, strip, table};
+use crate::config::MetricConfig;
+use crate::config::metrics::demand_weights;
 use crate::io::atomic_files::{check_writable, write_atomic};
 use crate::io::observer::Observer;
 use crate::io::pictures;
@@ -48,7 +49,7 @@ struct TranslationArgs {
     #[arg(long, value_name = "LIST", default_value = "0.1,1,5")]
     shifts: Shifts,
     #[command(flatten)]
-    metrics: MetricArgs,
+    metrics: MetricConfig,
     /// Write the table (Markdown, CSV, LaTeX), the figure (SVG, PNG) and the pictures into this folder
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,

@@ -6,10 +6,10 @@ use std::str::FromStr;
 use clap::Args;
 use sharp_metrics::Family;
 
-use super::data_args::weights;
 use super::outcome::UsageError;
 use super::output::Terminal;
 use super::{Outcome, output};
+use crate::config::metrics::weights;
 use crate::report::{ReportOptions, assemble};
 use crate::track::compare::breakdown::{Division, Stratum};
 use crate::track::compare::{CompareError, Practical, RunComparison, compare};

@@ -5,14 +5,15 @@ use std::path::PathBuf;
 use clap::Args;
 use serde_json::json;
 
-use super::data_args::MetricArgs;
 use super::output::Terminal;
 use super::report::{outcome, print_tables};
-use super::run::build_methods;
 use super::{Outcome, output};
-use crate::evaluate::{PairOrigin, Request, RunOptions, prepare};
+use crate::config::MetricConfig;
+use crate::evaluate::{Request, RunOptions, prepare};
 use crate::io::checkpoint::{NetworkError, bundled_weights};
-use crate::pairs::{OpenDataset, PairOptions, PairRecipe};
+use crate::methods::MethodSpec;
+use crate::pairs::{OpenDataset, PairOptions, PairOrigin, PairRecipe};
+use crate::protocols::build_methods;
 use crate::report::{Layout, PictureBudget, PublishedNumbers, ReportOptions, report};
 
 /// Run the main job on bundled data: evaluate, tabulate, plot
@@ -28,7 +29,7 @@ pub(super) struct DemoArgs {
     #[arg(long, value_name = "DIR", default_value = "demo-run")]
     out: PathBuf,
     #[command(flatten)]
-    metrics: MetricArgs,
+    metrics: MetricConfig,
     /// Threads; all cores without it. Results do not depend on it
     #[arg(long, value_name = "N")]
     threads: Option<usize>,
@@ -64,18 +65,22 @@ pub(super) fn execute(args: &DemoArgs) -> anyhow::Result<Outcome> {
     options.sampling.limit = Some(SYNTHETIC_PAIRS);
     let terminal = Terminal::default();
     let scoring = args.metrics.scoring()?;
-    let mut methods = METHODS.map(str::to_owned).to_vec();
+    let mut methods = METHODS.to_vec();
     // A copy of the program that travels alone.
     if let Err(error @ NetworkError::NotBundled { .. }) = bundled_weights() {
         output::remark(format!("note: no rows of the network: {error}"));
         methods.retain(|method| !method.contains("checkpoint=mini"));
     }
+    let specs: Vec<MethodSpec> = methods
+        .iter()
+        .map(|spec| spec.parse())
+        .collect::<Result<_, _>>()?;
     let request = Request {
         pairs: PairOrigin::Built {
             recipe: Box::new(PairRecipe::new(options)),
             cache: None,
         },
-        methods: build_methods(&methods, None)?,
+        methods: build_methods(&specs, None)?,
         ..Request::new(OpenDataset::open_all(&datasets, None)?, Vec::new(), scoring)
     };
     let finished = prepare(request, &terminal)?.run(

@@ -6,9 +6,10 @@ use clap::Args;
 use serde_json::{Value, json};
 use sharp_metrics::Selection;
 
+use super::Outcome;
 use super::outcome::UsageError;
 use super::output::{self, Terminal};
-use super::{Outcome, data_args};
+use crate::config::metrics;
 use crate::pictures::keyed_scores::json_number;
 use crate::report::explain::text::{terminal, write_explanations};
 use crate::report::explain::{ExplainedRun, explain_run};
@@ -77,7 +78,7 @@ pub(super) fn execute(args: &ExplainArgs) -> anyhow::Result<Outcome> {
         return Err(UsageError(reason).into());
     }
     let selection = Selection::parse(&args.metrics)?;
-    let scoring = Scoring::new(&selection, &data_args::weights(&args.weights)?)?;
+    let scoring = Scoring::new(&selection, &metrics::weights(&args.weights)?)?;
     let mut runs: Vec<ExplainedRun> = Vec::new();
     for run in &args.runs {
         let Ok(run) = run.parse();

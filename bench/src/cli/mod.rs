@@ -22,11 +22,9 @@ mod model;
 mod outcome;
 mod output;
 mod pairs;
-mod planned;
 mod protocols;
 mod reading_args;
 mod render;
-mod rendering_args;
 mod report;
 mod run;
 mod scale;
@@ -107,10 +105,6 @@ enum CliCommand {
 
 /// Runs a command line, which begins with the program's name. Returns the exit code; see `sharp-bench --help`.
 pub fn main(arguments: Vec<OsString>) -> u8 {
-    let arguments = match planned::with_planned(arguments) {
-        Ok(arguments) => arguments,
-        Err(error) => return failed(&error),
-    };
     let mut command = help::command();
     let matches = command.try_get_matches_from_mut(arguments);
     let parsed = matches.and_then(|matches| Cli::from_arg_matches(&matches));

@@ -4,6 +4,7 @@ use sharp_datasets::DatasetError;
 use sharp_metrics::SelectionError;
 use sharp_metrics::weights::UnknownBackbone;
 
+use crate::config::ConfigError;
 use crate::evaluate::EvaluateError;
 use crate::methods::SpecError;
 use crate::pairs::{OpenDataset, PairError};
@@ -65,6 +66,7 @@ pub(super) struct UsageError(pub(super) String);
 pub(super) fn is_usage(error: &anyhow::Error) -> bool {
     error.chain().any(|cause| {
         cause.is::<UsageError>()
+            || cause.downcast_ref().is_some_and(ConfigError::is_usage)
             || cause.is::<SelectionError>()
             || cause.is::<UnknownBackbone>()
             || matches!(cause.downcast_ref(), Some(ScaleError::Refused { .. }))
@@ -109,9 +111,9 @@ fn dataset_error<'a>(cause: &'a (dyn std::error::Error + 'static)) -> Option<&'a
     };
     match cause.downcast_ref::<EvaluateError>() {
         Some(EvaluateError::Pairs(error)) => of_pairs(error),
-        _ => match cause.downcast_ref::<PairError>() {
-            Some(error) => of_pairs(error),
-            None => cause.downcast_ref(),
+        _ => match (cause.downcast_ref(), cause.downcast_ref()) {
+            (Some(error), _) | (_, Some(ConfigError::Pairs(error))) => of_pairs(error),
+            _ => cause.downcast_ref(),
         },
     }
 }

@@ -3,27 +3,24 @@
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
+use anyhow::bail;
 use clap::Args;
 use serde_json::json;
-use sharp::render::Backend;
-use sharp_metrics::{InstructionSet, Simd};
+use sharp_metrics::Simd;
 
-use super::data_args::{self, DatasetArgs, MetricArgs, PairArgs};
+use super::data_args::{self, say_what_was_opened};
 use super::memory::MemoryArgs;
 use super::outcome::UsageError;
 use super::output::{Terminal, span};
-use super::planned;
-use super::rendering_args::RenderingArgs;
 use super::report::{outcome, print_tables};
 use super::{Outcome, output};
+use crate::config::RunConfig;
 use crate::evaluate::{
-    Aggregation, Estimate, EvaluateError, Evaluation, Keep, PairOrigin, Request, RunOptions,
-    RunStatus, Shard, Stages, UnitCounts, prepare,
+    Estimate, EvaluateError, Evaluation, Request, RunFolder, RunOptions, RunStatus, Shard, Stages,
+    UnitCounts, prepare,
 };
 use crate::io::counts::counted;
-use crate::methods::{self, KINDS, MethodSpec};
-use crate::protocols::{Asked, Followed, Protocol, ProtocolError};
-use crate::scoring::ScoringRules;
+use crate::methods::KINDS;
 
 /// Evaluate methods on datasets into a run folder
 ///
@@ -31,37 +28,19 @@ use crate::scoring::ScoringRules;
 /// again. A pair that fails becomes a recorded failure and the others continue (exit code 4). A folder takes more
 /// methods, pairs, metrics and datasets later; nothing that is done is done again.
 #[derive(Debug, Args)]
-// A shard's own options come after those of its plan.
 #[command(
     after_help = help(),
-    args_override_self = true,
     override_usage = "sharp-bench run [OPTIONS] --dataset <SPEC> --method <SPEC> --out <DIR>\n       \
+                      sharp-bench run --config <FILE> [OPTIONS] --out <DIR>\n       \
                       sharp-bench run --plan <DIR> --shard <I/N> [OPTIONS]"
 )]
 pub(super) struct RunArgs {
+    /// Options from a file: TOML, by their names without dashes (`limit = 10`, `method = ["copy"]`), with paths that start
+    /// in its folder. Those of the command line take their place. Every run folder has its own as run.toml
+    #[arg(long = "config", value_name = "FILE")]
+    file: Option<PathBuf>,
     #[command(flatten)]
-    datasets: DatasetArgs,
-    /// A method, KIND[:key=value,…]; repeatable
-    #[arg(long = "method", value_name = "SPEC", required = true)]
-    pub(super) methods: Vec<String>,
-    #[command(flatten)]
-    metrics: MetricArgs,
-    /// Follow someone's evaluation: pair source, size, metrics, masks, 8 bit, means (`sharp-bench protocols` lists them).
-    /// An option that contradicts it is an error; what cannot be done as there is said in the report
-    #[arg(long, value_name = "NAME")]
-    protocol: Option<String>,
-    #[command(flatten)]
-    pairs: PairArgs,
-    /// Evaluate at most this many pairs, spread over datasets and scenes; those of a smaller N are among those of a larger
-    #[arg(long, value_name = "N")]
-    limit: Option<usize>,
-    /// Score all methods of a pair on the part of the target that all of them predict
-    #[arg(long)]
-    common_region: bool,
-    /// Of methods that rendered several scales, score the one with the least DISTS of each pair (the paper's rule for
-    /// methods without metric scale); the report says "best of N scales by DISTS"
-    #[arg(long)]
-    scale_sweep: bool,
+    config: RunConfig,
     /// The run folder
     #[arg(long, value_name = "DIR", required_unless_present_any = ["dry_run", "estimate", "plan"])]
     out: Option<PathBuf>,
@@ -74,8 +53,7 @@ pub(super) struct RunArgs {
         long,
         value_name = "DIR",
         requires = "shard",
-        conflicts_with_all = ["dry_run", "estimate"],
-        overrides_with_all = ["out", "plan_only"]
+        conflicts_with_all = ["dry_run", "estimate", "out", "plan_only", "file"]
     )]
     plan: Option<PathBuf>,
     /// Which shard, I/N with I from 1 to N; auto, or auto/N, in an array of Slurm, Kubernetes or AWS Batch
@@ -83,37 +61,18 @@ pub(super) struct RunArgs {
     shard: Option<Shard>,
     /// Start the programs of `command` methods that the plan names: a plan from elsewhere could name any
     #[arg(long, requires = "plan")]
-    pub(super) allow_programs: bool,
+    allow_programs: bool,
     /// Begin no unit after this time, such as 90s, 55m or 3h, and end with exit code 75, as SIGTERM and SIGUSR1 do
     #[arg(long, value_name = "TIME", value_parser = time)]
     time_budget: Option<Duration>,
-    /// Which predicted pictures to keep
-    #[arg(long, value_enum, default_value_t = Keep::All)]
-    keep: Keep,
-    /// Keep the Gaussians that methods predict, so that another renderer or target predicts nothing again
-    #[arg(long)]
-    keep_gaussians: bool,
     /// Which stages to do; the others can follow on another machine
     #[arg(long, value_enum, default_value_t = Stages::All)]
     stage: Stages,
     #[command(flatten)]
     memory: MemoryArgs,
-    /// Who renders: cpu, or wgpu (a GPU through Vulkan, Metal or Direct3D 12). The exact backend is part of every
-    /// result's identity, and a run has one
-    #[arg(long, value_name = "BACKEND", default_value_t = Backend::Cpu)]
-    backend: Backend,
-    /// The GPU, by a part of its description (`sharp-bench doctor` lists them)
-    #[arg(long, value_name = "NAME")]
-    adapter: Option<String>,
-    #[command(flatten)]
-    rendering: RenderingArgs,
     /// Threads; all cores without it. Results do not depend on it
     #[arg(long, value_name = "N")]
     threads: Option<usize>,
-    /// Class of CPU kernels for everything: avx512, avx2 or portable; the fastest of the machine without it. Results are
-    /// equal bit for bit within one class, so that unlike machines can share a run
-    #[arg(long, value_name = "SET")]
-    simd: Option<InstructionSet>,
     /// Count what is done, failed and missing, and evaluate nothing
     #[arg(long)]
     dry_run: bool,
@@ -139,19 +98,6 @@ fn help() -> String {
     )
 }
 
-/// Methods from the command line, each with its text.
-pub(super) fn build_methods(
-    texts: &[String],
-    chooser: Option<&std::sync::Arc<crate::scoring::ScaleChooser>>,
-) -> anyhow::Result<Vec<(String, Box<dyn methods::Method>)>> {
-    let specs: Vec<MethodSpec> = texts
-        .iter()
-        .map(|text| text.parse())
-        .collect::<Result<_, _>>()?;
-    let built = methods::build(&specs, chooser)?;
-    Ok(specs.into_iter().map(|spec| spec.text).zip(built).collect())
-}
-
 /// `90s`, `55m`, `3h`.
 pub(super) fn time(text: &str) -> Result<Duration, String> {
     let wrong = || format!("'{text}': a time such as 90s, 55m or 3h is needed");
@@ -166,66 +112,67 @@ pub(super) fn time(text: &str) -> Result<Duration, String> {
     Ok(Duration::from_secs(secs))
 }
 
+/// What is asked for, with the folder of the plan that it is from.
+fn configuration(args: &RunArgs) -> anyhow::Result<RunConfig> {
+    let Some(root) = &args.plan else {
+        return Ok(match &args.file {
+            Some(file) => RunConfig::read(file)?.overlaid(&args.config)?,
+            None => args.config.clone(),
+        });
+    };
+    let own = args.config.keys();
+    // That a machine lacks those of the plan is said later.
+    if let Some(key) = own.keys().find(|key| *key != "simd") {
+        let reason =
+            format!("--{key}: a shard does what was planned, so that --plan goes without it");
+        return Err(UsageError(reason).into());
+    }
+    let folder = RunFolder::open(root)?;
+    if folder.plan()?.estimate.is_none() {
+        bail!(
+            "{}: it was not planned by `run --plan-only`, so that it has no shards",
+            root.display()
+        );
+    }
+    let config = RunConfig::read(&folder.config_path())?.overlaid(&args.config)?;
+    let mut programs = config
+        .methods
+        .iter()
+        .filter(|method| method.kind == "command");
+    if let Some(method) = programs.next().filter(|_| !args.allow_programs) {
+        let reason = format!(
+            "the plan starts a program, --method {method}: if you trust it, say --allow-programs"
+        );
+        return Err(UsageError(reason).into());
+    }
+    Ok(config)
+}
+
 pub(super) fn execute(args: &RunArgs) -> anyhow::Result<Outcome> {
-    let plan = args.plan.as_deref().map(|root| planned::enter(root, args));
-    let plan = plan.transpose()?;
+    let config = configuration(args)?;
     super::set_threads(args.threads)?;
-    if let Some(set) = args.simd {
+    if let Some(set) = config.simd {
         Simd::pin(set).map_err(|error| UsageError(format!("--simd {set}: {error}")))?;
     }
-    let backend = data_args::backend(&args.backend, args.adapter.as_deref())?;
-    if backend == Backend::Auto {
-        let reason = "--backend auto is for `render`: scores must not depend on what a machine has; say cpu or wgpu";
+    if config.methods.is_empty() {
+        let reason = "no method: --method SPEC names one (`run --help-all` has the kinds)";
         return Err(UsageError(reason.to_owned()).into());
     }
-    if args.limit == Some(0) {
-        return Err(UsageError("--limit 0: no pair to evaluate".to_owned()).into());
-    }
-    let followed = args.protocol.as_ref().map(|name| follow(name, args));
-    let followed = followed.transpose()?;
-    let selection = match followed.as_ref().and_then(|f| f.metrics.clone()) {
-        Some(selection) => selection,
-        None => args.metrics.selection()?,
-    };
-    let scoring = args.metrics.complete_scoring(&selection)?;
-    let chooser = args
-        .scale_sweep
-        .then(|| args.metrics.scale_chooser())
-        .transpose()?;
-    let methods = build_methods(&args.methods, chooser.as_ref())?;
+    let plan = args.plan.as_deref().map(std::path::absolute).transpose()?;
+    let request = Request::of(&config, plan.as_deref())?;
     let terminal = Terminal::until(args.time_budget)?;
-    let mut rendering = args.rendering.settings();
-    let (mut datasets, mut rules) = (args.datasets.datasets.clone(), ScoringRules::default());
-    let (mut aggregation, mut protocol) = (Aggregation::default(), None);
-    if let Some(followed) = followed {
-        rendering.quantization = followed.quantization.unwrap_or(rendering.quantization);
-        (datasets, rules) = (followed.datasets, followed.rules);
-        (aggregation, protocol) = (followed.aggregation, Some(followed.record));
+    say_what_was_opened(&request.datasets);
+    if let Some(protocol) = &request.protocol {
+        for departure in &protocol.departures {
+            output::remark(format!("note: not as in {}: {departure}", protocol.name));
+        }
     }
-    let request = Request {
-        datasets: args.datasets.open_specs(&datasets)?,
-        checks: args.pairs.overlap.checks().filter(|_| plan.is_none()),
-        only_scenes: args.datasets.scenes.clone(),
-        pairs: match &plan {
-            Some(root) => PairOrigin::Planned(root.clone()),
-            None => args.pairs.origin()?,
-        },
-        limit: args.limit,
-        methods,
-        scoring: scoring.under(rules),
-        common_region: args.common_region,
-        aggregation,
-        protocol,
-        backend,
-        rendering,
-    };
     let complete = Outcome::Done.with_scenes_of(&request.datasets);
     let evaluation = prepare(request, &terminal)?;
     let options = RunOptions {
         stages: args.stage,
-        keep: args.keep,
-        keep_gaussians: args.keep_gaussians,
         memory_limit_bytes: args.memory.limit_bytes(),
+        ..RunOptions::from(&config)
     };
     if args.estimate {
         print_estimate(&evaluation.estimate(options)?, args.json)?;
@@ -247,7 +194,7 @@ pub(super) fn execute(args: &RunArgs) -> anyhow::Result<Outcome> {
         return dry_run(&evaluation, args).map(|_| complete);
     };
     if args.plan_only {
-        let estimate = evaluation.plan(out, planned::this_command()?, options, &terminal)?;
+        let estimate = evaluation.plan(out, options, &terminal)?;
         print_estimate(&estimate, args.json)?;
         return Ok(complete);
     }
@@ -297,24 +244,6 @@ pub(super) fn execute(args: &RunArgs) -> anyhow::Result<Outcome> {
         ))?;
     }
     Ok(outcome)
-}
-
-/// Applies a protocol to the command line.
-fn follow(name: &str, args: &RunArgs) -> anyhow::Result<Followed> {
-    let metrics = args.metrics.asked()?;
-    let usage = |error: ProtocolError| UsageError(error.to_string());
-    let followed = Protocol::named(name).map_err(usage)?.follow(Asked {
-        datasets: &args.datasets.datasets,
-        has_pair_list: args.pairs.pairs.is_some(),
-        pair_options: args.pairs.pair_options.as_ref(),
-        metrics: metrics.as_ref(),
-        quantization: args.rendering.quantise.map(Into::into),
-    });
-    let followed = followed.map_err(usage)?;
-    for departure in &followed.record.departures {
-        output::remark(format!("note: not as in {name}: {departure}"));
-    }
-    Ok(followed)
 }
 
 fn dry_run(evaluation: &Evaluation, args: &RunArgs) -> anyhow::Result<Outcome> {

@@ -3,6 +3,7 @@
 use clap::{Args, ValueEnum};
 
 use super::{Outcome, output};
+use crate::config::RunConfig;
 use crate::evaluate::Manifest;
 use crate::evaluate::RunPlan;
 use crate::evaluate::record::Record;
@@ -27,6 +28,8 @@ enum SchemaFile {
     Record,
     /// plan.json
     Plan,
+    /// run.toml, and what `run --config` takes
+    Run,
 }
 
 pub(super) fn execute(args: &SchemaArgs) -> anyhow::Result<Outcome> {
@@ -35,6 +38,7 @@ pub(super) fn execute(args: &SchemaArgs) -> anyhow::Result<Outcome> {
         SchemaFile::Unit => schemars::schema_for!(Unit),
         SchemaFile::Record => schemars::schema_for!(Record),
         SchemaFile::Plan => schemars::schema_for!(RunPlan),
+        SchemaFile::Run => schemars::schema_for!(RunConfig),
     })?;
     Ok(Outcome::Done)
 }

@@ -8,13 +8,13 @@ use clap::Args;
 use serde_json::json;
 use sharp_metrics::{InstructionSet, Selection, Simd};
 
-use super::data_args::MetricArgs;
 use super::memory::MemoryArgs;
 use super::outcome::UsageError;
 use super::output::Terminal;
 use super::report::{outcome, print_tables};
 use super::run::{print_counts, time};
 use super::{Outcome, output};
+use crate::config::MetricConfig;
 use crate::evaluate::{RunFolder, Shard, rescore, score_shard};
 use crate::io::counts::counted;
 
@@ -28,7 +28,7 @@ pub(super) struct ScoreArgs {
     #[arg(value_name = "RUN")]
     run: PathBuf,
     #[command(flatten)]
-    metrics: MetricArgs,
+    metrics: MetricConfig,
     /// Score a shard of a plan by the plan's metrics, and write units only: I/N, auto or auto/N, as `run --shard`. It needs
     /// the datasets, and neither a method's files nor its device
     #[arg(long, value_name = "I/N", conflicts_with = "metrics")]

@@ -7,17 +7,18 @@ use serde_json::json;
 use sharp::render::Backend;
 use sharp_metrics::{Selection, Weights};
 
-use super::data_args::{self, PairArgs};
 use super::outcome::UsageError;
 use super::output::Terminal;
-use super::rendering_args::RenderingArgs;
-use super::run::build_methods;
 use super::{Outcome, output};
 use crate::config::DatasetConfig;
+use crate::config::{PairConfig, clap_dataset};
+use crate::config::{RenderingConfig, rendering};
 use crate::evaluate::speed::SpeedOptions;
 use crate::evaluate::{Request, prepare};
 use crate::io::machine::cpu_and_threads;
+use crate::methods::MethodSpec;
 use crate::pairs::OpenDataset;
+use crate::protocols::build_methods;
 use crate::report::speed::{Measured, SpeedReport, compute::compute};
 use crate::scoring::Scoring;
 
@@ -40,12 +41,12 @@ pub(super) struct SpeedArgs {
     runs: Vec<PathBuf>,
     /// A method to measure, KIND[:key=value,…]; repeatable
     #[arg(long = "method", value_name = "SPEC", requires = "datasets")]
-    methods: Vec<String>,
+    methods: Vec<MethodSpec>,
     /// A dataset to measure on, [NAME:]FORMAT=PATH[,key=value…]; repeatable
-    #[arg(long = "dataset", value_name = "SPEC", requires = "methods", value_parser = data_args::dataset)]
+    #[arg(long = "dataset", value_name = "SPEC", requires = "methods", value_parser = clap_dataset)]
     datasets: Vec<DatasetConfig>,
     #[command(flatten)]
-    pairs: PairArgs,
+    pairs: PairConfig,
     /// Pairs of each dataset that are measured, spread over its scenes
     #[arg(long, value_name = "N", default_value_t = 3)]
     limit: usize,
@@ -62,7 +63,7 @@ pub(super) struct SpeedArgs {
     #[arg(long, value_name = "NAME")]
     adapter: Option<String>,
     #[command(flatten)]
-    rendering: RenderingArgs,
+    rendering: RenderingConfig,
     /// Threads; all cores without it
     #[arg(long, value_name = "N")]
     threads: Option<usize>,
@@ -121,7 +122,7 @@ fn measure(args: &SpeedArgs) -> anyhow::Result<Measured> {
         limit: Some(args.limit * datasets.len()),
         pairs: args.pairs.origin()?,
         methods: build_methods(&args.methods, None)?,
-        backend: data_args::backend(&args.backend, args.adapter.as_deref())?,
+        backend: rendering::backend(&args.backend, args.adapter.as_deref())?,
         rendering: args.rendering.settings(),
         ..Request::new(datasets, Vec::new(), scoring)
     };

@@ -7,12 +7,12 @@ use clap::Args;
 use serde_json::json;
 use sharp_train::trainer::Ended;
 
-use super::data_args::MetricArgs;
 use super::outcome::UsageError;
 use super::output::Terminal;
 use super::run::time;
 use super::{Outcome, output};
 use crate::config::DatasetConfig;
+use crate::config::MetricConfig;
 use crate::evaluate::record::finite_or_text;
 use crate::io::counts::counted;
 use crate::io::hash::file_sha256;
@@ -50,7 +50,7 @@ pub(super) struct TrainArgs {
     #[arg(long, value_name = "N", default_value_t = ValidationRequest::PAIRS)]
     validation_pairs: usize,
     #[command(flatten)]
-    metrics: MetricArgs,
+    metrics: MetricConfig,
     /// Also write the weights in half precision when the training is complete
     #[arg(long, value_name = "FILE.safetensors")]
     export_f16: Option<PathBuf>,

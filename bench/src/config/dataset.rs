@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use std::str::FromStr;
 
 use serde::{Deserialize, Serialize};
-use sharp_datasets::DatasetSpec;
+use sharp_datasets::{DatasetError, DatasetSpec};
 
 use crate::pairs::PairError;
 use crate::pairs::frame::Frame;
@@ -79,6 +79,15 @@ impl DatasetConfig {
             ..self.clone()
         }
     }
+}
+
+/// A dataset's spec; the error is the bare reason: clap quotes the spec.
+pub(crate) fn clap_dataset(text: &str) -> Result<DatasetConfig, String> {
+    text.parse().map_err(|error| match error {
+        PairError::DatasetSpec { reason, .. }
+        | PairError::Dataset(DatasetError::Spec { reason, .. }) => reason,
+        error => error.to_string(),
+    })
 }
 
 impl FromStr for DatasetConfig {

@@ -1,7 +1,17 @@
-//! Configuration of a run: parsed once, stored typed, printed in one form.
-//!
-//! * `dataset`: a dataset with the settings of its reader, its frame and its own pair options.
+//! What is asked for, parsed once, where it comes in: from a command line, a file or a program.
 
 mod dataset;
+pub mod error;
+pub mod metrics;
+mod pairs;
+pub mod rendering;
+mod run;
+mod text;
 
+pub(crate) use dataset::clap_dataset;
 pub use dataset::{DatasetConfig, PairOverrides};
+pub use error::ConfigError;
+pub use metrics::MetricConfig;
+pub use pairs::{OverlapConfig, PairConfig};
+pub use rendering::RenderingConfig;
+pub use run::{Keep, RunConfig};

@@ -221,7 +221,7 @@ impl Bundle {
             dataset.spec = None;
         }
         for method in &mut manifest.methods {
-            method.spec.clear();
+            method.spec = None;
         }
         let mut hasher = StableHasher::default();
         hasher

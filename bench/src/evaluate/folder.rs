@@ -2,7 +2,8 @@
 //!
 //! ```text
 //! RUN/manifest.json                         what was run
-//! RUN/plan.json                             which pairs by which methods; of `run --plan-only` also its arguments
+//! RUN/run.toml                              what was asked for, by the options' names
+//! RUN/plan.json                             which pairs by which methods; of `run --plan-only` also its cost
 //! RUN/pairs.csv                             the pair list
 //! RUN/units/ab/abcdef….json                 one file a unit, named by its slot
 //! RUN/predictions/METHOD/<pair_id>.png      kept pictures (and .exr with --keep float)
@@ -29,7 +30,8 @@ use super::manifest::{FORMAT, Manifest};
 use super::plan::RunPlan;
 use super::shard::Shard;
 use super::unit::{Slot, Unit};
-use crate::io::atomic_files::{FileError, remove_leftovers, write_json};
+use crate::config::RunConfig;
+use crate::io::atomic_files::{FileError, remove_leftovers, write_atomic, write_json};
 use crate::io::hash::file_sha256;
 use crate::pairs::pair_id::path_of;
 
@@ -235,6 +237,21 @@ impl RunFolder {
     /// Names the file and what the system said.
     pub fn write_plan(&self, plan: &RunPlan) -> Result<(), FileError> {
         write_json(&self.root.join("plan.json"), plan)
+    }
+
+    /// The configuration of the latest `run` into it.
+    pub fn config_path(&self) -> PathBuf {
+        self.root.join("run.toml")
+    }
+
+    /// Writes `run.toml`, with paths that hold wherever it is read.
+    pub(super) fn write_config(&self, config: &RunConfig) -> Result<(), EvaluateError> {
+        let here = std::env::current_dir().map_err(FileError::new(&self.root, "find"))?;
+        let text = config.clone().rooted(&here).to_toml()?;
+        let text = format!(
+            "# What was asked for: `sharp-bench run --config FILE --out OTHER` does it again.\n{text}"
+        );
+        Ok(write_atomic(&self.config_path(), text.as_bytes())?)
     }
 
     fn unit_path(&self, slot: &Slot) -> PathBuf {

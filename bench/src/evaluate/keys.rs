@@ -20,7 +20,7 @@ use super::unit::{Slot, Unit};
 use crate::io::fingerprints;
 use crate::io::hash::StableHasher;
 use crate::io::view_hashes::ViewHashes;
-use crate::methods::{Approach, Method, Privilege};
+use crate::methods::{Approach, Method, MethodSpec, Privilege};
 use crate::pairs::OpenDataset;
 use crate::pairs::pair_list::ResolvedPair;
 use crate::scoring::Region;
@@ -73,13 +73,17 @@ impl Keys {
         Slot {
             pair_id: planned.pair.pair_id.clone(),
             method: method.label().to_owned(),
-            method_identity: method_identity(&self.method_record(method, "")),
+            method_identity: method_identity(&self.method_record(method, None)),
             dataset_identity: self.dataset(planned).to_owned(),
         }
     }
 
-    /// What a manifest says of a method; `spec` is what was given on the command line.
-    pub(super) fn method_record(&self, method: &dyn Method, spec: &str) -> MethodRecord {
+    /// What a manifest says of a method.
+    pub(super) fn method_record(
+        &self,
+        method: &dyn Method,
+        spec: Option<&MethodSpec>,
+    ) -> MethodRecord {
         let mut sources = StableHasher::default();
         sources
             .add("method", method.sources())
@@ -92,7 +96,7 @@ impl Keys {
         }
         MethodRecord {
             label: method.label().to_owned(),
-            spec: spec.to_owned(),
+            spec: spec.cloned(),
             identity: method.identity(),
             privilege: method.privilege(),
             sources: sources.finish(),

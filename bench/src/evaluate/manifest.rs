@@ -18,7 +18,7 @@ use super::keys::method_identity;
 use super::unit::Slot;
 use crate::config::DatasetConfig;
 use crate::io::text::visible_line;
-use crate::methods::{MethodIdentity, Privilege};
+use crate::methods::{MethodIdentity, MethodSpec, Privilege};
 use crate::pairs::dataset::DatasetReading;
 use crate::pairs::{OpenDataset, PairProvenance};
 use crate::rendering::{RenderSettings, SharedRenderer};
@@ -237,22 +237,21 @@ impl DatasetRecord {
     }
 }
 
-/// A dataset's spec as its text, empty for `None`.
+/// A spec as its text, empty for `None`.
 mod spec_text {
-    use super::DatasetConfig;
     use serde::{Deserialize, Deserializer, Serializer};
 
-    pub(super) fn serialize<S: Serializer>(
-        spec: &Option<DatasetConfig>,
+    pub(super) fn serialize<T: ToString, S: Serializer>(
+        spec: &Option<T>,
         serializer: S,
     ) -> Result<S::Ok, S::Error> {
         let text = spec.as_ref().map(ToString::to_string);
         serializer.serialize_str(&text.unwrap_or_default())
     }
 
-    pub(super) fn deserialize<'de, D: Deserializer<'de>>(
+    pub(super) fn deserialize<'de, T: std::str::FromStr, D: Deserializer<'de>>(
         deserializer: D,
-    ) -> Result<Option<DatasetConfig>, D::Error> {
+    ) -> Result<Option<T>, D::Error> {
         Ok(String::deserialize(deserializer)?.parse().ok())
     }
 }
@@ -303,8 +302,10 @@ pub enum ListOrigin {
 pub struct MethodRecord {
     /// Its row in the tables.
     pub label: String,
-    /// As given on the command line; empty for methods of a program.
-    pub spec: String,
+    /// As it was asked for; `None` for methods of a program, and in bundles' digests.
+    #[serde(with = "spec_text")]
+    #[schemars(with = "String")]
+    pub spec: Option<MethodSpec>,
     /// Everything that its predictions depend on.
     pub identity: MethodIdentity,
     /// What it knew of the source's true depth.

@@ -23,6 +23,7 @@ use super::source_check::{
     CheckedSource, absurd_coverage, doubts, doubts_about, see_source, source_of,
 };
 use super::unit::{ScoredPicture, Slot, Timing, Unit};
+use crate::config::Keep;
 use crate::io::hash::{StableHasher, file_sha256, sha256_hex};
 use crate::io::machine::{cpu_and_threads, peak_bytes};
 use crate::io::observer::Observer;
@@ -59,18 +60,6 @@ impl Stages {
     pub fn scores(self) -> bool {
         matches!(self, Self::All | Self::Score)
     }
-}
-
-/// Pictures that are kept in the run folder.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, clap::ValueEnum)]
-pub enum Keep {
-    /// All of them, as 8-bit PNG
-    #[default]
-    All,
-    /// All of them as 8-bit PNG, and renderings also as EXR: linear RGB and alpha, for rules that need them
-    Float,
-    /// None
-    None,
 }
 
 /// Default of [`RunOptions::memory_limit_bytes`].

@@ -1,7 +1,6 @@
 //! The plan of a run.
 
 use std::collections::BTreeSet;
-use std::path::PathBuf;
 
 use serde::{Deserialize, Serialize};
 
@@ -15,21 +14,9 @@ pub struct RunPlan {
     pub format: u32,
     /// All pairs of a block are evaluated by all its methods.
     pub blocks: Vec<PlanBlock>,
-    /// How it was planned, where it is worked off by shards.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub command: Option<PlannedCommand>,
-    /// What all of it would cost.
+    /// What all of it would cost, where it was planned to be worked off by shards.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub estimate: Option<Estimate>,
-}
-
-/// The `run` that planned; every shard is that run again.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, schemars::JsonSchema)]
-pub struct PlannedCommand {
-    /// Its arguments.
-    pub arguments: Vec<String>,
-    /// Where their relative paths start.
-    pub directory: PathBuf,
 }
 
 /// Pairs by methods.

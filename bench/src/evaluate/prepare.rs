@@ -1,7 +1,7 @@
 //! Prepares an evaluation from datasets, pairs, methods and metrics.
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::time::Duration;
 
 use sharp::render::Backend;
@@ -19,37 +19,20 @@ use super::pipeline::{Job, RunOptions};
 use super::record::Status;
 use super::score::missing;
 use super::shard::Shard;
+use crate::config::RunConfig;
 use crate::io::counts::counted;
 use crate::io::fingerprints;
 use crate::io::machine::monotonic;
 use crate::io::observer::Observer;
 use crate::methods::spec::check_label;
-use crate::methods::{Method, SpecError};
+use crate::methods::{Method, MethodSpec, SpecError};
 use crate::pairs::dataset::scenes_of;
 use crate::pairs::pair_list::ResolvedPair;
 use crate::pairs::provenance::ListCompanion;
 use crate::pairs::sampling::spread;
-use crate::pairs::{
-    OpenDataset, OverlapCache, PairError, PairList, PairProvenance, PairRecipe, SceneChecks,
-};
+use crate::pairs::{OpenDataset, PairError, PairList, PairOrigin, PairProvenance, SceneChecks};
 use crate::rendering::{RenderSettings, SharedRenderer};
 use crate::scoring::Scoring;
-
-/// Source of the pairs.
-#[derive(Debug)]
-pub enum PairOrigin {
-    /// Built from the datasets.
-    Built {
-        /// The choices; a dataset may change them by its own.
-        recipe: Box<PairRecipe>,
-        /// Where measured overlaps are kept.
-        cache: Option<OverlapCache>,
-    },
-    /// A list that was handed in.
-    Given(PathBuf),
-    /// That of a plan, this run folder's.
-    Planned(PathBuf),
-}
 
 /// Input of [`prepare`].
 pub struct Request {
@@ -64,7 +47,7 @@ pub struct Request {
     /// Evaluate at most this many of the selected pairs, spread over datasets and scenes.
     pub limit: Option<usize>,
     /// Methods with what was given for each, for the record. Labels are unique.
-    pub methods: Vec<(String, Box<dyn Method>)>,
+    pub methods: Vec<(Option<MethodSpec>, Box<dyn Method>)>,
     /// The metrics.
     pub scoring: Scoring,
     /// Score all methods of a pair on the part of the target that all of them predict.
@@ -77,6 +60,8 @@ pub struct Request {
     pub backend: Backend,
     /// And how.
     pub rendering: RenderSettings,
+    /// What all of this came from, to be kept in the run folder; `None` where only a program knows.
+    pub config: Option<RunConfig>,
 }
 
 impl Request {
@@ -96,13 +81,14 @@ impl Request {
                 cache: None,
             },
             limit: None,
-            methods: methods.map(|method| (String::new(), method)).collect(),
+            methods: methods.map(|method| (None, method)).collect(),
             scoring,
             common_region: false,
             aggregation: Aggregation::default(),
             protocol: None,
             backend: Backend::Cpu,
             rendering: RenderSettings::default(),
+            config: None,
         }
     }
 }
@@ -116,7 +102,8 @@ pub struct Evaluation {
     origin: ListOrigin,
     choices: BTreeMap<String, PairProvenance>,
     limit: Option<usize>,
-    specs: Vec<String>,
+    specs: Vec<Option<MethodSpec>>,
+    pub(super) config: Option<RunConfig>,
     pub(super) methods: Vec<Box<dyn Method>>,
     pub(super) scoring: Scoring,
     pub(super) common_region: bool,
@@ -195,7 +182,7 @@ pub fn prepare(mut request: Request, observer: &dyn Observer) -> Result<Evaluati
             BTreeMap::new(),
         ),
     };
-    let (specs, methods): (Vec<String>, Vec<Box<dyn Method>>) = request.methods.into_iter().unzip();
+    let (specs, methods): (Vec<_>, Vec<Box<dyn Method>>) = request.methods.into_iter().unzip();
     check_independence(&choices, &methods)?;
     for method in &methods {
         for note in method.notes() {
@@ -211,6 +198,7 @@ pub fn prepare(mut request: Request, observer: &dyn Observer) -> Result<Evaluati
         choices,
         limit: request.limit,
         specs,
+        config: request.config,
         methods,
         scoring: request.scoring,
         common_region: request.common_region,
@@ -372,7 +360,7 @@ impl Evaluation {
                 }],
             },
             methods: methods
-                .map(|(spec, method)| keys.method_record(method.as_ref(), spec))
+                .map(|(spec, method)| keys.method_record(method.as_ref(), spec.as_ref()))
                 .collect(),
             metrics: metric_records(&self.scoring),
         })

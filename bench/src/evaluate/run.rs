@@ -11,8 +11,8 @@ use super::folder::RunFolder;
 use super::join::machine_difference;
 use super::keys::Keys;
 use super::manifest::{Manifest, RendererRecord};
-use super::pipeline::{Keep, RunOptions, Stages, UnitCounts, run as run_pipeline};
-use super::plan::{PlanBlock, PlannedCommand, RunPlan};
+use super::pipeline::{RunOptions, Stages, UnitCounts, run as run_pipeline};
+use super::plan::{PlanBlock, RunPlan};
 use super::prepare::Evaluation;
 use super::rescore::score_common_region;
 use super::results::{Results, check_rows, write_tables};
@@ -20,6 +20,7 @@ use super::score::MemoryShares;
 use super::shard::Shard;
 use super::source_check::checked_sources;
 use super::unit::Unit;
+use crate::config::Keep;
 use crate::io::atomic_files::write_atomic;
 use crate::io::observer::Observer;
 use crate::pairs::PairList;
@@ -101,7 +102,6 @@ impl Evaluation {
     pub fn plan(
         &self,
         out: &Path,
-        command: PlannedCommand,
         options: RunOptions,
         observer: &dyn Observer,
     ) -> Result<Estimate, EvaluateError> {
@@ -122,7 +122,6 @@ impl Evaluation {
         }
         let estimate = self.estimate(options)?;
         let plan = RunPlan {
-            command: Some(command),
             estimate: Some(estimate),
             ..plan
         };
@@ -170,7 +169,7 @@ impl Evaluation {
             if readable.count() > pairs.len() {
                 return Err(refused(
                     root,
-                    "the arguments in plan.json choose other pairs than it lists: it was changed",
+                    "its run.toml chooses other pairs than its plan lists: one of them was changed",
                 ));
             }
             observer.warn(&format!(
@@ -267,6 +266,9 @@ impl Evaluation {
         folder.remove_tables()?;
         write_atomic(&folder.pairs_path(), list.bytes())?;
         folder.write_plan(plan)?;
+        if let Some(config) = &self.config {
+            folder.write_config(config)?;
+        }
         Ok(folder.write_manifest(&manifest)?)
     }
 }

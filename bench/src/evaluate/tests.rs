@@ -15,10 +15,11 @@ use sharp_metrics::{Selection, Weights};
 
 use super::record::{Score, Status};
 use super::*;
+use crate::config::Keep;
 use crate::io::hash::sha256_hex;
 use crate::io::observer::{Observer, Quiet};
 use crate::methods::{
-    self, Approach, Closure, GaussianPrediction, Method, MethodError, MethodIdentity,
+    self, Approach, Closure, GaussianPrediction, Method, MethodError, MethodIdentity, MethodSpec,
     PicturePrediction, PredictGaussians, Privilege, SourceView, TargetCamera,
 };
 use crate::pairs::{OpenDataset, PairList};
@@ -27,16 +28,16 @@ use crate::scoring::Scoring;
 
 const DATASET: &str = "S:synthetic=size=48x36,views=20";
 
-type Methods = Vec<(String, Box<dyn Method>)>;
+type Methods = Vec<(Option<MethodSpec>, Box<dyn Method>)>;
 
 fn one(method: impl Method + 'static) -> Methods {
-    vec![(String::new(), Box::new(method))]
+    vec![(None, Box::new(method))]
 }
 
 fn by_spec(specs: &[&str]) -> Methods {
     let parsed: Vec<_> = specs.iter().map(|text| text.parse().unwrap()).collect();
     let built = methods::build(&parsed, None).unwrap();
-    specs.iter().map(|&s| s.to_owned()).zip(built).collect()
+    parsed.into_iter().map(Some).zip(built).collect()
 }
 
 fn request(methods: Methods, metrics: &str, limit: usize) -> Request {
@@ -153,7 +154,7 @@ fn a_shared_inference_is_charged_whole_to_every_method_in_any_order() {
                 clock: Some(&CLOCK),
                 ..Network::new(label, privilege, &asked)
             };
-            (String::new(), Box::new(network) as Box<dyn Method>)
+            (None, Box::new(network) as Box<dyn Method>)
         });
         let mut evaluation = prepare(request(methods.into(), "psnr", 6), &Quiet).unwrap();
         evaluation.clock = || Duration::from_millis(CLOCK.load(Ordering::SeqCst));
@@ -222,11 +223,11 @@ fn a_network_runs_once_a_source_for_all_targets_and_privileges() {
         asked.store(0, Ordering::SeqCst);
         let methods: Methods = vec![
             (
-                String::new(),
+                None,
                 Box::new(Network::new("plain", Privilege::None, &asked)),
             ),
             (
-                String::new(),
+                None,
                 Box::new(Network::new("aligned", Privilege::DepthScale, &asked)),
             ),
         ];
@@ -266,7 +267,7 @@ fn stages_run_apart_and_give_the_same_bytes() {
     let methods = || -> Methods {
         vec![
             (
-                String::new(),
+                None,
                 Box::new(Network::new("n", Privilege::DepthScale, &asked)),
             ),
             by_spec(&["copy"]).remove(0),

@@ -90,11 +90,11 @@ pub const KINDS: [MethodKind; 8] = [
     MethodKind {
         name: "command",
         options: &[
-            &["run", "timeout", "version", "files", "depth"],
+            &["run", "timeout", "version", "files", "depth", "cwd"],
             &FitRules::OPTIONS,
         ],
         summary: "someone's program, one line of JSON a pair (run='python my.py', timeout=600, version=TEXT, resize=, \
-                  crop=x:y:w:h|center:W:H, depth=none|privileged: it gets the source's true depth)",
+                  crop=x:y:w:h|center:W:H, depth=none|privileged: it gets the source's true depth, cwd=DIR that it starts in)",
         build: |spec, _| Ok(Box::new(Command::from_spec(spec)?)),
     },
 ];
@@ -124,7 +124,7 @@ pub fn build(
 fn kind_of(spec: &MethodSpec) -> Result<&'static MethodKind, SpecError> {
     let kind = KINDS.iter().find(|kind| kind.name == spec.kind);
     kind.ok_or_else(|| SpecError::UnknownKind {
-        spec: spec.text.clone(),
+        spec: spec.to_string(),
         known: nearest_of(&spec.kind, &KINDS.each_ref().map(|kind| kind.name)),
     })
 }

@@ -1,8 +1,12 @@
 //! Method instances on the command line: `KIND[:key=value,…]`.
 
 use std::collections::BTreeMap;
+use std::fmt;
 use std::path::PathBuf;
 use std::str::FromStr;
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
 
 use super::method::Privilege;
 
@@ -21,9 +25,10 @@ pub enum SpecError {
 /// One instance: a kind, a label (the kind's name unless `label=` is given) and options.
 ///
 /// Values that hold a comma are quoted with `'…'` or `"…"`.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[schemars(with = "String")]
+#[serde(into = "String", try_from = "String")]
 pub struct MethodSpec {
-    pub text: String,
     /// `target`, `copy`, `depth-splat`, ….
     pub kind: String,
     /// Fills the `method` column; unique within a run.
@@ -31,17 +36,27 @@ pub struct MethodSpec {
     pub options: BTreeMap<String, String>,
 }
 
+impl SpecError {
+    /// Without the spec that it is about.
+    pub fn reason(self) -> String {
+        match self {
+            Self::UnknownKind { .. } => self.to_string(),
+            Self::Malformed { reason, .. } | Self::Refused { reason, .. } => reason,
+        }
+    }
+}
+
 impl MethodSpec {
     pub fn error(&self, reason: impl Into<String>) -> SpecError {
         SpecError::Malformed {
-            spec: self.text.clone(),
+            spec: self.to_string(),
             reason: reason.into(),
         }
     }
 
     pub(super) fn refused(&self, reason: impl ToString) -> SpecError {
         SpecError::Refused {
-            spec: self.text.clone(),
+            spec: self.to_string(),
             reason: reason.to_string(),
         }
     }
@@ -111,11 +126,49 @@ impl FromStr for MethodSpec {
         let label = options.remove("label").unwrap_or_else(|| kind.to_owned());
         check_label(&label).map_err(error)?;
         Ok(Self {
-            text: text.to_owned(),
             kind: kind.to_owned(),
             label,
             options,
         })
+    }
+}
+
+/// As it is parsed: the label where it is not the kind's name, then the options by key.
+impl fmt::Display for MethodSpec {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.kind)?;
+        let label = (self.label != self.kind).then_some(("label", &self.label));
+        let options = self
+            .options
+            .iter()
+            .map(|(key, value)| (key.as_str(), value));
+        let mut separator = ':';
+        for (key, value) in label.into_iter().chain(options) {
+            let is_plain = !value.contains([',', '\'', '"']) && value.trim() == value;
+            let quote = ['\'', '"']
+                .into_iter()
+                .find(|quote| !value.contains(*quote));
+            match quote.filter(|_| !is_plain) {
+                Some(quote) => write!(f, "{separator}{key}={quote}{value}{quote}")?,
+                None => write!(f, "{separator}{key}={value}")?,
+            }
+            separator = ',';
+        }
+        Ok(())
+    }
+}
+
+impl From<MethodSpec> for String {
+    fn from(spec: MethodSpec) -> Self {
+        spec.to_string()
+    }
+}
+
+impl TryFrom<String> for MethodSpec {
+    type Error = SpecError;
+
+    fn try_from(text: String) -> Result<Self, SpecError> {
+        text.parse()
     }
 }
 
@@ -198,6 +251,14 @@ mod tests {
         ] {
             let error = text.parse::<MethodSpec>().unwrap_err().to_string();
             assert!(error.contains(part), "{text}: {error}");
+        }
+        for text in [
+            "copy",
+            "command:label=m,files='a,b',run=\"it's, so\",timeout=3",
+            "command:run=sh \"a b\" 'c'",
+        ] {
+            let spec: MethodSpec = text.parse().unwrap();
+            assert_eq!(spec.to_string().parse(), Ok(spec), "{text}");
         }
         let spec: MethodSpec = "copy:speed=3".parse().unwrap();
         assert!(spec.expect_options(&[]).is_err());

@@ -52,5 +52,5 @@ pub use options::PairOptions;
 pub use overlap_cache::OverlapCache;
 pub use pair_list::PairList;
 pub use provenance::PairProvenance;
-pub use recipe::PairRecipe;
+pub use recipe::{PairOrigin, PairRecipe};
 pub use scene_checks::SceneChecks;

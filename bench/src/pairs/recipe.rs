@@ -296,6 +296,22 @@ fn warn(cache: Option<&OverlapCache>, observer: &dyn Observer) {
     }
 }
 
+/// Source of the pairs.
+#[derive(Debug)]
+pub enum PairOrigin {
+    /// Built from the datasets.
+    Built {
+        /// The choices; a dataset may change them by its own.
+        recipe: Box<PairRecipe>,
+        /// Where measured overlaps are kept.
+        cache: Option<OverlapCache>,
+    },
+    /// A list that was handed in.
+    Given(PathBuf),
+    /// That of a plan, this run folder's.
+    Planned(PathBuf),
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

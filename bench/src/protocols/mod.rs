@@ -2,16 +2,18 @@
 //!
 //! Every preset keeps the rules of its code, those that mislead included, and says where this harness does otherwise.
 //!
-//! * `table`: the presets.
+//! * `table`: the presets; `request`: a configuration opened, its protocol followed.
 
+mod request;
 mod table;
 
 use serde::Serialize;
 use sharp::color::Quantization;
 use sharp_datasets::error::nearest_of;
-use sharp_metrics::{MetricKey, Selection, SelectionError};
+use sharp_metrics::{MetricKey, Selection};
 
-use crate::config::DatasetConfig;
+use crate::config::rendering::Quantise;
+use crate::config::{ConfigError, DatasetConfig, PairConfig, RunConfig};
 use crate::evaluate::Aggregation;
 use crate::evaluate::manifest::ProtocolRecord;
 use crate::pairs::PairOptions;
@@ -19,6 +21,7 @@ use crate::pairs::frame::Frame;
 use crate::scoring::ScoringRules;
 use crate::scoring::rules::{Border, PairMask};
 
+pub use self::request::build_methods;
 pub use self::table::PROTOCOLS;
 
 /// Someone's evaluation.
@@ -71,28 +74,6 @@ pub enum Quantised {
     Unpublished,
 }
 
-/// What was asked for besides a protocol.
-#[derive(Debug, Clone, Copy)]
-pub struct Asked<'a> {
-    pub datasets: &'a [DatasetConfig],
-    pub has_pair_list: bool,
-    pub pair_options: Option<&'a PairOptions>,
-    pub metrics: Option<&'a Selection>,
-    pub quantization: Option<Quantization>,
-}
-
-/// What a request becomes under a protocol.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Followed {
-    pub datasets: Vec<DatasetConfig>,
-    /// `None` where the protocol names none and none were asked for.
-    pub metrics: Option<Selection>,
-    pub quantization: Option<Quantization>,
-    pub rules: ScoringRules,
-    pub aggregation: Aggregation,
-    pub record: ProtocolRecord,
-}
-
 /// Why a request cannot follow a protocol.
 #[derive(Debug, thiserror::Error)]
 pub enum ProtocolError {
@@ -114,11 +95,6 @@ pub enum ProtocolError {
         protocol: &'static str,
         reason: &'static str,
     },
-    #[error("--protocol {protocol}: {error}")]
-    Metrics {
-        protocol: &'static str,
-        error: SelectionError,
-    },
 }
 
 fn names() -> Vec<&'static str> {
@@ -135,33 +111,40 @@ impl Protocol {
         })
     }
 
-    /// What a request becomes.
+    /// What is asked for under the protocol: datasets at its size, its metrics, its rounding. What it has done already
+    /// stays.
     ///
     /// # Errors
-    /// When something that was asked for contradicts the protocol, or the protocol needs something that was not.
-    pub fn follow(&self, asked: Asked<'_>) -> Result<Followed, ProtocolError> {
-        self.check_pairs(asked)?;
-        Ok(Followed {
-            datasets: asked
-                .datasets
-                .iter()
-                .map(|dataset| self.seen(dataset))
-                .collect::<Result<_, _>>()?,
-            metrics: self.selection(asked.metrics)?,
-            quantization: self.quantization(asked.quantization)?,
-            rules: ScoringRules {
-                mask: self.mask,
-                border: self.border,
-            },
-            aggregation: self.aggregation,
-            record: ProtocolRecord {
-                name: self.name.to_owned(),
-                source: self.source.to_owned(),
-                failures: self.failures.to_owned(),
-                traps: self.traps.iter().map(ToString::to_string).collect(),
-                departures: self.departures(),
-            },
-        })
+    /// When something that is asked for contradicts the protocol, or the protocol needs something that is not.
+    pub fn follow(&self, config: &RunConfig) -> Result<RunConfig, ConfigError> {
+        self.check_pairs(&config.pairs)?;
+        let mut followed = config.clone();
+        for dataset in &mut followed.datasets {
+            self.show(dataset)?;
+        }
+        self.check_metrics(config.metrics.asked()?.as_ref())?;
+        if followed.metrics.metrics.is_none() && !self.metrics.is_empty() {
+            followed.metrics.metrics = Some(self.metrics.join(","));
+        }
+        followed.rendering.quantise = self.quantise(config.rendering.quantise)?;
+        Ok(followed)
+    }
+
+    pub fn rules(&self) -> ScoringRules {
+        ScoringRules {
+            mask: self.mask,
+            border: self.border,
+        }
+    }
+
+    pub fn record(&self) -> ProtocolRecord {
+        ProtocolRecord {
+            name: self.name.to_owned(),
+            source: self.source.to_owned(),
+            failures: self.failures.to_owned(),
+            traps: self.traps.iter().map(ToString::to_string).collect(),
+            departures: self.departures(),
+        }
     }
 
     /// Where this harness does otherwise, what follows from the protocol's fields included.
@@ -192,8 +175,8 @@ impl Protocol {
         }
     }
 
-    fn check_pairs(&self, asked: Asked<'_>) -> Result<(), ProtocolError> {
-        let needs = |reason: String| match asked.has_pair_list {
+    fn check_pairs(&self, asked: &PairConfig) -> Result<(), ProtocolError> {
+        let needs = |reason: String| match asked.pairs.is_some() {
             true => Ok(()),
             false => Err(ProtocolError::NeedsPairs {
                 protocol: self.name,
@@ -201,8 +184,8 @@ impl Protocol {
             }),
         };
         match self.pairs {
-            PairRule::Paper if asked.has_pair_list => Ok(()),
-            PairRule::Paper => match asked.pair_options.map(PairOptions::proxies) {
+            PairRule::Paper if asked.pairs.is_some() => Ok(()),
+            PairRule::Paper => match asked.pair_options.as_ref().map(PairOptions::proxies) {
                 Some(changed) if !changed.is_empty() => Err(self.contradicted(
                     "builds pairs as the paper says",
                     format!("--pair-options {}", changed.join(",")),
@@ -220,8 +203,8 @@ impl Protocol {
         }
     }
 
-    /// The dataset at the protocol's size and, where it says none itself, over the protocol's background.
-    fn seen(&self, dataset: &DatasetConfig) -> Result<DatasetConfig, ProtocolError> {
+    /// Shows a dataset at the protocol's size and, where it says none itself, over the protocol's background.
+    fn show(&self, dataset: &mut DatasetConfig) -> Result<(), ProtocolError> {
         let own = dataset.frame;
         let of_protocol = self.frame.map(str::parse::<Frame>).and_then(Result::ok);
         let rule = match (of_protocol, own) {
@@ -236,67 +219,72 @@ impl Protocol {
         if let (Some(rule), Some(own)) = (rule, own) {
             return Err(self.contradicted(rule, format!("--dataset …,frame={own}")));
         }
-        let mut seen = dataset.clone();
-        seen.frame = own.or(of_protocol);
+        dataset.frame = own.or(of_protocol);
         if let Some(alpha) = self.alpha {
-            let settings = &mut seen.spec.settings;
+            let settings = &mut dataset.spec.settings;
             settings.entry("alpha").or_insert_with(|| alpha.to_owned());
         }
-        Ok(seen)
+        Ok(())
     }
 
-    /// The protocol's metrics, then further ones that were asked for.
-    fn selection(&self, asked: Option<&Selection>) -> Result<Option<Selection>, ProtocolError> {
-        if self.metrics.is_empty() {
-            return Ok(asked.cloned());
-        }
+    /// Refuses a choice of metrics without all of the protocol's.
+    fn check_metrics(&self, asked: Option<&Selection>) -> Result<(), ProtocolError> {
         let own = Selection::parse(&self.metrics.join(","));
-        let own = own.map_err(|error| ProtocolError::Metrics {
-            protocol: self.name,
-            error,
-        })?;
-        let Some(asked) = asked else {
-            return Ok(Some(own));
+        let (Some(asked), Ok(own)) = (asked, own) else {
+            return Ok(());
         };
         let keys: Vec<MetricKey> = asked.keys().collect();
         match own.keys().find(|key| !keys.contains(key)) {
-            None => Ok(Some(asked.clone())),
+            None => Ok(()),
             Some(lacking) => {
                 Err(self.contradicted(format!("scores {lacking}"), "--metrics without it"))
             }
         }
     }
 
-    fn quantization(
-        &self,
-        asked: Option<Quantization>,
-    ) -> Result<Option<Quantization>, ProtocolError> {
+    fn quantise(&self, asked: Option<Quantise>) -> Result<Option<Quantise>, ProtocolError> {
         let own = match self.quantised {
-            Quantised::Truncate => Quantization::Truncate,
-            Quantised::Float | Quantised::Round => Quantization::Round,
+            Quantised::Truncate => Quantise::Truncate,
+            Quantised::Float | Quantised::Round => Quantise::Round,
             Quantised::Unpublished => return Ok(asked),
         };
         match asked {
             Some(asked) if asked != own => Err(self.contradicted(
-                format!("brings renderings to 8 bit by {own}"),
-                format!("--quantise {asked}"),
+                format!("brings renderings to 8 bit by {}", Quantization::from(own)),
+                format!("--quantise {}", Quantization::from(asked)),
             )),
             _ => Ok(Some(own)),
         }
     }
 }
 
+impl From<ProtocolError> for ConfigError {
+    fn from(error: ProtocolError) -> Self {
+        Self::Usage(error.to_string())
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::config::MetricConfig;
 
-    fn asked(datasets: &[DatasetConfig]) -> Asked<'_> {
-        Asked {
-            datasets,
-            has_pair_list: true,
-            pair_options: None,
-            metrics: None,
-            quantization: None,
+    /// With a pair list.
+    fn asked(dataset: &str) -> RunConfig {
+        RunConfig {
+            datasets: vec![dataset.parse().unwrap()],
+            pairs: PairConfig {
+                pairs: Some("pairs.csv".into()),
+                ..PairConfig::default()
+            },
+            ..RunConfig::default()
+        }
+    }
+
+    fn metrics(list: &str) -> MetricConfig {
+        MetricConfig {
+            metrics: Some(list.to_owned()),
+            ..MetricConfig::default()
         }
     }
 
@@ -315,8 +303,17 @@ mod tests {
                 assert_eq!(parsed.to_string(), *key, "{}", protocol.name);
             }
             let refused = matches!(protocol.pairs, PairRule::Refused(_));
-            let followed = protocol.follow(asked(&["synthetic".parse().unwrap()]));
+            let followed = protocol.follow(&asked("synthetic"));
             assert_eq!(followed.is_err(), refused, "{}", protocol.name);
+            // A folder's run.toml has been followed once.
+            let twice = followed
+                .ok()
+                .map(|once| (protocol.follow(&once).unwrap(), once));
+            assert!(
+                twice.is_none_or(|(twice, once)| twice == once),
+                "{}",
+                protocol.name
+            );
         }
         let expected = [
             "3dgs",
@@ -340,35 +337,27 @@ mod tests {
 
     #[test]
     fn a_protocol_sets_what_it_fixes() {
-        let datasets = ["R:colmap=data".parse().unwrap()];
+        let asked = asked("R:colmap=data");
         let pixelsplat = Protocol::named("pixelsplat").unwrap();
-        let followed = pixelsplat.follow(asked(&datasets)).unwrap();
+        let followed = pixelsplat.follow(&asked).unwrap();
         assert_eq!(
             followed.datasets[0].to_string(),
             "R:colmap=data,frame=cover:256x256:lanczos"
         );
-        let keys: Vec<String> = followed
-            .metrics
-            .unwrap()
-            .keys()
-            .map(|k| k.to_string())
-            .collect();
+        let keys = followed.metrics.selection().unwrap();
+        let keys: Vec<String> = keys.keys().map(|k| k.to_string()).collect();
         assert_eq!(
             keys,
             ["psnr", "ssim[gauss11,valid,sample]", "lpips[vgg,v0.1]"]
         );
-        assert_eq!(followed.aggregation, Aggregation::Scenes);
-        assert_eq!(followed.quantization, Some(Quantization::Truncate));
+        assert_eq!(pixelsplat.aggregation, Aggregation::Scenes);
+        assert_eq!(followed.rendering.quantise, Some(Quantise::Truncate));
         let unisharp = Protocol::named("unisharp").unwrap();
-        let followed = unisharp.follow(asked(&datasets)).unwrap();
-        assert_eq!(followed.rules.mask, PairMask::SourceBounds);
-        assert_eq!(followed.datasets, datasets);
-        let seva = Protocol::named("seva")
-            .unwrap()
-            .follow(asked(&datasets))
-            .unwrap();
-        assert_eq!(seva.quantization, None);
-        let keys = seva.metrics.unwrap();
+        assert_eq!(unisharp.rules().mask, PairMask::SourceBounds);
+        assert_eq!(unisharp.follow(&asked).unwrap().datasets, asked.datasets);
+        let seva = Protocol::named("seva").unwrap().follow(&asked).unwrap();
+        assert_eq!(seva.rendering.quantise, None);
+        let keys = seva.metrics.selection().unwrap();
         assert!(
             keys.keys()
                 .any(|k| k.to_string() == "lpips[alex,v0.1,eps=tm]")
@@ -378,62 +367,51 @@ mod tests {
 
     #[test]
     fn contradictions_name_both_sides() {
-        let datasets = ["synthetic,frame=width:100:area".parse().unwrap()];
-        let said = |name: &str, asked: Asked<'_>| {
+        let framed = asked("synthetic,frame=width:100:area");
+        let plain = asked("synthetic");
+        let listless = RunConfig {
+            pairs: PairConfig::default(),
+            ..plain.clone()
+        };
+        let said = |name: &str, asked: &RunConfig| {
             let protocol = Protocol::named(name).unwrap();
             protocol.follow(asked).unwrap_err().to_string()
         };
-        let plain = ["synthetic".parse().unwrap()];
-        let metrics = Selection::parse("psnr,ssim").unwrap();
-        let options: PairOptions = "threshold=0.5".parse().unwrap();
+        let mut other_options = listless.clone();
+        other_options.pairs.pair_options = Some("threshold=0.5".parse().unwrap());
+        let mut rounded = plain.clone();
+        rounded.rendering.quantise = Some(Quantise::Round);
+        let fewer = RunConfig {
+            metrics: metrics("psnr,ssim"),
+            ..plain.clone()
+        };
         for (name, asked, parts) in [
             (
                 "pixelsplat",
-                asked(&datasets),
+                &framed,
                 ["cover:256x256", "frame=width:100:area"],
             ),
             (
                 "pixelsplat",
-                Asked {
-                    metrics: Some(&metrics),
-                    ..asked(&plain)
-                },
+                &fewer,
                 [
                     "--protocol pixelsplat scores ssim[gauss11,valid,sample]",
                     "--metrics",
                 ],
             ),
-            (
-                "pixelsplat",
-                Asked {
-                    quantization: Some(Quantization::Round),
-                    ..asked(&plain)
-                },
-                ["truncate", "--quantise round"],
-            ),
+            ("pixelsplat", &rounded, ["truncate", "--quantise round"]),
             (
                 "sharp",
-                Asked {
-                    has_pair_list: false,
-                    pair_options: Some(&options),
-                    ..asked(&plain)
-                },
+                &other_options,
                 ["as the paper says", "threshold=0.5"],
             ),
             (
                 "sharp",
-                asked(&datasets),
+                &framed,
                 ["sees pictures as they are", "frame=width:100:area"],
             ),
-            (
-                "3dgs",
-                Asked {
-                    has_pair_list: false,
-                    ..asked(&plain)
-                },
-                ["no source view", "index % 8"],
-            ),
-            ("splatter", asked(&plain), ["cannot be followed", "SRN"]),
+            ("3dgs", &listless, ["no source view", "index % 8"]),
+            ("splatter", &plain, ["cannot be followed", "SRN"]),
         ] {
             let error = said(name, asked);
             assert!(parts.iter().all(|part| error.contains(part)), "{error}");
@@ -441,12 +419,11 @@ mod tests {
         let error = Protocol::named("nerf").unwrap_err().to_string();
         assert!(error.contains("unisharp"), "{error}");
         // Further columns contradict nothing.
-        let more = Selection::parse("dists,psnr,ssim-gauss11-valid-sample,lpips-vgg").unwrap();
-        let asked = Asked {
-            metrics: Some(&more),
-            ..asked(&plain)
+        let more = RunConfig {
+            metrics: metrics("dists,psnr,ssim-gauss11-valid-sample,lpips-vgg"),
+            ..plain
         };
-        let followed = Protocol::named("lvsm").unwrap().follow(asked).unwrap();
-        assert_eq!(followed.metrics, Some(more));
+        let followed = Protocol::named("lvsm").unwrap().follow(&more).unwrap();
+        assert_eq!(followed.metrics, more.metrics);
     }
 }

@@ -98,8 +98,7 @@ fn planned(shards: &Shards) -> Result<(Estimate, String), ScaleError> {
     let plan = RunFolder::open(&shards.plan).map_err(EvaluateError::from)?;
     let plan = plan.plan()?;
     let not_planned = || ScaleError::NotPlanned(shards.plan.clone());
-    let estimate = plan.estimate.filter(|_| plan.command.is_some());
-    let estimate = estimate.ok_or_else(not_planned)?;
+    let estimate = plan.estimate.ok_or_else(not_planned)?;
     let name = shards
         .plan
         .file_name()

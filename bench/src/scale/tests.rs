@@ -1,5 +1,5 @@
 use super::*;
-use crate::evaluate::{PlannedCommand, RunPlan};
+use crate::evaluate::RunPlan;
 
 fn plan(folder: &Path, name: &str) -> PathBuf {
     let root = folder.join(name);
@@ -13,10 +13,6 @@ fn plan(folder: &Path, name: &str) -> PathBuf {
     let plan = RunPlan {
         format: 2,
         blocks: Vec::new(),
-        command: Some(PlannedCommand {
-            arguments: Vec::new(),
-            directory: "/".into(),
-        }),
         estimate: Some(serde_json::from_value(estimate).unwrap()),
     };
     std::fs::create_dir_all(&root).unwrap();

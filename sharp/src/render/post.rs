@@ -1,7 +1,7 @@
 //! After rasterisation: background in linear light, sRGB encoding, 8 bit, expected depth.
 
 use super::RenderOutput;
-use crate::color::{Quantization, quantize, srgb_from_linear};
+use crate::color::{Quantization, linear_from_srgb, quantize, srgb_from_linear};
 use image::{ImageBuffer, Luma, Rgb, RgbImage};
 use rayon::prelude::*;
 
@@ -36,6 +36,36 @@ impl std::fmt::Display for Background {
             Self::White => f.write_str("white"),
             Self::Color([r, g, b]) => write!(f, "{r},{g},{b}"),
         }
+    }
+}
+
+/// `black`, `white`, `#RRGGBB` in sRGB, or `R,G,B` in linear light.
+impl std::str::FromStr for Background {
+    type Err = &'static str;
+
+    fn from_str(text: &str) -> Result<Self, Self::Err> {
+        const FORMS: &str = "black, white, #RRGGBB (sRGB) or R,G,B (linear light, 0 to 1)";
+        let color = match text {
+            "black" => return Ok(Self::Black),
+            "white" => return Ok(Self::White),
+            _ => match text.strip_prefix('#') {
+                Some(hex) => {
+                    let digits = hex.len() == 6 && hex.bytes().all(|b| b.is_ascii_hexdigit());
+                    let code = u32::from_str_radix(hex, 16).ok().filter(|_| digits);
+                    let [_, r, g, b] = code.ok_or(FORMS)?.to_be_bytes();
+                    [r, g, b].map(|level| linear_from_srgb(f32::from(level) / 255.0))
+                }
+                None => {
+                    let levels = text.split(',').map(|level| level.trim().parse().ok());
+                    let levels: Option<Vec<f32>> = levels.collect();
+                    levels
+                        .and_then(|levels| levels.try_into().ok())
+                        .filter(|rgb: &[f32; 3]| rgb.iter().all(|v| (0.0..=1.0).contains(v)))
+                        .ok_or(FORMS)?
+                }
+            },
+        };
+        Ok(Self::Color(color))
     }
 }
 
@@ -155,5 +185,23 @@ mod tests {
         assert_eq!(one([0.0; 3], 0.0, 0.0).expected_depth().as_raw(), &[0.0]);
         let faint = one([0.0; 3], 1e-9, 1e-9).expected_depth().as_raw()[0];
         assert!((faint - 0.1).abs() < 1e-6);
+    }
+
+    #[test]
+    fn backgrounds_are_linear_light_and_hex_codes_are_srgb() {
+        let parse = str::parse::<Background>;
+        assert_eq!(parse("black"), Ok(Background::Black));
+        assert_eq!(parse("white"), Ok(Background::White));
+        assert_eq!(parse("0.5, 0,1"), Ok(Background::Color([0.5, 0.0, 1.0])));
+        let Ok(Background::Color([r, g, b])) = parse("#0080ff") else {
+            panic!();
+        };
+        // 128 / 255 = 0.50196 of sRGB is 0.21586 of linear light.
+        assert!(r == 0.0 && (g - 0.215_86).abs() < 1e-5 && b == 1.0);
+        for bad in [
+            "grey", "#12345", "#+12345", "1,2,3", "0,0", "nan,0,0", "#ééé",
+        ] {
+            assert!(parse(bad).is_err(), "{bad}");
+        }
     }
 }

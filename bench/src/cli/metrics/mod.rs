@@ -21,10 +21,11 @@ use sharp_metrics::{
     Algorithm, InstructionSet, MetricRegion, ResizeKernel, Scorer, Selection, Simd,
 };
 
-use super::data_args::{MetricArgs, demand_weights};
 use super::outcome::UsageError;
 use super::output::Terminal;
 use super::{Outcome, output};
+use crate::config::MetricConfig;
+use crate::config::metrics::demand_weights;
 use crate::io::atomic_files::{check_writable, write_atomic};
 use crate::io::observer::Observer;
 use crate::io::pictures::PictureReading;
@@ -58,7 +59,7 @@ pub(super) struct MetricsArgs {
     #[arg(required_unless_present_any = ["explain", "methods_text"])]
     target: Option<PathBuf>,
     #[command(flatten)]
-    metrics: MetricArgs,
+    metrics: MetricConfig,
     /// What two pictures of two folders must share
     #[arg(long = "match", value_enum, default_value_t = MatchBy::Stem)]
     match_by: MatchBy,

@@ -7,9 +7,10 @@ use anyhow::Context;
 use clap::Args;
 use serde_json::json;
 
-use super::super::data_args::{DatasetArgs, OverlapArgs};
+use super::super::data_args::DatasetArgs;
 use super::super::output::Terminal;
 use super::super::{Outcome, output};
+use crate::config::OverlapConfig;
 use crate::io::atomic_files::write_over_own;
 use crate::pairs::PairOptions;
 use crate::pairs::advice::counted_pairs;
@@ -27,7 +28,7 @@ pub(super) struct BuildArgs {
     #[arg(long, value_name = "LIST", default_value = "")]
     pair_options: PairOptions,
     #[command(flatten)]
-    overlap: OverlapArgs,
+    overlap: OverlapConfig,
     /// Where to write the list; FILE.json beside it says how it came about
     #[arg(long, value_name = "FILE", required_unless_present = "ambiguity")]
     out: Option<PathBuf>,

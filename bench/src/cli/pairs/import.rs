@@ -5,9 +5,9 @@ use std::path::PathBuf;
 use clap::Args;
 use serde_json::json;
 
-use super::super::data_args::{self, DatasetArgs};
+use super::super::data_args::DatasetArgs;
 use super::super::{Outcome, output};
-use crate::config::DatasetConfig;
+use crate::config::{DatasetConfig, clap_dataset};
 use crate::io::atomic_files::write_over_own;
 use crate::io::counts::counted;
 use crate::pairs::foreign::{Context, ForeignList, ListForm, TargetSlot};
@@ -38,7 +38,7 @@ pub(super) struct ImportArgs {
     #[arg(long, value_enum, value_name = "WHICH", default_value_t)]
     slot: TargetSlot,
     /// A dataset, [NAME:]FORMAT=PATH[,key=value…]; repeatable
-    #[arg(long = "dataset", value_name = "SPEC", value_parser = data_args::dataset)]
+    #[arg(long = "dataset", value_name = "SPEC", value_parser = clap_dataset)]
     datasets: Vec<DatasetConfig>,
     /// Only scenes whose id matches; `*` and `?` are wildcards
     #[arg(long, value_name = "GLOB", requires = "datasets")]

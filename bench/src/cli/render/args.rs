@@ -7,7 +7,7 @@ use glam::DVec3;
 use sharp::gaussians::Gaussians;
 use sharp::render::trajectory::TrajectoryKind;
 
-use crate::cli::rendering_args::numbers;
+use crate::config::rendering::numbers;
 
 /// Offset of the camera, metres, x right, y down, z forward.
 pub(super) fn offset(text: &str) -> Result<DVec3, &'static str> {

@@ -16,8 +16,8 @@ use self::args::Layers;
 use self::job::RenderJob;
 use self::path::PathArgs;
 use super::reading_args::ReadingArgs;
-use super::rendering_args::RenderingArgs;
-use super::{Outcome, data_args, output};
+use super::{Outcome, output};
+use crate::config::{RenderingConfig, rendering};
 use crate::rendering::BatchRenderer;
 
 /// Render 3D Gaussians to a picture, frames or a movie
@@ -65,7 +65,7 @@ pub(super) struct RenderArgs {
     #[arg(long, value_name = "NAME")]
     adapter: Option<String>,
     #[command(flatten)]
-    rendering: RenderingArgs,
+    rendering: RenderingConfig,
     /// Drop Gaussians whose centre is nearer, metres
     #[arg(long, value_name = "M", default_value_t = RenderView::NEAR)]
     near: f32,
@@ -131,7 +131,7 @@ struct Summary {
 
 pub(super) fn execute(args: &RenderArgs) -> anyhow::Result<Outcome> {
     let job = RenderJob::prepare(args)?;
-    let backend = data_args::backend(&args.backend, args.adapter.as_deref())?;
+    let backend = rendering::backend(&args.backend, args.adapter.as_deref())?;
     let mut renderer = BatchRenderer::open(&backend)?;
 
     let mut summary = Summary {

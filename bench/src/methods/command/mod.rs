@@ -44,6 +44,8 @@ use crate::io::rendering_files::write_png;
 pub struct Command {
     label: String,
     run: String,
+    /// Where it is started; empty for where this process was. No part of its identity: its files are.
+    folder: PathBuf,
     version: String,
     /// A pattern of further files, as given; empty without one.
     pattern: String,
@@ -103,7 +105,8 @@ impl Command {
                 "crop=center and crop=sidecar need files; a program takes crop=x:y:w:h or crop=center:W:H",
             ));
         }
-        let mut files = named_files(&run, &|name| std::env::var(name).ok());
+        let folder = spec.option("cwd").map(PathBuf::from).unwrap_or_default();
+        let mut files = named_files(&run, &folder, &|name| std::env::var(name).ok());
         let pattern = spec.option("files").unwrap_or_default().to_owned();
         if !pattern.is_empty() {
             let more = matching(&pattern).map_err(|reason| spec.refused(reason))?;
@@ -123,6 +126,7 @@ impl Command {
         Ok(Self {
             label: spec.label.clone(),
             run,
+            folder,
             pattern,
             notes: notes_of(&files),
             files: hashed.map_err(|error| spec.refused(error))?,
@@ -173,7 +177,7 @@ impl Command {
                 Some(process) => (process, false),
                 None => {
                     let log = self.log(state)?;
-                    let process = Process::start(&self.run, log);
+                    let process = Process::start(&self.run, &self.folder, log);
                     (process.map_err(|reason| self.failure(reason))?, true)
                 }
             };

@@ -4,6 +4,7 @@
 //! deadlines for lines and the case that this process is killed, which is most of this file.
 
 use std::io::{self, BufRead, BufReader, Read, Write};
+use std::path::Path;
 use std::process::{Child, ChildStdin, ChildStdout, Command, ExitStatus, Stdio};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, TryRecvError, sync_channel};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -81,10 +82,18 @@ impl Ended {
 
 impl Process {
     /// Starts a command line by the shell, its standard error appended to a log. Errors are the bare reason.
-    pub(super) fn start(run: &str, log: Option<Arc<Mutex<ProgramLog>>>) -> Result<Self, String> {
+    pub(super) fn start(
+        run: &str,
+        folder: &Path,
+        log: Option<Arc<Mutex<ProgramLog>>>,
+    ) -> Result<Self, String> {
         write_to(log.as_deref(), format!("== started: {run}\n").as_bytes());
         let (say, heard) = sync_channel(LINES_AHEAD);
-        let mut child = shell(run)
+        let mut command = shell(run);
+        if !folder.as_os_str().is_empty() {
+            command.current_dir(folder);
+        }
+        let mut child = command
             .spawn()
             .map_err(|error| format!("cannot start a shell: {error}"))?;
         #[cfg(unix)]
@@ -344,7 +353,12 @@ mod tests {
 
     #[test]
     fn a_line_for_a_line() {
-        let mut process = Process::start("while read x; do echo \"got $x\"; done", None).unwrap();
+        let mut process = Process::start(
+            "while read x; do echo \"got $x\"; done",
+            Path::new(""),
+            None,
+        )
+        .unwrap();
         assert_eq!(process.ask("one\n", SOON), Ok("got one".to_owned()));
         assert_eq!(process.ask("two\n", SOON), Ok("got two".to_owned()));
         let ended = process.stop();
@@ -353,23 +367,25 @@ mod tests {
 
     #[test]
     fn crashes_silence_and_noise_are_told_apart() {
-        let mut crash = Process::start("read x; echo why >&2; exit 3", None).unwrap();
+        let mut crash =
+            Process::start("read x; echo why >&2; exit 3", Path::new(""), None).unwrap();
         assert_eq!(crash.ask("x\n", SOON), Err(Trouble::Ended));
         let told = crash.stop().describe("ended");
         assert!(told.contains("exit status: 3"), "{told}");
         assert!(told.contains("why"), "{told}");
 
-        let mut silent = Process::start("sleep 1000", None).unwrap();
+        let mut silent = Process::start("sleep 1000", Path::new(""), None).unwrap();
         let short = Duration::from_millis(50);
         assert_eq!(silent.ask("x\n", short), Err(Trouble::Silent));
         assert!(silent.kill().status.is_none());
 
-        let mut noisy = Process::start("echo hello; cat", None).unwrap();
+        let mut noisy = Process::start("echo hello; cat", Path::new(""), None).unwrap();
         while noisy.heard.try_recv().is_err() {
             thread::sleep(Duration::from_millis(5));
         }
         assert_eq!(noisy.ask("x\n", SOON), Ok("x".to_owned()));
-        let mut chatty = Process::start("read x; echo a; echo b; cat", None).unwrap();
+        let mut chatty =
+            Process::start("read x; echo a; echo b; cat", Path::new(""), None).unwrap();
         assert_eq!(chatty.ask("x\n", SOON), Ok("a".to_owned()));
         thread::sleep(Duration::from_millis(200));
         assert!(matches!(chatty.ask("y\n", SOON), Err(Trouble::Garbage(_))));
@@ -381,7 +397,7 @@ mod tests {
         let mark = dir.path().join("mark");
         // A grandchild that would leave a mark later.
         let run = format!("(sleep 1; touch {}) & echo x; wait", mark.display());
-        let mut process = Process::start(&run, None).unwrap();
+        let mut process = Process::start(&run, Path::new(""), None).unwrap();
         while process.heard.try_recv().is_err() {
             thread::sleep(Duration::from_millis(5));
         }
@@ -397,7 +413,7 @@ mod tests {
         let pid = dir.path().join("pid");
         // The child holds the output open, and the program ends without an answer.
         let run = format!("sleep 1000 & echo $! > {}; read x", pid.display());
-        let mut process = Process::start(&run, None).unwrap();
+        let mut process = Process::start(&run, Path::new(""), None).unwrap();
         assert_eq!(
             process.ask("x\n", Duration::from_secs(1000)),
             Err(Trouble::Ended)
@@ -422,7 +438,7 @@ mod tests {
         let log = Arc::new(Mutex::new(ProgramLog::open(&path).unwrap()));
         for word in ["one", "two"] {
             let run = format!("echo {word} >&2; cat");
-            let mut process = Process::start(&run, Some(Arc::clone(&log))).unwrap();
+            let mut process = Process::start(&run, Path::new(""), Some(Arc::clone(&log))).unwrap();
             assert_eq!(process.ask("x\n", SOON), Ok("x".to_owned()));
             process.stop();
         }

@@ -37,11 +37,15 @@ const ENDINGS: [&str; 19] = [
     "yml",
 ];
 
-/// Looks up every word, also behind `--option=` and `NAME=`, with quotes and variables resolved and relative to the folders
+/// Looks up every word, also behind `--option=` and `NAME=`, with quotes and variables resolved and relative to `folder` and to those
 /// that `cd` goes to. What only the shell can resolve (`$(…)`, braces) is named as unseen.
-pub(super) fn named_files(line: &str, variable: &dyn Fn(&str) -> Option<String>) -> NamedFiles {
+pub(super) fn named_files(
+    line: &str,
+    folder: &Path,
+    variable: &dyn Fn(&str) -> Option<String>,
+) -> NamedFiles {
     let mut named = NamedFiles::default();
-    let mut folder = PathBuf::new();
+    let mut folder = folder.to_owned();
     let mut words = words(line, variable).into_iter().peekable();
     let (mut is_first, mut is_module) = (true, false);
     while let Some(word) = words.next() {
@@ -261,7 +265,7 @@ mod tests {
             _ => None,
         };
         let found = |line: &str| {
-            let named = named_files(line, &variable);
+            let named = named_files(line, Path::new(""), &variable);
             assert_eq!(named.absent, Vec::<String>::new(), "{line}");
             let names = named.found.iter().map(|path| path.canonicalize().unwrap());
             let names = names.map(|path| path.strip_prefix(&root).unwrap().display().to_string());
@@ -285,12 +289,12 @@ mod tests {
 
     #[test]
     fn what_looks_like_a_file_and_is_not_there_is_named() {
-        let absent = |line: &str| named_files(line, &|_| None).absent;
+        let absent = |line: &str| named_files(line, Path::new(""), &|_| None).absent;
         assert_eq!(
             absent("run --weights=gone.pt ./model $UNSET/w --n=3 -x"),
             ["gone.pt", "./model", "$UNSET/w"]
         );
-        let unseen = |line: &str| named_files(line, &|_| None).unseen;
+        let unseen = |line: &str| named_files(line, Path::new(""), &|_| None).unseen;
         let dir = tempfile::tempdir().unwrap();
         std::fs::write(dir.path().join("a.bin"), "x").unwrap();
         let weights = dir.path().display().to_string();

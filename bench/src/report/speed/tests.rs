@@ -13,7 +13,7 @@ use crate::methods::{MethodIdentity, Privilege};
 fn measured() -> Measured {
     let method = |label: &str, kind: &str| MethodRecord {
         label: label.to_owned(),
-        spec: String::new(),
+        spec: None,
         identity: MethodIdentity::new(kind, [("device", "cpu".to_owned())]),
         privilege: Privilege::None,
         sources: String::new(),

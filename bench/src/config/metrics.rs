@@ -1,0 +1,108 @@
+use std::sync::Arc;
+
+use clap::Args;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+use sharp_metrics::{Device, Scorer, ScorerOptions, Selection, Unavailable, Weights};
+
+use super::error::ConfigError;
+use crate::scoring::{ScaleChooser, Scoring};
+
+/// Metrics and their weights.
+#[derive(Debug, Clone, Default, PartialEq, Args, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case", default)]
+pub struct MetricConfig {
+    /// Metrics, comma-separated: keys or aliases; ssim, lpips, dists (their default variants) or ssim-all, lpips-all,
+    /// dists-all; `paper` (dists, lpips, psnr, ssim) or `all` [default: paper]
+    #[arg(long, value_name = "LIST")]
+    pub metrics: Option<String>,
+    /// A backbone's weights file: alexnet=FILE, vgg16=FILE or squeezenet1_1=FILE; repeatable
+    #[arg(long, value_name = "NAME=FILE")]
+    pub weights: Vec<String>,
+    /// Where the networks behind LPIPS and DISTS are computed: cpu; cuda or metal in a build that has them (untested on
+    /// real GPUs); candle-cpu (slow) to try on the CPU what GPUs run [default: cpu]
+    #[arg(long, value_name = "DEVICE")]
+    pub device: Option<Device>,
+}
+
+impl MetricConfig {
+    pub fn selection(&self) -> Result<Selection, ConfigError> {
+        Ok(self.asked()?.unwrap_or_default())
+    }
+
+    /// The metrics that were asked for; `None` where none were.
+    pub fn asked(&self) -> Result<Option<Selection>, ConfigError> {
+        let parsed = self.metrics.as_ref().map(|list| {
+            Selection::parse(list).map_err(|error| ConfigError::Selection {
+                list: list.clone(),
+                error,
+            })
+        });
+        parsed.transpose()
+    }
+
+    /// The metrics of a run.
+    pub fn scoring(&self) -> Result<Scoring, ConfigError> {
+        self.scoring_of(&self.selection()?)
+    }
+
+    fn scoring_of(&self, selection: &Selection) -> Result<Scoring, ConfigError> {
+        let (weights, options) = (self.weights()?, self.options()?);
+        Ok(Scoring::with_options(selection, &weights, options)?)
+    }
+
+    /// As [`scoring`](Self::scoring), for long-running work: missing weights of a metric that was named explicitly are an error
+    /// before anything is computed, not an empty column after hours.
+    pub fn complete_scoring(&self, selection: &Selection) -> Result<Scoring, ConfigError> {
+        let scoring = self.scoring_of(selection)?;
+        demand_weights(selection, &scoring.scorer)?;
+        Ok(scoring)
+    }
+
+    /// How the networks are computed: by default, but for the device.
+    pub fn options(&self) -> Result<ScorerOptions, ConfigError> {
+        let device = self.device.unwrap_or_default();
+        if !device.is_built() {
+            return Err(ConfigError::NoDevice(device));
+        }
+        Ok(ScorerOptions {
+            device,
+            ..ScorerOptions::default()
+        })
+    }
+
+    pub fn scale_chooser(&self) -> Result<Arc<ScaleChooser>, ConfigError> {
+        let chooser = ScaleChooser::dists(&self.weights()?, self.options()?)?;
+        Ok(Arc::new(chooser.ok_or(ConfigError::NoChooser)?))
+    }
+
+    pub fn weights(&self) -> Result<Weights, ConfigError> {
+        weights(&self.weights)
+    }
+}
+
+/// Weights from files given as `NAME=FILE`; other networks' weights are looked for.
+pub fn weights(files: &[String]) -> Result<Weights, ConfigError> {
+    let mut weights = Weights::at_hand();
+    for spec in files {
+        let Some((name, file)) = spec.split_once('=') else {
+            return Err(ConfigError::Usage(format!(
+                "--weights {spec}: NAME=FILE is needed, as in vgg16=vgg16-397923af.pth"
+            )));
+        };
+        weights = weights.with_file(name.parse()?, file);
+    }
+    Ok(weights)
+}
+
+/// Refuses missing weights of metrics that were named explicitly.
+pub fn demand_weights(selection: &Selection, scorer: &Scorer) -> Result<(), ConfigError> {
+    let mut missing = scorer.missing_weights();
+    match missing.find(|(key, _)| selection.is_explicit(*key)) {
+        None => Ok(()),
+        Some((key, backbone)) => Err(ConfigError::Unavailable {
+            key: key.to_string(),
+            reason: Unavailable::NoWeights { backbone },
+        }),
+    }
+}

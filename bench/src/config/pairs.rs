@@ -1,0 +1,104 @@
+use std::path::PathBuf;
+
+use clap::Args;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use super::error::ConfigError;
+use super::text;
+use crate::pairs::{OverlapCache, PairOptions, PairOrigin, PairRecipe, SceneChecks};
+
+/// Source of the depth that decides overlap, and the cache of measured overlaps.
+#[derive(Debug, Clone, Default, PartialEq, Args, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case", default)]
+pub struct OverlapConfig {
+    /// Depth maps by anyone that decide overlap, DIR/<dataset>/<scene>/<view>.npy|npz|exr|pfm|png; scaled to the
+    /// dataset's own depth by the median of ratios (overlap=given)
+    #[arg(long, value_name = "DIR")]
+    pub overlap_depth: Option<PathBuf>,
+    /// The checkpoint of overlap=sharp-release, or mini; where the release keeps it without this
+    #[arg(long, value_name = "FILE")]
+    pub overlap_checkpoint: Option<PathBuf>,
+    /// Its architecture, where it is not the release's: FILE.json#NAME
+    #[arg(long, value_name = "FILE[#NAME]", requires = "overlap_checkpoint")]
+    pub overlap_config: Option<String>,
+    /// Where measured overlaps are kept, by content; the user's cache without this
+    #[arg(long, value_name = "DIR", conflicts_with = "no_cache")]
+    pub cache: Option<PathBuf>,
+    /// Measure every overlap anew and keep none
+    #[arg(long)]
+    pub no_cache: bool,
+    /// Do not look at a few views of each scene first for what contradicts itself: units, focal lengths, poses of other
+    /// pictures, exchanged stereo pairs (`datasets check` looks at more)
+    #[arg(long)]
+    pub no_check: bool,
+}
+
+impl OverlapConfig {
+    /// The choices joined with the files that they need.
+    pub fn recipe(&self, options: &PairOptions) -> Result<PairRecipe, ConfigError> {
+        let recipe = PairRecipe {
+            options: options.clone(),
+            overlap_depth: self.overlap_depth.clone(),
+            overlap_checkpoint: self.overlap_checkpoint.clone(),
+            overlap_config: self.overlap_config.clone(),
+        };
+        Ok(recipe.checked()?)
+    }
+
+    /// The quick check of datasets, cached beside measured overlaps; `None` with `--no-check`.
+    pub fn checks(&self) -> Option<SceneChecks> {
+        let folder = self.cache.clone().or_else(OverlapCache::users_folder);
+        let folder = folder.filter(|_| !self.no_cache);
+        (!self.no_check).then(|| SceneChecks::new(folder))
+    }
+
+    pub fn cache(&self) -> Option<OverlapCache> {
+        let folder = self.cache.clone().or_else(OverlapCache::users_folder);
+        folder
+            .filter(|_| !self.no_cache)
+            .map(OverlapCache::in_folder)
+    }
+}
+
+/// Pairs: a list, or the choices that build one.
+#[derive(Debug, Clone, Default, PartialEq, Args, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case", default)]
+pub struct PairConfig {
+    /// Evaluate the pairs of this list (CSV as written by `pairs`) instead of building one
+    #[arg(
+        long,
+        value_name = "FILE",
+        conflicts_with_all = ["pair_options", "overlap_depth", "overlap_checkpoint", "cache", "no_cache"]
+    )]
+    pub pairs: Option<PathBuf>,
+    /// Choices that the paper leaves open, key=value,…; see `pairs --help-all`. A dataset changes them for itself by
+    /// --dataset SPEC,pairs.key=value
+    #[arg(long, value_name = "LIST")]
+    #[serde(with = "text")]
+    #[schemars(with = "Option<String>")]
+    pub pair_options: Option<PairOptions>,
+    #[command(flatten)]
+    #[serde(flatten)]
+    pub overlap: OverlapConfig,
+}
+
+impl PairConfig {
+    /// # Errors
+    /// When there are both a list and choices that would build one, or the recipe lacks a file.
+    pub fn origin(&self) -> Result<PairOrigin, ConfigError> {
+        match (&self.pairs, &self.pair_options) {
+            (Some(_), Some(_)) => Err(ConfigError::Usage(
+                "--pairs and --pair-options: a list is given, or built by options".to_owned(),
+            )),
+            (Some(path), None) => Ok(PairOrigin::Given(path.clone())),
+            (None, options) => {
+                let options = options.clone().unwrap_or_default();
+                Ok(PairOrigin::Built {
+                    recipe: Box::new(self.overlap.recipe(&options)?),
+                    cache: self.overlap.cache(),
+                })
+            }
+        }
+    }
+}

@@ -1,0 +1,317 @@
+//! Everything that decides the results of a run, as options of a command line and as a file.
+
+use std::path::{Path, PathBuf};
+
+use clap::{Args, Command};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+use serde_json::{Map, Value};
+use sharp::render::Backend;
+use sharp_datasets::error::nearest_of;
+use sharp_metrics::InstructionSet;
+
+use super::dataset::DatasetConfig;
+use super::error::ConfigError;
+use super::metrics::MetricConfig;
+use super::pairs::PairConfig;
+use super::rendering::{RenderingConfig, backend};
+use super::{clap_dataset, text};
+use crate::methods::MethodSpec;
+
+/// What `run` is asked for: its options, and the keys of a `run.toml` under the same names. Relative paths in a file start
+/// in its folder.
+#[derive(Debug, Clone, Default, PartialEq, Args, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case", default)]
+pub struct RunConfig {
+    /// A dataset, [NAME:]FORMAT=PATH[,key=value…]; repeatable
+    #[arg(long = "dataset", value_name = "SPEC", value_parser = clap_dataset)]
+    #[serde(rename = "dataset")]
+    pub datasets: Vec<DatasetConfig>,
+    /// Only scenes whose id matches; `*` and `?` are wildcards
+    #[arg(long, value_name = "GLOB")]
+    pub scenes: Option<String>,
+    /// A method, KIND[:key=value,…]; repeatable
+    #[arg(long = "method", value_name = "SPEC", value_parser = clap_method)]
+    #[serde(rename = "method")]
+    pub methods: Vec<MethodSpec>,
+    #[command(flatten)]
+    #[serde(flatten)]
+    pub metrics: MetricConfig,
+    /// Follow someone's evaluation: pair source, size, metrics, masks, 8 bit, means (`sharp-bench protocols` lists them).
+    /// An option that contradicts it is an error; what cannot be done as there is said in the report
+    #[arg(long, value_name = "NAME")]
+    pub protocol: Option<String>,
+    #[command(flatten)]
+    #[serde(flatten)]
+    pub pairs: PairConfig,
+    /// Evaluate at most this many pairs, spread over datasets and scenes; those of a smaller N are among those of a larger
+    #[arg(long, value_name = "N")]
+    pub limit: Option<usize>,
+    /// Score all methods of a pair on the part of the target that all of them predict
+    #[arg(long)]
+    pub common_region: bool,
+    /// Of methods that rendered several scales, score the one with the least DISTS of each pair (the paper's rule for
+    /// methods without metric scale); the report says "best of N scales by DISTS"
+    #[arg(long)]
+    pub scale_sweep: bool,
+    /// Which predicted pictures to keep [default: all]
+    #[arg(long, value_enum)]
+    pub keep: Option<Keep>,
+    /// Keep the Gaussians that methods predict, so that another renderer or target predicts nothing again
+    #[arg(long)]
+    pub keep_gaussians: bool,
+    /// Who renders: cpu, or wgpu (a GPU through Vulkan, Metal or Direct3D 12). The exact backend is part of every
+    /// result's identity, and a run has one [default: cpu]
+    #[arg(long, value_name = "BACKEND")]
+    #[serde(with = "text")]
+    #[schemars(with = "Option<String>")]
+    pub backend: Option<Backend>,
+    /// The GPU, by a part of its description (`sharp-bench doctor` lists them)
+    #[arg(long, value_name = "NAME")]
+    pub adapter: Option<String>,
+    #[command(flatten)]
+    #[serde(flatten)]
+    pub rendering: RenderingConfig,
+    /// Class of CPU kernels for everything: avx512, avx2 or portable; the fastest of the machine without it. Results are
+    /// equal bit for bit within one class, so that unlike machines can share a run
+    #[arg(long, value_name = "SET")]
+    #[serde(with = "text")]
+    #[schemars(with = "Option<String>")]
+    pub simd: Option<InstructionSet>,
+}
+
+/// Pictures that are kept in the run folder.
+#[derive(
+    Debug, Clone, Copy, PartialEq, Eq, Default, clap::ValueEnum, Serialize, Deserialize, JsonSchema,
+)]
+#[serde(rename_all = "kebab-case")]
+pub enum Keep {
+    /// All of them, as 8-bit PNG
+    #[default]
+    All,
+    /// All of them as 8-bit PNG, and renderings also as EXR: linear RGB and alpha, for rules that need them
+    Float,
+    /// None
+    None,
+}
+
+/// The error is the bare reason: clap quotes the spec.
+fn clap_method(text: &str) -> Result<MethodSpec, String> {
+    text.parse()
+        .map_err(|error: crate::methods::SpecError| error.reason())
+}
+
+impl RunConfig {
+    /// Reads a file; its paths are absolute afterwards.
+    ///
+    /// # Errors
+    /// When it cannot be read, holds an unknown key, or a value that its option would not take.
+    pub fn read(path: &Path) -> Result<Self, ConfigError> {
+        let failed = |reason: String| ConfigError::File {
+            path: path.to_owned(),
+            reason,
+        };
+        let bytes = sharp::files::read(path).map_err(|error| failed(error.to_string()))?;
+        let text = String::from_utf8(bytes).map_err(|error| failed(error.to_string()))?;
+        let keys: Map<String, Value> =
+            toml::from_str(&text).map_err(|error| failed(error.to_string()))?;
+        let config = Self::of_keys(keys).map_err(failed)?;
+        let absolute = std::path::absolute(path).map_err(|error| failed(error.to_string()))?;
+        Ok(config.rooted(absolute.parent().unwrap_or(Path::new("/"))))
+    }
+
+    /// From the keys of a file; their paths stay as they are.
+    ///
+    /// # Errors
+    /// As [`read`](Self::read).
+    pub fn from_keys(keys: Map<String, Value>) -> Result<Self, ConfigError> {
+        Self::of_keys(keys).map_err(ConfigError::Usage)
+    }
+
+    /// The error is the bare reason.
+    fn of_keys(keys: Map<String, Value>) -> Result<Self, String> {
+        let options = Self::augment_args(Command::new("run"));
+        let known: Vec<&str> = options
+            .get_arguments()
+            .filter_map(|a| a.get_long())
+            .collect();
+        match keys.keys().find(|key| !known.contains(&key.as_str())) {
+            Some(key) => Err(format!("unknown key '{key}'; {}", nearest_of(key, &known))),
+            None => serde_json::from_value(Value::Object(keys)).map_err(|e| e.to_string()),
+        }
+    }
+
+    /// What is asked for, by key: nothing that is left to its default.
+    pub fn keys(&self) -> Map<String, Value> {
+        let Ok(Value::Object(mut keys)) = serde_json::to_value(self) else {
+            return Map::new();
+        };
+        keys.retain(|_, value| match value {
+            Value::Null | Value::Bool(false) => false,
+            Value::Array(items) => !items.is_empty(),
+            _ => true,
+        });
+        keys
+    }
+
+    /// This with the keys of `over` in place of its own.
+    ///
+    /// # Errors
+    /// When the two together are no configuration.
+    pub fn overlaid(&self, over: &Self) -> Result<Self, ConfigError> {
+        let mut keys = self.keys();
+        keys.extend(over.keys());
+        Self::from_keys(keys)
+    }
+
+    /// The contents of a `run.toml`.
+    ///
+    /// # Errors
+    /// When a path is not Unicode.
+    pub fn to_toml(&self) -> Result<String, ConfigError> {
+        toml::to_string(&self.keys()).map_err(|error| ConfigError::Usage(error.to_string()))
+    }
+
+    /// # Errors
+    /// When backend and adapter contradict each other.
+    pub fn backend(&self) -> Result<Backend, ConfigError> {
+        let given = self.backend.clone().unwrap_or_default();
+        backend(&given, self.adapter.as_deref())
+    }
+
+    /// With every relative path below a folder, in which programs are started, too.
+    #[must_use]
+    pub fn rooted(mut self, folder: &Path) -> Self {
+        let root = |path: &mut PathBuf| *path = folder.join(&path);
+        let root_text = |text: &mut String| *text = folder.join(&text).display().to_string();
+        for DatasetConfig { spec, pairs, .. } in &mut self.datasets {
+            if !spec.path.as_os_str().is_empty() {
+                root(&mut spec.path);
+            }
+            pairs.overlap_depth.as_mut().map(root);
+            pairs
+                .overlap_checkpoint
+                .as_mut()
+                .filter(|path| is_file(path))
+                .map(root);
+            pairs.overlap_config.as_mut().map(root_text);
+        }
+        for method in &mut self.methods {
+            if method.kind == "command" {
+                method.options.entry("cwd".to_owned()).or_default();
+            }
+            for key in ["dir", "checkpoint", "config", "files", "cwd"] {
+                let value = method.options.get_mut(key);
+                value.filter(|value| is_file(value.as_ref())).map(root_text);
+            }
+        }
+        let PairConfig { pairs, overlap, .. } = &mut self.pairs;
+        for path in [pairs, &mut overlap.overlap_depth, &mut overlap.cache] {
+            path.as_mut().map(root);
+        }
+        overlap
+            .overlap_checkpoint
+            .as_mut()
+            .filter(|path| is_file(path))
+            .map(root);
+        overlap.overlap_config.as_mut().map(root_text);
+        for weights in &mut self.metrics.weights {
+            if let Some((name, file)) = weights.split_once('=') {
+                *weights = format!("{name}={}", folder.join(file).display());
+            }
+        }
+        self
+    }
+}
+
+/// Not the name of the network that comes with the program.
+fn is_file(checkpoint: &Path) -> bool {
+    checkpoint != Path::new("mini")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::FromArgMatches;
+
+    fn of_options(options: &str) -> RunConfig {
+        let command = RunConfig::augment_args(Command::new("run"));
+        let words = std::iter::once("run").chain(options.split_whitespace());
+        let matches = command.try_get_matches_from(words).unwrap();
+        RunConfig::from_arg_matches(&matches).unwrap()
+    }
+
+    const ALL: &str = "--dataset E:eth3d=a,b/c,images=undistorted,frame=cover:24x24:area,pairs.order=once --dataset synthetic \
+        --scenes s* --method copy --method command:label=m,run='p,q',timeout=3 --metrics psnr --weights vgg16=w.pth \
+        --device candle-cpu --protocol lvsm --pair-options order=once --overlap-depth d --overlap-checkpoint mini \
+        --overlap-config c.json#x --cache k --no-check --limit 3 --common-region --scale-sweep --keep float --keep-gaussians --backend wgpu:X --adapter X \
+        --eps2d gsplat --background #0080ff --quantise truncate --simd portable";
+
+    #[test]
+    fn a_file_says_what_options_say() {
+        let config = of_options(ALL);
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("run.toml");
+        std::fs::write(&path, config.to_toml().unwrap()).unwrap();
+        let read = RunConfig::read(&path).unwrap();
+        assert_eq!(read, config.clone().rooted(folder.path()));
+        // Absolute paths stay where they are.
+        assert_eq!(read.clone().rooted(Path::new("/elsewhere")), read);
+        assert_eq!(
+            read.methods[1].options["cwd"],
+            format!("{}/", folder.path().display())
+        );
+        std::fs::write(&path, "eps2d = 0.3\nlimit = 2\n").unwrap();
+        assert_eq!(
+            RunConfig::read(&path).unwrap(),
+            of_options("--eps2d gsplat --limit 2")
+        );
+    }
+
+    #[test]
+    fn every_option_is_a_key() {
+        let schema = serde_json::to_value(schemars::schema_for!(RunConfig)).unwrap();
+        let keys: std::collections::BTreeSet<&str> = schema["properties"]
+            .as_object()
+            .unwrap()
+            .keys()
+            .map(String::as_str)
+            .collect();
+        let command = RunConfig::augment_args(Command::new("run"));
+        let options = command
+            .get_arguments()
+            .filter_map(|a| a.get_long())
+            .collect();
+        assert_eq!(keys, options);
+    }
+
+    #[test]
+    fn options_are_laid_over_a_file() {
+        let file =
+            of_options("--dataset synthetic --method copy --method mean --limit 3 --no-check");
+        let over = of_options("--method target --limit 1 --metrics psnr");
+        let expected = "--dataset synthetic --method target --limit 1 --no-check --metrics psnr";
+        assert_eq!(file.overlaid(&over).unwrap(), of_options(expected));
+    }
+
+    #[test]
+    fn mistakes_are_named() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("run.toml");
+        for (text, part) in [
+            ("limits = 3", "'limits'; did you mean 'limit'"),
+            ("limit = \"x\"", "invalid type"),
+            ("dataset = [\"moonbase=x\"]", "moonbase"),
+            ("method = [\"copy:a\"]", "not key=value"),
+            ("eps2d = \"sharp\"", "release (0)"),
+            ("limit = ", "TOML"),
+        ] {
+            std::fs::write(&path, text).unwrap();
+            let error = RunConfig::read(&path).unwrap_err().to_string();
+            assert!(
+                error.contains(part) && error.contains("run.toml"),
+                "{text}: {error}"
+            );
+        }
+    }
+}

@@ -1,0 +1,89 @@
+//! From what is asked for to what is evaluated.
+
+use std::path::Path;
+
+use sharp::render::Backend;
+
+use super::Protocol;
+use crate::config::{ConfigError, RunConfig};
+use crate::evaluate::{Aggregation, Request, RunOptions};
+use crate::methods::{self, Method, MethodSpec};
+use crate::pairs::{OpenDataset, PairOrigin};
+use crate::scoring::{ScaleChooser, ScoringRules};
+
+/// Methods with their specs; labels are unique.
+///
+/// # Errors
+/// When one cannot be built.
+pub fn build_methods(
+    specs: &[MethodSpec],
+    chooser: Option<&std::sync::Arc<ScaleChooser>>,
+) -> Result<Vec<(Option<MethodSpec>, Box<dyn Method>)>, ConfigError> {
+    let built = methods::build(specs, chooser)?;
+    Ok(specs.iter().cloned().map(Some).zip(built).collect())
+}
+
+impl Request {
+    /// What a configuration asks for, its protocol followed, with datasets opened and methods built. Pairs are those of a
+    /// plan, where its folder is given.
+    ///
+    /// # Errors
+    /// When the configuration contradicts its protocol or itself, or names something that is not there.
+    pub fn of(config: &RunConfig, plan: Option<&Path>) -> Result<Self, ConfigError> {
+        let usage = |reason: &str| Err(ConfigError::Usage(reason.to_owned()));
+        let backend = config.backend()?;
+        if backend == Backend::Auto {
+            return usage(
+                "--backend auto is for `render`: scores must not depend on what a machine has; say cpu or wgpu",
+            );
+        }
+        if config.limit == Some(0) {
+            return usage("--limit 0: no pair to evaluate");
+        }
+        if config.datasets.is_empty() {
+            return usage("no dataset: --dataset SPEC names one (`datasets list` has the formats)");
+        }
+        let protocol = config
+            .protocol
+            .as_deref()
+            .map(Protocol::named)
+            .transpose()?;
+        let config = match protocol {
+            Some(protocol) => protocol.follow(config)?,
+            None => config.clone(),
+        };
+        let scoring = config
+            .metrics
+            .complete_scoring(&config.metrics.selection()?)?;
+        let chooser = config.scale_sweep.then(|| config.metrics.scale_chooser());
+        let methods = build_methods(&config.methods, chooser.transpose()?.as_ref())?;
+        Ok(Self {
+            checks: config.pairs.overlap.checks().filter(|_| plan.is_none()),
+            only_scenes: config.scenes.clone(),
+            pairs: match plan {
+                Some(root) => PairOrigin::Planned(root.to_owned()),
+                None => config.pairs.origin()?,
+            },
+            limit: config.limit,
+            methods,
+            scoring: scoring.under(protocol.map_or_else(ScoringRules::default, Protocol::rules)),
+            common_region: config.common_region,
+            aggregation: protocol.map_or_else(Aggregation::default, |p| p.aggregation),
+            protocol: protocol.map(Protocol::record),
+            backend,
+            rendering: config.rendering.settings(),
+            datasets: OpenDataset::open_all(&config.datasets, config.scenes.as_deref())?,
+            config: Some(config),
+        })
+    }
+}
+
+impl From<&RunConfig> for RunOptions {
+    fn from(config: &RunConfig) -> Self {
+        Self {
+            keep: config.keep.unwrap_or_default(),
+            keep_gaussians: config.keep_gaussians,
+            ..Self::default()
+        }
+    }
+}
