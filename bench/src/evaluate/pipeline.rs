@@ -10,6 +10,7 @@ use sharp::render::{RenderError, RenderOutput};
 use sharp_datasets::{DepthMap, View};
 use sharp_metrics::Picture;
 
+use super::doubts::doubts;
 use super::error::EvaluateError;
 use super::folder::RunFolder;
 use super::gaussian_store::{GaussianStore, StoreError};
@@ -19,9 +20,7 @@ use super::record::{ChosenScale, Record, Status};
 use super::render::{depth_scale, render};
 use super::score::{MemoryShares, PairTruth, Unscored, crop, empty_record, missing, score_pair};
 use super::shard::Shard;
-use super::source_check::{
-    CheckedSource, absurd_coverage, doubts, doubts_about, see_source, source_of,
-};
+use super::source_check::{CheckedSource, absurd_coverage, doubts_about, see_source, source_of};
 use super::unit::{ScoredPicture, Slot, Timing, Unit};
 use crate::io::hash::{StableHasher, file_sha256, sha256_hex};
 use crate::io::machine::{cpu_and_threads, peak_bytes};

@@ -4,12 +4,12 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 use super::bundle::Bundle;
+use super::doubts::{doubts_of, outlying_sources};
 use super::error::EvaluateError;
 use super::folder::RunFolder;
 use super::manifest::{Manifest, MethodRecord, PairsRecord};
 use super::plan::RunPlan;
 use super::record::{Record, Score, Status, file_difference, finite_or_text};
-use super::source_check::{doubts_of, outlying_sources};
 use super::unit::{ScoredPicture, Slot, Timing, Unit};
 use crate::io::atomic_files::{FileError, write_atomic};
 use crate::io::hash::file_sha256;
