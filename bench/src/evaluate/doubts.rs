@@ -1,9 +1,9 @@
 //! Warnings about a method that its records carry or show together.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use super::record::Record;
-use super::source_check::{SOURCE_DEPTH, SOURCE_PSNR, source_of};
+use super::source_check::{SOURCE_BLUR, SOURCE_DEPTH, SOURCE_PSNR, source_of};
 use crate::methods::{Privilege, UNUSABLE};
 
 /// Ratio of seen to true depth beyond which metres are doubted.
@@ -59,6 +59,11 @@ pub(super) fn outlying_sources<'a>(
     if ["sharp", "depth-splat"].contains(&kind) {
         return None;
     }
+    // These show their photograph, however low their PSNR.
+    let blurred = records
+        .clone()
+        .filter(|r| r.extras.contains_key(SOURCE_BLUR));
+    let blurred: BTreeSet<&str> = blurred.map(|r| source_of(&r.pair_id)).collect();
     let scopes = [(true, f64::INFINITY), (false, UNLIKE_ANY_SCENE)];
     let found = scopes.into_iter().find_map(|(by_scene, most)| {
         let mut groups: BTreeMap<_, BTreeMap<&str, f64>> = BTreeMap::new();
@@ -69,7 +74,11 @@ pub(super) fn outlying_sources<'a>(
                 group.insert(source_of(&record.pair_id), *psnr);
             }
         }
-        let apart = groups.values().filter_map(|group| apart(group, most));
+        let apart = groups.values().filter_map(|group| {
+            let [mut worse, others] = apart(group, most)?;
+            worse.retain(|(name, _)| !blurred.contains(name));
+            (!worse.is_empty()).then_some([worse, others])
+        });
         apart.reduce(|all, more| [0, 1].map(|part| [&all[part][..], &more[part]].concat()))
     });
     let [mut worse, mut others] = found?;
@@ -110,7 +119,7 @@ fn apart<'a>(group: &BTreeMap<&'a str, f64>, most: f64) -> Option<[Vec<(&'a str,
     })
 }
 
-/// Doubts about the Gaussians of a method's records: the first of each kind, and `outlying_sources`.
+/// Doubts about the predictions of a method's records: the first of each kind, and `outlying_sources`.
 pub fn doubts_of<'a>(
     records: impl Iterator<Item = &'a Record> + Clone,
     kind: &str,
@@ -131,9 +140,23 @@ mod tests {
     use super::super::record::tests::record;
     use super::*;
 
+    #[test]
+    fn blurred_sources_are_not_others() {
+        let mut records = records(&[
+            ("s/a", 30.0),
+            ("s/b", 18.0),
+            ("s/c", 31.0),
+            ("s/d", 29.0),
+            ("s/e", 30.0),
+        ]);
+        assert!(outlying_sources(records.iter(), "gaussians").is_some());
+        records[1].extras.insert(SOURCE_BLUR.to_owned(), 0.6);
+        assert_eq!(outlying_sources(records.iter(), "gaussians"), None);
+    }
+
     /// A record a source; names are `SCENE/VIEW`.
-    fn shown(sources: &[(&str, f64)]) -> Option<String> {
-        let records: Vec<Record> = sources
+    fn records(sources: &[(&str, f64)]) -> Vec<Record> {
+        sources
             .iter()
             .map(|(name, psnr)| {
                 let mut record = record();
@@ -143,7 +166,11 @@ mod tests {
                 record.extras = BTreeMap::from([(SOURCE_PSNR.to_owned(), *psnr)]);
                 record
             })
-            .collect();
+            .collect()
+    }
+
+    fn shown(sources: &[(&str, f64)]) -> Option<String> {
+        let records = records(sources);
         let found = outlying_sources(records.iter(), "gaussians");
         // Not where the program itself made them of the photograph, and in no order.
         assert_eq!(outlying_sources(records.iter(), "depth-splat"), None);

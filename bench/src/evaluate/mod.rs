@@ -43,6 +43,7 @@ mod prediction_file;
 pub mod prepare;
 pub mod readings;
 pub mod record;
+mod registration;
 mod render;
 mod rereading;
 pub mod rescore;

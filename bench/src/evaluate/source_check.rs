@@ -3,7 +3,7 @@
 //!
 //! A wrong frame, unit, encoding or colour space gives bad scores without an error. Renderings
 //! from the source's own camera reveal it, except a scale about that camera, so the rendered depth is recorded too. Other
-//! readings of foreign files are tried (`doubts_about`) for three sources of each dataset, chosen by the list of pairs
+//! readings of foreign files are tried (`add_doubts`) for three sources of each dataset, chosen by the list of pairs
 //! alone; this costs as much as some small pictures.
 
 use std::collections::{BTreeMap, BTreeSet};
@@ -15,7 +15,8 @@ use sharp::render::{Background, RenderError};
 use sharp_datasets::{DepthMap, Scene};
 use sharp_metrics::{Picture, psnr};
 
-use super::likeness::{Likeness, window};
+use super::likeness::{Likeness, blur, window};
+use super::registration::{shift, zoom};
 use super::render::{placed, surface_depth};
 use super::rereading::{Seen, Trial};
 use crate::methods::GaussianPrediction;
@@ -32,6 +33,11 @@ pub const SOURCE_PSNR: &str = "source_psnr";
 /// The extra that holds the median depth of the rendering of the source, metres.
 pub const SOURCE_DEPTH: &str = "source_depth_m";
 
+/// The extra of blurred renderings of the source: the share of the photograph's contrast that they lack, 0..1.
+pub const SOURCE_BLUR: &str = "source_blur";
+
+/// Least ratio of the spread of true over seen depth to that of their product, where seen depth is the inverse.
+const INVERSE_SIGNIFICANCE: f64 = 2.5;
 /// Factor of depth above which another unit is thinkable at all: predictions without a unit are off by less.
 const LEAST_FACTOR: f64 = 1.5;
 /// Least ratio of a factor to the spread of depth ratios, which a prediction's own errors cause.
@@ -41,51 +47,95 @@ const ABSURD_LAYERS: f64 = 5000.0;
 /// The share of the picture that they cover one by one, then: millions of small ones over a small picture are proper.
 const ABSURD_SHARE: f64 = 0.02;
 
-/// A prediction rendered into its own source.
-pub(super) struct SeenSource {
-    /// [`SOURCE_PSNR`] and [`SOURCE_DEPTH`].
+/// A prediction's source.
+pub(super) struct CheckedSource<'a> {
+    pub(super) camera: &'a PosedCamera,
+    pub(super) photograph: &'a RgbImage,
+    /// True depth, where there is some and the method is not scaled to it.
+    pub(super) depth: Option<&'a DepthMap>,
+    pub(super) scene: &'a Scene,
+    /// Whether other readings are tried.
+    pub(super) is_chosen: bool,
+}
+
+/// Measured values and warnings.
+pub(super) struct SourceFacts {
     pub(super) extras: BTreeMap<String, f64>,
+    pub(super) warnings: BTreeMap<String, String>,
+}
+
+/// A prediction rendered into its own source.
+struct SeenSource {
     picture: RgbImage,
     depth: DepthMap,
     /// The picture where the photograph's mean colour lies behind the Gaussians: what is closer to it shows some of it.
     over_mean: RgbImage,
 }
 
-/// Renders a prediction into its own source.
+/// Renders a prediction into its own source: [`SOURCE_PSNR`], [`SOURCE_DEPTH`] and [`SOURCE_BLUR`], what speaks against the
+/// reading of its file, and of chosen sources what another reading explains better. Settings that numbers alone suggest are
+/// left out where the photograph is explained without.
 ///
 /// # Errors
 /// See [`RenderError`].
-pub(super) fn see_source(
+pub(super) fn check_source(
     prediction: &GaussianPrediction,
-    source: &PosedCamera,
-    photograph: &RgbImage,
+    source: &CheckedSource<'_>,
     renderer: &SharedRenderer,
-) -> Result<SeenSource, RenderError> {
-    let mut extras = BTreeMap::new();
-    let as_given = placed(prediction.space, source, source);
-    let output = renderer.render(&prediction.gaussians, as_given, source.intrinsics)?;
-    let depth = surface_depth(&output);
-    if let Some(depth) = median_depth_m(&depth) {
-        extras.insert(SOURCE_DEPTH.to_owned(), depth);
-    }
-    let picture = renderer.picture(&output);
+) -> Result<SourceFacts, RenderError> {
+    let (camera, photograph) = (source.camera, source.photograph);
+    let as_given = placed(prediction.space, camera, camera);
+    let output = renderer.render(&prediction.gaussians, as_given, camera.intrinsics)?;
     let whole = Region::whole(photograph.dimensions());
     let mean = Likeness::of(photograph, whole, photograph).mean_color();
     let mean = mean.map(|level| linear_from_srgb(level as f32 / 255.0));
-    let over_mean = output.srgb8(Background::Color(mean), Quantization::Round);
-    let likeness = psnr(
-        &Picture::Rgb8(picture.clone()),
-        &Picture::Rgb8(photograph.clone()),
-        None,
-    );
-    let likeness = likeness.map_or(0.0, |psnr| psnr.min(100.0));
-    extras.insert(SOURCE_PSNR.to_owned(), likeness);
-    Ok(SeenSource {
-        extras,
-        picture,
-        depth,
-        over_mean,
-    })
+    let seen = SeenSource {
+        picture: renderer.picture(&output),
+        depth: surface_depth(&output),
+        over_mean: output.srgb8(Background::Color(mean), Quantization::Round),
+    };
+    let [as_seen, true_one] = [&seen.picture, photograph].map(|p| Picture::Rgb8(p.clone()));
+    let likeness = psnr(&as_seen, &true_one, None).map_or(0.0, |psnr| psnr.min(100.0));
+    let measured = [
+        (SOURCE_DEPTH, median_depth_m(&seen.depth)),
+        (SOURCE_PSNR, Some(likeness)),
+        (SOURCE_BLUR, blur(photograph, &seen.picture)),
+    ];
+    let measured = measured.into_iter();
+    let extras = measured.filter_map(|(name, value)| Some((name.to_owned(), value?)));
+    let mut facts = SourceFacts {
+        extras: extras.collect(),
+        warnings: prediction.warnings.clone(),
+    };
+    let Some(reading) = prediction.reading else {
+        return Ok(facts);
+    };
+    let trial = Trial {
+        source: camera,
+        photograph,
+        region: window(photograph),
+        renderer,
+    };
+    for topic in prediction.warnings.keys() {
+        let mut other = reading;
+        if let Some((key, value)) = topic.split_once('=')
+            && other.set(key, value).is_ok()
+            && !trial.allows(&other, &prediction.gaussians, &reading)?
+        {
+            facts.warnings.remove(topic);
+        }
+    }
+    if source.is_chosen {
+        add_doubts(
+            &mut facts.warnings,
+            prediction,
+            &reading,
+            &seen,
+            source,
+            &trial,
+        )?;
+    }
+    Ok(facts)
 }
 
 /// Names (`dataset/scene/source`) of the sources whose files are read otherwise, too: the first, the middle and the last of
@@ -133,46 +183,27 @@ pub(super) fn absurd_coverage(
     Some(("coverage".to_owned(), text))
 }
 
-/// A source whose file is read otherwise.
-pub(super) struct CheckedSource<'a> {
-    pub(super) camera: &'a PosedCamera,
-    pub(super) photograph: &'a RgbImage,
-    /// True depth, where there is some and the method is not scaled to it.
-    pub(super) depth: Option<&'a DepthMap>,
-    pub(super) scene: &'a Scene,
-}
-
-/// Doubts about the reading of a prediction's file, by subject: another reading, or another view's photograph, fits the
-/// source significantly better, another unit fits its depth, or nothing fits.
-///
-/// # Errors
-/// See [`RenderError`].
-pub(super) fn doubts_about(
+/// Adds doubts about the reading of a prediction's file to its warnings: another reading, or another view's photograph,
+/// fits the source significantly better, another unit fits its depth, or nothing fits.
+fn add_doubts(
+    warnings: &mut BTreeMap<String, String>,
     prediction: &GaussianPrediction,
     reading: &FileReading,
     seen: &SeenSource,
     source: &CheckedSource<'_>,
-    renderer: &SharedRenderer,
-) -> Result<BTreeMap<String, String>, RenderError> {
-    let mut doubts = BTreeMap::new();
-    let mut doubt = |about: &str, text: String| doubts.insert(about.to_owned(), text);
+    trial: &Trial<'_>,
+) -> Result<(), RenderError> {
     let (camera, photograph) = (source.camera, source.photograph);
     let id = &camera.id;
-    let trial = Trial {
-        source: camera,
-        photograph,
-        region: window(photograph),
-        renderer,
-    };
     let region = trial.region;
-    let part = crop_imm(
-        &seen.picture,
-        region.x,
-        region.y,
-        region.width,
-        region.height,
+    let [shown, part] = [&seen.picture, photograph]
+        .map(|whole| crop_imm(whole, region.x, region.y, region.width, region.height).to_image());
+    let as_read = Likeness::of(photograph, region, &shown);
+    let center = [camera.intrinsics.cx, camera.intrinsics.cy];
+    let moved = (
+        shift(&part, &shown),
+        zoom(photograph, &seen.picture, center),
     );
-    let as_read = Likeness::of(photograph, region, &part.to_image());
     let of_part = match (region.width, region.height) == photograph.dimensions() {
         true => String::new(),
         false => format!("{}x{} pixels of ", region.width, region.height),
@@ -188,58 +219,53 @@ pub(super) fn doubts_about(
         .map(|(source, photograph)| Trial {
             source,
             photograph,
-            ..trial
+            ..*trial
         })
         .collect();
     let own = reading.placement.camera_from_file(camera);
     let compared = trial.fit(gaussians, own)?;
     let compared = compared.as_ref().unwrap_or(&as_read);
-    let better = trial.best_reading(gaussians, reading, compared, &elsewhere)?;
+    let better = trial.best_reading(gaussians, reading, compared, &elsewhere, moved)?;
     let other = other_view(prediction, reading, &elsewhere, compared)?;
     let is_other = |error: f64| other.as_ref().is_some_and(|(_, fit)| fit.error() < error);
     match (&better, &other) {
         (Some((other, fit)), _) if !is_other(fit.error()) => {
             let settings = other.changes_from(reading).into_iter();
-            let settings: Vec<String> = settings.map(|(k, v)| format!("`{k}={v}`")).collect();
-            let settings = settings.join(" and ");
-            doubt(
-                "reading",
-                format!("{shown}; with {settings}: {:.2} dB", fit.psnr()),
-            );
+            let settings: Vec<String> = settings.map(|(k, v)| format!("{k}={v}")).collect();
+            let named = format!("`{}`", settings.join("` and `"));
+            let text = format!("{shown}; with {named}: {:.2} dB", fit.psnr());
+            // What mends half of it is told once, with the other half.
+            let half = settings
+                .iter()
+                .find(|s| prediction.warnings.contains_key(*s));
+            let half = half.filter(|_| settings.len() > 1);
+            let about = half.map_or("reading", String::as_str).to_owned();
+            warnings.insert(about, text);
         }
         (_, Some((view, fit))) => {
-            doubt(
-                "view",
-                format!(
-                    "{shown}, and that of {} at {:.2} dB: files under the names of other views?",
-                    view.id,
-                    fit.psnr()
-                ),
+            let text = format!(
+                "{shown}, and that of {} at {:.2} dB: files under the names of other views?",
+                view.id,
+                fit.psnr()
             );
+            warnings.insert("view".to_owned(), text);
         }
         _ if shows_nothing(photograph, &seen.over_mean) => {
             let text = format!(
                 "{shown}, hardly anything of it, and no reading that was tried shows it better"
             );
-            doubt("unrelated", text);
+            warnings.insert("unrelated".to_owned(), text);
         }
         _ => {}
     }
     if better.is_none()
         && reading.placement.space != FileSpace::World
-        && let Some(factor) = source.depth.and_then(|truth| unit(truth, &seen.depth))
+        && let Some(truth) = source.depth
+        && let Some(text) = depth_doubt(truth, &seen.depth, reading.placement.scale, id)
     {
-        let scale = rounded(reading.placement.scale * factor);
-        doubt(
-            "scale",
-            format!(
-                "its Gaussians lie {:.3} times as far away as the dataset's depth ({id}): `scale={scale}` fits, or \
-                 `depth=privileged` scales each source",
-                factor.recip()
-            ),
-        );
+        warnings.insert("scale".to_owned(), text);
     }
-    Ok(doubts)
+    Ok(())
 }
 
 /// True if Gaussians, rendered over the photograph's mean colour, are no closer to the photograph than that colour alone.
@@ -296,25 +322,43 @@ fn other_view<'a>(
     Ok(best)
 }
 
-/// The factor that brings depth that is seen to the truth, where it is another unit rather than the prediction's error.
-fn unit(truth: &DepthMap, seen: &DepthMap) -> Option<f64> {
+/// The unit of depth that is seen, or its inverse, where that differs from the truth by more than a prediction's errors.
+fn depth_doubt(truth: &DepthMap, seen: &DepthMap, scale: f64, id: &str) -> Option<String> {
     if truth.dimensions() != seen.dimensions() {
         return None;
     }
     // Some ten thousand pixels are enough.
     let step = (truth.as_raw().len() / 10_000).max(1);
     let both = truth.pixels().zip(seen.pixels()).step_by(step);
-    let ratios: Vec<f64> = both
+    let both: Vec<[f64; 2]> = both
         .filter(|(Luma([t]), Luma([s]))| is_valid_depth(*t) && is_valid_depth(*s))
-        .map(|(Luma([t]), Luma([s]))| (f64::from(*t) / f64::from(*s)).ln())
+        .map(|(Luma([t]), Luma([s]))| [f64::from(*t).ln(), f64::from(*s).ln()])
         .collect();
-    if ratios.len() < 20 {
+    if both.len() < 20 {
         return None;
     }
-    let middle = median_of(ratios.clone())?;
-    let spread = median_of(ratios.iter().map(|r| (r - middle).abs()).collect())?;
+    let middle_and_spread = |power: f64| {
+        let ratios: Vec<f64> = both.iter().map(|[t, s]| t - power * s).collect();
+        let middle = median_of(ratios.clone())?;
+        let spread = median_of(ratios.iter().map(|r| (r - middle).abs()).collect())?;
+        Some((middle, spread))
+    };
+    let ((middle, spread), (_, of_inverse)) = (middle_and_spread(1.0)?, middle_and_spread(-1.0)?);
+    if of_inverse * INVERSE_SIGNIFICANCE < spread {
+        return Some(format!(
+            "its Gaussians lie far where the dataset's depth is near, and near where it is far ({id}): inverse depth taken for \
+             depth? No setting reads that"
+        ));
+    }
     let is_unit = middle.abs() > LEAST_FACTOR.ln().max(FACTOR_SIGNIFICANCE * 1.4826 * spread);
-    is_unit.then(|| middle.exp())
+    is_unit.then(|| {
+        format!(
+            "its Gaussians lie {:.3} times as far away as the dataset's depth ({id}): `scale={}` fits, or \
+             `depth=privileged` scales each source",
+            (-middle).exp(),
+            rounded(scale * middle.exp())
+        )
+    })
 }
 
 /// Three significant digits.
@@ -403,17 +447,28 @@ mod tests {
     }
 
     fn doubt_about_read(gaussians: Gaussians, reading: FileReading) -> Option<String> {
+        doubt_beside(&photograph(), gaussians, reading, None)
+    }
+
+    /// `suggested` is a setting that the numbers suggest.
+    fn doubt_beside(
+        photograph: &RgbImage,
+        gaussians: Gaussians,
+        reading: FileReading,
+        suggested: Option<&str>,
+    ) -> Option<String> {
         let (source, renderer) = (source(), SharedRenderer::cpu());
-        let photograph = photograph();
         let prediction = GaussianPrediction {
             gaussians,
             space: GaussianSpace::CAMERA,
             first_layer: None,
             extras: BTreeMap::new(),
             reading: Some(reading),
-            warnings: BTreeMap::new(),
+            warnings: suggested
+                .map(|setting| (setting.to_owned(), format!("suggested: {setting}")))
+                .into_iter()
+                .collect(),
         };
-        let seen = see_source(&prediction, &source, &photograph, &renderer).unwrap();
         let depth = DepthMap::from_pixel(40, 32, Luma([2.0]));
         let scene = Scene {
             dataset: "m".to_owned(),
@@ -426,14 +481,15 @@ mod tests {
         };
         let checked = CheckedSource {
             camera: &source,
-            photograph: &photograph,
+            photograph,
             depth: Some(&depth),
             scene: &scene,
+            is_chosen: true,
         };
         let mut record = super::super::record::tests::record();
         record.median_depth_m = Some(2.0);
-        record.warnings = doubts_about(&prediction, &reading, &seen, &checked, &renderer).unwrap();
-        record.extras = seen.extras;
+        let facts = check_source(&prediction, &checked, &renderer).unwrap();
+        (record.warnings, record.extras) = (facts.warnings, facts.extras);
         let found = doubts_of([&record].into_iter(), "gaussians", Privilege::None);
         (!found.is_empty()).then(|| found.join("; "))
     }
@@ -501,11 +557,75 @@ mod tests {
         for (store, words) in [
             ((|c| c * 255.0) as fn(f32) -> f32, "with `colors=rgb255`: "),
             (|c| c, "with `colors=rgb01`: "),
+            (|c| c / 0.282_094_79, "with `colors=dc-uncentered`: "),
         ] {
             let said = read_as_dc(store);
             assert!(said.contains(words), "{words}: {said}");
         }
         assert_eq!(read_as_dc(|c| (c - 0.5) / 0.282_094_79), "");
+    }
+
+    #[test]
+    fn what_numbers_suggest_is_told_where_the_photograph_does_not_refute_it() {
+        let round = mapped(&wall(), DAffine3::IDENTITY);
+        let mut dc = FileReading::of_arrays();
+        dc.stored.colors = Some(sharp::ply::StoredColors::Dc);
+        let rgb01 = Some("colors=rgb01");
+        // A pastel wall, whose coefficients are all within 0..1.
+        let pastel = recolored(&round, |c| 0.5 + 0.28 * c);
+        let seen = SharedRenderer::cpu();
+        let shown = seen.render(&pastel, DAffine3::IDENTITY, source().intrinsics);
+        let shown = seen.picture(&shown.unwrap());
+        assert_eq!(doubt_beside(&shown, pastel, dc, rgb01), None);
+        let mut misread = round.clone();
+        dc.stored.decode(&mut misread);
+        let said = doubt_beside(&photograph(), misread, dc, rgb01).unwrap();
+        assert!(
+            said.contains("suggested: ") && said.contains("with `colors=rgb01`: "),
+            "{said}"
+        );
+        // Where two settings are needed, one sentence has both.
+        let bytes = recolored(&round, |c| 255.0 * srgb_from_linear(c));
+        let arrays = FileReading::of_arrays();
+        let said = doubt_beside(&photograph(), bytes, arrays, Some("colors=rgb255")).unwrap();
+        assert!(
+            said.contains("with `color_space=srgb` and `colors=rgb255`: "),
+            "{said}"
+        );
+        assert!(!said.contains("suggested"), "{said}");
+    }
+
+    #[test]
+    fn variances_and_another_focal_length_are_named() {
+        let round = mapped(&wall(), DAffine3::IDENTITY);
+        let mut logs = FileReading::of_arrays();
+        logs.stored.scales = Some(sharp::ply::StoredScales::Log);
+        assert_eq!(doubt_about_read(round.clone(), logs), None);
+        let mut squared = round.clone();
+        squared.scales.fill([0.03 * 0.03; 3]);
+        let said = doubt_about_read(squared, logs).unwrap_or_default();
+        assert!(said.contains("with `scales=log-variance`: "), "{said}");
+        let narrow = DAffine3::from_scale(DVec3::new(0.8, 0.8, 1.0));
+        let said = doubt_about(mapped(&round, narrow)).unwrap_or_default();
+        assert!(said.contains("with `focal=1.2"), "{said}");
+    }
+
+    #[test]
+    fn inverse_depth_is_told_and_errors_of_depth_are_not() {
+        let map =
+            |of: fn(f32) -> f32| DepthMap::from_fn(40, 32, |x, y| Luma([of((x * 32 + y) as f32)]));
+        let truth = map(|at| 1.0 + at / 100.0);
+        let said = |seen: fn(f32) -> f32| depth_doubt(&truth, &map(seen), 1.0, "s");
+        let text = said(|at| 3.0 / (1.0 + at / 100.0)).unwrap_or_default();
+        assert!(text.contains("inverse depth"), "{text}");
+        for proper in [
+            (|at| 1.0 + at / 100.0) as fn(f32) -> f32,
+            |at| 1.2 + at / 150.0 + 0.5 * (at * 7.0).sin(),
+            |_| 3.0,
+            |at| 4.0 + (at * 7.0).sin(),
+        ] {
+            assert_eq!(said(proper), None);
+        }
     }
 
     #[test]
