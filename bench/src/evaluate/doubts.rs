@@ -2,6 +2,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
+use super::picture_check::{CHANGED, changed_pictures};
 use super::record::Record;
 use super::source_check::{SOURCE_BLUR, SOURCE_DEPTH, SOURCE_PSNR, source_of};
 use crate::methods::{Privilege, UNUSABLE};
@@ -44,6 +45,7 @@ pub fn doubts(record: &Record, privilege: Privilege) -> BTreeMap<&str, String> {
         );
     }
     let told = record.warnings.iter();
+    let told = told.filter(|(about, _)| *about != CHANGED);
     doubts.extend(told.map(|(about, text)| (about.as_str(), text.clone())));
     doubts
 }
@@ -51,7 +53,7 @@ pub fn doubts(record: &Record, privilege: Privilege) -> BTreeMap<&str, String> {
 /// Sources of a method that are shown much worse than the others of their scene, or of their dataset where these also show
 /// less than a plain colour would, as one sentence. Other readings are tried on three sources of a dataset alone, so wrong
 /// files among the others show here.
-pub(super) fn outlying_sources<'a>(
+fn outlying_sources<'a>(
     records: impl Iterator<Item = &'a Record> + Clone,
     kind: &str,
 ) -> Option<String> {
@@ -119,20 +121,33 @@ fn apart<'a>(group: &BTreeMap<&'a str, f64>, most: f64) -> Option<[Vec<(&'a str,
     })
 }
 
-/// Doubts about the predictions of a method's records: the first of each kind, and `outlying_sources`.
+/// Findings that need all records of a method: `outlying_sources`, and `changed_pictures` of those that others made.
+pub(super) fn joint_doubts<'a>(
+    records: impl Iterator<Item = &'a Record> + Clone,
+    kind: &str,
+) -> Vec<String> {
+    let mut found = match kind {
+        "imported" | "command" => changed_pictures(records.clone()),
+        _ => Vec::new(),
+    };
+    found.extend(outlying_sources(records, kind));
+    found
+}
+
+/// Doubts about the predictions of a method's records: the first of each kind, and `joint_doubts`.
 pub fn doubts_of<'a>(
     records: impl Iterator<Item = &'a Record> + Clone,
     kind: &str,
     privilege: Privilege,
 ) -> Vec<String> {
-    let outliers = outlying_sources(records.clone(), kind);
+    let joint = joint_doubts(records.clone(), kind);
     let mut first: BTreeMap<&str, String> = BTreeMap::new();
     for record in records {
         for (about, text) in doubts(record, privilege) {
             first.entry(about).or_insert(text);
         }
     }
-    first.into_values().chain(outliers).collect()
+    first.into_values().chain(joint).collect()
 }
 
 #[cfg(test)]

@@ -220,8 +220,13 @@ impl Likeness {
 
     /// True where it explains most of the photograph.
     pub(super) fn explains(&self) -> bool {
+        self.explained() >= EXPLAINED
+    }
+
+    /// Share of the photograph's variance that is explained, whatever brightness and contrast.
+    pub(super) fn explained(&self) -> f64 {
         let whole = Errors::of(self.total);
-        1.0 - whole.residual / whole.variance >= EXPLAINED
+        1.0 - whole.residual / whole.variance
     }
 
     /// True where this picture explains its photograph, and significantly better than `other` explains its own.
@@ -239,6 +244,16 @@ impl Likeness {
     /// True where its squared error is significantly smaller.
     pub(super) fn is_nearer_than(&self, other: &Self) -> bool {
         self.gains(other, [|e| e.error; 2], MARGIN, SIGNIFICANCE)
+    }
+
+    /// True where its squared error is significantly smaller than that of `other` at its best brightness and contrast.
+    pub(super) fn is_nearer_than_exposed(&self, other: &Self) -> bool {
+        self.gains(
+            other,
+            [|e| e.error, |e| e.residual],
+            MARGIN / 2.0,
+            SIGNIFICANCE,
+        )
     }
 
     /// True where the first error of this picture is smaller than the second of `other`, by dB and by standard errors.
@@ -268,6 +283,20 @@ impl Likeness {
         let squares = each.iter().map(|gain| (gain - mean).powi(2)).sum::<f64>();
         let standard_error = (squares * (n as f64 - 1.0) / n as f64).sqrt();
         whole >= margin && whole >= significance * standard_error
+    }
+
+    /// Correlation in the first channel, −1..1; smaller in size where there is hardly any contrast.
+    pub(super) fn correlation(&self) -> f64 {
+        let Sums {
+            n,
+            p,
+            r,
+            pp,
+            rr,
+            pr,
+        } = self.total[0];
+        let variances = (pp - p * p / n + n * ROUNDING) * (rr - r * r / n + n * ROUNDING);
+        (pr - p * r / n) / variances.sqrt()
     }
 }
 

@@ -37,6 +37,7 @@ pub mod join;
 mod keys;
 mod likeness;
 pub mod manifest;
+mod picture_check;
 pub mod pipeline;
 pub mod plan;
 mod prediction_file;

@@ -16,6 +16,7 @@ use super::folder::RunFolder;
 use super::gaussian_store::{GaussianStore, StoreError};
 use super::keys::{Keys, PictureKeys};
 use super::manifest::FORMAT;
+use super::picture_check::note_change;
 use super::record::{ChosenScale, Record, Status};
 use super::render::{depth_scale, render};
 use super::score::{MemoryShares, PairTruth, Unscored, crop, empty_record, missing, score_pair};
@@ -218,8 +219,14 @@ pub(super) fn run(
                     }
                     Prepared::Waiting => counts.waiting += 1,
                     Prepared::Left => counts.left += 1,
-                    Prepared::Unscored(item) => {
+                    Prepared::Unscored(mut item) => {
                         let maker = job.methods.iter().find(|m| m.label() == method);
+                        if let Some(Approach::Pictures(_)) = maker.map(|maker| maker.approach())
+                            && let Ok(photograph) = truth.get()
+                        {
+                            let (record, shown) = (&mut item.unit.record, &item.picture);
+                            note_change(record, photograph.image(), shown);
+                        }
                         let privilege = maker.map(|maker| maker.privilege()).unwrap_or_default();
                         let mut new = doubts(&item.unit.record, privilege);
                         new.retain(|about, _| {
