@@ -18,7 +18,8 @@
 //! * [`plan`]: pairs by methods; [`shard`]: a process's part of a plan; `run`: runs a plan or a shard; [`status`]: progress.
 //! * `keys`: inputs of each stage, hashed; `render`, `score`: the later two stages; `gaussian_store`, `prediction_file`:
 //!   predictions of sources, made once; [`source_check`]: compares Gaussians with their source photograph;
-//!   [`doubts`]: what a method's records say against it.
+//!   `picture_check`: compares pictures with the photographs that they predict; [`doubts`]: what a method's records say
+//!   against it.
 //! * [`record`]: one result; [`mod@unit`]: a result with its keys, as stored; [`folder`]: the run folder; [`manifest`]: facts
 //!   that all its results share.
 //! * [`aggregation`]: means over pairs.
