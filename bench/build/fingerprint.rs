@@ -56,9 +56,9 @@ const PICTURES: &[&str] = &[
 const RENDERING: &[&str] = &[
     "bench/src/evaluate/likeness.rs",
     "bench/src/evaluate/prediction_file.rs",
+    "bench/src/evaluate/registration.rs",
     "bench/src/evaluate/rereading.rs",
     "bench/src/evaluate/render.rs",
-    "bench/src/evaluate/rereading.rs",
     "bench/src/evaluate/source_check.rs",
     "bench/src/rendering/shared.rs",
     "bench/src/pairs/alignment.rs",

@@ -1,9 +1,14 @@
 //! Likeness of pictures to a part of a photograph, and the significance of differences in it.
 
 use image::RgbImage;
+use image::imageops::thumbnail;
 
 use crate::scoring::Region;
 
+/// Width and height of a picture of which only what is coarse is left.
+const COARSE: (u32, u32) = (16, 12);
+/// Contrast that a blurred picture lacks at least; pictures of other views have as much as right ones.
+const LEAST_BLUR: f64 = 0.4;
 /// Largest width and height that are compared, pixels.
 const SIDES: (u32, u32) = (160, 120);
 /// Least gain of another reading, dB. Reading a proper file differently changes its error by chance, by some hundredths.
@@ -215,8 +220,13 @@ impl Likeness {
 
     /// True where it explains most of the photograph.
     pub(super) fn explains(&self) -> bool {
+        self.explained() >= EXPLAINED
+    }
+
+    /// Share of the photograph's variance that is explained, whatever brightness and contrast.
+    pub(super) fn explained(&self) -> f64 {
         let whole = Errors::of(self.total);
-        1.0 - whole.residual / whole.variance >= EXPLAINED
+        1.0 - whole.residual / whole.variance
     }
 
     /// True where this picture explains its photograph, and significantly better than `other` explains its own.
@@ -227,38 +237,77 @@ impl Likeness {
     /// True where this picture is significantly closer to its photograph than `other` to its own: in squared errors, and where
     /// brightness and contrast are free.
     pub(super) fn is_closer_than(&self, other: &Self) -> bool {
+        let share = |e: Errors| e.residual / e.variance;
+        self.is_nearer_than(other) && self.gains(other, [share; 2], MARGIN / 2.0, SIGNIFICANCE_FREE)
+    }
+
+    /// True where its squared error is significantly smaller.
+    pub(super) fn is_nearer_than(&self, other: &Self) -> bool {
+        self.gains(other, [|e| e.error; 2], MARGIN, SIGNIFICANCE)
+    }
+
+    /// True where its squared error is significantly smaller than that of `other` at its best brightness and contrast.
+    pub(super) fn is_nearer_than_exposed(&self, other: &Self) -> bool {
+        self.gains(
+            other,
+            [|e| e.error, |e| e.residual],
+            MARGIN / 2.0,
+            SIGNIFICANCE,
+        )
+    }
+
+    /// True where the first error of this picture is smaller than the second of `other`, by dB and by standard errors.
+    fn gains(
+        &self,
+        other: &Self,
+        errors: [fn(Errors) -> f64; 2],
+        margin: f64,
+        significance: f64,
+    ) -> bool {
         if self.blocks.len() != other.blocks.len() {
             return false;
         }
-        let gains = |own: Errors, others: Errors| {
-            let share = |e: Errors| e.residual / e.variance;
-            [
-                10.0 * (others.error / own.error).log10(),
-                10.0 * (share(others) / share(own)).log10(),
-            ]
+        let gain = |own: [Sums; 3], others: [Sums; 3]| {
+            let [own, others] = [errors[0](Errors::of(own)), errors[1](Errors::of(others))];
+            10.0 * (others / own).log10()
         };
-        let whole = gains(Errors::of(self.total), Errors::of(other.total));
+        let whole = gain(self.total, other.total);
         // The jackknife: how much the gain depends on each block.
         let without = |fit: &Self, block: usize| {
-            let parts = std::array::from_fn(|c| fit.total[c].plus(fit.blocks[block][c], -1.0));
-            Errors::of(parts)
+            std::array::from_fn(|c| fit.total[c].plus(fit.blocks[block][c], -1.0))
         };
         let n = self.blocks.len();
-        let each: Vec<[f64; 2]> = (0..n)
-            .map(|block| gains(without(self, block), without(other, block)))
-            .collect();
-        [
-            (0, MARGIN, SIGNIFICANCE),
-            (1, MARGIN / 2.0, SIGNIFICANCE_FREE),
-        ]
-        .into_iter()
-        .all(|(kind, margin, significance)| {
-            let mean = each.iter().map(|g| g[kind]).sum::<f64>() / n as f64;
-            let squares = each.iter().map(|g| (g[kind] - mean).powi(2)).sum::<f64>();
-            let standard_error = (squares * (n as f64 - 1.0) / n as f64).sqrt();
-            whole[kind] >= margin && whole[kind] >= significance * standard_error
-        })
+        let each = (0..n).map(|block| gain(without(self, block), without(other, block)));
+        let each: Vec<f64> = each.collect();
+        let mean = each.iter().sum::<f64>() / n as f64;
+        let squares = each.iter().map(|gain| (gain - mean).powi(2)).sum::<f64>();
+        let standard_error = (squares * (n as f64 - 1.0) / n as f64).sqrt();
+        whole >= margin && whole >= significance * standard_error
     }
+
+    /// Correlation in the first channel, −1..1; smaller in size where there is hardly any contrast.
+    pub(super) fn correlation(&self) -> f64 {
+        let Sums {
+            n,
+            p,
+            r,
+            pp,
+            rr,
+            pr,
+        } = self.total[0];
+        let variances = (pp - p * p / n + n * ROUNDING) * (rr - r * r / n + n * ROUNDING);
+        (pr - p * r / n) / variances.sqrt()
+    }
+}
+
+/// The share of the photograph's contrast that a picture lacks, where that is much and it shows what is coarse.
+pub(super) fn blur(photograph: &RgbImage, picture: &RgbImage) -> Option<f64> {
+    let whole = Region::whole(photograph.dimensions());
+    let [seen, shown] = [photograph, picture].map(|all| contrast(all, whole) as f64);
+    let coarse = |all| thumbnail(all, COARSE.0, COARSE.1);
+    let fit = Likeness::of(&coarse(photograph), Region::whole(COARSE), &coarse(picture));
+    let lacks = 1.0 - shown / seen.max(1.0);
+    (lacks >= LEAST_BLUR && fit.explains()).then_some(lacks)
 }
 
 #[cfg(test)]
@@ -314,6 +363,18 @@ mod tests {
         let flat = |level: u8| RgbImage::from_pixel(64, 48, Rgb([level; 3]));
         let near = Likeness::of(&flat(120), Region::whole((64, 48)), &flat(124));
         assert!(!near.is_unrelated());
+    }
+
+    #[test]
+    fn a_blurred_photograph_is_told_from_another_one() {
+        let seen = photograph(0);
+        let blurred = image::imageops::fast_blur(&seen, 4.0);
+        assert!(blur(&seen, &blurred).is_some_and(|lacks| lacks > 0.5));
+        let aside = RgbImage::from_fn(64, 48, |x, y| *seen.get_pixel((x + 9) % 64, y));
+        let grey = RgbImage::from_pixel(64, 48, Rgb([120; 3]));
+        for other in [&seen, &photograph(1), &aside, &grey] {
+            assert_eq!(blur(&seen, other), None);
+        }
     }
 
     #[test]

@@ -17,7 +17,9 @@
 //!   cost; [`mod@speed`]: times of inference and rendering; `footprint`: coverage by Gaussians, which explains them.
 //! * [`plan`]: pairs by methods; [`shard`]: a process's part of a plan; `run`: runs a plan or a shard; [`status`]: progress.
 //! * `keys`: inputs of each stage, hashed; `render`, `score`: the later two stages; `gaussian_store`, `prediction_file`:
-//!   predictions of sources, made once; [`source_check`]: compares Gaussians with their source photograph.
+//!   predictions of sources, made once; [`source_check`]: compares Gaussians with their source photograph;
+//!   `picture_check`: compares pictures with the photographs that they predict; [`doubts`]: what a method's records say
+//!   against it.
 //! * [`record`]: one result; [`mod@unit`]: a result with its keys, as stored; [`folder`]: the run folder; [`manifest`]: facts
 //!   that all its results share.
 //! * [`aggregation`]: means over pairs.
@@ -26,6 +28,7 @@
 
 pub mod aggregation;
 pub mod bundle;
+pub mod doubts;
 pub mod error;
 pub mod estimate;
 pub mod folder;
@@ -35,12 +38,14 @@ pub mod join;
 mod keys;
 mod likeness;
 pub mod manifest;
+mod picture_check;
 pub mod pipeline;
 pub mod plan;
 mod prediction_file;
 pub mod prepare;
 pub mod readings;
 pub mod record;
+mod registration;
 mod render;
 mod rereading;
 pub mod rescore;

@@ -10,18 +10,18 @@ use sharp::render::{RenderError, RenderOutput};
 use sharp_datasets::{DepthMap, View};
 use sharp_metrics::Picture;
 
+use super::doubts::doubts;
 use super::error::EvaluateError;
 use super::folder::RunFolder;
 use super::gaussian_store::{GaussianStore, StoreError};
 use super::keys::{Keys, PictureKeys};
 use super::manifest::FORMAT;
+use super::picture_check::note_change;
 use super::record::{ChosenScale, Record, Status};
 use super::render::{depth_scale, render};
 use super::score::{MemoryShares, PairTruth, Unscored, crop, empty_record, missing, score_pair};
 use super::shard::Shard;
-use super::source_check::{
-    CheckedSource, absurd_coverage, doubts, doubts_about, see_source, source_of,
-};
+use super::source_check::{CheckedSource, SourceFacts, absurd_coverage, check_source, source_of};
 use super::unit::{ScoredPicture, Slot, Timing, Unit};
 use crate::config::Keep;
 use crate::io::hash::{StableHasher, file_sha256, sha256_hex};
@@ -208,8 +208,14 @@ pub(super) fn run(
                     }
                     Prepared::Waiting => counts.waiting += 1,
                     Prepared::Left => counts.left += 1,
-                    Prepared::Unscored(item) => {
+                    Prepared::Unscored(mut item) => {
                         let maker = job.methods.iter().find(|m| m.label() == method);
+                        if let Some(Approach::Pictures(_)) = maker.map(|maker| maker.approach())
+                            && let Ok(photograph) = truth.get()
+                        {
+                            let (record, shown) = (&mut item.unit.record, &item.picture);
+                            note_change(record, photograph.image(), shown);
+                        }
                         let privilege = maker.map(|maker| maker.privilege()).unwrap_or_default();
                         let mut new = doubts(&item.unit.record, privilege);
                         new.retain(|about, _| {
@@ -296,12 +302,6 @@ fn prepare_all<'a>(
             }
         }
     }
-}
-
-/// The source check of a prediction: measured values and warnings.
-struct SourceFacts {
-    extras: BTreeMap<String, f64>,
-    warnings: BTreeMap<String, String>,
 }
 
 /// Data shared by the pairs of one source, which are adjacent because pairs are sorted.
@@ -740,41 +740,32 @@ impl<'a> PairWork<'_, 'a> {
         name: &str,
         sources: &mut Sources<'a>,
     ) -> Result<SourceFacts, Failure> {
-        let (planned, renderer) = (self.truth.planned, self.job.renderer);
-        let mut warnings = prediction.warnings.clone();
-        if let Some((about, text)) = absurd_coverage(prediction, &self.source) {
+        let planned = self.truth.planned;
+        let absurd = absurd_coverage(prediction, &self.source);
+        if let Some((_, text)) = &absurd {
             // At once: it is about how long the rendering takes.
             self.observer
                 .warn(&format!("method '{}': {text}", method.label()));
-            warnings.insert(about, text);
         }
-        let checked = prediction
-            .reading
-            .filter(|_| self.job.checked.contains(name));
-        let depth = match checked {
-            Some(_) if method.privilege() == Privilege::None => {
-                // Depth that cannot be read is not this method's.
-                sources.depth(planned.source).ok().flatten().cloned()
-            }
+        let is_chosen = self.job.checked.contains(name);
+        let needs_depth = is_chosen && prediction.reading.is_some();
+        let depth = match method.privilege() {
+            // Depth that cannot be read is not this method's.
+            Privilege::None if needs_depth => sources.depth(planned.source).ok().flatten().cloned(),
             _ => None,
         };
         let photograph = sources.photograph(planned.source)?;
-        let failed = |error: RenderError| self.render_failure(method, &error);
-        let seen = see_source(prediction, &self.source, photograph, renderer).map_err(failed)?;
-        if let Some(reading) = checked {
-            let source = CheckedSource {
-                camera: &self.source,
-                photograph,
-                depth: depth.as_ref(),
-                scene: planned.scene,
-            };
-            let found = doubts_about(prediction, &reading, &seen, &source, renderer);
-            warnings.extend(found.map_err(failed)?);
-        }
-        Ok(SourceFacts {
-            extras: seen.extras,
-            warnings,
-        })
+        let source = CheckedSource {
+            camera: &self.source,
+            photograph,
+            depth: depth.as_ref(),
+            scene: planned.scene,
+            is_chosen,
+        };
+        let facts = check_source(prediction, &source, self.job.renderer);
+        let mut facts = facts.map_err(|error| self.render_failure(method, &error))?;
+        facts.warnings.extend(absurd);
+        Ok(facts)
     }
 
     /// A lost or exhausted device says nothing about the pair: the run ends, and a restart tries the unit again.

@@ -20,16 +20,23 @@ use crate::scoring::Region;
 const MOST_LAYERS: f64 = 3000.0;
 /// Gain in the source, dB, from which other views are asked, too.
 const WORTH_A_LOOK: f64 = 0.25;
+/// Loss, dB, by which a form of numbers is refuted whatever is explained.
+const MUCH: f64 = 1.0;
 /// Largest factor by which errors in other views may grow.
 const NOT_WORSE: f64 = 1.1;
-/// That factor where Gaussians are moved by half a pixel, which other views have to confirm.
+/// That factor where Gaussians are moved by some pixels, which other views have to confirm.
 const BETTER: f64 = 0.97;
+/// Gain in the source, dB, from which other views need not confirm that: poor ones hardly depend on half a pixel.
+const BEYOND_CHANCE: f64 = 2.0;
+/// Gain, dB, that is enough for another form of colours, which may differ in brightness and contrast alone.
+const RECOLORED: f64 = 6.0;
 /// Settings that may be wrong at the same time.
 const ROUNDS: usize = 3;
 /// Axes that files come in: OpenGL's, which are a turn about x, turns about y and z, Unity's, and z up.
 const AXES: [&str; 6] = ["rdf", "rub", "ldb", "luf", "ruf", "rfu"];
 
 /// The part of a source's photograph that readings are compared on.
+#[derive(Clone, Copy)]
 pub(super) struct Trial<'a> {
     pub(super) source: &'a PosedCamera,
     pub(super) photograph: &'a RgbImage,
@@ -69,15 +76,36 @@ impl Trial<'_> {
         Ok(Some(Likeness::of(self.photograph, self.region, &picture)))
     }
 
+    /// False where the part refutes another form of stored numbers: as read they explain it as well, or much better.
+    pub(super) fn allows(
+        &self,
+        other: &FileReading,
+        gaussians: &Gaussians,
+        reading: &FileReading,
+    ) -> Result<bool, RenderError> {
+        let mut recoded = gaussians.clone();
+        reading.stored.encode(&mut recoded);
+        other.stored.decode(&mut recoded);
+        let placed = reading.placement.camera_from_file(self.source);
+        let Some(as_read) = self.fit(gaussians, placed)? else {
+            return Ok(true);
+        };
+        let other = self.fit(&recoded, placed)?;
+        let gain = other.map_or(f64::NEG_INFINITY, |other| other.gain_over(&as_read));
+        Ok(gain >= WORTH_A_LOOK || !as_read.explains() && gain > -MUCH)
+    }
+
     /// The reading that explains the photograph best, where it does so significantly better than the one that `as_read` shows:
     /// in this part alone, or together with `neighbours`, other views of the scene. Those must not be explained worse, and decide
-    /// among several: Gaussians that are turned wrongly may cover their own source better than right ones.
+    /// among several: Gaussians that are turned wrongly may cover their own source better than right ones. `aside` and
+    /// `zoom` are a shift, pixels, and a factor that bring what they show nearer.
     pub(super) fn best_reading(
         &self,
         gaussians: &Gaussians,
         reading: &FileReading,
         as_read: &Likeness,
         neighbours: &[Trial<'_>],
+        (aside, zoom): ([f64; 2], Option<f64>),
     ) -> Result<Option<(FileReading, Likeness)>, RenderError> {
         let mut best = (*reading, as_read.clone());
         for _ in 0..ROUNDS {
@@ -97,7 +125,7 @@ impl Trial<'_> {
                 }
                 Ok::<(), RenderError>(())
             };
-            for placement in placements(before.placement) {
+            for placement in placements(before.placement, aside, zoom) {
                 consider(
                     FileReading {
                         placement,
@@ -129,10 +157,22 @@ impl Trial<'_> {
             for (candidate, fit) in better {
                 let elsewhere = of_others(&candidate)?;
                 let all = fit.joined(&elsewhere);
-                let is_better = fit.explains()
-                    && (fit.is_closer_than(fit_before) || all.is_closer_than(&all_before));
+                let recolors = candidate.stored.colors != before.stored.colors;
+                let is_closer = |own: &Likeness, other: &Likeness| {
+                    own.is_closer_than(other)
+                        || recolors
+                            && own.gain_over(other) >= RECOLORED
+                            && own.is_nearer_than(other)
+                };
+                let is_better =
+                    fit.explains() && (is_closer(&fit, fit_before) || is_closer(&all, &all_before));
                 let is_shift = candidate.placement.shift != before.placement.shift;
-                let allowed = if is_shift { BETTER } else { NOT_WORSE };
+                let is_large = fit.gain_over(fit_before) >= BEYOND_CHANCE;
+                let allowed = if is_shift && !is_large {
+                    BETTER
+                } else {
+                    NOT_WORSE
+                };
                 let worse = elsewhere.error() > allowed * fit_elsewhere.error()
                     || is_shift && neighbours.is_empty();
                 let least = chosen.as_ref().map(|(.., all)| all.error());
@@ -168,8 +208,8 @@ impl Trial<'_> {
     }
 }
 
-/// Other places: every space with every axes, and half a pixel either way.
-fn placements(current: Placement) -> Vec<Placement> {
+/// Other places: every space with every axes, `aside` by some pixels, and enlarged by a change of focal length.
+fn placements(current: Placement, aside: [f64; 2], zoom: Option<f64>) -> Vec<Placement> {
     let mut all = Vec::new();
     for space in [FileSpace::Camera, FileSpace::World] {
         let axes = AXES.into_iter().filter_map(Axes::parse);
@@ -184,9 +224,13 @@ fn placements(current: Placement) -> Vec<Placement> {
         axes: Axes::OPENCV,
         ..current
     });
-    let [x, y] = current.shift;
-    all.extend([-0.5, 0.5].map(|by| Placement {
-        shift: [x + by, y + by],
+    let rounded = |value: f64| (value * 1000.0).round() / 1000.0;
+    all.push(Placement {
+        shift: [0, 1].map(|axis| rounded(current.shift[axis] + aside[axis])),
+        ..current
+    });
+    all.extend(zoom.map(|zoom| Placement {
+        focal: rounded(current.focal * zoom),
         ..current
     }));
     all.retain(|placement| *placement != current);
@@ -224,15 +268,32 @@ fn numbers(current: &FileReading, stored: &Gaussians) -> Vec<FileReading> {
         add(&|other| other.stored.opacity = Some(StoredOpacity::Linear));
     }
     let scales = stored.scales.as_flattened();
-    if current.stored.scales == Some(StoredScales::Log) && scales.iter().all(|s| *s >= -1e-4) {
-        add(&|other| other.stored.scales = Some(StoredScales::Linear));
+    let is_log = current.stored.scales == Some(StoredScales::Log);
+    if is_log || current.stored.scales == Some(StoredScales::LogVariance) {
+        for form in [StoredScales::Log, StoredScales::LogVariance] {
+            add(&|other| other.stored.scales = Some(form));
+        }
+        if is_log && scales.iter().all(|s| *s >= -1e-4) {
+            add(&|other| other.stored.scales = Some(StoredScales::Linear));
+        }
     }
-    if current.stored.colors == Some(StoredColors::Dc) {
-        add(&|other| other.stored.colors = Some(StoredColors::Logit));
-        for (form, most) in [(StoredColors::Rgb01, 1.0), (StoredColors::Rgb255, 255.0)] {
-            if fits(stored.colors.as_flattened(), most) {
-                add(&|other| other.stored.colors = Some(form));
-            }
+    let colors = stored.colors.as_flattened();
+    let is_dc = matches!(
+        current.stored.colors,
+        Some(StoredColors::Dc | StoredColors::DcUncentered)
+    );
+    for (form, is_possible) in [
+        (StoredColors::Dc, is_dc),
+        (StoredColors::Logit, is_dc),
+        (StoredColors::DcUncentered, is_dc),
+        (StoredColors::Rgb01, is_dc && fits(colors, 1.0)),
+        (
+            StoredColors::Rgb255,
+            fits(colors, 255.0) && colors.iter().any(|v| *v > 1.0),
+        ),
+    ] {
+        if is_possible {
+            add(&|other| other.stored.colors = Some(form));
         }
     }
     all

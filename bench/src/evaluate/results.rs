@@ -4,12 +4,12 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 use super::bundle::Bundle;
+use super::doubts::{doubts_of, joint_doubts};
 use super::error::EvaluateError;
 use super::folder::RunFolder;
 use super::manifest::{Manifest, MethodRecord, PairsRecord};
 use super::plan::RunPlan;
 use super::record::{Record, Score, Status, file_difference, finite_or_text};
-use super::source_check::{doubts_of, outlying_sources};
 use super::unit::{ScoredPicture, Slot, Timing, Unit};
 use crate::io::atomic_files::{FileError, write_atomic};
 use crate::io::hash::file_sha256;
@@ -265,14 +265,15 @@ impl Results {
         })
     }
 
-    /// Findings that need all results of a method, one sentence per method: see `outlying_sources`.
+    /// Findings that need all results of a method: see `joint_doubts`.
     pub fn warnings(&self) -> Vec<String> {
         let of = |method: &MethodRecord| {
             let own = self.records.iter().filter(|r| r.method == method.label);
-            let text = outlying_sources(own, &method.identity.kind)?;
-            Some(format!("method '{}': {text}", method.label))
+            let found = joint_doubts(own, &method.identity.kind).into_iter();
+            let named = found.map(|text| format!("method '{}': {text}", method.label));
+            named.collect::<Vec<_>>()
         };
-        self.manifest.methods.iter().filter_map(of).collect()
+        self.manifest.methods.iter().flat_map(of).collect()
     }
 
     /// How many units failed.

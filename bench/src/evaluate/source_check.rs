@@ -3,7 +3,7 @@
 //!
 //! A wrong frame, unit, encoding or colour space gives bad scores without an error. Renderings
 //! from the source's own camera reveal it, except a scale about that camera, so the rendered depth is recorded too. Other
-//! readings of foreign files are tried (`doubts_about`) for three sources of each dataset, chosen by the list of pairs
+//! readings of foreign files are tried (`add_doubts`) for three sources of each dataset, chosen by the list of pairs
 //! alone; this costs as much as some small pictures.
 
 use std::collections::{BTreeMap, BTreeSet};
@@ -15,12 +15,12 @@ use sharp::render::{Background, RenderError};
 use sharp_datasets::{DepthMap, Scene};
 use sharp_metrics::{Picture, psnr};
 
-use super::likeness::{Likeness, window};
-use super::record::Record;
+use super::likeness::{Likeness, blur, window};
+use super::registration::{shift, zoom};
 use super::render::{placed, surface_depth};
 use super::rereading::{Seen, Trial};
+use crate::methods::GaussianPrediction;
 use crate::methods::file_reading::{FileReading, FileSpace};
-use crate::methods::{GaussianPrediction, Privilege, UNUSABLE};
 use crate::pairs::PosedCamera;
 use crate::pairs::depth::median_depth_m;
 use crate::pairs::pair_list::ResolvedPair;
@@ -33,73 +33,109 @@ pub const SOURCE_PSNR: &str = "source_psnr";
 /// The extra that holds the median depth of the rendering of the source, metres.
 pub const SOURCE_DEPTH: &str = "source_depth_m";
 
-/// Ratio of seen to true depth beyond which metres are doubted.
-const UNLIKELY_SCALE: f64 = 10.0;
+/// The extra of blurred renderings of the source: the share of the photograph's contrast that they lack, 0..1.
+pub const SOURCE_BLUR: &str = "source_blur";
+
+/// Least ratio of the spread of true over seen depth to that of their product, where seen depth is the inverse.
+const INVERSE_SIGNIFICANCE: f64 = 2.5;
 /// Factor of depth above which another unit is thinkable at all: predictions without a unit are off by less.
 const LEAST_FACTOR: f64 = 1.5;
 /// Least ratio of a factor to the spread of depth ratios, which a prediction's own errors cause.
 const FACTOR_SIGNIFICANCE: f64 = 10.0;
-/// Fewest sources of a scene or dataset among which outliers are sought: of fewer, other readings are tried for most anyway.
-const FEWEST_SOURCES: usize = 4;
-/// dB between wrong sources and the others: half of a photograph explained against an unrelated picture of its variance.
-const LEAST_GAP: f64 = 6.0;
-/// Least ratio of that gap to the distance from the worst to the middle of the others: normal values seldom leave such a gap.
-const GAP_SIGNIFICANCE: f64 = 2.0;
-/// Upper limit of an outlier where scenes differ, dB: the PSNR of the mean colour at a contrast of 45 levels.
-const UNLIKE_ANY_SCENE: f64 = 15.0;
-/// Outlying sources that are named.
-const MOST_NAMED: usize = 8;
-
 /// Boxes of Gaussians over a pixel beyond which rendering takes minutes: scenes of photographs have tens or hundreds.
 const ABSURD_LAYERS: f64 = 5000.0;
 /// The share of the picture that they cover one by one, then: millions of small ones over a small picture are proper.
 const ABSURD_SHARE: f64 = 0.02;
 
-/// A prediction rendered into its own source.
-pub(super) struct SeenSource {
-    /// [`SOURCE_PSNR`] and [`SOURCE_DEPTH`].
+/// A prediction's source.
+pub(super) struct CheckedSource<'a> {
+    pub(super) camera: &'a PosedCamera,
+    pub(super) photograph: &'a RgbImage,
+    /// True depth, where there is some and the method is not scaled to it.
+    pub(super) depth: Option<&'a DepthMap>,
+    pub(super) scene: &'a Scene,
+    /// Whether other readings are tried.
+    pub(super) is_chosen: bool,
+}
+
+/// Measured values and warnings.
+pub(super) struct SourceFacts {
     pub(super) extras: BTreeMap<String, f64>,
+    pub(super) warnings: BTreeMap<String, String>,
+}
+
+/// A prediction rendered into its own source.
+struct SeenSource {
     picture: RgbImage,
     depth: DepthMap,
     /// The picture where the photograph's mean colour lies behind the Gaussians: what is closer to it shows some of it.
     over_mean: RgbImage,
 }
 
-/// Renders a prediction into its own source.
+/// Renders a prediction into its own source: [`SOURCE_PSNR`], [`SOURCE_DEPTH`] and [`SOURCE_BLUR`], what speaks against the
+/// reading of its file, and of chosen sources what another reading explains better. Settings that numbers alone suggest are
+/// left out where the photograph is explained without.
 ///
 /// # Errors
 /// See [`RenderError`].
-pub(super) fn see_source(
+pub(super) fn check_source(
     prediction: &GaussianPrediction,
-    source: &PosedCamera,
-    photograph: &RgbImage,
+    source: &CheckedSource<'_>,
     renderer: &SharedRenderer,
-) -> Result<SeenSource, RenderError> {
-    let mut extras = BTreeMap::new();
-    let as_given = placed(prediction.space, source, source);
-    let output = renderer.render(&prediction.gaussians, as_given, source.intrinsics)?;
-    let depth = surface_depth(&output);
-    if let Some(depth) = median_depth_m(&depth) {
-        extras.insert(SOURCE_DEPTH.to_owned(), depth);
-    }
-    let picture = renderer.picture(&output);
+) -> Result<SourceFacts, RenderError> {
+    let (camera, photograph) = (source.camera, source.photograph);
+    let as_given = placed(prediction.space, camera, camera);
+    let output = renderer.render(&prediction.gaussians, as_given, camera.intrinsics)?;
     let whole = Region::whole(photograph.dimensions());
     let mean = Likeness::of(photograph, whole, photograph).mean_color();
     let mean = mean.map(|level| linear_from_srgb(level as f32 / 255.0));
-    let over_mean = output.srgb8(Background::Color(mean), Quantization::Round);
-    let likeness = psnr(
-        &Picture::Rgb8(picture.clone()),
-        &Picture::Rgb8(photograph.clone()),
-        None,
-    );
-    let likeness = likeness.map_or(0.0, |psnr| psnr.min(100.0));
-    extras.insert(SOURCE_PSNR.to_owned(), likeness);
-    Ok(SeenSource {
-        extras,
-        picture,
-        depth,
-        over_mean,
-    })
+    let seen = SeenSource {
+        picture: renderer.picture(&output),
+        depth: surface_depth(&output),
+        over_mean: output.srgb8(Background::Color(mean), Quantization::Round),
+    };
+    let [as_seen, true_one] = [&seen.picture, photograph].map(|p| Picture::Rgb8(p.clone()));
+    let likeness = psnr(&as_seen, &true_one, None).map_or(0.0, |psnr| psnr.min(100.0));
+    let measured = [
+        (SOURCE_DEPTH, median_depth_m(&seen.depth)),
+        (SOURCE_PSNR, Some(likeness)),
+        (SOURCE_BLUR, blur(photograph, &seen.picture)),
+    ];
+    let measured = measured.into_iter();
+    let extras = measured.filter_map(|(name, value)| Some((name.to_owned(), value?)));
+    let mut facts = SourceFacts {
+        extras: extras.collect(),
+        warnings: prediction.warnings.clone(),
+    };
+    let Some(reading) = prediction.reading else {
+        return Ok(facts);
+    };
+    let trial = Trial {
+        source: camera,
+        photograph,
+        region: window(photograph),
+        renderer,
+    };
+    for topic in prediction.warnings.keys() {
+        let mut other = reading;
+        if let Some((key, value)) = topic.split_once('=')
+            && other.set(key, value).is_ok()
+            && !trial.allows(&other, &prediction.gaussians, &reading)?
+        {
+            facts.warnings.remove(topic);
+        }
+    }
+    if source.is_chosen {
+        add_doubts(
+            &mut facts.warnings,
+            prediction,
+            &reading,
+            &seen,
+            source,
+            &trial,
+        )?;
+    }
+    Ok(facts)
 }
 
 /// Names (`dataset/scene/source`) of the sources whose files are read otherwise, too: the first, the middle and the last of
@@ -147,46 +183,27 @@ pub(super) fn absurd_coverage(
     Some(("coverage".to_owned(), text))
 }
 
-/// A source whose file is read otherwise.
-pub(super) struct CheckedSource<'a> {
-    pub(super) camera: &'a PosedCamera,
-    pub(super) photograph: &'a RgbImage,
-    /// True depth, where there is some and the method is not scaled to it.
-    pub(super) depth: Option<&'a DepthMap>,
-    pub(super) scene: &'a Scene,
-}
-
-/// Doubts about the reading of a prediction's file, by subject: another reading, or another view's photograph, fits the
-/// source significantly better, another unit fits its depth, or nothing fits.
-///
-/// # Errors
-/// See [`RenderError`].
-pub(super) fn doubts_about(
+/// Adds doubts about the reading of a prediction's file to its warnings: another reading, or another view's photograph,
+/// fits the source significantly better, another unit fits its depth, or nothing fits.
+fn add_doubts(
+    warnings: &mut BTreeMap<String, String>,
     prediction: &GaussianPrediction,
     reading: &FileReading,
     seen: &SeenSource,
     source: &CheckedSource<'_>,
-    renderer: &SharedRenderer,
-) -> Result<BTreeMap<String, String>, RenderError> {
-    let mut doubts = BTreeMap::new();
-    let mut doubt = |about: &str, text: String| doubts.insert(about.to_owned(), text);
+    trial: &Trial<'_>,
+) -> Result<(), RenderError> {
     let (camera, photograph) = (source.camera, source.photograph);
     let id = &camera.id;
-    let trial = Trial {
-        source: camera,
-        photograph,
-        region: window(photograph),
-        renderer,
-    };
     let region = trial.region;
-    let part = crop_imm(
-        &seen.picture,
-        region.x,
-        region.y,
-        region.width,
-        region.height,
+    let [shown, part] = [&seen.picture, photograph]
+        .map(|whole| crop_imm(whole, region.x, region.y, region.width, region.height).to_image());
+    let as_read = Likeness::of(photograph, region, &shown);
+    let center = [camera.intrinsics.cx, camera.intrinsics.cy];
+    let moved = (
+        shift(&part, &shown),
+        zoom(photograph, &seen.picture, center),
     );
-    let as_read = Likeness::of(photograph, region, &part.to_image());
     let of_part = match (region.width, region.height) == photograph.dimensions() {
         true => String::new(),
         false => format!("{}x{} pixels of ", region.width, region.height),
@@ -202,58 +219,53 @@ pub(super) fn doubts_about(
         .map(|(source, photograph)| Trial {
             source,
             photograph,
-            ..trial
+            ..*trial
         })
         .collect();
     let own = reading.placement.camera_from_file(camera);
     let compared = trial.fit(gaussians, own)?;
     let compared = compared.as_ref().unwrap_or(&as_read);
-    let better = trial.best_reading(gaussians, reading, compared, &elsewhere)?;
+    let better = trial.best_reading(gaussians, reading, compared, &elsewhere, moved)?;
     let other = other_view(prediction, reading, &elsewhere, compared)?;
     let is_other = |error: f64| other.as_ref().is_some_and(|(_, fit)| fit.error() < error);
     match (&better, &other) {
         (Some((other, fit)), _) if !is_other(fit.error()) => {
             let settings = other.changes_from(reading).into_iter();
-            let settings: Vec<String> = settings.map(|(k, v)| format!("`{k}={v}`")).collect();
-            let settings = settings.join(" and ");
-            doubt(
-                "reading",
-                format!("{shown}; with {settings}: {:.2} dB", fit.psnr()),
-            );
+            let settings: Vec<String> = settings.map(|(k, v)| format!("{k}={v}")).collect();
+            let named = format!("`{}`", settings.join("` and `"));
+            let text = format!("{shown}; with {named}: {:.2} dB", fit.psnr());
+            // What mends half of it is told once, with the other half.
+            let half = settings
+                .iter()
+                .find(|s| prediction.warnings.contains_key(*s));
+            let half = half.filter(|_| settings.len() > 1);
+            let about = half.map_or("reading", String::as_str).to_owned();
+            warnings.insert(about, text);
         }
         (_, Some((view, fit))) => {
-            doubt(
-                "view",
-                format!(
-                    "{shown}, and that of {} at {:.2} dB: files under the names of other views?",
-                    view.id,
-                    fit.psnr()
-                ),
+            let text = format!(
+                "{shown}, and that of {} at {:.2} dB: files under the names of other views?",
+                view.id,
+                fit.psnr()
             );
+            warnings.insert("view".to_owned(), text);
         }
         _ if shows_nothing(photograph, &seen.over_mean) => {
             let text = format!(
                 "{shown}, hardly anything of it, and no reading that was tried shows it better"
             );
-            doubt("unrelated", text);
+            warnings.insert("unrelated".to_owned(), text);
         }
         _ => {}
     }
     if better.is_none()
         && reading.placement.space != FileSpace::World
-        && let Some(factor) = source.depth.and_then(|truth| unit(truth, &seen.depth))
+        && let Some(truth) = source.depth
+        && let Some(text) = depth_doubt(truth, &seen.depth, reading.placement.scale, id)
     {
-        let scale = rounded(reading.placement.scale * factor);
-        doubt(
-            "scale",
-            format!(
-                "its Gaussians lie {:.3} times as far away as the dataset's depth ({id}): `scale={scale}` fits, or \
-                 `depth=privileged` scales each source",
-                factor.recip()
-            ),
-        );
+        warnings.insert("scale".to_owned(), text);
     }
-    Ok(doubts)
+    Ok(())
 }
 
 /// True if Gaussians, rendered over the photograph's mean colour, are no closer to the photograph than that colour alone.
@@ -310,137 +322,48 @@ fn other_view<'a>(
     Ok(best)
 }
 
-/// The factor that brings depth that is seen to the truth, where it is another unit rather than the prediction's error.
-fn unit(truth: &DepthMap, seen: &DepthMap) -> Option<f64> {
+/// The unit of depth that is seen, or its inverse, where that differs from the truth by more than a prediction's errors.
+fn depth_doubt(truth: &DepthMap, seen: &DepthMap, scale: f64, id: &str) -> Option<String> {
     if truth.dimensions() != seen.dimensions() {
         return None;
     }
     // Some ten thousand pixels are enough.
     let step = (truth.as_raw().len() / 10_000).max(1);
     let both = truth.pixels().zip(seen.pixels()).step_by(step);
-    let ratios: Vec<f64> = both
+    let both: Vec<[f64; 2]> = both
         .filter(|(Luma([t]), Luma([s]))| is_valid_depth(*t) && is_valid_depth(*s))
-        .map(|(Luma([t]), Luma([s]))| (f64::from(*t) / f64::from(*s)).ln())
+        .map(|(Luma([t]), Luma([s]))| [f64::from(*t).ln(), f64::from(*s).ln()])
         .collect();
-    if ratios.len() < 20 {
+    if both.len() < 20 {
         return None;
     }
-    let middle = median_of(ratios.clone())?;
-    let spread = median_of(ratios.iter().map(|r| (r - middle).abs()).collect())?;
+    let middle_and_spread = |power: f64| {
+        let ratios: Vec<f64> = both.iter().map(|[t, s]| t - power * s).collect();
+        let middle = median_of(ratios.clone())?;
+        let spread = median_of(ratios.iter().map(|r| (r - middle).abs()).collect())?;
+        Some((middle, spread))
+    };
+    let ((middle, spread), (_, of_inverse)) = (middle_and_spread(1.0)?, middle_and_spread(-1.0)?);
+    if of_inverse * INVERSE_SIGNIFICANCE < spread {
+        return Some(format!(
+            "its Gaussians lie far where the dataset's depth is near, and near where it is far ({id}): inverse depth taken for \
+             depth? No setting reads that"
+        ));
+    }
     let is_unit = middle.abs() > LEAST_FACTOR.ln().max(FACTOR_SIGNIFICANCE * 1.4826 * spread);
-    is_unit.then(|| middle.exp())
+    is_unit.then(|| {
+        format!(
+            "its Gaussians lie {:.3} times as far away as the dataset's depth ({id}): `scale={}` fits, or \
+             `depth=privileged` scales each source",
+            (-middle).exp(),
+            rounded(scale * middle.exp())
+        )
+    })
 }
 
 /// Three significant digits.
 fn rounded(value: f64) -> f64 {
     format!("{value:.2e}").parse().unwrap_or(value)
-}
-
-/// Warnings about the Gaussians behind a record, by topic.
-pub fn doubts(record: &Record, privilege: Privilege) -> BTreeMap<&str, String> {
-    let extra = |name: &str| record.extras.get(name).copied();
-    let source = &record.source;
-    let mut doubts: BTreeMap<&str, String> = BTreeMap::new();
-    for (name, what) in UNUSABLE {
-        if let Some(count) = extra(name) {
-            let text = format!("{count} of its Gaussians {what} and are not drawn ({source})");
-            doubts.insert(name, text);
-        }
-    }
-    let depths = extra(SOURCE_DEPTH).zip(record.median_depth_m);
-    if let Some(ratio) = depths.map(|(seen, true_depth)| seen / true_depth)
-        && !(UNLIKELY_SCALE.recip()..=UNLIKELY_SCALE).contains(&ratio)
-        && privilege == Privilege::None
-    {
-        doubts.insert(
-            "scale",
-            format!(
-                "its Gaussians lie {ratio:.3} times as far away as the dataset's depth ({source}): metres are needed, or \
-                 `depth=privileged` scales them"
-            ),
-        );
-    }
-    let told = record.warnings.iter();
-    doubts.extend(told.map(|(about, text)| (about.as_str(), text.clone())));
-    doubts
-}
-
-/// Sources of a method that are shown much worse than the others of their scene, or of their dataset where these also show
-/// less than a plain colour would, as one sentence. Other readings are tried on three sources of a dataset alone, so wrong
-/// files among the others show here.
-pub(super) fn outlying_sources<'a>(
-    records: impl Iterator<Item = &'a Record> + Clone,
-    kind: &str,
-) -> Option<String> {
-    // These make their Gaussians of the photograph itself.
-    if ["sharp", "depth-splat"].contains(&kind) {
-        return None;
-    }
-    let scopes = [(true, f64::INFINITY), (false, UNLIKE_ANY_SCENE)];
-    let found = scopes.into_iter().find_map(|(by_scene, most)| {
-        let mut groups: BTreeMap<_, BTreeMap<&str, f64>> = BTreeMap::new();
-        for record in records.clone() {
-            if let Some(psnr) = record.extras.get(SOURCE_PSNR) {
-                let scene = by_scene.then_some(&record.scene);
-                let group = groups.entry((&record.dataset, scene)).or_default();
-                group.insert(source_of(&record.pair_id), *psnr);
-            }
-        }
-        let apart = groups.values().filter_map(|group| apart(group, most));
-        apart.reduce(|all, more| [0, 1].map(|part| [&all[part][..], &more[part]].concat()))
-    });
-    let [mut worse, mut others] = found?;
-    let count = worse.len() + others.len();
-    let range = |part: &mut Vec<(&str, f64)>| {
-        part.sort_by(|a, b| a.1.total_cmp(&b.1));
-        format!("{:.1} to {:.1}", part[0].1, part[part.len() - 1].1)
-    };
-    let (of_worse, of_others) = (range(&mut worse), range(&mut others));
-    let mut names: Vec<&str> = worse.iter().map(|(name, _)| *name).collect();
-    names.sort_unstable();
-    let more = match names.len().saturating_sub(MOST_NAMED) {
-        0 => String::new(),
-        more => format!(" and {more} more"),
-    };
-    names.truncate(MOST_NAMED);
-    Some(format!(
-        "{} of {count} sources show the photograph they were predicted from at {of_worse} dB, the others at {of_others}: \
-         {}{more}; other Gaussians than theirs? (`gaussians info FILE` says what a file holds)",
-        worse.len(),
-        names.join(", ")
-    ))
-}
-
-/// The values of a group that lie apart below the others and are at most `most`, half of them at most, and the others.
-fn apart<'a>(group: &BTreeMap<&'a str, f64>, most: f64) -> Option<[Vec<(&'a str, f64)>; 2]> {
-    let mut sources: Vec<(&str, f64)> = group.iter().map(|(name, v)| (*name, *v)).collect();
-    sources.sort_by(|a, b| a.1.total_cmp(&b.1));
-    let n = sources.len();
-    let psnr = |at: usize| sources[at].1;
-    let gap = |at: usize| psnr(at) - psnr(at - 1);
-    let at = (1..=n / 2).max_by(|a, b| gap(*a).total_cmp(&gap(*b)))?;
-    let below_middle = psnr(at + (n - at) / 2) - psnr(at);
-    let is_apart = gap(at) >= LEAST_GAP.max(GAP_SIGNIFICANCE * below_middle);
-    (n >= FEWEST_SOURCES && is_apart && psnr(at - 1) <= most).then(|| {
-        let others = sources.split_off(at);
-        [sources, others]
-    })
-}
-
-/// Doubts about the Gaussians of a method's records: the first of each kind, and `outlying_sources`.
-pub fn doubts_of<'a>(
-    records: impl Iterator<Item = &'a Record> + Clone,
-    kind: &str,
-    privilege: Privilege,
-) -> Vec<String> {
-    let outliers = outlying_sources(records.clone(), kind);
-    let mut first: BTreeMap<&str, String> = BTreeMap::new();
-    for record in records {
-        for (about, text) in doubts(record, privilege) {
-            first.entry(about).or_insert(text);
-        }
-    }
-    first.into_values().chain(outliers).collect()
 }
 
 #[cfg(test)]
@@ -451,7 +374,8 @@ mod tests {
     use sharp::gaussians::Gaussians;
 
     use super::*;
-    use crate::methods::GaussianSpace;
+    use crate::evaluate::doubts::doubts_of;
+    use crate::methods::{GaussianSpace, Privilege};
 
     fn source() -> PosedCamera {
         // Turned about the vertical and moved: world and camera space differ.
@@ -523,17 +447,28 @@ mod tests {
     }
 
     fn doubt_about_read(gaussians: Gaussians, reading: FileReading) -> Option<String> {
+        doubt_beside(&photograph(), gaussians, reading, None)
+    }
+
+    /// `suggested` is a setting that the numbers suggest.
+    fn doubt_beside(
+        photograph: &RgbImage,
+        gaussians: Gaussians,
+        reading: FileReading,
+        suggested: Option<&str>,
+    ) -> Option<String> {
         let (source, renderer) = (source(), SharedRenderer::cpu());
-        let photograph = photograph();
         let prediction = GaussianPrediction {
             gaussians,
             space: GaussianSpace::CAMERA,
             first_layer: None,
             extras: BTreeMap::new(),
             reading: Some(reading),
-            warnings: BTreeMap::new(),
+            warnings: suggested
+                .map(|setting| (setting.to_owned(), format!("suggested: {setting}")))
+                .into_iter()
+                .collect(),
         };
-        let seen = see_source(&prediction, &source, &photograph, &renderer).unwrap();
         let depth = DepthMap::from_pixel(40, 32, Luma([2.0]));
         let scene = Scene {
             dataset: "m".to_owned(),
@@ -546,14 +481,15 @@ mod tests {
         };
         let checked = CheckedSource {
             camera: &source,
-            photograph: &photograph,
+            photograph,
             depth: Some(&depth),
             scene: &scene,
+            is_chosen: true,
         };
         let mut record = super::super::record::tests::record();
         record.median_depth_m = Some(2.0);
-        record.warnings = doubts_about(&prediction, &reading, &seen, &checked, &renderer).unwrap();
-        record.extras = seen.extras;
+        let facts = check_source(&prediction, &checked, &renderer).unwrap();
+        (record.warnings, record.extras) = (facts.warnings, facts.extras);
         let found = doubts_of([&record].into_iter(), "gaussians", Privilege::None);
         (!found.is_empty()).then(|| found.join("; "))
     }
@@ -621,11 +557,75 @@ mod tests {
         for (store, words) in [
             ((|c| c * 255.0) as fn(f32) -> f32, "with `colors=rgb255`: "),
             (|c| c, "with `colors=rgb01`: "),
+            (|c| c / 0.282_094_79, "with `colors=dc-uncentered`: "),
         ] {
             let said = read_as_dc(store);
             assert!(said.contains(words), "{words}: {said}");
         }
         assert_eq!(read_as_dc(|c| (c - 0.5) / 0.282_094_79), "");
+    }
+
+    #[test]
+    fn what_numbers_suggest_is_told_where_the_photograph_does_not_refute_it() {
+        let round = mapped(&wall(), DAffine3::IDENTITY);
+        let mut dc = FileReading::of_arrays();
+        dc.stored.colors = Some(sharp::ply::StoredColors::Dc);
+        let rgb01 = Some("colors=rgb01");
+        // A pastel wall, whose coefficients are all within 0..1.
+        let pastel = recolored(&round, |c| 0.5 + 0.28 * c);
+        let seen = SharedRenderer::cpu();
+        let shown = seen.render(&pastel, DAffine3::IDENTITY, source().intrinsics);
+        let shown = seen.picture(&shown.unwrap());
+        assert_eq!(doubt_beside(&shown, pastel, dc, rgb01), None);
+        let mut misread = round.clone();
+        dc.stored.decode(&mut misread);
+        let said = doubt_beside(&photograph(), misread, dc, rgb01).unwrap();
+        assert!(
+            said.contains("suggested: ") && said.contains("with `colors=rgb01`: "),
+            "{said}"
+        );
+        // Where two settings are needed, one sentence has both.
+        let bytes = recolored(&round, |c| 255.0 * srgb_from_linear(c));
+        let arrays = FileReading::of_arrays();
+        let said = doubt_beside(&photograph(), bytes, arrays, Some("colors=rgb255")).unwrap();
+        assert!(
+            said.contains("with `color_space=srgb` and `colors=rgb255`: "),
+            "{said}"
+        );
+        assert!(!said.contains("suggested"), "{said}");
+    }
+
+    #[test]
+    fn variances_and_another_focal_length_are_named() {
+        let round = mapped(&wall(), DAffine3::IDENTITY);
+        let mut logs = FileReading::of_arrays();
+        logs.stored.scales = Some(sharp::ply::StoredScales::Log);
+        assert_eq!(doubt_about_read(round.clone(), logs), None);
+        let mut squared = round.clone();
+        squared.scales.fill([0.03 * 0.03; 3]);
+        let said = doubt_about_read(squared, logs).unwrap_or_default();
+        assert!(said.contains("with `scales=log-variance`: "), "{said}");
+        let narrow = DAffine3::from_scale(DVec3::new(0.8, 0.8, 1.0));
+        let said = doubt_about(mapped(&round, narrow)).unwrap_or_default();
+        assert!(said.contains("with `focal=1.2"), "{said}");
+    }
+
+    #[test]
+    fn inverse_depth_is_told_and_errors_of_depth_are_not() {
+        let map =
+            |of: fn(f32) -> f32| DepthMap::from_fn(40, 32, |x, y| Luma([of((x * 32 + y) as f32)]));
+        let truth = map(|at| 1.0 + at / 100.0);
+        let said = |seen: fn(f32) -> f32| depth_doubt(&truth, &map(seen), 1.0, "s");
+        let text = said(|at| 3.0 / (1.0 + at / 100.0)).unwrap_or_default();
+        assert!(text.contains("inverse depth"), "{text}");
+        for proper in [
+            (|at| 1.0 + at / 100.0) as fn(f32) -> f32,
+            |at| 1.2 + at / 150.0 + 0.5 * (at * 7.0).sin(),
+            |_| 3.0,
+            |at| 4.0 + (at * 7.0).sin(),
+        ] {
+            assert_eq!(said(proper), None);
+        }
     }
 
     #[test]
@@ -651,122 +651,5 @@ mod tests {
         let mut aside = round.clone();
         aside.means.iter_mut().for_each(|mean| mean[1] += 50.0);
         assert!(said(aside).contains(nothing));
-    }
-
-    /// A record a source; names are `SCENE/VIEW`.
-    fn shown(sources: &[(&str, f64)]) -> Option<String> {
-        let records: Vec<Record> = sources
-            .iter()
-            .map(|(name, psnr)| {
-                let mut record = super::super::record::tests::record();
-                record.dataset = "d".to_owned();
-                record.scene = name.split('/').next().unwrap_or_default().to_owned();
-                record.pair_id = format!("d/{name}__t");
-                record.extras = BTreeMap::from([(SOURCE_PSNR.to_owned(), *psnr)]);
-                record
-            })
-            .collect();
-        let found = outlying_sources(records.iter(), "gaussians");
-        // Not where the program itself made them of the photograph, and in no order.
-        assert_eq!(outlying_sources(records.iter(), "depth-splat"), None);
-        assert_eq!(outlying_sources(records.iter().rev(), "gaussians"), found);
-        found
-    }
-
-    #[test]
-    fn sources_far_below_the_others_are_named() {
-        let half = [
-            ("s/view_00", 24.2),
-            ("s/view_01", 31.0),
-            ("s/view_02", 27.5),
-            ("s/view_03", 9.13),
-            ("s/view_04", 11.98),
-            ("s/view_05", 26.0),
-            ("s/view_06", 10.0),
-            ("s/view_07", 11.0),
-        ];
-        let said = shown(&half).unwrap();
-        let start = "4 of 8 sources show the photograph they were predicted from at 9.1 to 12.0 dB, the others at 24.2 to 31.0: \
-                     d/s/view_03, d/s/view_04, d/s/view_06, d/s/view_07; ";
-        assert!(said.starts_with(start), "{said}");
-        assert!(said.contains("`gaussians info FILE`"), "{said}");
-        // A neighbour's file.
-        let one = [33.9, 33.1, 20.4, 34.0, 33.5];
-        let names = ["s/a", "s/b", "s/c", "s/d", "s/e"];
-        let one: Vec<(&str, f64)> = names.into_iter().zip(one).collect();
-        let said = shown(&one).unwrap();
-        assert!(
-            said.starts_with("1 of 5") && said.contains(": d/s/c; "),
-            "{said}"
-        );
-        // One source a scene: only what shows less than a plain colour.
-        let mut scenes = [("a/v", 22.0), ("b/v", 24.0), ("c/v", 9.0), ("e/v", 27.0)];
-        assert!(shown(&scenes).unwrap().contains(": d/c/v; "));
-        scenes[2].1 = 15.5;
-        assert_eq!(shown(&scenes), None);
-        // In several scenes at once.
-        let other = half.map(|(name, psnr)| (name.replace("s/", "t/"), psnr));
-        let both = half
-            .into_iter()
-            .chain(other.iter().map(|(n, p)| (n.as_str(), *p)));
-        let said = shown(&both.collect::<Vec<_>>()).unwrap();
-        assert!(
-            said.starts_with("8 of 16") && said.contains(": d/s/view_03, "),
-            "{said}"
-        );
-        assert!(said.contains("d/t/view_07; "), "{said}");
-    }
-
-    /// Measured: the small network and `depth-splat` on the procedural scene, the network on held-out scenes, and what other
-    /// right Gaussians may look like.
-    #[test]
-    fn sources_that_differ_by_nature_are_not() {
-        let of = |values: &[f64]| {
-            let names: Vec<String> = (0..values.len()).map(|i| format!("s/{i}")).collect();
-            let named = names.iter().map(String::as_str).zip(values.iter().copied());
-            shown(&named.collect::<Vec<_>>())
-        };
-        for values in [
-            &[
-                27.03, 27.06, 27.09, 27.23, 27.3, 27.42, 27.5, 27.54, 27.7, 27.85,
-            ][..],
-            &[
-                10.13, 10.14, 10.58, 11.04, 11.24, 11.6, 12.4, 13.3, 13.5, 15.02,
-            ],
-            &[
-                21.93, 22.49, 23.0, 24.1, 24.8, 25.9, 27.0, 28.1, 29.3, 31.21,
-            ],
-            // One flat view that is easy, and a gradual decline.
-            &[24.0, 24.5, 25.0, 25.5, 40.0],
-            &[8.0, 12.0, 16.0, 20.0, 24.0, 28.0],
-            // Too few to tell.
-            &[9.0, 25.0, 26.0],
-            // Most of them lie below: what is right there?
-            &[9.0, 9.5, 10.0, 25.0],
-        ] {
-            assert_eq!(of(values), None, "{values:?}");
-        }
-        // A scene of leaves beside one of walls.
-        let names = ["a/0", "a/1", "a/2", "a/3", "b/0", "b/1", "b/2", "b/3"];
-        let values = [31.0, 31.5, 32.0, 32.2, 22.0, 22.1, 22.6, 23.0];
-        let two: Vec<(&str, f64)> = names.into_iter().zip(values).collect();
-        assert_eq!(shown(&two), None);
-    }
-
-    #[test]
-    fn privileged_methods_are_scaled_and_need_no_metres() {
-        let mut record = super::super::record::tests::record();
-        record.median_depth_m = Some(2.0);
-        record.extras = BTreeMap::from([(SOURCE_DEPTH.to_owned(), 2000.0)]);
-        assert!(doubts(&record, Privilege::None).contains_key("scale"));
-        assert!(doubts(&record, Privilege::DepthScale).is_empty());
-        record.median_depth_m = None;
-        assert!(doubts(&record, Privilege::None).is_empty());
-        record.extras.insert("zero_quaternions".to_owned(), 3.0);
-        let said = &doubts(&record, Privilege::None)["zero_quaternions"];
-        assert!(
-            said.contains("3 of its Gaussians have a quaternion of zero"),
-            "{said}"
-        );
     }
 }

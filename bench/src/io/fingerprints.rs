@@ -219,9 +219,10 @@ version = \"0.3.7\"
     ];
 
     /// Files in those folders that decide no result: they plan, store, name, describe or measure time.
-    const UNDECIDING: [&str; 40] = [
+    const UNDECIDING: [&str; 42] = [
         "bench/src/evaluate/aggregation.rs",
         "bench/src/evaluate/bundle.rs",
+        "bench/src/evaluate/doubts.rs",
         "bench/src/evaluate/error.rs",
         "bench/src/evaluate/estimate.rs",
         "bench/src/evaluate/folder.rs",
@@ -231,6 +232,7 @@ version = \"0.3.7\"
         "bench/src/evaluate/keys.rs",
         "bench/src/evaluate/manifest.rs",
         "bench/src/evaluate/mod.rs",
+        "bench/src/evaluate/picture_check.rs",
         "bench/src/evaluate/pipeline.rs",
         "bench/src/evaluate/plan.rs",
         "bench/src/evaluate/prepare.rs",

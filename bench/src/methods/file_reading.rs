@@ -74,6 +74,8 @@ pub struct Placement {
     pub scale: f64,
     /// Moves what the source's camera sees to the right and down, pixels.
     pub shift: [f64; 2],
+    /// The focal length that its points were unprojected with, as a multiple of the source's.
+    pub focal: f64,
 }
 
 impl Default for Placement {
@@ -83,6 +85,7 @@ impl Default for Placement {
             axes: Axes::OPENCV,
             scale: 1.0,
             shift: [0.0; 2],
+            focal: 1.0,
         }
     }
 }
@@ -96,7 +99,7 @@ pub struct FileReading {
 
 impl Placement {
     /// In the order of [`FileReading::PLACEMENT_KEYS`].
-    fn values(&self) -> [String; 4] {
+    fn values(&self) -> [String; 5] {
         let space = match self.space {
             FileSpace::Camera => "camera",
             FileSpace::World => "world",
@@ -108,6 +111,7 @@ impl Placement {
             self.axes.name(),
             self.scale.to_string(),
             format!("{x}:{y}"),
+            self.focal.to_string(),
         ]
     }
 
@@ -125,12 +129,14 @@ impl Placement {
         let [x, y] = self.shift;
         // A pixel is a direction: it moves points in proportion to their depth.
         let shifted = DMat3::from_cols(DVec3::X, DVec3::Y, DVec3::new(x / fx, y / fy, 1.0));
-        DAffine3::from_mat3(shifted) * camera_from_space * own
+        let widened = DMat3::from_diagonal(DVec3::new(self.focal, self.focal, 1.0));
+        DAffine3::from_mat3(shifted * widened) * camera_from_space * own
     }
 }
 
 impl FileReading {
-    pub(super) const PLACEMENT_KEYS: [&'static str; 4] = ["space", "axes", "scale", "shift"];
+    pub(super) const PLACEMENT_KEYS: [&'static str; 5] =
+        ["space", "axes", "scale", "shift", "focal"];
 
     /// That of arrays in memory: decoded values in the source camera's space.
     pub fn of_arrays() -> Self {
@@ -165,9 +171,14 @@ impl FileReading {
                     needed("opencv, opengl or the directions of x, y and z such as rdf or luf")
                 })?;
             }
-            "scale" => {
-                let scale = number(value).filter(|v| *v > 0.0);
-                placement.scale = scale.ok_or_else(|| needed("a positive number"))?;
+            "scale" | "focal" => {
+                let factor = number(value).filter(|v| *v > 0.0);
+                let factor = factor.ok_or_else(|| needed("a positive number"))?;
+                *(if key == "scale" {
+                    &mut placement.scale
+                } else {
+                    &mut placement.focal
+                }) = factor;
             }
             "shift" => {
                 let both = value.split_once([',', ':']);
@@ -228,6 +239,7 @@ mod tests {
             ("axes", "luf"),
             ("scale", "0.2"),
             ("shift", "0.5,-0.5"),
+            ("focal", "1.2"),
         ];
         for (key, value) in given {
             reading.set(key, value).unwrap();

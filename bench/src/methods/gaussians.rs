@@ -4,6 +4,7 @@ use std::iter;
 use std::path::{Path, PathBuf};
 
 use sharp::ply::StoredQuaternions;
+use sharp_datasets::files;
 
 use super::file_reading::{Axes, FileReading, FileSpace};
 use super::method::{
@@ -63,9 +64,9 @@ impl GaussianFiles {
             .filter(|_| self.reading.placement.space == FileSpace::World);
         let stems: Vec<&Path> = iter::once(path.as_path()).chain(scene).collect();
         let found = stems.iter().find_map(|stem| {
-            let names = ["ply", "safetensors"].map(|end| with_extension(stem, end));
-            let exact = names.into_iter().find(|name| name.is_file());
-            exact.or_else(|| beside(stem).into_iter().find(|name| is_read(name)))
+            let (folder, name) = (stem.parent()?, stem.file_name()?.to_string_lossy());
+            let found = files::of_stem(folder, &name, &["ply", "safetensors"]);
+            found.into_iter().next()
         });
         found.ok_or_else(|| {
             let others = stems.iter().flat_map(|stem| beside(stem));
@@ -82,19 +83,6 @@ impl GaussianFiles {
             MethodError::file(&self.dir.join(source), reason)
         })
     }
-}
-
-fn with_extension(stem: &Path, extension: &str) -> PathBuf {
-    let mut name = stem.as_os_str().to_owned();
-    name.push(format!(".{extension}"));
-    name.into()
-}
-
-/// True for the extensions that are read, whatever their case.
-fn is_read(path: &Path) -> bool {
-    let extension = path.extension().unwrap_or_default();
-    let is = |known: &str| extension.eq_ignore_ascii_case(known);
-    path.is_file() && (is("ply") || is("safetensors"))
 }
 
 /// Files and folders of a name with any extension, sorted.

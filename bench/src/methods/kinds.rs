@@ -74,9 +74,9 @@ pub const KINDS: [MethodKind; 8] = [
         ],
         summary: "Gaussians made elsewhere, DIR/<dataset>/<scene>/<source>.ply|safetensors, rendered by us (dir=DIR, \
                   depth=none|privileged: scaled by the median of true over rendered depth, color_space=linear|srgb for PLYs that \
-                  do not say; for files stored otherwise opacity=linear|byte, scales=linear, quaternions=xyzw, \
-                  colors=rgb01|rgb255|logit, channels=bgr, harmonics=drop, marks=ignore, space=world|normalized, \
-                  axes=opengl|luf, scale=S, shift=X:Y)",
+                  do not say; for files stored otherwise opacity=linear|byte, scales=linear|log-variance, \
+                  quaternions=xyzw, colors=rgb01|rgb255|logit|dc-uncentered, channels=bgr, harmonics=drop, marks=ignore, space=world|normalized, \
+                  axes=opengl|luf, scale=S, shift=X:Y, focal=F)",
         build: |spec, _| Ok(Box::new(GaussianFiles::from_spec(spec)?)),
     },
     MethodKind {

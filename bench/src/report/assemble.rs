@@ -17,12 +17,12 @@ use super::pictures::{NoPictures, ReportPictures};
 use super::tables::html::html;
 use super::{MissingPicture, ReportError, ReportFiles, mean_tables, text_tables, write_report};
 use crate::evaluate::Results;
+use crate::evaluate::doubts::doubts_of;
 use crate::evaluate::manifest::{
     DatasetRecord, ListRecord, Manifest, MethodRecord, ProtocolRecord,
 };
 use crate::evaluate::record::Record;
 use crate::evaluate::results::KeptPicture;
-use crate::evaluate::source_check::doubts_of;
 use crate::io::counts::counted;
 use crate::io::hash::sha256_hex;
 use crate::io::observer::Observer;

@@ -12,9 +12,7 @@ mod suspicions;
 pub mod table;
 mod write;
 
-use std::fmt;
 use std::path::{Path, PathBuf};
-use std::str::FromStr;
 
 use crate::camera::{CameraError, Intrinsics};
 use crate::gaussians::Gaussians;
@@ -23,8 +21,8 @@ use table::TableError;
 pub use marks::foreign_format;
 pub use read::{check_stored, from_bytes, load};
 pub use reading::{
-    Harmonics, Marks, StoredChannels, StoredColors, StoredForm, StoredOpacity, StoredQuaternions,
-    StoredScales, UnknownReading,
+    ColorSpace, Harmonics, Marks, StoredChannels, StoredColors, StoredForm, StoredOpacity,
+    StoredQuaternions, StoredScales, UnknownReading,
 };
 pub use suspicions::{Suspicion, enormous_scale, suspicions};
 pub use write::{PlyForm, to_bytes};
@@ -37,41 +35,6 @@ const VERTEX: [&str; 14] = [
     "x", "y", "z", "f_dc_0", "f_dc_1", "f_dc_2", "opacity", "scale_0", "scale_1", "scale_2",
     "rot_0", "rot_1", "rot_2", "rot_3",
 ];
-
-/// Encoding of colours in a file, `srgb` or `linear` as text; in memory they are always linear.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum ColorSpace {
-    /// sRGB-encoded, code 0: what the release writes, for viewers that blend encoded values, and what 3D Gaussian
-    /// Splatting optimises without saying so.
-    Srgb,
-    /// Linear light, code 1: what the release assumes of a file that does not say.
-    Linear,
-}
-
-#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-#[error("unknown colour space '{0}'; known: linear srgb")]
-pub struct UnknownColorSpace(String);
-
-impl FromStr for ColorSpace {
-    type Err = UnknownColorSpace;
-
-    fn from_str(text: &str) -> Result<Self, UnknownColorSpace> {
-        match text {
-            "srgb" => Ok(Self::Srgb),
-            "linear" => Ok(Self::Linear),
-            _ => Err(UnknownColorSpace(text.to_owned())),
-        }
-    }
-}
-
-impl fmt::Display for ColorSpace {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.pad(match self {
-            Self::Srgb => "srgb",
-            Self::Linear => "linear",
-        })
-    }
-}
 
 /// Gaussians with the other contents of their file.
 #[derive(Debug, Clone, PartialEq)]

@@ -1,6 +1,9 @@
 //! Forms of stored numbers, for programs that store them differently from 3D Gaussian Splatting.
 
-use super::{ColorSpace, SH_CONSTANT};
+use std::fmt;
+use std::str::FromStr;
+
+use super::SH_CONSTANT;
 use crate::color::{linear_from_srgb, srgb_from_linear};
 use crate::gaussians::Gaussians;
 
@@ -29,7 +32,18 @@ macro_rules! setting {
                 match self { $(Self::$variant => $text),+ }
             }
 
-            fn parse(value: &str) -> Result<Self, UnknownReading> {
+        }
+
+        impl fmt::Display for $name {
+            fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+                f.pad(self.name())
+            }
+        }
+
+        impl FromStr for $name {
+            type Err = UnknownReading;
+
+            fn from_str(value: &str) -> Result<Self, UnknownReading> {
                 match value {
                     $($text => Ok(Self::$variant),)+
                     _ => Err(UnknownReading {
@@ -43,6 +57,15 @@ macro_rules! setting {
     };
 }
 
+setting!(
+    /// Encoding of colours in a file; in memory they are always linear.
+    ColorSpace, "color_space":
+    /// Linear light, code 1: what the release assumes of a file that does not say.
+    Linear = "linear",
+    /// sRGB-encoded, code 0: what the release writes, for viewers that blend encoded values, and what 3D Gaussian
+    /// Splatting optimises without saying so.
+    Srgb = "srgb",
+);
 setting!(
     /// Opacities.
     StoredOpacity, "opacity":
@@ -60,6 +83,8 @@ setting!(
     Log = "log",
     /// As they are.
     Linear = "linear",
+    /// Natural logarithms of variances.
+    LogVariance = "log-variance",
 );
 setting!(
     /// Order and direction of quaternions.
@@ -75,6 +100,8 @@ setting!(
     StoredColors, "colors":
     /// The constant coefficient of spherical harmonics, (c − ½) / √(1 / 4π).
     Dc = "dc",
+    /// c / √(1 / 4π), without the half.
+    DcUncentered = "dc-uncentered",
     /// 0..1.
     Rgb01 = "rgb01",
     /// 0..255; of a PLY without `f_dc_*` its `red green blue`.
@@ -130,7 +157,7 @@ impl From<Option<ColorSpace>> for StoredForm {
 impl StoredForm {
     /// Names of all settings.
     pub const KEYS: [&'static str; 8] = [
-        "color_space",
+        ColorSpace::KEY,
         StoredOpacity::KEY,
         StoredScales::KEY,
         StoredQuaternions::KEY,
@@ -146,21 +173,14 @@ impl StoredForm {
     /// [`UnknownReading`] for a value that the setting does not have.
     pub fn set(&mut self, key: &str, value: &str) -> Result<bool, UnknownReading> {
         match key {
-            "color_space" => {
-                let space = value.parse().map_err(|_| UnknownReading {
-                    key: "color_space",
-                    value: value.to_owned(),
-                    known: &["linear", "srgb"],
-                })?;
-                self.color_space = Some(space);
-            }
-            StoredOpacity::KEY => self.opacity = Some(StoredOpacity::parse(value)?),
-            StoredScales::KEY => self.scales = Some(StoredScales::parse(value)?),
-            StoredQuaternions::KEY => self.quaternions = Some(StoredQuaternions::parse(value)?),
-            StoredColors::KEY => self.colors = Some(StoredColors::parse(value)?),
-            StoredChannels::KEY => self.channels = Some(StoredChannels::parse(value)?),
-            Harmonics::KEY => self.harmonics = Some(Harmonics::parse(value)?),
-            Marks::KEY => self.marks = Some(Marks::parse(value)?),
+            ColorSpace::KEY => self.color_space = Some(value.parse()?),
+            StoredOpacity::KEY => self.opacity = Some(value.parse()?),
+            StoredScales::KEY => self.scales = Some(value.parse()?),
+            StoredQuaternions::KEY => self.quaternions = Some(value.parse()?),
+            StoredColors::KEY => self.colors = Some(value.parse()?),
+            StoredChannels::KEY => self.channels = Some(value.parse()?),
+            Harmonics::KEY => self.harmonics = Some(value.parse()?),
+            Marks::KEY => self.marks = Some(value.parse()?),
             _ => return Ok(false),
         }
         Ok(true)
@@ -168,12 +188,8 @@ impl StoredForm {
 
     /// What is set, by key.
     pub fn settings(&self) -> Vec<(&'static str, &'static str)> {
-        let space = self.color_space.map(|space| match space {
-            ColorSpace::Srgb => "srgb",
-            ColorSpace::Linear => "linear",
-        });
         let all = [
-            space,
+            self.color_space.map(ColorSpace::name),
             self.opacity.map(StoredOpacity::name),
             self.scales.map(StoredScales::name),
             self.quaternions.map(StoredQuaternions::name),
@@ -237,11 +253,16 @@ impl StoredForm {
                 Some(StoredOpacity::Linear) | None => *opacity,
             };
         }
-        if self.scales == Some(StoredScales::Log) {
+        let power = match self.scales {
+            Some(StoredScales::Log) => 1.0,
+            Some(StoredScales::LogVariance) => 2.0,
+            Some(StoredScales::Linear) | None => 0.0,
+        };
+        if power > 0.0 {
             for scale in gaussians.scales.as_flattened_mut() {
                 *scale = match to_stored {
-                    true => scale.ln(),
-                    false => f64::from(*scale).exp() as f32,
+                    true => scale.ln() * power as f32,
+                    false => (f64::from(*scale) / power).exp() as f32,
                 };
             }
         }
@@ -262,6 +283,8 @@ impl StoredForm {
         let form = |value: f32| match self.colors {
             Some(StoredColors::Dc) if to_stored => (value - 0.5) / SH_CONSTANT,
             Some(StoredColors::Dc) => value * SH_CONSTANT + 0.5,
+            Some(StoredColors::DcUncentered) if to_stored => value / SH_CONSTANT,
+            Some(StoredColors::DcUncentered) => value * SH_CONSTANT,
             Some(StoredColors::Rgb255) => byte(value),
             Some(StoredColors::Logit) => sigmoid(value),
             Some(StoredColors::Rgb01) | None => value,

@@ -15,7 +15,7 @@ const LEAST: usize = 20;
 /// A doubt about how a file is read.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Suspicion {
-    /// What it is about: one of a kind is enough to say.
+    /// What it is about: one of a kind is enough to say. The setting that mends it, where numbers alone suggest one.
     pub about: &'static str,
     /// Why, and the setting that mends it.
     pub text: String,
@@ -46,28 +46,21 @@ pub fn suspicions(stored: &Gaussians, given: &StoredForm, format: &StoredForm) -
     let scales = Range::of(of(&stored.scales));
     let extent = extent(stored, &finite);
     let mut found = Vec::new();
-    let mut doubt = |about, text: String| found.push(Suspicion::new(about, text));
     if given.opacity.is_none() && format.opacity == Some(StoredOpacity::Logit) {
         if opacities.is_activated() {
-            doubt(
-                StoredOpacity::KEY,
+            found.push(Suspicion::new(
+                "opacity=linear",
                 format!(
-                    "its opacities look as if they were stored without the logit (all stored values are in {:.3}..{:.3}, so \
-                     that every opacity is in {:.3}..{:.3}): `opacity=linear` reads them so",
+                    "its opacities may have been stored without the logit (all stored values are in {:.3}..{:.3}, so that \
+                     every opacity is in {:.3}..{:.3}; only a photograph can tell): `opacity=linear` reads them so",
                     opacities.least,
                     opacities.most,
                     logistic(opacities.least),
                     logistic(opacities.most)
                 ),
-            );
-        } else if opacities.is_byte() {
-            doubt(
-                StoredOpacity::KEY,
-                format!(
-                    "its opacities look like 0..255 (stored values {}..{}): `opacity=byte` reads them so",
-                    opacities.least, opacities.most
-                ),
-            );
+            ));
+        } else {
+            found.extend(opacities.as_bytes("opacities", "opacity=byte"));
         }
     }
     if given.scales.is_none()
@@ -75,34 +68,28 @@ pub fn suspicions(stored: &Gaussians, given: &StoredForm, format: &StoredForm) -
         && scales.least >= 0.0
         && scales.median.exp() > 0.05 * extent
     {
-        doubt(
-            StoredScales::KEY,
+        found.push(Suspicion::new(
+            "scales=linear",
             format!(
                 "its scales look as if they were no logarithms (none is negative; read as logarithms, half of the standard \
                  deviations are above {:.3}, where the scene is {extent:.1} across): `scales=linear` reads them so",
                 scales.median.exp()
             ),
-        );
+        ));
     }
     if given.colors.is_none() {
         let is_dc = format.colors == Some(StoredColors::Dc);
         if is_dc && colors.is_unit() {
-            doubt(
-                StoredColors::KEY,
+            found.push(Suspicion::new(
+                "colors=rgb01",
                 format!(
-                    "its colours look like 0..1 instead of coefficients (all stored values are in {:.3}..{:.3}): \
-                     `colors=rgb01` reads them so",
+                    "its colours may be 0..1 instead of coefficients (all stored values are in {:.3}..{:.3}, as those of a \
+                     pastel scene are, too; only a photograph can tell): `colors=rgb01` reads them so",
                     colors.least, colors.most
                 ),
-            );
-        } else if colors.is_byte() {
-            doubt(
-                StoredColors::KEY,
-                format!(
-                    "its colours look like 0..255 (stored values {}..{}): `colors=rgb255` reads them so",
-                    colors.least, colors.most
-                ),
-            );
+            ));
+        } else {
+            found.extend(colors.as_bytes("colours", "colors=rgb255"));
         }
     }
     let lost = |k: &&usize| matches!(stored.quaternions[**k], [0.0, 0.0, 0.0, w] if w != 0.0);
@@ -116,20 +103,18 @@ pub fn suspicions(stored: &Gaussians, given: &StoredForm, format: &StoredForm) -
             * 2
             > finite.len()
     {
-        doubt(
+        found.push(Suspicion::new(
             StoredQuaternions::KEY,
             "its rotations look lost: every quaternion is (0, 0, 0, 1), no rotation stored as x, y, z, w; the program that \
-             wrote it has to store them, and `quaternions=xyzw` reads that order"
-                .to_owned(),
-        );
+             wrote it has to store them, and `quaternions=xyzw` reads that order",
+        ));
     }
     if is_viewer_normalised(stored, &finite) {
-        doubt(
+        found.push(Suspicion::new(
             "space",
             "its coordinates look normalised for a viewer (median 0, 95 % within 1), as pixelSplat's and Flash3D's export \
-             writes them: scale and camera are lost, take the Gaussians before that export"
-                .to_owned(),
-        );
+             writes them: scale and camera are lost, take the Gaussians before that export",
+        ));
     }
     found
 }
@@ -161,8 +146,15 @@ impl Range {
         self.least >= 0.0 && self.most <= 1.0 && self.spread >= 0.5
     }
 
-    fn is_byte(&self) -> bool {
-        self.least >= 0.0 && self.most > 20.0
+    /// A suspicion where all are at least 0 and some are far above 1.
+    fn as_bytes(&self, what: &str, about: &'static str) -> Option<Suspicion> {
+        let Self { least, most, .. } = self;
+        (*least >= 0.0 && *most > 20.0).then(|| {
+            let text = format!(
+                "its {what} look like 0..255 (stored values {least}..{most}): `{about}` reads them so"
+            );
+            Suspicion::new(about, text)
+        })
     }
 
     /// All within 0..1. Of a single value, the one that is a round number is taken for what was meant: the stored one, or

@@ -1,6 +1,11 @@
 //! Cases of pictures: alpha, orientation, colour, masks, names and formats.
 
-use super::{Case, case, untried};
+use std::path::Path;
+
+use image::RgbImage;
+use image::imageops::flip_horizontal;
+
+use super::{Case, case, empty, untried};
 use crate::support::Said;
 
 /// What the terminal says, both streams.
@@ -390,4 +395,49 @@ fn pictures_in_subfolders_count_beside_those_above_them() {
         .run("sharp-bench metrics p t --metrics psnr --json")
         .ends_with(0);
     assert_eq!(said.json()["pairs"].as_array().unwrap().len(), 5);
+}
+
+/// Pictures that are stored otherwise than they are read, of a network that predicts poorly, and proper ones of several kinds.
+#[test]
+fn pictures_that_are_stored_otherwise_are_told_by_the_photographs_and_poor_ones_are_not() {
+    let case = empty();
+    let data = "synthetic=size=160x120,views=8 --limit 6";
+    let run = |method: &str, out: &str| {
+        let said = case.run(&format!(
+            "sharp-bench run -q --dataset {data} --method {method} --metrics psnr --out {out}"
+        ));
+        assert_eq!(said.code, 0, "{}", said.err);
+        said
+    };
+    run(
+        "sharp:label=m,checkpoint=mini --method copy:label=c",
+        "made",
+    );
+    let stored = |to: &str, of: &str, change: &dyn Fn(&RgbImage) -> RgbImage| {
+        let rows = csv::Reader::from_path(case.path("made/scores.csv"));
+        for row in rows.unwrap().records().map(Result::unwrap) {
+            let from = case.path(&format!("made/predictions/{of}/{}.png", &row[0]));
+            let picture = change(&image::open(from).unwrap().to_rgb8());
+            let to = case.path(&format!("{to}/{}.png", &row[0]));
+            std::fs::create_dir_all(to.parent().unwrap_or(Path::new("."))).unwrap();
+            picture.save(to).unwrap();
+        }
+        run(&format!("imported:dir={to}"), &format!("r-{to}"))
+    };
+    for (of, kind) in [("m", "made"), ("c", "copies")] {
+        let proper = stored(&format!("{kind}-again"), of, &RgbImage::clone);
+        assert!(!proper.err.contains("look as if"), "{}", proper.err);
+    }
+    let exchanged = |picture: &RgbImage| {
+        let mut changed = picture.clone();
+        changed.pixels_mut().for_each(|pixel| pixel.0.reverse());
+        changed
+    };
+    let said = vec![
+        stored("bgr", "m", &exchanged),
+        stored("mirrored", "m", &|picture| flip_horizontal(picture)),
+    ];
+    let all = Case { said, ..case };
+    all.is_said_everywhere("r-bgr", "look as if they have red and blue exchanged: ");
+    all.is_said_everywhere("r-mirrored", "look as if they are mirrored left to right: ");
 }

@@ -1,0 +1,292 @@
+//! Warnings about a method that its records carry or show together.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use super::picture_check::{CHANGED, changed_pictures};
+use super::record::Record;
+use super::source_check::{SOURCE_BLUR, SOURCE_DEPTH, SOURCE_PSNR, source_of};
+use crate::methods::{Privilege, UNUSABLE};
+
+/// Ratio of seen to true depth beyond which metres are doubted.
+const UNLIKELY_SCALE: f64 = 10.0;
+/// Fewest sources of a scene or dataset among which outliers are sought: of fewer, other readings are tried for most anyway.
+const FEWEST_SOURCES: usize = 4;
+/// dB between wrong sources and the others: half of a photograph explained against an unrelated picture of its variance.
+const LEAST_GAP: f64 = 6.0;
+/// Least ratio of that gap to the distance from the worst to the middle of the others: normal values seldom leave such a gap.
+const GAP_SIGNIFICANCE: f64 = 2.0;
+/// Upper limit of an outlier where scenes differ, dB: the PSNR of the mean colour at a contrast of 45 levels.
+const UNLIKE_ANY_SCENE: f64 = 15.0;
+/// Outlying sources that are named.
+const MOST_NAMED: usize = 8;
+
+/// Warnings about the Gaussians behind a record, by topic.
+pub fn doubts(record: &Record, privilege: Privilege) -> BTreeMap<&str, String> {
+    let extra = |name: &str| record.extras.get(name).copied();
+    let source = &record.source;
+    let mut doubts: BTreeMap<&str, String> = BTreeMap::new();
+    for (name, what) in UNUSABLE {
+        if let Some(count) = extra(name) {
+            let text = format!("{count} of its Gaussians {what} and are not drawn ({source})");
+            doubts.insert(name, text);
+        }
+    }
+    let depths = extra(SOURCE_DEPTH).zip(record.median_depth_m);
+    if let Some(ratio) = depths.map(|(seen, true_depth)| seen / true_depth)
+        && !(UNLIKELY_SCALE.recip()..=UNLIKELY_SCALE).contains(&ratio)
+        && privilege == Privilege::None
+    {
+        doubts.insert(
+            "scale",
+            format!(
+                "its Gaussians lie {ratio:.3} times as far away as the dataset's depth ({source}): metres are needed, or \
+                 `depth=privileged` scales them"
+            ),
+        );
+    }
+    let told = record.warnings.iter();
+    let told = told.filter(|(about, _)| *about != CHANGED);
+    doubts.extend(told.map(|(about, text)| (about.as_str(), text.clone())));
+    doubts
+}
+
+/// Sources of a method that are shown much worse than the others of their scene, or of their dataset where these also show
+/// less than a plain colour would, as one sentence. Other readings are tried on three sources of a dataset alone, so wrong
+/// files among the others show here.
+fn outlying_sources<'a>(
+    records: impl Iterator<Item = &'a Record> + Clone,
+    kind: &str,
+) -> Option<String> {
+    // These make their Gaussians of the photograph itself.
+    if ["sharp", "depth-splat"].contains(&kind) {
+        return None;
+    }
+    // These show their photograph, however low their PSNR.
+    let blurred = records
+        .clone()
+        .filter(|r| r.extras.contains_key(SOURCE_BLUR));
+    let blurred: BTreeSet<&str> = blurred.map(|r| source_of(&r.pair_id)).collect();
+    let scopes = [(true, f64::INFINITY), (false, UNLIKE_ANY_SCENE)];
+    let found = scopes.into_iter().find_map(|(by_scene, most)| {
+        let mut groups: BTreeMap<_, BTreeMap<&str, f64>> = BTreeMap::new();
+        for record in records.clone() {
+            if let Some(psnr) = record.extras.get(SOURCE_PSNR) {
+                let scene = by_scene.then_some(&record.scene);
+                let group = groups.entry((&record.dataset, scene)).or_default();
+                group.insert(source_of(&record.pair_id), *psnr);
+            }
+        }
+        let apart = groups.values().filter_map(|group| {
+            let [mut worse, others] = apart(group, most)?;
+            worse.retain(|(name, _)| !blurred.contains(name));
+            (!worse.is_empty()).then_some([worse, others])
+        });
+        apart.reduce(|all, more| [0, 1].map(|part| [&all[part][..], &more[part]].concat()))
+    });
+    let [mut worse, mut others] = found?;
+    let count = worse.len() + others.len();
+    let range = |part: &mut Vec<(&str, f64)>| {
+        part.sort_by(|a, b| a.1.total_cmp(&b.1));
+        format!("{:.1} to {:.1}", part[0].1, part[part.len() - 1].1)
+    };
+    let (of_worse, of_others) = (range(&mut worse), range(&mut others));
+    let mut names: Vec<&str> = worse.iter().map(|(name, _)| *name).collect();
+    names.sort_unstable();
+    let more = match names.len().saturating_sub(MOST_NAMED) {
+        0 => String::new(),
+        more => format!(" and {more} more"),
+    };
+    names.truncate(MOST_NAMED);
+    Some(format!(
+        "{} of {count} sources show the photograph they were predicted from at {of_worse} dB, the others at {of_others}: \
+         {}{more}; other Gaussians than theirs? (`gaussians info FILE` says what a file holds)",
+        worse.len(),
+        names.join(", ")
+    ))
+}
+
+/// The values of a group that lie apart below the others and are at most `most`, half of them at most, and the others.
+fn apart<'a>(group: &BTreeMap<&'a str, f64>, most: f64) -> Option<[Vec<(&'a str, f64)>; 2]> {
+    let mut sources: Vec<(&str, f64)> = group.iter().map(|(name, v)| (*name, *v)).collect();
+    sources.sort_by(|a, b| a.1.total_cmp(&b.1));
+    let n = sources.len();
+    let psnr = |at: usize| sources[at].1;
+    let gap = |at: usize| psnr(at) - psnr(at - 1);
+    let at = (1..=n / 2).max_by(|a, b| gap(*a).total_cmp(&gap(*b)))?;
+    let below_middle = psnr(at + (n - at) / 2) - psnr(at);
+    let is_apart = gap(at) >= LEAST_GAP.max(GAP_SIGNIFICANCE * below_middle);
+    (n >= FEWEST_SOURCES && is_apart && psnr(at - 1) <= most).then(|| {
+        let others = sources.split_off(at);
+        [sources, others]
+    })
+}
+
+/// Findings that need all records of a method: `outlying_sources`, and `changed_pictures` of those that others made.
+pub(super) fn joint_doubts<'a>(
+    records: impl Iterator<Item = &'a Record> + Clone,
+    kind: &str,
+) -> Vec<String> {
+    let mut found = match kind {
+        "imported" | "command" => changed_pictures(records.clone()),
+        _ => Vec::new(),
+    };
+    found.extend(outlying_sources(records, kind));
+    found
+}
+
+/// Doubts about the predictions of a method's records: the first of each kind, and `joint_doubts`.
+pub fn doubts_of<'a>(
+    records: impl Iterator<Item = &'a Record> + Clone,
+    kind: &str,
+    privilege: Privilege,
+) -> Vec<String> {
+    let joint = joint_doubts(records.clone(), kind);
+    let mut first: BTreeMap<&str, String> = BTreeMap::new();
+    for record in records {
+        for (about, text) in doubts(record, privilege) {
+            first.entry(about).or_insert(text);
+        }
+    }
+    first.into_values().chain(joint).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::record::tests::record;
+    use super::*;
+
+    #[test]
+    fn blurred_sources_are_not_others() {
+        let mut records = records(&[
+            ("s/a", 30.0),
+            ("s/b", 18.0),
+            ("s/c", 31.0),
+            ("s/d", 29.0),
+            ("s/e", 30.0),
+        ]);
+        assert!(outlying_sources(records.iter(), "gaussians").is_some());
+        records[1].extras.insert(SOURCE_BLUR.to_owned(), 0.6);
+        assert_eq!(outlying_sources(records.iter(), "gaussians"), None);
+    }
+
+    /// A record a source; names are `SCENE/VIEW`.
+    fn records(sources: &[(&str, f64)]) -> Vec<Record> {
+        sources
+            .iter()
+            .map(|(name, psnr)| {
+                let mut record = record();
+                record.dataset = "d".to_owned();
+                record.scene = name.split('/').next().unwrap_or_default().to_owned();
+                record.pair_id = format!("d/{name}__t");
+                record.extras = BTreeMap::from([(SOURCE_PSNR.to_owned(), *psnr)]);
+                record
+            })
+            .collect()
+    }
+
+    fn shown(sources: &[(&str, f64)]) -> Option<String> {
+        let records = records(sources);
+        let found = outlying_sources(records.iter(), "gaussians");
+        // Not where the program itself made them of the photograph, and in no order.
+        assert_eq!(outlying_sources(records.iter(), "depth-splat"), None);
+        assert_eq!(outlying_sources(records.iter().rev(), "gaussians"), found);
+        found
+    }
+
+    #[test]
+    fn sources_far_below_the_others_are_named() {
+        let half = [
+            ("s/view_00", 24.2),
+            ("s/view_01", 31.0),
+            ("s/view_02", 27.5),
+            ("s/view_03", 9.13),
+            ("s/view_04", 11.98),
+            ("s/view_05", 26.0),
+            ("s/view_06", 10.0),
+            ("s/view_07", 11.0),
+        ];
+        let said = shown(&half).unwrap();
+        let start = "4 of 8 sources show the photograph they were predicted from at 9.1 to 12.0 dB, the others at 24.2 to 31.0: \
+                     d/s/view_03, d/s/view_04, d/s/view_06, d/s/view_07; ";
+        assert!(said.starts_with(start), "{said}");
+        assert!(said.contains("`gaussians info FILE`"), "{said}");
+        // A neighbour's file.
+        let one = [33.9, 33.1, 20.4, 34.0, 33.5];
+        let names = ["s/a", "s/b", "s/c", "s/d", "s/e"];
+        let one: Vec<(&str, f64)> = names.into_iter().zip(one).collect();
+        let said = shown(&one).unwrap();
+        assert!(
+            said.starts_with("1 of 5") && said.contains(": d/s/c; "),
+            "{said}"
+        );
+        // One source a scene: only what shows less than a plain colour.
+        let mut scenes = [("a/v", 22.0), ("b/v", 24.0), ("c/v", 9.0), ("e/v", 27.0)];
+        assert!(shown(&scenes).unwrap().contains(": d/c/v; "));
+        scenes[2].1 = 15.5;
+        assert_eq!(shown(&scenes), None);
+        // In several scenes at once.
+        let other = half.map(|(name, psnr)| (name.replace("s/", "t/"), psnr));
+        let both = half
+            .into_iter()
+            .chain(other.iter().map(|(n, p)| (n.as_str(), *p)));
+        let said = shown(&both.collect::<Vec<_>>()).unwrap();
+        assert!(
+            said.starts_with("8 of 16") && said.contains(": d/s/view_03, "),
+            "{said}"
+        );
+        assert!(said.contains("d/t/view_07; "), "{said}");
+    }
+
+    /// Measured: the small network and `depth-splat` on the procedural scene, the network on held-out scenes, and what other
+    /// right Gaussians may look like.
+    #[test]
+    fn sources_that_differ_by_nature_are_not() {
+        let of = |values: &[f64]| {
+            let names: Vec<String> = (0..values.len()).map(|i| format!("s/{i}")).collect();
+            let named = names.iter().map(String::as_str).zip(values.iter().copied());
+            shown(&named.collect::<Vec<_>>())
+        };
+        for values in [
+            &[
+                27.03, 27.06, 27.09, 27.23, 27.3, 27.42, 27.5, 27.54, 27.7, 27.85,
+            ][..],
+            &[
+                10.13, 10.14, 10.58, 11.04, 11.24, 11.6, 12.4, 13.3, 13.5, 15.02,
+            ],
+            &[
+                21.93, 22.49, 23.0, 24.1, 24.8, 25.9, 27.0, 28.1, 29.3, 31.21,
+            ],
+            // One flat view that is easy, and a gradual decline.
+            &[24.0, 24.5, 25.0, 25.5, 40.0],
+            &[8.0, 12.0, 16.0, 20.0, 24.0, 28.0],
+            // Too few to tell.
+            &[9.0, 25.0, 26.0],
+            // Most of them lie below: what is right there?
+            &[9.0, 9.5, 10.0, 25.0],
+        ] {
+            assert_eq!(of(values), None, "{values:?}");
+        }
+        // A scene of leaves beside one of walls.
+        let names = ["a/0", "a/1", "a/2", "a/3", "b/0", "b/1", "b/2", "b/3"];
+        let values = [31.0, 31.5, 32.0, 32.2, 22.0, 22.1, 22.6, 23.0];
+        let two: Vec<(&str, f64)> = names.into_iter().zip(values).collect();
+        assert_eq!(shown(&two), None);
+    }
+
+    #[test]
+    fn privileged_methods_are_scaled_and_need_no_metres() {
+        let mut record = record();
+        record.median_depth_m = Some(2.0);
+        record.extras = BTreeMap::from([(SOURCE_DEPTH.to_owned(), 2000.0)]);
+        assert!(doubts(&record, Privilege::None).contains_key("scale"));
+        assert!(doubts(&record, Privilege::DepthScale).is_empty());
+        record.median_depth_m = None;
+        assert!(doubts(&record, Privilege::None).is_empty());
+        record.extras.insert("zero_quaternions".to_owned(), 3.0);
+        let said = &doubts(&record, Privilege::None)["zero_quaternions"];
+        assert!(
+            said.contains("3 of its Gaussians have a quaternion of zero"),
+            "{said}"
+        );
+    }
+}

@@ -1,0 +1,257 @@
+//! Tells pictures that are stored otherwise than they are read by the photographs that they predict.
+//!
+//! Poor predictions are proper: a change has to bring a picture significantly nearer to its photograph, and nearly all
+//! pictures of a dataset. Shifts are not tried, because parallax that a method ignores moves all pictures of a stereo dataset
+//! alike. No score depends on it.
+
+use std::collections::BTreeMap;
+
+use image::imageops::{flip_horizontal, flip_vertical, rotate90, rotate180, rotate270, thumbnail};
+use image::{GenericImageView, Rgb, RgbImage};
+use sharp::color::{Quantization, linear_from_srgb, quantize, srgb_from_linear};
+
+use super::likeness::Likeness;
+use super::record::{Record, Status};
+use crate::scoring::Region;
+
+/// Topic of a record's warnings that says what was probably done to its picture; told of many together.
+pub(super) const CHANGED: &str = "changed picture";
+
+/// Largest width that is compared, pixels.
+const WIDTH: u32 = 160;
+/// Least gain where a picture is mirrored or turned back, dB.
+const LEAST_GAIN: f64 = 1.0;
+/// The same for channels, which leave brightness alone.
+const LEAST_GAIN_OF_CHANNELS: f64 = 0.25;
+/// The same for another transfer, dB: linear light stored as sRGB loses far more, and exposures differ by less.
+const LEAST_GAIN_OF_TRANSFER: f64 = 3.0;
+/// Correlation of red less blue with the photograph's, below which the two are exchanged: poor predictions of another view
+/// have 0.4 to 0.8. A tint does not change it.
+const EXCHANGED: f64 = -0.4;
+/// Least share of a photograph's variance that is explained once a change is undone: poor predictions reach a quarter.
+const EXPLAINED: f64 = 0.2;
+/// Fewest pictures of a dataset, and the share of them that have to agree.
+const AGREEMENT: (usize, f64) = (3, 0.8);
+
+/// Sets the record's warning on [`CHANGED`]: what was done to a picture of the photograph, or of a part of it, if it is
+/// significantly nearer once that is undone.
+pub(super) fn note_change(record: &mut Record, photograph: &RgbImage, picture: &RgbImage) {
+    let part = record.crop.map(|crop| crop.region);
+    let part = part.unwrap_or(Region::whole(photograph.dimensions()));
+    let part = photograph.view(part.x, part.y, part.width, part.height);
+    record.warnings.remove(CHANGED);
+    if let Some(change) = likely_change(&part.to_image(), picture) {
+        record
+            .warnings
+            .insert(CHANGED.to_owned(), change.to_owned());
+    }
+}
+
+fn likely_change(photograph: &RgbImage, picture: &RgbImage) -> Option<&'static str> {
+    let (width, height) = photograph.dimensions();
+    let small = (width.min(WIDTH), (height * width.min(WIDTH) / width).max(1));
+    let [seen, shown] = [photograph, picture].map(|all| thumbnail(all, small.0, small.1));
+    let whole = Region::whole(small);
+    let fit = |shown: &RgbImage| Likeness::of(&seen, whole, shown);
+    let as_read = fit(&shown);
+    let nearer = |changed: &RgbImage, gain: f64| {
+        let fit = fit(changed);
+        (fit.explained() >= EXPLAINED && fit.gain_over(&as_read) >= gain).then_some(fit)
+    };
+    let moved =
+        |changed: &RgbImage| nearer(changed, LEAST_GAIN).filter(|fit| fit.is_closer_than(&as_read));
+    let turned = |by: fn(&RgbImage) -> RgbImage| {
+        let is_square = width == height;
+        is_square.then(|| moved(&by(&shown))).flatten()
+    };
+    let encoded = |transfer: fn(f32) -> f32| {
+        let level = |v: u8| quantize(transfer(f32::from(v) / 255.0), Quantization::Round);
+        let changed = mapped(&shown, |color| color.map(level));
+        // Levels by rank, which do not depend on where they are: another exposure fits them up to brightness and contrast.
+        let by_rank = |of: &RgbImage| Likeness::of(&ranked(&seen), whole, &ranked(of));
+        let fit = nearer(&changed, LEAST_GAIN_OF_TRANSFER);
+        fit.filter(|_| by_rank(&changed).is_nearer_than_exposed(&by_rank(&shown)))
+    };
+    let exchanged = nearer(
+        &mapped(&shown, |[r, g, b]| [b, g, r]),
+        LEAST_GAIN_OF_CHANNELS,
+    );
+    let tint = |of: &RgbImage| mapped(of, |[r, _, b]| [128 - b / 2 + r / 2; 3]);
+    let tints = Likeness::of(&tint(&seen), whole, &tint(&shown)).correlation();
+    let exchanged = exchanged.filter(|_| tints < EXCHANGED);
+    let all = [
+        ("have red and blue exchanged", exchanged),
+        (
+            "hold linear light where sRGB is read",
+            encoded(srgb_from_linear),
+        ),
+        ("are encoded as sRGB twice", encoded(linear_from_srgb)),
+        (
+            "are mirrored left to right",
+            moved(&flip_horizontal(&shown)),
+        ),
+        ("are mirrored top to bottom", moved(&flip_vertical(&shown))),
+        ("are turned by 180°", moved(&rotate180(&shown))),
+        ("are turned by 90°", turned(rotate270)),
+        ("are turned by 270°", turned(rotate90)),
+        (
+            "have rows and columns exchanged",
+            turned(|p| rotate90(&flip_vertical(p))),
+        ),
+    ];
+    let likely = all
+        .into_iter()
+        .filter_map(|(change, fit)| Some((change, fit?.error())));
+    let best = likely.min_by(|a, b| a.1.total_cmp(&b.1));
+    best.map(|(change, _)| change)
+}
+
+fn mapped(picture: &RgbImage, of: impl Fn([u8; 3]) -> [u8; 3]) -> RgbImage {
+    let mut changed = picture.clone();
+    changed
+        .pixels_mut()
+        .for_each(|pixel| *pixel = Rgb(of(pixel.0)));
+    changed
+}
+
+/// The levels of each channel in ascending order.
+fn ranked(picture: &RgbImage) -> RgbImage {
+    let mut ranked = picture.clone();
+    for channel in 0..3 {
+        let mut levels: Vec<u8> = picture.pixels().map(|pixel| pixel.0[channel]).collect();
+        levels.sort_unstable();
+        let sorted = ranked.pixels_mut().zip(levels);
+        sorted.for_each(|(pixel, level)| pixel.0[channel] = level);
+    }
+    ranked
+}
+
+/// What was probably done to nearly all pictures of a dataset: a sentence for each.
+pub(super) fn changed_pictures<'a>(records: impl Iterator<Item = &'a Record>) -> Vec<String> {
+    let mut by_dataset: BTreeMap<&str, Vec<Option<&String>>> = BTreeMap::new();
+    for record in records.filter(|record| record.status == Status::Ok) {
+        let of_dataset = by_dataset.entry(&record.dataset).or_default();
+        of_dataset.push(record.warnings.get(CHANGED));
+    }
+    let told = by_dataset.into_iter().filter_map(|(dataset, changes)| {
+        let all = changes.len();
+        let same = |change| changes.iter().filter(|c| **c == change).count();
+        let (count, change) = changes.iter().flatten().map(|c| (same(Some(*c)), c)).max()?;
+        (all >= AGREEMENT.0 && count as f64 >= AGREEMENT.1 * all as f64).then(|| {
+            format!(
+                "its pictures look as if they {change}: {count} of {all} are significantly nearer to the photographs of \
+                 {dataset} once that is undone"
+            )
+        })
+    });
+    told.collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::record::tests::record;
+    use super::*;
+
+    /// Coloured blobs; `by` moves them and `noise` is added.
+    fn picture(by: f64, noise: u32) -> RgbImage {
+        RgbImage::from_fn(96, 96, |x, y| {
+            let (u, v) = ((f64::from(x) + by) / 9.0, f64::from(y) / 13.0);
+            let hash = (f64::from((x * 7919 + y * 104_729) % 31) - 15.0) * f64::from(noise);
+            let wave =
+                |phase: f64| 120.0 + 60.0 * (u + phase).sin() + 50.0 * (v + 0.3 * u + phase).cos();
+            let level = |phase: f64| (wave(phase) + hash).clamp(0.0, 255.0) as u8;
+            Rgb([level(0.0), level(0.9), level(2.4)])
+        })
+    }
+
+    fn told(shown: &RgbImage) -> Option<&'static str> {
+        likely_change(&picture(0.0, 0), shown)
+    }
+
+    fn exchanged(picture: &RgbImage) -> RgbImage {
+        mapped(picture, |[r, g, b]| [b, g, r])
+    }
+
+    fn recolored(picture: &RgbImage, transfer: fn(f32) -> f32) -> RgbImage {
+        let level = |v: u8| quantize(transfer(f32::from(v) / 255.0), Quantization::Round);
+        mapped(picture, |color| color.map(level))
+    }
+
+    #[test]
+    fn what_was_done_to_a_picture_is_told() {
+        // A prediction with some noise and parallax.
+        let proper = picture(1.0, 1);
+        let transposed = |p: &RgbImage| rotate270(&flip_horizontal(p));
+        for (name, done) in [
+            (
+                "have red and blue exchanged",
+                exchanged as fn(&RgbImage) -> RgbImage,
+            ),
+            ("hold linear light where sRGB is read", |p| {
+                recolored(p, linear_from_srgb)
+            }),
+            ("are encoded as sRGB twice", |p| {
+                recolored(p, srgb_from_linear)
+            }),
+            ("are mirrored left to right", flip_horizontal),
+            ("are mirrored top to bottom", flip_vertical),
+            ("are turned by 180°", rotate180),
+            ("are turned by 90°", rotate90),
+            ("are turned by 270°", rotate270),
+            ("have rows and columns exchanged", transposed),
+        ] {
+            assert_eq!(told(&done(&proper)), Some(name));
+        }
+    }
+
+    #[test]
+    fn proper_and_poor_predictions_are_not_accused() {
+        let grey = |p: &RgbImage| mapped(p, |[_, g, _]| [g; 3]);
+        let dim = |p: &RgbImage, by: f64| mapped(p, |c| c.map(|v| (f64::from(v) * by) as u8));
+        let tinted = mapped(&picture(0.0, 1), |[r, g, b]| {
+            [r.saturating_add(40), g, b.saturating_sub(40)]
+        });
+        for (what, poor) in [
+            ("itself", picture(0.0, 0)),
+            ("parallax", picture(6.0, 0)),
+            ("much parallax", picture(20.0, 0)),
+            ("noise", picture(0.0, 4)),
+            ("grey", grey(&picture(0.0, 1))),
+            ("dim", dim(&picture(1.0, 1), 0.4)),
+            ("tinted", tinted),
+            ("black", RgbImage::new(96, 96)),
+            ("blurred", image::imageops::fast_blur(&picture(2.0, 0), 6.0)),
+        ] {
+            assert_eq!(told(&poor), None, "{what}");
+        }
+        // A grey photograph says nothing about channels.
+        let seen = grey(&picture(0.0, 0));
+        assert_eq!(likely_change(&seen, &tint_of(&seen)), None);
+    }
+
+    fn tint_of(picture: &RgbImage) -> RgbImage {
+        mapped(picture, |[r, g, b]| [r.saturating_add(9), g, b])
+    }
+
+    #[test]
+    fn nearly_all_pictures_of_a_dataset_have_to_agree() {
+        let sentences = |changed: usize, all: usize| {
+            let records: Vec<Record> = (0..all)
+                .map(|at| {
+                    let mut record = record();
+                    record.status = Status::Ok;
+                    if at < changed {
+                        record
+                            .warnings
+                            .insert(CHANGED.to_owned(), "have red and blue exchanged".to_owned());
+                    }
+                    record
+                })
+                .collect();
+            changed_pictures(records.iter())
+        };
+        assert_eq!(sentences(2, 2), Vec::<String>::new());
+        assert_eq!(sentences(3, 8), Vec::<String>::new());
+        assert!(sentences(7, 8)[0].contains("red and blue exchanged: 7 of 8 "));
+    }
+}
