@@ -4,7 +4,7 @@ use sharp_datasets::DatasetSpec;
 
 use crate::io::counts::counted;
 use crate::pairs::PairOptions;
-use crate::pairs::build::{PairCounts, SPARSE_COVERAGE};
+use crate::pairs::build::{PairCounts, Problem, SPARSE_COVERAGE};
 
 /// Settings for datasets whose own depth is sparse.
 const DENSE: &str = "overlap=given with --overlap-depth DIR (dense depth by anyone, scaled to the dataset's: the paper's \
@@ -69,6 +69,23 @@ pub(super) fn advice(
         )
     };
     Some(format!("{}: {why}", counted_pairs(name, counts)))
+}
+
+/// The sentence on pairs that are left out because files of their views cannot be read; `None` without any.
+pub(super) fn unreadable(name: &str, counts: &PairCounts, problems: &[Problem]) -> Option<String> {
+    let first = problems.first().filter(|_| counts.unreadable > 0)?;
+    let others = match problems.len() - 1 {
+        0 => String::new(),
+        more => format!("; {} more", counted(more, "view")),
+    };
+    Some(format!(
+        "{name}: {} of {} are left out, as views cannot be read: {}/{} ({}){others}",
+        counts.unreadable,
+        counted(counts.considered, "pair"),
+        first.scene,
+        first.view,
+        first.reason
+    ))
 }
 
 fn sparseness(counts: &PairCounts) -> String {

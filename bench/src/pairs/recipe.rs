@@ -5,7 +5,7 @@ use std::path::PathBuf;
 
 use sharp::model::ModelConfig;
 
-use super::advice::advice;
+use super::advice::{advice, unreadable};
 use super::ambiguity::{Alternative, OtherReading, alternatives};
 use super::build::{BuildContext, PairBuild, build_pairs};
 use super::dataset::{OpenDataset, scenes_of};
@@ -147,6 +147,9 @@ impl PairRecipe {
             let found = build_pairs(&dataset.scenes, &recipe.options, &context)?;
             before += dataset.scenes.len();
             if let Some(counts) = found.summaries.get(&dataset.name) {
+                built
+                    .advice
+                    .extend(unreadable(&dataset.name, counts, &found.problems));
                 let sentence = advice(&dataset.config.spec, counts, &recipe.options);
                 built.advice.extend(sentence);
             }

@@ -1,7 +1,7 @@
 //! Sentences about a reading that fits better, with the setting that selects it.
 
 use super::explained::Explained;
-use super::fit::{Change, Moves};
+use super::fit::{Change, Focal, Moves};
 use super::small_view::Part;
 use crate::{DatasetSpec, View};
 
@@ -28,6 +28,11 @@ impl Units {
 }
 
 impl Units {
+    /// Metres of one unit of depth maps.
+    pub(super) fn depth_unit_m(self) -> f64 {
+        self.depth_unit.unwrap_or(1.0)
+    }
+
     /// The settings that change the unit of depth or poses.
     pub(super) fn where_to_set(self) -> &'static str {
         match (self.scale, self.depth_unit) {
@@ -47,6 +52,9 @@ pub(super) fn sentence(
     median_m: f64,
     views: &[View],
 ) -> String {
+    let Some(first) = views.first().map(|view| view.intrinsics) else {
+        return evidence.to_owned();
+    };
     match change {
         Change::Scale(scale) => {
             let (fits, or) = scaled(*scale, units, median_m);
@@ -69,18 +77,38 @@ pub(super) fn sentence(
             };
             format!("{fits}: {evidence}")
         }
-        Change::Focal(factor) => {
-            let fx = views.first().map_or(0.0, |view| view.intrinsics.fx);
-            let (one, other) = (number(fx * factor), number(fx));
+        Change::Focal(which, factor) => {
+            let (what, read) = match which {
+                Focal::Both => ("a focal length", first.fx),
+                Focal::X => ("an fx", first.fx),
+                Focal::Y => ("an fy", first.fy),
+            };
+            let (one, other) = (number(read * factor), number(read));
             format!(
-                "a focal length {} times as long fits ({one} instead of {other} pixels): {evidence}; correct the \
+                "{what} {} times as long fits ({one} instead of {other} pixels): {evidence}; correct the \
                  cameras' file",
                 number(*factor)
             )
         }
+        Change::CentreExchanged => {
+            let (cx, cy) = (number(first.cx), number(first.cy));
+            format!(
+                "cx and cy exchanged fit ({cy}, {cx} instead of {cx}, {cy}): {evidence}; correct the cameras' file"
+            )
+        }
+        Change::Short(by) => {
+            let (by, what) = (number(by.abs()), if *by < 0.0 { "less" } else { "more" });
+            format!("a depth {by} m {what} fits: {evidence}; correct the depth maps")
+        }
         Change::Convention(name) => {
             format!("the pose convention looks wrong: with {name}: {evidence}")
         }
+        Change::OneView(sentence) => sentence.clone(),
+        Change::Bent(by) => format!(
+            "lens distortion was left in, k1 about {}: {evidence}; undistort the pictures, or put the coefficients \
+             into the cameras' file",
+            number(-by)
+        ),
         Change::Turned(setting) => format!("{setting} fits: {evidence}"),
         Change::Flipped(part, how) => {
             let what = match part {

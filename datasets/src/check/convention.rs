@@ -1,6 +1,6 @@
 //! The ways in which poses are commonly mistaken.
 
-use glam::{DMat3, DVec3};
+use glam::{DMat3, DQuat, DVec3};
 use sharp::camera::RigidTransform;
 
 /// Another way to interpret the poses.
@@ -36,7 +36,7 @@ pub(super) const CONVENTIONS: [Convention; 4] = [
 ];
 
 /// Axes that are negated by mistake; no other program's convention.
-pub(super) const MIRRORED: [Convention; 8] = [
+const MIRRORED: [Convention; 8] = [
     of(
         "the cameras' x axis negated (pictures mirrored left to right, or a left-handed system)",
         |pose| camera_mirrored(pose, X),
@@ -66,6 +66,42 @@ pub(super) const MIRRORED: [Convention; 8] = [
         places_mirrored(pose, Z)
     }),
 ];
+
+/// Quaternions whose numbers were taken in another order, in poses either way round.
+const REORDERED: [Convention; 4] = [
+    of(W_LAST, |pose| world_turned(pose, w_last)),
+    of(W_FIRST, |pose| world_turned(pose, w_first)),
+    of(W_LAST, |pose| {
+        world_turned(&pose.inverse(), w_last).inverse()
+    }),
+    of(W_FIRST, |pose| {
+        world_turned(&pose.inverse(), w_first).inverse()
+    }),
+];
+const W_LAST: &str = "the poses' quaternions taken as x, y, z, w instead of w, x, y, z";
+const W_FIRST: &str = "the poses' quaternions taken as w, x, y, z instead of x, y, z, w";
+
+/// All but the reader's.
+pub(super) fn alternatives() -> impl Iterator<Item = &'static Convention> {
+    CONVENTIONS[1..].iter().chain(&MIRRORED).chain(&REORDERED)
+}
+
+/// Reads as x, y, z, w what was read as w, x, y, z.
+fn w_last(read: DQuat) -> DQuat {
+    DQuat::from_xyzw(read.w, read.x, read.y, read.z)
+}
+
+/// Reads as w, x, y, z what was read as x, y, z, w.
+fn w_first(read: DQuat) -> DQuat {
+    DQuat::from_xyzw(read.y, read.z, read.w, read.x)
+}
+
+fn world_turned(pose: &RigidTransform, order: fn(DQuat) -> DQuat) -> RigidTransform {
+    RigidTransform {
+        rotation: DMat3::from_quat(order(DQuat::from_mat3(&pose.rotation))),
+        ..*pose
+    }
+}
 
 const X: DVec3 = DVec3::new(-1.0, 1.0, 1.0);
 const Y: DVec3 = DVec3::new(1.0, -1.0, 1.0);

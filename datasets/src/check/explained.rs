@@ -1,18 +1,20 @@
 //! Fit of a reading to two views.
 
-use glam::DVec3;
+use glam::{DVec2, DVec3};
 use sharp::camera::{Intrinsics, RigidTransform};
 
 use super::small_view::{Sample, SmallView, ray};
 
 /// Meaning of the stored depth values.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum DepthIs {
     Z,
     /// The length of the ray to the point.
     RayLength,
     /// Its reciprocal, in a unit of its own.
     Inverse,
+    /// Too small by so many metres.
+    Short(f64),
 }
 
 impl DepthIs {
@@ -21,6 +23,7 @@ impl DepthIs {
             Self::Z => read,
             Self::RayLength => read / ray.length(),
             Self::Inverse => 1.0 / read,
+            Self::Short(by) => read + by,
         }
     }
 }
@@ -30,8 +33,12 @@ impl DepthIs {
 pub(super) struct Reading {
     /// Of the poses' translations.
     pub(super) scale: f64,
-    /// Of both focal lengths.
-    pub(super) focal: f64,
+    /// Of the focal lengths across and down.
+    pub(super) focal: DVec2,
+    /// Whether cx and cy are exchanged.
+    pub(super) centre_exchanged: bool,
+    /// Lenses show a direction of radius r where its radius is r (1 + bend r²).
+    pub(super) bend: f64,
     pub(super) depth: DepthIs,
     /// Of a world-to-camera pose.
     pub(super) take: fn(&RigidTransform) -> RigidTransform,
@@ -40,10 +47,34 @@ pub(super) struct Reading {
 impl Reading {
     pub(super) const AS_READ: Self = Self {
         scale: 1.0,
-        focal: 1.0,
+        focal: DVec2::ONE,
+        centre_exchanged: false,
+        bend: 0.0,
         depth: DepthIs::Z,
         take: |pose| *pose,
     };
+
+    /// A point in the direction in which the lens shows it.
+    fn bent(&self, point: DVec3) -> DVec3 {
+        if self.bend == 0.0 || point.z <= 0.0 {
+            return point;
+        }
+        let true_radius = point.truncate().length() / point.z;
+        // Newton's method; a lens that bends back has no direction for some points.
+        let mut seen = true_radius;
+        for _ in 0..5 {
+            let slope = (1.0 + 3.0 * self.bend * seen * seen).max(0.1);
+            seen -= (seen * (1.0 + self.bend * seen * seen) - true_radius) / slope;
+        }
+        let by = seen / true_radius.max(1e-12);
+        DVec3::new(point.x * by, point.y * by, point.z)
+    }
+
+    /// The ray, at z = 1, that the lens shows in a direction.
+    fn straight(&self, seen: DVec3) -> DVec3 {
+        let by = 1.0 + self.bend * seen.truncate().length_squared();
+        DVec3::new(seen.x * by, seen.y * by, 1.0)
+    }
 }
 
 /// Parts of a picture that are evidence of their own.
@@ -79,21 +110,30 @@ impl Explained {
         reading: &Reading,
         stride: usize,
     ) -> Self {
-        let focal = |k: &Intrinsics| Intrinsics {
-            fx: k.fx * reading.focal,
-            fy: k.fy * reading.focal,
-            ..*k
+        let camera = |k: &Intrinsics| {
+            let (cx, cy) = match reading.centre_exchanged {
+                true => (k.cy, k.cx),
+                false => (k.cx, k.cy),
+            };
+            let (fx, fy) = (k.fx * reading.focal.x, k.fy * reading.focal.y);
+            Intrinsics {
+                fx,
+                fy,
+                cx,
+                cy,
+                ..*k
+            }
         };
-        let (camera_a, camera_b) = (focal(&a.camera), focal(&b.camera));
+        let (camera_a, camera_b) = (camera(&a.camera), camera(&b.camera));
         let mut b_from_a = (reading.take)(pose_b).after(&(reading.take)(pose_a).inverse());
         b_from_a.translation *= reading.scale;
         let mut explained = Self::default();
         for sample in samples.iter().step_by(stride) {
             explained.samples += 1;
-            let from = ray(&camera_a, sample.middle());
+            let from = reading.straight(ray(&camera_a, sample.middle()));
             let point = b_from_a.apply(from * reading.depth.z(sample.depth, from));
             let Some(place) = camera_b
-                .project(point)
+                .project(reading.bent(point))
                 .filter(|place| camera_b.contains(*place))
             else {
                 continue;
@@ -104,7 +144,9 @@ impl Explained {
             tile.0 += 1;
             let mut by_depth = None;
             if let Some((read, middle)) = b.depth_at(place) {
-                let there = reading.depth.z(read, ray(&camera_b, middle));
+                let there = reading
+                    .depth
+                    .z(read, reading.straight(ray(&camera_b, middle)));
                 explained.met += 1;
                 explained.agreeing += usize::from((there / point.z - 1.0).abs() <= TOLERANCE);
                 let loss = (there / point.z).ln().abs() / DEPTH_SCALE;

@@ -7,7 +7,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use glam::{DVec2, DVec3};
 use sharp::camera::{Intrinsics, RigidTransform};
 
-use super::convention::{CONVENTIONS, MIRRORED};
+use super::convention::{CONVENTIONS, alternatives};
 use super::fit::{Change, Moves};
 use super::orders::{neighbours, orders};
 use super::small_view::{Grey, SmallView, ray};
@@ -96,7 +96,7 @@ impl<'a> Matches<'a> {
             return None;
         }
         let as_read = self.explained(CONVENTIONS[0].take, &Some);
-        let conventions = CONVENTIONS[1..].iter().chain(&MIRRORED).map(|convention| {
+        let conventions = alternatives().map(|convention| {
             let change = Change::Convention(convention.name);
             (change, self.explained(convention.take, &Some))
         });
@@ -106,8 +106,9 @@ impl<'a> Matches<'a> {
         let exchanged = seen().flat_map(|a| seen().filter(move |b| *b > a).map(move |b| (a, b)));
         let exchanged: Vec<(usize, usize)> = exchanged.collect();
         let orders = orders(self.views, &starts, &exchanged, Moves::Poses.noun()).into_iter();
-        let orders = orders
-            .map(|(text, pose_of)| (order(text), self.explained(CONVENTIONS[0].take, &*pose_of)));
+        let orders = orders.map(|(text, pose_of, _)| {
+            (order(text), self.explained(CONVENTIONS[0].take, &*pose_of))
+        });
         let elsewhere = starts.iter().filter_map(|i| self.elsewhere(*i, &as_read));
         let elsewhere = elsewhere.map(|(text, explained)| (order(text), explained));
         let better = conventions.chain(orders).chain(elsewhere);

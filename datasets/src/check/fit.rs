@@ -2,64 +2,76 @@
 //! better than the reader's.
 
 use std::borrow::Cow;
-use std::cmp::Ordering;
 use std::collections::{BTreeMap, BTreeSet};
 
+use glam::DVec2;
 use sharp::camera::RigidTransform;
 
 use super::advice::{self, Units};
+use super::compare::{
+    LEAST_GAIN, LEAST_GAIN_OF_FACTORS, fits_well, forward, is_better, is_refuted, landed, mean_loss,
+};
 use super::consistency::{Consistency, Fit};
-use super::convention::{CONVENTIONS, MIRRORED};
-use super::explained::{DepthIs, ENOUGH, Explained, Reading};
+use super::convention::{CONVENTIONS, alternatives};
+use super::explained::{DepthIs, Explained, Reading};
 use super::orders::{neighbours, orders};
 use super::search::{is_worth_a_word, least};
 use super::small_view::{FLIPS, Part, Sample, SmallView, WIDEST};
 use super::{Effort, plausible};
 use crate::View;
 
-/// Another reading has to take away this share of the loss; one that changes a factor, which proper data never moves far, this.
-pub(super) const LEAST_GAIN: f64 = 0.1;
-const LEAST_GAIN_OF_FACTORS: f64 = 0.05;
-/// Views that must land in each other with this many samples, or too little is seen to judge.
-const LEAST_LANDED: usize = 500;
-/// Least share of the parts of the pictures in which it is better, and least number of standard errors of their mean.
-const LEAST_SHARE: f64 = 0.75;
-const LEAST_ERRORS: f64 = 3.0;
-/// Fewer samples of a part of a picture say nothing about that part.
-const ENOUGH_IN_TILE: usize = 8;
-/// Colours that differ by this many times as much refute a reading that depth agrees with.
-const WORSE_COLOURS: f64 = 1.02;
-/// Depths at the largest value, of all: fewer, or fewer than so many, are no sign of a limit.
-const LEAST_LIMITED: f64 = 0.01;
-const ENOUGH_LIMITED: usize = 100;
-/// Least relative difference of such a depth from the other view's, and its least number of the map's steps at that depth.
-const OFF_LIMIT: f64 = 0.002;
-const OFF_STEPS: f64 = 2.0;
+/// Most views of a scene all of which a thorough look reads.
+const MOST_ALL: usize = 12;
 
 /// The change that another reading makes.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) enum Change {
     /// The poses' translations, times this, fit the depth.
     Scale(f64),
-    /// The focal lengths, times this, fit.
-    Focal(f64),
+    /// These focal lengths, times this, fit.
+    Focal(Focal, f64),
+    CentreExchanged,
+    /// Depth, and so many metres, fits.
+    Short(f64),
     RayLength,
     /// Depth is the reciprocal of what is stored; the poses' translations, times this, fit the reciprocals.
     Inverse(f64),
-    /// The poses are of another convention, named as in [`CONVENTIONS`] or [`MIRRORED`].
+    /// The poses are of another convention, named as in [`alternatives`].
     Convention(&'static str),
     /// Parts of views belong to other pictures; the assignment in words.
     Order(String, Moves),
+    /// One view is wrong; the sentence on it.
+    OneView(String),
+    /// Lenses have this [`Reading::bend`].
+    Bent(f64),
     /// Pictures or depth maps are turned, in words.
     Flipped(Part, &'static str),
     /// Pictures read under the other EXIF orientation rule, which fits the camera as well; the setting that selects it.
     Turned(&'static str),
 }
 
+/// Focal lengths that are wrong together.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) enum Focal {
+    Both,
+    X,
+    Y,
+}
+
+impl Focal {
+    fn times(self, factor: f64) -> DVec2 {
+        match self {
+            Self::Both => DVec2::splat(factor),
+            Self::X => DVec2::new(factor, 1.0),
+            Self::Y => DVec2::new(1.0, factor),
+        }
+    }
+}
+
 impl Change {
     fn least_gain(&self) -> f64 {
         match self {
-            Self::Scale(_) | Self::Focal(_) => LEAST_GAIN_OF_FACTORS,
+            Self::Scale(_) | Self::Focal(..) => LEAST_GAIN_OF_FACTORS,
             _ => LEAST_GAIN,
         }
     }
@@ -89,20 +101,22 @@ pub(super) struct Better {
     pub(super) change: Change,
     pub(super) as_read: Explained,
     pub(super) explained: Explained,
+    /// Whether what it leaves unexplained is no more than in proper data.
+    pub(super) fits_well: bool,
 }
 
 /// Neighbouring views of a scene, at a small size.
 pub(super) struct Neighbours<'a> {
-    views: &'a [View],
-    small: BTreeMap<usize, (SmallView, Vec<Sample>)>,
+    pub(super) views: &'a [View],
+    pub(super) small: BTreeMap<usize, (SmallView, Vec<Sample>)>,
     /// Whether depth goes with the pose, not with the picture.
     depth_by_pose: bool,
     /// Views around those, where their depth is asked for with other pictures.
-    around: BTreeMap<usize, SmallView>,
+    pub(super) around: BTreeMap<usize, SmallView>,
     /// From a view to its neighbour, and back.
-    carries: Vec<(usize, usize)>,
-    stride: usize,
-    thorough: bool,
+    pub(super) carries: Vec<(usize, usize)>,
+    pub(super) stride: usize,
+    pub(super) thorough: bool,
 }
 
 impl<'a> Neighbours<'a> {
@@ -124,7 +138,9 @@ impl<'a> Neighbours<'a> {
         let depth_by_pose = small.keys().any(depth_by_pose);
         let mut around = BTreeSet::new();
         // A scan is dear to look at from more places.
-        if !depth_by_pose || effort.thorough {
+        if effort.thorough && views.len() <= MOST_ALL {
+            around = (0..views.len()).collect();
+        } else if !depth_by_pose || effort.thorough {
             around = wanted
                 .iter()
                 .flat_map(|i| [i.wrapping_sub(1), i + 1])
@@ -148,7 +164,7 @@ impl<'a> Neighbours<'a> {
     }
 
     /// Median of the depths as read, metres.
-    fn median_depth(&self) -> f64 {
+    pub(super) fn median_depth(&self) -> f64 {
         let all = self.small.values().flat_map(|(_, samples)| samples);
         let mut all: Vec<f64> = all.map(|sample| sample.depth).collect();
         all.sort_by(f64::total_cmp);
@@ -156,13 +172,13 @@ impl<'a> Neighbours<'a> {
     }
 
     /// The reading that explains the views best, where it does so significantly better than the reader's.
-    fn better(&self) -> Option<Better> {
+    pub(super) fn better(&self) -> Option<Better> {
         let as_read = self.explained(&Reading::AS_READ, self.stride);
         let mut all: Vec<(Change, Vec<Explained>)> = Vec::new();
         let mut fitted = |reading: &Reading, change: Change| {
             all.push((change, self.explained(reading, self.stride)));
         };
-        for convention in CONVENTIONS[1..].iter().chain(&MIRRORED) {
+        for convention in alternatives() {
             let reading = Reading {
                 take: convention.take,
                 ..Reading::AS_READ
@@ -182,45 +198,80 @@ impl<'a> Neighbours<'a> {
                 fitted(&with(scale), Change::Scale(scale));
             }
         }
-        let with = |focal: f64| Reading {
-            focal,
-            ..Reading::AS_READ
-        };
-        let focal = self.fit(20, 1.035, &with);
-        if is_worth_a_word(focal) {
-            fitted(&with(focal), Change::Focal(focal));
+        for which in [Focal::Both, Focal::X, Focal::Y] {
+            let with = |factor: f64| Reading {
+                focal: which.times(factor),
+                ..Reading::AS_READ
+            };
+            let factor = self.fit(20, 1.035, &with);
+            if is_worth_a_word(factor) {
+                fitted(&with(factor), Change::Focal(which, factor));
+            }
         }
-        let ray = Reading {
-            depth: DepthIs::RayLength,
+        let bent = |factor: f64| factor.ln();
+        let with_bend = |bend: f64| Reading {
+            bend,
             ..Reading::AS_READ
         };
-        fitted(&ray, Change::RayLength);
+        let factor = self.fit(20, 1.035, &|factor| with_bend(bent(factor)));
+        if is_worth_a_word(factor) {
+            let bend = bent(factor);
+            fitted(&with_bend(bend), Change::Bent(bend));
+        }
+        let centre_exchanged = Reading {
+            centre_exchanged: true,
+            ..Reading::AS_READ
+        };
+        fitted(&centre_exchanged, Change::CentreExchanged);
+        let with_depth = |depth: DepthIs| Reading {
+            depth,
+            ..Reading::AS_READ
+        };
+        fitted(&with_depth(DepthIs::RayLength), Change::RayLength);
+        let median_m = self.median_depth();
+        let short = |factor: f64| (factor - 1.0) * median_m;
+        let factor = self.fit(20, 1.035, &|factor| {
+            with_depth(DepthIs::Short(short(factor)))
+        });
+        if is_worth_a_word(factor) {
+            let by = short(factor);
+            fitted(&with_depth(DepthIs::Short(by)), Change::Short(by));
+        }
         all.extend(self.orders(&as_read));
         all.extend(self.turned());
         all.extend(self.flipped());
         let better = all.into_iter().filter(|(change, other)| {
             is_better(&as_read, other, change.least_gain()) && !is_refuted(&as_read, other)
         });
+        let better = better.chain(self.one_view(&as_read));
         let best = better.min_by(|(_, a), (_, b)| mean_loss(a).total_cmp(&mean_loss(b)));
         best.map(|(change, explained)| Better {
             change,
             as_read: forward(&as_read),
             explained: forward(&explained),
+            fits_well: fits_well(&explained),
         })
     }
 
     /// Describes a contradiction, if there is one.
     pub(super) fn contradictions(&self, units: Units) -> Option<String> {
         let median_m = self.median_depth();
-        if let Some(limited) = self.limited() {
-            return Some(limited);
+        let values = self.constant().or_else(|| self.normalised(units));
+        if let Some(values) = values.or_else(|| self.limited()) {
+            return Some(values);
         }
         match self.better() {
             Some(better) => {
                 let evidence = advice::evidence(&better.as_read, &better.explained);
-                let sentence =
-                    advice::sentence(&better.change, &evidence, units, median_m, self.views);
-                Some(sentence)
+                Some(match better.fits_well {
+                    true => {
+                        advice::sentence(&better.change, &evidence, units, median_m, self.views)
+                    }
+                    false => format!(
+                        "poses, cameras, pictures and depth do not fit together, and no single change that was \
+                         tried explains it: with the best one {evidence}"
+                    ),
+                })
             }
             None => {
                 plausible::depth(median_m, units).or_else(|| self.consistency()?.disagreement())
@@ -261,7 +312,7 @@ impl<'a> Neighbours<'a> {
         })
     }
 
-    fn explained(&self, reading: &Reading, stride: usize) -> Vec<Explained> {
+    pub(super) fn explained(&self, reading: &Reading, stride: usize) -> Vec<Explained> {
         let carries = self.carries.iter().map(|(a, b)| {
             let ((from, samples), (to, _)) = (&self.small[a], &self.small[b]);
             let poses = (
@@ -364,54 +415,14 @@ impl<'a> Neighbours<'a> {
         })
     }
 
-    /// The largest depth, where depth was cut off at it: both of two neighbouring views have it in places where the other
-    /// one's poses make it another.
-    fn limited(&self) -> Option<String> {
-        // The largest depth and the next one.
-        let largest = |samples: &[Sample]| {
-            samples.iter().fold((0.0, 0.0), |(most, next), one| {
-                match one.depth.total_cmp(&most) {
-                    Ordering::Greater => (one.depth, most),
-                    Ordering::Less => (most, f64::max(next, one.depth)),
-                    Ordering::Equal => (most, next),
-                }
-            })
-        };
-        let (mut all, mut met, mut off, mut limit) = (0, 0, 0, 0.0);
-        for (a, b) in &self.carries {
-            let ((from, samples), (to, there)) = (&self.small[a], &self.small[b]);
-            all += samples.len();
-            let ((most, next), (most_there, next_there)) = (largest(samples), largest(there));
-            let pose = |i: &usize| self.views[*i].camera_from_world;
-            let to_from = pose(b).after(&pose(a).inverse());
-            // So far away that the views show it in one direction, it may stand for a sky.
-            let moves = to_from.translation.length() * from.camera.fx > most;
-            if most != most_there || !moves {
-                continue;
-            }
-            limit = most;
-            let step = 1.0 - next.max(next_there) / most;
-            let least = OFF_LIMIT.max(OFF_STEPS * step);
-            for sample in samples.iter().filter(|sample| sample.depth == most) {
-                let point = to_from.apply(from.camera.unproject(sample.middle(), most));
-                let place = to.camera.project(point);
-                let place = place.filter(|place| to.camera.contains(*place));
-                let depth = place.and_then(|place| to.depth_at(place));
-                if depth.is_some_and(|(depth, _)| depth == most) {
-                    met += 1;
-                    off += usize::from((point.z / most - 1.0).abs() > least);
-                }
-            }
-        }
-        let enough = met >= ENOUGH_LIMITED && met as f64 >= LEAST_LIMITED * all as f64;
-        (enough && 2 * off > met).then(|| {
-            format!(
-                "depth is cut off at {} m: {:.0} % of {met} places with exactly that depth in two neighbouring views \
-                 cannot have it in both; store 0 where depth is not known",
-                advice::number(limit),
-                100.0 * off as f64 / met as f64
-            )
-        })
+    /// Pictures of one colour among those that were read.
+    pub(super) fn blank(&self) -> Option<String> {
+        let around = self.around.iter();
+        let all = self.small.iter().map(|(i, read)| (i, &read.0));
+        let mut all = all.chain(around);
+        let (i, _) = all.find(|(_, view)| view.is_of_one_colour())?;
+        let id = &self.views[*i].id;
+        Some(format!("{id}: the picture is of one colour"))
     }
 
     /// The factor with the least loss.
@@ -438,13 +449,17 @@ impl<'a> Neighbours<'a> {
         let mut measured = Vec::new();
         for &moves in moves {
             let exchanged = self.exchanges();
-            for (text, of) in orders(self.views, &starts, &exchanged, moves.noun()) {
+            for (text, of, least_pairs) in orders(self.views, &starts, &exchanged, moves.noun()) {
                 let explained = self.in_order(as_read, &*of, moves);
                 // Pictures that would be without a pose are as they are.
                 let given = explained.iter().filter(|one| one.is_some()).count();
                 let all = explained.into_iter().zip(as_read);
                 let all: Vec<Explained> = all.map(|(one, read)| one.unwrap_or(*read)).collect();
-                if 2 * given >= all.len() {
+                let is_less = |(one, read): &(&Explained, &Explained)| {
+                    mean_loss(&[**one]) <= (1.0 - LEAST_GAIN) * mean_loss(&[**read])
+                };
+                let improved = all.iter().zip(as_read).filter(is_less).count();
+                if 2 * given >= all.len() && improved >= 2 * least_pairs {
                     measured.push((Change::Order(text, moves), all));
                 }
             }
@@ -464,63 +479,6 @@ impl<'a> Neighbours<'a> {
         };
         small.flat_map(others).collect()
     }
-}
-
-/// Sum over the projections from views to the next ones.
-fn forward(all: &[Explained]) -> Explained {
-    let mut sum = Explained::default();
-    all.iter().step_by(2).for_each(|one| sum.add(one));
-    sum
-}
-
-fn landed(all: &[Explained]) -> usize {
-    all.iter().map(Explained::landed).sum()
-}
-
-/// The mean loss of samples that land; 1, the largest, where too few do.
-pub(super) fn mean_loss(all: &[Explained]) -> f64 {
-    let samples: usize = all.iter().map(|one| one.samples).sum();
-    let landed = landed(all);
-    if (landed as f64) < ENOUGH * samples as f64 || landed == 0 {
-        return 1.0;
-    }
-    all.iter().map(Explained::loss).sum::<f64>() / landed as f64
-}
-
-/// True if another reading makes colours worse, even if depth agrees.
-fn is_refuted(as_read: &[Explained], other: &[Explained]) -> bool {
-    let (before, after) = (forward(as_read), forward(other));
-    let levels = before.colour_levels().zip(after.colour_levels());
-    10 * before.compared >= 3 * after.compared
-        && levels.is_some_and(|(before, after)| after > WORSE_COLOURS * before)
-}
-
-/// True if another reading explains the same pairs significantly better.
-pub(super) fn is_better(as_read: &[Explained], other: &[Explained], least_gain: f64) -> bool {
-    let (before, after) = (mean_loss(as_read), mean_loss(other));
-    let few = landed(other) < LEAST_LANDED || 10 * landed(other) < 3 * landed(as_read);
-    if few || after > (1.0 - least_gain) * before {
-        return false;
-    }
-    let mut differences = Vec::new();
-    for (read, other) in as_read.iter().zip(other) {
-        for (one, another) in read.tiles.iter().zip(&other.tiles) {
-            let mean = |tile: &(usize, f64)| tile.1 / tile.0 as f64;
-            let enough = |tile: &(usize, f64)| tile.0 >= ENOUGH_IN_TILE;
-            match (enough(one), enough(another)) {
-                (true, true) => differences.push(mean(one) - mean(another)),
-                (false, true) => differences.push(1.0 - mean(another)),
-                _ => {}
-            }
-        }
-    }
-    // What another reading leaves alone is no evidence either way.
-    differences.retain(|difference| *difference != 0.0);
-    let n = differences.len() as f64;
-    let mean = differences.iter().sum::<f64>() / n;
-    let variance = differences.iter().map(|d| (d - mean).powi(2)).sum::<f64>() / (n - 1.0);
-    let better = differences.iter().filter(|d| **d > 0.0).count() as f64;
-    n >= 4.0 && better >= LEAST_SHARE * n && mean > LEAST_ERRORS * (variance / n).sqrt()
 }
 
 #[cfg(test)]
@@ -599,11 +557,11 @@ mod tests {
             ),
             (
                 |v| focal(v, 1.1),
-                &|c| matches!(c, Change::Focal(f) if near(*f, 1.0 / 1.1)),
+                &|c| matches!(c, Change::Focal(Focal::Both, f) if near(*f, 1.0 / 1.1)),
             ),
             (
                 |v| focal(v, 0.8),
-                &|c| matches!(c, Change::Focal(f) if near(*f, 1.25)),
+                &|c| matches!(c, Change::Focal(Focal::Both, f) if near(*f, 1.25)),
             ),
             (
                 |v| poses(v, |i| 8 - i),

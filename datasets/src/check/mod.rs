@@ -10,11 +10,14 @@
 //! * [`advice`][]: a better fit in words, with the setting that mends it.
 
 pub mod advice;
+mod compare;
 pub mod consistency;
 mod convention;
+mod depth_values;
 mod explained;
 mod features;
 mod fit;
+mod one_view;
 mod orders;
 mod plausible;
 mod search;
@@ -164,7 +167,8 @@ pub fn looked_at(scene: &Scene) -> BTreeSet<usize> {
     match scene.pairing {
         Pairing::Stereo { source, target } => BTreeSet::from([source, target]),
         _ => orders::neighbours(scene.views.len(), QUICK)
-            .flat_map(|i| [i, i + 1])
+            // With those around them.
+            .flat_map(|i| i.saturating_sub(1)..(i + 3).min(scene.views.len()))
             .collect(),
     }
 }
@@ -209,6 +213,9 @@ fn look(scene: &Scene, units: Units, effort: Effort) -> Look {
             matches.contradiction()
         }
     });
+    if !effort.thorough {
+        contradictions.extend(neighbours.as_ref().and_then(Neighbours::blank));
+    }
     Look {
         contradictions,
         consistency: neighbours.as_ref().and_then(Neighbours::consistency),
@@ -260,9 +267,9 @@ fn check_scene(scene: &Scene, views_per_scene: usize, spec: &DatasetSpec) -> Sce
         consistency,
         note,
     } = look(scene, Units::of(spec), THOROUGH);
-    contradictions.extend(plausible::pictures(
-        &decoded.iter().map(|d| d.levels).collect::<Vec<_>>(),
-    ));
+    let levels = chosen.iter().zip(&decoded);
+    let levels = levels.map(|(i, decoded)| (scene.views[*i].id.as_str(), decoded.levels));
+    contradictions.extend(plausible::pictures(&levels.collect::<Vec<_>>()));
     let of_scene = |complaint| format!("{}: {complaint}", scene.id);
     problems.extend(contradictions.into_iter().map(of_scene));
     let sizes: BTreeSet<(u32, u32)> = scene

@@ -5,11 +5,11 @@ use crate::View;
 
 /// Focal lengths of cameras, in widths of the picture.
 const FOCAL: (f64, f64) = (0.2, 20.0);
-/// Largest distance of the principal point from the centre, in picture widths. A centred point that was halved lies at a
+/// Largest distance of the principal point from the centre, in widths and heights of the picture. A centred point that was halved lies at a
 /// quarter; half a pixel of rounding is allowed for.
 const OFF_CENTRE: f64 = 0.245;
 
-/// Largest distance of the principal point from the centre, in the larger side, at which it counts as the middle.
+/// Largest distance of the principal point from the centre, in widths and heights, at which it counts as the middle.
 const MIDDLE: f64 = 0.03;
 
 /// Principal points that all lie in the middle only with x and y exchanged. A crop may have such a point by chance, but not
@@ -18,7 +18,7 @@ fn exchanged_centres(views: &[View]) -> Option<String> {
     let is_exchanged = |view: &View| {
         let k = &view.intrinsics;
         let (w, h) = (f64::from(k.width), f64::from(k.height));
-        let from_middle = |x: f64, y: f64| (x - w / 2.0).abs().max((y - h / 2.0).abs()) / w.max(h);
+        let from_middle = |x: f64, y: f64| ((x - w / 2.0).abs() / w).max((y - h / 2.0).abs() / h);
         from_middle(k.cy, k.cx) <= MIDDLE && from_middle(k.cx, k.cy) > 2.0 * MIDDLE
     };
     let k = views
@@ -40,7 +40,8 @@ pub(super) fn cameras(views: &[View]) -> Vec<String> {
     let off_centre = |view: &View| {
         let k = &view.intrinsics;
         let (w, h) = (f64::from(k.width), f64::from(k.height));
-        let far = (k.cx - w / 2.0).abs().max((k.cy - h / 2.0).abs()) > OFF_CENTRE * w.max(h);
+        let far =
+            (k.cx - w / 2.0).abs() > OFF_CENTRE * w || (k.cy - h / 2.0).abs() > OFF_CENTRE * h;
         let outside = k.cx < 0.0 || k.cy < 0.0 || k.cx > w || k.cy > h;
         let where_ = match (outside, far) {
             (true, _) => "lies outside of the picture",
@@ -99,10 +100,19 @@ pub(super) fn depth(median_m: f64, units: Units) -> Option<String> {
     })
 }
 
-/// Pictures without anything on them: all of them, by their darkest and brightest levels.
-pub(super) fn pictures(levels: &[Option<(u8, u8)>]) -> Option<String> {
-    let mut read = levels.iter().flatten().peekable();
-    read.peek()?;
-    let all = read.all(|(darkest, brightest)| darkest == brightest);
-    all.then(|| "every picture that was decoded is of one colour".to_owned())
+/// Pictures without anything on them, by their darkest and brightest levels.
+pub(super) fn pictures(views: &[(&str, Option<(u8, u8)>)]) -> Option<String> {
+    let is_blank = |levels: &(u8, u8)| levels.0 == levels.1;
+    let read = views.iter().filter(|(_, levels)| levels.is_some());
+    let blank = views
+        .iter()
+        .filter(|(_, levels)| levels.as_ref().is_some_and(is_blank));
+    let blank: Vec<&str> = blank.map(|(id, _)| *id).collect();
+    match blank.as_slice() {
+        [] => None,
+        all if all.len() == read.count() => {
+            Some("every picture that was decoded is of one colour".to_owned())
+        }
+        some => Some(format!("{}: the picture is of one colour", some.join(", "))),
+    }
 }

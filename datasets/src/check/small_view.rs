@@ -113,6 +113,21 @@ impl SmallView {
         })
     }
 
+    pub(super) fn with_depth_times(&self, factor: f64) -> Self {
+        let depth = self.depth.iter().map(|z| z * factor as f32);
+        Self {
+            depth: depth.collect(),
+            ..self.clone()
+        }
+    }
+
+    /// True if all pixels that are not excluded have one colour.
+    pub(super) fn is_of_one_colour(&self) -> bool {
+        let mut colours = self.colours.iter().flatten();
+        let first = colours.next();
+        first.is_some_and(|first| colours.all(|colour| colour == first))
+    }
+
     /// With the columns, the rows, or both of its picture or of its depth in reverse order.
     pub(super) fn flipped(&self, (across, down): (bool, bool), part: Part) -> Self {
         let (w, h) = (self.camera.width as usize, self.camera.height as usize);

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use glam::{DMat3, DVec3};
+use glam::{DMat3, DQuat, DVec2, DVec3};
 use image::imageops::{flip_horizontal, flip_vertical, rotate180};
 use image::{GrayImage, RgbImage};
 use sharp::camera::RigidTransform;
@@ -487,4 +487,194 @@ fn pairs_without_disparity_are_judged_by_their_rows() {
     let (said, note) = of_pair(blank);
     assert_eq!(said, "");
     assert!(note.unwrap().ends_with("nothing can be said"));
+}
+
+/// Values of a depth map, changed where there is depth.
+fn each(depth: &DepthMap, change: impl Fn(f32) -> f32) -> DepthMap {
+    let mut depth = depth.clone();
+    let valid = depth.iter_mut().filter(|z| **z > 0.0);
+    valid.for_each(|z| *z = change(*z));
+    depth
+}
+
+#[test]
+fn wrong_quaternions_cameras_and_depths_are_named() {
+    fn w_last(pose: &mut RigidTransform) {
+        let [x, y, z, w] = DQuat::from_mat3(&pose.rotation).to_array();
+        // Stored as x, y, z, w, and read as w, x, y, z.
+        pose.rotation = DMat3::from_quat(DQuat::from_xyzw(y, z, w, x));
+    }
+    fn normalised(depth: &DepthMap) -> DepthMap {
+        let valid = || depth.iter().copied().filter(|z| *z > 0.0);
+        let most = valid().fold(0.0, f32::max);
+        let least = valid().fold(most, f32::min);
+        each(depth, |z| (z - least) / (most - least))
+    }
+    named(&[
+        (
+            |v| v.iter_mut().for_each(|v| w_last(&mut v.camera_from_world)),
+            "quaternions taken as x, y, z, w instead of w, x, y, z",
+        ),
+        (
+            |v| v.iter_mut().for_each(|v| v.intrinsics.fy *= 1.1),
+            "an fy 0.9 times as long fits",
+        ),
+        (
+            |v| change(v, |c| c.change = |depth| each(depth, |z| z + 1.0)),
+            "m less fits",
+        ),
+        (
+            |v| change(v, |c| c.change = normalised),
+            "every depth map runs from 0 to 1",
+        ),
+        (
+            |v| change(v, |c| c.change = |depth| each(depth, |_| 2.0)),
+            "the depth is the same in all pixels of each map, 2 m",
+        ),
+    ]);
+}
+
+#[test]
+fn one_wrong_view_is_named() {
+    named(&[
+        (
+            |v| {
+                let off = RigidTransform {
+                    rotation: DMat3::from_rotation_y(0.12),
+                    translation: DVec3::new(0.2, 0.1, 0.1),
+                };
+                v[4].camera_from_world = off.after(&v[4].camera_from_world);
+            },
+            "view_04: its pose is off by about",
+        ),
+        (
+            |v| {
+                change(&mut v[3..4], |c| {
+                    c.change = |depth| each(depth, |z| 2.0 * z)
+                })
+            },
+            "view_03: its depth times 0.5 fits",
+        ),
+        (
+            |v| change(&mut v[3..4], |c| c.change = flip_vertical),
+            "view_03: its depth map is upside down",
+        ),
+        (
+            |v| change(&mut v[3..4], |c| c.turn = flip_horizontal),
+            "view_03: its picture is mirrored left to right",
+        ),
+        (
+            |v| change(&mut v[6..7], |c| c.turn = rotate180),
+            "view_06: its picture is turned by 180 degrees",
+        ),
+    ]);
+    let mut black = views(0);
+    change(&mut black[3..4], |c| {
+        c.turn = |p| RgbImage::new(p.width(), p.height())
+    });
+    let said = look(&scene(black, Pairing::MultiView), Units::default(), QUICK);
+    assert_eq!(
+        said.contradictions,
+        ["view_03: the picture is of one colour"]
+    );
+}
+
+/// A camera whose principal point is off the middle is proper, and is named with cx and cy exchanged.
+#[test]
+fn exchanged_principal_points_off_the_middle_are_named() {
+    let options = SyntheticOptions {
+        width: 128,
+        height: 96,
+        views: 9,
+        samples: 1,
+        ..SyntheticOptions::default()
+    };
+    let world = SyntheticScene::new(options).unwrap();
+    let f = world.views()[0].intrinsics.fx;
+    let lens = Lens::new((f, f), (72.0, 42.0), (128, 96), Distortion::None).unwrap();
+    let views = world.views().iter();
+    let mut views: Vec<View> = views
+        .map(|view| world.view_through(&view.id, lens, view.camera_from_world))
+        .collect();
+    assert_eq!(found(&views), [""; 0]);
+    for view in &mut views {
+        let k = &mut view.intrinsics;
+        (k.cx, k.cy) = (k.cy, k.cx);
+    }
+    let said = found(&views);
+    let is_named = said.iter().any(|one| one.contains("cx and cy exchanged"));
+    assert!(is_named, "{said:?}");
+}
+
+#[test]
+fn pairs_that_are_not_rectified_or_far_too_wide_are_named() {
+    let lowered = |by: u32| {
+        let mut views = pair(0);
+        change(&mut views[1..], |c| {
+            c.turn = match by {
+                0 => RgbImage::clone,
+                _ => |picture: &RgbImage| {
+                    let (w, h) = picture.dimensions();
+                    RgbImage::from_fn(w, h, |x, y| *picture.get_pixel(x, y.saturating_sub(3)))
+                },
+            }
+        });
+        of_pair(views).0
+    };
+    assert_eq!(lowered(0), "");
+    assert!(
+        lowered(3).contains("rows lie about 3 pixels below"),
+        "{}",
+        lowered(3)
+    );
+    let mut wide = pair(0);
+    change(&mut wide, |content| content.depth = None);
+    assert_eq!(of_pair(wide.clone()).0, "");
+    wide[1].camera_from_world.translation *= 2000.0;
+    let (said, _) = of_pair(wide);
+    assert!(said.contains("the baseline is 200 m"), "{said}");
+}
+
+/// Seen through a lens that magnifies the middle more than the border, by a camera that says nothing of it.
+fn distorted(views: &mut [View]) {
+    const BY: f64 = 0.25;
+    fn from((w, h): (u32, u32), x: u32, y: u32) -> (u32, u32) {
+        let half = DVec2::new(f64::from(w), f64::from(h)) / 2.0;
+        let out = (DVec2::new(f64::from(x), f64::from(y)) + 0.5 - half) / half.x;
+        let whole = 1.0 + BY * (1.0 + (half.y / half.x).powi(2));
+        let from = half + out * (1.0 + BY * out.length_squared()) / whole * half.x;
+        ((from.x as u32).min(w - 1), (from.y as u32).min(h - 1))
+    }
+    change(views, |c| {
+        c.turn = |picture| {
+            let size = picture.dimensions();
+            RgbImage::from_fn(size.0, size.1, |x, y| {
+                let (x, y) = from(size, x, y);
+                *picture.get_pixel(x, y)
+            })
+        };
+        c.change = |depth| {
+            let size = depth.dimensions();
+            DepthMap::from_fn(size.0, size.1, |x, y| {
+                let (x, y) = from(size, x, y);
+                *depth.get_pixel(x, y)
+            })
+        };
+    });
+    for view in views {
+        let whole = 1.0 + BY * (1.0 + 0.75_f64.powi(2));
+        view.intrinsics.fx *= whole;
+        view.intrinsics.fy *= whole;
+    }
+}
+
+#[test]
+fn lens_distortion_that_was_left_in_is_named() {
+    let mut wrong = views(0);
+    distorted(&mut wrong);
+    let said = found(&wrong);
+    assert!(
+        said.len() == 1 && said[0].contains("lens distortion was left in"),
+        "{said:?}"
+    );
 }

@@ -1,12 +1,13 @@
 //! Checks that the depth of a rectified pair's left view leads to the right view's colours, and tries other disparities.
 
 use glam::DVec2;
+use sharp::camera::baseline_m;
 
 use super::Effort;
 use super::advice::{DEPTHS_M, number};
+use super::compare::{LEAST_GAIN, is_better, mean_loss};
 use super::explained::{COLOUR_SCALE, Explained, TILES};
 use super::features::Matches;
-use super::fit::{LEAST_GAIN, is_better, mean_loss};
 use super::search::{is_worth_a_word, least};
 use super::small_view::{FLIPS, Part, Sample, SmallView, WIDEST};
 use crate::View;
@@ -15,13 +16,21 @@ use crate::View;
 const BASELINES_M: (f64, f64) = (1e-3, 10.0);
 /// Bands of a picture that are evidence of their own, each in [`TILES`].
 const BANDS: u32 = 4;
+/// Distances of the rows that are tried, pixels of the reduced size.
+const ROWS: [f64; 10] = [-6.0, -4.0, -3.0, -2.0, -1.0, 1.0, 2.0, 3.0, 4.0, 6.0];
 
 /// Contradictions in a pair whose second view is the right one, and a note for a pair without disparity.
 pub(super) fn contradictions(views: &[View], effort: Effort) -> (Option<String>, Option<String>) {
     let [left, right] = views else {
         return (None, None);
     };
-    if left.content.depth().is_ok_and(|depth| depth.is_some()) {
+    let has_disparity = left.content.depth().is_ok_and(|depth| depth.is_some());
+    let small = has_disparity.then(|| SmallView::new(left, true, WIDEST));
+    let median_m = small.flatten().as_ref().and_then(median_depth);
+    if let Some(implausible) = implausible_baseline(left, right, median_m) {
+        return (Some(implausible), None);
+    }
+    if has_disparity {
         return (by_disparity(left, right), None);
     }
     let matches = Matches::new(views, effort);
@@ -32,17 +41,8 @@ pub(super) fn contradictions(views: &[View], effort: Effort) -> (Option<String>,
 
 const EXCHANGED: &str = "left and right are exchanged; exchange the pictures";
 
-fn by_disparity(left: &View, right: &View) -> Option<String> {
-    let baseline_m = right
-        .camera_from_world
-        .inverse()
-        .translation
-        .distance(left.camera_from_world.inverse().translation);
-    let (a, b) = (
-        SmallView::new(left, true, WIDEST)?,
-        SmallView::new(right, false, WIDEST)?,
-    );
-    let median_m = median_depth(&a);
+fn implausible_baseline(left: &View, right: &View, median_m: Option<f64>) -> Option<String> {
+    let baseline_m = baseline_m(&left.camera_from_world, &right.camera_from_world);
     if !(BASELINES_M.0..=BASELINES_M.1).contains(&baseline_m) {
         let at = median_m.map_or(String::new(), |median| {
             format!(", and the median depth {} m", number(median))
@@ -57,7 +57,16 @@ fn by_disparity(left: &View, right: &View) -> Option<String> {
             number(baseline_m)
         ));
     }
-    let median_m = median_m?;
+    None
+}
+
+fn by_disparity(left: &View, right: &View) -> Option<String> {
+    let baseline_m = baseline_m(&left.camera_from_world, &right.camera_from_world);
+    let (a, b) = (
+        SmallView::new(left, true, WIDEST)?,
+        SmallView::new(right, false, WIDEST)?,
+    );
+    let median_m = median_depth(&a)?;
     let pair_of = |a: SmallView| Pair::new((a, left), (b.clone(), right));
     let flipped = FLIPS
         .iter()
@@ -118,6 +127,17 @@ impl Pair {
         disparity: &dyn Fn(f64) -> f64,
         stride: usize,
     ) -> Vec<Explained> {
+        self.explained_in_row((from, to), disparity, 0.0, stride)
+    }
+
+    /// With the right picture's rows so many pixels further down.
+    fn explained_in_row(
+        &self,
+        (from, to): (&SmallView, &SmallView),
+        disparity: &dyn Fn(f64) -> f64,
+        rows: f64,
+        stride: usize,
+    ) -> Vec<Explained> {
         let mut bands = vec![Explained::default(); BANDS as usize];
         let size = &self.left.camera;
         for sample in self.samples.iter().step_by(stride) {
@@ -125,7 +145,7 @@ impl Pair {
             band.samples += 1;
             let place = DVec2::new(
                 sample.middle().x - disparity(sample.depth),
-                sample.middle().y,
+                sample.middle().y + rows,
             );
             let colours = from.colour_at(sample.middle()).zip(to.colour_at(place));
             let Some((here, there)) = colours.filter(|_| size.contains(place)) else {
@@ -184,6 +204,13 @@ impl Pair {
             (
                 format!("the disparity map is {how}"),
                 pair.explained(pictures, &same, stride),
+            )
+        }));
+        readings.extend(ROWS.map(|rows| {
+            let (pixels, side) = (number(rows.abs() * full), if rows > 0.0 { "below" } else { "above" });
+            (
+                format!("the right picture's rows lie about {pixels} pixels {side} the left one's; rectify the pair"),
+                self.explained_in_row(left, &same, rows, stride),
             )
         }));
         // Read as disparities, depths are their reciprocals.

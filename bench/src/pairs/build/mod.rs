@@ -133,6 +133,8 @@ pub struct PairCounts {
     /// Of these, farther from each other than the maximal baseline.
     pub too_far: usize,
     pub without_depth: usize,
+    /// Of these, with a view whose files cannot be read.
+    pub unreadable: usize,
     pub too_little_overlap: usize,
     pub qualified: usize,
     pub selected: usize,

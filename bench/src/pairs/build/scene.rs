@@ -173,6 +173,10 @@ impl<'a> SceneWork<'a> {
         }
         let Some((overlap, source_to_target)) = self.known.overlaps(source, target) else {
             self.counts().without_depth += 1;
+            let is_broken = [source, target]
+                .iter()
+                .any(|i| self.known.failed.contains(i));
+            self.counts().unreadable += usize::from(is_broken);
             return self.options.missing_depth == MissingDepth::Accept;
         };
         let enough = self.options.overlap_qualifies(overlap, source_to_target);

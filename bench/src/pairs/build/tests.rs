@@ -145,6 +145,8 @@ fn a_broken_file_is_reported_once_and_the_rest_goes_on() {
     for options in ["", "missing-depth=leave-out"] {
         let build = build(scenes, options);
         assert_eq!(build.pairs.len(), 6);
+        let lost = if options.is_empty() { 6 } else { 0 };
+        assert_eq!(build.summaries["d"].unreadable, lost);
         assert_eq!(
             build.problems,
             [Problem {

@@ -1,0 +1,80 @@
+//! Whether another reading explains the same views significantly better, and well.
+
+use super::explained::{ENOUGH, Explained};
+
+/// Another reading has to take away this share of the loss; one that changes a factor, which proper data never moves far, this.
+pub(super) const LEAST_GAIN: f64 = 0.1;
+pub(super) const LEAST_GAIN_OF_FACTORS: f64 = 0.05;
+/// Views that must land in each other with this many samples, or too little is seen to judge.
+const LEAST_LANDED: usize = 500;
+/// Least share of the parts of the pictures in which it is better, and least number of standard errors of their mean.
+const LEAST_SHARE: f64 = 0.75;
+const LEAST_ERRORS: f64 = 3.0;
+/// Largest mean loss of a reading that explains all.
+const MOST_LEFT: f64 = 0.45;
+/// Fewer samples of a part of a picture say nothing about that part.
+const ENOUGH_IN_TILE: usize = 8;
+/// Colours that differ by this many times as much refute a reading that depth agrees with.
+const WORSE_COLOURS: f64 = 1.02;
+
+/// Sum over the projections from views to the next ones.
+pub(super) fn forward(all: &[Explained]) -> Explained {
+    let mut sum = Explained::default();
+    all.iter().step_by(2).for_each(|one| sum.add(one));
+    sum
+}
+
+pub(super) fn landed(all: &[Explained]) -> usize {
+    all.iter().map(Explained::landed).sum()
+}
+
+/// The mean loss of samples that land; 1, the largest, where too few do.
+pub(super) fn mean_loss(all: &[Explained]) -> f64 {
+    let samples: usize = all.iter().map(|one| one.samples).sum();
+    let landed = landed(all);
+    if (landed as f64) < ENOUGH * samples as f64 || landed == 0 {
+        return 1.0;
+    }
+    all.iter().map(Explained::loss).sum::<f64>() / landed as f64
+}
+
+/// True if little is left that a reading does not explain.
+pub(super) fn fits_well(all: &[Explained]) -> bool {
+    mean_loss(all) <= MOST_LEFT
+}
+
+/// True if another reading makes colours worse, even if depth agrees.
+pub(super) fn is_refuted(as_read: &[Explained], other: &[Explained]) -> bool {
+    let (before, after) = (forward(as_read), forward(other));
+    let levels = before.colour_levels().zip(after.colour_levels());
+    10 * before.compared >= 3 * after.compared
+        && levels.is_some_and(|(before, after)| after > WORSE_COLOURS * before)
+}
+
+/// True if another reading explains the same pairs significantly better.
+pub(super) fn is_better(as_read: &[Explained], other: &[Explained], least_gain: f64) -> bool {
+    let (before, after) = (mean_loss(as_read), mean_loss(other));
+    let few = landed(other) < LEAST_LANDED || 10 * landed(other) < 3 * landed(as_read);
+    if few || after > (1.0 - least_gain) * before {
+        return false;
+    }
+    let mut differences = Vec::new();
+    for (read, other) in as_read.iter().zip(other) {
+        for (one, another) in read.tiles.iter().zip(&other.tiles) {
+            let mean = |tile: &(usize, f64)| tile.1 / tile.0 as f64;
+            let enough = |tile: &(usize, f64)| tile.0 >= ENOUGH_IN_TILE;
+            match (enough(one), enough(another)) {
+                (true, true) => differences.push(mean(one) - mean(another)),
+                (false, true) => differences.push(1.0 - mean(another)),
+                _ => {}
+            }
+        }
+    }
+    // What another reading leaves alone is no evidence either way.
+    differences.retain(|difference| *difference != 0.0);
+    let n = differences.len() as f64;
+    let mean = differences.iter().sum::<f64>() / n;
+    let variance = differences.iter().map(|d| (d - mean).powi(2)).sum::<f64>() / (n - 1.0);
+    let better = differences.iter().filter(|d| **d > 0.0).count() as f64;
+    n >= 4.0 && better >= LEAST_SHARE * n && mean > LEAST_ERRORS * (variance / n).sqrt()
+}

@@ -1,0 +1,181 @@
+//! One view among good ones whose picture, depth or pose is wrong.
+
+use std::collections::BTreeMap;
+
+use glam::{DMat3, DQuat, DVec3};
+use sharp::camera::{RigidTransform, baseline_m};
+
+use super::advice::{evidence, number};
+use super::compare::{forward, is_better, mean_loss};
+use super::explained::{Explained, Reading};
+use super::fit::{Change, Neighbours};
+use super::search::{is_worth_a_word, least};
+use super::small_view::{FLIPS, Part, Sample, SmallView};
+
+/// A change of one view has to take away this share of the loss between it and the views around it.
+const LEAST_GAIN: f64 = 0.15;
+/// What is left may be so many times the loss of the views around it among each other.
+const MOST_LEFT: f64 = 1.5;
+/// A pose that is off by less, radians or median depths, is only imprecise.
+const LEAST_OFF: f64 = 0.03;
+/// Only a view whose loss is so many times that of the views around it is looked at.
+const LEAST_WORSE: f64 = 1.15;
+/// Views on either side with which a view is compared.
+const REACH: usize = 2;
+
+/// A view with the samples of its depth and its pose.
+#[derive(Clone)]
+struct Posed {
+    view: SmallView,
+    samples: Vec<Sample>,
+    pose: RigidTransform,
+}
+
+impl Posed {
+    fn new(view: SmallView, pose: RigidTransform) -> Self {
+        let samples = view.samples().collect();
+        Self {
+            view,
+            samples,
+            pose,
+        }
+    }
+
+    fn to(&self, other: &Self, stride: usize) -> Explained {
+        let poses = (&self.pose, &other.pose);
+        let from = (&self.view, self.samples.as_slice());
+        Explained::new(from, &other.view, poses, &Reading::AS_READ, stride)
+    }
+}
+
+impl Neighbours<'_> {
+    /// Changes of one view that explain its neighbours significantly better, and as well as these explain each other; with
+    /// each, how it explains the carries.
+    pub(super) fn one_view(&self, as_read: &[Explained]) -> Vec<(Change, Vec<Explained>)> {
+        let pose = |i: usize| self.views[i].camera_from_world;
+        let small = self.small.iter().map(|(i, read)| (*i, &read.0));
+        let all = small.chain(self.around.iter().map(|(i, view)| (*i, view)));
+        let all = all.map(|(i, view)| (i, Posed::new(view.clone(), pose(i))));
+        let all: BTreeMap<usize, Posed> = all.collect();
+        let mut found = Vec::new();
+        for (i, own) in &all {
+            let near: Vec<&Posed> = (i.saturating_sub(REACH)..=i + REACH)
+                .filter(|j| j != i)
+                .filter_map(|j| all.get(&j))
+                .collect();
+            let links = |one: &Posed| -> Vec<Explained> {
+                let both =
+                    |other: &&Posed| [one.to(other, self.stride), other.to(one, self.stride)];
+                near.iter().flat_map(both).collect()
+            };
+            let others = near.windows(2);
+            let others: Vec<Explained> = others
+                .map(|pair| pair[0].to(pair[1], self.stride))
+                .collect();
+            let read = links(own);
+            let wanted = MOST_LEFT * mean_loss(&others);
+            if near.len() < 2 {
+                continue;
+            }
+            let id = &self.views[*i].id;
+            if mean_loss(&read) <= LEAST_WORSE * mean_loss(&others) {
+                continue;
+            }
+            for (what, other) in self.changed(own, &|one| mean_loss(&links(one))) {
+                let mended = links(&other);
+                if mean_loss(&mended) > wanted || !is_better(&read, &mended, LEAST_GAIN) {
+                    continue;
+                }
+                let carries = self.carries.iter().zip(as_read);
+                let carries = carries.map(|((a, b), read)| match (all.get(a), all.get(b)) {
+                    (Some(_), Some(b)) if a == i => other.to(b, self.stride),
+                    (Some(a), Some(_)) if b == i => a.to(&other, self.stride),
+                    _ => *read,
+                });
+                let said = evidence(&forward(&read), &forward(&mended));
+                found.push((
+                    Change::OneView(format!("{id}: {what}: {said}")),
+                    carries.collect(),
+                ));
+            }
+        }
+        found
+    }
+
+    /// A view under other readings of its own, in words.
+    fn changed(&self, own: &Posed, loss: &dyn Fn(&Posed) -> f64) -> Vec<(String, Posed)> {
+        let mut changed = Vec::new();
+        for (flip, how) in FLIPS {
+            let (picture, depth) = (
+                own.view.flipped(flip, Part::Picture),
+                own.view.flipped(flip, Part::Depth),
+            );
+            let both = picture.flipped(flip, Part::Depth);
+            for (noun, view) in [
+                ("its picture is", picture),
+                ("its depth map is", depth),
+                ("its picture and its depth map are", both),
+            ] {
+                changed.push((format!("{noun} {how}"), Posed::new(view, own.pose)));
+            }
+        }
+        let scaled = |factor: f64| {
+            let mut scaled = own.clone();
+            scaled.view = own.view.with_depth_times(factor);
+            scaled
+                .samples
+                .iter_mut()
+                .for_each(|sample| sample.depth *= factor);
+            scaled
+        };
+        let factor = least(20, 1.2, &|factor, _| loss(&scaled(factor)));
+        if is_worth_a_word(factor) {
+            let what = format!("its depth times {} fits", number(factor));
+            changed.push((what, scaled(factor)));
+        }
+        if self.thorough {
+            changed.extend(self.moved(own, loss));
+        }
+        changed
+    }
+
+    /// The view in the place, and turned, as it fits the others best.
+    fn moved(&self, own: &Posed, loss: &dyn Fn(&Posed) -> f64) -> Option<(String, Posed)> {
+        let median_m = self.median_depth();
+        let steps = (0..12).map(|i| {
+            let mut by = [DVec3::ZERO; 2];
+            by[i / 6][i % 3] = if i % 6 < 3 { 1.0 } else { -1.0 };
+            by
+        });
+        let steps: Vec<[DVec3; 2]> = steps.collect();
+        let (mut best, mut least, mut size) = (own.clone(), loss(own), 0.16);
+        while size > 0.004 {
+            let before = least;
+            for [turn, shift] in &steps {
+                let by = RigidTransform {
+                    rotation: DMat3::from_quat(DQuat::from_scaled_axis(*turn * size)),
+                    translation: *shift * size * median_m,
+                };
+                let moved = Posed {
+                    pose: by.after(&best.pose),
+                    ..best.clone()
+                };
+                let found = loss(&moved);
+                if found < least {
+                    (best, least) = (moved, found);
+                }
+            }
+            if least == before {
+                size /= 2.0;
+            }
+        }
+        let off = best.pose.after(&own.pose.inverse());
+        let (metres, degrees) = (baseline_m(&best.pose, &own.pose), off.rotation_deg());
+        let is_off = metres > LEAST_OFF * median_m || degrees.to_radians() > LEAST_OFF;
+        let what = format!(
+            "its pose is off by about {} m and {degrees:.0} degrees",
+            number(metres)
+        );
+        is_off.then_some((what, best))
+    }
+}
