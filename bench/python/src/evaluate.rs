@@ -13,7 +13,7 @@ use sharp_bench::config::{ConfigError, RunConfig};
 use sharp_bench::evaluate::{Request, RunOptions, prepare};
 use sharp_bench::io::observer::Observer;
 use sharp_bench::methods::{
-    Approach, GaussianPrediction, GaussianSpace, Method, MethodError, MethodIdentity,
+    self, Approach, GaussianPrediction, GaussianSpace, Method, MethodError, MethodIdentity,
     PicturePrediction, PredictGaussians, PredictPicture, SourceView, TargetCamera,
 };
 use sharp_bench::rendering::RenderSettings;

@@ -4,9 +4,9 @@ use clap::Args;
 use sharp_datasets::entry::{ENTRIES, PICTURES};
 
 use super::output;
-use crate::config::{DatasetConfig, clap_dataset};
 use crate::io::counts::counted;
 use crate::pairs::frame::Frame;
+use crate::pairs::{DatasetConfig, clap_dataset};
 use crate::pairs::{OpenDataset, PairError};
 
 /// Datasets, and a choice of their scenes.

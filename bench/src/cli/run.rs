@@ -169,6 +169,10 @@ pub(super) fn execute(args: &RunArgs) -> anyhow::Result<Outcome> {
     }
     let complete = Outcome::Done.with_scenes_of(&request.datasets);
     let evaluation = prepare(request, &terminal)?;
+    let complete = match evaluation.lacks_views() {
+        true => Outcome::RecordedFailures,
+        false => complete,
+    };
     let options = RunOptions {
         stages: args.stage,
         memory_limit_bytes: args.memory.limit_bytes(),

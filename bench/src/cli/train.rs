@@ -11,11 +11,11 @@ use super::outcome::UsageError;
 use super::output::Terminal;
 use super::run::time;
 use super::{Outcome, output};
-use crate::config::DatasetConfig;
 use crate::config::MetricConfig;
 use crate::evaluate::record::finite_or_text;
 use crate::io::counts::counted;
 use crate::io::hash::file_sha256;
+use crate::pairs::DatasetConfig;
 use crate::train::{TrainRequest, Trained, ValidationRequest, train};
 
 /// Train a network of SHARP's architecture, both stages

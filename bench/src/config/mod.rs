@@ -1,6 +1,7 @@
-//! What is asked for, parsed once, where it comes in: from a command line, a file or a program.
+//! What a run is asked for, parsed once, where it comes in: from a command line, a file or a program.
+//!
+//! * [`RunConfig`]: all of it; [`metrics`], `pairs`, [`rendering`]: its parts that other commands take, too.
 
-mod dataset;
 pub mod error;
 pub mod metrics;
 mod pairs;
@@ -8,8 +9,6 @@ pub mod rendering;
 mod run;
 mod text;
 
-pub(crate) use dataset::clap_dataset;
-pub use dataset::{DatasetConfig, PairOverrides};
 pub use error::ConfigError;
 pub use metrics::MetricConfig;
 pub use pairs::{OverlapConfig, PairConfig};

@@ -10,13 +10,13 @@ use sharp::render::Backend;
 use sharp_datasets::error::nearest_of;
 use sharp_metrics::InstructionSet;
 
-use super::dataset::DatasetConfig;
 use super::error::ConfigError;
 use super::metrics::MetricConfig;
 use super::pairs::PairConfig;
 use super::rendering::{RenderingConfig, backend};
-use super::{clap_dataset, text};
-use crate::methods::MethodSpec;
+use super::text;
+use crate::methods::{MethodSpec, SpecError};
+use crate::pairs::{DatasetConfig, clap_dataset};
 
 /// What `run` is asked for: its options, and the keys of a `run.toml` under the same names. Relative paths in a file start
 /// in its folder.
@@ -97,8 +97,7 @@ pub enum Keep {
 
 /// The error is the bare reason: clap quotes the spec.
 fn clap_method(text: &str) -> Result<MethodSpec, String> {
-    text.parse()
-        .map_err(|error: crate::methods::SpecError| error.reason())
+    text.parse().map_err(|error: SpecError| error.reason())
 }
 
 impl RunConfig {

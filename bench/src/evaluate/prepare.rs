@@ -104,6 +104,7 @@ pub struct Evaluation {
     limit: Option<usize>,
     specs: Vec<Option<MethodSpec>>,
     pub(super) config: Option<RunConfig>,
+    lacks_views: bool,
     pub(super) methods: Vec<Box<dyn Method>>,
     pub(super) scoring: Scoring,
     pub(super) common_region: bool,
@@ -150,9 +151,24 @@ pub fn prepare(mut request: Request, observer: &dyn Observer) -> Result<Evaluati
         datasets.for_each(|dataset| checks.look_at(dataset, observer));
     }
     let scenes = scenes_of(&request.datasets);
+    let mut lacks_views = false;
     let (list, origin, choices) = match request.pairs {
         PairOrigin::Built { recipe, cache } => {
             let built = recipe.build(&request.datasets, cache.as_ref(), observer)?;
+            // The manifest and the report say what the pairs are short of.
+            for problem in built.unreadable() {
+                lacks_views = true;
+                let mut scenes = request.datasets.iter_mut().flat_map(|d| &mut d.scenes);
+                let is_of = |scene: &&mut Scene| {
+                    (&scene.dataset, &scene.id) == (&problem.dataset, &problem.scene)
+                };
+                if let Some(scene) = scenes.find(is_of) {
+                    let (view, reason) = (&problem.view, &problem.reason);
+                    scene
+                        .warnings
+                        .push(format!("no pairs with view '{view}': {reason}"));
+                }
+            }
             if !built.has_selected() {
                 return Err(PairError::NoPair(built.advice.join("; ")).into());
             }
@@ -199,6 +215,7 @@ pub fn prepare(mut request: Request, observer: &dyn Observer) -> Result<Evaluati
         limit: request.limit,
         specs,
         config: request.config,
+        lacks_views,
         methods,
         scoring: request.scoring,
         common_region: request.common_region,
@@ -301,6 +318,11 @@ impl Evaluation {
             clock: self.clock,
             shard,
         }
+    }
+
+    /// True if pairs are missing because files of their views cannot be read.
+    pub fn lacks_views(&self) -> bool {
+        self.lacks_views
     }
 
     /// The metrics.

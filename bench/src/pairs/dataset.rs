@@ -11,7 +11,7 @@ use sharp_datasets::check::advice::Units;
 use sharp_datasets::left_out::{LeftOutScenes, by_reason};
 
 use super::error::PairError;
-use crate::config::DatasetConfig;
+use crate::pairs::DatasetConfig;
 
 /// Name of the mean over several datasets; no dataset can have it.
 pub const ALL_DATASETS: &str = "all";

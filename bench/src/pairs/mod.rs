@@ -8,7 +8,8 @@
 //! * [`overlap`]: share of one view that another sees; [`overlap_cache`]: earlier measurements.
 //! * [`options`]: every open choice, with its default and its text form.
 //! * [`pair_id`]: `dataset/scene/source__target`, encoded so that it can be decoded.
-//! * [`dataset`]: datasets as they were opened, with the pair options given for each; [`frame`]: at another size.
+//! * [`DatasetConfig`]: a dataset as named, with the pair options given for it; [`dataset`]: opened; [`frame`]: at another
+//!   size.
 //! * [`build`]: pairs from scenes; [`recipe`]: the choices and files behind a list; [`advice`]: why there is no pair.
 //! * [`description`]: one pair in JSON, and the cameras of its views.
 //! * [`provenance`]: origin of a list, for manifests.
@@ -25,6 +26,7 @@ pub mod alignment;
 pub mod ambiguity;
 pub mod build;
 pub mod dataset;
+mod dataset_config;
 pub mod depth;
 pub mod description;
 pub mod error;
@@ -46,6 +48,8 @@ pub mod valid_depth;
 
 pub use build::{BuildContext, Pair, PairBuild, build_pairs};
 pub use dataset::OpenDataset;
+pub(crate) use dataset_config::clap_dataset;
+pub use dataset_config::{DatasetConfig, PairOverrides};
 pub use description::PosedCamera;
 pub use error::PairError;
 pub use options::PairOptions;

@@ -10,8 +10,8 @@ use sharp_datasets::entry::{PaperOverlap, entry};
 
 use super::options::PairOptions;
 use super::pair_list::PairList;
-use crate::config::DatasetConfig;
 use crate::io::atomic_files::{FileError, write_json};
+use crate::pairs::DatasetConfig;
 
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct PairProvenance {

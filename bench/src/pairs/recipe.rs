@@ -7,7 +7,7 @@ use sharp::model::ModelConfig;
 
 use super::advice::{advice, unreadable};
 use super::ambiguity::{Alternative, OtherReading, alternatives};
-use super::build::{BuildContext, PairBuild, build_pairs};
+use super::build::{BuildContext, PairBuild, Problem, build_pairs};
 use super::dataset::{OpenDataset, scenes_of};
 use super::depth::{
     DepthSource, FirstLayerDepth, GivenDepth, GroundTruthDepth, ScaledToGroundTruth,
@@ -17,9 +17,9 @@ use super::options::{OverlapDepth, PairOptions};
 use super::overlap_cache::OverlapCache;
 use super::pair_list::PairList;
 use super::provenance::{DepthMaps, PairProvenance};
-use crate::config::PairOverrides;
 use crate::io::checkpoint::named_network;
 use crate::io::observer::Observer;
+use crate::pairs::PairOverrides;
 
 /// The open choices of a dataset's pairs and the files that they need.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -253,6 +253,16 @@ impl PairRecipe {
 }
 
 impl BuiltList {
+    /// Views whose files cannot be read, where pairs are left out for it.
+    pub fn unreadable(&self) -> impl Iterator<Item = &Problem> {
+        let lacks = |dataset: &String| {
+            let counts = self.build.summaries.get(dataset);
+            counts.is_some_and(|counts| counts.unreadable > 0)
+        };
+        let problems = self.build.problems.iter();
+        problems.filter(move |problem| lacks(&problem.dataset))
+    }
+
     /// The pairs as a list that will be written to `path`.
     pub fn list(&self, path: impl Into<PathBuf>) -> PairList {
         PairList::new(path, self.build.pairs.clone())

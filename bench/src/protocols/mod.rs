@@ -13,9 +13,10 @@ use sharp_datasets::error::nearest_of;
 use sharp_metrics::{MetricKey, Selection};
 
 use crate::config::rendering::Quantise;
-use crate::config::{ConfigError, DatasetConfig, PairConfig, RunConfig};
+use crate::config::{ConfigError, PairConfig, RunConfig};
 use crate::evaluate::Aggregation;
 use crate::evaluate::manifest::ProtocolRecord;
+use crate::pairs::DatasetConfig;
 use crate::pairs::PairOptions;
 use crate::pairs::frame::Frame;
 use crate::scoring::ScoringRules;

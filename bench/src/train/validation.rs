@@ -10,13 +10,13 @@ use sharp_train::config::{TrainingConfig, TrainingData};
 use sharp_train::data::shares_training_seeds;
 
 use super::{TrainError, TrainingFolder};
-use crate::config::DatasetConfig;
 use crate::evaluate::record::Status;
 use crate::evaluate::{Request, Results, RunOptions, prepare};
 use crate::io::atomic_files::FileError;
 use crate::io::observer::Observer;
 use crate::methods::sharp::Sharp;
 use crate::methods::{Method, Privilege};
+use crate::pairs::DatasetConfig;
 use crate::pairs::dataset::scenes_of;
 use crate::pairs::sampling::spread;
 use crate::pairs::{OpenDataset, PairError, PairList, PairOrigin, PairRecipe};

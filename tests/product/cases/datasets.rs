@@ -326,3 +326,23 @@ fn the_reading_of_an_orientation_that_fits_is_named() {
         }
     }
 }
+
+/// The others are paired, and everything that counts them says what is short.
+#[test]
+fn pairs_of_a_view_that_cannot_be_read_are_counted() {
+    let case = untried("X25-depth-metres-npy");
+    let run =
+        "sharp-bench run -q --dataset nerfstudio=ns,depth-unit=1 --method copy --metrics psnr";
+    ends(&case.run(&format!("{run} --out whole")), 0, "psnr");
+    case.run("head -c 1000 ns/depth/view_03.npy > x && mv x ns/depth/view_03.npy");
+    let pairs = case.run("sharp-bench pairs -q --dataset nerfstudio=ns,depth-unit=1 --out p.csv");
+    ends(&pairs, 4, "list");
+    for part in ["14 of 56 pairs are left out", "view_03"] {
+        assert!(pairs.err.contains(part), "{}", pairs.err);
+    }
+    let said = case.run(&format!("{run} --out r"));
+    ends(&said, 4, "psnr");
+    let fewer = case.scores("whole", "psnr").len() > case.scores("r", "psnr").len();
+    assert!(fewer && said.err.contains("14 of 56 pairs"), "{}", said.err);
+    case.is_said_everywhere("r", "view_03");
+}

@@ -7,12 +7,12 @@ use serde_json::json;
 
 use super::super::data_args::DatasetArgs;
 use super::super::{Outcome, output};
-use crate::config::{DatasetConfig, clap_dataset};
 use crate::io::atomic_files::write_over_own;
 use crate::io::counts::counted;
 use crate::pairs::foreign::{Context, ForeignList, ListForm, TargetSlot};
 use crate::pairs::pair_list::LIST_MARK;
 use crate::pairs::provenance::ListCompanion;
+use crate::pairs::{DatasetConfig, clap_dataset};
 
 /// Read someone else's list of pairs: count it, or turn it into one of ours
 ///
