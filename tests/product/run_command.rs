@@ -348,7 +348,6 @@ fn what_cannot_work_is_one_line() {
             vec!["label 'copy' is taken"],
         ),
         (vec!["--method", "copy:speed=1"], vec!["speed"]),
-        (vec!["--method", "copy", "--limit", "-1"], vec!["--limit"]),
         (
             vec!["--method", "copy", "--memory-limit", "4"],
             vec!["512M"],
@@ -356,6 +355,18 @@ fn what_cannot_work_is_one_line() {
     ] {
         run(dir.path(), "r", &args).is_usage_error_with(&parts);
     }
+    let below = [
+        "run",
+        "--dataset",
+        DATASET,
+        "--method",
+        "copy",
+        "--limit",
+        "-1",
+        "--out",
+        "r",
+    ];
+    sharp_bench(dir.path(), &below).is_usage_error_with(&["--limit"]);
     run(dir.path(), "r", &["--method", "imported:dir=nowhere"]).is_error_with(&["nowhere"]);
     run(dir.path(), "r", &["--method", "magic"]).is_usage_error_with(&["magic", "depth-splat"]);
     run(dir.path(), "full", &["--method", "copy"]).is_error_with(&["full", "other files"]);

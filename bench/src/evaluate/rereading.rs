@@ -175,8 +175,16 @@ impl Trial<'_> {
                 };
                 let worse = elsewhere.error() > allowed * fit_elsewhere.error()
                     || is_shift && neighbours.is_empty();
-                let least = chosen.as_ref().map(|(.., all)| all.error());
-                if is_better && !worse && least.is_none_or(|least| all.error() < least) {
+                // Between two forms of colours the source itself decides: other views are blurred by what is wrong with the
+                // geometry, which paler colours hide.
+                let is_least =
+                    chosen.as_ref().is_none_or(|(other, its_fit, its_all)| {
+                        match recolors && other.stored.colors != before.stored.colors {
+                            true => fit.error() < its_fit.error(),
+                            false => all.error() < its_all.error(),
+                        }
+                    });
+                if is_better && !worse && is_least {
                     chosen = Some((candidate, fit, all));
                 }
             }

@@ -1,6 +1,6 @@
 //! Checks that the depth of a rectified pair's left view leads to the right view's colours, and tries other disparities.
 
-use glam::DVec2;
+use glam::{DMat3, DVec2};
 use sharp::camera::baseline_m;
 
 use super::Effort;
@@ -97,6 +97,8 @@ struct Pair {
     right: SmallView,
     /// With their disparities in place of depths.
     samples: Vec<Sample>,
+    /// By the poses: only then is a point in the same row of both.
+    is_rectified: bool,
 }
 
 impl Pair {
@@ -112,11 +114,16 @@ impl Pair {
         });
         let samples: Vec<Sample> = samples.collect();
         b.match_levels(&a);
+        let moved = right_from_left.translation;
+        let turned = right_from_left.rotation - DMat3::IDENTITY;
+        let is_rectified = turned.to_cols_array().iter().all(|v| v.abs() < 1e-4)
+            && moved.y.hypot(moved.z) < 1e-3 * moved.length();
         let same_size = (a.camera.width, a.camera.height) == (b.camera.width, b.camera.height);
         (same_size && !samples.is_empty()).then_some(Self {
             left: a,
             right: b,
             samples,
+            is_rectified,
         })
     }
 
@@ -206,7 +213,8 @@ impl Pair {
                 pair.explained(pictures, &same, stride),
             )
         }));
-        readings.extend(ROWS.map(|rows| {
+        let rows = ROWS.iter().filter(|_| self.is_rectified);
+        readings.extend(rows.map(|&rows| {
             let (pixels, side) = (number(rows.abs() * full), if rows > 0.0 { "below" } else { "above" });
             (
                 format!("the right picture's rows lie about {pixels} pixels {side} the left one's; rectify the pair"),

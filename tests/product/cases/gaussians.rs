@@ -220,7 +220,7 @@ fn every_setting_is_part_of_the_identity() {
         "gaussians:dir=g,color_space=srgb,quaternions=wzyx",
         "r",
     );
-    ends(&said, 1);
+    ends(&said, 2);
     assert!(said.err.contains("wxyz or xyzw"), "{}", said.err);
 }
 

@@ -61,7 +61,7 @@ fn smaller_pictures_are_resized_up_by_a_named_kernel_only() {
             .contains("resized up")
     );
     run(dir, "s", &["--method", "imported:dir=small,resize=cubic"])
-        .is_error_with(&["cubic", "bicubic"]);
+        .is_usage_error_with(&["cubic", "bicubic"]);
 }
 
 #[test]
@@ -190,5 +190,5 @@ fn cropped_pictures_are_scored_on_the_equally_cropped_truth() {
     assert!(found["left"][0]["reason"].contains("not inside the target, 96x72"));
     assert!(found["left"][1]["reason"].contains(".json"));
     run(dir, "s", &["--method", "imported:dir=left,crop=middle"])
-        .is_error_with(&["crop=middle", "sidecar"]);
+        .is_usage_error_with(&["crop=middle", "sidecar"]);
 }

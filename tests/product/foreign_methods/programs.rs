@@ -83,10 +83,12 @@ fn a_program_is_asked_pair_by_pair_and_each_failure_is_its_own() {
         .ends_with(0)
         .json();
     assert_eq!(json["reused"], 9);
+    let settings = &json["manifest"]["methods"][0]["identity"]["settings"];
     assert_eq!(
-        json["manifest"]["methods"][0]["identity"],
-        serde_json::json!({ "kind": "command", "settings": { "run": "sh my.sh", "version": "" } })
+        (&settings["run"], &settings["version"]),
+        (&"sh my.sh".into(), &"".into())
     );
+    assert_eq!(settings["content"].as_str().map(str::len), Some(16));
 }
 
 /// Each answer has names of its own, no more than one answer may have, and so do all of them together.
@@ -165,7 +167,7 @@ fn programs_that_are_not_there_fail_pair_by_pair() {
         ("command:run=x,timeout=never", "timeout=never"),
         ("command:run=x,speed=2", "speed"),
     ] {
-        run(dir.path(), "s", &["--method", method]).is_error_with(&[part]);
+        run(dir.path(), "s", &["--method", method]).is_usage_error_with(&[part]);
     }
 }
 

@@ -22,7 +22,7 @@ fn the_best_of_several_scales_is_chosen_by_dists_and_said() {
         "--method",
         "imported:label=lvsm,dir=scales,scales=0.5+1+2",
     ];
-    run(dir, "r", &sweep).is_error_with(&["--scale-sweep"]);
+    run(dir, "r", &sweep).is_usage_error_with(&["--scale-sweep"]);
     let args = [&sweep[..], &["--scale-sweep"]].concat();
     let said = run(dir, "r", &args).ends_with(0);
     assert!(
@@ -52,8 +52,12 @@ fn the_best_of_several_scales_is_chosen_by_dists_and_said() {
     std::fs::remove_file(dir.join(format!("scales/1/{}.png", ids[0]))).unwrap();
     run(dir, "r", &args).ends_with(4);
     assert!(scores(dir, "r")["lvsm"][0]["reason"].contains("no picture"));
-    for (scales, part) in [("1+1", "twice"), ("1+big", "positive"), ("1+7", "7")] {
+    let with = |scales: &str| {
         let method = format!("imported:dir=scales,scales={scales}");
-        run(dir, "s", &["--method", &method, "--scale-sweep"]).is_error_with(&[part]);
+        run(dir, "s", &["--method", &method, "--scale-sweep"])
+    };
+    for (scales, part) in [("1+1", "twice"), ("1+big", "positive")] {
+        with(scales).is_usage_error_with(&[part]);
     }
+    with("1+7").is_error_with(&["7"]);
 }

@@ -131,7 +131,7 @@ fn adapters_that_are_not_there_and_a_missing_ffmpeg_are_said() {
         "x.png",
     ];
     sharp_bench(dir, &absent).is_error_with(&["no such GPU", "found:"]);
-    render(dir, &["--adapter", "any", "--out", "x.png"]).is_error_with(&["--adapter", "cpu"]);
+    render(dir, &["--adapter", "any", "--out", "x.png"]).is_usage_error_with(&["--adapter", "cpu"]);
     let run = [
         "run",
         "--dataset",
