@@ -1,14 +1,14 @@
 //! The harness: pairs from datasets, predictions from methods, scores from metrics, and reports.
 //!
-//! Data flows one way; each module uses only those above it, except that `config` takes frames and errors from `pairs`.
+//! Data flows one way; each module uses only those above it.
 //! The command line calls what is public here and no more.
 //!
 //! * [`io`]: what goes to disk and comes back.
-//! * [`config`]: configuration of a run.
 //! * [`pairs`]: which pairs are evaluated, and the geometry that decides it.
 //! * [`rendering`]: which backend renders, and what happens when its device fails.
 //! * [`scoring`]: predictions against the truth.
 //! * [`methods`]: what predicts a target view from a source view.
+//! * [`config`]: what a run is asked for.
 //! * [`evaluate`]: the core: prepare, run, read results.
 //! * [`scale`]: a plan's shards handed to a scheduler.
 //! * [`protocols`]: other people's evaluations by name.

@@ -6,7 +6,6 @@ use sharp::render::RenderError;
 use sharp_metrics::WeightsError;
 
 use super::shard::ShardError;
-use crate::config::ConfigError;
 use crate::io::atomic_files::FileError;
 use crate::methods::SpecError;
 use crate::pairs::PairError;
@@ -36,9 +35,6 @@ pub enum EvaluateError {
     /// A method's options.
     #[error(transparent)]
     Method(#[from] SpecError),
-    /// What was asked for cannot be kept.
-    #[error(transparent)]
-    Config(#[from] ConfigError),
     /// The weights of a metric.
     #[error(transparent)]
     Weights(#[from] WeightsError),

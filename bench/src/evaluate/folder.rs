@@ -245,13 +245,16 @@ impl RunFolder {
     }
 
     /// Writes `run.toml`, with paths that hold wherever it is read.
-    pub(super) fn write_config(&self, config: &RunConfig) -> Result<(), EvaluateError> {
-        let here = std::env::current_dir().map_err(FileError::new(&self.root, "find"))?;
-        let text = config.clone().rooted(&here).to_toml()?;
+    pub(super) fn write_config(&self, config: &RunConfig) -> Result<(), FileError> {
+        let path = self.config_path();
+        let here = std::env::current_dir().map_err(FileError::new(&path, "write"))?;
+        let text = config.clone().rooted(&here).to_toml();
+        let text =
+            text.map_err(|error| FileError::new(&path, "write")(std::io::Error::other(error)))?;
         let text = format!(
             "# What was asked for: `sharp-bench run --config FILE --out OTHER` does it again.\n{text}"
         );
-        Ok(write_atomic(&self.config_path(), text.as_bytes())?)
+        write_atomic(&path, text.as_bytes())
     }
 
     fn unit_path(&self, slot: &Slot) -> PathBuf {

@@ -25,7 +25,7 @@ use crate::io::fingerprints;
 use crate::io::machine::monotonic;
 use crate::io::observer::Observer;
 use crate::methods::spec::check_label;
-use crate::methods::{Method, MethodSpec, SpecError};
+use crate::methods::{BuiltMethod, Method, MethodSpec, SpecError};
 use crate::pairs::dataset::scenes_of;
 use crate::pairs::pair_list::ResolvedPair;
 use crate::pairs::provenance::ListCompanion;
@@ -47,7 +47,7 @@ pub struct Request {
     /// Evaluate at most this many of the selected pairs, spread over datasets and scenes.
     pub limit: Option<usize>,
     /// Methods with what was given for each, for the record. Labels are unique.
-    pub methods: Vec<(Option<MethodSpec>, Box<dyn Method>)>,
+    pub methods: Vec<BuiltMethod>,
     /// The metrics.
     pub scoring: Scoring,
     /// Score all methods of a pair on the part of the target that all of them predict.

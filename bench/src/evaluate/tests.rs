@@ -19,7 +19,7 @@ use crate::config::Keep;
 use crate::io::hash::sha256_hex;
 use crate::io::observer::{Observer, Quiet};
 use crate::methods::{
-    self, Approach, Closure, GaussianPrediction, Method, MethodError, MethodIdentity, MethodSpec,
+    self, Approach, BuiltMethod, Closure, GaussianPrediction, Method, MethodError, MethodIdentity,
     PicturePrediction, PredictGaussians, Privilege, SourceView, TargetCamera,
 };
 use crate::pairs::{OpenDataset, PairList};
@@ -28,7 +28,7 @@ use crate::scoring::Scoring;
 
 const DATASET: &str = "S:synthetic=size=48x36,views=20";
 
-type Methods = Vec<(Option<MethodSpec>, Box<dyn Method>)>;
+type Methods = Vec<BuiltMethod>;
 
 fn one(method: impl Method + 'static) -> Methods {
     vec![(None, Box::new(method))]

@@ -99,6 +99,9 @@ pub const KINDS: [MethodKind; 8] = [
     },
 ];
 
+/// A method with its spec; `None` for one that a program brings.
+pub type BuiltMethod = (Option<MethodSpec>, Box<dyn Method>);
+
 /// Builds the instances; labels must be unique. `chooser` chooses among the scales of those that have several.
 pub fn build(
     specs: &[MethodSpec],

@@ -24,7 +24,7 @@ pub mod spec;
 pub mod trivial;
 
 pub use gaussians::UNUSABLE;
-pub use kinds::{KINDS, MethodKind, build};
+pub use kinds::{BuiltMethod, KINDS, MethodKind, build};
 pub use method::{
     Approach, Candidate, Closure, GaussianPrediction, GaussianSpace, Method, MethodError,
     MethodIdentity, PicturePrediction, PredictGaussians, PredictPicture, PredictScales, Privilege,

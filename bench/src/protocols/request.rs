@@ -7,7 +7,7 @@ use sharp::render::Backend;
 use super::Protocol;
 use crate::config::{ConfigError, RunConfig};
 use crate::evaluate::{Aggregation, Request, RunOptions};
-use crate::methods::{self, Method, MethodSpec};
+use crate::methods::{self, BuiltMethod, MethodSpec};
 use crate::pairs::{OpenDataset, PairOrigin};
 use crate::scoring::{ScaleChooser, ScoringRules};
 
@@ -18,7 +18,7 @@ use crate::scoring::{ScaleChooser, ScoringRules};
 pub fn build_methods(
     specs: &[MethodSpec],
     chooser: Option<&std::sync::Arc<ScaleChooser>>,
-) -> Result<Vec<(Option<MethodSpec>, Box<dyn Method>)>, ConfigError> {
+) -> Result<Vec<BuiltMethod>, ConfigError> {
     let built = methods::build(specs, chooser)?;
     Ok(specs.iter().cloned().map(Some).zip(built).collect())
 }
