@@ -23,14 +23,14 @@ use crate::pairs::{DatasetConfig, clap_dataset};
 #[derive(Debug, Clone, Default, PartialEq, Args, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case", default)]
 pub struct RunConfig {
-    /// A dataset, [NAME:]FORMAT=PATH[,key=value…]; repeatable
+    /// A dataset, `[NAME:]FORMAT=PATH[,key=value…]`; repeatable
     #[arg(long = "dataset", value_name = "SPEC", value_parser = clap_dataset)]
     #[serde(rename = "dataset")]
     pub datasets: Vec<DatasetConfig>,
     /// Only scenes whose id matches; `*` and `?` are wildcards
     #[arg(long, value_name = "GLOB")]
     pub scenes: Option<String>,
-    /// A method, KIND[:key=value,…]; repeatable
+    /// A method, `KIND[:key=value,…]`; repeatable
     #[arg(long = "method", value_name = "SPEC", value_parser = clap_method)]
     #[serde(rename = "method")]
     pub methods: Vec<MethodSpec>,
