@@ -30,6 +30,7 @@ use crate::methods::KINDS;
 #[derive(Debug, Args)]
 #[command(
     after_help = help(),
+    args_override_self = true,
     override_usage = "sharp-bench run [OPTIONS] --dataset <SPEC> --method <SPEC> --out <DIR>\n       \
                       sharp-bench run --config <FILE> [OPTIONS] --out <DIR>\n       \
                       sharp-bench run --plan <DIR> --shard <I/N> [OPTIONS]"

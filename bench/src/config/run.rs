@@ -112,9 +112,16 @@ impl RunConfig {
         };
         let bytes = sharp::files::read(path).map_err(|error| failed(error.to_string()))?;
         let text = String::from_utf8(bytes).map_err(|error| failed(error.to_string()))?;
+        let wrong = |reason: String| ConfigError::Usage(format!("{}: {reason}", path.display()));
         let keys: Map<String, Value> =
-            toml::from_str(&text).map_err(|error| failed(error.to_string()))?;
-        let config = Self::of_keys(keys).map_err(failed)?;
+            toml::from_str(&text).map_err(|error: toml::de::Error| {
+                let at = error.span().map_or(0, |span| span.start);
+                let line = text
+                    .get(..at)
+                    .map_or(0, |before| before.matches('\n').count());
+                wrong(format!("line {}: {}", line + 1, error.message()))
+            })?;
+        let config = Self::of_keys(keys).map_err(wrong)?;
         let absolute = std::path::absolute(path).map_err(|error| failed(error.to_string()))?;
         Ok(config.rooted(absolute.parent().unwrap_or(Path::new("/"))))
     }
@@ -136,7 +143,15 @@ impl RunConfig {
             .collect();
         match keys.keys().find(|key| !known.contains(&key.as_str())) {
             Some(key) => Err(format!("unknown key '{key}'; {}", nearest_of(key, &known))),
-            None => serde_json::from_value(Value::Object(keys)).map_err(|e| e.to_string()),
+            None => {
+                let parsed = |keys| serde_json::from_value::<Self>(Value::Object(keys));
+                let wrong = keys.iter().find_map(|(key, value)| {
+                    let alone = Map::from_iter([(key.clone(), value.clone())]);
+                    let error = parsed(alone).err()?;
+                    Some(format!("{key}: {error}"))
+                });
+                wrong.map_or_else(|| parsed(keys).map_err(|e| e.to_string()), Err)
+            }
         }
     }
 
@@ -199,7 +214,8 @@ impl RunConfig {
             if method.kind == "command" {
                 method.options.entry("cwd".to_owned()).or_default();
             }
-            for key in ["dir", "checkpoint", "config", "files", "cwd"] {
+            // `files=` starts where the program does.
+            for key in ["dir", "checkpoint", "config", "cwd"] {
                 let value = method.options.get_mut(key);
                 value.filter(|value| is_file(value.as_ref())).map(root_text);
             }
@@ -299,11 +315,11 @@ mod tests {
         let path = folder.path().join("run.toml");
         for (text, part) in [
             ("limits = 3", "'limits'; did you mean 'limit'"),
-            ("limit = \"x\"", "invalid type"),
+            ("limit = \"x\"", "limit: invalid type"),
             ("dataset = [\"moonbase=x\"]", "moonbase"),
             ("method = [\"copy:a\"]", "not key=value"),
             ("eps2d = \"sharp\"", "release (0)"),
-            ("limit = ", "TOML"),
+            ("seed = 1\n\nlimit = ", "line 3"),
         ] {
             std::fs::write(&path, text).unwrap();
             let error = RunConfig::read(&path).unwrap_err().to_string();

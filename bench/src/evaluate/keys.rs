@@ -9,13 +9,14 @@
 //! A file that cannot be read hashes to the error: the unit fails anyway, with the reason.
 
 use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
 
 use sharp_datasets::{Scene, View};
 
 use super::error::EvaluateError;
 use super::folder::RunFolder;
 use super::manifest::{MethodRecord, RendererRecord};
-use super::record::{PairFiles, Record, Status};
+use super::record::{GaussiansRead, PairFiles, Record, Status};
 use super::unit::{Slot, Unit};
 use crate::io::fingerprints;
 use crate::io::hash::StableHasher;
@@ -171,10 +172,18 @@ impl Keys {
         method: &dyn Method,
         planned: &ResolvedPair,
     ) -> Option<PairFiles> {
-        let inputs = self.method_files(method, &planned.pair.pair_id);
+        let pair_id = &planned.pair.pair_id;
+        let hash = self.method_files(method, pair_id);
         let (gaussians, pictures) = match method.approach() {
-            Approach::Gaussians(_) => (inputs, None),
-            _ => (None, inputs),
+            Approach::Gaussians(_) => {
+                let files = method.input_files(pair_id).unwrap_or_default();
+                let read = |(hash, path): (String, &PathBuf)| GaussiansRead {
+                    file: last_parts(path),
+                    hash,
+                };
+                (hash.zip(files.first()).map(read), None)
+            }
+            _ => (None, hash),
         };
         Some(PairFiles {
             source: self.hashes.short(planned.source).ok()?,
@@ -245,7 +254,8 @@ impl Keys {
                 }
             }
             let method = methods.iter().find(|m| m.label() == record.method);
-            let before = files.gaussians.as_ref().or(files.pictures.as_ref());
+            let gaussians = files.gaussians.as_ref().map(|read| &read.hash);
+            let before = gaussians.or(files.pictures.as_ref());
             if let (Some(method), Some(before)) = (method, before)
                 && let Some(now) = self.method_files(method.as_ref(), &record.pair_id)
                 && now != *before
@@ -304,6 +314,12 @@ impl Keys {
         let hash = self.hashes.view(view);
         hash.unwrap_or_else(|error| error.to_string())
     }
+}
+
+/// Wherever the folder of a method's files lies.
+fn last_parts(path: &Path) -> String {
+    let parts: Vec<_> = path.iter().map(|part| part.to_string_lossy()).collect();
+    parts[parts.len().saturating_sub(3)..].join("/")
 }
 
 fn camera(view: &View) -> String {

@@ -112,9 +112,18 @@ pub struct PairFiles {
     /// Over the pictures that the method read for this pair, where they were made elsewhere.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub pictures: Option<String>,
-    /// Over the Gaussians that the method read for this source, where they were made elsewhere.
+    /// The file of Gaussians that the method read for this source, where it was made elsewhere.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub gaussians: Option<String>,
+    pub gaussians: Option<GaussiansRead>,
+}
+
+/// A file of Gaussians.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+pub struct GaussiansRead {
+    /// The last three parts of its path, by `/`.
+    pub file: String,
+    /// 16 hexadecimal digits over its bytes.
+    pub hash: String,
 }
 
 /// A part of a target.
@@ -138,7 +147,7 @@ pub struct ChosenScale {
 /// Describes the first view for which two successful results used different files; `None` if there is none.
 pub(crate) fn file_difference<'a>(records: impl IntoIterator<Item = &'a Record>) -> Option<String> {
     let mut known: BTreeMap<(&str, &str, &str), (&str, &Record)> = BTreeMap::new();
-    let mut gaussians: BTreeMap<[&str; 4], &str> = BTreeMap::new();
+    let mut gaussians: BTreeMap<[&str; 3], &str> = BTreeMap::new();
     for record in records {
         let (Status::Ok, Some(files)) = (&record.status, &record.files) else {
             continue;
@@ -165,22 +174,15 @@ pub(crate) fn file_difference<'a>(records: impl IntoIterator<Item = &'a Record>)
                 ));
             }
         }
+        // One file may be that of a source or of all sources of a scene.
         let Record {
-            method,
-            dataset,
-            scene,
-            source,
-            ..
+            method, dataset, ..
         } = record;
-        if let Some(hash) = &files.gaussians
-            && *gaussians
-                .entry([method, dataset, scene, source])
-                .or_insert(hash)
-                != hash
+        if let Some(GaussiansRead { file, hash }) = &files.gaussians
+            && *gaussians.entry([method, dataset, file]).or_insert(hash) != hash
         {
             return Some(format!(
-                "the Gaussians that '{method}' has of {dataset}/{scene}/{source} were another file for some of its targets \
-                 than for {}",
+                "the Gaussians {file} of '{method}' were another file for some of their targets than for {}",
                 record.pair_id
             ));
         }

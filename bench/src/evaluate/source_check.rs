@@ -36,6 +36,8 @@ pub const SOURCE_DEPTH: &str = "source_depth_m";
 /// The extra of blurred renderings of the source: the share of the photograph's contrast that they lack, 0..1.
 pub const SOURCE_BLUR: &str = "source_blur";
 
+/// dB of a source's rendering from which no other reading is sought.
+const RIGHT_DB: f64 = 38.0;
 /// Least ratio of the spread of true over seen depth to that of their product, where seen depth is the inverse.
 const INVERSE_SIGNIFICANCE: f64 = 2.5;
 /// Factor of depth above which another unit is thinkable at all: predictions without a unit are off by less.
@@ -225,7 +227,10 @@ fn add_doubts(
     let own = reading.placement.camera_from_file(camera);
     let compared = trial.fit(gaussians, own)?;
     let compared = compared.as_ref().unwrap_or(&as_read);
-    let better = trial.best_reading(gaussians, reading, compared, &elsewhere, moved)?;
+    let better = match as_read.psnr() < RIGHT_DB {
+        true => trial.best_reading(gaussians, reading, compared, &elsewhere, moved)?,
+        false => None,
+    };
     let other = other_view(prediction, reading, &elsewhere, compared)?;
     let is_other = |error: f64| other.as_ref().is_some_and(|(_, fit)| fit.error() < error);
     match (&better, &other) {

@@ -12,6 +12,9 @@ const LEAST_SHARE: f64 = 0.75;
 const LEAST_ERRORS: f64 = 3.0;
 /// Largest mean loss of a reading that explains all.
 const MOST_LEFT: f64 = 0.45;
+/// Share of depths that agree in proper data of little motion, and least gain over that.
+const AGREEING: f64 = 0.9;
+const MORE_AGREEING: f64 = 0.03;
 /// Fewer samples of a part of a picture say nothing about that part.
 const ENOUGH_IN_TILE: usize = 8;
 /// Colours that differ by this many times as much refute a reading that depth agrees with.
@@ -49,6 +52,13 @@ pub(super) fn is_refuted(as_read: &[Explained], other: &[Explained]) -> bool {
     let levels = before.colour_levels().zip(after.colour_levels());
     10 * before.compared >= 3 * after.compared
         && levels.is_some_and(|(before, after)| after > WORSE_COLOURS * before)
+}
+
+/// False where depths agree as read, and hardly more of them under another reading: of little motion and few pixels, chance
+/// decides.
+pub(super) fn is_needed(as_read: &[Explained], other: &[Explained]) -> bool {
+    let (before, after) = (forward(as_read).agreement(), forward(other).agreement());
+    before < AGREEING || after >= before + MORE_AGREEING
 }
 
 /// True if another reading explains the same pairs significantly better.

@@ -9,7 +9,8 @@ use sharp::camera::RigidTransform;
 
 use super::advice::{self, Units};
 use super::compare::{
-    LEAST_GAIN, LEAST_GAIN_OF_FACTORS, fits_well, forward, is_better, is_refuted, landed, mean_loss,
+    LEAST_GAIN, LEAST_GAIN_OF_FACTORS, fits_well, forward, is_better, is_needed, is_refuted,
+    landed, mean_loss,
 };
 use super::consistency::{Consistency, Fit};
 use super::convention::{CONVENTIONS, alternatives};
@@ -241,7 +242,9 @@ impl<'a> Neighbours<'a> {
         all.extend(self.turned());
         all.extend(self.flipped());
         let better = all.into_iter().filter(|(change, other)| {
-            is_better(&as_read, other, change.least_gain()) && !is_refuted(&as_read, other)
+            is_better(&as_read, other, change.least_gain())
+                && !is_refuted(&as_read, other)
+                && is_needed(&as_read, other)
         });
         let better = better.chain(self.one_view(&as_read));
         let best = better.min_by(|(_, a), (_, b)| mean_loss(a).total_cmp(&mean_loss(b)));

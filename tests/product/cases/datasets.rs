@@ -348,5 +348,5 @@ fn pairs_of_a_view_that_cannot_be_read_are_counted() {
         said: vec![said],
         ..case
     };
-    all.is_said_everywhere("r", "no pairs with view");
+    all.is_said_everywhere("r", "only 872 follow the header");
 }

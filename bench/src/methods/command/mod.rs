@@ -47,8 +47,6 @@ pub struct Command {
     /// Where it is started; empty for where this process was. No part of its identity: its files are.
     folder: PathBuf,
     version: String,
-    /// A pattern of further files, as given; empty without one.
-    pattern: String,
     /// Those that the command line and the pattern name.
     files: Vec<HashedFile>,
     notes: Vec<String>,
@@ -107,9 +105,10 @@ impl Command {
         }
         let folder = spec.option("cwd").map(PathBuf::from).unwrap_or_default();
         let mut files = named_files(&run, &folder, &|name| std::env::var(name).ok());
-        let pattern = spec.option("files").unwrap_or_default().to_owned();
-        if !pattern.is_empty() {
-            let more = matching(&pattern).map_err(|reason| spec.refused(reason))?;
+        if let Some(pattern) = spec.option("files") {
+            let pattern = folder.join(pattern);
+            let more =
+                matching(&pattern.to_string_lossy()).map_err(|reason| spec.refused(reason))?;
             files.found.extend(more);
             files.found.sort();
             files.found.dedup();
@@ -127,7 +126,6 @@ impl Command {
             label: spec.label.clone(),
             run,
             folder,
-            pattern,
             notes: notes_of(&files),
             files: hashed.map_err(|error| spec.refused(error))?,
             version: spec.option("version").unwrap_or_default().to_owned(),
@@ -331,9 +329,6 @@ impl Method for Command {
         let mut settings = self.fit.settings();
         settings.insert("run".to_owned(), self.run.clone());
         settings.insert("version".to_owned(), self.version.clone());
-        if !self.pattern.is_empty() {
-            settings.insert("files".to_owned(), self.pattern.clone());
-        }
         if !self.files.is_empty() {
             let mut hash = StableHasher::default();
             for file in &self.files {
@@ -455,7 +450,6 @@ mod tests {
             )
         };
         let command = with("weights/**/*.bin").unwrap();
-        assert!(command.identity().settings.contains_key("files"));
         assert_ne!(content(&command), after);
         // A folder in the command line is warned about until its files are named.
         let text = format!("{text},run='x {}/weights/a'", dir.path().display());

@@ -1,6 +1,6 @@
 //! The files that a command line of the shell names.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Component, Path, PathBuf};
 
 /// What a command line names.
@@ -113,7 +113,74 @@ pub(super) fn named_files(
     }
     named.found.sort();
     named.found.dedup();
+    add_imports(&mut named.found);
     named
+}
+
+/// Adds the Python modules beside a script that it imports, and what those import.
+fn add_imports(found: &mut Vec<PathBuf>) {
+    let is_script = |path: &&PathBuf| path.extension().is_some_and(|e| e == "py");
+    let mut open: Vec<PathBuf> = found.iter().filter(is_script).cloned().collect();
+    // Modules are sought beside the script, and those of packages beside each other.
+    let mut roots: BTreeSet<PathBuf> = open.iter().map(|path| folder_of(path)).collect();
+    while let Some(path) = open.pop() {
+        let text = std::fs::read_to_string(&path).unwrap_or_default();
+        roots.insert(folder_of(&path));
+        for name in imported(&text) {
+            for root in &roots {
+                let module = root.join(name.replace('.', "/"));
+                let files = [module.with_extension("py"), module.join("__init__.py")];
+                for file in files.into_iter().filter(|file| file.is_file()) {
+                    if !found.contains(&file) {
+                        found.push(file.clone());
+                        open.push(file);
+                    }
+                }
+            }
+        }
+    }
+    found.sort();
+}
+
+fn folder_of(path: &Path) -> PathBuf {
+    path.parent().unwrap_or(Path::new("")).to_owned()
+}
+
+/// The modules of the `import` and `from` lines of a Python source, those of packages with each of their parents.
+fn imported(text: &str) -> BTreeSet<String> {
+    let mut names = BTreeSet::new();
+    for line in text.lines().map(str::trim_start) {
+        let line = line.split('#').next().unwrap_or_default();
+        let modules: Vec<String> = if let Some(list) = line.strip_prefix("import ") {
+            let first = |name: &str| name.split_whitespace().next().map(str::to_owned);
+            list.split(',').filter_map(first).collect()
+        } else if let Some((module, list)) = line
+            .strip_prefix("from ")
+            .and_then(|rest| rest.split_once(" import "))
+        {
+            let module = module.trim().trim_start_matches('.');
+            let of_list = list.split(',').filter_map(|name| {
+                let name = name
+                    .trim_matches(['(', ')', ' '])
+                    .split_whitespace()
+                    .next()?;
+                Some(format!("{module}.{name}"))
+            });
+            of_list.chain([module.to_owned()]).collect()
+        } else {
+            continue;
+        };
+        for module in modules {
+            let module = module.trim_matches('.');
+            let ends = module.match_indices('.').map(|(at, _)| at);
+            names.extend(
+                ends.chain([module.len()])
+                    .map(|end| module[..end].to_owned()),
+            );
+        }
+    }
+    names.retain(|name| !name.is_empty());
+    names
 }
 
 fn is_assignment(text: &str) -> bool {
@@ -285,6 +352,41 @@ mod tests {
             found(&format!("cat '{at}/a b/w.txt' {at}/a\\ b")),
             ["a b/w.txt"]
         );
+    }
+
+    #[test]
+    fn modules_beside_a_script_are_files_of_it() {
+        let dir = tempfile::tempdir().unwrap();
+        let write = |name: &str, text: &str| {
+            let path = dir.path().join(name);
+            std::fs::create_dir_all(path.parent().unwrap()).unwrap();
+            std::fs::write(path, text).unwrap();
+        };
+        write(
+            "m.py",
+            "import os, helper as h\nfrom net.model import (Net, other)\nfrom net import heads  # x\n",
+        );
+        write("helper.py", "def f():\n    from . import deep\n");
+        write("deep.py", "import helper\n");
+        write("net/__init__.py", "");
+        write("net/model.py", "import helper\n");
+        write("net/heads.py", "");
+        write("unused.py", "");
+        let line = format!("python3 {}/m.py", dir.path().display());
+        let found = named_files(&line, Path::new(""), &|_| None).found;
+        let names = found
+            .iter()
+            .map(|path| path.strip_prefix(dir.path()).unwrap());
+        let names: Vec<_> = names.map(|path| path.display().to_string()).collect();
+        let expected = [
+            "deep.py",
+            "helper.py",
+            "m.py",
+            "net/__init__.py",
+            "net/heads.py",
+            "net/model.py",
+        ];
+        assert_eq!(names, expected);
     }
 
     #[test]
