@@ -484,7 +484,12 @@ fn planned() {
         let text = fs::read_to_string(&path).unwrap();
         fs::write(&path, text.replacen(from, to, 1)).unwrap();
         let said = run(dir.path(), &["--plan", "P", "--shard", "1/1"]);
-        assert_eq!(said.code, 1, "{name}: {}{}", said.out, said.err);
+        assert!(
+            [1, 2].contains(&said.code),
+            "{name}: {}{}",
+            said.out,
+            said.err
+        );
         assert!(said.err.contains(name), "{}", said.err);
         fs::write(&path, text).unwrap();
     }
