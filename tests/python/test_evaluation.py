@@ -180,9 +180,9 @@ def test_contradictions_of_a_dataset_are_warnings(tmp_path):
 def test_a_file_and_keywords_say_the_same(tmp_path):
     run(None, tmp_path / "a", methods=["copy"], limit=2)
     again = sb.evaluate(None, config=tmp_path / "a" / "run.toml", out=tmp_path / "b")
-    assert again.scored == 2 and (tmp_path / "b" / "run.toml").read_bytes() == (tmp_path / "a" / "run.toml").read_bytes()
-    fewer = sb.evaluate(copy, config=tmp_path / "a" / "run.toml", out=tmp_path / "c", limit=1)
-    assert fewer.scored == 2
+    assert again.counts["scored"] == 2 and (tmp_path / "b" / "run.toml").read_bytes() == (tmp_path / "a" / "run.toml").read_bytes()
+    fewer = sb.evaluate(copy, config=tmp_path / "a" / "run.toml", out=tmp_path / "c", limit=1, label="mine")
+    assert fewer.counts["scored"] == 2
     for options, said in [({"limits": 3}, "limits"), ({"backend": "abacus"}, "abacus"), ({"limit": -1}, "-1")]:
         with pytest.raises(ValueError, match=said):
             run(copy, tmp_path / "w", **options)
