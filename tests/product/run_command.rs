@@ -531,4 +531,36 @@ fn a_run_is_repeated_from_its_own_file() {
     }
     sharp_bench(path, &["run", "--dataset", "synthetic", "--out", "w"])
         .is_usage_error_with(&["no method"]);
+    // A list that was handed in may change; the folder has its own.
+    std::fs::copy(path.join("r/pairs.csv"), path.join("list.csv")).unwrap();
+    let study = ["run", "--config", "study/study.toml"];
+    sharp_bench(
+        path,
+        &[&study[..], &["--pairs", "list.csv", "--out", "w"]].concat(),
+    )
+    .is_usage_error_with(&["pairs and pair-options"]);
+    let listed = [
+        "run",
+        "--dataset",
+        "synthetic=size=48x36,views=6",
+        "--method",
+        "copy",
+        "--metrics",
+        "psnr",
+    ];
+    sharp_bench(
+        path,
+        &[
+            &listed[..],
+            &["--pairs", "list.csv", "--limit", "2", "--out", "l"],
+        ]
+        .concat(),
+    )
+    .ends_with(0);
+    std::fs::write(path.join("list.csv"), "").unwrap();
+    sharp_bench(path, &["run", "--config", "l/run.toml", "--out", "l2"]).ends_with(0);
+    assert_eq!(
+        read(path.join("l2/scores.csv")),
+        read(path.join("l/scores.csv"))
+    );
 }

@@ -11,9 +11,8 @@ use super::{Outcome, output};
 use crate::config::MetricConfig;
 use crate::evaluate::{Request, RunOptions, prepare};
 use crate::io::checkpoint::{NetworkError, bundled_weights};
-use crate::methods::MethodSpec;
+use crate::methods::{self, MethodSpec};
 use crate::pairs::{OpenDataset, PairOptions, PairOrigin, PairRecipe};
-use crate::protocols::build_methods;
 use crate::report::{Layout, PictureBudget, PublishedNumbers, ReportOptions, report};
 
 /// Run the main job on bundled data: evaluate, tabulate, plot
@@ -80,7 +79,7 @@ pub(super) fn execute(args: &DemoArgs) -> anyhow::Result<Outcome> {
             recipe: Box::new(PairRecipe::new(options)),
             cache: None,
         },
-        methods: build_methods(&specs, None)?,
+        methods: methods::build(&specs, None)?,
         ..Request::new(OpenDataset::open_all(&datasets, None)?, Vec::new(), scoring)
     };
     let finished = prepare(request, &terminal)?.run(

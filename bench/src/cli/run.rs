@@ -121,7 +121,7 @@ fn configuration(args: &RunArgs) -> anyhow::Result<RunConfig> {
             None => args.config.clone(),
         });
     };
-    let own = args.config.keys();
+    let own = args.config.keys()?;
     // That a machine lacks those of the plan is said later.
     if let Some(key) = own.keys().find(|key| *key != "simd") {
         let reason =

@@ -15,11 +15,10 @@ use crate::config::{RenderingConfig, rendering};
 use crate::evaluate::speed::SpeedOptions;
 use crate::evaluate::{Request, prepare};
 use crate::io::machine::cpu_and_threads;
-use crate::methods::MethodSpec;
+use crate::methods::{self, MethodSpec};
 use crate::pairs::DatasetConfig;
 use crate::pairs::OpenDataset;
 use crate::pairs::clap_dataset;
-use crate::protocols::build_methods;
 use crate::report::speed::{Measured, SpeedReport, compute::compute};
 use crate::scoring::Scoring;
 
@@ -122,7 +121,7 @@ fn measure(args: &SpeedArgs) -> anyhow::Result<Measured> {
     let request = Request {
         limit: Some(args.limit * datasets.len()),
         pairs: args.pairs.origin()?,
-        methods: build_methods(&args.methods, None)?,
+        methods: methods::build(&args.methods, None)?,
         backend: rendering::backend(&args.backend, args.adapter.as_deref())?,
         rendering: args.rendering.settings(),
         ..Request::new(datasets, Vec::new(), scoring)

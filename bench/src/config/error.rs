@@ -6,7 +6,7 @@ use sharp_metrics::{Device, SelectionError, Unavailable};
 use crate::methods::SpecError;
 use crate::pairs::PairError;
 
-/// Why a configuration cannot be followed.
+/// Why no run can be set up from a [`RunConfig`](super::RunConfig).
 #[derive(Debug, thiserror::Error)]
 pub enum ConfigError {
     /// It asks for something that cannot be, whatever the files say.

@@ -8,7 +8,7 @@ use sharp_metrics::{Device, Scorer, ScorerOptions, Selection, Unavailable, Weigh
 use super::error::ConfigError;
 use crate::scoring::{ScaleChooser, Scoring};
 
-/// Metrics and their weights.
+/// Which metrics, with which weights, on which device.
 #[derive(Debug, Clone, Default, PartialEq, Args, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case", default)]
 pub struct MetricConfig {

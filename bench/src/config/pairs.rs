@@ -8,7 +8,7 @@ use super::error::ConfigError;
 use super::text;
 use crate::pairs::{OverlapCache, PairOptions, PairOrigin, PairRecipe, SceneChecks};
 
-/// Source of the depth that decides overlap, and the cache of measured overlaps.
+/// Whose depth decides overlap, where measured overlaps are cached, and whether scenes are checked first.
 #[derive(Debug, Clone, Default, PartialEq, Args, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case", default)]
 pub struct OverlapConfig {
@@ -16,7 +16,7 @@ pub struct OverlapConfig {
     /// dataset's own depth by the median of ratios (overlap=given)
     #[arg(long, value_name = "DIR")]
     pub overlap_depth: Option<PathBuf>,
-    /// The checkpoint of overlap=sharp-release, or mini; where the release keeps it without this
+    /// Checkpoint for overlap=sharp-release, or mini for the bundled network [default: where the release keeps its own]
     #[arg(long, value_name = "FILE")]
     pub overlap_checkpoint: Option<PathBuf>,
     /// Its architecture, where it is not the release's: FILE.json#NAME
@@ -87,16 +87,22 @@ impl PairConfig {
     /// # Errors
     /// When there are both a list and choices that would build one, or the recipe lacks a file.
     pub fn origin(&self) -> Result<PairOrigin, ConfigError> {
-        match (&self.pairs, &self.pair_options) {
-            (Some(_), Some(_)) => Err(ConfigError::Usage(
-                "--pairs and --pair-options: a list is given, or built by options".to_owned(),
-            )),
+        let overlap = &self.overlap;
+        let builds = [
+            ("pair-options", self.pair_options.is_some()),
+            ("overlap-depth", overlap.overlap_depth.is_some()),
+            ("overlap-checkpoint", overlap.overlap_checkpoint.is_some()),
+        ];
+        match (&self.pairs, builds.iter().find(|(_, is_given)| *is_given)) {
+            (Some(_), Some((option, _))) => Err(ConfigError::Usage(format!(
+                "pairs and {option} contradict each other: the list is given, or built"
+            ))),
             (Some(path), None) => Ok(PairOrigin::Given(path.clone())),
-            (None, options) => {
-                let options = options.clone().unwrap_or_default();
+            (None, _) => {
+                let options = self.pair_options.clone().unwrap_or_default();
                 Ok(PairOrigin::Built {
-                    recipe: Box::new(self.overlap.recipe(&options)?),
-                    cache: self.overlap.cache(),
+                    recipe: Box::new(overlap.recipe(&options)?),
+                    cache: overlap.cache(),
                 })
             }
         }

@@ -95,7 +95,7 @@ pub enum Keep {
     None,
 }
 
-/// The error is the bare reason: clap quotes the spec.
+/// Parses a spec for clap. Errors leave the spec out, because clap quotes it.
 fn clap_method(text: &str) -> Result<MethodSpec, String> {
     text.parse().map_err(|error: SpecError| error.reason())
 }
@@ -156,16 +156,21 @@ impl RunConfig {
     }
 
     /// What is asked for, by key: nothing that is left to its default.
-    pub fn keys(&self) -> Map<String, Value> {
-        let Ok(Value::Object(mut keys)) = serde_json::to_value(self) else {
-            return Map::new();
+    ///
+    /// # Errors
+    /// When a path is not Unicode.
+    pub fn keys(&self) -> Result<Map<String, Value>, ConfigError> {
+        let mut keys = match serde_json::to_value(self) {
+            Ok(Value::Object(keys)) => keys,
+            Ok(_) => Map::new(),
+            Err(error) => return Err(ConfigError::Usage(error.to_string())),
         };
         keys.retain(|_, value| match value {
             Value::Null | Value::Bool(false) => false,
             Value::Array(items) => !items.is_empty(),
             _ => true,
         });
-        keys
+        Ok(keys)
     }
 
     /// This with the keys of `over` in place of its own.
@@ -173,8 +178,8 @@ impl RunConfig {
     /// # Errors
     /// When the two together are no configuration.
     pub fn overlaid(&self, over: &Self) -> Result<Self, ConfigError> {
-        let mut keys = self.keys();
-        keys.extend(over.keys());
+        let mut keys = self.keys()?;
+        keys.extend(over.keys()?);
         Self::from_keys(keys)
     }
 
@@ -183,7 +188,7 @@ impl RunConfig {
     /// # Errors
     /// When a path is not Unicode.
     pub fn to_toml(&self) -> Result<String, ConfigError> {
-        toml::to_string(&self.keys()).map_err(|error| ConfigError::Usage(error.to_string()))
+        toml::to_string(&self.keys()?).map_err(|error| ConfigError::Usage(error.to_string()))
     }
 
     /// # Errors
@@ -193,7 +198,7 @@ impl RunConfig {
         backend(&given, self.adapter.as_deref())
     }
 
-    /// With every relative path below a folder, in which programs are started, too.
+    /// With every relative path below a folder, where programs start, too.
     #[must_use]
     pub fn rooted(mut self, folder: &Path) -> Self {
         let root = |path: &mut PathBuf| *path = folder.join(&path);
@@ -217,7 +222,8 @@ impl RunConfig {
             // `files=` starts where the program does.
             for key in ["dir", "checkpoint", "config", "cwd"] {
                 let value = method.options.get_mut(key);
-                value.filter(|value| is_file(value.as_ref())).map(root_text);
+                let is_path = |value: &&mut String| key != "checkpoint" || is_file(value.as_ref());
+                value.filter(is_path).map(root_text);
             }
         }
         let PairConfig { pairs, overlap, .. } = &mut self.pairs;
@@ -281,6 +287,24 @@ mod tests {
             RunConfig::read(&path).unwrap(),
             of_options("--eps2d gsplat --limit 2")
         );
+    }
+
+    #[test]
+    fn the_bundled_network_is_no_path_and_a_folder_of_its_name_is_one() {
+        let config = of_options("--method sharp:checkpoint=mini --method imported:dir=mini");
+        let rooted = config.rooted(Path::new("/r"));
+        assert_eq!(rooted.methods[0].options["checkpoint"], "mini");
+        assert_eq!(rooted.methods[1].options["dir"], "/r/mini");
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn a_path_that_no_file_can_hold_is_refused() {
+        use std::os::unix::ffi::OsStrExt;
+        let mut config = of_options("--limit 3");
+        let path = std::ffi::OsStr::from_bytes(b"list-\xe9.csv");
+        config.pairs.pairs = Some(path.into());
+        assert!(config.to_toml().is_err() && config.overlaid(&RunConfig::default()).is_err());
     }
 
     #[test]

@@ -2,7 +2,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use super::picture_check::{CHANGED, changed_pictures};
+use super::picture_check::{CHANGED, changed_pictures, is_checked};
 use super::record::Record;
 use super::source_check::{SOURCE_BLUR, SOURCE_DEPTH, SOURCE_PSNR, source_of};
 use crate::methods::{Privilege, UNUSABLE};
@@ -17,7 +17,7 @@ const LEAST_GAP: f64 = 6.0;
 const GAP_SIGNIFICANCE: f64 = 2.0;
 /// Upper limit of an outlier where scenes differ, dB: the PSNR of the mean colour at a contrast of 45 levels.
 const UNLIKE_ANY_SCENE: f64 = 15.0;
-/// Outlying sources that are named.
+/// Most outlying sources that a sentence lists; it counts the others.
 const MOST_NAMED: usize = 8;
 
 /// Warnings about the Gaussians behind a record, by topic.
@@ -51,8 +51,8 @@ pub fn doubts(record: &Record, privilege: Privilege) -> BTreeMap<&str, String> {
 }
 
 /// Sources of a method that are shown much worse than the others of their scene, or of their dataset where these also show
-/// less than a plain colour would, as one sentence. Other readings are tried on three sources of a dataset alone, so wrong
-/// files among the others show here.
+/// less than a plain colour would, as one sentence. Other readings are tried on only three sources of a dataset;
+/// this finds wrong files among the rest.
 fn outlying_sources<'a>(
     records: impl Iterator<Item = &'a Record> + Clone,
     kind: &str,
@@ -126,9 +126,9 @@ pub(super) fn joint_doubts<'a>(
     records: impl Iterator<Item = &'a Record> + Clone,
     kind: &str,
 ) -> Vec<String> {
-    let mut found = match kind {
-        "imported" | "command" => changed_pictures(records.clone()),
-        _ => Vec::new(),
+    let mut found = match is_checked(kind) {
+        true => changed_pictures(records.clone()),
+        false => Vec::new(),
     };
     found.extend(outlying_sources(records, kind));
     found

@@ -33,6 +33,11 @@ const EXPLAINED: f64 = 0.2;
 /// Fewest pictures of a dataset, and the share of them that have to agree.
 const AGREEMENT: (usize, f64) = (3, 0.8);
 
+/// True of kinds of methods whose pictures others store.
+pub(super) fn is_checked(kind: &str) -> bool {
+    ["imported", "command"].contains(&kind)
+}
+
 /// Sets the record's warning on [`CHANGED`]: what was done to a picture of the photograph, or of a part of it, if it is
 /// significantly nearer once that is undone.
 pub(super) fn note_change(record: &mut Record, photograph: &RgbImage, picture: &RgbImage) {

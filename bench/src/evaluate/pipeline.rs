@@ -16,14 +16,14 @@ use super::folder::RunFolder;
 use super::gaussian_store::{GaussianStore, StoreError};
 use super::keys::{Keys, PictureKeys};
 use super::manifest::FORMAT;
-use super::picture_check::note_change;
+use super::picture_check::{is_checked, note_change};
 use super::record::{ChosenScale, Record, Status};
 use super::render::{depth_scale, render};
 use super::score::{MemoryShares, PairTruth, Unscored, crop, empty_record, missing, score_pair};
 use super::shard::Shard;
 use super::source_check::{CheckedSource, SourceFacts, absurd_coverage, check_source, source_of};
 use super::unit::{ScoredPicture, Slot, Timing, Unit};
-use crate::config::Keep;
+use crate::config::{Keep, RunConfig};
 use crate::io::hash::{StableHasher, file_sha256, sha256_hex};
 use crate::io::machine::{cpu_and_threads, peak_bytes};
 use crate::io::observer::Observer;
@@ -86,6 +86,16 @@ impl Default for RunOptions {
             keep: Keep::All,
             keep_gaussians: false,
             memory_limit_bytes: MEMORY_LIMIT_BYTES,
+        }
+    }
+}
+
+impl From<&RunConfig> for RunOptions {
+    fn from(config: &RunConfig) -> Self {
+        Self {
+            keep: config.keep.unwrap_or_default(),
+            keep_gaussians: config.keep_gaussians,
+            ..Self::default()
         }
     }
 }
@@ -210,7 +220,7 @@ pub(super) fn run(
                     Prepared::Left => counts.left += 1,
                     Prepared::Unscored(mut item) => {
                         let maker = job.methods.iter().find(|m| m.label() == method);
-                        if let Some(Approach::Pictures(_)) = maker.map(|maker| maker.approach())
+                        if maker.is_some_and(|maker| is_checked(&maker.identity().kind))
                             && let Ok(photograph) = truth.get()
                         {
                             let (record, shown) = (&mut item.unit.record, &item.picture);

@@ -267,7 +267,12 @@ impl Evaluation {
         write_atomic(&folder.pairs_path(), list.bytes())?;
         folder.write_plan(plan)?;
         if let Some(config) = &self.config {
-            folder.write_config(config)?;
+            let mut config = config.clone();
+            // The folder's own copy of the list, unless it holds pairs of other runs, too.
+            if config.pairs.pairs.is_some() && list.sha256 == self.list.sha256 {
+                config.pairs.pairs = Some(folder.pairs_path());
+            }
+            folder.write_config(&config)?;
         }
         Ok(folder.write_manifest(&manifest)?)
     }

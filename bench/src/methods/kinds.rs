@@ -106,7 +106,7 @@ pub type BuiltMethod = (Option<MethodSpec>, Box<dyn Method>);
 pub fn build(
     specs: &[MethodSpec],
     chooser: Option<&Arc<ScaleChooser>>,
-) -> Result<Vec<Box<dyn Method>>, SpecError> {
+) -> Result<Vec<BuiltMethod>, SpecError> {
     let mut labels = BTreeSet::new();
     specs
         .iter()
@@ -119,7 +119,7 @@ pub fn build(
             }
             let kind = kind_of(spec)?;
             spec.expect_options(&kind.options.concat())?;
-            (kind.build)(spec, chooser)
+            Ok((Some(spec.clone()), (kind.build)(spec, chooser)?))
         })
         .collect()
 }

@@ -81,7 +81,7 @@ impl DatasetConfig {
     }
 }
 
-/// A dataset's spec; the error is the bare reason: clap quotes the spec.
+/// Parses a spec for clap. Errors leave the spec out, because clap quotes it.
 pub(crate) fn clap_dataset(text: &str) -> Result<DatasetConfig, String> {
     text.parse().map_err(|error| match error {
         PairError::DatasetSpec { reason, .. }

@@ -22,7 +22,6 @@ use crate::pairs::frame::Frame;
 use crate::scoring::ScoringRules;
 use crate::scoring::rules::{Border, PairMask};
 
-pub use self::request::build_methods;
 pub use self::table::PROTOCOLS;
 
 /// Someone's evaluation.

@@ -6,22 +6,10 @@ use sharp::render::Backend;
 
 use super::Protocol;
 use crate::config::{ConfigError, RunConfig};
-use crate::evaluate::{Aggregation, Request, RunOptions};
-use crate::methods::{self, BuiltMethod, MethodSpec};
+use crate::evaluate::{Aggregation, Request};
+use crate::methods;
 use crate::pairs::{OpenDataset, PairOrigin};
-use crate::scoring::{ScaleChooser, ScoringRules};
-
-/// Methods with their specs; labels are unique.
-///
-/// # Errors
-/// When one cannot be built.
-pub fn build_methods(
-    specs: &[MethodSpec],
-    chooser: Option<&std::sync::Arc<ScaleChooser>>,
-) -> Result<Vec<BuiltMethod>, ConfigError> {
-    let built = methods::build(specs, chooser)?;
-    Ok(specs.iter().cloned().map(Some).zip(built).collect())
-}
+use crate::scoring::ScoringRules;
 
 impl Request {
     /// What a configuration asks for, its protocol followed, with datasets opened and methods built. Pairs are those of a
@@ -56,7 +44,7 @@ impl Request {
             .metrics
             .complete_scoring(&config.metrics.selection()?)?;
         let chooser = config.scale_sweep.then(|| config.metrics.scale_chooser());
-        let methods = build_methods(&config.methods, chooser.transpose()?.as_ref())?;
+        let methods = methods::build(&config.methods, chooser.transpose()?.as_ref())?;
         Ok(Self {
             checks: config.pairs.overlap.checks().filter(|_| plan.is_none()),
             only_scenes: config.scenes.clone(),
@@ -75,15 +63,5 @@ impl Request {
             datasets: OpenDataset::open_all(&config.datasets, config.scenes.as_deref())?,
             config: Some(config),
         })
-    }
-}
-
-impl From<&RunConfig> for RunOptions {
-    fn from(config: &RunConfig) -> Self {
-        Self {
-            keep: config.keep.unwrap_or_default(),
-            keep_gaussians: config.keep_gaussians,
-            ..Self::default()
-        }
     }
 }

@@ -17,7 +17,7 @@ const AGREEING: f64 = 0.9;
 const MORE_AGREEING: f64 = 0.03;
 /// Fewer samples of a part of a picture say nothing about that part.
 const ENOUGH_IN_TILE: usize = 8;
-/// Colours that differ by this many times as much refute a reading that depth agrees with.
+/// A reading is refuted where colours differ by more than this factor of what they do as read, even if depth agrees better.
 const WORSE_COLOURS: f64 = 1.02;
 
 /// Sum over the projections from views to the next ones.
@@ -54,8 +54,8 @@ pub(super) fn is_refuted(as_read: &[Explained], other: &[Explained]) -> bool {
         && levels.is_some_and(|(before, after)| after > WORSE_COLOURS * before)
 }
 
-/// False where depths agree as read, and hardly more of them under another reading: of little motion and few pixels, chance
-/// decides.
+/// False where depths agree as read and another reading adds hardly any: with little motion or few pixels the difference is
+/// chance.
 pub(super) fn is_needed(as_read: &[Explained], other: &[Explained]) -> bool {
     let (before, after) = (forward(as_read).agreement(), forward(other).agreement());
     before < AGREEING || after >= before + MORE_AGREEING

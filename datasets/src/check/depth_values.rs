@@ -67,7 +67,7 @@ impl Neighbours<'_> {
         })
     }
 
-    /// Depth maps of one value, which only a wall seen from straight ahead has.
+    /// Names a view whose depth map holds a single value, as of real scenes only a wall parallel to the picture gives.
     pub(super) fn constant(&self) -> Option<String> {
         let is_constant = |(_, samples): &(_, Vec<Sample>)| {
             samples.len() >= ENOUGH_LIMITED

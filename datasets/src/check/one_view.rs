@@ -63,6 +63,9 @@ impl Neighbours<'_> {
                 .filter(|j| j != i)
                 .filter_map(|j| all.get(&j))
                 .collect();
+            if near.len() < 2 {
+                continue;
+            }
             let links = |one: &Posed| -> Vec<Explained> {
                 let both =
                     |other: &&Posed| [one.to(other, self.stride), other.to(one, self.stride)];
@@ -74,10 +77,6 @@ impl Neighbours<'_> {
                 .collect();
             let read = links(own);
             let wanted = MOST_LEFT * mean_loss(&others);
-            if near.len() < 2 {
-                continue;
-            }
-            let id = &self.views[*i].id;
             if mean_loss(&read) <= LEAST_WORSE * mean_loss(&others) {
                 continue;
             }
@@ -94,7 +93,7 @@ impl Neighbours<'_> {
                 });
                 let said = evidence(&forward(&read), &forward(&mended));
                 found.push((
-                    Change::OneView(format!("{id}: {what}: {said}")),
+                    Change::OneView(format!("{}: {what}: {said}", self.views[*i].id)),
                     carries.collect(),
                 ));
             }
@@ -102,7 +101,7 @@ impl Neighbours<'_> {
         found
     }
 
-    /// A view under other readings of its own, in words.
+    /// Candidate corrections of one view, each with its description.
     fn changed(&self, own: &Posed, loss: &dyn Fn(&Posed) -> f64) -> Vec<(String, Posed)> {
         let mut changed = Vec::new();
         for (flip, how) in FLIPS {

@@ -331,8 +331,11 @@ impl Method for Command {
         settings.insert("version".to_owned(), self.version.clone());
         if !self.files.is_empty() {
             let mut hash = StableHasher::default();
-            for file in &self.files {
-                hash.add("file", file.sha256());
+            // Whatever the files are called, and wherever they lie.
+            let mut hashes: Vec<&str> = self.files.iter().map(HashedFile::sha256).collect();
+            hashes.sort_unstable();
+            for one in hashes {
+                hash.add("file", one);
             }
             let mut hash = hash.finish();
             hash.truncate(16);

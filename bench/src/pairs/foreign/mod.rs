@@ -51,7 +51,7 @@ pub enum Context {
     Nearest,
 }
 
-/// Which of a line's three targets is used.
+/// The target that is taken from a line with three.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, ValueEnum)]
 pub enum TargetSlot {
     /// Five frames on
