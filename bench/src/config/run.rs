@@ -148,7 +148,8 @@ impl RunConfig {
                 let wrong = keys.iter().find_map(|(key, value)| {
                     let alone = Map::from_iter([(key.clone(), value.clone())]);
                     let error = parsed(alone).err()?;
-                    Some(format!("{key}: {error}"))
+                    let reason = error.to_string().replace("usize", "a whole number");
+                    Some(format!("{key}: {reason}"))
                 });
                 wrong.map_or_else(|| parsed(keys).map_err(|e| e.to_string()), Err)
             }
@@ -339,7 +340,7 @@ mod tests {
         let path = folder.path().join("run.toml");
         for (text, part) in [
             ("limits = 3", "'limits'; did you mean 'limit'"),
-            ("limit = \"x\"", "limit: invalid type"),
+            ("limit = \"x\"", "expected a whole number"),
             ("dataset = [\"moonbase=x\"]", "moonbase"),
             ("method = [\"copy:a\"]", "not key=value"),
             ("eps2d = \"sharp\"", "release (0)"),

@@ -104,6 +104,9 @@ impl Command {
             ));
         }
         let folder = spec.option("cwd").map(PathBuf::from).unwrap_or_default();
+        if !folder.as_os_str().is_empty() && !folder.is_dir() {
+            return Err(spec.refused(format!("cwd={} is not a folder", folder.display())));
+        }
         let mut files = named_files(&run, &folder, &|name| std::env::var(name).ok());
         if let Some(pattern) = spec.option("files") {
             let pattern = folder.join(pattern);
@@ -420,6 +423,7 @@ mod tests {
             ("command:run=x,timeout=soon", "seconds"),
             ("command:run=x,crop=sidecar", "crop=x:y:w:h"),
             ("command:run=x,resize=cubic", "cubic"),
+            ("command:run=x,cwd=nowhere", "cwd=nowhere is not a folder"),
         ] {
             let spec: MethodSpec = text.parse().unwrap();
             let error = Command::from_spec(&spec).unwrap_err().to_string();
