@@ -53,7 +53,7 @@ pub(super) fn execute(args: &MergeArgs) -> anyhow::Result<Outcome> {
         ))?;
     }
     Ok(match (results.missing.len(), results.failures()) {
-        (0, 0) => Outcome::Done,
+        (0, 0) => Outcome::of_problems(results.manifest.lacks_files()),
         (0, _) => Outcome::RecordedFailures,
         _ => Outcome::Resumable,
     })

@@ -168,12 +168,8 @@ pub(super) fn execute(args: &RunArgs) -> anyhow::Result<Outcome> {
             output::remark(format!("note: not as in {}: {departure}", protocol.name));
         }
     }
-    let complete = Outcome::Done.with_scenes_of(&request.datasets);
     let evaluation = prepare(request, &terminal)?;
-    let complete = match evaluation.lacks_views() {
-        true => Outcome::RecordedFailures,
-        false => complete,
-    };
+    let complete = Outcome::of_problems(evaluation.manifest()?.lacks_files());
     let options = RunOptions {
         stages: args.stage,
         memory_limit_bytes: args.memory.limit_bytes(),

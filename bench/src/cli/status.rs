@@ -80,7 +80,7 @@ pub(super) fn execute(args: &StatusArgs) -> anyhow::Result<Outcome> {
         }
     }
     Ok(match (progress.open(), progress.all.failed) {
-        (0, 0) => Outcome::Done,
+        (0, 0) => Outcome::of_problems(progress.lacks_files),
         (0, _) => Outcome::RecordedFailures,
         _ => Outcome::Resumable,
     })

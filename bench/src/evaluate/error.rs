@@ -65,18 +65,14 @@ pub enum EvaluateError {
     },
     /// The folder's results came from a machine that computes differently.
     #[error(
-        "{}: its results were made with {what} {before}, this run has {now}; a folder has one: choose another folder",
+        "{}: {difference}; a folder has one: choose another folder",
         folder.display()
     )]
     OtherMachine {
         /// The run folder.
         folder: PathBuf,
-        /// What differs.
-        what: &'static str,
-        /// In the folder.
-        before: String,
-        /// Now.
-        now: String,
+        /// What differs, with both values.
+        difference: String,
     },
     /// A folder of another version.
     #[error(

@@ -5,16 +5,15 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use super::aggregation::Aggregation;
+use super::differences::{Meeting, refusal};
 use super::error::EvaluateError;
 use super::folder::RunFolder;
-use super::manifest::Manifest;
 use super::plan::RunPlan;
 use super::record::{Record, file_difference};
 use super::results::{Current, Results, write_tables};
 use super::unit::Unit;
 use crate::io::atomic_files::{FileError, write_atomic};
 use crate::pairs::PairList;
-use sharp_metrics::MetricInfo;
 
 /// A folder to join, `NAME=FOLDER` or `FOLDER`.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -150,7 +149,7 @@ fn rename(results: &mut Results, name: &str) {
 
 /// The error is the first difference.
 fn joined_results(a: Results, b: Results) -> Result<Results, String> {
-    let manifest = joined_manifests(a.manifest, b.manifest)?;
+    let manifest = a.manifest.joined(b.manifest)?;
     let mut records: BTreeMap<(String, String), Record> = BTreeMap::new();
     for record in a.records.into_iter().chain(b.records) {
         let key = (record.pair_id.clone(), record.method.clone());
@@ -195,116 +194,6 @@ fn joined_results(a: Results, b: Results) -> Result<Results, String> {
         missing,
         pictures,
     })
-}
-
-/// Columns of one key must be one quantity; names must mean one thing.
-fn joined_manifests(mut a: Manifest, b: Manifest) -> Result<Manifest, String> {
-    let differs = |what: &str, a: &str, b: &str| match a == b {
-        true => Ok(()),
-        false => Err(format!("{what} is \"{a}\" in one and \"{b}\" in the other")),
-    };
-    let learned = |manifest: &Manifest| manifest.metrics.iter().any(|m| m.info.backbone.is_some());
-    if learned(&a) && learned(&b) {
-        differs(
-            "the device behind LPIPS and DISTS",
-            &a.metric_networks.device.to_string(),
-            &b.metric_networks.device.to_string(),
-        )?;
-    }
-    let followed = [&a, &b].map(|manifest| {
-        let name = manifest.protocol.as_ref().map(|p| p.name.clone());
-        name.unwrap_or_else(|| "none".to_owned())
-    });
-    differs("the protocol", &followed[0], &followed[1])?;
-    // A version that did not state a rule yet had the same one.
-    for (rule, text) in b.scoring {
-        let before = a.scoring.entry(rule.clone()).or_insert(text.clone());
-        differs(&rule, before, &text)?;
-    }
-    if let Some(difference) = a.renderer.setting_difference(&b.renderer) {
-        return Err(difference);
-    }
-    if a.common_region || b.common_region {
-        let reason = "a common region (--common-region) is that of a folder's own methods: evaluate all of them in one";
-        return Err(reason.to_owned());
-    }
-    for metric in b.metrics {
-        match a
-            .metrics
-            .iter()
-            .find(|before| before.info.key == metric.info.key)
-        {
-            None => a.metrics.push(metric),
-            Some(before) => {
-                let (before, metric) = (&before.info, &metric.info);
-                let network = |info: &MetricInfo| {
-                    info.backbone
-                        .as_ref()
-                        .map(ToString::to_string)
-                        .unwrap_or_default()
-                };
-                differs(
-                    &metric.key.to_string(),
-                    &before.convention,
-                    &metric.convention,
-                )?;
-                differs(
-                    &format!("the network of {}", metric.key),
-                    &network(before),
-                    &network(metric),
-                )?;
-                differs("the input range", &before.input_range, &metric.input_range)?;
-                differs("the resize rule", &before.resize, &metric.resize)?;
-            }
-        }
-    }
-    for dataset in b.datasets {
-        match a
-            .datasets
-            .iter_mut()
-            .find(|before| before.name == dataset.name)
-        {
-            None => a.datasets.push(dataset),
-            Some(before) if before.identity != dataset.identity => {
-                differs(
-                    &format!("the reading of dataset '{}'", dataset.name),
-                    &before.spec_text(),
-                    &dataset.spec_text(),
-                )?;
-            }
-            Some(before) => {
-                before.scenes = before.scenes.max(dataset.scenes);
-                before.views = before.views.max(dataset.views);
-                for group in dataset.left_out {
-                    if !before.left_out.contains(&group) {
-                        before.left_out.push(group);
-                    }
-                }
-            }
-        }
-    }
-    for method in b.methods {
-        match a.methods.iter().find(|before| before.label == method.label) {
-            None => a.methods.push(method),
-            Some(before) if before.identity != method.identity => differs(
-                &format!(
-                    "method '{}' (`report NAME=FOLDER` tells them apart)",
-                    method.label
-                ),
-                &before.identity.to_string(),
-                &method.identity.to_string(),
-            )?,
-            Some(_) => {}
-        }
-    }
-    for list in b.pairs.lists {
-        if !a.pairs.lists.contains(&list) {
-            a.pairs.listed = a.pairs.listed.max(list.listed);
-            a.pairs.evaluated = a.pairs.evaluated.max(list.evaluated);
-            a.pairs.lists.push(list);
-        }
-    }
-    Ok(a)
 }
 
 /// Joins two records of one unit. The error names the difference.
@@ -378,11 +267,11 @@ pub fn merge(folders: &[PathBuf], out: Option<&Path>) -> Result<Results, Evaluat
     for path in folders {
         let folder = RunFolder::open(path)?;
         let current = Current::read(&folder)?;
-        if let Some(difference) = machine_difference(&manifest, &current.manifest) {
+        if let Some(difference) = refusal(&manifest, &current.manifest, Meeting::Merged) {
             return Err(EvaluateError::Conflict {
                 a: folders[0].clone(),
                 b: path.clone(),
-                difference,
+                difference: difference.to_string(),
             });
         }
         opened.push((folder, current));
@@ -412,37 +301,6 @@ pub fn merge(folders: &[PathBuf], out: Option<&Path>) -> Result<Results, Evaluat
     target.write_plan(&plan)?;
     target.write_manifest(&manifest)?;
     write_tables(&target)
-}
-
-/// Why the units of a folder cannot lie in one that has this manifest: they were computed otherwise.
-pub(super) fn machine_difference(manifest: &Manifest, other: &Manifest) -> Option<String> {
-    let (before, now) = (&manifest.renderer, &other.renderer);
-    if before != now {
-        return Some(format!("rendered by {before} and by {now}"));
-    }
-    if manifest.kernels != other.kernels {
-        return Some(format!(
-            "computed by the CPU kernels {} and {}; `run --simd` pins them",
-            manifest.kernels, other.kernels
-        ));
-    }
-    let methods = other.methods.iter().filter(|method| {
-        let same = manifest.methods.iter().find(|m| m.label == method.label);
-        same.is_some_and(|same| same.sources != method.sources)
-    });
-    let metrics = other.metrics.iter().filter(|metric| {
-        let same = manifest
-            .metrics
-            .iter()
-            .find(|m| m.info.key == metric.info.key);
-        same.is_some_and(|same| same.identity != metric.identity)
-    });
-    let mut names = methods
-        .map(|method| format!("method '{}'", method.label))
-        .chain(metrics.map(|metric| metric.info.key.to_string()));
-    names
-        .next()
-        .map(|name| format!("{name} was computed by another version of the code"))
 }
 
 /// Copies a unit with its pictures; scores that another copy has are kept.

@@ -2,7 +2,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt;
-use std::path::PathBuf;
+use std::path::Path;
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -13,6 +13,7 @@ use sharp_metrics::options::Arithmetic;
 use sharp_metrics::{InstructionSet, MetricInfo};
 
 use super::aggregation::Aggregation;
+use super::differences::{Difference, Meeting, Verdict, differences, refusal};
 use super::error::EvaluateError;
 use super::keys::method_identity;
 use super::unit::Slot;
@@ -127,20 +128,15 @@ impl RendererRecord {
 }
 
 impl RendererRecord {
-    /// The first setting besides the backend in which two renderers differ, in words.
-    pub(super) fn setting_difference(&self, other: &Self) -> Option<String> {
-        let settings = |record: &Self| {
-            [
-                ("the nearest depth drawn", record.near.to_string()),
-                ("the farthest depth drawn", record.far.to_string()),
-                ("eps2d", record.eps2d.to_string()),
-                ("the background", record.background.clone()),
-                ("the rounding to 8 bit", record.quantization.clone()),
-            ]
-        };
-        let mut pairs = settings(self).into_iter().zip(settings(other));
-        let ((what, a), (_, b)) = pairs.find(|(a, b)| a != b)?;
-        Some(format!("{what} is \"{a}\" in one and \"{b}\" in the other"))
+    /// Every setting besides the backend, by what it is.
+    pub(super) fn settings(&self) -> [(&'static str, String); 5] {
+        [
+            ("nearest depth", self.near.to_string()),
+            ("farthest depth", self.far.to_string()),
+            ("eps2d", self.eps2d.to_string()),
+            ("background", self.background.clone()),
+            ("rounding to 8 bit", self.quantization.clone()),
+        ]
     }
 }
 
@@ -191,6 +187,14 @@ pub struct DatasetRecord {
     /// Scenes that are there and were not evaluated.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub left_out: Vec<LeftOutScenes>,
+    /// Views without pairs because their files cannot be read; the notes name them.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub unreadable_views: usize,
+}
+
+#[expect(clippy::trivially_copy_pass_by_ref, reason = "serde passes references")]
+fn is_zero(count: &usize) -> bool {
+    *count == 0
 }
 
 impl DatasetRecord {
@@ -391,6 +395,14 @@ impl Manifest {
         Ok(())
     }
 
+    /// Whether results miss pairs because scenes or views of the datasets cannot be read.
+    pub fn lacks_files(&self) -> bool {
+        let lacks = |dataset: &DatasetRecord| {
+            dataset.unreadable_views > 0 || dataset.left_out.iter().any(|group| !group.by_choice)
+        };
+        self.datasets.iter().any(lacks)
+    }
+
     /// Metric keys with their identities, in the order of the columns.
     pub fn metric_identities(&self) -> Vec<(String, String)> {
         let metrics = self.metrics.iter();
@@ -399,115 +411,127 @@ impl Manifest {
             .collect()
     }
 
-    /// A manifest that covers what was there and what `new` adds, with a sentence for each earlier result that tables no
-    /// longer show because a name now means something else.
+    /// This manifest after `new` was added to its folder, with a sentence for each earlier result that tables no longer
+    /// show because a name now means something else.
     ///
     /// # Errors
-    /// When the folder's renderer, kernels or device are others: results of both would not share a table.
+    /// When results of both would not share a table: the folder's renderer, kernels, protocol, … are others.
     pub(super) fn extended(
         self,
         new: Self,
-        root: PathBuf,
+        root: &Path,
     ) -> Result<(Self, Vec<String>), EvaluateError> {
-        let differs = |what: &'static str, before: &str, now: &str| match before == now {
-            true => Ok(()),
-            false => Err(EvaluateError::OtherMachine {
-                folder: root.clone(),
-                what,
-                before: before.to_owned(),
-                now: now.to_owned(),
-            }),
+        let found = differences(&self, &new);
+        let of = |verdict: Verdict| {
+            let added =
+                move |difference: &&Difference| difference.verdict(Meeting::Added) == verdict;
+            found.iter().filter(added)
         };
-        let (before, now) = (self.renderer.to_string(), new.renderer.to_string());
-        differs("renderer", &before, &now)?;
-        differs(
-            "device behind LPIPS and DISTS",
-            &self.metric_networks.device.to_string(),
-            &new.metric_networks.device.to_string(),
-        )?;
-        differs(
-            "class of CPU kernels (--simd)",
-            self.kernels.name(),
-            new.kernels.name(),
-        )?;
-        differs(
-            "aggregation",
-            &self.aggregation.to_string(),
-            &new.aggregation.to_string(),
-        )?;
-        let followed = |manifest: &Self| match &manifest.protocol {
-            Some(protocol) => protocol.name.clone(),
-            None => "none".to_owned(),
+        if let Some(refused) = of(Verdict::Refused).next() {
+            return Err(EvaluateError::OtherMachine {
+                folder: root.to_owned(),
+                difference: refused.between("in its results", "in this run"),
+            });
+        }
+        let replaced = of(Verdict::Replaced).map(Difference::replaced).collect();
+        // Whatever computed the networks of columns that stay.
+        let metric_networks = match new.has_networks() {
+            true => new.metric_networks,
+            false => self.metric_networks,
         };
-        differs("protocol", &followed(&self), &followed(&new))?;
-        let mut replaced = Vec::new();
-        let mut merged = new;
-        merged.datasets = union(
-            self.datasets,
-            merged.datasets,
-            |d| d.name.clone(),
-            |old, new| {
-                if old.identity != new.identity {
-                    replaced.push(format!(
-                        "dataset '{}' was read with other settings",
-                        old.name
-                    ));
-                }
-            },
-        );
-        merged.methods = union(
-            self.methods,
-            merged.methods,
-            |m| m.label.clone(),
-            |old, new| {
-                if (&old.identity, old.privilege) != (&new.identity, new.privilege) {
-                    replaced.push(format!("method '{}' was {}", old.label, old.identity));
-                }
-            },
-        );
-        merged.metrics = union(
-            self.metrics,
-            merged.metrics,
-            |m| m.info.key.to_string(),
-            |old, new| {
-                if old.identity != new.identity {
-                    replaced.push(format!(
-                        "{} was computed with other weights or code",
-                        old.info.key
-                    ));
-                }
-            },
-        );
-        let mut lists = self.pairs.lists;
-        lists.retain(|list| !merged.pairs.lists.contains(list));
-        lists.append(&mut merged.pairs.lists);
-        merged.pairs.lists = lists;
+        let mut pairs = new.pairs;
+        let lists = std::mem::take(&mut pairs.lists);
+        pairs.lists = self.pairs.lists;
+        pairs.lists.retain(|list| !lists.contains(list));
+        pairs.lists.extend(lists);
+        let merged = Self {
+            datasets: union(
+                self.datasets,
+                new.datasets,
+                |d| d.name.clone(),
+                |old, new| *old = new,
+            ),
+            methods: union(
+                self.methods,
+                new.methods,
+                |m| m.label.clone(),
+                |old, new| *old = new,
+            ),
+            metrics: union(
+                self.metrics,
+                new.metrics,
+                |m| m.info.key,
+                |old, new| *old = new,
+            ),
+            metric_networks,
+            pairs,
+            ..new
+        };
         Ok((merged, replaced))
+    }
+
+    /// Both manifests as one, for results that stand side by side.
+    ///
+    /// # Errors
+    /// The first difference that columns of one name, or names of one meaning, cannot have.
+    pub(super) fn joined(self, other: Self) -> Result<Self, String> {
+        if let Some(difference) = refusal(&self, &other, Meeting::Read) {
+            return Err(difference.to_string());
+        }
+        let mut scoring = self.scoring;
+        for (name, text) in other.scoring {
+            scoring.entry(name).or_insert(text);
+        }
+        let mut pairs = self.pairs;
+        for list in other.pairs.lists {
+            if !pairs.lists.contains(&list) {
+                pairs.listed = pairs.listed.max(list.listed);
+                pairs.evaluated = pairs.evaluated.max(list.evaluated);
+                pairs.lists.push(list);
+            }
+        }
+        let join_dataset = |before: &mut DatasetRecord, new: DatasetRecord| {
+            before.scenes = before.scenes.max(new.scenes);
+            before.views = before.views.max(new.views);
+            before.unreadable_views = before.unreadable_views.max(new.unreadable_views);
+            let groups = new.left_out.into_iter();
+            let unknown = groups.filter(|group| !before.left_out.contains(group));
+            before.left_out = before.left_out.iter().cloned().chain(unknown).collect();
+        };
+        Ok(Self {
+            datasets: union(
+                self.datasets,
+                other.datasets,
+                |d| d.name.clone(),
+                join_dataset,
+            ),
+            methods: union(self.methods, other.methods, |m| m.label.clone(), |_, _| {}),
+            metrics: union(self.metrics, other.metrics, |m| m.info.key, |_, _| {}),
+            scoring,
+            pairs,
+            ..self
+        })
+    }
+
+    /// Whether networks are behind any of its metrics.
+    pub(super) fn has_networks(&self) -> bool {
+        self.metrics.iter().any(|m| m.info.backbone.is_some())
     }
 }
 
-/// Items by name: those that were there, replaced by new ones of their name, then the others.
-fn union<T>(
-    before: Vec<T>,
+/// Items by name: those that were there, then new ones; `meet` decides on two of one name.
+fn union<T, N: PartialEq>(
+    mut all: Vec<T>,
     new: Vec<T>,
-    name: impl Fn(&T) -> String,
-    mut replaced: impl FnMut(&T, &T),
+    name: impl Fn(&T) -> N,
+    meet: impl Fn(&mut T, T),
 ) -> Vec<T> {
-    let mut new: Vec<Option<T>> = new.into_iter().map(Some).collect();
-    let mut all = Vec::new();
-    for old in before {
-        let same = new
-            .iter_mut()
-            .find(|item| item.as_ref().is_some_and(|item| name(item) == name(&old)));
-        match same.and_then(Option::take) {
-            Some(item) => {
-                replaced(&old, &item);
-                all.push(item);
-            }
-            None => all.push(old),
+    for item in new {
+        match all.iter_mut().find(|old| name(old) == name(&item)) {
+            Some(old) => meet(old, item),
+            None => all.push(item),
         }
     }
-    all.extend(new.into_iter().flatten());
     all
 }
 
@@ -526,7 +550,7 @@ const TARGET: &str = "target";
 const TARGET_CONVENTION: &str = "sRGB, 8 bit, as decoded; converted from other colour profiles, undistorted or masked where the dataset's notes say so";
 
 /// Key of the convention on means.
-const AGGREGATION: &str = "aggregation";
+pub(super) const AGGREGATION: &str = "aggregation";
 
 fn aggregation_convention(aggregation: Aggregation) -> String {
     format!("{aggregation}; a mean that holds inf is inf")

@@ -21,13 +21,14 @@
 //!   `picture_check`: compares pictures with the photographs that they predict; [`doubts`]: what a method's records say
 //!   against it.
 //! * [`record`]: one result; [`mod@unit`]: a result with its keys, as stored; [`folder`]: the run folder; [`manifest`]: facts
-//!   that all its results share.
+//!   that all its results share; `differences`: which of them may differ where results meet.
 //! * [`aggregation`]: means over pairs.
 //! * [`results`]: a folder as records and tables; [`bundle`]: results in one file; [`mod@join`]: several folders as one;
 //!   [`mod@rescore`]: scores kept predictions again; [`readings`]: scores them under other readings of a protocol.
 
 pub mod aggregation;
 pub mod bundle;
+mod differences;
 pub mod doubts;
 pub mod error;
 pub mod estimate;

@@ -86,6 +86,7 @@ fn likely_change(photograph: &RgbImage, picture: &RgbImage) -> Option<&'static s
     let exchanged = exchanged.filter(|_| tints < EXCHANGED);
     let all = [
         ("have red and blue exchanged", exchanged),
+        ("are negatives", moved(&inverted(&shown))),
         (
             "hold linear light where sRGB is read",
             encoded(srgb_from_linear),
@@ -117,6 +118,10 @@ fn mapped(picture: &RgbImage, of: impl Fn([u8; 3]) -> [u8; 3]) -> RgbImage {
         .pixels_mut()
         .for_each(|pixel| *pixel = Rgb(of(pixel.0)));
     changed
+}
+
+fn inverted(picture: &RgbImage) -> RgbImage {
+    mapped(picture, |color| color.map(|level| 255 - level))
 }
 
 /// The levels of each channel in ascending order.
@@ -198,6 +203,7 @@ mod tests {
             ("are encoded as sRGB twice", |p| {
                 recolored(p, srgb_from_linear)
             }),
+            ("are negatives", inverted),
             ("are mirrored left to right", flip_horizontal),
             ("are mirrored top to bottom", flip_vertical),
             ("are turned by 180°", rotate180),

@@ -104,7 +104,8 @@ pub struct Evaluation {
     limit: Option<usize>,
     specs: Vec<Option<MethodSpec>>,
     pub(super) config: Option<RunConfig>,
-    lacks_views: bool,
+    /// By dataset.
+    unreadable_views: BTreeMap<String, usize>,
     pub(super) methods: Vec<Box<dyn Method>>,
     pub(super) scoring: Scoring,
     pub(super) common_region: bool,
@@ -151,13 +152,13 @@ pub fn prepare(mut request: Request, observer: &dyn Observer) -> Result<Evaluati
         datasets.for_each(|dataset| checks.look_at(dataset, observer));
     }
     let scenes = scenes_of(&request.datasets);
-    let mut lacks_views = false;
+    let mut unreadable_views: BTreeMap<String, usize> = BTreeMap::new();
     let (list, origin, choices) = match request.pairs {
         PairOrigin::Built { recipe, cache } => {
             let built = recipe.build(&request.datasets, cache.as_ref(), observer)?;
             // The manifest and the report say what the pairs are short of.
             for problem in built.unreadable() {
-                lacks_views = true;
+                *unreadable_views.entry(problem.dataset.clone()).or_default() += 1;
                 let mut scenes = request.datasets.iter_mut().flat_map(|d| &mut d.scenes);
                 let is_of = |scene: &&mut Scene| {
                     (&scene.dataset, &scene.id) == (&problem.dataset, &problem.scene)
@@ -192,11 +193,15 @@ pub fn prepare(mut request: Request, observer: &dyn Observer) -> Result<Evaluati
             (list, ListOrigin::Given, choices.unwrap_or_default())
         }
         // Each shard checks its own part of it.
-        PairOrigin::Planned(folder) => (
-            PairList::read(&folder.join("pairs.csv"))?,
-            ListOrigin::Given,
-            BTreeMap::new(),
-        ),
+        PairOrigin::Planned(root) => {
+            let folder = RunFolder::open(&root)?;
+            if let Some(planned) = folder.manifest()? {
+                let counts = planned.datasets.into_iter();
+                unreadable_views.extend(counts.map(|d| (d.name, d.unreadable_views)));
+            }
+            let list = PairList::read(&folder.pairs_path())?;
+            (list, ListOrigin::Given, BTreeMap::new())
+        }
     };
     let (specs, methods): (Vec<_>, Vec<Box<dyn Method>>) = request.methods.into_iter().unzip();
     check_independence(&choices, &methods)?;
@@ -215,7 +220,7 @@ pub fn prepare(mut request: Request, observer: &dyn Observer) -> Result<Evaluati
         limit: request.limit,
         specs,
         config: request.config,
-        lacks_views,
+        unreadable_views,
         methods,
         scoring: request.scoring,
         common_region: request.common_region,
@@ -320,11 +325,6 @@ impl Evaluation {
         }
     }
 
-    /// True if pairs are missing because files of their views cannot be read.
-    pub fn lacks_views(&self) -> bool {
-        self.lacks_views
-    }
-
     /// The metrics.
     pub fn scoring(&self) -> &Scoring {
         &self.scoring
@@ -347,6 +347,11 @@ impl Evaluation {
             readings: dataset.readings.clone(),
             notes: dataset.notes(),
             left_out: dataset.left_out.clone(),
+            unreadable_views: self
+                .unreadable_views
+                .get(&dataset.name)
+                .copied()
+                .unwrap_or(0),
         };
         let methods = self.specs.iter().zip(&self.methods);
         let evaluated = self.pairs()?.len();

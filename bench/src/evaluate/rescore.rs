@@ -6,6 +6,7 @@ use std::path::Path;
 use image::RgbImage;
 use sharp_metrics::Picture;
 
+use super::differences::{Meeting, refusal};
 use super::error::EvaluateError;
 use super::folder::RunFolder;
 use super::keys::Keys;
@@ -13,7 +14,6 @@ use super::manifest::{Manifest, metric_records};
 use super::pipeline::{UnitCounts, picture_sha256};
 use super::record::Status;
 use super::results::{Current, Results, check_rows, units_folder, write_tables};
-use super::run::difference;
 use super::score::{MemoryShares, PairTruth, Unscored, crop, missing, score_pair};
 use super::shard::Shard;
 use super::unit::{Slot, Unit};
@@ -53,7 +53,7 @@ pub fn rescore(
         &[],
         EVALUATE_AGAIN,
     )?;
-    let (extended, replaced) = manifest.extended(new, root.to_owned())?;
+    let (extended, replaced) = manifest.extended(new, root)?;
     manifest = extended;
     for what in replaced {
         observer.warn(&format!(
@@ -98,10 +98,10 @@ pub fn score_shard(
         ..
     } = Current::read(&folder)?;
     let scoring = &scoring.under(manifest.rules);
-    if let Some(reason) = difference(&manifest, under(&manifest, scoring), root)? {
+    if let Some(difference) = refusal(&manifest, &under(&manifest, scoring), Meeting::Shard) {
         return Err(EvaluateError::NotKept {
             folder: root.to_owned(),
-            reason,
+            reason: difference.to_string(),
         });
     }
     let plan = folder.plan()?;

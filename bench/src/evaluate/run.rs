@@ -5,12 +5,12 @@ use std::path::Path;
 
 use sharp_datasets::Scene;
 
+use super::differences::{Meeting, refusal};
 use super::error::EvaluateError;
 use super::estimate::Estimate;
 use super::folder::RunFolder;
-use super::join::machine_difference;
 use super::keys::Keys;
-use super::manifest::{Manifest, RendererRecord};
+use super::manifest::RendererRecord;
 use super::pipeline::{RunOptions, Stages, UnitCounts, run as run_pipeline};
 use super::plan::{PlanBlock, RunPlan};
 use super::prepare::Evaluation;
@@ -147,7 +147,7 @@ impl Evaluation {
         };
         let plan = folder.plan()?;
         check_rows(&folder, &planned.pairs, &plan, &self.list)?;
-        if let Some(difference) = difference(&planned, self.manifest()?, root)? {
+        if let Some(difference) = refusal(&planned, &self.manifest()?, Meeting::Shard) {
             let reason = format!(
                 "{difference}; a shard needs the binary, the files and the class of CPU kernels (`run --simd`) that the plan \
                  was made with"
@@ -235,7 +235,7 @@ impl Evaluation {
         let mut list = self.list.clone();
         let out = folder.root();
         if let Some(before) = folder.manifest()? {
-            let (extended, replaced) = before.extended(manifest, out.to_owned())?;
+            let (extended, replaced) = before.extended(manifest, out)?;
             manifest = extended;
             // Units of this run are brought up to date; those of others have to be of the same files.
             let own = RunPlan::default().with(block);
@@ -276,28 +276,6 @@ impl Evaluation {
         }
         Ok(folder.write_manifest(&manifest)?)
     }
-}
-
-/// The difference between a plan and what this process would compute, if any.
-pub(super) fn difference(
-    planned: &Manifest,
-    now: Manifest,
-    root: &Path,
-) -> Result<Option<String>, EvaluateError> {
-    if let Some(difference) = machine_difference(planned, &now) {
-        return Ok(Some(difference));
-    }
-    let (joined, replaced) = planned.clone().extended(now, root.to_owned())?;
-    // What is new comes last.
-    let methods = joined.methods.iter().skip(planned.methods.len());
-    let metrics = joined.metrics.iter().skip(planned.metrics.len());
-    let datasets = joined.datasets.iter().skip(planned.datasets.len());
-    let added = methods
-        .map(|method| format!("method '{}'", method.label))
-        .chain(metrics.map(|metric| metric.info.key.to_string()))
-        .chain(datasets.map(|dataset| format!("dataset '{}'", dataset.name)))
-        .map(|what| format!("{what} is not in the plan"));
-    Ok(replaced.into_iter().chain(added).next())
 }
 
 fn refused(folder: &Path, reason: &str) -> EvaluateError {

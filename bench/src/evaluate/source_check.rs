@@ -38,6 +38,8 @@ pub const SOURCE_BLUR: &str = "source_blur";
 
 /// dB of a source's rendering from which no other reading is sought.
 const RIGHT_DB: f64 = 38.0;
+/// Pixels of a photograph below which none is sought: a Gaussian's shape shows in too few of them.
+const FEWEST_PIXELS: usize = 1200;
 /// Least ratio of the spread of true over seen depth to that of their product, where seen depth is the inverse.
 const INVERSE_SIGNIFICANCE: f64 = 2.5;
 /// Factor of depth above which another unit is thinkable at all: predictions without a unit are off by less.
@@ -127,7 +129,7 @@ pub(super) fn check_source(
             facts.warnings.remove(topic);
         }
     }
-    if source.is_chosen {
+    if source.is_chosen && photograph.pixels().len() >= FEWEST_PIXELS {
         add_doubts(
             &mut facts.warnings,
             prediction,

@@ -29,6 +29,8 @@ pub struct RunProgress {
     pub estimate: Option<Estimate>,
     /// Files that are damaged; their units count as missing.
     pub damaged: usize,
+    /// Whether the plan misses pairs because scenes or views of the datasets cannot be read.
+    pub lacks_files: bool,
 }
 
 /// Period over which the pace is measured.
@@ -81,6 +83,7 @@ impl RunProgress {
             pace: pace(folder.unit_times()?),
             estimate: plan.estimate,
             damaged: current.damaged.len(),
+            lacks_files: current.manifest.lacks_files(),
         })
     }
 

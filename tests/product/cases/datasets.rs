@@ -344,6 +344,18 @@ fn pairs_of_a_view_that_cannot_be_read_are_counted() {
     ends(&said, 4, "psnr");
     let fewer = case.scores("whole", "psnr").len() > case.scores("r", "psnr").len();
     assert!(fewer && said.err.contains("14 of 56 pairs"), "{}", said.err);
+    // Shards build no pairs, and say as much.
+    let planned = format!("{run} --out p --plan-only");
+    for command in [
+        &*planned,
+        "sharp-bench run -q --plan p --shard 1/1",
+        "sharp-bench merge p",
+        "sharp-bench status p",
+    ] {
+        let said = case.run(command);
+        assert_eq!(said.code, 4, "{command}: {}", said.err);
+    }
+    assert_eq!(case.scores("p", "psnr"), case.scores("r", "psnr"));
     let all = Case {
         said: vec![said],
         ..case
