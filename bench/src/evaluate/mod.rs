@@ -13,7 +13,8 @@
 //! }
 //! ```
 //!
-//! * [`mod@prepare`]: from a request to an evaluation; [`pipeline`]: predicts, renders and scores its units; `estimate`: its
+//! * [`mod@prepare`]: from a request to an evaluation; [`pipeline`]: works off its units, which `predict`
+//!   makes and `score` scores; `estimate`: its
 //!   cost; [`mod@speed`]: times of inference and rendering; `footprint`: coverage by Gaussians, which explains them.
 //! * [`plan`]: pairs by methods; [`shard`]: a process's part of a plan; `run`: runs a plan or a shard; [`status`]: progress.
 //! * `keys`: inputs of each stage, hashed; `render`, `score`: the later two stages; `gaussian_store`, `prediction_file`:
@@ -42,6 +43,7 @@ pub mod manifest;
 mod picture_check;
 pub mod pipeline;
 pub mod plan;
+mod predict;
 mod prediction_file;
 pub mod prepare;
 pub mod readings;
