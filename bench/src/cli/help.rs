@@ -47,9 +47,48 @@ const RARE: [&str; 35] = [
 /// First words of the one paragraph below the options that a screen shows, too.
 const ON_A_SCREEN: [&str; 2] = ["Example", "Start with"];
 
+/// Commands of the first page, in the order in which one needs them; every other one is listed by `--help-all`.
+const GROUPS: [(&str, &[&str]); 6] = [
+    ("Evaluate", &["demo", "run", "score", "status", "merge"]),
+    (
+        "Compare",
+        &["report", "compare", "gate", "history", "explain"],
+    ),
+    (
+        "The paper",
+        &["table", "figure", "sweep", "protocols", "analyze"],
+    ),
+    ("Data", &["datasets", "pairs", "metrics"]),
+    ("Gaussians", &["predict", "render", "gaussians", "train"]),
+    ("Tools", &["weights", "doctor"]),
+];
+
 /// The command line with both.
 pub(super) fn command() -> Command {
-    two_sizes(Cli::command().disable_help_flag(true), "sharp-bench")
+    let command = two_sizes(Cli::command().disable_help_flag(true), "sharp-bench");
+    let line = |sub: &Command| {
+        let about = sub.get_about().map(ToString::to_string);
+        format!("  {:<12} {}\n", sub.get_name(), about.unwrap_or_default())
+    };
+    let groups = GROUPS.map(|(title, names)| {
+        let found = names
+            .iter()
+            .filter_map(|name| command.find_subcommand(name));
+        format!("{title}:\n{}\n", found.map(line).collect::<String>())
+    });
+    let is_shown = |name: &str| GROUPS.iter().any(|(_, names)| names.contains(&name));
+    let others = command.get_subcommands();
+    let others: String = others
+        .filter(|sub| !is_shown(sub.get_name()))
+        .map(line)
+        .collect();
+    let all = command.get_after_long_help().map(ToString::to_string);
+    let all = format!("More commands:\n{others}\n{}", all.unwrap_or_default());
+    let template = format!(
+        "{{about-with-newline}}\n{{usage-heading}} {{usage}}\n\n{}Options:\n{{options}}{{after-help}}",
+        groups.concat()
+    );
+    command.help_template(template).after_long_help(all)
 }
 
 fn two_sizes(command: Command, path: &str) -> Command {
@@ -149,6 +188,12 @@ mod tests {
             assert!(lines <= SCREEN.0, "{lines} lines:\n{short}");
             assert!(!all.contains("All options"), "{all}");
             let is_root = command.get_name() == "sharp-bench";
+            if is_root {
+                let subs = command.get_subcommands().map(Command::get_name);
+                for sub in subs.filter(|sub| *sub != "help") {
+                    assert!(all.contains(&format!("\n  {sub} ")), "{sub}:\n{all}");
+                }
+            }
             assert_eq!(
                 short.contains("Start with: sharp-bench demo"),
                 is_root,
@@ -158,6 +203,20 @@ mod tests {
                 assert!(all.contains(&format!("--{option}")), "{option}:\n{all}");
             }
         });
+    }
+
+    #[test]
+    fn commands_of_the_first_page_are_few_and_exist() {
+        let command = command();
+        let shown: Vec<&str> = GROUPS
+            .iter()
+            .flat_map(|(_, names)| *names)
+            .copied()
+            .collect();
+        assert!(shown.len() <= 24);
+        for name in shown {
+            assert!(command.find_subcommand(name).is_some(), "{name}");
+        }
     }
 
     #[test]
