@@ -104,6 +104,19 @@ pub fn write_bundle(run: &Path, out: &Path) -> Result<Results, EvaluateError> {
     Ok(bundle.results)
 }
 
+impl Results {
+    /// Reads a folder, also one whose run has not ended, or a bundle.
+    ///
+    /// # Errors
+    /// When it is neither, of another format, or its pair list or plan has lost pairs.
+    pub fn read(run: &Path) -> Result<Self, EvaluateError> {
+        match run.exists() && !run.is_dir() {
+            true => Ok(read_file(run)?.results),
+            false => Self::of_folder(run),
+        }
+    }
+}
+
 impl Bundle {
     /// Reads a file of [`write_bundle`], or makes one of a run folder.
     ///
@@ -113,7 +126,7 @@ impl Bundle {
         if run.exists() && !run.is_dir() {
             return read_file(run);
         }
-        let results = Results::read(run)?;
+        let results = Results::of_folder(run)?;
         let listed = PairList::read(&RunFolder::open(run)?.pairs_path())?;
         let used: BTreeSet<&str> = results
             .records

@@ -1,9 +1,11 @@
-//! In what two manifests differ, and what each way of bringing their results together makes of it.
+//! In what two manifests differ, what each way of bringing their results together makes of it, and the manifest of both.
 
 use std::fmt;
+use std::path::Path;
 
 use sharp_metrics::{MetricInfo, MetricKey};
 
+use super::error::EvaluateError;
 use super::manifest::{AGGREGATION, DatasetRecord, Manifest, MethodRecord, MetricRecord};
 
 /// How results of two manifests come together.
@@ -288,4 +290,121 @@ fn readings(before: &DatasetRecord, now: &DatasetRecord) -> [String; 2] {
     });
     let specs = || [before, now].map(DatasetRecord::spec_text);
     differing.next().unwrap_or_else(specs)
+}
+
+/// A manifest after `new` was added to its folder, with a sentence for each earlier result that tables no longer
+/// show because a name now means something else.
+///
+/// # Errors
+/// When results of both would not share a table: the folder's renderer, kernels, protocol, … are others.
+pub(super) fn extended(
+    before: Manifest,
+    new: Manifest,
+    root: &Path,
+) -> Result<(Manifest, Vec<String>), EvaluateError> {
+    let found = differences(&before, &new);
+    let of = |verdict: Verdict| {
+        let added = move |difference: &&Difference| difference.verdict(Meeting::Added) == verdict;
+        found.iter().filter(added)
+    };
+    if let Some(refused) = of(Verdict::Refused).next() {
+        return Err(EvaluateError::OtherMachine {
+            folder: root.to_owned(),
+            difference: refused.between("in its results", "in this run"),
+        });
+    }
+    let replaced = of(Verdict::Replaced).map(Difference::replaced).collect();
+    // Whatever computed the networks of columns that stay.
+    let metric_networks = match new.has_networks() {
+        true => new.metric_networks,
+        false => before.metric_networks,
+    };
+    let mut pairs = new.pairs;
+    let lists = std::mem::take(&mut pairs.lists);
+    pairs.lists = before.pairs.lists;
+    pairs.lists.retain(|list| !lists.contains(list));
+    pairs.lists.extend(lists);
+    let merged = Manifest {
+        datasets: union(
+            before.datasets,
+            new.datasets,
+            |d| d.name.clone(),
+            |old, new| *old = new,
+        ),
+        methods: union(
+            before.methods,
+            new.methods,
+            |m| m.label.clone(),
+            |old, new| *old = new,
+        ),
+        metrics: union(
+            before.metrics,
+            new.metrics,
+            |m| m.info.key,
+            |old, new| *old = new,
+        ),
+        metric_networks,
+        pairs,
+        ..new
+    };
+    Ok((merged, replaced))
+}
+
+/// Both manifests as one, for results that stand side by side.
+///
+/// # Errors
+/// The first difference that columns of one name, or names of one meaning, cannot have.
+pub(super) fn joined(one: Manifest, other: Manifest) -> Result<Manifest, String> {
+    if let Some(difference) = refusal(&one, &other, Meeting::Read) {
+        return Err(difference.to_string());
+    }
+    let mut scoring = one.scoring;
+    for (name, text) in other.scoring {
+        scoring.entry(name).or_insert(text);
+    }
+    let mut pairs = one.pairs;
+    for list in other.pairs.lists {
+        if !pairs.lists.contains(&list) {
+            pairs.listed = pairs.listed.max(list.listed);
+            pairs.evaluated = pairs.evaluated.max(list.evaluated);
+            pairs.lists.push(list);
+        }
+    }
+    let join_dataset = |before: &mut DatasetRecord, new: DatasetRecord| {
+        before.scenes = before.scenes.max(new.scenes);
+        before.views = before.views.max(new.views);
+        before.unreadable_views = before.unreadable_views.max(new.unreadable_views);
+        let groups = new.left_out.into_iter();
+        let unknown = groups.filter(|group| !before.left_out.contains(group));
+        before.left_out = before.left_out.iter().cloned().chain(unknown).collect();
+    };
+    Ok(Manifest {
+        datasets: union(
+            one.datasets,
+            other.datasets,
+            |d| d.name.clone(),
+            join_dataset,
+        ),
+        methods: union(one.methods, other.methods, |m| m.label.clone(), |_, _| {}),
+        metrics: union(one.metrics, other.metrics, |m| m.info.key, |_, _| {}),
+        scoring,
+        pairs,
+        ..one
+    })
+}
+
+/// Items by name: those that were there, then new ones; `meet` decides on two of one name.
+fn union<T, N: PartialEq>(
+    mut all: Vec<T>,
+    new: Vec<T>,
+    name: impl Fn(&T) -> N,
+    meet: impl Fn(&mut T, T),
+) -> Vec<T> {
+    for item in new {
+        match all.iter_mut().find(|old| name(old) == name(&item)) {
+            Some(old) => meet(old, item),
+            None => all.push(item),
+        }
+    }
+    all
 }

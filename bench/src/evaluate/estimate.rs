@@ -4,14 +4,14 @@ use std::path::Path;
 use std::time::Instant;
 
 use cpu_time::ProcessTime;
-use schemars::JsonSchema;
-use serde::{Deserialize, Serialize};
 
 use super::error::EvaluateError;
 use super::folder::RunFolder;
+use super::job::{RunOptions, Stages};
 use super::keys::Keys;
 use super::manifest::RendererRecord;
-use super::pipeline::{RunOptions, Stages, run};
+use super::pipeline::run;
+use super::plan::{Estimate, StageCost};
 use super::prepare::Evaluation;
 use super::shard::Shard;
 use crate::config::Keep;
@@ -22,47 +22,6 @@ use crate::pairs::pair_list::ResolvedPair;
 
 /// Sources that are measured.
 const SOURCES: usize = 3;
-
-/// The cost of a whole evaluation, whatever a folder holds of it.
-///
-/// Linear in sources and pairs: the first pair of a source costs its prediction too, the others do not where the method
-/// predicts Gaussians. What `common_region` scores again is not counted, and the time of programs behind `command` counts
-/// in [`wall_secs`](StageCost::wall_secs) only.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
-pub struct Estimate {
-    /// Pairs by methods.
-    pub units: usize,
-    /// Different source views.
-    pub sources: usize,
-    /// Pairs of the plan.
-    pub pairs: usize,
-    /// Pairs that were evaluated to know.
-    pub measured_pairs: usize,
-    /// Units among them that failed.
-    pub measured_failures: usize,
-    /// All stages together; of the disk what stays in the run folder.
-    #[serde(flatten)]
-    pub total: StageCost,
-    /// Predictions of sources and predicted pictures, which are all kept where stages run apart.
-    pub predict: StageCost,
-    /// Renderings.
-    pub render: StageCost,
-    /// Metrics.
-    pub score: StageCost,
-}
-
-/// Estimated cost of a stage.
-#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize, JsonSchema)]
-pub struct StageCost {
-    /// Time of all cores together, s.
-    pub cpu_secs: f64,
-    /// As this machine was while measuring, s.
-    pub wall_secs: f64,
-    /// `None` where the system does not say.
-    pub peak_bytes: Option<u64>,
-    /// Bytes of the files that it writes.
-    pub disk_bytes: u64,
-}
 
 impl Evaluation {
     /// Evaluates a few pairs into a temporary folder, and tells what all of them would cost.

@@ -5,7 +5,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use super::aggregation::Aggregation;
-use super::differences::{Meeting, refusal};
+use super::differences::{Meeting, joined, refusal};
 use super::error::EvaluateError;
 use super::folder::RunFolder;
 use super::plan::RunPlan;
@@ -149,7 +149,7 @@ fn rename(results: &mut Results, name: &str) {
 
 /// The error is the first difference.
 fn joined_results(a: Results, b: Results) -> Result<Results, String> {
-    let manifest = a.manifest.joined(b.manifest)?;
+    let manifest = joined(a.manifest, b.manifest)?;
     let mut records: BTreeMap<(String, String), Record> = BTreeMap::new();
     for record in a.records.into_iter().chain(b.records) {
         let key = (record.pair_id.clone(), record.method.clone());

@@ -49,15 +49,6 @@ pub(super) fn dataset_identity(dataset: &OpenDataset) -> String {
         .finish()
 }
 
-/// Hash of a method as a manifest records it: of its pictures, those of one identity alone share a table.
-pub(super) fn method_identity(record: &MethodRecord) -> String {
-    StableHasher::default()
-        .add("identity", &record.identity.to_string())
-        .add("privilege", &format!("{:?}", record.privilege))
-        .add("sources", &record.sources)
-        .finish()
-}
-
 impl Keys {
     pub(super) fn new(datasets: &[OpenDataset], renderer: &RendererRecord) -> Self {
         let identities = datasets
@@ -74,7 +65,7 @@ impl Keys {
         Slot {
             pair_id: planned.pair.pair_id.clone(),
             method: method.label().to_owned(),
-            method_identity: method_identity(&self.method_record(method, None)),
+            method_identity: self.method_record(method, None).hash(),
             dataset_identity: self.dataset(planned).to_owned(),
         }
     }

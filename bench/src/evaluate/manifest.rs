@@ -2,7 +2,6 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt;
-use std::path::Path;
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -13,10 +12,9 @@ use sharp_metrics::options::Arithmetic;
 use sharp_metrics::{InstructionSet, MetricInfo};
 
 use super::aggregation::Aggregation;
-use super::differences::{Difference, Meeting, Verdict, differences, refusal};
 use super::error::EvaluateError;
-use super::keys::method_identity;
 use super::unit::Slot;
+use crate::io::hash::StableHasher;
 use crate::io::text::visible_line;
 use crate::methods::{MethodIdentity, MethodSpec, Privilege};
 use crate::pairs::DatasetConfig;
@@ -324,6 +322,17 @@ pub struct MethodRecord {
     pub warnings: Vec<String>,
 }
 
+impl MethodRecord {
+    /// Of its pictures, those of one hash alone share a table.
+    pub(super) fn hash(&self) -> String {
+        StableHasher::default()
+            .add("identity", &self.identity.to_string())
+            .add("privilege", &format!("{:?}", self.privilege))
+            .add("sources", &self.sources)
+            .finish()
+    }
+}
+
 /// One metric column.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct MetricRecord {
@@ -358,7 +367,7 @@ impl Manifest {
     pub(super) fn counted_slots(&self) -> impl Fn(&Slot) -> bool + '_ {
         let methods = self.methods.iter();
         let methods: BTreeMap<&str, String> = methods
-            .map(|method| (method.label.as_str(), method_identity(method)))
+            .map(|method| (method.label.as_str(), method.hash()))
             .collect();
         let datasets: BTreeSet<&str> = self.datasets.iter().map(|d| d.identity.as_str()).collect();
         move |slot| {
@@ -411,128 +420,10 @@ impl Manifest {
             .collect()
     }
 
-    /// This manifest after `new` was added to its folder, with a sentence for each earlier result that tables no longer
-    /// show because a name now means something else.
-    ///
-    /// # Errors
-    /// When results of both would not share a table: the folder's renderer, kernels, protocol, … are others.
-    pub(super) fn extended(
-        self,
-        new: Self,
-        root: &Path,
-    ) -> Result<(Self, Vec<String>), EvaluateError> {
-        let found = differences(&self, &new);
-        let of = |verdict: Verdict| {
-            let added =
-                move |difference: &&Difference| difference.verdict(Meeting::Added) == verdict;
-            found.iter().filter(added)
-        };
-        if let Some(refused) = of(Verdict::Refused).next() {
-            return Err(EvaluateError::OtherMachine {
-                folder: root.to_owned(),
-                difference: refused.between("in its results", "in this run"),
-            });
-        }
-        let replaced = of(Verdict::Replaced).map(Difference::replaced).collect();
-        // Whatever computed the networks of columns that stay.
-        let metric_networks = match new.has_networks() {
-            true => new.metric_networks,
-            false => self.metric_networks,
-        };
-        let mut pairs = new.pairs;
-        let lists = std::mem::take(&mut pairs.lists);
-        pairs.lists = self.pairs.lists;
-        pairs.lists.retain(|list| !lists.contains(list));
-        pairs.lists.extend(lists);
-        let merged = Self {
-            datasets: union(
-                self.datasets,
-                new.datasets,
-                |d| d.name.clone(),
-                |old, new| *old = new,
-            ),
-            methods: union(
-                self.methods,
-                new.methods,
-                |m| m.label.clone(),
-                |old, new| *old = new,
-            ),
-            metrics: union(
-                self.metrics,
-                new.metrics,
-                |m| m.info.key,
-                |old, new| *old = new,
-            ),
-            metric_networks,
-            pairs,
-            ..new
-        };
-        Ok((merged, replaced))
-    }
-
-    /// Both manifests as one, for results that stand side by side.
-    ///
-    /// # Errors
-    /// The first difference that columns of one name, or names of one meaning, cannot have.
-    pub(super) fn joined(self, other: Self) -> Result<Self, String> {
-        if let Some(difference) = refusal(&self, &other, Meeting::Read) {
-            return Err(difference.to_string());
-        }
-        let mut scoring = self.scoring;
-        for (name, text) in other.scoring {
-            scoring.entry(name).or_insert(text);
-        }
-        let mut pairs = self.pairs;
-        for list in other.pairs.lists {
-            if !pairs.lists.contains(&list) {
-                pairs.listed = pairs.listed.max(list.listed);
-                pairs.evaluated = pairs.evaluated.max(list.evaluated);
-                pairs.lists.push(list);
-            }
-        }
-        let join_dataset = |before: &mut DatasetRecord, new: DatasetRecord| {
-            before.scenes = before.scenes.max(new.scenes);
-            before.views = before.views.max(new.views);
-            before.unreadable_views = before.unreadable_views.max(new.unreadable_views);
-            let groups = new.left_out.into_iter();
-            let unknown = groups.filter(|group| !before.left_out.contains(group));
-            before.left_out = before.left_out.iter().cloned().chain(unknown).collect();
-        };
-        Ok(Self {
-            datasets: union(
-                self.datasets,
-                other.datasets,
-                |d| d.name.clone(),
-                join_dataset,
-            ),
-            methods: union(self.methods, other.methods, |m| m.label.clone(), |_, _| {}),
-            metrics: union(self.metrics, other.metrics, |m| m.info.key, |_, _| {}),
-            scoring,
-            pairs,
-            ..self
-        })
-    }
-
     /// Whether networks are behind any of its metrics.
     pub(super) fn has_networks(&self) -> bool {
         self.metrics.iter().any(|m| m.info.backbone.is_some())
     }
-}
-
-/// Items by name: those that were there, then new ones; `meet` decides on two of one name.
-fn union<T, N: PartialEq>(
-    mut all: Vec<T>,
-    new: Vec<T>,
-    name: impl Fn(&T) -> N,
-    meet: impl Fn(&mut T, T),
-) -> Vec<T> {
-    for item in new {
-        match all.iter_mut().find(|old| name(old) == name(&item)) {
-            Some(old) => meet(old, item),
-            None => all.push(item),
-        }
-    }
-    all
 }
 
 /// The columns of some metrics, for manifests.

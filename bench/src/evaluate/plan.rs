@@ -1,14 +1,15 @@
-//! The plan of a run.
+//! The plan of a run: its units, what they would cost, and how far they are.
 
 use std::collections::BTreeSet;
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::estimate::Estimate;
 use super::manifest::FORMAT;
+use super::unit::Standing;
 
 /// `plan.json`: which pairs by which methods. A folder that several runs added to has several blocks.
-#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, schemars::JsonSchema)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct RunPlan {
     /// [`FORMAT`] of the writer.
     pub format: u32,
@@ -20,7 +21,7 @@ pub struct RunPlan {
 }
 
 /// Pairs by methods.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, schemars::JsonSchema)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub struct PlanBlock {
     /// Ids in order.
     pub pairs: Vec<String>,
@@ -58,6 +59,75 @@ impl RunPlan {
     pub fn pairs(&self) -> BTreeSet<&str> {
         let pairs = self.blocks.iter().flat_map(|block| &block.pairs);
         pairs.map(String::as_str).collect()
+    }
+}
+
+/// The cost of a whole evaluation, whatever a folder holds of it.
+///
+/// Linear in sources and pairs: the first pair of a source costs its prediction too, the others do not where the method
+/// predicts Gaussians. What `common_region` scores again is not counted, and the time of programs behind `command` counts
+/// in [`wall_secs`](StageCost::wall_secs) only.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct Estimate {
+    /// Pairs by methods.
+    pub units: usize,
+    /// Different source views.
+    pub sources: usize,
+    /// Pairs of the plan.
+    pub pairs: usize,
+    /// Pairs that were evaluated to know.
+    pub measured_pairs: usize,
+    /// Units among them that failed.
+    pub measured_failures: usize,
+    /// All stages together; of the disk what stays in the run folder.
+    #[serde(flatten)]
+    pub total: StageCost,
+    /// Predictions of sources and predicted pictures, which are all kept where stages run apart.
+    pub predict: StageCost,
+    /// Renderings.
+    pub render: StageCost,
+    /// Metrics.
+    pub score: StageCost,
+}
+
+/// Estimated cost of a stage.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize, JsonSchema)]
+pub struct StageCost {
+    /// Time of all cores together, s.
+    pub cpu_secs: f64,
+    /// As this machine was while measuring, s.
+    pub wall_secs: f64,
+    /// `None` where the system does not say.
+    pub peak_bytes: Option<u64>,
+    /// Bytes of the files that it writes.
+    pub disk_bytes: u64,
+}
+
+/// Progress of an evaluation in a folder.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize)]
+pub struct RunStatus {
+    /// Units of the plan.
+    pub units: usize,
+    /// Units with all their scores.
+    pub done: usize,
+    /// Units with a picture that is not scored.
+    pub unscored: usize,
+    /// Recorded failures; a run tries them again.
+    pub failed: usize,
+    /// Units without a result.
+    pub missing: usize,
+}
+
+impl RunStatus {
+    /// Counts a unit.
+    pub(super) fn add(&mut self, standing: Standing) {
+        self.units += 1;
+        *match standing {
+            Standing::Done => &mut self.done,
+            Standing::Unscored => &mut self.unscored,
+            Standing::Failed => &mut self.failed,
+            Standing::Missing => &mut self.missing,
+        } += 1;
     }
 }
 

@@ -10,15 +10,16 @@ use sharp_datasets::Scene;
 use super::aggregation::Aggregation;
 use super::error::EvaluateError;
 use super::folder::RunFolder;
+use super::job::{Job, RunOptions};
 use super::keys::{Keys, dataset_identity};
 use super::manifest::{
     DatasetRecord, FORMAT, ListOrigin, ListRecord, Manifest, PairsRecord, ProtocolRecord,
     RendererRecord, metric_records, scoring_conventions,
 };
-use super::pipeline::{Job, RunOptions};
-use super::record::Status;
+use super::plan::RunStatus;
 use super::score::missing;
 use super::shard::Shard;
+use super::unit::{Standing, Unit};
 use crate::config::RunConfig;
 use crate::io::counts::counted;
 use crate::io::fingerprints;
@@ -114,21 +115,6 @@ pub struct Evaluation {
     pub(super) renderer: SharedRenderer,
     /// See [`Job::clock`].
     pub(super) clock: fn() -> Duration,
-}
-
-/// Progress of an evaluation in a folder.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize)]
-pub struct RunStatus {
-    /// Units of the plan.
-    pub units: usize,
-    /// Units with all their scores.
-    pub done: usize,
-    /// Units with a picture that is not scored.
-    pub unscored: usize,
-    /// Recorded failures; a run tries them again.
-    pub failed: usize,
-    /// Units without a result.
-    pub missing: usize,
 }
 
 /// Opens datasets, builds or reads the pair list, builds methods. Writes nothing but measured overlaps.
@@ -399,11 +385,9 @@ impl Evaluation {
     /// When the folder cannot be read.
     pub fn status(&self, root: Option<&Path>) -> Result<RunStatus, EvaluateError> {
         let pairs = self.pairs()?;
-        let mut standing = RunStatus {
-            units: pairs.len() * self.methods.len(),
-            ..RunStatus::default()
-        };
+        let mut standing = RunStatus::default();
         let Some(Ok(folder)) = root.map(RunFolder::open) else {
+            standing.units = pairs.len() * self.methods.len();
             standing.missing = standing.units;
             return Ok(standing);
         };
@@ -411,19 +395,16 @@ impl Evaluation {
         for planned in &pairs {
             for method in &self.methods {
                 let unit = folder.load(&keys.slot(method.as_ref(), planned))?;
-                let count = match unit {
-                    Some(unit) if unit.record.status != Status::Ok => &mut standing.failed,
-                    Some(unit)
-                        if unit.picture_key == keys.picture(method.as_ref(), planned).picture =>
-                    {
-                        match missing(&unit, &self.scoring, &keys, planned).is_empty() {
-                            true => &mut standing.done,
-                            false => &mut standing.unscored,
-                        }
+                let key = keys.picture(method.as_ref(), planned).picture;
+                let lacks_scores =
+                    |unit: &Unit| !missing(unit, &self.scoring, &keys, planned).is_empty();
+                standing.add(match unit {
+                    // One that failed has no picture.
+                    Some(unit) if unit.is_failure() || unit.picture_key == key => {
+                        unit.standing(lacks_scores(&unit))
                     }
-                    _ => &mut standing.missing,
-                };
-                *count += 1;
+                    _ => Standing::Missing,
+                });
             }
         }
         Ok(standing)

@@ -6,17 +6,17 @@ use std::path::Path;
 use image::RgbImage;
 use sharp_metrics::Picture;
 
-use super::differences::{Meeting, refusal};
+use super::differences::{Meeting, extended, refusal};
 use super::error::EvaluateError;
 use super::folder::RunFolder;
+use super::job::UnitCounts;
 use super::keys::Keys;
 use super::manifest::{Manifest, metric_records};
-use super::pipeline::{UnitCounts, picture_sha256};
 use super::record::Status;
 use super::results::{Current, Results, check_rows, units_folder, write_tables};
 use super::score::{MemoryShares, PairTruth, Unscored, crop, missing, score_pair};
 use super::shard::Shard;
-use super::unit::{Slot, Unit};
+use super::unit::{Slot, Unit, picture_sha256};
 use crate::io::hash::file_sha256;
 use crate::io::observer::Observer;
 use crate::io::pictures::read_rgb8;
@@ -53,7 +53,7 @@ pub fn rescore(
         &[],
         EVALUATE_AGAIN,
     )?;
-    let (extended, replaced) = manifest.extended(new, root)?;
+    let (extended, replaced) = extended(manifest, new, root)?;
     manifest = extended;
     for what in replaced {
         observer.warn(&format!(

@@ -3,7 +3,6 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
-use super::bundle::Bundle;
 use super::doubts::{doubts_of, joint_doubts};
 use super::error::EvaluateError;
 use super::folder::RunFolder;
@@ -85,7 +84,7 @@ impl Current {
         });
         let done: BTreeSet<(&str, &str)> = units
             .iter()
-            .filter(|unit| is_done(unit))
+            .filter(|unit| unit.is_done())
             .map(|unit| (unit.slot.pair_id.as_str(), unit.slot.method.as_str()))
             .collect();
         let plan = folder.plan()?;
@@ -133,7 +132,7 @@ impl Current {
     pub(super) fn records(&self, pairs: &[Pair]) -> Vec<Record> {
         let metrics = self.manifest.metric_identities();
         let pairs: BTreeMap<&str, &Pair> = pairs.iter().map(|p| (p.pair_id.as_str(), p)).collect();
-        let done = || self.units.iter().filter(|unit| is_done(unit));
+        let done = || self.units.iter().filter(|unit| unit.is_done());
         // Each name is a column, and a program may have sent others with every answer.
         let mut names: BTreeMap<&str, BTreeSet<&str>> = BTreeMap::new();
         for Unit { slot, record, .. } in done() {
@@ -209,20 +208,12 @@ pub(super) fn units_folder(folder: &RunFolder, manifest: &Manifest) -> RunFolder
     }
 }
 
-/// Scored, or a recorded failure: not one that waits for its scores.
-pub(super) fn is_done(unit: &Unit) -> bool {
-    unit.record.status != Status::Ok || !unit.scores.is_empty()
-}
-
 impl Results {
-    /// Reads a folder, also one whose run has not ended, or a bundle.
+    /// Reads a folder, also one whose run has not ended.
     ///
     /// # Errors
-    /// When it is neither, of another format, or its pair list or plan has lost pairs.
-    pub fn read(root: &Path) -> Result<Self, EvaluateError> {
-        if root.exists() && !root.is_dir() {
-            return Ok(Bundle::read(root)?.results);
-        }
+    /// When it is none, of another format, or its pair list or plan has lost pairs.
+    pub(super) fn of_folder(root: &Path) -> Result<Self, EvaluateError> {
         let folder = RunFolder::open(root)?;
         let current = Current::read(&folder)?;
         current.check_list(&folder, &PairList::read(&folder.pairs_path())?)?;
@@ -345,7 +336,7 @@ pub(super) fn write_tables(folder: &RunFolder) -> Result<Results, EvaluateError>
     let scores = scores_csv(&results.records, &keys).map_err(csv_error)?;
     write_atomic(&folder.scores_path(), &scores)?;
     let timings =
-        timings_csv(current.units.iter().filter(|unit| is_done(unit))).map_err(csv_error)?;
+        timings_csv(current.units.iter().filter(|unit| unit.is_done())).map_err(csv_error)?;
     write_atomic(&folder.timings_path(), &timings)?;
     for method in &mut results.manifest.methods {
         let own = results.records.iter().filter(|r| r.method == method.label);

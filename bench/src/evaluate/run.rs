@@ -5,14 +5,14 @@ use std::path::Path;
 
 use sharp_datasets::Scene;
 
-use super::differences::{Meeting, refusal};
+use super::differences::{Meeting, extended, refusal};
 use super::error::EvaluateError;
-use super::estimate::Estimate;
 use super::folder::RunFolder;
+use super::job::{RunOptions, Stages, UnitCounts};
 use super::keys::Keys;
 use super::manifest::RendererRecord;
-use super::pipeline::{RunOptions, Stages, UnitCounts, run as run_pipeline};
-use super::plan::{PlanBlock, RunPlan};
+use super::pipeline::run as run_pipeline;
+use super::plan::{Estimate, PlanBlock, RunPlan};
 use super::prepare::Evaluation;
 use super::rescore::score_common_region;
 use super::results::{Results, check_rows, write_tables};
@@ -235,7 +235,7 @@ impl Evaluation {
         let mut list = self.list.clone();
         let out = folder.root();
         if let Some(before) = folder.manifest()? {
-            let (extended, replaced) = before.extended(manifest, out)?;
+            let (extended, replaced) = extended(before, manifest, out)?;
             manifest = extended;
             // Units of this run are brought up to date; those of others have to be of the same files.
             let own = RunPlan::default().with(block);

@@ -7,13 +7,12 @@ use std::time::{Duration, SystemTime};
 use serde::Serialize;
 
 use super::error::EvaluateError;
-use super::estimate::Estimate;
 use super::folder::RunFolder;
-use super::plan::RunPlan;
-use super::prepare::RunStatus;
+use super::plan::{Estimate, RunPlan, RunStatus};
 use super::record::Status;
-use super::results::{Current, check_rows, is_done};
+use super::results::{Current, check_rows};
 use super::shard::Shard;
+use super::unit::{Standing, Unit};
 use crate::pairs::PairList;
 
 /// Units of a folder, counted.
@@ -44,7 +43,7 @@ impl RunProgress {
     pub fn read(root: &Path) -> Result<Self, EvaluateError> {
         let folder = RunFolder::open(root)?;
         let (plan, current) = read(&folder)?;
-        let units: BTreeMap<(&str, &str), &super::unit::Unit> = current
+        let units: BTreeMap<(&str, &str), &Unit> = current
             .units
             .iter()
             .map(|unit| {
@@ -62,15 +61,12 @@ impl RunProgress {
                 methods.push((method.to_owned(), RunStatus::default()));
                 methods.len() - 1
             });
-            for status in [&mut all, &mut methods[at].1] {
-                status.units += 1;
-                *match units.get(&(pair, method)) {
-                    Some(unit) if unit.record.status != Status::Ok => &mut status.failed,
-                    Some(unit) if is_done(unit) => &mut status.done,
-                    Some(_) => &mut status.unscored,
-                    None => &mut status.missing,
-                } += 1;
-            }
+            let standing = match units.get(&(pair, method)) {
+                Some(unit) => unit.standing(unit.scores.is_empty()),
+                None => Standing::Missing,
+            };
+            all.add(standing);
+            methods[at].1.add(standing);
         }
         let order = |label: &str| {
             let mut labels = current.manifest.methods.iter();

@@ -5,6 +5,7 @@
 
 use std::collections::BTreeMap;
 
+use image::RgbImage;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -180,6 +181,46 @@ impl Unit {
         }
         record
     }
+}
+
+/// How far a planned unit is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Standing {
+    /// There is no result, or one of other files or another method.
+    Missing,
+    /// A recorded failure; a run tries it again.
+    Failed,
+    /// A picture without all of its scores.
+    Unscored,
+    Done,
+}
+
+impl Unit {
+    /// `lacks_scores` is about the metrics that are wanted.
+    pub(super) fn standing(&self, lacks_scores: bool) -> Standing {
+        match (&self.record.status, lacks_scores) {
+            (Status::Failed { .. }, _) => Standing::Failed,
+            (Status::Ok, true) => Standing::Unscored,
+            (Status::Ok, false) => Standing::Done,
+        }
+    }
+
+    pub(super) fn is_failure(&self) -> bool {
+        self.record.status != Status::Ok
+    }
+
+    /// Scored, or a recorded failure: not one that waits for its scores.
+    pub(super) fn is_done(&self) -> bool {
+        self.standing(self.scores.is_empty()) != Standing::Unscored
+    }
+}
+
+/// sha256 of a picture's size and pixels.
+pub(super) fn picture_sha256(picture: &RgbImage) -> String {
+    StableHasher::default()
+        .add("size", &format!("{:?}", picture.dimensions()))
+        .add("pixels", &sha256_hex(picture.as_raw()))
+        .finish()
 }
 
 #[cfg(test)]

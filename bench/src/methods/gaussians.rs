@@ -9,8 +9,9 @@ use sharp_datasets::files;
 use super::file_reading::{Axes, FileReading, FileSpace};
 use super::method::{
     Approach, GaussianPrediction, GaussianSpace, Method, MethodError, MethodIdentity,
-    PredictGaussians, Privilege, SourceView,
+    PredictGaussians, SourceView,
 };
+use super::privilege::Privilege;
 use super::spec::{MethodSpec, SpecError};
 use crate::io::gaussian_files::{GaussianFile, foreign};
 use crate::io::{fingerprints, gaussian_files};

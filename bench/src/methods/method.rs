@@ -34,6 +34,7 @@ use sharp_datasets::{DatasetError, DepthMap};
 use sharp_metrics::Picture;
 
 use super::file_reading::FileReading;
+use super::privilege::Privilege;
 use super::spec::MethodSpec;
 use crate::pairs::PosedCamera;
 use crate::scoring::{Region, ScaleChooser};
@@ -186,19 +187,6 @@ pub struct GaussianPrediction {
     pub reading: Option<FileReading>,
     /// What speaks against that, as a sentence, by what it is about.
     pub warnings: BTreeMap<String, String>,
-}
-
-/// What a method may know of the source's true depth. Reports say so.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
-#[serde(rename_all = "snake_case")]
-pub enum Privilege {
-    #[default]
-    None,
-    /// Its scale: predicted Gaussians are scaled about the source camera by the median of true over predicted depth (the
-    /// paper's "privileged depth evaluation", eq. global_scale). Predicted is the method's first depth layer, or where it
-    /// has none the depth of its Gaussians as the source camera sees them. The method itself sees no depth.
-    DepthScale,
-    SourceDepth,
 }
 
 /// Everything about an instance that its predictions depend on, besides the pair: `kind(key=value,…)`.

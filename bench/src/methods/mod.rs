@@ -18,6 +18,7 @@ pub mod gaussians;
 pub mod imported;
 pub mod kinds;
 pub mod method;
+mod privilege;
 pub mod scale_sweep;
 pub mod sharp;
 pub mod spec;
@@ -27,9 +28,10 @@ pub use gaussians::UNUSABLE;
 pub use kinds::{BuiltMethod, KINDS, MethodKind, build};
 pub use method::{
     Approach, Candidate, Closure, GaussianPrediction, GaussianSpace, Method, MethodError,
-    MethodIdentity, PicturePrediction, PredictGaussians, PredictPicture, PredictScales, Privilege,
-    SourceView, TargetCamera,
+    MethodIdentity, PicturePrediction, PredictGaussians, PredictPicture, PredictScales, SourceView,
+    TargetCamera,
 };
+pub use privilege::Privilege;
 pub use scale_sweep::sweep_scales;
 pub use spec::{MethodSpec, SpecError};
 

@@ -10,8 +10,9 @@ use sharp_datasets::DepthMap;
 
 use super::method::{
     Approach, GaussianPrediction, GaussianSpace, Method, MethodError, MethodIdentity,
-    PredictGaussians, Privilege, SourceView,
+    PredictGaussians, SourceView,
 };
+use super::privilege::Privilege;
 use super::spec::{MethodSpec, SpecError};
 use crate::io::checkpoint::named_network;
 use crate::io::checkpoint::record::{RecordError, compare_or_record, record_file};

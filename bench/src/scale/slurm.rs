@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use super::{ScaleError, Shards, arguments, fill, memory_mib, planned, quoted_path, write};
-use crate::evaluate::estimate::{Estimate, StageCost};
+use crate::evaluate::plan::{Estimate, StageCost};
 
 /// Options of the Slurm scripts for a plan.
 #[derive(Debug, Clone)]

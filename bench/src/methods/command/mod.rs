@@ -22,9 +22,10 @@ use self::protocol::{Answer, PairRequest, SourceFiles};
 use self::words::{NamedFiles, named_files};
 use super::crop_and_resize::FitRules;
 use super::method::{
-    Approach, Method, MethodError, MethodIdentity, PicturePrediction, PredictPicture, Privilege,
-    SourceView, TargetCamera,
+    Approach, Method, MethodError, MethodIdentity, PicturePrediction, PredictPicture, SourceView,
+    TargetCamera,
 };
+use super::privilege::Privilege;
 use super::spec::{MethodSpec, SpecError};
 use crate::io::atomic_files::{FileError, scratch_folder};
 use crate::io::fingerprints;
