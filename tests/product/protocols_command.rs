@@ -106,7 +106,7 @@ fn a_protocol_is_followed_recorded_and_not_mixed_with_others() {
     let join = ["report", "plain", "u", "--out", "both"];
     sharp_bench(dir, &join).is_error_with(&["the protocol", "unisharp"]);
     let again = with_list(&["--metrics", "psnr@mask", "--out", "u"]);
-    again.is_error_with(&["aggregation", "choose another folder"]);
+    again.is_error_with(&["the protocol", "unisharp", "choose another folder"]);
     // Another mean than the tables' is told.
     let compared = sharp_bench(dir, &["compare", "u", "u"]).ends_with(0);
     let note = "the runs' own tables have the mean over source views of means over targets";
