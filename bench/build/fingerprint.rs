@@ -54,12 +54,7 @@ const PICTURES: &[&str] = &[
 ];
 /// From Gaussians to scored pictures, and what is recorded of their source.
 const RENDERING: &[&str] = &[
-    "bench/src/evaluate/likeness.rs",
-    "bench/src/evaluate/prediction_file.rs",
-    "bench/src/evaluate/registration.rs",
-    "bench/src/evaluate/rereading.rs",
-    "bench/src/evaluate/render.rs",
-    "bench/src/evaluate/source_check.rs",
+    "bench/src/evaluate/gaussians",
     "bench/src/rendering/shared.rs",
     "bench/src/pairs/alignment.rs",
     "bench/src/pairs/depth/mod.rs",

@@ -2,9 +2,9 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
+use super::gaussians::source_check::{SOURCE_BLUR, SOURCE_DEPTH, SOURCE_PSNR, source_of};
 use super::picture_check::{CHANGED, changed_pictures, is_checked};
 use super::record::Record;
-use super::source_check::{SOURCE_BLUR, SOURCE_DEPTH, SOURCE_PSNR, source_of};
 use crate::methods::{Privilege, UNUSABLE};
 
 /// Ratio of seen to true depth beyond which metres are doubted.

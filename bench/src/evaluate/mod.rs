@@ -13,14 +13,12 @@
 //! }
 //! ```
 //!
-//! * [`mod@prepare`]: from a request to an evaluation; [`pipeline`]: works off its units, which `predict`
-//!   makes and `score` scores; `estimate`: its
-//!   cost; [`mod@speed`]: times of inference and rendering; `footprint`: coverage by Gaussians, which explains them.
+//! * [`mod@prepare`]: from a request to an evaluation; [`pipeline`]: works off a [`job`]'s units, which `predict` makes and
+//!   `score` scores; `estimate`: its cost; [`mod@speed`]: times of inference and rendering.
 //! * [`plan`]: pairs by methods; [`shard`]: a process's part of a plan; `run`: runs a plan or a shard; [`status`]: progress.
-//! * `keys`: inputs of each stage, hashed; `render`, `score`: the later two stages; `gaussian_store`, `prediction_file`:
-//!   predictions of sources, made once; [`source_check`]: compares Gaussians with their source photograph;
-//!   `picture_check`: compares pictures with the photographs that they predict; [`doubts`]: what a method's records say
-//!   against it.
+//! * `keys`: inputs of each stage, hashed; [`gaussians`]: predictions of sources, kept, rendered and compared with their
+//!   photographs; `picture_check`: compares pictures with the photographs that they predict; [`doubts`]: what a method's
+//!   records say against it.
 //! * [`record`]: one result; [`mod@unit`]: a result with its keys, as stored; [`folder`]: the run folder; [`manifest`]: facts
 //!   that all its results share; `differences`: which of them may differ where results meet.
 //! * [`aggregation`]: means over pairs.
@@ -34,30 +32,23 @@ pub mod doubts;
 pub mod error;
 pub mod estimate;
 pub mod folder;
-mod footprint;
-mod gaussian_store;
+pub mod gaussians;
 pub mod job;
 pub mod join;
 mod keys;
-mod likeness;
 pub mod manifest;
 mod picture_check;
 pub mod pipeline;
 pub mod plan;
 mod predict;
-mod prediction_file;
 pub mod prepare;
 pub mod readings;
 pub mod record;
-mod registration;
-mod render;
-mod rereading;
 pub mod rescore;
 pub mod results;
 mod run;
 mod score;
 pub mod shard;
-pub mod source_check;
 pub mod speed;
 pub mod status;
 #[cfg(test)]

@@ -10,7 +10,7 @@ use image::imageops::{flip_horizontal, flip_vertical, rotate90, rotate180, rotat
 use image::{GenericImageView, Rgb, RgbImage};
 use sharp::color::{Quantization, linear_from_srgb, quantize, srgb_from_linear};
 
-use super::likeness::Likeness;
+use super::gaussians::likeness::Likeness;
 use super::record::{Record, Status};
 use crate::scoring::Region;
 
@@ -25,9 +25,9 @@ const LEAST_GAIN: f64 = 1.0;
 const LEAST_GAIN_OF_CHANNELS: f64 = 0.25;
 /// The same for another transfer, dB: linear light stored as sRGB loses far more, and exposures differ by less.
 const LEAST_GAIN_OF_TRANSFER: f64 = 3.0;
-/// Correlation of red less blue with the photograph's, below which the two are exchanged: poor predictions of another view
-/// have 0.4 to 0.8. A tint does not change it.
-const EXCHANGED: f64 = -0.4;
+/// Correlation with the photograph's below which red less blue is blue less red, and a picture a negative: poor predictions
+/// of another view have 0.4 to 0.8. A tint does not change it.
+const OPPOSED: f64 = -0.4;
 /// Least share of a photograph's variance that is explained once a change is undone: poor predictions reach a quarter.
 const EXPLAINED: f64 = 0.2;
 /// Fewest pictures of a dataset, and the share of them that have to agree.
@@ -83,10 +83,12 @@ fn likely_change(photograph: &RgbImage, picture: &RgbImage) -> Option<&'static s
     );
     let tint = |of: &RgbImage| mapped(of, |[r, _, b]| [128 - b / 2 + r / 2; 3]);
     let tints = Likeness::of(&tint(&seen), whole, &tint(&shown)).correlation();
-    let exchanged = exchanged.filter(|_| tints < EXCHANGED);
+    let exchanged = exchanged.filter(|_| tints < OPPOSED);
+    let negative = nearer(&inverted(&shown), LEAST_GAIN);
+    let negative = negative.filter(|_| as_read.correlation() < OPPOSED);
     let all = [
         ("have red and blue exchanged", exchanged),
-        ("are negatives", moved(&inverted(&shown))),
+        ("are negatives", negative),
         (
             "hold linear light where sRGB is read",
             encoded(srgb_from_linear),

@@ -7,7 +7,7 @@ use std::sync::mpsc::{SyncSender, sync_channel};
 use super::doubts::doubts;
 use super::error::EvaluateError;
 use super::folder::RunFolder;
-use super::gaussian_store::GaussianStore;
+use super::gaussians::gaussian_store::GaussianStore;
 use super::job::{Job, Stages, UnitCounts};
 use super::picture_check::{is_checked, note_change};
 use super::predict::{PairWork, Prepared, Reuse, Sources};

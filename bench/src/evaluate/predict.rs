@@ -10,14 +10,16 @@ use sharp_metrics::Picture;
 
 use super::error::EvaluateError;
 use super::folder::RunFolder;
-use super::gaussian_store::{GaussianStore, StoreError};
+use super::gaussians::gaussian_store::{GaussianStore, StoreError};
+use super::gaussians::render::{depth_scale, render};
+use super::gaussians::source_check::{
+    CheckedSource, SourceFacts, absurd_coverage, check_source, source_of,
+};
 use super::job::{Job, Stages, UnitCounts};
 use super::keys::PictureKeys;
 use super::manifest::FORMAT;
 use super::record::{ChosenScale, Record, Status};
-use super::render::{depth_scale, render};
 use super::score::{PairTruth, Unscored, crop, empty_record, missing};
-use super::source_check::{CheckedSource, SourceFacts, absurd_coverage, check_source, source_of};
 use super::unit::{ScoredPicture, Slot, Timing, Unit, picture_sha256};
 use crate::config::Keep;
 use crate::io::hash::file_sha256;

@@ -7,9 +7,9 @@ use serde::Serialize;
 use sharp::render::{RenderError, RenderOutput};
 
 use super::error::EvaluateError;
-use super::footprint::covered_tiles;
+use super::gaussians::footprint::covered_tiles;
+use super::gaussians::render::placed;
 use super::prepare::Evaluation;
-use super::render::placed;
 use crate::io::machine::{peak_bytes, reset_peak};
 use crate::io::observer::Observer;
 use crate::methods::{

@@ -219,15 +219,15 @@ version = \"0.3.7\"
     ];
 
     /// Files in those folders that decide no result: they plan, store, name, describe or measure time.
-    const UNDECIDING: [&str; 42] = [
+    const UNDECIDING: [&str; 43] = [
         "bench/src/evaluate/aggregation.rs",
         "bench/src/evaluate/bundle.rs",
+        "bench/src/evaluate/differences.rs",
         "bench/src/evaluate/doubts.rs",
         "bench/src/evaluate/error.rs",
         "bench/src/evaluate/estimate.rs",
         "bench/src/evaluate/folder.rs",
-        "bench/src/evaluate/footprint.rs",
-        "bench/src/evaluate/gaussian_store.rs",
+        "bench/src/evaluate/job.rs",
         "bench/src/evaluate/join.rs",
         "bench/src/evaluate/keys.rs",
         "bench/src/evaluate/manifest.rs",
@@ -235,6 +235,7 @@ version = \"0.3.7\"
         "bench/src/evaluate/picture_check.rs",
         "bench/src/evaluate/pipeline.rs",
         "bench/src/evaluate/plan.rs",
+        "bench/src/evaluate/predict.rs",
         "bench/src/evaluate/prepare.rs",
         "bench/src/evaluate/readings.rs",
         "bench/src/evaluate/record.rs",

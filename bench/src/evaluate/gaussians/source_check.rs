@@ -52,20 +52,20 @@ const ABSURD_LAYERS: f64 = 5000.0;
 const ABSURD_SHARE: f64 = 0.02;
 
 /// A prediction's source.
-pub(super) struct CheckedSource<'a> {
-    pub(super) camera: &'a PosedCamera,
-    pub(super) photograph: &'a RgbImage,
+pub(in crate::evaluate) struct CheckedSource<'a> {
+    pub(in crate::evaluate) camera: &'a PosedCamera,
+    pub(in crate::evaluate) photograph: &'a RgbImage,
     /// True depth, where there is some and the method is not scaled to it.
-    pub(super) depth: Option<&'a DepthMap>,
-    pub(super) scene: &'a Scene,
+    pub(in crate::evaluate) depth: Option<&'a DepthMap>,
+    pub(in crate::evaluate) scene: &'a Scene,
     /// Whether other readings are tried.
-    pub(super) is_chosen: bool,
+    pub(in crate::evaluate) is_chosen: bool,
 }
 
 /// Measured values and warnings.
-pub(super) struct SourceFacts {
-    pub(super) extras: BTreeMap<String, f64>,
-    pub(super) warnings: BTreeMap<String, String>,
+pub(in crate::evaluate) struct SourceFacts {
+    pub(in crate::evaluate) extras: BTreeMap<String, f64>,
+    pub(in crate::evaluate) warnings: BTreeMap<String, String>,
 }
 
 /// A prediction rendered into its own source.
@@ -82,7 +82,7 @@ struct SeenSource {
 ///
 /// # Errors
 /// See [`RenderError`].
-pub(super) fn check_source(
+pub(in crate::evaluate) fn check_source(
     prediction: &GaussianPrediction,
     source: &CheckedSource<'_>,
     renderer: &SharedRenderer,
@@ -144,7 +144,7 @@ pub(super) fn check_source(
 
 /// Names (`dataset/scene/source`) of the sources whose files are read otherwise, too: the first, the middle and the last of
 /// each dataset. All pairs of the plan have to be given, so that shards choose alike.
-pub(super) fn checked_sources(pairs: &[ResolvedPair<'_>]) -> BTreeSet<String> {
+pub(in crate::evaluate) fn checked_sources(pairs: &[ResolvedPair<'_>]) -> BTreeSet<String> {
     let mut sources: BTreeMap<&str, BTreeSet<&str>> = BTreeMap::new();
     for ResolvedPair { pair, scene, .. } in pairs {
         let name = source_of(&pair.pair_id);
@@ -158,13 +158,13 @@ pub(super) fn checked_sources(pairs: &[ResolvedPair<'_>]) -> BTreeSet<String> {
 }
 
 /// `dataset/scene/source` of a pair's id.
-pub(super) fn source_of(pair_id: &str) -> &str {
+pub(in crate::evaluate) fn source_of(pair_id: &str) -> &str {
     // Ids encode underscores that would form a second separator.
     pair_id.split("__").next().unwrap_or(pair_id)
 }
 
 /// Why rendering a prediction would take very long, before it is done.
-pub(super) fn absurd_coverage(
+pub(in crate::evaluate) fn absurd_coverage(
     prediction: &GaussianPrediction,
     source: &PosedCamera,
 ) -> Option<(String, String)> {
@@ -493,7 +493,7 @@ mod tests {
             scene: &scene,
             is_chosen: true,
         };
-        let mut record = super::super::record::tests::record();
+        let mut record = crate::evaluate::record::tests::record();
         record.median_depth_m = Some(2.0);
         let facts = check_source(&prediction, &checked, &renderer).unwrap();
         (record.warnings, record.extras) = (facts.warnings, facts.extras);

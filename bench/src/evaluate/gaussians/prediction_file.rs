@@ -16,7 +16,7 @@ use crate::methods::{GaussianPrediction, GaussianSpace};
 
 /// Why a prediction cannot be read back.
 #[derive(Debug, thiserror::Error)]
-pub(super) enum PredictionFileError {
+pub(in crate::evaluate) enum PredictionFileError {
     #[error(transparent)]
     File(#[from] FileError),
     #[error(transparent)]
@@ -39,7 +39,7 @@ struct Said {
 
 /// Writes a prediction with everything needed to render it: arrays as `gaussians` takes them, its space, its depth
 /// layer, its reading, the method's extras, the seconds it took, and a checksum.
-pub(super) fn write_prediction(
+pub(in crate::evaluate) fn write_prediction(
     path: &Path,
     prediction: &GaussianPrediction,
     secs: f64,
@@ -82,7 +82,7 @@ pub(super) fn write_prediction(
 ///
 /// # Errors
 /// When the file cannot be read, or is not whole.
-pub(super) fn read_prediction(
+pub(in crate::evaluate) fn read_prediction(
     path: &Path,
 ) -> Result<(GaussianPrediction, f64), PredictionFileError> {
     let damaged = || PredictionFileError::Damaged(path.to_owned());

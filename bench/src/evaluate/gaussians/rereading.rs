@@ -37,11 +37,11 @@ const AXES: [&str; 6] = ["rdf", "rub", "ldb", "luf", "ruf", "rfu"];
 
 /// The part of a source's photograph that readings are compared on.
 #[derive(Clone, Copy)]
-pub(super) struct Trial<'a> {
-    pub(super) source: &'a PosedCamera,
-    pub(super) photograph: &'a RgbImage,
-    pub(super) region: Region,
-    pub(super) renderer: &'a SharedRenderer,
+pub(in crate::evaluate) struct Trial<'a> {
+    pub(in crate::evaluate) source: &'a PosedCamera,
+    pub(in crate::evaluate) photograph: &'a RgbImage,
+    pub(in crate::evaluate) region: Region,
+    pub(in crate::evaluate) renderer: &'a SharedRenderer,
 }
 
 impl Trial<'_> {
@@ -57,7 +57,7 @@ impl Trial<'_> {
     }
 
     /// How Gaussians explain the part; `None` where they do not reach it, or too many of them do.
-    pub(super) fn fit(
+    pub(in crate::evaluate) fn fit(
         &self,
         gaussians: &Gaussians,
         camera_from_file: DAffine3,
@@ -77,7 +77,7 @@ impl Trial<'_> {
     }
 
     /// False where the part refutes another form of stored numbers: as read they explain it as well, or much better.
-    pub(super) fn allows(
+    pub(in crate::evaluate) fn allows(
         &self,
         other: &FileReading,
         gaussians: &Gaussians,
@@ -99,7 +99,7 @@ impl Trial<'_> {
     /// in this part alone, or together with `neighbours`, other views of the scene. Those must not be explained worse, and decide
     /// among several: Gaussians that are turned wrongly may cover their own source better than right ones. `aside` and
     /// `zoom` are a shift, pixels, and a factor that bring what they show nearer.
-    pub(super) fn best_reading(
+    pub(in crate::evaluate) fn best_reading(
         &self,
         gaussians: &Gaussians,
         reading: &FileReading,
@@ -308,15 +308,19 @@ fn numbers(current: &FileReading, stored: &Gaussians) -> Vec<FileReading> {
 }
 
 /// Gaussians that can reach a picture.
-pub(super) struct Seen {
-    pub(super) members: Vec<usize>,
+pub(in crate::evaluate) struct Seen {
+    pub(in crate::evaluate) members: Vec<usize>,
     /// Boxes over a pixel, on average.
-    pub(super) layers: f64,
+    pub(in crate::evaluate) layers: f64,
 }
 
 impl Seen {
     /// Bounds each Gaussian by its centre and largest standard deviation; overestimates.
-    pub(super) fn of(gaussians: &Gaussians, camera_from_file: DAffine3, k: &Intrinsics) -> Self {
+    pub(in crate::evaluate) fn of(
+        gaussians: &Gaussians,
+        camera_from_file: DAffine3,
+        k: &Intrinsics,
+    ) -> Self {
         let linear = camera_from_file.matrix3;
         let stretch = [linear.x_axis, linear.y_axis, linear.z_axis].map(DVec3::length);
         let stretch = stretch.into_iter().fold(0.0, f64::max);

@@ -24,7 +24,7 @@ const ROUNDING: f64 = 1.0;
 
 /// The part of a photograph with the largest contrast, at the photograph's own resolution: errors of half a
 /// pixel, or in the shape of a small Gaussian, do not show in a smaller picture.
-pub(super) fn window(photograph: &RgbImage) -> Region {
+pub(in crate::evaluate) fn window(photograph: &RgbImage) -> Region {
     let (width, height) = photograph.dimensions();
     let size = (width.min(SIDES.0), height.min(SIDES.1));
     let steps = |whole: u32, part: u32| {
@@ -138,7 +138,7 @@ impl Errors {
 
 /// Comparison of a rendering with a part of a photograph.
 #[derive(Debug, Clone, Default)]
-pub(super) struct Likeness {
+pub(in crate::evaluate) struct Likeness {
     /// One per block of the picture, row by row; equal sizes give equal blocks.
     blocks: Vec<[Sums; 3]>,
     total: [Sums; 3],
@@ -149,7 +149,11 @@ const BLOCKS: u32 = 6;
 
 impl Likeness {
     /// Of a part of a photograph and a picture of that part.
-    pub(super) fn of(photograph: &RgbImage, region: Region, picture: &RgbImage) -> Self {
+    pub(in crate::evaluate) fn of(
+        photograph: &RgbImage,
+        region: Region,
+        picture: &RgbImage,
+    ) -> Self {
         let mut blocks = vec![[Sums::default(); 3]; (BLOCKS * BLOCKS) as usize];
         for (x, y, rendered) in picture.enumerate_pixels() {
             let at = (y * BLOCKS / region.height) * BLOCKS + x * BLOCKS / region.width;
@@ -174,7 +178,7 @@ impl Likeness {
     }
 
     /// Of both parts.
-    pub(super) fn joined(&self, other: &Self) -> Self {
+    pub(in crate::evaluate) fn joined(&self, other: &Self) -> Self {
         let total = [&self.total, &other.total];
         Self {
             blocks: [&self.blocks[..], &other.blocks].concat(),
@@ -183,30 +187,30 @@ impl Likeness {
     }
 
     /// How much smaller its squared error is, dB.
-    pub(super) fn gain_over(&self, other: &Self) -> f64 {
+    pub(in crate::evaluate) fn gain_over(&self, other: &Self) -> f64 {
         10.0 * (other.error() / self.error()).log10()
     }
 
     /// PSNR, dB, 100 at most.
-    pub(super) fn psnr(&self) -> f64 {
+    pub(in crate::evaluate) fn psnr(&self) -> f64 {
         let error: f64 = self.total.iter().map(|sums| sums.error()).sum();
         let mean = error / (3.0 * self.total[0].n);
         (10.0 * (255.0 * 255.0 / mean).log10()).min(100.0)
     }
 
     /// Sum of squared differences, for comparisons.
-    pub(super) fn error(&self) -> f64 {
+    pub(in crate::evaluate) fn error(&self) -> f64 {
         Errors::of(self.total).error
     }
 
     /// The part's mean colour, levels.
-    pub(super) fn mean_color(&self) -> [f64; 3] {
+    pub(in crate::evaluate) fn mean_color(&self) -> [f64; 3] {
         self.total.map(|sums| sums.p / sums.n)
     }
 
     /// True where the picture is no closer to the photograph than its mean colour, and explains less than a tenth of it
     /// whatever its brightness and contrast.
-    pub(super) fn is_unrelated(&self) -> bool {
+    pub(in crate::evaluate) fn is_unrelated(&self) -> bool {
         let Errors {
             error,
             residual,
@@ -219,35 +223,35 @@ impl Likeness {
     }
 
     /// True where it explains most of the photograph.
-    pub(super) fn explains(&self) -> bool {
+    pub(in crate::evaluate) fn explains(&self) -> bool {
         self.explained() >= EXPLAINED
     }
 
     /// Share of the photograph's variance that is explained, whatever brightness and contrast.
-    pub(super) fn explained(&self) -> f64 {
+    pub(in crate::evaluate) fn explained(&self) -> f64 {
         let whole = Errors::of(self.total);
         1.0 - whole.residual / whole.variance
     }
 
     /// True where this picture explains its photograph, and significantly better than `other` explains its own.
-    pub(super) fn is_better_than(&self, other: &Self) -> bool {
+    pub(in crate::evaluate) fn is_better_than(&self, other: &Self) -> bool {
         self.explains() && self.is_closer_than(other)
     }
 
     /// True where this picture is significantly closer to its photograph than `other` to its own: in squared errors, and where
     /// brightness and contrast are free.
-    pub(super) fn is_closer_than(&self, other: &Self) -> bool {
+    pub(in crate::evaluate) fn is_closer_than(&self, other: &Self) -> bool {
         let share = |e: Errors| e.residual / e.variance;
         self.is_nearer_than(other) && self.gains(other, [share; 2], MARGIN / 2.0, SIGNIFICANCE_FREE)
     }
 
     /// True where its squared error is significantly smaller.
-    pub(super) fn is_nearer_than(&self, other: &Self) -> bool {
+    pub(in crate::evaluate) fn is_nearer_than(&self, other: &Self) -> bool {
         self.gains(other, [|e| e.error; 2], MARGIN, SIGNIFICANCE)
     }
 
     /// True where its squared error is significantly smaller than that of `other` at its best brightness and contrast.
-    pub(super) fn is_nearer_than_exposed(&self, other: &Self) -> bool {
+    pub(in crate::evaluate) fn is_nearer_than_exposed(&self, other: &Self) -> bool {
         self.gains(
             other,
             [|e| e.error, |e| e.residual],
@@ -286,7 +290,7 @@ impl Likeness {
     }
 
     /// Correlation in the first channel, −1..1; smaller in size where there is hardly any contrast.
-    pub(super) fn correlation(&self) -> f64 {
+    pub(in crate::evaluate) fn correlation(&self) -> f64 {
         let Sums {
             n,
             p,
@@ -301,7 +305,7 @@ impl Likeness {
 }
 
 /// The share of the photograph's contrast that a picture lacks, where that is much and it shows what is coarse.
-pub(super) fn blur(photograph: &RgbImage, picture: &RgbImage) -> Option<f64> {
+pub(in crate::evaluate) fn blur(photograph: &RgbImage, picture: &RgbImage) -> Option<f64> {
     let whole = Region::whole(photograph.dimensions());
     let [seen, shown] = [photograph, picture].map(|all| contrast(all, whole) as f64);
     let coarse = |all| thumbnail(all, COARSE.0, COARSE.1);

@@ -22,7 +22,7 @@ const HOLE_ALPHA: f32 = 0.5;
 ///
 /// # Errors
 /// See [`RenderError`]: a method without a depth layer is rendered into the source.
-pub(super) fn depth_scale(
+pub(in crate::evaluate) fn depth_scale(
     prediction: &GaussianPrediction,
     truth: Option<&DepthMap>,
     source: &PosedCamera,
@@ -56,7 +56,7 @@ fn seen_depth(
 }
 
 /// Expected z-depth of a rendering, metres; 0 in holes.
-pub(super) fn surface_depth(output: &RenderOutput) -> DepthMap {
+pub(in crate::evaluate) fn surface_depth(output: &RenderOutput) -> DepthMap {
     let mut depth = output.expected_depth();
     for (depth, &alpha) in depth.iter_mut().zip(&output.alpha) {
         if alpha < HOLE_ALPHA {
@@ -67,7 +67,11 @@ pub(super) fn surface_depth(output: &RenderOutput) -> DepthMap {
 }
 
 /// Transform from a space of the source to the target's camera space.
-pub(super) fn placed(space: GaussianSpace, source: &PosedCamera, target: &PosedCamera) -> DAffine3 {
+pub(in crate::evaluate) fn placed(
+    space: GaussianSpace,
+    source: &PosedCamera,
+    target: &PosedCamera,
+) -> DAffine3 {
     let target_from_source = source.to(target);
     match space {
         GaussianSpace::Normalized => {
@@ -86,7 +90,7 @@ pub(super) fn placed(space: GaussianSpace, source: &PosedCamera, target: &PosedC
 ///
 /// # Errors
 /// See [`RenderError`].
-pub(super) fn render(
+pub(in crate::evaluate) fn render(
     prediction: &GaussianPrediction,
     scale: Option<f64>,
     source: &PosedCamera,

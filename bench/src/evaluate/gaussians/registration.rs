@@ -11,7 +11,7 @@ const WIDTH: u32 = 160;
 const ZOOMS: i32 = 26;
 
 /// Pixels to the right and down, in halves, by which a picture has to be moved to match one of its size.
-pub(super) fn shift(photograph: &RgbImage, picture: &RgbImage) -> [f64; 2] {
+pub(in crate::evaluate) fn shift(photograph: &RgbImage, picture: &RgbImage) -> [f64; 2] {
     let error = |by: [i32; 2]| {
         let [dx, dy] = by.map(f64::from);
         error(photograph, picture, |x, y| (x - dx, y - dy))
@@ -32,7 +32,11 @@ pub(super) fn shift(photograph: &RgbImage, picture: &RgbImage) -> [f64; 2] {
 }
 
 /// The factor by which a picture has to be enlarged about `center` (pixels) to match one of its size; `None` for about 1.
-pub(super) fn zoom(photograph: &RgbImage, picture: &RgbImage, center: [f64; 2]) -> Option<f64> {
+pub(in crate::evaluate) fn zoom(
+    photograph: &RgbImage,
+    picture: &RgbImage,
+    center: [f64; 2],
+) -> Option<f64> {
     let (width, height) = photograph.dimensions();
     let shrink = f64::from(width.min(WIDTH)) / f64::from(width);
     let small = (

@@ -12,7 +12,7 @@ use crate::io::atomic_files::{FileError, scratch_folder};
 use crate::methods::{GaussianPrediction, MethodError};
 
 /// Predictions by their key: in memory within a limit, beyond it on disk until the run is done.
-pub(super) struct GaussianStore {
+pub(in crate::evaluate) struct GaussianStore {
     /// Where predictions are kept for later; `None` to forget them.
     kept: Option<PathBuf>,
     limit_bytes: u64,
@@ -26,11 +26,11 @@ pub(super) struct GaussianStore {
 }
 
 /// A prediction, and the wall seconds that the method took for it.
-pub(super) type Timed = (Arc<GaussianPrediction>, f64);
+pub(in crate::evaluate) type Timed = (Arc<GaussianPrediction>, f64);
 
 /// Why there is no prediction.
 #[derive(Debug)]
-pub(super) enum StoreError {
+pub(in crate::evaluate) enum StoreError {
     /// The method says so.
     Method(MethodError),
     /// A file of ours.
@@ -39,7 +39,11 @@ pub(super) enum StoreError {
 
 impl GaussianStore {
     /// Keeps up to `limit_bytes` in memory; spills into a temporary folder within `spill_in`.
-    pub(super) fn new(kept: Option<PathBuf>, spill_in: &Path, limit_bytes: u64) -> Self {
+    pub(in crate::evaluate) fn new(
+        kept: Option<PathBuf>,
+        spill_in: &Path,
+        limit_bytes: u64,
+    ) -> Self {
         Self {
             kept,
             limit_bytes,
@@ -53,7 +57,7 @@ impl GaussianStore {
 
     /// The prediction of a key for a source. `predict` is asked if it is neither in memory nor on disk; without it, only
     /// what was kept counts. The seconds are those of when it was made.
-    pub(super) fn get(
+    pub(in crate::evaluate) fn get(
         &mut self,
         key: &str,
         source: &str,

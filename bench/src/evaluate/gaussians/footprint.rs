@@ -14,7 +14,7 @@ const MARGIN: f64 = 0.15;
 
 /// Tiles of 16 × 16 pixels that the boxes of the Gaussians touch, counted once for each Gaussian, and tiles of the picture.
 /// A box is where a Gaussian can reach an alpha of 1/255, by the projection of the renderer's definition, in f64.
-pub(super) fn covered_tiles(gaussians: &Gaussians, view: &RenderView) -> (u64, u64) {
+pub(in crate::evaluate) fn covered_tiles(gaussians: &Gaussians, view: &RenderView) -> (u64, u64) {
     let (width, height) = (view.intrinsics.width, view.intrinsics.height);
     let tiles = [width, height].map(|side| f64::from(side.div_ceil(TILE as u32)));
     let covered = (0..gaussians.len()).into_par_iter().map(|at| {
