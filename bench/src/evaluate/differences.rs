@@ -3,12 +3,12 @@
 use std::fmt;
 use std::path::Path;
 
-use sharp_metrics::{MetricInfo, MetricKey};
+use sharp_metrics::MetricInfo;
 
 use super::error::EvaluateError;
-use super::manifest::{AGGREGATION, DatasetRecord, Manifest, MethodRecord, MetricRecord};
+use super::manifest::{AGGREGATION, DatasetRecord, Manifest};
 
-/// How results of two manifests come together.
+/// How results of two manifests come together: an index of [`Row`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Meeting {
     /// A run, or scores, are added to a folder.
@@ -29,120 +29,52 @@ pub(super) enum Verdict {
     Replaced,
     Refused,
 }
+use Verdict::{Allowed, Refused, Replaced};
 
-/// A fact in which two manifests may differ.
-#[derive(Debug, Clone, PartialEq, Eq)]
-enum Fact {
-    /// The metrics' networks ran on another device.
-    MetricDevice,
-    Protocol,
-    Aggregation,
-    /// Of those that turn predictions into scored pictures, by name.
-    Convention(String),
-    /// A setting of the renderer besides its backend.
-    Rendering(&'static str),
-    /// One is scored on the part that all of its own methods predict.
-    CommonRegion,
-    /// What a metric computes: its convention, its network, …
-    Metric(MetricKey, &'static str),
-    /// How a dataset of one name is read.
-    Dataset(String),
-    /// What a method of one label is.
-    Method(String),
-    Backend,
-    /// The class of CPU kernels.
-    Kernels,
-    /// Weights or code of a metric.
-    MetricCode(MetricKey),
-    MethodCode(String),
-    /// The later manifest has what the earlier one lacks.
-    Unplanned(String),
-}
+/// What each [`Meeting`] makes of a difference. The rows below are all there are.
+type Row = [Verdict; 4];
+/// What decides every number.
+const RULE: Row = [Refused, Refused, Refused, Refused];
+/// Conventions of scoring, which are part of what identifies a metric's code, too.
+const CONVENTION: Row = [Allowed, Refused, Refused, Refused];
+/// What a dataset's or a method's name stands for.
+const NAME: Row = [Replaced, Refused, Refused, Refused];
+/// Moves scores in decimals that no table shows.
+const MACHINE: Row = [Refused, Allowed, Refused, Refused];
+const METRIC_CODE: Row = [Replaced, Allowed, Refused, Refused];
+/// Units by other code are other units.
+const METHOD_CODE: Row = [Allowed, Allowed, Refused, Refused];
+const UNPLANNED: Row = [Allowed, Allowed, Allowed, Refused];
 
-/// A fact with its two values.
+/// A fact in which two manifests differ.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) struct Difference {
-    fact: Fact,
-    before: String,
-    now: String,
-}
-
-impl Fact {
-    /// The only place that says which differences are allowed where.
-    fn verdict(&self, meeting: Meeting) -> Verdict {
-        use Verdict::{Allowed, Refused, Replaced};
-        let [added, read, merged, shard] = match self {
-            Self::MetricDevice | Self::Protocol | Self::Aggregation | Self::Rendering(_) => {
-                [Refused; 4]
-            }
-            // Scoring rules are part of what identifies a metric's code.
-            Self::Convention(_) | Self::Metric(..) => [Allowed, Refused, Refused, Refused],
-            // No plan has one.
-            Self::CommonRegion => [Allowed, Refused, Refused, Refused],
-            Self::Dataset(_) | Self::Method(_) => [Replaced, Refused, Refused, Refused],
-            // Scores move in decimals that no table shows.
-            Self::Backend | Self::Kernels => [Refused, Allowed, Refused, Refused],
-            Self::MetricCode(_) => [Replaced, Allowed, Refused, Refused],
-            // Units of other code are other units.
-            Self::MethodCode(_) => [Allowed, Allowed, Refused, Refused],
-            Self::Unplanned(_) => [Allowed, Allowed, Allowed, Refused],
-        };
-        match meeting {
-            Meeting::Added => added,
-            Meeting::Read => read,
-            Meeting::Merged => merged,
-            Meeting::Shard => shard,
-        }
-    }
+    row: Row,
+    /// The fact, or without values a sentence.
+    what: String,
+    /// Before and now.
+    values: Option<[String; 2]>,
 }
 
 impl Difference {
     pub(super) fn verdict(&self, meeting: Meeting) -> Verdict {
-        self.fact.verdict(meeting)
+        self.row[meeting as usize]
     }
 
     /// What the earlier results of a replaced name are.
     pub(super) fn replaced(&self) -> String {
-        match &self.fact {
-            Fact::MetricCode(key) => format!("{key} was computed with other weights or code"),
-            fact => format!("{fact} was {}", self.before),
+        match &self.values {
+            Some([before, _]) => format!("{} was {before}", self.what),
+            None => self.what.clone(),
         }
     }
-}
 
-impl fmt::Display for Fact {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::MetricDevice => f.write_str("the device behind LPIPS and DISTS"),
-            Self::Protocol => f.write_str("the protocol"),
-            Self::Aggregation => f.write_str("the aggregation"),
-            Self::Convention(name) => f.write_str(name),
-            Self::Rendering(what) => write!(f, "the renderer's {what}"),
-            Self::CommonRegion => f.write_str("--common-region"),
-            Self::Metric(key, what) => write!(f, "{what} of {key}"),
-            Self::Dataset(name) => write!(f, "the reading of dataset '{name}'"),
-            Self::Method(label) | Self::MethodCode(label) => write!(f, "method '{label}'"),
-            Self::Backend => f.write_str("the renderer"),
-            Self::Kernels => f.write_str("the class of CPU kernels (`run --simd` pins it)"),
-            Self::MetricCode(key) => write!(f, "{key}"),
-            Self::Unplanned(what) => f.write_str(what),
-        }
-    }
-}
-
-impl Difference {
     /// As a sentence; `one` and `other` say where the values are.
     pub(super) fn between(&self, one: &str, other: &str) -> String {
-        let Self { fact, before, now } = self;
-        match fact {
-            Fact::CommonRegion => "a common region (--common-region) is that of a folder's own methods: evaluate all of \
-                 them in one"
-                .to_owned(),
-            Fact::MetricCode(_) | Fact::MethodCode(_) => {
-                format!("{fact} was computed by another version of the code")
-            }
-            Fact::Unplanned(what) => format!("{what} is not in the plan"),
-            fact => format!("{fact} is \"{before}\" {one} and \"{now}\" {other}"),
+        let what = &self.what;
+        match &self.values {
+            Some([before, now]) => format!("{what} is \"{before}\" {one} and \"{now}\" {other}"),
+            None => what.clone(),
         }
     }
 }
@@ -156,38 +88,37 @@ impl fmt::Display for Difference {
 /// The first difference that rules a meeting out.
 pub(super) fn refusal(before: &Manifest, now: &Manifest, meeting: Meeting) -> Option<Difference> {
     let found = differences(before, now).into_iter();
-    let mut refused = found.filter(|found| found.verdict(meeting) == Verdict::Refused);
+    let mut refused = found.filter(|found| found.verdict(meeting) == Refused);
     refused.next()
 }
 
 /// Everything that decides numbers and differs, and what only `now` has.
 pub(super) fn differences(before: &Manifest, now: &Manifest) -> Vec<Difference> {
     let mut found = Found(Vec::new());
-    if before.has_networks() && now.has_networks() {
-        let devices = [before, now].map(|manifest| manifest.metric_networks.device.to_string());
-        found.compare(Fact::MetricDevice, devices);
+    let both = [before, now];
+    if both.iter().all(|manifest| manifest.has_networks()) {
+        let devices = both.map(|manifest| manifest.metric_networks.device.to_string());
+        found.compare(RULE, "the device behind LPIPS and DISTS", devices);
     }
-    let protocols = [before, now].map(|manifest| {
+    let protocols = both.map(|manifest| {
         let followed = manifest.protocol.as_ref();
         followed.map_or_else(|| "none".to_owned(), |protocol| protocol.name.clone())
     });
-    found.compare(Fact::Protocol, protocols);
-    let aggregations = [before, now].map(|manifest| manifest.aggregation.to_string());
-    found.compare(Fact::Aggregation, aggregations);
+    found.compare(RULE, "the protocol", protocols);
+    let aggregations = both.map(|manifest| manifest.aggregation.to_string());
+    found.compare(RULE, "the aggregation", aggregations);
     for (name, text) in now.scoring.iter().filter(|(name, _)| *name != AGGREGATION) {
         // A version that did not state a convention yet had the same one.
         let stated = before.scoring.get(name).unwrap_or(text);
-        found.compare(
-            Fact::Convention(name.clone()),
-            [stated.clone(), text.clone()],
-        );
+        found.compare(CONVENTION, name, [stated.clone(), text.clone()]);
     }
     let settings = before.renderer.settings().into_iter();
     for ((what, before), (_, now)) in settings.zip(now.renderer.settings()) {
-        found.compare(Fact::Rendering(what), [before, now]);
+        found.compare(RULE, &format!("the renderer's {what}"), [before, now]);
     }
     if before.common_region || now.common_region {
-        found.add(Fact::CommonRegion);
+        let what = "a common region (--common-region) is that of a folder's own methods: evaluate all of them in one";
+        found.add(CONVENTION, what.to_owned());
     }
     let metrics = by_name(&before.metrics, &now.metrics, |metric| metric.info.key);
     let datasets = by_name(&before.datasets, &now.datasets, |dataset| {
@@ -195,50 +126,47 @@ pub(super) fn differences(before: &Manifest, now: &Manifest) -> Vec<Difference> 
     });
     let methods = by_name(&before.methods, &now.methods, |method| method.label.clone());
     for (key, before, now) in &metrics {
-        let Some(before) = before else {
-            found.add(Fact::Unplanned(key.to_string()));
-            continue;
-        };
-        let facts = metric_facts(&before.info).into_iter();
+        let facts = metric_facts(&before.unwrap_or(now).info).into_iter();
         for ((what, before), (_, now)) in facts.zip(metric_facts(&now.info)) {
-            found.compare(Fact::Metric(*key, what), [before, now]);
+            found.compare(CONVENTION, &format!("{what} of {key}"), [before, now]);
         }
     }
     for (name, before, now) in &datasets {
+        if let Some(before) = before.filter(|before| before.identity != now.identity) {
+            let what = format!("the reading of dataset '{name}'");
+            found.compare(NAME, &what, readings(before, now));
+        }
+    }
+    for (label, before, now) in &methods {
+        let identities = [before.unwrap_or(now), now].map(|method| method.identity.to_string());
+        found.compare(NAME, &format!("method '{label}'"), identities);
+    }
+    let backends = both.map(|manifest| manifest.renderer.backend.clone());
+    found.compare(MACHINE, "the renderer", backends);
+    let kernels = both.map(|manifest| manifest.kernels.name().to_owned());
+    let what = "the class of CPU kernels (`run --simd` pins it)";
+    found.compare(MACHINE, what, kernels);
+    let other_code = |name: &str| format!("{name} was computed with other weights or code");
+    for (key, before, now) in metrics {
         match before {
-            None => found.add(Fact::Unplanned(format!("dataset '{name}'"))),
+            None => found.add(UNPLANNED, format!("{key} is not in the plan")),
             Some(before) if before.identity != now.identity => {
-                found.compare(Fact::Dataset(name.clone()), readings(before, now));
+                found.add(METRIC_CODE, other_code(&key.to_string()));
             }
             Some(_) => {}
         }
     }
-    for (label, before, now) in &methods {
+    for (label, before, now) in methods {
         match before {
-            None => found.add(Fact::Unplanned(format!("method '{label}'"))),
-            Some(before) => {
-                let identities = [before, now].map(|method| method.identity.to_string());
-                found.compare(Fact::Method(label.clone()), identities);
+            None => found.add(UNPLANNED, format!("method '{label}' is not in the plan")),
+            Some(before) if before.sources != now.sources => {
+                found.add(METHOD_CODE, other_code(&format!("method '{label}'")));
             }
+            Some(_) => {}
         }
     }
-    let backends = [before, now].map(|manifest| manifest.renderer.backend.clone());
-    found.compare(Fact::Backend, backends);
-    let kernels = [before, now].map(|manifest| manifest.kernels.name().to_owned());
-    found.compare(Fact::Kernels, kernels);
-    for (key, before, now) in metrics {
-        let identity = |metric: &MetricRecord| metric.identity.clone();
-        found.compare(
-            Fact::MetricCode(key),
-            [before.unwrap_or(now), now].map(identity),
-        );
-    }
-    for (label, before, now) in methods {
-        let sources = |method: &MethodRecord| method.sources.clone();
-        found.compare(
-            Fact::MethodCode(label),
-            [before.unwrap_or(now), now].map(sources),
-        );
+    for (name, ..) in datasets.iter().filter(|(_, before, _)| before.is_none()) {
+        found.add(UNPLANNED, format!("dataset '{name}' is not in the plan"));
     }
     found.0
 }
@@ -246,15 +174,16 @@ pub(super) fn differences(before: &Manifest, now: &Manifest) -> Vec<Difference> 
 struct Found(Vec<Difference>);
 
 impl Found {
-    fn compare(&mut self, fact: Fact, [before, now]: [String; 2]) {
+    fn compare(&mut self, row: Row, what: &str, [before, now]: [String; 2]) {
         if before != now {
-            self.0.push(Difference { fact, before, now });
+            let (what, values) = (what.to_owned(), Some([before, now]));
+            self.0.push(Difference { row, what, values });
         }
     }
 
-    fn add(&mut self, fact: Fact) {
-        let (before, now) = Default::default();
-        self.0.push(Difference { fact, before, now });
+    fn add(&mut self, row: Row, what: String) {
+        let values = None;
+        self.0.push(Difference { row, what, values });
     }
 }
 
@@ -307,13 +236,13 @@ pub(super) fn extended(
         let added = move |difference: &&Difference| difference.verdict(Meeting::Added) == verdict;
         found.iter().filter(added)
     };
-    if let Some(refused) = of(Verdict::Refused).next() {
+    if let Some(refused) = of(Refused).next() {
         return Err(EvaluateError::OtherMachine {
             folder: root.to_owned(),
             difference: refused.between("in its results", "in this run"),
         });
     }
-    let replaced = of(Verdict::Replaced).map(Difference::replaced).collect();
+    let replaced = of(Replaced).map(Difference::replaced).collect();
     // Whatever computed the networks of columns that stay.
     let metric_networks = match new.has_networks() {
         true => new.metric_networks,
