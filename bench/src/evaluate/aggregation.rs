@@ -8,8 +8,8 @@ use serde::{Deserialize, Serialize};
 
 use super::record::Record;
 
-/// The means that a number is the mean of. It is part of the number's identity: a scene with many pairs counts more
-/// under one than under another.
+/// How scores are averaged. Part of a number's identity: a scene with many pairs weighs more under one rule than under
+/// another.
 #[derive(
     Debug,
     Clone,
@@ -39,8 +39,8 @@ pub enum Aggregation {
 impl Aggregation {
     pub const ALL: [Self; 3] = [Self::Pairs, Self::Scenes, Self::Sources];
 
-    /// The aggregate of numbers, each with its record; `None` of nothing. Summed in the order given within a group, and
-    /// over groups by their names; infinite as soon as one is.
+    /// The mean of `values`, `None` if there are none. Groups are summed in the order given, then averaged by name, so
+    /// that the result does not depend on threads. One infinite value makes the mean infinite.
     pub fn of<'a>(self, values: impl IntoIterator<Item = (&'a Record, f64)>) -> Option<f64> {
         // Sum and count.
         let mut groups: BTreeMap<[&str; 3], (f64, usize)> = BTreeMap::new();

@@ -28,10 +28,10 @@ const FORMAT: u32 = 2;
 /// Bytes that a member of text may unpack to: a hundred times those of the paper's whole evaluation.
 const MAX_MEMBER: u64 = 1 << 28;
 
-/// Stands for a score that a unit does not have. No arithmetic makes this NaN.
+/// Marks a missing score: a NaN that no arithmetic produces.
 const ABSENT: u64 = u64::MAX;
 
-/// Head of a bundle, readable without the rest.
+/// `bundle.json`, which can be read on its own.
 #[derive(Debug, Serialize, Deserialize)]
 pub(crate) struct Head {
     format: u32,
@@ -41,7 +41,7 @@ pub(crate) struct Head {
     pub(crate) occasion: Option<Occasion>,
 }
 
-/// Facts about a run that only its author knows: label, commit and date.
+/// What only the author of a run knows about it.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Occasion {
     pub label: String,
@@ -52,16 +52,15 @@ pub struct Occasion {
     pub date: String,
 }
 
-/// Contents of a bundle.
 #[derive(Debug, Clone)]
 pub struct Bundle {
     pub results: Results,
-    /// Those that were evaluated, or were to be.
+    /// The planned pairs.
     pub pairs: PairList,
     pub occasion: Option<Occasion>,
 }
 
-/// A unit without its scores and without the facts in the pair list.
+/// A unit without its scores and without what the pair list says.
 #[derive(Serialize, Deserialize)]
 struct UnitLine {
     /// Position in `pairs.csv`.
@@ -273,7 +272,6 @@ fn digest(format: u32, manifest: &Manifest, records: &[Record]) -> serde_json::R
     Ok(hasher.finish())
 }
 
-/// A file whose members are read one by one.
 struct Members<'a> {
     path: &'a Path,
     archive: ZipArchive<Cursor<Vec<u8>>>,
@@ -321,7 +319,7 @@ fn unreadable(path: &Path, reason: String) -> EvaluateError {
     }
 }
 
-/// The head of a file, whatever became of the rest.
+/// Reads `bundle.json` alone, even if the rest is damaged.
 pub(crate) fn read_head(path: &Path) -> Result<Head, EvaluateError> {
     Members::open(path)?.head()
 }

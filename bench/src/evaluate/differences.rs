@@ -1,4 +1,4 @@
-//! In what two manifests differ, what each way of bringing their results together makes of it, and the manifest of both.
+//! Compares two manifests, decides whether their results may be combined, and combines the manifests.
 
 use std::fmt;
 use std::path::Path;
@@ -8,41 +8,40 @@ use sharp_metrics::MetricInfo;
 use super::error::EvaluateError;
 use super::manifest::{AGGREGATION, DatasetRecord, Manifest};
 
-/// How results of two manifests come together: an index of [`Row`].
+/// Why two manifests are compared. An index into [`Row`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Meeting {
-    /// A run, or scores, are added to a folder.
+    /// `run` or `score` adds to a folder.
     Added,
-    /// Results are read side by side, as by `report` and `compare`.
+    /// `report` or `compare` shows both.
     Read,
-    /// Units are copied into one folder.
+    /// `merge` copies the units into one folder.
     Merged,
-    /// A process does its share of a plan.
+    /// A shard works off a plan.
     Shard,
 }
 
-/// What becomes of a difference.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Verdict {
     Allowed,
-    /// The later meaning of the name counts, and results under the earlier one no longer show.
+    /// The new meaning of a name counts; tables no longer show earlier results under it.
     Replaced,
     Refused,
 }
 use Verdict::{Allowed, Refused, Replaced};
 
-/// What each [`Meeting`] makes of a difference. The rows below are all there are.
+/// The verdict for each [`Meeting`]. These constants are the whole table.
 type Row = [Verdict; 4];
-/// What decides every number.
+/// Decides every number.
 const RULE: Row = [Refused, Refused, Refused, Refused];
-/// Conventions of scoring, which are part of what identifies a metric's code, too.
+/// Scoring conventions. They are part of each metric's identity too, so adding them to a folder replaces scores.
 const CONVENTION: Row = [Allowed, Refused, Refused, Refused];
-/// What a dataset's or a method's name stands for.
+/// What the name of a dataset or method stands for.
 const NAME: Row = [Replaced, Refused, Refused, Refused];
-/// Moves scores in decimals that no table shows.
+/// Changes scores only in digits that no table shows.
 const MACHINE: Row = [Refused, Allowed, Refused, Refused];
 const METRIC_CODE: Row = [Replaced, Allowed, Refused, Refused];
-/// Units by other code are other units.
+/// Another version of the code makes other units, so nothing is mixed.
 const METHOD_CODE: Row = [Allowed, Allowed, Refused, Refused];
 const UNPLANNED: Row = [Allowed, Allowed, Allowed, Refused];
 
@@ -50,7 +49,7 @@ const UNPLANNED: Row = [Allowed, Allowed, Allowed, Refused];
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) struct Difference {
     row: Row,
-    /// The fact, or without values a sentence.
+    /// What differs; a whole sentence if there are no values.
     what: String,
     /// Before and now.
     values: Option<[String; 2]>,
@@ -61,7 +60,7 @@ impl Difference {
         self.row[meeting as usize]
     }
 
-    /// What the earlier results of a replaced name are.
+    /// Describes the results that tables no longer show.
     pub(super) fn replaced(&self) -> String {
         match &self.values {
             Some([before, _]) => format!("{} was {before}", self.what),
@@ -69,7 +68,7 @@ impl Difference {
         }
     }
 
-    /// As a sentence; `one` and `other` say where the values are.
+    /// A sentence; `one` and `other` say where each value comes from.
     pub(super) fn between(&self, one: &str, other: &str) -> String {
         let what = &self.what;
         match &self.values {
@@ -85,14 +84,14 @@ impl fmt::Display for Difference {
     }
 }
 
-/// The first difference that rules a meeting out.
+/// The first difference that forbids combining the results.
 pub(super) fn refusal(before: &Manifest, now: &Manifest, meeting: Meeting) -> Option<Difference> {
     let found = differences(before, now).into_iter();
     let mut refused = found.filter(|found| found.verdict(meeting) == Refused);
     refused.next()
 }
 
-/// Everything that decides numbers and differs, and what only `now` has.
+/// All differences that affect numbers, and what only `now` has.
 pub(super) fn differences(before: &Manifest, now: &Manifest) -> Vec<Difference> {
     let mut found = Found(Vec::new());
     let both = [before, now];
@@ -187,7 +186,7 @@ impl Found {
     }
 }
 
-/// Each item of `now` with that of its name in `before`.
+/// Each item of `now` with its namesake in `before`.
 fn by_name<'m, T, N: PartialEq>(
     before: &'m [T],
     now: &'m [T],
@@ -210,7 +209,8 @@ fn metric_facts(info: &MetricInfo) -> [(&'static str, String); 4] {
     ]
 }
 
-/// The first setting that both state and that differs, else the specs: another version may state more settings.
+/// The first setting that both manifests state differently, else both specs. Settings that only one states are ignored:
+/// another version may state more.
 fn readings(before: &DatasetRecord, now: &DatasetRecord) -> [String; 2] {
     let mut differing = before.readings.iter().filter_map(|old| {
         let new = now.readings.iter().find(|new| new.key == old.key)?;
@@ -221,8 +221,8 @@ fn readings(before: &DatasetRecord, now: &DatasetRecord) -> [String; 2] {
     differing.next().unwrap_or_else(specs)
 }
 
-/// A manifest after `new` was added to its folder, with a sentence for each earlier result that tables no longer
-/// show because a name now means something else.
+/// The manifest of a folder after `new` was added to it, and a sentence for each earlier result that tables no longer
+/// show because its name now means something else.
 ///
 /// # Errors
 /// When results of both would not share a table: the folder's renderer, kernels, protocol, … are others.
@@ -279,7 +279,7 @@ pub(super) fn extended(
     Ok((merged, replaced))
 }
 
-/// Both manifests as one, for results that stand side by side.
+/// One manifest for results that are shown together.
 ///
 /// # Errors
 /// The first difference that columns of one name, or names of one meaning, cannot have.
@@ -322,7 +322,7 @@ pub(super) fn joined(one: Manifest, other: Manifest) -> Result<Manifest, String>
     })
 }
 
-/// Items by name: those that were there, then new ones; `meet` decides on two of one name.
+/// The items of `all`, then new names; `meet` combines two items of one name.
 fn union<T, N: PartialEq>(
     mut all: Vec<T>,
     new: Vec<T>,

@@ -1,4 +1,4 @@
-//! Warnings about a method that its records carry or show together.
+//! Warnings about a method, from single records and from all of them together.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -7,17 +7,19 @@ use super::picture_check::{CHANGED, changed_pictures, is_checked};
 use super::record::Record;
 use crate::methods::{Privilege, UNUSABLE};
 
-/// Ratio of seen to true depth beyond which metres are doubted.
+/// Ratio of rendered to true depth beyond which the unit is probably not metres.
 const UNLIKELY_SCALE: f64 = 10.0;
-/// Fewest sources of a scene or dataset among which outliers are sought: of fewer, other readings are tried for most anyway.
+/// Outliers are sought among at least this many sources. With fewer, other readings are tried for most of them anyway.
 const FEWEST_SOURCES: usize = 4;
-/// dB between wrong sources and the others: half of a photograph explained against an unrelated picture of its variance.
+/// Least gap between wrong sources and the others, dB: explaining half of a photograph's variance against none of it.
 const LEAST_GAP: f64 = 6.0;
-/// Least ratio of that gap to the distance from the worst to the middle of the others: normal values seldom leave such a gap.
+/// The gap must be at least this many times the distance from the worst to the median of the others, which is rare by
+/// chance.
 const GAP_SIGNIFICANCE: f64 = 2.0;
-/// Upper limit of an outlier where scenes differ, dB: the PSNR of the mean colour at a contrast of 45 levels.
+/// Across scenes only sources below this count as outliers, dB: the PSNR of a plain picture in the mean colour, at a
+/// contrast of 45 levels.
 const UNLIKE_ANY_SCENE: f64 = 15.0;
-/// Most outlying sources that a sentence lists; it counts the others.
+/// A sentence lists at most this many sources and counts the others.
 const MOST_NAMED: usize = 8;
 
 /// Warnings about the Gaussians behind a record, by topic.
@@ -50,9 +52,9 @@ pub fn doubts(record: &Record, privilege: Privilege) -> BTreeMap<&str, String> {
     doubts
 }
 
-/// Sources of a method that are shown much worse than the others of their scene, or of their dataset where these also show
-/// less than a plain colour would, as one sentence. Other readings are tried on only three sources of a dataset;
-/// this finds wrong files among the rest.
+/// Names sources that are rendered much worse than the others of their scene, or than the others of their dataset and
+/// worse than a plain colour. Other readings are tried on only three sources of a dataset; this finds wrong files among
+/// the rest.
 fn outlying_sources<'a>(
     records: impl Iterator<Item = &'a Record> + Clone,
     kind: &str,
@@ -105,7 +107,7 @@ fn outlying_sources<'a>(
     ))
 }
 
-/// The values of a group that lie apart below the others and are at most `most`, half of them at most, and the others.
+/// Splits a group into outliers, at most half of it and none above `most`, and the others; `None` if there is no gap.
 fn apart<'a>(group: &BTreeMap<&'a str, f64>, most: f64) -> Option<[Vec<(&'a str, f64)>; 2]> {
     let mut sources: Vec<(&str, f64)> = group.iter().map(|(name, v)| (*name, *v)).collect();
     sources.sort_by(|a, b| a.1.total_cmp(&b.1));
@@ -121,7 +123,7 @@ fn apart<'a>(group: &BTreeMap<&'a str, f64>, most: f64) -> Option<[Vec<(&'a str,
     })
 }
 
-/// Findings that need all records of a method: `outlying_sources`, and `changed_pictures` of those that others made.
+/// Findings that need all records of a method: see `outlying_sources` and `changed_pictures`.
 pub(super) fn joint_doubts<'a>(
     records: impl Iterator<Item = &'a Record> + Clone,
     kind: &str,
@@ -134,7 +136,7 @@ pub(super) fn joint_doubts<'a>(
     found
 }
 
-/// Doubts about the predictions of a method's records: the first of each kind, and `joint_doubts`.
+/// The first warning of each kind among a method's records, and `joint_doubts`.
 pub fn doubts_of<'a>(
     records: impl Iterator<Item = &'a Record> + Clone,
     kind: &str,

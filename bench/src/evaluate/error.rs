@@ -13,16 +13,13 @@ use crate::pairs::PairError;
 /// Why an evaluation stopped before its end. What was finished is kept.
 #[derive(Debug, thiserror::Error)]
 pub enum EvaluateError {
-    /// The run folder cannot be read or written.
     #[error(transparent)]
     Folder(#[from] FileError),
-    /// Datasets or pair lists.
     #[error(transparent)]
     Pairs(#[from] PairError),
-    /// A dataset that a run was made from.
+    /// A dataset of a run cannot be opened again.
     #[error("{spec}, from which the run has its pictures: {reason}{from}")]
     RunDataset {
-        /// As it was given to the run.
         spec: String,
         reason: Box<PairError>,
         /// What its path is relative to; empty for an absolute one.
@@ -32,13 +29,10 @@ pub enum EvaluateError {
         "dataset '{0}': the manifest does not tell, in a form that this version reads, where its files lay"
     )]
     NoDatasetSpec(String),
-    /// A method's options.
     #[error(transparent)]
     Method(#[from] SpecError),
-    /// The weights of a metric.
     #[error(transparent)]
     Weights(#[from] WeightsError),
-    /// The renderer cannot be opened.
     #[error(transparent)]
     Renderer(#[from] RenderError),
     /// Two methods have one label.
@@ -49,69 +43,48 @@ pub enum EvaluateError {
         "the pairs were chosen by the depth of the checkpoint that method '{method}' is evaluated with; choose them by \
          other depth, such as --overlap-depth DIR"
     )]
-    ChosenByMethod {
-        /// Its label.
-        method: String,
-    },
+    ChosenByMethod { method: String },
     /// The renderer's device failed: the unit stays undone, and the same run continues from there.
     #[error("{method} on {pair_id}: {reason}; finished units are kept, the same command continues")]
     Device {
-        /// The pair of the unit.
         pair_id: String,
-        /// Its method.
         method: String,
-        /// What the device said.
         reason: String,
     },
-    /// The folder's results came from a machine that computes differently.
+    /// The folder's results cannot share a table with this run's.
     #[error(
         "{}: {difference}; a folder has one: choose another folder",
         folder.display()
     )]
     OtherMachine {
-        /// The run folder.
         folder: PathBuf,
         /// What differs, with both values.
         difference: String,
     },
-    /// A folder of another version.
     #[error(
         "{}: a run folder of format {found}; this version reads format {expected}: run the command again into a new folder",
         folder.display()
     )]
     Format {
-        /// The run folder.
         folder: PathBuf,
-        /// Its format.
         found: u32,
-        /// [`super::manifest::FORMAT`].
         expected: u32,
     },
-    /// A file that is taken for a bundle.
+    /// A file that was expected to be a bundle.
     #[error("{}: not a bundle of scores: {reason}", path.display())]
-    Bundle {
-        /// The file.
-        path: PathBuf,
-        /// Why.
-        reason: String,
-    },
+    Bundle { path: PathBuf, reason: String },
     /// Folders whose results cannot stand side by side.
     #[error("{} and {} cannot be joined: {difference}", a.display(), b.display())]
     Conflict {
-        /// One folder.
         a: PathBuf,
-        /// The other.
         b: PathBuf,
-        /// The first difference.
         difference: String,
     },
-    /// A number of shards that cannot be.
     #[error(transparent)]
     Shard(#[from] ShardError),
-    /// What is there does not suffice for what is asked.
+    /// The folder does not hold what the command needs.
     #[error("{}: {reason}", folder.display())]
     NotKept {
-        /// The run folder.
         folder: PathBuf,
         /// What is missing, and what to do.
         reason: String,

@@ -24,7 +24,7 @@ use crate::pairs::pair_list::ResolvedPair;
 const SOURCES: usize = 3;
 
 impl Evaluation {
-    /// Evaluates a few pairs into a temporary folder, and tells what all of them would cost.
+    /// Evaluates a few pairs in a temporary folder and extrapolates the cost of all of them.
     ///
     /// # Errors
     /// When there is no room for temporary files, or the renderer's device fails.
@@ -113,7 +113,7 @@ impl Evaluation {
     }
 }
 
-/// Bytes of the files below a folder; nothing where it is not.
+/// Bytes of the files below a folder; 0 if it does not exist.
 fn size(path: &Path) -> u64 {
     let Ok(entries) = std::fs::read_dir(path) else {
         return std::fs::metadata(path).map_or(0, |file| file.len());

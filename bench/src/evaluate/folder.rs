@@ -35,18 +35,16 @@ use crate::io::atomic_files::{FileError, remove_leftovers, write_atomic, write_j
 use crate::io::hash::file_sha256;
 use crate::pairs::pair_id::path_of;
 
-/// A folder of durable results.
 #[derive(Debug, Clone)]
 pub struct RunFolder {
     root: PathBuf,
-    /// Held by the process that writes here, as long as it lives.
+    /// Held while this process writes here.
     _lock: Option<Arc<File>>,
 }
 
 impl RunFolder {
-    /// Opens a run folder for writing, creating it where there is none, and removes what a killed process left half
-    /// written. A folder that is neither empty nor a run is refused, so that a mistyped path never mixes results into
-    /// other files.
+    /// Opens or creates a run folder for writing and removes half-written files of a killed process. Refuses a folder
+    /// that is neither empty nor a run, so that a mistyped path never mixes results with other files.
     ///
     /// # Errors
     /// Names the folder and why it cannot be used.
@@ -85,8 +83,8 @@ impl RunFolder {
         })
     }
 
-    /// Opens a planned run for writing units, beside others that do the same: units are written whole, and whoever does
-    /// one twice writes the same values.
+    /// Opens a planned run for writing units while other processes do the same. Units are written atomically, and a
+    /// unit done twice gets the same values.
     ///
     /// # Errors
     /// When it holds no manifest, or one process has it for itself.
@@ -99,7 +97,7 @@ impl RunFolder {
         })
     }
 
-    /// Removes what processes left half written that were killed more than a day ago: those of today may be alive.
+    /// Removes half-written files older than a day; younger ones may belong to a running process.
     pub(super) fn remove_old_leftovers(&self) {
         remove_leftovers(&self.root, &WRITTEN, Duration::from_secs(24 * 3600));
     }
@@ -117,7 +115,7 @@ impl RunFolder {
         })
     }
 
-    /// The same folder for reading: others may write.
+    /// The same folder without the lock, for reading.
     pub(super) fn unlocked(&self) -> Self {
         Self {
             root: self.root.clone(),
@@ -125,7 +123,7 @@ impl RunFolder {
         }
     }
 
-    /// The units that were scored on what all methods predict: a folder within this one, of the same layout.
+    /// The subfolder with the units of `--common-region`, in the same layout.
     pub(super) fn common_region(&self) -> Self {
         Self {
             root: self.root.join("common-region"),
@@ -133,27 +131,22 @@ impl RunFolder {
         }
     }
 
-    /// The folder itself.
     pub fn root(&self) -> &Path {
         &self.root
     }
 
-    /// `pairs.csv`.
     pub fn pairs_path(&self) -> PathBuf {
         self.root.join("pairs.csv")
     }
 
-    /// `scores.csv`.
     pub fn scores_path(&self) -> PathBuf {
         self.root.join("scores.csv")
     }
 
-    /// `timings.csv`.
     pub fn timings_path(&self) -> PathBuf {
         self.root.join("timings.csv")
     }
 
-    /// Where the methods of a shard keep their logs.
     pub(super) fn logs_path(&self, shard: Shard) -> PathBuf {
         let logs = self.root.join("logs");
         match shard {
@@ -162,12 +155,11 @@ impl RunFolder {
         }
     }
 
-    /// Where predictions of sources are kept.
     pub fn gaussians_path(&self) -> PathBuf {
         self.root.join("gaussians")
     }
 
-    /// Where the picture of a method for a pair is kept; `extension` is `png` or `exr`.
+    /// The file of a method's picture of a pair; `extension` is `png` or `exr`.
     pub fn prediction_path(&self, method: &str, pair_id: &str, extension: &str) -> PathBuf {
         self.root
             .join("predictions")
@@ -244,7 +236,7 @@ impl RunFolder {
         self.root.join("run.toml")
     }
 
-    /// Writes `run.toml`, with paths that hold wherever it is read.
+    /// Writes `run.toml` with absolute paths.
     pub(super) fn write_config(&self, config: &RunConfig) -> Result<(), FileError> {
         let path = self.config_path();
         let here = std::env::current_dir().map_err(FileError::new(&path, "write"))?;
@@ -266,8 +258,8 @@ impl RunFolder {
             .join(format!("{stem}.json"))
     }
 
-    /// The stored result of a unit, if it is there and whole. A file that is damaged, or another unit's, is none:
-    /// the unit is done again and takes its place.
+    /// The stored result of a unit; `None` if it is missing, damaged or another unit's, and then the unit is done
+    /// again.
     ///
     /// # Errors
     /// When a file exists but the system cannot read it.
@@ -291,7 +283,7 @@ impl RunFolder {
         Ok(unit)
     }
 
-    /// Every whole unit, in the order of slots, with the files that are damaged.
+    /// All undamaged units in the order of their slots, and the damaged files.
     ///
     /// # Errors
     /// When the folder or a file cannot be read.
@@ -316,7 +308,7 @@ impl RunFolder {
         Ok((units, damaged))
     }
 
-    /// When each file of a unit was written.
+    /// The modification time of each unit's file.
     pub(super) fn unit_times(&self) -> Result<Vec<SystemTime>, FileError> {
         let mut times = Vec::new();
         for folder in entries(&self.root.join("units"))? {
@@ -328,13 +320,13 @@ impl RunFolder {
         Ok(times)
     }
 
-    /// True if the kept picture of a unit is the one that was scored.
+    /// Whether the kept picture still has the bytes that were scored.
     pub fn has_picture(&self, unit: &Unit) -> bool {
         let sha256 = unit.picture.as_ref().and_then(|p| p.file_sha256.as_ref());
         self.has_file(unit, "png", sha256)
     }
 
-    /// True if the linear picture beside it is the one that was rendered.
+    /// The same for the kept linear picture.
     pub(super) fn has_float(&self, unit: &Unit) -> bool {
         let sha256 = unit.picture.as_ref().and_then(|p| p.float_sha256.as_ref());
         self.has_file(unit, "exr", sha256)
@@ -345,8 +337,7 @@ impl RunFolder {
         sha256.is_some_and(|sha256| file_sha256(&path).is_ok_and(|found| found == *sha256))
     }
 
-    /// Removes the tables of an earlier run before results change: a folder without `scores.csv` is a run that has not
-    /// ended. The units stay.
+    /// Removes `scores.csv` and `timings.csv` before results change. A folder without them is a run that has not ended.
     ///
     /// # Errors
     /// Names the file and what the system said.
@@ -368,7 +359,7 @@ fn parse_unit(bytes: &[u8]) -> Option<Unit> {
     (unit.format == FORMAT && unit.is_whole() && unit.is_consistent()).then_some(unit)
 }
 
-/// The entries of a folder in order; none where there is no folder.
+/// The entries of a folder, sorted; empty if it does not exist.
 fn entries(folder: &Path) -> Result<Vec<PathBuf>, FileError> {
     let read = match fs::read_dir(folder) {
         Err(error)
@@ -392,10 +383,10 @@ fn entries(folder: &Path) -> Result<Vec<PathBuf>, FileError> {
 /// Contents of the lock file of a run folder.
 const MARK: &str = "sharp-bench run\n";
 
-/// The folders that runs write into.
+/// Subfolders that runs write into.
 const WRITTEN: [&str; 4] = ["units", "predictions", "gaussians", "common-region"];
 
-/// Takes the folder for this process, and whether it did: not where the file system has no locks.
+/// Opens the lock file and locks it by `take`. The flag is false on file systems without locks.
 pub(crate) fn lock(
     root: &Path,
     take: fn(&File) -> Result<(), TryLockError>,

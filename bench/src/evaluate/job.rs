@@ -1,4 +1,4 @@
-//! What a pipeline is given, and what it counts.
+//! The input of the pipeline, and its counts.
 
 use std::collections::BTreeSet;
 use std::time::Duration;
@@ -30,7 +30,7 @@ pub enum Stages {
 }
 
 impl Stages {
-    /// True if units have their scores after it.
+    /// Whether units have their scores afterwards.
     pub fn scores(self) -> bool {
         matches!(self, Self::All | Self::Score)
     }
@@ -39,17 +39,13 @@ impl Stages {
 /// Default of [`RunOptions::memory_limit_bytes`].
 pub const MEMORY_LIMIT_BYTES: u64 = 2 << 30;
 
-/// Options that change no result.
 #[derive(Debug, Clone, Copy)]
 pub struct RunOptions {
-    /// Which stages are done.
     pub stages: Stages,
-    /// Which pictures are kept.
     pub keep: Keep,
-    /// Whether predictions of sources are kept.
     pub keep_gaussians: bool,
-    /// Memory that is kept within, bytes: Gaussians of a source beyond their share wait on disk, and predictions of a pair
-    /// are made and scored in parts. What networks take of their own is not counted, and one picture is the least.
+    /// Memory limit, bytes. Gaussians beyond their share wait on disk, and a pair's predictions are made and scored in
+    /// parts, at least one picture at a time. Memory of the networks is not counted.
     pub memory_limit_bytes: u64,
 }
 
@@ -80,11 +76,10 @@ impl RunOptions {
     }
 }
 
-/// Input of a pipeline.
 pub(super) struct Job<'a> {
-    /// In the order of their ids.
+    /// By id.
     pub(super) pairs: Vec<ResolvedPair<'a>>,
-    /// Sources for which other readings of their Gaussians are tried.
+    /// Sources on which other readings of their Gaussians are tried.
     pub(super) checked: BTreeSet<String>,
     pub(super) methods: &'a [Box<dyn Method>],
     pub(super) scoring: &'a Scoring,
@@ -93,33 +88,27 @@ pub(super) struct Job<'a> {
     pub(super) options: RunOptions,
     /// Monotonic time; only differences matter. Tests plant their own.
     pub(super) clock: fn() -> Duration,
-    /// The part of a plan that it is, where that has several: their logs lie apart.
+    /// Each shard has its own logs.
     pub(super) shard: Shard,
 }
 
-/// Counts of a run's units.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize)]
 pub struct UnitCounts {
-    /// Units of the plan.
     pub units: usize,
-    /// Units whose stored result was complete.
+    /// Units that were complete before.
     pub reused: usize,
-    /// Predictions that were made: of a source for methods that make Gaussians, else of a pair.
+    /// Predictions made: per source for methods that make Gaussians, else per pair.
     pub predicted: usize,
-    /// Renderings that were made.
     pub rendered: usize,
-    /// Units that got scores.
     pub scored: usize,
-    /// Units that are recorded failures.
     pub failed: usize,
-    /// Units that wait for another stage.
     pub waiting: usize,
-    /// Units that were not come to, or not scored yet, when the run was stopped.
+    /// Units not reached or not scored when the run was stopped.
     pub left: usize,
 }
 
 impl UnitCounts {
-    /// Counts a record that says why there is no score.
+    /// Counts a recorded failure.
     pub(super) fn count(&mut self, record: &Record, observer: &dyn Observer) {
         if record.status != Status::Ok {
             self.failed += 1;

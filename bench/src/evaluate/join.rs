@@ -1,4 +1,4 @@
-//! Several folders as one: equal units once, disjoint ones side by side, conflicting ones refused with the difference.
+//! Combines folders: equal units once, different ones together, contradictions refused with their reason.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -18,9 +18,8 @@ use crate::pairs::PairList;
 /// A folder to join, `NAME=FOLDER` or `FOLDER`.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Named {
-    /// Put before the label of each method, or instead of it where the folder has one method.
+    /// Prefix of each method's label, or its label if the folder has only one method.
     pub name: Option<String>,
-    /// The run folder.
     pub path: PathBuf,
 }
 
@@ -32,7 +31,7 @@ pub struct NameError(String);
 impl std::str::FromStr for Named {
     type Err = NameError;
 
-    /// A folder whose own path holds `=` is not split if it exists.
+    /// An existing folder with `=` in its path is not split.
     fn from_str(text: &str) -> Result<Self, Self::Err> {
         let plain = Self {
             name: None,
@@ -119,7 +118,7 @@ pub fn join_results(
     }
 }
 
-/// The label of a method of a run with a name: before it, or instead where the run has one method.
+/// The label of a method in a run called `name`; see [`Named::name`].
 pub(crate) fn label_under(name: &str, label: &str, methods: usize) -> String {
     match methods {
         1 => name.to_owned(),
@@ -127,7 +126,6 @@ pub(crate) fn label_under(name: &str, label: &str, methods: usize) -> String {
     }
 }
 
-/// Puts a name before each method, or instead of the label where there is one method.
 fn rename(results: &mut Results, name: &str) {
     let methods = results.manifest.methods.len();
     let renamed = |label: &str| label_under(name, label, methods);
@@ -230,7 +228,7 @@ fn joined_records(mut a: Record, b: Record) -> Result<Record, String> {
     Ok(a)
 }
 
-/// Joins folders into one, or brings the tables of one up to date.
+/// Joins folders into `out`, or rewrites the tables of a single one.
 ///
 /// # Errors
 /// When a folder cannot be read or written, or two of them contradict each other.
@@ -303,7 +301,7 @@ pub fn merge(folders: &[PathBuf], out: Option<&Path>) -> Result<Results, Evaluat
     write_tables(&target)
 }
 
-/// Copies a unit with its pictures; scores that another copy has are kept.
+/// Copies a unit with its pictures, and keeps scores of a copy that is there already.
 fn copy_unit(from: &RunFolder, to: &RunFolder, mut unit: Unit) -> Result<(), EvaluateError> {
     if let Some(before) = to.load(&unit.slot)? {
         for (key, score) in before.scores {

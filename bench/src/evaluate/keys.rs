@@ -30,19 +30,18 @@ use crate::scoring::metrics::ScoredMetric;
 /// Computes keys; files are hashed once.
 pub(super) struct Keys {
     hashes: ViewHashes,
-    /// Reader and settings of each dataset, hashed.
+    /// `dataset_identity` by dataset.
     datasets: BTreeMap<String, String>,
     renderer: RendererRecord,
 }
 
-/// Keys of the stages that make a unit's picture.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) struct PictureKeys {
     pub(super) predict: String,
     pub(super) picture: String,
 }
 
-/// Reader and settings, whatever the folder.
+/// Hash of reader and settings, without the path.
 pub(super) fn dataset_identity(dataset: &OpenDataset) -> String {
     StableHasher::default()
         .add("settings", &dataset.settings)
@@ -70,7 +69,6 @@ impl Keys {
         }
     }
 
-    /// What a manifest says of a method.
     pub(super) fn method_record(
         &self,
         method: &dyn Method,
@@ -157,7 +155,7 @@ impl Keys {
         }
     }
 
-    /// Hashes of the files behind a prediction; `None` if one cannot be read.
+    /// Hashes of the files that a prediction was made from; `None` if one cannot be read.
     pub(super) fn pair_files(
         &self,
         method: &dyn Method,
@@ -184,7 +182,7 @@ impl Keys {
         })
     }
 
-    /// A hash over the files that a method reads for a pair; `None` where it reads none, or one cannot be read.
+    /// Hash of the files that a method reads for a pair; `None` if it reads none, or one cannot be read.
     fn method_files(&self, method: &dyn Method, pair_id: &str) -> Option<String> {
         let files = method.input_files(pair_id).ok()?;
         let mut hash = StableHasher::default();
@@ -196,8 +194,8 @@ impl Keys {
         (!files.is_empty()).then_some(hash)
     }
 
-    /// Compares the files behind stored units with those on disk now. Views of datasets that are not open, files of methods
-    /// that are not among these, and failed units are skipped.
+    /// Compares the files of stored units with those on disk. Skips failed units, and datasets and methods that are not
+    /// given.
     ///
     /// # Errors
     /// [`EvaluateError::NotKept`] for the first unit made from other files; `fix` completes the sentence.
@@ -257,8 +255,7 @@ impl Keys {
         Ok(())
     }
 
-    /// Why what was read of a pair may not be what its keys say: a file changed after it was hashed. `method` names
-    /// the files of its own.
+    /// The reason why a pair's keys no longer hold: a file, of the pair or of `method`, changed after it was hashed.
     pub(super) fn changed(
         &self,
         method: Option<&dyn Method>,
@@ -272,7 +269,6 @@ impl Keys {
         changed.map(|path| format!("{} changed during the run", path.display()))
     }
 
-    /// The key of a metric for a picture of a region.
     pub(super) fn score(
         &self,
         metric: &ScoredMetric,
@@ -307,7 +303,7 @@ impl Keys {
     }
 }
 
-/// Wherever the folder of a method's files lies.
+/// The file's name and its two parent folders.
 fn last_parts(path: &Path) -> String {
     let parts: Vec<_> = path.iter().map(|part| part.to_string_lossy()).collect();
     parts[parts.len().saturating_sub(3)..].join("/")

@@ -7,9 +7,9 @@ use sharp::render::RenderView;
 
 /// Side of a tile, pixels: gsplat's.
 const TILE: f64 = 16.0;
-/// Below this alpha a Gaussian is not blended.
+/// Smallest alpha that is blended.
 const LEAST_ALPHA: f64 = 1.0 / 255.0;
-/// Largest distance beyond the picture at which the projection is linearised, as a fraction of its sides.
+/// The projection is linearised up to this far outside the picture, as a fraction of its sides.
 const MARGIN: f64 = 0.15;
 
 /// Tiles of 16 × 16 pixels that the boxes of the Gaussians touch, counted once for each Gaussian, and tiles of the picture.

@@ -1,5 +1,4 @@
-//! Predictions of sources, made once: the pairs of a source, and methods that share a network, render the same
-//! Gaussians.
+//! Keeps predicted Gaussians, so that all pairs of a source, and methods that share a network, use one prediction.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
@@ -13,7 +12,7 @@ use crate::methods::{GaussianPrediction, MethodError};
 
 /// Predictions by their key: in memory within a limit, beyond it on disk until the run is done.
 pub(in crate::evaluate) struct GaussianStore {
-    /// Where predictions are kept for later; `None` to forget them.
+    /// Folder for predictions that outlive the run, if any.
     kept: Option<PathBuf>,
     limit_bytes: u64,
     memory: BTreeMap<String, Timed>,
@@ -21,24 +20,22 @@ pub(in crate::evaluate) struct GaussianStore {
     order: Vec<String>,
     spill: Option<(TempDir, BTreeSet<String>)>,
     spill_in: PathBuf,
-    /// The source that predictions in memory are of: pairs come sorted, so that those of one source are neighbours.
+    /// The source of the predictions in memory. Pairs are sorted, so those of one source come together.
     source: String,
 }
 
-/// A prediction, and the wall seconds that the method took for it.
+/// A prediction and its wall time, s.
 pub(in crate::evaluate) type Timed = (Arc<GaussianPrediction>, f64);
 
 /// Why there is no prediction.
 #[derive(Debug)]
 pub(in crate::evaluate) enum StoreError {
-    /// The method says so.
     Method(MethodError),
-    /// A file of ours.
     File(FileError),
 }
 
 impl GaussianStore {
-    /// Keeps up to `limit_bytes` in memory; spills into a temporary folder within `spill_in`.
+    /// Keeps up to `limit_bytes` in memory and spills the rest into a temporary folder in `spill_in`.
     pub(in crate::evaluate) fn new(
         kept: Option<PathBuf>,
         spill_in: &Path,
@@ -55,8 +52,8 @@ impl GaussianStore {
         }
     }
 
-    /// The prediction of a key for a source. `predict` is asked if it is neither in memory nor on disk; without it, only
-    /// what was kept counts. The seconds are those of when it was made.
+    /// The prediction of a key. `predict` makes it if it is neither in memory nor on disk; without `predict` the result
+    /// is `None` then. The time is that of when it was made.
     pub(in crate::evaluate) fn get(
         &mut self,
         key: &str,
@@ -96,7 +93,7 @@ impl GaussianStore {
         Ok(Some(timed))
     }
 
-    /// Moves the oldest predictions to disk until the others are within the limit. The latest stays.
+    /// Moves the oldest predictions to disk until the rest fits the limit. The latest stays.
     fn shrink(&mut self) -> Result<(), FileError> {
         while self.order.len() > 1 && self.bytes() > self.limit_bytes {
             let key = self.order.remove(0);

@@ -1,29 +1,29 @@
-//! Likeness of pictures to a part of a photograph, and the significance of differences in it.
+//! Compares pictures with a part of a photograph and tells whether one is significantly closer.
 
 use image::RgbImage;
 use image::imageops::thumbnail;
 
 use crate::scoring::Region;
 
-/// Width and height of a picture of which only what is coarse is left.
+/// Size of the reduced picture that `blur` compares, pixels.
 const COARSE: (u32, u32) = (16, 12);
-/// Contrast that a blurred picture lacks at least; pictures of other views have as much as right ones.
+/// Least share of contrast that a blurred picture lacks. Pictures of other views lack none.
 const LEAST_BLUR: f64 = 0.4;
 /// Largest width and height that are compared, pixels.
 const SIDES: (u32, u32) = (160, 120);
-/// Least gain of another reading, dB. Reading a proper file differently changes its error by chance, by some hundredths.
+/// Least gain of another reading, dB. Another reading of a proper file changes its error by some hundredths.
 const MARGIN: f64 = 0.5;
 /// Standard errors of the gain that it has to exceed.
 const SIGNIFICANCE: f64 = 3.0;
-/// Least significance of the gain with brightness and contrast free, which only has to agree.
+/// The same with free brightness and contrast, where the gain only has to agree.
 const SIGNIFICANCE_FREE: f64 = 2.0;
-/// Share of the photograph's variance that an explanation has to explain.
+/// Least share of the photograph's variance that a picture must explain.
 const EXPLAINED: f64 = 0.5;
 /// Mean squared error below which pictures count as equal, levels²: rounding against truncation to 8 bit.
 const ROUNDING: f64 = 1.0;
 
-/// The part of a photograph with the largest contrast, at the photograph's own resolution: errors of half a
-/// pixel, or in the shape of a small Gaussian, do not show in a smaller picture.
+/// The part of a photograph with the most contrast, at full resolution: a smaller picture hides errors of half a pixel
+/// or of a small Gaussian's shape.
 pub(in crate::evaluate) fn window(photograph: &RgbImage) -> Region {
     let (width, height) = photograph.dimensions();
     let size = (width.min(SIDES.0), height.min(SIDES.1));
@@ -49,7 +49,8 @@ pub(in crate::evaluate) fn window(photograph: &RgbImage) -> Region {
     best.1
 }
 
-/// Sum of the green channel's steps over every fourth row and column, each at most 64 levels: one sharp edge is not all.
+/// Sum of the green channel's steps at every fourth row and column. A step counts at most 64 levels, so that one sharp
+/// edge does not decide.
 fn contrast(photograph: &RgbImage, region: Region) -> u64 {
     let level = |x: u32, y: u32| photograph.get_pixel(x, y).0[1];
     let mut sum = 0;
@@ -66,7 +67,7 @@ fn contrast(photograph: &RgbImage, region: Region) -> u64 {
     sum
 }
 
-/// Moments of one channel over pixels, enough for squared errors and regressions.
+/// Moments of one channel, from which errors and regressions follow.
 #[derive(Debug, Clone, Copy, Default)]
 struct Sums {
     n: f64,
@@ -94,7 +95,7 @@ impl Sums {
         self.pp - 2.0 * self.pr + self.rr
     }
 
-    /// Of the photograph about its mean.
+    /// Variance of the photograph, summed.
     fn variance(self) -> f64 {
         self.pp - self.p * self.p / self.n
     }
@@ -111,11 +112,10 @@ impl Sums {
     }
 }
 
-/// Errors that are compared.
 #[derive(Debug, Clone, Copy, Default)]
 struct Errors {
     error: f64,
-    /// Squared error after the best fit of brightness and contrast, so that holes and exposure do not count.
+    /// Squared error after the best fit of brightness and contrast.
     residual: f64,
     variance: f64,
 }
@@ -136,10 +136,9 @@ impl Errors {
     }
 }
 
-/// Comparison of a rendering with a part of a photograph.
 #[derive(Debug, Clone, Default)]
 pub(in crate::evaluate) struct Likeness {
-    /// One per block of the picture, row by row; equal sizes give equal blocks.
+    /// Per block of the picture, row by row.
     blocks: Vec<[Sums; 3]>,
     total: [Sums; 3],
 }
@@ -148,7 +147,7 @@ pub(in crate::evaluate) struct Likeness {
 const BLOCKS: u32 = 6;
 
 impl Likeness {
-    /// Of a part of a photograph and a picture of that part.
+    /// Compares `picture` with the part of the photograph that it shows.
     pub(in crate::evaluate) fn of(
         photograph: &RgbImage,
         region: Region,
@@ -177,7 +176,7 @@ impl Likeness {
         Self { blocks, total }
     }
 
-    /// Of both parts.
+    /// Both parts as one.
     pub(in crate::evaluate) fn joined(&self, other: &Self) -> Self {
         let total = [&self.total, &other.total];
         Self {
@@ -186,7 +185,7 @@ impl Likeness {
         }
     }
 
-    /// How much smaller its squared error is, dB.
+    /// By how many dB its squared error is smaller.
     pub(in crate::evaluate) fn gain_over(&self, other: &Self) -> f64 {
         10.0 * (other.error() / self.error()).log10()
     }
@@ -198,7 +197,7 @@ impl Likeness {
         (10.0 * (255.0 * 255.0 / mean).log10()).min(100.0)
     }
 
-    /// Sum of squared differences, for comparisons.
+    /// Sum of squared differences.
     pub(in crate::evaluate) fn error(&self) -> f64 {
         Errors::of(self.total).error
     }
@@ -208,8 +207,8 @@ impl Likeness {
         self.total.map(|sums| sums.p / sums.n)
     }
 
-    /// True where the picture is no closer to the photograph than its mean colour, and explains less than a tenth of it
-    /// whatever its brightness and contrast.
+    /// Whether the picture is no closer to the photograph than a plain picture in its mean colour, and explains less
+    /// than a tenth of it at any brightness and contrast.
     pub(in crate::evaluate) fn is_unrelated(&self) -> bool {
         let Errors {
             error,
@@ -222,35 +221,34 @@ impl Likeness {
         error >= (0.99 * variance).max(noise) && residual > 0.9 * variance
     }
 
-    /// True where it explains most of the photograph.
     pub(in crate::evaluate) fn explains(&self) -> bool {
         self.explained() >= EXPLAINED
     }
 
-    /// Share of the photograph's variance that is explained, whatever brightness and contrast.
+    /// Explained share of the photograph's variance, at the best brightness and contrast.
     pub(in crate::evaluate) fn explained(&self) -> f64 {
         let whole = Errors::of(self.total);
         1.0 - whole.residual / whole.variance
     }
 
-    /// True where this picture explains its photograph, and significantly better than `other` explains its own.
+    /// Whether this picture explains its photograph, and is significantly closer to it than `other` to its own.
     pub(in crate::evaluate) fn is_better_than(&self, other: &Self) -> bool {
         self.explains() && self.is_closer_than(other)
     }
 
-    /// True where this picture is significantly closer to its photograph than `other` to its own: in squared errors, and where
-    /// brightness and contrast are free.
+    /// Whether this picture is significantly closer to its photograph than `other` to its own, in squared error and
+    /// with free brightness and contrast.
     pub(in crate::evaluate) fn is_closer_than(&self, other: &Self) -> bool {
         let share = |e: Errors| e.residual / e.variance;
         self.is_nearer_than(other) && self.gains(other, [share; 2], MARGIN / 2.0, SIGNIFICANCE_FREE)
     }
 
-    /// True where its squared error is significantly smaller.
+    /// Whether its squared error is significantly smaller.
     pub(in crate::evaluate) fn is_nearer_than(&self, other: &Self) -> bool {
         self.gains(other, [|e| e.error; 2], MARGIN, SIGNIFICANCE)
     }
 
-    /// True where its squared error is significantly smaller than that of `other` at its best brightness and contrast.
+    /// Whether its squared error is significantly smaller than that of `other` at the best brightness and contrast.
     pub(in crate::evaluate) fn is_nearer_than_exposed(&self, other: &Self) -> bool {
         self.gains(
             other,
@@ -260,7 +258,8 @@ impl Likeness {
         )
     }
 
-    /// True where the first error of this picture is smaller than the second of `other`, by dB and by standard errors.
+    /// Whether the first error of this picture is smaller than the second of `other` by `margin` dB and `significance`
+    /// standard errors.
     fn gains(
         &self,
         other: &Self,
@@ -289,7 +288,7 @@ impl Likeness {
         whole >= margin && whole >= significance * standard_error
     }
 
-    /// Correlation in the first channel, −1..1; smaller in size where there is hardly any contrast.
+    /// Correlation of the first channel, −1..1, pulled towards 0 where there is hardly any contrast.
     pub(in crate::evaluate) fn correlation(&self) -> f64 {
         let Sums {
             n,
@@ -304,7 +303,8 @@ impl Likeness {
     }
 }
 
-/// The share of the photograph's contrast that a picture lacks, where that is much and it shows what is coarse.
+/// The share of contrast that a blurred picture of the photograph lacks; `None` if the picture is not blurred or shows
+/// something else.
 pub(in crate::evaluate) fn blur(photograph: &RgbImage, picture: &RgbImage) -> Option<f64> {
     let whole = Region::whole(photograph.dimensions());
     let [seen, shown] = [photograph, picture].map(|all| contrast(all, whole) as f64);

@@ -1,4 +1,4 @@
-//! Predictions of sources as files, for runs whose stages are apart and for more than memory holds.
+//! Files of predicted Gaussians, for separate stages and for what does not fit into memory.
 
 use std::collections::{BTreeMap, HashMap};
 use std::path::{Path, PathBuf};
@@ -26,7 +26,7 @@ pub(in crate::evaluate) enum PredictionFileError {
     Damaged(PathBuf),
 }
 
-/// A prediction but for its arrays.
+/// Everything but the arrays.
 #[derive(Serialize, Deserialize)]
 struct Said {
     /// Columns of the map to the source's camera; `None` for SHARP's normalised space.

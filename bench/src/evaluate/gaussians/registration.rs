@@ -1,16 +1,16 @@
-//! Shifts and zooms that bring one picture nearest to another, sought in the pictures alone: proposals for renderings.
+//! Finds the shift and the zoom that align two pictures best. A rendering has to confirm them.
 
 use image::RgbImage;
 use image::imageops::thumbnail;
 
-/// Largest shift that is sought, pixels.
+/// Largest shift, pixels.
 const REACH: i32 = 3;
-/// Largest width of the pictures between which a zoom is sought.
+/// Largest width at which a zoom is sought, pixels.
 const WIDTH: u32 = 160;
-/// Factors that are sought lie within e to the power of this many fiftieths.
+/// Zooms from exp(−n/50) to exp(n/50) are tried.
 const ZOOMS: i32 = 26;
 
-/// Pixels to the right and down, in halves, by which a picture has to be moved to match one of its size.
+/// How far `picture` must move right and down to match, in steps of half a pixel.
 pub(in crate::evaluate) fn shift(photograph: &RgbImage, picture: &RgbImage) -> [f64; 2] {
     let error = |by: [i32; 2]| {
         let [dx, dy] = by.map(f64::from);
@@ -31,7 +31,7 @@ pub(in crate::evaluate) fn shift(photograph: &RgbImage, picture: &RgbImage) -> [
     })
 }
 
-/// The factor by which a picture has to be enlarged about `center` (pixels) to match one of its size; `None` for about 1.
+/// The factor by which `picture` must be enlarged about `center` (pixels) to match; `None` if it is about 1.
 pub(in crate::evaluate) fn zoom(
     photograph: &RgbImage,
     picture: &RgbImage,
@@ -64,7 +64,8 @@ fn least<T: Copy + Default>(all: impl Iterator<Item = T>, error: impl Fn(T) -> f
     best.map(|(at, _)| at).unwrap_or_default()
 }
 
-/// Mean squared difference in green, where `from` leads from at least a third of the photograph's pixels into the picture.
+/// Mean squared difference of green. `from` maps the photograph's pixels into the picture; `None` if it misses for two
+/// thirds of them.
 fn error(photograph: &RgbImage, picture: &RgbImage, from: impl Fn(f64, f64) -> (f64, f64)) -> f64 {
     let level = |x: f64, y: f64| f64::from(picture.get_pixel(x as u32, y as u32).0[1]);
     let (right, bottom) = (

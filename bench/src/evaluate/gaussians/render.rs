@@ -14,11 +14,11 @@ use crate::pairs::PosedCamera;
 use crate::pairs::alignment::median_scale;
 use crate::rendering::SharedRenderer;
 
-/// Below this alpha a pixel counts as a hole: more background than surface.
+/// A pixel with less alpha is a hole: more background than surface.
 const HOLE_ALPHA: f32 = 0.5;
 
-/// The factor that brings predicted to true depth: the median of their ratios (the paper's eq. global_scale). The inner
-/// error is the bare reason.
+/// The factor from predicted to true depth: the median of their ratios (the paper's eq. global_scale). The inner error
+/// is a reason without file or pair.
 ///
 /// # Errors
 /// See [`RenderError`]: a method without a depth layer is rendered into the source.
@@ -66,7 +66,7 @@ pub(in crate::evaluate) fn surface_depth(output: &RenderOutput) -> DepthMap {
     depth
 }
 
-/// Transform from a space of the source to the target's camera space.
+/// Transform from the Gaussians' space to the target's camera.
 pub(in crate::evaluate) fn placed(
     space: GaussianSpace,
     source: &PosedCamera,
@@ -135,8 +135,8 @@ pub(in crate::evaluate) fn render(
     Ok((picture, output))
 }
 
-/// Gaussians scaled about the source camera. Normalised x and y are ratios, so that one factor on the whole space is a
-/// factor on depth.
+/// Gaussians scaled about the source camera. In normalised space x and y are ratios, so one factor on everything scales
+/// the depth.
 fn scaled(gaussians: &Gaussians, scale: f64) -> Gaussians {
     let scale = scale as f32;
     let times = |v: &[f32; 3]| v.map(|x| x * scale);

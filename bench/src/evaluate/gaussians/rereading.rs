@@ -1,4 +1,4 @@
-//! Other readings of a file of Gaussians, tried on a small part of the photograph that they were predicted from.
+//! Tries other readings of a Gaussian file on a small part of its source photograph.
 
 use glam::{DAffine3, DVec3};
 use image::RgbImage;
@@ -16,23 +16,24 @@ use crate::pairs::PosedCamera;
 use crate::rendering::SharedRenderer;
 use crate::scoring::Region;
 
-/// Boxes of Gaussians over a pixel, on average, beyond which a reading is not tried: no photograph needs so many.
+/// A reading with more Gaussians over an average pixel is not tried: no photograph needs so many.
 const MOST_LAYERS: f64 = 3000.0;
-/// Gain in the source, dB, from which other views are asked, too.
+/// From this gain in the source on, other views are rendered too, dB.
 const WORTH_A_LOOK: f64 = 0.25;
-/// Loss, dB, by which a form of numbers is refuted whatever is explained.
+/// A loss that refutes a form of numbers in any case, dB.
 const MUCH: f64 = 1.0;
-/// Largest factor by which errors in other views may grow.
+/// Errors in other views may grow by at most this factor.
 const NOT_WORSE: f64 = 1.1;
-/// That factor where Gaussians are moved by some pixels, which other views have to confirm.
+/// The same where Gaussians are shifted, which other views must confirm.
 const BETTER: f64 = 0.97;
-/// Gain in the source, dB, from which other views need not confirm that: poor ones hardly depend on half a pixel.
+/// From this gain in the source on, a shift needs no confirmation, dB: poor Gaussians hardly react to half a pixel in
+/// other views.
 const BEYOND_CHANCE: f64 = 2.0;
-/// Gain, dB, that is enough for another form of colours, which may differ in brightness and contrast alone.
+/// Gain that suffices for another form of colours, dB: these may differ in brightness and contrast alone.
 const RECOLORED: f64 = 6.0;
-/// Settings that may be wrong at the same time.
+/// So many settings may be wrong at once.
 const ROUNDS: usize = 3;
-/// Axes that files come in: OpenGL's, which are a turn about x, turns about y and z, Unity's, and z up.
+/// Axes to try: OpenGL's (a turn about x), turns about y and z, Unity's, and z up.
 const AXES: [&str; 6] = ["rdf", "rub", "ldb", "luf", "ruf", "rfu"];
 
 /// The part of a source's photograph that readings are compared on.
@@ -56,7 +57,7 @@ impl Trial<'_> {
         }
     }
 
-    /// How Gaussians explain the part; `None` where they do not reach it, or too many of them do.
+    /// Renders Gaussians into the part; `None` if none reach it, or too many.
     pub(in crate::evaluate) fn fit(
         &self,
         gaussians: &Gaussians,
@@ -76,7 +77,8 @@ impl Trial<'_> {
         Ok(Some(Likeness::of(self.photograph, self.region, &picture)))
     }
 
-    /// False where the part refutes another form of stored numbers: as read they explain it as well, or much better.
+    /// Whether another form of the stored numbers remains possible: false if the numbers as read explain the part as
+    /// well or much better.
     pub(in crate::evaluate) fn allows(
         &self,
         other: &FileReading,
@@ -95,10 +97,10 @@ impl Trial<'_> {
         Ok(gain >= WORTH_A_LOOK || !as_read.explains() && gain > -MUCH)
     }
 
-    /// The reading that explains the photograph best, where it does so significantly better than the one that `as_read` shows:
-    /// in this part alone, or together with `neighbours`, other views of the scene. Those must not be explained worse, and decide
-    /// among several: Gaussians that are turned wrongly may cover their own source better than right ones. `aside` and
-    /// `zoom` are a shift, pixels, and a factor that bring what they show nearer.
+    /// The reading that explains the photograph best, if it is significantly better than `as_read`, in this part alone
+    /// or together with `neighbours`, other views of the scene. No reading may explain the neighbours worse, and they
+    /// decide among several: wrongly turned Gaussians may cover their own source better than right ones. `aside`
+    /// (pixels) and `zoom` are the shift and the factor that align the rendering.
     pub(in crate::evaluate) fn best_reading(
         &self,
         gaussians: &Gaussians,
@@ -196,7 +198,7 @@ impl Trial<'_> {
         Ok((best.0 != *reading).then_some(best))
     }
 
-    /// How the Gaussians explain other views, placed by the poses.
+    /// Renders the Gaussians into other views.
     fn fit_elsewhere(
         &self,
         gaussians: &Gaussians,
@@ -216,7 +218,7 @@ impl Trial<'_> {
     }
 }
 
-/// Other places: every space with every axes, `aside` by some pixels, and enlarged by a change of focal length.
+/// Other placements: each space with each axes, shifted by `aside` pixels, and with another focal length.
 fn placements(current: Placement, aside: [f64; 2], zoom: Option<f64>) -> Vec<Placement> {
     let mut all = Vec::new();
     for space in [FileSpace::Camera, FileSpace::World] {
@@ -245,7 +247,7 @@ fn placements(current: Placement, aside: [f64; 2], zoom: Option<f64>) -> Vec<Pla
     all
 }
 
-/// Other meanings of the stored numbers, as far as they can have them.
+/// Other meanings that the stored numbers can have.
 fn numbers(current: &FileReading, stored: &Gaussians) -> Vec<FileReading> {
     let mut all = Vec::new();
     let mut add = |change: &dyn Fn(&mut FileReading)| {
@@ -307,15 +309,14 @@ fn numbers(current: &FileReading, stored: &Gaussians) -> Vec<FileReading> {
     all
 }
 
-/// Gaussians that can reach a picture.
 pub(in crate::evaluate) struct Seen {
     pub(in crate::evaluate) members: Vec<usize>,
-    /// Boxes over a pixel, on average.
+    /// Gaussians over an average pixel.
     pub(in crate::evaluate) layers: f64,
 }
 
 impl Seen {
-    /// Bounds each Gaussian by its centre and largest standard deviation; overestimates.
+    /// Bounds each Gaussian by its centre and largest standard deviation, which overestimates it.
     pub(in crate::evaluate) fn of(
         gaussians: &Gaussians,
         camera_from_file: DAffine3,

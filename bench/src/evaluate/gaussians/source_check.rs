@@ -36,26 +36,26 @@ pub const SOURCE_DEPTH: &str = "source_depth_m";
 /// The extra of blurred renderings of the source: the share of the photograph's contrast that they lack, 0..1.
 pub const SOURCE_BLUR: &str = "source_blur";
 
-/// dB of a source's rendering from which no other reading is sought.
+/// From this PSNR of the source's rendering on, no other reading is sought, dB.
 const RIGHT_DB: f64 = 38.0;
-/// Pixels of a photograph below which none is sought: a Gaussian's shape shows in too few of them.
+/// In photographs with fewer pixels none is sought: they do not show a Gaussian's shape.
 const FEWEST_PIXELS: usize = 1200;
-/// Least ratio of the spread of true over seen depth to that of their product, where seen depth is the inverse.
+/// Rendered depth is inverse depth if the spread of true over rendered depth is this many times that of their product.
 const INVERSE_SIGNIFICANCE: f64 = 2.5;
-/// Factor of depth above which another unit is thinkable at all: predictions without a unit are off by less.
+/// Smallest factor of depth that can be another unit: predictions without a unit are off by less.
 const LEAST_FACTOR: f64 = 1.5;
-/// Least ratio of a factor to the spread of depth ratios, which a prediction's own errors cause.
+/// The logarithm of that factor must be this many times the spread of depth ratios, which errors of prediction cause.
 const FACTOR_SIGNIFICANCE: f64 = 10.0;
-/// Boxes of Gaussians over a pixel beyond which rendering takes minutes: scenes of photographs have tens or hundreds.
+/// With more Gaussians over an average pixel, rendering takes minutes. Photographs need tens or hundreds.
 const ABSURD_LAYERS: f64 = 5000.0;
-/// The share of the picture that they cover one by one, then: millions of small ones over a small picture are proper.
+/// That is absurd only if each covers this share of the picture: millions of small ones over a small picture are
+/// proper.
 const ABSURD_SHARE: f64 = 0.02;
 
-/// A prediction's source.
 pub(in crate::evaluate) struct CheckedSource<'a> {
     pub(in crate::evaluate) camera: &'a PosedCamera,
     pub(in crate::evaluate) photograph: &'a RgbImage,
-    /// True depth, where there is some and the method is not scaled to it.
+    /// True depth, if there is some and the method is not scaled to it.
     pub(in crate::evaluate) depth: Option<&'a DepthMap>,
     pub(in crate::evaluate) scene: &'a Scene,
     /// Whether other readings are tried.
@@ -72,13 +72,13 @@ pub(in crate::evaluate) struct SourceFacts {
 struct SeenSource {
     picture: RgbImage,
     depth: DepthMap,
-    /// The picture where the photograph's mean colour lies behind the Gaussians: what is closer to it shows some of it.
+    /// The same over the photograph's mean colour instead of the background.
     over_mean: RgbImage,
 }
 
-/// Renders a prediction into its own source: [`SOURCE_PSNR`], [`SOURCE_DEPTH`] and [`SOURCE_BLUR`], what speaks against the
-/// reading of its file, and of chosen sources what another reading explains better. Settings that numbers alone suggest are
-/// left out where the photograph is explained without.
+/// Renders a prediction into its own source. Measures [`SOURCE_PSNR`], [`SOURCE_DEPTH`] and [`SOURCE_BLUR`], and warns
+/// of what contradicts the reading of its file; for chosen sources it also tries other readings. A setting suggested by
+/// the numbers alone is dropped if the photograph is explained without it.
 ///
 /// # Errors
 /// See [`RenderError`].
@@ -142,8 +142,8 @@ pub(in crate::evaluate) fn check_source(
     Ok(facts)
 }
 
-/// Names (`dataset/scene/source`) of the sources whose files are read otherwise, too: the first, the middle and the last of
-/// each dataset. All pairs of the plan have to be given, so that shards choose alike.
+/// Names (`dataset/scene/source`) of the sources on which other readings are tried: the first, middle and last of each
+/// dataset. `pairs` must be all pairs of the plan, so that shards choose alike.
 pub(in crate::evaluate) fn checked_sources(pairs: &[ResolvedPair<'_>]) -> BTreeSet<String> {
     let mut sources: BTreeMap<&str, BTreeSet<&str>> = BTreeMap::new();
     for ResolvedPair { pair, scene, .. } in pairs {
@@ -163,7 +163,7 @@ pub(in crate::evaluate) fn source_of(pair_id: &str) -> &str {
     pair_id.split("__").next().unwrap_or(pair_id)
 }
 
-/// Why rendering a prediction would take very long, before it is done.
+/// A warning, before rendering, that it will take very long.
 pub(in crate::evaluate) fn absurd_coverage(
     prediction: &GaussianPrediction,
     source: &PosedCamera,
@@ -187,8 +187,8 @@ pub(in crate::evaluate) fn absurd_coverage(
     Some(("coverage".to_owned(), text))
 }
 
-/// Adds doubts about the reading of a prediction's file to its warnings: another reading, or another view's photograph,
-/// fits the source significantly better, another unit fits its depth, or nothing fits.
+/// Warns if another reading or another view's photograph fits the source significantly better, if another unit fits its
+/// depth, or if nothing fits.
 fn add_doubts(
     warnings: &mut BTreeMap<String, String>,
     prediction: &GaussianPrediction,
@@ -275,14 +275,14 @@ fn add_doubts(
     Ok(())
 }
 
-/// True if Gaussians, rendered over the photograph's mean colour, are no closer to the photograph than that colour alone.
-/// Blurred or sparse Gaussians that are right come closer.
+/// Whether Gaussians over the photograph's mean colour are no closer to the photograph than that colour alone. Right
+/// ones are closer, even if blurred or sparse.
 fn shows_nothing(photograph: &RgbImage, over_mean: &RgbImage) -> bool {
     let whole = Region::whole(photograph.dimensions());
     Likeness::of(photograph, whole, over_mean).is_unrelated()
 }
 
-/// The neighbours of a view in its scene and the view as far from the scene's other end, with photographs of its size.
+/// A view's neighbours in its scene and its mirror image in the scene's order, if their photographs have its size.
 fn other_views(
     source: &PosedCamera,
     scene: &Scene,
@@ -304,7 +304,7 @@ fn other_views(
         .collect()
 }
 
-/// The view whose photograph the Gaussians explain significantly better than their own source's, if they are taken for its.
+/// The view whose photograph the Gaussians explain significantly better than that of their own source.
 fn other_view<'a>(
     prediction: &GaussianPrediction,
     reading: &FileReading,
@@ -329,7 +329,8 @@ fn other_view<'a>(
     Ok(best)
 }
 
-/// The unit of depth that is seen, or its inverse, where that differs from the truth by more than a prediction's errors.
+/// A warning if rendered depth has another unit than true depth, or is its inverse, beyond what errors of prediction
+/// explain.
 fn depth_doubt(truth: &DepthMap, seen: &DepthMap, scale: f64, id: &str) -> Option<String> {
     if truth.dimensions() != seen.dimensions() {
         return None;
@@ -368,7 +369,6 @@ fn depth_doubt(truth: &DepthMap, seen: &DepthMap, scale: f64, id: &str) -> Optio
     })
 }
 
-/// Three significant digits.
 fn rounded(value: f64) -> f64 {
     format!("{value:.2e}").parse().unwrap_or(value)
 }
