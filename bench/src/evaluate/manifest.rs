@@ -1,4 +1,4 @@
-//! `manifest.json`: the run and its conventions, once for all results of a folder.
+//! `manifest.json`: what all results of a folder share.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt;
@@ -34,9 +34,9 @@ pub struct Manifest {
     pub format: u32,
     /// Version of the harness.
     pub version: String,
-    /// Hashes of the sources and locked dependencies, by what stands on them.
+    /// Hashes of source code and locked dependencies, by the part of the program that they affect.
     pub sources: BTreeMap<String, String>,
-    /// Who renders; one for the whole folder.
+    /// The renderer, one for the whole folder.
     pub renderer: RendererRecord,
     /// Instruction set of the CPU's kernels.
     #[schemars(with = "String")]
@@ -48,13 +48,13 @@ pub struct Manifest {
     /// Whether all methods of a pair are scored on the part of the target that all of them predict.
     #[serde(default)]
     pub common_region: bool,
-    /// What the means of its tables are means of.
+    /// How the tables average scores.
     #[serde(default)]
     pub aggregation: Aggregation,
     /// Which pixels are compared.
     #[serde(default)]
     pub rules: ScoringRules,
-    /// Whose evaluation it follows (`--protocol`).
+    /// The evaluation that it follows (`--protocol`).
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub protocol: Option<ProtocolRecord>,
     /// In the order given.
@@ -74,15 +74,15 @@ pub struct ProtocolRecord {
     pub name: String,
     /// Repository and commit that its rules are from.
     pub source: String,
-    /// What becomes of a target that fails there; here it is a recorded failure, and tables say what they cover.
+    /// How that evaluation treats failed targets. Here they are recorded failures, and tables state their coverage.
     pub failures: String,
-    /// Rules that mislead, kept as they are.
+    /// Misleading rules, followed as they are.
     pub traps: Vec<String>,
-    /// Where this harness does otherwise.
+    /// Where this harness differs.
     pub departures: Vec<String>,
 }
 
-/// Who renders, with every setting that decides pixels.
+/// The renderer, with every setting that affects pixels.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct RendererRecord {
     /// The exact backend: `cpu-avx512`, or `wgpu:<adapter, driver>`.
@@ -100,13 +100,11 @@ pub struct RendererRecord {
     pub quantization: String,
 }
 
-/// The rule of folders that do not record it.
 fn rounded() -> String {
     Quantization::Round.to_string()
 }
 
 impl RendererRecord {
-    /// The record of a renderer.
     pub fn of(renderer: &SharedRenderer) -> Self {
         let RenderSettings {
             eps2d,
@@ -126,7 +124,7 @@ impl RendererRecord {
 }
 
 impl RendererRecord {
-    /// Every setting besides the backend, by what it is.
+    /// Every setting besides the backend, with its name.
     pub(super) fn settings(&self) -> [(&'static str, String); 5] {
         [
             ("nearest depth", self.near.to_string()),
@@ -160,7 +158,7 @@ impl fmt::Display for RendererRecord {
 pub struct DatasetRecord {
     /// Its column group in the tables.
     pub name: String,
-    /// As given, without pair options; `None` in bundles' digests, and where this version cannot read it.
+    /// As given, without pair options. `None` in digests of bundles, and if this version cannot parse it.
     #[serde(with = "spec_text")]
     #[schemars(with = "String")]
     pub spec: Option<DatasetConfig>,
@@ -168,21 +166,21 @@ pub struct DatasetRecord {
     pub format: String,
     /// Hash of reader and settings; the path is not part of it.
     pub identity: String,
-    /// The wildcard that chose among its scenes (`--scenes`).
+    /// The pattern of `--scenes`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub only_scenes: Option<String>,
-    /// Scenes that are evaluated.
+    /// Evaluated scenes.
     pub scenes: usize,
     /// Their views.
     pub views: usize,
-    /// Widths and heights of the smallest and the largest of them, pixels, one where all are alike.
+    /// Width and height of the smallest and the largest view, pixels; one entry if all are alike.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub view_sizes: Vec<(u32, u32)>,
     /// The settings in force.
     pub readings: Vec<DatasetReading>,
     /// What the reader assumed, and the frames that it left out.
     pub notes: Vec<String>,
-    /// Scenes that are there and were not evaluated.
+    /// Scenes that exist but were not evaluated.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub left_out: Vec<LeftOutScenes>,
     /// Views without pairs because their files cannot be read; the notes name them.
@@ -196,7 +194,7 @@ fn is_zero(count: &usize) -> bool {
 }
 
 impl DatasetRecord {
-    /// `720×496 pixels`, or from the smallest to the largest; `None` of a folder that does not say.
+    /// `720×496 pixels`, or a range; `None` if the manifest does not say.
     pub fn sizes(&self) -> Option<String> {
         let sizes = self
             .view_sizes
@@ -214,7 +212,7 @@ impl DatasetRecord {
             .unwrap_or_default()
     }
 
-    /// Opens it again as it was read.
+    /// Opens the dataset again with the readings recorded here.
     ///
     /// # Errors
     /// When it cannot be opened from this working directory.
@@ -239,7 +237,7 @@ impl DatasetRecord {
     }
 }
 
-/// A spec as its text, empty for `None`.
+/// Serialises a spec as its text, `None` as an empty one.
 mod spec_text {
     use serde::{Deserialize, Deserializer, Serializer};
 
@@ -271,31 +269,29 @@ pub struct PairsRecord {
     pub lists: Vec<ListRecord>,
 }
 
-/// One pair list and how it came about.
+/// A pair list and its origin.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct ListRecord {
     /// sha256 of the list.
     pub sha256: String,
     /// Rows of the list.
     pub listed: usize,
-    /// Pairs of it that are evaluated.
+    /// Evaluated pairs of it.
     pub evaluated: usize,
     /// The limit of the run (`--limit`); `None` for all selected pairs.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub limit: Option<usize>,
-    /// Whether it was built or handed in.
     pub origin: ListOrigin,
-    /// How the pairs of each dataset were chosen, where that is known.
+    /// How the pairs of each dataset were chosen, if known.
     pub choices: BTreeMap<String, PairProvenance>,
 }
 
-/// Where a list is from.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum ListOrigin {
     /// Built from the datasets.
     Built,
-    /// Handed in.
+    /// Given by `--pairs`.
     Given,
 }
 
@@ -304,26 +300,26 @@ pub enum ListOrigin {
 pub struct MethodRecord {
     /// Its row in the tables.
     pub label: String,
-    /// As it was asked for; `None` for methods of a program, and in bundles' digests.
+    /// As given; `None` for methods made by a program and in digests of bundles.
     #[serde(with = "spec_text")]
     #[schemars(with = "String")]
     pub spec: Option<MethodSpec>,
-    /// Everything that its predictions depend on.
+    /// What its predictions depend on.
     pub identity: MethodIdentity,
-    /// What it knew of the source's true depth.
+    /// What it knows of the source's true depth.
     pub privilege: Privilege,
     /// Hash of the code that makes its pictures.
     pub sources: String,
     /// Warnings about the method's options, one sentence each.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub notes: Vec<String>,
-    /// Warnings about how its predictions were read, each kind once.
+    /// Warnings about its predictions, each kind once.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub warnings: Vec<String>,
 }
 
 impl MethodRecord {
-    /// Of its pictures, those of one hash alone share a table.
+    /// Only pictures of one hash share a table.
     pub(super) fn hash(&self) -> String {
         StableHasher::default()
             .add("identity", &self.identity.to_string())
@@ -344,15 +340,15 @@ pub struct MetricRecord {
 }
 
 impl Manifest {
-    /// The same results under other means: a report may take them as its reader asks.
+    /// Changes how the tables average scores.
     pub fn aggregate(&mut self, aggregation: Aggregation) {
         self.aggregation = aggregation;
         let text = aggregation_convention(aggregation);
         self.scoring.insert(AGGREGATION.to_owned(), text);
     }
 
-    /// For bundles of format 1, which were scored before colour profiles were converted: pictures in sRGB score the
-    /// same, so their convention is today's, and a note on each dataset names the pictures that do not.
+    /// For bundles of format 1, scored before colour profiles were converted. Pictures in sRGB score the same, so
+    /// today's convention is stated, and a note on each dataset says which pictures differ.
     pub(super) fn restate_target_convention(&mut self) {
         self.scoring
             .insert(TARGET.to_owned(), TARGET_CONVENTION.to_owned());
@@ -363,7 +359,7 @@ impl Manifest {
         }
     }
 
-    /// Whether a unit counts: not one of a method or dataset that has since been given another meaning.
+    /// Whether a unit counts: its method and dataset must still mean the same.
     pub(super) fn counted_slots(&self) -> impl Fn(&Slot) -> bool + '_ {
         let methods = self.methods.iter();
         let methods: BTreeMap<&str, String> = methods
@@ -376,8 +372,8 @@ impl Manifest {
         }
     }
 
-    /// Refuses a metric whose direction, unit, label or decimals are not those of its key: they decide what counts as
-    /// better, so that a manifest does not choose them.
+    /// Refuses a metric whose direction, unit, label or decimals are not those of its key: an edited manifest must not
+    /// decide what counts as better.
     pub(super) fn check_metrics(&self) -> Result<(), String> {
         for MetricRecord { info, .. } in &self.metrics {
             let own = MetricInfo::new(info.key, &[]);
@@ -404,7 +400,7 @@ impl Manifest {
         Ok(())
     }
 
-    /// Whether results miss pairs because scenes or views of the datasets cannot be read.
+    /// Whether pairs are missing because scenes or views cannot be read.
     pub fn lacks_files(&self) -> bool {
         let lacks = |dataset: &DatasetRecord| {
             dataset.unreadable_views > 0 || dataset.left_out.iter().any(|group| !group.by_choice)
@@ -426,7 +422,6 @@ impl Manifest {
     }
 }
 
-/// The columns of some metrics, for manifests.
 pub(super) fn metric_records(scoring: &Scoring) -> Vec<MetricRecord> {
     let metrics = scoring.metrics.iter();
     metrics
@@ -440,14 +435,14 @@ pub(super) fn metric_records(scoring: &Scoring) -> Vec<MetricRecord> {
 const TARGET: &str = "target";
 const TARGET_CONVENTION: &str = "sRGB, 8 bit, as decoded; converted from other colour profiles, undistorted or masked where the dataset's notes say so";
 
-/// Key of the convention on means.
+/// Key of the convention on averaging.
 pub(super) const AGGREGATION: &str = "aggregation";
 
 fn aggregation_convention(aggregation: Aggregation) -> String {
     format!("{aggregation}; a mean that holds inf is inf")
 }
 
-/// Conventions that turn predictions into scored pictures, in words; `renderings` is the rounding of renderings to 8 bit.
+/// The conventions from prediction to score, in words. `renderings` is how renderings are rounded to 8 bit.
 pub(super) fn scoring_conventions(
     renderings: Quantization,
     rules: ScoringRules,

@@ -1,4 +1,5 @@
-//! Tells pictures that are stored otherwise than they are read by the photographs that they predict.
+//! Detects pictures that are stored in another way than they are read, such as mirrored ones, by comparing them with
+//! their target's photograph.
 //!
 //! Poor predictions are proper: a change has to bring a picture significantly nearer to its photograph, and nearly all
 //! pictures of a dataset. Shifts are not tried, because parallax that a method ignores moves all pictures of a stereo dataset
@@ -14,32 +15,32 @@ use super::gaussians::likeness::Likeness;
 use super::record::{Record, Status};
 use crate::scoring::Region;
 
-/// Topic of a record's warnings that says what was probably done to its picture; told of many together.
+/// Topic of a record's warning about what was probably done to its picture. Told only if most pictures agree.
 pub(super) const CHANGED: &str = "changed picture";
 
-/// Largest width that is compared, pixels.
+/// Largest compared width, pixels.
 const WIDTH: u32 = 160;
-/// Least gain where a picture is mirrored or turned back, dB.
+/// Least gain of undoing a mirroring or turn, dB.
 const LEAST_GAIN: f64 = 1.0;
-/// The same for channels, which leave brightness alone.
+/// The same for exchanged channels, which hardly change brightness.
 const LEAST_GAIN_OF_CHANNELS: f64 = 0.25;
-/// The same for another transfer, dB: linear light stored as sRGB loses far more, and exposures differ by less.
+/// The same for another transfer: linear light stored as sRGB loses far more, other exposures less.
 const LEAST_GAIN_OF_TRANSFER: f64 = 3.0;
-/// Correlation with the photograph's below which red less blue is blue less red, and a picture a negative: poor predictions
-/// of another view have 0.4 to 0.8. A tint does not change it.
+/// Below this correlation with the photograph, red and blue are exchanged (by the difference of the two) or the picture
+/// is a negative. Poor predictions have 0.4 to 0.8; a tint does not matter.
 const OPPOSED: f64 = -0.4;
-/// Least share of a photograph's variance that is explained once a change is undone: poor predictions reach a quarter.
+/// Least explained share of the photograph's variance once a change is undone; poor predictions reach a quarter.
 const EXPLAINED: f64 = 0.2;
-/// Fewest pictures of a dataset, and the share of them that have to agree.
+/// Fewest pictures of a dataset, and the share that must agree.
 const AGREEMENT: (usize, f64) = (3, 0.8);
 
-/// True of kinds of methods whose pictures others store.
+/// Whether this kind of method reads pictures that others stored.
 pub(super) fn is_checked(kind: &str) -> bool {
     ["imported", "command"].contains(&kind)
 }
 
-/// Sets the record's warning on [`CHANGED`]: what was done to a picture of the photograph, or of a part of it, if it is
-/// significantly nearer once that is undone.
+/// Sets the record's warning [`CHANGED`] if undoing a change brings the picture significantly nearer to the photograph,
+/// or to the part that it shows.
 pub(super) fn note_change(record: &mut Record, photograph: &RgbImage, picture: &RgbImage) {
     let part = record.crop.map(|crop| crop.region);
     let part = part.unwrap_or(Region::whole(photograph.dimensions()));
@@ -138,7 +139,7 @@ fn ranked(picture: &RgbImage) -> RgbImage {
     ranked
 }
 
-/// What was probably done to nearly all pictures of a dataset: a sentence for each.
+/// A sentence for each dataset of which nearly all pictures were probably changed in one way.
 pub(super) fn changed_pictures<'a>(records: impl Iterator<Item = &'a Record>) -> Vec<String> {
     let mut by_dataset: BTreeMap<&str, Vec<Option<&String>>> = BTreeMap::new();
     for record in records.filter(|record| record.status == Status::Ok) {

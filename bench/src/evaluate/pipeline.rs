@@ -1,4 +1,4 @@
-//! Runs a plan: predicts and renders the pictures of a pair on one thread, scores those of the pair before on the other.
+//! Works off a plan: one thread predicts and renders a pair while the other scores the pair before.
 
 use std::collections::BTreeSet;
 use std::sync::Arc;
@@ -14,15 +14,15 @@ use super::predict::{PairWork, Prepared, Reuse, Sources};
 use super::score::{MemoryShares, PairTruth, score_pair};
 use crate::io::observer::Observer;
 
-/// A pair with its prepared units, or with as many of them as memory takes at once.
+/// A pair with its prepared units, or as many of them as fit into memory.
 struct PreparedPair<'a> {
     truth: Arc<PairTruth<'a>>,
     units: Vec<(String, Prepared)>,
     made: UnitCounts,
 }
 
-/// Runs a plan into a folder. Finished units are taken over, recorded failures tried again; a failing pair becomes a
-/// record and the others continue.
+/// Works off a plan into a folder. Finished units are kept and recorded failures tried again. A pair that fails is
+/// recorded, and the others continue.
 ///
 /// While a pair is scored, the next one is predicted, and one step ahead only: the pictures of at most two pairs are in
 /// memory, or of two parts of a pair where memory is too small for all methods' pictures. No value depends on it.
@@ -97,7 +97,7 @@ pub(super) fn run(
     })
 }
 
-/// Hands over every pair of a plan in order, until one cannot be had, nobody takes them any more or the run is stopped.
+/// Prepares the pairs in order and sends them, until an error, the end of the receiver or a stop.
 fn prepare_all<'a>(
     job: &Job<'a>,
     folder: &RunFolder,

@@ -1,4 +1,4 @@
-//! The plan of a run: its units, what they would cost, and how far they are.
+//! The plan of a run: its units, their estimated cost and their progress.
 
 use std::collections::BTreeSet;
 
@@ -15,7 +15,7 @@ pub struct RunPlan {
     pub format: u32,
     /// All pairs of a block are evaluated by all its methods.
     pub blocks: Vec<PlanBlock>,
-    /// What all of it would cost, where it was planned to be worked off by shards.
+    /// The estimated cost of all of it, of plans for shards.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub estimate: Option<Estimate>,
 }
@@ -30,7 +30,7 @@ pub struct PlanBlock {
 }
 
 impl RunPlan {
-    /// Adds a block unless it is there.
+    /// Adds a block, once.
     #[must_use]
     pub fn with(mut self, block: PlanBlock) -> Self {
         self.format = FORMAT;
@@ -40,7 +40,7 @@ impl RunPlan {
         self
     }
 
-    /// Every planned pair with a method, once.
+    /// Every planned pair with each method.
     pub fn units(&self) -> BTreeSet<(&str, &str)> {
         let mut units = BTreeSet::new();
         for PlanBlock { pairs, methods } in &self.blocks {
@@ -55,14 +55,13 @@ impl RunPlan {
         units
     }
 
-    /// Every planned pair, once.
     pub fn pairs(&self) -> BTreeSet<&str> {
         let pairs = self.blocks.iter().flat_map(|block| &block.pairs);
         pairs.map(String::as_str).collect()
     }
 }
 
-/// The cost of a whole evaluation, whatever a folder holds of it.
+/// The estimated cost of a whole evaluation, finished units included.
 ///
 /// Linear in sources and pairs: the first pair of a source costs its prediction too, the others do not where the method
 /// predicts Gaussians. What `common_region` scores again is not counted, and the time of programs behind `command` counts
@@ -75,11 +74,11 @@ pub struct Estimate {
     pub sources: usize,
     /// Pairs of the plan.
     pub pairs: usize,
-    /// Pairs that were evaluated to know.
+    /// Pairs that were measured.
     pub measured_pairs: usize,
-    /// Units among them that failed.
+    /// Measured units that failed.
     pub measured_failures: usize,
-    /// All stages together; of the disk what stays in the run folder.
+    /// All stages together; disk space is what stays in the run folder.
     #[serde(flatten)]
     pub total: StageCost,
     /// Predictions of sources and predicted pictures, which are all kept where stages run apart.
@@ -95,7 +94,7 @@ pub struct Estimate {
 pub struct StageCost {
     /// Time of all cores together, s.
     pub cpu_secs: f64,
-    /// As this machine was while measuring, s.
+    /// Wall time on this machine, s.
     pub wall_secs: f64,
     /// `None` where the system does not say.
     pub peak_bytes: Option<u64>,
@@ -110,7 +109,7 @@ pub struct RunStatus {
     pub units: usize,
     /// Units with all their scores.
     pub done: usize,
-    /// Units with a picture that is not scored.
+    /// Units with a picture but not all scores.
     pub unscored: usize,
     /// Recorded failures; a run tries them again.
     pub failed: usize,
@@ -119,7 +118,6 @@ pub struct RunStatus {
 }
 
 impl RunStatus {
-    /// Counts a unit.
     pub(super) fn add(&mut self, standing: Standing) {
         self.units += 1;
         *match standing {

@@ -1,4 +1,4 @@
-//! The units of a pair: taken over from the folder, or predicted and rendered.
+//! Makes a pair's units: takes finished ones from the folder, predicts and renders the others.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -35,13 +35,13 @@ use crate::methods::{
 use crate::pairs::PosedCamera;
 use crate::pairs::pair_list::ResolvedPair;
 
-/// A unit on its way from the predicting to the scoring thread.
+/// A unit between the predicting and the scoring thread.
 pub(super) enum Prepared {
     /// Nothing is left to do, or it failed.
     Done(Box<Unit>, Reuse),
     /// To be scored.
     Unscored(Box<Unscored>),
-    /// Another stage has to come first or afterwards.
+    /// It needs another stage.
     Waiting,
     /// The run was stopped before.
     Left,
@@ -53,7 +53,7 @@ pub(super) enum Reuse {
     New,
 }
 
-/// Data shared by the pairs of one source, which are adjacent because pairs are sorted.
+/// What the pairs of a source share. They come together because pairs are sorted.
 pub(super) struct Sources<'a> {
     gaussians: GaussianStore,
     photograph: Option<(&'a View, RgbImage)>,
@@ -65,7 +65,6 @@ pub(super) struct Sources<'a> {
 }
 
 impl<'a> Sources<'a> {
-    /// Without any. `gaussians` holds those of the sources.
     pub(super) fn new(gaussians: GaussianStore) -> Self {
         Self {
             gaussians,
@@ -105,15 +104,15 @@ fn cached<'c, 'a, T>(
 
 /// Why there is no picture.
 enum Failure {
-    /// It becomes the unit's record.
+    /// Recorded as the unit's failure.
     Pair(String),
-    /// It ends the run.
+    /// Ends the run.
     Run(EvaluateError),
     /// A kept prediction that this stage needs is missing.
     Waiting,
 }
 
-/// Refuses a picture that must not be kept: values that rounding to 8 bit would hide, another size than asked for.
+/// Refuses a picture of another size, and values that rounding to 8 bit would hide.
 fn check(prediction: &PicturePrediction, target: (u32, u32)) -> Result<(), MethodError> {
     let refused = |reason: String| MethodError::Model(format!("the prediction {reason}"));
     let checked = prediction.picture.check();
@@ -136,7 +135,6 @@ impl From<MethodError> for Failure {
     }
 }
 
-/// A picture as a method made it.
 struct Made {
     prediction: PicturePrediction,
     warnings: BTreeMap<String, String>,
@@ -148,7 +146,7 @@ struct Made {
     inference: Option<String>,
 }
 
-/// Work on one pair in the predicting thread.
+/// The predicting thread's work on a pair.
 pub(super) struct PairWork<'j, 'a> {
     job: &'j Job<'a>,
     observer: &'j dyn Observer,
@@ -177,7 +175,7 @@ impl<'j, 'a> PairWork<'j, 'a> {
         }
     }
 
-    /// Takes over what is stored, or makes the picture.
+    /// Takes the unit from the folder, or makes its picture.
     pub(super) fn prepare(
         &mut self,
         method: &dyn Method,
@@ -260,7 +258,7 @@ impl<'j, 'a> PairWork<'j, 'a> {
         }
     }
 
-    /// A stored unit with what the pair list says of its pair now.
+    /// A stored unit, updated with what the pair list now says of its pair.
     fn refreshed(&self, method: &dyn Method, mut unit: Unit) -> Result<Unit, EvaluateError> {
         let now = empty_record(&self.truth.planned, &unit.slot.method);
         let refreshed = Record {
@@ -283,8 +281,8 @@ impl<'j, 'a> PairWork<'j, 'a> {
         Ok(self.folder.save(unit)?)
     }
 
-    /// Records what was made, and keeps it where that is asked for before anything else is done: a run that is killed
-    /// while it scores predicts nothing again.
+    /// Records the picture and keeps it, if asked to, before it is scored: a run that is killed while scoring predicts
+    /// nothing again.
     fn keep(&self, unit: &mut Unit, made: Made) -> Result<RgbImage, EvaluateError> {
         let prediction = made.prediction;
         let picture = match prediction.picture {
@@ -331,7 +329,7 @@ impl<'j, 'a> PairWork<'j, 'a> {
         Ok(picture)
     }
 
-    /// The picture of a method; `None` where this stage stops before it.
+    /// Makes a method's picture; `None` if this stage ends before pictures.
     fn make(
         &mut self,
         method: &dyn Method,
@@ -398,7 +396,7 @@ impl<'j, 'a> PairWork<'j, 'a> {
         Ok(Some(made))
     }
 
-    /// The rendering of a method that makes Gaussians.
+    /// The same for a method that makes Gaussians.
     fn splat(
         &mut self,
         method: &dyn Method,
@@ -499,7 +497,7 @@ impl<'j, 'a> PairWork<'j, 'a> {
         }))
     }
 
-    /// Runs a step; its value and its wall time, s.
+    /// The value of a step, and its wall time, s.
     fn timed<T>(&self, step: impl FnOnce() -> T) -> (T, f64) {
         let started = (self.job.clock)();
         let value = step();
@@ -509,7 +507,7 @@ impl<'j, 'a> PairWork<'j, 'a> {
         )
     }
 
-    /// Checks a prediction against its own source: measured values and warnings.
+    /// Compares a prediction with its source photograph.
     fn check_source(
         &self,
         method: &dyn Method,
@@ -545,7 +543,7 @@ impl<'j, 'a> PairWork<'j, 'a> {
         Ok(facts)
     }
 
-    /// A lost or exhausted device says nothing about the pair: the run ends, and a restart tries the unit again.
+    /// A lost or exhausted device is not the pair's fault: the run ends, and a restart tries the unit again.
     fn render_failure(&self, method: &dyn Method, error: &RenderError) -> Failure {
         if error.is_device_fault() {
             Failure::Run(EvaluateError::Device {

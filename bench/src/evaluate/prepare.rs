@@ -37,36 +37,31 @@ use crate::scoring::Scoring;
 
 /// Input of [`prepare`].
 pub struct Request {
-    /// Opened datasets.
     pub datasets: Vec<OpenDataset>,
-    /// Looks for what their scenes contradict before anything else is done; `None` does not look.
+    /// Checks the scenes for contradictions first; `None` does not.
     pub checks: Option<SceneChecks>,
-    /// The pattern that chose among their scenes, for the record.
+    /// The pattern of `--scenes`, for the record.
     pub only_scenes: Option<String>,
-    /// Which pairs.
     pub pairs: PairOrigin,
     /// Evaluate at most this many of the selected pairs, spread over datasets and scenes.
     pub limit: Option<usize>,
-    /// Methods with what was given for each, for the record. Labels are unique.
+    /// Methods with their specs for the record. Labels are unique.
     pub methods: Vec<BuiltMethod>,
-    /// The metrics.
     pub scoring: Scoring,
-    /// Score all methods of a pair on the part of the target that all of them predict.
+    /// Whether all methods of a pair are scored on the part of the target that all of them predict.
     pub common_region: bool,
-    /// What the means of its tables are means of.
+    /// How tables average scores.
     pub aggregation: Aggregation,
-    /// Whose evaluation it follows, for the record.
+    /// The evaluation that it follows, for the record.
     pub protocol: Option<ProtocolRecord>,
-    /// Who renders.
     pub backend: Backend,
-    /// And how.
     pub rendering: RenderSettings,
-    /// What all of this came from, to be kept in the run folder; `None` where only a program knows.
+    /// The configuration behind the request, kept in the run folder; `None` if a program made the request.
     pub config: Option<RunConfig>,
 }
 
 impl Request {
-    /// The rest by default: pairs by the paper's rules, all of them, rendered on the CPU.
+    /// Everything else by default: all pairs by the paper's rules, rendered on the CPU.
     pub fn new(
         datasets: Vec<OpenDataset>,
         methods: Vec<Box<dyn Method>>,
@@ -117,7 +112,7 @@ pub struct Evaluation {
     pub(super) clock: fn() -> Duration,
 }
 
-/// Opens datasets, builds or reads the pair list, builds methods. Writes nothing but measured overlaps.
+/// Checks scenes and methods, and builds or reads the pair list. Writes nothing but the cache of overlaps.
 ///
 /// # Errors
 /// When a part of the request cannot be used, or no pair is left.
@@ -225,7 +220,7 @@ pub fn prepare(mut request: Request, observer: &dyn Observer) -> Result<Evaluati
     Ok(evaluation)
 }
 
-/// Refuses pairs that were chosen by a method that is evaluated on them.
+/// Refuses to evaluate a method on pairs that its own checkpoint chose.
 fn check_independence(
     choices: &BTreeMap<String, PairProvenance>,
     methods: &[Box<dyn Method>],
@@ -246,8 +241,8 @@ fn check_independence(
     Ok(())
 }
 
-/// Warns of a list made from other photographs, and refuses one made from other poses: results are sorted, plotted and
-/// chosen by its baselines and rotations, which would not be those of the evaluated views.
+/// Warns of a list made from other photographs, and refuses one made from other poses: its baselines and rotations, by
+/// which results are sorted and plotted, would be wrong.
 fn check_files(
     list: &PairList,
     scenes: &[Scene],
@@ -289,7 +284,6 @@ impl Evaluation {
         })
     }
 
-    /// These pairs by all methods.
     pub(super) fn job<'a>(
         &'a self,
         pairs: Vec<ResolvedPair<'a>>,
@@ -311,12 +305,11 @@ impl Evaluation {
         }
     }
 
-    /// The metrics.
     pub fn scoring(&self) -> &Scoring {
         &self.scoring
     }
 
-    /// What a run into a new folder would write as its manifest.
+    /// The manifest that a run into a new folder would write.
     ///
     /// # Errors
     /// When a pair of the list is not in the datasets.
@@ -379,7 +372,7 @@ impl Evaluation {
         })
     }
 
-    /// Counts what a folder holds of the evaluation, and measures nothing. Without a folder all is missing.
+    /// How far a folder is with this evaluation; without a folder, everything is missing.
     ///
     /// # Errors
     /// When the folder cannot be read.
@@ -411,7 +404,7 @@ impl Evaluation {
     }
 }
 
-/// The smallest and the largest by their pixels.
+/// The smallest and the largest view by their number of pixels.
 fn view_sizes(dataset: &OpenDataset) -> Vec<(u32, u32)> {
     let views = dataset.scenes.iter().flat_map(|scene| &scene.views);
     let sizes = views.map(|view| (view.intrinsics.width, view.intrinsics.height));

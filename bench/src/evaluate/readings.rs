@@ -1,5 +1,5 @@
-//! Kept predictions scored under other readings of the protocol than the one of their run. Nothing is predicted or
-//! rendered, and the folder is not changed.
+//! Scores kept predictions under other readings of the protocol than their run's. Predicts and renders nothing, and
+//! leaves the folder unchanged.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
@@ -23,21 +23,22 @@ use crate::pairs::dataset::scenes_of;
 use crate::scoring::rules::{Border, ScoringRules};
 use crate::scoring::{Region, Scoring};
 
-/// Alpha below which a colour is divided by this instead, as in UniSHARP's trainer.
+/// Least alpha by which a colour is divided, as in UniSHARP's trainer.
 const LEAST_ALPHA: f32 = 1e-4;
 
-/// Conversion of a prediction to the picture that is scored.
+/// How a prediction becomes the scored picture.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum PictureReading {
-    /// The kept picture, as the run scored it.
+    /// As the run scored it.
     AsScored,
     /// Floats, not rounded to 8 bit.
     Unrounded,
     /// 8 bit by truncation.
     Truncated,
-    /// Linear colour divided by alpha, so that holes take the colour of what partly covers them; rounded to 8 bit.
+    /// Linear colour divided by alpha, so that partly covered pixels take the colour of what covers them; rounded to 8
+    /// bit.
     AlphaDivided,
-    /// As scored, without a twentieth of each side at the border ([`Border::Twentieth`]).
+    /// As scored, without the border ([`Border::Twentieth`]).
     BorderCropped,
 }
 
@@ -50,7 +51,7 @@ impl PictureReading {
         Self::BorderCropped,
     ];
 
-    /// For tables and files.
+    /// The name in tables and files.
     pub fn name(self) -> &'static str {
         match self {
             Self::AsScored => "as scored",
@@ -61,7 +62,7 @@ impl PictureReading {
         }
     }
 
-    /// Whether it is made of the linear picture that `run --keep float` keeps.
+    /// Whether it needs the linear picture that `run --keep float` keeps.
     fn needs_float(self) -> bool {
         matches!(self, Self::Unrounded | Self::Truncated | Self::AlphaDivided)
     }
@@ -72,17 +73,17 @@ impl PictureReading {
 pub struct Readings {
     /// Units with a kept picture.
     pub records: Vec<Record>,
-    /// By dataset, how many units there are.
+    /// Number of units by dataset.
     pub units: BTreeMap<String, usize>,
-    /// A score of each record by reading and metric; a metric that has none anywhere is left out.
+    /// A score per record, by reading and metric. Metrics without any score are left out.
     pub scores: BTreeMap<(PictureReading, MetricKey), Vec<Option<f64>>>,
-    /// Why readings of pictures and metrics lack scores, each with the number of pairs.
+    /// Why scores are missing, each reason with the number of pairs.
     pub absent: BTreeMap<(String, String), usize>,
-    /// Scores of the run that its kept pictures do not give any more.
+    /// Scores of the run that the kept pictures no longer give.
     pub changed: usize,
 }
 
-/// Scores the kept predictions of a method under every reading that they allow.
+/// Scores the kept predictions of a method under every reading for which the needed pictures are kept.
 ///
 /// # Errors
 /// When the folder or its datasets cannot be read, or it is a bundle, which has no pictures.
@@ -264,7 +265,7 @@ impl Readings {
     }
 }
 
-/// A rendering that becomes sRGB in another way.
+/// Converts a kept rendering by another reading.
 fn from_linear(
     linear: &LinearPicture,
     reading: PictureReading,

@@ -49,7 +49,7 @@ impl Score {
     }
 }
 
-/// Everything that a table, plot or comparison needs to know about one unit.
+/// A unit as tables, plots and comparisons need it.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Record {
     /// `dataset/scene/source__target`, each part percent-encoded.
@@ -79,10 +79,10 @@ pub struct Record {
     pub status: Status,
     /// Score by metric key (`psnr`, `ssim[gauss11,valid]`, …).
     pub scores: BTreeMap<String, Score>,
-    /// The part of the target that was scored, where that is not all of it.
+    /// The scored part of the target; `None` for all of it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub crop: Option<Crop>,
-    /// Share of the scored pixels that count, 0..1, where the dataset's masks exclude some.
+    /// Share of the scored pixels that count, 0..1, if a mask excludes some.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub valid_share: Option<f64>,
     /// Width and height of the prediction before it was resized up, pixels.
@@ -96,23 +96,23 @@ pub struct Record {
     pub files: Option<PairFiles>,
     /// What the method reports about this prediction (`mean_alpha`, `hole_share`, …).
     pub extras: BTreeMap<String, f64>,
-    /// Warnings about how its prediction was read, by topic.
+    /// Warnings about its prediction, by topic.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub warnings: BTreeMap<String, String>,
 }
 
-/// Hashes of a pair's files, 16 hexadecimal digits each. Results are shown together only if those of one view, and those
-/// of the Gaussians that one method has of one source, are equal.
+/// Hashes of a pair's files, 16 hexadecimal digits each. Results are shown together only if the hashes of a view, and
+/// of a method's Gaussians of a source, agree.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub struct PairFiles {
-    /// Over the camera, photograph, mask and depth of the source.
+    /// The source's camera, photograph, mask and depth.
     pub source: String,
-    /// Of the target.
+    /// The same of the target.
     pub target: String,
-    /// Over the pictures that the method read for this pair, where they were made elsewhere.
+    /// The pictures that the method read for this pair, if they were made elsewhere.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub pictures: Option<String>,
-    /// The file of Gaussians that the method read for this source, where it was made elsewhere.
+    /// The Gaussians that the method read for this source, if they were made elsewhere.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub gaussians: Option<GaussiansRead>,
 }
@@ -135,12 +135,12 @@ pub struct Crop {
     pub share: f64,
 }
 
-/// The best of several scales of the scene, chosen with a look at the target.
+/// The best of several scales of the scene, chosen by comparing with the target.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct ChosenScale {
-    /// The best.
+    /// The chosen scale.
     pub best: f64,
-    /// How many there were.
+    /// Number of scales tried.
     pub tried: usize,
 }
 
@@ -229,11 +229,9 @@ impl Record {
 pub mod finite_or_text {
     use serde::{Deserialize, Deserializer, Serializer, de};
 
-    /// Both forms of a number.
     #[derive(Deserialize, schemars::JsonSchema)]
     #[serde(untagged)]
     pub enum Form {
-        /// A finite one.
         Number(f64),
         /// `inf`, `-inf` or `nan`.
         Text(String),

@@ -1,4 +1,4 @@
-//! Scoring kept predictions again: more metrics, or another region. Nothing is predicted or rendered.
+//! Scores kept predictions again, by more metrics or on another region. Predicts and renders nothing.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
@@ -26,7 +26,7 @@ use crate::pairs::pair_list::ResolvedPair;
 use crate::pairs::{OpenDataset, PairList};
 use crate::scoring::{Region, Scoring};
 
-/// Adds columns to a folder: scores its kept predictions by metrics that they lack.
+/// Scores a folder's kept predictions by metrics that they lack.
 ///
 /// # Errors
 /// When the folder or its datasets cannot be read, or its networks were computed on another device.
@@ -79,8 +79,8 @@ pub fn rescore(
     Ok((counts, results))
 }
 
-/// Scores the kept pictures of a shard of a plan, while other processes do theirs: needs the datasets and no method.
-/// Writes units, and neither manifest nor tables.
+/// The same for a shard of a plan, beside other processes. Needs the datasets but no method; writes units, but neither
+/// manifest nor tables.
 ///
 /// # Errors
 /// When metrics or what computes them are not those of the plan; as [`rescore`].
@@ -135,7 +135,7 @@ pub fn score_shard(
 /// Advice for kept pictures whose input files have changed: an old prediction is not scored against a new photograph.
 const EVALUATE_AGAIN: &str = "`run` with the same options evaluates it again";
 
-/// A manifest as it would be if its metrics were these.
+/// The manifest with the metrics of `scoring`.
 fn under(manifest: &Manifest, scoring: &Scoring) -> Manifest {
     let options = scoring.scorer.options();
     Manifest {
@@ -146,7 +146,6 @@ fn under(manifest: &Manifest, scoring: &Scoring) -> Manifest {
     }
 }
 
-/// Units with kept pictures, to be scored.
 struct Kept<'a> {
     folder: &'a RunFolder,
     keys: &'a Keys,
@@ -256,7 +255,7 @@ impl Kept<'_> {
     }
 }
 
-/// The datasets of a manifest.
+/// Opens the datasets of a manifest.
 pub(super) fn open_datasets(
     manifest: &super::manifest::Manifest,
 ) -> Result<Vec<OpenDataset>, EvaluateError> {
@@ -275,9 +274,8 @@ fn kept_picture(folder: &RunFolder, unit: &Unit) -> Option<RgbImage> {
     read_rgb8(&path).ok()
 }
 
-/// Scores the units of some pairs on the part of each target that all methods of the folder predict, into a folder within
-/// the run folder: it depends on the set of methods, so that it is no part of a unit. A method that failed on a pair does
-/// not count.
+/// Scores units on the part of each target that all methods of the folder predict; a method that failed on a pair does
+/// not count. The results depend on the set of methods, so they are kept in a subfolder instead of the units.
 pub(super) fn score_common_region(
     folder: &RunFolder,
     pairs: &[ResolvedPair],
@@ -354,7 +352,7 @@ pub(super) fn score_common_region(
     Ok(())
 }
 
-/// Keeps the scored part of a picture, which reports show.
+/// Keeps the scored part of a picture for reports.
 fn keep_cut(folder: &RunFolder, item: &mut Unscored) -> Result<(), EvaluateError> {
     let Slot {
         method, pair_id, ..

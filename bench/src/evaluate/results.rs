@@ -21,13 +21,13 @@ use crate::pairs::{Pair, PairList};
 pub struct Results {
     /// What was run.
     pub manifest: Manifest,
-    /// One a unit, by pair id, then in the order of the methods.
+    /// One per unit, by pair id, then in the order of the methods.
     pub records: Vec<Record>,
-    /// Pair id and method of units that the plan asks for and that have no result yet.
+    /// Pair id and method of planned units without a result.
     pub missing: BTreeSet<(String, String)>,
     /// Where the kept pictures are.
     pub pictures: Vec<PictureFolder>,
-    /// Files of units that are not whole any more; their units are among the missing.
+    /// Damaged files; their units are among the missing.
     pub damaged: Vec<PathBuf>,
 }
 
@@ -36,11 +36,11 @@ pub struct Results {
 pub struct PictureFolder {
     /// The run folder.
     pub folder: RunFolder,
-    /// The method's label in the folder, by its label in the results.
+    /// Labels in the folder, by labels in the results.
     pub labels: BTreeMap<String, String>,
     /// sha256 of each kept file, by pair id and the method's label in the folder.
     pub sha256: BTreeMap<(String, String), String>,
-    /// The same of the renderings that were kept as floats.
+    /// The same of kept linear renderings.
     pub float_sha256: BTreeMap<(String, String), String>,
 }
 
@@ -49,11 +49,10 @@ pub struct PictureFolder {
 pub struct KeptPicture {
     /// The file.
     pub path: PathBuf,
-    /// Whether its bytes are still those that were scored.
+    /// Whether it still has the bytes that were scored.
     pub is_scored: bool,
 }
 
-/// Units with the manifest that says which of them count.
 #[derive(Debug, Clone)]
 pub(super) struct Current {
     pub(super) manifest: Manifest,
@@ -63,8 +62,7 @@ pub(super) struct Current {
 }
 
 impl Current {
-    /// The units of a folder that its manifest speaks of: those of methods and datasets that have since been given
-    /// another meaning stay in the folder and do not count.
+    /// The units of a folder that still count; see `Manifest::counted_slots`.
     pub(super) fn read(folder: &RunFolder) -> Result<Self, EvaluateError> {
         let Some(manifest) = folder.manifest()? else {
             let path = folder.root().join("manifest.json");
@@ -100,8 +98,8 @@ impl Current {
         })
     }
 
-    /// Refuses a pair list or a plan that has lost rows since the manifest was written, and a list whose pairs are
-    /// elsewhere than their units say.
+    /// Refuses a pair list or plan that has lost rows since the manifest was written, and a list that contradicts the
+    /// units.
     fn check_list(&self, folder: &RunFolder, list: &PairList) -> Result<(), EvaluateError> {
         let said = &self.manifest.pairs;
         check_rows(folder, said, &folder.plan()?, list)?;
@@ -128,7 +126,7 @@ impl Current {
         }
     }
 
-    /// The records of the units, with what the pair list says of their pairs.
+    /// The records of the units, with distances and overlap from the pair list.
     pub(super) fn records(&self, pairs: &[Pair]) -> Vec<Record> {
         let metrics = self.manifest.metric_identities();
         let pairs: BTreeMap<&str, &Pair> = pairs.iter().map(|p| (p.pair_id.as_str(), p)).collect();
@@ -162,7 +160,7 @@ impl Current {
     }
 }
 
-/// Refuses a pair list or a plan that has lost rows since the manifest was written.
+/// Refuses a pair list or plan that has lost rows since the manifest was written.
 pub(super) fn check_rows(
     folder: &RunFolder,
     said: &PairsRecord,
@@ -200,7 +198,7 @@ fn changed(folder: &RunFolder, what: &str) -> EvaluateError {
     }
 }
 
-/// Folder of the units that tables show: with a common region, those that were scored on it.
+/// The folder of the units that tables show.
 pub(super) fn units_folder(folder: &RunFolder, manifest: &Manifest) -> RunFolder {
     match manifest.common_region {
         true => folder.common_region(),
@@ -256,7 +254,7 @@ impl Results {
         })
     }
 
-    /// Findings that need all results of a method: see `joint_doubts`.
+    /// Warnings that need all results of a method; see `joint_doubts`.
     pub fn warnings(&self) -> Vec<String> {
         let of = |method: &MethodRecord| {
             let own = self.records.iter().filter(|r| r.method == method.label);
@@ -267,18 +265,18 @@ impl Results {
         self.manifest.methods.iter().flat_map(of).collect()
     }
 
-    /// How many units failed.
+    /// Number of failed units.
     pub fn failures(&self) -> usize {
         let failed = self.records.iter().filter(|r| r.status != Status::Ok);
         failed.count()
     }
 
-    /// The kept picture of a record: of those in several folders, one that was scored.
+    /// The kept picture of a record. Of several folders' pictures, one that was scored is preferred.
     pub fn kept_picture(&self, record: &Record) -> Option<KeptPicture> {
         self.kept(record, "png", |pictures| &pictures.sha256)
     }
 
-    /// The rendering behind that picture, where it was kept as floats: linear RGB and alpha.
+    /// The same of the rendering kept as floats: linear RGB and alpha.
     pub fn kept_rendering(&self, record: &Record) -> Option<KeptPicture> {
         self.kept(record, "exr", |pictures| &pictures.float_sha256)
     }
@@ -306,7 +304,7 @@ impl Results {
     }
 }
 
-/// Times of a method's predictions, by pair; empty for a bundle, which holds no times, and without failures.
+/// Times of a method's successful predictions, by pair; empty for a bundle, which holds no times.
 ///
 /// # Errors
 /// When the folder cannot be read.
@@ -363,7 +361,7 @@ pub const FIXED_COLUMNS: [&str; 11] = [
     "status",
 ];
 
-/// Shortest text that reads back as the same number; `inf`, `-inf` and `nan` otherwise.
+/// The shortest text that parses to the same number; also `inf`, `-inf` and `nan`.
 pub fn number(value: f64) -> String {
     finite_or_text::text(value).map_or_else(|| value.to_string(), str::to_owned)
 }
@@ -423,7 +421,7 @@ pub fn scores_csv(records: &[Record], metric_keys: &[String]) -> Result<Vec<u8>,
     out.into_inner().map_err(|error| error.into_error().into())
 }
 
-/// Wall seconds of each unit, see [`Timing`]: for the curious, never compared.
+/// Wall seconds of each unit; see [`Timing`].
 fn timings_csv<'a>(units: impl Iterator<Item = &'a Unit>) -> Result<Vec<u8>, csv::Error> {
     let mut out = csv::Writer::from_writer(Vec::new());
     out.write_record([

@@ -1,4 +1,4 @@
-//! An evaluation done: all of it, or a shard of its plan.
+//! Runs an evaluation, or a shard of its plan.
 
 use std::collections::BTreeSet;
 use std::path::Path;
@@ -26,21 +26,17 @@ use crate::io::observer::Observer;
 use crate::pairs::PairList;
 use crate::pairs::pair_list::ResolvedPair;
 
-/// A run that ended.
 pub struct Finished {
-    /// The folder.
     pub folder: RunFolder,
-    /// What was done.
     pub counts: UnitCounts,
-    /// All results of the folder, also those of earlier runs.
+    /// All results of the folder, earlier runs included.
     pub results: Results,
-    /// The scenes that were opened.
     pub scenes: Vec<Scene>,
 }
 
 impl Evaluation {
-    /// Evaluates into a folder, which may hold results of other methods, pairs, metrics and datasets: nothing of them is
-    /// hidden, and nothing that is done is done again.
+    /// Evaluates into a folder, which may hold results of other methods, pairs, metrics and datasets. These stay
+    /// visible, and finished units are not done again.
     ///
     /// # Errors
     /// When the folder cannot be used, or the renderer's device fails; finished units are kept.
@@ -95,7 +91,7 @@ impl Evaluation {
         })
     }
 
-    /// Writes what a run into this folder would do, for shards to do it, and what it would cost, as [`Self::estimate`].
+    /// Writes the plan of a run for shards, with its estimated cost.
     ///
     /// # Errors
     /// When the folder holds another run, or the evaluation needs all units at once; as [`Self::estimate`].
@@ -130,7 +126,7 @@ impl Evaluation {
         Ok(estimate)
     }
 
-    /// Does a shard of the plan of a folder, beside others: writes units, and neither manifest nor tables.
+    /// Works off a shard of a folder's plan, beside other processes. Writes units, but neither manifest nor tables.
     ///
     /// # Errors
     /// When the evaluation, the files that it reads or what computes it are not those of the plan; as [`Self::run`].
@@ -193,7 +189,7 @@ impl Evaluation {
         Ok(counts)
     }
 
-    /// Refuses photographs and cameras other than the plan's: half of a table would show them.
+    /// Refuses photographs and cameras other than the plan's.
     fn check_files(&self, root: &Path, pairs: &[ResolvedPair<'_>]) -> Result<(), EvaluateError> {
         let pairs = pairs.iter().map(|planned| planned.pair.clone()).collect();
         let found = PairList::new(root.join("pairs.csv"), pairs).verify(&self.scenes);
@@ -222,7 +218,7 @@ impl Evaluation {
         }
     }
 
-    /// Writes manifest, pair list and plan, joined with those of what is there.
+    /// Writes manifest, pair list and plan, combined with those in the folder.
     fn begin(
         &self,
         folder: &RunFolder,

@@ -1,4 +1,4 @@
-//! The score stage: all pictures of a pair against its truth, together.
+//! The score stage: compares all pictures of a pair with its target.
 
 use std::collections::BTreeMap;
 use std::sync::OnceLock;
@@ -22,7 +22,7 @@ use crate::scoring::metrics::ScoredMetric;
 use crate::scoring::rules::{LEAST_PIXELS, PairMask};
 use crate::scoring::{GroundTruth, Region, Scoring, ScoringRules};
 
-/// The truth of a pair, read when it is first needed.
+/// The target's photograph and masks, read on first use.
 pub(super) struct PairTruth<'a> {
     pub(super) planned: ResolvedPair<'a>,
     truth: OnceLock<Result<GroundTruth, String>>,
@@ -36,7 +36,7 @@ impl<'a> PairTruth<'a> {
         }
     }
 
-    /// The target's photograph. The error is the bare reason.
+    /// The target's photograph. The error is a reason without the pair.
     pub(super) fn get(&self) -> Result<&GroundTruth, String> {
         let content = &self.planned.target.content;
         let read = || {
@@ -47,7 +47,7 @@ impl<'a> PairTruth<'a> {
         self.truth.get_or_init(read).as_ref().map_err(Clone::clone)
     }
 
-    /// The masks of the pair that metrics need; none where the target has no depth.
+    /// The masks that the metrics need; none if the target has no depth.
     pub(super) fn masks(&self, scoring: &Scoring) -> Result<PairMasks, String> {
         let ScoringRules { mask, border } = scoring.rules;
         let mut masks = PairMasks {
@@ -88,13 +88,13 @@ impl<'a> PairTruth<'a> {
     }
 }
 
-/// A unit with a picture whose scores are not all there.
+/// A unit with a picture that lacks scores.
 pub(super) struct Unscored {
     pub(super) unit: Unit,
     pub(super) picture: RgbImage,
 }
 
-/// The metrics whose stored values are missing, or of something else.
+/// The metrics whose scores are missing or have another key.
 pub(super) fn missing<'s>(
     unit: &Unit,
     scoring: &'s Scoring,
@@ -115,15 +115,14 @@ pub(super) fn missing<'s>(
         .collect()
 }
 
-/// Shares of the memory limit, bytes. The rest is for fixed needs: the networks of the metrics, the truth, and a picture
-/// while it is rendered.
+/// Shares of the memory limit, bytes. The rest is for the metrics' networks, the target, and a picture being rendered.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct MemoryShares {
     /// Gaussians of a source.
     pub(super) gaussians: u64,
     /// Predicted pictures.
     pictures: u64,
-    /// What metrics hold of the pictures that they compare.
+    /// Working memory of the metrics.
     metrics: u64,
 }
 
@@ -137,14 +136,14 @@ impl MemoryShares {
         }
     }
 
-    /// Predictions of a target that are handed to [`score_pair`] at once, at least 1. While they are scored, as many more are
+    /// How many predictions of a target are passed to [`score_pair`] at once, at least 1. Meanwhile as many more are
     /// made.
     pub(super) fn pictures_of(self, target: &View) -> usize {
         let picture = 3 * u64::from(target.intrinsics.width) * u64::from(target.intrinsics.height);
         (self.pictures / (2 * picture).max(1)).max(1) as usize
     }
 
-    /// Of `most` predictions those that are compared at once, at least 1.
+    /// How many of `most` predictions are compared at once, at least 1.
     fn compared(self, truth: &GroundTruth, scorer: &Scorer, most: usize) -> usize {
         let fits = |count: &usize| {
             let copies = *count as u64 * truth.copied_bytes();
@@ -154,8 +153,8 @@ impl MemoryShares {
     }
 }
 
-/// Computes the missing scores of a pair's units and saves them. Units that lack the same metrics share each network's
-/// pass over the truth, as many as fit into memory.
+/// Computes and saves the missing scores of a pair's units. Units that lack the same metrics share each network's pass
+/// over the target, as far as memory allows.
 pub(super) fn score_pair(
     truth: &PairTruth,
     unscored: Vec<Unscored>,
@@ -284,7 +283,7 @@ pub(super) fn empty_record(planned: &ResolvedPair, method: &str) -> Record {
     }
 }
 
-/// The crop to record when only a part of the target is scored; `None` for all of it.
+/// The crop to record; `None` if all of the target is scored.
 pub(super) fn crop(region: Option<Region>, target: (u32, u32)) -> Option<Crop> {
     let region = region.filter(|region| *region != Region::whole(target))?;
     Some(Crop {

@@ -1,10 +1,10 @@
-//! A process's share of a plan, and where it learns which one is its own.
+//! A process's share of a plan, as given or as its scheduler says.
 
 use std::cmp::Reverse;
 use std::collections::BTreeSet;
 use std::str::FromStr;
 
-/// One of several equal shares of a plan; the shares of one count are disjoint and cover it.
+/// One of `count` shares of a plan. The shares are disjoint and cover it.
 ///
 /// Units are done one by one, so that a plan can be continued with another number of shards.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -14,7 +14,6 @@ pub struct Shard {
     count: usize,
 }
 
-/// More than any scheduler starts.
 const MAX_SHARDS: usize = 1_000_000;
 
 impl Shard {
@@ -30,14 +29,14 @@ impl Shard {
         }
     }
 
-    /// The share of a list that is sorted by the ids of its pairs. The pairs of a source stay together, since they share
-    /// its prediction; the largest groups are dealt first, each to the share that has least.
+    /// This share of a list that is sorted by pair id. The pairs of a source stay together, since they share its
+    /// prediction; the largest groups are dealt first, each to the smallest share.
     pub(super) fn of<T>(self, list: Vec<T>, pair_id: impl Fn(&T) -> &str) -> Vec<T> {
         let mut shares = self.deal(list, pair_id);
         shares.swap_remove(self.index - 1)
     }
 
-    /// All shares of a list, this one among them.
+    /// All shares of a list.
     pub(super) fn deal<T>(self, list: Vec<T>, pair_id: impl Fn(&T) -> &str) -> Vec<Vec<T>> {
         let mut groups: Vec<std::ops::Range<usize>> = Vec::new();
         for at in 0..list.len() {
@@ -71,7 +70,7 @@ impl Shard {
     }
 }
 
-/// The part of a pair's id that names its source: ids encode underscores that would form a second separator.
+/// The part of a pair's id that names its source. Ids encode underscores that would form a second separator.
 fn source(pair_id: &str) -> &str {
     pair_id.split("__").next().unwrap_or(pair_id)
 }
@@ -82,7 +81,6 @@ impl std::fmt::Display for Shard {
     }
 }
 
-/// Why there is no share.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum ShardError {
     #[error("'{0}': I/N is needed, as in 3/8, or auto, or auto/N")]

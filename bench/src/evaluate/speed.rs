@@ -1,4 +1,4 @@
-//! Times of inference and rendering, measured separately with nothing else running.
+//! Measures inference and rendering separately.
 
 use std::collections::BTreeSet;
 use std::time::Instant;
@@ -21,9 +21,9 @@ use crate::pairs::pair_list::ResolvedPair;
 /// Number of rounds per pair.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 pub struct SpeedOptions {
-    /// Of each method on each dataset: rounds on its first pair that are not counted.
+    /// Uncounted rounds on the first pair of each method and dataset.
     pub warmup: usize,
-    /// Rounds of each pair that are counted.
+    /// Counted rounds per pair.
     pub repeat: usize,
 }
 
@@ -34,20 +34,19 @@ pub struct Speed {
     pub method: String,
     /// Widths and heights of its targets, pixels.
     pub sizes: BTreeSet<(u32, u32)>,
-    /// Pairs that were measured.
     pub pairs: usize,
-    /// Source picture in memory to Gaussians in memory, or to the picture where the method makes pictures, s; a number a
-    /// round. None of a method that reads what was made elsewhere.
+    /// From the source picture in memory to Gaussians in memory, or to the picture of methods that make pictures, s,
+    /// per round. Empty for methods that read files made elsewhere.
     pub inference_secs: Vec<f64>,
-    /// Gaussians in memory to the renderer's being ready for views of them, s: the upload on a GPU.
+    /// From Gaussians in memory until the renderer is ready, s: the upload on a GPU.
     pub load_secs: Vec<f64>,
-    /// From there to the 8-bit picture in memory, s. None of a method that makes pictures.
+    /// From there to the 8-bit picture in memory, s. Empty for methods that make pictures.
     pub render_secs: Vec<f64>,
-    /// What explains those, one a pair.
+    /// What explains the times of rendering, per pair.
     pub splats: Vec<Splats>,
     /// Largest resident size of the process meanwhile, bytes; `None` where the system does not say.
     pub peak_bytes: Option<u64>,
-    /// `pair: reason` of those that could not be measured.
+    /// `pair: reason` of pairs that could not be measured.
     pub failures: Vec<String>,
 }
 
@@ -55,9 +54,9 @@ pub struct Speed {
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Splats {
     pub count: u64,
-    /// Those that reach the picture.
+    /// Gaussians that reach the picture.
     pub visible: u64,
-    /// Tiles of 16 × 16 pixels that the boxes of the visible ones touch, together; each is a Gaussian to sort and to blend.
+    /// Sum over visible Gaussians of the 16 × 16 pixel tiles that they touch: what is sorted and blended.
     pub tiles: u64,
     /// Tiles of the picture.
     pub picture_tiles: u64,
@@ -65,14 +64,13 @@ pub struct Splats {
 
 /// One measured round of a method on a pair.
 enum Round {
-    /// Inference alone.
     Picture,
     Gaussians(Box<GaussianPrediction>),
 }
 
 impl Evaluation {
-    /// Measures every method on the pairs of the evaluation, dataset by dataset. `target` and the scale sweep are left out,
-    /// which are no methods.
+    /// Measures every method on the pairs of each dataset. `target` and the scale sweep are left out: they are no
+    /// methods.
     ///
     /// # Errors
     /// When the renderer's device fails. A pair that fails otherwise is counted and the others continue.
@@ -207,7 +205,7 @@ impl Evaluation {
     }
 }
 
-/// Predicts a pair round by round. What reading its files takes is not counted.
+/// Predicts a pair in rounds. Reading its files is not counted.
 fn infer(
     method: &dyn Method,
     planned: &ResolvedPair<'_>,

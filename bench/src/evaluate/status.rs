@@ -1,4 +1,4 @@
-//! Progress of a run, read from its folder alone: on any machine that sees it, while others write.
+//! Progress of a run, read from its folder while other processes write.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
@@ -15,20 +15,19 @@ use super::shard::Shard;
 use super::unit::{Standing, Unit};
 use crate::pairs::PairList;
 
-/// Units of a folder, counted.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct RunProgress {
     /// All of them.
     pub all: RunStatus,
     /// By method, in the order of the plan.
     pub methods: Vec<(String, RunStatus)>,
-    /// Units that ended within the last minutes of work, and in how many seconds.
+    /// Units finished in the last minutes of work, and the seconds they took.
     pub pace: Option<(usize, f64)>,
-    /// What the plan said that all of it would cost.
+    /// The cost estimated by the plan.
     pub estimate: Option<Estimate>,
-    /// Files that are damaged; their units count as missing.
+    /// Damaged files; their units count as missing.
     pub damaged: usize,
-    /// Whether the plan misses pairs because scenes or views of the datasets cannot be read.
+    /// Whether pairs are missing because scenes or views cannot be read.
     pub lacks_files: bool,
 }
 
@@ -83,7 +82,7 @@ impl RunProgress {
         })
     }
 
-    /// Units that a run would still work on; recorded failures are tried again, and not among them.
+    /// Units that are missing or unscored. Recorded failures do not count, although a run tries them again.
     pub fn open(&self) -> usize {
         self.all.missing + self.all.unscored
     }
@@ -95,7 +94,7 @@ impl RunProgress {
     }
 }
 
-/// The shards, out of a given number, with units that have no result, or a failure if failures are to be retried.
+/// The shards of `count` that have units without a result, or with `retry_failed` also failed ones.
 ///
 /// # Errors
 /// As [`RunProgress::read`], and when there cannot be so many.
@@ -132,8 +131,8 @@ fn read(folder: &RunFolder) -> Result<(RunPlan, Current), EvaluateError> {
     Ok((plan, current))
 }
 
-/// Number of units that ended within [`WINDOW`] of the last one, and the seconds they took; `None` if the last one ended
-/// longer ago than that.
+/// Units finished within [`WINDOW`] before the last one, and the seconds they took; `None` if the last one is older
+/// than that.
 fn pace(mut times: Vec<SystemTime>) -> Option<(usize, f64)> {
     times.sort();
     let last = *times.last()?;

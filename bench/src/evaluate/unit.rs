@@ -15,7 +15,6 @@ use crate::io::text::reason_line;
 use crate::methods::spec::check_label;
 use crate::pairs::pair_id::PairName;
 
-/// Contents of a unit's file.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Unit {
     /// [`super::manifest::FORMAT`] of the writer.
@@ -24,7 +23,7 @@ pub struct Unit {
     pub checksum: String,
     /// Which unit it is.
     pub slot: Slot,
-    /// Hash of everything that the picture depends on: prediction and rendering.
+    /// Hash of everything that prediction and rendering depend on.
     pub picture_key: String,
     /// The pair, how it ended, and what was reported; its scores are in [`Self::scores`].
     pub record: Record,
@@ -80,56 +79,54 @@ pub struct ScoredPicture {
 pub struct StoredScore {
     /// Hash of metric, picture, truth and region.
     pub key: String,
-    /// Hash of the metric alone: convention, weights, sources.
+    /// Hash of the metric's convention, weights and code.
     pub metric_identity: String,
-    /// The value.
     pub score: Score,
 }
 
 /// Times of a unit, and the machine.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize, JsonSchema)]
 pub struct Timing {
-    /// Wall time of the inference behind the picture, while an earlier pair was being scored: of the source for methods
-    /// that make Gaussians, whole for every target and every method that uses it, and from when it was made; else of the
-    /// pair. Reading files is not part of it.
+    /// Wall time of inference, without reading files, while an earlier pair was being scored. For methods that make
+    /// Gaussians it is the whole inference of the source, for every target and method that uses it; else that of the
+    /// pair.
     pub predict_secs: f64,
     /// Wall time of placing and rendering the Gaussians; 0 for methods that make pictures.
     #[serde(default)]
     pub render_secs: f64,
-    /// Equal for units that share an inference; `None` where each has its own.
+    /// Equal for units that share an inference; `None` if each has its own.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub inference: Option<String>,
-    /// Its share of the wall time of the pair's metrics, while the next pair was being predicted.
+    /// The unit's share of the wall time of the pair's metrics, while the next pair was being predicted.
     pub score_secs: f64,
-    /// Processor and threads that predicted it; `None` where the system, or the version that wrote the unit, does not say.
+    /// Processor and threads that predicted it, if known.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub machine: Option<String>,
-    /// Largest resident size of the process until the prediction was there, bytes; programs that it started not counted.
+    /// Peak memory of the process when the prediction was done, bytes; without programs that it started.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub peak_bytes: Option<u64>,
 }
 
 impl Timing {
-    /// From the source's photograph in memory to the picture, s.
+    /// Time from the source's photograph in memory to the picture, s.
     pub fn synthesis_secs(&self) -> f64 {
         self.predict_secs + self.render_secs
     }
 }
 
 impl Unit {
-    /// Sets the checksum.
     #[must_use]
     pub fn sealed(mut self) -> Self {
         self.checksum = self.computed_checksum();
         self
     }
 
-    /// True if nothing has changed since it was sealed.
+    /// Whether the checksum holds.
     pub fn is_whole(&self) -> bool {
         self.checksum == self.computed_checksum()
     }
 
-    /// True if the record is the slot's, and the slot's names cannot lead out of the folder.
+    /// Whether the record is the slot's, and the slot's names cannot lead out of the folder.
     pub(super) fn is_consistent(&self) -> bool {
         let Record {
             pair_id,
@@ -147,8 +144,7 @@ impl Unit {
             && check_label(method).is_ok()
     }
 
-    /// A unit with a picture as it is before it is scored: what failed was the scoring, which is tried again. `None`
-    /// where there is no picture.
+    /// The unit before scoring, since failed scoring is tried again; `None` if there is no picture.
     pub(super) fn scorable(mut self) -> Option<Self> {
         self.picture.as_ref()?;
         self.record.status = Status::Ok;
@@ -164,7 +160,7 @@ impl Unit {
         sha256_hex(&serde_json::to_vec(&open).unwrap_or_default())
     }
 
-    /// The record with the scores of some metrics, given as key and identity. A value of another identity counts as
+    /// The record with the scores of `metrics`, given as key and identity. A score of another identity counts as
     /// missing.
     pub fn record_with(&self, metrics: &[(String, String)]) -> Record {
         let scores = metrics.iter().filter_map(|(key, identity)| {
@@ -186,17 +182,15 @@ impl Unit {
 /// How far a planned unit is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Standing {
-    /// There is no result, or one of other files or another method.
+    /// No result, or one of other files or another method.
     Missing,
-    /// A recorded failure; a run tries it again.
     Failed,
-    /// A picture without all of its scores.
     Unscored,
     Done,
 }
 
 impl Unit {
-    /// `lacks_scores` is about the metrics that are wanted.
+    /// `lacks_scores`: whether scores of wanted metrics are missing.
     pub(super) fn standing(&self, lacks_scores: bool) -> Standing {
         match (&self.record.status, lacks_scores) {
             (Status::Failed { .. }, _) => Standing::Failed,
@@ -209,7 +203,7 @@ impl Unit {
         self.record.status != Status::Ok
     }
 
-    /// Scored, or a recorded failure: not one that waits for its scores.
+    /// Whether it is scored or a recorded failure.
     pub(super) fn is_done(&self) -> bool {
         self.standing(self.scores.is_empty()) != Standing::Unscored
     }
