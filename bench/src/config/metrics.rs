@@ -8,7 +8,7 @@ use sharp_metrics::{Device, Scorer, ScorerOptions, Selection, Unavailable, Weigh
 use super::error::ConfigError;
 use crate::scoring::{ScaleChooser, Scoring};
 
-/// Which metrics, with which weights, on which device.
+/// Metrics, their weights, and the device that computes them.
 #[derive(Debug, Clone, Default, PartialEq, Args, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case", default)]
 pub struct MetricConfig {
@@ -30,7 +30,7 @@ impl MetricConfig {
         Ok(self.asked()?.unwrap_or_default())
     }
 
-    /// The metrics that were asked for; `None` where none were.
+    /// The metrics asked for; `None` if none were.
     pub fn asked(&self) -> Result<Option<Selection>, ConfigError> {
         let parsed = self.metrics.as_ref().map(|list| {
             Selection::parse(list).map_err(|error| ConfigError::Selection {
@@ -51,15 +51,15 @@ impl MetricConfig {
         Ok(Scoring::with_options(selection, &weights, options)?)
     }
 
-    /// As [`scoring`](Self::scoring), for long-running work: missing weights of a metric that was named explicitly are an error
-    /// before anything is computed, not an empty column after hours.
+    /// As [`scoring`](Self::scoring), but missing weights of a metric that was named explicitly are an error now, not
+    /// an empty column after hours.
     pub fn complete_scoring(&self, selection: &Selection) -> Result<Scoring, ConfigError> {
         let scoring = self.scoring_of(selection)?;
         demand_weights(selection, &scoring.scorer)?;
         Ok(scoring)
     }
 
-    /// How the networks are computed: by default, but for the device.
+    /// Default options on the chosen device.
     pub fn options(&self) -> Result<ScorerOptions, ConfigError> {
         let device = self.device.unwrap_or_default();
         if !device.is_built() {
@@ -81,7 +81,7 @@ impl MetricConfig {
     }
 }
 
-/// Weights from files given as `NAME=FILE`; other networks' weights are looked for.
+/// Weights from files given as `NAME=FILE`; those of other networks are searched for.
 pub fn weights(files: &[String]) -> Result<Weights, ConfigError> {
     let mut weights = Weights::at_hand();
     for spec in files {

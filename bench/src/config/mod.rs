@@ -1,4 +1,4 @@
-//! What a run is asked for, parsed once, where it comes in: from a command line, a file or a program.
+//! What a run is asked to do, parsed once, from a command line, a file or a program.
 //!
 //! * [`RunConfig`]: all of it; [`metrics`], `pairs`, [`rendering`]: its parts that other commands take, too.
 

@@ -8,7 +8,7 @@ use super::error::ConfigError;
 use super::text;
 use crate::pairs::{OverlapCache, PairOptions, PairOrigin, PairRecipe, SceneChecks};
 
-/// Whose depth decides overlap, where measured overlaps are cached, and whether scenes are checked first.
+/// The depth that decides overlap, the cache of overlaps, and the check of scenes.
 #[derive(Debug, Clone, Default, PartialEq, Args, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case", default)]
 pub struct OverlapConfig {
@@ -35,7 +35,7 @@ pub struct OverlapConfig {
 }
 
 impl OverlapConfig {
-    /// The choices joined with the files that they need.
+    /// The pair options with the files that they need.
     pub fn recipe(&self, options: &PairOptions) -> Result<PairRecipe, ConfigError> {
         let recipe = PairRecipe {
             options: options.clone(),

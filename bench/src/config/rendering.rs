@@ -12,7 +12,7 @@ use super::text;
 
 use crate::rendering::RenderSettings;
 
-/// What decides the pixels of a rendering, by any backend.
+/// Settings that decide a rendering's pixels on every backend.
 #[derive(Debug, Clone, Default, PartialEq, Args, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case", default)]
 pub struct RenderingConfig {
@@ -43,7 +43,7 @@ impl RenderingConfig {
     }
 }
 
-/// How linear light becomes 8 bit.
+/// Rounding to 8 bit.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum Quantise {
@@ -118,7 +118,7 @@ pub fn backend(backend: &Backend, adapter: Option<&str>) -> Result<Backend, Conf
     }
 }
 
-/// Numbers between commas.
+/// Comma-separated numbers.
 pub(crate) fn numbers<T: FromStr, const N: usize>(text: &str) -> Option<[T; N]> {
     let numbers: Option<Vec<T>> = text.split(',').map(|n| n.trim().parse().ok()).collect();
     numbers?.try_into().ok()

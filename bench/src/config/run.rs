@@ -1,4 +1,4 @@
-//! Everything that decides the results of a run, as options of a command line and as a file.
+//! Everything that decides the results of a run, as command-line options and as a file.
 
 use std::path::{Path, PathBuf};
 
@@ -18,8 +18,7 @@ use super::text;
 use crate::methods::{MethodSpec, SpecError};
 use crate::pairs::{DatasetConfig, clap_dataset};
 
-/// What `run` is asked for: its options, and the keys of a `run.toml` under the same names. Relative paths in a file start
-/// in its folder.
+/// The options of `run`, which are also the keys of a `run.toml`. Relative paths in a file start in its folder.
 #[derive(Debug, Clone, Default, PartialEq, Args, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case", default)]
 pub struct RunConfig {
@@ -134,7 +133,7 @@ impl RunConfig {
         Self::of_keys(keys).map_err(ConfigError::Usage)
     }
 
-    /// The error is the bare reason.
+    /// The error does not name the file.
     fn of_keys(keys: Map<String, Value>) -> Result<Self, String> {
         let options = Self::augment_args(Command::new("run"));
         let known: Vec<&str> = options
@@ -156,7 +155,7 @@ impl RunConfig {
         }
     }
 
-    /// What is asked for, by key: nothing that is left to its default.
+    /// The options by name, without those left at their defaults.
     ///
     /// # Errors
     /// When a path is not Unicode.
@@ -174,7 +173,7 @@ impl RunConfig {
         Ok(keys)
     }
 
-    /// This with the keys of `over` in place of its own.
+    /// This configuration with the options given in `over` replaced.
     ///
     /// # Errors
     /// When the two together are no configuration.
@@ -199,7 +198,7 @@ impl RunConfig {
         backend(&given, self.adapter.as_deref())
     }
 
-    /// With every relative path below a folder, where programs start, too.
+    /// Makes relative paths start in `folder`, where programs then start too.
     #[must_use]
     pub fn rooted(mut self, folder: &Path) -> Self {
         let root = |path: &mut PathBuf| *path = folder.join(&path);
@@ -246,7 +245,7 @@ impl RunConfig {
     }
 }
 
-/// Not the name of the network that comes with the program.
+/// Whether it is a file, not the bundled network `mini`.
 fn is_file(checkpoint: &Path) -> bool {
     checkpoint != Path::new("mini")
 }

@@ -1,11 +1,11 @@
-//! Optional values in files by their printed form, which is the one of the command line.
+//! Serialises optional values in the form that the command line takes.
 
 use std::fmt::Display;
 use std::str::FromStr;
 
 use serde::{Deserialize, Deserializer, Serialize, Serializer, de};
 
-/// What a file may hold: a text, or a number where the text would be one.
+/// A text, or a number instead of its text.
 #[derive(Deserialize)]
 #[serde(untagged)]
 enum Form {

@@ -17,12 +17,12 @@ use super::atomic_files::{FileError, write_atomic};
 /// Gaussians and, where the file stores one, the camera to look from.
 #[derive(Debug, Clone)]
 pub struct GaussianFile {
-    /// In whatever space the file's producer says.
+    /// In the space of the file's producer.
     pub gaussians: Gaussians,
     pub camera: Option<(Intrinsics, DAffine3)>,
     /// How its numbers were read.
     pub reading: StoredForm,
-    /// What speaks against that.
+    /// What contradicts that reading.
     pub doubts: Vec<Suspicion>,
 }
 
@@ -53,13 +53,13 @@ pub enum GaussianFileError {
     })]
     Extension {
         path: PathBuf,
-        /// What it is, with what converts it.
+        /// Its format, and what converts it.
         foreign: Option<String>,
     },
     /// Values that a scene cannot have.
     #[error("{}: {source}", path.display())]
     Stored { path: PathBuf, source: PlyReason },
-    /// What is rendered here has one colour from all sides.
+    /// Only Gaussians of one colour from all sides are rendered.
     #[error(
         "{}: colours depend on the view ({coefficients} coefficients f_rest_*), which is not rendered; \
          `harmonics=drop` draws the constant term alone, or bake them into it for the source's view", path.display()
@@ -144,7 +144,7 @@ pub fn foreign(path: &Path) -> Option<String> {
     ply::foreign_format(&start[..read], &name)
 }
 
-/// An f32 array of a safetensors file, which stores little endian on every machine.
+/// An f32 array of a safetensors file, little endian on every machine.
 pub(crate) struct Array {
     pub(crate) name: &'static str,
     pub(crate) shape: Vec<usize>,

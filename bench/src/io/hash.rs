@@ -23,16 +23,16 @@ pub fn file_sha256(path: &Path) -> Result<String, FileError> {
 pub struct HashedFile {
     path: PathBuf,
     sha256: String,
-    /// As the file was before it was hashed, or when its hash was last found to be the same; `None` once it was not.
+    /// The file's stamp when its hash was last confirmed; `None` once the hash differed.
     stamp: Mutex<Option<FileStamp>>,
 }
 
-/// Facts that change with a file's content, unless someone restores them on purpose.
+/// Facts that change when a file's content does.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct FileStamp {
     len: u64,
     modified: Option<SystemTime>,
-    /// 0 where the system has none.
+    /// 0 on systems without inodes.
     inode: u64,
 }
 
@@ -78,7 +78,7 @@ impl HashedFile {
         &self.sha256
     }
 
-    /// Whether the file still has the content that was hashed. It is only read again where its stamp differs.
+    /// Whether the file still has the hashed content. Reads it only if its stamp differs.
     pub fn is_unchanged(&self) -> bool {
         let mut stamp = self.stamp.lock().unwrap_or_else(PoisonError::into_inner);
         let now = FileStamp::of(&self.path).ok();

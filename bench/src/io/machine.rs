@@ -14,7 +14,7 @@ pub fn peak_bytes() -> Option<u64> {
     Some(kib * 1024)
 }
 
-/// Starts [`peak_bytes`] anew. False where the system does not allow it: then that goes on from what it was.
+/// Resets [`peak_bytes`]; false if the system does not allow it.
 pub fn reset_peak() -> bool {
     std::fs::write("/proc/self/clear_refs", "5").is_ok()
 }

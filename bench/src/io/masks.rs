@@ -1,4 +1,4 @@
-//! Masks that people hand in: pictures, white where a pixel counts.
+//! Masks supplied by users: pictures, white where a pixel counts.
 
 use std::path::{Path, PathBuf};
 

@@ -1,4 +1,4 @@
-//! Pictures that people hand in: those of [`sharp::image_file`], EXR, and float arrays in `.npy` or `.safetensors`.
+//! Pictures supplied by users: those of [`sharp::image_file`], EXR, and float arrays in `.npy` or `.safetensors`.
 
 use std::path::{Path, PathBuf};
 
@@ -205,7 +205,7 @@ fn exr_dimensions(path: &Path) -> Result<(u32, u32), ReadError> {
     first.ok_or_else(|| malformed(path, "it has no layer"))
 }
 
-/// Light from which on clipping to white changes a pixel of 8 bit: half a level above 1.
+/// Linear light above which clipping to white changes an 8-bit pixel: half a level above 1.
 const BEYOND_WHITE: f32 = 1.0045;
 
 fn read_exr(

@@ -62,8 +62,8 @@ fn png(
     Ok(bytes)
 }
 
-/// The attribute of an EXR's layer that says how its colours are encoded, and its value for linear light. Other
-/// people's EXR files, which do not have it, are taken to hold sRGB values.
+/// The attribute of an EXR's layer that says how its colours are encoded. Other people's EXR files do not have it, so
+/// users have to say.
 pub(crate) const TRANSFER: &str = "sharpBenchTransfer";
 pub(crate) const LINEAR: &str = "linear";
 

@@ -1,16 +1,15 @@
-//! Text from outside, made harmless where people and their programs read it.
+//! Makes text from outside harmless for terminals, pages and tables.
 
 use std::borrow::Cow;
 
-/// True for characters that a terminal or page interprets instead of showing: control characters and marks that change
-/// the direction of text.
+/// Characters that a terminal or page interprets instead of showing: control characters and marks that change the
+/// direction of text.
 fn is_obeyed(c: char) -> bool {
     c.is_control()
         || matches!(c, '\u{61c}' | '\u{200e}' | '\u{200f}' | '\u{2028}'..='\u{202e}' | '\u{2066}'..='\u{2069}')
 }
 
-/// Text of several lines with what would be obeyed as `\uXXXX`, but for line ends and tabs. Within a string of JSON that
-/// is the same string.
+/// Writes such characters as `\uXXXX`, except line ends and tabs. A JSON string stays the same string.
 pub fn visible(text: &str) -> Cow<'_, str> {
     escaped(text, |c| is_obeyed(c) && c != '\n' && c != '\t')
 }
@@ -34,7 +33,7 @@ fn escaped(text: &str, is_escaped: impl Fn(char) -> bool) -> Cow<'_, str> {
     out.into()
 }
 
-/// An error with its causes, without those that its text already holds: one line that names file and reason.
+/// An error with its causes in one line; causes whose text is contained already are left out.
 pub fn one_line(error: &anyhow::Error) -> String {
     error
         .chain()

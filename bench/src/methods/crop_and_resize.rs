@@ -30,7 +30,7 @@ pub(super) enum CropRule {
     Sidecar,
 }
 
-/// Conversion of a method's pictures to scored ones.
+/// How a method's pictures are cropped and resized.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub(super) struct FitRules {
     kernel: Option<ResizeKernel>,
@@ -42,7 +42,7 @@ impl FitRules {
     pub(super) const OPTIONS: [&'static str; 6] =
         ["resize", "crop", "alpha", "color", "orientation", "exr"];
 
-    /// Reads [`Self::OPTIONS`]; errors are the bare reason.
+    /// Parses [`Self::OPTIONS`]. Errors name no method.
     pub(super) fn parse<'a>(option: impl Fn(&str) -> Option<&'a str>) -> Result<Self, String> {
         let kernel = parsed("resize", &option)?;
         if kernel == Some(ResizeKernel::Area) {
@@ -69,12 +69,12 @@ impl FitRules {
         self.crop
     }
 
-    /// True if the region depends on a file beside the picture or on the picture itself.
+    /// Whether the region depends on the picture or on a file beside it.
     pub(super) fn needs_file(&self) -> bool {
         matches!(self.crop, CropRule::CenterOfOwnAspect | CropRule::Sidecar)
     }
 
-    /// What identities say: the options that are given.
+    /// The given options, for identities.
     pub(super) fn settings(&self) -> BTreeMap<String, String> {
         let mut settings = BTreeMap::new();
         if let Some(kernel) = self.kernel {
@@ -100,8 +100,8 @@ impl FitRules {
         settings
     }
 
-    /// The part of a target that a picture of the size `own` shows, `None` for all of it. `sidecar` is what the file
-    /// beside it says. Errors are the bare reason.
+    /// The part of a target that a picture of size `own` shows; `None` for all of it. `sidecar` is the region from the
+    /// file beside it. Errors name no file.
     pub(super) fn region(
         &self,
         target: (u32, u32),
@@ -125,8 +125,8 @@ impl FitRules {
         Ok((region != Region::whole(target)).then_some(region))
     }
 
-    /// Reads a picture and brings it to the size of what it shows, 8 bit. It is not decoded where its header already
-    /// tells that its size is wrong: a small file may hold more pixels than memory.
+    /// Reads a picture and resizes it to what it shows, 8 bit. A picture whose header has a wrong size is not decoded:
+    /// a small file may hold more pixels than memory.
     pub(super) fn read(
         &self,
         path: &Path,
@@ -152,7 +152,7 @@ impl FitRules {
         Ok(PicturePrediction { notes, ..fitted })
     }
 
-    /// Brings a picture to the size of what it shows, 8 bit. Errors are the bare reason.
+    /// Resizes a picture to what it shows, 8 bit. Errors name no file.
     fn fit(
         &self,
         picture: Picture,
@@ -179,7 +179,7 @@ impl FitRules {
         })
     }
 
-    /// The kernel for a picture that is not of the size that it has to be, if it may be resized; `None` where it is.
+    /// The kernel that resizes the picture; `None` if its size is right already.
     fn kernel_for(
         &self,
         (w, h): (u32, u32),

@@ -1,4 +1,5 @@
-//! Reading of a file of Gaussians: the form of its numbers, and its space relative to the source's camera. Each part is a setting.
+//! How a Gaussian file is read: the form of its numbers, and its space relative to the source's camera. Each part is a
+//! setting.
 
 use glam::{DAffine3, DMat3, DVec3};
 use sharp::camera::{Intrinsics, target_camera_from_source_ndc};
@@ -43,7 +44,7 @@ impl Axes {
         is_frame.then_some(Self(letters))
     }
 
-    /// Takes coordinates along these axes to OpenCV's. Mirrors where the axes are left-handed.
+    /// Matrix from these axes to OpenCV's; it mirrors if the axes are left-handed.
     fn matrix(self) -> DMat3 {
         let direction = |letter: u8| match letter {
             b'l' => DVec3::NEG_X,
@@ -72,9 +73,9 @@ pub struct Placement {
     pub axes: Axes,
     /// The file's unit, metres.
     pub scale: f64,
-    /// Moves what the source's camera sees to the right and down, pixels.
+    /// How far the source's camera sees everything moved right and down, pixels.
     pub shift: [f64; 2],
-    /// The focal length that its points were unprojected with, as a multiple of the source's.
+    /// The focal length with which its points were unprojected, as a multiple of the source's.
     pub focal: f64,
 }
 
@@ -115,7 +116,7 @@ impl Placement {
         ]
     }
 
-    /// Takes the file's coordinates to those of the source's camera.
+    /// Map from the file's coordinates to the source's camera.
     pub fn camera_from_file(&self, source: &PosedCamera) -> DAffine3 {
         let Intrinsics { fx, fy, .. } = source.intrinsics;
         let own = DAffine3::from_mat3(self.axes.matrix() * self.scale);
@@ -138,7 +139,7 @@ impl FileReading {
     pub(super) const PLACEMENT_KEYS: [&'static str; 5] =
         ["space", "axes", "scale", "shift", "focal"];
 
-    /// That of arrays in memory: decoded values in the source camera's space.
+    /// For arrays in memory: decoded values in the source camera's space.
     pub fn of_arrays() -> Self {
         Self {
             stored: StoredForm::default().of_arrays(),
@@ -151,7 +152,7 @@ impl FileReading {
         StoredForm::KEYS.into_iter().chain(Self::PLACEMENT_KEYS)
     }
 
-    /// Sets one of [`Self::keys`]; other keys are left alone. The error says which values there are.
+    /// Sets one of [`Self::keys`] and ignores other keys. The error lists the allowed values.
     pub fn set(&mut self, key: &str, value: &str) -> Result<(), String> {
         let needed = |what: &str| format!("{key}={value}: {what} is needed");
         let number = |text: &str| text.parse::<f64>().ok().filter(|v| v.is_finite());
@@ -192,12 +193,12 @@ impl FileReading {
         Ok(())
     }
 
-    /// What is set besides the defaults, by key, as [`Self::set`] takes it.
+    /// Settings other than the defaults, as [`Self::set`] takes them.
     pub fn settings(&self) -> Vec<(&'static str, String)> {
         self.changes_from(&Self::default())
     }
 
-    /// The settings in which it differs, by key, as [`Self::set`] takes them.
+    /// Settings that differ from `other`, as [`Self::set`] takes them.
     pub fn changes_from(&self, other: &Self) -> Vec<(&'static str, String)> {
         let before = other.stored.settings();
         let stored = self.stored.settings().into_iter();

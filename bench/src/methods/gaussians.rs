@@ -17,7 +17,7 @@ use crate::io::gaussian_files::{GaussianFile, foreign};
 use crate::io::{fingerprints, gaussian_files};
 use crate::pairs::pair_id::path_of;
 
-/// Extras that count Gaussians that the renderer drops, with the reasons in words.
+/// Extras that count Gaussians which the renderer drops, and the reasons in words.
 pub const UNUSABLE: [(&str, &str); 2] = [
     ("not_finite", "hold values that are not finite"),
     ("zero_quaternions", "have a quaternion of zero"),
@@ -86,7 +86,7 @@ impl GaussianFiles {
     }
 }
 
-/// Files and folders of a name with any extension, sorted.
+/// Files and folders of this name with any extension, sorted.
 fn beside(stem: &Path) -> Vec<PathBuf> {
     let (Some(folder), Some(name)) = (stem.parent(), stem.file_name()) else {
         return Vec::new();

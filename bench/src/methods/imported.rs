@@ -52,7 +52,7 @@ impl Imported {
         })
     }
 
-    /// The same rules on a folder within this one.
+    /// The same rules for a subfolder.
     pub(super) fn in_folder(&self, name: &str) -> Self {
         Self {
             dir: self.dir.join(name),
@@ -89,7 +89,7 @@ impl Imported {
         }
     }
 
-    /// Not with the extension replaced: a view's name may hold a dot.
+    /// Appends the extension instead of replacing one: a view's name may hold a dot.
     fn sidecar_path(&self, pair_id: &str) -> PathBuf {
         self.dir.join(format!("{}.json", path_of(pair_id)))
     }

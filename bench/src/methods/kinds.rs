@@ -1,4 +1,4 @@
-//! The kinds of methods, and instances from specs.
+//! The kinds of methods; builds methods from specs.
 
 use std::collections::BTreeSet;
 use std::sync::Arc;
@@ -99,10 +99,10 @@ pub const KINDS: [MethodKind; 8] = [
     },
 ];
 
-/// A method with its spec; `None` for one that a program brings.
+/// A method with its spec; `None` for a method made by a program.
 pub type BuiltMethod = (Option<MethodSpec>, Box<dyn Method>);
 
-/// Builds the instances; labels must be unique. `chooser` chooses among the scales of those that have several.
+/// Builds the methods; labels must be unique. `chooser` picks the scale of methods that predict several.
 pub fn build(
     specs: &[MethodSpec],
     chooser: Option<&Arc<ScaleChooser>>,

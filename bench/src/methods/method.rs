@@ -90,7 +90,7 @@ impl<'a> SourceView<'a> {
     }
 }
 
-/// The camera to predict the picture of: all that a method learns of the target.
+/// The target's camera: all that a method learns of the target.
 #[derive(Debug, Clone, Copy)]
 pub struct TargetCamera<'a> {
     pair_id: &'a str,
@@ -173,7 +173,7 @@ impl GaussianSpace {
     pub const CAMERA: Self = Self::Camera(DAffine3::IDENTITY);
 }
 
-/// Gaussians that a method predicted from a source, whatever the target.
+/// Gaussians that a method predicted from a source, for all targets.
 #[derive(Debug, Clone, PartialEq)]
 pub struct GaussianPrediction {
     /// Linear RGB.
@@ -183,13 +183,13 @@ pub struct GaussianPrediction {
     pub first_layer: Option<DepthMap>,
     /// What the method reports about them; each becomes a column.
     pub extras: BTreeMap<String, f64>,
-    /// How they were read, where they are someone else's and may mean something else.
+    /// How they were read, if they come from someone else's file.
     pub reading: Option<FileReading>,
-    /// What speaks against that, as a sentence, by what it is about.
+    /// Warnings about that reading, by topic.
     pub warnings: BTreeMap<String, String>,
 }
 
-/// Everything about an instance that its predictions depend on, besides the pair: `kind(key=value,…)`.
+/// What a method's predictions depend on besides the pair, printed as `kind(key=value,…)`.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub struct MethodIdentity {
     /// As in `--method KIND`.
@@ -232,7 +232,7 @@ pub enum MethodError {
     File { path: PathBuf, reason: String },
     #[error("'{run}': {reason}")]
     Program { run: String, reason: String },
-    /// The network, the file of Gaussians, or whatever else a method is made of.
+    /// The network, the Gaussian file, or another part of the method.
     #[error("{0}")]
     Model(String),
 }
@@ -287,8 +287,8 @@ pub trait Method: Send + Sync {
         Ok(Vec::new())
     }
 
-    /// Told once, before the first prediction of a run: the folder for logs, which need not exist, and the one for
-    /// [`scratch_folder`](crate::io::atomic_files::scratch_folder)s.
+    /// Called once before the first prediction of a run, with the folder for logs, which need not exist, and the one
+    /// for [`scratch_folder`](crate::io::atomic_files::scratch_folder)s.
     fn begin(&self, _logs: &Path, _scratch_in: &Path) {}
 
     fn approach(&self) -> Approach<'_>;
@@ -330,7 +330,7 @@ pub trait PredictScales: Sync {
         target: &TargetCamera,
     ) -> Result<Vec<Candidate>, MethodError>;
 
-    /// What chooses the best, with a look at the target.
+    /// Picks the best by comparing with the target.
     fn chooser(&self) -> &ScaleChooser;
 }
 
@@ -346,7 +346,7 @@ impl<F> Closure<F>
 where
     F: Fn(&SourceView, &TargetCamera) -> Result<PicturePrediction, MethodError> + Send + Sync,
 {
-    /// A function under a label. Its code cannot be hashed: a changed `version` predicts anew.
+    /// A function as a method. Its code cannot be hashed; change `version` to predict again.
     pub fn new(label: impl Into<String>, version: impl Into<String>, predict: F) -> Self {
         Self {
             label: label.into(),

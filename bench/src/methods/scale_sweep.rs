@@ -59,7 +59,7 @@ impl ScaleSweep {
     }
 }
 
-/// The scales of a sweep, each the name of a folder of predictions; the error is the bare reason.
+/// The scales of a sweep from the names of its folders. The error names no method.
 pub fn sweep_scales(names: &[String]) -> Result<Vec<(String, f64)>, String> {
     let mut scales: Vec<(String, f64)> = Vec::new();
     for name in names {

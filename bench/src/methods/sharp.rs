@@ -28,7 +28,7 @@ pub struct Sharp {
     network: NetworkSpec,
     identity: NetworkIdentity,
     privilege: Privilege,
-    /// Its weights are read while the network runs.
+    /// Read while the network runs.
     checkpoint: HashedFile,
     predictor: OnceLock<Result<Predictor, String>>,
 }
@@ -37,7 +37,7 @@ impl Sharp {
     pub const OPTIONS: [&'static str; 5] =
         ["checkpoint", "config", "depth", "device", "allow_unused"];
 
-    /// The setting of its identity that says how its file was read beyond what was asked for.
+    /// The setting of the identity that says what was noticed when its file was read.
     pub const NOTE: &'static str = "note";
 
     /// Reads the options; the weights are loaded at the first prediction.

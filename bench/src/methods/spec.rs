@@ -133,7 +133,7 @@ impl FromStr for MethodSpec {
     }
 }
 
-/// As it is parsed: the label where it is not the kind's name, then the options by key.
+/// In the form that is parsed: the label unless it is the kind's name, then the options by key.
 impl fmt::Display for MethodSpec {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(&self.kind)?;
@@ -172,7 +172,7 @@ impl TryFrom<String> for MethodSpec {
     }
 }
 
-/// Labels become file names and table rows. The error is the bare reason.
+/// Labels become file names and table rows. The error names no method.
 pub fn check_label(label: &str) -> Result<(), String> {
     if label.is_empty() {
         return Err("the label is empty".into());

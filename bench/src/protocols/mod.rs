@@ -1,4 +1,4 @@
-//! Other people's evaluations by name: what each fixes, and what it makes of a request.
+//! Other people's evaluations by name, and what each fixes of a run.
 //!
 //! Every preset keeps the rules of its code, those that mislead included, and says where this harness does otherwise.
 //!
@@ -24,7 +24,6 @@ use crate::scoring::rules::{Border, PairMask};
 
 pub use self::table::PROTOCOLS;
 
-/// Someone's evaluation.
 #[derive(Debug, Clone, Copy, Serialize)]
 pub struct Protocol {
     pub name: &'static str,
@@ -41,11 +40,11 @@ pub struct Protocol {
     pub metrics: &'static [&'static str],
     pub aggregation: Aggregation,
     pub mask: PairMask,
-    /// What becomes of a target that fails.
+    /// How failed targets are treated.
     pub failures: &'static str,
-    /// Rules that mislead, kept as they are.
+    /// Misleading rules, followed as they are.
     pub traps: &'static [&'static str],
-    /// Where this harness does otherwise.
+    /// Where this harness differs.
     pub departures: &'static [&'static str],
 }
 
@@ -57,13 +56,13 @@ pub enum PairRule {
     Paper,
     /// A published list, handed in with `--pairs` after `pairs import`.
     List(&'static str),
-    /// The rule of the targets; which source shows them is for whoever runs it to say, with `--pairs`.
+    /// Only targets are fixed; whoever runs it chooses the sources, with `--pairs`.
     NoSource(&'static str),
     /// Why it cannot be run here.
     Refused(&'static str),
 }
 
-/// What predictions become before they are scored.
+/// Rounding of predictions before scoring.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Quantised {
@@ -111,8 +110,8 @@ impl Protocol {
         })
     }
 
-    /// What is asked for under the protocol: datasets at its size, its metrics, its rounding. What it has done already
-    /// stays.
+    /// The configuration under this protocol: datasets at its size, its metrics, its rounding. Following twice changes
+    /// nothing.
     ///
     /// # Errors
     /// When something that is asked for contradicts the protocol, or the protocol needs something that is not.
@@ -147,7 +146,7 @@ impl Protocol {
         }
     }
 
-    /// Where this harness does otherwise, what follows from the protocol's fields included.
+    /// Where this harness differs, including what follows from the protocol's fields.
     pub fn departures(&self) -> Vec<String> {
         let of_pairs = match self.pairs {
             PairRule::NoSource(rule) => Some(format!(
@@ -203,7 +202,7 @@ impl Protocol {
         }
     }
 
-    /// Shows a dataset at the protocol's size and, where it says none itself, over the protocol's background.
+    /// Sets a dataset to the protocol's size and, unless it has its own, the protocol's background.
     fn show(&self, dataset: &mut DatasetConfig) -> Result<(), ProtocolError> {
         let own = dataset.frame;
         let of_protocol = self.frame.map(str::parse::<Frame>).and_then(Result::ok);
@@ -227,7 +226,7 @@ impl Protocol {
         Ok(())
     }
 
-    /// Refuses a choice of metrics without all of the protocol's.
+    /// Refuses a choice of metrics that lacks some of the protocol's.
     fn check_metrics(&self, asked: Option<&Selection>) -> Result<(), ProtocolError> {
         let own = Selection::parse(&self.metrics.join(","));
         let (Some(asked), Ok(own)) = (asked, own) else {

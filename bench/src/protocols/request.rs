@@ -1,4 +1,4 @@
-//! From what is asked for to what is evaluated.
+//! Opens what a configuration asks for.
 
 use std::path::Path;
 
@@ -12,8 +12,8 @@ use crate::pairs::{OpenDataset, PairOrigin};
 use crate::scoring::ScoringRules;
 
 impl Request {
-    /// What a configuration asks for, its protocol followed, with datasets opened and methods built. Pairs are those of a
-    /// plan, where its folder is given.
+    /// Follows the protocol, opens the datasets and builds the methods of a configuration. The pairs are those of the
+    /// plan in the folder `plan`, if given.
     ///
     /// # Errors
     /// When the configuration contradicts its protocol or itself, or names something that is not there.

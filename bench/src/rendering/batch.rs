@@ -1,9 +1,9 @@
-//! One scene, many views: one upload, and the CPU to take over from a device that fails.
+//! Renders many views of one scene: uploads it once, and continues on the CPU if the device fails.
 
 use sharp::gaussians::Gaussians;
 use sharp::render::{Backend, CpuRenderer, RenderError, RenderOutput, RenderView, Renderer};
 
-/// Renders batches of views; a device that is lost or out of memory is given up for good and the CPU continues.
+/// Renders batches of views. Once a device is lost or out of memory, the CPU does the rest.
 pub struct BatchRenderer {
     device: Option<Box<dyn Renderer>>,
     cpu: CpuRenderer,
@@ -12,7 +12,7 @@ pub struct BatchRenderer {
 }
 
 impl BatchRenderer {
-    /// Opens a backend. A device that is there but cannot be opened counts as failed.
+    /// Opens a backend. A device that exists but cannot be opened counts as failed.
     ///
     /// # Errors
     /// [`RenderError::NoAdapter`] where the user asked for one that is not there; `auto` never fails.
@@ -42,7 +42,7 @@ impl BatchRenderer {
         Ok(opened)
     }
 
-    /// Why this backend, where the choice was `auto`.
+    /// Why `auto` chose this backend.
     pub fn reason(&self) -> Option<&str> {
         self.reason.as_deref()
     }
@@ -100,7 +100,6 @@ impl BatchRenderer {
     }
 }
 
-/// Reason that a batch ended early.
 enum Stop<E> {
     Render(RenderError),
     Done(E),

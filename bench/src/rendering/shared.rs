@@ -11,8 +11,8 @@ use sharp::render::{
     Backend, Background, CpuRenderer, LoadedScene, RenderError, RenderOutput, RenderView, Renderer,
 };
 
-/// The settings that decide a rendering's pixels besides its backend. The paper states none of them; the defaults are the
-/// release's, except that 8-bit values are rounded where the release truncates.
+/// Settings besides the backend that decide a rendering's pixels. The paper states none of them; the defaults are the
+/// release's, except that the release truncates to 8 bit.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct RenderSettings {
     /// Added to both diagonal entries of projected covariances, px².
@@ -33,7 +33,7 @@ impl Default for RenderSettings {
     }
 }
 
-/// A renderer that methods share. Nothing takes over from it: a device that fails ends the run, which can be resumed.
+/// The renderer that all methods share. If its device fails, the run ends and can be resumed.
 pub struct SharedRenderer {
     name: String,
     settings: RenderSettings,
@@ -85,7 +85,7 @@ impl SharedRenderer {
         }
     }
 
-    /// Works on a scene that the renderer has ready.
+    /// Calls `work` with the loaded scene.
     pub fn with_loaded<T>(
         &self,
         scene: &Gaussians,

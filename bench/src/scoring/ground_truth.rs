@@ -1,4 +1,4 @@
-//! The ground truth that predictions of a target are scored against.
+//! The photograph that predictions are scored against.
 
 use std::borrow::Cow;
 
@@ -17,7 +17,7 @@ pub struct GroundTruth {
     valid: Option<Mask>,
 }
 
-/// Further restrictions of the pixels of a pair that are scored.
+/// Masks of a pair.
 #[derive(Debug, Default)]
 pub(crate) struct PairMasks {
     /// For metrics `@frustum`.
@@ -28,7 +28,7 @@ pub(crate) struct PairMasks {
 }
 
 impl GroundTruth {
-    /// A photograph, 8-bit sRGB, of which all pixels count.
+    /// An 8-bit sRGB photograph of which all pixels count.
     pub fn whole(image: RgbImage) -> Self {
         Self { image, valid: None }
     }
@@ -54,15 +54,13 @@ impl GroundTruth {
         self.image.dimensions()
     }
 
-    /// The share of pixels in a region, which has to fit, that count, 0..1; `None` where the dataset excludes none of
-    /// the photograph.
+    /// Share of a region's pixels that count, 0..1; `None` if the dataset excludes none of the photograph.
     pub fn valid_share(&self, region: Option<Region>) -> Option<f64> {
         let region = region.unwrap_or(Region::whole(self.dimensions()));
         share(&*region.crop_mask(self.valid.as_ref()?)?)
     }
 
-    /// Bytes of what [`score`](Self::score) makes of a prediction before it is compared: a crop, and floats where pixels
-    /// do not count.
+    /// Bytes that [`score`](Self::score) copies of a prediction: a crop, and floats if pixels are excluded.
     pub(crate) fn copied_bytes(&self) -> u64 {
         let pixels = u64::from(self.image.width()) * u64::from(self.image.height());
         pixels
@@ -72,8 +70,8 @@ impl GroundTruth {
             }
     }
 
-    /// Scores pictures, each of a region or of the whole target, against that part of the truth, in one pass of each
-    /// network over the truth for all that show the same part. An error concerns its picture alone; it is the bare reason.
+    /// Scores pictures, each of a region or of the whole target. Pictures of one region share each network's pass over
+    /// the target. An error concerns one picture and names neither file nor pair.
     ///
     /// Pixels that the dataset excludes do not count: both pictures take the mean colour of the region's valid target
     /// pixels there, and PSNR is that of the valid pixels. Metrics `@mask` see the pictures as they are, and count inside
@@ -171,7 +169,7 @@ impl GroundTruth {
         results
     }
 
-    /// The maps of SSIM and LPIPS of a picture of a region or of the whole target, by the same rules.
+    /// The maps of SSIM and LPIPS of a picture, by the same rules.
     pub(crate) fn maps(
         &self,
         scorer: &Scorer,
@@ -183,7 +181,7 @@ impl GroundTruth {
         Ok(examined.map_err(|error| error.to_string())?.maps)
     }
 
-    /// A part of the truth, ready to be compared with.
+    /// Prepares a part of the target.
     fn shown(&self, region: Region) -> Result<Shown<'_>, String> {
         let size = self.dimensions();
         if !region.fits(size) {
@@ -209,7 +207,7 @@ impl GroundTruth {
     }
 }
 
-/// The part of the truth that a picture is compared with.
+/// The part of the target that a picture is compared with.
 struct Shown<'a> {
     truth: Picture,
     /// The pixels that count, and the colour that both pictures take in all others.
@@ -217,7 +215,7 @@ struct Shown<'a> {
 }
 
 impl Shown<'_> {
-    /// A picture as it is compared. One of another size stays as it is; the scorer says so, with both sizes.
+    /// A picture as it is compared. One of another size is left to the scorer, which reports both sizes.
     fn seen<'p>(&self, picture: &'p Picture) -> Cow<'p, Picture> {
         match &self.excluding {
             Some((valid, colour)) if picture.dimensions() == self.truth.dimensions() => {

@@ -1,4 +1,4 @@
-//! The log of a program: its standard error, without the middle where it is long.
+//! The log of a program: its standard error. A long log loses its middle.
 
 use std::fs::{self, File, OpenOptions};
 use std::io::{self, Read, Seek, SeekFrom, Write};
@@ -7,7 +7,7 @@ use std::path::Path;
 /// Bytes kept of a long log's beginning, and of its end.
 const KEPT: u64 = 2 << 20;
 
-/// Size at which a log is cut; larger than what is kept, so that little is copied.
+/// Size at which a log is cut; well above what is kept, so that cuts are rare.
 const LONGEST: u64 = 4 * KEPT;
 
 /// A file that is appended to, of at most [`LONGEST`] bytes.
@@ -15,9 +15,9 @@ const LONGEST: u64 = 4 * KEPT;
 pub(super) struct ProgramLog {
     file: File,
     len: u64,
-    /// Left out since this was opened.
+    /// Bytes left out since this was opened.
     cut: u64,
-    /// Length of the line that says so; it stands behind the beginning.
+    /// Length of the line that reports them, which follows the beginning.
     note: u64,
 }
 

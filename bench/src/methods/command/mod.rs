@@ -45,31 +45,29 @@ use crate::io::rendering_files::write_png;
 pub struct Command {
     label: String,
     run: String,
-    /// Where it is started; empty for where this process was. No part of its identity: its files are.
+    /// The folder where it starts; empty for this process's own. Not part of the identity, unlike the files.
     folder: PathBuf,
     version: String,
-    /// Those that the command line and the pattern name.
+    /// Files named by the command line and by `files=`.
     files: Vec<HashedFile>,
     notes: Vec<String>,
     timeout: Duration,
     fit: FitRules,
     privilege: Privilege,
-    /// Where the log goes and scratch folders are made, once a run has begun.
+    /// Folders for the log and for scratch folders, once a run has begun.
     places: OnceLock<(PathBuf, PathBuf)>,
     state: Mutex<State>,
 }
 
-/// State that lives as long as the run.
 #[derive(Debug, Default)]
 struct State {
     process: Option<Process>,
     log: Option<Arc<Mutex<ProgramLog>>>,
     scratch: Option<TempDir>,
-    /// sha256 of the picture and depth that were written to the scratch folder, and the files as they were then.
+    /// sha256 of the picture and depth in the scratch folder, and the stamps of these files.
     source: Option<(String, Vec<Option<FileStamp>>)>,
-    /// Whether the program has answered anything in this run.
     has_answered: bool,
-    /// Starts before that which ended without an answer.
+    /// Starts that ended before any answer.
     vain_starts: usize,
     /// Why it is not started again.
     given_up: Option<String>,
@@ -79,7 +77,7 @@ struct State {
 const STARTS: usize = 3;
 
 impl Command {
-    /// Seconds that a pair may take, the start of the program included, unless `timeout=` says otherwise.
+    /// Default of `timeout=`, s. The program's start is included.
     const TIMEOUT_SECS: u64 = 600;
 
     /// Reads the options; the program is started at the first prediction.
@@ -148,7 +146,7 @@ impl Command {
         }
     }
 
-    /// The log, opened when it is first needed; `None` outside of a run.
+    /// The log, opened on first use; `None` outside a run.
     fn log(&self, state: &mut State) -> Result<Option<Arc<Mutex<ProgramLog>>>, MethodError> {
         if state.log.is_none()
             && let Some((path, _)) = self.places.get()
@@ -283,7 +281,7 @@ fn matching(pattern: &str) -> Result<Vec<PathBuf>, String> {
 }
 
 impl State {
-    /// The source in a scratch folder.
+    /// Writes the source into a scratch folder.
     fn source_files(
         &mut self,
         source: &SourceView,

@@ -1,4 +1,4 @@
-//! The process of the method: started by the shell, asked line by line, and always ended.
+//! The method's process: started by the shell, asked line by line, and always ended.
 //!
 //! By hand: crates for process groups (`process-wrap`) wrap what std's `process_group` does already and leave out
 //! deadlines for lines and the case that this process is killed, which is most of this file.
@@ -14,10 +14,10 @@ use std::time::{Duration, Instant};
 use super::log::ProgramLog;
 use super::protocol::{VERSION, excerpt, no_answer};
 
-/// Bytes; a longer line is not an answer.
+/// Longest line that is an answer, bytes.
 const LONGEST_LINE: u64 = 1 << 20;
 
-/// Lines that are read ahead of being asked for: a program that writes more than it is asked has to wait.
+/// Lines read ahead. A program that writes more than it is asked for has to wait.
 const LINES_AHEAD: usize = 2;
 
 /// Time that a program has to end after its input has ended.
@@ -50,7 +50,7 @@ pub(super) struct Process {
     watchdog: Child,
     stdin: Option<ChildStdin>,
     heard: Receiver<Heard>,
-    /// The last line of its standard error that is not empty.
+    /// The last non-empty line of its standard error.
     last_words: Arc<Mutex<String>>,
     stderr: Option<JoinHandle<()>>,
 }
@@ -62,7 +62,7 @@ pub(super) struct Ended {
 }
 
 impl Ended {
-    /// True if it ended by itself and well.
+    /// Whether it ended by itself with exit code 0.
     pub(super) fn succeeded(&self) -> bool {
         self.status.is_some_and(|status| status.success())
     }
@@ -81,7 +81,7 @@ impl Ended {
 }
 
 impl Process {
-    /// Starts a command line by the shell, its standard error appended to a log. Errors are the bare reason.
+    /// Starts a command line by the shell and appends its standard error to a log. Errors name no method.
     pub(super) fn start(
         run: &str,
         folder: &Path,
@@ -179,7 +179,7 @@ impl Process {
         matches!(self.child.try_wait(), Ok(Some(_)))
     }
 
-    /// Ends it: its input ends, and after a while so does the patience.
+    /// Closes its input, waits for [`GRACE`], then kills it.
     pub(super) fn stop(mut self) -> Ended {
         self.end(GRACE)
     }
@@ -260,7 +260,7 @@ fn shell(run: &str) -> Command {
     command
 }
 
-/// Ends a process group when we are gone, however that happens: only then its input ends without a line.
+/// Starts a process that kills a process group once this process is gone: only then does its input end without a line.
 #[cfg(unix)]
 fn watchdog(group: u32) -> io::Result<Child> {
     use std::os::unix::process::CommandExt;

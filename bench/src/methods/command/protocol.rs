@@ -74,7 +74,7 @@ pub(super) struct Answer {
 }
 
 impl Answer {
-    /// Reads an answer to the request for `pair_id`; the error is the bare reason.
+    /// Parses the answer for `pair_id`. The error names no method.
     pub(super) fn parse(line: &str, pair_id: &str) -> Result<Self, String> {
         let answer: Self =
             serde_json::from_str(line).map_err(|error| format!("{}: {error}", no_answer(line)))?;

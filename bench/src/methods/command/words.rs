@@ -1,4 +1,4 @@
-//! The files that a command line of the shell names.
+//! Finds the files that a shell command names.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Component, Path, PathBuf};
@@ -37,8 +37,8 @@ const ENDINGS: [&str; 19] = [
     "yml",
 ];
 
-/// Looks up every word, also behind `--option=` and `NAME=`, with quotes and variables resolved and relative to `folder` and to those
-/// that `cd` goes to. What only the shell can resolve (`$(…)`, braces) is named as unseen.
+/// Looks up every word, including values after `--option=` and `NAME=`, with quotes and variables resolved, relative to
+/// `folder` and to folders that `cd` enters. What only the shell can resolve (`$(…)`, braces) is listed as unseen.
 pub(super) fn named_files(
     line: &str,
     folder: &Path,
@@ -217,16 +217,16 @@ fn looks_like_a_file(text: &str) -> bool {
 enum Word {
     Text {
         text: String,
-        /// False where a variable in it has no value.
+        /// False if one of its variables has no value.
         is_whole: bool,
-        /// True if it contains a command substitution.
+        /// Whether it contains a command substitution.
         is_opaque: bool,
     },
     /// The end of a command: `&&`, `|`, `;`, a line end.
     Operator,
 }
 
-/// A command line taken apart as a POSIX shell does, without substitution of commands and patterns.
+/// Splits a command line as a POSIX shell does, without command substitution and patterns.
 fn words(line: &str, variable: &dyn Fn(&str) -> Option<String>) -> Vec<Word> {
     let mut found = Vec::new();
     let (mut text, mut is_open, mut is_whole) = (String::new(), false, true);
