@@ -18,7 +18,6 @@ use crate::io::observer::Observer;
 use crate::io::pictures;
 use crate::io::rendering_files::write_png;
 use crate::pictures::keyed_scores::json_scores;
-use crate::report::tables::{latex::latex, markdown::markdown, text::text};
 
 /// The paper's explanatory experiments on pictures of yours
 #[derive(Debug, Args)]
@@ -98,7 +97,7 @@ fn translation(args: &TranslationArgs) -> anyhow::Result<Outcome> {
         output::json(&to_json(&experiment, &scorer, args, &written))?;
         return Ok(Outcome::Done);
     }
-    output::line(text(&table::table(&experiment, &name)).trim_end())?;
+    output::line(table::table(&experiment, &name).text().trim_end())?;
     for path in &written {
         output::line(format!("wrote {}", path.display()))?;
     }
@@ -113,10 +112,10 @@ fn write(
     folder: &Path,
 ) -> anyhow::Result<Vec<PathBuf>> {
     let ours = table::table(experiment, name);
-    let (mut md, mut tex) = (markdown(&ours), latex(&ours));
+    let (mut md, mut tex) = (ours.markdown(), ours.latex());
     if let Some(published) = table::published().filter(|_| with_published) {
-        md += &format!("\n{}", markdown(&published));
-        tex += &format!("\n{}", latex(&published));
+        md += &format!("\n{}", published.markdown());
+        tex += &format!("\n{}", published.latex());
     }
     let mut files = vec![
         ("translation.md", md.into_bytes()),

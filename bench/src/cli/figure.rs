@@ -25,7 +25,7 @@ use crate::report::figures::uncertainty::{self, Mirrored};
 use crate::report::plots::Figure;
 use crate::report::plots::style::FigureStyle;
 use crate::report::sweep::SweepSpec;
-use crate::report::{ReportError, assemble};
+use crate::report::{ReportError, scenes};
 
 /// Remarks on a sheet at most; --json has all.
 const PROBLEMS: usize = 10;
@@ -258,7 +258,7 @@ fn sheet(args: &PicturesArgs, stem: &str, kind: SheetKind) -> anyhow::Result<Out
     let style = style(out.style.as_ref())?;
     let results = join(&args.runs.runs)?;
     check_writable(&out.out)?;
-    let scenes = assemble::scenes(&results.manifest, &Terminal::default());
+    let scenes = scenes(&results.manifest, &Terminal::default());
     let sheet = kind.sheet(&args.shown, &results, &scenes)?;
     let problems = write_sheet(&sheet, stem, out, &style)?;
     let damaged = warn_damaged(&results);

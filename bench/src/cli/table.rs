@@ -16,7 +16,7 @@ use crate::report::paper::{
     Beside, OwnRow, PublishedTable, RowError, TABLES, numbers, paper_table, published, write_table,
 };
 use crate::report::tables::grid::{GridCell, TextGrid};
-use crate::report::tables::{Origin, Table, text::text};
+use crate::report::tables::{Origin, Table};
 
 /// The SHARP paper's tables with rows of your own
 ///
@@ -115,7 +115,7 @@ pub(super) fn execute(args: &TableArgs) -> anyhow::Result<Outcome> {
     if args.json {
         return output::json(&to_json(paper, &table, &written)).map(|()| outcome);
     }
-    output::line(text(&table).trim_end())?;
+    output::line(table.text().trim_end())?;
     for path in &written {
         output::line(format!("wrote {}", path.display()))?;
     }

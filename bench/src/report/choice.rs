@@ -3,7 +3,7 @@
 use sharp_metrics::Direction;
 
 use super::board::{Board, PairBoard};
-use super::input::Column;
+use super::column::Column;
 use super::statistics;
 
 /// At most `limit` pairs with the positions of their datasets: the same number from each dataset as far as they have

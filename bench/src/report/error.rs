@@ -16,13 +16,6 @@ pub enum ReportError {
         method: String,
         reason: String,
     },
-    /// Two columns, methods or datasets of the same name were asked for.
-    #[error("{what} '{name}' is given twice")]
-    Repeated {
-        /// `metric`, `method` or `dataset`.
-        what: &'static str,
-        name: String,
-    },
     /// Something that was named is not in the results.
     #[error("{what} '{name}' is not in these runs; they have {known}")]
     Absent {
@@ -74,8 +67,6 @@ impl ReportError {
 /// Why there is no picture to show, in a few words that stand in its place.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum MissingPicture {
-    #[error("this report was made without pictures")]
-    NotWanted,
     #[error("its dataset's terms do not let it be published")]
     NotPublic,
     #[error("the dataset is not at hand")]

@@ -10,9 +10,10 @@ use crate::io::hash::sha256_hex;
 
 use super::board::{Board, PairBoard};
 use super::choice::{badness, choose};
+use super::column::Column;
 use super::error::MissingPicture;
 use super::error_map;
-use super::input::{Column, Layout, PictureBudget, ReportInput};
+use super::options::{Layout, PictureBudget, ReportOptions};
 use super::pictures::{ReportPictures, Thumbnail};
 use super::view_maps;
 
@@ -128,10 +129,9 @@ impl<'a> Gallery<'a> {
     pub fn new(
         board: &'a Board<'a>,
         metrics: &[Column],
-        input: &ReportInput<'_>,
-        pictures: &dyn ReportPictures,
+        options: &ReportOptions,
+        pictures: &ReportPictures<'_>,
     ) -> Self {
-        let options = &input.options;
         let of = board.datasets.iter().map(|d| d.pairs.len()).sum();
         let layout = options.layout.unwrap_or(match of {
             0..=PAIRS_IN_FILE => Layout::File,
@@ -141,7 +141,7 @@ impl<'a> Gallery<'a> {
             Layout::File => PAIRS_IN_FILE,
             Layout::Folder => usize::MAX,
         };
-        let chosen = match &input.comparison {
+        let chosen = match &options.comparison {
             None => choose(board, limit, true, |pair| badness(board, pair, metrics)),
             Some(comparison) => choose(board, limit, false, |pair| {
                 let losses = comparison.losses.get(&pair.facts.pair_id);
@@ -150,7 +150,7 @@ impl<'a> Gallery<'a> {
             }),
         };
         let budget = options.pictures.unwrap_or(layout.budget());
-        let load = |(dataset, pair), side| load(dataset, pair, board, input, pictures, side);
+        let load = |(dataset, pair), side| load(dataset, pair, board, options, pictures, side);
         let side = side(&chosen, layout, budget, &load);
         let mut pairs: Vec<GalleryPair<'a>> = chosen
             .into_par_iter()
@@ -239,9 +239,9 @@ fn side<'a>(
 }
 
 /// Position of the method that a method is compared with.
-pub(super) fn against(input: &ReportInput<'_>, board: &Board<'_>, method: usize) -> Option<usize> {
+pub(super) fn against(options: &ReportOptions, board: &Board<'_>, method: usize) -> Option<usize> {
     let label = &board.methods.get(method)?.label;
-    let mut against = input.comparison.as_ref()?.against.iter();
+    let mut against = options.comparison.as_ref()?.against.iter();
     let [other, _] = against.find(|[_, b]| b == label)?;
     board
         .methods
@@ -253,8 +253,8 @@ fn load<'a>(
     dataset: usize,
     pair: &'a PairBoard<'a>,
     board: &Board<'_>,
-    input: &ReportInput<'_>,
-    pictures: &dyn ReportPictures,
+    options: &ReportOptions,
+    pictures: &ReportPictures<'_>,
     side: u32,
 ) -> GalleryPair<'a> {
     let small = |picture: &RgbImage| Thumbnail::new(picture, side);
@@ -274,8 +274,8 @@ fn load<'a>(
         views.insert(PictureKind::Mask, small(&drawn));
     }
     for (kind, depth) in [
-        (PictureKind::Depth, pictures.target_depth(pair.facts)),
-        (PictureKind::SourceDepth, pictures.source_depth(pair.facts)),
+        (PictureKind::Depth, pictures.depth(pair.facts, &pair.facts.target)),
+        (PictureKind::SourceDepth, pictures.depth(pair.facts, &pair.facts.source)),
     ] {
         if let Some(depth) = depth.transpose() {
             let drawn = depth.map(|depth| view_maps::inverse_depth(&depth, side));
@@ -322,7 +322,7 @@ fn load<'a>(
             (PictureKind::Prediction, prediction),
             (PictureKind::Error, error(at, record.crop)),
         ]);
-        if let Some(other) = against(input, board, at) {
+        if let Some(other) = against(options, board, at) {
             shown.insert(PictureKind::Change, change(other, at, record.crop));
         }
         if let Some(alpha) = pictures.alpha(record).transpose() {

@@ -13,18 +13,22 @@ use serde_json::Value;
 use sha2::{Digest as _, Sha256};
 use sharp_metrics::Direction;
 
+use crate::evaluate::Results;
 use crate::evaluate::record::Record;
 
-use super::board::{Board, PairBoard};
+use super::board::{Board, PairBoard, ReportDataset};
+use super::column::Column;
 use super::error_map;
+use super::facts::FactGroup;
 use super::gallery::{self, Gallery, PictureKind};
-use super::input::{Column, FactGroup, Layout, ReportDataset, ReportInput};
+use super::options::{Layout, ReportOptions};
 use super::page_data;
 use super::pictures::ReportPictures;
 use super::plots::Figure;
 use super::plots::canvas::{GRID, INK, MUTED, PAPER};
 use super::plots::palette::style;
-use super::tables::{Table, html::html};
+use super::tables::Table;
+use super::write::withheld;
 
 pub(crate) const STYLE: &str = include_str!("../../templates/style.css");
 /// Tables, then the cards of the pairs, then the large view.
@@ -43,15 +47,20 @@ const FAILURES: usize = 200;
 #[derive(Template)]
 #[template(path = "report.html")]
 pub struct Page<'a> {
-    pub input: &'a ReportInput<'a>,
+    pub title: &'static str,
+    /// Below the title: the counts, and what was run.
+    pub lead: String,
+    pub results: &'a Results,
+    pub options: &'a ReportOptions,
     /// Folder of the report.
     pub out: &'a Path,
-    /// Those of the input that are shown.
+    /// Metrics that have a number.
     pub metrics: &'a [Column],
+    /// Quantities that methods report.
+    pub extras: &'a [Column],
+    pub facts: &'a [FactGroup],
     /// Nouns with their numbers.
     pub counts: [(&'static str, usize); 6],
-    /// The counts and the input's summary.
-    pub lead: &'a str,
     pub board: &'a Board<'a>,
     /// Tables of this run.
     pub ours: &'a [Table],
@@ -60,10 +69,7 @@ pub struct Page<'a> {
     /// Plots by file stem.
     pub figures: &'a [(String, Figure)],
     pub gallery: &'a Gallery<'a>,
-    /// Where the gallery's are from.
-    pub pictures: &'a dyn ReportPictures,
-    /// Datasets whose pictures are left out because of their terms.
-    pub withheld: &'a [&'a ReportDataset],
+    pub pictures: &'a ReportPictures<'a>,
 }
 
 impl Page<'_> {
@@ -80,7 +86,7 @@ impl Page<'_> {
     }
 
     fn table(&self, table: &Table, prefix: &str, position: &usize) -> askama::Result<String> {
-        html(table, &format!("{prefix}{position}"))
+        table.html(&format!("{prefix}{position}"))
     }
 
     fn plot(&self, figure: &Figure) -> String {
@@ -97,7 +103,7 @@ impl Page<'_> {
 
     /// Whether some pixels of a target count in no score.
     fn excludes_pixels(&self) -> bool {
-        let mut records = self.input.records.iter();
+        let mut records = self.results.records.iter();
         records.any(|r| r.crop.is_some() || r.valid_share.is_some())
     }
 
@@ -112,13 +118,13 @@ impl Page<'_> {
 
     /// Where the full prediction lies. A crop is not linked: the page shows it in its place.
     pub(super) fn full_path(&self, record: &Record) -> Option<String> {
-        let kept = self.pictures.kept(record);
+        let kept = self.pictures.linked(record);
         self.link(&kept.filter(|_| record.crop.is_none())?)
     }
 
     /// The page of `render --viewer` that was written beside the kept prediction, if one was.
     pub(super) fn viewer_path(&self, record: &Record) -> Option<String> {
-        let page = self.pictures.kept(record)?.with_extension("html");
+        let page = self.pictures.linked(record)?.with_extension("html");
         page.is_file().then(|| self.link(&page))?
     }
 
@@ -127,7 +133,7 @@ impl Page<'_> {
         let mut records = pair.by_method.iter().zip(&self.board.methods);
         let itself = records.find(|(_, method)| method.unranked.is_some());
         let itself = itself.and_then(|(record, _)| self.full_path(record.as_ref()?));
-        let [source, target] = self.pictures.photographs(pair.facts);
+        let [source, target] = self.pictures.linked_photographs(pair.facts);
         let target = itself.or_else(|| self.link(&target?));
         [source.and_then(|source| self.link(&source)), target]
     }
@@ -135,6 +141,11 @@ impl Page<'_> {
     /// Relative to the page, with `/`, where both are below one folder.
     fn link(&self, file: &Path) -> Option<String> {
         relative(&absolute(file).ok()?, &absolute(self.out).ok()?)
+    }
+
+    /// Datasets whose pictures are left out of a report for the public.
+    fn withheld(&self) -> Vec<&ReportDataset> {
+        withheld(self.board).collect()
     }
 
     /// The terms of a dataset.
@@ -148,15 +159,11 @@ impl Page<'_> {
         let methods = methods.map(|m| (m.label.clone(), m.description.clone()));
         let datasets = self.board.datasets.iter().map(|d| &d.dataset);
         let datasets = datasets.map(|d| (d.title().to_owned(), d.description.clone()));
-        let group = |title: &str, facts| FactGroup {
-            title: title.to_owned(),
-            facts,
-        };
         let mut groups = vec![
-            group("Methods", methods.collect()),
-            group("Datasets", datasets.collect()),
+            FactGroup::new("Methods", methods.collect()),
+            FactGroup::new("Datasets", datasets.collect()),
         ];
-        groups.extend(self.input.facts.iter().cloned());
+        groups.extend(self.facts.iter().cloned());
         for group in &mut groups {
             group.facts.retain(|(_, value)| !value.is_empty());
         }

@@ -4,14 +4,13 @@ use std::collections::BTreeSet;
 
 use sharp_datasets::entry::entry;
 
-use super::assemble::{bundled_network, proxies};
+use super::board::{ReportDataset, bundled_network, proxies};
 use super::metrics_text::{MethodsText, short};
 use super::tables::latex::{escape, noted};
 use crate::evaluate::Results;
 use crate::evaluate::manifest::{DatasetRecord, ListOrigin, Manifest};
 use crate::evaluate::record::{Record, Status};
 use crate::methods::Privilege;
-use crate::report::ReportDataset;
 
 /// Citation of a dataset, by format.
 const CITED: [(&str, &str); 6] = [
@@ -129,11 +128,7 @@ fn datasets(manifest: &Manifest, records: &[Record]) -> String {
 }
 
 fn title(dataset: &DatasetRecord) -> String {
-    let named = ReportDataset {
-        format: Some(dataset.format.clone()),
-        ..ReportDataset::named(&dataset.name)
-    };
-    escape(named.title())
+    escape(ReportDataset::of(&dataset.name, &dataset.format).title())
 }
 
 fn failures(records: &[Record]) -> Option<String> {

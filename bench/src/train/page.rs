@@ -10,16 +10,15 @@ use crate::evaluate::Results;
 use crate::io::atomic_files::{FileError, write_atomic};
 use crate::io::observer::Observer;
 use crate::io::text::visible;
-use crate::report::assemble::{RunPictures, scenes};
 use crate::report::html::{STYLE, VERSION, themed};
-use crate::report::pictures::Thumbnail;
+use crate::report::pictures::{ReportPictures, Thumbnail, scenes};
 use crate::report::plots::Figure;
 use crate::report::plots::bins::{Binning, bins};
 use crate::report::plots::canvas::Surface;
 use crate::report::plots::curves::{Banded, curve, shade, vertical};
 use crate::report::plots::palette::{stroke, style};
 use crate::report::plots::panels::{Panel, PanelFrame, PlotArea, PlotAxis, figure, point};
-use crate::report::{Column, MissingPicture, ReportError, ReportPictures};
+use crate::report::{Column, MissingPicture, ReportError};
 
 /// Stretches that a curve has at most.
 const STRETCHES: usize = 30;
@@ -261,7 +260,7 @@ fn samples(run: &Path, observer: &dyn Observer) -> Result<Vec<Sample>, TrainErro
     }
     let results = Results::read(run)?;
     let scenes = scenes(&results.manifest, observer);
-    let pictures = RunPictures::new(&results, &scenes);
+    let pictures = ReportPictures::new(&results, &scenes);
     let shown = |picture: Result<image::RgbImage, MissingPicture>| {
         let small = picture.and_then(|picture| Thumbnail::new(&picture, SIDE));
         small

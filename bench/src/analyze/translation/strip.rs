@@ -3,7 +3,7 @@
 use image::{Rgb, RgbImage, imageops};
 
 use super::experiment::Experiment;
-use crate::report::input::Column;
+use crate::report::column::Column;
 use crate::report::pictures::{fitted, reduced};
 use crate::report::plots::canvas::{INK, MUTED};
 use crate::report::plots::text::{Weight, write};

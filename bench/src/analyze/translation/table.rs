@@ -3,7 +3,7 @@
 use super::experiment::Experiment;
 use crate::evaluate::results::number;
 use crate::pictures::keyed_scores::csv_cells;
-use crate::report::input::Column;
+use crate::report::column::Column;
 use crate::report::paper;
 use crate::report::tables::{Cell, Group, Origin, Row, Table};
 

@@ -8,7 +8,7 @@ use sharp_metrics::{Family, MetricKey};
 use crate::evaluate::Aggregation;
 use crate::evaluate::readings::{PictureReading, Readings};
 use crate::evaluate::record::Record;
-use crate::report::input::Column;
+use crate::report::column::Column;
 use crate::report::tables::rank::rounded;
 
 /// Values that differ by less are one value, computed in another order.

@@ -19,7 +19,7 @@ use crate::evaluate::manifest::DatasetRecord;
 use crate::evaluate::readings::{Readings, score_readings};
 use crate::evaluate::{Manifest, Results};
 use crate::io::observer::Observer;
-use crate::report::input::ReportDataset;
+use crate::report::board::ReportDataset;
 use crate::report::paper::{self, PublishedTable, RowError, RowSource};
 use crate::scoring::Scoring;
 
@@ -110,11 +110,8 @@ fn explain(
             .datasets
             .iter()
             .find(|record| record.name == dataset);
-        let described = ReportDataset {
-            format: record.map(|record| record.format.clone()),
-            ..ReportDataset::named(dataset)
-        };
-        let Some(column) = paper::column(&described) else {
+        let format = record.map_or("", |record| &record.format);
+        let Some(column) = paper::column(&ReportDataset::of(dataset, format)) else {
             absent.push(format!("{dataset}: the paper has no such dataset"));
             continue;
         };

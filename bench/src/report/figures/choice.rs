@@ -5,7 +5,7 @@ use std::num::NonZeroUsize;
 use crate::report::board::{Board, DatasetBoard, PairBoard};
 use crate::report::choice::by_badness;
 use crate::report::error::ReportError;
-use crate::report::input::Column;
+use crate::report::column::Column;
 
 /// Rule for choosing pairs of each dataset.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, clap::ValueEnum)]

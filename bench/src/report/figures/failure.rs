@@ -74,13 +74,13 @@ fn of_dataset(
     chosen: &ChosenPair<'_>,
 ) -> Result<(DepthMap, &'static str), MissingPicture> {
     let facts = chosen.pair.facts;
-    if let Some(depth) = comparison.pictures.target_depth(facts)? {
+    if let Some(depth) = comparison.pictures.depth(facts, &facts.target)? {
         return Ok((
             depth,
             "of the dataset's target: no rendering was kept (run --keep float)",
         ));
     }
-    let depth = comparison.pictures.source_depth(facts)?;
+    let depth = comparison.pictures.depth(facts, &facts.source)?;
     let depth = depth.ok_or(MissingPicture::Without("depth"))?;
     Ok((
         depth,

@@ -10,7 +10,7 @@ use crate::io::text::csv_text;
 use crate::pairs::valid_depth::median_of;
 use crate::report::board::{Board, DatasetBoard};
 use crate::report::error::ReportError;
-use crate::report::input::Column;
+use crate::report::column::Column;
 use crate::report::plots::Figure;
 use crate::report::plots::canvas::Surface;
 use crate::report::plots::palette::Style;

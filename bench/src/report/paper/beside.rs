@@ -2,14 +2,16 @@
 
 use sharp_metrics::Family;
 
-use crate::report::input::{Column, PublishedNumbers, ReportDataset};
+use crate::report::board::Board;
+use crate::report::column::Column;
+use crate::report::options::PublishedNumbers;
 use crate::report::tables::Table;
 
 use super::{TABLES, column};
 
 /// The paper's tables over its six datasets, each reduced to those of a run, as far as it has a metric that the run has.
 pub fn beside(
-    datasets: &[ReportDataset],
+    board: &Board<'_>,
     metrics: &[Column],
     which: PublishedNumbers,
 ) -> Vec<Table> {
@@ -18,7 +20,8 @@ pub fn beside(
         PublishedNumbers::Never => Vec::new(),
         PublishedNumbers::Always => (0..columns.len()).collect(),
         PublishedNumbers::Matching => {
-            let names = datasets.iter().filter_map(column);
+            let datasets = board.datasets.iter();
+            let names = datasets.filter_map(|board| column(&board.dataset));
             names
                 .filter_map(|name| columns.iter().position(|c| *c == name))
                 .collect()

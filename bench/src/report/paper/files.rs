@@ -8,7 +8,7 @@ use crate::io::atomic_files::write_all_over_own;
 use crate::io::text::visible;
 use crate::report::ReportError;
 use crate::report::html::STYLE;
-use crate::report::tables::{Table, html::html, latex, markdown};
+use crate::report::tables::{Table, latex};
 
 use super::grid::csv;
 use super::published::PublishedTable;
@@ -38,7 +38,7 @@ pub fn write_table(
     let page = TablePage {
         title: &table.title,
         label: paper.label,
-        table: html(table, paper.name)?,
+        table: table.html(paper.name)?,
     };
     let document = format!(
         "% {MARK}\n\\documentclass{{article}}\n\\usepackage[a4paper,landscape,margin=15mm]{{geometry}}\n\
@@ -58,11 +58,11 @@ pub fn write_table(
             format!(
                 "<!-- {MARK} -->\n\n# {}\n\n{}",
                 table.title,
-                markdown::markdown(table)
+                table.markdown()
             ),
         ),
         (".csv", numbers),
-        (".tex", format!("% {MARK}\n{}", latex::latex(table))),
+        (".tex", format!("% {MARK}\n{}", table.latex())),
         ("-document.tex", document),
         (".html", page.render()?),
     ];

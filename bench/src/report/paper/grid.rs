@@ -4,10 +4,8 @@ use serde::Serialize;
 use sharp_metrics::MetricKey;
 
 use crate::io::text::csv_cell;
-use crate::report::assemble;
-use crate::report::board::{Board, DatasetBoard};
-use crate::report::input::{Column, PublishedNumbers, ReportDataset};
-use crate::report::pictures::NoPictures;
+use crate::report::board::{Board, DatasetBoard, ReportDataset};
+use crate::report::column::Column;
 use crate::report::statistics::of_metric;
 use crate::report::tables::{Cell, Origin, Row, Table, build};
 
@@ -47,9 +45,8 @@ pub(super) fn with_rows(
     let all: Vec<usize> = (0..paper.datasets.len()).collect();
     match rows {
         OwnRows::Scores(results) => {
-            let input = assemble::input(&results, &NoPictures, PublishedNumbers::Never);
-            let board = Board::new(input.records, &input.datasets, &input.methods)?;
-            let columns = columns(paper, &board, &input.metrics, &beside.metrics);
+            let board = Board::of(&results)?;
+            let columns = columns(paper, &board, &beside.metrics);
             let mut shown = placed(paper, board)?;
             let is_kept = |d: &DatasetBoard<'_>| !beside.only_measured || !d.pairs.is_empty();
             let kept = all.into_iter().filter(|d| is_kept(&shown.datasets[*d]));
@@ -148,9 +145,9 @@ fn below(mut published: Table, own: Table) -> Table {
 fn columns(
     paper: &PublishedTable,
     board: &Board<'_>,
-    scored: &[Column],
     wanted: &[MetricKey],
 ) -> Vec<Column> {
+    let scored = &board.metrics;
     let methods = 0..board.methods.len();
     let has = |column: &Column, method: usize| {
         let mut records = board.datasets.iter().flat_map(|d| d.records_of(method));
@@ -196,11 +193,11 @@ fn columns(
 }
 
 /// The datasets in the paper's order, empty ones where no row has the dataset, then those that are not in the paper.
-fn placed<'a>(paper: &PublishedTable, board: Board<'a>) -> Result<Board<'a>, RowError> {
+fn placed<'a>(paper: &PublishedTable, mut board: Board<'a>) -> Result<Board<'a>, RowError> {
     let mut by_column: Vec<Vec<DatasetBoard<'a>>> =
         paper.datasets.iter().map(|_| Vec::new()).collect();
     let mut others = Vec::new();
-    for dataset in board.datasets {
+    for dataset in board.datasets.drain(..) {
         let at = column(&dataset.dataset)
             .and_then(|column| paper.datasets.iter().position(|name| *name == column));
         match at {
@@ -220,15 +217,12 @@ fn placed<'a>(paper: &PublishedTable, board: Board<'a>) -> Result<Board<'a>, Row
             });
         }
         datasets.push(found.pop().unwrap_or_else(|| DatasetBoard {
-            dataset: ReportDataset::named(column),
+            dataset: ReportDataset::of(column, ""),
             pairs: Vec::new(),
         }));
     }
     datasets.append(&mut others);
-    Ok(Board {
-        datasets,
-        methods: board.methods,
-    })
+    Ok(Board { datasets, ..board })
 }
 
 /// A cell with its row, dataset and metric, as written to a file.

@@ -4,7 +4,7 @@ use std::sync::LazyLock;
 
 use sharp_metrics::{Direction, Family, MetricKey};
 
-use crate::report::input::Column;
+use crate::report::column::Column;
 use crate::report::tables::rank::{RankedValue, ranks};
 use crate::report::tables::{Cell, Group, Origin, Row, Table};
 

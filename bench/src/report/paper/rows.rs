@@ -10,7 +10,8 @@ use sharp_metrics::MetricKey;
 
 use crate::evaluate::join::{Named, join_results};
 use crate::evaluate::{EvaluateError, Results};
-use crate::report::input::{Column, ReportDataset};
+use crate::report::board::ReportDataset;
+use crate::report::column::Column;
 use crate::report::tables::{Cell, Origin, Row};
 
 use super::column;
@@ -325,10 +326,7 @@ fn speeds(paper: &PublishedTable, rows: &[OwnRow]) -> Result<OwnRows, RowError> 
             .source
             .chosen(lines.iter().map(|line| line.method.as_str()))?;
         let column_of = |line: &SpeedLine| {
-            column(&ReportDataset {
-                format: Some(line.format.clone()).filter(|format| !format.is_empty()),
-                ..ReportDataset::named(&line.dataset)
-            })
+            column(&ReportDataset::of(&line.dataset, &line.format))
         };
         let cells = paper.datasets.iter().flat_map(|dataset| {
             paper.metrics.iter().map(|metric| {

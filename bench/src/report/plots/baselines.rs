@@ -5,7 +5,7 @@ use crate::evaluate::record::Status;
 use crate::io::counts::counted;
 use crate::report::board::{Board, DatasetBoard};
 use crate::report::error::ReportError;
-use crate::report::input::Column;
+use crate::report::column::Column;
 
 use super::bins::{Binning, Cuts, bins};
 use super::canvas::{Figure, Ink, Surface};

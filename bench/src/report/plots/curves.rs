@@ -4,7 +4,7 @@ use super::bins::{Bin, neighbours};
 use super::canvas::{Point, Surface};
 use super::palette::{Style, stroke};
 use super::panels::{PlotArea, PlotAxis, point};
-use crate::report::input::Column;
+use crate::report::column::Column;
 
 /// A bin with the range of its band, low to high, if it has one.
 #[derive(Debug, Clone, PartialEq)]

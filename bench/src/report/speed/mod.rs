@@ -10,7 +10,7 @@ pub mod tables;
 use std::path::{Path, PathBuf};
 
 use super::tables::grid::TextGrid;
-use super::tables::{latex, markdown, text};
+use super::tables::{latex, markdown};
 use crate::evaluate::Manifest;
 use crate::evaluate::speed::{Speed, SpeedOptions};
 use crate::io::atomic_files::{FileError, write_all_over_own};
@@ -48,7 +48,7 @@ impl SpeedReport {
         let table = self
             .measured
             .as_ref()
-            .map(|m| text::text(&tables::table(m)));
+            .map(|m| tables::table(m).text());
         let grids = self.grids();
         let parts = table.into_iter().chain(grids.iter().map(TextGrid::text));
         parts.collect::<Vec<_>>().join("\n")
@@ -63,8 +63,8 @@ impl SpeedReport {
         let mut tex = format!("% {MARK}\n");
         if let Some(measured) = &self.measured {
             let table = tables::table(measured);
-            md += &format!("# {}\n\n{}", table.title, markdown::markdown(&table));
-            tex += &latex::latex(&table);
+            md += &format!("# {}\n\n{}", table.title, table.markdown());
+            tex += &table.latex();
         }
         for grid in self.grids() {
             let title = markdown::escape(&grid.title);

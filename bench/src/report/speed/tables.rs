@@ -8,7 +8,8 @@ use crate::evaluate::results::number;
 use crate::evaluate::speed::{Speed, Splats};
 use crate::io::counts::counted;
 use crate::io::text::csv_cell;
-use crate::report::input::{Column, ReportDataset};
+use crate::report::board::ReportDataset;
+use crate::report::column::Column;
 use crate::report::tables::grid::{GridCell, TextGrid};
 use crate::report::tables::{Cell, Group, Origin, Row, Table};
 
@@ -19,14 +20,8 @@ pub(in crate::report) const CSV_HEAD: &str =
 /// Seconds under each dataset, as in the paper; medians.
 pub fn table(measured: &Measured) -> Table {
     let mut notes = Vec::new();
-    let datasets = measured
-        .manifest
-        .datasets
-        .iter()
-        .map(|record| ReportDataset {
-            format: Some(record.format.clone()),
-            ..ReportDataset::named(&record.name)
-        });
+    let datasets = measured.manifest.datasets.iter();
+    let datasets = datasets.map(|record| ReportDataset::of(&record.name, &record.format));
     let datasets: Vec<ReportDataset> = datasets.collect();
     let methods = measured.manifest.methods.iter().map(|method| {
         let cells = datasets.iter().flat_map(|dataset| {

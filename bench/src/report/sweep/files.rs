@@ -8,7 +8,7 @@ use super::{figure, table};
 use crate::io::atomic_files::{FileError, remove_own, write_all_over_own};
 use crate::io::text::csv_text;
 use crate::report::error::ReportError;
-use crate::report::input::slug;
+use crate::report::column::slug;
 use crate::report::plots::canvas;
 use crate::report::plots::style::FigureStyle;
 

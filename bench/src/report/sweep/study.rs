@@ -10,10 +10,9 @@ use super::{Band, Split, SweepSpec};
 use crate::evaluate::Results;
 use crate::evaluate::record::{Record, Status};
 use crate::methods::Privilege;
-use crate::report::assemble;
 use crate::report::board::{Board, DatasetBoard};
 use crate::report::error::ReportError;
-use crate::report::input::Column;
+use crate::report::column::Column;
 use crate::report::plots::bins::{Cuts, bins};
 use crate::report::plots::curves::Banded;
 
@@ -93,16 +92,11 @@ impl Sweep {
     /// # Errors
     /// When they contradict each other, or lack a metric or method that was named.
     pub fn of(results: &Results, spec: SweepSpec) -> Result<Self, ReportError> {
-        let input = assemble::input(
-            results,
-            &crate::report::NoPictures,
-            crate::report::PublishedNumbers::Never,
-        );
-        let board = Board::new(input.records, &input.datasets, &input.methods)?;
+        let board = Board::of(results)?;
         let privileged = results.manifest.methods.iter();
         let privileged = privileged.filter(|m| m.privilege != Privilege::None);
         let privileged = privileged.map(|m| m.label.as_str()).collect();
-        Self::new(&board, &input.metrics, &privileged, spec)
+        Self::new(&board, &privileged, spec)
     }
 
     /// The sweep of a board whose methods of these labels are privileged.
@@ -111,11 +105,10 @@ impl Sweep {
     /// When a metric or method that was named is not there.
     pub fn new(
         board: &Board<'_>,
-        metrics: &[Column],
         privileged: &BTreeSet<&str>,
         spec: SweepSpec,
     ) -> Result<Self, ReportError> {
-        let metrics = Column::chosen(metrics, &spec.metrics)?;
+        let metrics = Column::chosen(&board.metrics, &spec.metrics)?;
         for threshold in &spec.thresholds {
             Column::chosen(&metrics, &[threshold.metric])?;
         }

@@ -8,7 +8,7 @@ use super::Band;
 use super::study::{CrossingRule, FoundCrossing, Sweep, SweepBin, SweepPanel};
 use crate::evaluate::results::number;
 use crate::io::text::csv_cell;
-use crate::report::input::Column;
+use crate::report::column::Column;
 use crate::report::plots::bins::Bin;
 use crate::report::tables::latex::{escape, noted};
 

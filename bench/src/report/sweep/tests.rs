@@ -9,7 +9,8 @@ use super::*;
 use crate::evaluate::record::{Record, Score, Status};
 use crate::evaluate::test_records::record;
 use crate::report::board::Board;
-use crate::report::input::{Column, ReportMethod};
+use crate::report::board::ReportMethod;
+use crate::report::column::Column;
 use crate::report::plots::style::FigureStyle;
 
 const DATASET: &str = "d_1 & co";

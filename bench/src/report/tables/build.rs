@@ -1,7 +1,7 @@
 //! Tables from a board.
 
 use crate::report::board::{Board, DatasetBoard};
-use crate::report::input::Column;
+use crate::report::column::Column;
 use crate::report::statistics::{CellStatistics, of_extra, of_metric};
 
 use super::footnotes::{cell_notes, feature_mark, prediction_marks, proxy_mark};

@@ -4,8 +4,8 @@ use std::collections::BTreeMap;
 
 use crate::evaluate::Aggregation;
 use crate::evaluate::record::{Record, Status};
-use crate::report::board::DatasetBoard;
-use crate::report::input::{Column, ReportDataset, ReportMethod};
+use crate::report::board::{DatasetBoard, ReportDataset, ReportMethod};
+use crate::report::column::Column;
 use crate::report::paper;
 use crate::report::statistics::{CellStatistics, mean};
 

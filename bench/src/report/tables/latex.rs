@@ -5,7 +5,7 @@ use std::fmt::Write as _;
 use super::grid::TextGrid;
 use super::{Cell, Table, letter, letters, spans};
 use crate::io::text::visible_line;
-use crate::report::input::Column;
+use crate::report::column::Column;
 
 /// Preamble for a document with these tables. The colours are the paper's.
 pub const PREAMBLE: &str = "\
@@ -16,102 +16,104 @@ pub const PREAMBLE: &str = "\
 \\definecolor{tab_third}{RGB}{255, 253, 208}
 ";
 
-/// A complete `table` environment, with the preamble that it needs as a comment before it.
-pub fn latex(table: &Table) -> String {
-    let mut out: String = PREAMBLE.lines().map(|line| format!("% {line}\n")).collect();
-    let ranks = if table.is_ranked() {
-        " \\colorbox{tab_first}{Best}, \\colorbox{tab_second}{second-best}, and \
-         \\colorbox{tab_third}{third-best} in each column are highlighted; ranks are taken after rounding."
-    } else {
-        ""
-    };
-    let per_group = table.columns.len();
-    // Wider ones are shrunk to the line, as in the paper.
-    let wide = table.groups.len() * per_group > 6;
-    let columns = vec!["c".repeat(per_group); table.groups.len()].join("|");
-    let _ = write!(
-        out,
-        "\\begin{{table}}[!htbp]\n\\centering\n\\caption{{{}.{ranks}}}\n\\label{{tab:{}}}\n\
-         {}\\begin{{tabular}}{{l{columns}}}\n\\toprule\n",
-        escape(&table.title),
-        table.name,
-        if wide {
-            "\\resizebox{\\linewidth}{!}{%\n"
+impl Table {
+    /// A complete `table` environment, with the preamble that it needs as a comment before it.
+    pub fn latex(&self) -> String {
+        let mut out: String = PREAMBLE.lines().map(|line| format!("% {line}\n")).collect();
+        let ranks = if self.is_ranked() {
+            " \\colorbox{tab_first}{Best}, \\colorbox{tab_second}{second-best}, and \
+             \\colorbox{tab_third}{third-best} in each column are highlighted; ranks are taken after rounding."
         } else {
             ""
-        }
-    );
-    for (g, group) in table.groups.iter().enumerate() {
-        let rule = if g + 1 < table.groups.len() {
-            "c|"
-        } else {
-            "c"
         };
-        let pairs = group
-            .pairs
-            .map(|n| format!(" ($n={n}$)"))
-            .unwrap_or_default();
+        let per_group = self.columns.len();
+        // Wider ones are shrunk to the line, as in the paper.
+        let wide = self.groups.len() * per_group > 6;
+        let columns = vec!["c".repeat(per_group); self.groups.len()].join("|");
         let _ = write!(
             out,
-            " & \\multicolumn{{{per_group}}}{{{rule}}}{{{}{}{pairs}}}",
-            escape(&group.title),
-            marks(group.note.as_slice())
+            "\\begin{{table}}[!htbp]\n\\centering\n\\caption{{{}.{ranks}}}\n\\label{{tab:{}}}\n\
+             {}\\begin{{tabular}}{{l{columns}}}\n\\toprule\n",
+            escape(&self.title),
+            self.name,
+            if wide {
+                "\\resizebox{\\linewidth}{!}{%\n"
+            } else {
+                ""
+            }
         );
-    }
-    out.push_str(" \\\\\n");
-    let heads = Column::heads(&table.columns);
-    for _ in &table.groups {
-        for head in &heads {
-            let _ = write!(out, " & {}", escape(head).replace(" $", "$"));
-        }
-    }
-    out.push_str(" \\\\\n\\midrule\n");
-    for (at, row) in table.rows.iter().enumerate() {
-        if table.has_rule_before(&at) {
-            out.push_str("\\midrule\n");
-        }
-        out.push_str(&escape(&table.label(row)));
-        out.push_str(&marks(row.note.as_slice()));
-        for (column, cell) in table.cells(row) {
-            let _ = write!(out, " & {}", number(cell, column));
+        for (g, group) in self.groups.iter().enumerate() {
+            let rule = if g + 1 < self.groups.len() {
+                "c|"
+            } else {
+                "c"
+            };
+            let pairs = group
+                .pairs
+                .map(|n| format!(" ($n={n}$)"))
+                .unwrap_or_default();
+            let _ = write!(
+                out,
+                " & \\multicolumn{{{per_group}}}{{{rule}}}{{{}{}{pairs}}}",
+                escape(&group.title),
+                marks(group.note.as_slice())
+            );
         }
         out.push_str(" \\\\\n");
+        let heads = Column::heads(&self.columns);
+        for _ in &self.groups {
+            for head in &heads {
+                let _ = write!(out, " & {}", escape(head).replace(" $", "$"));
+            }
+        }
+        out.push_str(" \\\\\n\\midrule\n");
+        for (at, row) in self.rows.iter().enumerate() {
+            if self.has_rule_before(&at) {
+                out.push_str("\\midrule\n");
+            }
+            out.push_str(&escape(&self.label(row)));
+            out.push_str(&marks(row.note.as_slice()));
+            for (column, cell) in self.cells(row) {
+                let _ = write!(out, " & {}", number(cell, column));
+            }
+            out.push_str(" \\\\\n");
+        }
+        out.push_str("\\bottomrule\n\\end{tabular}");
+        out.push_str(if wide { "%\n}\n" } else { "\n" });
+        out.push_str("\n\\smallskip\\raggedright\\footnotesize\n");
+        let names = Column::names(&self.columns);
+        let keys = self
+            .columns
+            .iter()
+            .zip(names)
+            .map(|(column, name)| format!("{}: \\texttt{{{}}}", escape(name), escape(&column.key)));
+        let keys: Vec<String> = keys.collect();
+        let _ = writeln!(out, "{}.", keys.join("; "));
+        for remark in &self.remarks {
+            let _ = writeln!(out, "\\par {}", rich(remark));
+        }
+        for (i, note) in self.notes.iter().enumerate() {
+            let _ = writeln!(
+                out,
+                "\\par\\textsuperscript{{{}}}~{}",
+                letter(i),
+                rich(note)
+            );
+        }
+        if !self.checklist.is_empty() {
+            out.push_str("\\par What a strict comparison needs:\n");
+        }
+        for check in &self.checklist {
+            let mark = if check.is_met {
+                "\\boxtimes"
+            } else {
+                "\\square"
+            };
+            let _ = writeln!(out, "\\par ${mark}$~{}", rich(&check.text));
+        }
+        out.push_str("\\end{table}\n");
+        noted(out)
     }
-    out.push_str("\\bottomrule\n\\end{tabular}");
-    out.push_str(if wide { "%\n}\n" } else { "\n" });
-    out.push_str("\n\\smallskip\\raggedright\\footnotesize\n");
-    let names = Column::names(&table.columns);
-    let keys = table
-        .columns
-        .iter()
-        .zip(names)
-        .map(|(column, name)| format!("{}: \\texttt{{{}}}", escape(name), escape(&column.key)));
-    let keys: Vec<String> = keys.collect();
-    let _ = writeln!(out, "{}.", keys.join("; "));
-    for remark in &table.remarks {
-        let _ = writeln!(out, "\\par {}", rich(remark));
-    }
-    for (i, note) in table.notes.iter().enumerate() {
-        let _ = writeln!(
-            out,
-            "\\par\\textsuperscript{{{}}}~{}",
-            letter(i),
-            rich(note)
-        );
-    }
-    if !table.checklist.is_empty() {
-        out.push_str("\\par What a strict comparison needs:\n");
-    }
-    for check in &table.checklist {
-        let mark = if check.is_met {
-            "\\boxtimes"
-        } else {
-            "\\square"
-        };
-        let _ = writeln!(out, "\\par ${mark}$~{}", rich(&check.text));
-    }
-    out.push_str("\\end{table}\n");
-    noted(out)
 }
 
 /// A table of any shape, as a `table` environment as wide as the line.

@@ -18,7 +18,7 @@ pub mod rank;
 pub(super) mod remarks;
 pub mod text;
 
-use super::input::Column;
+use super::column::Column;
 use crate::io::text::visible_line;
 
 /// A table, ready to be written in any form.

@@ -5,8 +5,8 @@ use std::collections::{BTreeMap, BTreeSet};
 use sharp_metrics::Direction;
 
 use crate::evaluate::record::{Record, Score};
-use crate::report::board::Board;
-use crate::report::input::{Column, ReportMethod};
+use crate::report::board::{Board, ReportMethod};
+use crate::report::column::Column;
 use crate::report::statistics::of_extra;
 
 use super::Table;

@@ -20,7 +20,7 @@ use crate::io::pictures::read_rgb8;
 use crate::pairs::depth::PosedDepth;
 use crate::pairs::overlap::Projection;
 use crate::pairs::valid_depth::is_valid_depth;
-use crate::report::assemble::RunPictures;
+use crate::report::pictures::ReportPictures;
 use crate::scoring::{GroundTruth, Region, Scoring};
 
 /// Relative difference above which two depths are two surfaces, as for overlap.
@@ -178,7 +178,7 @@ impl RunComparison {
                 )));
             }
         }
-        let pictures = RunPictures::new(&self.results, scenes);
+        let pictures = ReportPictures::new(&self.results, scenes);
         let sides = self.sides(against);
         let pairs: Vec<(&Record, &Record)> = sides.both().collect();
         observer.begin("looking where pictures differ", pairs.len(), "pairs");
@@ -242,7 +242,7 @@ impl RunComparison {
 /// The error is the bare reason.
 fn of_pair<'a>(
     [a, b]: [&'a Record; 2],
-    pictures: &RunPictures<'_>,
+    pictures: &ReportPictures<'_>,
     metrics: &[MetricInfo],
     scoring: &Scoring,
 ) -> Result<Vec<ClassScores<'a>>, String> {

@@ -15,7 +15,9 @@ use super::{Against, RunComparison};
 use crate::evaluate::record::finite_or_text;
 use crate::io::atomic_files::FileError;
 use crate::io::text::csv_cell;
-use crate::report::{ReportComparison, ReportError, ReportFiles, ReportOptions, assemble};
+use crate::report::{
+    PublishedNumbers, ReportComparison, ReportError, ReportFiles, ReportOptions, report,
+};
 
 /// A pair with a score on both sides, as it is written.
 #[derive(Debug, Clone, Serialize)]
@@ -121,7 +123,6 @@ impl RunComparison {
         strata: &[Stratum],
         scenes: &[Scene],
         out: &Path,
-        options: ReportOptions,
     ) -> Result<ReportFiles, ReportError> {
         let metrics = || self.results.manifest.metrics.iter().map(|m| &m.info);
         let pairs = self.pair_lines(None);
@@ -187,7 +188,12 @@ impl RunComparison {
         let methods = &mut results.manifest.methods;
         methods.retain(|method| labels.contains(&&method.label));
         methods.sort_by_key(|method| labels.iter().position(|label| **label == method.label));
-        assemble::comparison(&results, scenes, out, comparison, options)
+        let options = ReportOptions {
+            published: PublishedNumbers::Never,
+            comparison: Some(comparison),
+            ..ReportOptions::default()
+        };
+        report(&results, scenes, out, &options)
     }
 }
 
