@@ -205,10 +205,10 @@ pub(super) fn execute(args: &FigureArgs) -> anyhow::Result<Outcome> {
 
 fn list(as_json: bool) -> anyhow::Result<Outcome> {
     if as_json {
-        output::json(&FIGURES)?;
+        output::json(&*FIGURES)?;
         return Ok(Outcome::Done);
     }
-    for figure in FIGURES {
+    for figure in FIGURES.iter() {
         output::line(format!(
             "{}\n  shows  {}\n  paper  {}\n  needs  {}\n  by     sharp-bench {}",
             figure.name, figure.shows, figure.paper, figure.needs, figure.command

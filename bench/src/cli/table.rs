@@ -196,25 +196,20 @@ fn list(json: bool) -> anyhow::Result<Outcome> {
         let numbers = cells.flatten().count();
         let words = [table.name, table.title, made_by, needs];
         let mut row: Vec<GridCell> = words.into_iter().map(GridCell::words).collect();
-        row.insert(2, GridCell::number(numbers.to_string(), numbers as f64));
+        row.insert(2, GridCell::count(numbers));
         row.push(GridCell::words(at_hand(table)));
         row
     });
-    let grid = TextGrid {
-        title: "Tables of the SHARP paper, with all of their numbers".to_owned(),
-        heads: [
-            "name",
-            "shows",
-            "numbers",
-            "rows of yours by",
-            "needs",
-            "at hand",
-        ]
-        .map(str::to_owned)
-        .into(),
-        rows: rows.collect(),
-        remarks: Vec::new(),
-    };
+    let heads = [
+        "name",
+        "shows",
+        "numbers",
+        "rows of yours by",
+        "needs",
+        "at hand",
+    ];
+    let title = "Tables of the SHARP paper, with all of their numbers";
+    let grid = TextGrid::new(title, &heads, rows);
     output::line(grid.text().trim_end())?;
     Ok(Outcome::Done)
 }

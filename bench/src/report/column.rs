@@ -224,4 +224,3 @@ pub(super) fn slug(key: &str) -> String {
         parts.join("-").to_lowercase()
     }
 }
-

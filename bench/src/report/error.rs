@@ -34,6 +34,9 @@ pub enum ReportError {
     /// The drawing library or an encoder refused, or there is nothing to draw or no room for it.
     #[error("plot '{plot}': {reason}")]
     Plot { plot: String, reason: String },
+    /// A table could not be written as CSV.
+    #[error("a table cannot be encoded: {0}")]
+    Encode(#[from] csv::Error),
     /// A template could not be filled in.
     #[error("index.html: {0}")]
     Page(#[from] askama::Error),

@@ -74,7 +74,9 @@ fn dataset_notes(manifest: &Manifest) -> Vec<Fact> {
             format!("{}={}{}{open}", r.key, r.value, mark(r.proxy))
         });
         let left_out = dataset.left_out.iter().map(ToString::to_string);
-        let all = readings.chain(dataset.notes.iter().cloned()).chain(left_out);
+        let all = readings
+            .chain(dataset.notes.iter().cloned())
+            .chain(left_out);
         notes.extend(all.map(|note| (dataset.name.clone(), note)));
     }
     notes

@@ -274,8 +274,14 @@ fn load<'a>(
         views.insert(PictureKind::Mask, small(&drawn));
     }
     for (kind, depth) in [
-        (PictureKind::Depth, pictures.depth(pair.facts, &pair.facts.target)),
-        (PictureKind::SourceDepth, pictures.depth(pair.facts, &pair.facts.source)),
+        (
+            PictureKind::Depth,
+            pictures.depth(pair.facts, &pair.facts.target),
+        ),
+        (
+            PictureKind::SourceDepth,
+            pictures.depth(pair.facts, &pair.facts.source),
+        ),
     ] {
         if let Some(depth) = depth.transpose() {
             let drawn = depth.map(|depth| view_maps::inverse_depth(&depth, side));

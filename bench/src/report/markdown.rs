@@ -8,11 +8,7 @@ use super::tables::markdown::escape;
 /// The page as GitHub-flavoured Markdown, without its pairs. `plots` are titles and paths of PNGs relative to
 /// the report, with `/`.
 pub fn report(page: &Page<'_>, plots: &[(String, String)]) -> String {
-    let mut out = format!(
-        "# {}\n\n{}\n\n",
-        escape(page.title),
-        escape(&page.lead)
-    );
+    let mut out = format!("# {}\n\n{}\n\n", escape(page.title), escape(&page.lead));
     if let Some(comparison) = &page.options.comparison {
         let _ = write!(out, "{}\n\n", escape(&comparison.lead));
         for grid in comparison.grids.iter().chain(&comparison.details) {
@@ -42,7 +38,12 @@ pub fn report(page: &Page<'_>, plots: &[(String, String)]) -> String {
     if !page.published.is_empty() {
         out.push_str("## Published numbers\n\n");
         for table in page.published {
-            let _ = write!(out, "### {}\n\n{}\n", escape(&table.title), table.markdown());
+            let _ = write!(
+                out,
+                "### {}\n\n{}\n",
+                escape(&table.title),
+                table.markdown()
+            );
         }
     }
     if !plots.is_empty() {

@@ -137,7 +137,12 @@ fn facts_of(facts: &Record) -> Vec<String> {
 
 /// The amount by which B is worse on a pair, by metric; `None` where the page is not a comparison.
 fn losses(page: &Page<'_>, facts: &Record) -> Option<Vec<Option<f64>>> {
-    let of_pair = page.options.comparison.as_ref()?.losses.get(&facts.pair_id)?;
+    let of_pair = page
+        .options
+        .comparison
+        .as_ref()?
+        .losses
+        .get(&facts.pair_id)?;
     let metrics = page.metrics.iter();
     let losses = metrics.map(|metric| of_pair.get(&metric.key).copied());
     Some(losses.map(|loss| loss.filter(|v| v.is_finite())).collect())

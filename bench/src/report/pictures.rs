@@ -14,9 +14,9 @@ use image::{
 use sharp_datasets::format::read_map;
 use sharp_datasets::{DepthMap, Scene, View};
 
-use crate::evaluate::{Manifest, Results};
 use crate::evaluate::record::Record;
 use crate::evaluate::results::KeptPicture;
+use crate::evaluate::{Manifest, Results};
 use crate::io::observer::Observer;
 use crate::io::pictures::{Alpha, read_linear, read_rgb8};
 use crate::io::text::without_folders;
@@ -128,10 +128,7 @@ impl<'a> ReportPictures<'a> {
     /// Why it cannot be read.
     pub fn depth(&self, record: &Record, id: &str) -> Result<Option<DepthMap>, MissingPicture> {
         match self.view(record, id) {
-            Ok(view) => view
-                .content
-                .depth()
-                .map_err(|error| self.unusable(error)),
+            Ok(view) => view.content.depth().map_err(|error| self.unusable(error)),
             Err(MissingPicture::NoDataset) => Ok(None),
             Err(reason) => Err(reason),
         }

@@ -100,13 +100,11 @@ pub fn report(
     let mut files: Vec<(String, Vec<u8>)> = Vec::new();
     for table in ours.iter().chain(&published) {
         let stem = format!("tables/{}", table.name);
-        for (extension, text) in [
-            ("md", table.markdown()),
-            ("csv", table.csv()),
-            ("tex", table.latex()),
-        ] {
-            files.push((format!("{stem}.{extension}"), text.into_bytes()));
-        }
+        files.extend([
+            (format!("{stem}.md"), table.markdown().into_bytes()),
+            (format!("{stem}.csv"), table.csv()?),
+            (format!("{stem}.tex"), table.latex().into_bytes()),
+        ]);
     }
     if let Some(comparison) = &options.comparison {
         files.extend(comparison.files.iter().cloned());

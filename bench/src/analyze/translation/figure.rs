@@ -1,7 +1,7 @@
 //! Each metric against the shift, with the mean image as the line that no small shift should reach.
 
-use crate::report::error::ReportError;
 use crate::report::column::Column;
+use crate::report::error::ReportError;
 use crate::report::plots::Figure;
 use crate::report::plots::canvas::{Point, Surface};
 use crate::report::plots::palette::{Marker, Style, stroke, style};

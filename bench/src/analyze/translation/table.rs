@@ -1,11 +1,11 @@
 //! The comparisons as a table in the paper's form, and the paper's own numbers.
 
 use super::experiment::Experiment;
-use crate::evaluate::results::number;
 use crate::pictures::keyed_scores::csv_cells;
 use crate::report::column::Column;
 use crate::report::paper;
-use crate::report::tables::{Cell, Group, Origin, Row, Table};
+use crate::report::tables::csv::optional;
+use crate::report::tables::{self, Cell, Group, Origin, Row, Table};
 
 /// The table of an experiment on the picture of that name.
 pub fn table(experiment: &Experiment, name: &str) -> Table {
@@ -75,24 +75,17 @@ fn method_note(experiment: &Experiment) -> String {
 /// score is an empty cell, and the last column says why.
 ///
 /// # Errors
-/// Those of the CSV writer, which only writes to memory here.
+/// None: rows are as long as the header.
 pub fn csv(experiment: &Experiment) -> Result<Vec<u8>, ::csv::Error> {
-    let mut out = ::csv::Writer::from_writer(Vec::new());
-    let mut header: Vec<String> = ["comparison", "shift_percent", "shift_px"]
+    let mut heads: Vec<String> = ["comparison", "shift_percent", "shift_px"]
         .map(String::from)
         .into();
-    header.extend(experiment.keys().iter().map(ToString::to_string));
-    header.push("unavailable".to_owned());
-    out.write_record(&header)?;
-    for comparison in &experiment.comparisons {
-        let (percent, pixels) = comparison
-            .shift
-            .map_or_else(Default::default, |(percent, px)| {
-                (number(percent), number(px))
-            });
-        let mut row = vec![comparison.label(), percent, pixels];
-        row.extend(csv_cells(&comparison.scores));
-        out.write_record(&row)?;
-    }
-    out.into_inner().map_err(|error| error.into_error().into())
+    heads.extend(experiment.keys().iter().map(ToString::to_string));
+    heads.push("unavailable".to_owned());
+    let rows = experiment.comparisons.iter().map(|comparison| {
+        let (percent, pixels) = comparison.shift.unzip();
+        let cells = [comparison.label(), optional(percent), optional(pixels)];
+        cells.into_iter().chain(csv_cells(&comparison.scores))
+    });
+    tables::csv::csv(heads, rows)
 }

@@ -4,8 +4,8 @@ use std::num::NonZeroUsize;
 
 use crate::report::board::{Board, DatasetBoard, PairBoard};
 use crate::report::choice::by_badness;
-use crate::report::error::ReportError;
 use crate::report::column::Column;
+use crate::report::error::ReportError;
 
 /// Rule for choosing pairs of each dataset.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, clap::ValueEnum)]

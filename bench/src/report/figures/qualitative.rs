@@ -4,8 +4,8 @@ use super::choice::{ChosenPair, PairsChoice, chosen};
 use super::sheet::{Sheet, SheetMedium, Tile};
 use crate::evaluate::record::{Record, Status};
 use crate::report::board::Board;
-use crate::report::error::{MissingPicture, ReportError};
 use crate::report::column::Column;
+use crate::report::error::{MissingPicture, ReportError};
 use crate::report::pictures::ReportPictures;
 use crate::scoring::Region;
 

@@ -8,9 +8,10 @@ use crate::io::atomic_files::write_all_over_own;
 use crate::io::text::visible;
 use crate::report::ReportError;
 use crate::report::html::STYLE;
+use crate::report::tables::csv::csv_of;
 use crate::report::tables::{Table, latex};
 
-use super::grid::csv;
+use super::grid::numbers;
 use super::published::PublishedTable;
 
 #[derive(Template)]
@@ -47,10 +48,7 @@ pub fn write_table(
         latex::PREAMBLE,
         paper.name
     );
-    let numbers = csv(paper, table).map_err(|error| ReportError::Plot {
-        plot: format!("{}.csv", paper.name),
-        reason: error.to_string(),
-    })?;
+    let numbers = csv_of(numbers(paper, table))?;
     let numbers = String::from_utf8_lossy(&numbers).into_owned();
     let files = [
         (

@@ -3,7 +3,6 @@
 use serde::Serialize;
 use sharp_metrics::MetricKey;
 
-use crate::io::text::csv_cell;
 use crate::report::board::{Board, DatasetBoard, ReportDataset};
 use crate::report::column::Column;
 use crate::report::statistics::of_metric;
@@ -142,11 +141,7 @@ fn below(mut published: Table, own: Table) -> Table {
 }
 
 /// The variant of each of the paper's metrics that fills its column.
-fn columns(
-    paper: &PublishedTable,
-    board: &Board<'_>,
-    wanted: &[MetricKey],
-) -> Vec<Column> {
+fn columns(paper: &PublishedTable, board: &Board<'_>, wanted: &[MetricKey]) -> Vec<Column> {
     let scored = &board.metrics;
     let methods = 0..board.methods.len();
     let has = |column: &Column, method: usize| {
@@ -268,24 +263,6 @@ pub fn numbers<'a>(paper: &PublishedTable, table: &'a Table) -> Vec<Number<'a>> 
         }
     }
     numbers
-}
-
-/// [`numbers`] as CSV.
-///
-/// # Errors
-/// Those of the CSV writer, which only writes to memory here.
-pub fn csv(paper: &PublishedTable, table: &Table) -> Result<Vec<u8>, ::csv::Error> {
-    let mut writer = ::csv::Writer::from_writer(Vec::new());
-    for number in numbers(paper, table) {
-        let row = csv_cell(number.row);
-        writer.serialize(Number {
-            row: &row,
-            ..number.clone()
-        })?;
-    }
-    writer
-        .into_inner()
-        .map_err(|error| error.into_error().into())
 }
 
 /// A number or nothing; infinities as text.

@@ -325,9 +325,7 @@ fn speeds(paper: &PublishedTable, rows: &[OwnRow]) -> Result<OwnRows, RowError> 
         let method = row
             .source
             .chosen(lines.iter().map(|line| line.method.as_str()))?;
-        let column_of = |line: &SpeedLine| {
-            column(&ReportDataset::of(&line.dataset, &line.format))
-        };
+        let column_of = |line: &SpeedLine| column(&ReportDataset::of(&line.dataset, &line.format));
         let cells = paper.datasets.iter().flat_map(|dataset| {
             paper.metrics.iter().map(|metric| {
                 let (quantity, factor) = match *metric {

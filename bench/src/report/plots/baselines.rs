@@ -4,8 +4,8 @@
 use crate::evaluate::record::Status;
 use crate::io::counts::counted;
 use crate::report::board::{Board, DatasetBoard};
-use crate::report::error::ReportError;
 use crate::report::column::Column;
+use crate::report::error::ReportError;
 
 use super::bins::{Binning, Cuts, bins};
 use super::canvas::{Figure, Ink, Surface};

@@ -9,11 +9,12 @@ pub mod tables;
 
 use std::path::{Path, PathBuf};
 
+use super::ReportError;
 use super::tables::grid::TextGrid;
 use super::tables::{latex, markdown};
 use crate::evaluate::Manifest;
 use crate::evaluate::speed::{Speed, SpeedOptions};
-use crate::io::atomic_files::{FileError, write_all_over_own};
+use crate::io::atomic_files::write_all_over_own;
 
 /// New measurements.
 #[derive(Debug, Clone, PartialEq)]
@@ -45,10 +46,7 @@ impl SpeedReport {
 
     /// For a terminal.
     pub fn text(&self) -> String {
-        let table = self
-            .measured
-            .as_ref()
-            .map(|m| tables::table(m).text());
+        let table = self.measured.as_ref().map(|m| tables::table(m).text());
         let grids = self.grids();
         let parts = table.into_iter().chain(grids.iter().map(TextGrid::text));
         parts.collect::<Vec<_>>().join("\n")
@@ -58,7 +56,7 @@ impl SpeedReport {
     ///
     /// # Errors
     /// When one cannot be written, or the name is taken by something else; then none is written.
-    pub fn write(&self, folder: &Path) -> Result<Vec<PathBuf>, FileError> {
+    pub fn write(&self, folder: &Path) -> Result<Vec<PathBuf>, ReportError> {
         let mut md = format!("<!-- {MARK} -->\n");
         let mut tex = format!("% {MARK}\n");
         if let Some(measured) = &self.measured {
@@ -72,14 +70,14 @@ impl SpeedReport {
             tex += &format!("\n{}", latex::grid(&grid));
         }
         let mut files = vec![
-            (folder.join("speed.md"), md, MARK),
-            (folder.join("speed.tex"), tex, MARK),
+            (folder.join("speed.md"), md.into_bytes(), MARK),
+            (folder.join("speed.tex"), tex.into_bytes(), MARK),
         ];
         if let Some(measured) = &self.measured {
-            let csv = tables::csv(measured);
+            let csv = tables::csv(measured)?;
             files.push((folder.join("speed.csv"), csv, tables::CSV_HEAD));
         }
-        write_all_over_own(&files)
+        Ok(write_all_over_own(&files)?)
     }
 }
 

@@ -3,8 +3,8 @@
 use super::study::{CrossingRule, Sweep, SweepBin, SweepPanel};
 use super::{Band, Motion};
 use crate::io::counts::counted;
-use crate::report::error::ReportError;
 use crate::report::column::Column;
+use crate::report::error::ReportError;
 use crate::report::plots::canvas::{Figure, Ink, Surface};
 use crate::report::plots::curves::{Banded, curve, shade, vertical};
 use crate::report::plots::palette::{Marker, Style, stroke};

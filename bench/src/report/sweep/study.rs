@@ -11,8 +11,8 @@ use crate::evaluate::Results;
 use crate::evaluate::record::{Record, Status};
 use crate::methods::Privilege;
 use crate::report::board::{Board, DatasetBoard};
-use crate::report::error::ReportError;
 use crate::report::column::Column;
+use crate::report::error::ReportError;
 use crate::report::plots::bins::{Cuts, bins};
 use crate::report::plots::curves::Banded;
 

@@ -7,9 +7,10 @@ use sharp_metrics::Direction;
 use super::Band;
 use super::study::{CrossingRule, FoundCrossing, Sweep, SweepBin, SweepPanel};
 use crate::evaluate::results::number;
-use crate::io::text::csv_cell;
 use crate::report::column::Column;
 use crate::report::plots::bins::Bin;
+use crate::report::tables;
+use crate::report::tables::csv::{optional, text};
 use crate::report::tables::latex::{escape, noted};
 
 /// The columns of the table of bins.
@@ -26,67 +27,58 @@ pub(super) const MARK: &str = "% by sharp-bench sweep";
 /// `ci_high` bound the mean at 95 % over clusters; unknown values are empty.
 ///
 /// # Errors
-/// Those of the CSV writer, which only writes to memory here.
+/// None: rows are as long as the head.
 pub fn csv(sweep: &Sweep) -> Result<Vec<u8>, ::csv::Error> {
-    let mut out = ::csv::Writer::from_writer(Vec::new());
-    out.write_record(COLUMNS.split(','))?;
-    let optional = |value: Option<f64>| value.map_or_else(String::new, number);
-    for panel in &sweep.panels {
-        for line in &panel.lines {
-            for (metric, bins) in sweep.metrics.iter().zip(&line.bins) {
-                for SweepBin { banded, interval } in bins {
-                    let bin = &banded.bin;
-                    let texts = [&line.dataset, &line.method, &panel.split, &metric.key];
-                    let texts = texts.map(|text| csv_cell(text).into_owned());
-                    let numbers = [
-                        number(bin.x),
-                        number(bin.low),
-                        number(bin.high),
-                        bin.n().to_string(),
-                        number(bin.mean),
-                        optional(bin.std),
-                        optional(interval.map(|(low, _)| low)),
-                        optional(interval.map(|(_, high)| high)),
-                    ];
-                    out.write_record(texts.iter().chain(&numbers))?;
-                }
-            }
-        }
-    }
-    out.into_inner().map_err(|error| error.into_error().into())
+    let lines = sweep
+        .panels
+        .iter()
+        .flat_map(|panel| panel.lines.iter().map(move |line| (panel, line)));
+    let rows = lines.flat_map(|(panel, line)| {
+        let metrics = sweep.metrics.iter().zip(&line.bins);
+        let bins = metrics.flat_map(|(metric, bins)| bins.iter().map(move |bin| (metric, bin)));
+        bins.map(move |(metric, SweepBin { banded, interval })| {
+            let bin = &banded.bin;
+            [
+                text(&line.dataset),
+                text(&line.method),
+                text(&panel.split),
+                text(&metric.key),
+                number(bin.x),
+                number(bin.low),
+                number(bin.high),
+                bin.n().to_string(),
+                number(bin.mean),
+                optional(bin.std),
+                optional(interval.map(|(low, _)| low)),
+                optional(interval.map(|(_, high)| high)),
+            ]
+        })
+    });
+    tables::csv::csv(COLUMNS.split(','), rows)
 }
 
 /// One row per crossing; `-inf` if it is passed already in the first bin, `inf` if it is not reached in the last.
 ///
 /// # Errors
-/// Those of the CSV writer, which only writes to memory here.
+/// None: rows are as long as the head.
 pub fn crossings_csv(sweep: &Sweep) -> Result<Vec<u8>, ::csv::Error> {
-    let mut out = ::csv::Writer::from_writer(Vec::new());
-    out.write_record(CROSSINGS.split(','))?;
-    for crossing in &sweep.crossings {
-        let metric = &sweep.metrics[crossing.metric].key;
-        let rule = rule(sweep, crossing);
-        let texts = [
-            &crossing.dataset,
-            &crossing.method,
-            &crossing.split,
-            metric,
-            &rule,
-        ];
-        let texts = texts.map(|text| csv_cell(text).into_owned());
+    let rows = sweep.crossings.iter().map(|crossing| {
         let interval = crossing.found.interval;
-        let end = |end: Option<f64>| end.map_or_else(String::new, number);
-        let numbers = [
+        [
+            text(&crossing.dataset),
+            text(&crossing.method),
+            text(&crossing.split),
+            text(&sweep.metrics[crossing.metric].key),
+            text(&rule(sweep, crossing)),
             number(crossing.found.x),
-            end(interval.map(|(low, _)| low)),
-            end(interval.map(|(_, high)| high)),
+            optional(interval.map(|(low, _)| low)),
+            optional(interval.map(|(_, high)| high)),
             crossing.found.clusters.to_string(),
             sweep.resampling.count.to_string(),
             sweep.resampling.seed.to_string(),
-        ];
-        out.write_record(texts.iter().chain(&numbers))?;
-    }
-    out.into_inner().map_err(|error| error.into_error().into())
+        ]
+    });
+    tables::csv::csv(CROSSINGS.split(','), rows)
 }
 
 /// `behind METHOD`, `below VALUE` or `above VALUE`, whichever is worse.

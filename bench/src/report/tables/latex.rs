@@ -43,11 +43,7 @@ impl Table {
             }
         );
         for (g, group) in self.groups.iter().enumerate() {
-            let rule = if g + 1 < self.groups.len() {
-                "c|"
-            } else {
-                "c"
-            };
+            let rule = if g + 1 < self.groups.len() { "c|" } else { "c" };
             let pairs = group
                 .pairs
                 .map(|n| format!(" ($n={n}$)"))
@@ -82,11 +78,10 @@ impl Table {
         out.push_str(if wide { "%\n}\n" } else { "\n" });
         out.push_str("\n\\smallskip\\raggedright\\footnotesize\n");
         let names = Column::names(&self.columns);
-        let keys = self
-            .columns
-            .iter()
-            .zip(names)
-            .map(|(column, name)| format!("{}: \\texttt{{{}}}", escape(name), escape(&column.key)));
+        let keys =
+            self.columns.iter().zip(names).map(|(column, name)| {
+                format!("{}: \\texttt{{{}}}", escape(name), escape(&column.key))
+            });
         let keys: Vec<String> = keys.collect();
         let _ = writeln!(out, "{}.", keys.join("; "));
         for remark in &self.remarks {

@@ -13,8 +13,7 @@ use super::breakdown::Stratum;
 use super::tables::most_changed;
 use super::{Against, RunComparison};
 use crate::evaluate::record::finite_or_text;
-use crate::io::atomic_files::FileError;
-use crate::io::text::csv_cell;
+use crate::report::tables::csv::csv_of;
 use crate::report::{
     PublishedNumbers, ReportComparison, ReportError, ReportFiles, ReportOptions, report,
 };
@@ -147,7 +146,6 @@ impl RunComparison {
                 of_pair.map(|(key, losses)| (key, mean(losses))).collect(),
             )
         });
-        let csv_error = |error: csv::Error| FileError::new(out, "encode")(error.into());
         let comparison = ReportComparison {
             lead: self.lead(),
             against: self
@@ -159,18 +157,9 @@ impl RunComparison {
             details,
             losses: losses.collect(),
             files: vec![
-                (
-                    "tables/comparison.csv".to_owned(),
-                    csv(&self.rows).map_err(csv_error)?,
-                ),
-                (
-                    "tables/breakdown.csv".to_owned(),
-                    csv(strata).map_err(csv_error)?,
-                ),
-                (
-                    "tables/pairs.csv".to_owned(),
-                    csv(&pairs).map_err(csv_error)?,
-                ),
+                ("tables/comparison.csv".to_owned(), csv_of(&self.rows)?),
+                ("tables/breakdown.csv".to_owned(), csv_of(strata)?),
+                ("tables/pairs.csv".to_owned(), csv_of(&pairs)?),
             ],
         };
         let mut results = self.results.clone();
@@ -200,28 +189,3 @@ impl RunComparison {
 const HOW_TO_READ: &str = "Differences are B − A over the same pairs. Scenes are the sample, not pairs. B is better or worse \
                     where p < 0.05 after Holm's correction over the datasets of a metric; none where all that is likely is \
                     too small to matter or both are equal; inconclusive where the runs cannot tell.";
-
-/// Text of cells is made harmless for spreadsheets.
-fn csv<T: Serialize>(rows: &[T]) -> Result<Vec<u8>, csv::Error> {
-    let mut plain = csv::Writer::from_writer(Vec::new());
-    for row in rows {
-        plain.serialize(row)?;
-    }
-    let plain = plain.into_inner().map_err(|error| error.into_error())?;
-    let mut reader = csv::ReaderBuilder::new()
-        .has_headers(false)
-        .from_reader(&plain[..]);
-    let mut harmless = csv::Writer::from_writer(Vec::new());
-    for record in reader.records() {
-        harmless.write_record(
-            record?
-                .iter()
-                .map(|cell| match cell.parse::<f64>() {
-                    Ok(_) => cell.into(),
-                    Err(_) => csv_cell(cell),
-                })
-                .map(|cell: std::borrow::Cow<'_, str>| cell.into_owned()),
-        )?;
-    }
-    Ok(harmless.into_inner().map_err(|error| error.into_error())?)
-}

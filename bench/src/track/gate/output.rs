@@ -7,7 +7,7 @@ use crate::io::text::visible_line;
 use crate::report::tables::grid::{GridCell, TextGrid};
 use crate::report::tables::markdown::escape;
 use crate::report::tables::shown;
-use crate::track::compare::tables::{interval, optional, p_text};
+use crate::track::compare::tables::p_text;
 
 /// Rows of a comment at most: forges cut long ones.
 const ROWS: usize = 40;
@@ -27,9 +27,9 @@ impl Check {
 
     /// A, B, B − A, interval and p.
     fn numbers(&self) -> [GridCell; 5] {
-        let number = |value| optional(value, |value| shown(value, self.decimals));
+        let number = |value| GridCell::optional(value, |value| shown(value, self.decimals));
         let difference = match self.limit.ends_with('%') {
-            true => optional(self.difference, |percent| {
+            true => GridCell::optional(self.difference, |percent| {
                 format!("{} %", shown(percent, 1))
             }),
             false => number(self.difference),
@@ -38,14 +38,10 @@ impl Check {
             number(self.a),
             number(self.b),
             difference,
-            interval(self.ci_low, self.ci_high, self.decimals),
-            optional(self.p_holm, p_text),
+            GridCell::interval(self.ci_low, self.ci_high, self.decimals),
+            GridCell::optional(self.p_holm, p_text),
         ]
     }
-}
-
-fn words(text: &str) -> GridCell {
-    GridCell::words(visible_line(text))
 }
 
 /// A row a check.
@@ -57,22 +53,17 @@ fn grid<'a>(title: String, checks: impl Iterator<Item = &'a Check>) -> TextGrid 
             &check.quantity,
             &check.place(),
         ]
-        .map(words);
+        .map(GridCell::words);
         let numbers = check.numbers().into_iter();
         said.into_iter()
             .chain(numbers)
-            .chain([words(&check.reason)])
+            .chain([GridCell::words(&check.reason)])
             .collect()
     });
     let heads = [
         "", "limit", "of", "on", "A", "B", "B - A", "95 %", "p Holm", "",
     ];
-    TextGrid {
-        title,
-        heads: heads.map(str::to_owned).into(),
-        rows: rows.collect(),
-        remarks: Vec::new(),
-    }
+    TextGrid::new(title, &heads, rows)
 }
 
 impl GateReport {
@@ -88,20 +79,17 @@ impl GateReport {
     fn worst_grid(&self) -> Option<TextGrid> {
         let check = self.checks.get(self.worst_of?)?;
         let rows = self.worst.iter().map(|pair| {
-            let number = |value: f64| GridCell::number(shown(value, check.decimals), value);
+            let number = |value: f64| GridCell::rounded(value, check.decimals);
             vec![
-                words(&pair.pair_id),
+                GridCell::words(&pair.pair_id),
                 number(pair.a),
                 number(pair.b),
                 number(pair.loss),
             ]
         });
-        (!self.worst.is_empty()).then(|| TextGrid {
-            title: format!("worst pairs, {} on {}", check.quantity, check.place()),
-            heads: ["pair", "A", "B", "worse by"].map(str::to_owned).into(),
-            rows: rows.collect(),
-            remarks: Vec::new(),
-        })
+        let title = format!("worst pairs, {} on {}", check.quantity, check.place());
+        (!self.worst.is_empty())
+            .then(|| TextGrid::new(title, &["pair", "A", "B", "worse by"], rows))
     }
 }
 

@@ -2,7 +2,6 @@
 
 use crate::report::tables::grid::{GridCell, TextGrid};
 use crate::report::tables::shown;
-use crate::track::compare::tables::{count, interval, optional};
 use crate::track::compare::verdict_word;
 
 use super::{History, Point, Rule, Series};
@@ -18,16 +17,12 @@ impl History {
             let commit = occasion.commit.as_deref().unwrap_or("-");
             let words = [occasion.label.as_str(), commit, occasion.date.as_str()];
             let words = words.map(GridCell::words);
-            [count(*number as usize)].into_iter().chain(words).collect()
+            [GridCell::count(*number as usize)]
+                .into_iter()
+                .chain(words)
+                .collect()
         });
-        TextGrid {
-            title: "entries".to_owned(),
-            heads: ["entry", "label", "commit", "date"]
-                .map(str::to_owned)
-                .to_vec(),
-            rows: rows.collect(),
-            remarks: Vec::new(),
-        }
+        TextGrid::new("entries", &["entry", "label", "commit", "date"], rows)
     }
 
     /// One table a series.
@@ -38,14 +33,8 @@ impl History {
                 let events = series.events(point).into_iter();
                 events.map(|event| format!("entry {}: {event}", point.entry))
             });
-            TextGrid {
-                title: series.title(),
-                heads: HEADS.map(str::to_owned).to_vec(),
-                rows: points
-                    .map(|point| series.cells(point, self.label(point.entry)))
-                    .collect(),
-                remarks: remarks.collect(),
-            }
+            let rows = points.map(|point| series.cells(point, self.label(point.entry)));
+            TextGrid::new(series.title(), &HEADS, rows).remarked(remarks)
         };
         self.series.iter().map(grid).collect()
     }
@@ -92,13 +81,13 @@ impl Series {
             weights => weights,
         };
         vec![
-            count(point.entry as usize),
+            GridCell::count(point.entry as usize),
             GridCell::words(label),
-            optional(point.mean, |mean| shown(mean, self.decimals())),
-            interval(point.ci_low, point.ci_high, self.decimals()),
+            GridCell::optional(point.mean, |mean| shown(mean, self.decimals())),
+            GridCell::interval(point.ci_low, point.ci_high, self.decimals()),
             GridCell::number(pairs, point.n_pairs as f64),
-            count(point.n_scenes),
-            count(point.n_failed),
+            GridCell::count(point.n_scenes),
+            GridCell::count(point.n_failed),
             GridCell::words(weights),
             GridCell::words(change),
         ]
