@@ -5,41 +5,38 @@ use crate::pictures::keyed_scores::csv_cells;
 use crate::report::column::Column;
 use crate::report::paper;
 use crate::report::tables::csv::optional;
-use crate::report::tables::{self, Cell, Group, Origin, Row, Table};
+use crate::report::tables::{self, Cell, Group, Row, Table};
 
 /// The table of an experiment on the picture of that name.
 pub fn table(experiment: &Experiment, name: &str) -> Table {
     let mut notes = vec![method_note(experiment)];
-    let rows = experiment.comparisons.iter().map(|comparison| Row {
-        label: comparison.label(),
-        origin: Origin::Measured,
-        note: Some(0),
-        cells: comparison
-            .scores
-            .iter()
-            .map(|(key, score)| {
-                let value = score.as_ref().ok().copied();
-                let mut cell = cell(value);
-                if let Err(reason) = score {
-                    let text = format!("No {} (`{key}`): {reason}.", key.label());
-                    cell.notes.push(Table::note(&mut notes, text));
-                }
-                cell
-            })
-            .collect(),
+    let rows = experiment.comparisons.iter().map(|comparison| {
+        let cells = comparison.scores.iter().map(|(key, score)| {
+            let value = score.as_ref().ok().copied();
+            let missing = score.as_ref().err().map(|reason| {
+                let text = format!("No {} (`{key}`): {reason}.", key.label());
+                Table::note(&mut notes, text)
+            });
+            Cell {
+                infinite: usize::from(value.is_some_and(f64::is_infinite)),
+                notes: missing.into_iter().collect(),
+                ..Cell::of(value)
+            }
+        });
+        Row {
+            note: Some(0),
+            ..Row::measured(comparison.label(), cells.collect())
+        }
     });
     let rows = rows.collect();
     let (width, height) = experiment.reference.dimensions();
+    let groups = vec![Group::titled(&format!("{name} ({width} × {height})"))];
+    let columns = experiment.keys().into_iter().map(Column::from).collect();
+    let title = "Sensitivity of metrics to small image shifts";
     Table {
-        name: "translation".to_owned(),
-        title: "Sensitivity of metrics to small image shifts".to_owned(),
         row_head: "comparison",
-        groups: vec![Group::titled(&format!("{name} ({width} × {height})"))],
-        columns: experiment.keys().into_iter().map(Column::from).collect(),
-        rows,
-        remarks: Vec::new(),
         notes,
-        checklist: Vec::new(),
+        ..Table::new("translation", title, groups, columns, rows)
     }
 }
 
@@ -50,14 +47,6 @@ pub fn published() -> Option<Table> {
     table.title = format!("Published: {}", table.title.to_lowercase());
     table.groups = vec![Group::titled("SHARP paper")];
     Some(table)
-}
-
-fn cell(value: Option<f64>) -> Cell {
-    Cell {
-        value,
-        infinite: usize::from(value.is_some_and(f64::is_infinite)),
-        ..Cell::default()
-    }
 }
 
 fn method_note(experiment: &Experiment) -> String {

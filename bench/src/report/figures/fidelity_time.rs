@@ -6,7 +6,6 @@ use std::path::Path;
 use crate::evaluate::results::timings;
 use crate::evaluate::{EvaluateError, Results};
 use crate::io::atomic_files::FileError;
-use crate::io::text::csv_text;
 use crate::pairs::valid_depth::median_of;
 use crate::report::board::{Board, DatasetBoard};
 use crate::report::column::Column;
@@ -16,7 +15,7 @@ use crate::report::plots::canvas::Surface;
 use crate::report::plots::palette::Style;
 use crate::report::plots::panels::{Panel, PanelFrame, PlotArea, PlotAxis, draw, point};
 use crate::report::plots::style::FigureStyle;
-use crate::report::speed::tables::CSV_HEAD;
+use crate::report::speed::lines::SpeedLine;
 use crate::report::statistics::of_metric;
 
 /// Seconds by label of the method and pair id.
@@ -51,28 +50,11 @@ impl SpeedSeconds {
     /// # Errors
     /// When it cannot be read or is not what `speed` writes.
     pub fn read(path: &Path) -> Result<Self, FileError> {
-        let path = match path.is_dir() {
-            true => path.join("speed.csv"),
-            false => path.to_owned(),
-        };
-        let wrong = |reason: String| FileError::new(&path, "read")(std::io::Error::other(reason));
-        let bytes = sharp::files::read(&path).map_err(FileError::new(&path, "read"))?;
-        let mut rows = csv::Reader::from_reader(bytes.as_slice());
-        let heads = rows.headers().map_err(|error| wrong(error.to_string()))?;
-        if heads.iter().collect::<Vec<_>>().join(",") != CSV_HEAD {
-            return Err(wrong(format!("the columns have to be {CSV_HEAD}")));
-        }
         let mut seconds = BTreeMap::new();
-        for row in rows.into_records() {
-            let row = row.map_err(|error| wrong(error.to_string()))?;
-            if !["inference_secs", "load_secs", "render_secs"].contains(&&row[3]) {
-                continue;
+        for line in SpeedLine::read(path)? {
+            if ["inference_secs", "load_secs", "render_secs"].contains(&line.quantity.as_str()) {
+                *seconds.entry((line.method, line.dataset)).or_default() += line.median;
             }
-            let median: f64 = row[5]
-                .parse()
-                .map_err(|_| wrong(format!("'{}' is no number", &row[5])))?;
-            let cell = |at: usize| csv_text(&row[at]).to_owned();
-            *seconds.entry((cell(0), cell(1))).or_default() += median;
         }
         Ok(Self(seconds))
     }

@@ -97,10 +97,7 @@ pub(super) fn with_rows(
 /// come last, without published numbers.
 fn below(mut published: Table, own: Table) -> Table {
     let mut table = own;
-    let none = Cell {
-        printed: Some("–".to_owned()),
-        ..Cell::default()
-    };
+    let none = Cell::dash();
     let cells = table.groups.len() * table.columns.len();
     for row in &mut published.rows {
         row.cells.resize(cells, none.clone());

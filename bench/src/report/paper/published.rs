@@ -143,15 +143,11 @@ impl PublishedTable {
     /// The table reduced to some of its datasets, each row marked as published and ranked among the others.
     pub fn table(&self, datasets: &[usize]) -> Table {
         let columns = self.columns();
-        let mut rows: Vec<Row> = Vec::new();
-        for (label, _) in &self.rows {
-            rows.push(Row {
-                label: label.replace("(ours)", "(published)"),
-                origin: Origin::Published,
-                note: None,
-                cells: Vec::new(),
-            });
-        }
+        let rows = self.rows.iter().map(|(label, _)| Row {
+            origin: Origin::Published,
+            ..Row::measured(label.replace("(ours)", "(published)"), Vec::new())
+        });
+        let mut rows: Vec<Row> = rows.collect();
         for &dataset in datasets {
             for (m, column) in columns.iter().enumerate() {
                 let printed = self
@@ -170,27 +166,17 @@ impl PublishedTable {
                 let cells = candidates.iter().zip(printed).zip(ranks);
                 for (row, ((candidate, text), rank)) in rows.iter_mut().zip(cells) {
                     row.cells.push(Cell {
-                        value: candidate.value,
-                        printed: Some(text.unwrap_or("–").to_owned()),
                         rank,
-                        ..Cell::default()
+                        ..Cell::printed(candidate.value, text.unwrap_or("–"))
                     });
                 }
             }
         }
+        let groups = datasets.iter().map(|&d| Group::titled(self.datasets[d]));
         Table {
-            name: self.name.to_owned(),
-            title: self.title.to_owned(),
             row_head: self.row_head,
-            groups: datasets
-                .iter()
-                .map(|&d| Group::titled(self.datasets[d]))
-                .collect(),
-            columns,
-            rows,
             remarks: vec![self.caveat()],
-            notes: Vec::new(),
-            checklist: Vec::new(),
+            ..Table::new(self.name, self.title, groups.collect(), columns, rows)
         }
     }
 

@@ -1,9 +1,10 @@
 //! Run time as tabulated in the paper, and a summary of the compute behind a paper's numbers.
 //!
 //! * [`spread`]: median and spread of rounds; [`tables`]: methods by datasets, and details of the times; [`compute`]:
-//!   hardware and hours of runs, from the times in their folders.
+//!   hardware and hours of runs, from the times in their folders; [`lines`]: `speed.csv` read back.
 
 pub mod compute;
+pub mod lines;
 pub mod spread;
 pub mod tables;
 

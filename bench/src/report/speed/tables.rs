@@ -11,10 +11,10 @@ use crate::report::board::ReportDataset;
 use crate::report::column::Column;
 use crate::report::tables::csv::text;
 use crate::report::tables::grid::{GridCell, TextGrid};
-use crate::report::tables::{self, Cell, Group, Origin, Row, Table};
+use crate::report::tables::{self, Cell, Group, Row, Table};
 
 /// Columns of [`csv()`].
-pub(in crate::report) const CSV_HEAD: &str =
+pub(super) const CSV_HEAD: &str =
     "method,dataset,format,quantity,n,median,first_quartile,third_quartile,least,most";
 
 /// Seconds under each dataset, as in the paper; medians.
@@ -30,12 +30,7 @@ pub fn table(measured: &Measured) -> Table {
             let kind = method.identity.kind.as_str();
             cells(speed, kind, &mut notes)
         });
-        Row {
-            label: method.label.clone(),
-            origin: Origin::Measured,
-            note: None,
-            cells: cells.collect(),
-        }
+        Row::measured(&method.label, cells.collect())
     });
     let rows = methods.collect();
     let groups = datasets.iter().map(|dataset| {
@@ -45,27 +40,23 @@ pub fn table(measured: &Measured) -> Table {
             ..Group::titled(dataset.title())
         }
     });
+    let columns = vec![
+        column(
+            "inference_secs",
+            "Inference",
+            "median over rounds and pairs of source picture to Gaussians, s",
+        ),
+        column(
+            "render_secs",
+            "Render",
+            "median over rounds and pairs of Gaussians to picture, s",
+        ),
+    ];
+    let title = "Run time (seconds)";
     Table {
-        name: "speed".to_owned(),
-        title: "Run time (seconds)".to_owned(),
-        row_head: "method",
-        groups: groups.collect(),
-        columns: vec![
-            column(
-                "inference_secs",
-                "Inference",
-                "median over rounds and pairs of source picture to Gaussians, s",
-            ),
-            column(
-                "render_secs",
-                "Render",
-                "median over rounds and pairs of Gaussians to picture, s",
-            ),
-        ],
-        rows,
         remarks: remarks(measured),
         notes,
-        checklist: Vec::new(),
+        ..Table::new("speed", title, groups.collect(), columns, rows)
     }
 }
 
@@ -95,9 +86,8 @@ fn cells(speed: Option<&Speed>, kind: &str, notes: &mut Vec<String>) -> [Cell; 2
         let value = Spread::of(secs).map(|summary| summary.median);
         let reason = value.is_none().then(|| Table::note(notes, why(what)));
         Cell {
-            value,
             notes: reason.into_iter().collect(),
-            ..Cell::default()
+            ..Cell::of(value)
         }
     })
 }

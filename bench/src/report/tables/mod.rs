@@ -117,6 +117,27 @@ pub struct Cell {
 }
 
 impl Cell {
+    /// A number of ours, if there is one.
+    pub(crate) fn of(value: Option<f64>) -> Self {
+        Self {
+            value,
+            ..Self::default()
+        }
+    }
+
+    /// A cell that shows this text.
+    pub(crate) fn printed(value: Option<f64>, text: impl Into<String>) -> Self {
+        Self {
+            printed: Some(text.into()),
+            ..Self::of(value)
+        }
+    }
+
+    /// A cell that has no number, for no particular reason.
+    pub(crate) fn dash() -> Self {
+        Self::printed(None, "–")
+    }
+
     /// The number as the table shows it, or `n/a`.
     fn text(&self, column: &Column) -> String {
         let value = || self.value.map(|value| shown(value, column.decimals));
@@ -127,6 +148,18 @@ impl Cell {
     /// Pairs with a number and pairs of the dataset, of a number that does not cover them all.
     fn partial(&self) -> Option<(usize, usize)> {
         self.coverage.filter(|(n, total)| n != total && *n > 0)
+    }
+}
+
+impl Row {
+    /// A row of our own numbers.
+    pub(crate) fn measured(label: impl Into<String>, cells: Vec<Cell>) -> Self {
+        Self {
+            label: label.into(),
+            origin: Origin::Measured,
+            note: None,
+            cells,
+        }
     }
 }
 
@@ -143,6 +176,27 @@ impl Group {
 }
 
 impl Table {
+    /// A table of methods without footnotes and remarks.
+    pub(crate) fn new(
+        name: impl Into<String>,
+        title: impl Into<String>,
+        groups: Vec<Group>,
+        columns: Vec<Column>,
+        rows: Vec<Row>,
+    ) -> Self {
+        Self {
+            name: name.into(),
+            title: title.into(),
+            row_head: "method",
+            groups,
+            columns,
+            rows,
+            remarks: Vec::new(),
+            notes: Vec::new(),
+            checklist: Vec::new(),
+        }
+    }
+
     /// The cells of a row with their columns.
     fn cells<'a>(&'a self, row: &'a Row) -> impl Iterator<Item = (&'a Column, &'a Cell)> {
         self.columns.iter().cycle().zip(&row.cells)
