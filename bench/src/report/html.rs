@@ -25,7 +25,7 @@ use super::options::{Layout, ReportOptions};
 use super::page_data;
 use super::pictures::ReportPictures;
 use super::plots::Figure;
-use super::plots::canvas::{GRID, INK, MUTED, PAPER};
+use super::plots::ink::{GRID, INK, MUTED, PAPER};
 use super::plots::palette::style;
 use super::tables::Table;
 use super::write::withheld;

@@ -169,12 +169,10 @@ fn losses(log: &Log, count: usize) -> Result<Option<Figure>, TrainError> {
                 infinity: false,
                 counts: Vec::new(),
             },
-            content: Ok(Box::new(
-                move |surface: &mut dyn Surface, area: &PlotArea| {
-                    shade(surface, &curves, area, style(0));
-                    curve(surface, &curves, area, style(0));
-                },
-            )),
+            content: Ok(Box::new(move |surface: &mut Surface, area: &PlotArea| {
+                shade(surface, &curves, area, style(0));
+                curve(surface, &curves, area, style(0));
+            })),
         });
     }
     let caption = "Mean over each stretch of steps; shade: ± one sample standard deviation; hollow: a single step. Losses \
@@ -211,18 +209,16 @@ fn validated(log: &Log, steps: &BTreeMap<Place, f64>) -> Result<Option<Figure>, 
                     infinity: false,
                     counts: Vec::new(),
                 },
-                content: Ok(Box::new(
-                    move |surface: &mut dyn Surface, area: &PlotArea| {
-                        let place = |(x, y): &(f64, f64)| (area.x.place(*x), area.height(*y));
-                        let line: Vec<_> = points.iter().map(place).collect();
-                        if line.len() > 1 {
-                            stroke(surface, &line, 2.0, style(0));
-                        }
-                        for at in line {
-                            point(surface, at, style(0), false);
-                        }
-                    },
-                )),
+                content: Ok(Box::new(move |surface: &mut Surface, area: &PlotArea| {
+                    let place = |(x, y): &(f64, f64)| (area.x.place(*x), area.height(*y));
+                    let line: Vec<_> = points.iter().map(place).collect();
+                    if line.len() > 1 {
+                        stroke(surface, &line, 2.0, style(0));
+                    }
+                    for at in line {
+                        point(surface, at, style(0), false);
+                    }
+                })),
             }
         })
         .collect();

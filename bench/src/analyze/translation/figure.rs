@@ -44,24 +44,22 @@ pub fn figure(experiment: &Experiment) -> Result<Option<Figure>, ReportError> {
             content: if values.is_empty() {
                 Err("unavailable")
             } else {
-                Ok(Box::new(
-                    move |surface: &mut dyn Surface, area: &PlotArea| {
-                        if let Some(value) = mean {
-                            let y = area.height(value);
-                            let line = [(area.x.from, y), (area.x.to, y)];
-                            stroke(surface, &line, 2.0, mean_style);
-                        }
-                        let points = moved.iter();
-                        let points = points.map(|(x, v)| (area.x.place(*x), area.height(*v)));
-                        let points: Vec<Point> = points.collect();
-                        if points.len() > 1 {
-                            stroke(surface, &points, 2.0, moved_style);
-                        }
-                        for at in points {
-                            point(surface, at, moved_style, false);
-                        }
-                    },
-                ))
+                Ok(Box::new(move |surface: &mut Surface, area: &PlotArea| {
+                    if let Some(value) = mean {
+                        let y = area.height(value);
+                        let line = [(area.x.from, y), (area.x.to, y)];
+                        stroke(surface, &line, 2.0, mean_style);
+                    }
+                    let points = moved.iter();
+                    let points = points.map(|(x, v)| (area.x.place(*x), area.height(*v)));
+                    let points: Vec<Point> = points.collect();
+                    if points.len() > 1 {
+                        stroke(surface, &points, 2.0, moved_style);
+                    }
+                    for at in points {
+                        point(surface, at, moved_style, false);
+                    }
+                }))
             },
         }
     });

@@ -5,7 +5,7 @@ use image::{Rgb, RgbImage, imageops};
 use super::experiment::Experiment;
 use crate::report::column::Column;
 use crate::report::pictures::{fitted, reduced};
-use crate::report::plots::canvas::{INK, MUTED};
+use crate::report::plots::ink::{INK, MUTED};
 use crate::report::plots::text::{Weight, write};
 
 /// Longest side of a picture, pixels.

@@ -132,14 +132,12 @@ pub fn figure(
         content: if points.is_empty() {
             Err("no times")
         } else {
-            Ok(Box::new(
-                move |surface: &mut dyn Surface, area: &PlotArea| {
-                    for (m, secs, mean) in points {
-                        let at = (area.x.place(secs.log10()), area.height(*mean));
-                        point(surface, at, style.of_method(*m), false);
-                    }
-                },
-            ))
+            Ok(Box::new(move |surface: &mut Surface, area: &PlotArea| {
+                for (m, secs, mean) in points {
+                    let at = (area.x.place(secs.log10()), area.height(*mean));
+                    point(surface, at, style.of_method(*m), false);
+                }
+            }))
         },
     });
     let drawn: Vec<Panel<'_>> = drawn.collect();

@@ -8,8 +8,9 @@ use crate::report::column::Column;
 use crate::report::error::ReportError;
 
 use super::bins::{Binning, Cuts, bins};
-use super::canvas::{Figure, Ink, Surface};
+use super::canvas::{Figure, Surface};
 use super::curves::{Banded, curve, shade, vertical};
+use super::ink::Ink;
 use super::palette::{Style, style};
 use super::panels::{Panel, PanelFrame, PlotArea, PlotAxis, draw, figure};
 use super::style::FigureStyle;
@@ -68,7 +69,7 @@ pub fn histogram(
         let y = PlotAxis::over("pairs", 0.0, most * 1.06, 5).counting();
         let median = baselines.median();
         let median = median.map_or_else(String::new, |m| format!(", median {m:.3} m"));
-        let draw = Box::new(move |surface: &mut dyn Surface, area: &PlotArea| {
+        let draw = Box::new(move |surface: &mut Surface, area: &PlotArea| {
             for bar in &bars {
                 let left = area.x.place(bar.low) + 0.75;
                 let right = (area.x.place(bar.high) - 0.75).max(left + 0.5);

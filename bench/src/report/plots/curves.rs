@@ -41,7 +41,7 @@ pub fn vertical<'a>(
 }
 
 /// The shade over each run of neighbouring bins that have a band; a lone one becomes a bar.
-pub fn shade(surface: &mut dyn Surface, bins: &[Banded], area: &PlotArea, style: Style) {
+pub fn shade(surface: &mut Surface, bins: &[Banded], area: &PlotArea, style: Style) {
     let runs = neighbours(bins, |banded| &banded.bin);
     for run in runs.flat_map(|run| run.split(|banded| banded.band.is_none())) {
         let half = if run.len() == 1 { 5.0 } else { 0.0 };
@@ -67,7 +67,7 @@ pub fn shade(surface: &mut dyn Surface, bins: &[Banded], area: &PlotArea, style:
 }
 
 /// The line through the finite means of neighbouring bins, and a marker a bin, hollow for a single sample.
-pub fn curve(surface: &mut dyn Surface, bins: &[Banded], area: &PlotArea, style: Style) {
+pub fn curve(surface: &mut Surface, bins: &[Banded], area: &PlotArea, style: Style) {
     let at = |banded: &Banded| -> Point {
         let bin = &banded.bin;
         (area.x.place(bin.x), area.height(bin.mean))
@@ -88,7 +88,8 @@ pub fn curve(surface: &mut dyn Surface, bins: &[Banded], area: &PlotArea, style:
 mod tests {
     use super::*;
     use crate::report::plots::bins::{Binning, bins};
-    use crate::report::plots::canvas::{Ink, Lettering};
+    use crate::report::plots::canvas::Lettering;
+    use crate::report::plots::ink::Ink;
     use crate::report::plots::palette::style;
     use crate::report::plots::scale::Scale;
 

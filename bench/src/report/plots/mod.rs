@@ -10,6 +10,7 @@ pub mod baselines;
 pub mod bins;
 pub mod canvas;
 pub mod curves;
+pub mod ink;
 pub mod palette;
 pub mod panels;
 pub mod pdf;

@@ -1,7 +1,8 @@
 //! Colours and markers of the methods: the palette of Okabe and Ito, which stays distinct under the common forms
 //! of colour blindness, without its black (the text) and its yellow (too pale on white).
 
-use super::canvas::{INK, Ink, Point, Surface};
+use super::canvas::{Point, Surface};
+use super::ink::{INK, Ink};
 
 pub const COLOURS: [Ink; 6] = [
     Ink::opaque(0x00, 0x72, 0xB2),
@@ -60,7 +61,7 @@ pub fn style_of(colours: &[Ink], index: usize) -> Style {
 
 impl Marker {
     /// Draws the marker, filled.
-    pub fn draw(self, surface: &mut dyn Surface, centre: Point, radius: f64, ink: Ink) {
+    pub fn draw(self, surface: &mut Surface, centre: Point, radius: f64, ink: Ink) {
         let (x, y) = centre;
         let corners: &[Point] = match self {
             Self::Disc => return surface.disc(centre, radius, ink),
@@ -78,7 +79,7 @@ impl Marker {
 }
 
 /// Draws a line, in dashes if the style has them.
-pub fn stroke(surface: &mut dyn Surface, points: &[Point], width: f64, style: Style) {
+pub fn stroke(surface: &mut Surface, points: &[Point], width: f64, style: Style) {
     let Some((on, off)) = style.dash else {
         return surface.line(points, width, style.ink);
     };

@@ -2,7 +2,8 @@
 
 use crate::report::error::ReportError;
 
-use super::canvas::{Anchor, Figure, GRID, INK, Ink, Lettering, MUTED, PAPER, Point, Surface};
+use super::canvas::{Anchor, Figure, Lettering, Point, Surface};
+use super::ink::{GRID, INK, Ink, MUTED, PAPER};
 use super::palette::{Style, stroke};
 use super::scale::{Scale, Step, log_ticks};
 use super::style::{FigureStyle, Medium};
@@ -127,7 +128,7 @@ pub struct PlotArea {
 }
 
 /// Draws the data of a panel.
-pub type DrawData<'a> = Box<dyn Fn(&mut dyn Surface, &PlotArea) + 'a>;
+pub type DrawData<'a> = Box<dyn Fn(&mut Surface, &PlotArea) + 'a>;
 
 /// A panel of a figure.
 pub struct Panel<'a> {
@@ -284,7 +285,7 @@ impl PanelLayout {
     }
 
     /// Draws the legend and the caption.
-    fn surround(&self, surface: &mut dyn Surface, entries: &[(&str, Style)]) {
+    fn surround(&self, surface: &mut Surface, entries: &[(&str, Style)]) {
         let mut top = MARGIN;
         for row in &self.legend {
             let y = top + (LEGEND_LINE + LEGEND_GAP) / 2.0;
@@ -311,7 +312,7 @@ impl PanelLayout {
     }
 
     /// Draws the frame of panel number `index` and says where its data goes.
-    fn panel(&self, surface: &mut dyn Surface, index: usize, frame: &PanelFrame) -> PlotArea {
+    fn panel(&self, surface: &mut Surface, index: usize, frame: &PanelFrame) -> PlotArea {
         let (column, row) = (index % self.columns, index / self.columns);
         let (w, h) = self.panel;
         let left = MARGIN + column as f64 * (LEFT + w + RIGHT) + LEFT;
@@ -396,7 +397,7 @@ impl PlotArea {
     }
 
     /// A line of text in the middle of an empty panel.
-    fn remark(&self, surface: &mut dyn Surface, text: &str) {
+    fn remark(&self, surface: &mut Surface, text: &str) {
         let at = (
             (self.x.from + self.x.to) / 2.0,
             (self.y.from + self.y.to) / 2.0,
@@ -406,7 +407,7 @@ impl PlotArea {
 }
 
 /// A marker for several samples, or a hollow one for a single sample.
-pub fn point(surface: &mut dyn Surface, at: Point, style: Style, hollow: bool) {
+pub fn point(surface: &mut Surface, at: Point, style: Style, hollow: bool) {
     style.marker.draw(surface, at, MARKER + 1.2, PAPER);
     style.marker.draw(surface, at, MARKER, style.ink);
     if hollow {
@@ -415,7 +416,7 @@ pub fn point(surface: &mut dyn Surface, at: Point, style: Style, hollow: bool) {
 }
 
 /// Bars of how many samples there are, and the numbers above them where they have room; `foot` is their lower edge.
-fn count_strip(surface: &mut dyn Surface, counts: &[BinCount], x: &Scale, foot: f64) {
+fn count_strip(surface: &mut Surface, counts: &[BinCount], x: &Scale, foot: f64) {
     let most = counts.iter().map(|count| count.n.1).max().unwrap_or(1);
     let text_of = |(least, most): (usize, usize)| match least == most {
         true => most.to_string(),

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Deserializer, de};
 
-use super::canvas::Ink;
+use super::ink::Ink;
 use super::palette::{COLOURS, Style, style_of};
 
 /// Font size of axis labels in units: what every length of a plot is relative to.

@@ -5,7 +5,7 @@ use std::sync::OnceLock;
 use ab_glyph::{Font, FontRef, OutlineCurve, ScaleFont, point};
 use image::RgbImage;
 
-use super::canvas::Ink;
+use super::ink::Ink;
 
 /// `font-family` of SVG text: the bundled font first, then what systems have.
 pub const FAMILY: &str = "Inter, 'Helvetica Neue', Helvetica, Arial, sans-serif";
@@ -221,7 +221,7 @@ fn lay_out(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::report::plots::canvas::INK;
+    use crate::report::plots::ink::INK;
     use image::Rgb;
 
     #[test]

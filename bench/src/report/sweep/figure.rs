@@ -5,8 +5,9 @@ use super::{Band, Motion};
 use crate::io::counts::counted;
 use crate::report::column::Column;
 use crate::report::error::ReportError;
-use crate::report::plots::canvas::{Figure, Ink, Surface};
+use crate::report::plots::canvas::{Figure, Surface};
 use crate::report::plots::curves::{Banded, curve, shade, vertical};
+use crate::report::plots::ink::Ink;
 use crate::report::plots::palette::{Marker, Style, stroke};
 use crate::report::plots::panels::{BinCount, Panel, PanelFrame, PlotArea, PlotAxis, draw};
 use crate::report::plots::style::FigureStyle;
@@ -65,43 +66,41 @@ fn figure(
                 infinity,
                 counts: counts(panel, k),
             },
-            content: Ok(Box::new(
-                move |surface: &mut dyn Surface, area: &PlotArea| {
-                    let lines = panel.lines.iter().map(|line| {
-                        let banded = line.bins[k].iter().map(|bin| bin.banded.clone());
-                        (banded.collect::<Vec<_>>(), style.of_method(line.style))
+            content: Ok(Box::new(move |surface: &mut Surface, area: &PlotArea| {
+                let lines = panel.lines.iter().map(|line| {
+                    let banded = line.bins[k].iter().map(|bin| bin.banded.clone());
+                    (banded.collect::<Vec<_>>(), style.of_method(line.style))
+                });
+                let lines: Vec<(Vec<Banded>, Style)> = lines.collect();
+                for (bins, style) in &lines {
+                    shade(surface, bins, area, *style);
+                }
+                for limit in limits {
+                    let dashed = Style {
+                        ink: LIMIT,
+                        marker: Marker::Disc,
+                        dash: Some((4.0, 3.0)),
+                    };
+                    let height = area.y.place(*limit);
+                    let ends = [(area.x.from, height), (area.x.to, height)];
+                    stroke(surface, &ends, 1.0, dashed);
+                }
+                for (bins, style) in &lines {
+                    curve(surface, bins, area, *style);
+                }
+                for crossing in &sweep.crossings {
+                    let here = crossing.metric == k && crossing.split == panel.split;
+                    let mut of_panel = panel.lines.iter();
+                    let line = of_panel.find(|line| {
+                        (&line.dataset, &line.method) == (&crossing.dataset, &crossing.method)
                     });
-                    let lines: Vec<(Vec<Banded>, Style)> = lines.collect();
-                    for (bins, style) in &lines {
-                        shade(surface, bins, area, *style);
+                    if let (true, Some(line)) = (here && crossing.found.x.is_finite(), line) {
+                        let at = (area.x.place(crossing.found.x), area.y.from - MARK);
+                        let ink = style.of_method(line.style).ink;
+                        Marker::Down.draw(surface, at, MARK, ink);
                     }
-                    for limit in limits {
-                        let dashed = Style {
-                            ink: LIMIT,
-                            marker: Marker::Disc,
-                            dash: Some((4.0, 3.0)),
-                        };
-                        let height = area.y.place(*limit);
-                        let ends = [(area.x.from, height), (area.x.to, height)];
-                        stroke(surface, &ends, 1.0, dashed);
-                    }
-                    for (bins, style) in &lines {
-                        curve(surface, bins, area, *style);
-                    }
-                    for crossing in &sweep.crossings {
-                        let here = crossing.metric == k && crossing.split == panel.split;
-                        let mut of_panel = panel.lines.iter();
-                        let line = of_panel.find(|line| {
-                            (&line.dataset, &line.method) == (&crossing.dataset, &crossing.method)
-                        });
-                        if let (true, Some(line)) = (here && crossing.found.x.is_finite(), line) {
-                            let at = (area.x.place(crossing.found.x), area.y.from - MARK);
-                            let ink = style.of_method(line.style).ink;
-                            Marker::Down.draw(surface, at, MARK, ink);
-                        }
-                    }
-                },
-            )),
+                }
+            })),
         }
     });
     let panels: Vec<Panel<'_>> = panels.collect();

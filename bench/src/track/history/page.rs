@@ -8,7 +8,8 @@ use crate::io::text::visible;
 use crate::report::ReportError;
 use crate::report::html::{STYLE, VERSION, themed};
 use crate::report::plots::Figure;
-use crate::report::plots::canvas::{Anchor, INK, Lettering, MUTED, PAPER, Surface};
+use crate::report::plots::canvas::{Anchor, Lettering, Surface};
+use crate::report::plots::ink::{INK, MUTED, PAPER};
 use crate::report::plots::palette::{Marker, Style, stroke, style};
 use crate::report::plots::panels::{
     MARKER, Panel, PanelFrame, PlotArea, PlotAxis, figure, point as marker,
@@ -98,16 +99,14 @@ fn plot(history: &History, series: &[Series]) -> Result<Figure, ReportError> {
             counts: Vec::new(),
         },
         content: if points(series).any(|point| point.mean.is_some_and(|mean| !mean.is_nan())) {
-            Ok(Box::new(
-                move |surface: &mut dyn Surface, area: &PlotArea| {
-                    labels(surface, area, history);
-                    let middle = (series.len() - 1) as f64 / 2.0;
-                    for (at, series) in series.iter().enumerate() {
-                        let shift = (at as f64 - middle) * APART;
-                        draw(surface, area, series, shift, style_of(series));
-                    }
-                },
-            ))
+            Ok(Box::new(move |surface: &mut Surface, area: &PlotArea| {
+                labels(surface, area, history);
+                let middle = (series.len() - 1) as f64 / 2.0;
+                for (at, series) in series.iter().enumerate() {
+                    let shift = (at as f64 - middle) * APART;
+                    draw(surface, area, series, shift, style_of(series));
+                }
+            }))
         } else {
             Err("no numbers")
         },
@@ -170,7 +169,7 @@ fn vertical(series: &[Series]) -> PlotAxis {
 }
 
 /// The entries' labels below their numbers, where there is room for them.
-fn labels(surface: &mut dyn Surface, area: &PlotArea, history: &History) {
+fn labels(surface: &mut Surface, area: &PlotArea, history: &History) {
     let room = area.x.place(1.0) - area.x.place(0.0) - 6.0;
     if area.x.high - area.x.low > LABELLED {
         return;
@@ -189,7 +188,7 @@ fn labels(surface: &mut dyn Surface, area: &PlotArea, history: &History) {
     }
 }
 
-fn draw(surface: &mut dyn Surface, area: &PlotArea, series: &Series, shift: f64, style: Style) {
+fn draw(surface: &mut Surface, area: &PlotArea, series: &Series, shift: f64, style: Style) {
     let place = |point: &Point| {
         let mean = point.mean.filter(|mean| !mean.is_nan())?;
         let x = area.x.place(f64::from(point.entry)) + shift;
