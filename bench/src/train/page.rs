@@ -161,14 +161,12 @@ fn losses(log: &Log, count: usize) -> Result<Option<Figure>, TrainError> {
             .collect();
         let shown = Column::reported(name, "", 4, "");
         panels.push(Panel {
-            frame: PanelFrame {
-                title: name.replace('_', " "),
-                remark: String::new(),
-                x: axis.clone(),
-                y: vertical(curves.iter(), &[], &shown),
-                infinity: false,
-                counts: Vec::new(),
-            },
+            frame: PanelFrame::new(
+                name.replace('_', " "),
+                "",
+                axis.clone(),
+                vertical(curves.iter(), &[], &shown),
+            ),
             content: Ok(Box::new(move |surface: &mut Surface, area: &PlotArea| {
                 shade(surface, &curves, area, style(0));
                 curve(surface, &curves, area, style(0));
@@ -177,7 +175,7 @@ fn losses(log: &Log, count: usize) -> Result<Option<Figure>, TrainError> {
     }
     let caption = "Mean over each stretch of steps; shade: ± one sample standard deviation; hollow: a single step. Losses \
                    are before their weights, the gradient's norm before clipping; steps of both stages count on.";
-    Ok(Some(figure("Losses", caption, &[], &panels)?))
+    Ok(Some(figure("Losses", caption, &[], &panels, None)?))
 }
 
 /// Validation scores, one panel per metric.
@@ -201,14 +199,12 @@ fn validated(log: &Log, steps: &BTreeMap<Place, f64>) -> Result<Option<Figure>, 
             let values: Vec<f64> = points.iter().map(|(_, value)| *value).collect();
             let shown = Column::reported(name, "", 3, "");
             Panel {
-                frame: PanelFrame {
-                    title: (*name).to_owned(),
-                    remark: String::new(),
-                    x: PlotAxis::over(STEPS, 0.0, steps.len() as f64, 5),
-                    y: vertical([].iter(), &values, &shown),
-                    infinity: false,
-                    counts: Vec::new(),
-                },
+                frame: PanelFrame::new(
+                    *name,
+                    "",
+                    PlotAxis::over(STEPS, 0.0, steps.len() as f64, 5),
+                    vertical([].iter(), &values, &shown),
+                ),
                 content: Ok(Box::new(move |surface: &mut Surface, area: &PlotArea| {
                     let place = |(x, y): &(f64, f64)| (area.x.place(*x), area.height(*y));
                     let line: Vec<_> = points.iter().map(place).collect();
@@ -226,7 +222,7 @@ fn validated(log: &Log, steps: &BTreeMap<Place, f64>) -> Result<Option<Figure>, 
         return Ok(None);
     }
     let caption = "Mean over the pairs of validation-pairs.csv, none of which is learnt from.";
-    Ok(Some(figure("Validation", caption, &[], &panels)?))
+    Ok(Some(figure("Validation", caption, &[], &panels, None)?))
 }
 
 /// One row per stage that has a step: its number, steps, median seconds per step, hours.

@@ -7,6 +7,8 @@ use crate::report::plots::canvas::{Point, Surface};
 use crate::report::plots::palette::{Marker, Style, stroke, style};
 use crate::report::plots::panels::{Panel, PanelFrame, PlotArea, PlotAxis, figure as draw, point};
 
+use crate::report::plots::scale::finite_range;
+
 use super::experiment::Experiment;
 
 /// One panel a metric; a metric without values says so in its panel. `None` without any value.
@@ -34,12 +36,13 @@ pub fn figure(experiment: &Experiment) -> Result<Option<Figure>, ReportError> {
         let column = Column::from(key);
         Panel {
             frame: PanelFrame {
-                title: column.label.clone(),
-                remark: column.direction_words().to_owned(),
-                x: PlotAxis::over(label, 0.0, farthest * 1.04, 6),
-                y: vertical(&column, &values),
                 infinity: values.iter().any(|v| v.is_infinite()),
-                counts: Vec::new(),
+                ..PanelFrame::new(
+                    &column.label,
+                    column.direction_words(),
+                    PlotAxis::over(label, 0.0, farthest * 1.04, 6),
+                    vertical(&column, &values),
+                )
             },
             content: if values.is_empty() {
                 Err("unavailable")
@@ -74,22 +77,17 @@ pub fn figure(experiment: &Experiment) -> Result<Option<Figure>, ReportError> {
         caption,
         &legend,
         &panels,
+        None,
     )
     .map(Some)
 }
 
 fn vertical(column: &Column, values: &[f64]) -> PlotAxis {
-    let finite = values.iter().filter(|v| v.is_finite());
-    let (low, high) = finite.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), v| {
-        (low.min(*v), high.max(*v))
-    });
     // Distances start at zero, where nothing differs.
-    let low = if column.unit.is_empty() {
-        low.min(0.0)
-    } else {
-        low
-    };
-    let (low, high) = if low > high { (0.0, 1.0) } else { (low, high) };
+    let zero = column.unit.is_empty().then_some(0.0);
+    let range = finite_range(values.iter().copied());
+    let all = range.and_then(|(low, high)| finite_range([low, high].into_iter().chain(zero)));
+    let (low, high) = all.unwrap_or((0.0, 1.0));
     let room = (high - low) * 0.08;
     let below = if low == 0.0 { 0.0 } else { room };
     PlotAxis::over(&column.axis_label(), low - below, high + room, 6)

@@ -13,7 +13,8 @@ use crate::report::error::ReportError;
 use crate::report::plots::Figure;
 use crate::report::plots::canvas::Surface;
 use crate::report::plots::palette::Style;
-use crate::report::plots::panels::{Panel, PanelFrame, PlotArea, PlotAxis, draw, point};
+use crate::report::plots::panels::{self, Panel, PanelFrame, PlotArea, PlotAxis, point};
+use crate::report::plots::scale::finite_range;
 use crate::report::plots::style::FigureStyle;
 use crate::report::speed::lines::SpeedLine;
 use crate::report::statistics::of_metric;
@@ -78,7 +79,7 @@ pub fn figure(
     style: &FigureStyle,
 ) -> Result<Option<Figure>, ReportError> {
     let mut by_speed = BTreeSet::new();
-    let panels: Vec<(&DatasetBoard<'_>, Vec<Placed>)> = board
+    let placed: Vec<(&DatasetBoard<'_>, Vec<Placed>)> = board
         .datasets
         .iter()
         .map(|dataset| {
@@ -102,32 +103,25 @@ pub fn figure(
             (dataset, points.collect())
         })
         .collect();
-    let all = || panels.iter().flat_map(|(_, points)| points);
+    let all = || placed.iter().flat_map(|(_, points)| points);
     if all().next().is_none() {
         return Ok(None);
     }
-    let range = |values: &mut dyn Iterator<Item = f64>| {
-        values
-            .filter(|v| v.is_finite())
-            .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), v| {
-                (low.min(v), high.max(v))
-            })
-    };
-    let (fastest, slowest) = range(&mut all().map(|(_, secs, _)| *secs));
-    let (low, high) = range(&mut all().map(|(_, _, mean)| *mean));
-    let (low, high) = if low <= high { (low, high) } else { (0.0, 1.0) };
-    let room = (high - low) * 0.1;
-    let y = PlotAxis::over(&metric.axis_label(), low - room, high + room, 6);
+    let seconds = finite_range(all().map(|(_, secs, _)| *secs));
+    let (fastest, slowest) = seconds.unwrap_or((1.0, 1.0));
+    let means = all().map(|(_, _, mean)| *mean);
+    let y = PlotAxis::around(&metric.axis_label(), means, 0.1);
     let infinity = all().any(|(_, _, mean)| mean.is_infinite());
     let x = PlotAxis::logarithmic("synthesis time (s a pair)", fastest / 1.6, slowest * 1.6);
-    let drawn = panels.iter().map(|(dataset, points)| Panel {
+    let drawn = placed.iter().map(|(dataset, points)| Panel {
         frame: PanelFrame {
-            title: dataset.dataset.title().to_owned(),
-            remark: metric.direction_words().to_owned(),
-            x: x.clone(),
-            y: y.clone(),
             infinity,
-            counts: Vec::new(),
+            ..PanelFrame::new(
+                dataset.dataset.title(),
+                metric.direction_words(),
+                x.clone(),
+                y.clone(),
+            )
         },
         content: if points.is_empty() {
             Err("no times")
@@ -151,7 +145,7 @@ pub fn figure(
     let measured: Vec<&str> = by_speed.iter().copied().collect();
     let caption = caption(&measured, shown.len());
     let title = format!("{} against synthesis time", metric.label);
-    draw(&title, &caption, &legend, &drawn, Some(style)).map(Some)
+    panels::figure(&title, &caption, &legend, &drawn, Some(style)).map(Some)
 }
 
 /// Explains where the times come from; `by_speed` lists the methods measured by `speed`.

@@ -12,7 +12,7 @@ use super::canvas::{Figure, Surface};
 use super::curves::{Banded, curve, shade, vertical};
 use super::ink::Ink;
 use super::palette::{Style, style};
-use super::panels::{Panel, PanelFrame, PlotArea, PlotAxis, draw, figure};
+use super::panels::{Panel, PanelFrame, PlotArea, PlotAxis, figure};
 use super::style::FigureStyle;
 
 /// Bins of a dataset at most, against a metric and in the histogram.
@@ -64,13 +64,13 @@ pub fn histogram(
     let panel = |dataset: &DatasetBoard<'_>| {
         let baselines = Baselines::new(dataset, &HISTOGRAM_BINS);
         let samples: Vec<(f64, f64)> = baselines.metres.iter().map(|m| (*m, 1.0)).collect();
-        let bars = bins(&samples, &baselines.cuts);
-        let most = bars.iter().map(|b| b.n()).max().unwrap_or(1) as f64;
+        let found = bins(&samples, &baselines.cuts);
+        let most = found.iter().map(|b| b.n()).max().unwrap_or(1) as f64;
         let y = PlotAxis::over("pairs", 0.0, most * 1.06, 5).counting();
         let median = baselines.median();
         let median = median.map_or_else(String::new, |m| format!(", median {m:.3} m"));
-        let draw = Box::new(move |surface: &mut Surface, area: &PlotArea| {
-            for bar in &bars {
+        let bars = Box::new(move |surface: &mut Surface, area: &PlotArea| {
+            for bar in &found {
                 let left = area.x.place(bar.low) + 0.75;
                 let right = (area.x.place(bar.high) - 0.75).max(left + 0.5);
                 let (foot, top) = (area.y.place(0.0), area.y.place(bar.n() as f64));
@@ -81,18 +81,16 @@ pub fn histogram(
             }
         });
         Panel {
-            frame: PanelFrame {
-                title: dataset.dataset.title().to_owned(),
-                remark: format!("{}{median}", counted(samples.len(), "pair")),
-                x: baselines.axis,
+            frame: PanelFrame::new(
+                dataset.dataset.title(),
+                format!("{}{median}", counted(samples.len(), "pair")),
+                baselines.axis,
                 y,
-                infinity: false,
-                counts: Vec::new(),
-            },
+            ),
             content: if samples.is_empty() {
                 Err("no samples")
             } else {
-                Ok(draw)
+                Ok(bars)
             },
         }
     };
@@ -102,7 +100,7 @@ pub fn histogram(
     }
     let title = format!("Histogram of {LABEL}");
     let caption = "Bins include their left edge; each panel has its own scales.";
-    draw(&title, caption, &[], &panels, print).map(Some)
+    figure(&title, caption, &[], &panels, print).map(Some)
 }
 
 /// A metric against the baseline: the mean of each bin as a line, the sample standard deviation as a shade, bins with
@@ -141,12 +139,13 @@ pub fn against_metric(board: &Board<'_>, metric: &Column) -> Result<Option<Figur
     let panels = datasets.iter().zip(&board.datasets);
     let panels = panels.map(|((curves, baselines), dataset)| Panel {
         frame: PanelFrame {
-            title: dataset.dataset.title().to_owned(),
-            remark: counted(baselines.metres.len(), "pair"),
-            x: baselines.axis.clone(),
-            y: y.clone(),
             infinity,
-            counts: Vec::new(),
+            ..PanelFrame::new(
+                dataset.dataset.title(),
+                counted(baselines.metres.len(), "pair"),
+                baselines.axis.clone(),
+                y.clone(),
+            )
         },
         content: if curves.iter().all(Vec::is_empty) {
             Err("no samples")
@@ -172,5 +171,5 @@ pub fn against_metric(board: &Board<'_>, metric: &Column) -> Result<Option<Figur
         metric.direction_words()
     );
     let title = format!("{} against {LABEL}", metric.label);
-    figure(&title, &caption, &legend, &panels).map(Some)
+    figure(&title, &caption, &legend, &panels, None).map(Some)
 }

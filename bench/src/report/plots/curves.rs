@@ -31,13 +31,8 @@ pub fn vertical<'a>(
         let (low, high) = band.unwrap_or((bin.mean, bin.mean));
         [low, high, bin.mean]
     });
-    let values = ends.chain(others.iter().copied()).filter(|v| v.is_finite());
-    let range = values.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), v| {
-        (low.min(v), high.max(v))
-    });
-    let (low, high) = if range.0 > range.1 { (0.0, 1.0) } else { range };
-    let room = (high - low) * 0.06;
-    PlotAxis::over(&metric.axis_label(), low - room, high + room, 6)
+    let values = ends.chain(others.iter().copied());
+    PlotAxis::around(&metric.axis_label(), values, 0.06)
 }
 
 /// The shade over each run of neighbouring bins that have a band; a lone one becomes a bar.

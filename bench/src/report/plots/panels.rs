@@ -5,7 +5,7 @@ use crate::report::error::ReportError;
 use super::canvas::{Anchor, Figure, Lettering, Point, Surface};
 use super::ink::{GRID, INK, Ink, MUTED, PAPER};
 use super::palette::{Style, stroke};
-use super::scale::{Scale, Step, log_ticks};
+use super::scale::{Scale, Step, finite_range, log_ticks};
 use super::style::{FigureStyle, Medium};
 use super::text::{CAP_HEIGHT, Weight, fitted, width, wrapped, wrapped_to};
 
@@ -73,6 +73,13 @@ impl PlotAxis {
         }
     }
 
+    /// An axis with room for all finite values, and a share of their range beyond either end; 0 to 1 without any.
+    pub fn around(label: &str, values: impl IntoIterator<Item = f64>, room: f64) -> Self {
+        let (low, high) = finite_range(values).unwrap_or((0.0, 1.0));
+        let room = (high - low) * room;
+        Self::over(label, low - room, high + room, 6)
+    }
+
     /// The same with ticks at whole numbers only.
     #[must_use]
     pub fn counting(mut self) -> Self {
@@ -108,6 +115,25 @@ pub struct PanelFrame {
     pub counts: Vec<BinCount>,
 }
 
+impl PanelFrame {
+    /// A frame without a place for infinite values and without counts.
+    pub fn new(
+        title: impl Into<String>,
+        remark: impl Into<String>,
+        x: PlotAxis,
+        y: PlotAxis,
+    ) -> Self {
+        Self {
+            title: title.into(),
+            remark: remark.into(),
+            x,
+            y,
+            infinity: false,
+            counts: Vec::new(),
+        }
+    }
+}
+
 /// Samples of a part of the horizontal axis.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct BinCount {
@@ -137,24 +163,11 @@ pub struct Panel<'a> {
     pub content: Result<DrawData<'a>, &'static str>,
 }
 
-/// A figure of panels for the screen, with a legend and a caption.
-///
-/// # Errors
-/// When the drawing library refuses.
-pub fn figure(
-    title: &str,
-    caption: &str,
-    legend: &[(&str, Style)],
-    panels: &[Panel<'_>],
-) -> Result<Figure, ReportError> {
-    draw(title, caption, legend, panels, None)
-}
-
 /// Draws a figure, in print if a style is given; the caption is left out if the style says so.
 ///
 /// # Errors
 /// When the drawing library refuses, or the style has no room for a panel.
-pub fn draw(
+pub fn figure(
     title: &str,
     caption: &str,
     legend: &[(&str, Style)],

@@ -84,6 +84,15 @@ impl Step {
     }
 }
 
+/// The least and the largest of the finite values.
+pub fn finite_range(values: impl IntoIterator<Item = f64>) -> Option<(f64, f64)> {
+    let finite = values.into_iter().filter(|value| value.is_finite());
+    finite.fold(None, |range, value| match range {
+        None => Some((value, value)),
+        Some((low, high)) => Some((value.min(low), value.max(high))),
+    })
+}
+
 /// Powers of ten within `low..=high`, and where these are fewer than three twice and five times them too; none
 /// where the range is not one of positive numbers.
 pub fn log_ticks(low: f64, high: f64) -> Vec<f64> {

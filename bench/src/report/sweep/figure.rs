@@ -9,7 +9,7 @@ use crate::report::plots::canvas::{Figure, Surface};
 use crate::report::plots::curves::{Banded, curve, shade, vertical};
 use crate::report::plots::ink::Ink;
 use crate::report::plots::palette::{Marker, Style, stroke};
-use crate::report::plots::panels::{BinCount, Panel, PanelFrame, PlotArea, PlotAxis, draw};
+use crate::report::plots::panels::{self, BinCount, Panel, PanelFrame, PlotArea, PlotAxis};
 use crate::report::plots::style::FigureStyle;
 
 const LIMIT: Ink = Ink::opaque(0x57, 0x60, 0x6A);
@@ -55,16 +55,18 @@ fn figure(
         }
     }
     let shown = sweep.panels.iter().filter(|panel| has(panel, k));
-    let panels = shown.map(|panel| {
+    let drawn = shown.map(|panel| {
         let limits = &limits;
         Panel {
             frame: PanelFrame {
-                title: panel.split.clone(),
-                remark: remark(panel),
-                x: horizontal(sweep.spec.x, panel, k),
-                y: y.clone(),
                 infinity,
                 counts: counts(panel, k),
+                ..PanelFrame::new(
+                    &panel.split,
+                    remark(panel),
+                    horizontal(sweep.spec.x, panel, k),
+                    y.clone(),
+                )
             },
             content: Ok(Box::new(move |surface: &mut Surface, area: &PlotArea| {
                 let lines = panel.lines.iter().map(|line| {
@@ -103,13 +105,13 @@ fn figure(
             })),
         }
     });
-    let panels: Vec<Panel<'_>> = panels.collect();
+    let drawn: Vec<Panel<'_>> = drawn.collect();
     let title = format!("{} against {}", metric.label, sweep.spec.x.label());
-    draw(
+    panels::figure(
         &title,
         &caption(sweep, k, metric),
         &legend,
-        &panels,
+        &drawn,
         Some(style),
     )
 }

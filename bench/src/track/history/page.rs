@@ -91,12 +91,13 @@ fn plot(history: &History, series: &[Series]) -> Result<Figure, ReportError> {
     let panels = series.chunk_by(|one, other| one.dataset == other.dataset);
     let panels = panels.map(|series| Panel {
         frame: PanelFrame {
-            title: series[0].dataset.clone(),
-            remark: String::new(),
-            x: horizontal(history),
-            y: vertical(series),
             infinity: points(series).any(|point| point.mean.is_some_and(f64::is_infinite)),
-            counts: Vec::new(),
+            ..PanelFrame::new(
+                &series[0].dataset,
+                "",
+                horizontal(history),
+                vertical(series),
+            )
         },
         content: if points(series).any(|point| point.mean.is_some_and(|mean| !mean.is_nan())) {
             Ok(Box::new(move |surface: &mut Surface, area: &PlotArea| {
@@ -130,6 +131,7 @@ fn plot(history: &History, series: &[Series]) -> Result<Figure, ReportError> {
         &caption,
         &legend,
         &panels,
+        None,
     )
 }
 
@@ -154,18 +156,7 @@ fn horizontal(history: &History) -> PlotAxis {
 
 fn vertical(series: &[Series]) -> PlotAxis {
     let values = points(series).flat_map(|point| [point.mean, point.ci_low, point.ci_high]);
-    let values = values.flatten().filter(|value| value.is_finite());
-    let (low, high) = values.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), value| {
-        (low.min(value), high.max(value))
-    });
-    let label = series[0].metric.axis_label();
-    match low <= high {
-        true => {
-            let room = (high - low) * 0.1;
-            PlotAxis::over(&label, low - room, high + room, 6)
-        }
-        false => PlotAxis::over(&label, 0.0, 1.0, 6),
-    }
+    PlotAxis::around(&series[0].metric.axis_label(), values.flatten(), 0.1)
 }
 
 /// The entries' labels below their numbers, where there is room for them.
