@@ -42,6 +42,8 @@ pub mod view_maps;
 pub mod write;
 
 #[cfg(test)]
+pub(crate) mod test_results;
+#[cfg(test)]
 mod tests;
 
 pub use board::{Board, ReportDataset, ReportMethod};

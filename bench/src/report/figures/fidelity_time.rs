@@ -172,6 +172,7 @@ mod tests {
     use super::*;
     use crate::evaluate::record::{Record, Score};
     use crate::evaluate::test_records::record;
+    use crate::report::test_results::results;
 
     #[test]
     fn methods_without_times_are_left_out_and_hostile_names_escaped() {
@@ -180,8 +181,8 @@ mod tests {
             scores: [("psnr".to_owned(), Score::Value(20.0))].into(),
             ..record("d", 0, 0)
         };
-        let records = [scored("<b>&"), scored("untimed")];
-        let board = Board::new(&records, &[], &[]).unwrap();
+        let results = results(&[MetricKey::PSNR], vec![scored("<b>&"), scored("untimed")]);
+        let board = Board::of(&results).unwrap();
         let psnr = Column::from(MetricKey::PSNR);
         let style = FigureStyle::default();
         let alone = SpeedSeconds::default();
@@ -198,7 +199,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let row = |what: &str, secs: &str| format!("untimed,d,,{what},1,{secs},1,1,1,1\n");
         let text = format!(
-            "{CSV_HEAD}\n{}{}{}",
+            "method,dataset,format,quantity,n,median,a,b,c,d\n{}{}{}",
             row("inference_secs", "2"),
             row("render_secs", "0.5"),
             row("tiles", "9")

@@ -1,25 +1,25 @@
 use std::path::Path;
 
-use super::grid::{csv, with_rows};
+use super::grid::with_rows;
 use super::rows::OwnRows;
 use crate::evaluate::Results;
 use crate::evaluate::manifest::{ListOrigin, ListRecord};
 use crate::evaluate::record::{Record, Score, Status};
 use crate::evaluate::test_records::{manifest, record};
-use crate::report::tables::{Condition, Table, html::html, latex, markdown, text};
+use crate::report::tables::csv::csv_of;
+use crate::report::tables::{Condition, Table};
 
 use super::*;
 
 #[test]
 fn datasets_are_recognised_by_format_or_display_name() {
-    let at = |name: &str| column(&ReportDataset::named(name));
+    let at = |name: &str| column(&ReportDataset::of(name, ""));
     assert_eq!(at("middlebury"), Some("Middlebury"));
     assert_eq!(at("scannetpp"), Some("ScanNet++"));
     assert_eq!(at("ScanNet++"), Some("ScanNet++"));
     assert_eq!(at("tanks-and-temples"), Some("Tanks and Temples"));
     assert_eq!(at("synthetic"), None);
-    let mut eth3d = ReportDataset::named("my-eth");
-    eth3d.format = Some("eth3d".into());
+    let mut eth3d = ReportDataset::of("my-eth", "eth3d");
     assert_eq!((column(&eth3d), eth3d.title()), (Some("ETH3D"), "my-eth"));
     eth3d.name = "eth3d".into();
     assert_eq!(eth3d.title(), "ETH3D");
@@ -163,13 +163,13 @@ fn ties_gaps_and_infinities_stand_as_they_are() {
 fn every_form_is_as_it_was() {
     let (table, paper) = (mixed(), published("psnr-ssim").unwrap());
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("src/report/paper/snapshots");
-    let csv = String::from_utf8(csv(paper, &table).unwrap()).unwrap();
+    let csv = String::from_utf8(csv_of(numbers(paper, &table)).unwrap()).unwrap();
     for (name, form) in [
-        ("mixed.txt", text::text(&table)),
-        ("mixed.md", markdown::markdown(&table)),
+        ("mixed.txt", table.text()),
+        ("mixed.md", table.markdown()),
         ("mixed.csv", csv),
-        ("mixed.tex", latex::latex(&table)),
-        ("mixed.html", html(&table, "mixed").unwrap()),
+        ("mixed.tex", table.latex()),
+        ("mixed.html", table.html("mixed").unwrap()),
     ] {
         let path = folder.join(name);
         if std::env::var_os("SHARP_BENCH_BLESS").is_some() {

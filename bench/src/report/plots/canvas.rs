@@ -78,7 +78,7 @@ pub(super) enum Shape {
 
 /// A drawing in the making.
 #[derive(Debug, Default)]
-pub struct Surface(Vec<Shape>);
+pub struct Surface(pub(super) Vec<Shape>);
 
 impl Surface {
     /// An open line.

@@ -83,30 +83,18 @@ pub fn curve(surface: &mut Surface, bins: &[Banded], area: &PlotArea, style: Sty
 mod tests {
     use super::*;
     use crate::report::plots::bins::{Binning, bins};
-    use crate::report::plots::canvas::Lettering;
-    use crate::report::plots::ink::Ink;
+    use crate::report::plots::canvas::Shape;
     use crate::report::plots::palette::style;
-    use crate::report::plots::scale::Scale;
+    use crate::report::plots::scale::{Scale, finite_range};
 
-    /// Notes what is drawn: points of lines, corners of polygons.
-    #[derive(Default)]
-    struct Drawn {
-        lines: Vec<Vec<Point>>,
-        polygons: Vec<Vec<Point>>,
-    }
-
-    impl Surface for Drawn {
-        fn line(&mut self, points: &[Point], _width: f64, _ink: Ink) {
-            self.lines.push(points.to_vec());
-        }
-
-        fn polygon(&mut self, points: &[Point], _ink: Ink) {
-            self.polygons.push(points.to_vec());
-        }
-
-        fn disc(&mut self, _centre: Point, _radius: f64, _ink: Ink) {}
-
-        fn text(&mut self, _text: &str, _at: Point, _lettering: Lettering) {}
+    /// From where to where each line or polygon reaches.
+    fn ends(surface: &Surface) -> Vec<(f64, f64)> {
+        let shapes = surface.0.iter().filter_map(|shape| match shape {
+            Shape::Line(points, ..) | Shape::Polygon(points, _) => Some(points),
+            _ => None,
+        });
+        let ends = shapes.map(|points| finite_range(points.iter().map(|p| p.0)).unwrap());
+        ends.collect()
     }
 
     #[test]
@@ -132,20 +120,12 @@ mod tests {
             y: same(0.0, 10.0, 0.0, 10.0),
             infinity: 11.0,
         };
-        let mut drawn = Drawn::default();
-        curve(&mut drawn, &found, &area, style(0));
-        let ends = |lines: &[Vec<Point>]| -> Vec<(f64, f64)> {
-            let xs = |line: &Vec<Point>| -> Vec<f64> { line.iter().map(|p| p.0).collect() };
-            let least = |v: &[f64]| v.iter().copied().fold(f64::INFINITY, f64::min);
-            let most = |v: &[f64]| v.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-            lines
-                .iter()
-                .map(|l| (least(&xs(l)), most(&xs(l))))
-                .collect()
-        };
-        assert_eq!(ends(&drawn.lines), [(0.0, 1.0), (3.0, 7.0)]);
-        let mut drawn = Drawn::default();
-        shade(&mut drawn, &found, &area, style(0));
-        assert_eq!(ends(&drawn.polygons), [(0.0, 1.0), (3.0, 6.0), (4.0, 14.0)]);
+        let mut lines = Surface::default();
+        curve(&mut lines, &found, &area, style(0));
+        lines.0.retain(|shape| matches!(shape, Shape::Line(..)));
+        assert_eq!(ends(&lines), [(0.0, 1.0), (3.0, 7.0)]);
+        let mut shades = Surface::default();
+        shade(&mut shades, &found, &area, style(0));
+        assert_eq!(ends(&shades), [(0.0, 1.0), (3.0, 6.0), (4.0, 14.0)]);
     }
 }

@@ -533,7 +533,7 @@ mod tests {
             font_pt,
             ..FigureStyle::default()
         };
-        let of = |style| draw("t", "c", &[], &[], Some(&style)).map_err(|e| e.to_string());
+        let of = |style| figure("t", "c", &[], &[], Some(&style)).map_err(|e| e.to_string());
         let error = of(style(20.0, 40.0)).unwrap_err();
         assert!(
             error.contains("width_mm") && error.contains("40 pt"),

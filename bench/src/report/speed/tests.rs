@@ -114,7 +114,7 @@ fn the_table_has_medians_and_says_why_a_cell_is_empty() {
         "512",
     ];
     assert_eq!(row, expected);
-    let csv = tables::csv(&measured);
+    let csv = String::from_utf8(tables::csv(&measured).unwrap()).unwrap();
     let lines: Vec<&str> = csv.lines().collect();
     assert_eq!(
         lines[1],

@@ -92,22 +92,10 @@ impl Sweep {
     /// # Errors
     /// When they contradict each other, or lack a metric or method that was named.
     pub fn of(results: &Results, spec: SweepSpec) -> Result<Self, ReportError> {
-        let board = Board::of(results)?;
+        let board = &Board::of(results)?;
         let privileged = results.manifest.methods.iter();
         let privileged = privileged.filter(|m| m.privilege != Privilege::None);
-        let privileged = privileged.map(|m| m.label.as_str()).collect();
-        Self::new(&board, &privileged, spec)
-    }
-
-    /// The sweep of a board whose methods of these labels are privileged.
-    ///
-    /// # Errors
-    /// When a metric or method that was named is not there.
-    pub fn new(
-        board: &Board<'_>,
-        privileged: &BTreeSet<&str>,
-        spec: SweepSpec,
-    ) -> Result<Self, ReportError> {
+        let privileged: BTreeSet<&str> = privileged.map(|m| m.label.as_str()).collect();
         let metrics = Column::chosen(&board.metrics, &spec.metrics)?;
         for threshold in &spec.thresholds {
             Column::chosen(&metrics, &[threshold.metric])?;
