@@ -4,7 +4,6 @@ use sharp_metrics::Direction;
 
 use super::board::{Board, PairBoard};
 use super::column::Column;
-use super::statistics;
 
 /// At most `limit` pairs with the positions of their datasets: the same number from each dataset as far as they have
 /// them; from each, first half of the share by the largest `badness`, then the others: evenly through the rest, or those
@@ -86,7 +85,7 @@ pub(super) fn badness(board: &Board<'_>, pair: &PairBoard<'_>, metrics: &[Column
             .filter_map(|(record, _)| (*record)?.scores.get(&metric.key)?.value())
             .filter(|v| v.is_finite())
             .collect();
-        Some(sign * statistics::mean(&values)?)
+        Some(sign * sharp_statistics::mean(&values)?)
     };
     metrics.iter().find_map(mean_of).unwrap_or(0.0)
 }

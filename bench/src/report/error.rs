@@ -1,5 +1,7 @@
 //! Errors of a report.
 
+use sharp_plots::PlotError;
+
 use crate::evaluate::EvaluateError;
 use crate::io::atomic_files::FileError;
 
@@ -31,9 +33,9 @@ pub enum ReportError {
     /// Of another number of methods this figure cannot be made.
     #[error("this figure shows one method: name it with --method")]
     NotOneMethod,
-    /// The drawing library or an encoder refused, or there is nothing to draw or no room for it.
-    #[error("plot '{plot}': {reason}")]
-    Plot { plot: String, reason: String },
+    /// A figure cannot be made.
+    #[error(transparent)]
+    Plot(#[from] PlotError),
     /// A table could not be written as CSV.
     #[error("a table cannot be encoded: {0}")]
     Encode(#[from] csv::Error),

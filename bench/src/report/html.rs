@@ -24,11 +24,11 @@ use super::gallery::{self, Gallery, PictureKind};
 use super::options::{Layout, ReportOptions};
 use super::page_data;
 use super::pictures::ReportPictures;
-use super::plots::Figure;
-use super::plots::ink::{GRID, INK, MUTED, PAPER};
-use super::plots::palette::style;
 use super::tables::Table;
 use super::write::withheld;
+use sharp_plots::Figure;
+use sharp_plots::ink::{GRID, INK, MUTED, PAPER};
+use sharp_plots::palette::style;
 
 pub(crate) const STYLE: &str = include_str!("../../templates/style.css");
 /// Tables, then the cards of the pairs, then the large view.

@@ -10,7 +10,7 @@ use super::gallery::{self, GalleryPair, Pictures};
 use super::html::{Page, without_tags};
 use super::options::Layout;
 use super::pictures::Thumbnail;
-use super::plots::palette::style;
+use sharp_plots::palette::style;
 
 /// JSON that can stand in a `script` element: it holds no `<`, and nothing that a reader's program would obey.
 pub(super) fn json(page: &Page<'_>) -> String {

@@ -25,8 +25,9 @@ use super::markdown;
 use super::options::{Layout, ReportOptions};
 use super::paper;
 use super::pictures::ReportPictures;
-use super::plots::{Figure, baselines};
+use super::plots;
 use super::tables::{Table, build, remarks};
+use sharp_plots::Figure;
 
 /// Files of a report.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -325,11 +326,11 @@ fn pairs_here(board: &Board<'_>) -> Option<String> {
 fn figures(metrics: &[Column], board: &Board<'_>) -> Result<Vec<(String, Figure)>, ReportError> {
     let mut figures = Vec::new();
     for metric in metrics {
-        if let Some(figure) = baselines::against_metric(board, metric)? {
+        if let Some(figure) = plots::against_metric(board, metric)? {
             figures.push((format!("motion-{}", metric.slug()), figure));
         }
     }
-    if let Some(figure) = baselines::histogram(board, None)? {
+    if let Some(figure) = plots::histogram(board, None)? {
         figures.push(("baselines".into(), figure));
     }
     Ok(figures)

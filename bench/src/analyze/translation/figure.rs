@@ -1,13 +1,13 @@
 //! Each metric against the shift, with the mean image as the line that no small shift should reach.
 
 use crate::report::column::Column;
-use crate::report::error::ReportError;
-use crate::report::plots::Figure;
-use crate::report::plots::canvas::{Point, Surface};
-use crate::report::plots::palette::{Marker, Style, stroke, style};
-use crate::report::plots::panels::{Panel, PanelFrame, PlotArea, PlotAxis, figure as draw, point};
+use sharp_plots::Figure;
+use sharp_plots::PlotError;
+use sharp_plots::canvas::{Point, Surface};
+use sharp_plots::palette::{Marker, Style, stroke, style};
+use sharp_plots::panels::{Panel, PanelFrame, PlotArea, PlotAxis, figure as draw, point};
 
-use crate::report::plots::scale::finite_range;
+use sharp_plots::scale::finite_range;
 
 use super::experiment::Experiment;
 
@@ -15,7 +15,7 @@ use super::experiment::Experiment;
 ///
 /// # Errors
 /// When the drawing library refuses.
-pub fn figure(experiment: &Experiment) -> Result<Option<Figure>, ReportError> {
+pub fn figure(experiment: &Experiment) -> Result<Option<Figure>, PlotError> {
     let label = "translation (% of the width)";
     let moved_style = style(0);
     let mean_style = Style {

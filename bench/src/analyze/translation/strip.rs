@@ -5,8 +5,8 @@ use image::{Rgb, RgbImage, imageops};
 use super::experiment::Experiment;
 use crate::report::column::Column;
 use crate::report::pictures::{fitted, reduced};
-use crate::report::plots::ink::{INK, MUTED};
-use crate::report::plots::text::{Weight, write};
+use sharp_plots::ink::{INK, MUTED};
+use sharp_plots::text::{Weight, write};
 
 /// Longest side of a picture, pixels.
 const TILE: u32 = 440;

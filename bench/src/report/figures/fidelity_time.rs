@@ -9,15 +9,15 @@ use crate::io::atomic_files::FileError;
 use crate::pairs::valid_depth::median_of;
 use crate::report::board::{Board, DatasetBoard};
 use crate::report::column::Column;
-use crate::report::error::ReportError;
-use crate::report::plots::Figure;
-use crate::report::plots::canvas::Surface;
-use crate::report::plots::palette::Style;
-use crate::report::plots::panels::{self, Panel, PanelFrame, PlotArea, PlotAxis, point};
-use crate::report::plots::scale::finite_range;
-use crate::report::plots::style::FigureStyle;
 use crate::report::speed::lines::SpeedLine;
 use crate::report::statistics::of_metric;
+use sharp_plots::Figure;
+use sharp_plots::PlotError;
+use sharp_plots::canvas::Surface;
+use sharp_plots::palette::Style;
+use sharp_plots::panels::{self, Panel, PanelFrame, PlotArea, PlotAxis, point};
+use sharp_plots::scale::finite_range;
+use sharp_plots::style::FigureStyle;
 
 /// Seconds by label of the method and pair id.
 pub type Seconds = BTreeMap<String, BTreeMap<String, f64>>;
@@ -77,7 +77,7 @@ pub fn figure(
     seconds: &Seconds,
     speed: &SpeedSeconds,
     style: &FigureStyle,
-) -> Result<Option<Figure>, ReportError> {
+) -> Result<Option<Figure>, PlotError> {
     let mut by_speed = BTreeSet::new();
     let placed: Vec<(&DatasetBoard<'_>, Vec<Placed>)> = board
         .datasets

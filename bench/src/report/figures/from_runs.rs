@@ -15,9 +15,10 @@ use crate::report::board::Board;
 use crate::report::column::Column;
 use crate::report::error::ReportError;
 use crate::report::pictures::ReportPictures;
-use crate::report::plots::style::FigureStyle;
-use crate::report::plots::{Figure, baselines};
+use crate::report::plots;
 use crate::scoring::Region;
+use sharp_plots::Figure;
+use sharp_plots::style::FigureStyle;
 
 /// Contents of a sheet for its pairs.
 #[derive(Debug, Clone, Default, clap::Args)]
@@ -116,7 +117,7 @@ fn methods(board: &Board<'_>, names: &[String]) -> Result<Vec<usize>, ReportErro
 /// When the results contradict each other, or the style has no room for a plot.
 pub fn baselines(results: &Results, style: &FigureStyle) -> Result<Option<Figure>, ReportError> {
     let board = Board::of(results)?;
-    baselines::histogram(&board, Some(style))
+    Ok(plots::histogram(&board, Some(style))?)
 }
 
 /// A metric against seconds per pair, from `speed` where it measured the method; `None` where no method has both.
@@ -132,5 +133,7 @@ pub fn fidelity_time(
     let board = Board::of(results)?;
     let metric = Column::chosen(&board.metrics, &[metric])?.remove(0);
     let seconds = fidelity_time::seconds(results)?;
-    fidelity_time::figure(&board, &metric, &seconds, speed, style)
+    Ok(fidelity_time::figure(
+        &board, &metric, &seconds, speed, style,
+    )?)
 }

@@ -3,17 +3,18 @@
 use std::path::{Path, PathBuf};
 
 use image::{Rgb, RgbImage, imageops};
+use sharp_plots::PlotError;
 
 use crate::io::atomic_files::write_over_own;
 use crate::report::error::{MissingPicture, ReportError};
 use crate::report::pictures::{fitted, reduced};
-use crate::report::plots::canvas::MARK;
-use crate::report::plots::ink::{INK, Ink, MUTED};
-use crate::report::plots::palette::COLOURS;
-use crate::report::plots::png;
-use crate::report::plots::style::FigureStyle;
-use crate::report::plots::text::{self, Weight};
+use crate::report::plots::MARK;
 use crate::scoring::Region;
+use sharp_plots::ink::{INK, Ink, MUTED};
+use sharp_plots::palette::COLOURS;
+use sharp_plots::png;
+use sharp_plots::style::FigureStyle;
+use sharp_plots::text::{self, Weight};
 
 /// Lines of a head over a column, and of the reason why there is no picture.
 const HEAD_LINES: usize = 2;
@@ -163,10 +164,7 @@ impl Sheet {
         stem: &str,
         style: &FigureStyle,
     ) -> Result<PathBuf, ReportError> {
-        let failed = |reason: String| ReportError::Plot {
-            plot: stem.to_owned(),
-            reason,
-        };
+        let failed = |reason: String| PlotError::new(stem, reason);
         let medium = SheetMedium::print(style, self.columns()).map_err(failed)?;
         let bytes = self.png(&medium)?.ok_or_else(|| {
             let reason = self.problems().into_iter().next();
@@ -186,10 +184,8 @@ impl Sheet {
         let bytes = self
             .draw(medium)
             .map(|picture| png::encode(&picture, medium.dpi));
-        bytes.transpose().map_err(|error| ReportError::Plot {
-            plot: "a sheet of pictures".into(),
-            reason: error.to_string(),
-        })
+        let failed = |error| PlotError::new("a sheet of pictures", error).into();
+        bytes.transpose().map_err(failed)
     }
 
     /// The sheet as a picture; `None` without any picture in it.

@@ -4,13 +4,13 @@ use super::study::{CrossingRule, Sweep, SweepBin, SweepPanel};
 use super::{Band, Motion};
 use crate::io::counts::counted;
 use crate::report::column::Column;
-use crate::report::error::ReportError;
-use crate::report::plots::canvas::{Figure, Surface};
-use crate::report::plots::curves::{Banded, curve, shade, vertical};
-use crate::report::plots::ink::Ink;
-use crate::report::plots::palette::{Marker, Style, stroke};
-use crate::report::plots::panels::{self, BinCount, Panel, PanelFrame, PlotArea, PlotAxis};
-use crate::report::plots::style::FigureStyle;
+use sharp_plots::PlotError;
+use sharp_plots::canvas::{Figure, Surface};
+use sharp_plots::curves::{Banded, curve, shade, vertical};
+use sharp_plots::ink::Ink;
+use sharp_plots::palette::{Marker, Style, stroke};
+use sharp_plots::panels::{self, BinCount, Panel, PanelFrame, PlotArea, PlotAxis};
+use sharp_plots::style::FigureStyle;
 
 const LIMIT: Ink = Ink::opaque(0x57, 0x60, 0x6A);
 const MARK: f64 = 5.0;
@@ -19,7 +19,7 @@ const MARK: f64 = 5.0;
 ///
 /// # Errors
 /// When the drawing library refuses.
-pub fn figures(sweep: &Sweep, style: &FigureStyle) -> Result<Vec<(Column, Figure)>, ReportError> {
+pub fn figures(sweep: &Sweep, style: &FigureStyle) -> Result<Vec<(Column, Figure)>, PlotError> {
     let mut figures = Vec::new();
     for (k, metric) in sweep.metrics.iter().enumerate() {
         if all(sweep, k).next().is_some() {
@@ -40,13 +40,13 @@ fn figure(
     k: usize,
     metric: &Column,
     style: &FigureStyle,
-) -> Result<Figure, ReportError> {
+) -> Result<Figure, PlotError> {
     let limits = sweep.spec.thresholds.iter();
     let limits: Vec<f64> = limits
         .filter(|limit| limit.metric.to_string() == metric.key)
         .map(|limit| limit.value)
         .collect();
-    let y = vertical(all(sweep, k), &limits, metric);
+    let y = vertical(all(sweep, k), &limits, &metric.axis_label());
     let infinity = all(sweep, k).any(|banded| banded.bin.mean.is_infinite());
     let mut legend: Vec<(&str, Style)> = Vec::new();
     for line in sweep.panels.iter().flat_map(|panel| &panel.lines) {

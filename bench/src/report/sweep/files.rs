@@ -9,8 +9,8 @@ use crate::io::atomic_files::{remove_own, write_all_over_own};
 use crate::io::text::csv_text;
 use crate::report::column::slug;
 use crate::report::error::ReportError;
-use crate::report::plots::canvas;
-use crate::report::plots::style::FigureStyle;
+use crate::report::plots;
+use sharp_plots::style::FigureStyle;
 
 /// Files written to a folder.
 #[derive(Debug)]
@@ -33,7 +33,11 @@ pub fn write(
 ) -> Result<SweepFiles, ReportError> {
     let mut files = Vec::new();
     for (metric, figure) in figure::figures(sweep, style)? {
-        files.extend(figure.files(out, &format!("{stem}-{}", metric.slug())));
+        files.extend(plots::files(
+            figure,
+            out,
+            &format!("{stem}-{}", metric.slug()),
+        ));
     }
     let named = |end: &str| out.join(format!("{stem}{end}"));
     let tex = table::latex(sweep).into_bytes();
@@ -63,7 +67,7 @@ fn earlier(out: &Path, stem: &str) -> BTreeMap<PathBuf, &'static str> {
     let mut files = BTreeMap::from([(named("-crossings.csv"), table::CROSSINGS)]);
     let metrics = rows.records().flatten();
     let metrics = metrics.filter_map(|row| Some(slug(csv_text(row.get(place?)?))));
-    let names = metrics.flat_map(|metric| canvas::FORMS.map(|form| format!("-{metric}.{form}")));
-    files.extend(names.map(|name| (named(&name), canvas::MARK)));
+    let names = metrics.flat_map(|metric| plots::FORMS.map(|form| format!("-{metric}.{form}")));
+    files.extend(names.map(|name| (named(&name), plots::MARK)));
     files
 }

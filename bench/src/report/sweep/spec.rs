@@ -5,7 +5,7 @@ use std::str::FromStr;
 use sharp_metrics::MetricKey;
 
 use super::Motion;
-use crate::report::plots::bins::Binning;
+use sharp_plots::bins::Binning;
 
 /// Meaning of the shaded band around a mean.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, clap::ValueEnum)]

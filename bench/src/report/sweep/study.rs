@@ -13,8 +13,8 @@ use crate::methods::Privilege;
 use crate::report::board::{Board, DatasetBoard};
 use crate::report::column::Column;
 use crate::report::error::ReportError;
-use crate::report::plots::bins::{Cuts, bins};
-use crate::report::plots::curves::Banded;
+use sharp_plots::bins::{Cuts, bins};
+use sharp_plots::curves::Banded;
 
 /// Scores against a motion, ready to be drawn and written.
 #[derive(Debug, Clone, PartialEq)]

@@ -8,10 +8,10 @@ use super::Band;
 use super::study::{CrossingRule, FoundCrossing, Sweep, SweepBin, SweepPanel};
 use crate::evaluate::results::number;
 use crate::report::column::Column;
-use crate::report::plots::bins::Bin;
 use crate::report::tables;
 use crate::report::tables::csv::{optional, text};
 use crate::report::tables::latex::{escape, noted};
+use sharp_plots::bins::Bin;
 
 /// The columns of the table of bins.
 pub(super) const COLUMNS: &str =

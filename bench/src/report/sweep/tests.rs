@@ -8,8 +8,8 @@ use crate::evaluate::Results;
 use crate::evaluate::record::{Record, Score, Status};
 use crate::evaluate::test_records::record;
 use crate::methods::Privilege;
-use crate::report::plots::style::FigureStyle;
 use crate::report::test_results;
+use sharp_plots::style::FigureStyle;
 
 const DATASET: &str = "d_1 & co";
 const HOSTILE: &str = "<script>=100 %";

@@ -7,7 +7,8 @@ use crate::evaluate::record::{Record, Status};
 use crate::report::board::{DatasetBoard, ReportDataset, ReportMethod};
 use crate::report::column::Column;
 use crate::report::paper;
-use crate::report::statistics::{CellStatistics, mean};
+use crate::report::statistics::CellStatistics;
+use sharp_statistics::mean;
 
 use super::shown;
 

@@ -18,6 +18,8 @@ pub mod rank;
 pub(super) mod remarks;
 pub mod text;
 
+pub use sharp_plots::scale::shown;
+
 use super::column::Column;
 use crate::io::text::visible_line;
 
@@ -284,21 +286,6 @@ fn spans(note: &str) -> Vec<(bool, &str)> {
     parts.map(|(i, part)| (i % 2 == 1, part)).collect()
 }
 
-/// A number as a table shows it: rounded to the nearest decimal, `∞` for infinity, no negative zero.
-pub fn shown(value: f64, decimals: usize) -> String {
-    if value.is_nan() {
-        return "nan".into();
-    }
-    if value.is_infinite() {
-        return if value > 0.0 { "∞" } else { "−∞" }.into();
-    }
-    let text = format!("{value:.decimals$}");
-    match text.strip_prefix('-') {
-        Some(digits) if digits.bytes().all(|c| matches!(c, b'0' | b'.')) => digits.into(),
-        _ => text,
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -307,15 +294,5 @@ mod tests {
     fn footnotes_count_like_a_spreadsheet() {
         let letters: Vec<_> = [0, 25, 26, 51, 52, 701, 702].map(letter).into();
         assert_eq!(letters, ["a", "z", "aa", "az", "ba", "zz", "aaa"]);
-    }
-
-    #[test]
-    fn numbers_are_rounded_without_negative_zero() {
-        assert_eq!(shown(0.0965, 3), "0.097"); // 0.0965 is stored as 0.09650000000000000022
-        assert_eq!(shown(-0.0004, 3), "0.000");
-        assert_eq!(shown(-0.5, 0), "0"); // halves go to even
-        assert_eq!(shown(-1.26, 1), "-1.3");
-        assert_eq!(shown(f64::INFINITY, 2), "∞");
-        assert_eq!(shown(f64::NAN, 2), "nan");
     }
 }

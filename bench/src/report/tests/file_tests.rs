@@ -6,7 +6,7 @@ use crate::evaluate::record::Crop;
 use crate::report::error_map::colour;
 use crate::report::figures::qualitative;
 use crate::report::gallery::{Gallery, PictureKind, Pictures};
-use crate::report::plots::baselines;
+use crate::report::plots;
 use crate::scoring::Region;
 
 use super::*;
@@ -99,7 +99,7 @@ fn plots_exist_for_one_sample_for_none_and_for_infinity() {
     let figure = |records: &[Record]| {
         let results = psnr(records.to_vec());
         let board = Board::of(&results).unwrap();
-        baselines::against_metric(&board, &board.metrics[0]).unwrap()
+        plots::against_metric(&board, &board.metrics[0]).unwrap()
     };
     assert_eq!(figure(&[]), None);
     assert_eq!(figure(&[record("d", "p", "m", 0.1, &[])]), None);
@@ -118,7 +118,7 @@ fn plots_exist_for_one_sample_for_none_and_for_infinity() {
     assert!(figure(&[far, record("d", "q", "m", f64::NAN, &[("psnr", 1.0)])]).is_some());
     let empty = psnr(Vec::new());
     let board = Board::of(&empty).unwrap();
-    assert_eq!(baselines::histogram(&board, None).unwrap(), None);
+    assert_eq!(plots::histogram(&board, None).unwrap(), None);
 }
 
 #[test]

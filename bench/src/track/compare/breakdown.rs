@@ -13,8 +13,8 @@ use sharp_statistics::infer;
 use super::rows::clusters;
 use super::{Against, PairChange, RunComparison};
 use crate::evaluate::record::Record;
-use crate::report::plots::scale::Step;
 use crate::report::sweep::Motion;
+use sharp_plots::scale::Step;
 
 /// Bins of a quantity at most.
 const BINS: usize = 5;

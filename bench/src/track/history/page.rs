@@ -7,14 +7,13 @@ use crate::evaluate::Occasion;
 use crate::io::text::visible;
 use crate::report::ReportError;
 use crate::report::html::{STYLE, VERSION, themed};
-use crate::report::plots::Figure;
-use crate::report::plots::canvas::{Anchor, Lettering, Surface};
-use crate::report::plots::ink::{INK, MUTED, PAPER};
-use crate::report::plots::palette::{Marker, Style, stroke, style};
-use crate::report::plots::panels::{
-    MARKER, Panel, PanelFrame, PlotArea, PlotAxis, figure, point as marker,
-};
-use crate::report::plots::text::{Weight, fitted};
+use sharp_plots::Figure;
+use sharp_plots::PlotError;
+use sharp_plots::canvas::{Anchor, Lettering, Surface};
+use sharp_plots::ink::{INK, MUTED, PAPER};
+use sharp_plots::palette::{Marker, Style, stroke, style};
+use sharp_plots::panels::{MARKER, Panel, PanelFrame, PlotArea, PlotAxis, figure, point as marker};
+use sharp_plots::text::{Weight, fitted};
 use sharp_statistics::Verdict;
 
 /// Font size of the labels below the axis, CSS pixels.
@@ -55,7 +54,7 @@ impl HistoryPage<'_> {
 pub fn html(history: &History, title: &str) -> Result<String, ReportError> {
     let of_metric = |one: &Series, other: &Series| one.metric.key == other.metric.key;
     let figures = history.series.chunk_by(of_metric);
-    let figures: Result<Vec<Figure>, ReportError> =
+    let figures: Result<Vec<Figure>, PlotError> =
         figures.map(|series| plot(history, series)).collect();
     let events = history.series.iter().flat_map(|series| {
         let points = series.points.iter();
@@ -81,7 +80,7 @@ pub fn html(history: &History, title: &str) -> Result<String, ReportError> {
 }
 
 /// The series of one metric, a panel a dataset.
-fn plot(history: &History, series: &[Series]) -> Result<Figure, ReportError> {
+fn plot(history: &History, series: &[Series]) -> Result<Figure, PlotError> {
     let methods = history.methods();
     let style_of = |series: &Series| {
         let at = methods.iter().position(|method| *method == series.method);

@@ -5,7 +5,7 @@ use std::fmt;
 use std::num::NonZeroUsize;
 use std::str::FromStr;
 
-use crate::report::statistics;
+use sharp_statistics::{mean, sample_std};
 
 use super::scale::Step;
 
@@ -197,9 +197,9 @@ pub fn bins(samples: &[(f64, f64)], cuts: &Cuts) -> Vec<Bin> {
                 low,
                 high,
                 // Rounding must not carry it out of its bin.
-                x: statistics::mean(&of(|sample| sample.0))?.clamp(low, high),
-                mean: statistics::mean(&values)?,
-                std: statistics::sample_std(&values),
+                x: mean(&of(|sample| sample.0))?.clamp(low, high),
+                mean: mean(&values)?,
+                std: sample_std(&values),
                 members,
             })
         });

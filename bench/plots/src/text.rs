@@ -13,8 +13,8 @@ pub const FAMILY: &str = "Inter, 'Helvetica Neue', Helvetica, Arial, sans-serif"
 /// Height of a capital letter relative to the font size.
 pub const CAP_HEIGHT: f64 = 0.727;
 
-static REGULAR: &[u8] = include_bytes!("../../../assets/Inter-Regular.otf");
-static SEMIBOLD: &[u8] = include_bytes!("../../../assets/Inter-SemiBold.otf");
+static REGULAR: &[u8] = include_bytes!("../assets/Inter-Regular.otf");
+static SEMIBOLD: &[u8] = include_bytes!("../assets/Inter-SemiBold.otf");
 
 /// Regular, or semibold for titles.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -221,7 +221,7 @@ fn lay_out(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::report::plots::ink::INK;
+    use crate::ink::INK;
     use image::Rgb;
 
     #[test]

@@ -1,6 +1,6 @@
 //! A grid of panels, one a dataset, with axes and a legend shared by all.
 
-use crate::report::error::ReportError;
+use crate::PlotError;
 
 use super::canvas::{Anchor, Figure, Lettering, Point, Surface};
 use super::ink::{GRID, INK, Ink, MUTED, PAPER};
@@ -173,7 +173,7 @@ pub fn figure(
     legend: &[(&str, Style)],
     panels: &[Panel<'_>],
     print: Option<&FigureStyle>,
-) -> Result<Figure, ReportError> {
+) -> Result<Figure, PlotError> {
     let labels: Vec<&str> = legend.iter().map(|(label, _)| *label).collect();
     let caption = if print.is_none_or(|style| style.caption) {
         caption
@@ -182,10 +182,8 @@ pub fn figure(
     };
     let mut layout = PanelLayout::new(panels.len(), &labels, caption, print);
     if let Some(style) = print.filter(|_| layout.panel.0 < LEAST) {
-        return Err(ReportError::Plot {
-            plot: title.to_owned(),
-            reason: style.narrow(1.0 + (LEAST - layout.panel.0) / style.units()),
-        });
+        let times = 1.0 + (LEAST - layout.panel.0) / style.units();
+        return Err(PlotError::new(title, style.narrow(times)));
     }
     if panels.iter().any(|panel| !panel.frame.counts.is_empty()) {
         layout.bottom += COUNT_STRIP;

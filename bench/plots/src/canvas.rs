@@ -4,9 +4,7 @@
 //! the PNG twice as large as it will be, which also smooths it. The [PDF](super::pdf) is exact.
 
 use std::fmt::Display;
-use std::path::{Path, PathBuf};
 
-use askama::filters::{Html, escape};
 use image::{RgbImage, imageops};
 use plotters::backend::{BitMapBackend, DrawingBackend, SVGBackend};
 use plotters::style::text_anchor::{HPos, Pos, VPos};
@@ -19,9 +17,7 @@ use super::ink::{Ink, PAPER};
 use super::style::Medium;
 use super::text::{self, FAMILY, Weight};
 use super::{pdf, png};
-use crate::io::atomic_files::{FileError, write_all_over_own};
-use crate::io::text::visible;
-use crate::report::error::ReportError;
+use crate::PlotError;
 
 /// Drawn pixels per unit of the SVG.
 const SVG_SCALE: f64 = 4.0;
@@ -115,32 +111,7 @@ pub struct Figure {
     pub pdf: Vec<u8>,
 }
 
-/// Marks every file of a figure as ours, so that a later one may overwrite it.
-pub const MARK: &str = "sharp-bench";
-
-/// Extensions of a figure's files.
-pub const FORMS: [&str; 3] = ["svg", "png", "pdf"];
-
 impl Figure {
-    /// Writes `STEM.svg`, `STEM.png` and `STEM.pdf`.
-    ///
-    /// # Errors
-    /// When one cannot be written, or a file of that name is none of ours; then none is written.
-    pub fn write(self, out: &Path, stem: &str) -> Result<Vec<PathBuf>, FileError> {
-        write_all_over_own(&self.files(out, stem))
-    }
-
-    /// The files of [`Self::write`], for [`write_all_over_own`].
-    pub fn files(self, out: &Path, stem: &str) -> [(PathBuf, Vec<u8>, &'static str); 3] {
-        let svg = format!("<!-- {MARK} -->\n{}", visible(&self.svg));
-        let [svg_path, png_path, pdf_path] = FORMS.map(|form| out.join(format!("{stem}.{form}")));
-        [
-            (svg_path, svg.into_bytes(), MARK),
-            (png_path, self.png, MARK),
-            (pdf_path, self.pdf, MARK),
-        ]
-    }
-
     /// Renders what `picture` draws in each form; the size is in units.
     ///
     /// # Errors
@@ -150,16 +121,13 @@ impl Figure {
         (width, height): (u32, u32),
         medium: Medium,
         picture: impl Fn(&mut Surface),
-    ) -> Result<Self, ReportError> {
+    ) -> Result<Self, PlotError> {
         let (w, h) = (f64::from(width), f64::from(height));
         let mut surface = Surface::default();
         surface.polygon(&[(0.0, 0.0), (w, 0.0), (w, h), (0.0, h)], PAPER);
         picture(&mut surface);
         let shapes = surface.0;
-        let failed = |reason: String| ReportError::Plot {
-            plot: title.to_owned(),
-            reason,
-        };
+        let failed = |reason: String| PlotError::new(title, reason);
         let drawn = |scale: f64| ((w * scale).round() as u32, (h * scale).round() as u32);
 
         let mut svg = String::new();
@@ -193,12 +161,7 @@ impl Figure {
 /// Size in CSS pixels, a title for readers, exact baselines.
 fn tidy(svg: &str, title: &str, (width, height): (f64, f64), zoom: f64) -> String {
     let body = svg.split_once('>').map_or("", |(_, body)| body);
-    // Control characters have no place in XML.
-    let readable = |c: char| match c {
-        c if c.is_control() && c != '\n' && c != '\t' => '\u{FFFD}',
-        c => c,
-    };
-    let Ok(title) = escape(title.chars().map(readable).collect::<String>(), Html);
+    let title: String = title.chars().map(escaped).collect();
     let shown = |side: f64| (side * zoom * 100.0).round() / 100.0;
     format!(
         "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{}\" height=\"{}\" viewBox=\"0 0 {} {}\" \
@@ -209,6 +172,15 @@ fn tidy(svg: &str, title: &str, (width, height): (f64, f64), zoom: f64) -> Strin
         height * SVG_SCALE,
         body.replace(" dy=\"-0.5ex\"", "")
     )
+}
+
+/// A character as XML has it; control characters have no place there.
+fn escaped(c: char) -> String {
+    match c {
+        '<' | '>' | '&' | '"' | '\'' => format!("&#{};", u32::from(c)),
+        c if c.is_control() && c != '\n' && c != '\t' => '\u{FFFD}'.to_string(),
+        c => c.to_string(),
+    }
 }
 
 /// Draws on a backend of plotters, `scale` pixels a unit. `letters` sets a text on its baseline; sizes are in pixels there.

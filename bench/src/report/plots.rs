@@ -1,19 +1,40 @@
-//! The baselines of the pairs: against a metric, in the form of the paper's motion-range figure, and their histogram.
+//! Figures of a report as files, and the baselines of the pairs: against a metric, in the form of the paper's motion-range figure, and their histogram.
 //! One panel per dataset.
+
+use std::path::{Path, PathBuf};
 
 use crate::evaluate::record::Status;
 use crate::io::counts::counted;
+use crate::io::text::visible;
 use crate::report::board::{Board, DatasetBoard};
 use crate::report::column::Column;
-use crate::report::error::ReportError;
+use sharp_plots::PlotError;
 
-use super::bins::{Binning, Cuts, bins};
-use super::canvas::{Figure, Surface};
-use super::curves::{Banded, curve, shade, vertical};
-use super::ink::Ink;
-use super::palette::{Style, style};
-use super::panels::{Panel, PanelFrame, PlotArea, PlotAxis, figure};
-use super::style::FigureStyle;
+use sharp_plots::Figure;
+use sharp_plots::bins::{Binning, Cuts, bins};
+use sharp_plots::canvas::Surface;
+use sharp_plots::curves::{Banded, curve, shade, vertical};
+use sharp_plots::ink::Ink;
+use sharp_plots::palette::{Style, style};
+use sharp_plots::panels::{Panel, PanelFrame, PlotArea, PlotAxis, figure};
+use sharp_plots::style::FigureStyle;
+
+/// Marks every file of a figure as ours, so that a later one may overwrite it.
+pub const MARK: &str = "sharp-bench";
+
+/// Extensions of a figure's files.
+pub const FORMS: [&str; 3] = ["svg", "png", "pdf"];
+
+/// `STEM.svg`, `STEM.png` and `STEM.pdf` of a figure, to be written over nothing but earlier ones.
+pub fn files(figure: Figure, out: &Path, stem: &str) -> [(PathBuf, Vec<u8>, &'static str); 3] {
+    let svg = format!("<!-- {MARK} -->\n{}", visible(&figure.svg)).into_bytes();
+    let [svg_path, png_path, pdf_path] = FORMS.map(|form| out.join(format!("{stem}.{form}")));
+    [
+        (svg_path, svg, MARK),
+        (png_path, figure.png, MARK),
+        (pdf_path, figure.pdf, MARK),
+    ]
+}
 
 /// Bins of a dataset at most, against a metric and in the histogram.
 const METRIC_BINS: Binning = Binning::Round(10);
@@ -60,7 +81,7 @@ impl Baselines {
 pub fn histogram(
     board: &Board<'_>,
     print: Option<&FigureStyle>,
-) -> Result<Option<Figure>, ReportError> {
+) -> Result<Option<Figure>, PlotError> {
     let panel = |dataset: &DatasetBoard<'_>| {
         let baselines = Baselines::new(dataset, &HISTOGRAM_BINS);
         let samples: Vec<(f64, f64)> = baselines.metres.iter().map(|m| (*m, 1.0)).collect();
@@ -108,7 +129,7 @@ pub fn histogram(
 ///
 /// # Errors
 /// When the drawing library refuses.
-pub fn against_metric(board: &Board<'_>, metric: &Column) -> Result<Option<Figure>, ReportError> {
+pub fn against_metric(board: &Board<'_>, metric: &Column) -> Result<Option<Figure>, PlotError> {
     let methods = 0..board.methods.len();
     let datasets = board.datasets.iter().map(|dataset| {
         let baselines = Baselines::new(dataset, &METRIC_BINS);
@@ -134,7 +155,7 @@ pub fn against_metric(board: &Board<'_>, metric: &Column) -> Result<Option<Figur
         return Ok(None);
     }
     let all = || datasets.iter().flat_map(|(curves, _)| curves).flatten();
-    let y = vertical(all(), &[], metric);
+    let y = vertical(all(), &[], &metric.axis_label());
     let infinity = all().any(|banded| banded.bin.mean.is_infinite());
     let panels = datasets.iter().zip(&board.datasets);
     let panels = panels.map(|((curves, baselines), dataset)| Panel {

@@ -4,7 +4,6 @@ use super::bins::{Bin, neighbours};
 use super::canvas::{Point, Surface};
 use super::palette::{Style, stroke};
 use super::panels::{PlotArea, PlotAxis, point};
-use crate::report::column::Column;
 
 /// A bin with the range of its band, low to high, if it has one.
 #[derive(Debug, Clone, PartialEq)]
@@ -25,14 +24,14 @@ impl Banded {
 pub fn vertical<'a>(
     bins: impl Iterator<Item = &'a Banded>,
     others: &[f64],
-    metric: &Column,
+    label: &str,
 ) -> PlotAxis {
     let ends = bins.flat_map(|Banded { bin, band }| {
         let (low, high) = band.unwrap_or((bin.mean, bin.mean));
         [low, high, bin.mean]
     });
     let values = ends.chain(others.iter().copied());
-    PlotAxis::around(&metric.axis_label(), values, 0.06)
+    PlotAxis::around(label, values, 0.06)
 }
 
 /// The shade over each run of neighbouring bins that have a band; a lone one becomes a bar.
@@ -82,10 +81,10 @@ pub fn curve(surface: &mut Surface, bins: &[Banded], area: &PlotArea, style: Sty
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::report::plots::bins::{Binning, bins};
-    use crate::report::plots::canvas::Shape;
-    use crate::report::plots::palette::style;
-    use crate::report::plots::scale::{Scale, finite_range};
+    use crate::bins::{Binning, bins};
+    use crate::canvas::Shape;
+    use crate::palette::style;
+    use crate::scale::{Scale, finite_range};
 
     /// From where to where each line or polygon reaches.
     fn ends(surface: &Surface) -> Vec<(f64, f64)> {

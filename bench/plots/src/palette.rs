@@ -113,7 +113,7 @@ pub fn stroke(surface: &mut Surface, points: &[Point], width: f64, style: Style)
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::report::plots::canvas::Shape;
+    use crate::canvas::Shape;
 
     fn length(points: &[Point]) -> f64 {
         let steps = points.windows(2);

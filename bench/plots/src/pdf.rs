@@ -188,7 +188,7 @@ fn placed((x, y): Point) -> (f32, f32) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::report::plots::ink::INK;
+    use crate::ink::INK;
 
     #[test]
     fn another_library_finds_one_page_with_its_drawing_and_title() {

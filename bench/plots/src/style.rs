@@ -125,7 +125,7 @@ impl FigureStyle {
     }
 
     /// That the figure needs to be so many times as wide, in words.
-    pub(crate) fn narrow(&self, times: f64) -> String {
+    pub fn narrow(&self, times: f64) -> String {
         let Self {
             width_mm, font_pt, ..
         } = self;
