@@ -2,7 +2,7 @@
 //! unlikely reason, when single scenes are worse, when pairs lost their scores, or when predictions cost more.
 //!
 //! * [`config`]: limits as people write them; [`output`]: tables, JUnit XML and Markdown.
-//! * `judge`: limits on scores; `cost`: limits on time and memory.
+//! * `judge`: the rules on a comparison: limits on scores and on coverage; `cost`: limits on time and memory.
 //!
 //! Limits that cannot be judged never pass silently; `bench/docs/gate.md` has the table.
 
@@ -16,7 +16,7 @@ use std::path::{Path, PathBuf};
 
 use serde::Serialize;
 
-use super::compare::{CompareError, Practical, compare};
+use super::compare::{Against, CompareError, Practical, compare};
 use crate::evaluate::EvaluateError;
 pub use config::{GateConfig, Limit};
 use judge::judge;
@@ -36,9 +36,10 @@ pub enum GateError {
 }
 
 /// Outcome of one check, or of all; least to most severe.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Default, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum CheckState {
+    #[default]
     Passed,
     /// Beyond the limit, but chance could have done it.
     NotSignificant,
@@ -63,7 +64,7 @@ impl CheckState {
 }
 
 /// A limit applied to one place. What is not finite, or not known, is null.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize)]
 pub struct Check {
     pub state: CheckState,
     /// As it was written; `missing_pairs > 0` for coverage.
@@ -115,6 +116,47 @@ pub struct GateReport {
     pub worst: Vec<WorsePair>,
     /// What is worth knowing and decides nothing.
     pub notes: Vec<String>,
+}
+
+impl Check {
+    /// A check of two methods on a dataset, before its outcome.
+    fn of(limit: String, quantity: &str, against: &Against, dataset: &str) -> Self {
+        Self {
+            limit,
+            quantity: quantity.to_owned(),
+            method_a: against.a.clone(),
+            method_b: against.b.clone(),
+            dataset: dataset.to_owned(),
+            ..Self::default()
+        }
+    }
+
+    fn decided(self, state: CheckState, reason: impl Into<String>) -> Self {
+        Self {
+            state,
+            reason: reason.into(),
+            ..self
+        }
+    }
+
+    /// With A, B and by how much they differ.
+    fn measured(self, a: f64, b: f64, difference: f64, decimals: usize) -> Self {
+        Self {
+            a: Some(a),
+            b: Some(b),
+            difference: Some(difference),
+            decimals,
+            ..self
+        }
+    }
+}
+
+/// Fired, or passed.
+fn fired(is_beyond: bool) -> CheckState {
+    match is_beyond {
+        true => CheckState::Fired,
+        false => CheckState::Passed,
+    }
 }
 
 impl GateReport {
