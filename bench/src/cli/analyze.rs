@@ -16,8 +16,8 @@ use crate::config::metrics::demand_weights;
 use crate::io::atomic_files::{check_writable, write_atomic};
 use crate::io::observer::Observer;
 use crate::io::pictures;
-use crate::io::rendering_files::write_png;
 use crate::pictures::keyed_scores::json_scores;
+use crate::report::figures::sheet::SheetMedium;
 
 /// The paper's explanatory experiments on pictures of yours
 #[derive(Debug, Args)]
@@ -126,15 +126,14 @@ fn write(
         files.push(("translation.svg", figure.svg.into_bytes()));
         files.push(("translation.png", figure.png));
     }
+    let pictures = strip::strip(experiment).png(&SheetMedium::screen())?;
+    files.extend(pictures.map(|png| ("translation-pictures.png", png)));
     let mut written = Vec::new();
     for (name, bytes) in files {
         let path = folder.join(name);
         write_atomic(&path, &bytes)?;
         written.push(path);
     }
-    let pictures = folder.join("translation-pictures.png");
-    write_png(&pictures, &strip::strip(experiment))?;
-    written.push(pictures);
     Ok(written)
 }
 

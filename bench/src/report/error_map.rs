@@ -41,6 +41,19 @@ pub fn colour(share: f32) -> Rgb<u8> {
     Rgb(rgb)
 }
 
+/// A map in colours by the share of their range; grey where there is none.
+pub fn false_colours(
+    map: &ImageBuffer<Luma<f32>, Vec<f32>>,
+    share: impl Fn(f32) -> Option<f32>,
+) -> RgbImage {
+    RgbImage::from_fn(map.width(), map.height(), |x, y| {
+        match share(map.get_pixel(x, y).0[0]) {
+            Some(share) => colour(share),
+            None => Rgb([0xB8, 0xBE, 0xC6]),
+        }
+    })
+}
+
 /// The scale as a CSS gradient, dark on the left.
 pub fn css_gradient() -> String {
     let stops: Vec<String> = (0..=16)

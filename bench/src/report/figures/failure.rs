@@ -13,7 +13,7 @@ use crate::pairs::depth::given::{GivenDepth, find_map, read_metres};
 use crate::pairs::pair_id::path_of;
 use crate::pairs::valid_depth::is_valid_depth;
 use crate::report::error::{MissingPicture, ReportError};
-use crate::report::error_map::colour;
+use crate::report::error_map::false_colours;
 
 /// The triptych of each pair, with depth from `DIR/<pair_id>.npy|npz|exr|pfm|png` (z-depth in the target's camera, metres).
 /// Without a folder it is that of the kept rendering, as in the paper; where none was kept, the dataset's, of the target or
@@ -108,14 +108,4 @@ pub(super) fn inverse_depth(depth: &DepthMap) -> RgbImage {
     let (low, high) = (at(0.001), at(0.999));
     let span = (high - low).max(f32::MIN_POSITIVE);
     false_colours(depth, |z| is_valid_depth(z).then(|| (1.0 / z - low) / span))
-}
-
-/// A map in false colours by the share of their range; grey where there is none.
-pub(super) fn false_colours(map: &DepthMap, share: impl Fn(f32) -> Option<f32>) -> RgbImage {
-    RgbImage::from_fn(map.width(), map.height(), |x, y| {
-        match share(map.get_pixel(x, y).0[0]) {
-            Some(share) => colour(share),
-            None => image::Rgb([0xB8, 0xBE, 0xC6]),
-        }
-    })
 }

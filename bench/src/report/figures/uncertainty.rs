@@ -10,13 +10,14 @@ use sharp::resize::nearest;
 use sharp_datasets::DepthMap;
 use sharp_plots::PlotError;
 
-use super::failure::{false_colours, inverse_depth};
+use super::failure::inverse_depth;
 use super::sheet::{Sheet, Tile};
 use crate::io::checkpoint::{NetworkError, named_network};
 use crate::pairs::PairError;
 use crate::pairs::depth::given::read_metres;
 use crate::pairs::valid_depth::{is_valid_depth, median_of};
 use crate::report::error::ReportError;
+use crate::report::error_map::false_colours;
 
 /// Smallest difference that has the brightest colour.
 const BRIGHTEST: f32 = 0.5;
