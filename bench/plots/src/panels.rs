@@ -26,13 +26,13 @@ const TICK_SIZE: f64 = 11.5;
 const LABEL_SIZE: f64 = 12.5;
 const TITLE_SIZE: f64 = 14.0;
 
-/// Share of its room that a line of an SVG may fill in the bundled font on a screen, where systems without it show wider
-/// ones, and in print, which is for the PDF.
+/// Share of its room that a line of text may fill: less on a screen, where systems without the bundled font use wider ones,
+/// than in print.
 const ROOM: f64 = 0.8;
 const PRINT_ROOM: f64 = 0.96;
-/// A panel in print is no narrower as long as the figure is wide enough for one.
+/// Preferred least width of a panel in print.
 const NARROWEST: f64 = 170.0;
-/// Smallest width of a panel: in a narrower one, the numbers of an axis overlap.
+/// Least width of a panel, below which the numbers of an axis overlap.
 const LEAST: f64 = 130.0;
 /// Height of the strip of counts, and the size of its numbers.
 const COUNT_STRIP: f64 = 30.0;

@@ -15,7 +15,7 @@ use super::canvas::{Lettering, Point, Shape};
 use super::ink::Ink;
 use super::text::{self, Stroke};
 
-/// Control points of a quarter of a circle lie so far along its tangents, in radii.
+/// Distance of a quarter circle's control points along its tangents, in radii.
 const ARC: f64 = 0.552_284_75;
 
 /// A page of `size` units, each of so many points of 1/72 inch.

@@ -137,9 +137,8 @@ pub fn fitted(text: &str, size: f64, weight: Weight, room: f64) -> String {
     String::new()
 }
 
-/// The text in lines no wider than `room`, of at least a character each. Words that no-break spaces keep together, and
-/// characters of a word, part only where they have no room in a line of their own; where not even a character has, words
-/// stay whole.
+/// Wraps a text into lines no wider than `room`. Words, and words joined by no-break spaces, are broken only where they do
+/// not fit a line of their own; where not even one character fits, they stay whole.
 pub fn wrapped(text: &str, size: f64, weight: Weight, room: f64) -> Vec<String> {
     let fits = |text: &str| width(text, size, weight) <= room;
     let one_fits = |word: &str| word.chars().any(|c| fits(c.encode_utf8(&mut [0; 4])));

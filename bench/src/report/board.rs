@@ -24,7 +24,7 @@ pub struct Board<'a> {
     pub datasets: Vec<DatasetBoard<'a>>,
     /// In the order of the run.
     pub methods: Vec<ReportMethod>,
-    /// In the order of the run; not all of them need have a number.
+    /// In the order of the run, with or without numbers.
     pub metrics: Vec<Column>,
 }
 
@@ -54,11 +54,11 @@ pub struct ReportDataset {
     pub format: Option<String>,
     /// One line: what it is and how much of it was read.
     pub description: String,
-    /// `key=value` of the readings and pair choices that are known to differ from the paper's: a footnote of the column.
+    /// `key=value` of the settings and pair options that are known to differ from the paper; a footnote of the column.
     pub proxies: Vec<String>,
     /// Whether scores are taken on the part of each target that all methods predict.
     pub common_region: bool,
-    /// What its means are means of.
+    /// How its means are aggregated.
     pub aggregation: Aggregation,
 }
 
@@ -71,7 +71,7 @@ pub struct ReportMethod {
     pub description: String,
     /// Why this row is shown without a rank (`it is the ground truth itself`); `None` ranks it.
     pub unranked: Option<String>,
-    /// Whether any method should surpass it.
+    /// Whether every real method is expected to beat it.
     pub is_baseline: bool,
     /// The kernel that smaller predictions are resized up with, where one is named.
     pub resize_kernel: Option<String>,
@@ -151,7 +151,7 @@ impl<'a> Board<'a> {
         methods.filter_map(|(i, method)| method.unranked.is_none().then_some(i))
     }
 
-    /// Nouns with their numbers, for the lead and the tiles of a page.
+    /// Counts with their nouns, for the lead and the tiles of a page.
     pub fn counts(&self, metrics: usize) -> [(&'static str, usize); 6] {
         let pairs = || self.datasets.iter().flat_map(|d| &d.pairs);
         let scenes = pairs().map(|pair| (&pair.facts.dataset, &pair.facts.scene));
@@ -177,7 +177,7 @@ impl<'a> Board<'a> {
     }
 }
 
-/// The first part of a pair's geometry, which must not depend on the method, in which two records differ.
+/// The first difference between two records of a pair in its geometry, which must not depend on the method.
 fn differing_fact(a: &Record, b: &Record) -> Option<&'static str> {
     let facts = |r: &Record| {
         [
@@ -192,7 +192,7 @@ fn differing_fact(a: &Record, b: &Record) -> Option<&'static str> {
 }
 
 impl ReportDataset {
-    /// A dataset of which nothing but name and format is known; the format may be empty.
+    /// A dataset with only a name and a format, which may be empty.
     pub fn of(name: &str, format: &str) -> Self {
         Self {
             name: name.to_owned(),
@@ -242,7 +242,7 @@ impl ReportDataset {
     }
 }
 
-/// The readings of a dataset and the choices behind its pairs that are known to differ from the paper's, once each.
+/// The dataset's settings and pair options that are known to differ from the paper, each once.
 pub(super) fn proxies(
     manifest: &Manifest,
     dataset: &DatasetRecord,

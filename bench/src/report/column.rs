@@ -55,7 +55,7 @@ const REPORTED: [(&str, &str, usize, &str); 7] = [
 /// A column of a table: a metric of exactly one identity, or a quantity that methods report.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Column {
-    /// Among a record's scores, such as `ssim[gauss11,valid]`, or among what it reports; two keys never share a column.
+    /// Key in a record's scores, such as `ssim[gauss11,valid]`, or in its reported values. Each key has its own column.
     pub key: String,
     /// Name with variant and region, such as `SSIM gauss11 valid (frustum)`.
     pub label: String,
@@ -137,7 +137,7 @@ impl Column {
         }
     }
 
-    /// `higher is better`, for those who cannot see an arrow.
+    /// `higher is better`: the arrow in words.
     pub fn direction_words(&self) -> &'static str {
         match self.direction {
             Some(Direction::Higher) => "higher is better",
@@ -161,8 +161,7 @@ impl Column {
         self.key.split(['[', '@']).next().unwrap_or_default()
     }
 
-    /// Names of columns that stand side by side: default variants by their short ones, unless there are two variants of
-    /// the family.
+    /// Names of columns of one table: short for default variants, unless another variant of the same family is shown too.
     pub fn names(columns: &[Self]) -> Vec<&str> {
         let names = columns.iter().map(|column| {
             let mut family = columns.iter().filter(|c| c.family() == column.family());
@@ -186,10 +185,10 @@ impl Column {
         heads.collect()
     }
 
-    /// The columns of some metrics, in the order of these; all without any.
+    /// The columns of these metrics, in their order; all columns if there are none.
     ///
     /// # Errors
-    /// When one is none of the columns.
+    /// When a metric has no column.
     pub fn chosen(columns: &[Self], keys: &[MetricKey]) -> Result<Vec<Self>, ReportError> {
         if keys.is_empty() {
             return Ok(columns.to_vec());

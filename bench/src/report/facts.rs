@@ -1,4 +1,4 @@
-//! How the numbers of a run came about, as names and values under headings.
+//! How the numbers of a run were computed, as names and values under headings.
 
 use std::collections::BTreeMap;
 

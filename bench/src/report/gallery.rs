@@ -1,4 +1,4 @@
-//! The pairs that the page shows, and their pictures, within a number of bytes.
+//! The pairs that the page shows, with their pictures, within a byte budget.
 
 use std::collections::BTreeMap;
 
@@ -17,19 +17,19 @@ use super::options::{Layout, PictureBudget, ReportOptions};
 use super::pictures::{ReportPictures, Thumbnail};
 use super::view_maps;
 
-/// Pairs in one file at most: half of them those with the worst scores, the others spread evenly.
+/// Most pairs in a single-file page: half have the worst scores, the others are spread evenly.
 pub(super) const PAIRS_IN_FILE: usize = 24;
 /// Absolute error (0..1, mean over the channels) at the top of the error maps' colour scale.
 pub(super) const ERROR_MAX: f32 = 0.5;
 /// Change of the absolute error at both ends of its scale.
 pub(super) const CHANGE_MAX: f32 = 0.2;
-/// Smaller pictures show too little: a file shows fewer pairs instead.
+/// Least side in a single-file page, pixels; it shows fewer pairs rather than smaller pictures.
 const MIN_SIDE: u32 = 240;
-/// A folder shows all pairs.
+/// Least side in a folder, which shows all pairs.
 const MIN_SIDE_IN_FOLDER: u32 = 96;
-/// Pairs of each dataset by which the size of all pictures is chosen.
+/// Pairs of each dataset that are encoded to estimate the size of all pictures.
 const PROBES: usize = 5;
-/// Share of the allowed bytes to aim at: the bytes are estimated from a few pairs.
+/// Share of the budget to aim for, as bytes are only estimated.
 const FILLED: f64 = 0.9;
 
 /// Kind of a picture of a pair. Pictures of predictions come after those of the two views.
@@ -37,14 +37,14 @@ const FILLED: f64 = 0.9;
 pub enum PictureKind {
     Source,
     Target,
-    /// The target with what is not scored in stripes.
+    /// The target, hatched where it is not scored.
     Mask,
-    /// Of the target, in colours of inverse depth; so is that of the source.
+    /// Inverse depth of the target in colours; [`Self::SourceDepth`] is the source's.
     Depth,
     SourceDepth,
     Prediction,
     Error,
-    /// How the error changed against the method that it stands against.
+    /// Change of the error against the method it is compared with.
     Change,
     /// Coverage of a rendering, black to white.
     Alpha,
@@ -67,7 +67,7 @@ impl PictureKind {
     }
 }
 
-/// Pictures, or why there is none; a kind that does not apply is not among them.
+/// Pictures or the reasons why they are missing; kinds that do not apply are absent.
 pub type Pictures = BTreeMap<PictureKind, Result<Thumbnail, MissingPicture>>;
 
 /// The pairs shown.
@@ -124,8 +124,8 @@ impl GalleryPair<'_> {
 }
 
 impl<'a> Gallery<'a> {
-    /// Picks pairs, reduces and encodes their pictures. The longest side is chosen so that all of them are likely
-    /// to fit; should they not, a file leaves out pairs at the end.
+    /// Selects pairs, then reduces and encodes their pictures to a size that is likely to fit the budget. A single-file page
+    /// that still exceeds it drops pairs from the end.
     pub fn new(
         board: &'a Board<'a>,
         metrics: &[Column],
@@ -198,8 +198,8 @@ pub(super) fn file_name(picture: &Thumbnail) -> String {
 /// The folder of pictures next to the page.
 pub(super) const THUMBNAILS: &str = "thumbs";
 
-/// The longest side with which the pictures of all pairs are likely to take the bytes allowed, by those of a few pairs of
-/// each dataset. Bytes grow roughly with the area; a second and a third estimate correct the rest.
+/// The longest side at which all pictures are likely to fit the budget, estimated from a few pairs of each dataset. Bytes
+/// grow roughly with the area; two more estimates correct the first.
 fn side<'a>(
     chosen: &[(usize, &'a PairBoard<'a>)],
     layout: Layout,
@@ -351,7 +351,7 @@ fn load<'a>(
     }
 }
 
-/// The rule of the scores: inside the crop that was scored, and not excluded by the dataset.
+/// Whether a pixel is scored: inside the scored crop and not excluded by the dataset.
 fn is_scored(crop: Option<Crop>, valid: Option<&GrayImage>, (x, y): (u32, u32)) -> bool {
     let in_crop = crop.is_none_or(|Crop { region, .. }| {
         let inside = |at: u32, start: u32, length: u32| at >= start && at - start < length;

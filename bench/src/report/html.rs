@@ -59,7 +59,7 @@ pub struct Page<'a> {
     /// Quantities that methods report.
     pub extras: &'a [Column],
     pub facts: &'a [FactGroup],
-    /// Nouns with their numbers.
+    /// Counts with their nouns.
     pub counts: [(&'static str, usize); 6],
     pub board: &'a Board<'a>,
     /// Tables of this run.
@@ -101,13 +101,13 @@ impl Page<'_> {
         style(*method).ink.hex()
     }
 
-    /// Whether some pixels of a target count in no score.
+    /// Whether pixels of some target are not scored.
     fn excludes_pixels(&self) -> bool {
         let mut records = self.results.records.iter();
         records.any(|r| r.crop.is_some() || r.valid_share.is_some())
     }
 
-    /// What the script shows of the pairs.
+    /// The pairs as JSON for the script.
     fn data(&self) -> String {
         page_data::json(self)
     }
@@ -116,7 +116,7 @@ impl Page<'_> {
         self.gallery.has(kind)
     }
 
-    /// Where the full prediction lies. A crop is not linked: the page shows it in its place.
+    /// Link to the full prediction; none for a crop, which the page shows in its place in the target.
     pub(super) fn full_path(&self, record: &Record) -> Option<String> {
         let kept = self.pictures.linked(record);
         self.link(&kept.filter(|_| record.crop.is_none())?)
@@ -128,7 +128,7 @@ impl Page<'_> {
         page.is_file().then(|| self.link(&page))?
     }
 
-    /// Where the full source and target lie: as the self-test, which is not ranked, kept the target, else in the dataset.
+    /// Links to the full source and target: the target as the self-test kept it, otherwise as in the dataset.
     pub(super) fn full_views(&self, pair: &PairBoard<'_>) -> [Option<String>; 2] {
         let mut records = pair.by_method.iter().zip(&self.board.methods);
         let itself = records.find(|(_, method)| method.unranked.is_some());
@@ -153,7 +153,7 @@ impl Page<'_> {
         dataset.entry().map_or("terms unknown", |entry| entry.terms)
     }
 
-    /// Methods, datasets and the facts of the run, as far as there is something to say.
+    /// Methods, datasets and the facts of the run, without empty ones.
     pub(super) fn fact_groups(&self) -> Vec<FactGroup> {
         let methods = self.board.methods.iter();
         let methods = methods.map(|m| (m.label.clone(), m.description.clone()));
@@ -172,7 +172,7 @@ impl Page<'_> {
     }
 }
 
-/// JSON in which no end of a script can hide.
+/// JSON that is safe inside a `script` element: without `<`.
 pub(crate) fn without_tags(value: &Value) -> String {
     value.to_string().replace('<', "\\u003c")
 }
@@ -210,7 +210,7 @@ fn encoded(part: &str) -> String {
     bytes.collect()
 }
 
-/// A drawing in the page's own colours for paper, ink and grid, so that it is readable in the dark theme.
+/// An SVG that takes paper, ink and grid colours from the page, so that it follows the theme.
 pub(crate) fn themed(svg: &str) -> String {
     let mut out = svg.to_owned();
     for (ink, variable) in [

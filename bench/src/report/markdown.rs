@@ -1,4 +1,4 @@
-//! The report as text: tables, plots by reference, and how the numbers came about.
+//! The report as Markdown: tables, links to plots, and how the numbers were computed.
 
 use std::fmt::Write as _;
 

@@ -22,7 +22,7 @@ const CITED: [(&str, &str); 6] = [
     ("eth3d", "schops2017multi"),
 ];
 
-/// Sentences of the paragraph that a paper says aloud; the rest of `manifest.scoring` is in the manifest.
+/// Keys of `manifest.scoring` that the paragraph mentions, with their openings.
 const CONVENTIONS: [(&str, &str); 5] = [
     ("prediction", "Predictions"),
     ("target", "Ground truth"),

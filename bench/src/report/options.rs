@@ -16,12 +16,12 @@ pub enum PublishedNumbers {
     Always,
 }
 
-/// Choices of presentation. None of them changes a number.
+/// Presentation options; none changes a number.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct ReportOptions {
-    /// Where the page's pictures are; chosen by the number of pairs without it.
+    /// Where the page's pictures are; by default chosen by the number of pairs.
     pub layout: Option<Layout>,
-    /// What they may take; [`Layout::budget`] without it.
+    /// Their budget; by default [`Layout::budget`].
     pub pictures: Option<PictureBudget>,
     /// Leave out the pictures of datasets whose terms do not let them be published, and where files lie on this machine.
     pub public: bool,
@@ -41,7 +41,7 @@ pub enum Layout {
 }
 
 impl Layout {
-    /// What pictures may take where nothing else is said.
+    /// The default budget of pictures.
     pub fn budget(self) -> PictureBudget {
         match self {
             Self::File => PictureBudget {
@@ -60,25 +60,25 @@ impl Layout {
 /// Limits on the pictures of a page.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct PictureBudget {
-    /// Of all together, as they are stored; they shrink to fit.
+    /// Total size as stored; pictures shrink to fit.
     pub bytes: usize,
     /// Longest side of one, pixels.
     pub side: u32,
 }
 
-/// Texts of a report on two runs besides their numbers. Differences are B minus A.
+/// Tables and texts of a report that compares two runs. Differences are B minus A.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct ReportComparison {
     /// How to read the tables.
     pub lead: String,
-    /// Labels `[A, B]` of the methods that stand against each other.
+    /// Labels `[A, B]` of the compared methods.
     pub against: Vec<[String; 2]>,
     /// What changed.
     pub grids: Vec<TextGrid>,
     /// Where.
     pub details: Vec<TextGrid>,
-    /// By how much B is worse, by pair id and key of a column: what pairs are chosen and sorted by.
+    /// By how much B is worse, by pair id and column key; pairs are selected and sorted by it.
     pub losses: BTreeMap<String, BTreeMap<String, f64>>,
-    /// Files besides, by name.
+    /// Additional files, by name.
     pub files: Vec<(String, Vec<u8>)>,
 }

@@ -12,7 +12,7 @@ use super::options::Layout;
 use super::pictures::Thumbnail;
 use sharp_plots::palette::style;
 
-/// JSON that can stand in a `script` element: it holds no `<`, and nothing that a reader's program would obey.
+/// JSON that is safe inside a `script` element: without `<` and without control characters.
 pub(super) fn json(page: &Page<'_>) -> String {
     let methods = page.board.methods.iter().enumerate();
     let methods = methods.map(|(at, method)| {

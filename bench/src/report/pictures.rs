@@ -30,7 +30,7 @@ pub struct ReportPictures<'a> {
     results: &'a Results,
     /// By dataset and id.
     scenes: BTreeMap<(&'a str, &'a str), &'a Scene>,
-    /// Datasets whose pictures are withheld from the public, which sees no paths either; `None` for readers on this machine.
+    /// For a public report, the datasets whose pictures are withheld; such a report shows no paths either. `None` otherwise.
     withheld: Option<BTreeSet<String>>,
     /// By pair and method: each file is hashed once.
     kept: Mutex<BTreeMap<(String, String), Option<KeptPicture>>>,
@@ -51,7 +51,7 @@ impl<'a> ReportPictures<'a> {
         }
     }
 
-    /// The same for the public, without those of some datasets.
+    /// Withholds the pictures of some datasets and all links.
     pub(super) fn public(self, withheld: BTreeSet<String>) -> Self {
         Self {
             withheld: Some(withheld),
@@ -209,14 +209,14 @@ impl<'a> ReportPictures<'a> {
         Ok(Some(depth))
     }
 
-    /// The kept file of a prediction, for a link; the public gets none.
+    /// The kept file of a prediction for a link; none in a public report.
     pub(super) fn linked(&self, record: &Record) -> Option<PathBuf> {
         self.kept_file(record)
             .ok()
             .filter(|_| self.withheld.is_none())
     }
 
-    /// The files of [`Self::source`] and [`Self::target`], for links, where they hold these very pictures.
+    /// The files of [`Self::source`] and [`Self::target`] for links, where the stored pixels are those pictures unchanged.
     pub(super) fn linked_photographs(&self, record: &Record) -> [Option<PathBuf>; 2] {
         [&record.source, &record.target].map(|id| {
             let content = &self.view(record, id).ok()?.content;
@@ -228,7 +228,7 @@ impl<'a> ReportPictures<'a> {
     }
 }
 
-/// The scenes of results, for their pictures. A dataset that is gone costs the pictures, nothing else.
+/// Opens the scenes of results for their pictures. Without a dataset the report only lacks its pictures; a warning names it.
 pub fn scenes(manifest: &Manifest, observer: &dyn Observer) -> Vec<Scene> {
     let mut scenes = Vec::new();
     for dataset in &manifest.datasets {
@@ -273,7 +273,7 @@ impl Thumbnail {
         })
     }
 
-    /// An address that holds the picture itself.
+    /// The picture as a data URL.
     pub(crate) fn address(&self) -> String {
         format!("data:image/jpeg;base64,{}", STANDARD.encode(&self.jpeg))
     }

@@ -64,7 +64,7 @@ fn method_note(experiment: &Experiment) -> String {
 /// score is an empty cell, and the last column says why.
 ///
 /// # Errors
-/// None: rows are as long as the header.
+/// Those of the CSV writer, which writes to memory.
 pub fn csv(experiment: &Experiment) -> Result<Vec<u8>, ::csv::Error> {
     let mut heads: Vec<String> = ["comparison", "shift_percent", "shift_px"]
         .map(String::from)

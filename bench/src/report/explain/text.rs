@@ -17,9 +17,9 @@ use super::cells::{Agreement, CellExplanation};
 use super::joint::JointReading;
 use super::{ExplainedRun, Explanation};
 
-/// Protocols of a dataset that are shown; files have all.
+/// Most joint readings shown per dataset; files hold all.
 const SHOWN: usize = 6;
-/// Candidates of a cell that are named.
+/// Most candidates named per cell.
 const NAMED: usize = 8;
 
 /// A number under a reading, as it is written.
@@ -150,7 +150,7 @@ pub fn terminal(runs: &[ExplainedRun]) -> String {
     parts.collect::<Vec<_>>().join("\n")
 }
 
-/// Marks our files, so that no other file is overwritten.
+/// Marks our files; others are not overwritten.
 const MARK: &str = "<!-- sharp-bench explain -->";
 const CSV_MARK: &str = "dataset,metric,key,picture";
 

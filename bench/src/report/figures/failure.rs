@@ -15,9 +15,9 @@ use crate::pairs::valid_depth::is_valid_depth;
 use crate::report::error::{MissingPicture, ReportError};
 use crate::report::error_map::false_colours;
 
-/// The triptych of each pair, with depth from `DIR/<pair_id>.npy|npz|exr|pfm|png` (z-depth in the target's camera, metres).
-/// Without a folder it is that of the kept rendering, as in the paper; where none was kept, the dataset's, of the target or
-/// where that has none of the source, and the caption says so.
+/// Input, view and inverse depth of each pair. Depth comes from `DIR/<pair_id>.npy|npz|exr|pfm|png` (z-depth in the target's
+/// camera, metres) or, without a folder, from the kept rendering as in the paper. If none was kept, it is the dataset's, of
+/// the target or else of the source, and the caption says so.
 ///
 /// # Errors
 /// When there is not exactly one method, or no such folder.
@@ -68,7 +68,7 @@ fn of_run(
     }
 }
 
-/// Depth of the target, or where it has none of the source, and whose it is.
+/// Depth of the target or else of the source, with a caption that says which.
 fn of_dataset(
     comparison: &SheetContent<'_>,
     chosen: &ChosenPair<'_>,

@@ -25,7 +25,7 @@ pub type Seconds = BTreeMap<String, BTreeMap<String, f64>>;
 /// A method by its position, its median seconds and its mean score.
 type Placed = (usize, f64, f64);
 
-/// Seconds of the predictions of some results; none for bundles, which hold no times.
+/// Seconds per prediction; empty for bundles, which hold no times.
 ///
 /// # Errors
 /// When a folder cannot be read.

@@ -16,10 +16,10 @@ use sharp_plots::png;
 use sharp_plots::style::FigureStyle;
 use sharp_plots::text::{self, Weight};
 
-/// Lines of a head over a column, and of the reason why there is no picture.
+/// Most lines of a column's head, and of the reason for a missing picture.
 const HEAD_LINES: usize = 2;
 const REASON_LINES: usize = 12;
-/// Least width of a column in print over the font's size: a score of four decimals has room.
+/// Least width of a printed column in font sizes, so that a score with four decimals fits.
 const LEAST_EMS: f64 = 3.0;
 
 /// Sizes of a sheet in pixels.
@@ -86,7 +86,7 @@ impl SheetMedium {
 
 /// A picture or the reason why there is none, and the text below.
 pub struct Tile {
-    /// What it shows, for remarks on it.
+    /// Name for messages.
     pub name: String,
     pub picture: Result<RgbImage, MissingPicture>,
     pub text: String,
@@ -112,9 +112,9 @@ impl Tile {
 /// Rows of tiles under heads.
 #[derive(Default)]
 pub struct Sheet {
-    /// Over the columns; none where all are empty.
+    /// Above the columns; may be empty.
     pub heads: Vec<String>,
-    /// What stands left over each row, and its tiles.
+    /// Label above each row, and its tiles.
     pub rows: Vec<(String, Vec<Tile>)>,
 }
 
@@ -135,7 +135,7 @@ impl Sheet {
         self.rows.iter().flat_map(|(_, tiles)| tiles)
     }
 
-    /// Pictures that are not there and parts that reach out of theirs, a line each.
+    /// Missing pictures, and parts that reach out of theirs, one line each.
     pub fn problems(&self) -> Vec<String> {
         let of_tile = |tile: &Tile| match &tile.picture {
             Err(reason) => vec![format!("{}: {reason}", tile.name)],
@@ -157,7 +157,7 @@ impl Sheet {
     /// Writes the sheet in print, `STEM.png`.
     ///
     /// # Errors
-    /// When there is no picture in it, its columns have no room for text, or the file cannot be written or is none of ours.
+    /// When it has no picture, its columns are too narrow for text, or the file cannot be written or is not ours.
     pub fn write(
         &self,
         out: &Path,

@@ -23,7 +23,7 @@ struct TablePage<'a> {
     table: String,
 }
 
-/// Stands in every file, so that one of someone else's is not written over.
+/// Marks our files; others are not overwritten.
 const MARK: &str = "sharp-bench table";
 
 /// Writes `NAME.md`, `NAME.csv`, `NAME.tex` (to be put into a paper), `NAME-document.tex` (compiles by itself) and

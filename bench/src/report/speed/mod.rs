@@ -36,7 +36,7 @@ pub struct SpeedReport {
     pub compute: Option<TextGrid>,
 }
 
-/// Marks our files, so that no other file is overwritten.
+/// Marks our files; others are not overwritten.
 const MARK: &str = "sharp-bench speed";
 
 impl SpeedReport {
@@ -56,7 +56,7 @@ impl SpeedReport {
     /// Writes `speed.md` and `speed.tex`, and where something was measured `speed.csv`.
     ///
     /// # Errors
-    /// When one cannot be written, or the name is taken by something else; then none is written.
+    /// When a file cannot be written, or exists and is not ours; then none is written.
     pub fn write(&self, folder: &Path) -> Result<Vec<PathBuf>, ReportError> {
         let mut md = format!("<!-- {MARK} -->\n");
         let mut tex = format!("% {MARK}\n");

@@ -213,7 +213,7 @@ fn spread(secs: &[f64]) -> GridCell {
 /// `gaussians`, `visible`, `tiles` or `picture_tiles`.
 ///
 /// # Errors
-/// None: lines are as long as the head.
+/// Those of the CSV writer, which writes to memory.
 pub fn csv(measured: &Measured) -> Result<Vec<u8>, ::csv::Error> {
     let mut lines = Vec::new();
     for speed in &measured.speeds {

@@ -1,4 +1,4 @@
-//! CSV for programs: numbers at full precision, texts that no spreadsheet computes.
+//! CSV: numbers at full precision, texts that spreadsheets do not evaluate as formulas.
 
 use serde::Serialize;
 
@@ -19,7 +19,7 @@ pub fn optional(value: Option<f64>) -> String {
 /// Rows below a head.
 ///
 /// # Errors
-/// When a row has not as many cells as the head.
+/// When a row and the head differ in length.
 pub fn csv<R: IntoIterator<Item = String>>(
     head: impl IntoIterator<Item: AsRef<[u8]>>,
     rows: impl IntoIterator<Item = R>,
@@ -34,10 +34,10 @@ pub fn csv<R: IntoIterator<Item = String>>(
         .map_err(|error| error.into_error().into())
 }
 
-/// A row for each value, below the names of its fields. Cells that are no numbers are [texts](text()).
+/// One row per value below its field names. Cells that are not numbers are written as [`text`](text()).
 ///
 /// # Errors
-/// When a value has a field that is no cell.
+/// When a field is neither a number nor a text.
 pub fn csv_of<T: Serialize>(rows: impl IntoIterator<Item = T>) -> Result<Vec<u8>, ::csv::Error> {
     let mut plain = ::csv::Writer::from_writer(Vec::new());
     for row in rows {
@@ -58,10 +58,10 @@ pub fn csv_of<T: Serialize>(rows: impl IntoIterator<Item = T>) -> Result<Vec<u8>
 }
 
 impl Table {
-    /// A line a number. Numbers round-trip; an absent one is empty, and its footnote says why.
+    /// One line per cell. Numbers round-trip; a missing one is empty, and its footnote says why.
     ///
     /// # Errors
-    /// None: lines are as long as the head.
+    /// Those of the CSV writer, which writes to memory.
     pub fn csv(&self) -> Result<Vec<u8>, ::csv::Error> {
         const HEAD: &str = "method,dataset,metric,mean,std,n,total,failed,infinite,rank,shown_decimals,footnotes,\
                             footnote_text";

@@ -1,4 +1,4 @@
-//! Footnotes of cells, and of columns that are not the paper's, though they bear its dataset's name.
+//! Footnotes of cells, and of columns that differ from the paper's column of the same name.
 
 use std::collections::BTreeMap;
 

@@ -22,7 +22,7 @@ pub struct TextGrid {
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct GridCell {
     pub text: String,
-    /// What a page sorts by; `None` of words.
+    /// Sort key on a page; `None` for words.
     pub value: Option<f64>,
 }
 
@@ -94,7 +94,7 @@ impl TextGrid {
         }
     }
 
-    /// Whether a column has words, which stand on its left.
+    /// Whether a column holds words, which are aligned left.
     pub(crate) fn is_text(&self, column: &usize) -> bool {
         self.rows.iter().all(|row| row[*column].value.is_none())
     }

@@ -217,10 +217,10 @@ pub fn escape(text: &str) -> String {
     out
 }
 
-/// Start of the number that is written in place of a character.
+/// Start of a code point written in place of its character.
 const STAND_IN: &str = "{[U+";
 
-/// The fragment with a comment on the numbers that stand in it for characters, if there are any.
+/// Adds a comment that explains `[U+…]` where the fragment contains any.
 pub fn noted(fragment: String) -> String {
     match fragment.contains(STAND_IN) {
         true => format!(
@@ -230,7 +230,7 @@ pub fn noted(fragment: String) -> String {
     }
 }
 
-/// Letters that OT1 composes of one of ASCII and an accent, or has.
+/// Letters that OT1 has or composes from ASCII and an accent.
 fn is_composed(c: char) -> bool {
     ('À'..='ž').contains(&c) && !"ÐÞðþĄąĐđĘęĦħĮįĸĿŀŉŊŋŦŧŲų".contains(c)
 }

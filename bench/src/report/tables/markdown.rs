@@ -91,7 +91,7 @@ fn marks(notes: &[usize]) -> String {
     letters("<sup>", notes, "</sup>")
 }
 
-/// A note with its code set as code, unless that could be read as markup by a lenient reader.
+/// A note with its code spans kept, unless a lenient reader could take them for markup.
 pub(in crate::report) fn rich(note: &str) -> String {
     let spans = spans(note).into_iter();
     let spans = spans.map(|(code, text)| {
@@ -104,7 +104,7 @@ pub(in crate::report) fn rich(note: &str) -> String {
     spans.collect()
 }
 
-/// Text that stays text: no markup, no new column, no HTML, and nobody is notified.
+/// Escapes Markdown and HTML, column separators and `@` mentions.
 pub fn escape(text: &str) -> String {
     let text = visible_line(text);
     let mut out = String::with_capacity(text.len());
