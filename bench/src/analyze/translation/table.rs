@@ -60,8 +60,8 @@ fn method_note(experiment: &Experiment) -> String {
     )
 }
 
-/// One row a comparison at full precision: `comparison,shift_percent,shift_px`, then a column a metric. An unavailable
-/// score is an empty cell, and the last column says why.
+/// One row per comparison at full precision: `comparison,shift_percent,shift_px`, then a column per metric. An unavailable
+/// score is empty, and the last column says why.
 ///
 /// # Errors
 /// Those of the CSV writer, which writes to memory.

@@ -13,13 +13,13 @@ use super::column;
 use super::published::PublishedTable;
 use super::rows::{OwnRow, OwnRows, RowError};
 
-/// Rows and columns of a table of the paper besides the published ones.
+/// The user's rows for a table of the paper, and the columns to show.
 #[derive(Debug, Clone, Default)]
 pub struct Beside {
     pub rows: Vec<OwnRow>,
     /// One variant of a metric at most each; without one the default, or else the first that all rows have.
     pub metrics: Vec<MetricKey>,
-    /// Whether datasets without a number of one's own are left out.
+    /// Whether datasets without a number of the user's are left out.
     pub only_measured: bool,
 }
 

@@ -21,9 +21,9 @@ use sharp_plots::curves::Banded;
 pub struct Sweep {
     pub spec: SweepSpec,
     pub metrics: Vec<Column>,
-    /// Those that have a line.
+    /// Panels with a line.
     pub panels: Vec<SweepPanel>,
-    /// Those whose pairs have no score or no known place.
+    /// Panels whose pairs have no score or no known place.
     pub without_lines: Vec<SweepPanel>,
     /// In the order of the panels, their lines and the metrics.
     pub crossings: Vec<FoundCrossing>,
@@ -35,11 +35,11 @@ pub struct Sweep {
 pub struct SweepPanel {
     /// The dataset as tables name it, the method, or the dataset with what its methods know.
     pub split: String,
-    /// Of its datasets.
+    /// Pairs of its datasets.
     pub pairs: usize,
-    /// Of these, such whose motion is not known.
+    /// Pairs with unknown motion.
     pub unplaced: usize,
-    /// Of these, such whose motion lies in no bin: beyond given edges, or farther than bins can be told apart.
+    /// Pairs outside all bins: beyond the given edges, or too far for the bins' resolution.
     pub outside: usize,
     pub lines: Vec<SweepLine>,
 }
@@ -80,9 +80,9 @@ pub struct FoundCrossing {
 /// Limit on a method.
 #[derive(Debug, Clone, PartialEq)]
 pub enum CrossingRule {
-    /// Not to be worse than this method, pair by pair, in the mean.
+    /// Not worse than this method, by the mean over common pairs.
     Behind(String),
-    /// To have a mean no worse than this.
+    /// A mean no worse than this.
     Beyond(f64),
 }
 
@@ -237,7 +237,7 @@ impl Sweep {
         found.collect()
     }
 
-    /// With the position of their metric.
+    /// Crossings of a method, each with the index of its metric.
     fn crossings_of(
         &self,
         board: &Board<'_>,

@@ -26,7 +26,7 @@ use crate::io::text::visible_line;
 /// A table, ready to be written in any form.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Table {
-    /// Stem of its files.
+    /// Stem of file names.
     pub name: String,
     /// Caption.
     pub title: String,
@@ -41,7 +41,7 @@ pub struct Table {
     pub remarks: Vec<String>,
     /// Footnotes; groups, rows and cells refer to them by position.
     pub notes: Vec<String>,
-    /// What a comparison of its rows of unlike origin would need.
+    /// Conditions for comparing its measured rows with its published ones.
     pub checklist: Vec<Condition>,
 }
 
@@ -119,7 +119,7 @@ pub struct Cell {
 }
 
 impl Cell {
-    /// A number of ours, if there is one.
+    /// A measured number.
     pub(crate) fn of(value: Option<f64>) -> Self {
         Self {
             value,
@@ -135,7 +135,7 @@ impl Cell {
         }
     }
 
-    /// A cell that has no number, for no particular reason.
+    /// A cell without a number.
     pub(crate) fn dash() -> Self {
         Self::printed(None, "–")
     }
@@ -204,7 +204,7 @@ impl Table {
         self.columns.iter().cycle().zip(&row.cells)
     }
 
-    /// Whether it has both numbers of ours and published ones.
+    /// Whether it has both measured and published rows.
     pub(super) fn is_mixed(&self) -> bool {
         self.rows
             .iter()

@@ -18,7 +18,7 @@ use crate::report::{
     PublishedNumbers, ReportComparison, ReportError, ReportFiles, ReportOptions, report,
 };
 
-/// A pair with a score on both sides, as it is written.
+/// A pair with a score on both sides, as written to files.
 #[derive(Debug, Clone, Serialize)]
 pub struct PairLine<'a> {
     pub pair_id: &'a str,
@@ -37,7 +37,7 @@ pub struct PairLine<'a> {
 }
 
 impl RunComparison {
-    /// Where it changed: [`RunComparison::breakdown`] of all methods and metrics, then `anatomy`.
+    /// All strata: [`RunComparison::breakdown`] of every method and metric, and those of `anatomy`, in the order of the tables.
     pub fn strata(&self, anatomy: &[Anatomy]) -> Vec<Stratum> {
         let mut strata = Vec::new();
         for against in &self.against {
@@ -64,7 +64,7 @@ impl RunComparison {
         })
     }
 
-    /// All of it as `compare --json` prints it, with what [`Self::strata`] found.
+    /// The comparison and its [strata](Self::strata) as `compare --json` prints them.
     pub fn json(&self, strata: &[Stratum]) -> Value {
         json!({
             "schema": 1,
@@ -78,7 +78,7 @@ impl RunComparison {
         })
     }
 
-    /// The pairs of each method and metric, those that lost most first: all, or that many from either end.
+    /// The pairs of each method and metric, largest loss first: all, or this many of the largest losses and gains.
     pub fn pair_lines(&self, of_either_end: Option<usize>) -> Vec<PairLine<'_>> {
         let mut lines = Vec::new();
         for against in &self.against {

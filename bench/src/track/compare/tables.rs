@@ -1,4 +1,4 @@
-//! A comparison as tables: the changes, and their parts.
+//! A comparison as tables: overall differences, and those by part.
 
 use std::collections::BTreeMap;
 
@@ -30,7 +30,7 @@ const HEADS: [&str; 11] = [
 pub const EXTREMES: usize = 3;
 
 impl RunComparison {
-    /// One table a metric and method: what changed.
+    /// Overall differences, one table per metric and pair of methods.
     pub fn change_grids(&self) -> Vec<TextGrid> {
         let groups = self.rows.chunk_by(|one, other| {
             let key = |row: &ScoreChange| {
@@ -49,7 +49,7 @@ impl RunComparison {
         groups.map(grid).collect()
     }
 
-    /// One table a metric: the pairs that lost most and those that won most. None where nothing changed.
+    /// The pairs with the largest losses and gains; `None` where nothing changed.
     pub fn extremes(&self, against: &Against, metric: &MetricInfo) -> Option<TextGrid> {
         let changes = self.changes(against, metric);
         let rows = most_changed(&changes, EXTREMES);
@@ -71,7 +71,7 @@ impl RunComparison {
         (!rows.is_empty()).then(|| TextGrid::new(title, &["pair", "A", "B", "B - A"], rows))
     }
 
-    /// One table a metric, method and [`Division`]: where it changed.
+    /// Differences by part, one table per metric, pair of methods and [`Division`].
     pub fn where_grids(&self, strata: &[Stratum]) -> Vec<TextGrid> {
         let decimals: BTreeMap<String, usize> = self
             .results
@@ -181,7 +181,7 @@ fn stratum_cells(stratum: &Stratum, decimals: usize) -> Vec<GridCell> {
     .collect()
 }
 
-/// Notes on a row.
+/// Remarks below the table on one of its rows.
 fn remarks(row: &ScoreChange) -> Vec<String> {
     let mut remarks = Vec::new();
     let dataset = &row.dataset;

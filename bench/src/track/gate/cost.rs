@@ -40,7 +40,7 @@ pub(super) fn costs_of(
     checks.collect()
 }
 
-/// The first thing in which the devices that predicted differ, or why that is not known.
+/// The first difference between the predicting devices, or why they are unknown.
 fn device_difference(
     comparison: &RunComparison,
     against: &Against,
@@ -79,7 +79,7 @@ fn device_difference(
     Some(format!("the {what} is {a} in A and {b} in B"))
 }
 
-/// Costs of A and B: mean seconds per pair over the pairs that both have, or MiB.
+/// Costs of A and of B: mean seconds per pair over common pairs, or peak MiB.
 fn costs(cost: Resource, sides: &[BTreeMap<String, Timing>; 2]) -> Option<[f64; 2]> {
     let [a, b] = sides;
     let both = || a.iter().filter_map(|(pair, a)| Some([a, b.get(pair)?]));

@@ -1,4 +1,4 @@
-//! Limits against a comparison.
+//! Applies the limits of a gate to a comparison.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -15,7 +15,7 @@ use crate::io::counts::counted;
 use crate::track::compare::breakdown::Division;
 use crate::track::compare::{ALL, Against, RunComparison, ScoreChange};
 
-/// Pairs that got worse, as many as are shown.
+/// Most pairs shown that got worse.
 const WORST: usize = 3;
 
 /// Judges a comparison of run B with run A, whose folders are `a` and `b`: coverage, each limit on scores, each on costs.
@@ -54,18 +54,18 @@ pub(super) fn judge(
     })
 }
 
-/// A check, and what it is about if that is a metric.
+/// A check, with its subject if that is a metric.
 type Judged<'a> = (Check, Option<Subject<'a>>);
 
 struct Judge<'a> {
     comparison: &'a RunComparison,
     config: &'a GateConfig,
-    /// Those that both runs have.
+    /// Metrics of both runs.
     metrics: Vec<&'a MetricInfo>,
     datasets: Vec<&'a str>,
 }
 
-/// Subject of a limit on a metric.
+/// What a limit on a metric is applied to.
 #[derive(Clone, Copy)]
 struct Subject<'a> {
     limit: &'a Limit,
@@ -76,7 +76,7 @@ struct Subject<'a> {
 }
 
 impl Subject<'_> {
-    /// By how much a difference is for the worse.
+    /// Size of a difference for the worse.
     fn loss(&self, difference: f64) -> f64 {
         match self.info.direction {
             _ if self.either_way => difference.abs(),
@@ -85,7 +85,7 @@ impl Subject<'_> {
         }
     }
 
-    /// True also for what is no number.
+    /// Whether a difference exceeds the bound; NaN does.
     fn is_beyond(&self, difference: f64) -> bool {
         difference.is_nan() || self.loss(difference) > self.bound
     }
@@ -95,7 +95,7 @@ impl Subject<'_> {
         Check::of(self.limit.to_string(), &key, self.against, dataset)
     }
 
-    /// One more than single scores have: means of many are compared.
+    /// One more than single scores have, because means of many are compared.
     fn decimals(&self) -> usize {
         self.info.decimals + 1
     }
@@ -166,7 +166,7 @@ impl<'a> Judge<'a> {
         metrics.filter(move |info| name.names(info))
     }
 
-    /// Each limit on scores, of all methods and metrics that it names.
+    /// Checks of all limits on scores.
     fn scores(&self) -> Vec<Judged<'a>> {
         let mut judged = Vec::new();
         for limit in &self.config.fail_if {
@@ -305,7 +305,7 @@ impl<'a> Judge<'a> {
         })
     }
 
-    /// Why a row cannot find what `require_power` says. Equal sides have no spread to judge by, and nothing to find.
+    /// Why a row cannot detect the difference that `require_power` asks for. Equal sides pass: there is nothing to detect.
     fn lacks_power(&self, info: &MetricInfo, row: &ScoreChange) -> Option<String> {
         let required = self.config.require_power.iter();
         let required = required.filter(|(name, _)| name.names(info));
@@ -329,7 +329,7 @@ impl<'a> Judge<'a> {
         }
     }
 
-    /// A limit on each scene: those beyond it, or the one that comes closest.
+    /// Checks of a limit on each scene: all that fired, or else the closest one.
     fn scenes(&self, subject: Subject<'_>, dataset: Option<&str>) -> Vec<Check> {
         let place = dataset.unwrap_or(ALL);
         let strata = self.comparison.breakdown(subject.against, subject.info);
@@ -371,7 +371,7 @@ impl<'a> Judge<'a> {
         checks
     }
 
-    /// The pairs that lost most, of the first check on a metric that fired, or of the first on one.
+    /// The pairs with the largest losses, for the first fired check on a metric or else the first check on one.
     fn worst_pairs(&self, judged: &[Judged<'_>]) -> (Option<usize>, Vec<WorsePair>) {
         let on_metrics = judged.iter().enumerate();
         let mut on_metrics =
@@ -437,7 +437,7 @@ fn why_not_significant(row: &ScoreChange) -> String {
     }
 }
 
-/// A score that can be averaged.
+/// A score that is not NaN.
 fn number(record: &Record, key: &str) -> Option<f64> {
     let value = record.scores.get(key).and_then(Score::value);
     value.filter(|value| !value.is_nan())

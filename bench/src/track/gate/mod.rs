@@ -21,31 +21,31 @@ use crate::evaluate::EvaluateError;
 pub use config::{GateConfig, Limit};
 use judge::judge;
 
-/// Why a gate cannot say anything.
+/// Why a gate has no outcome.
 #[derive(Debug, thiserror::Error)]
 pub enum GateError {
     /// The runs cannot be compared.
     #[error(transparent)]
     Compare(#[from] CompareError),
-    /// What a run's predictions took cannot be read.
+    /// The times of a run cannot be read.
     #[error(transparent)]
     Evaluate(#[from] EvaluateError),
-    /// It has no limits, or they name what the runs lack.
+    /// There are no limits, or they name something the runs lack.
     #[error("{0}")]
     Limits(String),
 }
 
-/// Outcome of one check, or of all; least to most severe.
+/// Outcome of one check or of all, from least to most severe.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Default, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum CheckState {
     #[default]
     Passed,
-    /// Beyond the limit, but chance could have done it.
+    /// Beyond the limit, but not significant.
     NotSignificant,
-    /// A cost, of predictions on unlike devices.
+    /// A cost on devices that differ.
     NotCompared,
-    /// The runs cannot tell.
+    /// Not decidable from these runs.
     Inconclusive,
     Fired,
 }
@@ -63,31 +63,31 @@ impl CheckState {
     }
 }
 
-/// A limit applied to one place. What is not finite, or not known, is null.
+/// A limit applied to one dataset or scene. Values that are unknown or not finite are null.
 #[derive(Debug, Clone, Default, PartialEq, Serialize)]
 pub struct Check {
     pub state: CheckState,
-    /// As it was written; `missing_pairs > 0` for coverage.
+    /// The limit as written; `missing_pairs > 0` for coverage.
     pub limit: String,
     /// Key of a metric, or the name of a cost; `missing_pairs` for coverage.
     pub quantity: String,
     pub method_a: String,
     pub method_b: String,
-    /// Its name, or `all`.
+    /// Name, or `all`.
     pub dataset: String,
     pub scene: Option<String>,
     pub a: Option<f64>,
     pub b: Option<f64>,
-    /// B − A; of costs B over A, percent.
+    /// B − A; for costs, the increase in percent.
     pub difference: Option<f64>,
     pub ci_low: Option<f64>,
     pub ci_high: Option<f64>,
     pub p_holm: Option<f64>,
     /// The smallest difference that is found with 80 % power.
     pub mde: Option<f64>,
-    /// Why, in one line; empty where the numbers say it.
+    /// Reason in one line; empty where the numbers suffice.
     pub reason: String,
-    /// Decimals that a table shows.
+    /// Decimals in tables.
     #[serde(skip)]
     pub decimals: usize,
 }
@@ -110,11 +110,11 @@ pub struct GateReport {
     /// Fired if any check has; else inconclusive if any is; else passed.
     pub state: CheckState,
     pub checks: Vec<Check>,
-    /// The check that [`Self::worst`] is about: the first on a metric that fired, or the first on one.
+    /// Index of the check that [`Self::worst`] belongs to: the first fired check on a metric, or else the first one on a metric.
     pub worst_of: Option<usize>,
-    /// Three pairs at most, worst first.
+    /// At most three pairs, worst first.
     pub worst: Vec<WorsePair>,
-    /// What is worth knowing and decides nothing.
+    /// Remarks that do not affect the outcome.
     pub notes: Vec<String>,
 }
 
@@ -182,7 +182,7 @@ impl GateReport {
         said
     }
 
-    /// The command that shows more.
+    /// A `compare` command that shows details.
     pub fn compare_command(&self) -> String {
         let methods: BTreeSet<_> = self
             .checks

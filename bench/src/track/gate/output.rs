@@ -9,11 +9,11 @@ use crate::report::tables::markdown::escape;
 use crate::report::tables::shown;
 use crate::track::compare::tables::p_text;
 
-/// Rows of a comment at most: forges cut long ones.
+/// Most rows of a comment; hosts cut long ones.
 const ROWS: usize = 40;
 
 impl Check {
-    /// Where it looks: `eth3d, sharp`, `eth3d/office, old to new`.
+    /// Dataset, scene and methods: `eth3d, sharp`, `eth3d/office, old to new`.
     fn place(&self) -> String {
         let mut place = self.dataset.clone();
         if let Some(scene) = &self.scene {
@@ -44,7 +44,7 @@ impl Check {
     }
 }
 
-/// A row a check.
+/// One row per check.
 fn grid<'a>(title: String, checks: impl Iterator<Item = &'a Check>) -> TextGrid {
     let rows = checks.map(|check| {
         let said = [
@@ -93,7 +93,7 @@ impl GateReport {
     }
 }
 
-/// A test case a check: fired is a failure, inconclusive an error, not compared skipped.
+/// One test case per check: fired is a failure, inconclusive an error, not compared is skipped.
 pub fn junit(report: &GateReport) -> String {
     let count = |state| report.checks.iter().filter(|c| c.state == state).count();
     let mut out = String::from("<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n");
@@ -142,7 +142,7 @@ fn said(check: &Check) -> String {
     said
 }
 
-/// Text that XML 1.0 can hold, also between quotes.
+/// Escapes text and attributes for XML 1.0.
 fn xml(text: &str) -> String {
     let mut out = String::with_capacity(text.len());
     for c in visible_line(text).chars() {
@@ -160,7 +160,7 @@ fn xml(text: &str) -> String {
     out
 }
 
-/// Verdict, checks with the gravest first, the worst pairs, and how to see more.
+/// Outcome, checks with the most severe first, worst pairs, and the command that shows details.
 pub fn markdown(report: &GateReport) -> String {
     let mut checks: Vec<&Check> = report.checks.iter().collect();
     checks.sort_by_key(|check| std::cmp::Reverse(check.state));

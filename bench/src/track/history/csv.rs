@@ -1,4 +1,4 @@
-//! The series of a history as a table for programs: one row an entry of a series.
+//! The series of a history as CSV, one row per point.
 
 use crate::evaluate::Occasion;
 use crate::report::tables;

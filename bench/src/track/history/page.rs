@@ -18,9 +18,9 @@ use sharp_statistics::Verdict;
 
 /// Font size of the labels below the axis, CSS pixels.
 const LABEL_SIZE: f64 = 11.5;
-/// So many entries have room for their labels below the axis.
+/// Most entries whose labels fit below the axis.
 const LABELLED: f64 = 9.0;
-/// Between the points of two methods at one entry, CSS pixels.
+/// Distance between the points of two methods at one entry, CSS pixels.
 const APART: f64 = 7.0;
 
 #[derive(Template)]
@@ -30,7 +30,7 @@ struct HistoryPage<'a> {
     history: &'a History,
     /// One a metric.
     figures: &'a [Figure],
-    /// Points that are remarkable for something, with their series.
+    /// Points with events, and their series.
     events: &'a [(&'a Series, &'a Point)],
     changes: usize,
     /// Whether plots have several panels.

@@ -11,7 +11,7 @@ const HEADS: [&str; 9] = [
 ];
 
 impl History {
-    /// What is said of each entry.
+    /// Metadata of all entries.
     pub fn entries_grid(&self) -> TextGrid {
         let rows = self.entries.iter().map(|(number, occasion)| {
             let commit = occasion.commit.as_deref().unwrap_or("-");
@@ -25,7 +25,7 @@ impl History {
         TextGrid::new("entries", &["entry", "label", "commit", "date"], rows)
     }
 
-    /// One table a series.
+    /// One table per series.
     pub fn series_grids(&self) -> Vec<TextGrid> {
         let grid = |series: &Series| {
             let points = series.points.iter();
@@ -39,7 +39,7 @@ impl History {
         self.series.iter().map(grid).collect()
     }
 
-    /// Empty for a number that no entry has.
+    /// Label of an entry; empty if there is no entry of that number.
     pub fn label(&self, entry: u32) -> &str {
         self.occasion(entry).map_or("", |occasion| &occasion.label)
     }
@@ -93,7 +93,7 @@ impl Series {
         ]
     }
 
-    /// What a point is remarkable for, in sentences without their ends.
+    /// Events at a point, as sentences without full stops.
     pub fn events(&self, point: &Point) -> Vec<String> {
         let mut events: Vec<String> = point.broken.iter().cloned().collect();
         if let (Some(_), Some(before)) = (&point.broken, point.follows) {
@@ -127,7 +127,7 @@ impl Series {
         events
     }
 
-    /// One more than single scores have: means of many are compared.
+    /// One more than single scores have, because means of many are compared.
     fn decimals(&self) -> usize {
         self.metric.decimals + 1
     }
