@@ -261,16 +261,10 @@ fn deviations(manifest: &Manifest, records: &[Record]) -> String {
     }
     let others = others.join("; ");
     let known = match (known.as_str(), others.as_str()) {
-        ("", others) if !others.is_empty() => format!("Unlike the SHARP paper: {others}"),
-        (known, others) if !others.is_empty() => {
-            format!("Known to differ from the SHARP paper: {known}; {others}")
-        }
-        (known, _) => known.to_owned(),
-    };
-    let known = match known.as_str() {
-        "" => "No reading of a dataset and no choice of pairs is known to differ from the SHARP paper's".to_owned(),
-        known if !others.is_empty() => known.to_owned(),
-        known => format!("Known to differ from the SHARP paper: {known}"),
+        ("", "") => "No reading of a dataset and no choice of pairs is known to differ from the SHARP paper's".to_owned(),
+        ("", others) => format!("Unlike the SHARP paper: {others}"),
+        (known, "") => format!("Known to differ from the SHARP paper: {known}"),
+        (known, others) => format!("Known to differ from the SHARP paper: {known}; {others}"),
     };
     match open.as_str() {
         "" => format!("{known}."),

@@ -10,7 +10,7 @@ use crate::evaluate::results::number;
 use crate::report::column::Column;
 use crate::report::tables;
 use crate::report::tables::csv::{optional, text};
-use crate::report::tables::latex::{escape, noted};
+use crate::report::tables::latex::{Environment, escape, noted};
 use sharp_plots::bins::Bin;
 
 /// The columns of the table of bins.
@@ -136,13 +136,13 @@ pub fn latex(sweep: &Sweep) -> String {
             }
         }
         if !labels.is_empty() {
-            table(&mut out, sweep, k, metric, &labels);
+            out += &table(sweep, k, metric, &labels);
         }
     }
     format!("{MARK}\n{}", noted(out))
 }
 
-fn table(out: &mut String, sweep: &Sweep, k: usize, metric: &Column, labels: &[&str]) {
+fn table(sweep: &Sweep, k: usize, metric: &Column, labels: &[&str]) -> String {
     let note = format!(
         "Places: {}, {}. {}",
         sweep.spec.x.label(),
@@ -154,17 +154,7 @@ fn table(out: &mut String, sweep: &Sweep, k: usize, metric: &Column, labels: &[&
         Band::Ci95 => " Mean and its 95 % interval over scenes.",
         Band::None => "",
     };
-    let _ = write!(
-        out,
-        "\\begin{{table}}[!htbp]\n\\centering\n\\caption{{{} against {}.{}}}\n\\label{{tab:sweep-{}}}\n\
-         \\resizebox{{\\linewidth}}{{!}}{{%\n\\begin{{tabular}}{{lr{}}}\n\\toprule\n{} & $n$",
-        escape(&metric.label),
-        escape(sweep.spec.x.label()),
-        escape(spread),
-        metric.slug(),
-        "c".repeat(labels.len()),
-        escape(sweep.spec.x.title()),
-    );
+    let mut out = format!("{} & $n$", escape(sweep.spec.x.title()));
     for label in labels {
         let _ = write!(out, " & {}", escape(label));
     }
@@ -203,13 +193,25 @@ fn table(out: &mut String, sweep: &Sweep, k: usize, metric: &Column, labels: &[&
             out.push_str(" \\\\\n");
         }
     }
-    let _ = write!(
-        out,
-        "\\bottomrule\n\\end{{tabular}}%\n}}\n\n\\smallskip\\raggedright\\footnotesize\n{}: \\texttt{{{}}}. {}\n\\end{{table}}\n",
+    let caption = format!(
+        "{} against {}.{}",
+        escape(&metric.label),
+        escape(sweep.spec.x.label()),
+        escape(spread)
+    );
+    let below = format!(
+        "{}: \\texttt{{{}}}. {}\n",
         escape(&metric.label),
         escape(&metric.key),
         escape(&note),
     );
+    let environment = Environment {
+        caption: &caption,
+        label: Some(&format!("sweep-{}", metric.slug())),
+        columns: &format!("lr{}", "c".repeat(labels.len())),
+        is_wide: true,
+    };
+    environment.around(&out, &below)
 }
 
 fn cell(bin: &SweepBin, metric: &Column, band: Band) -> String {

@@ -333,7 +333,7 @@ fn pictures_are_linked_but_to_the_public_which_sees_what_terms_allow() {
         all.contains(&folder) && !public.contains(&folder),
         "{public}"
     );
-    assert!(public.contains("…/b.png: is gone") && public.contains("(dir=…/run"));
+    assert!(public.contains("…/run 1/b.png: is gone") && public.contains("dir=…/run 1"));
     assert_eq!(public.matches("\"no target\"").count(), 0, "{public}");
     let withheld = "terms do not let it be published";
     // Of two datasets: source, target and the depth of both; prediction, error and alpha.

@@ -93,38 +93,6 @@ fn a_limit_fires_only_beyond_its_bound_and_where_chance_is_unlikely() {
 }
 
 #[test]
-fn a_broken_scene_fires_its_own_limit_and_the_worst_pairs_are_of_it() {
-    let broken = |scene: usize, number: usize| match scene {
-        3 => -4.0 - number as f64,
-        _ => 0.0,
-    };
-    let limits = ["psnr < -0.1", "psnr < -1 per scene", "psnr < -9 per scene"];
-    let report = judged(
-        scored("D", 8, nothing),
-        scored("D", 8, broken),
-        &config(&limits),
-    );
-    let report = report.unwrap();
-    assert_eq!(
-        states(&report),
-        [
-            CheckState::NotSignificant,
-            CheckState::Fired,
-            CheckState::Passed
-        ]
-    );
-    let scenes: Vec<_> = report.checks[1..]
-        .iter()
-        .map(|c| c.scene.as_deref())
-        .collect();
-    assert_eq!(scenes, [None, Some("3"), Some("3")]);
-    assert_eq!(report.worst_of, Some(2));
-    let worst: Vec<&str> = report.worst.iter().map(|p| p.pair_id.as_str()).collect();
-    assert_eq!(worst, ["D/3/1", "D/3/0"]);
-    assert_eq!(report.worst[0].loss, 5.0);
-}
-
-#[test]
 fn limits_without_a_place_hold_on_each_dataset_and_over_all() {
     let both = |d: &dyn Fn(usize, usize) -> f64| {
         let mut records = scored("D", 6, d);
