@@ -16,7 +16,7 @@ use sharp_bench::evaluate::{Request, RunOptions, prepare};
 use sharp_bench::io::observer::Quiet;
 use sharp_bench::methods::{Closure, MethodError, PicturePrediction, SourceView, TargetCamera};
 use sharp_bench::pairs::OpenDataset;
-use sharp_bench::report::assemble;
+use sharp_bench::report::mean_tables;
 use sharp_bench::scoring::Scoring;
 use sharp_metrics::{Selection, Weights};
 
@@ -45,6 +45,8 @@ fn main() -> Result<(), Box<dyn Error>> {
         Scoring::new(&Selection::parse("psnr,ssim")?, &Weights::none())?,
     );
     let run = prepare(request, &Quiet)?.run(&folder.join("run"), RunOptions::default(), &Quiet)?;
-    println!("{}", assemble::tables(&run.results)?);
+    for table in mean_tables(&run.results)? {
+        println!("{}", table.text());
+    }
     Ok(())
 }

@@ -3,19 +3,18 @@
 //! ```console
 //! $ cargo run --release -p sharp-bench --example report_from_records -- [FOLDER]
 //! ```
-//! `sharp-bench schema record` prints what a record may hold. The report lies in FOLDER, or in a temporary folder.
+//! `sharp-bench schema record` and `schema manifest` print what a record and a manifest may hold. The report lies in FOLDER, or in a temporary folder.
 
 #![allow(clippy::print_stdout, reason = "an example that prints its result")]
 
 use std::error::Error;
 use std::path::PathBuf;
 
-use serde_json::json;
+use serde_json::{Value, json};
+use sharp_bench::evaluate::Results;
 use sharp_bench::evaluate::record::Record;
-use sharp_bench::report::{
-    NoPictures, PublishedNumbers, ReportInput, ReportOptions, text_tables, write_report,
-};
-use sharp_metrics::MetricKey;
+use sharp_bench::report::{PublishedNumbers, ReportOptions, mean_tables, report};
+use sharp_metrics::{MetricInfo, MetricKey};
 
 fn record(method: &str, centimetres: u32, psnr: f64) -> serde_json::Result<Record> {
     serde_json::from_value(json!({
@@ -24,6 +23,27 @@ fn record(method: &str, centimetres: u32, psnr: f64) -> serde_json::Result<Recor
         "source": "0", "target": centimetres.to_string(), "method": method,
         "baseline_m": f64::from(centimetres) / 100.0, "rotation_deg": 0.0,
         "status": "ok", "scores": { "psnr": psnr }, "extras": {},
+    }))
+}
+
+/// What `manifest.json` says of a run: its dataset, methods and metrics, and how they were made.
+fn manifest(methods: [&str; 2]) -> serde_json::Result<Value> {
+    let mut psnr = serde_json::to_value(MetricInfo::new(MetricKey::PSNR, &[]))?;
+    psnr["identity"] = "by hand".into();
+    let methods = methods.map(|label| {
+        json!({
+            "label": label, "spec": "", "identity": { "kind": "by hand", "settings": {} }, "privilege": "none", "sources": "",
+        })
+    });
+    Ok(json!({
+        "format": 2, "version": "0", "sources": {}, "kernels": "portable", "scoring": {},
+        "renderer": { "backend": "none", "near": 0.0, "far": 0.0, "eps2d": 0.0, "background": "black" },
+        "metric_networks": { "device": "cpu", "instruction_set": "portable", "algorithm": "winograd" },
+        "datasets": [{
+            "name": "Lab", "spec": "", "format": "Lab", "identity": "", "scenes": 1, "views": 5, "readings": [], "notes": [],
+        }],
+        "pairs": { "sha256": "", "listed": 4, "evaluated": 4, "lists": [] },
+        "methods": methods, "metrics": [psnr],
     }))
 }
 
@@ -38,21 +58,21 @@ fn main() -> Result<(), Box<dyn Error>> {
         records.push(record("steady", centimetres, 30.0 - 2.0 * motion)?);
         records.push(record("bold", centimetres, 33.0 - 4.0 * motion)?);
     }
-    let input = ReportInput {
-        title: "Two methods before a desk".into(),
-        summary: "Eight records made by hand.".into(),
-        records: &records,
-        metrics: vec![MetricKey::PSNR.into()],
-        extras: Vec::new(),
-        datasets: Vec::new(),
-        methods: Vec::new(),
-        facts: Vec::new(),
-        published: PublishedNumbers::Never,
-        comparison: None,
-        pictures: &NoPictures,
-        options: ReportOptions::default(),
+    let results = Results {
+        manifest: serde_json::from_value(manifest(["steady", "bold"])?)?,
+        records,
+        missing: Default::default(),
+        pictures: Vec::new(),
+        damaged: Vec::new(),
     };
-    println!("{}", text_tables(&input)?);
-    println!("{}", write_report(&input, &folder)?.html.display());
+    for table in mean_tables(&results)? {
+        println!("{}", table.text());
+    }
+    let options = ReportOptions {
+        published: PublishedNumbers::Never,
+        ..ReportOptions::default()
+    };
+    let written = report(&results, &[], &folder, &options)?;
+    println!("{}", written.html.display());
     Ok(())
 }

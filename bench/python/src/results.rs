@@ -7,10 +7,10 @@ use clap::ValueEnum;
 use pyo3::prelude::*;
 use sharp_bench::evaluate::record::{Record, Score, Status};
 use sharp_bench::evaluate::{Named, Results, join};
-use sharp_bench::report::assemble;
-use sharp_bench::report::plots::style::FigureStyle;
+use sharp_bench::report::mean_tables;
 use sharp_bench::report::sweep::{Motion, Split, Sweep as Core, SweepSpec, figure, table};
 use sharp_bench::track::compare::{Practical, compare as core_compare};
+use sharp_plots::style::FigureStyle;
 
 use crate::errors::{failed, refused};
 use crate::table::{Column, Table};
@@ -77,14 +77,23 @@ pub(crate) fn load_scores(py: Python<'_>, run: PathBuf) -> PyResult<Table> {
 /// The tables of means, as a page shows them.
 #[pyfunction]
 pub(crate) fn means_html(py: Python<'_>, run: PathBuf) -> PyResult<String> {
-    let html = || -> anyhow::Result<String> { Ok(assemble::html_tables(&Results::read(&run)?)?) };
+    let html = || -> anyhow::Result<String> {
+        let tables = mean_tables(&Results::read(&run)?)?;
+        let figures = tables.iter().enumerate();
+        let figures = figures.map(|(at, table)| table.html(&format!("means{at}")));
+        Ok(figures.collect::<Result<String, _>>()?)
+    };
     py.detach(html).map_err(failed)
 }
 
 /// The same for a terminal.
 #[pyfunction]
 pub(crate) fn means_text(py: Python<'_>, run: PathBuf) -> PyResult<String> {
-    let text = || -> anyhow::Result<String> { Ok(assemble::tables(&Results::read(&run)?)?) };
+    let text = || -> anyhow::Result<String> {
+        let tables = mean_tables(&Results::read(&run)?)?;
+        let texts: Vec<String> = tables.iter().map(|table| table.text()).collect();
+        Ok(texts.join("\n"))
+    };
     py.detach(text).map_err(failed)
 }
 

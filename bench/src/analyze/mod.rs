@@ -1,4 +1,4 @@
-//! The paper's explanatory experiments on pictures of one's own.
+//! The paper's explanatory experiments, on any picture.
 //!
 //! * [`translation`]: how far each metric moves when a picture is shifted a little.
 

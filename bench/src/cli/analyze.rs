@@ -16,9 +16,8 @@ use crate::config::metrics::demand_weights;
 use crate::io::atomic_files::{check_writable, write_atomic};
 use crate::io::observer::Observer;
 use crate::io::pictures;
-use crate::io::rendering_files::write_png;
 use crate::pictures::keyed_scores::json_scores;
-use crate::report::tables::{latex::latex, markdown::markdown, text::text};
+use crate::report::figures::sheet::SheetMedium;
 
 /// The paper's explanatory experiments on pictures of yours
 #[derive(Debug, Args)]
@@ -98,7 +97,7 @@ fn translation(args: &TranslationArgs) -> anyhow::Result<Outcome> {
         output::json(&to_json(&experiment, &scorer, args, &written))?;
         return Ok(Outcome::Done);
     }
-    output::line(text(&table::table(&experiment, &name)).trim_end())?;
+    output::line(table::table(&experiment, &name).text().trim_end())?;
     for path in &written {
         output::line(format!("wrote {}", path.display()))?;
     }
@@ -113,10 +112,10 @@ fn write(
     folder: &Path,
 ) -> anyhow::Result<Vec<PathBuf>> {
     let ours = table::table(experiment, name);
-    let (mut md, mut tex) = (markdown(&ours), latex(&ours));
+    let (mut md, mut tex) = (ours.markdown(), ours.latex());
     if let Some(published) = table::published().filter(|_| with_published) {
-        md += &format!("\n{}", markdown(&published));
-        tex += &format!("\n{}", latex(&published));
+        md += &format!("\n{}", published.markdown());
+        tex += &format!("\n{}", published.latex());
     }
     let mut files = vec![
         ("translation.md", md.into_bytes()),
@@ -127,15 +126,14 @@ fn write(
         files.push(("translation.svg", figure.svg.into_bytes()));
         files.push(("translation.png", figure.png));
     }
+    let pictures = strip::strip(experiment).png(&SheetMedium::screen())?;
+    files.extend(pictures.map(|png| ("translation-pictures.png", png)));
     let mut written = Vec::new();
     for (name, bytes) in files {
         let path = folder.join(name);
         write_atomic(&path, &bytes)?;
         written.push(path);
     }
-    let pictures = folder.join("translation-pictures.png");
-    write_png(&pictures, &strip::strip(experiment))?;
-    written.push(pictures);
     Ok(written)
 }
 

@@ -10,7 +10,7 @@ use super::outcome::UsageError;
 use super::output::Terminal;
 use super::{Outcome, output};
 use crate::config::metrics::weights;
-use crate::report::{ReportOptions, assemble};
+use crate::report::scenes;
 use crate::track::compare::breakdown::{Division, Stratum};
 use crate::track::compare::{CompareError, Practical, RunComparison, compare};
 
@@ -114,20 +114,20 @@ pub(super) fn execute(args: &CompareArgs) -> anyhow::Result<Outcome> {
         other => other.into(),
     })?;
     let terminal = Terminal::default();
-    let scenes = match args.anatomy || args.out.is_some() {
-        true => assemble::scenes(&comparison.results.manifest, &terminal),
+    let opened = match args.anatomy || args.out.is_some() {
+        true => scenes(&comparison.results.manifest, &terminal),
         false => Vec::new(),
     };
     let mut anatomies = Vec::new();
     if args.anatomy {
         let weights = weights(&args.weights)?;
         for against in &comparison.against {
-            anatomies.push(comparison.anatomy(against, &scenes, &weights, &terminal)?);
+            anatomies.push(comparison.anatomy(against, &opened, &weights, &terminal)?);
         }
     }
     let strata = comparison.strata(&anatomies);
     let files = match &args.out {
-        Some(out) => Some(comparison.write(&strata, &scenes, out, ReportOptions::default())?),
+        Some(out) => Some(comparison.write(&strata, &opened, out)?),
         None => None,
     };
     if args.json {

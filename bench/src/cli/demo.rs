@@ -13,7 +13,7 @@ use crate::evaluate::{Request, RunOptions, prepare};
 use crate::io::checkpoint::{NetworkError, bundled_weights};
 use crate::methods::{self, MethodSpec};
 use crate::pairs::{OpenDataset, PairOptions, PairOrigin, PairRecipe};
-use crate::report::{Layout, PictureBudget, PublishedNumbers, ReportOptions, report};
+use crate::report::{Layout, PictureBudget, ReportOptions, report};
 
 /// Run the main job on bundled data: evaluate, tabulate, plot
 ///
@@ -95,15 +95,14 @@ pub(super) fn execute(args: &DemoArgs) -> anyhow::Result<Outcome> {
         &finished.results,
         &finished.scenes,
         &args.out.join("report"),
-        PublishedNumbers::Matching,
         // One file to look at.
-        ReportOptions {
+        &ReportOptions {
             layout: Some(Layout::File),
             pictures: Some(PictureBudget {
                 bytes: 4 << 20,
                 side: 640,
             }),
-            public: false,
+            ..ReportOptions::default()
         },
     )?;
     let run = args.out.join("run");

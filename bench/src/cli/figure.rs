@@ -13,7 +13,7 @@ use super::report::warn_damaged;
 use super::sweep::{style, sweep};
 use super::{Outcome, output};
 use crate::evaluate::{Named, Results, join};
-use crate::io::atomic_files::check_writable;
+use crate::io::atomic_files::{check_writable, write_all_over_own};
 use crate::io::pictures::read_rgb8;
 use crate::io::text::visible_line;
 use crate::report::figures::catalogue::FIGURES;
@@ -22,10 +22,10 @@ use crate::report::figures::fidelity_time::SpeedSeconds;
 use crate::report::figures::from_runs::{self, SheetKind, SheetOptions};
 use crate::report::figures::sheet::Sheet;
 use crate::report::figures::uncertainty::{self, Mirrored};
-use crate::report::plots::Figure;
-use crate::report::plots::style::FigureStyle;
 use crate::report::sweep::SweepSpec;
-use crate::report::{ReportError, assemble};
+use crate::report::{ReportError, plots as report_plots, scenes};
+use sharp_plots::Figure;
+use sharp_plots::style::FigureStyle;
 
 /// Remarks on a sheet at most; --json has all.
 const PROBLEMS: usize = 10;
@@ -205,10 +205,10 @@ pub(super) fn execute(args: &FigureArgs) -> anyhow::Result<Outcome> {
 
 fn list(as_json: bool) -> anyhow::Result<Outcome> {
     if as_json {
-        output::json(&FIGURES)?;
+        output::json(&*FIGURES)?;
         return Ok(Outcome::Done);
     }
-    for figure in FIGURES {
+    for figure in FIGURES.iter() {
         output::line(format!(
             "{}\n  shows  {}\n  paper  {}\n  needs  {}\n  by     sharp-bench {}",
             figure.name, figure.shows, figure.paper, figure.needs, figure.command
@@ -249,7 +249,8 @@ fn plots(
     check_writable(&args.out.out)?;
     let figure = make(&results, &style)?;
     let figure = figure.ok_or_else(|| anyhow!("{stem}: the runs have nothing to show"))?;
-    say(&figure.write(&args.out.out, stem)?, &[], &args.out)?;
+    let files = report_plots::files(figure, &args.out.out, stem);
+    say(&write_all_over_own(&files)?, &[], &args.out)?;
     Ok(Outcome::of_problems(warn_damaged(&results)))
 }
 
@@ -258,7 +259,7 @@ fn sheet(args: &PicturesArgs, stem: &str, kind: SheetKind) -> anyhow::Result<Out
     let style = style(out.style.as_ref())?;
     let results = join(&args.runs.runs)?;
     check_writable(&out.out)?;
-    let scenes = assemble::scenes(&results.manifest, &Terminal::default());
+    let scenes = scenes(&results.manifest, &Terminal::default());
     let sheet = kind.sheet(&args.shown, &results, &scenes)?;
     let problems = write_sheet(&sheet, stem, out, &style)?;
     let damaged = warn_damaged(&results);

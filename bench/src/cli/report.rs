@@ -10,7 +10,8 @@ use super::outcome::UsageError;
 use super::output::Terminal;
 use super::{Outcome, output};
 use crate::evaluate::{Aggregation, Named, Results, UnitCounts, join_under};
-use crate::report::{self, Layout, PublishedNumbers, ReportOptions, assemble};
+use crate::report::tables::Table;
+use crate::report::{self, Layout, PublishedNumbers, ReportOptions};
 
 /// Write tables, plots and a browsable page from runs
 ///
@@ -78,18 +79,14 @@ pub(super) fn execute(args: &ReportArgs) -> anyhow::Result<Outcome> {
             results.records.len() + results.missing.len()
         ));
     }
-    let scenes = assemble::scenes(&results.manifest, &Terminal::default());
-    let files = assemble::report(
-        &results,
-        &scenes,
-        &out,
-        args.published,
-        ReportOptions {
-            layout: args.layout,
-            pictures: None,
-            public: args.public,
-        },
-    )?;
+    let scenes = report::scenes(&results.manifest, &Terminal::default());
+    let options = ReportOptions {
+        layout: args.layout,
+        public: args.public,
+        published: args.published,
+        ..ReportOptions::default()
+    };
+    let files = report::report(&results, &scenes, &out, &options)?;
     if args.json {
         let names = |paths: &[PathBuf]| -> Vec<String> {
             paths.iter().map(|f| f.display().to_string()).collect()
@@ -157,7 +154,9 @@ pub(super) fn warn_not_scored(paths: &[PathBuf]) {
 
 /// Prints the tables of results.
 pub(super) fn print_tables(results: &Results) -> anyhow::Result<()> {
-    output::line(assemble::tables(results)?)
+    let tables = report::mean_tables(results)?;
+    let texts: Vec<String> = tables.iter().map(Table::text).collect();
+    output::line(texts.join("\n"))
 }
 
 /// Exit code 4 where units are recorded failures; 75 where some are left, or still wait although this was the last stage.

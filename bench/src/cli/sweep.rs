@@ -13,10 +13,10 @@ use super::{Outcome, output};
 use crate::evaluate::{Named, join};
 use crate::io::counts::counted;
 use crate::pictures::keyed_scores::json_number;
-use crate::report::plots::bins::Binning;
-use crate::report::plots::style::FigureStyle;
 use crate::report::sweep::spec::Threshold;
 use crate::report::sweep::{Band, Motion, Split, Sweep, SweepSpec, files, table};
+use sharp_plots::bins::Binning;
+use sharp_plots::style::FigureStyle;
 
 /// Plot scores against how far the camera moved, with the table behind the plot
 ///

@@ -16,7 +16,7 @@ use crate::report::paper::{
     Beside, OwnRow, PublishedTable, RowError, TABLES, numbers, paper_table, published, write_table,
 };
 use crate::report::tables::grid::{GridCell, TextGrid};
-use crate::report::tables::{Origin, Table, text::text};
+use crate::report::tables::{Origin, Table};
 
 /// The SHARP paper's tables with rows of your own
 ///
@@ -115,7 +115,7 @@ pub(super) fn execute(args: &TableArgs) -> anyhow::Result<Outcome> {
     if args.json {
         return output::json(&to_json(paper, &table, &written)).map(|()| outcome);
     }
-    output::line(text(&table).trim_end())?;
+    output::line(table.text().trim_end())?;
     for path in &written {
         output::line(format!("wrote {}", path.display()))?;
     }
@@ -196,25 +196,20 @@ fn list(json: bool) -> anyhow::Result<Outcome> {
         let numbers = cells.flatten().count();
         let words = [table.name, table.title, made_by, needs];
         let mut row: Vec<GridCell> = words.into_iter().map(GridCell::words).collect();
-        row.insert(2, GridCell::number(numbers.to_string(), numbers as f64));
+        row.insert(2, GridCell::count(numbers));
         row.push(GridCell::words(at_hand(table)));
         row
     });
-    let grid = TextGrid {
-        title: "Tables of the SHARP paper, with all of their numbers".to_owned(),
-        heads: [
-            "name",
-            "shows",
-            "numbers",
-            "rows of yours by",
-            "needs",
-            "at hand",
-        ]
-        .map(str::to_owned)
-        .into(),
-        rows: rows.collect(),
-        remarks: Vec::new(),
-    };
+    let heads = [
+        "name",
+        "shows",
+        "numbers",
+        "rows of yours by",
+        "needs",
+        "at hand",
+    ];
+    let title = "Tables of the SHARP paper, with all of their numbers";
+    let grid = TextGrid::new(title, &heads, rows);
     output::line(grid.text().trim_end())?;
     Ok(Outcome::Done)
 }

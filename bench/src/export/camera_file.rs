@@ -8,7 +8,7 @@ use sharp::camera::{CameraError, Intrinsics, affine_from_row_major};
 
 use crate::io::atomic_files::{FileError, write_atomic};
 
-/// A camera as people script it; other keys beside these, such as those of `cameras export`, are left alone.
+/// A camera file; other keys, such as those of `cameras export`, are ignored.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct CameraFile {
     pub width: u32,
@@ -26,7 +26,7 @@ pub struct CameraFileError {
     pub reason: NoCamera,
 }
 
-/// Why a text is no camera.
+/// Why a text is not a camera.
 #[derive(Debug, thiserror::Error)]
 pub enum NoCamera {
     #[error(transparent)]

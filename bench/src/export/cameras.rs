@@ -1,6 +1,6 @@
 //! Every view of some scenes: `OUT/<dataset>/<scene>/<view>.{png,json}`, names percent-encoded as in pair ids.
 //!
-//! For what works on views and not on pairs: monocular depth for `--overlap-depth`, reconstructions, Gaussians.
+//! For tools that work on single views: monocular depth for `--overlap-depth`, reconstructions, Gaussians.
 
 use std::path::Path;
 
@@ -65,7 +65,7 @@ pub fn export(
     })
 }
 
-/// True if it was written, false if it was there.
+/// True if it was written, false if it already existed.
 fn export_view(
     scene: &Scene,
     view: &View,

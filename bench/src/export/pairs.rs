@@ -40,7 +40,7 @@ pub struct ExportOptions {
 pub struct Exported {
     pub written: usize,
     pub kept: usize,
-    /// Views of which depth was asked for and the dataset has none.
+    /// Views without the requested depth.
     pub without_depth: usize,
 }
 
@@ -87,7 +87,7 @@ pub fn export(
 struct ExportedGroup {
     written: usize,
     kept: usize,
-    /// `dataset/scene/view` of those whose depth was asked for in vain.
+    /// `dataset/scene/view` of views without the requested depth.
     without_depth: BTreeSet<String>,
 }
 

@@ -33,7 +33,7 @@ const SCREEN: (&str, &str) = (
     "screen",
     include_str!("../../templates/gaussians/screen.wgsl"),
 );
-/// Pictures of a path at most.
+/// Most pictures of a path.
 const PICTURES: usize = 12;
 /// Identifies an earlier page.
 const MARK: &str = "<meta name=\"generator\" content=\"sharp-bench viewer\">";
@@ -42,7 +42,7 @@ const MARK: &str = "<meta name=\"generator\" content=\"sharp-bench viewer\">";
 pub struct Viewer<'a> {
     pub title: &'a str,
     pub scene: &'a Gaussians,
-    /// The camera that the others are told from, such as the photograph's.
+    /// Reference camera, such as the photograph's.
     pub photograph: DAffine3,
     /// At least one; all with the same intrinsics, `eps2d`, near and far.
     pub views: &'a [RenderView],
@@ -61,7 +61,7 @@ struct ViewerPage<'a> {
     facts: String,
     shaders: String,
     gaussians: String,
-    /// As addresses with their content.
+    /// As data URLs.
     pictures: Vec<String>,
 }
 
@@ -138,7 +138,7 @@ impl Viewer<'_> {
     }
 }
 
-/// Those that can leave a trace in a picture, in their order, which decides between equal depths.
+/// The Gaussians that can be visible, in their order, which decides between equal depths.
 fn drawable(scene: &Gaussians) -> Gaussians {
     scene.filtered(|k| scene.is_finite(k) && scene.opacities[k] >= 1.0 / 255.0)
 }

@@ -2,15 +2,12 @@
 
 use std::path::{Path, PathBuf};
 
-use image::{ImageBuffer, Luma, Rgb, RgbImage};
+use image::{ImageBuffer, Luma, RgbImage};
 use sharp_metrics::{Family, MetricKey, Picture, ScoreMap};
 
 use crate::io::atomic_files::FileError;
 use crate::io::rendering_files::{write_exr_channels, write_png};
-use crate::report::error_map::colour;
-
-/// Colour of pixels without a value.
-const NO_VALUE: Rgb<u8> = Rgb([0xB8, 0xBE, 0xC6]);
+use crate::report::error_map::false_colours;
 
 /// One value per pixel; NaN where the metric has none.
 pub type Values = ImageBuffer<Luma<f32>, Vec<f32>>;
@@ -118,12 +115,8 @@ impl LocalMap {
     /// In colours (inferno) whose lightness grows in equal steps with the difference, so that they stay in order in grey and
     /// under every form of colour blindness; grey without a value.
     fn picture(&self) -> RgbImage {
-        let (width, height) = self.values.dimensions();
-        RgbImage::from_fn(width, height, |x, y| {
-            match self.values.get_pixel(x, y).0[0] {
-                value if value.is_nan() => NO_VALUE,
-                value => colour(self.scale.share(value)),
-            }
+        false_colours(&self.values, |value| {
+            (!value.is_nan()).then(|| self.scale.share(value))
         })
     }
 }
@@ -158,6 +151,8 @@ pub fn write_map(folder: &Path, name: &str, map: &LocalMap) -> Result<MapFiles, 
 #[cfg(test)]
 mod tests {
     use sharp_metrics::{Scorer, Selection, Weights};
+
+    use image::Rgb;
 
     use super::*;
 
@@ -208,7 +203,11 @@ mod tests {
             assert_eq!(map.values.dimensions(), (40, 30));
             assert!((mean(&map) - score.clone().unwrap()).abs() < 1e-6, "{key}");
             let corner = map.values.get_pixel(0, 0).0[0].is_nan();
-            assert_eq!(*map.picture().get_pixel(0, 0) == NO_VALUE, corner, "{key}");
+            assert_eq!(
+                map.picture().get_pixel(0, 0).0 == [0xB8, 0xBE, 0xC6],
+                corner,
+                "{key}"
+            );
             let inner = key.alias().contains("valid") || key.alias().contains("uniform7");
             assert_eq!(corner, inner, "{key}");
         }

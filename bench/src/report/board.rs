@@ -1,20 +1,31 @@
-//! The records of a run as a grid: datasets, their pairs, and each method's record of each pair.
+//! Results as a grid: datasets, their pairs, and each method's record of each pair.
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use sharp_datasets::natural_order;
+use sharp::model::bundled;
+use sharp_datasets::DatasetEntry;
+use sharp_datasets::entry::ENTRIES;
 
+use crate::evaluate::doubts::doubts_of;
+use crate::evaluate::manifest::{DatasetRecord, MethodRecord};
 use crate::evaluate::record::{Record, Status};
+use crate::evaluate::{Aggregation, Manifest, Results};
+use crate::io::counts::counted;
+use crate::methods::sharp::Sharp;
+use crate::methods::{KINDS, MethodIdentity, Privilege};
 
+use super::column::Column;
 use super::error::ReportError;
-use super::input::{ReportDataset, ReportMethod};
 
 /// Everything that tables and plots read.
 #[derive(Debug)]
 pub struct Board<'a> {
-    /// In the order shown, as the methods are.
+    /// In the order of the run.
     pub datasets: Vec<DatasetBoard<'a>>,
+    /// In the order of the run.
     pub methods: Vec<ReportMethod>,
+    /// In the order of the run, with or without numbers.
+    pub metrics: Vec<Column>,
 }
 
 /// The pairs of one dataset.
@@ -34,6 +45,42 @@ pub struct PairBoard<'a> {
     pub by_method: Vec<Option<&'a Record>>,
 }
 
+/// A column group of the tables.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct ReportDataset {
+    /// As in the records: the user's choice, or else the format.
+    pub name: String,
+    /// The format it was read as; `None` where only its name is known.
+    pub format: Option<String>,
+    /// One line: what it is and how much of it was read.
+    pub description: String,
+    /// `key=value` of the settings and pair options that are known to differ from the paper; a footnote of the column.
+    pub proxies: Vec<String>,
+    /// Whether scores are taken on the part of each target that all methods predict.
+    pub common_region: bool,
+    /// How its means are aggregated.
+    pub aggregation: Aggregation,
+}
+
+/// A row of the tables.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct ReportMethod {
+    /// As in the records.
+    pub label: String,
+    /// One line: what it does and with which options.
+    pub description: String,
+    /// Why this row is shown without a rank (`it is the ground truth itself`); `None` ranks it.
+    pub unranked: Option<String>,
+    /// Whether every real method is expected to beat it.
+    pub is_baseline: bool,
+    /// The kernel that smaller predictions are resized up with, where one is named.
+    pub resize_kernel: Option<String>,
+    /// Doubts about its predictions, shown after its label below the first table.
+    pub doubt: Option<String>,
+    /// Remarks on what it is, likewise.
+    pub note: Option<String>,
+}
+
 impl<'a> DatasetBoard<'a> {
     /// The records of method number `method`.
     pub fn records_of(&self, method: usize) -> impl Iterator<Item = &'a Record> {
@@ -46,48 +93,24 @@ impl<'a> DatasetBoard<'a> {
 }
 
 impl<'a> Board<'a> {
-    /// Positions of the methods that are ranked.
-    pub fn ranked(&self) -> impl Iterator<Item = usize> {
-        let methods = self.methods.iter().enumerate();
-        methods.filter_map(|(i, method)| method.unranked.is_none().then_some(i))
-    }
-
-    /// Arranges records. Datasets and methods come in the order given, the others after them in natural order.
+    /// Arranges results.
     ///
     /// # Errors
-    /// When a name is given twice, when a pair and method has two records, or when two records of a pair
-    /// disagree on its geometry (then they are not of the same pair, and their means would mean nothing).
-    pub fn new(
-        records: &'a [Record],
-        datasets: &[ReportDataset],
-        methods: &[ReportMethod],
-    ) -> Result<Self, ReportError> {
-        let datasets = completed(
-            datasets,
-            records.iter().map(|r| r.dataset.as_str()),
-            "dataset",
-            |d| &d.name,
-            ReportDataset::named,
-        )?;
-        let methods = completed(
-            methods,
-            records.iter().map(|r| r.method.as_str()),
-            "method",
-            |m| &m.label,
-            ReportMethod::named,
-        )?;
-        let rows = methods.iter().enumerate();
-        let row: BTreeMap<&str, usize> = rows.map(|(i, m)| (m.label.as_str(), i)).collect();
+    /// When a pair and method has two records, or two records of a pair disagree on its geometry: then they are not of one
+    /// pair, and their means would mean nothing.
+    pub fn of(results: &'a Results) -> Result<Self, ReportError> {
+        let Results {
+            manifest, records, ..
+        } = results;
+        let labels = manifest.methods.iter().map(|method| method.label.as_str());
+        let places: BTreeMap<&str, usize> = labels.zip(0..).collect();
         let mut grouped: BTreeMap<&str, BTreeMap<&str, PairBoard<'a>>> = BTreeMap::new();
         for record in records {
-            let pair = grouped
-                .entry(&record.dataset)
-                .or_default()
-                .entry(&record.pair_id)
-                .or_insert_with(|| PairBoard {
-                    facts: record,
-                    by_method: vec![None; methods.len()],
-                });
+            let pairs = grouped.entry(&record.dataset).or_default();
+            let pair = pairs.entry(&record.pair_id).or_insert_with(|| PairBoard {
+                facts: record,
+                by_method: vec![None; places.len()],
+            });
             let conflict = |reason: String| ReportError::Conflict {
                 pair: record.pair_id.clone(),
                 method: record.method.clone(),
@@ -99,30 +122,36 @@ impl<'a> Board<'a> {
                     pair.facts.method
                 )));
             }
-            let Some(slot) = row
-                .get(record.method.as_str())
-                .and_then(|&i| pair.by_method.get_mut(i))
-            else {
+            let Some(place) = places.get(record.method.as_str()) else {
                 continue;
             };
-            if slot.replace(record).is_some() {
+            if pair.by_method[*place].replace(record).is_some() {
                 return Err(conflict("has two records".into()));
             }
         }
-        let datasets = datasets
-            .into_iter()
-            .map(|dataset| DatasetBoard {
-                pairs: grouped
-                    .remove(dataset.name.as_str())
-                    .map(|pairs| pairs.into_values().collect())
-                    .unwrap_or_default(),
-                dataset,
-            })
-            .collect();
-        Ok(Self { datasets, methods })
+        let datasets = manifest.datasets.iter().map(|dataset| {
+            let pairs = grouped.remove(dataset.name.as_str()).unwrap_or_default();
+            DatasetBoard {
+                dataset: ReportDataset::recorded(manifest, dataset, records),
+                pairs: pairs.into_values().collect(),
+            }
+        });
+        let datasets = datasets.collect();
+        let methods = manifest.methods.iter();
+        Ok(Self {
+            datasets,
+            methods: methods.map(|m| ReportMethod::of(m, records)).collect(),
+            metrics: manifest.metrics.iter().map(|m| (&m.info).into()).collect(),
+        })
     }
 
-    /// How much the report is about, as nouns with numbers; its lead and its tiles say the same.
+    /// Positions of the methods that are ranked.
+    pub fn ranked(&self) -> impl Iterator<Item = usize> {
+        let methods = self.methods.iter().enumerate();
+        methods.filter_map(|(i, method)| method.unranked.is_none().then_some(i))
+    }
+
+    /// Counts with their nouns, for the lead and the tiles of a page.
     pub fn counts(&self, metrics: usize) -> [(&'static str, usize); 6] {
         let pairs = || self.datasets.iter().flat_map(|d| &d.pairs);
         let scenes = pairs().map(|pair| (&pair.facts.dataset, &pair.facts.scene));
@@ -138,20 +167,18 @@ impl<'a> Board<'a> {
 
     /// Records that failed, in the order of the board.
     pub fn failures(&self) -> Vec<(&'a Record, &'a str)> {
-        let mut failures = Vec::new();
-        for pair in self.datasets.iter().flat_map(|d| &d.pairs) {
-            for record in pair.by_method.iter().flatten() {
-                if let Status::Failed { reason } = &record.status {
-                    failures.push((*record, reason.as_str()));
-                }
-            }
-        }
-        failures
+        let pairs = self.datasets.iter().flat_map(|d| &d.pairs);
+        let records = pairs.flat_map(|pair| pair.by_method.iter().flatten());
+        let failures = records.filter_map(|record| match &record.status {
+            Status::Failed { reason } => Some((*record, reason.as_str())),
+            Status::Ok => None,
+        });
+        failures.collect()
     }
 }
 
-/// The geometry of a pair must not depend on the method.
-pub(super) fn differing_fact(a: &Record, b: &Record) -> Option<&'static str> {
+/// The first difference between two records of a pair in its geometry, which must not depend on the method.
+fn differing_fact(a: &Record, b: &Record) -> Option<&'static str> {
     let facts = |r: &Record| {
         [
             ("baseline", Some(r.baseline_m.to_bits())),
@@ -164,32 +191,121 @@ pub(super) fn differing_fact(a: &Record, b: &Record) -> Option<&'static str> {
     both.find(|(a, b)| a != b).map(|((what, _), _)| what)
 }
 
-/// The given list, checked for repetitions, then the names that only the records have.
-fn completed<'r, T: Clone>(
-    given: &[T],
-    found: impl Iterator<Item = &'r str>,
-    what: &'static str,
-    name: impl Fn(&T) -> &str,
-    make: impl Fn(&'r str) -> T,
-) -> Result<Vec<T>, ReportError> {
-    let mut known = BTreeSet::new();
-    for item in given {
-        if !known.insert(name(item).to_owned()) {
-            return Err(ReportError::Repeated {
-                what,
-                name: name(item).to_owned(),
-            });
+impl ReportDataset {
+    /// A dataset with only a name and a format, which may be empty.
+    pub fn of(name: &str, format: &str) -> Self {
+        Self {
+            name: name.to_owned(),
+            format: Some(format.to_owned()).filter(|format| !format.is_empty()),
+            ..Self::default()
         }
     }
-    let mut others: Vec<&str> = found
-        .filter(|n| !known.contains(*n))
-        .collect::<BTreeSet<_>>()
-        .into_iter()
+
+    fn recorded(manifest: &Manifest, dataset: &DatasetRecord, records: &[Record]) -> Self {
+        let only = dataset.only_scenes.as_ref();
+        let what = match &dataset.spec {
+            Some(spec) => spec.to_string(),
+            None => dataset.format.clone(),
+        };
+        Self {
+            description: format!(
+                "{what} (read: {}{}, {})",
+                counted(dataset.scenes, "scene"),
+                only.map_or_else(String::new, |glob| format!(" matching {glob}")),
+                counted(dataset.views, "view")
+            ),
+            proxies: proxies(manifest, dataset, records),
+            common_region: manifest.common_region,
+            aggregation: manifest.aggregation,
+            ..Self::of(&dataset.name, &dataset.format)
+        }
+    }
+
+    /// The name for headings: the user's choice as it is, a format's by its display name (`ETH3D`).
+    pub fn title(&self) -> &str {
+        match self.entry() {
+            Some(entry) if self.format.as_ref() == Some(&self.name) => entry.display_name,
+            _ => &self.name,
+        }
+    }
+
+    /// Whether pictures of it may be published, as far as is known; those of an unknown dataset may not.
+    pub(super) fn may_publish(&self) -> bool {
+        self.entry().is_some_and(|entry| entry.may_publish)
+    }
+
+    /// By format, because users choose names freely; by name where the format is not known.
+    pub(super) fn entry(&self) -> Option<&'static DatasetEntry> {
+        let name = self.format.as_ref().unwrap_or(&self.name);
+        let mut entries = ENTRIES.into_iter();
+        entries.find(|entry| entry.format == name || entry.display_name == name)
+    }
+}
+
+/// The dataset's settings and pair options that are known to differ from the paper, each once.
+pub(super) fn proxies(
+    manifest: &Manifest,
+    dataset: &DatasetRecord,
+    records: &[Record],
+) -> Vec<String> {
+    let readings = dataset.readings.iter().filter(|reading| reading.proxy);
+    let mut proxies: Vec<String> = readings
+        .map(|reading| format!("{}={}", reading.key, reading.value))
         .collect();
-    others.sort_by(|a, b| natural_order::compare(a, b));
-    Ok(given
-        .iter()
-        .cloned()
-        .chain(others.into_iter().map(make))
-        .collect())
+    let of_dataset = records.iter().filter(|r| r.dataset == dataset.name);
+    let ids: BTreeSet<&str> = of_dataset.map(|record| record.pair_id.as_str()).collect();
+    for list in &manifest.pairs.lists {
+        // A limited run does not say how many pairs were selected.
+        let selected = list.limit.map_or(ids.len(), |_| usize::MAX);
+        let choices = list.choices.get(&dataset.name).into_iter();
+        for proxy in choices.flat_map(|choices| choices.proxies(&dataset.format, selected)) {
+            if !proxies.contains(&proxy) {
+                proxies.push(proxy);
+            }
+        }
+    }
+    proxies
+}
+
+impl ReportMethod {
+    fn of(record: &MethodRecord, records: &[Record]) -> Self {
+        let identity = &record.identity;
+        let of_method = records.iter().filter(|r| r.method == record.label);
+        let privilege = match record.privilege {
+            Privilege::DepthScale => ", its scale aligned to the source's true depth",
+            _ => "",
+        };
+        let bundled = bundled_network(identity);
+        let summary = KINDS.iter().find(|known| known.name == identity.kind);
+        let summary = summary.map_or("", |known| known.summary);
+        let said = identity.settings.get(Sharp::NOTE);
+        let said = said.filter(|_| identity.kind == "sharp");
+        let network = bundled.as_ref().or(said).into_iter();
+        let notes = network.chain(&record.notes).cloned().collect();
+        let doubts = doubts_of(of_method, &identity.kind, record.privilege);
+        let joined = |texts: Vec<String>| Some(texts.join("; ")).filter(|text| !text.is_empty());
+        // "bicubic [a = -0.75, …]": the name is enough for a footnote.
+        let kernel = identity.settings.get("resize");
+        let kernel = kernel.and_then(|text| text.split(' ').next());
+        Self {
+            label: record.label.clone(),
+            description: format!(
+                "{} ({identity}{privilege})",
+                bundled.as_deref().unwrap_or(summary)
+            ),
+            is_baseline: matches!(identity.kind.as_str(), "copy" | "mean"),
+            unranked: (identity.kind == "target")
+                .then(|| "it is the ground truth itself".to_owned()),
+            resize_kernel: kernel.map(str::to_owned),
+            doubt: joined(doubts),
+            note: joined(notes),
+        }
+    }
+}
+
+/// Description of the bundled network, if a method runs it.
+pub(super) fn bundled_network(identity: &MethodIdentity) -> Option<String> {
+    let checkpoint = identity.settings.get("checkpoint")?;
+    let is_bundled = identity.kind == "sharp" && checkpoint == bundled::weights_sha256();
+    is_bundled.then(|| bundled::description().ok())?
 }

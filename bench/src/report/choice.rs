@@ -1,14 +1,13 @@
-//! Chooses the pairs of a page that cannot show all.
+//! Selects pairs for a page that has no room for all.
 
 use sharp_metrics::Direction;
 
 use super::board::{Board, PairBoard};
-use super::input::Column;
-use super::statistics;
+use super::column::Column;
 
-/// At most `limit` pairs with the positions of their datasets: the same number from each dataset as far as they have
-/// them; from each, first half of the share by the largest `badness`, then the others: evenly through the rest, or those
-/// of the least.
+/// At most `limit` pairs, each with the position of its dataset. Every dataset gets the same share as far as it has pairs:
+/// half of it are the pairs with the largest `badness`; the other half are spread evenly over the rest or, if not `evenly`,
+/// have the smallest.
 pub(super) fn choose<'a>(
     board: &'a Board<'a>,
     limit: usize,
@@ -54,7 +53,7 @@ pub(super) fn choose<'a>(
     chosen
 }
 
-/// The pairs of a dataset, those with the worst scores first; equally bad ones in the order of their ids.
+/// The pairs of a dataset from worst to best score, ties by id.
 pub(super) fn by_badness<'a>(
     board: &Board<'a>,
     pairs: &'a [PairBoard<'a>],
@@ -86,7 +85,7 @@ pub(super) fn badness(board: &Board<'_>, pair: &PairBoard<'_>, metrics: &[Column
             .filter_map(|(record, _)| (*record)?.scores.get(&metric.key)?.value())
             .filter(|v| v.is_finite())
             .collect();
-        Some(sign * statistics::mean(&values)?)
+        Some(sign * sharp_statistics::mean(&values)?)
     };
     metrics.iter().find_map(mean_of).unwrap_or(0.0)
 }

@@ -1,46 +1,44 @@
 //! Errors of a report.
 
+use sharp_plots::PlotError;
+
 use crate::evaluate::EvaluateError;
 use crate::io::atomic_files::FileError;
 
-/// Every message names the file or unit and the reason, in one line.
+/// Why a report cannot be made. Messages are one line and name the file or unit.
 #[derive(Debug, thiserror::Error)]
 pub enum ReportError {
     /// The system refused to read or write a file.
     #[error(transparent)]
     File(#[from] FileError),
-    /// Two records of one pair and method that do not agree, or a pair with two descriptions.
+    /// Two records of one pair contradict each other.
     #[error("pair '{pair}', method '{method}': {reason}")]
     Conflict {
         pair: String,
         method: String,
         reason: String,
     },
-    /// Two columns, methods or datasets of the same name were asked for.
-    #[error("{what} '{name}' is given twice")]
-    Repeated {
-        /// `metric`, `method` or `dataset`.
-        what: &'static str,
-        name: String,
-    },
-    /// Something that was named is not in the results.
+    /// A name that the results do not contain.
     #[error("{what} '{name}' is not in these runs; they have {known}")]
     Absent {
         /// `metric`, `method`, `pair`, ….
         what: &'static str,
         name: String,
-        /// By commas.
+        /// Separated by commas.
         known: String,
     },
     /// A file of a run, or a depth map.
     #[error(transparent)]
     Run(Box<EvaluateError>),
-    /// Of another number of methods this figure cannot be made.
+    /// The figure needs exactly one method.
     #[error("this figure shows one method: name it with --method")]
     NotOneMethod,
-    /// The drawing library or an encoder refused, or there is nothing to draw or no room for it.
-    #[error("plot '{plot}': {reason}")]
-    Plot { plot: String, reason: String },
+    /// A figure cannot be made.
+    #[error(transparent)]
+    Plot(#[from] PlotError),
+    /// A table could not be written as CSV.
+    #[error("a table cannot be encoded: {0}")]
+    Encode(#[from] csv::Error),
     /// A template could not be filled in.
     #[error("index.html: {0}")]
     Page(#[from] askama::Error),
@@ -53,7 +51,7 @@ impl From<EvaluateError> for ReportError {
 }
 
 impl ReportError {
-    /// The error about a name that is none of those known.
+    /// The error for an unknown name.
     pub fn absent<'a>(
         what: &'static str,
         name: &str,
@@ -71,18 +69,16 @@ impl ReportError {
     }
 }
 
-/// Why there is no picture to show, in a few words that stand in its place.
+/// Why a picture is missing, in a few words shown in its place.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum MissingPicture {
-    #[error("this report was made without pictures")]
-    NotWanted,
     #[error("its dataset's terms do not let it be published")]
     NotPublic,
     #[error("the dataset is not at hand")]
     NoDataset,
     #[error("the prediction was not kept")]
     NotKept,
-    /// A file that was exchanged since: the scores beside it are not its own.
+    /// The file was replaced after scoring.
     #[error("the kept picture is not the one that was scored")]
     NotScored,
     /// A picture that cannot be read or encoded.
@@ -90,10 +86,10 @@ pub enum MissingPicture {
     Unusable(String),
     #[error("failed: {0}")]
     Failed(String),
-    /// No error map.
+    /// An error map lacks this input.
     #[error("no {0}")]
     Without(&'static str),
-    /// No error map either. Width and height, pixels.
+    /// An error map needs pictures of one size. Width and height, pixels.
     #[error("the prediction has {} × {} pixels, the target {} × {}", prediction.0, prediction.1, target.0, target.1)]
     Sizes {
         prediction: (u32, u32),

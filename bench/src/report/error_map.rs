@@ -23,7 +23,7 @@ const INFERNO: [[f64; 3]; 7] = [
     [25.13112622477341, -12.24266895238567, -23.07032500287172],
 ];
 
-/// The colour of `share` of the scale's range; outside 0..1 the ends' colours.
+/// The colour at `share` of the scale's range, clamped to 0..1; NaN has the brightest.
 pub fn colour(share: f32) -> Rgb<u8> {
     let t = if share.is_nan() {
         1.0
@@ -39,6 +39,19 @@ pub fn colour(share: f32) -> Rgb<u8> {
         *value = (sum.clamp(0.0, 1.0) * 255.0).round() as u8;
     }
     Rgb(rgb)
+}
+
+/// A map in colours; `share` gives a value's position in the scale's range, `None` is grey.
+pub fn false_colours(
+    map: &ImageBuffer<Luma<f32>, Vec<f32>>,
+    share: impl Fn(f32) -> Option<f32>,
+) -> RgbImage {
+    RgbImage::from_fn(map.width(), map.height(), |x, y| {
+        match share(map.get_pixel(x, y).0[0]) {
+            Some(share) => colour(share),
+            None => Rgb([0xB8, 0xBE, 0xC6]),
+        }
+    })
 }
 
 /// The scale as a CSS gradient, dark on the left.
@@ -92,11 +105,11 @@ pub fn picture(
     }))
 }
 
-/// A reduced pixel of which less counts is not shown as if it did.
+/// A reduced pixel is hatched where less than this share of it is scored.
 const HALF: f32 = 0.5;
 
-/// Values in colour, averaged over the pixels that count; [`hatched`] where their share of a reduced pixel is below
-/// `enough`.
+/// Values in colour, averaged over the scored pixels and reduced to fit `side`; [`hatched`] where the share of scored pixels is
+/// below `enough`.
 pub(super) fn averaged(
     mut error: ImageBuffer<Luma<f32>, Vec<f32>>,
     scored: impl Fn(u32, u32) -> bool,
@@ -165,7 +178,7 @@ pub fn change_gradient() -> String {
     format!("linear-gradient(to right,{})", stops.join(","))
 }
 
-/// Stripes in greys, which the scale does not have: pixels that no score counts.
+/// Grey stripes, for pixels that are not scored; no colour scale has them.
 pub fn hatched(x: u32, y: u32) -> Rgb<u8> {
     if ((x + y) / 4).is_multiple_of(2) {
         Rgb([104; 3])

@@ -1,4 +1,4 @@
-//! The pairs that the page shows, and their pictures, within a number of bytes.
+//! The pairs that the page shows, with their pictures, within a byte budget.
 
 use std::collections::BTreeMap;
 
@@ -10,25 +10,26 @@ use crate::io::hash::sha256_hex;
 
 use super::board::{Board, PairBoard};
 use super::choice::{badness, choose};
+use super::column::Column;
 use super::error::MissingPicture;
 use super::error_map;
-use super::input::{Column, Layout, PictureBudget, ReportInput};
+use super::options::{Layout, PictureBudget, ReportOptions};
 use super::pictures::{ReportPictures, Thumbnail};
 use super::view_maps;
 
-/// Pairs in one file at most: half of them those with the worst scores, the others spread evenly.
+/// Most pairs in a single-file page: half have the worst scores, the others are spread evenly.
 pub(super) const PAIRS_IN_FILE: usize = 24;
 /// Absolute error (0..1, mean over the channels) at the top of the error maps' colour scale.
 pub(super) const ERROR_MAX: f32 = 0.5;
 /// Change of the absolute error at both ends of its scale.
 pub(super) const CHANGE_MAX: f32 = 0.2;
-/// Smaller pictures show too little: a file shows fewer pairs instead.
+/// Least side in a single-file page, pixels; it shows fewer pairs rather than smaller pictures.
 const MIN_SIDE: u32 = 240;
-/// A folder shows all pairs.
+/// Least side in a folder, which shows all pairs.
 const MIN_SIDE_IN_FOLDER: u32 = 96;
-/// Pairs of each dataset by which the size of all pictures is chosen.
+/// Pairs of each dataset that are encoded to estimate the size of all pictures.
 const PROBES: usize = 5;
-/// Share of the allowed bytes to aim at: the bytes are estimated from a few pairs.
+/// Share of the budget to aim for, as bytes are only estimated.
 const FILLED: f64 = 0.9;
 
 /// Kind of a picture of a pair. Pictures of predictions come after those of the two views.
@@ -36,14 +37,14 @@ const FILLED: f64 = 0.9;
 pub enum PictureKind {
     Source,
     Target,
-    /// The target with what is not scored in stripes.
+    /// The target, hatched where it is not scored.
     Mask,
-    /// Of the target, in colours of inverse depth; so is that of the source.
+    /// Inverse depth of the target in colours; [`Self::SourceDepth`] is the source's.
     Depth,
     SourceDepth,
     Prediction,
     Error,
-    /// How the error changed against the method that it stands against.
+    /// Change of the error against the method it is compared with.
     Change,
     /// Coverage of a rendering, black to white.
     Alpha,
@@ -66,7 +67,7 @@ impl PictureKind {
     }
 }
 
-/// Pictures, or why there is none; a kind that does not apply is not among them.
+/// Pictures or the reasons why they are missing; kinds that do not apply are absent.
 pub type Pictures = BTreeMap<PictureKind, Result<Thumbnail, MissingPicture>>;
 
 /// The pairs shown.
@@ -123,15 +124,14 @@ impl GalleryPair<'_> {
 }
 
 impl<'a> Gallery<'a> {
-    /// Picks pairs, reduces and encodes their pictures. The longest side is chosen so that all of them are likely
-    /// to fit; should they not, a file leaves out pairs at the end.
+    /// Selects pairs, then reduces and encodes their pictures to a size that is likely to fit the budget. A single-file page
+    /// that still exceeds it drops pairs from the end.
     pub fn new(
         board: &'a Board<'a>,
         metrics: &[Column],
-        input: &ReportInput<'_>,
-        pictures: &dyn ReportPictures,
+        options: &ReportOptions,
+        pictures: &ReportPictures<'_>,
     ) -> Self {
-        let options = &input.options;
         let of = board.datasets.iter().map(|d| d.pairs.len()).sum();
         let layout = options.layout.unwrap_or(match of {
             0..=PAIRS_IN_FILE => Layout::File,
@@ -141,7 +141,7 @@ impl<'a> Gallery<'a> {
             Layout::File => PAIRS_IN_FILE,
             Layout::Folder => usize::MAX,
         };
-        let chosen = match &input.comparison {
+        let chosen = match &options.comparison {
             None => choose(board, limit, true, |pair| badness(board, pair, metrics)),
             Some(comparison) => choose(board, limit, false, |pair| {
                 let losses = comparison.losses.get(&pair.facts.pair_id);
@@ -150,7 +150,7 @@ impl<'a> Gallery<'a> {
             }),
         };
         let budget = options.pictures.unwrap_or(layout.budget());
-        let load = |(dataset, pair), side| load(dataset, pair, board, input, pictures, side);
+        let load = |(dataset, pair), side| load(dataset, pair, board, options, pictures, side);
         let side = side(&chosen, layout, budget, &load);
         let mut pairs: Vec<GalleryPair<'a>> = chosen
             .into_par_iter()
@@ -198,8 +198,8 @@ pub(super) fn file_name(picture: &Thumbnail) -> String {
 /// The folder of pictures next to the page.
 pub(super) const THUMBNAILS: &str = "thumbs";
 
-/// The longest side with which the pictures of all pairs are likely to take the bytes allowed, by those of a few pairs of
-/// each dataset. Bytes grow roughly with the area; a second and a third estimate correct the rest.
+/// The longest side at which all pictures are likely to fit the budget, estimated from a few pairs of each dataset. Bytes
+/// grow roughly with the area; two more estimates correct the first.
 fn side<'a>(
     chosen: &[(usize, &'a PairBoard<'a>)],
     layout: Layout,
@@ -239,9 +239,9 @@ fn side<'a>(
 }
 
 /// Position of the method that a method is compared with.
-pub(super) fn against(input: &ReportInput<'_>, board: &Board<'_>, method: usize) -> Option<usize> {
+pub(super) fn against(options: &ReportOptions, board: &Board<'_>, method: usize) -> Option<usize> {
     let label = &board.methods.get(method)?.label;
-    let mut against = input.comparison.as_ref()?.against.iter();
+    let mut against = options.comparison.as_ref()?.against.iter();
     let [other, _] = against.find(|[_, b]| b == label)?;
     board
         .methods
@@ -253,8 +253,8 @@ fn load<'a>(
     dataset: usize,
     pair: &'a PairBoard<'a>,
     board: &Board<'_>,
-    input: &ReportInput<'_>,
-    pictures: &dyn ReportPictures,
+    options: &ReportOptions,
+    pictures: &ReportPictures<'_>,
     side: u32,
 ) -> GalleryPair<'a> {
     let small = |picture: &RgbImage| Thumbnail::new(picture, side);
@@ -274,8 +274,14 @@ fn load<'a>(
         views.insert(PictureKind::Mask, small(&drawn));
     }
     for (kind, depth) in [
-        (PictureKind::Depth, pictures.target_depth(pair.facts)),
-        (PictureKind::SourceDepth, pictures.source_depth(pair.facts)),
+        (
+            PictureKind::Depth,
+            pictures.depth(pair.facts, &pair.facts.target),
+        ),
+        (
+            PictureKind::SourceDepth,
+            pictures.depth(pair.facts, &pair.facts.source),
+        ),
     ] {
         if let Some(depth) = depth.transpose() {
             let drawn = depth.map(|depth| view_maps::inverse_depth(&depth, side));
@@ -322,7 +328,7 @@ fn load<'a>(
             (PictureKind::Prediction, prediction),
             (PictureKind::Error, error(at, record.crop)),
         ]);
-        if let Some(other) = against(input, board, at) {
+        if let Some(other) = against(options, board, at) {
             shown.insert(PictureKind::Change, change(other, at, record.crop));
         }
         if let Some(alpha) = pictures.alpha(record).transpose() {
@@ -345,7 +351,7 @@ fn load<'a>(
     }
 }
 
-/// The rule of the scores: inside the crop that was scored, and not excluded by the dataset.
+/// Whether a pixel is scored: inside the scored crop and not excluded by the dataset.
 fn is_scored(crop: Option<Crop>, valid: Option<&GrayImage>, (x, y): (u32, u32)) -> bool {
     let in_crop = crop.is_none_or(|Crop { region, .. }| {
         let inside = |at: u32, start: u32, length: u32| at >= start && at - start < length;

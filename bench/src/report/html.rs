@@ -13,18 +13,22 @@ use serde_json::Value;
 use sha2::{Digest as _, Sha256};
 use sharp_metrics::Direction;
 
+use crate::evaluate::Results;
 use crate::evaluate::record::Record;
 
-use super::board::{Board, PairBoard};
+use super::board::{Board, PairBoard, ReportDataset};
+use super::column::Column;
 use super::error_map;
+use super::facts::FactGroup;
 use super::gallery::{self, Gallery, PictureKind};
-use super::input::{Column, FactGroup, Layout, ReportDataset, ReportInput};
+use super::options::{Layout, ReportOptions};
 use super::page_data;
 use super::pictures::ReportPictures;
-use super::plots::Figure;
-use super::plots::canvas::{GRID, INK, MUTED, PAPER};
-use super::plots::palette::style;
-use super::tables::{Table, html::html};
+use super::tables::Table;
+use super::write::withheld;
+use sharp_plots::Figure;
+use sharp_plots::ink::{GRID, INK, MUTED, PAPER};
+use sharp_plots::palette::style;
 
 pub(crate) const STYLE: &str = include_str!("../../templates/style.css");
 /// Tables, then the cards of the pairs, then the large view.
@@ -43,15 +47,20 @@ const FAILURES: usize = 200;
 #[derive(Template)]
 #[template(path = "report.html")]
 pub struct Page<'a> {
-    pub input: &'a ReportInput<'a>,
+    pub title: &'static str,
+    /// Below the title: the counts, and what was run.
+    pub lead: String,
+    pub results: &'a Results,
+    pub options: &'a ReportOptions,
     /// Folder of the report.
     pub out: &'a Path,
-    /// Those of the input that are shown.
+    /// Metrics that have a number.
     pub metrics: &'a [Column],
-    /// Nouns with their numbers.
+    /// Quantities that methods report.
+    pub extras: &'a [Column],
+    pub facts: &'a [FactGroup],
+    /// Counts with their nouns.
     pub counts: [(&'static str, usize); 6],
-    /// The counts and the input's summary.
-    pub lead: &'a str,
     pub board: &'a Board<'a>,
     /// Tables of this run.
     pub ours: &'a [Table],
@@ -60,10 +69,7 @@ pub struct Page<'a> {
     /// Plots by file stem.
     pub figures: &'a [(String, Figure)],
     pub gallery: &'a Gallery<'a>,
-    /// Where the gallery's are from.
-    pub pictures: &'a dyn ReportPictures,
-    /// Datasets whose pictures are left out because of their terms.
-    pub withheld: &'a [&'a ReportDataset],
+    pub pictures: &'a ReportPictures<'a>,
 }
 
 impl Page<'_> {
@@ -80,7 +86,7 @@ impl Page<'_> {
     }
 
     fn table(&self, table: &Table, prefix: &str, position: &usize) -> askama::Result<String> {
-        html(table, &format!("{prefix}{position}"))
+        table.html(&format!("{prefix}{position}"))
     }
 
     fn plot(&self, figure: &Figure) -> String {
@@ -95,13 +101,13 @@ impl Page<'_> {
         style(*method).ink.hex()
     }
 
-    /// Whether some pixels of a target count in no score.
+    /// Whether pixels of some target are not scored.
     fn excludes_pixels(&self) -> bool {
-        let mut records = self.input.records.iter();
+        let mut records = self.results.records.iter();
         records.any(|r| r.crop.is_some() || r.valid_share.is_some())
     }
 
-    /// What the script shows of the pairs.
+    /// The pairs as JSON for the script.
     fn data(&self) -> String {
         page_data::json(self)
     }
@@ -110,24 +116,24 @@ impl Page<'_> {
         self.gallery.has(kind)
     }
 
-    /// Where the full prediction lies. A crop is not linked: the page shows it in its place.
+    /// Link to the full prediction; none for a crop, which the page shows in its place in the target.
     pub(super) fn full_path(&self, record: &Record) -> Option<String> {
-        let kept = self.pictures.kept(record);
+        let kept = self.pictures.linked(record);
         self.link(&kept.filter(|_| record.crop.is_none())?)
     }
 
     /// The page of `render --viewer` that was written beside the kept prediction, if one was.
     pub(super) fn viewer_path(&self, record: &Record) -> Option<String> {
-        let page = self.pictures.kept(record)?.with_extension("html");
+        let page = self.pictures.linked(record)?.with_extension("html");
         page.is_file().then(|| self.link(&page))?
     }
 
-    /// Where the full source and target lie: as the self-test, which is not ranked, kept the target, else in the dataset.
+    /// Links to the full source and target: the target as the self-test kept it, otherwise as in the dataset.
     pub(super) fn full_views(&self, pair: &PairBoard<'_>) -> [Option<String>; 2] {
         let mut records = pair.by_method.iter().zip(&self.board.methods);
         let itself = records.find(|(_, method)| method.unranked.is_some());
         let itself = itself.and_then(|(record, _)| self.full_path(record.as_ref()?));
-        let [source, target] = self.pictures.photographs(pair.facts);
+        let [source, target] = self.pictures.linked_photographs(pair.facts);
         let target = itself.or_else(|| self.link(&target?));
         [source.and_then(|source| self.link(&source)), target]
     }
@@ -137,26 +143,27 @@ impl Page<'_> {
         relative(&absolute(file).ok()?, &absolute(self.out).ok()?)
     }
 
+    /// Datasets whose pictures are left out of a report for the public.
+    fn withheld(&self) -> Vec<&ReportDataset> {
+        withheld(self.board).collect()
+    }
+
     /// The terms of a dataset.
     fn terms(&self, dataset: &ReportDataset) -> &'static str {
         dataset.entry().map_or("terms unknown", |entry| entry.terms)
     }
 
-    /// Methods, datasets and the facts of the run, as far as there is something to say.
+    /// Methods, datasets and the facts of the run, without empty ones.
     pub(super) fn fact_groups(&self) -> Vec<FactGroup> {
         let methods = self.board.methods.iter();
         let methods = methods.map(|m| (m.label.clone(), m.description.clone()));
         let datasets = self.board.datasets.iter().map(|d| &d.dataset);
         let datasets = datasets.map(|d| (d.title().to_owned(), d.description.clone()));
-        let group = |title: &str, facts| FactGroup {
-            title: title.to_owned(),
-            facts,
-        };
         let mut groups = vec![
-            group("Methods", methods.collect()),
-            group("Datasets", datasets.collect()),
+            FactGroup::new("Methods", methods.collect()),
+            FactGroup::new("Datasets", datasets.collect()),
         ];
-        groups.extend(self.input.facts.iter().cloned());
+        groups.extend(self.facts.iter().cloned());
         for group in &mut groups {
             group.facts.retain(|(_, value)| !value.is_empty());
         }
@@ -165,7 +172,7 @@ impl Page<'_> {
     }
 }
 
-/// JSON in which no end of a script can hide.
+/// JSON that is safe inside a `script` element: without `<`.
 pub(crate) fn without_tags(value: &Value) -> String {
     value.to_string().replace('<', "\\u003c")
 }
@@ -203,7 +210,7 @@ fn encoded(part: &str) -> String {
     bytes.collect()
 }
 
-/// A drawing in the page's own colours for paper, ink and grid, so that it is readable in the dark theme.
+/// An SVG that takes paper, ink and grid colours from the page, so that it follows the theme.
 pub(crate) fn themed(svg: &str) -> String {
     let mut out = svg.to_owned();
     for (ink, variable) in [

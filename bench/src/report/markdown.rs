@@ -1,26 +1,22 @@
-//! The report as text: tables, plots by reference, and how the numbers came about.
+//! The report as Markdown: tables, links to plots, and how the numbers were computed.
 
 use std::fmt::Write as _;
 
 use super::html::Page;
-use super::tables::markdown::{escape, markdown};
+use super::tables::markdown::escape;
 
 /// The page as GitHub-flavoured Markdown, without its pairs. `plots` are titles and paths of PNGs relative to
 /// the report, with `/`.
 pub fn report(page: &Page<'_>, plots: &[(String, String)]) -> String {
-    let mut out = format!(
-        "# {}\n\n{}\n\n",
-        escape(&page.input.title),
-        escape(page.lead)
-    );
-    if let Some(comparison) = &page.input.comparison {
+    let mut out = format!("# {}\n\n{}\n\n", escape(page.title), escape(&page.lead));
+    if let Some(comparison) = &page.options.comparison {
         let _ = write!(out, "{}\n\n", escape(&comparison.lead));
         for grid in comparison.grids.iter().chain(&comparison.details) {
             let _ = write!(out, "## {}\n\n{}\n", escape(&grid.title), grid.markdown());
         }
     }
     for table in page.ours {
-        let _ = write!(out, "## {}\n\n{}\n", escape(&table.title), markdown(table));
+        let _ = write!(out, "## {}\n\n{}\n", escape(&table.title), table.markdown());
     }
     let failures = page.board.failures();
     if !failures.is_empty() {
@@ -42,7 +38,12 @@ pub fn report(page: &Page<'_>, plots: &[(String, String)]) -> String {
     if !page.published.is_empty() {
         out.push_str("## Published numbers\n\n");
         for table in page.published {
-            let _ = write!(out, "### {}\n\n{}\n", escape(&table.title), markdown(table));
+            let _ = write!(
+                out,
+                "### {}\n\n{}\n",
+                escape(&table.title),
+                table.markdown()
+            );
         }
     }
     if !plots.is_empty() {
@@ -52,7 +53,7 @@ pub fn report(page: &Page<'_>, plots: &[(String, String)]) -> String {
         }
     }
     out.push_str("## How the numbers came about\n\n");
-    for column in page.metrics.iter().chain(&page.input.extras) {
+    for column in page.metrics.iter().chain(page.extras) {
         let mut unit = column.unit.clone();
         if !unit.is_empty() {
             unit.insert_str(0, ", ");

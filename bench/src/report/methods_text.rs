@@ -4,14 +4,13 @@ use std::collections::BTreeSet;
 
 use sharp_datasets::entry::entry;
 
-use super::assemble::{bundled_network, proxies};
+use super::board::{ReportDataset, bundled_network, proxies};
 use super::metrics_text::{MethodsText, short};
 use super::tables::latex::{escape, noted};
 use crate::evaluate::Results;
 use crate::evaluate::manifest::{DatasetRecord, ListOrigin, Manifest};
 use crate::evaluate::record::{Record, Status};
 use crate::methods::Privilege;
-use crate::report::ReportDataset;
 
 /// Citation of a dataset, by format.
 const CITED: [(&str, &str); 6] = [
@@ -23,7 +22,7 @@ const CITED: [(&str, &str); 6] = [
     ("eth3d", "schops2017multi"),
 ];
 
-/// Sentences of the paragraph that a paper says aloud; the rest of `manifest.scoring` is in the manifest.
+/// Keys of `manifest.scoring` that the paragraph mentions, with their openings.
 const CONVENTIONS: [(&str, &str); 5] = [
     ("prediction", "Predictions"),
     ("target", "Ground truth"),
@@ -129,11 +128,7 @@ fn datasets(manifest: &Manifest, records: &[Record]) -> String {
 }
 
 fn title(dataset: &DatasetRecord) -> String {
-    let named = ReportDataset {
-        format: Some(dataset.format.clone()),
-        ..ReportDataset::named(&dataset.name)
-    };
-    escape(named.title())
+    escape(ReportDataset::of(&dataset.name, &dataset.format).title())
 }
 
 fn failures(records: &[Record]) -> Option<String> {
@@ -266,16 +261,10 @@ fn deviations(manifest: &Manifest, records: &[Record]) -> String {
     }
     let others = others.join("; ");
     let known = match (known.as_str(), others.as_str()) {
-        ("", others) if !others.is_empty() => format!("Unlike the SHARP paper: {others}"),
-        (known, others) if !others.is_empty() => {
-            format!("Known to differ from the SHARP paper: {known}; {others}")
-        }
-        (known, _) => known.to_owned(),
-    };
-    let known = match known.as_str() {
-        "" => "No reading of a dataset and no choice of pairs is known to differ from the SHARP paper's".to_owned(),
-        known if !others.is_empty() => known.to_owned(),
-        known => format!("Known to differ from the SHARP paper: {known}"),
+        ("", "") => "No reading of a dataset and no choice of pairs is known to differ from the SHARP paper's".to_owned(),
+        ("", others) => format!("Unlike the SHARP paper: {others}"),
+        (known, "") => format!("Known to differ from the SHARP paper: {known}"),
+        (known, others) => format!("Known to differ from the SHARP paper: {known}; {others}"),
     };
     match open.as_str() {
         "" => format!("{known}."),

@@ -1,4 +1,4 @@
-//! Which metrics these are, as a paper should say it: a paragraph of LaTeX and the references that it cites.
+//! The metrics of a run for a paper's methods section: a paragraph of LaTeX with its references.
 
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
@@ -63,14 +63,14 @@ impl MethodsText {
     }
 }
 
-/// How our files begin, so that nothing else is written over.
+/// First line of our files; others are not overwritten.
 const MARK: &str = "% Written by sharp-bench";
 
 impl MethodsText {
     /// Writes `methods.tex`, to be `\\input`, and `methods.bib`.
     ///
     /// # Errors
-    /// When one cannot be written, or the name is taken by something else; then none is written.
+    /// When a file cannot be written, or exists and is not ours; then none is written.
     pub fn write(&self, folder: &Path) -> Result<Vec<PathBuf>, FileError> {
         let tex = format!("{MARK}; references: methods.bib\n{}\n", self.latex);
         let bib = format!("{MARK}\n\n{}", self.bibtex);

@@ -3,33 +3,33 @@
 //! Means are recomputed from the raw records each time; nothing averaged is ever averaged again.
 //! The same input gives the same bytes: no clock, no random number, no order of a hash map.
 //!
-//! * [`assemble`]: a report from results.
-//! * [`input`]: the input of a report, as plain values; [`error`]: errors.
-//! * [`board`]: the run as a grid of pairs × methods; [`statistics`]: mean, spread and coverage of a cell.
+//! * [`mod@write`]: writes a report of results into a folder, by [`options`]; [`error`]: errors.
+//! * [`board`]: results as a grid of pairs × methods; [`column`]: a metric or a reported quantity; [`statistics`]: mean,
+//!   spread and coverage of a cell; [`facts`]: how the numbers came about.
 //! * [`tables`]: the paper's form in Markdown, CSV, LaTeX, HTML and plain text.
 //! * [`paper`]: the paper's published numbers next to ours, never ranked with them; [`explain`]: why the two differ.
 //! * [`plots`]: baseline against metric, histogram of baselines; SVG, PNG and PDF.
-//! * [`pictures`]: source of a report's pictures; [`error_map`]: error of a prediction in false colour;
-//!   [`view_maps`]: mask, depth and coverage; [`gallery`]: the pairs that the page shows; `choice`: picks some where it
-//!   cannot show all.
+//! * [`pictures`]: pictures of records; [`error_map`]: error of a prediction in false colour; [`view_maps`]: mask, depth and
+//!   coverage; [`gallery`]: the pairs that the page shows; `choice`: picks some where it cannot show all.
 //! * [`sweep`]: scores against camera motion, as a study; [`figures`]: the other figures of a paper.
 //! * [`speed`]: run time and compute; [`mod@methods_text`]: a paragraph for a paper on how the numbers were computed;
 //!   [`metrics_text`]: sentences on the metrics.
-//! * [`html`]: the page; `page_data`: the data for its script; [`markdown`]: the page as text; [`mod@write`]: writes a folder.
+//! * [`html`]: the page; `page_data`: the data for its script; [`markdown`]: the page as text.
 
-pub mod assemble;
 pub mod board;
 mod choice;
+pub mod column;
 pub mod error;
 pub mod error_map;
 pub mod explain;
+pub mod facts;
 pub mod figures;
 pub mod gallery;
 pub mod html;
-pub mod input;
 pub mod markdown;
 pub mod methods_text;
 pub mod metrics_text;
+pub mod options;
 mod page_data;
 pub mod paper;
 pub mod pictures;
@@ -42,13 +42,13 @@ pub mod view_maps;
 pub mod write;
 
 #[cfg(test)]
+pub(crate) mod test_results;
+#[cfg(test)]
 mod tests;
 
-pub use assemble::report;
+pub use board::{Board, ReportDataset, ReportMethod};
+pub use column::Column;
 pub use error::{MissingPicture, ReportError};
-pub use input::{
-    Column, FactGroup, Layout, PictureBudget, PublishedNumbers, ReportComparison, ReportDataset,
-    ReportInput, ReportMethod, ReportOptions,
-};
-pub use pictures::{NoPictures, ReportPictures};
-pub use write::{ReportFiles, mean_tables, text_tables, write_report};
+pub use options::{Layout, PictureBudget, PublishedNumbers, ReportComparison, ReportOptions};
+pub use pictures::{ReportPictures, scenes};
+pub use write::{ReportFiles, mean_tables, report};

@@ -5,13 +5,14 @@ use serde_json::{Value, json};
 use crate::evaluate::record::{Record, Score, Status, finite_or_text};
 use crate::io::text::visible_line;
 
+use super::column::Column;
 use super::gallery::{self, GalleryPair, Pictures};
 use super::html::{Page, without_tags};
-use super::input::{Column, Layout};
+use super::options::Layout;
 use super::pictures::Thumbnail;
-use super::plots::palette::style;
+use sharp_plots::palette::style;
 
-/// JSON that can stand in a `script` element: it holds no `<`, and nothing that a reader's program would obey.
+/// JSON that is safe inside a `script` element: without `<` and without control characters.
 pub(super) fn json(page: &Page<'_>) -> String {
     let methods = page.board.methods.iter().enumerate();
     let methods = methods.map(|(at, method)| {
@@ -19,7 +20,7 @@ pub(super) fn json(page: &Page<'_>) -> String {
             "label": visible_line(&method.label),
             "colour": style(at).ink.hex(),
             "ranked": method.unranked.is_none(),
-            "against": gallery::against(page.input, page.board, at),
+            "against": gallery::against(page.options, page.board, at),
         })
     });
     let datasets = page.board.datasets.iter();
@@ -63,7 +64,7 @@ fn pair_data(page: &Page<'_>, shown: &GalleryPair<'_>) -> Value {
             Status::Ok => {
                 let scores = page.metrics.iter().map(|metric| score(record, metric));
                 data["scores"] = scores.collect();
-                data["extras"] = extras(page.input.extras.as_slice(), record);
+                data["extras"] = extras(page.extras, record);
             }
         }
         Some(data)
@@ -136,7 +137,12 @@ fn facts_of(facts: &Record) -> Vec<String> {
 
 /// The amount by which B is worse on a pair, by metric; `None` where the page is not a comparison.
 fn losses(page: &Page<'_>, facts: &Record) -> Option<Vec<Option<f64>>> {
-    let of_pair = page.input.comparison.as_ref()?.losses.get(&facts.pair_id)?;
+    let of_pair = page
+        .options
+        .comparison
+        .as_ref()?
+        .losses
+        .get(&facts.pair_id)?;
     let metrics = page.metrics.iter();
     let losses = metrics.map(|metric| of_pair.get(&metric.key).copied());
     Some(losses.map(|loss| loss.filter(|v| v.is_finite())).collect())

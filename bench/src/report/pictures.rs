@@ -1,7 +1,9 @@
 //! Pictures of a report: where they come from, and how they get into a page.
 
-use std::collections::BTreeSet;
-use std::path::PathBuf;
+use std::collections::{BTreeMap, BTreeSet};
+use std::fmt::Display;
+use std::path::{Path, PathBuf};
+use std::sync::Mutex;
 
 use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD;
@@ -9,150 +11,237 @@ use image::codecs::jpeg::JpegEncoder;
 use image::{
     ExtendedColorType, GrayImage, ImageBuffer, ImageEncoder as _, Pixel, RgbImage, imageops,
 };
-use sharp_datasets::DepthMap;
+use sharp_datasets::format::read_map;
+use sharp_datasets::{DepthMap, Scene, View};
 
 use crate::evaluate::record::Record;
-use crate::io::pictures::Alpha;
+use crate::evaluate::results::KeptPicture;
+use crate::evaluate::{Manifest, Results};
+use crate::io::observer::Observer;
+use crate::io::pictures::{Alpha, read_linear, read_rgb8};
 use crate::io::text::without_folders;
+use crate::io::view_hashes::lock;
 
 use super::error::MissingPicture;
 
-/// Source of a record's pictures: sRGB, 8 bit. Called from several threads, and only for pictures that the gallery shows;
-/// for a few pairs more than once, to choose the size of pictures.
-pub trait ReportPictures: Sync {
+/// Pictures of records, sRGB and 8 bit: source and target from the datasets, predictions from the run folder. A kept file
+/// that is not the one that was scored is not shown, and [named](Self::not_scored).
+pub struct ReportPictures<'a> {
+    results: &'a Results,
+    /// By dataset and id.
+    scenes: BTreeMap<(&'a str, &'a str), &'a Scene>,
+    /// For a public report, the datasets whose pictures are withheld; such a report shows no paths either. `None` otherwise.
+    withheld: Option<BTreeSet<String>>,
+    /// By pair and method: each file is hashed once.
+    kept: Mutex<BTreeMap<(String, String), Option<KeptPicture>>>,
+    not_scored: Mutex<BTreeSet<PathBuf>>,
+}
+
+impl<'a> ReportPictures<'a> {
+    pub fn new(results: &'a Results, scenes: &'a [Scene]) -> Self {
+        Self {
+            results,
+            scenes: scenes
+                .iter()
+                .map(|scene| ((scene.dataset.as_str(), scene.id.as_str()), scene))
+                .collect(),
+            withheld: None,
+            kept: Mutex::default(),
+            not_scored: Mutex::default(),
+        }
+    }
+
+    /// Withholds the pictures of some datasets and all links.
+    pub(super) fn public(self, withheld: BTreeSet<String>) -> Self {
+        Self {
+            withheld: Some(withheld),
+            ..self
+        }
+    }
+
+    /// Kept pictures that were asked for and are not those that were scored, sorted.
+    pub fn not_scored(&self) -> Vec<PathBuf> {
+        lock(&self.not_scored).iter().cloned().collect()
+    }
+
+    fn check_terms(&self, record: &Record) -> Result<(), MissingPicture> {
+        let withheld = self.withheld.as_ref();
+        match withheld.is_some_and(|withheld| withheld.contains(&record.dataset)) {
+            true => Err(MissingPicture::NotPublic),
+            false => Ok(()),
+        }
+    }
+
+    fn unusable(&self, error: impl Display) -> MissingPicture {
+        let reason = error.to_string();
+        MissingPicture::Unusable(match self.withheld {
+            Some(_) => without_folders(&reason),
+            None => reason,
+        })
+    }
+
+    /// A view of a record's scene.
+    ///
+    /// # Errors
+    /// When its pictures are withheld or the dataset is not at hand.
+    pub(crate) fn view(&self, record: &Record, id: &str) -> Result<&'a View, MissingPicture> {
+        self.check_terms(record)?;
+        let of = (record.dataset.as_str(), record.scene.as_str());
+        let scene = self.scenes.get(&of);
+        let view = scene.and_then(|scene| scene.views.iter().find(|view| view.id == id));
+        view.ok_or(MissingPicture::NoDataset)
+    }
+
+    fn photograph(&self, record: &Record, id: &str) -> Result<RgbImage, MissingPicture> {
+        let image = self.view(record, id)?.content.image();
+        image.map_err(|error| self.unusable(error))
+    }
+
     /// The photograph that the method was given.
     ///
     /// # Errors
     /// Why there is none.
-    fn source(&self, _record: &Record) -> Result<RgbImage, MissingPicture> {
-        Err(MissingPicture::NotWanted)
+    pub fn source(&self, record: &Record) -> Result<RgbImage, MissingPicture> {
+        self.photograph(record, &record.source)
     }
 
-    /// What it should have predicted, at the size at which predictions are scored.
+    /// The photograph of the target, at the size at which predictions are scored.
     ///
     /// # Errors
     /// Why there is none.
-    fn target(&self, _record: &Record) -> Result<RgbImage, MissingPicture> {
-        Err(MissingPicture::NotWanted)
+    pub fn target(&self, record: &Record) -> Result<RgbImage, MissingPicture> {
+        self.photograph(record, &record.target)
     }
 
     /// 255 where a pixel of the target is scored, at the target's size; `None` where the dataset excludes none.
     ///
     /// # Errors
     /// Why that is not known.
-    fn valid_pixels(&self, _record: &Record) -> Result<Option<GrayImage>, MissingPicture> {
-        Ok(None)
+    pub fn valid_pixels(&self, record: &Record) -> Result<Option<GrayImage>, MissingPicture> {
+        let valid = self.view(record, &record.target)?.content.valid_pixels();
+        valid.map_err(|error| self.unusable(error))
     }
 
-    /// What it predicted, at the target's size.
+    /// z-depth of a record's view, metres, 0 where there is none; `None` where the dataset has none or is not at hand.
+    ///
+    /// # Errors
+    /// Why it cannot be read.
+    pub fn depth(&self, record: &Record, id: &str) -> Result<Option<DepthMap>, MissingPicture> {
+        match self.view(record, id) {
+            Ok(view) => view.content.depth().map_err(|error| self.unusable(error)),
+            Err(MissingPicture::NoDataset) => Ok(None),
+            Err(reason) => Err(reason),
+        }
+    }
+
+    /// The kept file of a prediction, cropped where it is a crop.
+    ///
+    /// # Errors
+    /// When it was not kept, or is not the one that was scored.
+    pub(crate) fn kept_file(&self, record: &Record) -> Result<PathBuf, MissingPicture> {
+        self.check_terms(record)?;
+        let unit = (record.pair_id.clone(), record.method.clone());
+        let known = lock(&self.kept).get(&unit).cloned();
+        let kept = known.unwrap_or_else(|| {
+            let kept = self.results.kept_picture(record);
+            lock(&self.kept).insert(unit, kept.clone());
+            kept
+        });
+        let KeptPicture { path, is_scored } = kept.ok_or(MissingPicture::NotKept)?;
+        if is_scored {
+            return Ok(path);
+        }
+        lock(&self.not_scored).insert(path);
+        Err(MissingPicture::NotScored)
+    }
+
+    /// The prediction at the target's size: a cropped one where it belongs in its target, black around it.
     ///
     /// # Errors
     /// Why there is none.
-    fn prediction(&self, _record: &Record) -> Result<RgbImage, MissingPicture> {
-        Err(MissingPicture::NotWanted)
+    pub fn prediction(&self, record: &Record) -> Result<RgbImage, MissingPicture> {
+        let file = self.kept_file(record)?;
+        let picture = read_rgb8(&file).map_err(|error| self.unusable(error))?;
+        let (Some(crop), Ok(target)) = (record.crop, self.view(record, &record.target)) else {
+            return Ok(picture);
+        };
+        let mut whole = RgbImage::new(target.intrinsics.width, target.intrinsics.height);
+        let (x, y) = (i64::from(crop.region.x), i64::from(crop.region.y));
+        imageops::replace(&mut whole, &picture, x, y);
+        Ok(whole)
     }
 
-    /// z-depth of the target, metres, 0 where there is none; `None` where the dataset has none or is not at hand.
-    ///
-    /// # Errors
-    /// Why it cannot be read.
-    fn target_depth(&self, _record: &Record) -> Result<Option<DepthMap>, MissingPicture> {
-        Ok(None)
-    }
-
-    /// The same of the source.
-    ///
-    /// # Errors
-    /// Why it cannot be read.
-    fn source_depth(&self, _record: &Record) -> Result<Option<DepthMap>, MissingPicture> {
-        Ok(None)
-    }
-
-    /// Expected z-depth of a rendering, metres, 0 where nothing was drawn; `None` where it was not kept.
-    ///
-    /// # Errors
-    /// Why it cannot be read.
-    fn rendered_depth(&self, _record: &Record) -> Result<Option<DepthMap>, MissingPicture> {
-        Ok(None)
+    /// The rendering behind a prediction, where it was kept as floats.
+    fn rendering(&self, record: &Record) -> Result<Option<PathBuf>, MissingPicture> {
+        self.check_terms(record)?;
+        match self.results.kept_rendering(record) {
+            Some(kept) if !kept.is_scored => Err(MissingPicture::NotScored),
+            kept => Ok(kept.map(|kept| kept.path)),
+        }
     }
 
     /// Coverage of a rendering in 0..1, at its size; `None` where it was not kept.
     ///
     /// # Errors
     /// Why it cannot be read.
-    fn alpha(&self, _record: &Record) -> Result<Option<Alpha>, MissingPicture> {
-        Ok(None)
+    pub fn alpha(&self, record: &Record) -> Result<Option<Alpha>, MissingPicture> {
+        let Some(path) = self.rendering(record)? else {
+            return Ok(None);
+        };
+        let linear = read_linear(&path).map_err(|error| self.unusable(error))?;
+        Ok(Some(linear.alpha))
     }
 
-    /// The file of the prediction as it was kept, cropped where it is a crop.
-    fn kept(&self, _record: &Record) -> Option<PathBuf> {
-        None
-    }
-
-    /// The files of [`Self::source`] and [`Self::target`], where these are what is in them.
-    fn photographs(&self, _record: &Record) -> [Option<PathBuf>; 2] {
-        [None, None]
-    }
-}
-
-/// Pictures for the public: without those of datasets whose terms forbid it, and without paths of this machine.
-pub(super) struct PublicPictures<'a> {
-    pub(super) pictures: &'a dyn ReportPictures,
-    /// Whose pictures are withheld, by name.
-    pub(super) withheld: BTreeSet<&'a str>,
-}
-
-impl PublicPictures<'_> {
-    fn shown<T>(
-        &self,
-        record: &Record,
-        get: impl Fn(&dyn ReportPictures) -> Result<T, MissingPicture>,
-    ) -> Result<T, MissingPicture> {
-        if self.withheld.contains(record.dataset.as_str()) {
-            return Err(MissingPicture::NotPublic);
+    /// Expected z-depth of a rendering, metres, 0 where nothing was drawn; `None` where it was not kept.
+    ///
+    /// # Errors
+    /// Why it cannot be read.
+    pub fn rendered_depth(&self, record: &Record) -> Result<Option<DepthMap>, MissingPicture> {
+        let Some(path) = self.rendering(record)? else {
+            return Ok(None);
+        };
+        let linear = read_linear(&path).map_err(|error| self.unusable(error))?;
+        let mut depth = read_map(&path).map_err(|error| self.unusable(error))?;
+        // The channel is accumulated: Σ w z.
+        for (z, alpha) in depth.iter_mut().zip(linear.alpha.iter()) {
+            *z = if *alpha > 0.0 { *z / alpha } else { 0.0 };
         }
-        get(self.pictures).map_err(|missing| match missing {
-            MissingPicture::Unusable(reason) => MissingPicture::Unusable(without_folders(&reason)),
-            other => other,
+        Ok(Some(depth))
+    }
+
+    /// The kept file of a prediction for a link; none in a public report.
+    pub(super) fn linked(&self, record: &Record) -> Option<PathBuf> {
+        self.kept_file(record)
+            .ok()
+            .filter(|_| self.withheld.is_none())
+    }
+
+    /// The files of [`Self::source`] and [`Self::target`] for links, where the stored pixels are those pictures unchanged.
+    pub(super) fn linked_photographs(&self, record: &Record) -> [Option<PathBuf>; 2] {
+        [&record.source, &record.target].map(|id| {
+            let content = &self.view(record, id).ok()?.content;
+            let processing = content.processing();
+            let is_stored = processing.undistorted.is_none() && !processing.masked;
+            let file = content.image_file().map(Path::to_owned);
+            file.filter(|_| is_stored && self.withheld.is_none())
         })
     }
 }
 
-impl ReportPictures for PublicPictures<'_> {
-    fn source(&self, record: &Record) -> Result<RgbImage, MissingPicture> {
-        self.shown(record, |pictures| pictures.source(record))
+/// Opens the scenes of results for their pictures. Without a dataset the report only lacks its pictures; a warning names it.
+pub fn scenes(manifest: &Manifest, observer: &dyn Observer) -> Vec<Scene> {
+    let mut scenes = Vec::new();
+    for dataset in &manifest.datasets {
+        match dataset.open(None) {
+            Ok(open) => scenes.extend(open.scenes),
+            Err(error) => observer.warn(&format!(
+                "no source and target pictures of '{}': {error}",
+                dataset.name
+            )),
+        }
     }
-
-    fn target(&self, record: &Record) -> Result<RgbImage, MissingPicture> {
-        self.shown(record, |pictures| pictures.target(record))
-    }
-
-    fn valid_pixels(&self, record: &Record) -> Result<Option<GrayImage>, MissingPicture> {
-        self.shown(record, |pictures| pictures.valid_pixels(record))
-    }
-
-    fn prediction(&self, record: &Record) -> Result<RgbImage, MissingPicture> {
-        self.shown(record, |pictures| pictures.prediction(record))
-    }
-
-    fn target_depth(&self, record: &Record) -> Result<Option<DepthMap>, MissingPicture> {
-        self.shown(record, |pictures| pictures.target_depth(record))
-    }
-
-    fn source_depth(&self, record: &Record) -> Result<Option<DepthMap>, MissingPicture> {
-        self.shown(record, |pictures| pictures.source_depth(record))
-    }
-
-    fn alpha(&self, record: &Record) -> Result<Option<Alpha>, MissingPicture> {
-        self.shown(record, |pictures| pictures.alpha(record))
-    }
+    scenes
 }
-
-/// A report without pictures.
-#[derive(Debug, Clone, Copy, Default)]
-pub struct NoPictures;
-
-impl ReportPictures for NoPictures {}
 
 /// JPEG quality of everything in the page. It changes no score: scores come from the pictures themselves.
 const QUALITY: u8 = 88;
@@ -184,7 +273,7 @@ impl Thumbnail {
         })
     }
 
-    /// An address that holds the picture itself.
+    /// The picture as a data URL.
     pub(crate) fn address(&self) -> String {
         format!("data:image/jpeg;base64,{}", STANDARD.encode(&self.jpeg))
     }

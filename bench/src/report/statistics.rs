@@ -1,5 +1,7 @@
 //! Mean, spread and coverage of one metric over the pairs of one dataset, from the raw records.
 
+use sharp_statistics::sample_std;
+
 use crate::evaluate::record::{Record, Score, Status};
 
 use super::board::DatasetBoard;
@@ -94,19 +96,4 @@ fn gather(
     cell.std = sample_std(&numbers);
     cell.finite_mean = aggregation.of(values.into_iter().filter(|(_, v)| v.is_finite()));
     cell
-}
-
-/// Arithmetic mean, summed in order; `None` of nothing.
-pub fn mean(values: &[f64]) -> Option<f64> {
-    (!values.is_empty()).then(|| values.iter().sum::<f64>() / values.len() as f64)
-}
-
-/// Standard deviation with divisor n − 1; `None` for fewer than two values or one that is not finite.
-pub fn sample_std(values: &[f64]) -> Option<f64> {
-    let mean = mean(values)?;
-    if values.len() < 2 || !mean.is_finite() {
-        return None;
-    }
-    let squares: f64 = values.iter().map(|v| (v - mean) * (v - mean)).sum();
-    Some((squares / (values.len() - 1) as f64).sqrt())
 }

@@ -6,24 +6,28 @@ use std::path::{Path, PathBuf};
 
 use askama::Template as _;
 use rayon::prelude::*;
+use sharp_datasets::Scene;
 
+use crate::evaluate::Results;
 use crate::evaluate::record::{Record, Score, Status};
 use crate::io::atomic_files::{FileError, write_atomic, write_replaceable};
 use crate::io::counts::counted;
 use crate::io::text::{visible, without_folders};
 
-use super::board::Board;
+use super::board::{Board, ReportDataset};
+use super::column::Column;
 use super::error::ReportError;
+use super::facts::facts;
 use super::figures::qualitative;
 use super::gallery::{Gallery, THUMBNAILS};
 use super::html::Page;
-use super::input::{Column, Layout, ReportDataset, ReportInput};
 use super::markdown;
+use super::options::{Layout, ReportOptions};
 use super::paper;
-use super::pictures::{PublicPictures, ReportPictures};
-use super::plots::{Figure, baselines};
-use super::tables::text::text;
-use super::tables::{Table, build, csv, latex, markdown as markdown_table, remarks};
+use super::pictures::ReportPictures;
+use super::plots;
+use super::tables::{Table, build, remarks};
+use sharp_plots::Figure;
 
 /// Files of a report.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -52,75 +56,43 @@ const MARK: &str = "<p class=\"eyebrow\">sharp-bench report</p>";
 /// Folders that a report makes in its own.
 const FOLDERS: [&str; 3] = ["tables", "plots", THUMBNAILS];
 
-/// Writes `index.html`, `report.md`, `tables/*.{md,csv,tex}`, `plots/*.{svg,png}` and, where the page does not hold its
-/// pictures, `thumbs/*.jpg`; and their names in `files.txt`.
-/// Each file appears whole or not at all; files of an earlier report that this one does not have are removed, others
-/// in its folder are left alone. A folder that is neither empty nor a report is refused.
+/// Writes the report of some results, whose `scenes` give the source and target pictures: `index.html`, `report.md`,
+/// `tables/*.{md,csv,tex}`, `plots/*.{svg,png}` and, where the page does not hold its pictures, `thumbs/*.jpg`; and their
+/// names in `files.txt`. Each file appears whole or not at all; files of an earlier report that this one does not have are
+/// removed, others in its folder are left alone. A folder that is neither empty nor a report is refused.
 ///
 /// # Errors
-/// When the folder holds other things, records contradict each other, a name is given twice, or a file cannot be written.
-pub fn write_report(input: &ReportInput<'_>, out: &Path) -> Result<ReportFiles, ReportError> {
-    check(input)?;
-    check_folder(out)?;
-    match input.options.public {
-        true => write_public(input, out),
-        false => write(input, out, input.pictures, &[]),
-    }
-}
-
-/// Writes a report without paths of this machine and without pictures whose terms forbid publication.
-fn write_public(input: &ReportInput<'_>, out: &Path) -> Result<ReportFiles, ReportError> {
-    let records: Vec<Record> = input.records.iter().map(public_record).collect();
-    let mut public = ReportInput {
-        records: &records,
-        ..input.clone()
-    };
-    let descriptions = public.datasets.iter_mut().map(|one| &mut one.description);
-    let descriptions =
-        descriptions.chain(public.methods.iter_mut().map(|one| &mut one.description));
-    let facts = public.facts.iter_mut().flat_map(|group| &mut group.facts);
-    for text in descriptions.chain(facts.map(|(_, value)| value)) {
-        *text = without_folders(text);
-    }
-    let board = Board::new(public.records, &public.datasets, &public.methods)?;
-    let datasets = board.datasets.iter().map(|d| &d.dataset);
-    let withheld = datasets.filter(|dataset| !dataset.may_publish());
-    let withheld: Vec<&ReportDataset> = withheld.collect();
-    let pictures = PublicPictures {
-        pictures: input.pictures,
-        withheld: withheld
-            .iter()
-            .map(|dataset| dataset.name.as_str())
-            .collect(),
-    };
-    write(&public, out, &pictures, &withheld)
-}
-
-/// The record with no more than the names of the files that its reasons speak of.
-fn public_record(record: &Record) -> Record {
-    let mut record = record.clone();
-    if let Status::Failed { reason } = &mut record.status {
-        *reason = without_folders(reason);
-    }
-    for score in record.scores.values_mut() {
-        if let Score::Unavailable { unavailable } = score {
-            *unavailable = without_folders(unavailable);
-        }
-    }
-    record
-}
-
-fn write(
-    input: &ReportInput<'_>,
+/// When the folder holds other things, the results contradict each other, or a file cannot be written.
+pub fn report(
+    results: &Results,
+    scenes: &[Scene],
     out: &Path,
-    pictures: &dyn ReportPictures,
-    withheld: &[&ReportDataset],
+    options: &ReportOptions,
 ) -> Result<ReportFiles, ReportError> {
-    let board = Board::new(input.records, &input.datasets, &input.methods)?;
-    let (metrics, mut ours) = score_tables(input, &board);
-    ours.extend(build::of_extras(&board, &input.extras));
-    let known: Vec<_> = board.datasets.iter().map(|d| d.dataset.clone()).collect();
-    let mut published = paper::beside(&known, &metrics, input.published);
+    check_folder(out)?;
+    let public = options.public.then(|| without_paths(results));
+    let results = public.as_ref().unwrap_or(results);
+    let mut board = Board::of(results)?;
+    let mut facts = facts(&results.manifest);
+    let mut pictures = ReportPictures::new(results, scenes);
+    if options.public {
+        let datasets = board.datasets.iter_mut();
+        let descriptions = datasets.map(|one| &mut one.dataset.description);
+        let methods = board.methods.iter_mut().map(|one| &mut one.description);
+        let facts = facts.iter_mut().flat_map(|group| &mut group.facts);
+        for text in descriptions
+            .chain(methods)
+            .chain(facts.map(|(_, value)| value))
+        {
+            *text = without_folders(text);
+        }
+        let withheld = withheld(&board).map(|dataset| dataset.name.clone());
+        pictures = pictures.public(withheld.collect());
+    }
+    let (metrics, mut ours) = score_tables(&board, &results.records);
+    let extras = Column::extras();
+    ours.extend(build::of_extras(&board, &extras));
+    let mut published = paper::beside(&board, &metrics, options.published);
     let here = pairs_here(&board);
     for table in &mut published {
         table.remarks.extend(here.clone());
@@ -129,15 +101,13 @@ fn write(
     let mut files: Vec<(String, Vec<u8>)> = Vec::new();
     for table in ours.iter().chain(&published) {
         let stem = format!("tables/{}", table.name);
-        for (extension, text) in [
-            ("md", markdown_table::markdown(table)),
-            ("csv", csv::csv(table)),
-            ("tex", latex::latex(table)),
-        ] {
-            files.push((format!("{stem}.{extension}"), text.into_bytes()));
-        }
+        files.extend([
+            (format!("{stem}.md"), table.markdown().into_bytes()),
+            (format!("{stem}.csv"), table.csv()?),
+            (format!("{stem}.tex"), table.latex().into_bytes()),
+        ]);
     }
-    if let Some(comparison) = &input.comparison {
+    if let Some(comparison) = &options.comparison {
         files.extend(comparison.files.iter().cloned());
     }
     let figures = figures(&metrics, &board)?;
@@ -148,28 +118,33 @@ fn write(
         files.push((format!("plots/{stem}.svg"), figure.svg.clone().into_bytes()));
         files.push((png, figure.png.clone()));
     }
-    if let Some(bytes) = qualitative::figure(&board, &metrics, pictures)? {
+    if let Some(bytes) = qualitative::figure(&board, &metrics, &pictures)? {
         let png = "plots/qualitative.png".to_owned();
         plots.push(("Predictions side by side".to_owned(), png.clone()));
         files.push((png, bytes));
     }
     let counts = board.counts(metrics.len());
     let lead = counts.map(|(noun, n)| counted(n, noun)).join(", ");
-    let lead = format!("{lead}. {}", input.summary);
-    let gallery = Gallery::new(&board, &metrics, input, pictures);
+    let gallery = Gallery::new(&board, &metrics, options, &pictures);
     let page = Page {
-        input,
+        title: match options.comparison {
+            Some(_) => "Two runs compared",
+            None => "View synthesis from a single photograph",
+        },
+        lead: format!("{lead}. {}", summary(results)),
+        results,
+        options,
         out,
         metrics: &metrics,
+        extras: &extras,
+        facts: &facts,
         counts,
-        lead: &lead,
         board: &board,
         ours: &ours,
         published: &published,
         figures: &figures,
         gallery: &gallery,
-        pictures,
-        withheld,
+        pictures: &pictures,
     };
     let text = markdown::report(&page, &plots);
     files.push((MARKDOWN.into(), text.into_bytes()));
@@ -211,32 +186,60 @@ fn write(
         layout: gallery.layout,
         markdown: out.join(MARKDOWN),
         all,
-        not_scored: Vec::new(),
+        not_scored: pictures.not_scored(),
     })
+}
+
+/// Results for readers elsewhere: reasons name no folder of this machine, and datasets no path.
+fn without_paths(results: &Results) -> Results {
+    let mut results = results.clone();
+    for record in &mut results.records {
+        if let Status::Failed { reason } = &mut record.status {
+            *reason = without_folders(reason);
+        }
+        for score in record.scores.values_mut() {
+            if let Score::Unavailable { unavailable } = score {
+                *unavailable = without_folders(unavailable);
+            }
+        }
+    }
+    for dataset in &mut results.manifest.datasets {
+        dataset.spec = None;
+    }
+    results
+}
+
+/// Datasets whose terms do not let their pictures be published.
+pub(super) fn withheld<'a>(board: &'a Board<'_>) -> impl Iterator<Item = &'a ReportDataset> {
+    let datasets = board.datasets.iter().map(|board| &board.dataset);
+    datasets.filter(|dataset| !dataset.may_publish())
+}
+
+/// One or two sentences under the title, after the counts.
+fn summary(results: &Results) -> String {
+    let unfinished = match results.missing.len() {
+        0 => String::new(),
+        missing => format!(
+            " The run has not ended: {} of {} are done.",
+            results.records.len(),
+            counted(results.records.len() + missing, "unit")
+        ),
+    };
+    let version = &results.manifest.version;
+    format!("Evaluated by sharp-bench {version}.{unfinished}")
 }
 
 /// The means of scores as tables.
 ///
 /// # Errors
-/// When records contradict each other.
-pub fn mean_tables(input: &ReportInput<'_>) -> Result<Vec<Table>, ReportError> {
-    check(input)?;
-    let board = Board::new(input.records, &input.datasets, &input.methods)?;
-    Ok(score_tables(input, &board).1)
-}
-
-/// The tables as text for a terminal.
-///
-/// # Errors
-/// As [`mean_tables`].
-pub fn text_tables(input: &ReportInput<'_>) -> Result<String, ReportError> {
-    let texts: Vec<String> = mean_tables(input)?.iter().map(text).collect();
-    Ok(texts.join("\n"))
+/// When the results contradict each other.
+pub fn mean_tables(results: &Results) -> Result<Vec<Table>, ReportError> {
+    Ok(score_tables(&Board::of(results)?, &results.records).1)
 }
 
 /// The metrics to show and their tables, the first of which says why the other metrics are not shown.
-fn score_tables(input: &ReportInput<'_>, board: &Board<'_>) -> (Vec<Column>, Vec<Table>) {
-    let (metrics, remark) = remarks::scored(input.records, &input.metrics);
+fn score_tables(board: &Board<'_>, records: &[Record]) -> (Vec<Column>, Vec<Table>) {
+    let (metrics, remark) = remarks::scored(records, &board.metrics);
     let mut tables = build::of_scores(board, &metrics);
     if let Some(first) = tables.first_mut() {
         first.remarks.extend(remark);
@@ -323,27 +326,12 @@ fn pairs_here(board: &Board<'_>) -> Option<String> {
 fn figures(metrics: &[Column], board: &Board<'_>) -> Result<Vec<(String, Figure)>, ReportError> {
     let mut figures = Vec::new();
     for metric in metrics {
-        if let Some(figure) = baselines::against_metric(board, metric)? {
+        if let Some(figure) = plots::against_metric(board, metric)? {
             figures.push((format!("motion-{}", metric.slug()), figure));
         }
     }
-    if let Some(figure) = baselines::histogram(board, None)? {
+    if let Some(figure) = plots::histogram(board, None)? {
         figures.push(("baselines".into(), figure));
     }
     Ok(figures)
-}
-
-/// Refuses columns whose files would overwrite each other.
-fn check(input: &ReportInput<'_>) -> Result<(), ReportError> {
-    for list in [&input.metrics, &input.extras] {
-        for (i, column) in list.iter().enumerate() {
-            if list[..i].iter().any(|c: &Column| c.slug() == column.slug()) {
-                return Err(ReportError::Repeated {
-                    what: "metric",
-                    name: column.key.clone(),
-                });
-            }
-        }
-    }
-    Ok(())
 }

@@ -7,9 +7,8 @@ use super::{ScaleError, Shards, arguments, fill, memory_mib, planned, quoted_pat
 /// Options of the Kubernetes files for a plan.
 #[derive(Debug, Clone)]
 pub struct Kubernetes {
-    /// What every scheduler is told.
     pub shards: Shards,
-    /// Shards at a time.
+    /// Most shards that run at once.
     pub parallel: usize,
     /// An image with `sharp-bench` in it.
     pub image: String,
@@ -17,7 +16,6 @@ pub struct Kubernetes {
     pub claim: String,
     /// Where that is mounted; the plan's paths lead there.
     pub mount: PathBuf,
-    /// Where to write.
     pub out: PathBuf,
 }
 

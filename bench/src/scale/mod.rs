@@ -1,4 +1,4 @@
-//! Files that hand the shards of a plan to a scheduler; the scheduling is the scheduler's.
+//! Files that submit the shards of a plan to a scheduler.
 //!
 //! Each file is a template with `{{name}}` where a value comes in.
 
@@ -19,7 +19,6 @@ pub use slurm::{Slurm, slurm};
 pub struct Shards {
     /// The run folder of the plan; absolute, as the nodes see it.
     pub plan: PathBuf,
-    /// How many shards.
     pub count: usize,
     /// Cores of each.
     pub cpus: usize,
@@ -29,26 +28,22 @@ pub struct Shards {
     pub allow_programs: bool,
 }
 
-/// Why there are no files.
+/// Why the files cannot be written.
 #[derive(Debug, thiserror::Error)]
 pub enum ScaleError {
     /// The plan.
     #[error(transparent)]
     Plan(#[from] EvaluateError),
-    /// Where to write.
     #[error(transparent)]
     File(#[from] FileError),
     /// A folder without a plan for shards.
     #[error("{}: not planned by `run --plan-only`", .0.display())]
     NotPlanned(PathBuf),
-    /// What cannot stand in a script.
+    /// A value that cannot be written into a script.
     #[error("{what} '{value}': {reason}")]
     Refused {
-        /// Which value.
         what: &'static str,
-        /// What was given.
         value: String,
-        /// Why.
         reason: &'static str,
     },
 }
@@ -59,7 +54,7 @@ const MARK: &str = "sharp-bench scale";
 /// A template and the values that come into it.
 type Values = Vec<(&'static str, String)>;
 
-/// One pass: what looks like a name within a value stays.
+/// Fills a template in one pass, so that values are not expanded again.
 fn fill(template: &str, values: &Values) -> String {
     let mut parts = template.split("{{");
     let mut filled = parts.next().unwrap_or_default().to_owned();

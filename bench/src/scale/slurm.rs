@@ -8,15 +8,13 @@ use crate::evaluate::plan::{Estimate, StageCost};
 /// Options of the Slurm scripts for a plan.
 #[derive(Debug, Clone)]
 pub struct Slurm {
-    /// What every scheduler is told.
     pub shards: Shards,
     /// The program, as the nodes see it.
     pub binary: PathBuf,
-    /// An array each for pictures and score, in this order; otherwise one that does all.
+    /// Whether pictures and scores have arrays of their own instead of one for both.
     pub stages_apart: bool,
     /// Options of sbatch by job: pictures, score, all, merge, or every.
     pub options: Vec<(String, String)>,
-    /// Where to write.
     pub out: PathBuf,
 }
 

@@ -10,16 +10,15 @@ use crate::evaluate::Results;
 use crate::io::atomic_files::{FileError, write_atomic};
 use crate::io::observer::Observer;
 use crate::io::text::visible;
-use crate::report::assemble::{RunPictures, scenes};
 use crate::report::html::{STYLE, VERSION, themed};
-use crate::report::pictures::Thumbnail;
-use crate::report::plots::Figure;
-use crate::report::plots::bins::{Binning, bins};
-use crate::report::plots::canvas::Surface;
-use crate::report::plots::curves::{Banded, curve, shade, vertical};
-use crate::report::plots::palette::{stroke, style};
-use crate::report::plots::panels::{Panel, PanelFrame, PlotArea, PlotAxis, figure, point};
-use crate::report::{Column, MissingPicture, ReportError, ReportPictures};
+use crate::report::pictures::{ReportPictures, Thumbnail, scenes};
+use crate::report::{MissingPicture, ReportError};
+use sharp_plots::Figure;
+use sharp_plots::bins::{Binning, bins};
+use sharp_plots::canvas::Surface;
+use sharp_plots::curves::{Banded, curve, shade, vertical};
+use sharp_plots::palette::{stroke, style};
+use sharp_plots::panels::{Panel, PanelFrame, PlotArea, PlotAxis, figure, point};
 
 /// Stretches that a curve has at most.
 const STRETCHES: usize = 30;
@@ -160,27 +159,23 @@ fn losses(log: &Log, count: usize) -> Result<Option<Figure>, TrainError> {
             .into_iter()
             .map(Banded::deviation)
             .collect();
-        let shown = Column::reported(name, "", 4, "");
         panels.push(Panel {
-            frame: PanelFrame {
-                title: name.replace('_', " "),
-                remark: String::new(),
-                x: axis.clone(),
-                y: vertical(curves.iter(), &[], &shown),
-                infinity: false,
-                counts: Vec::new(),
-            },
-            content: Ok(Box::new(
-                move |surface: &mut dyn Surface, area: &PlotArea| {
-                    shade(surface, &curves, area, style(0));
-                    curve(surface, &curves, area, style(0));
-                },
-            )),
+            frame: PanelFrame::new(
+                name.replace('_', " "),
+                "",
+                axis.clone(),
+                vertical(curves.iter(), &[], name),
+            ),
+            content: Ok(Box::new(move |surface: &mut Surface, area: &PlotArea| {
+                shade(surface, &curves, area, style(0));
+                curve(surface, &curves, area, style(0));
+            })),
         });
     }
     let caption = "Mean over each stretch of steps; shade: ± one sample standard deviation; hollow: a single step. Losses \
                    are before their weights, the gradient's norm before clipping; steps of both stages count on.";
-    Ok(Some(figure("Losses", caption, &[], &panels)?))
+    let figure = figure("Losses", caption, &[], &panels, None);
+    Ok(Some(figure.map_err(ReportError::from)?))
 }
 
 /// Validation scores, one panel per metric.
@@ -202,28 +197,23 @@ fn validated(log: &Log, steps: &BTreeMap<Place, f64>) -> Result<Option<Figure>, 
         .iter()
         .map(|(name, points)| {
             let values: Vec<f64> = points.iter().map(|(_, value)| *value).collect();
-            let shown = Column::reported(name, "", 3, "");
             Panel {
-                frame: PanelFrame {
-                    title: (*name).to_owned(),
-                    remark: String::new(),
-                    x: PlotAxis::over(STEPS, 0.0, steps.len() as f64, 5),
-                    y: vertical([].iter(), &values, &shown),
-                    infinity: false,
-                    counts: Vec::new(),
-                },
-                content: Ok(Box::new(
-                    move |surface: &mut dyn Surface, area: &PlotArea| {
-                        let place = |(x, y): &(f64, f64)| (area.x.place(*x), area.height(*y));
-                        let line: Vec<_> = points.iter().map(place).collect();
-                        if line.len() > 1 {
-                            stroke(surface, &line, 2.0, style(0));
-                        }
-                        for at in line {
-                            point(surface, at, style(0), false);
-                        }
-                    },
-                )),
+                frame: PanelFrame::new(
+                    *name,
+                    "",
+                    PlotAxis::over(STEPS, 0.0, steps.len() as f64, 5),
+                    vertical([].iter(), &values, name),
+                ),
+                content: Ok(Box::new(move |surface: &mut Surface, area: &PlotArea| {
+                    let place = |(x, y): &(f64, f64)| (area.x.place(*x), area.height(*y));
+                    let line: Vec<_> = points.iter().map(place).collect();
+                    if line.len() > 1 {
+                        stroke(surface, &line, 2.0, style(0));
+                    }
+                    for at in line {
+                        point(surface, at, style(0), false);
+                    }
+                })),
             }
         })
         .collect();
@@ -231,7 +221,8 @@ fn validated(log: &Log, steps: &BTreeMap<Place, f64>) -> Result<Option<Figure>, 
         return Ok(None);
     }
     let caption = "Mean over the pairs of validation-pairs.csv, none of which is learnt from.";
-    Ok(Some(figure("Validation", caption, &[], &panels)?))
+    let figure = figure("Validation", caption, &[], &panels, None);
+    Ok(Some(figure.map_err(ReportError::from)?))
 }
 
 /// One row per stage that has a step: its number, steps, median seconds per step, hours.
@@ -261,7 +252,7 @@ fn samples(run: &Path, observer: &dyn Observer) -> Result<Vec<Sample>, TrainErro
     }
     let results = Results::read(run)?;
     let scenes = scenes(&results.manifest, observer);
-    let pictures = RunPictures::new(&results, &scenes);
+    let pictures = ReportPictures::new(&results, &scenes);
     let shown = |picture: Result<image::RgbImage, MissingPicture>| {
         let small = picture.and_then(|picture| Thumbnail::new(&picture, SIDE));
         small

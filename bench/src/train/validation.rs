@@ -20,9 +20,6 @@ use crate::pairs::DatasetConfig;
 use crate::pairs::dataset::scenes_of;
 use crate::pairs::sampling::spread;
 use crate::pairs::{OpenDataset, PairError, PairList, PairOrigin, PairRecipe};
-use crate::report::NoPictures;
-use crate::report::PublishedNumbers;
-use crate::report::assemble::input;
 use crate::report::board::Board;
 use crate::report::statistics::of_metric;
 use crate::scoring::{Scoring, ScoringRules};
@@ -197,12 +194,11 @@ fn means(results: &Results) -> Result<Vec<(String, f64)>, TrainError> {
             });
         }
     }
-    let input = input(results, &NoPictures, PublishedNumbers::Never);
-    let board = Board::new(input.records, &input.datasets, &input.methods)?;
+    let board = Board::of(results)?;
     let several = board.datasets.len() > 1;
     let mut means = Vec::new();
     for dataset in &board.datasets {
-        for metric in &input.metrics {
+        for metric in &board.metrics {
             let name = match several {
                 true => format!("{} {}", dataset.dataset.name, metric.key),
                 false => metric.key.clone(),

@@ -70,4 +70,5 @@ pub use inference::{
     ALPHA, Inference, MANY_CLUSTERS, NoInference, POWER, Procedure, Resampling, infer,
 };
 pub use jackknife::Jackknife;
+pub use numeric::{mean, sample_std};
 pub use sign_flip::SignFlip;

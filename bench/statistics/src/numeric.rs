@@ -1,7 +1,22 @@
-//! Quadrature and root finding, enough for the distributions here.
+//! Means; quadrature and root finding, enough for the distributions here.
 
 use std::f64::consts::FRAC_PI_2;
 use std::sync::LazyLock;
+
+/// Arithmetic mean, summed in order; `None` of nothing.
+pub fn mean(values: &[f64]) -> Option<f64> {
+    (!values.is_empty()).then(|| values.iter().sum::<f64>() / values.len() as f64)
+}
+
+/// Standard deviation with divisor n − 1; `None` for fewer than two values or one that is not finite.
+pub fn sample_std(values: &[f64]) -> Option<f64> {
+    let mean = mean(values)?;
+    if values.len() < 2 || !mean.is_finite() {
+        return None;
+    }
+    let squares: f64 = values.iter().map(|v| (v - mean) * (v - mean)).sum();
+    Some((squares / (values.len() - 1) as f64).sqrt())
+}
 
 /// ∫ f over a..b by the tanh–sinh rule (Takahasi and Mori, "Double exponential formulas for numerical integration", 1974):
 /// close to full precision for functions that are analytic inside the interval, whatever they do at its ends.

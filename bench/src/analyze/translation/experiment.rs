@@ -19,9 +19,9 @@ pub struct Experiment {
 /// One row of the table.
 #[derive(Debug)]
 pub struct Comparison {
-    /// How far the window moved, per cent of the side and pixels; `None` for the mean image.
+    /// Shift of the window in per cent of the width and in pixels; `None` for the mean image.
     pub shift: Option<(f64, f64)>,
-    /// What is compared with the reference.
+    /// The picture that is compared with the reference.
     pub picture: RgbImage,
     /// Its scores, or why there are none.
     pub scores: KeyedScores,

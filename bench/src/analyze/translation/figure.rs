@@ -1,11 +1,13 @@
 //! Each metric against the shift, with the mean image as the line that no small shift should reach.
 
-use crate::report::error::ReportError;
-use crate::report::input::Column;
-use crate::report::plots::Figure;
-use crate::report::plots::canvas::{Point, Surface};
-use crate::report::plots::palette::{Marker, Style, stroke, style};
-use crate::report::plots::panels::{Panel, PanelFrame, PlotArea, PlotAxis, figure as draw, point};
+use crate::report::column::Column;
+use sharp_plots::Figure;
+use sharp_plots::PlotError;
+use sharp_plots::canvas::{Point, Surface};
+use sharp_plots::palette::{Marker, Style, stroke, style};
+use sharp_plots::panels::{Panel, PanelFrame, PlotArea, PlotAxis, figure as draw, point};
+
+use sharp_plots::scale::finite_range;
 
 use super::experiment::Experiment;
 
@@ -13,7 +15,7 @@ use super::experiment::Experiment;
 ///
 /// # Errors
 /// When the drawing library refuses.
-pub fn figure(experiment: &Experiment) -> Result<Option<Figure>, ReportError> {
+pub fn figure(experiment: &Experiment) -> Result<Option<Figure>, PlotError> {
     let label = "translation (% of the width)";
     let moved_style = style(0);
     let mean_style = Style {
@@ -34,34 +36,33 @@ pub fn figure(experiment: &Experiment) -> Result<Option<Figure>, ReportError> {
         let column = Column::from(key);
         Panel {
             frame: PanelFrame {
-                title: column.label.clone(),
-                remark: column.direction_words().to_owned(),
-                x: PlotAxis::over(label, 0.0, farthest * 1.04, 6),
-                y: vertical(&column, &values),
                 infinity: values.iter().any(|v| v.is_infinite()),
-                counts: Vec::new(),
+                ..PanelFrame::new(
+                    &column.label,
+                    column.direction_words(),
+                    PlotAxis::over(label, 0.0, farthest * 1.04, 6),
+                    vertical(&column, &values),
+                )
             },
             content: if values.is_empty() {
                 Err("unavailable")
             } else {
-                Ok(Box::new(
-                    move |surface: &mut dyn Surface, area: &PlotArea| {
-                        if let Some(value) = mean {
-                            let y = area.height(value);
-                            let line = [(area.x.from, y), (area.x.to, y)];
-                            stroke(surface, &line, 2.0, mean_style);
-                        }
-                        let points = moved.iter();
-                        let points = points.map(|(x, v)| (area.x.place(*x), area.height(*v)));
-                        let points: Vec<Point> = points.collect();
-                        if points.len() > 1 {
-                            stroke(surface, &points, 2.0, moved_style);
-                        }
-                        for at in points {
-                            point(surface, at, moved_style, false);
-                        }
-                    },
-                ))
+                Ok(Box::new(move |surface: &mut Surface, area: &PlotArea| {
+                    if let Some(value) = mean {
+                        let y = area.height(value);
+                        let line = [(area.x.from, y), (area.x.to, y)];
+                        stroke(surface, &line, 2.0, mean_style);
+                    }
+                    let points = moved.iter();
+                    let points = points.map(|(x, v)| (area.x.place(*x), area.height(*v)));
+                    let points: Vec<Point> = points.collect();
+                    if points.len() > 1 {
+                        stroke(surface, &points, 2.0, moved_style);
+                    }
+                    for at in points {
+                        point(surface, at, moved_style, false);
+                    }
+                }))
             },
         }
     });
@@ -76,22 +77,17 @@ pub fn figure(experiment: &Experiment) -> Result<Option<Figure>, ReportError> {
         caption,
         &legend,
         &panels,
+        None,
     )
     .map(Some)
 }
 
 fn vertical(column: &Column, values: &[f64]) -> PlotAxis {
-    let finite = values.iter().filter(|v| v.is_finite());
-    let (low, high) = finite.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), v| {
-        (low.min(*v), high.max(*v))
-    });
     // Distances start at zero, where nothing differs.
-    let low = if column.unit.is_empty() {
-        low.min(0.0)
-    } else {
-        low
-    };
-    let (low, high) = if low > high { (0.0, 1.0) } else { (low, high) };
+    let zero = column.unit.is_empty().then_some(0.0);
+    let range = finite_range(values.iter().copied());
+    let all = range.and_then(|(low, high)| finite_range([low, high].into_iter().chain(zero)));
+    let (low, high) = all.unwrap_or((0.0, 1.0));
     let room = (high - low) * 0.08;
     let below = if low == 0.0 { 0.0 } else { room };
     PlotAxis::over(&column.axis_label(), low - below, high + room, 6)

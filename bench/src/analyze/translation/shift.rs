@@ -11,10 +11,10 @@ pub struct Shifts(Vec<f64>);
 /// Why a list of shifts cannot be used.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum ShiftsError {
-    /// Not a number, or none at all.
+    /// Not a list of numbers.
     #[error("'{0}' is no list of percentages; try 0.1,1,5")]
     Text(String),
-    /// Nothing to shift, or no room to.
+    /// Out of range.
     #[error("{0} %: shifts are above 0 and at most 50 per cent")]
     Range(f64),
     /// The picture is too small for the window to move.
@@ -23,7 +23,7 @@ pub enum ShiftsError {
 }
 
 impl Shifts {
-    /// Those of the paper.
+    /// The paper's shifts.
     pub const PAPER: [f64; 3] = [0.1, 1.0, 5.0];
 
     pub fn percent(&self) -> &[f64] {

@@ -1,45 +1,42 @@
 //! The comparisons as a table in the paper's form, and the paper's own numbers.
 
 use super::experiment::Experiment;
-use crate::evaluate::results::number;
 use crate::pictures::keyed_scores::csv_cells;
-use crate::report::input::Column;
+use crate::report::column::Column;
 use crate::report::paper;
-use crate::report::tables::{Cell, Group, Origin, Row, Table};
+use crate::report::tables::csv::optional;
+use crate::report::tables::{self, Cell, Group, Row, Table};
 
 /// The table of an experiment on the picture of that name.
 pub fn table(experiment: &Experiment, name: &str) -> Table {
     let mut notes = vec![method_note(experiment)];
-    let rows = experiment.comparisons.iter().map(|comparison| Row {
-        label: comparison.label(),
-        origin: Origin::Measured,
-        note: Some(0),
-        cells: comparison
-            .scores
-            .iter()
-            .map(|(key, score)| {
-                let value = score.as_ref().ok().copied();
-                let mut cell = cell(value);
-                if let Err(reason) = score {
-                    let text = format!("No {} (`{key}`): {reason}.", key.label());
-                    cell.notes.push(Table::note(&mut notes, text));
-                }
-                cell
-            })
-            .collect(),
+    let rows = experiment.comparisons.iter().map(|comparison| {
+        let cells = comparison.scores.iter().map(|(key, score)| {
+            let value = score.as_ref().ok().copied();
+            let missing = score.as_ref().err().map(|reason| {
+                let text = format!("No {} (`{key}`): {reason}.", key.label());
+                Table::note(&mut notes, text)
+            });
+            Cell {
+                infinite: usize::from(value.is_some_and(f64::is_infinite)),
+                notes: missing.into_iter().collect(),
+                ..Cell::of(value)
+            }
+        });
+        Row {
+            note: Some(0),
+            ..Row::measured(comparison.label(), cells.collect())
+        }
     });
     let rows = rows.collect();
     let (width, height) = experiment.reference.dimensions();
+    let groups = vec![Group::titled(&format!("{name} ({width} × {height})"))];
+    let columns = experiment.keys().into_iter().map(Column::from).collect();
+    let title = "Sensitivity of metrics to small image shifts";
     Table {
-        name: "translation".to_owned(),
-        title: "Sensitivity of metrics to small image shifts".to_owned(),
         row_head: "comparison",
-        groups: vec![Group::titled(&format!("{name} ({width} × {height})"))],
-        columns: experiment.keys().into_iter().map(Column::from).collect(),
-        rows,
-        remarks: Vec::new(),
         notes,
-        checklist: Vec::new(),
+        ..Table::new("translation", title, groups, columns, rows)
     }
 }
 
@@ -50,14 +47,6 @@ pub fn published() -> Option<Table> {
     table.title = format!("Published: {}", table.title.to_lowercase());
     table.groups = vec![Group::titled("SHARP paper")];
     Some(table)
-}
-
-fn cell(value: Option<f64>) -> Cell {
-    Cell {
-        value,
-        infinite: usize::from(value.is_some_and(f64::is_infinite)),
-        ..Cell::default()
-    }
 }
 
 fn method_note(experiment: &Experiment) -> String {
@@ -71,28 +60,21 @@ fn method_note(experiment: &Experiment) -> String {
     )
 }
 
-/// One row a comparison at full precision: `comparison,shift_percent,shift_px`, then a column a metric. An unavailable
-/// score is an empty cell, and the last column says why.
+/// One row per comparison at full precision: `comparison,shift_percent,shift_px`, then a column per metric. An unavailable
+/// score is empty, and the last column says why.
 ///
 /// # Errors
-/// Those of the CSV writer, which only writes to memory here.
+/// Those of the CSV writer, which writes to memory.
 pub fn csv(experiment: &Experiment) -> Result<Vec<u8>, ::csv::Error> {
-    let mut out = ::csv::Writer::from_writer(Vec::new());
-    let mut header: Vec<String> = ["comparison", "shift_percent", "shift_px"]
+    let mut heads: Vec<String> = ["comparison", "shift_percent", "shift_px"]
         .map(String::from)
         .into();
-    header.extend(experiment.keys().iter().map(ToString::to_string));
-    header.push("unavailable".to_owned());
-    out.write_record(&header)?;
-    for comparison in &experiment.comparisons {
-        let (percent, pixels) = comparison
-            .shift
-            .map_or_else(Default::default, |(percent, px)| {
-                (number(percent), number(px))
-            });
-        let mut row = vec![comparison.label(), percent, pixels];
-        row.extend(csv_cells(&comparison.scores));
-        out.write_record(&row)?;
-    }
-    out.into_inner().map_err(|error| error.into_error().into())
+    heads.extend(experiment.keys().iter().map(ToString::to_string));
+    heads.push("unavailable".to_owned());
+    let rows = experiment.comparisons.iter().map(|comparison| {
+        let (percent, pixels) = comparison.shift.unzip();
+        let cells = [comparison.label(), optional(percent), optional(pixels)];
+        cells.into_iter().chain(csv_cells(&comparison.scores))
+    });
+    tables::csv::csv(heads, rows)
 }

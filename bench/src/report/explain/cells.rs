@@ -8,17 +8,17 @@ use sharp_metrics::{Family, MetricKey};
 use crate::evaluate::Aggregation;
 use crate::evaluate::readings::{PictureReading, Readings};
 use crate::evaluate::record::Record;
-use crate::report::input::Column;
+use crate::report::column::Column;
 use crate::report::tables::rank::rounded;
 
-/// Values that differ by less are one value, computed in another order.
+/// Values closer than this are one value computed in different orders.
 const SAME: f64 = 1e-9;
 
 /// The pairs that are averaged.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum SceneReading {
     All,
-    /// Of scenes that show one place in another light, exposure or rectification the first.
+    /// The first of scenes that show one place in different light, exposure or rectification.
     OneAPlace,
 }
 
@@ -39,7 +39,7 @@ pub struct Reading {
     pub key: MetricKey,
 }
 
-/// A number of one's own under a reading.
+/// The run's number under a reading.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ReadingValue {
     pub reading: Reading,
@@ -54,12 +54,12 @@ pub struct ReadingValue {
 pub enum Agreement {
     /// One reading prints the published number.
     Equal,
-    /// Several readings of unlike value do.
+    /// Several readings with different values print it.
     Ambiguous,
-    /// None does, and the published number lies between the least and the largest.
+    /// None prints it, but it lies between the smallest and largest reading.
     Inside,
     Outside,
-    /// There is no number to compare.
+    /// No reading could be computed.
     NotComputed,
 }
 
@@ -89,7 +89,7 @@ pub struct CellExplanation {
     pub as_scored: Option<f64>,
     /// Pairs of the run, of which readings cover those with a kept picture.
     pub pairs: usize,
-    /// Every reading of as many pairs as any has, that of the run first.
+    /// Readings over the most pairs, the run's own first.
     pub readings: Vec<ReadingValue>,
     pub verdict: Agreement,
 }
@@ -100,7 +100,7 @@ impl CellExplanation {
         rounded(value, self.metric.decimals) == self.published
     }
 
-    /// Readings that print the published number, one of each value.
+    /// Readings that print the published number, one per value.
     pub fn candidates(&self) -> Vec<&ReadingValue> {
         let mut candidates: Vec<&ReadingValue> = Vec::new();
         for reading in self

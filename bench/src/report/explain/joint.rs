@@ -7,7 +7,7 @@ use crate::evaluate::readings::PictureReading;
 
 use super::cells::{Averaging, CellExplanation, ReadingValue, SceneReading};
 
-/// The best variant of each metric under one reading of everything else.
+/// The nearest variant of each metric, with everything else read the same way.
 #[derive(Debug, Clone, PartialEq)]
 pub struct JointReading {
     pub column: &'static str,
@@ -28,11 +28,11 @@ pub struct Variant {
     pub metric: String,
     pub key: MetricKey,
     pub value: f64,
-    /// Less the published number.
+    /// Difference from the published number.
     pub distance: f64,
 }
 
-/// Every one of every dataset, by dataset, the nearest first; those of equal numbers once.
+/// All joint readings by dataset, nearest first; readings with equal numbers appear once.
 pub(super) fn joint_readings(cells: &[CellExplanation]) -> Vec<JointReading> {
     let mut all = Vec::new();
     for cells in cells.chunk_by(|a, b| a.dataset == b.dataset) {

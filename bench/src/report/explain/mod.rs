@@ -19,14 +19,14 @@ use crate::evaluate::manifest::DatasetRecord;
 use crate::evaluate::readings::{Readings, score_readings};
 use crate::evaluate::{Manifest, Results};
 use crate::io::observer::Observer;
-use crate::report::input::ReportDataset;
+use crate::report::board::ReportDataset;
 use crate::report::paper::{self, PublishedTable, RowError, RowSource};
 use crate::scoring::Scoring;
 
 use cells::{CellExplanation, cell};
 use joint::{JointReading, joint_readings};
 
-/// Readings that lack a score for one reason and are named.
+/// Most readings named per reason for a missing score.
 const NAMED: usize = 4;
 
 /// A row of a table of the paper, and the scores of a method's predictions under other readings.
@@ -45,7 +45,7 @@ pub struct Explanation {
 pub struct ExplainedRun {
     pub path: PathBuf,
     pub method: String,
-    /// Scores of the run that its kept pictures do not give any more: weights or code have changed since.
+    /// Number of the run's scores that its kept pictures no longer reproduce, because weights or code changed.
     pub changed: usize,
     pub explanation: Explanation,
 }
@@ -78,8 +78,8 @@ pub fn explain_run(
 }
 
 impl ExplainedRun {
-    /// Whether pairs of the run are in no number, or there is nothing to compare at all. A metric that was not asked for
-    /// lacks none.
+    /// Whether pairs of the run are missing from a number, or nothing could be compared. Metrics that were not requested do not
+    /// count.
     pub fn lacks_pairs(&self) -> bool {
         let cells = &self.explanation.cells;
         let is_read = |dataset: &str| {
@@ -110,11 +110,8 @@ fn explain(
             .datasets
             .iter()
             .find(|record| record.name == dataset);
-        let described = ReportDataset {
-            format: record.map(|record| record.format.clone()),
-            ..ReportDataset::named(dataset)
-        };
-        let Some(column) = paper::column(&described) else {
+        let format = record.map_or("", |record| &record.format);
+        let Some(column) = paper::column(&ReportDataset::of(dataset, format)) else {
             absent.push(format!("{dataset}: the paper has no such dataset"));
             continue;
         };
@@ -166,7 +163,7 @@ fn explain(
     }
 }
 
-/// The readings of a dataset that this run did not take: their pairs or pictures need a run of their own.
+/// Other settings of a dataset, which need a run of their own.
 fn other_readings(record: &DatasetRecord, column: &str) -> Vec<String> {
     let Ok(entry) = entry(&record.format) else {
         return Vec::new();

@@ -6,8 +6,10 @@ use serde::Serialize;
 use sharp_metrics::identity::MetricRegion;
 
 use crate::evaluate::record::finite_or_text;
-use crate::io::atomic_files::{FileError, write_all_over_own};
-use crate::io::text::{csv_cell, visible};
+use crate::io::atomic_files::write_all_over_own;
+use crate::io::text::visible;
+use crate::report::ReportError;
+use crate::report::tables::csv::csv_of;
 use crate::report::tables::grid::{GridCell, TextGrid};
 use crate::report::tables::markdown::{escape, rich};
 
@@ -15,9 +17,9 @@ use super::cells::{Agreement, CellExplanation};
 use super::joint::JointReading;
 use super::{ExplainedRun, Explanation};
 
-/// Protocols of a dataset that are shown; files have all.
+/// Most joint readings shown per dataset; files hold all.
 const SHOWN: usize = 6;
-/// Candidates of a cell that are named.
+/// Most candidates named per cell.
 const NAMED: usize = 8;
 
 /// A number under a reading, as it is written.
@@ -96,7 +98,7 @@ impl Explanation {
     fn verdicts(&self) -> TextGrid {
         let rows = self.cells.iter().map(|cell| {
             let shown = |value: Option<f64>| match value {
-                Some(value) => GridCell::number(cell.metric.shown(value), value),
+                Some(value) => GridCell::rounded(value, cell.metric.decimals),
                 None => GridCell::number("n/a", f64::NAN),
             };
             let spread = cell.spread().map_or_else(String::new, |(low, high)| {
@@ -114,28 +116,23 @@ impl Explanation {
                     None => format!("0 of {}", cell.pairs),
                 }),
                 GridCell::words(spread),
-                GridCell::number(cell.readings.len().to_string(), cell.readings.len() as f64),
+                GridCell::count(cell.readings.len()),
                 GridCell::words(cell.verdict.words()),
             ]
         });
-        TextGrid {
-            title: "Published numbers and the readings of these predictions".to_owned(),
-            heads: [
-                "dataset",
-                "metric",
-                "published",
-                "here",
-                "difference",
-                "pairs",
-                "all readings",
-                "readings",
-                "verdict",
-            ]
-            .map(str::to_owned)
-            .into(),
-            rows: rows.collect(),
-            remarks: self.cells.iter().filter_map(candidates).collect(),
-        }
+        let heads = [
+            "dataset",
+            "metric",
+            "published",
+            "here",
+            "difference",
+            "pairs",
+            "all readings",
+            "readings",
+            "verdict",
+        ];
+        let title = "Published numbers and the readings of these predictions";
+        TextGrid::new(title, &heads, rows).remarked(self.cells.iter().filter_map(candidates))
     }
 }
 
@@ -153,7 +150,7 @@ pub fn terminal(runs: &[ExplainedRun]) -> String {
     parts.collect::<Vec<_>>().join("\n")
 }
 
-/// Marks our files, so that no other file is overwritten.
+/// Marks our files; others are not overwritten.
 const MARK: &str = "<!-- sharp-bench explain -->";
 const CSV_MARK: &str = "dataset,metric,key,picture";
 
@@ -161,32 +158,22 @@ const CSV_MARK: &str = "dataset,metric,key,picture";
 ///
 /// # Errors
 /// When one cannot be written, or the name is taken by something else.
-pub fn write_explanations(runs: &[ExplainedRun], out: &Path) -> Result<Vec<PathBuf>, FileError> {
+pub fn write_explanations(runs: &[ExplainedRun], out: &Path) -> Result<Vec<PathBuf>, ReportError> {
     let mut page = format!("{MARK}\n");
-    let mut csv = ::csv::Writer::from_writer(Vec::new());
     for run in runs {
         page += &format!(
             "\n# {}\n\n{}",
             escape(&run.title()),
             run.explanation.markdown()
         );
-        for line in run.explanation.lines() {
-            let dataset = csv_cell(line.dataset);
-            // Writing into memory cannot fail.
-            let _ = csv.serialize(ReadingLine {
-                dataset: &dataset,
-                ..line.clone()
-            });
-        }
     }
-    let csv = csv.into_inner().unwrap_or_default();
+    let csv = csv_of(runs.iter().flat_map(|run| run.explanation.lines()))?;
     let files = [
         ("explain.md", page.into(), MARK),
         ("readings.csv", String::from_utf8_lossy(&csv), CSV_MARK),
     ];
-    write_all_over_own(
-        &files.map(|(name, text, mark)| (out.join(name), visible(&text).into_owned(), mark)),
-    )
+    let files = files.map(|(name, text, mark)| (out.join(name), visible(&text).into_owned(), mark));
+    Ok(write_all_over_own(&files)?)
 }
 
 /// The readings that print the published number.
@@ -215,11 +202,9 @@ fn candidates(cell: &CellExplanation) -> Option<String> {
 }
 
 fn nearest(all: &[JointReading]) -> TextGrid {
-    let metrics = all[0].variants.iter().map(|variant| variant.metric.clone());
-    let heads = ["picture", "scenes", "averaging", "region"]
-        .map(str::to_owned)
-        .into_iter();
-    let heads = heads.chain(metrics).chain(["farthest".to_owned()]);
+    let mut heads = vec!["picture", "scenes", "averaging", "region"];
+    heads.extend(all[0].variants.iter().map(|v| v.metric.as_str()));
+    heads.push("farthest");
     let rows = all.iter().take(SHOWN).map(|joint| {
         let mut row = vec![
             GridCell::words(joint.picture.name()),
@@ -242,14 +227,14 @@ fn nearest(all: &[JointReading]) -> TextGrid {
         ));
         row
     });
-    TextGrid {
-        title: format!("{}: the nearest of {} readings of all metrics together", all[0].column, all.len()),
-        heads: heads.collect(),
-        rows: rows.collect(),
-        remarks: vec![
-            "Of each metric the nearest variant with its value and its distance to the published number; farthest: the largest \
-             distance in halves of the last printed digit, so that at most 1 is equal to rounding."
-                .to_owned(),
-        ],
-    }
+    let title = format!(
+        "{}: the nearest of {} readings of all metrics together",
+        all[0].column,
+        all.len()
+    );
+    TextGrid::new(title, &heads, rows).remarked([
+        "Of each metric the nearest variant with its value and its distance to the published number; farthest: the largest \
+         distance in halves of the last printed digit, so that at most 1 is equal to rounding."
+            .to_owned(),
+    ])
 }

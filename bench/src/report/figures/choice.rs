@@ -4,8 +4,8 @@ use std::num::NonZeroUsize;
 
 use crate::report::board::{Board, DatasetBoard, PairBoard};
 use crate::report::choice::by_badness;
+use crate::report::column::Column;
 use crate::report::error::ReportError;
-use crate::report::input::Column;
 
 /// Rule for choosing pairs of each dataset.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, clap::ValueEnum)]
@@ -164,10 +164,12 @@ mod tests {
     use sharp_metrics::MetricKey;
 
     use super::*;
+    use crate::evaluate::Results;
     use crate::evaluate::record::{Record, Score};
     use crate::evaluate::test_records::record;
+    use crate::report::test_results;
 
-    fn records() -> Vec<Record> {
+    fn results() -> Results {
         let scored = |scene, number: usize, psnr: f64| Record {
             baseline_m: 1.0 / (number + 1) as f64,
             scores: [("psnr".to_owned(), Score::Value(psnr))].into(),
@@ -175,21 +177,20 @@ mod tests {
         };
         let mut records: Vec<Record> = (0..5).map(|i| scored(0, i, 10.0 + i as f64)).collect();
         records.push(scored(1, 0, 30.0));
-        records
+        test_results::results(&[MetricKey::PSNR], records)
     }
 
     #[test]
     fn worst_median_best_and_named() {
-        let records = records();
-        let board = Board::new(&records, &[], &[]).unwrap();
-        let metrics = [Column::from(MetricKey::PSNR)];
+        let results = results();
+        let board = Board::of(&results).unwrap();
         let of = |ids: &[String], (choose, count)| {
             let choice = PairsChoice {
                 ids: ids.to_vec(),
                 choose,
                 count: NonZeroUsize::new(count).unwrap(),
             };
-            chosen(&board, &metrics, &choice)
+            chosen(&board, &board.metrics, &choice)
         };
         let ids = |ids: &[String], how| -> Vec<String> {
             let found = of(ids, how).unwrap().into_iter();
@@ -206,8 +207,8 @@ mod tests {
 
     #[test]
     fn targets_of_a_source_by_growing_baseline() {
-        let records = records();
-        let board = Board::new(&records, &[], &[]).unwrap();
+        let results = results();
+        let board = Board::of(&results).unwrap();
         let path = |source: Option<&str>, count| PathChoice {
             source: source.map(str::to_owned),
             count: NonZeroUsize::new(count).unwrap(),
@@ -222,7 +223,8 @@ mod tests {
         assert_eq!(targets(None, 3), ["4", "2", "0"]);
         assert_eq!(targets(Some("d/1/s"), 3), ["0"]);
         assert!(along_path(&board, &path(Some("d/2/s"), 3)).is_err());
-        let none = Board::new(&[], &[], &[]).unwrap();
+        let none = test_results::results(&[], Vec::new());
+        let none = Board::of(&none).unwrap();
         assert!(along_path(&none, &path(None, 3)).is_err());
     }
 }

@@ -13,11 +13,11 @@ use crate::pairs::depth::given::{GivenDepth, find_map, read_metres};
 use crate::pairs::pair_id::path_of;
 use crate::pairs::valid_depth::is_valid_depth;
 use crate::report::error::{MissingPicture, ReportError};
-use crate::report::error_map::colour;
+use crate::report::error_map::false_colours;
 
-/// The triptych of each pair, with depth from `DIR/<pair_id>.npy|npz|exr|pfm|png` (z-depth in the target's camera, metres).
-/// Without a folder it is that of the kept rendering, as in the paper; where none was kept, the dataset's, of the target or
-/// where that has none of the source, and the caption says so.
+/// Input, view and inverse depth of each pair. Depth comes from `DIR/<pair_id>.npy|npz|exr|pfm|png` (z-depth in the target's
+/// camera, metres) or, without a folder, from the kept rendering as in the paper. If none was kept, it is the dataset's, of
+/// the target or else of the source, and the caption says so.
 ///
 /// # Errors
 /// When there is not exactly one method, or no such folder.
@@ -68,19 +68,19 @@ fn of_run(
     }
 }
 
-/// Depth of the target, or where it has none of the source, and whose it is.
+/// Depth of the target or else of the source, with a caption that says which.
 fn of_dataset(
     comparison: &SheetContent<'_>,
     chosen: &ChosenPair<'_>,
 ) -> Result<(DepthMap, &'static str), MissingPicture> {
     let facts = chosen.pair.facts;
-    if let Some(depth) = comparison.pictures.target_depth(facts)? {
+    if let Some(depth) = comparison.pictures.depth(facts, &facts.target)? {
         return Ok((
             depth,
             "of the dataset's target: no rendering was kept (run --keep float)",
         ));
     }
-    let depth = comparison.pictures.source_depth(facts)?;
+    let depth = comparison.pictures.depth(facts, &facts.source)?;
     let depth = depth.ok_or(MissingPicture::Without("depth"))?;
     Ok((
         depth,
@@ -108,14 +108,4 @@ pub(super) fn inverse_depth(depth: &DepthMap) -> RgbImage {
     let (low, high) = (at(0.001), at(0.999));
     let span = (high - low).max(f32::MIN_POSITIVE);
     false_colours(depth, |z| is_valid_depth(z).then(|| (1.0 / z - low) / span))
-}
-
-/// A map in false colours by the share of their range; grey where there is none.
-pub(super) fn false_colours(map: &DepthMap, share: impl Fn(f32) -> Option<f32>) -> RgbImage {
-    RgbImage::from_fn(map.width(), map.height(), |x, y| {
-        match share(map.get_pixel(x, y).0[0]) {
-            Some(share) => colour(share),
-            None => image::Rgb([0xB8, 0xBE, 0xC6]),
-        }
-    })
 }

@@ -6,18 +6,18 @@ use std::path::Path;
 use crate::evaluate::results::timings;
 use crate::evaluate::{EvaluateError, Results};
 use crate::io::atomic_files::FileError;
-use crate::io::text::csv_text;
 use crate::pairs::valid_depth::median_of;
 use crate::report::board::{Board, DatasetBoard};
-use crate::report::error::ReportError;
-use crate::report::input::Column;
-use crate::report::plots::Figure;
-use crate::report::plots::canvas::Surface;
-use crate::report::plots::palette::Style;
-use crate::report::plots::panels::{Panel, PanelFrame, PlotArea, PlotAxis, draw, point};
-use crate::report::plots::style::FigureStyle;
-use crate::report::speed::tables::CSV_HEAD;
+use crate::report::column::Column;
+use crate::report::speed::lines::SpeedLine;
 use crate::report::statistics::of_metric;
+use sharp_plots::Figure;
+use sharp_plots::PlotError;
+use sharp_plots::canvas::Surface;
+use sharp_plots::palette::Style;
+use sharp_plots::panels::{self, Panel, PanelFrame, PlotArea, PlotAxis, point};
+use sharp_plots::scale::finite_range;
+use sharp_plots::style::FigureStyle;
 
 /// Seconds by label of the method and pair id.
 pub type Seconds = BTreeMap<String, BTreeMap<String, f64>>;
@@ -25,7 +25,7 @@ pub type Seconds = BTreeMap<String, BTreeMap<String, f64>>;
 /// A method by its position, its median seconds and its mean score.
 type Placed = (usize, f64, f64);
 
-/// Seconds of the predictions of some results; none for bundles, which hold no times.
+/// Seconds per prediction; empty for bundles, which hold no times.
 ///
 /// # Errors
 /// When a folder cannot be read.
@@ -51,28 +51,11 @@ impl SpeedSeconds {
     /// # Errors
     /// When it cannot be read or is not what `speed` writes.
     pub fn read(path: &Path) -> Result<Self, FileError> {
-        let path = match path.is_dir() {
-            true => path.join("speed.csv"),
-            false => path.to_owned(),
-        };
-        let wrong = |reason: String| FileError::new(&path, "read")(std::io::Error::other(reason));
-        let bytes = sharp::files::read(&path).map_err(FileError::new(&path, "read"))?;
-        let mut rows = csv::Reader::from_reader(bytes.as_slice());
-        let heads = rows.headers().map_err(|error| wrong(error.to_string()))?;
-        if heads.iter().collect::<Vec<_>>().join(",") != CSV_HEAD {
-            return Err(wrong(format!("the columns have to be {CSV_HEAD}")));
-        }
         let mut seconds = BTreeMap::new();
-        for row in rows.into_records() {
-            let row = row.map_err(|error| wrong(error.to_string()))?;
-            if !["inference_secs", "load_secs", "render_secs"].contains(&&row[3]) {
-                continue;
+        for line in SpeedLine::read(path)? {
+            if ["inference_secs", "load_secs", "render_secs"].contains(&line.quantity.as_str()) {
+                *seconds.entry((line.method, line.dataset)).or_default() += line.median;
             }
-            let median: f64 = row[5]
-                .parse()
-                .map_err(|_| wrong(format!("'{}' is no number", &row[5])))?;
-            let cell = |at: usize| csv_text(&row[at]).to_owned();
-            *seconds.entry((cell(0), cell(1))).or_default() += median;
         }
         Ok(Self(seconds))
     }
@@ -94,9 +77,9 @@ pub fn figure(
     seconds: &Seconds,
     speed: &SpeedSeconds,
     style: &FigureStyle,
-) -> Result<Option<Figure>, ReportError> {
+) -> Result<Option<Figure>, PlotError> {
     let mut by_speed = BTreeSet::new();
-    let panels: Vec<(&DatasetBoard<'_>, Vec<Placed>)> = board
+    let placed: Vec<(&DatasetBoard<'_>, Vec<Placed>)> = board
         .datasets
         .iter()
         .map(|dataset| {
@@ -120,44 +103,35 @@ pub fn figure(
             (dataset, points.collect())
         })
         .collect();
-    let all = || panels.iter().flat_map(|(_, points)| points);
+    let all = || placed.iter().flat_map(|(_, points)| points);
     if all().next().is_none() {
         return Ok(None);
     }
-    let range = |values: &mut dyn Iterator<Item = f64>| {
-        values
-            .filter(|v| v.is_finite())
-            .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), v| {
-                (low.min(v), high.max(v))
-            })
-    };
-    let (fastest, slowest) = range(&mut all().map(|(_, secs, _)| *secs));
-    let (low, high) = range(&mut all().map(|(_, _, mean)| *mean));
-    let (low, high) = if low <= high { (low, high) } else { (0.0, 1.0) };
-    let room = (high - low) * 0.1;
-    let y = PlotAxis::over(&metric.axis_label(), low - room, high + room, 6);
+    let seconds = finite_range(all().map(|(_, secs, _)| *secs));
+    let (fastest, slowest) = seconds.unwrap_or((1.0, 1.0));
+    let means = all().map(|(_, _, mean)| *mean);
+    let y = PlotAxis::around(&metric.axis_label(), means, 0.1);
     let infinity = all().any(|(_, _, mean)| mean.is_infinite());
     let x = PlotAxis::logarithmic("synthesis time (s a pair)", fastest / 1.6, slowest * 1.6);
-    let drawn = panels.iter().map(|(dataset, points)| Panel {
+    let drawn = placed.iter().map(|(dataset, points)| Panel {
         frame: PanelFrame {
-            title: dataset.dataset.title().to_owned(),
-            remark: metric.direction_words().to_owned(),
-            x: x.clone(),
-            y: y.clone(),
             infinity,
-            counts: Vec::new(),
+            ..PanelFrame::new(
+                dataset.dataset.title(),
+                metric.direction_words(),
+                x.clone(),
+                y.clone(),
+            )
         },
         content: if points.is_empty() {
             Err("no times")
         } else {
-            Ok(Box::new(
-                move |surface: &mut dyn Surface, area: &PlotArea| {
-                    for (m, secs, mean) in points {
-                        let at = (area.x.place(secs.log10()), area.height(*mean));
-                        point(surface, at, style.of_method(*m), false);
-                    }
-                },
-            ))
+            Ok(Box::new(move |surface: &mut Surface, area: &PlotArea| {
+                for (m, secs, mean) in points {
+                    let at = (area.x.place(secs.log10()), area.height(*mean));
+                    point(surface, at, style.of_method(*m), false);
+                }
+            }))
         },
     });
     let drawn: Vec<Panel<'_>> = drawn.collect();
@@ -171,7 +145,7 @@ pub fn figure(
     let measured: Vec<&str> = by_speed.iter().copied().collect();
     let caption = caption(&measured, shown.len());
     let title = format!("{} against synthesis time", metric.label);
-    draw(&title, &caption, &legend, &drawn, Some(style)).map(Some)
+    panels::figure(&title, &caption, &legend, &drawn, Some(style)).map(Some)
 }
 
 /// Explains where the times come from; `by_speed` lists the methods measured by `speed`.
@@ -198,6 +172,7 @@ mod tests {
     use super::*;
     use crate::evaluate::record::{Record, Score};
     use crate::evaluate::test_records::record;
+    use crate::report::test_results::results;
 
     #[test]
     fn methods_without_times_are_left_out_and_hostile_names_escaped() {
@@ -206,8 +181,8 @@ mod tests {
             scores: [("psnr".to_owned(), Score::Value(20.0))].into(),
             ..record("d", 0, 0)
         };
-        let records = [scored("<b>&"), scored("untimed")];
-        let board = Board::new(&records, &[], &[]).unwrap();
+        let results = results(&[MetricKey::PSNR], vec![scored("<b>&"), scored("untimed")]);
+        let board = Board::of(&results).unwrap();
         let psnr = Column::from(MetricKey::PSNR);
         let style = FigureStyle::default();
         let alone = SpeedSeconds::default();
@@ -224,7 +199,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let row = |what: &str, secs: &str| format!("untimed,d,,{what},1,{secs},1,1,1,1\n");
         let text = format!(
-            "{CSV_HEAD}\n{}{}{}",
+            "method,dataset,format,quantity,n,median,a,b,c,d\n{}{}{}",
             row("inference_secs", "2"),
             row("render_secs", "0.5"),
             row("tiles", "9")

@@ -11,14 +11,14 @@ use super::qualitative::SheetContent;
 use super::sheet::Sheet;
 use super::{failure, fidelity_time};
 use crate::evaluate::Results;
-use crate::report::assemble::{self, RunPictures};
 use crate::report::board::Board;
+use crate::report::column::Column;
 use crate::report::error::ReportError;
-use crate::report::input::{Column, PublishedNumbers};
-use crate::report::pictures::NoPictures;
-use crate::report::plots::style::FigureStyle;
-use crate::report::plots::{Figure, baselines};
+use crate::report::pictures::ReportPictures;
+use crate::report::plots;
 use crate::scoring::Region;
+use sharp_plots::Figure;
+use sharp_plots::style::FigureStyle;
 
 /// Contents of a sheet for its pairs.
 #[derive(Debug, Clone, Default, clap::Args)]
@@ -72,10 +72,9 @@ impl SheetKind {
         results: &Results,
         scenes: &[Scene],
     ) -> Result<Sheet, ReportError> {
-        let pictures = RunPictures::new(results, scenes);
-        let input = assemble::input(results, &pictures, PublishedNumbers::Never);
-        let board = Board::new(input.records, &input.datasets, &input.methods)?;
-        let metrics = Column::chosen(&input.metrics, &shown.metrics)?;
+        let pictures = ReportPictures::new(results, scenes);
+        let board = Board::of(results)?;
+        let metrics = Column::chosen(&board.metrics, &shown.metrics)?;
         let pairs = match self {
             Self::ExtendedMotion(path) => along_path(&board, path)?,
             Self::Qualitative(pairs) | Self::Ablation(pairs) | Self::Failure(pairs, _) => {
@@ -117,9 +116,8 @@ fn methods(board: &Board<'_>, names: &[String]) -> Result<Vec<usize>, ReportErro
 /// # Errors
 /// When the results contradict each other, or the style has no room for a plot.
 pub fn baselines(results: &Results, style: &FigureStyle) -> Result<Option<Figure>, ReportError> {
-    let input = assemble::input(results, &NoPictures, PublishedNumbers::Never);
-    let board = Board::new(input.records, &input.datasets, &input.methods)?;
-    baselines::histogram(&board, Some(style))
+    let board = Board::of(results)?;
+    Ok(plots::histogram(&board, Some(style))?)
 }
 
 /// A metric against seconds per pair, from `speed` where it measured the method; `None` where no method has both.
@@ -132,9 +130,10 @@ pub fn fidelity_time(
     speed: &SpeedSeconds,
     style: &FigureStyle,
 ) -> Result<Option<Figure>, ReportError> {
-    let input = assemble::input(results, &NoPictures, PublishedNumbers::Never);
-    let board = Board::new(input.records, &input.datasets, &input.methods)?;
-    let metric = Column::chosen(&input.metrics, &[metric])?.remove(0);
+    let board = Board::of(results)?;
+    let metric = Column::chosen(&board.metrics, &[metric])?.remove(0);
     let seconds = fidelity_time::seconds(results)?;
-    fidelity_time::figure(&board, &metric, &seconds, speed, style)
+    Ok(fidelity_time::figure(
+        &board, &metric, &seconds, speed, style,
+    )?)
 }

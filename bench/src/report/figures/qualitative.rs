@@ -4,8 +4,8 @@ use super::choice::{ChosenPair, PairsChoice, chosen};
 use super::sheet::{Sheet, SheetMedium, Tile};
 use crate::evaluate::record::{Record, Status};
 use crate::report::board::Board;
+use crate::report::column::Column;
 use crate::report::error::{MissingPicture, ReportError};
-use crate::report::input::Column;
 use crate::report::pictures::ReportPictures;
 use crate::scoring::Region;
 
@@ -17,7 +17,7 @@ pub struct SheetContent<'a> {
     pub methods: Vec<usize>,
     /// Whose scores stand below predictions.
     pub metrics: &'a [Column],
-    pub pictures: &'a dyn ReportPictures,
+    pub pictures: &'a ReportPictures<'a>,
     /// Of predictions and truth, in pixels of the target.
     pub crops: Vec<Region>,
 }
@@ -29,7 +29,7 @@ pub struct SheetContent<'a> {
 pub fn figure(
     board: &Board<'_>,
     metrics: &[Column],
-    pictures: &dyn ReportPictures,
+    pictures: &ReportPictures<'_>,
 ) -> Result<Option<Vec<u8>>, ReportError> {
     let comparison = SheetContent {
         board,

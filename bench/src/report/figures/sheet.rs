@@ -3,21 +3,23 @@
 use std::path::{Path, PathBuf};
 
 use image::{Rgb, RgbImage, imageops};
+use sharp_plots::PlotError;
 
 use crate::io::atomic_files::write_over_own;
 use crate::report::error::{MissingPicture, ReportError};
 use crate::report::pictures::{fitted, reduced};
-use crate::report::plots::canvas::{INK, Ink, MARK, MUTED};
-use crate::report::plots::palette::COLOURS;
-use crate::report::plots::png;
-use crate::report::plots::style::FigureStyle;
-use crate::report::plots::text::{self, Weight};
+use crate::report::plots::MARK;
 use crate::scoring::Region;
+use sharp_plots::ink::{INK, Ink, MUTED};
+use sharp_plots::palette::COLOURS;
+use sharp_plots::png;
+use sharp_plots::style::FigureStyle;
+use sharp_plots::text::{self, Weight};
 
-/// Lines of a head over a column, and of the reason why there is no picture.
+/// Most lines of a column's head, and of the reason for a missing picture.
 const HEAD_LINES: usize = 2;
 const REASON_LINES: usize = 12;
-/// Least width of a column in print over the font's size: a score of four decimals has room.
+/// Least width of a printed column in font sizes, so that a score with four decimals fits.
 const LEAST_EMS: f64 = 3.0;
 
 /// Sizes of a sheet in pixels.
@@ -84,7 +86,7 @@ impl SheetMedium {
 
 /// A picture or the reason why there is none, and the text below.
 pub struct Tile {
-    /// What it shows, for remarks on it.
+    /// Name for messages.
     pub name: String,
     pub picture: Result<RgbImage, MissingPicture>,
     pub text: String,
@@ -110,9 +112,9 @@ impl Tile {
 /// Rows of tiles under heads.
 #[derive(Default)]
 pub struct Sheet {
-    /// Over the columns; none where all are empty.
+    /// Above the columns; may be empty.
     pub heads: Vec<String>,
-    /// What stands left over each row, and its tiles.
+    /// Label above each row, and its tiles.
     pub rows: Vec<(String, Vec<Tile>)>,
 }
 
@@ -133,7 +135,7 @@ impl Sheet {
         self.rows.iter().flat_map(|(_, tiles)| tiles)
     }
 
-    /// Pictures that are not there and parts that reach out of theirs, a line each.
+    /// Missing pictures, and parts that reach out of theirs, one line each.
     pub fn problems(&self) -> Vec<String> {
         let of_tile = |tile: &Tile| match &tile.picture {
             Err(reason) => vec![format!("{}: {reason}", tile.name)],
@@ -155,17 +157,14 @@ impl Sheet {
     /// Writes the sheet in print, `STEM.png`.
     ///
     /// # Errors
-    /// When there is no picture in it, its columns have no room for text, or the file cannot be written or is none of ours.
+    /// When it has no picture, its columns are too narrow for text, or the file cannot be written or is not ours.
     pub fn write(
         &self,
         out: &Path,
         stem: &str,
         style: &FigureStyle,
     ) -> Result<PathBuf, ReportError> {
-        let failed = |reason: String| ReportError::Plot {
-            plot: stem.to_owned(),
-            reason,
-        };
+        let failed = |reason: String| PlotError::new(stem, reason);
         let medium = SheetMedium::print(style, self.columns()).map_err(failed)?;
         let bytes = self.png(&medium)?.ok_or_else(|| {
             let reason = self.problems().into_iter().next();
@@ -185,10 +184,8 @@ impl Sheet {
         let bytes = self
             .draw(medium)
             .map(|picture| png::encode(&picture, medium.dpi));
-        bytes.transpose().map_err(|error| ReportError::Plot {
-            plot: "a sheet of pictures".into(),
-            reason: error.to_string(),
-        })
+        let failed = |error| PlotError::new("a sheet of pictures", error).into();
+        bytes.transpose().map_err(failed)
     }
 
     /// The sheet as a picture; `None` without any picture in it.

@@ -8,14 +8,16 @@ use image::imageops::flip_horizontal;
 use sharp::model::Predictor;
 use sharp::resize::nearest;
 use sharp_datasets::DepthMap;
+use sharp_plots::PlotError;
 
-use super::failure::{false_colours, inverse_depth};
+use super::failure::inverse_depth;
 use super::sheet::{Sheet, Tile};
 use crate::io::checkpoint::{NetworkError, named_network};
 use crate::pairs::PairError;
 use crate::pairs::depth::given::read_metres;
 use crate::pairs::valid_depth::{is_valid_depth, median_of};
 use crate::report::error::ReportError;
+use crate::report::error_map::false_colours;
 
 /// Smallest difference that has the brightest colour.
 const BRIGHTEST: f32 = 0.5;
@@ -110,10 +112,7 @@ pub fn by_network(
 /// # Errors
 /// When two maps are of different sizes, or no pixel has a depth in both.
 pub fn sheet(picture: &RgbImage, maps: &[Mirrored]) -> Result<Sheet, ReportError> {
-    let failed = |reason: String| ReportError::Plot {
-        plot: "uncertainty".to_owned(),
-        reason,
-    };
+    let failed = |reason: String| PlotError::new("uncertainty", reason);
     let heads = ["picture", "depth", "of the mirror image", "uncertainty"];
     let mut rows = Vec::new();
     for maps in maps {

@@ -2,23 +2,22 @@
 
 use sharp_metrics::Family;
 
-use crate::report::input::{Column, PublishedNumbers, ReportDataset};
+use crate::report::board::Board;
+use crate::report::column::Column;
+use crate::report::options::PublishedNumbers;
 use crate::report::tables::Table;
 
 use super::{TABLES, column};
 
 /// The paper's tables over its six datasets, each reduced to those of a run, as far as it has a metric that the run has.
-pub fn beside(
-    datasets: &[ReportDataset],
-    metrics: &[Column],
-    which: PublishedNumbers,
-) -> Vec<Table> {
+pub fn beside(board: &Board<'_>, metrics: &[Column], which: PublishedNumbers) -> Vec<Table> {
     let columns = super::columns();
     let mut wanted: Vec<usize> = match which {
         PublishedNumbers::Never => Vec::new(),
         PublishedNumbers::Always => (0..columns.len()).collect(),
         PublishedNumbers::Matching => {
-            let names = datasets.iter().filter_map(column);
+            let datasets = board.datasets.iter();
+            let names = datasets.filter_map(|board| column(&board.dataset));
             names
                 .filter_map(|name| columns.iter().position(|c| *c == name))
                 .collect()
@@ -58,16 +57,17 @@ fn is_family(name: &str) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::evaluate::test_records::record;
     use crate::report::paper::published::metric;
+    use crate::report::test_results::results;
 
     #[test]
     fn a_run_gets_the_tables_of_its_datasets_and_families() {
-        let ours = [
-            ReportDataset::named("synthetic"),
-            ReportDataset::named("eth3d"),
-        ];
+        let scored = |name: &str| record(name, 0, 0);
+        let results = results(&[], vec![scored("eth3d"), scored("synthetic")]);
+        let mut board = Board::of(&results).unwrap();
         let psnr = [metric(Family::Psnr)];
-        let tables = beside(&ours, &psnr, PublishedNumbers::Matching);
+        let tables = beside(&board, &psnr, PublishedNumbers::Matching);
         let names: Vec<_> = tables.iter().map(|t| t.name.as_str()).collect();
         assert_eq!(
             names,
@@ -82,12 +82,9 @@ mod tests {
             .collect();
         assert_eq!(psnr[2], (Some(16.72), Some(1)));
         assert_eq!(psnr[6], (Some(14.51), Some(3)));
-        let synthetic = beside(
-            &ours[..1],
-            &[metric(Family::Psnr)],
-            PublishedNumbers::Matching,
-        );
+        board.datasets.remove(0);
+        let synthetic = beside(&board, &[metric(Family::Psnr)], PublishedNumbers::Matching);
         assert!(synthetic.is_empty());
-        assert_eq!(beside(&[], &[], PublishedNumbers::Always).len(), 4);
+        assert_eq!(beside(&board, &[], PublishedNumbers::Always).len(), 4);
     }
 }

@@ -10,7 +10,7 @@ use crate::evaluate::record::{Record, Status};
 use crate::io::counts::counted;
 use crate::methods::Privilege;
 use crate::report::board::{Board, DatasetBoard};
-use crate::report::input::Column;
+use crate::report::column::Column;
 use crate::report::tables::Condition;
 
 use super::column;

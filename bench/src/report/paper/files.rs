@@ -8,9 +8,10 @@ use crate::io::atomic_files::write_all_over_own;
 use crate::io::text::visible;
 use crate::report::ReportError;
 use crate::report::html::STYLE;
-use crate::report::tables::{Table, html::html, latex, markdown};
+use crate::report::tables::csv::csv_of;
+use crate::report::tables::{Table, latex};
 
-use super::grid::csv;
+use super::grid::numbers;
 use super::published::PublishedTable;
 
 #[derive(Template)]
@@ -22,7 +23,7 @@ struct TablePage<'a> {
     table: String,
 }
 
-/// Stands in every file, so that one of someone else's is not written over.
+/// Marks our files; others are not overwritten.
 const MARK: &str = "sharp-bench table";
 
 /// Writes `NAME.md`, `NAME.csv`, `NAME.tex` (to be put into a paper), `NAME-document.tex` (compiles by itself) and
@@ -38,7 +39,7 @@ pub fn write_table(
     let page = TablePage {
         title: &table.title,
         label: paper.label,
-        table: html(table, paper.name)?,
+        table: table.html(paper.name)?,
     };
     let document = format!(
         "% {MARK}\n\\documentclass{{article}}\n\\usepackage[a4paper,landscape,margin=15mm]{{geometry}}\n\
@@ -47,10 +48,7 @@ pub fn write_table(
         latex::PREAMBLE,
         paper.name
     );
-    let numbers = csv(paper, table).map_err(|error| ReportError::Plot {
-        plot: format!("{}.csv", paper.name),
-        reason: error.to_string(),
-    })?;
+    let numbers = csv_of(numbers(paper, table))?;
     let numbers = String::from_utf8_lossy(&numbers).into_owned();
     let files = [
         (
@@ -58,11 +56,11 @@ pub fn write_table(
             format!(
                 "<!-- {MARK} -->\n\n# {}\n\n{}",
                 table.title,
-                markdown::markdown(table)
+                table.markdown()
             ),
         ),
         (".csv", numbers),
-        (".tex", format!("% {MARK}\n{}", latex::latex(table))),
+        (".tex", format!("% {MARK}\n{}", table.latex())),
         ("-document.tex", document),
         (".html", page.render()?),
     ];

@@ -3,11 +3,8 @@
 use serde::Serialize;
 use sharp_metrics::MetricKey;
 
-use crate::io::text::csv_cell;
-use crate::report::assemble;
-use crate::report::board::{Board, DatasetBoard};
-use crate::report::input::{Column, PublishedNumbers, ReportDataset};
-use crate::report::pictures::NoPictures;
+use crate::report::board::{Board, DatasetBoard, ReportDataset};
+use crate::report::column::Column;
 use crate::report::statistics::of_metric;
 use crate::report::tables::{Cell, Origin, Row, Table, build};
 
@@ -16,13 +13,13 @@ use super::column;
 use super::published::PublishedTable;
 use super::rows::{OwnRow, OwnRows, RowError};
 
-/// Rows and columns of a table of the paper besides the published ones.
+/// The user's rows for a table of the paper, and the columns to show.
 #[derive(Debug, Clone, Default)]
 pub struct Beside {
     pub rows: Vec<OwnRow>,
     /// One variant of a metric at most each; without one the default, or else the first that all rows have.
     pub metrics: Vec<MetricKey>,
-    /// Whether datasets without a number of one's own are left out.
+    /// Whether datasets without a number of the user's are left out.
     pub only_measured: bool,
 }
 
@@ -47,9 +44,8 @@ pub(super) fn with_rows(
     let all: Vec<usize> = (0..paper.datasets.len()).collect();
     match rows {
         OwnRows::Scores(results) => {
-            let input = assemble::input(&results, &NoPictures, PublishedNumbers::Never);
-            let board = Board::new(input.records, &input.datasets, &input.methods)?;
-            let columns = columns(paper, &board, &input.metrics, &beside.metrics);
+            let board = Board::of(&results)?;
+            let columns = columns(paper, &board, &beside.metrics);
             let mut shown = placed(paper, board)?;
             let is_kept = |d: &DatasetBoard<'_>| !beside.only_measured || !d.pairs.is_empty();
             let kept = all.into_iter().filter(|d| is_kept(&shown.datasets[*d]));
@@ -101,10 +97,7 @@ pub(super) fn with_rows(
 /// come last, without published numbers.
 fn below(mut published: Table, own: Table) -> Table {
     let mut table = own;
-    let none = Cell {
-        printed: Some("–".to_owned()),
-        ..Cell::default()
-    };
+    let none = Cell::dash();
     let cells = table.groups.len() * table.columns.len();
     for row in &mut published.rows {
         row.cells.resize(cells, none.clone());
@@ -145,12 +138,8 @@ fn below(mut published: Table, own: Table) -> Table {
 }
 
 /// The variant of each of the paper's metrics that fills its column.
-fn columns(
-    paper: &PublishedTable,
-    board: &Board<'_>,
-    scored: &[Column],
-    wanted: &[MetricKey],
-) -> Vec<Column> {
+fn columns(paper: &PublishedTable, board: &Board<'_>, wanted: &[MetricKey]) -> Vec<Column> {
+    let scored = &board.metrics;
     let methods = 0..board.methods.len();
     let has = |column: &Column, method: usize| {
         let mut records = board.datasets.iter().flat_map(|d| d.records_of(method));
@@ -196,11 +185,11 @@ fn columns(
 }
 
 /// The datasets in the paper's order, empty ones where no row has the dataset, then those that are not in the paper.
-fn placed<'a>(paper: &PublishedTable, board: Board<'a>) -> Result<Board<'a>, RowError> {
+fn placed<'a>(paper: &PublishedTable, mut board: Board<'a>) -> Result<Board<'a>, RowError> {
     let mut by_column: Vec<Vec<DatasetBoard<'a>>> =
         paper.datasets.iter().map(|_| Vec::new()).collect();
     let mut others = Vec::new();
-    for dataset in board.datasets {
+    for dataset in board.datasets.drain(..) {
         let at = column(&dataset.dataset)
             .and_then(|column| paper.datasets.iter().position(|name| *name == column));
         match at {
@@ -220,15 +209,12 @@ fn placed<'a>(paper: &PublishedTable, board: Board<'a>) -> Result<Board<'a>, Row
             });
         }
         datasets.push(found.pop().unwrap_or_else(|| DatasetBoard {
-            dataset: ReportDataset::named(column),
+            dataset: ReportDataset::of(column, ""),
             pairs: Vec::new(),
         }));
     }
     datasets.append(&mut others);
-    Ok(Board {
-        datasets,
-        methods: board.methods,
-    })
+    Ok(Board { datasets, ..board })
 }
 
 /// A cell with its row, dataset and metric, as written to a file.
@@ -274,24 +260,6 @@ pub fn numbers<'a>(paper: &PublishedTable, table: &'a Table) -> Vec<Number<'a>> 
         }
     }
     numbers
-}
-
-/// [`numbers`] as CSV.
-///
-/// # Errors
-/// Those of the CSV writer, which only writes to memory here.
-pub fn csv(paper: &PublishedTable, table: &Table) -> Result<Vec<u8>, ::csv::Error> {
-    let mut writer = ::csv::Writer::from_writer(Vec::new());
-    for number in numbers(paper, table) {
-        let row = csv_cell(number.row);
-        writer.serialize(Number {
-            row: &row,
-            ..number.clone()
-        })?;
-    }
-    writer
-        .into_inner()
-        .map_err(|error| error.into_error().into())
 }
 
 /// A number or nothing; infinities as text.

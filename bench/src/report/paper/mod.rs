@@ -19,7 +19,7 @@ mod tests;
 
 use sharp_datasets::entry::ENTRIES;
 
-use super::input::ReportDataset;
+use super::board::ReportDataset;
 
 pub use beside::beside;
 pub use files::write_table;

@@ -2,9 +2,10 @@
 
 use std::sync::LazyLock;
 
+use clap::ValueEnum as _;
 use sharp_metrics::{Direction, Family, MetricKey};
 
-use crate::report::input::Column;
+use crate::report::column::Column;
 use crate::report::tables::rank::{RankedValue, ranks};
 use crate::report::tables::{Cell, Group, Origin, Row, Table};
 
@@ -12,11 +13,15 @@ use crate::report::tables::{Cell, Group, Origin, Row, Table};
 /// under the table's label, `value` the number as printed.
 const NUMBERS: &str = include_str!("../../../data/paper_tables.csv");
 
+/// Name, LaTeX label, source of rows, head of rows and title of each table with results, in the order of the paper's
+/// importance.
+const LIST: &str = include_str!("../../../data/paper_table_list.tsv");
+
 /// The method that the paper calls the strongest before its own.
 const STRONGEST: &str = "Gen3C";
 
 /// Kind of data that the user's own rows are computed from.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
 pub enum MadeBy {
     /// Scores of a run.
     Run,
@@ -51,129 +56,22 @@ pub struct PublishedTable {
 
 /// All tables with results, in the order of the paper's importance.
 pub static TABLES: LazyLock<Vec<PublishedTable>> = LazyLock::new(|| {
-    use MadeBy::{Checkpoint, PrivilegedRun, Run, Speed, Translation};
-    let aligned = "tab:quantitative-aligned";
-    [
-        (
-            "quantitative",
-            "tab:quantitative",
-            "View synthesis fidelity, perceptual metrics",
-            "method",
-            Run,
-        ),
-        (
-            "psnr-ssim",
-            "tab:quantitative-aligned-psnr-ssim",
-            "View synthesis fidelity, PSNR and SSIM",
-            "method",
-            Run,
-        ),
-        (
-            "privileged",
-            aligned,
-            "View synthesis fidelity with privileged depth, perceptual metrics",
-            "method",
-            PrivilegedRun,
-        ),
-        (
-            "privileged-psnr-ssim",
-            aligned,
-            "View synthesis fidelity with privileged depth, PSNR and SSIM",
-            "method",
-            PrivilegedRun,
-        ),
-        (
-            "metrics_comparison",
-            "tab:metrics_comparison",
-            "Sensitivity of metrics to small image shifts",
-            "comparison",
-            Translation,
-        ),
-        (
-            "timing-comparison",
-            "tab:timing-comparison",
-            "Run time",
-            "method",
-            Speed,
-        ),
-        (
-            "param-count",
-            "tab:param-count",
-            "Parameters",
-            "method",
-            Checkpoint,
-        ),
-        (
-            "ablation_flash3d",
-            "tab:ablation_flash3d",
-            "Flash3D trained on other data",
-            "data",
-            Run,
-        ),
-        (
-            "ablation_loss",
-            "tab:ablation_loss",
-            "Ablation of the losses",
-            "losses",
-            Run,
-        ),
-        (
-            "ablation_loss_render",
-            "tab:ablation_loss_render",
-            "Losses and the time to render",
-            "losses",
-            Speed,
-        ),
-        (
-            "ablation_gram",
-            "tab:ablation_gram",
-            "Ablation of the Gram matrix loss",
-            "Gram loss",
-            Run,
-        ),
-        (
-            "ablation_depth_alignment",
-            "tab:ablation_depth_alignment",
-            "Ablation of the depth adjustment",
-            "learned",
-            Run,
-        ),
-        (
-            "ablation_ssl",
-            "tab:ablation_ssl",
-            "Ablation of self-supervised fine-tuning",
-            "fine-tuned",
-            Run,
-        ),
-        (
-            "ablation_module",
-            "tab:ablation_module",
-            "Ablation of unfreezing the depth backbone",
-            "unfrozen",
-            Run,
-        ),
-        (
-            "ablation_stride",
-            "tab:ablation_stride",
-            "Ablation of the number of Gaussians",
-            "Gaussians",
-            Run,
-        ),
-    ]
-    .map(|(name, label, title, row_head, made_by)| {
+    let tables = LIST.lines().skip(1).filter_map(|line| {
+        let fields: [&str; 5] = line.split('\t').collect::<Vec<_>>().try_into().ok()?;
+        let [name, label, made_by, row_head, title] = fields;
         let empty = PublishedTable {
             name,
             label,
             title,
             row_head,
-            made_by,
+            made_by: MadeBy::from_str(made_by, false).ok()?,
             datasets: Vec::new(),
             metrics: Vec::new(),
             rows: Vec::new(),
         };
-        empty.filled()
-    })
-    .into()
+        Some(empty.filled())
+    });
+    tables.collect()
 });
 
 /// The table of that name.
@@ -245,15 +143,11 @@ impl PublishedTable {
     /// The table reduced to some of its datasets, each row marked as published and ranked among the others.
     pub fn table(&self, datasets: &[usize]) -> Table {
         let columns = self.columns();
-        let mut rows: Vec<Row> = Vec::new();
-        for (label, _) in &self.rows {
-            rows.push(Row {
-                label: label.replace("(ours)", "(published)"),
-                origin: Origin::Published,
-                note: None,
-                cells: Vec::new(),
-            });
-        }
+        let rows = self.rows.iter().map(|(label, _)| Row {
+            origin: Origin::Published,
+            ..Row::measured(label.replace("(ours)", "(published)"), Vec::new())
+        });
+        let mut rows: Vec<Row> = rows.collect();
         for &dataset in datasets {
             for (m, column) in columns.iter().enumerate() {
                 let printed = self
@@ -272,27 +166,17 @@ impl PublishedTable {
                 let cells = candidates.iter().zip(printed).zip(ranks);
                 for (row, ((candidate, text), rank)) in rows.iter_mut().zip(cells) {
                     row.cells.push(Cell {
-                        value: candidate.value,
-                        printed: Some(text.unwrap_or("–").to_owned()),
                         rank,
-                        ..Cell::default()
+                        ..Cell::printed(candidate.value, text.unwrap_or("–"))
                     });
                 }
             }
         }
+        let groups = datasets.iter().map(|&d| Group::titled(self.datasets[d]));
         Table {
-            name: self.name.to_owned(),
-            title: self.title.to_owned(),
             row_head: self.row_head,
-            groups: datasets
-                .iter()
-                .map(|&d| Group::titled(self.datasets[d]))
-                .collect(),
-            columns,
-            rows,
             remarks: vec![self.caveat()],
-            notes: Vec::new(),
-            checklist: Vec::new(),
+            ..Table::new(self.name, self.title, groups.collect(), columns, rows)
         }
     }
 

@@ -4,14 +4,16 @@ use std::collections::BTreeSet;
 use std::convert::Infallible;
 use std::path::{Path, PathBuf};
 
-use serde::Deserialize;
 use sharp_checkpoint::{Checkpoint, CheckpointError};
 use sharp_metrics::MetricKey;
 
 use crate::evaluate::join::{Named, join_results};
 use crate::evaluate::{EvaluateError, Results};
-use crate::report::input::{Column, ReportDataset};
-use crate::report::tables::{Cell, Origin, Row};
+use crate::io::atomic_files::FileError;
+use crate::report::board::ReportDataset;
+use crate::report::column::Column;
+use crate::report::speed::lines::SpeedLine;
+use crate::report::tables::{Cell, Row};
 
 use super::column;
 use super::published::{MadeBy, PublishedTable};
@@ -58,6 +60,8 @@ pub enum RowError {
     Evaluate(#[from] EvaluateError),
     #[error(transparent)]
     Checkpoint(#[from] CheckpointError),
+    #[error(transparent)]
+    File(#[from] FileError),
     #[error(transparent)]
     Report(#[from] crate::report::ReportError),
 }
@@ -187,30 +191,32 @@ fn translations(paper: &PublishedTable, rows: &[OwnRow]) -> Result<OwnRows, RowE
     let mut columns: Vec<Column> = Vec::new();
     let mut measured = Vec::new();
     for row in rows {
-        let (unusable, bytes) = file_of(row, "translation.csv")?;
-        let mut csv = ::csv::Reader::from_reader(bytes.as_slice());
-        let heads = csv
-            .headers()
-            .map_err(|error| unusable(error.to_string()))?
-            .clone();
-        if heads.get(0) != Some("comparison") {
-            return Err(unusable(
-                "no table of `analyze translation --out`".to_owned(),
-            ));
+        let mut path = row.source.path.clone();
+        if path.is_dir() {
+            path.push("translation.csv");
         }
-        let keys: Vec<Option<MetricKey>> = heads.iter().map(|head| head.parse().ok()).collect();
+        let unusable = |reason: String| RowError::Unusable {
+            path: path.clone(),
+            reason,
+        };
+        let bytes = sharp::files::read(&path).map_err(|error| unusable(error.to_string()))?;
+        let wrong = |error: ::csv::Error| unusable(error.to_string());
+        let mut csv = ::csv::Reader::from_reader(bytes.as_slice());
+        let heads = csv.headers().map_err(wrong)?.clone();
+        if heads.get(0) != Some("comparison") {
+            let reason = "no table of `analyze translation --out`";
+            return Err(unusable(reason.to_owned()));
+        }
+        let keys = heads.iter().map(|head| head.parse().ok()).enumerate();
+        let keys: Vec<(usize, MetricKey)> = keys.filter_map(|(at, key)| Some((at, key?))).collect();
         // The default variant of each metric, or else the first that is there.
         let places = paper.metrics.iter().map(|name| {
-            let of_family = |key: &MetricKey| key.family().name().eq_ignore_ascii_case(name);
-            let found = keys
-                .iter()
-                .enumerate()
-                .filter_map(|(at, key)| Some((at, (*key)?)));
-            let found: Vec<(usize, MetricKey)> = found.filter(|(_, key)| of_family(key)).collect();
-            let default = found
-                .iter()
-                .find(|(_, key)| key.family().name().parse() == Ok(*key));
-            default.or(found.first()).copied()
+            let of_family =
+                |(_, key): &&(usize, MetricKey)| key.family().name().eq_ignore_ascii_case(name);
+            let mut found = keys.iter().filter(of_family);
+            let first = found.clone().next();
+            let default = found.find(|(_, key)| key.family().name().parse() == Ok(*key));
+            default.or(first).copied()
         });
         let places: Option<Vec<(usize, MetricKey)>> = places.collect();
         let places = places
@@ -219,25 +225,17 @@ fn translations(paper: &PublishedTable, rows: &[OwnRow]) -> Result<OwnRows, RowE
         if measured.is_empty() {
             columns = of_row;
         } else if columns != of_row {
-            return Err(unusable(
-                "its metrics are other variants than those of the rows before".to_owned(),
-            ));
+            let reason = "its metrics are other variants than those of the rows before";
+            return Err(unusable(reason.to_owned()));
         }
         for line in csv.records() {
-            let line = line.map_err(|error| unusable(error.to_string()))?;
-            let cells = places.iter().map(|(at, _)| {
-                let value = line.get(*at).unwrap_or_default().parse();
-                Cell {
-                    value: value.ok(),
-                    ..Cell::default()
-                }
-            });
-            measured.push(Row {
-                label: format!("{}: {}", row.label, line.get(0).unwrap_or_default()),
-                origin: Origin::Measured,
-                note: None,
-                cells: cells.collect(),
-            });
+            let line = line.map_err(wrong)?;
+            let text = |at: usize| line.get(at).unwrap_or_default();
+            let cells = places
+                .iter()
+                .map(|(at, _)| Cell::of(text(*at).parse().ok()));
+            let label = format!("{}: {}", row.label, text(0));
+            measured.push(Row::measured(label, cells.collect()));
         }
     }
     Ok(OwnRows::Measured {
@@ -255,25 +253,14 @@ fn checkpoints(paper: &PublishedTable, rows: &[OwnRow]) -> Result<OwnRows, RowEr
         for name in checkpoint.names() {
             total += checkpoint.shape(name)?.iter().product::<usize>();
         }
-        // A checkpoint does not say which of its parameters were trained.
         let millions = total as f64 / 1e6;
+        let text = format!("{millions:.*}M", usize::from(millions < 10.0));
+        // A checkpoint does not say which of its parameters were trained.
         let cells = paper.metrics.iter().map(|metric| match *metric {
-            "total" => Cell {
-                value: Some(millions),
-                printed: Some(format!("{millions:.*}M", usize::from(millions < 10.0))),
-                ..Cell::default()
-            },
-            _ => Cell {
-                printed: Some("–".to_owned()),
-                ..Cell::default()
-            },
+            "total" => Cell::printed(Some(millions), &text),
+            _ => Cell::dash(),
         });
-        measured.push(Row {
-            label: row.label.clone(),
-            origin: Origin::Measured,
-            note: None,
-            cells: cells.collect(),
-        });
+        measured.push(Row::measured(&row.label, cells.collect()));
     }
     let columns = paper.columns().into_iter().map(|column| Column {
         key: format!("parameters_{}", column.label),
@@ -285,83 +272,32 @@ fn checkpoints(paper: &PublishedTable, rows: &[OwnRow]) -> Result<OwnRows, RowEr
     })
 }
 
-/// A line of `speed.csv`.
-#[derive(Deserialize)]
-struct SpeedLine {
-    method: String,
-    dataset: String,
-    format: String,
-    quantity: String,
-    n: usize,
-    median: f64,
-}
-
 /// A row for each method that `speed` measured.
 fn speeds(paper: &PublishedTable, rows: &[OwnRow]) -> Result<OwnRows, RowError> {
     let mut measured = Vec::new();
     for row in rows {
-        let (unusable, bytes) = file_of(row, "speed.csv")?;
-        let lines: Result<Vec<SpeedLine>, _> = ::csv::Reader::from_reader(bytes.as_slice())
-            .deserialize()
-            .collect();
-        let lines =
-            lines.map_err(|error| unusable(format!("no table of `speed --out`: {error}")))?;
-        if lines.is_empty() {
-            return Err(unusable(
-                "no table of `speed --out`: it is empty".to_owned(),
-            ));
-        }
-        if let Some(line) = lines
-            .iter()
-            .find(|line| !(line.median.is_finite() && line.median >= 0.0))
-        {
-            let reason = format!(
-                "the {} of {} is {}",
-                line.quantity, line.method, line.median
-            );
-            return Err(unusable(reason));
-        }
-        let method = row
-            .source
-            .chosen(lines.iter().map(|line| line.method.as_str()))?;
-        let column_of = |line: &SpeedLine| {
-            column(&ReportDataset {
-                format: Some(line.format.clone()).filter(|format| !format.is_empty()),
-                ..ReportDataset::named(&line.dataset)
+        let lines = SpeedLine::read(&row.source.path)?;
+        let methods = lines.iter().map(|line| line.method.as_str());
+        let method = row.source.chosen(methods)?;
+        let cell = |dataset: &str, metric: &str| {
+            let (quantity, factor) = match metric {
+                "Inference" => ("inference_secs", 1.0),
+                "Render" => ("render_secs", 1.0),
+                _ => ("render_secs", 1000.0),
+            };
+            let mut lines = lines.iter();
+            let line = lines.find(|line| {
+                let of = ReportDataset::of(&line.dataset, &line.format);
+                line.method == method && line.quantity == quantity && column(&of) == Some(dataset)
+            });
+            line.map_or_else(Cell::dash, |line| Cell {
+                coverage: Some((line.n, line.n)),
+                ..Cell::of(Some(line.median * factor))
             })
         };
-        let cells = paper.datasets.iter().flat_map(|dataset| {
-            paper.metrics.iter().map(|metric| {
-                let (quantity, factor) = match *metric {
-                    "Inference" => ("inference_secs", 1.0),
-                    "Render" => ("render_secs", 1.0),
-                    _ => ("render_secs", 1000.0),
-                };
-                let of_method = lines
-                    .iter()
-                    .filter(|line| line.method == method && line.quantity == quantity);
-                let found = of_method
-                    .into_iter()
-                    .find(|line| column_of(line) == Some(*dataset));
-                match found {
-                    Some(line) => Cell {
-                        value: Some(line.median * factor),
-                        coverage: Some((line.n, line.n)),
-                        ..Cell::default()
-                    },
-                    None => Cell {
-                        printed: Some("–".to_owned()),
-                        ..Cell::default()
-                    },
-                }
-            })
-        });
-        measured.push(Row {
-            label: row.label.clone(),
-            origin: Origin::Measured,
-            note: None,
-            cells: cells.collect(),
-        });
+        let datasets = paper.datasets.iter();
+        let cells = datasets.flat_map(|dataset| paper.metrics.iter().map(|m| cell(dataset, m)));
+        measured.push(Row::measured(&row.label, cells.collect()));
     }
     let columns = paper.columns().into_iter().map(|published| Column {
         key: format!("{}_median", published.label.to_lowercase()),
@@ -372,23 +308,6 @@ fn speeds(paper: &PublishedTable, rows: &[OwnRow]) -> Result<OwnRows, RowError> 
         columns: columns.collect(),
         rows: measured,
     })
-}
-
-/// The bytes of a row's source, or of the file of that name in it where it is a folder, and the error about it.
-fn file_of(row: &OwnRow, name: &str) -> Result<(impl Fn(String) -> RowError, Vec<u8>), RowError> {
-    let mut path = row.source.path.clone();
-    if path.is_dir() {
-        path.push(name);
-    }
-    let read = sharp::files::read(&path);
-    let unusable = move |reason: String| RowError::Unusable {
-        path: path.clone(),
-        reason,
-    };
-    match read {
-        Ok(bytes) => Ok((unusable, bytes)),
-        Err(error) => Err(unusable(error.to_string())),
-    }
 }
 
 #[cfg(test)]

@@ -76,12 +76,12 @@ pub(super) fn grid(methods: &[MethodCompute]) -> TextGrid {
         let rendering: f64 = timings.iter().map(|timing| timing.render_secs).sum();
         let scoring: f64 = timings.iter().map(|timing| timing.score_secs).sum();
         [
-            GridCell::number(timings.len().to_string(), timings.len() as f64),
+            GridCell::count(timings.len()),
             hours(inferring + rendering),
             hours(scoring),
             peak.map_or_else(GridCell::default, |bytes| {
                 let mib = bytes as f64 / f64::from(1 << 20);
-                GridCell::number(format!("{mib:.0}"), mib)
+                GridCell::rounded(mib, 0)
             }),
         ]
     };
@@ -105,15 +105,10 @@ pub(super) fn grid(methods: &[MethodCompute]) -> TextGrid {
     let all: Vec<&Timing> = methods.iter().flat_map(|m| &m.timings).collect();
     let words = ["all", "", "", "", ""].map(GridCell::words).into_iter();
     rows.push(words.chain(sums(&all)).collect());
-    TextGrid {
-        title: "Compute".to_owned(),
-        heads: heads.map(str::to_owned).into(),
-        rows,
-        remarks: vec![
+    TextGrid::new("Compute", &heads, rows).remarked([
             "Sums of wall time over the predictions that are in the run, failures and what was tried before not counted. \
              Predicting is inference, once a source where several pairs or methods share it, and rendering; the next pair is predicted while one is scored, so \
              that a run took less time than both together. Peak: largest resident size of the process until then."
                 .to_owned(),
-        ],
-    }
+        ])
 }

@@ -1,19 +1,21 @@
 //! Run time as tabulated in the paper, and a summary of the compute behind a paper's numbers.
 //!
 //! * [`spread`]: median and spread of rounds; [`tables`]: methods by datasets, and details of the times; [`compute`]:
-//!   hardware and hours of runs, from the times in their folders.
+//!   hardware and hours of runs, from the times in their folders; [`lines`]: `speed.csv` read back.
 
 pub mod compute;
+pub mod lines;
 pub mod spread;
 pub mod tables;
 
 use std::path::{Path, PathBuf};
 
+use super::ReportError;
 use super::tables::grid::TextGrid;
-use super::tables::{latex, markdown, text};
+use super::tables::{latex, markdown};
 use crate::evaluate::Manifest;
 use crate::evaluate::speed::{Speed, SpeedOptions};
-use crate::io::atomic_files::{FileError, write_all_over_own};
+use crate::io::atomic_files::write_all_over_own;
 
 /// New measurements.
 #[derive(Debug, Clone, PartialEq)]
@@ -34,7 +36,7 @@ pub struct SpeedReport {
     pub compute: Option<TextGrid>,
 }
 
-/// Marks our files, so that no other file is overwritten.
+/// Marks our files; others are not overwritten.
 const MARK: &str = "sharp-bench speed";
 
 impl SpeedReport {
@@ -45,10 +47,7 @@ impl SpeedReport {
 
     /// For a terminal.
     pub fn text(&self) -> String {
-        let table = self
-            .measured
-            .as_ref()
-            .map(|m| text::text(&tables::table(m)));
+        let table = self.measured.as_ref().map(|m| tables::table(m).text());
         let grids = self.grids();
         let parts = table.into_iter().chain(grids.iter().map(TextGrid::text));
         parts.collect::<Vec<_>>().join("\n")
@@ -57,14 +56,14 @@ impl SpeedReport {
     /// Writes `speed.md` and `speed.tex`, and where something was measured `speed.csv`.
     ///
     /// # Errors
-    /// When one cannot be written, or the name is taken by something else; then none is written.
-    pub fn write(&self, folder: &Path) -> Result<Vec<PathBuf>, FileError> {
+    /// When a file cannot be written, or exists and is not ours; then none is written.
+    pub fn write(&self, folder: &Path) -> Result<Vec<PathBuf>, ReportError> {
         let mut md = format!("<!-- {MARK} -->\n");
         let mut tex = format!("% {MARK}\n");
         if let Some(measured) = &self.measured {
             let table = tables::table(measured);
-            md += &format!("# {}\n\n{}", table.title, markdown::markdown(&table));
-            tex += &latex::latex(&table);
+            md += &format!("# {}\n\n{}", table.title, table.markdown());
+            tex += &table.latex();
         }
         for grid in self.grids() {
             let title = markdown::escape(&grid.title);
@@ -72,14 +71,14 @@ impl SpeedReport {
             tex += &format!("\n{}", latex::grid(&grid));
         }
         let mut files = vec![
-            (folder.join("speed.md"), md, MARK),
-            (folder.join("speed.tex"), tex, MARK),
+            (folder.join("speed.md"), md.into_bytes(), MARK),
+            (folder.join("speed.tex"), tex.into_bytes(), MARK),
         ];
         if let Some(measured) = &self.measured {
-            let csv = tables::csv(measured);
+            let csv = tables::csv(measured)?;
             files.push((folder.join("speed.csv"), csv, tables::CSV_HEAD));
         }
-        write_all_over_own(&files)
+        Ok(write_all_over_own(&files)?)
     }
 }
 

@@ -7,26 +7,21 @@ use super::spread::Spread;
 use crate::evaluate::results::number;
 use crate::evaluate::speed::{Speed, Splats};
 use crate::io::counts::counted;
-use crate::io::text::csv_cell;
-use crate::report::input::{Column, ReportDataset};
+use crate::report::board::ReportDataset;
+use crate::report::column::Column;
+use crate::report::tables::csv::text;
 use crate::report::tables::grid::{GridCell, TextGrid};
-use crate::report::tables::{Cell, Group, Origin, Row, Table};
+use crate::report::tables::{self, Cell, Group, Row, Table};
 
 /// Columns of [`csv()`].
-pub(in crate::report) const CSV_HEAD: &str =
+pub(super) const CSV_HEAD: &str =
     "method,dataset,format,quantity,n,median,first_quartile,third_quartile,least,most";
 
 /// Seconds under each dataset, as in the paper; medians.
 pub fn table(measured: &Measured) -> Table {
     let mut notes = Vec::new();
-    let datasets = measured
-        .manifest
-        .datasets
-        .iter()
-        .map(|record| ReportDataset {
-            format: Some(record.format.clone()),
-            ..ReportDataset::named(&record.name)
-        });
+    let datasets = measured.manifest.datasets.iter();
+    let datasets = datasets.map(|record| ReportDataset::of(&record.name, &record.format));
     let datasets: Vec<ReportDataset> = datasets.collect();
     let methods = measured.manifest.methods.iter().map(|method| {
         let cells = datasets.iter().flat_map(|dataset| {
@@ -35,12 +30,7 @@ pub fn table(measured: &Measured) -> Table {
             let kind = method.identity.kind.as_str();
             cells(speed, kind, &mut notes)
         });
-        Row {
-            label: method.label.clone(),
-            origin: Origin::Measured,
-            note: None,
-            cells: cells.collect(),
-        }
+        Row::measured(&method.label, cells.collect())
     });
     let rows = methods.collect();
     let groups = datasets.iter().map(|dataset| {
@@ -50,27 +40,23 @@ pub fn table(measured: &Measured) -> Table {
             ..Group::titled(dataset.title())
         }
     });
+    let columns = vec![
+        column(
+            "inference_secs",
+            "Inference",
+            "median over rounds and pairs of source picture to Gaussians, s",
+        ),
+        column(
+            "render_secs",
+            "Render",
+            "median over rounds and pairs of Gaussians to picture, s",
+        ),
+    ];
+    let title = "Run time (seconds)";
     Table {
-        name: "speed".to_owned(),
-        title: "Run time (seconds)".to_owned(),
-        row_head: "method",
-        groups: groups.collect(),
-        columns: vec![
-            column(
-                "inference_secs",
-                "Inference",
-                "median over rounds and pairs of source picture to Gaussians, s",
-            ),
-            column(
-                "render_secs",
-                "Render",
-                "median over rounds and pairs of Gaussians to picture, s",
-            ),
-        ],
-        rows,
         remarks: remarks(measured),
         notes,
-        checklist: Vec::new(),
+        ..Table::new("speed", title, groups.collect(), columns, rows)
     }
 }
 
@@ -100,9 +86,8 @@ fn cells(speed: Option<&Speed>, kind: &str, notes: &mut Vec<String>) -> [Cell; 2
         let value = Spread::of(secs).map(|summary| summary.median);
         let reason = value.is_none().then(|| Table::note(notes, why(what)));
         Cell {
-            value,
             notes: reason.into_iter().collect(),
-            ..Cell::default()
+            ..Cell::of(value)
         }
     })
 }
@@ -175,7 +160,7 @@ pub fn details(measured: &Measured) -> TextGrid {
             (!speed.splats.is_empty()).then(|| sum / speed.splats.len() as f64)
         };
         let number = |value: Option<f64>, decimals: usize| match value {
-            Some(value) => GridCell::number(format!("{value:.decimals$}"), value),
+            Some(value) => GridCell::rounded(value, decimals),
             None => GridCell::words(""),
         };
         vec![
@@ -185,7 +170,7 @@ pub fn details(measured: &Measured) -> TextGrid {
                 [first, .., last] => format!("{first} to {last}"),
                 sizes => sizes.concat(),
             }),
-            number(Some(speed.pairs as f64), 0),
+            GridCell::count(speed.pairs),
             spread(&speed.inference_secs),
             spread(&speed.load_secs),
             spread(&speed.render_secs),
@@ -204,18 +189,13 @@ pub fn details(measured: &Measured) -> TextGrid {
             ),
         ]
     });
-    TextGrid {
-        title: "Spread, memory and what is drawn".to_owned(),
-        heads: heads.map(str::to_owned).into(),
-        rows: rows.collect(),
-        remarks: vec![
+    TextGrid::new("Spread, memory and what is drawn", &heads, rows).remarked([
             "Times: median, first and third quartile of all rounds. Gaussians: means over pairs; visible are those that reach \
              the target's picture, tiles are of 16 × 16 pixels, which a Gaussian counts in where its alpha can reach 1/255. \
              Peak: largest resident size of the process while the method was measured; the memory of a device is not part of \
              it."
                 .to_owned(),
-        ],
-    }
+        ])
 }
 
 fn spread(secs: &[f64]) -> GridCell {
@@ -231,26 +211,25 @@ fn spread(secs: &[f64]) -> GridCell {
 
 /// One line per quantity, at full precision; `quantity` is `inference_secs`, `load_secs`, `render_secs`, `peak_bytes`,
 /// `gaussians`, `visible`, `tiles` or `picture_tiles`.
-pub fn csv(measured: &Measured) -> String {
-    let mut out = format!("{CSV_HEAD}\n");
+///
+/// # Errors
+/// Those of the CSV writer, which writes to memory.
+pub fn csv(measured: &Measured) -> Result<Vec<u8>, ::csv::Error> {
+    let mut lines = Vec::new();
     for speed in &measured.speeds {
         let mut records = measured.manifest.datasets.iter();
         let record = records.find(|record| record.name == speed.dataset);
+        let format = record.map_or("", |record| &record.format);
         let of = |of: fn(&Splats) -> u64| -> Vec<f64> {
-            speed
-                .splats
-                .iter()
-                .map(|splats| of(splats) as f64)
-                .collect()
+            let splats = speed.splats.iter();
+            splats.map(|splats| of(splats) as f64).collect()
         };
+        let peak = speed.peak_bytes.iter().map(|bytes| *bytes as f64).collect();
         let quantities = [
             ("inference_secs", speed.inference_secs.clone()),
             ("load_secs", speed.load_secs.clone()),
             ("render_secs", speed.render_secs.clone()),
-            (
-                "peak_bytes",
-                speed.peak_bytes.iter().map(|b| *b as f64).collect(),
-            ),
+            ("peak_bytes", peak),
             ("gaussians", of(|splats| splats.count)),
             ("visible", of(|splats| splats.visible)),
             ("tiles", of(|splats| splats.tiles)),
@@ -261,20 +240,19 @@ pub fn csv(measured: &Measured) -> String {
                 continue;
             };
             let [low, high] = summary.quartiles;
-            let numbers = [summary.median, low, high, summary.least, summary.most].map(number);
-            let mut line = ::csv::Writer::from_writer(Vec::new());
-            let cells = [
-                &*csv_cell(&speed.method),
-                &*csv_cell(&speed.dataset),
-                record.map_or("", |record| &record.format),
-                quantity,
-            ];
-            let n = summary.n.to_string();
-            let cells = cells.into_iter().chain([n.as_str()]);
-            // Writing into memory cannot fail.
-            let _ = line.write_record(cells.chain(numbers.iter().map(String::as_str)));
-            out += &String::from_utf8_lossy(&line.into_inner().unwrap_or_default());
+            lines.push([
+                text(&speed.method),
+                text(&speed.dataset),
+                format.to_owned(),
+                quantity.to_owned(),
+                summary.n.to_string(),
+                number(summary.median),
+                number(low),
+                number(high),
+                number(summary.least),
+                number(summary.most),
+            ]);
         }
     }
-    out
+    tables::csv::csv(CSV_HEAD.split(','), lines)
 }

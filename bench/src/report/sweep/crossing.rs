@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use rayon::prelude::*;
 use sharp_statistics::Resampling;
 
-use crate::report::plots::bins::{Bin, Cuts, bins};
+use sharp_plots::bins::{Bin, Cuts, bins};
 
 /// The place from which on the mean of every bin is above zero.
 ///
@@ -104,7 +104,7 @@ mod tests {
     use std::num::NonZeroU32;
 
     use super::*;
-    use crate::report::plots::bins::Binning;
+    use sharp_plots::bins::Binning;
 
     const RESAMPLING: Resampling = Resampling {
         seed: 0,

@@ -3,13 +3,14 @@
 use super::study::{CrossingRule, Sweep, SweepBin, SweepPanel};
 use super::{Band, Motion};
 use crate::io::counts::counted;
-use crate::report::error::ReportError;
-use crate::report::input::Column;
-use crate::report::plots::canvas::{Figure, Ink, Surface};
-use crate::report::plots::curves::{Banded, curve, shade, vertical};
-use crate::report::plots::palette::{Marker, Style, stroke};
-use crate::report::plots::panels::{BinCount, Panel, PanelFrame, PlotArea, PlotAxis, draw};
-use crate::report::plots::style::FigureStyle;
+use crate::report::column::Column;
+use sharp_plots::PlotError;
+use sharp_plots::canvas::{Figure, Surface};
+use sharp_plots::curves::{Banded, curve, shade, vertical};
+use sharp_plots::ink::Ink;
+use sharp_plots::palette::{Marker, Style, stroke};
+use sharp_plots::panels::{self, BinCount, Panel, PanelFrame, PlotArea, PlotAxis};
+use sharp_plots::style::FigureStyle;
 
 const LIMIT: Ink = Ink::opaque(0x57, 0x60, 0x6A);
 const MARK: f64 = 5.0;
@@ -18,7 +19,7 @@ const MARK: f64 = 5.0;
 ///
 /// # Errors
 /// When the drawing library refuses.
-pub fn figures(sweep: &Sweep, style: &FigureStyle) -> Result<Vec<(Column, Figure)>, ReportError> {
+pub fn figures(sweep: &Sweep, style: &FigureStyle) -> Result<Vec<(Column, Figure)>, PlotError> {
     let mut figures = Vec::new();
     for (k, metric) in sweep.metrics.iter().enumerate() {
         if all(sweep, k).next().is_some() {
@@ -39,13 +40,13 @@ fn figure(
     k: usize,
     metric: &Column,
     style: &FigureStyle,
-) -> Result<Figure, ReportError> {
+) -> Result<Figure, PlotError> {
     let limits = sweep.spec.thresholds.iter();
     let limits: Vec<f64> = limits
         .filter(|limit| limit.metric.to_string() == metric.key)
         .map(|limit| limit.value)
         .collect();
-    let y = vertical(all(sweep, k), &limits, metric);
+    let y = vertical(all(sweep, k), &limits, &metric.axis_label());
     let infinity = all(sweep, k).any(|banded| banded.bin.mean.is_infinite());
     let mut legend: Vec<(&str, Style)> = Vec::new();
     for line in sweep.panels.iter().flat_map(|panel| &panel.lines) {
@@ -54,63 +55,63 @@ fn figure(
         }
     }
     let shown = sweep.panels.iter().filter(|panel| has(panel, k));
-    let panels = shown.map(|panel| {
+    let drawn = shown.map(|panel| {
         let limits = &limits;
         Panel {
             frame: PanelFrame {
-                title: panel.split.clone(),
-                remark: remark(panel),
-                x: horizontal(sweep.spec.x, panel, k),
-                y: y.clone(),
                 infinity,
                 counts: counts(panel, k),
+                ..PanelFrame::new(
+                    &panel.split,
+                    remark(panel),
+                    horizontal(sweep.spec.x, panel, k),
+                    y.clone(),
+                )
             },
-            content: Ok(Box::new(
-                move |surface: &mut dyn Surface, area: &PlotArea| {
-                    let lines = panel.lines.iter().map(|line| {
-                        let banded = line.bins[k].iter().map(|bin| bin.banded.clone());
-                        (banded.collect::<Vec<_>>(), style.of_method(line.style))
+            content: Ok(Box::new(move |surface: &mut Surface, area: &PlotArea| {
+                let lines = panel.lines.iter().map(|line| {
+                    let banded = line.bins[k].iter().map(|bin| bin.banded.clone());
+                    (banded.collect::<Vec<_>>(), style.of_method(line.style))
+                });
+                let lines: Vec<(Vec<Banded>, Style)> = lines.collect();
+                for (bins, style) in &lines {
+                    shade(surface, bins, area, *style);
+                }
+                for limit in limits {
+                    let dashed = Style {
+                        ink: LIMIT,
+                        marker: Marker::Disc,
+                        dash: Some((4.0, 3.0)),
+                    };
+                    let height = area.y.place(*limit);
+                    let ends = [(area.x.from, height), (area.x.to, height)];
+                    stroke(surface, &ends, 1.0, dashed);
+                }
+                for (bins, style) in &lines {
+                    curve(surface, bins, area, *style);
+                }
+                for crossing in &sweep.crossings {
+                    let here = crossing.metric == k && crossing.split == panel.split;
+                    let mut of_panel = panel.lines.iter();
+                    let line = of_panel.find(|line| {
+                        (&line.dataset, &line.method) == (&crossing.dataset, &crossing.method)
                     });
-                    let lines: Vec<(Vec<Banded>, Style)> = lines.collect();
-                    for (bins, style) in &lines {
-                        shade(surface, bins, area, *style);
+                    if let (true, Some(line)) = (here && crossing.found.x.is_finite(), line) {
+                        let at = (area.x.place(crossing.found.x), area.y.from - MARK);
+                        let ink = style.of_method(line.style).ink;
+                        Marker::Down.draw(surface, at, MARK, ink);
                     }
-                    for limit in limits {
-                        let dashed = Style {
-                            ink: LIMIT,
-                            marker: Marker::Disc,
-                            dash: Some((4.0, 3.0)),
-                        };
-                        let height = area.y.place(*limit);
-                        let ends = [(area.x.from, height), (area.x.to, height)];
-                        stroke(surface, &ends, 1.0, dashed);
-                    }
-                    for (bins, style) in &lines {
-                        curve(surface, bins, area, *style);
-                    }
-                    for crossing in &sweep.crossings {
-                        let here = crossing.metric == k && crossing.split == panel.split;
-                        let mut of_panel = panel.lines.iter();
-                        let line = of_panel.find(|line| {
-                            (&line.dataset, &line.method) == (&crossing.dataset, &crossing.method)
-                        });
-                        if let (true, Some(line)) = (here && crossing.found.x.is_finite(), line) {
-                            let at = (area.x.place(crossing.found.x), area.y.from - MARK);
-                            let ink = style.of_method(line.style).ink;
-                            Marker::Down.draw(surface, at, MARK, ink);
-                        }
-                    }
-                },
-            )),
+                }
+            })),
         }
     });
-    let panels: Vec<Panel<'_>> = panels.collect();
+    let drawn: Vec<Panel<'_>> = drawn.collect();
     let title = format!("{} against {}", metric.label, sweep.spec.x.label());
-    draw(
+    panels::figure(
         &title,
         &caption(sweep, k, metric),
         &legend,
-        &panels,
+        &drawn,
         Some(style),
     )
 }

@@ -5,12 +5,12 @@ use std::path::{Path, PathBuf};
 
 use super::study::Sweep;
 use super::{figure, table};
-use crate::io::atomic_files::{FileError, remove_own, write_all_over_own};
+use crate::io::atomic_files::{remove_own, write_all_over_own};
 use crate::io::text::csv_text;
+use crate::report::column::slug;
 use crate::report::error::ReportError;
-use crate::report::input::slug;
-use crate::report::plots::canvas;
-use crate::report::plots::style::FigureStyle;
+use crate::report::plots;
+use sharp_plots::style::FigureStyle;
 
 /// Files written to a folder.
 #[derive(Debug)]
@@ -31,19 +31,20 @@ pub fn write(
     stem: &str,
     style: &FigureStyle,
 ) -> Result<SweepFiles, ReportError> {
-    let encoded = |bytes: Result<Vec<u8>, ::csv::Error>| {
-        bytes.map_err(|error| FileError::new(out, "encode")(error.into()))
-    };
     let mut files = Vec::new();
     for (metric, figure) in figure::figures(sweep, style)? {
-        files.extend(figure.files(out, &format!("{stem}-{}", metric.slug())));
+        files.extend(plots::files(
+            figure,
+            out,
+            &format!("{stem}-{}", metric.slug()),
+        ));
     }
     let named = |end: &str| out.join(format!("{stem}{end}"));
     let tex = table::latex(sweep).into_bytes();
-    files.push((named(".csv"), encoded(table::csv(sweep))?, table::COLUMNS));
+    files.push((named(".csv"), table::csv(sweep)?, table::COLUMNS));
     files.push((named(".tex"), tex, table::MARK));
     if !sweep.crossings.is_empty() {
-        let bytes = encoded(table::crossings_csv(sweep))?;
+        let bytes = table::crossings_csv(sweep)?;
         files.push((named("-crossings.csv"), bytes, table::CROSSINGS));
     }
     let earlier = earlier(out, stem);
@@ -66,7 +67,7 @@ fn earlier(out: &Path, stem: &str) -> BTreeMap<PathBuf, &'static str> {
     let mut files = BTreeMap::from([(named("-crossings.csv"), table::CROSSINGS)]);
     let metrics = rows.records().flatten();
     let metrics = metrics.filter_map(|row| Some(slug(csv_text(row.get(place?)?))));
-    let names = metrics.flat_map(|metric| canvas::FORMS.map(|form| format!("-{metric}.{form}")));
-    files.extend(names.map(|name| (named(&name), canvas::MARK)));
+    let names = metrics.flat_map(|metric| plots::FORMS.map(|form| format!("-{metric}.{form}")));
+    files.extend(names.map(|name| (named(&name), plots::MARK)));
     files
 }

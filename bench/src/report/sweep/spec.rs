@@ -5,7 +5,7 @@ use std::str::FromStr;
 use sharp_metrics::MetricKey;
 
 use super::Motion;
-use crate::report::plots::bins::Binning;
+use sharp_plots::bins::Binning;
 
 /// Meaning of the shaded band around a mean.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, clap::ValueEnum)]
@@ -31,7 +31,7 @@ pub enum Split {
     Privileged,
 }
 
-/// A value of a metric that a method is to keep to.
+/// A limit on the mean of a metric.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Threshold {
     pub metric: MetricKey,
@@ -59,12 +59,12 @@ pub struct SweepSpec {
     pub binning: Binning,
     pub band: Band,
     pub split: Split,
-    /// Those to show, of those that were computed; all without any.
+    /// Metrics to show; all if empty.
     pub metrics: Vec<MetricKey>,
-    /// Only methods that know of the source's true depth, or only the others.
+    /// Only methods that know the source's true depth or its scale, or only the others.
     pub privileged: Option<bool>,
     pub thresholds: Vec<Threshold>,
-    /// The method that others may fall behind.
+    /// The method that others are compared with.
     pub against: Option<String>,
 }
 

@@ -10,21 +10,20 @@ use super::{Band, Split, SweepSpec};
 use crate::evaluate::Results;
 use crate::evaluate::record::{Record, Status};
 use crate::methods::Privilege;
-use crate::report::assemble;
 use crate::report::board::{Board, DatasetBoard};
+use crate::report::column::Column;
 use crate::report::error::ReportError;
-use crate::report::input::Column;
-use crate::report::plots::bins::{Cuts, bins};
-use crate::report::plots::curves::Banded;
+use sharp_plots::bins::{Cuts, bins};
+use sharp_plots::curves::Banded;
 
 /// Scores against a motion, ready to be drawn and written.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Sweep {
     pub spec: SweepSpec,
     pub metrics: Vec<Column>,
-    /// Those that have a line.
+    /// Panels with a line.
     pub panels: Vec<SweepPanel>,
-    /// Those whose pairs have no score or no known place.
+    /// Panels whose pairs have no score or no known place.
     pub without_lines: Vec<SweepPanel>,
     /// In the order of the panels, their lines and the metrics.
     pub crossings: Vec<FoundCrossing>,
@@ -36,11 +35,11 @@ pub struct Sweep {
 pub struct SweepPanel {
     /// The dataset as tables name it, the method, or the dataset with what its methods know.
     pub split: String,
-    /// Of its datasets.
+    /// Pairs of its datasets.
     pub pairs: usize,
-    /// Of these, such whose motion is not known.
+    /// Pairs with unknown motion.
     pub unplaced: usize,
-    /// Of these, such whose motion lies in no bin: beyond given edges, or farther than bins can be told apart.
+    /// Pairs outside all bins: beyond the given edges, or too far for the bins' resolution.
     pub outside: usize,
     pub lines: Vec<SweepLine>,
 }
@@ -81,9 +80,9 @@ pub struct FoundCrossing {
 /// Limit on a method.
 #[derive(Debug, Clone, PartialEq)]
 pub enum CrossingRule {
-    /// Not to be worse than this method, pair by pair, in the mean.
+    /// Not worse than this method, by the mean over common pairs.
     Behind(String),
-    /// To have a mean no worse than this.
+    /// A mean no worse than this.
     Beyond(f64),
 }
 
@@ -93,29 +92,11 @@ impl Sweep {
     /// # Errors
     /// When they contradict each other, or lack a metric or method that was named.
     pub fn of(results: &Results, spec: SweepSpec) -> Result<Self, ReportError> {
-        let input = assemble::input(
-            results,
-            &crate::report::NoPictures,
-            crate::report::PublishedNumbers::Never,
-        );
-        let board = Board::new(input.records, &input.datasets, &input.methods)?;
+        let board = &Board::of(results)?;
         let privileged = results.manifest.methods.iter();
         let privileged = privileged.filter(|m| m.privilege != Privilege::None);
-        let privileged = privileged.map(|m| m.label.as_str()).collect();
-        Self::new(&board, &input.metrics, &privileged, spec)
-    }
-
-    /// The sweep of a board whose methods of these labels are privileged.
-    ///
-    /// # Errors
-    /// When a metric or method that was named is not there.
-    pub fn new(
-        board: &Board<'_>,
-        metrics: &[Column],
-        privileged: &BTreeSet<&str>,
-        spec: SweepSpec,
-    ) -> Result<Self, ReportError> {
-        let metrics = Column::chosen(metrics, &spec.metrics)?;
+        let privileged: BTreeSet<&str> = privileged.map(|m| m.label.as_str()).collect();
+        let metrics = Column::chosen(&board.metrics, &spec.metrics)?;
         for threshold in &spec.thresholds {
             Column::chosen(&metrics, &[threshold.metric])?;
         }
@@ -256,7 +237,7 @@ impl Sweep {
         found.collect()
     }
 
-    /// With the position of their metric.
+    /// Crossings of a method, each with the index of its metric.
     fn crossings_of(
         &self,
         board: &Board<'_>,

@@ -7,10 +7,11 @@ use sharp_metrics::Direction;
 use super::Band;
 use super::study::{CrossingRule, FoundCrossing, Sweep, SweepBin, SweepPanel};
 use crate::evaluate::results::number;
-use crate::io::text::csv_cell;
-use crate::report::input::Column;
-use crate::report::plots::bins::Bin;
-use crate::report::tables::latex::{escape, noted};
+use crate::report::column::Column;
+use crate::report::tables;
+use crate::report::tables::csv::{optional, text};
+use crate::report::tables::latex::{Environment, escape, noted};
+use sharp_plots::bins::Bin;
 
 /// The columns of the table of bins.
 pub(super) const COLUMNS: &str =
@@ -26,67 +27,58 @@ pub(super) const MARK: &str = "% by sharp-bench sweep";
 /// `ci_high` bound the mean at 95 % over clusters; unknown values are empty.
 ///
 /// # Errors
-/// Those of the CSV writer, which only writes to memory here.
+/// Those of the CSV writer, which writes to memory.
 pub fn csv(sweep: &Sweep) -> Result<Vec<u8>, ::csv::Error> {
-    let mut out = ::csv::Writer::from_writer(Vec::new());
-    out.write_record(COLUMNS.split(','))?;
-    let optional = |value: Option<f64>| value.map_or_else(String::new, number);
-    for panel in &sweep.panels {
-        for line in &panel.lines {
-            for (metric, bins) in sweep.metrics.iter().zip(&line.bins) {
-                for SweepBin { banded, interval } in bins {
-                    let bin = &banded.bin;
-                    let texts = [&line.dataset, &line.method, &panel.split, &metric.key];
-                    let texts = texts.map(|text| csv_cell(text).into_owned());
-                    let numbers = [
-                        number(bin.x),
-                        number(bin.low),
-                        number(bin.high),
-                        bin.n().to_string(),
-                        number(bin.mean),
-                        optional(bin.std),
-                        optional(interval.map(|(low, _)| low)),
-                        optional(interval.map(|(_, high)| high)),
-                    ];
-                    out.write_record(texts.iter().chain(&numbers))?;
-                }
-            }
-        }
-    }
-    out.into_inner().map_err(|error| error.into_error().into())
+    let lines = sweep
+        .panels
+        .iter()
+        .flat_map(|panel| panel.lines.iter().map(move |line| (panel, line)));
+    let rows = lines.flat_map(|(panel, line)| {
+        let metrics = sweep.metrics.iter().zip(&line.bins);
+        let bins = metrics.flat_map(|(metric, bins)| bins.iter().map(move |bin| (metric, bin)));
+        bins.map(move |(metric, SweepBin { banded, interval })| {
+            let bin = &banded.bin;
+            [
+                text(&line.dataset),
+                text(&line.method),
+                text(&panel.split),
+                text(&metric.key),
+                number(bin.x),
+                number(bin.low),
+                number(bin.high),
+                bin.n().to_string(),
+                number(bin.mean),
+                optional(bin.std),
+                optional(interval.map(|(low, _)| low)),
+                optional(interval.map(|(_, high)| high)),
+            ]
+        })
+    });
+    tables::csv::csv(COLUMNS.split(','), rows)
 }
 
 /// One row per crossing; `-inf` if it is passed already in the first bin, `inf` if it is not reached in the last.
 ///
 /// # Errors
-/// Those of the CSV writer, which only writes to memory here.
+/// Those of the CSV writer, which writes to memory.
 pub fn crossings_csv(sweep: &Sweep) -> Result<Vec<u8>, ::csv::Error> {
-    let mut out = ::csv::Writer::from_writer(Vec::new());
-    out.write_record(CROSSINGS.split(','))?;
-    for crossing in &sweep.crossings {
-        let metric = &sweep.metrics[crossing.metric].key;
-        let rule = rule(sweep, crossing);
-        let texts = [
-            &crossing.dataset,
-            &crossing.method,
-            &crossing.split,
-            metric,
-            &rule,
-        ];
-        let texts = texts.map(|text| csv_cell(text).into_owned());
+    let rows = sweep.crossings.iter().map(|crossing| {
         let interval = crossing.found.interval;
-        let end = |end: Option<f64>| end.map_or_else(String::new, number);
-        let numbers = [
+        [
+            text(&crossing.dataset),
+            text(&crossing.method),
+            text(&crossing.split),
+            text(&sweep.metrics[crossing.metric].key),
+            text(&rule(sweep, crossing)),
             number(crossing.found.x),
-            end(interval.map(|(low, _)| low)),
-            end(interval.map(|(_, high)| high)),
+            optional(interval.map(|(low, _)| low)),
+            optional(interval.map(|(_, high)| high)),
             crossing.found.clusters.to_string(),
             sweep.resampling.count.to_string(),
             sweep.resampling.seed.to_string(),
-        ];
-        out.write_record(texts.iter().chain(&numbers))?;
-    }
-    out.into_inner().map_err(|error| error.into_error().into())
+        ]
+    });
+    tables::csv::csv(CROSSINGS.split(','), rows)
 }
 
 /// `behind METHOD`, `below VALUE` or `above VALUE`, whichever is worse.
@@ -144,13 +136,13 @@ pub fn latex(sweep: &Sweep) -> String {
             }
         }
         if !labels.is_empty() {
-            table(&mut out, sweep, k, metric, &labels);
+            out += &table(sweep, k, metric, &labels);
         }
     }
     format!("{MARK}\n{}", noted(out))
 }
 
-fn table(out: &mut String, sweep: &Sweep, k: usize, metric: &Column, labels: &[&str]) {
+fn table(sweep: &Sweep, k: usize, metric: &Column, labels: &[&str]) -> String {
     let note = format!(
         "Places: {}, {}. {}",
         sweep.spec.x.label(),
@@ -162,17 +154,7 @@ fn table(out: &mut String, sweep: &Sweep, k: usize, metric: &Column, labels: &[&
         Band::Ci95 => " Mean and its 95 % interval over scenes.",
         Band::None => "",
     };
-    let _ = write!(
-        out,
-        "\\begin{{table}}[!htbp]\n\\centering\n\\caption{{{} against {}.{}}}\n\\label{{tab:sweep-{}}}\n\
-         \\resizebox{{\\linewidth}}{{!}}{{%\n\\begin{{tabular}}{{lr{}}}\n\\toprule\n{} & $n$",
-        escape(&metric.label),
-        escape(sweep.spec.x.label()),
-        escape(spread),
-        metric.slug(),
-        "c".repeat(labels.len()),
-        escape(sweep.spec.x.title()),
-    );
+    let mut out = format!("{} & $n$", escape(sweep.spec.x.title()));
     for label in labels {
         let _ = write!(out, " & {}", escape(label));
     }
@@ -211,13 +193,25 @@ fn table(out: &mut String, sweep: &Sweep, k: usize, metric: &Column, labels: &[&
             out.push_str(" \\\\\n");
         }
     }
-    let _ = write!(
-        out,
-        "\\bottomrule\n\\end{{tabular}}%\n}}\n\n\\smallskip\\raggedright\\footnotesize\n{}: \\texttt{{{}}}. {}\n\\end{{table}}\n",
+    let caption = format!(
+        "{} against {}.{}",
+        escape(&metric.label),
+        escape(sweep.spec.x.label()),
+        escape(spread)
+    );
+    let below = format!(
+        "{}: \\texttt{{{}}}. {}\n",
         escape(&metric.label),
         escape(&metric.key),
         escape(&note),
     );
+    let environment = Environment {
+        caption: &caption,
+        label: Some(&format!("sweep-{}", metric.slug())),
+        columns: &format!("lr{}", "c".repeat(labels.len())),
+        is_wide: true,
+    };
+    environment.around(&out, &below)
 }
 
 fn cell(bin: &SweepBin, metric: &Column, band: Band) -> String {

@@ -1,16 +1,15 @@
 //! Sweeps of a few records whose numbers are known by hand.
 
-use std::collections::BTreeSet;
-
 use sharp_metrics::MetricKey;
 
 use super::study::CrossingRule;
 use super::*;
+use crate::evaluate::Results;
 use crate::evaluate::record::{Record, Score, Status};
 use crate::evaluate::test_records::record;
-use crate::report::board::Board;
-use crate::report::input::{Column, ReportMethod};
-use crate::report::plots::style::FigureStyle;
+use crate::methods::Privilege;
+use crate::report::test_results;
+use sharp_plots::style::FigureStyle;
 
 const DATASET: &str = "d_1 & co";
 const HOSTILE: &str = "<script>=100 %";
@@ -47,10 +46,19 @@ fn records() -> Vec<Record> {
     records
 }
 
+/// Results with `a` as the first method, which knows the source's true depth.
+fn results(keys: &[MetricKey], records: &[Record]) -> Results {
+    let mut results = test_results::results(keys, records.to_vec());
+    let methods = &mut results.manifest.methods;
+    methods.sort_by_key(|method| method.label != "a");
+    for method in methods.iter_mut().filter(|method| method.label == "a") {
+        method.privilege = Privilege::SourceDepth;
+    }
+    results
+}
+
 fn sweep(records: &[Record], spec: SweepSpec) -> Sweep {
-    let board = Board::new(records, &[], &[ReportMethod::named("a")]).unwrap();
-    let metrics = [Column::from(MetricKey::PSNR)];
-    Sweep::new(&board, &metrics, &BTreeSet::from(["a"]), spec).unwrap()
+    Sweep::of(&results(&[MetricKey::PSNR], records), spec).unwrap()
 }
 
 fn halves() -> SweepSpec {
@@ -254,15 +262,14 @@ fn what_an_earlier_sweep_left_is_removed_and_what_others_wrote_is_not() {
         let key = MetricKey::SSIM.to_string();
         record.scores.insert(key, Score::Value(0.5));
     }
-    let board = Board::new(&records, &[], &[ReportMethod::named("a")]).unwrap();
+    let results = results(&[MetricKey::PSNR, MetricKey::SSIM], &records);
     let sweep = |metrics: Vec<MetricKey>, against: Option<&str>| {
-        let columns = [MetricKey::PSNR, MetricKey::SSIM].map(Column::from);
         let spec = SweepSpec {
             metrics,
             against: against.map(str::to_owned),
             ..halves()
         };
-        Sweep::new(&board, &columns, &BTreeSet::new(), spec).unwrap()
+        Sweep::of(&results, spec).unwrap()
     };
     let dir = tempfile::tempdir().unwrap();
     let write =
@@ -322,13 +329,8 @@ fn one_pair_and_none_are_sweeps_too() {
 
 #[test]
 fn names_that_are_not_there_are_named() {
-    let records = records();
-    let board = Board::new(&records, &[], &[]).unwrap();
-    let new = |spec| {
-        let metrics = [Column::from(MetricKey::PSNR)];
-        let error = Sweep::new(&board, &metrics, &BTreeSet::new(), spec).unwrap_err();
-        error.to_string()
-    };
+    let results = results(&[MetricKey::PSNR], &records());
+    let new = |spec| Sweep::of(&results, spec).unwrap_err().to_string();
     let error = new(SweepSpec {
         metrics: vec![MetricKey::SSIM],
         ..halves()
@@ -342,7 +344,7 @@ fn names_that_are_not_there_are_named() {
         ..halves()
     });
     assert!(
-        error.contains("method 'z'") && error.contains("have <script>=100 %, a"),
+        error.contains("method 'z'") && error.contains("have a, <script>=100 %"),
         "{error}"
     );
 }

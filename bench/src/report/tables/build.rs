@@ -1,12 +1,12 @@
 //! Tables from a board.
 
 use crate::report::board::{Board, DatasetBoard};
-use crate::report::input::Column;
+use crate::report::column::Column;
 use crate::report::statistics::{CellStatistics, of_extra, of_metric};
 
 use super::footnotes::{cell_notes, feature_mark, prediction_marks, proxy_mark};
 use super::rank::{RankedValue, ranks};
-use super::{Cell, Group, Origin, Row, Table, remarks};
+use super::{Cell, Group, Row, Table, remarks};
 
 /// Value columns of a table at most: as many as the paper's own tables have.
 const MAX_COLUMNS: usize = 12;
@@ -84,13 +84,11 @@ pub(in crate::report) fn table(
     });
     let groups = groups.collect();
     let rows = board.methods.iter().map(|method| Row {
-        label: method.label.clone(),
-        origin: Origin::Measured,
         note: method.unranked.as_ref().map(|reason| {
             let text = format!("{}: shown without a rank, {reason}.", method.label);
             Table::note(&mut notes, text)
         }),
-        cells: Vec::new(),
+        ..Row::measured(&method.label, Vec::new())
     });
     let mut rows: Vec<Row> = rows.collect();
     for dataset in &board.datasets {
@@ -129,15 +127,8 @@ pub(in crate::report) fn table(
         }
     }
     let mut table = Table {
-        name: name.to_owned(),
-        title: title.to_owned(),
-        row_head: "method",
-        groups,
-        columns: columns.to_vec(),
-        rows,
-        remarks: Vec::new(),
         notes,
-        checklist: Vec::new(),
+        ..Table::new(name, title, groups, columns.to_vec(), rows)
     };
     table.keep_used_notes();
     table.remarks = remarks::of_baselines(board, &table);

@@ -1,57 +1,95 @@
-//! A table for programs: one line per number, full precision.
+//! CSV: numbers at full precision, texts that spreadsheets do not evaluate as formulas.
+
+use serde::Serialize;
 
 use super::{Table, letter};
 use crate::evaluate::results::number;
 use crate::io::text::csv_cell;
 
-/// Columns of [`csv()`].
-pub const COLUMNS: [&str; 13] = [
-    "method",
-    "dataset",
-    "metric",
-    "mean",
-    "std",
-    "n",
-    "total",
-    "failed",
-    "infinite",
-    "rank",
-    "shown_decimals",
-    "footnotes",
-    "footnote_text",
-];
+/// A text as a cell.
+pub fn text(text: &str) -> String {
+    csv_cell(text).into_owned()
+}
 
-/// Comma-separated values with a header. Numbers round-trip; an absent one is empty, and its footnote says why.
-pub fn csv(table: &Table) -> String {
+/// A number as a cell, empty where it is not known.
+pub fn optional(value: Option<f64>) -> String {
+    value.map(number).unwrap_or_default()
+}
+
+/// Rows below a head.
+///
+/// # Errors
+/// When a row and the head differ in length.
+pub fn csv<R: IntoIterator<Item = String>>(
+    head: impl IntoIterator<Item: AsRef<[u8]>>,
+    rows: impl IntoIterator<Item = R>,
+) -> Result<Vec<u8>, ::csv::Error> {
     let mut writer = ::csv::Writer::from_writer(Vec::new());
-    // Writing into memory cannot fail.
-    let _ = writer.write_record(COLUMNS);
-    for row in &table.rows {
-        let columns = table.columns.len();
-        for (i, (column, cell)) in table.cells(row).enumerate() {
-            let count = |n: Option<usize>| n.map(|n| n.to_string()).unwrap_or_default();
-            let group = &table.groups[i / columns];
-            let notes = group.note.iter().chain(&row.note).chain(&cell.notes);
-            let letters: Vec<String> = notes.clone().map(|note| letter(*note)).collect();
-            let texts = notes.filter_map(|note| table.notes.get(*note));
-            let texts: Vec<&str> = texts.map(String::as_str).collect();
-            let _ = writer.write_record([
-                csv_cell(&row.label).into_owned(),
-                csv_cell(&group.name).into_owned(),
-                column.key.clone(),
-                cell.value.map(number).unwrap_or_default(),
-                cell.std.map(number).unwrap_or_default(),
-                count(cell.coverage.map(|c| c.0)),
-                count(cell.coverage.map(|c| c.1)),
-                count(cell.coverage.map(|_| cell.failed)),
-                count(cell.coverage.map(|_| cell.infinite)),
-                count(cell.rank.map(usize::from)),
-                column.decimals.to_string(),
-                letters.join(" "),
-                csv_cell(&texts.join(" ")).into_owned(),
-            ]);
-        }
+    writer.write_record(head)?;
+    for row in rows {
+        writer.write_record(row)?;
     }
-    let bytes = writer.into_inner().unwrap_or_default();
-    String::from_utf8_lossy(&bytes).into_owned()
+    writer
+        .into_inner()
+        .map_err(|error| error.into_error().into())
+}
+
+/// One row per value below its field names. Cells that are not numbers are written as [`text`](text()).
+///
+/// # Errors
+/// When a field is neither a number nor a text.
+pub fn csv_of<T: Serialize>(rows: impl IntoIterator<Item = T>) -> Result<Vec<u8>, ::csv::Error> {
+    let mut plain = ::csv::Writer::from_writer(Vec::new());
+    for row in rows {
+        plain.serialize(row)?;
+    }
+    let plain = plain.into_inner().map_err(|error| error.into_error())?;
+    if plain.is_empty() {
+        return Ok(plain);
+    }
+    let mut reader = ::csv::Reader::from_reader(&plain[..]);
+    let head = reader.headers()?.clone();
+    let rows = reader.records().collect::<Result<Vec<_>, _>>()?;
+    let cell = |cell: &str| match cell.parse::<f64>() {
+        Ok(_) => cell.to_owned(),
+        Err(_) => text(cell),
+    };
+    csv(&head, rows.iter().map(|row| row.iter().map(cell)))
+}
+
+impl Table {
+    /// One line per cell. Numbers round-trip; a missing one is empty, and its footnote says why.
+    ///
+    /// # Errors
+    /// Those of the CSV writer, which writes to memory.
+    pub fn csv(&self) -> Result<Vec<u8>, ::csv::Error> {
+        const HEAD: &str = "method,dataset,metric,mean,std,n,total,failed,infinite,rank,shown_decimals,footnotes,\
+                            footnote_text";
+        let count = |n: Option<usize>| n.map(|n| n.to_string()).unwrap_or_default();
+        let rows = self.rows.iter().flat_map(|row| {
+            self.cells(row).enumerate().map(move |(i, (column, cell))| {
+                let group = &self.groups[i / self.columns.len()];
+                let notes = group.note.iter().chain(&row.note).chain(&cell.notes);
+                let letters: Vec<String> = notes.clone().map(|note| letter(*note)).collect();
+                let texts = notes.filter_map(|note| self.notes.get(*note));
+                let texts: Vec<&str> = texts.map(String::as_str).collect();
+                [
+                    text(&row.label),
+                    text(&group.name),
+                    column.key.clone(),
+                    optional(cell.value),
+                    optional(cell.std),
+                    count(cell.coverage.map(|c| c.0)),
+                    count(cell.coverage.map(|c| c.1)),
+                    count(cell.coverage.map(|_| cell.failed)),
+                    count(cell.coverage.map(|_| cell.infinite)),
+                    count(cell.rank.map(usize::from)),
+                    column.decimals.to_string(),
+                    letters.join(" "),
+                    text(&texts.join(" ")),
+                ]
+            })
+        });
+        csv(HEAD.split(','), rows)
+    }
 }

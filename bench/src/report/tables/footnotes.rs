@@ -1,13 +1,14 @@
-//! Footnotes of cells, and of columns that are not the paper's, though they bear its dataset's name.
+//! Footnotes of cells, and of columns that differ from the paper's column of the same name.
 
 use std::collections::BTreeMap;
 
 use crate::evaluate::Aggregation;
 use crate::evaluate::record::{Record, Status};
-use crate::report::board::DatasetBoard;
-use crate::report::input::{Column, ReportDataset, ReportMethod};
+use crate::report::board::{DatasetBoard, ReportDataset, ReportMethod};
+use crate::report::column::Column;
 use crate::report::paper;
-use crate::report::statistics::{CellStatistics, mean};
+use crate::report::statistics::CellStatistics;
+use sharp_statistics::mean;
 
 use super::shown;
 

@@ -3,6 +3,7 @@
 use std::fmt::Write as _;
 
 use super::markdown::{escape, rich};
+use super::shown;
 use crate::io::text::visible_line;
 
 /// A table of any shape.
@@ -21,7 +22,7 @@ pub struct TextGrid {
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct GridCell {
     pub text: String,
-    /// What a page sorts by; `None` of words.
+    /// Sort key on a page; `None` for words.
     pub value: Option<f64>,
 }
 
@@ -39,10 +40,61 @@ impl GridCell {
             value: Some(value),
         }
     }
+
+    pub fn count(n: usize) -> Self {
+        Self::number(n.to_string(), n as f64)
+    }
+
+    /// A number with so many decimals.
+    pub fn rounded(value: f64, decimals: usize) -> Self {
+        Self::number(shown(value, decimals), value)
+    }
+
+    /// A number, or `-`, which is sorted last.
+    pub fn optional(value: Option<f64>, text: impl Fn(f64) -> String) -> Self {
+        match value {
+            Some(value) => Self::number(text(value), value),
+            None => Self::number("-", f64::NAN),
+        }
+    }
+
+    /// `low .. high`; an end that is not known is a `-`.
+    pub fn interval(low: Option<f64>, high: Option<f64>, decimals: usize) -> Self {
+        if low.is_none() && high.is_none() {
+            return Self::optional(None, |_| String::new());
+        }
+        let [from, to] = [low, high].map(|end| match end {
+            Some(end) => shown(end, decimals),
+            None => "-".to_owned(),
+        });
+        Self::number(format!("{from} .. {to}"), low.unwrap_or(f64::NEG_INFINITY))
+    }
 }
 
 impl TextGrid {
-    /// Whether a column has words, which stand on its left.
+    /// A table without remarks.
+    pub fn new(
+        title: impl Into<String>,
+        heads: &[&str],
+        rows: impl IntoIterator<Item = Vec<GridCell>>,
+    ) -> Self {
+        Self {
+            title: title.into(),
+            heads: heads.iter().map(|head| (*head).to_owned()).collect(),
+            rows: rows.into_iter().collect(),
+            remarks: Vec::new(),
+        }
+    }
+
+    #[must_use]
+    pub fn remarked(self, remarks: impl IntoIterator<Item = String>) -> Self {
+        Self {
+            remarks: remarks.into_iter().collect(),
+            ..self
+        }
+    }
+
+    /// Whether a column holds words, which are aligned left.
     pub(crate) fn is_text(&self, column: &usize) -> bool {
         self.rows.iter().all(|row| row[*column].value.is_none())
     }

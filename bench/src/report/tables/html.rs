@@ -2,7 +2,7 @@
 
 use askama::Template;
 
-use crate::report::input::Column;
+use crate::report::column::Column;
 
 use super::{Cell, Table, letter, spans};
 
@@ -13,12 +13,14 @@ struct HtmlTable<'a> {
     id: &'a str,
 }
 
-/// A `figure` with caption, table and footnotes. `id` makes its anchors unique in the page.
-///
-/// # Errors
-/// When the template cannot be filled in.
-pub fn html(table: &Table, id: &str) -> askama::Result<String> {
-    HtmlTable { table, id }.render()
+impl Table {
+    /// A `figure` with caption, table and footnotes. `id` makes its anchors unique in the page.
+    ///
+    /// # Errors
+    /// When the template cannot be filled in.
+    pub fn html(&self, id: &str) -> askama::Result<String> {
+        HtmlTable { table: self, id }.render()
+    }
 }
 
 impl HtmlTable<'_> {

@@ -5,7 +5,7 @@ use std::fmt::Write as _;
 use super::grid::TextGrid;
 use super::{Cell, Table, letter, letters, spans};
 use crate::io::text::visible_line;
-use crate::report::input::Column;
+use crate::report::column::Column;
 
 /// Preamble for a document with these tables. The colours are the paper's.
 pub const PREAMBLE: &str = "\
@@ -16,102 +16,118 @@ pub const PREAMBLE: &str = "\
 \\definecolor{tab_third}{RGB}{255, 253, 208}
 ";
 
-/// A complete `table` environment, with the preamble that it needs as a comment before it.
-pub fn latex(table: &Table) -> String {
-    let mut out: String = PREAMBLE.lines().map(|line| format!("% {line}\n")).collect();
-    let ranks = if table.is_ranked() {
-        " \\colorbox{tab_first}{Best}, \\colorbox{tab_second}{second-best}, and \
-         \\colorbox{tab_third}{third-best} in each column are highlighted; ranks are taken after rounding."
-    } else {
-        ""
-    };
-    let per_group = table.columns.len();
-    // Wider ones are shrunk to the line, as in the paper.
-    let wide = table.groups.len() * per_group > 6;
-    let columns = vec!["c".repeat(per_group); table.groups.len()].join("|");
-    let _ = write!(
-        out,
-        "\\begin{{table}}[!htbp]\n\\centering\n\\caption{{{}.{ranks}}}\n\\label{{tab:{}}}\n\
-         {}\\begin{{tabular}}{{l{columns}}}\n\\toprule\n",
-        escape(&table.title),
-        table.name,
-        if wide {
-            "\\resizebox{\\linewidth}{!}{%\n"
+impl Table {
+    /// A complete `table` environment, with the preamble that it needs as a comment before it.
+    pub fn latex(&self) -> String {
+        let mut body = String::new();
+        let ranks = if self.is_ranked() {
+            " \\colorbox{tab_first}{Best}, \\colorbox{tab_second}{second-best}, and \
+             \\colorbox{tab_third}{third-best} in each column are highlighted; ranks are taken after rounding."
         } else {
             ""
-        }
-    );
-    for (g, group) in table.groups.iter().enumerate() {
-        let rule = if g + 1 < table.groups.len() {
-            "c|"
-        } else {
-            "c"
         };
-        let pairs = group
-            .pairs
-            .map(|n| format!(" ($n={n}$)"))
-            .unwrap_or_default();
-        let _ = write!(
-            out,
-            " & \\multicolumn{{{per_group}}}{{{rule}}}{{{}{}{pairs}}}",
-            escape(&group.title),
-            marks(group.note.as_slice())
-        );
-    }
-    out.push_str(" \\\\\n");
-    let heads = Column::heads(&table.columns);
-    for _ in &table.groups {
-        for head in &heads {
-            let _ = write!(out, " & {}", escape(head).replace(" $", "$"));
+        let per_group = self.columns.len();
+        let columns = vec!["c".repeat(per_group); self.groups.len()].join("|");
+        for (g, group) in self.groups.iter().enumerate() {
+            let rule = if g + 1 < self.groups.len() { "c|" } else { "c" };
+            let pairs = group
+                .pairs
+                .map(|n| format!(" ($n={n}$)"))
+                .unwrap_or_default();
+            let _ = write!(
+                body,
+                " & \\multicolumn{{{per_group}}}{{{rule}}}{{{}{}{pairs}}}",
+                escape(&group.title),
+                marks(group.note.as_slice())
+            );
         }
-    }
-    out.push_str(" \\\\\n\\midrule\n");
-    for (at, row) in table.rows.iter().enumerate() {
-        if table.has_rule_before(&at) {
-            out.push_str("\\midrule\n");
+        body.push_str(" \\\\\n");
+        let heads = Column::heads(&self.columns);
+        for _ in &self.groups {
+            for head in &heads {
+                let _ = write!(body, " & {}", escape(head).replace(" $", "$"));
+            }
         }
-        out.push_str(&escape(&table.label(row)));
-        out.push_str(&marks(row.note.as_slice()));
-        for (column, cell) in table.cells(row) {
-            let _ = write!(out, " & {}", number(cell, column));
+        body.push_str(" \\\\\n\\midrule\n");
+        for (at, row) in self.rows.iter().enumerate() {
+            if self.has_rule_before(&at) {
+                body.push_str("\\midrule\n");
+            }
+            body.push_str(&escape(&self.label(row)));
+            body.push_str(&marks(row.note.as_slice()));
+            for (column, cell) in self.cells(row) {
+                let _ = write!(body, " & {}", number(cell, column));
+            }
+            body.push_str(" \\\\\n");
         }
-        out.push_str(" \\\\\n");
-    }
-    out.push_str("\\bottomrule\n\\end{tabular}");
-    out.push_str(if wide { "%\n}\n" } else { "\n" });
-    out.push_str("\n\\smallskip\\raggedright\\footnotesize\n");
-    let names = Column::names(&table.columns);
-    let keys = table
-        .columns
-        .iter()
-        .zip(names)
-        .map(|(column, name)| format!("{}: \\texttt{{{}}}", escape(name), escape(&column.key)));
-    let keys: Vec<String> = keys.collect();
-    let _ = writeln!(out, "{}.", keys.join("; "));
-    for remark in &table.remarks {
-        let _ = writeln!(out, "\\par {}", rich(remark));
-    }
-    for (i, note) in table.notes.iter().enumerate() {
-        let _ = writeln!(
-            out,
-            "\\par\\textsuperscript{{{}}}~{}",
-            letter(i),
-            rich(note)
-        );
-    }
-    if !table.checklist.is_empty() {
-        out.push_str("\\par What a strict comparison needs:\n");
-    }
-    for check in &table.checklist {
-        let mark = if check.is_met {
-            "\\boxtimes"
-        } else {
-            "\\square"
+        let names = Column::names(&self.columns);
+        let keys =
+            self.columns.iter().zip(names).map(|(column, name)| {
+                format!("{}: \\texttt{{{}}}", escape(name), escape(&column.key))
+            });
+        let keys: Vec<String> = keys.collect();
+        let mut below = format!("{}.\n", keys.join("; "));
+        for remark in &self.remarks {
+            let _ = writeln!(below, "\\par {}", rich(remark));
+        }
+        for (i, note) in self.notes.iter().enumerate() {
+            let _ = writeln!(
+                below,
+                "\\par\\textsuperscript{{{}}}~{}",
+                letter(i),
+                rich(note)
+            );
+        }
+        if !self.checklist.is_empty() {
+            below.push_str("\\par What a strict comparison needs:\n");
+        }
+        for check in &self.checklist {
+            let mark = if check.is_met {
+                "\\boxtimes"
+            } else {
+                "\\square"
+            };
+            let _ = writeln!(below, "\\par ${mark}$~{}", rich(&check.text));
+        }
+        let environment = Environment {
+            caption: &format!("{}.{ranks}", escape(&self.title)),
+            label: Some(&self.name),
+            columns: &format!("l{columns}"),
+            // Wider ones are shrunk to the line, as in the paper.
+            is_wide: self.groups.len() * per_group > 6,
         };
-        let _ = writeln!(out, "\\par ${mark}$~{}", rich(&check.text));
+        let preamble = PREAMBLE.lines().map(|line| format!("% {line}\n"));
+        noted(preamble.collect::<String>() + &environment.around(&body, &below))
     }
-    out.push_str("\\end{table}\n");
-    noted(out)
+}
+
+/// A `table` environment with booktabs; its text is LaTeX.
+pub(in crate::report) struct Environment<'a> {
+    pub(in crate::report) caption: &'a str,
+    /// Without `tab:`.
+    pub(in crate::report) label: Option<&'a str>,
+    /// Alignment of the columns.
+    pub(in crate::report) columns: &'a str,
+    /// Whether it is shrunk to the line.
+    pub(in crate::report) is_wide: bool,
+}
+
+impl Environment<'_> {
+    /// The rows between the outer rules, and what stands below them in small print.
+    pub(in crate::report) fn around(&self, body: &str, below: &str) -> String {
+        let label = self.label.map(|label| format!("\\label{{tab:{label}}}\n"));
+        let (open, close) = match self.is_wide {
+            true => ("\\resizebox{\\linewidth}{!}{%\n", "%\n}\n"),
+            false => ("", "\n"),
+        };
+        format!(
+            "\\begin{{table}}[!htbp]\n\\centering\n\\caption{{{}}}\n{}{open}\\begin{{tabular}}{{{}}}\n\\toprule\n\
+             {body}\\bottomrule\n\\end{{tabular}}{close}\n\\smallskip\\raggedright\\footnotesize\n{below}\\end{{table}}\n",
+            self.caption,
+            label.unwrap_or_default(),
+            self.columns
+        )
+    }
 }
 
 /// A table of any shape, as a `table` environment as wide as the line.
@@ -123,23 +139,19 @@ pub fn grid(grid: &TextGrid) -> String {
         let cells: Vec<String> = cells.into_iter().map(escape).collect();
         format!("{} \\\\\n", cells.join(" & "))
     };
-    let mut out = format!(
-        "\\begin{{table}}[!htbp]\n\\centering\n\\caption{{{}.}}\n\\resizebox{{\\linewidth}}{{!}}{{%\n\
-         \\begin{{tabular}}{{{}}}\n\\toprule\n",
-        escape(&grid.title),
-        columns.concat()
-    );
-    out += &line(grid.heads.iter().map(String::as_str).collect());
-    out.push_str("\\midrule\n");
+    let mut body = line(grid.heads.iter().map(String::as_str).collect()) + "\\midrule\n";
     for row in &grid.rows {
-        out += &line(row.iter().map(|cell| cell.text.as_str()).collect());
+        body += &line(row.iter().map(|cell| cell.text.as_str()).collect());
     }
-    out.push_str("\\bottomrule\n\\end{tabular}%\n}\n\n\\smallskip\\raggedright\\footnotesize\n");
-    for remark in &grid.remarks {
-        let _ = writeln!(out, "\\par {}", rich(remark));
-    }
-    out.push_str("\\end{table}\n");
-    noted(out)
+    let remarks = grid.remarks.iter();
+    let remarks = remarks.map(|remark| format!("\\par {}\n", rich(remark)));
+    let environment = Environment {
+        caption: &format!("{}.", escape(&grid.title)),
+        label: None,
+        columns: &columns.concat(),
+        is_wide: true,
+    };
+    noted(environment.around(&body, &remarks.collect::<String>()))
 }
 
 fn number(cell: &Cell, column: &Column) -> String {
@@ -220,10 +232,10 @@ pub fn escape(text: &str) -> String {
     out
 }
 
-/// Start of the number that is written in place of a character.
+/// Start of a code point written in place of its character.
 const STAND_IN: &str = "{[U+";
 
-/// The fragment with a comment on the numbers that stand in it for characters, if there are any.
+/// Adds a comment that explains `[U+…]` where the fragment contains any.
 pub fn noted(fragment: String) -> String {
     match fragment.contains(STAND_IN) {
         true => format!(
@@ -233,7 +245,7 @@ pub fn noted(fragment: String) -> String {
     }
 }
 
-/// Letters that OT1 composes of one of ASCII and an accent, or has.
+/// Letters that OT1 has or composes from ASCII and an accent.
 fn is_composed(c: char) -> bool {
     ('À'..='ž').contains(&c) && !"ÐÞðþĄąĐđĘęĦħĮįĸĿŀŉŊŋŦŧŲų".contains(c)
 }

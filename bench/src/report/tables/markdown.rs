@@ -4,69 +4,71 @@ use std::fmt::Write as _;
 
 use super::{Cell, Table, letter, letters, spans};
 use crate::io::text::visible_line;
-use crate::report::input::Column;
+use crate::report::column::Column;
 
-/// GitHub-flavoured Markdown, footnotes below.
-pub fn markdown(table: &Table) -> String {
-    let mut out = format!("| {} |", escape(table.row_head));
-    let heads = Column::heads(&table.columns);
-    for group in &table.groups {
-        let title = escape(&group.title) + &marks(group.note.as_slice());
-        for head in &heads {
-            let _ = write!(out, " {title}<br>{} |", escape(head));
+impl Table {
+    /// GitHub-flavoured Markdown, footnotes below.
+    pub fn markdown(&self) -> String {
+        let mut out = format!("| {} |", escape(self.row_head));
+        let heads = Column::heads(&self.columns);
+        for group in &self.groups {
+            let title = escape(&group.title) + &marks(group.note.as_slice());
+            for head in &heads {
+                let _ = write!(out, " {title}<br>{} |", escape(head));
+            }
         }
-    }
-    out.push_str("\n|:---|");
-    out.push_str(&"---:|".repeat(table.groups.len() * table.columns.len()));
-    out.push('\n');
-    for (at, row) in table.rows.iter().enumerate() {
-        if table.has_rule_before(&at) {
-            let cells = " |".repeat(row.cells.len());
-            let _ = writeln!(out, "| *{}:* |{cells}", row.origin.name());
+        out.push_str("\n|:---|");
+        out.push_str(&"---:|".repeat(self.groups.len() * self.columns.len()));
+        out.push('\n');
+        for (at, row) in self.rows.iter().enumerate() {
+            if self.has_rule_before(&at) {
+                let cells = " |".repeat(row.cells.len());
+                let _ = writeln!(out, "| *{}:* |{cells}", row.origin.name());
+            }
+            let _ = write!(
+                out,
+                "| {}{} |",
+                escape(&self.label(row)),
+                marks(row.note.as_slice())
+            );
+            for (column, cell) in self.cells(row) {
+                let _ = write!(out, " {} |", number(cell, column));
+            }
+            out.push('\n');
         }
-        let _ = write!(
-            out,
-            "| {}{} |",
-            escape(&table.label(row)),
-            marks(row.note.as_slice())
-        );
-        for (column, cell) in table.cells(row) {
-            let _ = write!(out, " {} |", number(cell, column));
+        let keys = self.columns.iter().zip(&heads).map(|(column, head)| {
+            let key = column.key.replace('`', "'");
+            format!("{}: `{key}`, {}", escape(head), column.direction_words())
+        });
+        let keys: Vec<String> = keys.collect();
+        let _ = write!(out, "\n{}.", keys.join("; "));
+        if self.is_ranked() {
+            out.push_str(" **Best**, second ② and third ③ of each column, after rounding.");
+        }
+        if self.groups.iter().any(|g| g.pairs.is_some()) {
+            out.push_str(" Small: pairs behind the number.");
         }
         out.push('\n');
+        for remark in &self.remarks {
+            let _ = write!(out, "\n{}\n", rich(remark));
+        }
+        let notes = self.notes.iter().enumerate();
+        let notes: Vec<String> = notes
+            .map(|(i, note)| format!("\n<sup>{}</sup> {}", letter(i), rich(note)))
+            .collect();
+        if !notes.is_empty() {
+            out += &notes.join("\\");
+            out.push('\n');
+        }
+        if !self.checklist.is_empty() {
+            out.push_str("\nWhat a strict comparison needs:\n\n");
+        }
+        for check in &self.checklist {
+            let mark = if check.is_met { 'x' } else { ' ' };
+            let _ = writeln!(out, "- [{mark}] {}", rich(&check.text));
+        }
+        out
     }
-    let keys = table.columns.iter().zip(&heads).map(|(column, head)| {
-        let key = column.key.replace('`', "'");
-        format!("{}: `{key}`, {}", escape(head), column.direction_words())
-    });
-    let keys: Vec<String> = keys.collect();
-    let _ = write!(out, "\n{}.", keys.join("; "));
-    if table.is_ranked() {
-        out.push_str(" **Best**, second ② and third ③ of each column, after rounding.");
-    }
-    if table.groups.iter().any(|g| g.pairs.is_some()) {
-        out.push_str(" Small: pairs behind the number.");
-    }
-    out.push('\n');
-    for remark in &table.remarks {
-        let _ = write!(out, "\n{}\n", rich(remark));
-    }
-    let notes = table.notes.iter().enumerate();
-    let notes: Vec<String> = notes
-        .map(|(i, note)| format!("\n<sup>{}</sup> {}", letter(i), rich(note)))
-        .collect();
-    if !notes.is_empty() {
-        out += &notes.join("\\");
-        out.push('\n');
-    }
-    if !table.checklist.is_empty() {
-        out.push_str("\nWhat a strict comparison needs:\n\n");
-    }
-    for check in &table.checklist {
-        let mark = if check.is_met { 'x' } else { ' ' };
-        let _ = writeln!(out, "- [{mark}] {}", rich(&check.text));
-    }
-    out
 }
 
 fn number(cell: &Cell, column: &Column) -> String {
@@ -89,7 +91,7 @@ fn marks(notes: &[usize]) -> String {
     letters("<sup>", notes, "</sup>")
 }
 
-/// A note with its code set as code, unless that could be read as markup by a lenient reader.
+/// A note with its code spans kept, unless a lenient reader could take them for markup.
 pub(in crate::report) fn rich(note: &str) -> String {
     let spans = spans(note).into_iter();
     let spans = spans.map(|(code, text)| {
@@ -102,7 +104,7 @@ pub(in crate::report) fn rich(note: &str) -> String {
     spans.collect()
 }
 
-/// Text that stays text: no markup, no new column, no HTML, and nobody is notified.
+/// Escapes Markdown and HTML, column separators and `@` mentions.
 pub fn escape(text: &str) -> String {
     let text = visible_line(text);
     let mut out = String::with_capacity(text.len());

@@ -18,13 +18,15 @@ pub mod rank;
 pub(super) mod remarks;
 pub mod text;
 
-use super::input::Column;
+pub use sharp_plots::scale::shown;
+
+use super::column::Column;
 use crate::io::text::visible_line;
 
 /// A table, ready to be written in any form.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Table {
-    /// Stem of its files.
+    /// Stem of file names.
     pub name: String,
     /// Caption.
     pub title: String,
@@ -39,7 +41,7 @@ pub struct Table {
     pub remarks: Vec<String>,
     /// Footnotes; groups, rows and cells refer to them by position.
     pub notes: Vec<String>,
-    /// What a comparison of its rows of unlike origin would need.
+    /// Conditions for comparing its measured rows with its published ones.
     pub checklist: Vec<Condition>,
 }
 
@@ -117,6 +119,27 @@ pub struct Cell {
 }
 
 impl Cell {
+    /// A measured number.
+    pub(crate) fn of(value: Option<f64>) -> Self {
+        Self {
+            value,
+            ..Self::default()
+        }
+    }
+
+    /// A cell that shows this text.
+    pub(crate) fn printed(value: Option<f64>, text: impl Into<String>) -> Self {
+        Self {
+            printed: Some(text.into()),
+            ..Self::of(value)
+        }
+    }
+
+    /// A cell without a number.
+    pub(crate) fn dash() -> Self {
+        Self::printed(None, "–")
+    }
+
     /// The number as the table shows it, or `n/a`.
     fn text(&self, column: &Column) -> String {
         let value = || self.value.map(|value| shown(value, column.decimals));
@@ -127,6 +150,18 @@ impl Cell {
     /// Pairs with a number and pairs of the dataset, of a number that does not cover them all.
     fn partial(&self) -> Option<(usize, usize)> {
         self.coverage.filter(|(n, total)| n != total && *n > 0)
+    }
+}
+
+impl Row {
+    /// A row of our own numbers.
+    pub(crate) fn measured(label: impl Into<String>, cells: Vec<Cell>) -> Self {
+        Self {
+            label: label.into(),
+            origin: Origin::Measured,
+            note: None,
+            cells,
+        }
     }
 }
 
@@ -143,12 +178,33 @@ impl Group {
 }
 
 impl Table {
+    /// A table of methods without footnotes and remarks.
+    pub(crate) fn new(
+        name: impl Into<String>,
+        title: impl Into<String>,
+        groups: Vec<Group>,
+        columns: Vec<Column>,
+        rows: Vec<Row>,
+    ) -> Self {
+        Self {
+            name: name.into(),
+            title: title.into(),
+            row_head: "method",
+            groups,
+            columns,
+            rows,
+            remarks: Vec::new(),
+            notes: Vec::new(),
+            checklist: Vec::new(),
+        }
+    }
+
     /// The cells of a row with their columns.
     fn cells<'a>(&'a self, row: &'a Row) -> impl Iterator<Item = (&'a Column, &'a Cell)> {
         self.columns.iter().cycle().zip(&row.cells)
     }
 
-    /// Whether it has both numbers of ours and published ones.
+    /// Whether it has both measured and published rows.
     pub(super) fn is_mixed(&self) -> bool {
         self.rows
             .iter()
@@ -230,21 +286,6 @@ fn spans(note: &str) -> Vec<(bool, &str)> {
     parts.map(|(i, part)| (i % 2 == 1, part)).collect()
 }
 
-/// A number as a table shows it: rounded to the nearest decimal, `∞` for infinity, no negative zero.
-pub fn shown(value: f64, decimals: usize) -> String {
-    if value.is_nan() {
-        return "nan".into();
-    }
-    if value.is_infinite() {
-        return if value > 0.0 { "∞" } else { "−∞" }.into();
-    }
-    let text = format!("{value:.decimals$}");
-    match text.strip_prefix('-') {
-        Some(digits) if digits.bytes().all(|c| matches!(c, b'0' | b'.')) => digits.into(),
-        _ => text,
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -253,15 +294,5 @@ mod tests {
     fn footnotes_count_like_a_spreadsheet() {
         let letters: Vec<_> = [0, 25, 26, 51, 52, 701, 702].map(letter).into();
         assert_eq!(letters, ["a", "z", "aa", "az", "ba", "zz", "aaa"]);
-    }
-
-    #[test]
-    fn numbers_are_rounded_without_negative_zero() {
-        assert_eq!(shown(0.0965, 3), "0.097"); // 0.0965 is stored as 0.09650000000000000022
-        assert_eq!(shown(-0.0004, 3), "0.000");
-        assert_eq!(shown(-0.5, 0), "0"); // halves go to even
-        assert_eq!(shown(-1.26, 1), "-1.3");
-        assert_eq!(shown(f64::INFINITY, 2), "∞");
-        assert_eq!(shown(f64::NAN, 2), "nan");
     }
 }

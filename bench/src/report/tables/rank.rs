@@ -2,7 +2,7 @@
 
 use sharp_metrics::Direction;
 
-/// A candidate for a rank.
+/// A number to be ranked.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RankedValue<'a> {
     /// The number; `None` is never ranked.
@@ -11,7 +11,7 @@ pub struct RankedValue<'a> {
     pub covers: &'a [usize],
     /// Whether it covers every pair.
     pub complete: bool,
-    /// Whether the row takes part at all.
+    /// Whether the row is ranked at all.
     pub ranked: bool,
 }
 
@@ -66,7 +66,7 @@ pub fn ranks(
         .collect()
 }
 
-/// The number that the shown digits stand for.
+/// The number as shown, rounded to `decimals`.
 pub(crate) fn rounded(value: f64, decimals: usize) -> f64 {
     if value.is_finite() {
         format!("{value:.decimals$}").parse().unwrap_or(value)

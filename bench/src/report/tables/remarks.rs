@@ -5,8 +5,8 @@ use std::collections::{BTreeMap, BTreeSet};
 use sharp_metrics::Direction;
 
 use crate::evaluate::record::{Record, Score};
-use crate::report::board::Board;
-use crate::report::input::{Column, ReportMethod};
+use crate::report::board::{Board, ReportMethod};
+use crate::report::column::Column;
 use crate::report::statistics::of_extra;
 
 use super::Table;
@@ -56,7 +56,7 @@ pub(in crate::report) fn scored(
     (shown, Some(text))
 }
 
-/// A row in the contest for a column: it is ranked and covers every pair.
+/// A ranked row that covers every pair.
 struct Entrant<'a> {
     method: usize,
     /// As shown; smaller is better.
@@ -125,7 +125,7 @@ pub(super) fn of_baselines(board: &Board<'_>, table: &Table) -> Vec<String> {
     remarks
 }
 
-/// The best first.
+/// From best to worst.
 fn entrants<'a>(
     board: &'a Board<'_>,
     table: &Table,

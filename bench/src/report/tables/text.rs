@@ -2,73 +2,75 @@
 
 use super::{Cell, Table, letter, letters};
 use crate::io::text::visible_line;
-use crate::report::input::Column;
+use crate::report::column::Column;
 
-/// Lines without trailing blanks, footnotes below. Width counts characters, which is exact for the arrows
-/// and the infinity sign.
-pub fn text(table: &Table) -> String {
-    let heads = Column::heads(&table.columns);
-    let mut grid = vec![vec![table.row_head.to_owned()]];
-    for _ in &table.groups {
-        grid[0].extend(heads.iter().map(|head| format!("{head} ")));
-    }
-    for row in &table.rows {
-        let mut line = vec![table.label(row) + &marks(row.note.as_slice())];
-        line.extend(table.cells(row).map(|(column, cell)| number(cell, column)));
-        grid.push(line);
-    }
-    let width = |column: usize| grid.iter().map(|line| length(&line[column])).max();
-    let mut widths: Vec<usize> = (0..grid[0].len()).filter_map(width).collect();
-    let mut titles = " ".repeat(widths[0]);
-    for (group, widths) in table
-        .groups
-        .iter()
-        .zip(widths[1..].chunks_mut(heads.len().max(1)))
-    {
-        let mut title = visible_line(&group.title).into_owned() + &marks(group.note.as_slice());
-        if let Some(n) = group.pairs {
-            title += &format!(" (n={n})");
+impl Table {
+    /// Lines without trailing blanks, footnotes below. Width counts characters, which is exact for the arrows
+    /// and the infinity sign.
+    pub fn text(&self) -> String {
+        let heads = Column::heads(&self.columns);
+        let mut grid = vec![vec![self.row_head.to_owned()]];
+        for _ in &self.groups {
+            grid[0].extend(heads.iter().map(|head| format!("{head} ")));
         }
-        // A long dataset name widens the last column of its group.
-        let room = widths.iter().map(|w| w + 2).sum::<usize>() - 2;
-        if let Some(last) = widths.last_mut() {
-            *last += length(&title).saturating_sub(room);
+        for row in &self.rows {
+            let mut line = vec![self.label(row) + &marks(row.note.as_slice())];
+            line.extend(self.cells(row).map(|(column, cell)| number(cell, column)));
+            grid.push(line);
         }
-        titles += &format!("  {title:<room$}");
-    }
-    let mut out = format!("{}\n", titles.trim_end());
-    let whole: usize = widths.iter().map(|w| w + 2).sum();
-    for (at, line) in grid.iter().enumerate() {
-        if at
-            .checked_sub(1)
-            .is_some_and(|row| table.has_rule_before(&row))
+        let width = |column: usize| grid.iter().map(|line| length(&line[column])).max();
+        let mut widths: Vec<usize> = (0..grid[0].len()).filter_map(width).collect();
+        let mut titles = " ".repeat(widths[0]);
+        for (group, widths) in self
+            .groups
+            .iter()
+            .zip(widths[1..].chunks_mut(heads.len().max(1)))
         {
-            out += &format!("{}\n", "-".repeat(whole - 2));
+            let mut title = visible_line(&group.title).into_owned() + &marks(group.note.as_slice());
+            if let Some(n) = group.pairs {
+                title += &format!(" (n={n})");
+            }
+            // A long dataset name widens the last column of its group.
+            let room = widths.iter().map(|w| w + 2).sum::<usize>() - 2;
+            if let Some(last) = widths.last_mut() {
+                *last += length(&title).saturating_sub(room);
+            }
+            titles += &format!("  {title:<room$}");
         }
-        let mut text = format!("{:<1$}", line[0], widths[0]);
-        for (cell, width) in line.iter().zip(&widths).skip(1) {
-            text += &format!("  {cell:>width$}");
+        let mut out = format!("{}\n", titles.trim_end());
+        let whole: usize = widths.iter().map(|w| w + 2).sum();
+        for (at, line) in grid.iter().enumerate() {
+            if at
+                .checked_sub(1)
+                .is_some_and(|row| self.has_rule_before(&row))
+            {
+                out += &format!("{}\n", "-".repeat(whole - 2));
+            }
+            let mut text = format!("{:<1$}", line[0], widths[0]);
+            for (cell, width) in line.iter().zip(&widths).skip(1) {
+                text += &format!("  {cell:>width$}");
+            }
+            out += text.trim_end();
+            out.push('\n');
         }
-        out += text.trim_end();
-        out.push('\n');
+        if self.is_ranked() {
+            out.push_str("* best of its column; ");
+        }
+        let keys = self.columns.iter().zip(heads);
+        let keys: Vec<String> = keys.map(|(c, head)| format!("{head} {}", c.key)).collect();
+        out += &format!("{}\n", keys.join(", "));
+        for remark in &self.remarks {
+            out += &format!("{remark}\n");
+        }
+        for (i, note) in self.notes.iter().enumerate() {
+            out += &format!("{}) {note}\n", letter(i));
+        }
+        for check in &self.checklist {
+            let mark = if check.is_met { 'x' } else { ' ' };
+            out += &format!("[{mark}] {}\n", check.text);
+        }
+        out
     }
-    if table.is_ranked() {
-        out.push_str("* best of its column; ");
-    }
-    let keys = table.columns.iter().zip(heads);
-    let keys: Vec<String> = keys.map(|(c, head)| format!("{head} {}", c.key)).collect();
-    out += &format!("{}\n", keys.join(", "));
-    for remark in &table.remarks {
-        out += &format!("{remark}\n");
-    }
-    for (i, note) in table.notes.iter().enumerate() {
-        out += &format!("{}) {note}\n", letter(i));
-    }
-    for check in &table.checklist {
-        let mark = if check.is_met { 'x' } else { ' ' };
-        out += &format!("[{mark}] {}\n", check.text);
-    }
-    out
 }
 
 fn number(cell: &Cell, column: &Column) -> String {

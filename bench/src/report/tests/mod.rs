@@ -1,19 +1,25 @@
 //! Whole reports from small runs.
 
 mod file_tests;
-mod record_tests;
 mod table_tests;
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use image::{GrayImage, Luma, Rgb, RgbImage};
+use sharp::camera::{Intrinsics, RigidTransform};
+use sharp_datasets::required_files::FileRole;
+use sharp_datasets::{DatasetError, DepthMap, Pairing, Scene, View, ViewContent};
 use sharp_metrics::MetricKey;
 
 use crate::evaluate::record::{Record, Score, Status};
+use crate::evaluate::results::PictureFolder;
+use crate::evaluate::{Results, RunFolder, test_records};
+use crate::io::hash::file_sha256;
 
-use super::board::Board;
 use super::tables::{Table, build};
+use super::test_results::results;
 use super::*;
 
 fn record(
@@ -23,39 +29,28 @@ fn record(
     baseline_m: f64,
     scores: &[(&str, f64)],
 ) -> Record {
+    let scores = scores.iter();
     Record {
         pair_id: format!("{dataset}/{pair}"),
-        dataset: dataset.into(),
-        scene: "scene".into(),
-        cluster: "scene".into(),
-        source: "0".into(),
-        target: "1".into(),
+        source: format!("{pair} source"),
+        target: format!("{pair} target"),
         method: method.into(),
         baseline_m,
-        rotation_deg: 1.0,
-        median_depth_m: None,
-        overlap: Some(0.8),
-        status: Status::Ok,
         scores: scores
-            .iter()
-            .map(|(k, v)| ((*k).into(), Score::Value(*v)))
+            .map(|(key, value)| ((*key).into(), Score::Value(*value)))
             .collect(),
-        crop: None,
-        valid_share: None,
-        resized_from: None,
-        scale: None,
-        files: None,
-        extras: BTreeMap::new(),
-        warnings: BTreeMap::new(),
+        ..test_records::record(dataset, 0, 0)
     }
 }
 
-fn failed(mut record: Record, reason: &str) -> Record {
-    record.status = Status::Failed {
-        reason: reason.into(),
-    };
-    record.scores.clear();
-    record
+fn failed(record: Record, reason: &str) -> Record {
+    Record {
+        status: Status::Failed {
+            reason: reason.into(),
+        },
+        scores: BTreeMap::new(),
+        ..record
+    }
 }
 
 /// Two methods, two pairs; the second prediction of `b` failed.
@@ -68,100 +63,140 @@ fn small_run() -> Vec<Record> {
     ]
 }
 
-fn input(records: &[Record]) -> ReportInput<'_> {
-    ReportInput {
-        title: "A run".into(),
-        summary: "Two methods.".into(),
-        records,
-        metrics: vec![MetricKey::PSNR.into()],
-        extras: Vec::new(),
-        datasets: Vec::new(),
-        methods: Vec::new(),
-        facts: Vec::new(),
-        published: PublishedNumbers::Matching,
-        comparison: None,
-        pictures: &NoPictures,
-        options: ReportOptions::default(),
-    }
+fn psnr(records: Vec<Record>) -> Results {
+    results(&[MetricKey::PSNR], records)
 }
 
-fn psnr_table(records: &[Record]) -> Table {
-    let board = Board::new(records, &[], &[]).unwrap();
-    build::of_scores(&board, &[MetricKey::PSNR.into()]).remove(0)
+/// The first table of the scores under some metrics.
+fn table(keys: &[MetricKey], records: &[Record]) -> Table {
+    let results = results(keys, records.to_vec());
+    let board = Board::of(&results).unwrap();
+    build::of_scores(&board, &board.metrics).remove(0)
 }
 
 /// Every file of a report by its relative name.
-fn files(input: &ReportInput<'_>) -> BTreeMap<String, Vec<u8>> {
+fn files(
+    results: &Results,
+    scenes: &[Scene],
+    options: &ReportOptions,
+) -> BTreeMap<String, Vec<u8>> {
     let dir = tempfile::tempdir().unwrap();
-    let written = write_report(input, dir.path()).unwrap();
+    let written = report(results, scenes, dir.path(), options).unwrap();
     let name = |path: &Path| path.strip_prefix(dir.path()).unwrap().display().to_string();
-    written
-        .all
-        .iter()
-        .map(|path| (name(path), std::fs::read(path).unwrap()))
+    let all = written.all.iter();
+    all.map(|path| (name(path), std::fs::read(path).unwrap()))
         .collect()
 }
 
-/// A picture that depends on the record; all pixels are scored.
-struct Plain;
+fn page(results: &Results, scenes: &[Scene], options: &ReportOptions) -> String {
+    let mut files = files(results, scenes, options);
+    String::from_utf8(files.remove("index.html").unwrap()).unwrap()
+}
 
-/// Predictions that no encoder makes small.
-struct Noise;
+/// A photograph of 64 × 48 pixels in memory.
+#[derive(Debug, Clone)]
+struct Photograph {
+    image: RgbImage,
+    valid: Option<GrayImage>,
+    file: Option<PathBuf>,
+}
 
-impl ReportPictures for Noise {
-    fn prediction(&self, record: &Record) -> Result<RgbImage, MissingPicture> {
-        let mut state = record
-            .pair_id
-            .bytes()
-            .fold(1_u32, |a, b| a * 31 + u32::from(b));
-        Ok(RgbImage::from_fn(640, 480, |_, _| {
-            state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
-            Rgb([(state >> 24) as u8, (state >> 16) as u8, (state >> 8) as u8])
-        }))
+impl ViewContent for Photograph {
+    fn image(&self) -> Result<RgbImage, DatasetError> {
+        Ok(self.image.clone())
+    }
+
+    fn valid_pixels(&self) -> Result<Option<GrayImage>, DatasetError> {
+        Ok(self.valid.clone())
+    }
+
+    fn depth(&self) -> Result<Option<DepthMap>, DatasetError> {
+        Ok(None)
+    }
+
+    fn image_file(&self) -> Option<&Path> {
+        self.file.as_deref()
+    }
+
+    fn files_by_role(&self) -> Vec<(FileRole, PathBuf)> {
+        Vec::new()
+    }
+
+    fn image_sha256(&self) -> Result<String, DatasetError> {
+        Ok(String::new())
     }
 }
 
-/// White truths, black predictions that were kept in a folder; the left half of every target is excluded.
-struct HalfMasked(PathBuf);
-
-impl ReportPictures for HalfMasked {
-    fn target(&self, _record: &Record) -> Result<RgbImage, MissingPicture> {
-        Ok(RgbImage::from_pixel(64, 48, Rgb([255; 3])))
-    }
-
-    fn valid_pixels(&self, _record: &Record) -> Result<Option<GrayImage>, MissingPicture> {
-        let level = |x: u32| if x < 32 { 254 } else { 255 };
-        Ok(Some(GrayImage::from_fn(64, 48, |x, _| Luma([level(x)]))))
-    }
-
-    fn prediction(&self, _record: &Record) -> Result<RgbImage, MissingPicture> {
-        Ok(RgbImage::new(64, 48))
-    }
-
-    fn kept(&self, record: &Record) -> Option<PathBuf> {
-        Some(self.0.join(format!("{} 1.png", record.method)))
-    }
-
-    fn photographs(&self, _record: &Record) -> [Option<PathBuf>; 2] {
-        [None, Some(self.0.join("im 1.png"))]
+/// One that differs from view to view.
+fn plain(view: &str) -> Photograph {
+    let level = view
+        .bytes()
+        .fold(0_u8, |sum, byte| sum.wrapping_mul(31) ^ byte);
+    Photograph {
+        image: RgbImage::from_fn(64, 48, |x, y| Rgb([x as u8, y as u8, level])),
+        valid: None,
+        file: None,
     }
 }
 
-impl ReportPictures for Plain {
-    fn source(&self, record: &Record) -> Result<RgbImage, MissingPicture> {
-        Ok(RgbImage::from_fn(64, 48, |x, y| {
-            Rgb([x as u8, y as u8, (record.baseline_m * 100.0) as u8])
-        }))
+/// White; its left half is excluded from scoring.
+fn half_masked(_view: &str) -> Photograph {
+    let level = |x: u32| if x < 32 { 254 } else { 255 };
+    Photograph {
+        image: RgbImage::from_pixel(64, 48, Rgb([255; 3])),
+        valid: Some(GrayImage::from_fn(64, 48, |x, _| Luma([level(x)]))),
+        file: None,
     }
+}
 
-    fn target(&self, record: &Record) -> Result<RgbImage, MissingPicture> {
-        self.source(record)
-    }
-
-    fn prediction(&self, record: &Record) -> Result<RgbImage, MissingPicture> {
-        match record.method.as_str() {
-            "a" => self.source(record),
-            _ => Err(MissingPicture::NotKept),
+/// The scenes of records.
+fn scenes(records: &[Record], photograph: impl Fn(&str) -> Photograph) -> Vec<Scene> {
+    let mut scenes: BTreeMap<&str, Vec<View>> = BTreeMap::new();
+    for record in records {
+        let views = scenes.entry(&record.dataset).or_default();
+        for id in [&record.source, &record.target] {
+            if !views.iter().any(|view| view.id == *id) {
+                views.push(View {
+                    id: id.clone(),
+                    intrinsics: Intrinsics::new((64.0, 64.0), (32.0, 24.0), (64, 48)).unwrap(),
+                    camera_from_world: RigidTransform::IDENTITY,
+                    content: Arc::new(photograph(id)),
+                });
+            }
         }
     }
+    let scene = |(dataset, views): (&str, Vec<View>)| Scene {
+        dataset: dataset.to_owned(),
+        id: "0".to_owned(),
+        cluster: "0".to_owned(),
+        views,
+        pairing: Pairing::MultiView,
+        notes: Vec::new(),
+        warnings: Vec::new(),
+    };
+    scenes.into_iter().map(scene).collect()
+}
+
+/// Keeps predictions in a run folder.
+fn keep(results: &mut Results, root: &Path, prediction: impl Fn(&Record) -> Option<RgbImage>) {
+    std::fs::create_dir_all(root).unwrap();
+    std::fs::write(root.join("manifest.json"), "").unwrap();
+    let folder = RunFolder::open(root).unwrap();
+    let mut sha256 = BTreeMap::new();
+    for record in &results.records {
+        if let Some(picture) = prediction(record) {
+            let path = folder.prediction_path(&record.method, &record.pair_id, "png");
+            std::fs::create_dir_all(path.parent().unwrap()).unwrap();
+            picture.save(&path).unwrap();
+            let unit = (record.pair_id.clone(), record.method.clone());
+            sha256.insert(unit, file_sha256(&path).unwrap());
+        }
+    }
+    let labels = results.manifest.methods.iter().map(|m| m.label.clone());
+    results.pictures.push(PictureFolder {
+        folder,
+        labels: labels.map(|label| (label.clone(), label)).collect(),
+        sha256,
+        float_sha256: BTreeMap::new(),
+    });
 }

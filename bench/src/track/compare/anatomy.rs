@@ -1,5 +1,5 @@
-//! A change by class of the target's pixels, from the depth of both views: visible in the source, hidden, outside it, or
-//! close to a depth edge.
+//! Differences by class of target pixel, which the depth of both views decides: visible in the source, hidden, outside the
+//! source, or close to a depth edge.
 //!
 //! PSNR is that of a class's pixels, SSIM and LPIPS the mean of their maps over them: a window or a network's receptive
 //! field reaches across the border of a class. DISTS has no map and is left out.
@@ -20,7 +20,7 @@ use crate::io::pictures::read_rgb8;
 use crate::pairs::depth::PosedDepth;
 use crate::pairs::overlap::Projection;
 use crate::pairs::valid_depth::is_valid_depth;
-use crate::report::assemble::RunPictures;
+use crate::report::pictures::ReportPictures;
 use crate::scoring::{GroundTruth, Region, Scoring};
 
 /// Relative difference above which two depths are two surfaces, as for overlap.
@@ -55,7 +55,7 @@ impl PixelClass {
         Self::Unknown,
     ];
 
-    /// As it is written.
+    /// Name in tables.
     pub fn name(self) -> &'static str {
         match self {
             Self::Visible => "visible in the source",
@@ -130,12 +130,12 @@ fn mark_edges(depth: &DepthMap, classes: &mut [PixelClass]) {
     }
 }
 
-/// The error anatomy of two methods, or why a pair has none.
+/// Differences of two methods by class of pixel.
 #[derive(Debug, Default)]
 pub struct Anatomy {
     /// By [`Division::Pixels`], with the share of pixels.
     pub strata: Vec<Stratum>,
-    /// What is not in it, one line each.
+    /// What was left out and why, one line each.
     pub notes: Vec<String>,
 }
 
@@ -148,11 +148,11 @@ struct ClassScores<'a> {
 }
 
 impl RunComparison {
-    /// Where in the target two methods differ: of each pair whose pictures both runs have kept. `scenes` give photographs,
+    /// Compares two methods by class of target pixel, on pairs with kept pictures in both runs. `scenes` give photographs,
     /// cameras and depth.
     ///
     /// # Errors
-    /// When the weights at hand are not those of the runs.
+    /// When the available weights differ from those of the runs.
     pub fn anatomy(
         &self,
         against: &Against,
@@ -178,7 +178,7 @@ impl RunComparison {
                 )));
             }
         }
-        let pictures = RunPictures::new(&self.results, scenes);
+        let pictures = ReportPictures::new(&self.results, scenes);
         let sides = self.sides(against);
         let pairs: Vec<(&Record, &Record)> = sides.both().collect();
         observer.begin("looking where pictures differ", pairs.len(), "pairs");
@@ -222,7 +222,7 @@ impl RunComparison {
         Ok(anatomy)
     }
 
-    /// Those of whole pictures that have a value at each pixel.
+    /// Metrics of whole pictures that have a value at each pixel; the others are noted.
     fn mapped_metrics(&self, notes: &mut Vec<String>) -> Vec<MetricInfo> {
         let metrics = self.results.manifest.metrics.iter().map(|m| &m.info);
         let (mapped, others): (Vec<_>, Vec<_>) = metrics
@@ -239,10 +239,10 @@ impl RunComparison {
     }
 }
 
-/// The error is the bare reason.
+/// Errors name no pair; the caller counts pairs by reason.
 fn of_pair<'a>(
     [a, b]: [&'a Record; 2],
-    pictures: &RunPictures<'_>,
+    pictures: &ReportPictures<'_>,
     metrics: &[MetricInfo],
     scoring: &Scoring,
 ) -> Result<Vec<ClassScores<'a>>, String> {

@@ -1,4 +1,4 @@
-//! A change by parts: the pairs of each dataset by scene, and by bins of camera motion.
+//! Differences by part: the pairs of each dataset by scene, and by bins of camera motion.
 //!
 //! Descriptive: 95 % intervals are for each part alone, without correction for the number of parts. Significance is
 //! decided in the [rows](super::ScoreChange).
@@ -13,25 +13,25 @@ use sharp_statistics::infer;
 use super::rows::clusters;
 use super::{Against, PairChange, RunComparison};
 use crate::evaluate::record::Record;
-use crate::report::plots::scale::Step;
 use crate::report::sweep::Motion;
+use sharp_plots::scale::Step;
 
-/// Bins of a quantity at most.
+/// Most bins per quantity.
 const BINS: usize = 5;
 
-/// Criterion that divides pairs.
+/// How pairs or pixels are divided.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Division {
     Scene,
-    /// [Classes](super::anatomy::PixelClass) of the target's pixels: part of each pair, not of the pairs.
+    /// [Classes](super::anatomy::PixelClass) of target pixels, which divide each pair.
     Pixels,
     #[serde(untagged)]
     Motion(Motion),
 }
 
 impl Division {
-    /// Those of pairs.
+    /// Divisions of pairs, not of pixels.
     pub fn of_pairs() -> impl Iterator<Item = Self> {
         [Self::Scene]
             .into_iter()
@@ -47,7 +47,7 @@ impl Division {
         }
     }
 
-    /// `None` where it is not known, or no number.
+    /// `None` where it is unknown or not finite.
     fn value(self, record: &Record) -> Option<f64> {
         match self {
             Self::Scene | Self::Pixels => None,
@@ -56,8 +56,8 @@ impl Division {
     }
 }
 
-/// Part of a dataset's pairs or of their pixels, with one metric of two methods. Differences are B − A; values that are not
-/// finite are null.
+/// One metric of two methods on part of a dataset's pairs or pixels. Differences are B − A; values that are not finite are
+/// null.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Stratum {
     pub dataset: String,
@@ -66,16 +66,16 @@ pub struct Stratum {
     pub method_a: String,
     pub method_b: String,
     pub by: Division,
-    /// The scene; the bin's ends, of which the lower belongs to it; the class of pixels.
+    /// The scene, the bin `low to high` (with its lower end), or the class of pixels.
     pub stratum: String,
-    /// Of the class among a pair's scored pixels, 0..1, mean over all pairs, also over those that have none.
+    /// Mean share of the class in a pair's scored pixels, 0..1; pairs without such pixels count as 0.
     pub pixel_share: Option<f64>,
     pub n_pairs: usize,
     /// Physical scenes.
     pub n_scenes: usize,
-    /// Pairs of which B's score is worse.
+    /// Pairs with a worse score in B.
     pub n_worse: usize,
-    /// Pairs of which B's score is better.
+    /// Pairs with a better score in B.
     pub n_better: usize,
     pub mean_a: f64,
     pub mean_b: f64,
@@ -85,8 +85,8 @@ pub struct Stratum {
 }
 
 impl RunComparison {
-    /// The pairs of two methods in parts, by dataset and [`Division::of_pairs`]; scenes in natural order of the pairs, bins
-    /// ascending. A quantity that is the same for all pairs of a dataset divides nothing and is left out.
+    /// The pairs of two methods by dataset and [`Division::of_pairs`]: scenes in the order of their pairs, bins ascending. A
+    /// quantity that is equal for all pairs of a dataset is left out.
     pub fn breakdown(&self, against: &Against, metric: &MetricInfo) -> Vec<Stratum> {
         let mut changes = self.sides(against).changes(metric);
         changes.sort_by(|a, b| a.a.pair_id.cmp(&b.a.pair_id));

@@ -22,34 +22,31 @@ use crate::io::counts::counted;
 use crate::pairs::pair_id::PairName;
 use rows::Sides;
 
-/// The dataset of rows over all of them: the unweighted mean of their means.
+/// Dataset name of the row over all datasets, the unweighted mean of their means.
 pub use crate::pairs::dataset::ALL_DATASETS as ALL;
 
-/// Why two sides cannot be compared.
+/// Why two runs cannot be compared.
 #[derive(Debug, thiserror::Error)]
 pub enum CompareError {
-    /// A run cannot be read, or it was scored otherwise than the other.
+    /// A run cannot be read, or the two were scored by different rules.
     #[error(transparent)]
     Evaluate(#[from] EvaluateError),
-    /// One of them was made otherwise than the other.
+    /// The runs differ in more than their methods.
     #[error("{} and {} cannot be compared: {difference}", a.display(), b.display())]
     Unlike {
-        /// One run.
         a: PathBuf,
-        /// The other.
         b: PathBuf,
-        /// The first difference.
         difference: String,
     },
-    /// It is not said which methods stand against each other.
+    /// The methods to compare are not clear or not there.
     #[error("{0}")]
     Methods(String),
-    /// Other weights than those of the runs.
+    /// The available weights differ from those of the runs.
     #[error("no error anatomy: {0}; hand in those of the runs with --weights")]
     Anatomy(String),
 }
 
-/// Largest change that does not matter in practice, by family of metrics, in the metric's unit.
+/// Largest negligible difference by metric family, in the metric's unit.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Practical(BTreeMap<Family, f64>);
 
@@ -66,7 +63,7 @@ impl Default for Practical {
 }
 
 impl Practical {
-    /// Another value for a family.
+    /// Sets the value of a family.
     pub fn set(&mut self, family: Family, value: f64) {
         self.0.insert(family, value);
     }
@@ -85,13 +82,11 @@ pub struct ScoreChange {
     /// Key without the region.
     pub metric: String,
     pub region: MetricRegion,
-    /// Label in run A.
     pub method_a: String,
-    /// Label in run B.
     pub method_b: String,
     /// Pairs with a score on both sides.
     pub n_pairs: usize,
-    /// Their physical scenes.
+    /// Physical scenes of these pairs.
     pub n_scenes: usize,
     /// Pairs with an infinite score on either side.
     pub n_infinite: usize,
@@ -112,22 +107,22 @@ pub struct ScoreChange {
     /// Planned pairs that lack the score on one side or both.
     #[serde(skip)]
     pub left_out: usize,
-    /// By how many physical scenes are fewer than the dataset's own: several of those show one.
+    /// Number of the dataset's scenes minus that of its physical scenes, of which several can show one.
     #[serde(skip)]
     pub merged_scenes: usize,
-    /// By the signs of the scenes' differences alone, of one dataset: exact for up to 14 scenes.
+    /// p of the sign-flip test over scenes, for single datasets; exact for up to 14 scenes.
     pub p_sign_flip: Option<f64>,
-    /// What that cannot fall below with so many scenes.
+    /// Smallest possible p of that test with this number of scenes.
     pub p_sign_flip_floor: Option<f64>,
-    /// Why there is no interval and no p.
+    /// Why interval and p are missing.
     #[serde(skip)]
     pub no_inference: Option<NoInference>,
-    /// Decimals that a table shows.
+    /// Decimals in tables.
     #[serde(skip)]
     pub decimals: usize,
 }
 
-/// A verdict as it is written.
+/// A verdict as one word.
 pub fn verdict_word(verdict: Verdict) -> &'static str {
     match verdict {
         Verdict::Better => "better",
@@ -147,9 +142,7 @@ pub(super) fn word<S: serde::Serializer>(
 /// A method of A and the method of B to compare with it.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Against {
-    /// Label in run A.
     pub a: String,
-    /// Label in run B.
     pub b: String,
     /// Labels in [`RunComparison::results`].
     pub joined: [String; 2],
@@ -162,15 +155,15 @@ pub struct RunComparison {
     pub a: PathBuf,
     pub b: PathBuf,
     pub against: Vec<Against>,
-    /// By methods, metric, and dataset, as in the runs.
+    /// By methods, metric and dataset, in the order of the runs.
     pub rows: Vec<ScoreChange>,
-    /// What is worth knowing and refuses nothing, one line each.
+    /// Remarks that do not prevent the comparison, one line each.
     pub notes: Vec<String>,
-    /// What random numbers it stands on.
+    /// Seed and number of resamples.
     pub resampling: Resampling,
     /// Both runs as one.
     pub results: Results,
-    /// Of A and of B.
+    /// Of A, then of B.
     pub manifests: [Manifest; 2],
 }
 
@@ -179,9 +172,9 @@ pub struct RunComparison {
 pub struct PairChange<'a> {
     pub a: &'a Record,
     pub b: &'a Record,
-    /// Of A and of B.
+    /// Of A, then of B.
     pub scores: [f64; 2],
-    /// By how much B is worse, in the metric's unit; below zero it is better, zero also where both are equally infinite.
+    /// By how much B is worse, in the metric's unit; negative where it is better, zero where both are infinite alike.
     pub loss: f64,
 }
 
@@ -198,7 +191,7 @@ impl<'a> PairChange<'a> {
 }
 
 impl RunComparison {
-    /// The pairs of a metric that have a score on both sides, worst first; equal ones by id. NaN is worse than any number.
+    /// The pairs with a score of a metric on both sides, largest loss first, ties by id. NaN is worse than any number.
     pub fn changes(&self, against: &Against, metric: &MetricInfo) -> Vec<PairChange<'_>> {
         let mut changes = self.sides(against).changes(metric);
         order_by_loss(&mut changes);
@@ -214,7 +207,7 @@ impl RunComparison {
     }
 }
 
-/// Worst first; a score that is no number is a loss beyond any, whatever the sign of its NaN.
+/// Largest loss first; NaN comes before all, whatever its sign.
 fn order_by_loss(changes: &mut [PairChange<'_>]) {
     let rank = |change: &PairChange<'_>| match change.loss.is_nan() {
         true => f64::NAN.abs(),
@@ -226,8 +219,8 @@ fn order_by_loss(changes: &mut [PairChange<'_>]) {
     });
 }
 
-/// Compares run B with run A. `methods` are labels `(in A, in B)`; without any, methods of equal label stand against each
-/// other, or the only ones of both runs.
+/// Compares run B with run A. `methods` are pairs of labels `(in A, in B)`. Without any, methods of equal label are compared,
+/// or the only methods of both runs.
 ///
 /// # Errors
 /// When a run cannot be read, or both differ in anything but the methods: metrics, scoring rules, pairs, scored parts,
@@ -246,10 +239,10 @@ pub fn compare(
     compare_results([(a, of_a), (b, of_b)], methods, practical)
 }
 
-/// Like [`compare`], for results in memory; paths are used only in errors.
+/// Compares results in memory by the rules of [`compare`]; the paths are for errors.
 ///
 /// # Errors
-/// As [`compare`], without the first.
+/// When both differ in anything but the methods.
 pub fn compare_results(
     [(a, of_a), (b, of_b)]: [(&Path, Results); 2],
     methods: &[(String, String)],
@@ -347,8 +340,8 @@ fn rows(
     Ok((rows, notes))
 }
 
-/// Backends of the CPU differ by the class of their kernels only, which moves no score that anyone sees. Every other
-/// setting is compared where the results are joined.
+/// CPU backends count as equal: they differ only in the class of kernels, which changes no visible digit of a score. All
+/// other settings are compared when the results are joined.
 fn backend_difference([a, b]: &[Manifest; 2]) -> Option<String> {
     let kind = |manifest: &Manifest| match manifest.renderer.backend.starts_with("cpu-") {
         true => "cpu".to_owned(),
@@ -381,7 +374,7 @@ fn notes([a, b]: &[Manifest; 2]) -> Vec<String> {
     notes
 }
 
-/// The label in the joined results by that in the run.
+/// Labels in the joined results by label in the run.
 fn side_labels((side, manifest): (&str, &Manifest)) -> BTreeMap<String, String> {
     let methods = &manifest.methods;
     let labels = methods.iter().map(|method| method.label.clone());
@@ -451,7 +444,7 @@ fn of_method<'a>(results: &'a Results, label: &str) -> BTreeMap<&'a str, &'a Rec
         .collect()
 }
 
-/// Pairs of the plan, done or not.
+/// All planned pairs, whether done or not.
 fn planned_pairs<'a>(results: &'a Results, label: &str) -> BTreeSet<&'a str> {
     let missing = results.missing.iter().filter(|(_, method)| method == label);
     let missing = missing.map(|(pair_id, _)| pair_id.as_str());

@@ -13,11 +13,12 @@ use super::breakdown::Stratum;
 use super::tables::most_changed;
 use super::{Against, RunComparison};
 use crate::evaluate::record::finite_or_text;
-use crate::io::atomic_files::FileError;
-use crate::io::text::csv_cell;
-use crate::report::{ReportComparison, ReportError, ReportFiles, ReportOptions, assemble};
+use crate::report::tables::csv::csv_of;
+use crate::report::{
+    PublishedNumbers, ReportComparison, ReportError, ReportFiles, ReportOptions, report,
+};
 
-/// A pair with a score on both sides, as it is written.
+/// A pair with a score on both sides, as written to files.
 #[derive(Debug, Clone, Serialize)]
 pub struct PairLine<'a> {
     pub pair_id: &'a str,
@@ -36,7 +37,7 @@ pub struct PairLine<'a> {
 }
 
 impl RunComparison {
-    /// Where it changed: [`RunComparison::breakdown`] of all methods and metrics, then `anatomy`.
+    /// All strata: [`RunComparison::breakdown`] of every method and metric, and those of `anatomy`, in the order of the tables.
     pub fn strata(&self, anatomy: &[Anatomy]) -> Vec<Stratum> {
         let mut strata = Vec::new();
         for against in &self.against {
@@ -63,7 +64,7 @@ impl RunComparison {
         })
     }
 
-    /// All of it as `compare --json` prints it, with what [`Self::strata`] found.
+    /// The comparison and its [strata](Self::strata) as `compare --json` prints them.
     pub fn json(&self, strata: &[Stratum]) -> Value {
         json!({
             "schema": 1,
@@ -77,7 +78,7 @@ impl RunComparison {
         })
     }
 
-    /// The pairs of each method and metric, those that lost most first: all, or that many from either end.
+    /// The pairs of each method and metric, largest loss first: all, or this many of the largest losses and gains.
     pub fn pair_lines(&self, of_either_end: Option<usize>) -> Vec<PairLine<'_>> {
         let mut lines = Vec::new();
         for against in &self.against {
@@ -121,7 +122,6 @@ impl RunComparison {
         strata: &[Stratum],
         scenes: &[Scene],
         out: &Path,
-        options: ReportOptions,
     ) -> Result<ReportFiles, ReportError> {
         let metrics = || self.results.manifest.metrics.iter().map(|m| &m.info);
         let pairs = self.pair_lines(None);
@@ -146,7 +146,6 @@ impl RunComparison {
                 of_pair.map(|(key, losses)| (key, mean(losses))).collect(),
             )
         });
-        let csv_error = |error: csv::Error| FileError::new(out, "encode")(error.into());
         let comparison = ReportComparison {
             lead: self.lead(),
             against: self
@@ -158,18 +157,9 @@ impl RunComparison {
             details,
             losses: losses.collect(),
             files: vec![
-                (
-                    "tables/comparison.csv".to_owned(),
-                    csv(&self.rows).map_err(csv_error)?,
-                ),
-                (
-                    "tables/breakdown.csv".to_owned(),
-                    csv(strata).map_err(csv_error)?,
-                ),
-                (
-                    "tables/pairs.csv".to_owned(),
-                    csv(&pairs).map_err(csv_error)?,
-                ),
+                ("tables/comparison.csv".to_owned(), csv_of(&self.rows)?),
+                ("tables/breakdown.csv".to_owned(), csv_of(strata)?),
+                ("tables/pairs.csv".to_owned(), csv_of(&pairs)?),
             ],
         };
         let mut results = self.results.clone();
@@ -187,35 +177,15 @@ impl RunComparison {
         let methods = &mut results.manifest.methods;
         methods.retain(|method| labels.contains(&&method.label));
         methods.sort_by_key(|method| labels.iter().position(|label| **label == method.label));
-        assemble::comparison(&results, scenes, out, comparison, options)
+        let options = ReportOptions {
+            published: PublishedNumbers::Never,
+            comparison: Some(comparison),
+            ..ReportOptions::default()
+        };
+        report(&results, scenes, out, &options)
     }
 }
 
 const HOW_TO_READ: &str = "Differences are B − A over the same pairs. Scenes are the sample, not pairs. B is better or worse \
                     where p < 0.05 after Holm's correction over the datasets of a metric; none where all that is likely is \
                     too small to matter or both are equal; inconclusive where the runs cannot tell.";
-
-/// Text of cells is made harmless for spreadsheets.
-fn csv<T: Serialize>(rows: &[T]) -> Result<Vec<u8>, csv::Error> {
-    let mut plain = csv::Writer::from_writer(Vec::new());
-    for row in rows {
-        plain.serialize(row)?;
-    }
-    let plain = plain.into_inner().map_err(|error| error.into_error())?;
-    let mut reader = csv::ReaderBuilder::new()
-        .has_headers(false)
-        .from_reader(&plain[..]);
-    let mut harmless = csv::Writer::from_writer(Vec::new());
-    for record in reader.records() {
-        harmless.write_record(
-            record?
-                .iter()
-                .map(|cell| match cell.parse::<f64>() {
-                    Ok(_) => cell.into(),
-                    Err(_) => csv_cell(cell),
-                })
-                .map(|cell: std::borrow::Cow<'_, str>| cell.into_owned()),
-        )?;
-    }
-    Ok(harmless.into_inner().map_err(|error| error.into_error())?)
-}

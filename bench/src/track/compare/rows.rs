@@ -8,7 +8,7 @@ use sharp_statistics::{Clusters, Resampling, holm, infer, verdict};
 use super::{ALL, PairChange, Practical, ScoreChange};
 use crate::evaluate::record::{Record, Score};
 
-/// The sample that statistics take.
+/// The pairs as a sample of physical scenes.
 pub(super) fn clusters<'c, 'a: 'c>(changes: impl Iterator<Item = &'c PairChange<'a>>) -> Clusters {
     Clusters::new(changes.map(|change| (change.a.cluster.as_str(), change.scores)))
 }
@@ -43,8 +43,8 @@ impl<'a> Sides<'a> {
         scored.collect()
     }
 
-    /// One row a dataset with planned pairs, and one over all where there are several. A dataset that has lost its scores
-    /// on one side has a row without numbers, and so has the one over all. `datasets` are names with numbers of pairs.
+    /// One row per dataset with planned pairs, and one over all if there are several. Where a dataset has no scores on one side,
+    /// its row and the one over all have no numbers. `datasets` are names with numbers of planned pairs.
     pub(super) fn rows(
         &self,
         datasets: &[(&'a str, usize)],

@@ -1,4 +1,4 @@
-//! A comparison as tables: the changes, and their parts.
+//! A comparison as tables: overall differences, and those by part.
 
 use std::collections::BTreeMap;
 
@@ -30,7 +30,7 @@ const HEADS: [&str; 11] = [
 pub const EXTREMES: usize = 3;
 
 impl RunComparison {
-    /// One table a metric and method: what changed.
+    /// Overall differences, one table per metric and pair of methods.
     pub fn change_grids(&self) -> Vec<TextGrid> {
         let groups = self.rows.chunk_by(|one, other| {
             let key = |row: &ScoreChange| {
@@ -41,28 +41,22 @@ impl RunComparison {
         });
         let grid = |rows: &[ScoreChange]| {
             let first = &rows[0];
-            TextGrid {
-                title: title(
-                    &first.metric,
-                    first.region,
-                    [&first.method_a, &first.method_b],
-                ),
-                heads: HEADS.map(str::to_owned).to_vec(),
-                rows: rows.iter().map(cells).collect(),
-                remarks: rows.iter().flat_map(remarks).collect(),
-            }
+            let methods = [first.method_a.as_str(), &first.method_b];
+            let title = title(&first.metric, first.region, methods);
+            TextGrid::new(title, &HEADS, rows.iter().map(cells))
+                .remarked(rows.iter().flat_map(remarks))
         };
         groups.map(grid).collect()
     }
 
-    /// One table a metric: the pairs that lost most and those that won most. None where nothing changed.
+    /// The pairs with the largest losses and gains; `None` where nothing changed.
     pub fn extremes(&self, against: &Against, metric: &MetricInfo) -> Option<TextGrid> {
         let changes = self.changes(against, metric);
         let rows = most_changed(&changes, EXTREMES);
         let row = |change: &PairChange<'_>| {
             let [a, b] = change.scores;
             let decimals = metric.decimals + 1;
-            let number = |value: f64| GridCell::number(shown(value, decimals), value);
+            let number = |value: f64| GridCell::rounded(value, decimals);
             vec![
                 GridCell::words(&change.a.pair_id),
                 number(a),
@@ -72,18 +66,12 @@ impl RunComparison {
         };
         let rows: Vec<_> = rows.map(row).collect();
         let key = MetricKey::whole(metric.key.metric()).to_string();
-        (!rows.is_empty()).then(|| TextGrid {
-            title: format!(
-                "{}: most lost and most won",
-                title(&key, metric.key.region(), [&against.a, &against.b])
-            ),
-            heads: ["pair", "A", "B", "B - A"].map(str::to_owned).to_vec(),
-            rows,
-            remarks: Vec::new(),
-        })
+        let title = title(&key, metric.key.region(), [&against.a, &against.b]);
+        let title = format!("{title}: most lost and most won");
+        (!rows.is_empty()).then(|| TextGrid::new(title, &["pair", "A", "B", "B - A"], rows))
     }
 
-    /// One table a metric, method and [`Division`]: where it changed.
+    /// Differences by part, one table per metric, pair of methods and [`Division`].
     pub fn where_grids(&self, strata: &[Stratum]) -> Vec<TextGrid> {
         let decimals: BTreeMap<String, usize> = self
             .results
@@ -103,25 +91,15 @@ impl RunComparison {
             let first = &strata[0];
             let key = format!("{}{}", first.metric, region(first.region));
             let decimals = decimals.get(&key).copied().unwrap_or(3);
-            let of_pixels = first.by == Division::Pixels;
-            let title = title(
-                &first.metric,
-                first.region,
-                [&first.method_a, &first.method_b],
-            );
-            TextGrid {
-                title: format!("{title} by {}", first.by.title()),
-                heads: ["dataset", first.by.title()]
-                    .into_iter()
-                    .chain(of_pixels.then_some("share of pixels"))
-                    .chain([
-                        "pairs", "scenes", "A", "B", "B - A", "95 %", "worse", "better",
-                    ])
-                    .map(str::to_owned)
-                    .collect(),
-                rows: strata.iter().map(|s| stratum_cells(s, decimals)).collect(),
-                remarks: Vec::new(),
-            }
+            let methods = [first.method_a.as_str(), &first.method_b];
+            let title = title(&first.metric, first.region, methods);
+            let mut heads = vec!["dataset", first.by.title()];
+            heads.extend((first.by == Division::Pixels).then_some("share of pixels"));
+            heads.extend([
+                "pairs", "scenes", "A", "B", "B - A", "95 %", "worse", "better",
+            ]);
+            let rows = strata.iter().map(|s| stratum_cells(s, decimals));
+            TextGrid::new(format!("{title} by {}", first.by.title()), &heads, rows)
         };
         groups.map(grid).collect()
     }
@@ -153,10 +131,6 @@ fn title(metric: &str, of: MetricRegion, [a, b]: [&str; 2]) -> String {
     format!("{metric}{}: {a} (A), {b} (B)", region(of))
 }
 
-pub(in crate::track) fn count(n: usize) -> GridCell {
-    GridCell::number(n.to_string(), n as f64)
-}
-
 pub(in crate::track) fn p_text(p: f64) -> String {
     match p < 0.0001 {
         true => "<0.0001".to_owned(),
@@ -164,47 +138,28 @@ pub(in crate::track) fn p_text(p: f64) -> String {
     }
 }
 
-pub(in crate::track) fn optional(value: Option<f64>, text: impl Fn(f64) -> String) -> GridCell {
-    // Numbers to sort by, last.
-    value.map_or_else(
-        || GridCell::number("-", f64::NAN),
-        |value| GridCell::number(text(value), value),
-    )
-}
-
-pub(in crate::track) fn interval(low: Option<f64>, high: Option<f64>, decimals: usize) -> GridCell {
-    let end = |end: Option<f64>| end.map_or_else(|| "-".to_owned(), |end| shown(end, decimals));
-    match (low, high) {
-        (None, None) => GridCell::number("-", f64::NAN),
-        (low, high) => {
-            let text = format!("{} .. {}", end(low), end(high));
-            GridCell::number(text, low.unwrap_or(f64::NEG_INFINITY))
-        }
-    }
-}
-
 fn cells(row: &ScoreChange) -> Vec<GridCell> {
     // One decimal more than single scores: means of many are compared.
     let decimals = row.decimals + 1;
-    let number = |value: f64| GridCell::number(shown(value, decimals), value);
-    let p = |value: Option<f64>| optional(value, p_text);
+    let number = |value: f64| GridCell::rounded(value, decimals);
+    let p = |value: Option<f64>| GridCell::optional(value, p_text);
     vec![
         GridCell::words(&row.dataset),
-        count(row.n_pairs),
-        count(row.n_scenes),
+        GridCell::count(row.n_pairs),
+        GridCell::count(row.n_scenes),
         number(row.mean_a),
         number(row.mean_b),
         number(row.difference),
-        interval(row.ci_low, row.ci_high, decimals),
+        GridCell::interval(row.ci_low, row.ci_high, decimals),
         p(row.p),
         p(row.p_holm),
-        optional(row.mde, |mde| shown(mde, decimals)),
+        GridCell::optional(row.mde, |mde| shown(mde, decimals)),
         GridCell::words(verdict_word(row.verdict)),
     ]
 }
 
 fn stratum_cells(stratum: &Stratum, decimals: usize) -> Vec<GridCell> {
-    let number = |value: f64| GridCell::number(shown(value, decimals), value);
+    let number = |value: f64| GridCell::rounded(value, decimals);
     let share = stratum.pixel_share;
     let share = share.map(|share| GridCell::number(format!("{:.1} %", share * 100.0), share));
     [
@@ -214,19 +169,19 @@ fn stratum_cells(stratum: &Stratum, decimals: usize) -> Vec<GridCell> {
     .into_iter()
     .chain(share)
     .chain([
-        count(stratum.n_pairs),
-        count(stratum.n_scenes),
+        GridCell::count(stratum.n_pairs),
+        GridCell::count(stratum.n_scenes),
         number(stratum.mean_a),
         number(stratum.mean_b),
         number(stratum.difference),
-        interval(stratum.ci_low, stratum.ci_high, decimals),
-        count(stratum.n_worse),
-        count(stratum.n_better),
+        GridCell::interval(stratum.ci_low, stratum.ci_high, decimals),
+        GridCell::count(stratum.n_worse),
+        GridCell::count(stratum.n_better),
     ])
     .collect()
 }
 
-/// Notes on a row.
+/// Remarks below the table on one of its rows.
 fn remarks(row: &ScoreChange) -> Vec<String> {
     let mut remarks = Vec::new();
     let dataset = &row.dataset;

@@ -97,29 +97,10 @@ fn a_drop_is_worse_on_its_dataset_and_the_mean_of_datasets_counts_them_equally()
 }
 
 #[test]
-fn one_scene_that_broke_is_not_significant() {
-    let before = scored("D", 7, |_, _| 0.0);
-    let after = scored("D", 7, |scene, _| if scene == 3 { -8.0 } else { 0.0 });
-    let [row] = &rows(&before, &after, &["D"])[..] else {
-        panic!("one dataset");
-    };
-    assert_eq!(row.verdict, Verdict::Inconclusive);
-    assert!(row.difference < -1.0 && row.p.unwrap() > 0.1);
-}
-
-#[test]
-fn equal_sides_show_no_difference() {
-    let records = scored("D", 1, |_, _| 0.0);
-    let [row] = &rows(&records, &records, &["D", "absent"])[..] else {
-        panic!("one dataset has pairs");
-    };
-    assert_eq!(
-        (row.verdict, row.difference, row.p),
-        (Verdict::None, 0.0, Some(1.0))
-    );
+fn a_difference_within_what_is_negligible_is_none() {
     let tiny = scored("D", 7, |scene, _| [0.004, -0.003][scene % 2]);
-    let [row] = &rows(&scored("D", 7, |_, _| 0.0), &tiny, &["D"])[..] else {
-        panic!("one dataset");
+    let [row] = &rows(&scored("D", 7, |_, _| 0.0), &tiny, &["D", "absent"])[..] else {
+        panic!("one dataset has pairs");
     };
     // Within 0.05 dB.
     assert_eq!(row.verdict, Verdict::None);
@@ -160,26 +141,6 @@ fn infinite_and_missing_scores_are_counted_and_never_averaged_away() {
     assert_eq!(row.no_inference, Some(NoInference::NotFinite));
     let json = serde_json::to_value(row).unwrap();
     assert!(json["difference"].is_null() && json["p"].is_null() && json["mean_b"].is_null());
-}
-
-#[test]
-fn rows_have_the_promised_fields() {
-    let records = scored("D", 3, |_, _| 0.0);
-    let json = serde_json::to_value(&rows(&records, &records, &["D"])[0]).unwrap();
-    let fields: Vec<&str> = json
-        .as_object()
-        .unwrap()
-        .keys()
-        .map(String::as_str)
-        .collect();
-    let promised = "dataset metric region method_a method_b n_pairs n_scenes n_infinite mean_a mean_b difference ci_low \
-                    ci_high p p_holm mde verdict p_sign_flip p_sign_flip_floor";
-    assert_eq!(fields, promised.split_whitespace().collect::<Vec<_>>());
-    assert_eq!(
-        (&json["metric"], &json["region"]),
-        (&"psnr".into(), &"whole".into())
-    );
-    assert_eq!(json["verdict"], "none");
 }
 
 #[test]
@@ -237,29 +198,6 @@ fn methods_of_equal_label_or_the_only_ones_stand_against_each_other() {
         .unwrap_err()
         .to_string();
     assert!(said.contains("--method x=q"), "{said}");
-}
-
-#[test]
-fn a_dataset_that_lost_its_scores_keeps_its_row() {
-    let mut a = scored("D", 6, |scene, _| 0.01 * scene as f64);
-    a.extend(scored("E", 6, |_, _| 0.0));
-    let mut b = a.clone();
-    for record in b.iter_mut().filter(|record| record.dataset == "E") {
-        record.scores.clear();
-    }
-    let found = rows(&a, &b, &["D", "E"]);
-    let [d, e, all] = &found[..] else {
-        panic!("{found:?}");
-    };
-    assert_eq!((d.verdict, d.n_pairs, d.left_out), (Verdict::None, 24, 0));
-    for (row, left_out) in [(e, 24), (all, 24)] {
-        assert_eq!(
-            (row.verdict, row.left_out),
-            (Verdict::Inconclusive, left_out)
-        );
-        assert_eq!(row.no_inference, Some(NoInference::NoPairs));
-        assert!(serde_json::to_value(row).unwrap()["difference"].is_null());
-    }
 }
 
 /// Changes of a metric, made of PSNRs.

@@ -21,15 +21,15 @@ use sharp_metrics::{Direction, Family, MetricInfo, MetricKey};
 #[serde(deny_unknown_fields, default)]
 pub struct GateConfig {
     pub fail_if: Vec<Limit>,
-    /// Pairs of a dataset that may lack scores that A has.
+    /// Most pairs per dataset that may lack a score that A has.
     pub missing_pairs: usize,
-    /// By metric, the difference that the runs must be able to detect.
+    /// Difference that the runs must be able to detect, by metric.
     pub require_power: BTreeMap<MetricName, f64>,
 }
 
 impl GateConfig {
     /// # Errors
-    /// What is wrong, in one line, with its place in the file.
+    /// What is wrong and on which line of the file.
     pub fn parse(text: &str) -> Result<Self, String> {
         toml::from_str(text).map_err(|error| {
             let line = error
@@ -99,10 +99,10 @@ impl fmt::Display for MetricName {
     }
 }
 
-/// The quantity and the part of the data that a limit bounds.
+/// Part of the data that a limit applies to.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Scope {
-    /// Each dataset, and all of them together.
+    /// Each dataset, and their mean.
     Everywhere,
     /// One dataset, or [`ALL`](crate::track::compare::ALL).
     On(String),
@@ -130,7 +130,7 @@ pub enum Resource {
 impl Resource {
     pub(super) const ALL: [Self; 2] = [Self::SecondsPerPair, Self::PeakMemory];
 
-    /// Less than this in A says nothing: seconds, MiB.
+    /// Least meaningful value in A: seconds or MiB.
     pub(super) fn least(self) -> f64 {
         match self {
             Self::SecondsPerPair => 0.05,
@@ -154,11 +154,11 @@ pub enum Limit {
         metric: MetricName,
         /// 0 or more, in the metric's unit.
         bound: f64,
-        /// Whether B may not be better by more, either.
+        /// Whether improvements beyond the bound fire too.
         either_way: bool,
         scope: Scope,
     },
-    /// Of B over A, percent.
+    /// Largest increase from A to B, percent.
     Cost { cost: Resource, percent: f64 },
 }
 

@@ -3,96 +3,83 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use super::config::{Limit, Resource};
-use super::judge::{Judge, blank};
-use super::{Check, CheckState};
+use super::{Check, CheckState, GateConfig, fired};
 use crate::evaluate::unit::Timing;
-use crate::track::compare::{ALL, Against};
+use crate::track::compare::{ALL, Against, RunComparison};
 
-impl Judge<'_> {
-    /// Each limit on what predictions cost.
-    pub(super) fn costs_of(&mut self, against: &Against, sides: &[BTreeMap<String, Timing>; 2]) {
-        let device = self.device_difference(against, sides);
-        for limit in &self.config.fail_if {
-            let Limit::Cost { cost, percent } = limit else {
-                continue;
-            };
-            let check = blank(limit.to_string(), cost.name(), against, ALL);
-            let check = match (&device, costs(*cost, sides)) {
-                (Some(difference), _) => Check {
-                    state: CheckState::NotCompared,
-                    reason: difference.clone(),
-                    ..check
-                },
-                (None, Some([before, now])) if before >= cost.least() => {
-                    let more = 100.0 * (now / before - 1.0);
-                    Check {
-                        state: match more > *percent {
-                            true => CheckState::Fired,
-                            false => CheckState::Passed,
-                        },
-                        a: Some(before),
-                        b: Some(now),
-                        difference: Some(more),
-                        decimals: 3,
-                        ..check
-                    }
-                }
-                (None, _) => Check {
-                    state: CheckState::NotCompared,
-                    reason: format!(
-                        "not measured, or below {}, where noise decides",
-                        cost.least()
-                    ),
-                    ..check
-                },
-            };
-            self.subjects.push(None);
-            self.checks.push(check);
-        }
-    }
-
-    /// The first thing in which the devices that predicted differ, or why that is not known.
-    fn device_difference(
-        &self,
-        against: &Against,
-        sides: &[BTreeMap<String, Timing>; 2],
-    ) -> Option<String> {
-        let mut machines = Vec::new();
-        for (side, timings) in ["A", "B"].into_iter().zip(sides) {
-            let known = timings.values().map(|timing| timing.machine.as_deref());
-            let known: BTreeSet<Option<&str>> = known.collect();
-            let mut known = known.into_iter();
-            match (known.next(), known.next()) {
-                (Some(Some(machine)), None) => machines.push(machine.to_owned()),
-                (None, _) => return Some(format!("{side} holds no times; bundles never do")),
-                (Some(None), _) => {
-                    return Some(format!("{side} does not say which processor predicted"));
-                }
-                (Some(Some(one)), Some(other)) => {
-                    let other = other.unwrap_or_default();
-                    return Some(format!("{side} was predicted by {one}, and by {other}"));
-                }
-            }
-        }
-        let facts = |at: usize, label: &str| {
-            let manifest = &self.comparison.manifests[at];
-            let mut methods = manifest.methods.iter();
-            let method = methods.find(|method| method.label == label);
-            let device = method.and_then(|method| method.identity.settings.get("device"));
-            [
-                ("processor", machines[at].clone()),
-                ("class of CPU kernels", manifest.kernels.name().to_owned()),
-                ("renderer", manifest.renderer.backend.clone()),
-                ("network's device", device.cloned().unwrap_or_default()),
-            ]
+/// Each limit on the cost of predictions; `sides` are the times of A and of B by pair.
+pub(super) fn costs_of(
+    comparison: &RunComparison,
+    config: &GateConfig,
+    against: &Against,
+    sides: &[BTreeMap<String, Timing>; 2],
+) -> Vec<Check> {
+    let device = device_difference(comparison, against, sides);
+    let checks = config.fail_if.iter().filter_map(|limit| {
+        let Limit::Cost { cost, percent } = limit else {
+            return None;
         };
-        let mut facts = facts(0, &against.a).into_iter().zip(facts(1, &against.b));
-        let ((what, a), (_, b)) = facts.find(|(a, b)| a != b)?;
-        Some(format!("the {what} is {a} in A and {b} in B"))
-    }
+        let check = Check::of(limit.to_string(), cost.name(), against, ALL);
+        Some(match (&device, costs(*cost, sides)) {
+            (Some(difference), _) => check.decided(CheckState::NotCompared, difference),
+            (None, Some([before, now])) if before >= cost.least() => {
+                let more = 100.0 * (now / before - 1.0);
+                check
+                    .measured(before, now, more, 3)
+                    .decided(fired(more > *percent), "")
+            }
+            (None, _) => check.decided(
+                CheckState::NotCompared,
+                format!(
+                    "not measured, or below {}, where noise decides",
+                    cost.least()
+                ),
+            ),
+        })
+    });
+    checks.collect()
 }
 
-/// Costs of A and B: mean seconds per pair over the pairs that both have, or MiB.
+/// The first difference between the predicting devices, or why they are unknown.
+fn device_difference(
+    comparison: &RunComparison,
+    against: &Against,
+    sides: &[BTreeMap<String, Timing>; 2],
+) -> Option<String> {
+    let mut machines = Vec::new();
+    for (side, timings) in ["A", "B"].into_iter().zip(sides) {
+        let known = timings.values().map(|timing| timing.machine.as_deref());
+        let known: BTreeSet<Option<&str>> = known.collect();
+        match Vec::from_iter(known)[..] {
+            [Some(machine)] => machines.push(machine.to_owned()),
+            [] => return Some(format!("{side} holds no times; bundles never do")),
+            [Some(one), other, ..] => {
+                let other = other.unwrap_or_default();
+                return Some(format!("{side} was predicted by {one}, and by {other}"));
+            }
+            [None, ..] => {
+                return Some(format!("{side} does not say which processor predicted"));
+            }
+        }
+    }
+    let facts = |at: usize, label: &str| {
+        let manifest = &comparison.manifests[at];
+        let mut methods = manifest.methods.iter();
+        let method = methods.find(|method| method.label == label);
+        let device = method.and_then(|method| method.identity.settings.get("device"));
+        [
+            ("processor", machines[at].clone()),
+            ("class of CPU kernels", manifest.kernels.name().to_owned()),
+            ("renderer", manifest.renderer.backend.clone()),
+            ("network's device", device.cloned().unwrap_or_default()),
+        ]
+    };
+    let mut facts = facts(0, &against.a).into_iter().zip(facts(1, &against.b));
+    let ((what, a), (_, b)) = facts.find(|(a, b)| a != b)?;
+    Some(format!("the {what} is {a} in A and {b} in B"))
+}
+
+/// Costs of A and of B: mean seconds per pair over common pairs, or peak MiB.
 fn costs(cost: Resource, sides: &[BTreeMap<String, Timing>; 2]) -> Option<[f64; 2]> {
     let [a, b] = sides;
     let both = || a.iter().filter_map(|(pair, a)| Some([a, b.get(pair)?]));

@@ -1,4 +1,4 @@
-//! Limits against a comparison.
+//! Applies the limits of a gate to a comparison.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -7,62 +7,67 @@ use sharp_metrics::{Direction, MetricInfo, MetricKey};
 use sharp_statistics::{ALPHA, NoInference};
 
 use super::config::{Limit, MetricName, Scope};
-use super::{Check, CheckState, GateConfig, GateError, GateReport, WorsePair};
+use super::cost::costs_of;
+use super::{Check, CheckState, GateConfig, GateError, GateReport, WorsePair, fired};
 use crate::evaluate::record::{Record, Score, Status};
 use crate::evaluate::results::timings;
 use crate::io::counts::counted;
 use crate::track::compare::breakdown::Division;
 use crate::track::compare::{ALL, Against, RunComparison, ScoreChange};
 
-/// Pairs that got worse, as many as are shown.
+/// Most pairs shown that got worse.
 const WORST: usize = 3;
 
+/// Judges a comparison of run B with run A, whose folders are `a` and `b`: coverage, each limit on scores, each on costs.
+///
+/// # Errors
+/// When a limit names a metric or a dataset that the runs do not have, or times cannot be read.
 pub(super) fn judge(
     comparison: &RunComparison,
     config: &GateConfig,
     [a, b]: [&Path; 2],
 ) -> Result<GateReport, GateError> {
-    let mut judge = Judge::new(comparison, config)?;
-    judge.scores();
-    if config
-        .fail_if
-        .iter()
-        .any(|l| matches!(l, Limit::Cost { .. }))
-    {
+    let judge = Judge::new(comparison, config)?;
+    let coverage = comparison.against.iter().flat_map(|a| judge.coverage(a));
+    let mut judged: Vec<Judged<'_>> = coverage.map(|check| (check, None)).collect();
+    judged.extend(judge.scores());
+    let of_costs = |limit: &Limit| matches!(limit, Limit::Cost { .. });
+    if config.fail_if.iter().any(of_costs) {
         for against in &comparison.against {
             let sides = [timings(a, &against.a)?, timings(b, &against.b)?];
-            judge.costs_of(against, &sides);
+            let checks = costs_of(comparison, config, against, &sides);
+            judged.extend(checks.into_iter().map(|check| (check, None)));
         }
     }
-    let (worst_of, worst) = judge.worst_pairs();
-    let graver = judge.checks.iter().map(|check| check.state).max();
+    let (worst_of, worst) = judge.worst_pairs(&judged);
+    let checks: Vec<Check> = judged.into_iter().map(|(check, _)| check).collect();
+    let states = checks.iter().map(|check| check.state);
+    let severe = states.filter(|state| *state >= CheckState::Inconclusive);
     Ok(GateReport {
         a: a.to_owned(),
         b: b.to_owned(),
-        state: graver
-            .filter(|state| *state >= CheckState::Inconclusive)
-            .unwrap_or(CheckState::Passed),
-        checks: judge.checks,
+        state: severe.max().unwrap_or(CheckState::Passed),
+        checks,
         worst_of,
         worst,
         notes: notes_of(comparison),
     })
 }
 
-pub(super) struct Judge<'a> {
-    pub(super) comparison: &'a RunComparison,
-    pub(super) config: &'a GateConfig,
-    /// Those that both runs have.
+/// A check, with its subject if that is a metric.
+type Judged<'a> = (Check, Option<Subject<'a>>);
+
+struct Judge<'a> {
+    comparison: &'a RunComparison,
+    config: &'a GateConfig,
+    /// Metrics of both runs.
     metrics: Vec<&'a MetricInfo>,
     datasets: Vec<&'a str>,
-    pub(super) checks: Vec<Check>,
-    /// Of each check on a metric.
-    pub(super) subjects: Vec<Option<Subject<'a>>>,
 }
 
-/// Subject of a limit on a metric.
+/// What a limit on a metric is applied to.
 #[derive(Clone, Copy)]
-pub(super) struct Subject<'a> {
+struct Subject<'a> {
     limit: &'a Limit,
     against: &'a Against,
     info: &'a MetricInfo,
@@ -71,7 +76,7 @@ pub(super) struct Subject<'a> {
 }
 
 impl Subject<'_> {
-    /// By how much a difference is for the worse.
+    /// Size of a difference for the worse.
     fn loss(&self, difference: f64) -> f64 {
         match self.info.direction {
             _ if self.either_way => difference.abs(),
@@ -80,24 +85,26 @@ impl Subject<'_> {
         }
     }
 
-    /// True also for what is no number.
+    /// Whether a difference exceeds the bound; NaN does.
     fn is_beyond(&self, difference: f64) -> bool {
         difference.is_nan() || self.loss(difference) > self.bound
     }
 
-    fn blank(&self, dataset: &str) -> Check {
+    fn check(&self, dataset: &str) -> Check {
         let key = self.info.key.to_string();
-        blank(self.limit.to_string(), &key, self.against, dataset)
+        Check::of(self.limit.to_string(), &key, self.against, dataset)
+    }
+
+    /// One more than single scores have, because means of many are compared.
+    fn decimals(&self) -> usize {
+        self.info.decimals + 1
     }
 }
 
 impl<'a> Judge<'a> {
     /// # Errors
     /// When a limit names a metric or a dataset that the runs do not have.
-    pub(super) fn new(
-        comparison: &'a RunComparison,
-        config: &'a GateConfig,
-    ) -> Result<Self, GateError> {
+    fn new(comparison: &'a RunComparison, config: &'a GateConfig) -> Result<Self, GateError> {
         let [a, b] = &comparison.manifests;
         let of_both = a.metrics.iter().map(|metric| &metric.info);
         let of_both = of_both.filter(|info| b.metrics.iter().any(|m| m.info.key == info.key));
@@ -107,8 +114,6 @@ impl<'a> Judge<'a> {
             config,
             metrics: of_both.collect(),
             datasets: datasets.map(|dataset| dataset.name.as_str()).collect(),
-            checks: Vec::new(),
-            subjects: Vec::new(),
         };
         judge.check_names().map_err(GateError::Limits)?;
         Ok(judge)
@@ -161,13 +166,10 @@ impl<'a> Judge<'a> {
         metrics.filter(move |info| name.names(info))
     }
 
-    /// Coverage, then each limit on scores.
-    pub(super) fn scores(&mut self) {
-        let (comparison, config) = (self.comparison, self.config);
-        for against in &comparison.against {
-            self.coverage(against);
-        }
-        for limit in &config.fail_if {
+    /// Checks of all limits on scores.
+    fn scores(&self) -> Vec<Judged<'a>> {
+        let mut judged = Vec::new();
+        for limit in &self.config.fail_if {
             let Limit::Score {
                 metric,
                 bound,
@@ -177,8 +179,8 @@ impl<'a> Judge<'a> {
             else {
                 continue;
             };
-            for against in &comparison.against {
-                for info in self.named(*metric).collect::<Vec<_>>() {
+            for against in &self.comparison.against {
+                for info in self.named(*metric) {
                     let subject = Subject {
                         limit,
                         against,
@@ -190,21 +192,22 @@ impl<'a> Judge<'a> {
                         Scope::PerScene(_) => self.scenes(subject, scope.dataset()),
                         _ => self.rows(subject, scope.dataset()),
                     };
-                    self.subjects.extend(checks.iter().map(|_| Some(subject)));
-                    self.checks.extend(checks);
+                    judged.extend(checks.into_iter().map(|check| (check, Some(subject))));
                 }
             }
         }
+        judged
     }
 
     /// Pairs of each dataset that have a score in A and none, or NaN, in B.
-    fn coverage(&mut self, against: &'a Against) {
+    fn coverage(&self, against: &Against) -> Vec<Check> {
         let [a, b] = against.joined.each_ref().map(|label| {
             let records = self.comparison.results.records.iter();
             let own = records.filter(move |record| record.method == *label);
             own.map(|record| (record.pair_id.as_str(), record))
                 .collect::<BTreeMap<_, _>>()
         });
+        let mut checks = Vec::new();
         for &dataset in &self.datasets {
             let (mut scored, mut lost) = (0_usize, Vec::new());
             for (pair_id, record) in &a {
@@ -224,28 +227,19 @@ impl<'a> Judge<'a> {
             if scored == 0 {
                 continue;
             }
-            let allowed = self.config.missing_pairs;
-            self.subjects.push(None);
-            self.checks.push(Check {
-                state: match lost.len() > allowed {
-                    true => CheckState::Fired,
-                    false => CheckState::Passed,
-                },
-                a: Some(scored as f64),
-                b: Some((scored - lost.len()) as f64),
-                difference: Some(0.0 - lost.len() as f64),
-                reason: lost.first().map_or_else(String::new, |first| {
-                    let pairs = counted(lost.len(), "pair");
-                    format!("{pairs} without a score that A has, the first is {first}")
-                }),
-                ..blank(
-                    format!("missing_pairs > {allowed}"),
-                    "missing_pairs",
-                    against,
-                    dataset,
-                )
+            let reason = lost.first().map_or_else(String::new, |first| {
+                let pairs = counted(lost.len(), "pair");
+                format!("{pairs} without a score that A has, the first is {first}")
             });
+            let allowed = self.config.missing_pairs;
+            let limit = format!("missing_pairs > {allowed}");
+            let kept = (scored - lost.len()) as f64;
+            let check = Check::of(limit, "missing_pairs", against, dataset)
+                .measured(scored as f64, kept, 0.0 - lost.len() as f64, 0)
+                .decided(fired(lost.len() > allowed), reason);
+            checks.push(check);
         }
+        checks
     }
 
     /// A limit on means of datasets.
@@ -264,7 +258,7 @@ impl<'a> Judge<'a> {
                 && (&row.metric, row.region) == (&metric, info.region)
         };
         let checks = places.filter_map(|place| {
-            let check = subject.blank(place);
+            let check = subject.check(place);
             let rows = self.comparison.rows.iter().filter(of_metric);
             let mut rows = rows.filter(|row| row.no_inference != Some(NoInference::NoPairs));
             let Some(row) = rows.find(|row| row.dataset == place) else {
@@ -285,23 +279,20 @@ impl<'a> Judge<'a> {
                 Some(reason) if state != CheckState::Fired => (CheckState::Inconclusive, reason),
                 _ => (state, reason),
             };
+            let check = check
+                .measured(row.mean_a, row.mean_b, row.difference, subject.decimals())
+                .decided(state, reason);
             Some(Check {
-                state,
-                reason,
-                a: Some(row.mean_a),
-                b: Some(row.mean_b),
-                difference: Some(row.difference),
                 ci_low: row.ci_low,
                 ci_high: row.ci_high,
                 p_holm: row.p_holm,
                 mde: row.mde,
-                decimals: info.decimals + 1,
                 ..check
             })
         });
         let checks: Vec<Check> = checks.collect();
         match checks.is_empty() {
-            true => vec![unscored(subject.blank(ALL))],
+            true => vec![unscored(subject.check(ALL))],
             false => checks,
         }
     }
@@ -314,7 +305,7 @@ impl<'a> Judge<'a> {
         })
     }
 
-    /// Why a row cannot find what `require_power` says. Equal sides have no spread to judge by, and nothing to find.
+    /// Why a row cannot detect the difference that `require_power` asks for. Equal sides pass: there is nothing to detect.
     fn lacks_power(&self, info: &MetricInfo, row: &ScoreChange) -> Option<String> {
         let required = self.config.require_power.iter();
         let required = required.filter(|(name, _)| name.names(info));
@@ -338,63 +329,58 @@ impl<'a> Judge<'a> {
         }
     }
 
-    /// A limit on each scene: those beyond it, or the one that comes closest.
+    /// Checks of a limit on each scene: all that fired, or else the closest one.
     fn scenes(&self, subject: Subject<'_>, dataset: Option<&str>) -> Vec<Check> {
-        let Subject { against, info, .. } = subject;
         let place = dataset.unwrap_or(ALL);
-        let blank = subject.blank(place);
-        let strata = self.comparison.breakdown(against, info).into_iter();
-        let scenes = strata.filter(|part| part.by == Division::Scene);
-        let scenes = scenes.filter(|part| place == ALL || part.dataset == place);
-        let mut checks: Vec<Check> = scenes
-            .map(|scene| {
-                let fires = subject.is_beyond(scene.difference);
-                Check {
-                    state: if fires {
-                        CheckState::Fired
-                    } else {
-                        CheckState::Passed
-                    },
-                    dataset: scene.dataset,
-                    scene: Some(scene.stratum),
-                    a: Some(scene.mean_a),
-                    b: Some(scene.mean_b),
-                    difference: Some(scene.difference),
-                    reason: match scene.difference.is_finite() {
-                        true => String::new(),
-                        false => not_finite(scene.difference),
-                    },
-                    decimals: info.decimals + 1,
-                    ..blank.clone()
-                }
-            })
-            .collect();
+        let strata = self.comparison.breakdown(subject.against, subject.info);
+        let scenes = strata
+            .into_iter()
+            .filter(|part| part.by == Division::Scene && (place == ALL || part.dataset == place));
+        let checks = scenes.map(|scene| {
+            let reason = match scene.difference.is_finite() {
+                true => String::new(),
+                false => not_finite(scene.difference),
+            };
+            let check = subject
+                .check(&scene.dataset)
+                .measured(
+                    scene.mean_a,
+                    scene.mean_b,
+                    scene.difference,
+                    subject.decimals(),
+                )
+                .decided(fired(subject.is_beyond(scene.difference)), reason);
+            Check {
+                scene: Some(scene.stratum),
+                ..check
+            }
+        });
+        let mut checks: Vec<Check> = checks.collect();
         if checks.is_empty() {
-            return vec![unscored(blank)];
+            return vec![unscored(subject.check(place))];
         }
         let loss = |check: &Check| subject.loss(check.difference.unwrap_or_default());
         checks.sort_by(|one, other| loss(other).total_cmp(&loss(one)));
-        let fired = checks
-            .iter()
-            .filter(|c| c.state == CheckState::Fired)
-            .count();
+        let is_fired = |check: &&Check| check.state == CheckState::Fired;
+        let fired = checks.iter().filter(is_fired).count();
         let scenes = counted(checks.len(), "scene");
         checks.truncate(fired.max(1));
-        if let ([closest], 0) = (checks.as_mut_slice(), fired) {
-            closest.reason = format!("the worst of {scenes}");
+        if fired == 0 {
+            checks[0].reason = format!("the worst of {scenes}");
         }
         checks
     }
 
-    /// The pairs that lost most, of the first check on a metric that fired, or of the first on one.
-    pub(super) fn worst_pairs(&self) -> (Option<usize>, Vec<WorsePair>) {
-        let mut on_metrics = (0..self.checks.len()).filter(|&at| self.subjects[at].is_some());
-        let fired = |at: &usize| self.checks[*at].state == CheckState::Fired;
-        let at = on_metrics.clone().find(fired).or_else(|| on_metrics.next());
-        let Some((at, subject)) = at.and_then(|at| Some((at, self.subjects[at]?))) else {
+    /// The pairs with the largest losses, for the first fired check on a metric or else the first check on one.
+    fn worst_pairs(&self, judged: &[Judged<'_>]) -> (Option<usize>, Vec<WorsePair>) {
+        let on_metrics = judged.iter().enumerate();
+        let mut on_metrics =
+            on_metrics.filter_map(|(at, (check, subject))| Some((at, check, (*subject)?)));
+        let first = on_metrics.clone().next();
+        let fired = on_metrics.find(|(_, check, _)| check.state == CheckState::Fired);
+        let Some((at, check, subject)) = fired.or(first) else {
             return (None, Vec::new());
         };
-        let check = &self.checks[at];
         let size = |loss: f64| if subject.either_way { loss.abs() } else { loss };
         let mut changes = self.comparison.changes(subject.against, subject.info);
         changes.retain(|change| {
@@ -413,27 +399,6 @@ impl<'a> Judge<'a> {
     }
 }
 
-pub(super) fn blank(limit: String, quantity: &str, against: &Against, dataset: &str) -> Check {
-    Check {
-        state: CheckState::Passed,
-        limit,
-        quantity: quantity.to_owned(),
-        method_a: against.a.clone(),
-        method_b: against.b.clone(),
-        dataset: dataset.to_owned(),
-        scene: None,
-        a: None,
-        b: None,
-        difference: None,
-        ci_low: None,
-        ci_high: None,
-        p_holm: None,
-        mde: None,
-        reason: String::new(),
-        decimals: 0,
-    }
-}
-
 fn notes_of(comparison: &RunComparison) -> Vec<String> {
     let damaged = comparison.results.damaged.iter();
     let damaged = damaged.map(|path| {
@@ -446,11 +411,10 @@ fn notes_of(comparison: &RunComparison) -> Vec<String> {
 }
 
 fn unscored(check: Check) -> Check {
-    Check {
-        state: CheckState::Inconclusive,
-        reason: "no pair has a score on both sides".to_owned(),
-        ..check
-    }
+    check.decided(
+        CheckState::Inconclusive,
+        "no pair has a score on both sides",
+    )
 }
 
 fn not_finite(difference: f64) -> String {
@@ -473,7 +437,7 @@ fn why_not_significant(row: &ScoreChange) -> String {
     }
 }
 
-/// A score that can be averaged.
+/// A score that is not NaN.
 fn number(record: &Record, key: &str) -> Option<f64> {
     let value = record.scores.get(key).and_then(Score::value);
     value.filter(|value| !value.is_nan())

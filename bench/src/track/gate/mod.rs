@@ -2,7 +2,7 @@
 //! unlikely reason, when single scenes are worse, when pairs lost their scores, or when predictions cost more.
 //!
 //! * [`config`]: limits as people write them; [`output`]: tables, JUnit XML and Markdown.
-//! * `judge`: limits on scores; `cost`: limits on time and memory.
+//! * `judge`: the rules on a comparison: limits on scores and on coverage; `cost`: limits on time and memory.
 //!
 //! Limits that cannot be judged never pass silently; `bench/docs/gate.md` has the table.
 
@@ -16,35 +16,36 @@ use std::path::{Path, PathBuf};
 
 use serde::Serialize;
 
-use super::compare::{CompareError, Practical, compare};
+use super::compare::{Against, CompareError, Practical, compare};
 use crate::evaluate::EvaluateError;
 pub use config::{GateConfig, Limit};
 use judge::judge;
 
-/// Why a gate cannot say anything.
+/// Why a gate has no outcome.
 #[derive(Debug, thiserror::Error)]
 pub enum GateError {
     /// The runs cannot be compared.
     #[error(transparent)]
     Compare(#[from] CompareError),
-    /// What a run's predictions took cannot be read.
+    /// The times of a run cannot be read.
     #[error(transparent)]
     Evaluate(#[from] EvaluateError),
-    /// It has no limits, or they name what the runs lack.
+    /// There are no limits, or they name something the runs lack.
     #[error("{0}")]
     Limits(String),
 }
 
-/// Outcome of one check, or of all; least to most severe.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize)]
+/// Outcome of one check or of all, from least to most severe.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Default, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum CheckState {
+    #[default]
     Passed,
-    /// Beyond the limit, but chance could have done it.
+    /// Beyond the limit, but not significant.
     NotSignificant,
-    /// A cost, of predictions on unlike devices.
+    /// A cost on devices that differ.
     NotCompared,
-    /// The runs cannot tell.
+    /// Not decidable from these runs.
     Inconclusive,
     Fired,
 }
@@ -62,31 +63,31 @@ impl CheckState {
     }
 }
 
-/// A limit applied to one place. What is not finite, or not known, is null.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+/// A limit applied to one dataset or scene. Values that are unknown or not finite are null.
+#[derive(Debug, Clone, Default, PartialEq, Serialize)]
 pub struct Check {
     pub state: CheckState,
-    /// As it was written; `missing_pairs > 0` for coverage.
+    /// The limit as written; `missing_pairs > 0` for coverage.
     pub limit: String,
     /// Key of a metric, or the name of a cost; `missing_pairs` for coverage.
     pub quantity: String,
     pub method_a: String,
     pub method_b: String,
-    /// Its name, or `all`.
+    /// Name, or `all`.
     pub dataset: String,
     pub scene: Option<String>,
     pub a: Option<f64>,
     pub b: Option<f64>,
-    /// B − A; of costs B over A, percent.
+    /// B − A; for costs, the increase in percent.
     pub difference: Option<f64>,
     pub ci_low: Option<f64>,
     pub ci_high: Option<f64>,
     pub p_holm: Option<f64>,
     /// The smallest difference that is found with 80 % power.
     pub mde: Option<f64>,
-    /// Why, in one line; empty where the numbers say it.
+    /// Reason in one line; empty where the numbers suffice.
     pub reason: String,
-    /// Decimals that a table shows.
+    /// Decimals in tables.
     #[serde(skip)]
     pub decimals: usize,
 }
@@ -109,12 +110,53 @@ pub struct GateReport {
     /// Fired if any check has; else inconclusive if any is; else passed.
     pub state: CheckState,
     pub checks: Vec<Check>,
-    /// The check that [`Self::worst`] is about: the first on a metric that fired, or the first on one.
+    /// Index of the check that [`Self::worst`] belongs to: the first fired check on a metric, or else the first one on a metric.
     pub worst_of: Option<usize>,
-    /// Three pairs at most, worst first.
+    /// At most three pairs, worst first.
     pub worst: Vec<WorsePair>,
-    /// What is worth knowing and decides nothing.
+    /// Remarks that do not affect the outcome.
     pub notes: Vec<String>,
+}
+
+impl Check {
+    /// A check of two methods on a dataset, before its outcome.
+    fn of(limit: String, quantity: &str, against: &Against, dataset: &str) -> Self {
+        Self {
+            limit,
+            quantity: quantity.to_owned(),
+            method_a: against.a.clone(),
+            method_b: against.b.clone(),
+            dataset: dataset.to_owned(),
+            ..Self::default()
+        }
+    }
+
+    fn decided(self, state: CheckState, reason: impl Into<String>) -> Self {
+        Self {
+            state,
+            reason: reason.into(),
+            ..self
+        }
+    }
+
+    /// With A, B and by how much they differ.
+    fn measured(self, a: f64, b: f64, difference: f64, decimals: usize) -> Self {
+        Self {
+            a: Some(a),
+            b: Some(b),
+            difference: Some(difference),
+            decimals,
+            ..self
+        }
+    }
+}
+
+/// Fired, or passed.
+fn fired(is_beyond: bool) -> CheckState {
+    match is_beyond {
+        true => CheckState::Fired,
+        false => CheckState::Passed,
+    }
 }
 
 impl GateReport {
@@ -140,7 +182,7 @@ impl GateReport {
         said
     }
 
-    /// The command that shows more.
+    /// A `compare` command that shows details.
     pub fn compare_command(&self) -> String {
         let methods: BTreeSet<_> = self
             .checks

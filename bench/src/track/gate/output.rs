@@ -7,13 +7,13 @@ use crate::io::text::visible_line;
 use crate::report::tables::grid::{GridCell, TextGrid};
 use crate::report::tables::markdown::escape;
 use crate::report::tables::shown;
-use crate::track::compare::tables::{interval, optional, p_text};
+use crate::track::compare::tables::p_text;
 
-/// Rows of a comment at most: forges cut long ones.
+/// Most rows of a comment; hosts cut long ones.
 const ROWS: usize = 40;
 
 impl Check {
-    /// Where it looks: `eth3d, sharp`, `eth3d/office, old to new`.
+    /// Dataset, scene and methods: `eth3d, sharp`, `eth3d/office, old to new`.
     fn place(&self) -> String {
         let mut place = self.dataset.clone();
         if let Some(scene) = &self.scene {
@@ -27,9 +27,9 @@ impl Check {
 
     /// A, B, B − A, interval and p.
     fn numbers(&self) -> [GridCell; 5] {
-        let number = |value| optional(value, |value| shown(value, self.decimals));
+        let number = |value| GridCell::optional(value, |value| shown(value, self.decimals));
         let difference = match self.limit.ends_with('%') {
-            true => optional(self.difference, |percent| {
+            true => GridCell::optional(self.difference, |percent| {
                 format!("{} %", shown(percent, 1))
             }),
             false => number(self.difference),
@@ -38,17 +38,13 @@ impl Check {
             number(self.a),
             number(self.b),
             difference,
-            interval(self.ci_low, self.ci_high, self.decimals),
-            optional(self.p_holm, p_text),
+            GridCell::interval(self.ci_low, self.ci_high, self.decimals),
+            GridCell::optional(self.p_holm, p_text),
         ]
     }
 }
 
-fn words(text: &str) -> GridCell {
-    GridCell::words(visible_line(text))
-}
-
-/// A row a check.
+/// One row per check.
 fn grid<'a>(title: String, checks: impl Iterator<Item = &'a Check>) -> TextGrid {
     let rows = checks.map(|check| {
         let said = [
@@ -57,22 +53,17 @@ fn grid<'a>(title: String, checks: impl Iterator<Item = &'a Check>) -> TextGrid 
             &check.quantity,
             &check.place(),
         ]
-        .map(words);
+        .map(GridCell::words);
         let numbers = check.numbers().into_iter();
         said.into_iter()
             .chain(numbers)
-            .chain([words(&check.reason)])
+            .chain([GridCell::words(&check.reason)])
             .collect()
     });
     let heads = [
         "", "limit", "of", "on", "A", "B", "B - A", "95 %", "p Holm", "",
     ];
-    TextGrid {
-        title,
-        heads: heads.map(str::to_owned).into(),
-        rows: rows.collect(),
-        remarks: Vec::new(),
-    }
+    TextGrid::new(title, &heads, rows)
 }
 
 impl GateReport {
@@ -88,24 +79,21 @@ impl GateReport {
     fn worst_grid(&self) -> Option<TextGrid> {
         let check = self.checks.get(self.worst_of?)?;
         let rows = self.worst.iter().map(|pair| {
-            let number = |value: f64| GridCell::number(shown(value, check.decimals), value);
+            let number = |value: f64| GridCell::rounded(value, check.decimals);
             vec![
-                words(&pair.pair_id),
+                GridCell::words(&pair.pair_id),
                 number(pair.a),
                 number(pair.b),
                 number(pair.loss),
             ]
         });
-        (!self.worst.is_empty()).then(|| TextGrid {
-            title: format!("worst pairs, {} on {}", check.quantity, check.place()),
-            heads: ["pair", "A", "B", "worse by"].map(str::to_owned).into(),
-            rows: rows.collect(),
-            remarks: Vec::new(),
-        })
+        let title = format!("worst pairs, {} on {}", check.quantity, check.place());
+        (!self.worst.is_empty())
+            .then(|| TextGrid::new(title, &["pair", "A", "B", "worse by"], rows))
     }
 }
 
-/// A test case a check: fired is a failure, inconclusive an error, not compared skipped.
+/// One test case per check: fired is a failure, inconclusive an error, not compared is skipped.
 pub fn junit(report: &GateReport) -> String {
     let count = |state| report.checks.iter().filter(|c| c.state == state).count();
     let mut out = String::from("<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n");
@@ -154,7 +142,7 @@ fn said(check: &Check) -> String {
     said
 }
 
-/// Text that XML 1.0 can hold, also between quotes.
+/// Escapes text and attributes for XML 1.0.
 fn xml(text: &str) -> String {
     let mut out = String::with_capacity(text.len());
     for c in visible_line(text).chars() {
@@ -172,7 +160,7 @@ fn xml(text: &str) -> String {
     out
 }
 
-/// Verdict, checks with the gravest first, the worst pairs, and how to see more.
+/// Outcome, checks with the most severe first, worst pairs, and the command that shows details.
 pub fn markdown(report: &GateReport) -> String {
     let mut checks: Vec<&Check> = report.checks.iter().collect();
     checks.sort_by_key(|check| std::cmp::Reverse(check.state));

@@ -1,7 +1,6 @@
 use std::collections::BTreeMap;
 
-use serde_json::json;
-use sharp_metrics::{MetricInfo, MetricKey};
+use sharp_metrics::MetricKey;
 
 use super::output::{junit, markdown};
 use super::*;
@@ -9,6 +8,7 @@ use crate::evaluate::Results;
 use crate::evaluate::record::{Record, Score, Status};
 use crate::evaluate::test_records;
 use crate::evaluate::unit::Timing;
+use crate::report::test_results;
 use crate::track::compare::compare_results;
 
 fn record(dataset: &str, scene: usize, number: usize, psnr: f64) -> Record {
@@ -33,37 +33,7 @@ fn scored(dataset: &str, scenes: usize, change: impl Fn(usize, usize) -> f64) ->
 }
 
 fn results(records: Vec<Record>) -> Results {
-    let metrics = [MetricKey::PSNR, MetricKey::LPIPS].map(|key| {
-        let mut metric = serde_json::to_value(MetricInfo::new(key, &[])).unwrap();
-        metric["identity"] = "i".into();
-        metric
-    });
-    let names: std::collections::BTreeSet<&str> =
-        records.iter().map(|r| r.dataset.as_str()).collect();
-    let datasets = names.iter().map(|name| {
-        json!({
-            "name": name, "spec": name, "format": "synthetic", "identity": name, "scenes": 1, "views": 1,
-            "readings": [], "notes": [],
-        })
-    });
-    let manifest = json!({
-        "format": 2, "version": "0", "sources": {}, "kernels": "portable", "scoring": {}, "metrics": metrics,
-        "renderer": { "backend": "cpu-portable", "near": 0.01, "far": 1.0, "eps2d": 0.0, "background": "black" },
-        "metric_networks": { "device": "cpu", "instruction_set": "portable", "algorithm": "winograd" },
-        "pairs": { "sha256": "", "listed": 0, "evaluated": 0, "lists": [] },
-        "datasets": datasets.collect::<Vec<_>>(),
-        "methods": [{
-            "label": "m", "spec": "copy", "identity": { "kind": "copy", "settings": {} }, "privilege": "none",
-            "sources": "",
-        }],
-    });
-    Results {
-        manifest: serde_json::from_value(manifest).unwrap(),
-        records,
-        missing: Default::default(),
-        pictures: Vec::new(),
-        damaged: Vec::new(),
-    }
+    test_results::results(&[MetricKey::PSNR, MetricKey::LPIPS], records)
 }
 
 fn config(limits: &[&str]) -> GateConfig {
@@ -120,38 +90,6 @@ fn a_limit_fires_only_beyond_its_bound_and_where_chance_is_unlikely() {
     assert_eq!(states("|psnr| > 0.2", &rise), (fired, fired));
     assert_eq!(states("|psnr| > 0.2", &drop), (fired, fired));
     assert_eq!(states("|psnr| > 0.5", &rise), (passed, passed));
-}
-
-#[test]
-fn a_broken_scene_fires_its_own_limit_and_the_worst_pairs_are_of_it() {
-    let broken = |scene: usize, number: usize| match scene {
-        3 => -4.0 - number as f64,
-        _ => 0.0,
-    };
-    let limits = ["psnr < -0.1", "psnr < -1 per scene", "psnr < -9 per scene"];
-    let report = judged(
-        scored("D", 8, nothing),
-        scored("D", 8, broken),
-        &config(&limits),
-    );
-    let report = report.unwrap();
-    assert_eq!(
-        states(&report),
-        [
-            CheckState::NotSignificant,
-            CheckState::Fired,
-            CheckState::Passed
-        ]
-    );
-    let scenes: Vec<_> = report.checks[1..]
-        .iter()
-        .map(|c| c.scene.as_deref())
-        .collect();
-    assert_eq!(scenes, [None, Some("3"), Some("3")]);
-    assert_eq!(report.worst_of, Some(2));
-    let worst: Vec<&str> = report.worst.iter().map(|p| p.pair_id.as_str()).collect();
-    assert_eq!(worst, ["D/3/1", "D/3/0"]);
-    assert_eq!(report.worst[0].loss, 5.0);
 }
 
 #[test]
@@ -431,9 +369,8 @@ fn costs_count_on_one_device_only() {
     let comparison = compare_results(sides, &[], &Practical::default()).unwrap();
     let limits = config(&["seconds_per_pair > +10 %", "peak_memory > +10 %"]);
     let checks = |a: &[Timing], b: &[Timing]| {
-        let mut judge = judge::Judge::new(&comparison, &limits).unwrap();
-        judge.costs_of(&comparison.against[0], &[side(a), side(b)]);
-        judge.checks
+        let against = &comparison.against[0];
+        cost::costs_of(&comparison, &limits, against, &[side(a), side(b)])
     };
     let x = |secs| timing(Some("x, 8 threads"), secs);
     let found = checks(&[x(1.0), x(3.0)], &[x(2.0), x(2.3)]);

@@ -1,53 +1,26 @@
-//! The series of a history as a table for programs: one row an entry of a series.
+//! The series of a history as CSV, one row per point.
 
 use crate::evaluate::Occasion;
-use crate::evaluate::results::number;
-use crate::io::text::csv_cell;
+use crate::report::tables;
+use crate::report::tables::csv::{optional, text};
 use crate::track::compare::verdict_word;
 
 use super::{History, Point};
 
 /// Columns of [`csv()`].
-pub const COLUMNS: [&str; 23] = [
-    "entry",
-    "label",
-    "commit",
-    "date",
-    "method",
-    "dataset",
-    "metric",
-    "n_pairs",
-    "n_planned",
-    "n_failed",
-    "n_scenes",
-    "mean",
-    "ci_low",
-    "ci_high",
-    "weights",
-    "identity",
-    "follows",
-    "broken",
-    "change",
-    "rule",
-    "against",
-    "difference",
-    "p",
-];
+pub const COLUMNS: &str = "entry,label,commit,date,method,dataset,metric,n_pairs,n_planned,n_failed,n_scenes,mean,ci_low,ci_high,\
+                           weights,identity,follows,broken,change,rule,against,difference,p";
 
 /// Comma-separated values with a header, series by series. Numbers round-trip; unknown values are empty.
-pub fn csv(history: &History) -> Vec<u8> {
-    let mut writer = ::csv::Writer::from_writer(Vec::new());
-    // Writing into memory cannot fail.
-    let _ = writer.write_record(COLUMNS);
-    for point in history.points() {
-        let _ = writer.write_record(row(history, point));
-    }
-    writer.into_inner().unwrap_or_default()
+///
+/// # Errors
+/// Those of the CSV writer, which writes to memory.
+pub fn csv(history: &History) -> Result<Vec<u8>, ::csv::Error> {
+    let rows = history.points().map(|point| row(history, point));
+    tables::csv::csv(COLUMNS.split(','), rows)
 }
 
 fn row(history: &History, point: &Point) -> [String; 23] {
-    let text = |text: &str| csv_cell(text).into_owned();
-    let optional = |value: Option<f64>| value.map(number).unwrap_or_default();
     let entry = |number: Option<u32>| number.map(|n| n.to_string()).unwrap_or_default();
     let occasion = history.occasion(point.entry);
     let of_entry =

@@ -1,11 +1,11 @@
 //! Runs over time.
 //!
-//! A history is a folder of entries, `0001.zip`, `0002.zip`, …: the [`Bundle`] of a run with its [`Occasion`] each. An entry
-//! is never changed: whatever is added takes the next number, and their order is that of adding. The same results of the
-//! same label and commit are one entry.
+//! A history is a folder of entries `0001.zip`, `0002.zip`, …, each the [`Bundle`] of a run with its [`Occasion`]. Entries are
+//! never changed and are numbered in the order of adding. Adding the same results with the same label and commit again adds
+//! nothing.
 //!
-//! * [`add`]: one more run; [`read`]: all of them, as [`Series`] of one method on one dataset under one metric.
-//! * `trend`: which entry changed what; [`csv`], [`text`], [`page`]: the series for programs, terminals and browsers.
+//! * [`add`] adds a run; [`read`] reads all, as [`Series`] of one method on one dataset under one metric.
+//! * `trend` finds change points; [`csv`], [`text`] and [`page`] write the series for programs, terminals and browsers.
 
 pub mod csv;
 pub mod page;
@@ -27,13 +27,13 @@ use crate::io::calendar::{is_date, minute};
 use crate::io::text::visible_line;
 use trend::Trend;
 
-/// Characters of a label or a commit at most.
+/// Most characters of a label or commit.
 const LONGEST: usize = 120;
 
 /// Why a history cannot be read or added to.
 #[derive(Debug, thiserror::Error)]
 pub enum HistoryError {
-    /// The run that was to be added, or an entry.
+    /// The added run or an entry cannot be read.
     #[error(transparent)]
     Evaluate(#[from] EvaluateError),
     /// The system refused to read or write a file.
@@ -42,7 +42,7 @@ pub enum HistoryError {
     /// A label, commit or date that no entry can have.
     #[error("{0}")]
     Occasion(String),
-    /// A folder with other files, or without any.
+    /// The folder holds other files, or no entry.
     #[error("{}: {reason}", dir.display())]
     NoHistory { dir: PathBuf, reason: String },
 }
@@ -50,7 +50,7 @@ pub enum HistoryError {
 /// One run of a history.
 #[derive(Debug)]
 struct Entry {
-    /// From 1, in the order of adding.
+    /// Counted from 1 in the order of adding.
     number: u32,
     occasion: Occasion,
     bundle: Bundle,
@@ -63,7 +63,7 @@ pub struct Added {
     pub path: PathBuf,
     pub number: u32,
     pub occasion: Occasion,
-    /// False where the entry was there before.
+    /// False if the entry already existed.
     pub is_new: bool,
     /// Why entries could not be read, one line each.
     pub damaged: Vec<String>,
@@ -86,13 +86,13 @@ impl History {
         self.series.iter().flat_map(|series| &series.points)
     }
 
-    /// What is said of an entry; `None` for a number that no entry has.
+    /// Metadata of an entry; `None` if there is no entry of that number.
     pub fn occasion(&self, number: u32) -> Option<&Occasion> {
         let at = self.entries.binary_search_by_key(&number, |(n, _)| *n);
         at.ok().map(|at| &self.entries[at].1)
     }
 
-    /// Labels of methods, in the order in which series name them first.
+    /// Labels of methods in order of first appearance.
     pub fn methods(&self) -> Vec<&str> {
         let mut methods: Vec<&str> = Vec::new();
         for series in &self.series {
@@ -225,7 +225,7 @@ pub fn add(dir: &Path, run: &Path, occasion: Occasion) -> Result<Added, HistoryE
     }
 }
 
-/// Reads all entries. One that is damaged is named in [`History::damaged`] and takes nothing from the others.
+/// Reads all entries. Damaged ones are listed in [`History::damaged`] and do not affect the others.
 ///
 /// # Errors
 /// When the folder cannot be read or holds no entry.
@@ -258,8 +258,8 @@ fn entry_path(dir: &Path, number: u32) -> PathBuf {
     dir.join(format!("{number:04}.zip"))
 }
 
-/// The numbers of names as [`entry_path`] makes them, whatever they are names of; and one other name, but for those with a
-/// dot, which are nobody's.
+/// The numbers of all names of the form of [`entry_path`], even if they are not files, and one other name, if any; names
+/// that begin with a dot are ignored.
 fn names(dir: &Path) -> Result<(BTreeSet<u32>, Option<String>), FileError> {
     let entries = fs::read_dir(dir).map_err(FileError::new(dir, "read"))?;
     let (mut numbers, mut foreign) = (BTreeSet::new(), None);
@@ -278,7 +278,7 @@ fn names(dir: &Path) -> Result<(BTreeSet<u32>, Option<String>), FileError> {
     Ok((numbers, foreign))
 }
 
-/// A link is not an entry: its target may change.
+/// The entry's file; a link is refused because its target may change.
 fn entry_file(dir: &Path, number: u32) -> Result<PathBuf, FileError> {
     let path = entry_path(dir, number);
     let kind = fs::symlink_metadata(&path).map_err(FileError::new(&path, "read"))?;

@@ -7,20 +7,20 @@ use crate::evaluate::Occasion;
 use crate::io::text::visible;
 use crate::report::ReportError;
 use crate::report::html::{STYLE, VERSION, themed};
-use crate::report::plots::Figure;
-use crate::report::plots::canvas::{Anchor, INK, Lettering, MUTED, PAPER, Surface};
-use crate::report::plots::palette::{Marker, Style, stroke, style};
-use crate::report::plots::panels::{
-    MARKER, Panel, PanelFrame, PlotArea, PlotAxis, figure, point as marker,
-};
-use crate::report::plots::text::{Weight, fitted};
+use sharp_plots::Figure;
+use sharp_plots::PlotError;
+use sharp_plots::canvas::{Anchor, Lettering, Surface};
+use sharp_plots::ink::{INK, MUTED, PAPER};
+use sharp_plots::palette::{Marker, Style, stroke, style};
+use sharp_plots::panels::{MARKER, Panel, PanelFrame, PlotArea, PlotAxis, figure, point as marker};
+use sharp_plots::text::{Weight, fitted};
 use sharp_statistics::Verdict;
 
 /// Font size of the labels below the axis, CSS pixels.
 const LABEL_SIZE: f64 = 11.5;
-/// So many entries have room for their labels below the axis.
+/// Most entries whose labels fit below the axis.
 const LABELLED: f64 = 9.0;
-/// Between the points of two methods at one entry, CSS pixels.
+/// Distance between the points of two methods at one entry, CSS pixels.
 const APART: f64 = 7.0;
 
 #[derive(Template)]
@@ -30,7 +30,7 @@ struct HistoryPage<'a> {
     history: &'a History,
     /// One a metric.
     figures: &'a [Figure],
-    /// Points that are remarkable for something, with their series.
+    /// Points with events, and their series.
     events: &'a [(&'a Series, &'a Point)],
     changes: usize,
     /// Whether plots have several panels.
@@ -54,7 +54,7 @@ impl HistoryPage<'_> {
 pub fn html(history: &History, title: &str) -> Result<String, ReportError> {
     let of_metric = |one: &Series, other: &Series| one.metric.key == other.metric.key;
     let figures = history.series.chunk_by(of_metric);
-    let figures: Result<Vec<Figure>, ReportError> =
+    let figures: Result<Vec<Figure>, PlotError> =
         figures.map(|series| plot(history, series)).collect();
     let events = history.series.iter().flat_map(|series| {
         let points = series.points.iter();
@@ -80,7 +80,7 @@ pub fn html(history: &History, title: &str) -> Result<String, ReportError> {
 }
 
 /// The series of one metric, a panel a dataset.
-fn plot(history: &History, series: &[Series]) -> Result<Figure, ReportError> {
+fn plot(history: &History, series: &[Series]) -> Result<Figure, PlotError> {
     let methods = history.methods();
     let style_of = |series: &Series| {
         let at = methods.iter().position(|method| *method == series.method);
@@ -90,24 +90,23 @@ fn plot(history: &History, series: &[Series]) -> Result<Figure, ReportError> {
     let panels = series.chunk_by(|one, other| one.dataset == other.dataset);
     let panels = panels.map(|series| Panel {
         frame: PanelFrame {
-            title: series[0].dataset.clone(),
-            remark: String::new(),
-            x: horizontal(history),
-            y: vertical(series),
             infinity: points(series).any(|point| point.mean.is_some_and(f64::is_infinite)),
-            counts: Vec::new(),
+            ..PanelFrame::new(
+                &series[0].dataset,
+                "",
+                horizontal(history),
+                vertical(series),
+            )
         },
         content: if points(series).any(|point| point.mean.is_some_and(|mean| !mean.is_nan())) {
-            Ok(Box::new(
-                move |surface: &mut dyn Surface, area: &PlotArea| {
-                    labels(surface, area, history);
-                    let middle = (series.len() - 1) as f64 / 2.0;
-                    for (at, series) in series.iter().enumerate() {
-                        let shift = (at as f64 - middle) * APART;
-                        draw(surface, area, series, shift, style_of(series));
-                    }
-                },
-            ))
+            Ok(Box::new(move |surface: &mut Surface, area: &PlotArea| {
+                labels(surface, area, history);
+                let middle = (series.len() - 1) as f64 / 2.0;
+                for (at, series) in series.iter().enumerate() {
+                    let shift = (at as f64 - middle) * APART;
+                    draw(surface, area, series, shift, style_of(series));
+                }
+            }))
         } else {
             Err("no numbers")
         },
@@ -131,6 +130,7 @@ fn plot(history: &History, series: &[Series]) -> Result<Figure, ReportError> {
         &caption,
         &legend,
         &panels,
+        None,
     )
 }
 
@@ -155,22 +155,11 @@ fn horizontal(history: &History) -> PlotAxis {
 
 fn vertical(series: &[Series]) -> PlotAxis {
     let values = points(series).flat_map(|point| [point.mean, point.ci_low, point.ci_high]);
-    let values = values.flatten().filter(|value| value.is_finite());
-    let (low, high) = values.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), value| {
-        (low.min(value), high.max(value))
-    });
-    let label = series[0].metric.axis_label();
-    match low <= high {
-        true => {
-            let room = (high - low) * 0.1;
-            PlotAxis::over(&label, low - room, high + room, 6)
-        }
-        false => PlotAxis::over(&label, 0.0, 1.0, 6),
-    }
+    PlotAxis::around(&series[0].metric.axis_label(), values.flatten(), 0.1)
 }
 
 /// The entries' labels below their numbers, where there is room for them.
-fn labels(surface: &mut dyn Surface, area: &PlotArea, history: &History) {
+fn labels(surface: &mut Surface, area: &PlotArea, history: &History) {
     let room = area.x.place(1.0) - area.x.place(0.0) - 6.0;
     if area.x.high - area.x.low > LABELLED {
         return;
@@ -189,7 +178,7 @@ fn labels(surface: &mut dyn Surface, area: &PlotArea, history: &History) {
     }
 }
 
-fn draw(surface: &mut dyn Surface, area: &PlotArea, series: &Series, shift: f64, style: Style) {
+fn draw(surface: &mut Surface, area: &PlotArea, series: &Series, shift: f64, style: Style) {
     let place = |point: &Point| {
         let mean = point.mean.filter(|mean| !mean.is_nan())?;
         let x = area.x.place(f64::from(point.entry)) + shift;

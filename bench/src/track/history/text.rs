@@ -2,7 +2,6 @@
 
 use crate::report::tables::grid::{GridCell, TextGrid};
 use crate::report::tables::shown;
-use crate::track::compare::tables::{count, interval, optional};
 use crate::track::compare::verdict_word;
 
 use super::{History, Point, Rule, Series};
@@ -12,25 +11,21 @@ const HEADS: [&str; 9] = [
 ];
 
 impl History {
-    /// What is said of each entry.
+    /// Metadata of all entries.
     pub fn entries_grid(&self) -> TextGrid {
         let rows = self.entries.iter().map(|(number, occasion)| {
             let commit = occasion.commit.as_deref().unwrap_or("-");
             let words = [occasion.label.as_str(), commit, occasion.date.as_str()];
             let words = words.map(GridCell::words);
-            [count(*number as usize)].into_iter().chain(words).collect()
+            [GridCell::count(*number as usize)]
+                .into_iter()
+                .chain(words)
+                .collect()
         });
-        TextGrid {
-            title: "entries".to_owned(),
-            heads: ["entry", "label", "commit", "date"]
-                .map(str::to_owned)
-                .to_vec(),
-            rows: rows.collect(),
-            remarks: Vec::new(),
-        }
+        TextGrid::new("entries", &["entry", "label", "commit", "date"], rows)
     }
 
-    /// One table a series.
+    /// One table per series.
     pub fn series_grids(&self) -> Vec<TextGrid> {
         let grid = |series: &Series| {
             let points = series.points.iter();
@@ -38,19 +33,13 @@ impl History {
                 let events = series.events(point).into_iter();
                 events.map(|event| format!("entry {}: {event}", point.entry))
             });
-            TextGrid {
-                title: series.title(),
-                heads: HEADS.map(str::to_owned).to_vec(),
-                rows: points
-                    .map(|point| series.cells(point, self.label(point.entry)))
-                    .collect(),
-                remarks: remarks.collect(),
-            }
+            let rows = points.map(|point| series.cells(point, self.label(point.entry)));
+            TextGrid::new(series.title(), &HEADS, rows).remarked(remarks)
         };
         self.series.iter().map(grid).collect()
     }
 
-    /// Empty for a number that no entry has.
+    /// Label of an entry; empty if there is no entry of that number.
     pub fn label(&self, entry: u32) -> &str {
         self.occasion(entry).map_or("", |occasion| &occasion.label)
     }
@@ -92,19 +81,19 @@ impl Series {
             weights => weights,
         };
         vec![
-            count(point.entry as usize),
+            GridCell::count(point.entry as usize),
             GridCell::words(label),
-            optional(point.mean, |mean| shown(mean, self.decimals())),
-            interval(point.ci_low, point.ci_high, self.decimals()),
+            GridCell::optional(point.mean, |mean| shown(mean, self.decimals())),
+            GridCell::interval(point.ci_low, point.ci_high, self.decimals()),
             GridCell::number(pairs, point.n_pairs as f64),
-            count(point.n_scenes),
-            count(point.n_failed),
+            GridCell::count(point.n_scenes),
+            GridCell::count(point.n_failed),
             GridCell::words(weights),
             GridCell::words(change),
         ]
     }
 
-    /// What a point is remarkable for, in sentences without their ends.
+    /// Events at a point, as sentences without full stops.
     pub fn events(&self, point: &Point) -> Vec<String> {
         let mut events: Vec<String> = point.broken.iter().cloned().collect();
         if let (Some(_), Some(before)) = (&point.broken, point.follows) {
@@ -138,7 +127,7 @@ impl Series {
         events
     }
 
-    /// One more than single scores have: means of many are compared.
+    /// One more than single scores have, because means of many are compared.
     fn decimals(&self) -> usize {
         self.metric.decimals + 1
     }

@@ -39,11 +39,11 @@ pub struct Series {
     pub method: String,
     pub dataset: String,
     pub metric: Column,
-    /// Of the entries that have it, ascending.
+    /// One per entry that has a value, ascending.
     pub points: Vec<Point>,
 }
 
-/// A series at one entry. What is not finite, or not known, is null.
+/// A series at one entry. Values that are unknown or not finite are null.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Point {
     pub entry: u32,
@@ -54,30 +54,30 @@ pub struct Point {
     pub metric: String,
     /// Pairs with a number.
     pub n_pairs: usize,
-    /// Pairs that were to be evaluated.
+    /// Planned pairs.
     pub n_planned: usize,
-    /// Pairs of which the prediction failed.
+    /// Pairs with a failed prediction.
     pub n_failed: usize,
-    /// Physical scenes of those with a number.
+    /// Physical scenes of the pairs with a number.
     pub n_scenes: usize,
-    /// Over the pairs with a number; `None` without any.
+    /// Mean over the pairs with a number; `None` if there are none.
     pub mean: Option<f64>,
-    /// 95 % confidence of the mean, scenes being the sample.
+    /// 95 % interval of the mean, with scenes as the sample.
     pub ci_low: Option<f64>,
     pub ci_high: Option<f64>,
-    /// The first digits of the sha256 of the method's weights; empty for a method without.
+    /// First digits of the sha256 of the method's weights; empty without weights.
     pub weights: String,
     /// What the method's predictions depend on.
     pub identity: String,
-    /// The entry that it continues from; `None` where a part of the series begins.
+    /// The entry that this point is compared with; `None` at the start of a part of the series.
     pub follows: Option<u32>,
-    /// Why it does not continue from the entry before it.
+    /// Why it is not comparable with the previous entry.
     pub broken: Option<String>,
     /// Set for a change point.
     pub change: Option<Mark>,
 }
 
-/// Rule by which an entry is a change point.
+/// A change point.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Mark {
     /// Better or worse.
@@ -156,7 +156,7 @@ impl Trend {
         series
     }
 
-    /// The scores of a method under a metric, on all datasets: they are tested together.
+    /// Adds the scores of a method under a metric on all datasets, which are tested together.
     fn add_scores(&mut self, entry: &Arc<Entry>, method: &MethodRecord, metric: &MetricRecord) {
         let scope = MethodMetric { method, metric };
         let datasets = entry.bundle.results.manifest.datasets.iter();
@@ -213,7 +213,7 @@ impl Trend {
         }
     }
 
-    /// Marks points that no step marked and that differ from the reference of their part.
+    /// Marks points without a step that differ from the reference of their part.
     fn find_drift(
         &self,
         scope: &MethodMetric<'_>,
@@ -247,7 +247,7 @@ impl Trend {
             .collect()
     }
 
-    /// The position of a point's series, which begins with it if there is none.
+    /// The index of a point's series, which is created if needed.
     fn series_of(&mut self, point: &Point, metric: &MetricRecord) -> usize {
         let known = self.0.iter().position(|Growing { series, .. }| {
             (&series.method, &series.dataset, &series.metric.key)
@@ -298,7 +298,7 @@ impl Compared {
 }
 
 impl MethodMetric<'_> {
-    /// `None` for a dataset without a pair of the method.
+    /// The point of a dataset; `None` if the method has no pair of it.
     fn point(&self, entry: &Entry, dataset: &str) -> Option<Point> {
         let key = self.metric.info.key.to_string();
         let of_dataset = self.of(&entry.bundle.results, &[dataset]);
@@ -366,7 +366,7 @@ impl MethodMetric<'_> {
         }
     }
 
-    /// Entry `b` against `a`, on datasets that both have; one that cannot be compared costs the others nothing.
+    /// Compares entry `b` with `a` on datasets of both. A dataset that cannot be compared does not affect the others.
     fn compare(&self, a: &Entry, b: &Entry, datasets: &[&str]) -> Compared {
         let compared = |datasets: &[&str]| -> Result<Vec<ScoreChange>, String> {
             if let Some(pair) = other_photographs(a, b, datasets) {
@@ -415,7 +415,7 @@ impl MethodMetric<'_> {
     }
 }
 
-/// The first pair of some datasets whose photographs are not those that they were.
+/// The first pair of some datasets whose photographs changed.
 fn other_photographs<'a>(a: &'a Entry, b: &Entry, datasets: &[&str]) -> Option<&'a str> {
     let (a, b) = (&a.bundle.pairs, &b.bundle.pairs);
     if a.sha256 == b.sha256 {

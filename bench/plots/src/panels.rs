@@ -1,10 +1,11 @@
 //! A grid of panels, one a dataset, with axes and a legend shared by all.
 
-use crate::report::error::ReportError;
+use crate::PlotError;
 
-use super::canvas::{Anchor, Figure, GRID, INK, Ink, Lettering, MUTED, PAPER, Point, Surface};
+use super::canvas::{Anchor, Figure, Lettering, Point, Surface};
+use super::ink::{GRID, INK, Ink, MUTED, PAPER};
 use super::palette::{Style, stroke};
-use super::scale::{Scale, Step, log_ticks};
+use super::scale::{Scale, Step, finite_range, log_ticks};
 use super::style::{FigureStyle, Medium};
 use super::text::{CAP_HEIGHT, Weight, fitted, width, wrapped, wrapped_to};
 
@@ -25,13 +26,13 @@ const TICK_SIZE: f64 = 11.5;
 const LABEL_SIZE: f64 = 12.5;
 const TITLE_SIZE: f64 = 14.0;
 
-/// Share of its room that a line of an SVG may fill in the bundled font on a screen, where systems without it show wider
-/// ones, and in print, which is for the PDF.
+/// Share of its room that a line of text may fill: less on a screen, where systems without the bundled font use wider ones,
+/// than in print.
 const ROOM: f64 = 0.8;
 const PRINT_ROOM: f64 = 0.96;
-/// A panel in print is no narrower as long as the figure is wide enough for one.
+/// Preferred least width of a panel in print.
 const NARROWEST: f64 = 170.0;
-/// Smallest width of a panel: in a narrower one, the numbers of an axis overlap.
+/// Least width of a panel, below which the numbers of an axis overlap.
 const LEAST: f64 = 130.0;
 /// Height of the strip of counts, and the size of its numbers.
 const COUNT_STRIP: f64 = 30.0;
@@ -72,6 +73,13 @@ impl PlotAxis {
         }
     }
 
+    /// An axis with room for all finite values, and a share of their range beyond either end; 0 to 1 without any.
+    pub fn around(label: &str, values: impl IntoIterator<Item = f64>, room: f64) -> Self {
+        let (low, high) = finite_range(values).unwrap_or((0.0, 1.0));
+        let room = (high - low) * room;
+        Self::over(label, low - room, high + room, 6)
+    }
+
     /// The same with ticks at whole numbers only.
     #[must_use]
     pub fn counting(mut self) -> Self {
@@ -107,6 +115,25 @@ pub struct PanelFrame {
     pub counts: Vec<BinCount>,
 }
 
+impl PanelFrame {
+    /// A frame without a place for infinite values and without counts.
+    pub fn new(
+        title: impl Into<String>,
+        remark: impl Into<String>,
+        x: PlotAxis,
+        y: PlotAxis,
+    ) -> Self {
+        Self {
+            title: title.into(),
+            remark: remark.into(),
+            x,
+            y,
+            infinity: false,
+            counts: Vec::new(),
+        }
+    }
+}
+
 /// Samples of a part of the horizontal axis.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct BinCount {
@@ -127,7 +154,7 @@ pub struct PlotArea {
 }
 
 /// Draws the data of a panel.
-pub type DrawData<'a> = Box<dyn Fn(&mut dyn Surface, &PlotArea) + 'a>;
+pub type DrawData<'a> = Box<dyn Fn(&mut Surface, &PlotArea) + 'a>;
 
 /// A panel of a figure.
 pub struct Panel<'a> {
@@ -136,30 +163,17 @@ pub struct Panel<'a> {
     pub content: Result<DrawData<'a>, &'static str>,
 }
 
-/// A figure of panels for the screen, with a legend and a caption.
+/// Draws a figure, in print if a style is given; the caption is left out if the style says so.
 ///
 /// # Errors
-/// When the drawing library refuses.
+/// When the drawing library refuses, or the style has no room for a panel.
 pub fn figure(
     title: &str,
     caption: &str,
     legend: &[(&str, Style)],
     panels: &[Panel<'_>],
-) -> Result<Figure, ReportError> {
-    draw(title, caption, legend, panels, None)
-}
-
-/// Draws a figure, in print if a style is given; the caption is left out if the style says so.
-///
-/// # Errors
-/// When the drawing library refuses, or the style has no room for a panel.
-pub fn draw(
-    title: &str,
-    caption: &str,
-    legend: &[(&str, Style)],
-    panels: &[Panel<'_>],
     print: Option<&FigureStyle>,
-) -> Result<Figure, ReportError> {
+) -> Result<Figure, PlotError> {
     let labels: Vec<&str> = legend.iter().map(|(label, _)| *label).collect();
     let caption = if print.is_none_or(|style| style.caption) {
         caption
@@ -168,10 +182,8 @@ pub fn draw(
     };
     let mut layout = PanelLayout::new(panels.len(), &labels, caption, print);
     if let Some(style) = print.filter(|_| layout.panel.0 < LEAST) {
-        return Err(ReportError::Plot {
-            plot: title.to_owned(),
-            reason: style.narrow(1.0 + (LEAST - layout.panel.0) / style.units()),
-        });
+        let times = 1.0 + (LEAST - layout.panel.0) / style.units();
+        return Err(PlotError::new(title, style.narrow(times)));
     }
     if panels.iter().any(|panel| !panel.frame.counts.is_empty()) {
         layout.bottom += COUNT_STRIP;
@@ -284,7 +296,7 @@ impl PanelLayout {
     }
 
     /// Draws the legend and the caption.
-    fn surround(&self, surface: &mut dyn Surface, entries: &[(&str, Style)]) {
+    fn surround(&self, surface: &mut Surface, entries: &[(&str, Style)]) {
         let mut top = MARGIN;
         for row in &self.legend {
             let y = top + (LEGEND_LINE + LEGEND_GAP) / 2.0;
@@ -311,7 +323,7 @@ impl PanelLayout {
     }
 
     /// Draws the frame of panel number `index` and says where its data goes.
-    fn panel(&self, surface: &mut dyn Surface, index: usize, frame: &PanelFrame) -> PlotArea {
+    fn panel(&self, surface: &mut Surface, index: usize, frame: &PanelFrame) -> PlotArea {
         let (column, row) = (index % self.columns, index / self.columns);
         let (w, h) = self.panel;
         let left = MARGIN + column as f64 * (LEFT + w + RIGHT) + LEFT;
@@ -396,7 +408,7 @@ impl PlotArea {
     }
 
     /// A line of text in the middle of an empty panel.
-    fn remark(&self, surface: &mut dyn Surface, text: &str) {
+    fn remark(&self, surface: &mut Surface, text: &str) {
         let at = (
             (self.x.from + self.x.to) / 2.0,
             (self.y.from + self.y.to) / 2.0,
@@ -406,7 +418,7 @@ impl PlotArea {
 }
 
 /// A marker for several samples, or a hollow one for a single sample.
-pub fn point(surface: &mut dyn Surface, at: Point, style: Style, hollow: bool) {
+pub fn point(surface: &mut Surface, at: Point, style: Style, hollow: bool) {
     style.marker.draw(surface, at, MARKER + 1.2, PAPER);
     style.marker.draw(surface, at, MARKER, style.ink);
     if hollow {
@@ -415,7 +427,7 @@ pub fn point(surface: &mut dyn Surface, at: Point, style: Style, hollow: bool) {
 }
 
 /// Bars of how many samples there are, and the numbers above them where they have room; `foot` is their lower edge.
-fn count_strip(surface: &mut dyn Surface, counts: &[BinCount], x: &Scale, foot: f64) {
+fn count_strip(surface: &mut Surface, counts: &[BinCount], x: &Scale, foot: f64) {
     let most = counts.iter().map(|count| count.n.1).max().unwrap_or(1);
     let text_of = |(least, most): (usize, usize)| match least == most {
         true => most.to_string(),
@@ -519,7 +531,7 @@ mod tests {
             font_pt,
             ..FigureStyle::default()
         };
-        let of = |style| draw("t", "c", &[], &[], Some(&style)).map_err(|e| e.to_string());
+        let of = |style| figure("t", "c", &[], &[], Some(&style)).map_err(|e| e.to_string());
         let error = of(style(20.0, 40.0)).unwrap_err();
         assert!(
             error.contains("width_mm") && error.contains("40 pt"),

@@ -5,7 +5,7 @@ use std::sync::OnceLock;
 use ab_glyph::{Font, FontRef, OutlineCurve, ScaleFont, point};
 use image::RgbImage;
 
-use super::canvas::Ink;
+use super::ink::Ink;
 
 /// `font-family` of SVG text: the bundled font first, then what systems have.
 pub const FAMILY: &str = "Inter, 'Helvetica Neue', Helvetica, Arial, sans-serif";
@@ -13,8 +13,8 @@ pub const FAMILY: &str = "Inter, 'Helvetica Neue', Helvetica, Arial, sans-serif"
 /// Height of a capital letter relative to the font size.
 pub const CAP_HEIGHT: f64 = 0.727;
 
-static REGULAR: &[u8] = include_bytes!("../../../assets/Inter-Regular.otf");
-static SEMIBOLD: &[u8] = include_bytes!("../../../assets/Inter-SemiBold.otf");
+static REGULAR: &[u8] = include_bytes!("../assets/Inter-Regular.otf");
+static SEMIBOLD: &[u8] = include_bytes!("../assets/Inter-SemiBold.otf");
 
 /// Regular, or semibold for titles.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -137,9 +137,8 @@ pub fn fitted(text: &str, size: f64, weight: Weight, room: f64) -> String {
     String::new()
 }
 
-/// The text in lines no wider than `room`, of at least a character each. Words that no-break spaces keep together, and
-/// characters of a word, part only where they have no room in a line of their own; where not even a character has, words
-/// stay whole.
+/// Wraps a text into lines no wider than `room`. Words, and words joined by no-break spaces, are broken only where they do
+/// not fit a line of their own; where not even one character fits, they stay whole.
 pub fn wrapped(text: &str, size: f64, weight: Weight, room: f64) -> Vec<String> {
     let fits = |text: &str| width(text, size, weight) <= room;
     let one_fits = |word: &str| word.chars().any(|c| fits(c.encode_utf8(&mut [0; 4])));
@@ -221,7 +220,7 @@ fn lay_out(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::report::plots::canvas::INK;
+    use crate::ink::INK;
     use image::Rgb;
 
     #[test]

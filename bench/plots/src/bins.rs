@@ -5,20 +5,20 @@ use std::fmt;
 use std::num::NonZeroUsize;
 use std::str::FromStr;
 
-use crate::report::statistics;
+use sharp_statistics::{mean, sample_std};
 
 use super::scale::Step;
 
-/// Division of an axis into bins.
+/// How an axis is divided into bins.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Binning {
-    /// Of a round width, at most so many.
+    /// At most this many, of a round width.
     Round(usize),
-    /// Of this width, one edge at zero.
+    /// Of this width, with an edge at zero.
     Width(Step),
-    /// So many with equally many samples each, as far as equal ones, which stay together, allow.
+    /// This many, with equally many samples each; equal samples stay together.
     Quantiles(NonZeroUsize),
-    /// Between these, ascending.
+    /// Between these edges, ascending.
     Edges(Vec<f64>),
 }
 
@@ -110,7 +110,7 @@ impl Binning {
     }
 }
 
-/// Values this fraction of a bin's width below an edge count as on it: camera centres and values from them are rounded.
+/// Values this close below an edge, as a fraction of the bin's width, count as on it, because camera centres are rounded.
 const ROUNDING: f64 = 1e-9;
 
 /// Largest multiple of a step that floating-point numbers reliably tell from the next.
@@ -197,9 +197,9 @@ pub fn bins(samples: &[(f64, f64)], cuts: &Cuts) -> Vec<Bin> {
                 low,
                 high,
                 // Rounding must not carry it out of its bin.
-                x: statistics::mean(&of(|sample| sample.0))?.clamp(low, high),
-                mean: statistics::mean(&values)?,
-                std: statistics::sample_std(&values),
+                x: mean(&of(|sample| sample.0))?.clamp(low, high),
+                mean: mean(&values)?,
+                std: sample_std(&values),
                 members,
             })
         });

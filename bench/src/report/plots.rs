@@ -1,18 +1,40 @@
-//! The baselines of the pairs: against a metric, in the form of the paper's motion-range figure, and their histogram.
+//! Figures of a report as files, and the baselines of the pairs: against a metric, in the form of the paper's motion-range figure, and their histogram.
 //! One panel per dataset.
+
+use std::path::{Path, PathBuf};
 
 use crate::evaluate::record::Status;
 use crate::io::counts::counted;
+use crate::io::text::visible;
 use crate::report::board::{Board, DatasetBoard};
-use crate::report::error::ReportError;
-use crate::report::input::Column;
+use crate::report::column::Column;
+use sharp_plots::PlotError;
 
-use super::bins::{Binning, Cuts, bins};
-use super::canvas::{Figure, Ink, Surface};
-use super::curves::{Banded, curve, shade, vertical};
-use super::palette::{Style, style};
-use super::panels::{Panel, PanelFrame, PlotArea, PlotAxis, draw, figure};
-use super::style::FigureStyle;
+use sharp_plots::Figure;
+use sharp_plots::bins::{Binning, Cuts, bins};
+use sharp_plots::canvas::Surface;
+use sharp_plots::curves::{Banded, curve, shade, vertical};
+use sharp_plots::ink::Ink;
+use sharp_plots::palette::{Style, style};
+use sharp_plots::panels::{Panel, PanelFrame, PlotArea, PlotAxis, figure};
+use sharp_plots::style::FigureStyle;
+
+/// Marks every file of a figure as ours, so that a later one may overwrite it.
+pub const MARK: &str = "sharp-bench";
+
+/// Extensions of a figure's files.
+pub const FORMS: [&str; 3] = ["svg", "png", "pdf"];
+
+/// `STEM.svg`, `STEM.png` and `STEM.pdf` of a figure, to be written over nothing but earlier ones.
+pub fn files(figure: Figure, out: &Path, stem: &str) -> [(PathBuf, Vec<u8>, &'static str); 3] {
+    let svg = format!("<!-- {MARK} -->\n{}", visible(&figure.svg)).into_bytes();
+    let [svg_path, png_path, pdf_path] = FORMS.map(|form| out.join(format!("{stem}.{form}")));
+    [
+        (svg_path, svg, MARK),
+        (png_path, figure.png, MARK),
+        (pdf_path, figure.pdf, MARK),
+    ]
+}
 
 /// Bins of a dataset at most, against a metric and in the histogram.
 const METRIC_BINS: Binning = Binning::Round(10);
@@ -59,17 +81,17 @@ impl Baselines {
 pub fn histogram(
     board: &Board<'_>,
     print: Option<&FigureStyle>,
-) -> Result<Option<Figure>, ReportError> {
+) -> Result<Option<Figure>, PlotError> {
     let panel = |dataset: &DatasetBoard<'_>| {
         let baselines = Baselines::new(dataset, &HISTOGRAM_BINS);
         let samples: Vec<(f64, f64)> = baselines.metres.iter().map(|m| (*m, 1.0)).collect();
-        let bars = bins(&samples, &baselines.cuts);
-        let most = bars.iter().map(|b| b.n()).max().unwrap_or(1) as f64;
+        let found = bins(&samples, &baselines.cuts);
+        let most = found.iter().map(|b| b.n()).max().unwrap_or(1) as f64;
         let y = PlotAxis::over("pairs", 0.0, most * 1.06, 5).counting();
         let median = baselines.median();
         let median = median.map_or_else(String::new, |m| format!(", median {m:.3} m"));
-        let draw = Box::new(move |surface: &mut dyn Surface, area: &PlotArea| {
-            for bar in &bars {
+        let bars = Box::new(move |surface: &mut Surface, area: &PlotArea| {
+            for bar in &found {
                 let left = area.x.place(bar.low) + 0.75;
                 let right = (area.x.place(bar.high) - 0.75).max(left + 0.5);
                 let (foot, top) = (area.y.place(0.0), area.y.place(bar.n() as f64));
@@ -80,18 +102,16 @@ pub fn histogram(
             }
         });
         Panel {
-            frame: PanelFrame {
-                title: dataset.dataset.title().to_owned(),
-                remark: format!("{}{median}", counted(samples.len(), "pair")),
-                x: baselines.axis,
+            frame: PanelFrame::new(
+                dataset.dataset.title(),
+                format!("{}{median}", counted(samples.len(), "pair")),
+                baselines.axis,
                 y,
-                infinity: false,
-                counts: Vec::new(),
-            },
+            ),
             content: if samples.is_empty() {
                 Err("no samples")
             } else {
-                Ok(draw)
+                Ok(bars)
             },
         }
     };
@@ -101,7 +121,7 @@ pub fn histogram(
     }
     let title = format!("Histogram of {LABEL}");
     let caption = "Bins include their left edge; each panel has its own scales.";
-    draw(&title, caption, &[], &panels, print).map(Some)
+    figure(&title, caption, &[], &panels, print).map(Some)
 }
 
 /// A metric against the baseline: the mean of each bin as a line, the sample standard deviation as a shade, bins with
@@ -109,7 +129,7 @@ pub fn histogram(
 ///
 /// # Errors
 /// When the drawing library refuses.
-pub fn against_metric(board: &Board<'_>, metric: &Column) -> Result<Option<Figure>, ReportError> {
+pub fn against_metric(board: &Board<'_>, metric: &Column) -> Result<Option<Figure>, PlotError> {
     let methods = 0..board.methods.len();
     let datasets = board.datasets.iter().map(|dataset| {
         let baselines = Baselines::new(dataset, &METRIC_BINS);
@@ -135,17 +155,18 @@ pub fn against_metric(board: &Board<'_>, metric: &Column) -> Result<Option<Figur
         return Ok(None);
     }
     let all = || datasets.iter().flat_map(|(curves, _)| curves).flatten();
-    let y = vertical(all(), &[], metric);
+    let y = vertical(all(), &[], &metric.axis_label());
     let infinity = all().any(|banded| banded.bin.mean.is_infinite());
     let panels = datasets.iter().zip(&board.datasets);
     let panels = panels.map(|((curves, baselines), dataset)| Panel {
         frame: PanelFrame {
-            title: dataset.dataset.title().to_owned(),
-            remark: counted(baselines.metres.len(), "pair"),
-            x: baselines.axis.clone(),
-            y: y.clone(),
             infinity,
-            counts: Vec::new(),
+            ..PanelFrame::new(
+                dataset.dataset.title(),
+                counted(baselines.metres.len(), "pair"),
+                baselines.axis.clone(),
+                y.clone(),
+            )
         },
         content: if curves.iter().all(Vec::is_empty) {
             Err("no samples")
@@ -171,5 +192,5 @@ pub fn against_metric(board: &Board<'_>, metric: &Column) -> Result<Option<Figur
         metric.direction_words()
     );
     let title = format!("{} against {LABEL}", metric.label);
-    figure(&title, &caption, &legend, &panels).map(Some)
+    figure(&title, &caption, &legend, &panels, None).map(Some)
 }

@@ -70,7 +70,7 @@ impl Step {
 
     /// The k-th multiple as text.
     pub fn text(self, k: i64) -> String {
-        crate::report::tables::shown(self.at(k), self.decimals())
+        shown(self.at(k), self.decimals())
     }
 
     /// Multiples within `low..=high`, at most a thousand.
@@ -82,6 +82,15 @@ impl Step {
         ticks.dedup();
         ticks
     }
+}
+
+/// The least and the largest of the finite values.
+pub fn finite_range(values: impl IntoIterator<Item = f64>) -> Option<(f64, f64)> {
+    let finite = values.into_iter().filter(|value| value.is_finite());
+    finite.fold(None, |range, value| match range {
+        None => Some((value, value)),
+        Some((low, high)) => Some((value.min(low), value.max(high))),
+    })
 }
 
 /// Powers of ten within `low..=high`, and where these are fewer than three twice and five times them too; none
@@ -105,6 +114,21 @@ pub fn log_ticks(low: f64, high: f64) -> Vec<f64> {
     match powers.len() {
         0..3 => ticks(&[1, 2, 5]),
         _ => powers,
+    }
+}
+
+/// A number as people read it: rounded to the nearest decimal, `∞` for infinity, no negative zero.
+pub fn shown(value: f64, decimals: usize) -> String {
+    if value.is_nan() {
+        return "nan".into();
+    }
+    if value.is_infinite() {
+        return if value > 0.0 { "∞" } else { "−∞" }.into();
+    }
+    let text = format!("{value:.decimals$}");
+    match text.strip_prefix('-') {
+        Some(digits) if digits.bytes().all(|c| matches!(c, b'0' | b'.')) => digits.into(),
+        _ => text,
     }
 }
 
@@ -195,5 +219,15 @@ mod tests {
         assert_eq!(at(0.0, 1.0), [0.0, 0.2, 0.4, 0.6, 0.8, 1.0]);
         assert_eq!(at(-0.3, 0.25), [-0.2, 0.0, 0.2]);
         assert!(at(0.05, 0.15).is_empty());
+    }
+
+    #[test]
+    fn numbers_are_rounded_without_negative_zero() {
+        assert_eq!(shown(0.0965, 3), "0.097"); // 0.0965 is stored as 0.09650000000000000022
+        assert_eq!(shown(-0.0004, 3), "0.000");
+        assert_eq!(shown(-0.5, 0), "0"); // halves go to even
+        assert_eq!(shown(-1.26, 1), "-1.3");
+        assert_eq!(shown(f64::INFINITY, 2), "∞");
+        assert_eq!(shown(f64::NAN, 2), "nan");
     }
 }

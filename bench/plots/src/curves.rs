@@ -4,7 +4,6 @@ use super::bins::{Bin, neighbours};
 use super::canvas::{Point, Surface};
 use super::palette::{Style, stroke};
 use super::panels::{PlotArea, PlotAxis, point};
-use crate::report::input::Column;
 
 /// A bin with the range of its band, low to high, if it has one.
 #[derive(Debug, Clone, PartialEq)]
@@ -25,23 +24,18 @@ impl Banded {
 pub fn vertical<'a>(
     bins: impl Iterator<Item = &'a Banded>,
     others: &[f64],
-    metric: &Column,
+    label: &str,
 ) -> PlotAxis {
     let ends = bins.flat_map(|Banded { bin, band }| {
         let (low, high) = band.unwrap_or((bin.mean, bin.mean));
         [low, high, bin.mean]
     });
-    let values = ends.chain(others.iter().copied()).filter(|v| v.is_finite());
-    let range = values.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), v| {
-        (low.min(v), high.max(v))
-    });
-    let (low, high) = if range.0 > range.1 { (0.0, 1.0) } else { range };
-    let room = (high - low) * 0.06;
-    PlotAxis::over(&metric.axis_label(), low - room, high + room, 6)
+    let values = ends.chain(others.iter().copied());
+    PlotAxis::around(label, values, 0.06)
 }
 
 /// The shade over each run of neighbouring bins that have a band; a lone one becomes a bar.
-pub fn shade(surface: &mut dyn Surface, bins: &[Banded], area: &PlotArea, style: Style) {
+pub fn shade(surface: &mut Surface, bins: &[Banded], area: &PlotArea, style: Style) {
     let runs = neighbours(bins, |banded| &banded.bin);
     for run in runs.flat_map(|run| run.split(|banded| banded.band.is_none())) {
         let half = if run.len() == 1 { 5.0 } else { 0.0 };
@@ -67,7 +61,7 @@ pub fn shade(surface: &mut dyn Surface, bins: &[Banded], area: &PlotArea, style:
 }
 
 /// The line through the finite means of neighbouring bins, and a marker a bin, hollow for a single sample.
-pub fn curve(surface: &mut dyn Surface, bins: &[Banded], area: &PlotArea, style: Style) {
+pub fn curve(surface: &mut Surface, bins: &[Banded], area: &PlotArea, style: Style) {
     let at = |banded: &Banded| -> Point {
         let bin = &banded.bin;
         (area.x.place(bin.x), area.height(bin.mean))
@@ -87,30 +81,19 @@ pub fn curve(surface: &mut dyn Surface, bins: &[Banded], area: &PlotArea, style:
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::report::plots::bins::{Binning, bins};
-    use crate::report::plots::canvas::{Ink, Lettering};
-    use crate::report::plots::palette::style;
-    use crate::report::plots::scale::Scale;
+    use crate::bins::{Binning, bins};
+    use crate::canvas::Shape;
+    use crate::palette::style;
+    use crate::scale::{Scale, finite_range};
 
-    /// Notes what is drawn: points of lines, corners of polygons.
-    #[derive(Default)]
-    struct Drawn {
-        lines: Vec<Vec<Point>>,
-        polygons: Vec<Vec<Point>>,
-    }
-
-    impl Surface for Drawn {
-        fn line(&mut self, points: &[Point], _width: f64, _ink: Ink) {
-            self.lines.push(points.to_vec());
-        }
-
-        fn polygon(&mut self, points: &[Point], _ink: Ink) {
-            self.polygons.push(points.to_vec());
-        }
-
-        fn disc(&mut self, _centre: Point, _radius: f64, _ink: Ink) {}
-
-        fn text(&mut self, _text: &str, _at: Point, _lettering: Lettering) {}
+    /// From where to where each line or polygon reaches.
+    fn ends(surface: &Surface) -> Vec<(f64, f64)> {
+        let shapes = surface.0.iter().filter_map(|shape| match shape {
+            Shape::Line(points, ..) | Shape::Polygon(points, _) => Some(points),
+            _ => None,
+        });
+        let ends = shapes.map(|points| finite_range(points.iter().map(|p| p.0)).unwrap());
+        ends.collect()
     }
 
     #[test]
@@ -136,20 +119,12 @@ mod tests {
             y: same(0.0, 10.0, 0.0, 10.0),
             infinity: 11.0,
         };
-        let mut drawn = Drawn::default();
-        curve(&mut drawn, &found, &area, style(0));
-        let ends = |lines: &[Vec<Point>]| -> Vec<(f64, f64)> {
-            let xs = |line: &Vec<Point>| -> Vec<f64> { line.iter().map(|p| p.0).collect() };
-            let least = |v: &[f64]| v.iter().copied().fold(f64::INFINITY, f64::min);
-            let most = |v: &[f64]| v.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-            lines
-                .iter()
-                .map(|l| (least(&xs(l)), most(&xs(l))))
-                .collect()
-        };
-        assert_eq!(ends(&drawn.lines), [(0.0, 1.0), (3.0, 7.0)]);
-        let mut drawn = Drawn::default();
-        shade(&mut drawn, &found, &area, style(0));
-        assert_eq!(ends(&drawn.polygons), [(0.0, 1.0), (3.0, 6.0), (4.0, 14.0)]);
+        let mut lines = Surface::default();
+        curve(&mut lines, &found, &area, style(0));
+        lines.0.retain(|shape| matches!(shape, Shape::Line(..)));
+        assert_eq!(ends(&lines), [(0.0, 1.0), (3.0, 7.0)]);
+        let mut shades = Surface::default();
+        shade(&mut shades, &found, &area, style(0));
+        assert_eq!(ends(&shades), [(0.0, 1.0), (3.0, 6.0), (4.0, 14.0)]);
     }
 }

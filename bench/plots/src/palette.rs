@@ -1,7 +1,8 @@
 //! Colours and markers of the methods: the palette of Okabe and Ito, which stays distinct under the common forms
 //! of colour blindness, without its black (the text) and its yellow (too pale on white).
 
-use super::canvas::{INK, Ink, Point, Surface};
+use super::canvas::{Point, Surface};
+use super::ink::{INK, Ink};
 
 pub const COLOURS: [Ink; 6] = [
     Ink::opaque(0x00, 0x72, 0xB2),
@@ -60,7 +61,7 @@ pub fn style_of(colours: &[Ink], index: usize) -> Style {
 
 impl Marker {
     /// Draws the marker, filled.
-    pub fn draw(self, surface: &mut dyn Surface, centre: Point, radius: f64, ink: Ink) {
+    pub fn draw(self, surface: &mut Surface, centre: Point, radius: f64, ink: Ink) {
         let (x, y) = centre;
         let corners: &[Point] = match self {
             Self::Disc => return surface.disc(centre, radius, ink),
@@ -78,7 +79,7 @@ impl Marker {
 }
 
 /// Draws a line, in dashes if the style has them.
-pub fn stroke(surface: &mut dyn Surface, points: &[Point], width: f64, style: Style) {
+pub fn stroke(surface: &mut Surface, points: &[Point], width: f64, style: Style) {
     let Some((on, off)) = style.dash else {
         return surface.line(points, width, style.ink);
     };
@@ -112,29 +113,13 @@ pub fn stroke(surface: &mut dyn Surface, points: &[Point], width: f64, style: St
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::report::plots::canvas::Lettering;
+    use crate::canvas::Shape;
 
-    /// Counts what is drawn.
-    #[derive(Default)]
-    struct Lengths {
-        pieces: usize,
-        drawn: f64,
-    }
-
-    impl Surface for Lengths {
-        fn line(&mut self, points: &[Point], _width: f64, _ink: Ink) {
-            let ends = points.windows(2);
-            self.pieces += 1;
-            self.drawn += ends
-                .map(|p| (p[1].0 - p[0].0).hypot(p[1].1 - p[0].1))
-                .sum::<f64>();
-        }
-
-        fn polygon(&mut self, _points: &[Point], _ink: Ink) {}
-
-        fn disc(&mut self, _centre: Point, _radius: f64, _ink: Ink) {}
-
-        fn text(&mut self, _text: &str, _at: Point, _lettering: Lettering) {}
+    fn length(points: &[Point]) -> f64 {
+        let steps = points.windows(2);
+        steps
+            .map(|p| (p[1].0 - p[0].0).hypot(p[1].1 - p[0].1))
+            .sum()
     }
 
     /// Lines of every length and direction: dashes of one pattern along all of it, and an end.
@@ -151,25 +136,20 @@ mod tests {
                     )
                 };
                 let points: Vec<Point> = (0..4).map(step).collect();
-                let all: f64 = points
-                    .windows(2)
-                    .map(|p| (p[1].0 - p[0].0).hypot(p[1].1 - p[0].1))
-                    .sum();
-                let mut lengths = Lengths::default();
-                stroke(&mut lengths, &points, 1.0, style);
+                let all = length(&points);
+                let mut surface = Surface::default();
+                stroke(&mut surface, &points, 1.0, style);
+                let pieces = surface.0.iter().map(|shape| match shape {
+                    Shape::Line(points, ..) => length(points),
+                    other => panic!("{other:?}"),
+                });
+                let pieces: Vec<f64> = pieces.collect();
+                let drawn: f64 = pieces.iter().sum();
                 // Whole periods, and what is left of the last one.
                 let periods = (all / (on + off)).floor();
                 let expected = periods * on + (all - periods * (on + off)).min(on);
-                assert!(
-                    (lengths.drawn - expected).abs() < 1e-6,
-                    "{i}: {} {expected}",
-                    lengths.drawn
-                );
-                assert!(
-                    lengths.pieces as f64 <= periods + 1.0 + 3.0,
-                    "{i}: {}",
-                    lengths.pieces
-                );
+                assert!((drawn - expected).abs() < 1e-6, "{i}: {drawn} {expected}");
+                assert!(pieces.len() as f64 <= periods + 4.0, "{i}: {pieces:?}");
             }
         }
     }

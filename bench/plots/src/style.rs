@@ -4,14 +4,14 @@ use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Deserializer, de};
 
-use super::canvas::Ink;
+use super::ink::Ink;
 use super::palette::{COLOURS, Style, style_of};
 
 /// Font size of axis labels in units: what every length of a plot is relative to.
 const LABEL_UNITS: f64 = 12.5;
 const MM_PER_INCH: f64 = 25.4;
 
-/// Conversion from a drawing's units to printed sizes.
+/// Scale from a drawing's units to printed sizes.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Medium {
     /// CSS pixels (1/96 inch) per unit.
@@ -124,8 +124,8 @@ impl FigureStyle {
         self.width_mm / MM_PER_INCH * 96.0 / self.medium().zoom
     }
 
-    /// That the figure needs to be so many times as wide, in words.
-    pub(crate) fn narrow(&self, times: f64) -> String {
+    /// Message that the figure has to be this many times as wide.
+    pub fn narrow(&self, times: f64) -> String {
         let Self {
             width_mm, font_pt, ..
         } = self;

@@ -11,35 +11,90 @@ use flate2::write::ZlibEncoder;
 use pdf_writer::types::LineJoinStyle;
 use pdf_writer::{Content, Filter, Finish as _, Name, Rect, Ref, TextStr};
 
-use super::canvas::{Anchor, Ink, Lettering, Point, Surface};
+use super::canvas::{Lettering, Point, Shape};
+use super::ink::Ink;
 use super::text::{self, Stroke};
 
-/// A page in the making.
-pub(super) struct Pdf {
+/// Distance of a quarter circle's control points along its tangents, in radii.
+const ARC: f64 = 0.552_284_75;
+
+/// A page of `size` units, each of so many points of 1/72 inch.
+pub(super) fn render(
+    title: &str,
+    shapes: &[Shape],
+    (width, height): (f64, f64),
+    points: f64,
+) -> io::Result<Vec<u8>> {
+    let size = [width * points, height * points].map(|side| side as f32);
+    let scale = points as f32;
+    let mut page = Page {
+        content: Content::new(),
+        alphas: BTreeSet::new(),
+    };
+    // Units, y down.
+    page.content
+        .transform([scale, 0.0, 0.0, -scale, 0.0, size[1]]);
+    page.content.set_line_join(LineJoinStyle::RoundJoin);
+    for shape in shapes {
+        page.draw(shape);
+    }
+    page.finish(title, size)
+}
+
+struct Page {
     /// Operators of the page.
     content: Content,
     /// Opacities in thousandths.
     alphas: BTreeSet<u32>,
-    /// Width and height, points of 1/72 inch.
-    size: (f64, f64),
 }
 
-/// Control points of a quarter of a circle lie so far along its tangents, in radii.
-const ARC: f64 = 0.552_284_75;
+impl Page {
+    fn draw(&mut self, shape: &Shape) {
+        match shape {
+            Shape::Line(points, width, ink) => {
+                let [r, g, b] = self.ink(*ink);
+                self.content.set_stroke_rgb(r, g, b);
+                self.content.set_line_width(placed((*width, 0.0)).0);
+                self.path(points);
+                self.content.stroke();
+            }
+            Shape::Polygon(points, ink) => {
+                self.fill(*ink);
+                self.path(points);
+                self.content.fill_nonzero();
+            }
+            Shape::Disc((x, y), r, ink) => {
+                self.fill(*ink);
+                let k = r * ARC;
+                self.move_to((x + r, *y));
+                self.curve_to([(x + r, y + k), (x + k, y + r), (*x, y + r)]);
+                self.curve_to([(x - k, y + r), (x - r, y + k), (x - r, *y)]);
+                self.curve_to([(x - r, y - k), (x - k, y - r), (*x, y - r)]);
+                self.curve_to([(x + k, y - r), (x + r, y - k), (x + r, *y)]);
+                self.content.fill_nonzero();
+            }
+            Shape::Text(text, at, lettering) => self.letters(text, *at, *lettering),
+        }
+    }
 
-impl Pdf {
-    /// A page of so many units, each of so many points.
-    pub(super) fn new((width, height): (f64, f64), points: f64) -> Self {
-        let size = (width * points, height * points);
-        let scale = points as f32;
-        let mut content = Content::new();
-        // Units, y down.
-        content.transform([scale, 0.0, 0.0, -scale, 0.0, size.1 as f32]);
-        content.set_line_join(LineJoinStyle::RoundJoin);
-        Self {
-            content,
-            alphas: BTreeSet::new(),
-            size,
+    fn letters(&mut self, text: &str, (x, y): Point, lettering: Lettering) {
+        self.fill(lettering.ink);
+        let shift = lettering.shift(text);
+        let place = |(dx, dy): Point| match lettering.upwards {
+            true => (x + dy, y - dx - shift),
+            false => (x + dx + shift, y + dy),
+        };
+        let mut is_drawn = false;
+        text::outlines(text, lettering.size, lettering.weight, |stroke| {
+            is_drawn = true;
+            match stroke {
+                Stroke::Move(to) => self.move_to(place(to)),
+                Stroke::Line(to) => self.line_to(place(to)),
+                Stroke::Curve(a, b, to) => self.curve_to([a, b, to].map(place)),
+            }
+        });
+        if is_drawn {
+            self.content.fill_nonzero();
         }
     }
 
@@ -82,7 +137,7 @@ impl Pdf {
     }
 
     /// The whole file.
-    pub(super) fn finish(self, title: &str) -> io::Result<Vec<u8>> {
+    fn finish(self, title: &str, [width, height]: [f32; 2]) -> io::Result<Vec<u8>> {
         let [catalog, pages, page, info, drawing] = [1, 2, 3, 4, 5].map(Ref::new);
         let mut packed = ZlibEncoder::new(Vec::new(), Compression::best());
         packed.write_all(&self.content.finish())?;
@@ -91,7 +146,6 @@ impl Pdf {
         file.catalog(catalog).pages(pages);
         file.pages(pages).kids([page]).count(1);
         let mut sheet = file.page(page);
-        let (width, height) = (self.size.0 as f32, self.size.1 as f32);
         sheet
             .parent(pages)
             .media_box(Rect::new(0.0, 0.0, width, height))
@@ -131,78 +185,21 @@ fn placed((x, y): Point) -> (f32, f32) {
     (number(x), number(y))
 }
 
-impl Surface for Pdf {
-    fn line(&mut self, points: &[Point], width: f64, ink: Ink) {
-        let [r, g, b] = self.ink(ink);
-        self.content.set_stroke_rgb(r, g, b);
-        self.content.set_line_width(placed((width, 0.0)).0);
-        self.path(points);
-        self.content.stroke();
-    }
-
-    fn polygon(&mut self, points: &[Point], ink: Ink) {
-        self.fill(ink);
-        self.path(points);
-        self.content.fill_nonzero();
-    }
-
-    fn disc(&mut self, (x, y): Point, r: f64, ink: Ink) {
-        self.fill(ink);
-        let k = r * ARC;
-        self.move_to((x + r, y));
-        self.curve_to([(x + r, y + k), (x + k, y + r), (x, y + r)]);
-        self.curve_to([(x - k, y + r), (x - r, y + k), (x - r, y)]);
-        self.curve_to([(x - r, y - k), (x - k, y - r), (x, y - r)]);
-        self.curve_to([(x + k, y - r), (x + r, y - k), (x + r, y)]);
-        self.content.fill_nonzero();
-    }
-
-    fn text(&mut self, text: &str, (x, y): Point, lettering: Lettering) {
-        let Lettering {
-            size,
-            weight,
-            ink,
-            anchor,
-            upwards,
-        } = lettering;
-        self.fill(ink);
-        let shift = match anchor {
-            Anchor::Start => 0.0,
-            Anchor::Middle => -text::width(text, size, weight) / 2.0,
-            Anchor::End => -text::width(text, size, weight),
-        };
-        let place = |(dx, dy): Point| match upwards {
-            true => (x + dy, y - dx - shift),
-            false => (x + dx + shift, y + dy),
-        };
-        let mut is_drawn = false;
-        text::outlines(text, size, weight, |stroke| {
-            is_drawn = true;
-            match stroke {
-                Stroke::Move(to) => self.move_to(place(to)),
-                Stroke::Line(to) => self.line_to(place(to)),
-                Stroke::Curve(a, b, to) => self.curve_to([a, b, to].map(place)),
-            }
-        });
-        if is_drawn {
-            self.content.fill_nonzero();
-        }
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::report::plots::canvas::INK;
+    use crate::ink::INK;
 
     #[test]
     fn another_library_finds_one_page_with_its_drawing_and_title() {
         use hayro_syntax::object::{Dict, Number};
 
-        let mut pdf = Pdf::new((100.0, 50.0), 0.75);
-        pdf.line(&[(0.0, 0.0), (f64::INFINITY, f64::NAN)], 1.0, INK);
-        pdf.disc((5.0, 5.0), 2.0, INK.with_alpha(0.16));
-        let file = hayro_syntax::Pdf::new(pdf.finish(") >> é").unwrap()).unwrap();
+        let shapes = [
+            Shape::Line(vec![(0.0, 0.0), (f64::INFINITY, f64::NAN)], 1.0, INK),
+            Shape::Disc((5.0, 5.0), 2.0, INK.with_alpha(0.16)),
+        ];
+        let bytes = render(") >> é", &shapes, (100.0, 50.0), 0.75).unwrap();
+        let file = hayro_syntax::Pdf::new(bytes).unwrap();
         // MuPDF goes by the count, others by the list.
         let catalog: Dict<'_> = file.xref().get(file.xref().root_id()).unwrap();
         let pages: Dict<'_> = catalog.get("Pages").unwrap();

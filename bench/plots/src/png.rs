@@ -1,4 +1,4 @@
-//! PNG files that know how large they are in print and whose they are.
+//! PNG files with a print resolution and this program's name.
 
 use image::codecs::png::{CompressionType, FilterType, PngEncoder};
 use image::{ExtendedColorType, ImageEncoder as _, ImageError, RgbImage};

@@ -1,0 +1,287 @@
+//! A drawing, and the three files that it becomes: SVG, PNG and PDF.
+//!
+//! plotters draws on whole pixels, so that the SVG is drawn four times as large as its units, as its view box says, and
+//! the PNG twice as large as it will be, which also smooths it. The [PDF](super::pdf) is exact.
+
+use std::fmt::Display;
+
+use image::{RgbImage, imageops};
+use plotters::backend::{BitMapBackend, DrawingBackend, SVGBackend};
+use plotters::style::text_anchor::{HPos, Pos, VPos};
+use plotters::style::{
+    Color as _, FontDesc, FontFamily, FontStyle, FontTransform, RGBAColor, RGBColor, ShapeStyle,
+    TextStyle,
+};
+
+use super::ink::{Ink, PAPER};
+use super::style::Medium;
+use super::text::{self, FAMILY, Weight};
+use super::{pdf, png};
+use crate::PlotError;
+
+/// Drawn pixels per unit of the SVG.
+const SVG_SCALE: f64 = 4.0;
+/// Drawn pixels per PNG pixel.
+const REDUCE: f64 = 2.0;
+/// Pixels of a PNG before it is reduced, at most: 0.8 GB.
+const MAX_DRAWN: f64 = 268_435_456.0;
+/// The SVG backend divides font sizes by this.
+const PLOTTERS_FONT_FACTOR: f64 = 1.24;
+
+/// Anchor of a text.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Anchor {
+    Start,
+    Middle,
+    End,
+}
+
+/// Style of text.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Lettering {
+    /// Font size, units.
+    pub size: f64,
+    pub weight: Weight,
+    pub ink: Ink,
+    /// Horizontal anchor; the point's y is the baseline.
+    pub anchor: Anchor,
+    /// Whether the text runs upwards.
+    pub upwards: bool,
+}
+
+impl Lettering {
+    /// Offset of a text's start from its anchor, units.
+    pub(super) fn shift(&self, text: &str) -> f64 {
+        let width = || text::width(text, self.size, self.weight);
+        match self.anchor {
+            Anchor::Start => 0.0,
+            Anchor::Middle => -width() / 2.0,
+            Anchor::End => -width(),
+        }
+    }
+}
+
+/// Points in units, CSS pixels at [`Medium::SCREEN`]; y down.
+pub type Point = (f64, f64);
+
+#[derive(Debug, Clone)]
+pub(super) enum Shape {
+    Line(Vec<Point>, f64, Ink),
+    Polygon(Vec<Point>, Ink),
+    Disc(Point, f64, Ink),
+    Text(String, Point, Lettering),
+}
+
+/// A drawing in the making.
+#[derive(Debug, Default)]
+pub struct Surface(pub(super) Vec<Shape>);
+
+impl Surface {
+    /// An open line.
+    pub fn line(&mut self, points: &[Point], width: f64, ink: Ink) {
+        self.0.push(Shape::Line(points.to_vec(), width, ink));
+    }
+
+    /// A filled polygon.
+    pub fn polygon(&mut self, points: &[Point], ink: Ink) {
+        self.0.push(Shape::Polygon(points.to_vec(), ink));
+    }
+
+    /// A filled circle.
+    pub fn disc(&mut self, centre: Point, radius: f64, ink: Ink) {
+        self.0.push(Shape::Disc(centre, radius, ink));
+    }
+
+    /// A line of text.
+    pub fn text(&mut self, text: &str, at: Point, lettering: Lettering) {
+        self.0.push(Shape::Text(text.to_owned(), at, lettering));
+    }
+}
+
+/// A drawing in all its forms.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Figure {
+    /// What it shows, in words: its alternative text.
+    pub title: String,
+    /// A complete SVG document.
+    pub svg: String,
+    /// The same in pixels.
+    pub png: Vec<u8>,
+    /// The same as one page of PDF; text is drawn as outlines, so that it needs no font.
+    pub pdf: Vec<u8>,
+}
+
+impl Figure {
+    /// Renders what `picture` draws in each form; the size is in units.
+    ///
+    /// # Errors
+    /// When the drawing library or an encoder refuses.
+    pub fn draw(
+        title: &str,
+        (width, height): (u32, u32),
+        medium: Medium,
+        picture: impl Fn(&mut Surface),
+    ) -> Result<Self, PlotError> {
+        let (w, h) = (f64::from(width), f64::from(height));
+        let mut surface = Surface::default();
+        surface.polygon(&[(0.0, 0.0), (w, 0.0), (w, h), (0.0, h)], PAPER);
+        picture(&mut surface);
+        let shapes = surface.0;
+        let failed = |reason: String| PlotError::new(title, reason);
+        let drawn = |scale: f64| ((w * scale).round() as u32, (h * scale).round() as u32);
+
+        let mut svg = String::new();
+        let backend = SVGBackend::with_string(&mut svg, drawn(SVG_SCALE));
+        paint(backend, SVG_SCALE, &shapes, svg_letters).map_err(failed)?;
+
+        let density = medium.zoom * medium.dpi / 96.0;
+        let size = drawn(density * REDUCE);
+        if f64::from(size.0) * f64::from(size.1) > MAX_DRAWN {
+            return Err(failed(format!(
+                "{} × {} pixels are too many to draw; a smaller width or fewer dpi",
+                size.0, size.1
+            )));
+        }
+        let mut large = RgbImage::new(size.0, size.1);
+        let backend = BitMapBackend::with_buffer(&mut large, size);
+        paint(backend, density * REDUCE, &shapes, bitmap_letters).map_err(failed)?;
+        let half = |side: u32| (f64::from(side) / REDUCE) as u32;
+        let small = imageops::thumbnail(&large, half(size.0), half(size.1));
+
+        let pdf = pdf::render(title, &shapes, (w, h), medium.zoom * 0.75);
+        Ok(Self {
+            title: title.to_owned(),
+            svg: tidy(&svg, title, (w, h), medium.zoom),
+            png: png::encode(&small, medium.dpi).map_err(|e| failed(e.to_string()))?,
+            pdf: pdf.map_err(|e| failed(e.to_string()))?,
+        })
+    }
+}
+
+/// Size in CSS pixels, a title for readers, exact baselines.
+fn tidy(svg: &str, title: &str, (width, height): (f64, f64), zoom: f64) -> String {
+    let body = svg.split_once('>').map_or("", |(_, body)| body);
+    let title: String = title.chars().map(escaped).collect();
+    let shown = |side: f64| (side * zoom * 100.0).round() / 100.0;
+    format!(
+        "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{}\" height=\"{}\" viewBox=\"0 0 {} {}\" \
+         role=\"img\" aria-label=\"{title}\">\n<title>{title}</title>{}",
+        shown(width),
+        shown(height),
+        width * SVG_SCALE,
+        height * SVG_SCALE,
+        body.replace(" dy=\"-0.5ex\"", "")
+    )
+}
+
+/// A character as XML has it; control characters have no place there.
+fn escaped(c: char) -> String {
+    match c {
+        '<' | '>' | '&' | '"' | '\'' => format!("&#{};", u32::from(c)),
+        c if c.is_control() && c != '\n' && c != '\t' => '\u{FFFD}'.to_string(),
+        c => c.to_string(),
+    }
+}
+
+/// Draws on a backend of plotters, `scale` pixels a unit. `letters` sets a text on its baseline; sizes are in pixels there.
+fn paint<B: DrawingBackend>(
+    mut backend: B,
+    scale: f64,
+    shapes: &[Shape],
+    letters: impl Fn(&mut B, &str, (i32, i32), Lettering) -> Result<(), String>,
+) -> Result<(), String> {
+    // Far outside stays far outside.
+    let drawn = |length: f64| (length * scale).round().clamp(-1e6, 1e6) as i32;
+    let place = |(x, y): &Point| (drawn(*x), drawn(*y));
+    let filled = |ink: &Ink| ShapeStyle::from(color(*ink)).filled();
+    for shape in shapes {
+        let done = match shape {
+            Shape::Line(points, width, ink) => {
+                let style = ShapeStyle {
+                    color: color(*ink),
+                    filled: false,
+                    stroke_width: drawn(*width).max(1) as u32,
+                };
+                backend.draw_path(points.iter().map(place), &style)
+            }
+            Shape::Polygon(points, ink) => {
+                backend.fill_polygon(points.iter().map(place), &filled(ink))
+            }
+            Shape::Disc(centre, radius, ink) => {
+                backend.draw_circle(place(centre), drawn(*radius) as u32, &filled(ink), true)
+            }
+            Shape::Text(text, at, lettering) => {
+                let lettering = Lettering {
+                    size: lettering.size * scale,
+                    ..*lettering
+                };
+                letters(&mut backend, text, place(at), lettering)?;
+                Ok(())
+            }
+        };
+        done.map_err(reason)?;
+    }
+    backend.present().map_err(reason)
+}
+
+fn reason(error: impl Display) -> String {
+    error.to_string()
+}
+
+fn color(ink: Ink) -> RGBAColor {
+    let (r, g, b) = ink.rgb;
+    RGBColor(r, g, b).mix(ink.alpha)
+}
+
+fn svg_letters(
+    backend: &mut SVGBackend<'_>,
+    text: &str,
+    at: (i32, i32),
+    lettering: Lettering,
+) -> Result<(), String> {
+    let style = match lettering.weight {
+        Weight::Regular => FontStyle::Normal,
+        Weight::Bold => FontStyle::Bold,
+    };
+    let size = lettering.size * PLOTTERS_FONT_FACTOR;
+    let mut font = FontDesc::new(FontFamily::Name(FAMILY), size, style);
+    if lettering.upwards {
+        font = font.transform(FontTransform::Rotate270);
+    }
+    let h_pos = match lettering.anchor {
+        Anchor::Start => HPos::Left,
+        Anchor::Middle => HPos::Center,
+        Anchor::End => HPos::Right,
+    };
+    let ink = color(lettering.ink);
+    let style = TextStyle::from(font)
+        .color(&ink)
+        .pos(Pos::new(h_pos, VPos::Bottom));
+    backend.draw_text(text, &style, at).map_err(reason)
+}
+
+/// Laid out here and not by plotters, which ignores the side bearings of glyphs.
+fn bitmap_letters(
+    backend: &mut BitMapBackend<'_>,
+    text: &str,
+    (x0, y0): (i32, i32),
+    lettering: Lettering,
+) -> Result<(), String> {
+    let shift = lettering.shift(text).round() as i32;
+    let (w, h) = backend.get_size();
+    let mut result = Ok(());
+    text::raster(text, lettering.size, lettering.weight, |x, y, coverage| {
+        let (x, y) = if lettering.upwards {
+            (x0 + y, y0 - (x + shift))
+        } else {
+            (x0 + x + shift, y0 + y)
+        };
+        let inside = (0..w as i32).contains(&x) && (0..h as i32).contains(&y);
+        if inside && coverage > 0.0 && result.is_ok() {
+            let alpha = lettering.ink.alpha * f64::from(coverage);
+            let color = color(lettering.ink.with_alpha(alpha)).to_backend_color();
+            result = backend.draw_pixel((x, y), color).map_err(reason);
+        }
+    });
+    result
+}

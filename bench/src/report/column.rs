@@ -1,0 +1,225 @@
+//! A column of a table: a metric, or a quantity that methods report about their predictions.
+
+use sharp_metrics::identity::MetricRegion;
+use sharp_metrics::{Direction, MetricInfo, MetricKey};
+
+use super::error::ReportError;
+use super::tables::shown;
+
+/// Key, label, decimals and meaning of each quantity that methods report.
+const REPORTED: [(&str, &str, usize, &str); 7] = [
+    (
+        "mean_alpha",
+        "Mean alpha",
+        3,
+        "mean coverage of the rendering, 0..1",
+    ),
+    (
+        "hole_share",
+        "Hole share",
+        3,
+        "share of pixels whose alpha is below 0.5",
+    ),
+    (
+        "source_psnr",
+        "Source PSNR",
+        2,
+        "PSNR of the source's photograph and the Gaussians rendered from its own camera, dB",
+    ),
+    (
+        "median_scale",
+        "Depth scale",
+        3,
+        "the factor that median alignment put on the predicted depth",
+    ),
+    (
+        "dropped_blocks",
+        "Dropped blocks",
+        0,
+        "blocks of pixels without a valid depth, for which no Gaussian was made",
+    ),
+    (
+        "scored_share",
+        "Scored share",
+        3,
+        "share of the target's pixels that a cropped prediction is scored on",
+    ),
+    (
+        "best_scale",
+        "Best scale",
+        3,
+        "the scale of the scene whose picture had the least DISTS, of those that the method rendered",
+    ),
+];
+
+/// A column of a table: a metric of exactly one identity, or a quantity that methods report.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Column {
+    /// Key in a record's scores, such as `ssim[gauss11,valid]`, or in its reported values. Each key has its own column.
+    pub key: String,
+    /// Name with variant and region, such as `SSIM gauss11 valid (frustum)`.
+    pub label: String,
+    /// The same without a variant that is its family's default: `SSIM (frustum)`.
+    pub short: String,
+    /// `dB`, or empty for a number without unit.
+    pub unit: String,
+    /// Decimals shown; ranks are taken after rounding to them.
+    pub decimals: usize,
+    /// Which values are better; `None` is never ranked.
+    pub direction: Option<Direction>,
+    /// How the number is computed, with everything that changes its value.
+    pub convention: String,
+    /// Network and sha256 of the features that it was computed on, where they are not the published ones.
+    pub stand_in: Option<String>,
+}
+
+impl From<MetricKey> for Column {
+    fn from(key: MetricKey) -> Self {
+        (&MetricInfo::new(key, &[])).into()
+    }
+}
+
+impl From<&MetricInfo> for Column {
+    fn from(info: &MetricInfo) -> Self {
+        Self {
+            key: info.key.to_string(),
+            label: label(info.key, true),
+            short: label(info.key, false),
+            unit: info.unit.clone(),
+            decimals: info.decimals,
+            direction: Some(info.direction),
+            convention: info.to_string(),
+            stand_in: info
+                .backbone
+                .as_ref()
+                .filter(|backbone| backbone.is_unpublished())
+                .map(ToString::to_string),
+        }
+    }
+}
+
+fn label(key: MetricKey, with_default: bool) -> String {
+    let whole = MetricKey::whole(key.metric());
+    let family = key.family().name();
+    let name = if family.parse() == Ok(whole) && !with_default {
+        family.to_uppercase()
+    } else {
+        whole.label()
+    };
+    match key.region() {
+        MetricRegion::Whole => name,
+        MetricRegion::Frustum => format!("{name} (frustum)"),
+        MetricRegion::Given => format!("{name} (mask)"),
+    }
+}
+
+impl Column {
+    /// The quantities that methods report about their predictions.
+    pub(super) fn extras() -> Vec<Self> {
+        REPORTED
+            .map(|(key, label, decimals, convention)| {
+                Self::reported(key, label, decimals, convention)
+            })
+            .into()
+    }
+
+    /// A quantity that is not a metric: it has no direction and is never ranked.
+    pub fn reported(key: &str, label: &str, decimals: usize, convention: &str) -> Self {
+        Self {
+            key: key.into(),
+            label: label.into(),
+            short: label.into(),
+            unit: String::new(),
+            decimals,
+            direction: None,
+            convention: convention.into(),
+            stand_in: None,
+        }
+    }
+
+    /// `higher is better`: the arrow in words.
+    pub fn direction_words(&self) -> &'static str {
+        match self.direction {
+            Some(Direction::Higher) => "higher is better",
+            Some(Direction::Lower) => "lower is better",
+            None => "not ranked",
+        }
+    }
+
+    /// The label with the unit, for an axis: `PSNR (dB)`, `PSNR (frustum, dB)`.
+    pub fn axis_label(&self) -> String {
+        let (label, unit) = (&self.label, &self.unit);
+        match label.strip_suffix(')') {
+            _ if unit.is_empty() => label.clone(),
+            Some(open) => format!("{open}, {unit})"),
+            None => format!("{label} ({unit})"),
+        }
+    }
+
+    /// The key without variant and region: `ssim`.
+    pub(super) fn family(&self) -> &str {
+        self.key.split(['[', '@']).next().unwrap_or_default()
+    }
+
+    /// Names of columns of one table: short for default variants, unless another variant of the same family is shown too.
+    pub fn names(columns: &[Self]) -> Vec<&str> {
+        let names = columns.iter().map(|column| {
+            let mut family = columns.iter().filter(|c| c.family() == column.family());
+            if family.all(|c| c.key.split('@').next() == column.key.split('@').next()) {
+                column.short.as_str()
+            } else {
+                column.label.as_str()
+            }
+        });
+        names.collect()
+    }
+
+    /// [`Self::names`] with arrows for the direction: `PSNR ↑`.
+    pub fn heads(columns: &[Self]) -> Vec<String> {
+        let named = columns.iter().zip(Self::names(columns));
+        let heads = named.map(|(column, name)| match column.direction {
+            Some(Direction::Higher) => format!("{name} ↑"),
+            Some(Direction::Lower) => format!("{name} ↓"),
+            None => name.to_owned(),
+        });
+        heads.collect()
+    }
+
+    /// The columns of these metrics, in their order; all columns if there are none.
+    ///
+    /// # Errors
+    /// When a metric has no column.
+    pub fn chosen(columns: &[Self], keys: &[MetricKey]) -> Result<Vec<Self>, ReportError> {
+        if keys.is_empty() {
+            return Ok(columns.to_vec());
+        }
+        let column = |key: &MetricKey| {
+            let key = key.to_string();
+            let found = columns.iter().find(|column| column.key == key).cloned();
+            let known = columns.iter().map(|column| column.key.as_str());
+            found.ok_or_else(|| ReportError::absent("metric", &key, known))
+        };
+        keys.iter().map(column).collect()
+    }
+
+    /// A value as it is shown.
+    pub fn shown(&self, value: f64) -> String {
+        shown(value, self.decimals)
+    }
+
+    /// Part of a file name.
+    pub fn slug(&self) -> String {
+        slug(&self.key)
+    }
+}
+
+/// Runs of letters and digits of a column's key, in lower case, joined by dashes.
+pub(super) fn slug(key: &str) -> String {
+    let parts = key.split(|c: char| !c.is_ascii_alphanumeric());
+    let parts: Vec<_> = parts.filter(|part| !part.is_empty()).collect();
+    if parts.is_empty() {
+        "x".into()
+    } else {
+        parts.join("-").to_lowercase()
+    }
+}
