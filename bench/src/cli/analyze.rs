@@ -19,7 +19,7 @@ use crate::io::pictures;
 use crate::pictures::keyed_scores::json_scores;
 use crate::report::figures::sheet::SheetMedium;
 
-/// The paper's explanatory experiments on pictures of yours
+/// Repeat the paper's explanatory experiments on your pictures
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:
@@ -36,7 +36,7 @@ enum AnalyzeCommand {
     Translation(TranslationArgs),
 }
 
-/// How far each metric moves when a picture is shifted a little, and when it is replaced by its mean colour
+/// How much each metric reacts to a small shift of a picture, and to its mean colour in its place
 ///
 /// The paper's table of sensitivity. A window moves over the picture, so that nothing is filled in at a border; between
 /// pixels it is interpolated linearly; all pictures are rounded to 8 bits.

@@ -16,10 +16,10 @@ use crate::track::compare::{CompareError, Practical, RunComparison, compare};
 
 /// Compare two runs pair by pair: means, intervals, significance
 ///
-/// Differences are B − A over the same pairs. Pairs of one physical scene depend on each other, so that what decides is how
-/// scenes vary, not pairs. B is better or worse where chance alone is an unlikely reason, p < 0.05 after Holm's correction
-/// over the datasets of a metric; there is no difference (none) where all that is likely is too small to matter
-/// (--practical) or the sides are equal; otherwise the runs cannot tell (inconclusive).
+/// Differences are B − A over the same pairs. Pairs of one physical scene are correlated, so significance is computed
+/// over scenes. B is better or worse if p < 0.05 after Holm's correction over the datasets of a metric. The verdict is
+/// none if the whole confidence interval is too small to matter (--practical) or the sides are equal, and inconclusive
+/// otherwise.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:
@@ -28,26 +28,26 @@ Examples:
   sharp-bench compare runs/all --method depth-splat=sharp
   sharp-bench compare runs/v1 runs/v2 --anatomy --out v1-v2")]
 pub(super) struct CompareArgs {
-    /// Run folder A, what was before
+    /// Run folder A, before
     #[arg(value_name = "A")]
     a: PathBuf,
-    /// Run folder B, what is now; A itself if left out
+    /// Run folder B, after [default: A itself]
     #[arg(value_name = "B")]
     b: Option<PathBuf>,
-    /// A method of A against one of B; without it, those of equal label, or the only ones
+    /// Compare a method of A with one of B [default: methods of equal label, or the only ones]
     #[arg(long = "method", value_name = "OLD=NEW")]
     methods: Vec<MethodPair>,
-    /// Largest difference that counts as negligible, by metric; psnr=0.05,ssim=0.001,lpips=0.001,dists=0.001 if not given
+    /// Largest negligible difference per metric [default: psnr=0.05,ssim=0.001,lpips=0.001,dists=0.001]
     #[arg(long, value_name = "METRIC=VALUE", value_delimiter = ',')]
     practical: Vec<Threshold>,
-    /// Show means by scene, baseline, rotation, overlap and relative motion too
+    /// Also show means by scene, baseline, rotation, overlap and relative motion
     #[arg(long)]
     breakdown: bool,
-    /// Show the error by kind of pixel too: what the source shows, hides or leaves outside, and what is close to a depth
-    /// edge. Needs the kept pictures of both runs and datasets with depth
+    /// Also show the error by kind of pixel: visible in the source, hidden, outside, or near a depth edge. Needs both
+    /// runs' kept pictures and datasets with depth
     #[arg(long)]
     anatomy: bool,
-    /// A backbone's weights file for --anatomy, where the runs were scored on others than those at hand: NAME=FILE
+    /// A backbone's weights for --anatomy, NAME=FILE, if the runs used other weights than those found here
     #[arg(long, value_name = "NAME=FILE", requires = "anatomy")]
     weights: Vec<String>,
     /// Write a page with the pictures of the pairs that changed most, Markdown and CSV into this folder

@@ -21,7 +21,7 @@ pub(super) struct DatasetArgs {
 }
 
 impl DatasetArgs {
-    /// Opens them and says which scenes are left out.
+    /// Opens them and names the scenes that are left out.
     pub(super) fn open(&self) -> Result<Vec<OpenDataset>, PairError> {
         let datasets = OpenDataset::open_all(&self.datasets, self.scenes.as_deref())?;
         say_what_was_opened(&datasets);
@@ -29,7 +29,7 @@ impl DatasetArgs {
     }
 }
 
-/// Says which scenes are left out, and what readers assumed.
+/// Names the scenes that are left out and what readers assumed.
 pub(super) fn say_what_was_opened(datasets: &[OpenDataset]) {
     for dataset in datasets {
         for group in &dataset.left_out {

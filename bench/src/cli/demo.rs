@@ -17,10 +17,10 @@ use crate::report::{Layout, PictureBudget, ReportOptions, report};
 
 /// Run the main job on bundled data: evaluate, tabulate, plot
 ///
-/// Evaluates the small network that comes with the program, with and without the scale of the true depth, and the methods
-/// that need no network on Middlebury's Motorcycle (a real stereo pair with measured depth, built in) and on a procedural
-/// multi-view scene, and writes a report. Nothing is downloaded. The network is SHARP's architecture trained on procedural
-/// scenes, not Apple's model.
+/// Evaluates the bundled small network, with and without the true depth's scale, and methods without a network. The
+/// data are Middlebury's Motorcycle, a real stereo pair with measured depth, and a procedural multi-view scene. Writes
+/// a report and downloads nothing. The network has SHARP's architecture but was trained on procedural scenes; it is not
+/// Apple's model.
 #[derive(Debug, Args)]
 #[command(after_help = "Example:\n  sharp-bench demo --out demo-run")]
 pub(super) struct DemoArgs {
@@ -29,7 +29,7 @@ pub(super) struct DemoArgs {
     out: PathBuf,
     #[command(flatten)]
     metrics: MetricConfig,
-    /// Threads; all cores without it. Results do not depend on it
+    /// Threads [default: all cores]. Results do not depend on it
     #[arg(long, value_name = "N")]
     threads: Option<usize>,
     /// Print JSON

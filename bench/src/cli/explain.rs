@@ -19,10 +19,10 @@ use crate::scoring::Scoring;
 
 /// Why a number differs from the published one
 ///
-/// Scores the kept predictions of a run under every reading of the protocol that needs no other prediction: variants of the
-/// metrics, masks, 8 bit by rounding or truncation or not at all, colour divided by alpha, cropped borders, what the mean is
-/// over, one scene a place. Each cell of the paper's row gets a verdict: equal to rounding, ambiguous with the candidates,
-/// inside the protocol's spread, or outside. What needs other pairs or pictures is listed as not computed.
+/// Scores a run's kept predictions under every reading of the protocol that needs no new prediction: variants of the
+/// metrics, masks, rounding, truncation or no 8 bit, colour divided by alpha, cropped borders, what is averaged over,
+/// one scene per place. Each cell of the paper's row gets a verdict: equal to rounding, ambiguous with the candidates,
+/// inside the protocol's spread, or outside. Readings that need other pairs or pictures are listed as not computed.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:
@@ -35,7 +35,7 @@ pub(super) struct ExplainArgs {
     /// A table of scores by its name in `table list`
     #[arg(value_name = "TABLE")]
     table: String,
-    /// Run folders, each with its method where it has several
+    /// Run folders, with a method if they have several
     #[arg(value_name = "RUN[:METHOD]", required = true)]
     runs: Vec<String>,
     /// The published row to compare with

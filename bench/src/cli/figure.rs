@@ -27,7 +27,7 @@ use crate::report::{ReportError, plots as report_plots, scenes};
 use sharp_plots::Figure;
 use sharp_plots::style::FigureStyle;
 
-/// Remarks on a sheet at most; --json has all.
+/// Most remarks on a sheet that are printed; --json has all.
 const PROBLEMS: usize = 10;
 
 /// Make a figure of the paper from runs, in print quality
@@ -67,8 +67,7 @@ enum FigureCommand {
         /// Which metric of the runs
         #[arg(long, default_value_t = MetricKey::DISTS)]
         metric: MetricKey,
-        /// What `speed` measured, its folder or speed.csv: taken for the methods and datasets in it instead of the run's
-        /// own times
+        /// A folder of `speed`, or its speed.csv, whose times replace the run's for the methods and datasets in it
         #[arg(long, value_name = "PATH")]
         speed: Option<PathBuf>,
     },
@@ -99,8 +98,8 @@ enum FigureCommand {
         pictures: PicturesArgs,
         #[command(flatten)]
         pairs: PairsChoice,
-        /// z-depth in the target's camera, DIR/PAIR_ID.npy, .npz, .exr, .pfm or .png; without it that of the kept rendering
-        /// (run --keep float), or else the dataset's
+        /// z-depth in the target's camera, DIR/PAIR_ID.npy, .npz, .exr, .pfm or .png [default: that of the kept
+        /// rendering (run --keep float), else the dataset's]
         #[arg(long, value_name = "DIR")]
         depth: Option<PathBuf>,
     },
@@ -149,7 +148,7 @@ struct UncertaintyArgs {
     /// The depth of the mirrored picture, as it was predicted
     #[arg(long, value_name = "FILE", requires = "depth")]
     mirrored: Option<PathBuf>,
-    /// A SHARP checkpoint, or mini, that predicts both, each of its two layers a row
+    /// A SHARP checkpoint, or mini, that predicts both; each of its two layers is a row
     #[arg(
         long,
         value_name = "FILE",
@@ -157,7 +156,7 @@ struct UncertaintyArgs {
         required_unless_present = "depth"
     )]
     checkpoint: Option<PathBuf>,
-    /// Its architecture, FILE.json#NAME, where it is not the release's
+    /// Its architecture, FILE.json#NAME [default: the release's]
     #[arg(long, value_name = "CONFIG", requires = "checkpoint")]
     config: Option<String>,
     #[command(flatten)]

@@ -16,11 +16,11 @@ use crate::track::gate::config::MetricName;
 use crate::track::gate::output::{junit, markdown};
 use crate::track::gate::{CheckState, GateConfig, GateError, Limit, gate};
 
-/// Judge a run by a baseline, for continuous integration: exit code 3 where it is worse than limits allow
+/// Compare a run with a baseline in continuous integration: exit code 3 if it is worse than the limits allow
 ///
-/// A limit on a metric fires where B is worse than A by more than it says, on a dataset or over all of them, and p after
-/// Holm's correction is below 0.05; `per scene` asks for no significance. Pairs that lost a score fire too. Exit code 5: no
-/// limit fired, but something cannot be decided.
+/// A limit fires if B is worse than A by more than the limit, on a dataset or over all of them, with p < 0.05 after
+/// Holm's correction; `per scene` needs no significance. Pairs that lost a score fire too. Exit code 5: no limit fired,
+/// but one cannot be decided.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Limits:
@@ -34,22 +34,22 @@ Examples:
   sharp-bench gate --baseline main.zip --candidate runs/now --fail-if 'psnr < -0.1' --fail-if 'lpips > +0.005'
   sharp-bench gate --baseline main.zip --candidate runs/now --config gate.toml --junit gate.xml --markdown comment.md")]
 pub(super) struct GateArgs {
-    /// Run A, what must not get worse; a folder or a bundle
+    /// Run A, the baseline: a folder or a bundle
     #[arg(long, value_name = "A")]
     baseline: PathBuf,
-    /// Run B, what is judged; a folder or a bundle
+    /// Run B, the candidate: a folder or a bundle
     #[arg(long, value_name = "B")]
     candidate: PathBuf,
-    /// Limits as a file: fail_if = ["psnr < -0.1"], missing_pairs = 0, require_power = { psnr = 0.5 }
+    /// A file of limits: fail_if = ["psnr < -0.1"], missing_pairs = 0, require_power = { psnr = 0.5 }
     #[arg(long, value_name = "FILE")]
     config: Option<PathBuf>,
-    /// A limit, besides those of --config; repeatable
+    /// A limit in addition to those of --config; repeatable
     #[arg(long, value_name = "LIMIT")]
     fail_if: Vec<Limit>,
-    /// Exit code 5 where the runs could not detect a difference of that size: psnr=0.5,lpips=0.01
+    /// Exit code 5 if the runs could not detect a difference of this size: psnr=0.5,lpips=0.01
     #[arg(long, value_name = "METRIC=D", value_delimiter = ',')]
     require_power: Vec<Power>,
-    /// A method of A against one of B; without it, those of equal label, or the only ones
+    /// Compare a method of A with one of B [default: methods of equal label, or the only ones]
     #[arg(long = "method", value_name = "OLD=NEW")]
     methods: Vec<MethodPair>,
     /// Write JUnit XML

@@ -5,7 +5,7 @@ use clap::{Arg, ArgAction, Command, CommandFactory};
 
 use super::Cli;
 
-/// Options for special cases, which a screen has no room for.
+/// Options for special cases, shown by `--help-all` only.
 const RARE: [&str; 35] = [
     "adapter",
     "aggregate",
@@ -44,10 +44,10 @@ const RARE: [&str; 35] = [
     "weights",
 ];
 
-/// First words of the one paragraph below the options that a screen shows, too.
+/// First words of the paragraph below the options that `--help` shows too.
 const ON_A_SCREEN: [&str; 2] = ["Example", "Start with"];
 
-/// Commands of the first page, in the order in which one needs them; every other one is listed by `--help-all`.
+/// Commands on the first page. `--help-all` lists the others.
 const GROUPS: [(&str, &[&str]); 6] = [
     ("Evaluate", &["demo", "run", "score", "status", "merge"]),
     (
@@ -63,7 +63,7 @@ const GROUPS: [(&str, &[&str]); 6] = [
     ("Tools", &["weights", "doctor"]),
 ];
 
-/// The command line with both.
+/// The command line with `--help` and `--help-all`.
 pub(super) fn command() -> Command {
     let command = two_sizes(Cli::command().disable_help_flag(true), "sharp-bench");
     let line = |sub: &Command| {
@@ -116,7 +116,7 @@ fn two_sizes(command: Command, path: &str) -> Command {
     })
 }
 
-/// A number below zero is a value, so that its option refuses it by name.
+/// Takes negative numbers as values, so that errors name the option.
 fn negative(arg: Arg) -> Arg {
     let is_option = arg.get_long().is_some() && arg.get_action().takes_values();
     match is_option && !arg.is_allow_hyphen_values_set() {
@@ -125,7 +125,7 @@ fn negative(arg: Arg) -> Arg {
     }
 }
 
-/// The first clause of an option's help, unless it is one for special cases.
+/// Shortens an option's help to its first clause and hides options for special cases.
 fn short(arg: Arg) -> Arg {
     let Some(help) = arg.get_help().map(ToString::to_string) else {
         return arg;
@@ -139,7 +139,7 @@ fn short(arg: Arg) -> Arg {
     arg.help(clause).long_help(full).hide_short_help(is_rare)
 }
 
-/// A text whose paragraphs are one line each, to be wrapped at whatever width there is. Examples stay as they are.
+/// Joins the lines of each paragraph, so that the terminal's width decides. Examples stay as they are.
 fn unwrapped(text: &str) -> String {
     let paragraph = |lines: &str| match lines.contains("\n  ") {
         true => lines.to_owned(),
@@ -149,7 +149,7 @@ fn unwrapped(text: &str) -> String {
     paragraphs.join("\n\n")
 }
 
-/// The paragraph for a screen, with an empty line after it.
+/// The paragraph that `--help` shows, with an empty line after it.
 fn examples_of(text: &str) -> String {
     let lines = text
         .lines()

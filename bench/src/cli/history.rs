@@ -14,9 +14,9 @@ use crate::track::history::{self, HistoryError};
 
 /// Runs over time: means with intervals, and which run changed them
 ///
-/// A history is a folder with one small file a run (a bundle of its scores with label, commit and date), to keep or to
-/// commit. Entries are numbered in the order of adding and never changed. Damaged ones are named, cost the others nothing, and
-/// make the exit code 4.
+/// A history is a folder with one small file per run: a bundle of its scores with label, commit and date. Entries are
+/// numbered in the order of adding and never changed. Damaged entries are named and make the exit code 4; the others
+/// still count.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:
@@ -36,21 +36,21 @@ enum HistoryCommand {
 
 /// Add a run as the next entry
 ///
-/// The same results under the same label and commit are one entry, however often they are added. Anything else that is
-/// different, be it weights, photographs, code or a score, makes a new one.
+/// Adding the same results under the same label and commit again changes nothing. Any other difference, in weights,
+/// photographs, code or a score, makes a new entry.
 #[derive(Debug, Args)]
 struct AddArgs {
-    /// The history's folder; created where there is none
+    /// The history's folder; created if missing
     dir: PathBuf,
     /// Run folder or bundle
     run: PathBuf,
-    /// What tables and plots call it; the name of RUN if not given
+    /// Its name in tables and plots [default: the name of RUN]
     #[arg(long, value_name = "TEXT")]
     label: Option<String>,
     /// The version of your code, such as a git hash
     #[arg(long, value_name = "TEXT")]
     commit: Option<String>,
-    /// YYYY-MM-DD or YYYY-MM-DDTHH:MM; now (UTC) if not given
+    /// YYYY-MM-DD or YYYY-MM-DDTHH:MM [default: now, UTC]
     #[arg(long)]
     date: Option<String>,
     /// Print JSON
@@ -58,10 +58,10 @@ struct AddArgs {
     json: bool,
 }
 
-/// Show how scores went, per method, dataset and metric
+/// Show scores over time, per method, dataset and metric
 ///
-/// An entry is a change point where `compare` finds it better or worse than the entry before that it can be compared with
-/// (step), or than the last change point before it (drift). A series is broken where entries cannot be compared.
+/// An entry is a change point if `compare` finds it better or worse than the comparable entry before it (step) or than
+/// the last change point (drift). A series breaks where entries cannot be compared.
 #[derive(Debug, Args)]
 struct ShowArgs {
     /// The history's folder

@@ -6,8 +6,8 @@ use crate::io::machine::peak_bytes;
 
 #[derive(Debug, clap::Args)]
 pub(super) struct MemoryArgs {
-    /// Memory to keep within, such as 512M or 4G: Gaussians wait on disk, and the predictions of a pair are made and scored in
-    /// parts. One picture at a time and the networks' weights are the least; exceeding it is reported [default: 2G]
+    /// Memory limit, such as 512M or 4G: Gaussians wait on disk, and a pair's predictions are made and scored in parts.
+    /// One picture and the networks' weights are the minimum; exceeding the limit is reported [default: 2G]
     #[arg(long, value_name = "SIZE", value_parser = bytes)]
     memory_limit: Option<u64>,
 }

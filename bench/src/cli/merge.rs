@@ -11,8 +11,8 @@ use crate::io::counts::counted;
 
 /// Join run folders
 ///
-/// Equal units are taken once, disjoint pairs, methods and datasets stand side by side, and what contradicts each other is
-/// refused with the difference. One folder without --out gets its tables written again from its units.
+/// Equal units are kept once; different pairs, methods and datasets are combined; contradictions are refused with their
+/// reason. A single folder without --out gets its tables rewritten from its units.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:

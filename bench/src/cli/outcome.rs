@@ -57,12 +57,12 @@ impl Outcome {
     }
 }
 
-/// A command line that asks for something that cannot be, whatever the files say.
+/// A command line that contradicts itself, whatever the files hold.
 #[derive(Debug, thiserror::Error)]
 #[error("{0}")]
 pub(super) struct UsageError(pub(super) String);
 
-/// True where another command line is needed, not another file: exit code 2.
+/// Whether the command line has to change, not the files: exit code 2.
 pub(super) fn is_usage(error: &anyhow::Error) -> bool {
     error.chain().any(|cause| {
         cause.is::<UsageError>()
@@ -88,7 +88,7 @@ pub(super) fn is_usage(error: &anyhow::Error) -> bool {
     })
 }
 
-/// True where a signal or the time budget ended it: the same command continues, exit code 75.
+/// Whether a signal or the time budget ended it: exit code 75, and the same command continues.
 pub(super) fn is_stopped(error: &anyhow::Error) -> bool {
     let of_evaluation =
         |error: &EvaluateError| matches!(error, EvaluateError::Pairs(PairError::Stopped));
@@ -103,7 +103,7 @@ pub(super) fn is_stopped(error: &anyhow::Error) -> bool {
     })
 }
 
-/// The error of a dataset, also where others pass it on as their own.
+/// The dataset's error, also inside other errors.
 fn dataset_error<'a>(cause: &'a (dyn std::error::Error + 'static)) -> Option<&'a DatasetError> {
     let of_pairs = |error: &'a PairError| match error {
         PairError::Dataset(error) => Some(error),

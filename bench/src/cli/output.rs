@@ -11,7 +11,7 @@ use serde::Serialize;
 use crate::io::observer::Observer;
 use crate::io::text::{visible, visible_line};
 
-/// Writes a line, with nothing in it that a terminal obeys. That the reader went away (`| head`) is not an error.
+/// Writes a line without control characters. A closed pipe (`| head`) is no error.
 pub(super) fn line(text: impl AsRef<str>) -> anyhow::Result<()> {
     match writeln!(io::stdout().lock(), "{}", visible(text.as_ref())) {
         Err(error) if error.kind() == io::ErrorKind::BrokenPipe => Ok(()),
@@ -41,7 +41,7 @@ pub(super) fn remark(text: impl AsRef<str>) {
 /// Set by `--quiet`.
 static QUIET: AtomicBool = AtomicBool::new(false);
 
-/// No progress from now on; warnings and results stay.
+/// Hides progress; warnings and results stay.
 pub(super) fn silence_progress() {
     QUIET.store(true, Ordering::Relaxed);
 }
@@ -51,7 +51,7 @@ pub(super) fn is_quiet() -> bool {
     QUIET.load(Ordering::Relaxed)
 }
 
-/// Warnings as lines, progress as a bar, or as a line now and then where standard error is no terminal.
+/// Shows warnings as lines and progress as a bar, or as occasional lines if standard error is no terminal.
 #[derive(Debug, Default)]
 pub(super) struct Terminal {
     phase: Mutex<Option<Phase>>,
@@ -66,12 +66,12 @@ struct Phase {
     bar: ProgressBar,
     unit: String,
     failed: u64,
-    /// When the last plain line came, and how much was done then; at first when the phase began.
+    /// Time and progress of the last plain line; at first, the start of the phase.
     said: (Instant, u64),
     lines: usize,
 }
 
-/// Between two plain lines.
+/// Time between plain lines.
 const INTERVAL: Duration = Duration::from_secs(30);
 
 impl Phase {
@@ -102,8 +102,8 @@ impl Phase {
         }
     }
 
-    /// How far it has come, once an interval. The time left is judged by the last interval: what an earlier run left
-    /// done takes no time and says nothing about the rest.
+    /// A line on progress, once per interval. The time left is estimated from the last interval, because units of an
+    /// earlier run take no time.
     fn plain_line(&mut self, now: Instant) -> Option<String> {
         let (then, before) = self.said;
         let elapsed = now.saturating_duration_since(then);
@@ -140,7 +140,7 @@ pub(super) fn span(secs: f64) -> String {
 }
 
 impl Terminal {
-    /// One that asks work to stop after some time, and at the signals by which schedulers say that it is up.
+    /// A terminal that asks work to stop after `budget`, and on the signals that schedulers send before a kill.
     pub(super) fn until(budget: Option<Duration>) -> io::Result<Self> {
         Self::obeying(
             budget,
@@ -149,7 +149,7 @@ impl Terminal {
         )
     }
 
-    /// The same for work that would lose much when it is killed: Ctrl-C asks it to stop, too.
+    /// The same, also on Ctrl-C, for work that would lose much when killed.
     pub(super) fn until_interrupted(budget: Option<Duration>) -> io::Result<Self> {
         Self::obeying(
             budget,

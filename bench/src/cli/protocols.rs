@@ -6,9 +6,10 @@ use super::outcome::UsageError;
 use super::{Outcome, output};
 use crate::protocols::{PROTOCOLS, PairRule, Protocol};
 
-/// List other people's evaluations, or what one of them fixes
+/// List other people's evaluation protocols, or show one
 ///
-/// `run --protocol NAME` follows one: metrics, size, masks, 8 bit, means; where this harness cannot, it says so.
+/// `run --protocol NAME` follows one: metrics, size, masks, rounding, means. The report states where this harness
+/// differs.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:
@@ -16,7 +17,7 @@ Examples:
   sharp-bench protocols pixelsplat
   sharp-bench run --protocol unisharp --pairs theirs.csv --dataset wildrgbd=data --method copy --out runs/theirs")]
 pub(super) struct ProtocolsArgs {
-    /// One of them, in full
+    /// A protocol to show in full
     #[arg(value_name = "NAME")]
     name: Option<String>,
     /// Print JSON

@@ -15,9 +15,8 @@ use crate::report::{self, Layout, PublishedNumbers, ReportOptions};
 
 /// Write tables, plots and a browsable page from runs
 ///
-/// Several runs become one report: equal units once, other pairs, methods and datasets side by side. NAME=RUN puts the
-/// name before each method of a run, or takes its place where the run has one method. An unfinished run is
-/// reported as far as it has got.
+/// Several runs make one report: equal units once, other pairs, methods and datasets together. NAME=RUN prefixes each
+/// method of a run with the name, or renames its only method. An unfinished run is reported as far as it got.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:
@@ -33,25 +32,25 @@ pub(super) struct ReportArgs {
     /// Run folders or bundles
     #[arg(required = true, value_name = "[NAME=]RUN")]
     runs: Vec<Named>,
-    /// Where to write; RUN/report for a single run
+    /// Where to write [default: RUN/report for a single run]
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
-    /// Which of the paper's numbers stand beside ours
+    /// Which of the paper's numbers to show beside ours
     #[arg(long, value_enum, default_value_t = PublishedNumbers::Matching)]
     published: PublishedNumbers,
-    /// How means are aggregated, overriding the runs' own rule: over pairs, over scenes of means over pairs, or over source
-    /// views of means over targets
+    /// How to average, instead of the runs' rule: over pairs, over scenes of means over pairs, or over source views of
+    /// means over targets
     #[arg(long, value_enum, value_name = "OVER")]
     aggregate: Option<Aggregation>,
-    /// Where the page's pictures are; without it, in the page for up to 24 pairs, else beside it
+    /// Where the page's pictures go [default: into the page for up to 24 pairs, else beside it]
     #[arg(long, value_enum)]
     layout: Option<Layout>,
-    /// Leave out the pictures of datasets whose terms do not let them be published (the page names them), and where files lie
-    /// on this machine
+    /// Leave out pictures of datasets whose terms forbid publishing them (the page names them), and paths on this
+    /// machine
     #[arg(long)]
     public: bool,
-    /// Instead of a report, a paragraph for a paper with its references: datasets and pairs, conventions, metrics, what
-    /// differs from the SHARP paper. Printed, or with --out written as methods.tex and methods.bib
+    /// Print a paragraph for a paper instead of a report, with references: datasets and pairs, conventions, metrics,
+    /// differences from the SHARP paper. With --out, write methods.tex and methods.bib
     #[arg(long, conflicts_with_all = ["published", "layout", "public"])]
     methods_text: bool,
     /// Print JSON: the files written
@@ -131,7 +130,7 @@ fn methods_text(results: &Results, args: &ReportArgs) -> anyhow::Result<Outcome>
     Ok(Outcome::Done)
 }
 
-/// Names units that are not whole any more. True if there is one: exit code 4.
+/// Names damaged units; true if there are any.
 pub(super) fn warn_damaged(results: &Results) -> bool {
     for path in &results.damaged {
         output::remark(format!(

@@ -24,9 +24,9 @@ use crate::methods::KINDS;
 
 /// Evaluate methods on datasets into a run folder
 ///
-/// A run can be stopped and started again with the same command: finished units are kept, recorded failures are tried
-/// again. A pair that fails becomes a recorded failure and the others continue (exit code 4). A folder takes more
-/// methods, pairs, metrics and datasets later; nothing that is done is done again.
+/// The same command resumes a stopped run: finished units are kept, and recorded failures are tried again. A pair that
+/// fails is recorded, the others continue, and the exit code is 4. More methods, pairs, metrics and datasets can be
+/// added to the folder later without repeating finished work.
 #[derive(Debug, Args)]
 #[command(
     after_help = help(),
@@ -36,8 +36,8 @@ use crate::methods::KINDS;
                       sharp-bench run --plan <DIR> --shard <I/N> [OPTIONS]"
 )]
 pub(super) struct RunArgs {
-    /// Options from a file: TOML, by their names without dashes (`limit = 10`, `method = ["copy"]`), with paths that start
-    /// in its folder. Those of the command line take their place. Every run folder has its own as run.toml
+    /// Read options from a TOML file, by their names without dashes (`limit = 10`, `method = ["copy"]`); relative paths
+    /// start in its folder. Options on the command line take precedence. Every run folder holds its own as run.toml
     #[arg(long = "config", value_name = "FILE")]
     file: Option<PathBuf>,
     #[command(flatten)]
@@ -45,11 +45,11 @@ pub(super) struct RunArgs {
     /// The run folder
     #[arg(long, value_name = "DIR", required_unless_present_any = ["dry_run", "estimate", "plan"])]
     out: Option<PathBuf>,
-    /// Write into --out what would be done and what it would cost, for shards to do it
+    /// Write a plan with its estimated cost into --out, for shards
     #[arg(long, conflicts_with_all = ["dry_run", "estimate"])]
     plan_only: bool,
-    /// Do a shard of what was planned in this folder, with the arguments that it was planned with; write units only
-    /// (`merge` makes the tables)
+    /// Work off a shard of the plan in this folder, with the options it was planned with. Writes units only; `merge`
+    /// makes the tables
     #[arg(
         long,
         value_name = "DIR",
@@ -60,24 +60,24 @@ pub(super) struct RunArgs {
     /// Which shard, I/N with I from 1 to N; auto, or auto/N, in an array of Slurm, Kubernetes or AWS Batch
     #[arg(long, value_name = "I/N", requires = "plan")]
     shard: Option<Shard>,
-    /// Start the programs of `command` methods that the plan names: a plan from elsewhere could name any
+    /// Start the programs of `command` methods in the plan; check a plan from elsewhere first
     #[arg(long, requires = "plan")]
     allow_programs: bool,
-    /// Begin no unit after this time, such as 90s, 55m or 3h, and end with exit code 75, as SIGTERM and SIGUSR1 do
+    /// Start no unit after this time (90s, 55m, 3h) and end with exit code 75, as after SIGTERM or SIGUSR1
     #[arg(long, value_name = "TIME", value_parser = time)]
     time_budget: Option<Duration>,
-    /// Which stages to do; the others can follow on another machine
+    /// Stages to do; the others can follow on another machine
     #[arg(long, value_enum, default_value_t = Stages::All)]
     stage: Stages,
     #[command(flatten)]
     memory: MemoryArgs,
-    /// Threads; all cores without it. Results do not depend on it
+    /// Threads [default: all cores]. Results do not depend on it
     #[arg(long, value_name = "N")]
     threads: Option<usize>,
-    /// Count what is done, failed and missing, and evaluate nothing
+    /// Count finished, failed and missing units, and evaluate nothing
     #[arg(long)]
     dry_run: bool,
-    /// Evaluate a few pairs, tell what all of them would cost (CPU time, memory, disk), and keep nothing
+    /// Evaluate a few pairs, estimate the cost of all (CPU time, memory, disk), and keep nothing
     #[arg(long, conflicts_with = "dry_run")]
     estimate: bool,
     /// Print JSON
@@ -113,7 +113,7 @@ pub(super) fn time(text: &str) -> Result<Duration, String> {
     Ok(Duration::from_secs(secs))
 }
 
-/// What is asked for, with the folder of the plan that it is from.
+/// The configuration from file, plan and options.
 fn configuration(args: &RunArgs) -> anyhow::Result<RunConfig> {
     let Some(root) = &args.plan else {
         return Ok(match &args.file {
@@ -288,7 +288,7 @@ fn dry_run(evaluation: &Evaluation, args: &RunArgs) -> anyhow::Result<Outcome> {
     Ok(Outcome::Done)
 }
 
-/// The result, or `None` if the renderer's device failed: the same command then resumes the run.
+/// The result; `None` if the renderer's device failed, after which the same command resumes the run.
 fn unless_stopped<T>(result: Result<T, EvaluateError>) -> anyhow::Result<Option<T>> {
     match result {
         Err(error @ EvaluateError::Device { .. }) => {

@@ -11,8 +11,9 @@ use crate::scale::{Kubernetes, Shards, Slurm, kubernetes, slurm};
 
 /// Write the files that run a plan on a cluster
 ///
-/// The plan is made by `run --plan-only` and lies where all nodes see it. What jobs ask for is what the plan estimated; read
-/// the files before you submit them. Any other scheduler runs `run --plan DIR --shard I/N` for I from 1 to N, then `merge DIR`.
+/// The plan, made by `run --plan-only`, must be visible to all nodes. Jobs request what the plan estimated; read the
+/// files before you submit them. With any other scheduler, run `run --plan DIR --shard I/N` for I from 1 to N, then
+/// `merge DIR`.
 #[derive(Debug, Args)]
 pub(super) struct ScaleArgs {
     #[command(subcommand)]
@@ -21,13 +22,13 @@ pub(super) struct ScaleArgs {
 
 #[derive(Debug, Subcommand)]
 enum Scheduler {
-    /// Array jobs of Slurm: a script a stage, the merge's, and submit.sh, which submits what is left
+    /// Slurm array jobs: a script per stage, one for merging, and submit.sh, which submits what is left
     #[command(after_help = "\
 Example:
   sharp-bench scale slurm --plan /shared/runs/all --shards 64 --cpus 8 --sbatch pictures=--gres=gpu:1 \\
       --sbatch every=--partition=main --out jobs && bash jobs/submit.sh")]
     Slurm(SlurmArgs),
-    /// An indexed Job of Kubernetes, and the Job that merges
+    /// An indexed Kubernetes Job, and a Job that merges
     #[command(after_help = "\
 Example:
   sharp-bench scale kubernetes --plan /data/runs/all --shards 64 --image registry/sharp-bench:1 --claim data \\
@@ -37,10 +38,10 @@ Example:
 
 #[derive(Debug, Args)]
 struct ShardArgs {
-    /// The run folder of the plan, as the nodes see it
+    /// The plan's run folder, as the nodes see it
     #[arg(long, value_name = "DIR")]
     plan: PathBuf,
-    /// How many shards; each should last minutes at least, since it loads its model anew
+    /// Number of shards; each loads its model, so it should last minutes at least
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
     shards: u32,
     /// Cores of each
@@ -73,16 +74,16 @@ impl ShardArgs {
 struct SlurmArgs {
     #[command(flatten)]
     shards: ShardArgs,
-    /// The program, as the nodes see it; this one without it
+    /// The program, as the nodes see it [default: this one]
     #[arg(long, value_name = "FILE")]
     binary: Option<PathBuf>,
-    /// One array that does all stages, instead of one for pictures (predictions and renderings) and one for scores
+    /// One array for all stages, instead of one for pictures (predictions and renderings) and one for scores
     #[arg(long)]
     one_array: bool,
     /// An option of sbatch for a job (pictures, score, all, merge or every); repeatable
     #[arg(long = "sbatch", value_name = "JOB=OPTION", value_parser = option)]
     options: Vec<(String, String)>,
-    /// Submit shards with recorded failures again
+    /// Also submit shards with recorded failures
     #[arg(long)]
     retry_failed: bool,
 }
@@ -100,7 +101,7 @@ struct KubernetesArgs {
     /// The claim of the volume on which plan and datasets lie
     #[arg(long)]
     claim: String,
-    /// Where that is mounted
+    /// Where it is mounted
     #[arg(long, value_name = "DIR", default_value = "/data")]
     mount: PathBuf,
 }

@@ -20,7 +20,7 @@ use crate::io::counts::counted;
 
 /// Add metrics to a run from its kept predictions
 ///
-/// Nothing is predicted or rendered. Units whose pictures were not kept are counted and stay without the new values.
+/// Predicts and renders nothing. Units without kept pictures are counted and stay without the new values.
 #[derive(Debug, Args)]
 #[command(after_help = "Example:\n  sharp-bench score runs/first --metrics lpips-vgg,ssim-all")]
 pub(super) struct ScoreArgs {
@@ -29,19 +29,19 @@ pub(super) struct ScoreArgs {
     run: PathBuf,
     #[command(flatten)]
     metrics: MetricConfig,
-    /// Score a shard of a plan by the plan's metrics, and write units only: I/N, auto or auto/N, as `run --shard`. It needs
-    /// the datasets, and neither a method's files nor its device
+    /// Score a shard of a plan by the plan's metrics, and write units only: I/N, auto or auto/N, as `run --shard`.
+    /// Needs the datasets, but no method's files or device
     #[arg(long, value_name = "I/N", conflicts_with = "metrics")]
     shard: Option<Shard>,
-    /// Begin no pair after this time, such as 55m, and end with exit code 75, as SIGTERM and SIGUSR1 do
+    /// Start no pair after this time (55m) and end with exit code 75, as after SIGTERM or SIGUSR1
     #[arg(long, value_name = "TIME", value_parser = time)]
     time_budget: Option<Duration>,
-    /// Class of CPU kernels: avx512, avx2 or portable; the run's without it
+    /// Class of CPU kernels: avx512, avx2 or portable [default: the run's]
     #[arg(long, value_name = "SET")]
     simd: Option<InstructionSet>,
     #[command(flatten)]
     memory: MemoryArgs,
-    /// Threads; all cores without it. Results do not depend on it
+    /// Threads [default: all cores]. Results do not depend on it
     #[arg(long, value_name = "N")]
     threads: Option<usize>,
     /// Print JSON

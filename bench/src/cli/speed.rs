@@ -22,12 +22,12 @@ use crate::pairs::clap_dataset;
 use crate::report::speed::{Measured, SpeedReport, compute::compute};
 use crate::scoring::Scoring;
 
-/// Measure inference and rendering apart, and tell hardware and hours of runs
+/// Measure inference and rendering separately, and sum up hours and hardware of runs
 ///
-/// With --method and --dataset: each method alone on a few pairs of each dataset at its own resolution, after a warm-up;
-/// medians, spread, peak memory, and the Gaussians that explain the render time. The times that a run keeps are no such
-/// measurement, because they hold reading and run beside scoring: of runs, hours and hardware are summed up for a form of
-/// compute reporting.
+/// With --method and --dataset, measures each method alone on a few pairs of each dataset at its own resolution, after
+/// a warm-up: medians, spread, peak memory, and the Gaussians that explain the render time. Times in a run folder are
+/// not comparable, because scoring ran at the same time; given runs, hours and hardware are summed up for compute
+/// reporting.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:
@@ -36,7 +36,7 @@ Examples:
 
 Writes speed.md, speed.tex and, of what was measured, speed.csv. Let nothing else run meanwhile.")]
 pub(super) struct SpeedArgs {
-    /// Run folders whose hours and hardware to sum up
+    /// Run folders whose hours and hardware are summed up
     #[arg(value_name = "RUN", required_unless_present = "methods")]
     runs: Vec<PathBuf>,
     /// A method to measure, KIND[:key=value,…]; repeatable
@@ -47,24 +47,24 @@ pub(super) struct SpeedArgs {
     datasets: Vec<DatasetConfig>,
     #[command(flatten)]
     pairs: PairConfig,
-    /// Pairs of each dataset that are measured, spread over its scenes
+    /// Pairs per dataset, spread over its scenes
     #[arg(long, value_name = "N", default_value_t = 3)]
     limit: usize,
-    /// Rounds on the first pair of each dataset that are not counted
+    /// Uncounted rounds on the first pair of each dataset
     #[arg(long, value_name = "N", default_value_t = 1)]
     warmup: usize,
-    /// Rounds of each pair that are counted
+    /// Counted rounds per pair
     #[arg(long, value_name = "N", default_value_t = 5)]
     repeat: usize,
-    /// Who renders: cpu, or wgpu
+    /// The renderer: cpu, or wgpu
     #[arg(long, value_name = "BACKEND", default_value_t = Backend::Cpu)]
     backend: Backend,
-    /// The GPU, by a part of its description (`sharp-bench doctor` lists them)
+    /// The GPU, by part of its description (`sharp-bench doctor` lists them)
     #[arg(long, value_name = "NAME")]
     adapter: Option<String>,
     #[command(flatten)]
     rendering: RenderingConfig,
-    /// Threads; all cores without it
+    /// Threads [default: all cores]
     #[arg(long, value_name = "N")]
     threads: Option<usize>,
     /// The folder to write into

@@ -9,10 +9,10 @@ use super::output::span;
 use super::{Outcome, output};
 use crate::evaluate::{RunProgress, status::unfinished_shards};
 
-/// Show how far a run has got
+/// Show the progress of a run
 ///
-/// Reads the run folder alone, on any machine that sees it, while shards are at work. Exit code 75 while units are missing,
-/// 4 where all are there and some failed.
+/// Reads only the run folder, on any machine that sees it, also while shards are running. Exit code 75 while units are
+/// missing; 4 if all are there and some failed, or the datasets had broken files.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:
@@ -22,14 +22,13 @@ pub(super) struct StatusArgs {
     /// The run folder
     #[arg(value_name = "RUN")]
     run: PathBuf,
-    /// Print only the numbers of the shards, of N, that are not finished, as a list for a scheduler (2,17-19);
-    /// nothing if all are
+    /// Print only the unfinished shards of N, as a list for a scheduler (2,17-19)
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
     unfinished_shards: Option<u32>,
-    /// Print them for arrays with indices up to this: a line an array, its offset and its indices
+    /// Split them into arrays with indices up to this: a line per array, with its offset and indices
     #[arg(long, value_name = "INDEX", requires = "unfinished_shards", value_parser = clap::value_parser!(u32).range(1..))]
     max_index: Option<u32>,
-    /// Count shards with recorded failures as unfinished: a run tries those again
+    /// Count shards with recorded failures as unfinished
     #[arg(long, requires = "unfinished_shards")]
     retry_failed: bool,
     /// Print JSON

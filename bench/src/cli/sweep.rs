@@ -20,9 +20,9 @@ use sharp_plots::style::FigureStyle;
 
 /// Plot scores against how far the camera moved, with the table behind the plot
 ///
-/// Pairs are put into bins; a bin has the mean of each method's scores, their standard deviation, and the 95 % interval of
-/// the mean over scenes, for pairs of one scene depend on each other. Neither a line nor a shade bridges a bin without pairs,
-/// and a single pair is a hollow point.
+/// Pairs are binned. Each bin shows the mean of each method's scores, their standard deviation, and the 95 % interval
+/// of the mean, computed over scenes because pairs of one scene are correlated. Lines and shades do not bridge empty
+/// bins; a single pair is a hollow point.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:
@@ -40,21 +40,20 @@ pub(super) struct SweepArgs {
     /// Where to write
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
-    /// What the pairs are told apart by
+    /// The horizontal axis
     #[arg(long, value_enum, value_name = "MOTION", default_value = "baseline_m")]
     x: Motion,
-    /// How pairs are binned, as a width 0.1, quantile:N or edges 0,0.1,0.5; quantile:N makes N bins of equally many
-    /// pairs, up to 1000; beyond edges pairs are left out. A bin holds its lower edge. Without it at most ten bins of a round
-    /// width
+    /// Bins: a width (0.1), quantile:N (N bins of equally many pairs, up to 1000) or edges (0,0.1,0.5; pairs beyond
+    /// them are left out). A bin includes its lower edge [default: at most ten bins of a round width]
     #[arg(long, value_name = "BINS")]
     bins: Option<Binning>,
-    /// What is shaded around a mean
+    /// The shaded band around a mean
     #[arg(long, value_enum, default_value_t)]
     band: Band,
-    /// What panels are told apart by
+    /// What each panel shows
     #[arg(long, value_enum, default_value_t)]
     split: Split,
-    /// Metrics of the runs, comma-separated; all without it
+    /// Metrics, comma-separated [default: all of the runs]
     #[arg(long, value_name = "LIST", value_delimiter = ',')]
     metrics: Vec<MetricKey>,
     /// Report the motion beyond which each method's mean is worse than a value; repeatable
@@ -92,7 +91,6 @@ pub(super) fn execute(args: &SweepArgs) -> anyhow::Result<Outcome> {
     sweep(&args.runs, spec, (&args.out, "sweep"), &style, args.json)
 }
 
-/// The style in a file, or the default.
 pub(super) fn style(file: Option<&PathBuf>) -> anyhow::Result<FigureStyle> {
     let style = file.map_or_else(
         || Ok(FigureStyle::default()),

@@ -18,10 +18,10 @@ use crate::report::paper::{
 use crate::report::tables::grid::{GridCell, TextGrid};
 use crate::report::tables::{Origin, Table};
 
-/// The SHARP paper's tables with rows of your own
+/// Show the SHARP paper's tables with your own rows
 ///
-/// Published rows and yours stand in one grid with a rule between them and are ranked apart; below it stands what still
-/// keeps the two from being comparable digit by digit.
+/// Published rows and yours share a grid, separated by a rule and ranked apart. A checklist below it names what still
+/// prevents a digit-by-digit comparison.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:
@@ -35,14 +35,14 @@ pub(super) struct TableArgs {
     /// A table by its name in `table list`, or `list`
     #[arg(value_name = "NAME")]
     name: String,
-    /// A row of yours: a run folder or bundle, with its method where it has several; repeatable. For what the other tables
-    /// are made of see `table list`
+    /// A row of yours: a run folder or bundle, with a method if it has several; repeatable. `table list` says what
+    /// other tables need
     #[arg(long = "row", value_name = "LABEL=RUN[:METHOD]")]
     rows: Vec<String>,
-    /// Which variants stand in the columns, one a metric at most; without it the default ones that all rows have
+    /// The variants to show, at most one per metric [default: the default variants that all rows have]
     #[arg(long, value_name = "LIST")]
     metrics: Option<String>,
-    /// Leave out datasets that no row of yours has
+    /// Leave out datasets that none of your rows has
     #[arg(long, requires = "rows")]
     only_measured: bool,
     /// Write Markdown, CSV, LaTeX and HTML into this folder

@@ -19,8 +19,8 @@ pub struct MetricConfig {
     /// A backbone's weights file: alexnet=FILE, vgg16=FILE or squeezenet1_1=FILE; repeatable
     #[arg(long, value_name = "NAME=FILE")]
     pub weights: Vec<String>,
-    /// Where the networks behind LPIPS and DISTS are computed: cpu; cuda or metal in a build that has them (untested on
-    /// real GPUs); candle-cpu (slow) to try on the CPU what GPUs run [default: cpu]
+    /// Device for the networks of LPIPS and DISTS: cpu; cuda or metal if built in (untested on real GPUs); candle-cpu
+    /// (slow), the GPUs' code on the CPU [default: cpu]
     #[arg(long, value_name = "DEVICE")]
     pub device: Option<Device>,
 }

@@ -19,17 +19,17 @@ pub struct OverlapConfig {
     /// Checkpoint for overlap=sharp-release, or mini for the bundled network [default: where the release keeps its own]
     #[arg(long, value_name = "FILE")]
     pub overlap_checkpoint: Option<PathBuf>,
-    /// Its architecture, where it is not the release's: FILE.json#NAME
+    /// Its architecture, FILE.json#NAME [default: the release's]
     #[arg(long, value_name = "FILE[#NAME]", requires = "overlap_checkpoint")]
     pub overlap_config: Option<String>,
-    /// Where measured overlaps are kept, by content; the user's cache without this
+    /// Folder for measured overlaps [default: the user's cache]
     #[arg(long, value_name = "DIR", conflicts_with = "no_cache")]
     pub cache: Option<PathBuf>,
-    /// Measure every overlap anew and keep none
+    /// Measure every overlap again and keep none
     #[arg(long)]
     pub no_cache: bool,
-    /// Do not look at a few views of each scene first for what contradicts itself: units, focal lengths, poses of other
-    /// pictures, exchanged stereo pairs (`datasets check` looks at more)
+    /// Skip the check of a few views of each scene for contradictions: units, focal lengths, poses of other pictures,
+    /// exchanged stereo pairs (`datasets check` checks more)
     #[arg(long)]
     pub no_check: bool,
 }
@@ -72,8 +72,8 @@ pub struct PairConfig {
         conflicts_with_all = ["pair_options", "overlap_depth", "overlap_checkpoint", "cache", "no_cache"]
     )]
     pub pairs: Option<PathBuf>,
-    /// Choices that the paper leaves open, key=value,…; see `pairs --help-all`. A dataset changes them for itself by
-    /// --dataset SPEC,pairs.key=value
+    /// Pair options that the paper leaves open, key=value,…; see `pairs --help-all`. --dataset SPEC,pairs.key=value
+    /// sets one for that dataset alone
     #[arg(long, value_name = "LIST")]
     #[serde(with = "text")]
     #[schemars(with = "Option<String>")]

@@ -22,13 +22,12 @@ pub struct RenderingConfig {
     #[serde(with = "text")]
     #[schemars(with = "Option<String>")]
     pub eps2d: Option<LowPass>,
-    /// Behind the Gaussians: black, white, #RRGGBB (sRGB), or R,G,B in linear light; blended in linear light
-    /// [default: black]
+    /// Background: black, white, #RRGGBB (sRGB), or R,G,B in linear light; blended in linear light [default: black]
     #[arg(long, value_name = "COLOUR")]
     #[serde(with = "text")]
     #[schemars(with = "Option<String>")]
     pub background: Option<Background>,
-    /// Renderings from 0..1 to 8 bit [default: round]
+    /// How renderings are rounded to 8 bit [default: round]
     #[arg(long, alias = "quantize", value_enum, value_name = "RULE")]
     pub quantise: Option<Quantise>,
 }

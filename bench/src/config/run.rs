@@ -36,43 +36,43 @@ pub struct RunConfig {
     #[command(flatten)]
     #[serde(flatten)]
     pub metrics: MetricConfig,
-    /// Follow someone's evaluation: pair source, size, metrics, masks, 8 bit, means (`sharp-bench protocols` lists them).
-    /// An option that contradicts it is an error; what cannot be done as there is said in the report
+    /// Follow another evaluation's rules for pairs, size, metrics, masks, rounding and means (`sharp-bench protocols`
+    /// lists them). Contradicting options are an error; the report states what differs
     #[arg(long, value_name = "NAME")]
     pub protocol: Option<String>,
     #[command(flatten)]
     #[serde(flatten)]
     pub pairs: PairConfig,
-    /// Evaluate at most this many pairs, spread over datasets and scenes; those of a smaller N are among those of a larger
+    /// Evaluate at most N pairs, spread over datasets and scenes. A larger N keeps the pairs of a smaller one
     #[arg(long, value_name = "N")]
     pub limit: Option<usize>,
     /// Score all methods of a pair on the part of the target that all of them predict
     #[arg(long)]
     pub common_region: bool,
-    /// Of methods that rendered several scales, score the one with the least DISTS of each pair (the paper's rule for
+    /// Score the scale with the lowest DISTS for each pair of methods that rendered several (the paper's rule for
     /// methods without metric scale); the report says "best of N scales by DISTS"
     #[arg(long)]
     pub scale_sweep: bool,
     /// Which predicted pictures to keep [default: all]
     #[arg(long, value_enum)]
     pub keep: Option<Keep>,
-    /// Keep the Gaussians that methods predict, so that another renderer or target predicts nothing again
+    /// Keep predicted Gaussians, so that other targets or another renderer need no new prediction
     #[arg(long)]
     pub keep_gaussians: bool,
-    /// Who renders: cpu, or wgpu (a GPU through Vulkan, Metal or Direct3D 12). The exact backend is part of every
-    /// result's identity, and a run has one [default: cpu]
+    /// The renderer: cpu, or wgpu (a GPU through Vulkan, Metal or Direct3D 12). A run has one, recorded with every
+    /// result [default: cpu]
     #[arg(long, value_name = "BACKEND")]
     #[serde(with = "text")]
     #[schemars(with = "Option<String>")]
     pub backend: Option<Backend>,
-    /// The GPU, by a part of its description (`sharp-bench doctor` lists them)
+    /// The GPU, by part of its description (`sharp-bench doctor` lists them)
     #[arg(long, value_name = "NAME")]
     pub adapter: Option<String>,
     #[command(flatten)]
     #[serde(flatten)]
     pub rendering: RenderingConfig,
-    /// Class of CPU kernels for everything: avx512, avx2 or portable; the fastest of the machine without it. Results are
-    /// equal bit for bit within one class, so that unlike machines can share a run
+    /// Class of CPU kernels: avx512, avx2 or portable [default: the machine's fastest]. Results are bit-identical
+    /// within a class, so that different machines can share a run
     #[arg(long, value_name = "SET")]
     #[serde(with = "text")]
     #[schemars(with = "Option<String>")]
@@ -88,7 +88,7 @@ pub enum Keep {
     /// All of them, as 8-bit PNG
     #[default]
     All,
-    /// All of them as 8-bit PNG, and renderings also as EXR: linear RGB and alpha, for rules that need them
+    /// All of them as 8-bit PNG, and renderings also as EXR (linear RGB and alpha), which some protocols need
     Float,
     /// None
     None,

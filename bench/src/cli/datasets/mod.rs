@@ -22,20 +22,20 @@ pub(super) struct DatasetsArgs {
 enum DatasetsCommand {
     /// What each dataset is: official page, terms, what to download, layout, readings of the paper by name
     ///
-    /// With --needed-for: exactly the files that the selected pairs of a list need. With --dataset besides, whether they
-    /// are there: exit code 4 when some are not.
+    /// With --needed-for, lists exactly the files that the selected pairs of a list need; with --dataset too, checks
+    /// that they exist (exit code 4 if some do not).
     List {
         /// Name the files that this pair list needs
         #[arg(long, value_name = "PAIRS.csv")]
         needed_for: Option<PathBuf>,
-        /// Where a dataset of the list lies, [NAME:]FORMAT=PATH; repeatable
+        /// A dataset of the list, [NAME:]FORMAT=PATH; repeatable
         #[arg(long = "dataset", value_name = "SPEC", requires = "needed_for")]
         datasets: Vec<String>,
         /// Print JSON
         #[arg(long)]
         json: bool,
     },
-    /// Look at a dataset: what is there, what is broken and why, whether poses agree with depth
+    /// Check a dataset: what it holds, what is broken and why, whether poses agree with depth
     ///
     /// Reads cameras of every scene, decodes pictures and depth of some views of each, and carries depth between
     /// neighbouring views by their poses. The scale of poses without depth, and two exchanged pictures that are not among
@@ -45,7 +45,7 @@ enum DatasetsCommand {
         /// The dataset, [NAME:]FORMAT=PATH[,key=value…]; several are checked one by one
         #[arg(required = true, value_name = "SPEC")]
         datasets: Vec<String>,
-        /// Views of a scene that are decoded, evenly spaced; of the others only existence is looked at
+        /// Views of a scene to decode, evenly spaced; of the others only their existence is checked
         #[arg(long, value_name = "N", default_value_t = 10)]
         views: usize,
         /// Print JSON

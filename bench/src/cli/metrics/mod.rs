@@ -36,8 +36,8 @@ use crate::report::metrics_text::MethodsText;
 /// Score a prediction against a target: two pictures, or two folders
 ///
 /// Pictures are PNG, JPEG, WebP, TIFF or BMP, or floats [H,W,3] of sRGB values in 0..1 in .exr, .npy or .safetensors.
-/// Sizes must agree; nothing is resized unless --resize-prediction says so. In folders every picture needs its partner;
-/// folders are searched with their subfolders.
+/// Sizes must agree unless --resize-prediction is given. Folders are searched with their subfolders, and every picture
+/// needs a partner.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:
@@ -63,7 +63,7 @@ pub(super) struct MetricsArgs {
     /// What two pictures of two folders must share
     #[arg(long = "match", value_enum, default_value_t = MatchBy::Stem)]
     match_by: MatchBy,
-    /// Also score inside a mask, under keys that end in @mask: a picture for all pairs, or a folder with one for each
+    /// Also score inside a mask, under keys ending in @mask: one picture for all pairs, or a folder with one per pair
     ///
     /// White counts (levels of 128 and more). PSNR takes the squared error of the pixels inside, SSIM the mean of its
     /// map over the window centres inside, LPIPS the mean of its spatial map inside; DISTS has no masked form.
@@ -76,7 +76,7 @@ pub(super) struct MetricsArgs {
     /// Show what LPIPS and DISTS are made of, layer by layer
     #[arg(long)]
     terms: bool,
-    /// Say which of the selected metrics, or which forms of other people's code, give this number, to the digits written
+    /// Find which of the selected metrics, or of other people's variants, give this number, to its digits
     #[arg(long, value_name = "NUMBER", allow_negative_numbers = true)]
     find: Option<find::Sought>,
     /// Resize each prediction to its target's size first, as a library does it; recorded with the results
@@ -85,26 +85,26 @@ pub(super) struct MetricsArgs {
     /// only reduces. Without it unequal sizes are an error.
     #[arg(long, value_name = "KERNEL")]
     resize_prediction: Option<ResizeKernel>,
-    /// Pictures that are not opaque: refuse, black or white (composited over it, in encoded values) or drop (colours as
-    /// stored)
+    /// For pictures that are not opaque: refuse, black or white (composite over it, in encoded values) or drop (colours
+    /// as stored)
     #[arg(long, value_name = "RULE", default_value_t)]
     alpha: AlphaRule,
-    /// Pictures whose colour profile is not sRGB: convert (to sRGB) or as-stored
+    /// For pictures whose colour profile is not sRGB: convert (to sRGB) or as-stored
     #[arg(long, value_name = "RULE", default_value_t)]
     color: ColorRule,
-    /// Pictures with an EXIF orientation: upright (as auto here) or stored
+    /// For pictures with an EXIF orientation: upright (the default auto does the same here) or stored
     #[arg(long, value_name = "RULE", default_value_t)]
     orientation: OrientationRule,
-    /// What an EXR that does not say it holds: linear (light, as most programs write) or srgb (encoded values)
+    /// For EXR files that do not say: linear (as most programs write) or srgb (encoded values)
     #[arg(long, value_name = "TRANSFER")]
     exr: Option<ExrTransfer>,
-    /// Class of CPU kernels for the networks: avx512, avx2 or portable; the fastest of the machine without it
+    /// Class of CPU kernels for the networks: avx512, avx2 or portable [default: the machine's fastest]
     #[arg(long, value_name = "SET")]
     simd: Option<InstructionSet>,
-    /// Convolve directly instead of by Winograd: slower, rounds less
+    /// Use direct instead of Winograd convolution: slower, smaller rounding errors
     #[arg(long)]
     exact: bool,
-    /// Write one row a pair; an unavailable score is an empty cell
+    /// Write a CSV with a row per pair; unavailable scores are empty
     #[arg(long, value_name = "FILE")]
     csv: Option<PathBuf>,
     /// Print JSON
@@ -173,7 +173,7 @@ pub(super) fn execute(args: &MetricsArgs) -> anyhow::Result<Outcome> {
     Ok(Outcome::Done)
 }
 
-/// A metric named itself must be there.
+/// Fails if a metric that was named explicitly is unavailable.
 pub(super) fn demand_explicit(
     selection: &Selection,
     scores: &KeyedScores,

@@ -15,21 +15,21 @@ use crate::io::checkpoint::named_network;
 /// The network.
 #[derive(Debug, Args)]
 pub(crate) struct ModelArgs {
-    /// The weights: .pt or .safetensors, or mini, the small network that comes with the program. Without it, a release
-    /// checkpoint in its own or our cache folder
+    /// Weights: .pt or .safetensors, or mini for the bundled small network [default: the release checkpoint in its own
+    /// or our cache folder]
     #[arg(long, value_name = "FILE")]
     pub(crate) checkpoint: Option<PathBuf>,
-    /// Sizes of the network, FILE.json or FILE.json#NAME; the release's without it
+    /// Architecture, FILE.json or FILE.json#NAME [default: the release's]
     #[arg(long, value_name = "FILE[#NAME]")]
     pub(crate) config: Option<String>,
-    /// Accept tensors of this name prefix that the network does not have; repeatable
+    /// Ignore unknown tensors with this name prefix; repeatable
     #[arg(long, value_name = "PREFIX")]
     pub(crate) allow_unused: Vec<String>,
     /// Where to compute: auto (CUDA or Metal where this build has it, else the CPU), cpu, cuda (an NVIDIA GPU; needs a
     /// build with --features cuda; untested) or metal (an Apple GPU; likewise)
     #[arg(long, value_name = "DEVICE", default_value = "auto")]
     pub(crate) device: DeviceChoice,
-    /// On the CPU: plain sums of products instead of Winograd convolutions; slower, rounding errors five times smaller
+    /// On the CPU, use direct instead of Winograd convolution: slower, rounding errors five times smaller
     #[arg(long)]
     pub(crate) exact: bool,
 }
@@ -59,7 +59,7 @@ impl ModelArgs {
 /// Options for reading a photograph.
 #[derive(Debug, Args)]
 pub(crate) struct PhotoArgs {
-    /// Focal length in pixels of the upright photograph, instead of what the file says
+    /// Focal length in pixels of the upright photograph [default: as the file says]
     #[arg(long, value_name = "F")]
     pub(crate) focal_px: Option<f64>,
     /// Refuse larger photographs before they are decoded
@@ -75,7 +75,7 @@ pub(crate) struct PhotoArgs {
 }
 
 impl PhotoArgs {
-    /// Reads a photograph and says what the user should know about it.
+    /// Reads a photograph and prints its notes.
     pub(crate) fn load(&self, path: &std::path::Path) -> anyhow::Result<Photo> {
         let options = PhotoOptions {
             focal_px: self.focal_px,

@@ -13,7 +13,7 @@ use crate::cli::reading_args::ReadingArgs;
 use crate::cli::{Outcome, output};
 use crate::io::atomic_files::write_atomic;
 
-/// Look into a PLY file of Gaussians, or rewrite it
+/// Inspect or rewrite a PLY file of Gaussians
 #[derive(Debug, Args)]
 pub(crate) struct GaussiansArgs {
     #[command(subcommand)]
@@ -22,7 +22,7 @@ pub(crate) struct GaussiansArgs {
 
 #[derive(Debug, Subcommand)]
 enum GaussiansCommand {
-    /// Counts, histograms of opacity, scale and place, and whether these can be metres in camera space
+    /// Counts, histograms of opacity, scale and position, and whether positions can be metres in camera space
     Info {
         /// The file
         ply: PathBuf,
@@ -41,7 +41,7 @@ enum GaussiansCommand {
         ply: PathBuf,
         /// The file to write
         out: PathBuf,
-        /// Which elements the result has
+        /// Elements of the result
         #[arg(long, value_enum, default_value_t = TargetForm::Plain)]
         to: TargetForm,
         #[command(flatten)]
@@ -120,12 +120,12 @@ struct Info {
     /// SHARP writes two layers of equal size, one after the other.
     per_layer: Option<usize>,
     not_finite: usize,
-    /// They name no rotation.
+    /// Gaussians without a rotation.
     zero_quaternions: usize,
     below_visibility: usize,
     /// `None` where the file does not say.
     color_space: Option<String>,
-    /// Of the spherical harmonics of colour.
+    /// Degree of the colours' spherical harmonics.
     color_degree: usize,
     is_view_dependent: bool,
     image_size: Option<[u32; 2]>,
@@ -135,11 +135,11 @@ struct Info {
     x: Option<Distribution>,
     y: Option<Distribution>,
     depth: Option<Distribution>,
-    /// Share of Gaussians behind the camera, 0..1: where it is large, the axes or the space are others.
+    /// Share of Gaussians behind the camera, 0..1. A large one means other axes or another space.
     behind: f64,
-    /// What speaks against camera space, OpenCV axes and metres.
+    /// What contradicts camera space, OpenCV axes and metres.
     implausible: Vec<String>,
-    /// What speaks against the way that its numbers are read.
+    /// What contradicts the reading of its numbers.
     doubts: Vec<String>,
 }
 

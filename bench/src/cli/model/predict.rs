@@ -46,10 +46,10 @@ pub(crate) struct PredictArgs {
     /// A .ply file, or a folder (needed for several photographs)
     #[arg(long, value_name = "PLY_OR_DIR")]
     out: PathBuf,
-    /// Leave out the release's extra elements, which some third-party viewers stumble over
+    /// Leave out the release's extra elements, which some viewers cannot read
     #[arg(long)]
     plain: bool,
-    /// Write both depth layers too, beside the PLY
+    /// Also write both depth layers beside the PLY
     #[arg(long, value_enum, value_name = "FORM")]
     depth: Option<DepthForm>,
     /// Print JSON

@@ -24,16 +24,15 @@ use crate::pairs::provenance::ListCompanion;
 pub(super) struct BuildArgs {
     #[command(flatten)]
     datasets: DatasetArgs,
-    /// Choices that the paper leaves open, key=value,…; keys, values and defaults below
+    /// Pair options that the paper leaves open, key=value,…; listed below
     #[arg(long, value_name = "LIST", default_value = "")]
     pair_options: PairOptions,
     #[command(flatten)]
     overlap: OverlapConfig,
-    /// Where to write the list; FILE.json beside it says how it came about
+    /// Where to write the list; FILE.json beside it records how it was made
     #[arg(long, value_name = "FILE", required_unless_present = "ambiguity")]
     out: Option<PathBuf>,
-    /// Print how the number of pairs changes over the choices that the paper leaves open and over the datasets' other
-    /// readings, one at a time
+    /// Print how the number of pairs changes with each open choice of the paper and each other reading of the datasets
     #[arg(long, conflicts_with = "out")]
     ambiguity: bool,
     /// Print JSON

@@ -16,7 +16,7 @@ use crate::pairs::pair_list::{ListDiff, Verification};
 /// Lines of one kind that are printed; `--json` has all.
 const LINES: usize = 20;
 
-/// Compare two lists: which pairs only one of them has, which values differ
+/// Compare two lists: pairs that only one has, and values that differ
 ///
 /// The order of rows does not count. Exit code 0 if the lists hold the same pairs with the same values, 4 if not.
 #[derive(Debug, Args)]
@@ -93,10 +93,9 @@ fn print_some<T>(head: &str, items: &[T], text: impl Fn(&T) -> String) -> anyhow
     Ok(())
 }
 
-/// Check a list against files: every photograph by its sha256, every pair of cameras by baseline and rotation
+/// Check a list against your files: photographs by sha256, camera pairs by baseline and rotation
 ///
-/// Everything that is wrong is listed, not only the first thing. Exit code 0 if the files are those that the list was
-/// made from, 4 if not.
+/// Lists everything that differs. Exit code 0 if the files are those that the list was made from, 4 if not.
 #[derive(Debug, Args)]
 #[command(
     after_help = "Example:\n  sharp-bench pairs verify theirs.csv --dataset middlebury=data/Middlebury2014"

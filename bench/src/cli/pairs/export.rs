@@ -17,10 +17,11 @@ use crate::methods::sweep_scales;
 use crate::pairs::PairList;
 use crate::pairs::sampling::spread;
 
-/// Write for each pair the very source picture that is scored, cameras and conventions, and the name to predict under
+/// Write each pair's source picture exactly as it is used, its cameras and conventions, and the file name for the
+/// prediction
 ///
 /// OUT/<pair_id>/source.png and pair.json (K_s, K_t, target_from_source, sizes, conventions, the prediction's file
-/// name). An export that was stopped continues when started again; files of a changed dataset are made anew.
+/// name). The same command continues a stopped export and rewrites files of a changed dataset.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Example:
@@ -35,16 +36,17 @@ pub(super) struct ExportArgs {
     pairs: PathBuf,
     #[command(flatten)]
     datasets: DatasetArgs,
-    /// Write pairs that are not selected too
+    /// Also write pairs that are not selected
     #[arg(long)]
     all: bool,
     /// At most this many pairs, the same ones that `run --limit` evaluates
     #[arg(long, value_name = "N")]
     limit: Option<usize>,
-    /// More to write: the ground truth, depth of both views (.npy, metres) where the dataset has it
+    /// Also write the ground truth, or the depth of both views (.npy, metres) if the dataset has it
     #[arg(long, value_enum, value_delimiter = ',', value_name = "LIST")]
     with: Vec<More>,
-    /// Cameras for a sweep over scales too, such as 0.5,1,2: the translation times each, for methods without metric scale
+    /// Also write cameras with the translation multiplied by each of these, such as 0.5,1,2, for methods without metric
+    /// scale
     #[arg(long, value_delimiter = ',', value_name = "LIST")]
     scales: Vec<String>,
     /// The folder to write

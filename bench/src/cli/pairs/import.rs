@@ -14,10 +14,10 @@ use crate::pairs::pair_list::LIST_MARK;
 use crate::pairs::provenance::ListCompanion;
 use crate::pairs::{DatasetConfig, clap_dataset};
 
-/// Read someone else's list of pairs: count it, or turn it into one of ours
+/// Read someone else's list of pairs: count it, or convert it
 ///
-/// With --dataset the list is matched with the dataset's scenes and views and --out is a list for `run --pairs`; scenes
-/// that are not there are left out, with exit code 4. Without --out it is only counted.
+/// With --dataset, the list is matched with the dataset's scenes and views, and --out is a list for `run --pairs`.
+/// Missing scenes are left out, with exit code 4. Without --out the list is only counted.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:
@@ -28,10 +28,10 @@ pub(super) struct ImportArgs {
     /// Their list
     #[arg(value_name = "FILE")]
     list: PathBuf,
-    /// Whose form it has
+    /// Its format
     #[arg(long, value_enum, value_name = "FORM")]
     form: ListForm,
-    /// Which of several inputs is the source
+    /// Which of several input views is the source
     #[arg(long, value_enum, value_name = "WHICH", default_value_t)]
     context: Context,
     /// Which target of Flash3D's and MINE's lines

@@ -13,8 +13,8 @@ use crate::pairs::PairOptions;
 
 /// Build, compare, check, export and import lists of pairs
 ///
-/// The list is an artifact: CSV with a sha256, to be published, compared and evaluated with `run --pairs`. A list without
-/// a single selected pair is written, too, with a warning that says why; the exit code then is 4.
+/// A list is a CSV with a sha256, which can be published, compared and evaluated with `run --pairs`. A list without any
+/// selected pair is still written, with a warning that says why and exit code 4.
 #[derive(Debug, Args)]
 #[command(after_help = help(), args_conflicts_with_subcommands = true, subcommand_negates_reqs = true)]
 pub(super) struct PairsArgs {

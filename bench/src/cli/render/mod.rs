@@ -47,21 +47,21 @@ pub(super) struct RenderArgs {
     scene: PathBuf,
     #[command(flatten)]
     reading: ReadingArgs,
-    /// The camera; without it, the one stored in the PLY
+    /// The camera [default: the one stored in the PLY]
     #[arg(long, value_name = "CAM.json")]
     camera: Option<PathBuf>,
     /// Where to write: .png, .exr, .safetensors, .gif, .mp4, or a folder for frames
     #[arg(long, value_name = "OUT", required_unless_present = "viewer")]
     out: Option<PathBuf>,
-    /// Write a page that draws the Gaussians in a browser (WebGPU), from the views rendered here and any other: one file
-    /// that loads nothing
+    /// Write a self-contained page that draws the Gaussians in a browser (WebGPU), from the views rendered here and any
+    /// other
     #[arg(long, value_name = "OUT.html")]
     viewer: Option<PathBuf>,
-    /// Who renders: cpu, wgpu (a GPU through Vulkan, Metal or Direct3D 12), or auto (the first hardware adapter, else
+    /// The renderer: cpu, wgpu (a GPU through Vulkan, Metal or Direct3D 12), or auto (the first hardware adapter, else
     /// the CPU)
     #[arg(long, value_name = "BACKEND", default_value_t = Backend::Auto)]
     backend: Backend,
-    /// The GPU, by a part of its description (`sharp-bench doctor` lists them); a software one is used only when named
+    /// The GPU, by part of its description (`sharp-bench doctor` lists them); software adapters are used only if named
     #[arg(long, value_name = "NAME")]
     adapter: Option<String>,
     #[command(flatten)]
@@ -72,23 +72,23 @@ pub(super) struct RenderArgs {
     /// Drop Gaussians whose centre is farther, metres
     #[arg(long, value_name = "M", default_value_t = RenderView::FAR)]
     far: f32,
-    /// The screen of the release's `sharp render`: principal point at ((W-1)/2, (H-1)/2), pictures higher than 3000
-    /// pixels halved, odd sides one larger, truncation to 8 bit
+    /// Render as the release's `sharp render`: principal point at ((W-1)/2, (H-1)/2), pictures higher than 3000 pixels
+    /// halved, odd sides enlarged by one, truncation to 8 bit
     #[arg(long)]
     release_screen: bool,
-    /// Write depth too: expected depth in metres (.depth.exr, channel Z) and inverse depth in turbo colours
-    /// (.depth.png); beside a movie, a movie of the colours
+    /// Also write expected depth in metres (.depth.exr, channel Z) and inverse depth in turbo colours (.depth.png, or a
+    /// movie)
     #[arg(long)]
     depth: bool,
-    /// Ends of the depth colours, metres: dark red and dark blue [default: the 0.001 and 0.999 quantiles of the depth of
-    /// all Gaussians in front of the camera]
+    /// Depths of the colours' ends, metres: dark red and dark blue [default: the 0.001 and 0.999 quantiles of all
+    /// Gaussians in front of the camera]
     #[arg(long, value_name = "NEAR,FAR", requires = "depth", value_parser = args::depth_range)]
     depth_range: Option<[f32; 2]>,
-    /// Write coverage too, as linear grey levels (.alpha.png, or a movie)
+    /// Also write coverage as linear grey levels (.alpha.png, or a movie)
     #[arg(long)]
     alpha: bool,
-    /// Render one of SHARP's two layers alone, by index: the first or second half of the Gaussians; `all`: each, into
-    /// files of its own
+    /// Render one of SHARP's two layers alone, by index (the first or second half of the Gaussians), or `all` into
+    /// separate files
     #[arg(long, value_name = "0|1|all")]
     layer: Option<Layers>,
     #[command(flatten)]
@@ -96,7 +96,8 @@ pub(super) struct RenderArgs {
     /// Frames a second of a GIF (at most 50) or MP4 [default: 30, the release's]
     #[arg(long, value_name = "N", help_heading = "Paths", value_parser = clap::value_parser!(u32).range(1..=240))]
     fps: Option<u32>,
-    /// Write the camera of every view, as --camera reads it: beside a picture or frame, for a movie into OUT.cameras
+    /// Write the camera of every view, as --camera reads it, beside each picture or frame, or into OUT.cameras for a
+    /// movie
     #[arg(long, help_heading = "Paths")]
     write_cameras: bool,
     /// Print JSON: files, sizes, backend, and how many Gaussians were dropped
