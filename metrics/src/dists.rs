@@ -19,9 +19,9 @@ pub(crate) const TAPS: usize = 6;
 /// A DISTS score and what it is made of: `1 − Σ structure − Σ texture`.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Similarity {
-    /// Weighed agreement of the means at each tap.
+    /// Weighted agreement of means at each tap.
     pub(crate) structure: [f64; TAPS],
-    /// Weighed agreement of the covariances at each tap.
+    /// Weighted agreement of covariances at each tap.
     pub(crate) texture: [f64; TAPS],
 }
 

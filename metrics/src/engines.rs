@@ -1,4 +1,4 @@
-//! The learned metrics that a selection needs; each pass of a network is made once a picture.
+//! The learned metrics of a selection. Each network passes once over each picture.
 
 use std::borrow::Cow;
 use std::collections::BTreeMap;
@@ -21,7 +21,7 @@ use crate::weights::{
     Backbone, Weights, WeightsError, WeightsUsed, dists_weights, linear_weights, linear_weights_v0,
 };
 
-/// Networks with their weights, as far as a selection needs them and there are weights.
+/// The networks that a selection needs and that have weights.
 #[derive(Debug)]
 pub(crate) struct Engines {
     lpips: BTreeMap<LpipsNet, Lpips>,
@@ -31,7 +31,7 @@ pub(crate) struct Engines {
     strip: Option<usize>,
 }
 
-/// The input range of a variant, which each take a pass of the network, and where its ε stands.
+/// The input range and ε of a variant. Each input range takes its own pass of the network.
 fn convention(variant: LpipsVariant) -> (InputRange, Epsilon) {
     match variant {
         LpipsVariant::Official | LpipsVariant::BoxPaste => (InputRange::Signed, Epsilon::Outside),
@@ -125,7 +125,7 @@ impl Engines {
         Some(found.map(|found| found[0][0].layers.iter().sum()))
     }
 
-    /// Bytes that [`run`](Self::run) takes besides pictures and networks, about.
+    /// Approximate bytes that [`run`](Self::run) takes besides pictures and networks.
     pub(crate) fn memory(&self, size: (u32, u32), predictions: usize, keys: &[MetricKey]) -> usize {
         let size = (size.0 as usize, size.1 as usize);
         let of = |network: &Extractor| network.memory(size, predictions + 1, self.strip);
@@ -219,7 +219,7 @@ impl Engines {
     }
 }
 
-/// The result of each one of `count`; a failure is that of all of them.
+/// One result for each of `count`; a failure is repeated for all.
 fn spread<T: Clone>(
     found: Result<Vec<T>, Unavailable>,
     count: usize,

@@ -124,7 +124,7 @@ impl Metric {
         metrics
     }
 
-    /// Whether the metric says what becomes of a mask, and nothing without one.
+    /// Whether the metric is defined only with a mask.
     fn needs_mask(self) -> bool {
         match self {
             Self::Ssim(variant) => variant == SsimVariant::Gauss11ValidWholeWindow,
@@ -217,7 +217,7 @@ pub enum IdentityError {
     MaskedDists { name: String },
 }
 
-/// The key, alias or name of a family that someone who wrote another may have meant, as a question.
+/// `did you mean …?` for a mistyped key.
 fn meant(name: &str) -> String {
     let families = Family::ALL.map(|family| family.name().to_owned());
     let keys = MetricKey::all().into_iter();
@@ -255,8 +255,7 @@ impl MetricKey {
         }
     }
 
-    /// The same metric over a region; `None` for DISTS over a mask, which it has no form for, and for what is a form
-    /// of a masked metric over the whole picture.
+    /// The same metric over a region; `None` for DISTS over a mask, and for masked-only metrics over the whole picture.
     pub fn inside(self, region: MetricRegion) -> Option<Self> {
         let exists = match region {
             MetricRegion::Whole => !self.metric.needs_mask(),
@@ -281,7 +280,7 @@ impl MetricKey {
         keys
     }
 
-    /// The keys inside a mask that was handed in which have no form over the whole picture.
+    /// Keys that exist only inside a given mask.
     fn with_mask_only() -> Vec<Self> {
         let mut keys = Self::all_inside(MetricRegion::Given);
         keys.retain(|key| key.metric.needs_mask());

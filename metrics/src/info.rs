@@ -42,7 +42,7 @@ use crate::weights::{Backbone, WeightsSource, WeightsUsed};
 /// ```
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub struct MetricInfo {
-    /// Two columns of one key hold comparable numbers.
+    /// Columns with equal keys hold comparable numbers.
     #[schemars(with = "String")]
     pub key: MetricKey,
     /// The key without brackets; see [`MetricKey::alias`].
@@ -61,7 +61,7 @@ pub struct MetricInfo {
     pub decimals: usize,
     /// How the number is computed, in a few sentences, and which public code computes the same.
     pub convention: String,
-    /// What a picture's levels become before the metric proper.
+    /// The range of values that the metric works on.
     pub input_range: String,
     /// What happens to the pictures' resolution.
     pub resize: String,
@@ -198,8 +198,8 @@ impl BackboneInfo {
 }
 
 impl BackboneInfo {
-    /// Whether the features are other than the published ones, so that values compare with no one
-    /// else's; false without weights.
+    /// Whether the features differ from the published ones, so that values are comparable to no one else's; false
+    /// without weights.
     pub fn is_unpublished(&self) -> bool {
         let found = self.features_sha256.as_deref();
         found.is_some_and(|sha256| sha256 != self.name.published_features())

@@ -14,7 +14,7 @@ use crate::picture::{Mask, Normalization, Picture};
 use crate::simd::with_widest_vectors;
 use crate::unavailable::Unavailable;
 
-/// Position of the constant that guards the division by a feature vector's length.
+/// Where ε enters the division by a feature vector's length.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) enum Epsilon {
     /// `f / (√Σf² + 1e-10)`, as published.
@@ -210,8 +210,7 @@ fn squared_length(vector: &[[f32; 8]]) -> f64 {
     sum.iter().sum()
 }
 
-/// The weighed squared distance at each position of a row from the target's, whose squared lengths
-/// are known.
+/// The weighted squared distance from the target at each position of a row. The target's squared lengths are known.
 fn distance_row(
     a: &[f32],
     target: &[f32],

@@ -11,7 +11,7 @@ use sharp_kernels::{Algorithm, InstructionSet, Simd};
 /// Options of the networks' computation. All but `strip_rows` change values, in the last digits of f32.
 #[derive(Debug, Clone, Copy)]
 pub struct ScorerOptions {
-    /// Where; the next two count on the CPU's kernels only.
+    /// The device. `simd` and `algorithm` apply to the CPU's kernels only.
     pub device: Device,
     /// Instruction set; by default the fastest of the machine.
     pub simd: Simd,
@@ -108,7 +108,7 @@ impl Device {
         }
     }
 
-    /// Whether this build can use it at all, be it there or not.
+    /// Whether this build supports it, present or not.
     pub fn is_built(self) -> bool {
         match self {
             Self::Cpu => true,

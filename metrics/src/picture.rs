@@ -200,7 +200,7 @@ impl Normalization {
     }
 }
 
-/// v / 255 in f64: a division a pixel would cost more than the rest of a metric.
+/// v / 255 in f64. Dividing each pixel would cost more than the rest of a metric.
 const LEVELS: [f64; 256] = {
     let mut levels = [0.0; 256];
     let mut v = 0;
@@ -265,8 +265,8 @@ impl Mask {
         self.inside.iter().filter(|&&inside| inside).count()
     }
 
-    /// The pixels around which a square of 2 × `radius` + 1 pixels lies inside; beyond the picture's border all pixels
-    /// are, or none.
+    /// Pixels whose surrounding square of 2 × `radius` + 1 pixels lies inside the mask. `beyond`: whether pixels beyond
+    /// the picture's border count as inside.
     pub(crate) fn eroded(&self, radius: usize, beyond: bool) -> Self {
         let (width, height) = (self.width as usize, self.height as usize);
         // One axis, then the other: a pixel stays if no run of pixels outside ends within its reach.
@@ -293,7 +293,7 @@ impl Mask {
         }
     }
 
-    /// Half the size, odd remainders dropped: a pixel is inside where all four are that it is made of.
+    /// Half the size, rounded down. A pixel is inside if its four pixels are.
     pub(crate) fn halved(&self) -> Self {
         let (width, height) = (self.width / 2, self.height / 2);
         let rows = (0..height as usize).flat_map(|y| {
@@ -309,7 +309,8 @@ impl Mask {
         }
     }
 
-    /// Left, top, right and bottom (the last two exclusive) of the smallest box around the pixels inside; `None` of none.
+    /// Left, top, right and bottom (the last two exclusive) of the smallest box around the pixels inside; `None` if
+    /// there are none.
     pub(crate) fn bounds(&self) -> Option<[u32; 4]> {
         let rows = (0..self.height).filter(|&y| self.row(y as usize).contains(&true));
         let (top, bottom) = (rows.clone().min()?, rows.max()? + 1);

@@ -5,7 +5,7 @@ use rayon::prelude::*;
 use crate::picture::{Mask, Picture};
 use crate::unavailable::Unavailable;
 
-/// A PSNR (dB) as one whose mean squared error is at least 1e-8: at most 80.
+/// A PSNR (dB) limited to 80: that of a mean squared error of at least 1e-8.
 pub fn floored(psnr: f64) -> f64 {
     psnr.min(80.0)
 }

@@ -27,14 +27,14 @@ pub struct Scorer {
 pub enum Terms {
     /// The value of LPIPS is the sum of these, one a layer.
     Lpips {
-        /// Mean weighed distance of each layer.
+        /// Mean weighted distance of each layer.
         layers: Vec<f64>,
     },
     /// The value of DISTS is 1 minus the sum of these, one each for the picture and five layers.
     Dists {
-        /// Weighed agreement of means.
+        /// Weighted agreement of means.
         structure: [f64; 6],
-        /// Weighed agreement of covariances.
+        /// Weighted agreement of covariances.
         texture: [f64; 6],
     },
 }

@@ -1,4 +1,4 @@
-//! Why there is no value.
+//! Why a metric has no value.
 
 use crate::options::Device;
 use crate::picture::PictureError;
@@ -35,13 +35,9 @@ pub enum Unavailable {
     /// Both pictures are constant and the range was to be taken from them.
     #[error("both pictures are constant, so their data range is zero and the value undefined")]
     NoRange,
-    /// The device failed on this pair: its memory, mostly.
+    /// The device failed on this pair, usually for lack of memory.
     #[error("{device}: {reason}")]
-    Device {
-        /// What was to compute the network.
-        device: Device,
-        reason: String,
-    },
+    Device { device: Device, reason: String },
 }
 
 /// Why a pair cannot be scored at all.

@@ -21,7 +21,7 @@ pub(crate) enum LayerSpec {
     /// Max pooling of size `kernel`, stride 2, without padding.
     MaxPool {
         kernel: usize,
-        /// Whether a last window that reaches beyond the input counts.
+        /// Whether a window that reaches beyond the input counts.
         ceil: bool,
     },
     /// SqueezeNet's module: a 1×1 convolution, then a 1×1 and a padded 3×3 one side by side.
@@ -32,7 +32,7 @@ pub(crate) enum LayerSpec {
         /// Output channels of each of the two side by side.
         expand: usize,
     },
-    /// Not a layer: the metrics look at the output of the one before.
+    /// Not a layer: a tap on the output of the one before.
     Tap,
 }
 
@@ -163,7 +163,7 @@ pub(crate) fn tap_channels(backbone: Backbone) -> Vec<usize> {
     taps
 }
 
-/// The smallest side of a picture for which every max-pooled layer has a pixel.
+/// The smallest picture side that leaves a pixel after every pooling.
 pub(crate) fn smallest_side(backbone: Backbone) -> usize {
     match backbone {
         Backbone::AlexNet => 31,

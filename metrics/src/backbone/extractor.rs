@@ -1,4 +1,4 @@
-//! A network on whatever computes it.
+//! A network on our kernels or on a candle device.
 
 use super::network::{Kernels, Network};
 use super::rows::MapSize;
@@ -68,7 +68,7 @@ impl Extractor {
         }
     }
 
-    /// Bytes that [`stream`](Self::stream) takes on our kernels, about; a device's own memory is not ours to count.
+    /// Approximate bytes that [`stream`](Self::stream) takes on our kernels; memory on a device is not counted.
     pub(crate) fn memory(
         &self,
         size: (usize, usize),

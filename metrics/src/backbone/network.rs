@@ -18,13 +18,13 @@ pub(crate) struct Kernels {
     pub(crate) algorithm: Algorithm,
 }
 
-/// A layer; after some of them the metrics look.
+/// A layer, with a tap after some of them.
 #[derive(Clone)]
 pub(crate) struct Layer {
     pub(crate) op: Arc<dyn RowOp>,
-    /// Which tap its output is.
+    /// The tap on its output.
     pub(crate) tap: Option<usize>,
-    /// Whether it has no weights, and DISTS its own pooling in place of it.
+    /// Whether it is max pooling, which DISTS replaces.
     pub(super) pools: bool,
 }
 

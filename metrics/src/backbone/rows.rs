@@ -2,7 +2,6 @@
 
 use sharp_kernels::RowWindow;
 
-/// MapSize of a feature map.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct MapSize {
     pub(crate) height: usize,
@@ -11,13 +10,12 @@ pub(crate) struct MapSize {
 }
 
 impl MapSize {
-    /// Values a row.
     pub(crate) fn row_len(self) -> usize {
         self.width * self.channels
     }
 }
 
-/// Blocks of memory for new rows, passed from layer to layer. What they hold never matters.
+/// Memory blocks for new rows, passed from layer to layer. Their contents never matter.
 #[derive(Debug, Default)]
 pub(crate) struct Blocks(Vec<Vec<f32>>);
 
@@ -39,8 +37,8 @@ impl Blocks {
     }
 }
 
-/// Rows of a feature map that are held until the next layer has used them: new ones in a borrowed
-/// block, and the few of them that the layer needs once more.
+/// Rows of a feature map that the next layer still needs: new ones in a borrowed block, and the few that it needs
+/// again.
 #[derive(Debug)]
 pub(crate) struct Buffer {
     size: MapSize,
@@ -72,8 +70,8 @@ impl Buffer {
         self.first + (self.kept.len() + self.fresh_len) / self.size.row_len()
     }
 
-    /// Room for the `count` rows after [`Self::end`], of arbitrary content, to be filled by the
-    /// caller. Those pushed before have been kept or dropped.
+    /// Room for `count` rows after [`Self::end`], to be filled by the caller. Earlier rows must have been kept or
+    /// dropped.
     pub(crate) fn push(&mut self, count: usize, blocks: &mut Blocks) -> &mut [f32] {
         self.fresh_len = count * self.size.row_len();
         self.fresh = blocks.take(self.fresh_len);

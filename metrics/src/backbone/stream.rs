@@ -25,24 +25,23 @@ pub(crate) struct Taps<'a> {
     pub(crate) rows: &'a [&'a [f32]],
 }
 
-/// Memory that new rows may take, one layer's input and output at a time, where the strip's height
-/// is not given.
+/// Memory for new rows of one layer's input and output, if the strip's height is not given.
 const MEMORY: usize = 64 << 20;
 
-/// Pixels that a layer with weights waits for, in whole rows of tiles: fewer would not be worth reading the weights.
+/// A layer with weights waits for so many pixels: fewer would not be worth reading the weights.
 const BATCH_PIXELS: usize = 2048;
 
 /// Rows of a batch, at most.
 const BATCH: usize = 16;
 
-/// Rows of a tile of Winograd's convolution: batches that end inside of one compute its other rows in vain.
+/// Rows of a Winograd tile. A batch that ends inside a tile computes its other rows in vain.
 const TILE: usize = 4;
 
 /// Pictures that are computed at the same time. The others wait for their turn at every layer, so
 /// that scratch memory does not grow with the number of pictures.
 const LANES: usize = 2;
 
-/// Memory that the pictures of a lane take turns in.
+/// Working memory that the pictures of a lane share in turn.
 #[derive(Default)]
 struct Lane {
     blocks: Blocks,
@@ -123,8 +122,8 @@ fn in_lanes(
     rayon::join(|| run(first, 0, a), || run(second, half, b));
 }
 
-/// The next output rows of a layer for which all input is there, in whole tiles if strips are, and none if they are
-/// too few to be worth it; at the picture's end whatever is left.
+/// The next output rows of a layer whose input is complete, in whole tiles if strips are; none if they are too few. At
+/// the picture's end, all that are left.
 fn ready(layer: &Layer, input: &Buffer, output: &Buffer, strip: usize) -> Range<usize> {
     let (first, MapSize { height, width, .. }) = (output.end(), output.size());
     let needs = |y: usize| layer.op.in_rows(y..y + 1, input.size().height);
@@ -141,7 +140,7 @@ fn ready(layer: &Layer, input: &Buffer, output: &Buffer, strip: usize) -> Range<
     first..end
 }
 
-/// Bytes that [`stream`] takes for its rows, about; 0 if the pictures are too small.
+/// Approximate bytes that [`stream`] takes for its rows; 0 if the pictures are too small.
 pub(super) fn memory(
     network: &Network,
     (width, height): (usize, usize),
@@ -181,8 +180,7 @@ fn tile(strip: usize) -> usize {
     TILE.min(strip)
 }
 
-/// Computes the output `rows` of a layer for one picture and forgets the input that no later row
-/// needs.
+/// Computes the output `rows` of a layer for one picture and drops input that no later row needs.
 fn advance(
     layer: &Layer,
     input: &mut Buffer,

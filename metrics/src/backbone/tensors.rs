@@ -26,7 +26,7 @@ pub(crate) struct TensorNetwork {
 struct TensorLayer {
     op: Op,
     window: Window,
-    /// Which tap its output is.
+    /// The tap on its output.
     tap: Option<usize>,
 }
 
@@ -56,7 +56,7 @@ struct Window {
     size: usize,
     stride: usize,
     padding: usize,
-    /// Whether a last window that reaches beyond the input counts.
+    /// Whether a window that reaches beyond the input counts.
     ceil: bool,
 }
 
@@ -97,7 +97,7 @@ impl ConvWeights {
         })
     }
 
-    /// `[1, in, rows, columns]`, padded, to what a ReLU leaves.
+    /// Convolution and ReLU of a padded input, `[1, in, rows, columns]`.
     fn apply(&self, x: &Tensor, stride: usize) -> Result<Tensor> {
         x.conv2d(&self.weight, 0, stride, 1, 1)?
             .broadcast_add(&self.bias)?
@@ -330,7 +330,7 @@ impl TensorNetwork {
 }
 
 impl TensorLayer {
-    /// The next output rows for which all input is there; `end` is one past the last one made.
+    /// The next output rows whose input is complete; `end` is one past the last one made.
     fn ready(&self, from: MapSize, to: MapSize, held: &Held, end: usize) -> Range<usize> {
         let there = |y: &usize| self.window.inputs(&(*y..*y + 1), from.height).0.end <= held.end;
         let next = (end..to.height).take_while(there).last();

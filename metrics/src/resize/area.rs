@@ -5,15 +5,13 @@ use rayon::prelude::*;
 
 use super::Size;
 
-/// A value of a channel and how OpenCV rounds to it.
+/// A channel's value type and how OpenCV rounds to it.
 pub(super) trait AreaSample: Copy + Default + Send + Sync {
-    /// As it enters a sum.
     fn to_f32(self) -> f32;
 
-    /// Of a mean.
     fn of(mean: f32) -> Self;
 
-    /// The mean of two by two pixels, for which OpenCV has shortcuts of their own.
+    /// The mean of two by two pixels, for which OpenCV has its own code.
     fn mean_of_four(of: [Self; 4]) -> Self;
 }
 
@@ -107,8 +105,8 @@ fn cells<T: AreaSample>(
     }
 }
 
-/// For each output pixel the input pixels under it with their shares of its width, which OpenCV
-/// computes in f64, rounds to f32, and takes for none below a thousandth of a pixel.
+/// For each output pixel, the input pixels under it with their shares of its width. As in OpenCV, shares are computed
+/// in f64, rounded to f32, and ignored below a thousandth of a pixel.
 fn shares(inputs: usize, outputs: usize, scale: f64) -> Vec<Vec<(usize, f32)>> {
     const NOTHING: f64 = 1e-3;
     (0..outputs)

@@ -1,4 +1,4 @@
-//! Resizing exactly as the libraries do it that published numbers were made with.
+//! Resizing exactly as in the libraries that published numbers were made with.
 //!
 //! A prediction smaller than its ground truth is resized before it is scored, and the libraries
 //! disagree in the second decimal of a PSNR. So a [`ResizeKernel`] is one function of one library,

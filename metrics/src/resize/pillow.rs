@@ -59,15 +59,13 @@ fn lanczos(x: f64) -> f64 {
     }
 }
 
-/// A value of a channel, with the arithmetic that PIL has for it.
+/// A channel's value type with PIL's arithmetic for it.
 pub(super) trait PillowSample: Copy + Default + Send + Sync {
-    /// A weight as it enters the sum.
     type Weight: Send + Sync;
 
-    /// From a weight of weights that sum to one.
+    /// Converts a weight; weights sum to one.
     fn weight(value: f64) -> Self::Weight;
 
-    /// The weighted sum.
     fn sum<'a>(weights: &[Self::Weight], values: impl Iterator<Item = &'a Self>) -> Self
     where
         Self: 'a;
@@ -183,7 +181,7 @@ fn along_y<T: PillowSample>(
     out
 }
 
-/// For each output pixel its first input pixel and the weights from there on.
+/// For each output pixel, its first input pixel and the weights from there on.
 fn taps<T: PillowSample>(
     inputs: usize,
     outputs: usize,

@@ -57,8 +57,8 @@ pub(super) fn bilinear(picture: &[f32], from: Size, to: Size) -> Vec<f32> {
     out
 }
 
-/// For each output coordinate its first input coordinate and the weights from there on: a triangle
-/// as wide as the reduction, two pixels wide when it enlarges.
+/// For each output coordinate, its first input coordinate and the weights from there on: a triangle as wide as the
+/// reduction, or two pixels wide when enlarging.
 fn triangles(inputs: usize, outputs: usize) -> Vec<(usize, Vec<f32>)> {
     let scale = inputs as f32 / outputs as f32;
     let support = scale.max(1.0);

@@ -33,7 +33,7 @@ pub struct SsimForm {
     pub range_of_data: bool,
     /// 1e-8 is added to the denominator, whose least value is 9e-8: dark flat areas lose a tenth.
     pub guarded: bool,
-    /// Inside a mask, windows count that lie in it as a whole, not those whose centre does.
+    /// Inside a mask, only windows that lie in it entirely count, instead of all whose centre does.
     pub whole_windows: bool,
 }
 
@@ -120,8 +120,7 @@ impl SsimVariant {
         form
     }
 
-    /// What stands between the brackets of the key: the border of Gaussian windows, the covariance where it is not
-    /// understood, and what else is not as usual.
+    /// The text between the key's brackets: window, border, covariance and whatever else differs from the default.
     pub(crate) fn text(self) -> String {
         let form = self.form();
         let mut parts = match (form.window, form.covariance) {
@@ -180,7 +179,7 @@ impl SsimSpec {
         }
     }
 
-    /// What variances and covariances are multiplied by.
+    /// Factor on variances and covariances.
     pub(super) fn covariance(&self) -> f64 {
         let side = (2 * self.radius + 1) as f64;
         match self.form.covariance {
@@ -189,7 +188,7 @@ impl SsimSpec {
         }
     }
 
-    /// What is gathered under the windows; see [`QUANTITIES`].
+    /// Number of quantities gathered under the windows; see [`QUANTITIES`].
     pub(super) fn quantities(&self) -> usize {
         match self.form.covariance {
             SsimCovariance::Bounded => QUANTITIES,

@@ -81,7 +81,7 @@ impl Embedded {
         Ok(values.iter().map(|&v| f32::from_le_bytes(v)).collect())
     }
 
-    /// The same for weights of which a negative one would let a distance be negative.
+    /// The same, but refuses negative values, which could make a distance negative.
     fn not_negative(&self, name: &str, count: usize) -> Result<Vec<f32>, WeightsError> {
         let values = self.values(name, count)?;
         match values.iter().all(|value| *value >= 0.0) {

@@ -68,8 +68,8 @@ impl Weights {
         Ok(Some(LoadedBackbone { tensors, used }))
     }
 
-    /// The tensors of a network's features by their name below `features.` (`0.weight`, `0.bias`, …), for
-    /// who computes it in another way; `None` without weights.
+    /// The tensors of a network's features by their name below `features.` (`0.weight`, `0.bias`, …), for other
+    /// implementations; `None` without weights.
     ///
     /// # Errors
     /// [`WeightsError`]: unreadable, of another network, or not finite.

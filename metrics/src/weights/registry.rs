@@ -11,7 +11,7 @@ use super::{Backbone, Weights, WeightsSource};
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Published {
     pub backbone: Backbone,
-    /// Name of the file; its publisher ends it with the first digits of its sha256.
+    /// Name of the file, which ends with the first digits of its sha256.
     pub file: Cow<'static, str>,
     pub address: Cow<'static, str>,
     /// Size as published, in thousandths of a MiB.
