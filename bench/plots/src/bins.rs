@@ -318,14 +318,6 @@ mod tests {
     }
 
     #[test]
-    fn the_deviation_is_that_of_a_sample() {
-        let samples = [2.0, 4.0, 4.0, 4.0, 5.0, 5.0, 7.0, 9.0].map(|value| (0.0, value));
-        let found = bins(&samples, &Binning::Round(10).cuts([0.0], Some(0.0)));
-        assert_eq!(found[0].mean, 5.0);
-        assert!((found[0].std.unwrap() - (32.0_f64 / 7.0).sqrt()).abs() < 1e-15);
-    }
-
-    #[test]
     fn what_is_no_binning_is_refused() {
         for wrong in [
             "",

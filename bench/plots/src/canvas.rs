@@ -1,7 +1,7 @@
 //! A drawing, and the three files that it becomes: SVG, PNG and PDF.
 //!
 //! plotters draws on whole pixels, so that the SVG is drawn four times as large as its units, as its view box says, and
-//! the PNG twice as large as it will be, which also smooths it. The [PDF](super::pdf) is exact.
+//! the PNG twice as large as it will be, which also smooths it. The PDF is exact.
 
 use std::fmt::Display;
 

@@ -1,5 +1,7 @@
 //! A grid of panels, one a dataset, with axes and a legend shared by all.
 
+use std::collections::BTreeSet;
+
 use crate::PlotError;
 
 use super::canvas::{Anchor, Figure, Lettering, Point, Surface};
@@ -163,7 +165,8 @@ pub struct Panel<'a> {
     pub content: Result<DrawData<'a>, &'static str>,
 }
 
-/// Draws a figure, in print if a style is given; the caption is left out if the style says so.
+/// Draws a figure, in print if a style is given; the caption is left out if the style says so. A label stands in the legend
+/// once.
 ///
 /// # Errors
 /// When the drawing library refuses, or the style has no room for a panel.
@@ -174,6 +177,9 @@ pub fn figure(
     panels: &[Panel<'_>],
     print: Option<&FigureStyle>,
 ) -> Result<Figure, PlotError> {
+    let mut known = BTreeSet::new();
+    let legend = legend.iter().filter(|(label, _)| known.insert(*label));
+    let legend: Vec<(&str, Style)> = legend.copied().collect();
     let labels: Vec<&str> = legend.iter().map(|(label, _)| *label).collect();
     let caption = if print.is_none_or(|style| style.caption) {
         caption
@@ -190,7 +196,7 @@ pub fn figure(
     }
     let medium = print.map_or(Medium::SCREEN, FigureStyle::medium);
     Figure::draw(title, layout.size(), medium, |surface| {
-        layout.surround(surface, legend);
+        layout.surround(surface, &legend);
         for (i, panel) in panels.iter().enumerate() {
             let area = layout.panel(surface, i, &panel.frame);
             match &panel.content {

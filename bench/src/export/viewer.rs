@@ -242,18 +242,27 @@ mod tests {
         }
     }
 
-    #[test]
-    fn a_hostile_name_stays_text() {
+    fn views(count: usize) -> Vec<RenderView> {
         let intrinsics = Intrinsics::new((8.0, 8.0), (4.0, 4.0), (8, 8)).unwrap();
-        let views = [RenderView::new(DAffine3::IDENTITY, intrinsics)];
-        let viewer = Viewer {
-            title: "</script><img src=x onerror=alert(1)>.ply",
-            scene: &scene(),
+        vec![RenderView::new(DAffine3::IDENTITY, intrinsics); count]
+    }
+
+    fn viewer<'a>(title: &'a str, scene: &'a Gaussians, views: &'a [RenderView]) -> Viewer<'a> {
+        Viewer {
+            title,
+            scene,
             photograph: DAffine3::IDENTITY,
-            views: &views,
+            views,
             background: Background::Black,
             quantization: Quantization::Round,
-        };
+        }
+    }
+
+    #[test]
+    fn a_hostile_name_stays_text() {
+        let (scene, views) = (scene(), views(1));
+        let title = "</script><img src=x onerror=alert(1)>.ply";
+        let viewer = viewer(title, &scene, &views);
         assert_eq!(viewer.pictured(), [0]);
         let page = viewer.page(&[RgbImage::new(8, 8)]).unwrap();
         assert!(!page.contains("<img src=x"));
@@ -263,17 +272,9 @@ mod tests {
 
     #[test]
     fn a_page_is_written_over_a_page_and_nothing_else() {
-        let intrinsics = Intrinsics::new((8.0, 8.0), (4.0, 4.0), (8, 8)).unwrap();
-        let mut views = [RenderView::new(DAffine3::IDENTITY, intrinsics)];
+        let (scene, mut views) = (scene(), views(1));
         views[0].far = f32::INFINITY;
-        let viewer = Viewer {
-            title: "scene.ply",
-            scene: &scene(),
-            photograph: DAffine3::IDENTITY,
-            views: &views,
-            background: Background::Black,
-            quantization: Quantization::Round,
-        };
+        let viewer = viewer("scene.ply", &scene, &views);
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("new/page.html");
         let pictures = [RgbImage::new(8, 8)];
@@ -292,19 +293,10 @@ mod tests {
 
     #[test]
     fn pictures_are_spread_over_a_path() {
-        let intrinsics = Intrinsics::new((8.0, 8.0), (4.0, 4.0), (8, 8)).unwrap();
-        let views = vec![RenderView::new(DAffine3::IDENTITY, intrinsics); 60];
-        let empty = Gaussians::default();
-        let viewer = |n: usize| Viewer {
-            title: "",
-            scene: &empty,
-            photograph: DAffine3::IDENTITY,
-            views: &views[..n],
-            background: Background::Black,
-            quantization: Quantization::Round,
-        };
-        let many = viewer(60).pictured();
+        let (empty, views) = (Gaussians::default(), views(60));
+        let pictured = |n: usize| viewer("", &empty, &views[..n]).pictured();
+        let many = pictured(60);
         assert_eq!((many.len(), many[0], many[11]), (12, 0, 59));
-        assert_eq!(viewer(3).pictured(), [0, 1, 2]);
+        assert_eq!(pictured(3), [0, 1, 2]);
     }
 }

@@ -4,7 +4,7 @@
 //! The same input gives the same bytes: no clock, no random number, no order of a hash map.
 //!
 //! * [`mod@write`]: writes a report of results into a folder, by [`options`]; [`error`]: errors.
-//! * [`board`]: results as a grid of pairs × methods; [`column`]: a metric or a reported quantity; [`statistics`]: mean,
+//! * [`board`]: results as a grid of pairs × methods; [`mod@column`]: a metric or a reported quantity; [`statistics`]: mean,
 //!   spread and coverage of a cell; [`facts`]: how the numbers came about.
 //! * [`tables`]: the paper's form in Markdown, CSV, LaTeX, HTML and plain text.
 //! * [`paper`]: the paper's published numbers next to ours, never ranked with them; [`explain`]: why the two differ.

@@ -35,7 +35,12 @@ pub struct ReportPictures<'a> {
     /// By pair and method: each file is hashed once.
     kept: Mutex<BTreeMap<(String, String), Option<KeptPicture>>>,
     not_scored: Mutex<BTreeSet<PathBuf>>,
+    /// The first photographs that were asked for, by address of their view: a view is in many pairs.
+    photographs: Mutex<BTreeMap<usize, RgbImage>>,
 }
+
+/// Bytes of photographs in memory at most.
+const PHOTOGRAPHS: usize = 128 << 20;
 
 impl<'a> ReportPictures<'a> {
     pub fn new(results: &'a Results, scenes: &'a [Scene]) -> Self {
@@ -48,6 +53,7 @@ impl<'a> ReportPictures<'a> {
             withheld: None,
             kept: Mutex::default(),
             not_scored: Mutex::default(),
+            photographs: Mutex::default(),
         }
     }
 
@@ -93,8 +99,19 @@ impl<'a> ReportPictures<'a> {
     }
 
     fn photograph(&self, record: &Record, id: &str) -> Result<RgbImage, MissingPicture> {
-        let image = self.view(record, id)?.content.image();
-        image.map_err(|error| self.unusable(error))
+        let view = self.view(record, id)?;
+        let place = std::ptr::from_ref(view).addr();
+        if let Some(image) = lock(&self.photographs).get(&place) {
+            return Ok(image.clone());
+        }
+        let image = view.content.image();
+        let image = image.map_err(|error| self.unusable(error))?;
+        let mut known = lock(&self.photographs);
+        let bytes: usize = known.values().map(|image| image.len()).sum();
+        if bytes + image.len() <= PHOTOGRAPHS {
+            known.insert(place, image.clone());
+        }
+        Ok(image)
     }
 
     /// The photograph that the method was given.

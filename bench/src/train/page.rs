@@ -164,7 +164,7 @@ fn losses(log: &Log, count: usize) -> Result<Option<Figure>, TrainError> {
                 name.replace('_', " "),
                 "",
                 axis.clone(),
-                vertical(curves.iter(), &[], name),
+                vertical(curves.iter(), &[], ""),
             ),
             content: Ok(Box::new(move |surface: &mut Surface, area: &PlotArea| {
                 shade(surface, &curves, area, style(0));
@@ -202,7 +202,7 @@ fn validated(log: &Log, steps: &BTreeMap<Place, f64>) -> Result<Option<Figure>, 
                     *name,
                     "",
                     PlotAxis::over(STEPS, 0.0, steps.len() as f64, 5),
-                    vertical([].iter(), &values, name),
+                    vertical([].iter(), &values, ""),
                 ),
                 content: Ok(Box::new(move |surface: &mut Surface, area: &PlotArea| {
                     let place = |(x, y): &(f64, f64)| (area.x.place(*x), area.height(*y));

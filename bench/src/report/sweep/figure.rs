@@ -1,6 +1,6 @@
 //! A sweep as plots: one a metric, a panel a part of the sweep.
 
-use super::study::{CrossingRule, Sweep, SweepBin, SweepPanel};
+use super::study::{CrossingRule, Sweep, SweepPanel};
 use super::{Band, Motion};
 use crate::io::counts::counted;
 use crate::report::column::Column;
@@ -9,7 +9,8 @@ use sharp_plots::canvas::{Figure, Surface};
 use sharp_plots::curves::{Banded, curve, shade, vertical};
 use sharp_plots::ink::Ink;
 use sharp_plots::palette::{Marker, Style, stroke};
-use sharp_plots::panels::{self, BinCount, Panel, PanelFrame, PlotArea, PlotAxis};
+use sharp_plots::panels::{self, Panel, PanelFrame, PlotArea, PlotAxis};
+use sharp_plots::scale::finite_range;
 use sharp_plots::style::FigureStyle;
 
 const LIMIT: Ink = Ink::opaque(0x57, 0x60, 0x6A);
@@ -30,8 +31,9 @@ pub fn figures(sweep: &Sweep, style: &FigureStyle) -> Result<Vec<(Column, Figure
 }
 
 fn all(sweep: &Sweep, metric: usize) -> impl Iterator<Item = &Banded> {
-    let lines = sweep.panels.iter().flat_map(|panel| &panel.lines);
-    let bins = lines.flat_map(move |line| &line.bins[metric]);
+    let bins = sweep
+        .lines_with(metric)
+        .flat_map(move |line| &line.bins[metric]);
     bins.map(|bin| &bin.banded)
 }
 
@@ -48,19 +50,17 @@ fn figure(
         .collect();
     let y = vertical(all(sweep, k), &limits, &metric.axis_label());
     let infinity = all(sweep, k).any(|banded| banded.bin.mean.is_infinite());
-    let mut legend: Vec<(&str, Style)> = Vec::new();
-    for line in sweep.panels.iter().flat_map(|panel| &panel.lines) {
-        if !line.bins[k].is_empty() && !legend.iter().any(|(label, _)| *label == line.label) {
-            legend.push((&line.label, style.of_method(line.style)));
-        }
-    }
-    let shown = sweep.panels.iter().filter(|panel| has(panel, k));
+    let lines = sweep.lines_with(k);
+    let legend = lines.map(|line| (line.label.as_str(), style.of_method(line.style)));
+    let legend: Vec<(&str, Style)> = legend.collect();
+    let panels = sweep.panels.iter();
+    let shown = panels.filter(|panel| !panel.counts(k).is_empty());
     let drawn = shown.map(|panel| {
         let limits = &limits;
         Panel {
             frame: PanelFrame {
                 infinity,
-                counts: counts(panel, k),
+                counts: panel.counts(k).into_values().collect(),
                 ..PanelFrame::new(
                     &panel.split,
                     remark(panel),
@@ -116,10 +116,6 @@ fn figure(
     )
 }
 
-fn has(panel: &SweepPanel, metric: usize) -> bool {
-    panel.lines.iter().any(|line| !line.bins[metric].is_empty())
-}
-
 fn remark(panel: &SweepPanel) -> String {
     match panel.unplaced + panel.outside {
         0 => counted(panel.pairs, "pair"),
@@ -131,41 +127,15 @@ fn remark(panel: &SweepPanel) -> String {
     }
 }
 
-fn bins_of(panel: &SweepPanel, metric: usize) -> impl Iterator<Item = &SweepBin> {
-    panel.lines.iter().flat_map(move |line| &line.bins[metric])
-}
-
 fn horizontal(x: Motion, panel: &SweepPanel, metric: usize) -> PlotAxis {
-    let bins = || bins_of(panel, metric).map(|bin| &bin.banded.bin);
-    let low = bins().map(|bin| bin.low).fold(f64::INFINITY, f64::min);
-    let high = bins().map(|bin| bin.high).fold(f64::NEG_INFINITY, f64::max);
+    let bins = panel.counts(metric).into_values();
+    let (low, high) = finite_range(bins.flat_map(|bin| [bin.low, bin.high])).unwrap_or_default();
     // From zero where that is not far.
     let low = match x.start() {
         Some(start) if low >= start && low - start < 0.5 * (high - start) => start,
         _ => low,
     };
     PlotAxis::over(x.label(), low, high, 6)
-}
-
-/// The smallest and largest number of samples of a line in each bin.
-fn counts(panel: &SweepPanel, metric: usize) -> Vec<BinCount> {
-    let mut counts: Vec<(i64, BinCount)> = Vec::new();
-    for bin in bins_of(panel, metric).map(|bin| &bin.banded.bin) {
-        let n = bin.n();
-        match counts.iter_mut().find(|(number, _)| *number == bin.number) {
-            Some((_, count)) => count.n = (count.n.0.min(n), count.n.1.max(n)),
-            None => counts.push((
-                bin.number,
-                BinCount {
-                    low: bin.low,
-                    high: bin.high,
-                    n: (n, n),
-                },
-            )),
-        }
-    }
-    counts.sort_by_key(|(number, _)| *number);
-    counts.into_iter().map(|(_, count)| count).collect()
 }
 
 /// Caption of a metric's plot.

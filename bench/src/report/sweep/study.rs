@@ -1,6 +1,6 @@
 //! Means of bins by dataset and method, with their intervals.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 
 use sharp_metrics::Direction;
 use sharp_statistics::{Clusters, Resampling, infer};
@@ -15,6 +15,7 @@ use crate::report::column::Column;
 use crate::report::error::ReportError;
 use sharp_plots::bins::{Cuts, bins};
 use sharp_plots::curves::Banded;
+use sharp_plots::panels::BinCount;
 
 /// Scores against a motion, ready to be drawn and written.
 #[derive(Debug, Clone, PartialEq)]
@@ -86,7 +87,29 @@ pub enum CrossingRule {
     Beyond(f64),
 }
 
+impl SweepPanel {
+    /// The bins of a metric by number, with the fewest and most pairs that a line has in each.
+    pub(super) fn counts(&self, metric: usize) -> BTreeMap<i64, BinCount> {
+        let mut counts: BTreeMap<i64, BinCount> = BTreeMap::new();
+        for bin in self.lines.iter().flat_map(|line| &line.bins[metric]) {
+            let bin = &bin.banded.bin;
+            let (low, high, n) = (bin.low, bin.high, (bin.n(), bin.n()));
+            let count = counts
+                .entry(bin.number)
+                .or_insert(BinCount { low, high, n });
+            count.n = (count.n.0.min(bin.n()), count.n.1.max(bin.n()));
+        }
+        counts
+    }
+}
+
 impl Sweep {
+    /// Lines of all panels with a number of a metric.
+    pub(super) fn lines_with(&self, metric: usize) -> impl Iterator<Item = &SweepLine> {
+        let lines = self.panels.iter().flat_map(|panel| &panel.lines);
+        lines.filter(move |line| !line.bins[metric].is_empty())
+    }
+
     /// The sweep of some results.
     ///
     /// # Errors

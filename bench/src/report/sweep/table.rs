@@ -5,13 +5,13 @@ use std::fmt::Write as _;
 use sharp_metrics::Direction;
 
 use super::Band;
-use super::study::{CrossingRule, FoundCrossing, Sweep, SweepBin, SweepPanel};
+use super::study::{CrossingRule, FoundCrossing, Sweep, SweepBin};
 use crate::evaluate::results::number;
 use crate::report::column::Column;
 use crate::report::tables;
 use crate::report::tables::csv::{optional, text};
 use crate::report::tables::latex::{Environment, escape, noted};
-use sharp_plots::bins::Bin;
+use sharp_plots::panels::BinCount;
 
 /// The columns of the table of bins.
 pub(super) const COLUMNS: &str =
@@ -128,9 +128,8 @@ pub fn sentence(sweep: &Sweep, crossing: &FoundCrossing) -> String {
 pub fn latex(sweep: &Sweep) -> String {
     let mut out = "% \\usepackage{booktabs,graphicx}\n".to_owned();
     for (k, metric) in sweep.metrics.iter().enumerate() {
-        let lines = sweep.panels.iter().flat_map(|panel| &panel.lines);
         let mut labels: Vec<&str> = Vec::new();
-        for line in lines.filter(|line| !line.bins[k].is_empty()) {
+        for line in sweep.lines_with(k) {
             if !labels.contains(&line.label.as_str()) {
                 labels.push(&line.label);
             }
@@ -160,15 +159,8 @@ fn table(sweep: &Sweep, k: usize, metric: &Column, labels: &[&str]) -> String {
     }
     out.push_str(" \\\\\n");
     for panel in &sweep.panels {
-        let mut rows: Vec<&Bin> = Vec::new();
-        for bin in panel.lines.iter().flat_map(|line| &line.bins[k]) {
-            let bin = &bin.banded.bin;
-            if !rows.iter().any(|row| row.number == bin.number) {
-                rows.push(bin);
-            }
-        }
-        rows.sort_by_key(|row| row.number);
-        if rows.is_empty() {
+        let counts = panel.counts(k);
+        if counts.is_empty() {
             continue;
         }
         let _ = write!(
@@ -177,14 +169,18 @@ fn table(sweep: &Sweep, k: usize, metric: &Column, labels: &[&str]) -> String {
             labels.len() + 2,
             escape(&panel.split)
         );
-        for row in rows {
-            let range = format!("{}–{}", short(row.low), short(row.high));
-            let _ = write!(out, "{} & {}", escape(&range), count(panel, k, row.number));
+        for (number, BinCount { low, high, n }) in counts {
+            let range = format!("{}–{}", short(low), short(high));
+            let n = match n {
+                (least, most) if least == most => most.to_string(),
+                (least, most) => format!("{least}--{most}"),
+            };
+            let _ = write!(out, "{} & {n}", escape(&range));
             for label in labels {
                 let line = panel.lines.iter().find(|line| line.label == *label);
                 let bins = line.and_then(|line| {
                     let mut bins = line.bins[k].iter();
-                    bins.find(|bin| bin.banded.bin.number == row.number)
+                    bins.find(|bin| bin.banded.bin.number == number)
                 });
                 let cell =
                     bins.map_or_else(|| "–".to_owned(), |bin| cell(bin, metric, sweep.spec.band));
@@ -222,18 +218,6 @@ fn cell(bin: &SweepBin, metric: &Column, band: Band) -> String {
             format!("{mean} [{}, {}]", metric.shown(low), metric.shown(high))
         }
         _ => mean,
-    }
-}
-
-/// Fewest and most pairs that a line has in a bin.
-fn count(panel: &SweepPanel, metric: usize, number: i64) -> String {
-    let bins = panel.lines.iter().flat_map(|line| &line.bins[metric]);
-    let bins = bins.filter(|bin| bin.banded.bin.number == number);
-    let counts = bins.map(|bin| bin.banded.bin.n());
-    let (least, most) = counts.fold((usize::MAX, 0), |(low, high), n| (low.min(n), high.max(n)));
-    match least == most {
-        true => most.to_string(),
-        false => format!("{least}--{most}"),
     }
 }
 

@@ -7,6 +7,7 @@ use serde::Serialize;
 use serde_json::{Value, json};
 use sharp_datasets::Scene;
 use sharp_metrics::MetricKey;
+use sharp_statistics::mean;
 
 use super::anatomy::Anatomy;
 use super::breakdown::Stratum;
@@ -138,12 +139,13 @@ impl RunComparison {
             details.extend(metrics().filter_map(|metric| self.extremes(against, metric)));
         }
         details.extend(self.where_grids(strata));
-        let mean = |losses: Vec<f64>| losses.iter().sum::<f64>() / losses.len() as f64;
         let losses = losses.into_iter().map(|(pair_id, of_pair)| {
             let of_pair = of_pair.into_iter();
             (
                 pair_id,
-                of_pair.map(|(key, losses)| (key, mean(losses))).collect(),
+                of_pair
+                    .filter_map(|(key, losses)| Some((key, mean(&losses)?)))
+                    .collect(),
             )
         });
         let comparison = ReportComparison {

@@ -112,12 +112,8 @@ fn plot(history: &History, series: &[Series]) -> Result<Figure, PlotError> {
         },
     });
     let panels: Vec<Panel<'_>> = panels.collect();
-    let mut legend: Vec<(&str, Style)> = Vec::new();
-    for series in series {
-        if !legend.iter().any(|(method, _)| *method == series.method) {
-            legend.push((&series.method, style_of(series)));
-        }
-    }
+    let legend = series.iter().map(|s| (s.method.as_str(), style_of(s)));
+    let legend: Vec<(&str, Style)> = legend.collect();
     let caption = format!(
         "{}: {}. Mean of each entry with its 95 % interval; lines join entries that can be compared, and a hollow point cannot be \
          compared with any before it. Triangles are change points: filled for worse, hollow for better, pointing where the mean \
