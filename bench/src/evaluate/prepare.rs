@@ -6,6 +6,7 @@ use std::time::Duration;
 
 use sharp::render::Backend;
 use sharp_datasets::Scene;
+use sharp_datasets::left_out::LeftOutViews;
 
 use super::aggregation::Aggregation;
 use super::error::EvaluateError;
@@ -104,7 +105,6 @@ pub struct Evaluation {
     limit: Option<usize>,
     specs: Vec<Option<MethodSpec>>,
     pub(super) config: Option<RunConfig>,
-    lacks_views: bool,
     pub(super) methods: Vec<Box<dyn Method>>,
     pub(super) scoring: Scoring,
     pub(super) common_region: bool,
@@ -151,22 +151,17 @@ pub fn prepare(mut request: Request, observer: &dyn Observer) -> Result<Evaluati
         datasets.for_each(|dataset| checks.look_at(dataset, observer));
     }
     let scenes = scenes_of(&request.datasets);
-    let mut lacks_views = false;
     let (list, origin, choices) = match request.pairs {
         PairOrigin::Built { recipe, cache } => {
             let built = recipe.build(&request.datasets, cache.as_ref(), observer)?;
             // The manifest and the report say what the pairs are short of.
-            for problem in built.unreadable() {
-                lacks_views = true;
+            for problem in built.build.left_out() {
                 let mut scenes = request.datasets.iter_mut().flat_map(|d| &mut d.scenes);
                 let is_of = |scene: &&mut Scene| {
                     (&scene.dataset, &scene.id) == (&problem.dataset, &problem.scene)
                 };
                 if let Some(scene) = scenes.find(is_of) {
-                    let (view, reason) = (&problem.view, &problem.reason);
-                    scene
-                        .warnings
-                        .push(format!("no pairs with view '{view}': {reason}"));
+                    LeftOutViews::add(&mut scene.left_out, &problem.reason, &problem.view);
                 }
             }
             if !built.has_selected() {
@@ -184,7 +179,7 @@ pub fn prepare(mut request: Request, observer: &dyn Observer) -> Result<Evaluati
             if left > 0 {
                 let all = list.pairs.len();
                 observer.warn(&format!(
-                    "{left} of the list's {all} pairs are not evaluated: their scenes cannot be read"
+                    "{left} of the list's {all} pairs are not evaluated: their scenes or views cannot be read"
                 ));
             }
             let companion = ListCompanion::of(&list);
@@ -215,7 +210,6 @@ pub fn prepare(mut request: Request, observer: &dyn Observer) -> Result<Evaluati
         limit: request.limit,
         specs,
         config: request.config,
-        lacks_views,
         methods,
         scoring: request.scoring,
         common_region: request.common_region,
@@ -322,7 +316,7 @@ impl Evaluation {
 
     /// True if pairs are missing because files of their views cannot be read.
     pub fn lacks_views(&self) -> bool {
-        self.lacks_views
+        self.datasets.iter().any(OpenDataset::lacks_views)
     }
 
     /// The metrics.
