@@ -20,7 +20,7 @@ const LEAST_VIEWS: usize = 5;
 const LEAST_SHIFTED: usize = 2;
 
 /// Poses of any two views have to take away this share of the loss of a pair, being the best of many.
-const LEAST_GAIN_ELSEWHERE: f64 = 0.4;
+const LEAST_GAIN_ELSEWHERE: f64 = 0.25;
 /// Samples of a view in the search for them.
 const SAMPLES_ELSEWHERE: usize = 500;
 

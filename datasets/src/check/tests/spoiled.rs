@@ -615,11 +615,11 @@ fn shuffled_pictures_are_named_and_not_called_exchanged() {
                     true => (0..9).for_each(|i| wrong[i].content = right[order[i]].content.clone()),
                 }
                 let said = found(&wrong);
-                println!("{seed} {is_flat} {with_depth}: {said:?}");
-                assert!(
-                    said.len() == 1 && !said[0].contains("the other way round"),
-                    "{seed}: {said:?}"
-                );
+                let says = |part: &str| said.iter().any(|text| text.contains(part));
+                let is_named = says("not assigned rightly") || says("do not fit together");
+                // Flat pictures may tell too little, but nothing wrong.
+                assert!(is_named || is_flat && said.is_empty(), "{seed}: {said:?}");
+                assert!(!says("the other way round"), "{seed}: {said:?}");
             }
         }
     }
