@@ -18,8 +18,7 @@ use crate::format::opencv_xml::{self, FileStorage, Node};
 use crate::format::{FormatError, picture};
 use crate::left_out::FoundScenes;
 use crate::required_files::{PhotographPath, RequiredFile};
-use crate::scene_builder::is_picture_extension;
-use crate::stereo_pair::{self, Side};
+use crate::stereo_pair::{self, Side, without_depth};
 use crate::{DatasetError, DatasetSpec, Scene, natural_order};
 
 pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
@@ -143,12 +142,8 @@ fn read_scenes(
     let cameras = ["camera_00".to_owned(), format!("camera_{number}")];
     let mut names = BTreeSet::new();
     for camera in &cameras {
-        let pictures = files::list(&root.resolve(folder, camera)?)?.into_iter();
-        let is_picture = |name: &String| {
-            name.rsplit_once('.')
-                .is_some_and(|n| is_picture_extension(n.1))
-        };
-        names.extend(pictures.map(|entry| entry.0).filter(is_picture));
+        let pictures = files::pictures(&root.resolve(folder, camera)?)?.into_iter();
+        names.extend(pictures.map(|(name, _)| name));
     }
     if names.is_empty() {
         return Err(DatasetError::malformed(folder, "no picture in camera_00"));
@@ -192,18 +187,9 @@ fn read_scene(
         rig.side(root, folder, number, right, 1)?,
     ];
     let folder_id = root.id_of(folder);
-    let mut notes = Vec::new();
-    if sides[0].disparity.is_none() {
-        notes.push(format!(
-            "{folder_id}: no disp_00.npy, so the left view has no depth"
-        ));
-    }
-    let cluster = folder_id
-        .rsplit('/')
-        .next()
-        .unwrap_or(&folder_id)
-        .to_owned();
-    stereo_pair::scene(spec, id, cluster, sides, &calibration, notes)
+    let notes = without_depth(&sides[0], &folder_id, "disp_00.npy");
+    let cluster = folder_id.rsplit('/').next().unwrap_or(&folder_id);
+    stereo_pair::scene(spec, id, cluster.to_owned(), sides, &calibration, notes)
 }
 
 /// The two cameras of a scene.

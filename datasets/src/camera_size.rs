@@ -10,7 +10,7 @@ use crate::format::picture;
 use crate::lens::Lens;
 use crate::{DatasetError, DatasetSpec, mask};
 
-/// Treatment of pictures whose size is not their camera's.
+/// What happens to pictures of another size than their camera's.
 pub(crate) const CAMERA_SIZE: Setting = Setting::choice(
     "camera-size",
     "pictures of another size than their camera is for",
@@ -62,7 +62,7 @@ impl CameraSizes {
     pub(crate) fn fit(&mut self, lens: Lens, image: &Path) -> Result<Lens, DatasetError> {
         let k = lens.intrinsics();
         let from = (k.width, k.height);
-        // A picture that cannot be read is reported by whoever decodes it.
+        // Decoding reports a picture that cannot be read.
         let Some(header) = self.scale.then(|| picture::header(image).ok()).flatten() else {
             return Ok(lens);
         };
@@ -104,7 +104,7 @@ impl CameraSizes {
     }
 }
 
-/// Refuses a picture whose size is not its camera's; the error mentions [`CAMERA_SIZE`] where it would help.
+/// Refuses a picture of another size than its camera; the error names [`CAMERA_SIZE`] where it would help.
 pub(crate) fn check_size(
     path: &Path,
     found: PixelSize,

@@ -181,7 +181,7 @@ impl Setting {
         }
     }
 
-    /// One whose value the paper leaves open.
+    /// A setting whose value the paper leaves open.
     pub(crate) const fn left_open(self) -> Self {
         Self { open: true, ..self }
     }

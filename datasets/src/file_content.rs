@@ -14,7 +14,7 @@ use crate::processing::{Processing, Undistorted};
 use crate::required_files::FileRole;
 use crate::undistort::Undistortion;
 use crate::view::FoundPicture;
-use crate::{DatasetError, DepthMap, ViewContent, files};
+use crate::{DatasetError, DepthMap, ViewContent};
 
 /// A photograph in a file, resampled to a pinhole camera where its lens asks for it.
 #[derive(Debug)]
@@ -34,7 +34,10 @@ pub(crate) struct FileContent {
 }
 
 impl FileContent {
-    /// What the photograph's header says, refused where the picture does not fit the camera.
+    /// The photograph's header.
+    ///
+    /// # Errors
+    /// When the picture does not fit the camera.
     fn fitting(&self) -> Result<FoundPicture, DatasetError> {
         let header = picture::header(&self.image)?;
         let turned = self.rules.turns(&header, Some(self.size));
@@ -157,6 +160,11 @@ impl ViewContent for FileContent {
     }
 
     fn image_sha256(&self) -> Result<String, DatasetError> {
-        files::sha256(&self.image)
+        self.fitting()?;
+        // Depth is masked when it is read.
+        if self.depth.is_none() {
+            self.valid_pixels()?;
+        }
+        picture::sha256_of_whole(&self.image)
     }
 }

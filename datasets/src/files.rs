@@ -10,10 +10,11 @@ use unicode_normalization_alignments::UnicodeNormalization;
 
 use crate::format::FormatError;
 use crate::left_out::first_few;
+use crate::scene_builder::is_picture_extension;
 use crate::{DatasetError, natural_order};
 
 /// The folder a user named. Every file that a reader opens is resolved through it: neither `..`
-/// nor a symbolic link may lead elsewhere, because file lists and JSON come from strangers.
+/// nor a symbolic link may lead elsewhere, because file lists and JSON are not trusted.
 #[derive(Debug, Clone)]
 pub struct Root {
     pub(crate) canonical: PathBuf,
@@ -135,7 +136,7 @@ impl Root {
                     ),
                 ))
             }
-            // A file that does not exist is reported by whoever opens it.
+            // Opening reports a file that does not exist.
             _ => Ok(()),
         }
     }
@@ -175,6 +176,19 @@ pub fn list(folder: &Path) -> Result<Vec<(String, PathBuf)>, DatasetError> {
         }
     }
     entries.sort_by(|a, b| natural_order::compare(&a.0, &b.0).then_with(|| a.1.cmp(&b.1)));
+    Ok(entries)
+}
+
+/// The pictures of a folder by their extensions, as [`list`].
+///
+/// # Errors
+/// As [`list`].
+pub(crate) fn pictures(folder: &Path) -> Result<Vec<(String, PathBuf)>, DatasetError> {
+    let mut entries = list(folder)?;
+    entries.retain(|(name, _)| {
+        let extension = name.rsplit_once('.');
+        extension.is_some_and(|(_, extension)| is_picture_extension(extension))
+    });
     Ok(entries)
 }
 

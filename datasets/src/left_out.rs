@@ -1,4 +1,4 @@
-//! Scenes that a reader left out, and the reasons.
+//! Scenes and views that were left out, and the reasons.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -52,7 +52,7 @@ impl FoundScenes {
         });
     }
 
-    /// Rules out the scenes whose ids do not belong, whatever else is wrong with them.
+    /// Rules out the scenes whose ids do not belong, broken ones included.
     pub fn choose(&mut self, belongs: impl Fn(&str) -> bool, reason: &str) {
         let (scenes, others) = std::mem::take(&mut self.scenes)
             .into_iter()
@@ -108,13 +108,50 @@ pub struct LeftOutScenes {
 
 impl std::fmt::Display for LeftOutScenes {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        let s = if self.scenes.len() == 1 { "" } else { "s" };
-        let (count, names) = (self.scenes.len(), first_few(&self.scenes));
-        write!(f, "{count} scene{s} left out ({names}): {}", self.reason)
+        f.write_str(&left_out_line("scene", &self.scenes, &self.reason))
     }
 }
 
-/// Scenes by their reasons, in the order in which the reasons come first.
+/// Views of a scene that were left out for one reason: a file that they need is missing, incomplete or unreadable.
+/// Displays as a line with the first of them.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct LeftOutViews {
+    /// In words; names the file.
+    pub reason: String,
+    /// Their ids.
+    pub views: Vec<String>,
+}
+
+impl LeftOutViews {
+    /// Adds a view to those of the same reason.
+    pub fn add(all: &mut Vec<Self>, reason: impl Into<String>, view: impl Into<String>) {
+        let (reason, view) = (reason.into(), view.into());
+        match all.iter_mut().find(|group| group.reason == reason) {
+            Some(group) => group.views.push(view),
+            None => all.push(Self {
+                reason,
+                views: vec![view],
+            }),
+        }
+    }
+}
+
+impl std::fmt::Display for LeftOutViews {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(&left_out_line("view", &self.views, &self.reason))
+    }
+}
+
+fn left_out_line(what: &str, ids: &[String], reason: &str) -> String {
+    let s = if ids.len() == 1 { "" } else { "s" };
+    format!(
+        "{} {what}{s} left out ({}): {reason}",
+        ids.len(),
+        first_few(ids)
+    )
+}
+
+/// Groups scenes by reason, in the order of the first scene of each group.
 pub fn by_reason(left_out: &[LeftOutScene]) -> Vec<LeftOutScenes> {
     let mut groups: Vec<LeftOutScenes> = Vec::new();
     for LeftOutScene { id, why } in left_out {
@@ -153,7 +190,7 @@ impl LeftOut {
         names.push(name.into());
     }
 
-    /// One note a reason; `file` says where the names are from.
+    /// One note a reason; `file` is the list that the names are from.
     pub(crate) fn notes(&self, file: &Path) -> Vec<String> {
         let reasons = self.by_reason.iter();
         reasons

@@ -18,7 +18,7 @@ use crate::files::{self, Root};
 use crate::format::{calib, picture};
 use crate::left_out::FoundScenes;
 use crate::required_files::{PhotographPath, RequiredFile};
-use crate::stereo_pair::{self, Side};
+use crate::stereo_pair::{self, Side, without_depth};
 use crate::{DatasetError, DatasetSpec, Scene};
 
 pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
@@ -194,12 +194,7 @@ fn read_scene(
         side(0, "im0", rig.left_center)?,
         side(1, right, rig.right_center)?,
     ];
-    let mut notes = Vec::new();
-    if sides[0].disparity.is_none() {
-        notes.push(format!(
-            "{id}: no disp0.pfm or disp0GT.pfm, so the left view has no depth"
-        ));
-    }
+    let notes = without_depth(&sides[0], &id, "disp0.pfm or disp0GT.pfm");
     let cluster = physical_scene(&id);
     stereo_pair::scene(spec, id, cluster, sides, &calibration, notes)
 }

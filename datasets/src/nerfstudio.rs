@@ -12,8 +12,8 @@ use crate::camera_size::CAMERA_SIZE;
 use crate::depth::{DepthEncoding, DepthKind, ViewDepth};
 use crate::entry::{DatasetEntry, OUTSIDE, Setting, choice};
 use crate::files::{self, Root};
-use crate::format::picture;
 use crate::format::transforms::{self, JsonFrame};
+use crate::format::{FormatError, picture};
 use crate::left_out::FoundScenes;
 use crate::mask::{Keep, MaskFile};
 use crate::required_files::{PhotographPath, RequiredFile};
@@ -166,10 +166,15 @@ fn read_scene(
         let image = scene.finder.picture(folder, name)?;
         let pose = frame.world_from_camera.as_ref().map_err(no_pose);
         let Some((image, world_from_camera)) = scene.usable(name, image, pose) else {
+            if let Some(map) = &frame.depth_file_path {
+                let map = scene.finder.map(folder, map)?;
+                scene.belongs_to_left_out(map);
+            }
             continue;
         };
-        let posed = reader.posed(frame, image, world_from_camera, &mut scene)?;
-        scene.add(posed)?;
+        if let Some(posed) = reader.posed(frame, image, world_from_camera, &mut scene)? {
+            scene.add(posed)?;
+        }
     }
     let masks = file.frames.iter().filter(|f| f.mask_path.is_some()).count();
     if masks == 0 {
@@ -219,50 +224,52 @@ struct FrameReader<'a> {
 }
 
 impl FrameReader<'_> {
+    /// `None` for a frame that is left out because its depth map or its mask is missing.
     fn posed(
         &self,
         frame: &JsonFrame,
         image: PathBuf,
         world_from_camera: &RigidTransform,
         scene: &mut SceneBuilder<'_>,
-    ) -> Result<PosedFrame, DatasetError> {
-        let in_frame = |reason: String| {
+    ) -> Result<Option<PosedFrame>, DatasetError> {
+        let in_frame = |error: FormatError| {
             let name = &frame.file_path;
-            DatasetError::malformed(self.json, format!("frame '{name}': {reason}"))
+            DatasetError::malformed(self.json, format!("frame '{name}': {error}"))
         };
-        let size = match frame.size().map_err(|e| in_frame(e.to_string()))? {
+        let size = match frame.size().map_err(in_frame)? {
             Some(size) => size,
             None => picture::size_as_read(&image, &scene.rules)?,
         };
-        let mut named = |name: &str, what: &str| match scene.finder.map(self.folder, name)? {
-            Some(path) => Ok(path),
-            None => Err(in_frame(format!("its {what} '{name}' does not exist"))),
-        };
-        let depth = match &frame.depth_file_path {
-            Some(name) => {
-                let unit = DepthEncoding::Units(self.depth_unit, self.depth_kind);
-                Some(ViewDepth::Map(named(name, "depth map")?, unit))
+        let mask_name = frame.mask_path.as_ref().filter(|_| self.masks.is_some());
+        let mut files = [
+            (&frame.depth_file_path.as_ref(), "depth map"),
+            (&mask_name, "mask"),
+        ]
+        .map(|(name, what)| (*name, what, None));
+        for (name, what, file) in &mut files {
+            let Some(name) = name else { continue };
+            *file = scene.finder.map(self.folder, name)?;
+            if file.is_none() {
+                scene.leave_out_broken(&format!("the {what} does not exist"), &frame.file_path);
+                return Ok(None);
             }
-            None => None,
-        };
-        let mask = match (&frame.mask_path, self.masks) {
-            (Some(name), Some(keep)) => {
-                let file = named(name, "mask")?;
-                Some(MaskFile { file, keep })
-            }
-            _ => None,
-        };
+        }
+        let [depth, mask] = files.map(|(.., file)| file);
+        let encoding = DepthEncoding::Units(self.depth_unit, self.depth_kind);
+        let depth = depth.map(|file| ViewDepth::Map(file, encoding));
+        let mask = mask.zip(self.masks);
+        let mask = mask.map(|(file, keep)| MaskFile { file, keep });
         let mut pose = *world_from_camera;
         pose.translation *= self.metres;
-        Ok(PosedFrame {
+        Ok(Some(PosedFrame {
             id: frame_id(&frame.file_path),
             image,
-            lens: frame.lens(size).map_err(|e| in_frame(e.to_string()))?,
+            lens: frame.lens(size).map_err(in_frame)?,
             pinhole: Pinhole::WithoutBlankPixels,
             camera_from_world: pose.inverse(),
             mask,
             depth,
             cameras: vec![self.json.to_owned()],
-        })
+        }))
     }
 }

@@ -16,7 +16,7 @@ const MASKS: usize = 4;
 /// Masks that leave less are in doubt: most exclude a person, a sky, a logo.
 const LEAST_LEFT: f64 = 0.2;
 
-/// Notes masks that lie next to the pictures and are not read; `hint` says how to read them.
+/// A note on masks next to the pictures that are not read; `hint` is how to read them.
 pub(crate) fn unread_masks(folder: &Path, hint: &str) -> Option<String> {
     let folder = ["masks", "mask"]
         .map(|name| folder.join(name))
@@ -35,7 +35,7 @@ pub(crate) fn unread_masks(folder: &Path, hint: &str) -> Option<String> {
     })
 }
 
-/// Adds the scene's notes and warnings. Files that cannot be read are left to whoever decodes them.
+/// Adds the scene's notes and warnings. Files that cannot be read are skipped: decoding reports them.
 pub(crate) fn add(scene: &mut Scene, spec: &DatasetSpec) {
     let rules = spec.picture_rules();
     let looked_at = evenly_spaced(scene.views.len(), HEADERS).into_iter();
@@ -91,7 +91,7 @@ pub(crate) fn add(scene: &mut Scene, spec: &DatasetSpec) {
         "keep-black" => "keep-white",
         _ => return,
     };
-    // A dataset whose masks mean what its authors say has no polarity to doubt.
+    // Where the format defines the polarity, it is not in doubt.
     let has_polarity = |s: &Setting| s.allows("masks", other);
     if !spec.entry.settings.iter().any(has_polarity) {
         return;

@@ -12,7 +12,7 @@ use crate::depth::ViewDepth;
 use crate::file_content::FileContent;
 use crate::file_finder::FileFinder;
 use crate::files::{self, Root};
-use crate::left_out::{LeftOut, first_few};
+use crate::left_out::{LeftOut, LeftOutViews, first_few};
 use crate::lens::Lens;
 use crate::mask::MaskFile;
 use crate::undistort::Undistortion;
@@ -27,9 +27,12 @@ pub(crate) struct SceneBuilder<'a> {
     pub(crate) sizes: CameraSizes,
     pub(crate) rules: PictureRules,
     left_out: LeftOut,
+    broken: Vec<LeftOutViews>,
     views: Vec<View>,
     /// Pictures that were handed out.
     seen: BTreeSet<PathBuf>,
+    /// Depth maps of frames that are left out.
+    of_left_out: BTreeSet<PathBuf>,
     pub(crate) notes: Vec<String>,
 }
 
@@ -42,14 +45,27 @@ impl<'a> SceneBuilder<'a> {
             sizes: CameraSizes::new(spec, list),
             rules: spec.picture_rules(),
             left_out: LeftOut::of("frame"),
+            broken: Vec::new(),
             views: Vec::new(),
             seen: BTreeSet::new(),
+            of_left_out: BTreeSet::new(),
             notes: Vec::new(),
         }
     }
 
     pub(crate) fn leave_out(&mut self, reason: impl Into<String>, name: &str) {
         self.left_out.add(reason, name);
+    }
+
+    /// Leaves out a frame of which a file is missing, or cannot be read.
+    pub(crate) fn leave_out_broken(&mut self, reason: &str, name: &str) {
+        let reason = format!("{}: {reason}", self.list.display());
+        LeftOutViews::add(&mut self.broken, reason, frame_id(name));
+    }
+
+    /// Keeps a depth map from being noted as one of no frame.
+    pub(crate) fn belongs_to_left_out(&mut self, map: Option<PathBuf>) {
+        self.of_left_out.extend(map);
     }
 
     /// Picture and pose of a frame, if it has both and no frame before had the picture; else the frame is left out.
@@ -66,7 +82,7 @@ impl<'a> SceneBuilder<'a> {
             (Some(picture), Ok(pose)) if is_new => return Some((picture, pose)),
             (Some(_), Ok(_)) => self.leave_out("the picture was listed before", name),
             (_, Err(reason)) => self.leave_out(reason, name),
-            (None, _) => self.leave_out("the picture does not exist", name),
+            (None, _) => self.leave_out_broken("the picture does not exist", name),
         }
         None
     }
@@ -101,7 +117,8 @@ impl<'a> SceneBuilder<'a> {
     /// their own note.
     pub(crate) fn note_unused(&mut self, folders: &[(PathBuf, &'static str)]) {
         let used = self.views.iter().flat_map(|view| view.content.files());
-        let used: BTreeSet<PathBuf> = used.chain(self.seen.iter().cloned()).collect();
+        let known = self.seen.iter().chain(&self.of_left_out).cloned();
+        let used: BTreeSet<PathBuf> = used.chain(known).collect();
         for (folder, why) in folders {
             let mut names = Vec::new();
             if folder.as_os_str().is_empty() {
@@ -123,7 +140,13 @@ impl<'a> SceneBuilder<'a> {
     /// The scene, with its views in natural order and their ids shortened by the folders that all
     /// share, and with extensions where only these tell pictures apart. The id is also its cluster.
     pub(crate) fn finish(mut self, id: String) -> Scene {
-        shorten_ids(&mut self.views);
+        let shared = shorten_ids(&mut self.views);
+        let broken = self.broken.iter_mut().flat_map(|group| &mut group.views);
+        for id in broken {
+            if let Some(rest) = id.strip_prefix(&shared) {
+                *id = rest.trim_start_matches('/').to_owned();
+            }
+        }
         tell_apart(&mut self.views);
         self.views
             .sort_by(|a, b| natural_order::compare(&a.id, &b.id));
@@ -131,13 +154,9 @@ impl<'a> SceneBuilder<'a> {
         self.notes.extend(self.finder.notes());
         self.notes.extend(self.sizes.notes());
         Scene {
-            dataset: self.dataset.to_owned(),
-            cluster: id.clone(),
-            id,
-            views: self.views,
-            pairing: Pairing::MultiView,
             notes: self.notes,
-            warnings: Vec::new(),
+            left_out: self.broken,
+            ..Scene::new(self.dataset, id, self.views, Pairing::MultiView)
         }
     }
 
@@ -149,8 +168,9 @@ impl<'a> SceneBuilder<'a> {
         let list = self.list.clone();
         let scene = self.finish(id);
         if scene.views.is_empty() {
-            let notes = scene.notes.join("; ");
-            let reason = format!("no usable picture; {notes}{hint}");
+            let causes = scene.left_out.iter().map(ToString::to_string);
+            let causes: Vec<String> = causes.chain(scene.notes).collect();
+            let reason = format!("no usable picture; {}{hint}", causes.join("; "));
             return Err(DatasetError::malformed(list, reason));
         }
         Ok(scene)
@@ -226,17 +246,16 @@ impl PosedFrame {
     }
 }
 
-/// Shortens the ids of views by the folders that all share.
-fn shorten_ids(views: &mut [View]) {
-    let shared = views
+/// Shortens the ids of views by the folders that all share, and returns these.
+fn shorten_ids(views: &mut [View]) -> String {
+    let folders = views
         .iter()
-        .map(|v| v.id.rsplit_once('/').map_or("", |(folder, _)| folder))
-        .reduce(common_folders)
-        .unwrap_or("")
-        .len();
+        .map(|v| v.id.rsplit_once('/').map_or("", |(folder, _)| folder));
+    let shared = folders.reduce(common_folders).unwrap_or("").to_owned();
     for view in views.iter_mut() {
-        view.id = view.id[shared..].trim_start_matches('/').to_owned();
+        view.id = view.id[shared.len()..].trim_start_matches('/').to_owned();
     }
+    shared
 }
 
 /// Adds the extensions of pictures that share an id.

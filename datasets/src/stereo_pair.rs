@@ -57,6 +57,12 @@ impl Side {
     }
 }
 
+/// A note on a left side without depth; `file` is what would hold its disparity.
+pub(crate) fn without_depth(left: &Side, id: &str, file: &str) -> Vec<String> {
+    let note = || format!("{id}: no {file}, so the left view has no depth");
+    left.disparity.is_none().then(note).into_iter().collect()
+}
+
 /// The scene of a left and a right side, a baseline apart; `calibration` is the file that their
 /// cameras are from.
 ///
@@ -75,16 +81,14 @@ pub(crate) fn scene(
         let view = side.into_view(x_m, calibration, spec.picture_rules());
         view.map_err(|source| DatasetError::camera(calibration, source))
     });
+    let views = views.into_iter().collect::<Result<_, _>>()?;
+    let pairing = Pairing::Stereo {
+        source: 0,
+        target: 1,
+    };
     Ok(Scene {
-        dataset: spec.name.clone(),
-        id,
         cluster,
-        views: views.into_iter().collect::<Result<_, _>>()?,
-        pairing: Pairing::Stereo {
-            source: 0,
-            target: 1,
-        },
         notes,
-        warnings: Vec::new(),
+        ..Scene::new(&spec.name, id, views, pairing)
     })
 }

@@ -8,6 +8,7 @@ use sharp::camera::{Intrinsics, RigidTransform};
 use sharp::image_file::Header;
 
 use crate::DatasetError;
+use crate::left_out::LeftOutViews;
 use crate::processing::Processing;
 use crate::required_files::FileRole;
 
@@ -60,12 +61,12 @@ pub trait ViewContent: Send + Sync + std::fmt::Debug {
         files
     }
 
-    /// What a reader does on the way from the files to the pixels.
+    /// The processing between the files and the pixels.
     fn processing(&self) -> Processing {
         Processing::default()
     }
 
-    /// What the photograph's file says of itself; `None` for a procedural one.
+    /// Facts from the photograph's header; `None` for a procedural one.
     ///
     /// # Errors
     /// Names the file and why it cannot be read.
@@ -86,7 +87,8 @@ pub trait ViewContent: Send + Sync + std::fmt::Debug {
     /// view, as 64 lower-case hexadecimal digits.
     ///
     /// # Errors
-    /// Names the file and why it cannot be read.
+    /// Names the file and why it cannot be read: missing, incomplete (as far as that shows without decoding), or of another
+    /// size than its camera.
     fn image_sha256(&self) -> Result<String, DatasetError>;
 }
 
@@ -128,4 +130,23 @@ pub struct Scene {
     pub notes: Vec<String>,
     /// Doubts about the files, each with the setting that mends it; shown as the notes are, and as warnings before a run.
     pub warnings: Vec<String>,
+    /// Views that are not among the others because of their files.
+    pub left_out: Vec<LeftOutViews>,
+}
+
+impl Scene {
+    /// A scene that is a cluster of its own, with nothing to note.
+    pub fn new(dataset: &str, id: impl Into<String>, views: Vec<View>, pairing: Pairing) -> Self {
+        let id = id.into();
+        Self {
+            dataset: dataset.to_owned(),
+            cluster: id.clone(),
+            id,
+            views,
+            pairing,
+            notes: Vec::new(),
+            warnings: Vec::new(),
+            left_out: Vec::new(),
+        }
+    }
 }

@@ -28,11 +28,12 @@ pub(super) enum Outcome {
 }
 
 impl Outcome {
-    /// `RecordedFailures` in place of `Done` if scenes of the datasets are broken or incomplete, so that results miss them.
+    /// `RecordedFailures` in place of `Done` if scenes or views of the datasets are broken or incomplete, so that results
+    /// miss them.
     pub(super) fn with_scenes_of(self, datasets: &[OpenDataset]) -> Self {
         let broken = datasets
             .iter()
-            .any(|dataset| dataset.broken().next().is_some());
+            .any(|dataset| dataset.broken().next().is_some() || dataset.unreadable_views() > 0);
         match self {
             Self::Done => Self::of_problems(broken),
             other => other,

@@ -6,6 +6,7 @@ use std::time::Duration;
 
 use sharp::render::Backend;
 use sharp_datasets::Scene;
+use sharp_datasets::left_out::LeftOutViews;
 
 use super::aggregation::Aggregation;
 use super::error::EvaluateError;
@@ -100,8 +101,8 @@ pub struct Evaluation {
     limit: Option<usize>,
     specs: Vec<Option<MethodSpec>>,
     pub(super) config: Option<RunConfig>,
-    /// By dataset.
-    unreadable_views: BTreeMap<String, usize>,
+    /// [`DatasetRecord::unreadable_views`] of a plan, by dataset: shards build no pairs.
+    planned_unreadable: BTreeMap<String, usize>,
     pub(super) methods: Vec<Box<dyn Method>>,
     pub(super) scoring: Scoring,
     pub(super) common_region: bool,
@@ -133,22 +134,18 @@ pub fn prepare(mut request: Request, observer: &dyn Observer) -> Result<Evaluati
         datasets.for_each(|dataset| checks.look_at(dataset, observer));
     }
     let scenes = scenes_of(&request.datasets);
-    let mut unreadable_views: BTreeMap<String, usize> = BTreeMap::new();
+    let mut planned_unreadable: BTreeMap<String, usize> = BTreeMap::new();
     let (list, origin, choices) = match request.pairs {
         PairOrigin::Built { recipe, cache } => {
             let built = recipe.build(&request.datasets, cache.as_ref(), observer)?;
             // The manifest and the report say what the pairs are short of.
-            for problem in built.unreadable() {
-                *unreadable_views.entry(problem.dataset.clone()).or_default() += 1;
+            for problem in built.build.left_out() {
                 let mut scenes = request.datasets.iter_mut().flat_map(|d| &mut d.scenes);
                 let is_of = |scene: &&mut Scene| {
                     (&scene.dataset, &scene.id) == (&problem.dataset, &problem.scene)
                 };
                 if let Some(scene) = scenes.find(is_of) {
-                    let (view, reason) = (&problem.view, &problem.reason);
-                    scene
-                        .warnings
-                        .push(format!("no pairs with view '{view}': {reason}"));
+                    LeftOutViews::add(&mut scene.left_out, &problem.reason, &problem.view);
                 }
             }
             if !built.has_selected() {
@@ -166,7 +163,7 @@ pub fn prepare(mut request: Request, observer: &dyn Observer) -> Result<Evaluati
             if left > 0 {
                 let all = list.pairs.len();
                 observer.warn(&format!(
-                    "{left} of the list's {all} pairs are not evaluated: their scenes cannot be read"
+                    "{left} of the list's {all} pairs are not evaluated: their scenes or views cannot be read"
                 ));
             }
             let companion = ListCompanion::of(&list);
@@ -178,7 +175,7 @@ pub fn prepare(mut request: Request, observer: &dyn Observer) -> Result<Evaluati
             let folder = RunFolder::open(&root)?;
             if let Some(planned) = folder.manifest()? {
                 let counts = planned.datasets.into_iter();
-                unreadable_views.extend(counts.map(|d| (d.name, d.unreadable_views)));
+                planned_unreadable.extend(counts.map(|d| (d.name, d.unreadable_views)));
             }
             let list = PairList::read(&folder.pairs_path())?;
             (list, ListOrigin::Given, BTreeMap::new())
@@ -201,7 +198,7 @@ pub fn prepare(mut request: Request, observer: &dyn Observer) -> Result<Evaluati
         limit: request.limit,
         specs,
         config: request.config,
-        unreadable_views,
+        planned_unreadable,
         methods,
         scoring: request.scoring,
         common_region: request.common_region,
@@ -326,11 +323,10 @@ impl Evaluation {
             readings: dataset.readings.clone(),
             notes: dataset.notes(),
             left_out: dataset.left_out.clone(),
-            unreadable_views: self
-                .unreadable_views
-                .get(&dataset.name)
-                .copied()
-                .unwrap_or(0),
+            unreadable_views: {
+                let planned = self.planned_unreadable.get(&dataset.name).copied();
+                dataset.unreadable_views().max(planned.unwrap_or(0))
+            },
         };
         let methods = self.specs.iter().zip(&self.methods);
         let evaluated = self.pairs()?.len();

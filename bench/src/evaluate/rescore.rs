@@ -187,6 +187,7 @@ impl Kept<'_> {
             observer.warn(&reason);
         }
         let list = PairList::new("pairs.csv", list.pairs);
+        let readable = list.resolve_readable(&scenes, datasets)?;
         let mut units: BTreeMap<&str, Vec<Unit>> = BTreeMap::new();
         for unit in &self.units {
             units
@@ -197,7 +198,7 @@ impl Kept<'_> {
         let mut counts = UnitCounts::default();
         observer.begin("", self.units.len(), "units");
         let mut not_kept = 0;
-        for planned in list.resolve(&scenes)? {
+        for planned in readable {
             if observer.stop() {
                 let left = units
                     .remove(planned.pair.pair_id.as_str())
@@ -240,7 +241,7 @@ impl Kept<'_> {
             }
         }
         observer.end();
-        // Those whose scenes are left out.
+        // Those whose scenes or views are left out.
         let unread = units.into_values().flatten().count();
         counts.units += unread;
         counts.failed += unread;

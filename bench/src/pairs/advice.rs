@@ -28,13 +28,25 @@ pub fn counted_pairs(dataset: &str, counts: &PairCounts) -> String {
     )
 }
 
-/// A sentence for a dataset of which no pair is selected, or whose depth is too sparse for the choices made; `None` where
-/// there is nothing to say.
+/// Sentences on a dataset of which views are left out, no pair is selected, or whose depth is too sparse for the choices
+/// made. `broken` are the views that are left out.
 pub(super) fn advice(
     dataset: &DatasetSpec,
     counts: &PairCounts,
+    broken: &[&Problem],
     options: &PairOptions,
-) -> Option<String> {
+) -> Vec<String> {
+    let left_out = left_out(&dataset.name, counts, broken);
+    // Where all are broken, nothing else helps.
+    let is_all = counts.selected == 0 && counts.with_depth == 0 && left_out.is_some();
+    let pairs = match is_all {
+        true => None,
+        false => of_pairs(dataset, counts, options),
+    };
+    left_out.into_iter().chain(pairs).collect()
+}
+
+fn of_pairs(dataset: &DatasetSpec, counts: &PairCounts, options: &PairOptions) -> Option<String> {
     let name = &dataset.name;
     let sparse = counts.is_sparse() && options.depth.is_ground_truth();
     if counts.selected > 0 {
@@ -71,22 +83,27 @@ pub(super) fn advice(
     Some(format!("{}: {why}", counted_pairs(name, counts)))
 }
 
-/// The sentence on pairs that are left out because files of their views cannot be read; `None` without any.
-pub(super) fn unreadable(name: &str, counts: &PairCounts, problems: &[Problem]) -> Option<String> {
-    let first = problems.first().filter(|_| counts.unreadable > 0)?;
-    let others = match problems.len() - 1 {
+/// The sentence on views that are left out because their files cannot be read, and their pairs; `None` without any.
+fn left_out(name: &str, counts: &PairCounts, broken: &[&Problem]) -> Option<String> {
+    let first =
+        |problem: &&Problem| format!("{}/{} ({})", problem.scene, problem.view, problem.reason);
+    let named: Vec<String> = broken.iter().take(NAMED).map(first).collect();
+    let others = match broken.len() - named.len() {
         0 => String::new(),
         more => format!("; {} more", counted(more, "view")),
     };
-    Some(format!(
-        "{name}: {} of {} are left out, as views cannot be read: {}/{} ({}){others}",
-        counts.unreadable,
-        counted(counts.considered, "pair"),
-        first.scene,
-        first.view,
-        first.reason
-    ))
+    let pairs = match counts.unreadable {
+        0 => format!("{} of {}", broken.len(), counted(counts.views, "view")),
+        pairs => format!("{pairs} of {}", counted(counts.considered, "pair")),
+    };
+    (!broken.is_empty()).then(|| {
+        let named = named.join("; ");
+        format!("{name}: {pairs} are left out, as views cannot be read: {named}{others}")
+    })
 }
+
+/// Most views that are named.
+const NAMED: usize = 3;
 
 fn sparseness(counts: &PairCounts) -> String {
     format!(
@@ -133,7 +150,45 @@ mod tests {
             ..counts
         };
         let dataset = DatasetSpec::parse(&format!("D:{spec}")).unwrap();
-        advice(&dataset, &counts, &options.parse().unwrap())
+        of_pairs(&dataset, &counts, &options.parse().unwrap())
+    }
+
+    #[test]
+    fn views_that_are_left_out_are_named_and_nothing_else_is_advised_where_none_is_left() {
+        let problem = |i: usize| Problem {
+            dataset: "D".to_owned(),
+            scene: "s".to_owned(),
+            view: format!("v{i}"),
+            reason: format!("{i}.png: truncated"),
+            is_left_out: true,
+        };
+        let broken: Vec<Problem> = (0..10).map(problem).collect();
+        let dataset = DatasetSpec::parse("D:colmap=/x").unwrap();
+        let said = |broken: &[Problem], with_depth: usize, unreadable: usize| {
+            let counts = PairCounts {
+                views: 10,
+                considered: 90,
+                unreadable,
+                without_depth: unreadable,
+                ..depth(with_depth, 0)
+            };
+            let broken: Vec<&Problem> = broken.iter().collect();
+            advice(&dataset, &counts, &broken, &PairOptions::default())
+        };
+        let all = said(&broken, 0, 90);
+        assert_eq!(
+            all,
+            [
+                "D: 90 of 90 pairs are left out, as views cannot be read: s/v0 (0.png: truncated); s/v1 (1.png: truncated); \
+              s/v2 (2.png: truncated); 7 views more"
+            ]
+        );
+        let one = said(&broken[..1], 9, 0);
+        assert_eq!(
+            one[0],
+            "D: 1 of 10 views are left out, as views cannot be read: s/v0 (0.png: truncated)"
+        );
+        assert!(one[1].contains("above threshold="), "{one:?}");
     }
 
     fn depth(with_depth: usize, with_sparse_depth: usize) -> PairCounts {
@@ -205,7 +260,7 @@ mod tests {
             ..depth(1, 0)
         };
         let eth3d = DatasetSpec::parse("D:eth3d=/x").unwrap();
-        let no_set = advice(&eth3d, &no_set, &PairOptions::default()).unwrap();
+        let no_set = of_pairs(&eth3d, &no_set, &PairOptions::default()).unwrap();
         assert!(no_set.contains("no set has two views"), "{no_set}");
     }
 }

@@ -158,6 +158,12 @@ impl OpenDataset {
         self.left_out.iter().filter(|group| !group.by_choice)
     }
 
+    /// Number of views that are left out because of their files.
+    pub fn unreadable_views(&self) -> usize {
+        let groups = self.scenes.iter().flat_map(|scene| &scene.left_out);
+        groups.map(|group| group.views.len()).sum()
+    }
+
     /// Why a scene was not read, by its own id or that of a folder above it; `None` where it was, or is not there.
     pub fn leaves_out(&self, scene: &str) -> Option<&LeftOutScenes> {
         let holds = |id: &String| {
@@ -171,9 +177,10 @@ impl OpenDataset {
 
     /// What its files leave in doubt, one line for all scenes of which it is true.
     pub fn warnings(&self) -> Vec<String> {
-        let mut scenes: BTreeMap<&str, Vec<String>> = BTreeMap::new();
+        let mut scenes: BTreeMap<String, Vec<String>> = BTreeMap::new();
         for scene in &self.scenes {
-            for warning in &scene.warnings {
+            let left_out = scene.left_out.iter().map(ToString::to_string);
+            for warning in scene.warnings.iter().cloned().chain(left_out) {
                 scenes.entry(warning).or_default().push(scene.id.clone());
             }
         }
@@ -186,7 +193,7 @@ impl OpenDataset {
                     self.name,
                     scenes.len() - 1
                 ),
-                [] => warning.to_owned(),
+                [] => warning,
             })
             .collect()
     }
@@ -194,8 +201,10 @@ impl OpenDataset {
     /// What the reader said about its scenes, warnings included, for the manifest.
     pub fn notes(&self) -> Vec<String> {
         let of_scene = |scene: &Scene| {
-            let notes = scene.notes.iter().chain(&scene.warnings);
+            let left_out = scene.left_out.iter().map(ToString::to_string);
+            let notes = scene.notes.iter().chain(&scene.warnings).cloned();
             notes
+                .chain(left_out)
                 .map(|note| format!("{}: {note}", scene.id))
                 .collect::<Vec<_>>()
         };

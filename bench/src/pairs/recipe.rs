@@ -5,7 +5,7 @@ use std::path::PathBuf;
 
 use sharp::model::ModelConfig;
 
-use super::advice::{advice, unreadable};
+use super::advice::advice;
 use super::ambiguity::{Alternative, OtherReading, alternatives};
 use super::build::{BuildContext, PairBuild, Problem, build_pairs};
 use super::dataset::{OpenDataset, scenes_of};
@@ -147,11 +147,11 @@ impl PairRecipe {
             let found = build_pairs(&dataset.scenes, &recipe.options, &context)?;
             before += dataset.scenes.len();
             if let Some(counts) = found.summaries.get(&dataset.name) {
+                let problems: Vec<&Problem> = found.left_out().collect();
+                let spec = &dataset.config.spec;
                 built
                     .advice
-                    .extend(unreadable(&dataset.name, counts, &found.problems));
-                let sentence = advice(&dataset.config.spec, counts, &recipe.options);
-                built.advice.extend(sentence);
+                    .extend(advice(spec, counts, &problems, &recipe.options));
             }
             built
                 .provenance
@@ -159,7 +159,8 @@ impl PairRecipe {
             built.build.append(found);
         }
         observer.end();
-        for problem in &built.build.problems {
+        let others = built.build.problems.iter();
+        for problem in others.filter(|problem| !problem.is_left_out) {
             observer.warn(&problem.reason);
         }
         warn(cache, observer);
@@ -253,16 +254,6 @@ impl PairRecipe {
 }
 
 impl BuiltList {
-    /// Views whose files cannot be read, where pairs are left out for it.
-    pub fn unreadable(&self) -> impl Iterator<Item = &Problem> {
-        let lacks = |dataset: &String| {
-            let counts = self.build.summaries.get(dataset);
-            counts.is_some_and(|counts| counts.unreadable > 0)
-        };
-        let problems = self.build.problems.iter();
-        problems.filter(move |problem| lacks(&problem.dataset))
-    }
-
     /// The pairs as a list that will be written to `path`.
     pub fn list(&self, path: impl Into<PathBuf>) -> PairList {
         PairList::new(path, self.build.pairs.clone())

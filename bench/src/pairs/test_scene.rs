@@ -84,15 +84,8 @@ pub(super) fn row(dataset: &str, id: &str, step_m: f64, depths: &[Depth]) -> Cam
             reads: reads.clone(),
         }),
     };
-    let scene = Scene {
-        dataset: dataset.into(),
-        id: id.into(),
-        cluster: id.into(),
-        views: depths.iter().enumerate().map(view).collect(),
-        pairing: Pairing::MultiView,
-        notes: Vec::new(),
-        warnings: Vec::new(),
-    };
+    let views = depths.iter().enumerate().map(view).collect();
+    let scene = Scene::new(dataset, id, views, Pairing::MultiView);
     CameraRow { scene, reads }
 }
 

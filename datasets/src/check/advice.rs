@@ -1,7 +1,7 @@
 //! Sentences about a reading that fits better, with the setting that selects it.
 
+use super::change::{Change, Focal, Moves};
 use super::explained::Explained;
-use super::fit::{Change, Focal, Moves};
 use super::small_view::Part;
 use crate::{DatasetSpec, View};
 
@@ -103,7 +103,7 @@ pub(super) fn sentence(
         Change::Convention(name) => {
             format!("the pose convention looks wrong: with {name}: {evidence}")
         }
-        Change::OneView(sentence) => sentence.clone(),
+        Change::Views(sentence) => sentence.clone(),
         Change::Bent(by) => format!(
             "lens distortion was left in, k1 about {}: {evidence}; undistort the pictures, or put the coefficients \
              into the cameras' file",

@@ -5,6 +5,8 @@ use super::explained::{ENOUGH, Explained};
 /// Another reading has to take away this share of the loss; one that changes a factor, which proper data never moves far, this.
 pub(super) const LEAST_GAIN: f64 = 0.1;
 pub(super) const LEAST_GAIN_OF_FACTORS: f64 = 0.05;
+/// The share that a change of some views has to take away.
+pub(super) const LEAST_GAIN_OF_VIEWS: f64 = 0.15;
 /// Views that must land in each other with this many samples, or too little is seen to judge.
 const LEAST_LANDED: usize = 500;
 /// Least share of the parts of the pictures in which it is better, and least number of standard errors of their mean.
@@ -12,6 +14,8 @@ const LEAST_SHARE: f64 = 0.75;
 const LEAST_ERRORS: f64 = 3.0;
 /// Largest mean loss of a reading that explains all.
 const MOST_LEFT: f64 = 0.45;
+/// Share of depths that agree in proper data, where pixels are coarse and surfaces slanted.
+const MOSTLY_AGREEING: f64 = 0.8;
 /// Share of depths that agree in proper data of little motion, and least gain over that.
 const AGREEING: f64 = 0.9;
 const MORE_AGREEING: f64 = 0.03;
@@ -44,6 +48,11 @@ pub(super) fn mean_loss(all: &[Explained]) -> f64 {
 /// True if little is left that a reading does not explain.
 pub(super) fn fits_well(all: &[Explained]) -> bool {
     mean_loss(all) <= MOST_LEFT
+}
+
+/// True if most depths agree.
+pub(super) fn agrees(all: &[Explained]) -> bool {
+    forward(all).agreement() >= MOSTLY_AGREEING
 }
 
 /// True if another reading makes colours worse, even if depth agrees.

@@ -51,18 +51,16 @@ impl Consistency {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::View;
     use crate::check::THOROUGH;
     use crate::check::advice::Units;
     use crate::check::convention::flip;
-    use crate::check::fit::Neighbours;
-    use crate::required_files::FileRole;
+    use crate::check::neighbours::Neighbours;
+    use crate::check::tests::{Pixels, change};
     use crate::synthetic::{SyntheticOptions, SyntheticScene};
-    use crate::{DatasetError, DepthMap, View, ViewContent};
     use glam::{DMat3, DVec3};
-    use image::{GrayImage, Luma, RgbImage};
+    use image::{GrayImage, Luma};
     use sharp::camera::RigidTransform;
-    use std::path::{Path, PathBuf};
-    use std::sync::Arc;
 
     /// Views on an arc; `spread` 1 is so wide that a wrong convention moves them out of each other's sight.
     fn views(spread: f64) -> Vec<View> {
@@ -143,50 +141,22 @@ mod tests {
         }
     }
 
-    /// A view of which a block is excluded by a mask.
-    #[derive(Debug)]
-    struct Masked(Arc<dyn ViewContent>);
-
-    fn is_excluded(x: u32) -> bool {
-        (30..80).contains(&x)
-    }
-
-    impl ViewContent for Masked {
-        fn image(&self) -> Result<RgbImage, DatasetError> {
-            let mut image = self.0.image()?;
-            let excluded = image
-                .enumerate_pixels_mut()
-                .filter(|(x, ..)| is_excluded(*x));
-            excluded.for_each(|(_, _, pixel)| pixel.0 = [0; 3]);
-            Ok(image)
-        }
-
-        fn valid_pixels(&self) -> Result<Option<GrayImage>, DatasetError> {
-            let level = |x, _| Luma([if is_excluded(x) { 0 } else { 255 }]);
-            Ok(Some(GrayImage::from_fn(128, 96, level)))
-        }
-
-        fn depth(&self) -> Result<Option<DepthMap>, DatasetError> {
-            let mut depth = self.0.depth()?;
-            let pixels = depth
-                .iter_mut()
-                .flat_map(|depth| depth.enumerate_pixels_mut());
-            let excluded = pixels.filter(|(x, ..)| is_excluded(*x));
-            excluded.for_each(|(_, _, pixel)| pixel.0 = [0.0]);
-            Ok(depth)
-        }
-
-        fn image_file(&self) -> Option<&Path> {
-            None
-        }
-
-        fn files_by_role(&self) -> Vec<(FileRole, PathBuf)> {
-            Vec::new()
-        }
-
-        fn image_sha256(&self) -> Result<String, DatasetError> {
-            self.0.image_sha256()
-        }
+    /// Excludes a block, as a mask does.
+    fn mask(pixels: &mut Pixels) {
+        let is_excluded = |x: u32| (30..80).contains(&x);
+        let level = |x, _| Luma([if is_excluded(x) { 0 } else { 255 }]);
+        pixels.valid = Some(GrayImage::from_fn(128, 96, level));
+        let picture = pixels.picture.enumerate_pixels_mut();
+        picture
+            .filter(|p| is_excluded(p.0))
+            .for_each(|p| p.2.0 = [0; 3]);
+        let depth = pixels
+            .depth
+            .iter_mut()
+            .flat_map(|depth| depth.enumerate_pixels_mut());
+        depth
+            .filter(|p| is_excluded(p.0))
+            .for_each(|p| p.2.0 = [0.0]);
     }
 
     /// Black pixels of a mask in every other view are no colours to compare.
@@ -194,9 +164,9 @@ mod tests {
     fn what_masks_exclude_is_not_compared() {
         let plain = views(0.1);
         let mut masked = plain.clone();
-        for view in masked.iter_mut().skip(1).step_by(2) {
-            view.content = Arc::new(Masked(Arc::clone(&view.content)));
-        }
+        masked
+            .chunks_mut(2)
+            .for_each(|two| change(&mut two[1..], mask));
         let levels = |views: &[View]| of(views).as_read.colour_levels.unwrap();
         assert!(
             levels(&masked) < 1.5 * levels(&plain),

@@ -1,9 +1,12 @@
-//! Depth maps whose values tell what was done to them: cut off at a distance, normalised, or all the same.
+//! Depth maps that were cut off at a distance, normalised, or filled with one value.
 
 use std::cmp::Ordering;
 
+use sharp::camera::RigidTransform;
+
 use super::advice::{Units, number};
-use super::fit::Neighbours;
+use super::explained::TOLERANCE;
+use super::neighbours::Neighbours;
 use super::small_view::Sample;
 
 /// Depths at the largest value, of all: fewer, or fewer than so many, are no sign of a limit.
@@ -16,7 +19,56 @@ const OFF_STEPS: f64 = 2.0;
 const LEAST_NORMALISED: f64 = 0.1;
 const MOST_NORMALISED: f64 = 0.9;
 
+/// Least relative difference of the depth of a map of one value from another such map, and from others: as [`TOLERANCE`].
+const OFF_CONSTANT: f64 = 0.01;
+
+/// Places that have depth in both of two views, and those of them at which it differs.
+#[derive(Default)]
+struct Met {
+    all: usize,
+    off: usize,
+}
+
+impl Met {
+    fn are_mostly_off(&self) -> bool {
+        self.all >= ENOUGH_LIMITED && 2 * self.off > self.all
+    }
+
+    fn percent_off(&self) -> f64 {
+        100.0 * self.off as f64 / self.all as f64
+    }
+}
+
 impl Neighbours<'_> {
+    /// Carries samples of a view into its neighbour. `is_off` takes the depth by the poses and the one that is there, and
+    /// says whether they differ; `None` where the place does not count.
+    fn meet<'s>(
+        &self,
+        (a, b): (usize, usize),
+        samples: impl Iterator<Item = &'s Sample>,
+        is_off: impl Fn(f64, f64) -> Option<bool>,
+    ) -> Met {
+        let ((from, _), (to, _)) = (&self.small[&a], &self.small[&b]);
+        let to_from = self.to_from(a, b);
+        let mut met = Met::default();
+        for sample in samples {
+            let point = to_from.apply(from.camera.unproject(sample.middle(), sample.depth));
+            let place = to.camera.project(point);
+            let place = place.filter(|place| to.camera.contains(*place));
+            let there = place.and_then(|place| to.depth_at(place));
+            if let Some(off) = there.and_then(|(there, _)| is_off(point.z, there)) {
+                met.all += 1;
+                met.off += usize::from(off);
+            }
+        }
+        met
+    }
+
+    fn to_from(&self, a: usize, b: usize) -> RigidTransform {
+        let pose = |i: usize| self.views[i].camera_from_world;
+        pose(b).after(&pose(a).inverse())
+    }
+
     /// The largest depth, where depth was cut off at it: both of two neighbouring views have it in places where the other
     /// one's poses make it another.
     pub(super) fn limited(&self) -> Option<String> {
@@ -30,58 +82,71 @@ impl Neighbours<'_> {
                 }
             })
         };
-        let (mut all, mut met, mut off, mut limit) = (0, 0, 0, 0.0);
-        for (a, b) in &self.carries {
-            let ((from, samples), (to, there)) = (&self.small[a], &self.small[b]);
+        let (mut all, mut met, mut limit) = (0, Met::default(), 0.0);
+        for &(a, b) in &self.carries {
+            let ((from, samples), (_, there)) = (&self.small[&a], &self.small[&b]);
             all += samples.len();
             let ((most, next), (most_there, next_there)) = (largest(samples), largest(there));
-            let pose = |i: &usize| self.views[*i].camera_from_world;
-            let to_from = pose(b).after(&pose(a).inverse());
             // So far away that the views show it in one direction, it may stand for a sky.
-            let moves = to_from.translation.length() * from.camera.fx > most;
+            let moves = self.to_from(a, b).translation.length() * from.camera.fx > most;
             if most != most_there || !moves {
                 continue;
             }
             limit = most;
             let step = 1.0 - next.max(next_there) / most;
             let least = OFF_LIMIT.max(OFF_STEPS * step);
-            for sample in samples.iter().filter(|sample| sample.depth == most) {
-                let point = to_from.apply(from.camera.unproject(sample.middle(), most));
-                let place = to.camera.project(point);
-                let place = place.filter(|place| to.camera.contains(*place));
-                let depth = place.and_then(|place| to.depth_at(place));
-                if depth.is_some_and(|(depth, _)| depth == most) {
-                    met += 1;
-                    off += usize::from((point.z / most - 1.0).abs() > least);
-                }
-            }
+            let at_limit = samples.iter().filter(|sample| sample.depth == most);
+            let found = self.meet((a, b), at_limit, |z, there| {
+                (there == most).then(|| (z / most - 1.0).abs() > least)
+            });
+            met.all += found.all;
+            met.off += found.off;
         }
-        let enough = met >= ENOUGH_LIMITED && met as f64 >= LEAST_LIMITED * all as f64;
-        (enough && 2 * off > met).then(|| {
+        let enough = met.all as f64 >= LEAST_LIMITED * all as f64;
+        (enough && met.are_mostly_off()).then(|| {
             format!(
-                "depth is cut off at {} m: {:.0} % of {met} places with exactly that depth in two neighbouring views \
-                 cannot have it in both; store 0 where depth is not known",
+                "depth is cut off at {} m: {:.0} % of {} places with exactly that depth in two neighbouring views cannot \
+                 have it in both; store 0 where depth is not known",
                 number(limit),
-                100.0 * off as f64 / met as f64
+                met.percent_off(),
+                met.all
             )
         })
     }
 
-    /// Names a view whose depth map holds a single value, as of real scenes only a wall parallel to the picture gives.
+    /// Names views whose depth maps hold a single value that their neighbours contradict. A wall parallel to the picture has
+    /// such depth, too.
     pub(super) fn constant(&self) -> Option<String> {
-        let is_constant = |(_, samples): &(_, Vec<Sample>)| {
-            samples.len() >= ENOUGH_LIMITED
-                && samples.iter().all(|one| one.depth == samples[0].depth)
+        let is_constant = |i: usize| {
+            let (_, samples) = &self.small[&i];
+            samples.iter().all(|one| one.depth == samples[0].depth)
         };
-        let (i, (_, samples)) = self.small.iter().find(|(_, read)| is_constant(read))?;
-        let all = if self.small.values().all(is_constant) {
+        let constant: Vec<_> = self
+            .carries
+            .iter()
+            .filter(|(a, _)| is_constant(*a))
+            .collect();
+        let contradicted = constant.iter().filter(|(a, b)| {
+            let least = if is_constant(*b) {
+                OFF_CONSTANT
+            } else {
+                TOLERANCE
+            };
+            let samples = self.small[a].1.iter();
+            let met = self.meet((*a, *b), samples, |z, there| {
+                Some((z / there - 1.0).abs() > least)
+            });
+            met.are_mostly_off()
+        });
+        let (i, _) = contradicted.min()?;
+        let which = if constant.len() == self.carries.len() {
             "each map"
         } else {
             &self.views[*i].id
         };
-        let depth = number(samples[0].depth);
+        let depth = number(self.small[i].1[0].depth);
         Some(format!(
-            "the depth is the same in all pixels of {all}, {depth} m: no measured depth is"
+            "the depth is the same in all pixels of {which}, {depth} m, and another one by the neighbouring views' poses"
         ))
     }
 

@@ -26,6 +26,14 @@ impl DepthIs {
             Self::Short(by) => read + by,
         }
     }
+
+    /// The ratio of two depths that meet, before an offset was added: that would make any two alike.
+    fn ratio(self, one: f64, other: f64) -> f64 {
+        match self {
+            Self::Short(by) if by > 0.0 => (one - by) / (other - by).max(0.01 * one),
+            _ => one / other,
+        }
+    }
 }
 
 /// Another reading of views: changes to the reader's.
@@ -33,8 +41,10 @@ impl DepthIs {
 pub(super) struct Reading {
     /// Of the poses' translations.
     pub(super) scale: f64,
-    /// Of the focal lengths across and down.
-    pub(super) focal: DVec2,
+    /// Of the focal lengths across and down, of the view that is carried and of the other.
+    pub(super) focal: [DVec2; 2],
+    /// Of the depths of these two.
+    pub(super) depth_times: [f64; 2],
     /// Whether cx and cy are exchanged.
     pub(super) centre_exchanged: bool,
     /// Lenses show a direction of radius r where its radius is r (1 + bend r²).
@@ -47,7 +57,8 @@ pub(super) struct Reading {
 impl Reading {
     pub(super) const AS_READ: Self = Self {
         scale: 1.0,
-        focal: DVec2::ONE,
+        focal: [DVec2::ONE; 2],
+        depth_times: [1.0; 2],
         centre_exchanged: false,
         bend: 0.0,
         depth: DepthIs::Z,
@@ -72,6 +83,9 @@ impl Reading {
 
     /// The ray, at z = 1, that the lens shows in a direction.
     fn straight(&self, seen: DVec3) -> DVec3 {
+        if self.bend == 0.0 {
+            return seen;
+        }
         let by = 1.0 + self.bend * seen.truncate().length_squared();
         DVec3::new(seen.x * by, seen.y * by, 1.0)
     }
@@ -85,7 +99,7 @@ pub(super) const COLOUR_SCALE: f64 = 32.0;
 /// Fewer samples, of all, say nothing about a pair.
 pub(super) const ENOUGH: f64 = 0.05;
 /// Relative difference up to which depths agree.
-const TOLERANCE: f64 = 0.05;
+pub(super) const TOLERANCE: f64 = 0.05;
 
 /// Counts of one view's samples in another view.
 #[derive(Debug, Clone, Copy, Default)]
@@ -110,12 +124,12 @@ impl Explained {
         reading: &Reading,
         stride: usize,
     ) -> Self {
-        let camera = |k: &Intrinsics| {
+        let camera = |k: &Intrinsics, focal: DVec2| {
             let (cx, cy) = match reading.centre_exchanged {
                 true => (k.cy, k.cx),
                 false => (k.cx, k.cy),
             };
-            let (fx, fy) = (k.fx * reading.focal.x, k.fy * reading.focal.y);
+            let (fx, fy) = (k.fx * focal.x, k.fy * focal.y);
             Intrinsics {
                 fx,
                 fy,
@@ -124,14 +138,16 @@ impl Explained {
                 ..*k
             }
         };
-        let (camera_a, camera_b) = (camera(&a.camera), camera(&b.camera));
+        let [focal_a, focal_b] = reading.focal;
+        let (camera_a, camera_b) = (camera(&a.camera, focal_a), camera(&b.camera, focal_b));
+        let [times_a, times_b] = reading.depth_times;
         let mut b_from_a = (reading.take)(pose_b).after(&(reading.take)(pose_a).inverse());
         b_from_a.translation *= reading.scale;
         let mut explained = Self::default();
         for sample in samples.iter().step_by(stride) {
             explained.samples += 1;
             let from = reading.straight(ray(&camera_a, sample.middle()));
-            let point = b_from_a.apply(from * reading.depth.z(sample.depth, from));
+            let point = b_from_a.apply(from * reading.depth.z(times_a * sample.depth, from));
             let Some(place) = camera_b
                 .project(reading.bent(point))
                 .filter(|place| camera_b.contains(*place))
@@ -146,10 +162,12 @@ impl Explained {
             if let Some((read, middle)) = b.depth_at(place) {
                 let there = reading
                     .depth
-                    .z(read, reading.straight(ray(&camera_b, middle)));
+                    .z(times_b * read, reading.straight(ray(&camera_b, middle)));
+                let ratio = reading.depth.ratio(there, point.z);
                 explained.met += 1;
-                explained.agreeing += usize::from((there / point.z - 1.0).abs() <= TOLERANCE);
-                let loss = (there / point.z).ln().abs() / DEPTH_SCALE;
+                explained.agreeing += usize::from((ratio - 1.0).abs() <= TOLERANCE);
+                // The logarithm, to 1e-4 up to where it counts in full.
+                let loss = 2.0 * ((ratio - 1.0) / (ratio + 1.0)).abs() / DEPTH_SCALE;
                 by_depth = Some(loss);
                 if loss >= 1.0 {
                     tile.1 += 1.0;

@@ -7,8 +7,8 @@ use std::collections::{BTreeMap, BTreeSet};
 use glam::{DVec2, DVec3};
 use sharp::camera::{Intrinsics, RigidTransform};
 
+use super::change::{Change, Moves};
 use super::convention::{CONVENTIONS, alternatives};
-use super::fit::{Change, Moves};
 use super::orders::{neighbours, orders};
 use super::small_view::{Grey, SmallView, ray};
 use super::{Effort, advice, evenly_spaced};
@@ -26,6 +26,8 @@ const LEAST_ALIKE: f32 = 0.85;
 const UNIQUE: f32 = 0.6;
 /// Pixels between a match and its line.
 const NEAR: f64 = 1.0;
+/// In smaller pictures a pixel is too much of the picture, width or height.
+const LEAST_SIDE: u32 = 48;
 /// Fewer matches say nothing.
 const LEAST_MATCHES: usize = 30;
 /// Another reading explains this share of the matches, so many more of them, by this many standard errors.
@@ -52,7 +54,9 @@ impl<'a> Matches<'a> {
         let firsts: Vec<usize> = neighbours(views.len(), effort).collect();
         let wanted: BTreeSet<usize> = firsts.iter().flat_map(|i| [*i, *i + 1]).collect();
         let grey = |i: &usize| Some((*i, SmallView::new(&views[*i], false, WIDEST)?.grey()));
-        let grey: BTreeMap<usize, Grey> = wanted.iter().filter_map(grey).collect();
+        let is_large = |(_, grey): &(usize, Grey)| grey.size().0.min(grey.size().1) >= LEAST_SIDE;
+        let grey = wanted.iter().filter_map(grey).filter(is_large);
+        let grey: BTreeMap<usize, Grey> = grey.collect();
         let mut matches = Vec::new();
         for i in firsts {
             if let (Some(a), Some(b)) = (grey.get(&i), grey.get(&(i + 1))) {
@@ -360,25 +364,15 @@ fn matching(
 mod tests {
     use super::*;
     use crate::check::convention::flip;
+    use crate::check::tests::views;
     use crate::check::{QUICK, THOROUGH};
-    use crate::synthetic::{SyntheticOptions, SyntheticScene};
 
-    fn views(seed: u64) -> Vec<View> {
-        let options = SyntheticOptions {
-            seed,
-            width: 256,
-            height: 192,
-            views: 9,
-            samples: 1,
-            ..SyntheticOptions::default()
-        };
-        SyntheticScene::new(options).unwrap().views().to_vec()
-    }
+    const SIZE: (u32, u32) = (256, 192);
 
     #[test]
     fn wrong_poses_are_found_without_depth_and_right_ones_are_not() {
         for seed in 0..3 {
-            let right = views(seed);
+            let right = views(seed, SIZE);
             for effort in [QUICK, THOROUGH] {
                 let matches = Matches::new(&right, effort);
                 assert_eq!(matches.contradiction(), None, "{seed}");
@@ -424,7 +418,7 @@ mod tests {
 
     #[test]
     fn pictures_without_features_say_nothing() {
-        let views = &views(0)[..1];
+        let views = &views(0, SIZE)[..1];
         let matches = Matches::new(views, THOROUGH);
         assert_eq!(matches.contradiction(), None);
         assert!(matches.note().ends_with("nothing can be said"));

@@ -3,13 +3,14 @@
 //!
 //! * `convention`: common mistakes in poses.
 //! * [`consistency`][]: agreement of depth and colours that poses project from view to view.
-//! * `small_view`, `explained`, `fit`: other readings of poses, cameras and depth, fitted to reduced views; `stereo`: the
-//!   same for a rectified pair; `features`: for poses without depth.
+//! * `small_view`, `neighbours`, `explained`, `change`, `fit`: other readings of poses, cameras and depth, fitted to reduced
+//!   views; `one_view`, `some_views`: of some views only; `stereo`: of a rectified pair; `features`: of poses without depth.
 //! * `orders`: other assignments of pictures to poses; `search`: the factor that fits best.
 //! * `plausible`: values that no real scene has.
 //! * [`advice`][]: a better fit in words, with the setting that mends it.
 
 pub mod advice;
+mod change;
 mod compare;
 pub mod consistency;
 mod convention;
@@ -17,13 +18,13 @@ mod depth_values;
 mod explained;
 mod features;
 mod fit;
+mod neighbours;
 mod one_view;
 mod orders;
 mod plausible;
 mod search;
 mod small_view;
-#[cfg(test)]
-mod spoiled_tests;
+mod some_views;
 mod stereo;
 
 use std::collections::BTreeSet;
@@ -37,7 +38,7 @@ use crate::{DatasetError, DatasetSpec, Pairing, Scene, View, processing};
 use advice::Units;
 use consistency::Consistency;
 use features::Matches;
-use fit::Neighbours;
+use neighbours::Neighbours;
 
 /// Findings in a dataset.
 #[derive(Debug, Clone, Serialize)]
@@ -183,7 +184,7 @@ pub fn contradictions(scene: &Scene, units: Units) -> Vec<String> {
 struct Look {
     contradictions: Vec<String>,
     consistency: Option<Consistency>,
-    /// What can be said of poses without depth.
+    /// Agreement of poses with matching features, where there is no depth.
     note: Option<String>,
 }
 
@@ -230,7 +231,9 @@ fn check_scene(scene: &Scene, views_per_scene: usize, spec: &DatasetSpec) -> Sce
         .par_iter()
         .map(|&i| decode(&scene.views[i]))
         .collect();
-    let mut problems: Vec<String> = decoded.iter().flat_map(|d| d.problems.clone()).collect();
+    let left_out = scene.left_out.iter().map(ToString::to_string);
+    let of_views = decoded.iter().flat_map(|d| d.problems.clone());
+    let mut problems: Vec<String> = left_out.chain(of_views).collect();
     let mut missing = BTreeSet::new();
     for (i, view) in scene.views.iter().enumerate() {
         if !chosen.contains(&i) {
@@ -332,25 +335,4 @@ pub(crate) fn evenly_spaced(count: usize, most: usize) -> Vec<usize> {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn indices_are_evenly_spaced() {
-        assert_eq!(evenly_spaced(10, 3), [0, 3, 6]);
-        assert_eq!(evenly_spaced(2, 10), [0, 1]);
-        assert!(evenly_spaced(0, 10).is_empty());
-    }
-
-    #[test]
-    fn a_sound_dataset_has_no_problems() {
-        let spec = DatasetSpec::parse("synthetic=size=64x48,views=6").unwrap();
-        let report = check(&spec, 10, &|_, _| {}).unwrap();
-        assert_eq!(report.problems, 0, "{:?}", report.scenes[0].problems);
-        let scene = &report.scenes[0];
-        assert_eq!((scene.views, scene.decoded, scene.with_depth), (6, 6, 6));
-        assert_eq!(scene.sizes, ["64x48"]);
-        assert!(scene.depth_coverage.unwrap() > 0.5);
-        assert!(scene.consistency.as_ref().unwrap().as_read.depth > 0.7);
-    }
-}
+mod tests;

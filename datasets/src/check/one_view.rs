@@ -6,14 +6,13 @@ use glam::{DMat3, DQuat, DVec3};
 use sharp::camera::{RigidTransform, baseline_m};
 
 use super::advice::{evidence, number};
-use super::compare::{forward, is_better, mean_loss};
+use super::change::Change;
+use super::compare::{LEAST_GAIN_OF_VIEWS, forward, is_better, mean_loss};
 use super::explained::{Explained, Reading};
-use super::fit::{Change, Neighbours};
+use super::neighbours::Neighbours;
 use super::search::{is_worth_a_word, least};
 use super::small_view::{FLIPS, Part, Sample, SmallView};
 
-/// A change of one view has to take away this share of the loss between it and the views around it.
-const LEAST_GAIN: f64 = 0.15;
 /// What is left may be so many times the loss of the views around it among each other.
 const MOST_LEFT: f64 = 1.5;
 /// A pose that is off by less, radians or median depths, is only imprecise.
@@ -82,7 +81,7 @@ impl Neighbours<'_> {
             }
             for (what, other) in self.changed(own, &|one| mean_loss(&links(one))) {
                 let mended = links(&other);
-                if mean_loss(&mended) > wanted || !is_better(&read, &mended, LEAST_GAIN) {
+                if mean_loss(&mended) > wanted || !is_better(&read, &mended, LEAST_GAIN_OF_VIEWS) {
                     continue;
                 }
                 let carries = self.carries.iter().zip(as_read);
@@ -93,7 +92,7 @@ impl Neighbours<'_> {
                 });
                 let said = evidence(&forward(&read), &forward(&mended));
                 found.push((
-                    Change::OneView(format!("{}: {what}: {said}", self.views[*i].id)),
+                    Change::Views(format!("{}: {what}: {said}", self.views[*i].id)),
                     carries.collect(),
                 ));
             }

@@ -1,7 +1,15 @@
 //! Other assignments of pictures to poses.
 
+use std::borrow::Cow;
 use std::collections::BTreeSet;
 
+use sharp::camera::RigidTransform;
+
+use super::change::{Change, Moves};
+use super::compare::{LEAST_GAIN, mean_loss};
+use super::explained::{Explained, Reading};
+use super::neighbours::{MOST_ALL, Neighbours};
+use super::small_view::{Sample, SmallView};
 use super::{Effort, evenly_spaced};
 use crate::View;
 
@@ -10,6 +18,14 @@ const LEAST_VIEWS: usize = 5;
 
 /// Fewest pairs of neighbours that a shift from a later picture on has to explain better; one may have one wrong pose.
 const LEAST_SHIFTED: usize = 2;
+
+/// Poses of any two views have to take away this share of the loss of a pair, being the best of many.
+const LEAST_GAIN_ELSEWHERE: f64 = 0.25;
+/// Samples of a view in the search for them.
+const SAMPLES_ELSEWHERE: usize = 500;
+
+/// A reduced view with its samples.
+type Read<'a> = Cow<'a, (SmallView, Vec<Sample>)>;
 
 /// The view, if any, from which each view takes something.
 pub(super) type Assignment = Box<dyn Fn(usize) -> Option<usize>>;
@@ -85,4 +101,149 @@ pub(super) fn orders(
         orders.push((to_numbers, Box::new(move |i| rank.get(i).copied()), 1));
     }
     orders
+}
+
+impl Neighbours<'_> {
+    /// Other assignments of pictures to poses.
+    pub(super) fn orders(&self, as_read: &[Explained]) -> Vec<(Change, Vec<Explained>)> {
+        let starts: BTreeSet<usize> = self.carries.iter().map(|(a, _)| *a).collect();
+        let mut measured = Vec::new();
+        for &moves in self.moves() {
+            let exchanged = self.exchanges();
+            for (text, of, least_pairs) in orders(self.views, &starts, &exchanged, moves.noun()) {
+                let explained = self.in_order(as_read, &*of, moves);
+                // Pictures that would be without a pose are as they are.
+                let given = explained.iter().filter(|one| one.is_some()).count();
+                let all = explained.into_iter().zip(as_read);
+                let all: Vec<Explained> = all.map(|(one, read)| one.unwrap_or(*read)).collect();
+                let is_less = |(one, read): &(&Explained, &Explained)| {
+                    mean_loss(&[**one]) <= (1.0 - LEAST_GAIN) * mean_loss(&[**read])
+                };
+                let improved = all.iter().zip(as_read).filter(is_less).count();
+                if 2 * given >= all.len() && improved >= 2 * least_pairs {
+                    measured.push((Change::Order(text, moves), all));
+                }
+            }
+        }
+        measured
+    }
+
+    /// Depth may belong to the frame or to the picture; a scan's belongs to the pose.
+    fn moves(&self) -> &'static [Moves] {
+        match self.depth_by_pose {
+            true => &[Moves::PosesAndDepth],
+            false => &[Moves::Poses, Moves::PosesAndDepth, Moves::Depth],
+        }
+    }
+
+    /// Two views of which at least one is carried and both are read.
+    fn exchanges(&self) -> Vec<(usize, usize)> {
+        if !self.thorough {
+            return Vec::new();
+        }
+        let small = self.small.keys().copied();
+        let others = |a: usize| {
+            let carried = self.small.keys().filter(move |b| **b > a);
+            carried.chain(self.around.keys()).map(move |b| (a, *b))
+        };
+        small.flat_map(others).collect()
+    }
+
+    /// The poses of other views, with their depth or without it, that explain pairs of neighbours best.
+    pub(super) fn elsewhere(&self, as_read: &[Explained]) -> Vec<(Change, Vec<Explained>)> {
+        let n = self.views.len();
+        if !self.thorough || !(LEAST_VIEWS..=MOST_ALL).contains(&n) {
+            return Vec::new();
+        }
+        let all: Vec<(usize, usize)> = (0..n).flat_map(|a| (0..n).map(move |b| (a, b))).collect();
+        let rough = self.stride_of(SAMPLES_ELSEWHERE);
+        let found = self.moves().iter().filter(|moves| **moves != Moves::Depth);
+        let found = found.map(|&moves| {
+            let mut explained = as_read.to_vec();
+            let mut texts = Vec::new();
+            // With every picture what it has by the pose of every view.
+            let shown = |i: usize| -> Vec<Option<Read<'_>>> {
+                (0..n).map(|from| self.shown(i, from, moves)).collect()
+            };
+            for (at, &(one, next)) in self.carries.iter().enumerate().step_by(2) {
+                let (of_one, of_next) = (shown(one), shown(next));
+                let as_if = |(a, b): (usize, usize), stride: usize| {
+                    let pose = |i: usize| &self.views[i].camera_from_world;
+                    let (x, y) = (of_one[a].as_ref()?, of_next[b].as_ref()?);
+                    let to = |(x, a): (&Read<'_>, usize), (y, b): (&Read<'_>, usize)| {
+                        let poses = (pose(a), pose(b));
+                        Explained::new((&x.0, &x.1), &y.0, poses, &Reading::AS_READ, stride)
+                    };
+                    Some([to((x, a), (y, b)), to((y, b), (x, a))])
+                };
+                let others = all
+                    .iter()
+                    .filter(|(a, b)| a != b && (*a, *b) != (one, next));
+                let others = others.filter_map(|pair| Some((*pair, as_if(*pair, rough)?)));
+                let best = others.min_by(|(_, a), (_, b)| mean_loss(a).total_cmp(&mean_loss(b)));
+                let best = best.and_then(|(pair, _)| Some((pair, as_if(pair, self.stride)?)));
+                let own = mean_loss(&as_read[at..at + 2]);
+                let best =
+                    best.filter(|(_, best)| mean_loss(best) <= (1.0 - LEAST_GAIN_ELSEWHERE) * own);
+                if let Some(((a, b), best)) = best {
+                    explained[at..at + 2].copy_from_slice(&best);
+                    let id = |i: usize| &self.views[i].id;
+                    let (one, next, a, b) = (id(one), id(next), id(a), id(b));
+                    texts.push(format!("{one} and {next} fit the poses of {a} and {b}"));
+                }
+            }
+            (Change::Order(texts.join(", "), moves), explained)
+        });
+        found.collect()
+    }
+
+    /// A view as read, with what `moves` of another one.
+    fn shown(&self, i: usize, from: usize, moves: Moves) -> Option<Read<'_>> {
+        let read = &self.small[&i];
+        if moves == Moves::Poses || from == i {
+            return Some(Cow::Borrowed(read));
+        }
+        let own = self.small.get(&from).map(|(view, _)| view);
+        let view = read
+            .0
+            .with_depth_of(own.or_else(|| self.around.get(&from))?)?;
+        let samples = view.samples().collect();
+        Some(Cow::Owned((view, samples)))
+    }
+
+    /// Explains the carries as if picture i had what `moves` of view `of(i)`. `None` for a carry whose pictures would have
+    /// none, or one and the same.
+    fn in_order(
+        &self,
+        as_read: &[Explained],
+        of: &dyn Fn(usize) -> Option<usize>,
+        moves: Moves,
+    ) -> Vec<Option<Explained>> {
+        let pose = |i: usize| -> Option<&RigidTransform> {
+            let from = if moves == Moves::Depth { i } else { of(i)? };
+            Some(&self.views.get(from)?.camera_from_world)
+        };
+        let shown = |i: usize| self.shown(i, of(i)?, moves);
+        let carries = self.carries.iter().zip(as_read);
+        let carries = carries.map(|((a, b), read)| {
+            let from = (of(*a)?, of(*b)?);
+            if from == (*a, *b) {
+                return Some(*read);
+            }
+            let poses = (pose(*a)?, pose(*b)?);
+            // One place with one depth agrees with itself.
+            if from.0 == from.1 {
+                return None;
+            }
+            let (a, b) = (shown(*a)?, shown(*b)?);
+            Some(Explained::new(
+                (&a.0, &a.1),
+                &b.0,
+                poses,
+                &Reading::AS_READ,
+                self.stride,
+            ))
+        });
+        carries.collect()
+    }
 }

@@ -1,6 +1,6 @@
 //! A factor that fits best.
 
-/// A factor nearer to 1 is not worth a word.
+/// A factor nearer to 1 is not reported.
 const LEAST_FACTOR: f64 = 1.03;
 
 pub(super) fn is_worth_a_word(factor: f64) -> bool {

@@ -9,7 +9,7 @@ use sharp::camera::Intrinsics;
 
 use crate::View;
 
-/// The width of views whose depth is carried.
+/// Largest width of the reduced views.
 pub(super) const WIDEST: u32 = 256;
 
 /// The part of a view that is turned by itself.

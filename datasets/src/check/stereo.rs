@@ -16,10 +16,10 @@ use crate::View;
 const BASELINES_M: (f64, f64) = (1e-3, 10.0);
 /// Bands of a picture that are evidence of their own, each in [`TILES`].
 const BANDS: u32 = 4;
-/// Distances of the rows that are tried, pixels of the reduced size.
-const ROWS: [f64; 10] = [-6.0, -4.0, -3.0, -2.0, -1.0, 1.0, 2.0, 3.0, 4.0, 6.0];
+/// Distances of the rows that are tried either way, pixels of the reduced size; less than one of the photograph is none.
+const ROWS: [f64; 7] = [0.25, 0.5, 1.0, 2.0, 3.0, 4.0, 6.0];
 
-/// Contradictions in a pair whose second view is the right one, and a note for a pair without disparity.
+/// The contradiction in a left and a right view, if there is one, and a note for a pair without disparity.
 pub(super) fn contradictions(views: &[View], effort: Effort) -> (Option<String>, Option<String>) {
     let [left, right] = views else {
         return (None, None);
@@ -213,8 +213,10 @@ impl Pair {
                 pair.explained(pictures, &same, stride),
             )
         }));
-        let rows = ROWS.iter().filter(|_| self.is_rectified);
-        readings.extend(rows.map(|&rows| {
+        let rows = ROWS
+            .iter()
+            .filter(|rows| self.is_rectified && **rows * full >= 1.0);
+        readings.extend(rows.flat_map(|rows| [-rows, *rows]).map(|rows| {
             let (pixels, side) = (number(rows.abs() * full), if rows > 0.0 { "below" } else { "above" });
             (
                 format!("the right picture's rows lie about {pixels} pixels {side} the left one's; rectify the pair"),

@@ -20,6 +20,17 @@ pub fn read(
     files::parse(path, |bytes| Ok(image_file::read_rgb8(bytes, rules, fit)?))
 }
 
+/// sha256 of a photograph's bytes, 64 lower-case hexadecimal digits.
+///
+/// # Errors
+/// As [`read`]; of pixels only that there are too few.
+pub fn sha256_of_whole(path: &Path) -> Result<String, DatasetError> {
+    files::parse(path, |bytes| {
+        image_file::check_complete(bytes)?;
+        Ok(files::sha256_of(bytes))
+    })
+}
+
 /// Decodes a mask: 8-bit gray, as stored.
 ///
 /// # Errors

@@ -11,8 +11,8 @@
 //! * `arithmetic`: the few functions that would otherwise come from libm.
 //! * `shapes`: rectangles, boxes, spheres, cylinders, and rays against them.
 //! * `texture`: colours from integer noise.
-//! * `world`: objects in their light, and what a ray brings back.
-//! * `classic`: what stands where in the classic scene.
+//! * `world`: objects and lights, and the radiance along a ray.
+//! * `classic`: the objects of the classic scene.
 //! * `candidates`: which objects a bundle of rays can meet.
 //! * `varied`: scenes of many kinds instead of the classic one, for training; `paint` and `light` are
 //!   their colours and their light.
@@ -173,8 +173,8 @@ impl SyntheticOptions {
     }
 }
 
-/// A procedural scene with what only a procedural scene can tell: exact visibility. Through a lens
-/// that does not distort, its depth is 0 where the sky is seen and nowhere else.
+/// A procedural scene with exact visibility. Through a lens without distortion, its depth is 0 where the sky is seen and
+/// nowhere else.
 #[derive(Debug, Clone)]
 pub struct SyntheticScene {
     world: Arc<World>,
@@ -243,18 +243,10 @@ impl SyntheticScene {
         view_of(&self.world, id.to_owned(), lens, camera_from_world, samples)
     }
 
-    /// As any reader would hand it on.
+    /// The views as a scene of a dataset.
     pub fn scene(&self, dataset: &str) -> Scene {
         let id = format!("seed{}", self.options.seed);
-        Scene {
-            dataset: dataset.to_owned(),
-            cluster: id.clone(),
-            id,
-            views: self.views.clone(),
-            pairing: Pairing::MultiView,
-            notes: Vec::new(),
-            warnings: Vec::new(),
-        }
+        Scene::new(dataset, id, self.views.clone(), Pairing::MultiView)
     }
 
     /// Whether the surface point at the centre of `pixel` in view `seen_in` is also seen by view

@@ -108,13 +108,8 @@ impl SweepKind {
             }
         };
         let scene = |id: String, views| Scene {
-            dataset: dataset.to_owned(),
-            id,
             cluster: cluster.clone(),
-            views,
-            pairing: Pairing::Star { source: 0 },
-            notes: Vec::new(),
-            warnings: Vec::new(),
+            ..Scene::new(dataset, id, views, Pairing::Star { source: 0 })
         };
         let steps = 1..options.views;
         Ok(match self {

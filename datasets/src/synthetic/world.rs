@@ -1,4 +1,4 @@
-//! Objects in their light, and what a ray brings back.
+//! Objects and lights, and the radiance along a ray.
 //!
 //! World axes are those of the rig's central camera: x right, y down, z forward, metres.
 

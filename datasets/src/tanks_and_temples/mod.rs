@@ -191,7 +191,7 @@ impl TanksReader<'_> {
             let posed = poses.poses.binary_search_by_key(block, |pose| pose.frame);
             let Some(image) = by_block.files.get(block) else {
                 let label = by_block.label(*block);
-                scene.leave_out("the block's picture does not exist", &label);
+                scene.leave_out_broken("the block's picture does not exist", &label);
                 continue;
             };
             let Ok(pose) = posed.map(|i| &poses.poses[i].world_from_camera) else {

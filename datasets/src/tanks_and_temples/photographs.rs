@@ -10,7 +10,6 @@ use crate::DatasetError;
 use crate::files::{self, Root};
 use crate::format::trajectory::Log;
 use crate::left_out::first_few;
-use crate::scene_builder::is_picture_extension;
 
 /// The pictures of a scene.
 #[derive(Debug)]
@@ -57,7 +56,7 @@ impl ScenePhotographs {
                 leading_out.get_or_insert(error);
                 continue;
             }
-            let files = pictures_in(&folder)?;
+            let files: Vec<PathBuf> = pictures_in(&folder)?.collect();
             if !files.is_empty() {
                 found.push((folder, files));
             }
@@ -230,25 +229,16 @@ impl ByBlock<'_> {
 
 /// True if a folder holds pictures named by numbers, as those of an image set are.
 pub(super) fn has_pictures(folder: &Path) -> bool {
-    let pictures = pictures_in(folder).unwrap_or_default();
-    let is_number = |path: &PathBuf| {
+    let is_number = |path: PathBuf| {
         let stem = path.file_stem().unwrap_or_default().to_string_lossy();
         stem.bytes().all(|c| c.is_ascii_digit())
     };
-    pictures.iter().any(is_number)
+    pictures_in(folder).is_ok_and(|mut pictures| pictures.any(is_number))
 }
 
-/// The pictures of a folder in natural order, by their extensions.
-fn pictures_in(folder: &Path) -> Result<Vec<PathBuf>, DatasetError> {
-    let is_picture = |name: &str| {
-        let extension = name.rsplit_once('.');
-        extension.is_some_and(|(_, extension)| is_picture_extension(extension))
-    };
-    Ok(files::list(folder)?
-        .into_iter()
-        .filter(|(name, _)| is_picture(name))
-        .map(|(_, path)| path)
-        .collect())
+/// The pictures of a folder in natural order.
+fn pictures_in(folder: &Path) -> Result<impl Iterator<Item = PathBuf>, DatasetError> {
+    Ok(files::pictures(folder)?.into_iter().map(|(_, path)| path))
 }
 
 #[cfg(test)]

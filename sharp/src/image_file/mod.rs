@@ -222,6 +222,18 @@ pub fn read_rgb8(
     Ok(read(bytes, rules, fit)?.image.into_rgb8())
 }
 
+/// Checks that a file does not end too early: without decoding it, but for TIFF, whose pixels lie anywhere.
+///
+/// # Errors
+/// [`ImageFileError`].
+pub fn check_complete(bytes: &[u8]) -> Result<(), ImageFileError> {
+    let format = format::of(bytes)?;
+    if format == ImageFormat::Tiff {
+        DynamicImage::from_decoder(open(Cursor::new(bytes), format)?.0)?;
+    }
+    format::check_complete(bytes, format)
+}
+
 /// Reads a file's header without decoding its pixels.
 ///
 /// # Errors

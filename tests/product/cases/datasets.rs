@@ -327,6 +327,54 @@ fn the_reading_of_an_orientation_that_fits_is_named() {
     }
 }
 
+/// Whatever file of a view is missing or incomplete: the view is left out and named, and the others are evaluated.
+#[test]
+fn a_view_without_one_of_its_files_is_left_out_and_named() {
+    let run = "sharp-bench run -q --dataset nerfstudio=ns,depth-unit=1 --method copy --metrics psnr --limit 3";
+    for (spoil, said) in [
+        (
+            "head -c 900 ns/images/view_03.png > x && mv x ns/images/view_03.png",
+            "truncated",
+        ),
+        (
+            "rm ns/images/view_03.png",
+            "1 view left out (view_03): ns/transforms.json: the picture does not exist",
+        ),
+        (
+            "rm ns/depth/view_03.npy",
+            "1 view left out (view_03): ns/transforms.json: the depth map does not exist",
+        ),
+        (
+            "head -c 900 ns/depth/view_03.npy > x && mv x ns/depth/view_03.npy",
+            "only 772 follow",
+        ),
+    ] {
+        let case = untried("X25-depth-metres-npy");
+        case.run(spoil).ends_with(0);
+        let check = case.run("sharp-bench datasets check nerfstudio=ns,depth-unit=1 --views 8");
+        ends(&check, 4, "view_03");
+        let ran = case.run(&format!("{run} --out r"));
+        ends(&ran, 4, said);
+        let named = ran.err.lines().filter(|line| line.contains("view_03"));
+        assert_eq!(named.count(), 1, "{}", ran.err);
+        assert_eq!(case.scores("r", "psnr").len(), 3);
+        let all = Case {
+            said: vec![ran],
+            ..case
+        };
+        all.is_said_everywhere("r", "view_03");
+    }
+    let case = untried("X25-depth-metres-npy");
+    case.run("for f in ns/depth/*.npy; do head -c 900 $f > x && mv x $f; done");
+    let ran = case.run(&format!("{run} --out r"));
+    ends(
+        &ran,
+        1,
+        "56 of 56 pairs are left out, as views cannot be read: ",
+    );
+    assert!(!ran.err.contains("no view has depth"), "{}", ran.err);
+}
+
 /// The others are paired, and everything that counts them says what is short.
 #[test]
 fn pairs_of_a_view_that_cannot_be_read_are_counted() {

@@ -104,21 +104,14 @@ fn compare(found: &[View], written: &[View], depth: Depth) {
         }
     }
     assert_eq!(scores(found), scores(written));
-    let scene = Scene {
-        dataset: "d".to_owned(),
-        id: "s".to_owned(),
-        cluster: "s".to_owned(),
-        views: found.to_vec(),
-        pairing: match found.len() {
-            2 => Pairing::Stereo {
-                source: 0,
-                target: 1,
-            },
-            _ => Pairing::MultiView,
+    let pairing = match found.len() {
+        2 => Pairing::Stereo {
+            source: 0,
+            target: 1,
         },
-        notes: Vec::new(),
-        warnings: Vec::new(),
+        _ => Pairing::MultiView,
     };
+    let scene = Scene::new("d", "s", found.to_vec(), pairing);
     let nothing: Vec<String> = Vec::new();
     assert_eq!(contradictions(&scene, Units::default()), nothing);
 }

@@ -100,10 +100,9 @@ fn a_missing_picture_does_not_shift_the_poses_of_those_that_follow() {
     std::fs::remove_file(at.join("images/000003.jpg")).unwrap();
     let found = read(FORMAT, folder.path());
     check(&found.views, &scene, &[1, 2, 4, 5]);
-    has_note(
-        &found.notes,
-        "1 frame(s) left out, the block's picture does not exist: block 2 (picture 000003)",
-    );
+    let left_out: Vec<String> = found.left_out.iter().map(ToString::to_string).collect();
+    has_note(&left_out, "1 view left out (block 2 (picture 000003)): ");
+    has_note(&left_out, "the block's picture does not exist");
 }
 
 #[test]

@@ -59,7 +59,7 @@ pub(super) fn execute(args: &BuildArgs) -> anyhow::Result<Outcome> {
     write_over_own(out, list.bytes(), LIST_MARK)?;
     ListCompanion::new(&list, &built.provenance, &args.datasets.datasets).write(out)?;
     let build = &built.build;
-    let has_problems = !built.has_selected() || built.unreadable().next().is_some();
+    let has_problems = !built.has_selected() || build.left_out().next().is_some();
     let outcome = Outcome::of_problems(has_problems).with_scenes_of(&datasets);
     for advice in &built.advice {
         output::remark(format!("warning: {advice}"));

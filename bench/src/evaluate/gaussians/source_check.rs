@@ -477,15 +477,8 @@ mod tests {
                 .collect(),
         };
         let depth = DepthMap::from_pixel(40, 32, Luma([2.0]));
-        let scene = Scene {
-            dataset: "m".to_owned(),
-            id: "s".to_owned(),
-            cluster: "s".to_owned(),
-            views: Vec::new(),
-            pairing: sharp_datasets::Pairing::MultiView,
-            notes: Vec::new(),
-            warnings: Vec::new(),
-        };
+        let pairing = sharp_datasets::Pairing::MultiView;
+        let scene = Scene::new("m", "s", Vec::new(), pairing);
         let checked = CheckedSource {
             camera: &source,
             photograph,

@@ -3,7 +3,7 @@
 mod measure;
 pub(super) mod scene;
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
 
 use serde::Serialize;
@@ -91,8 +91,7 @@ pub struct PairBuild {
     /// Qualified pairs, sorted bytewise by id.
     pub pairs: Vec<Pair>,
     pub summaries: BTreeMap<String, PairCounts>,
-    /// Files that could not be read. Stereo pairs stay; a multi-view view is treated as one without
-    /// depth.
+    /// Files that could not be read, each once.
     pub problems: Vec<Problem>,
 }
 
@@ -102,6 +101,13 @@ impl PairBuild {
         self.pairs.extend(other.pairs);
         self.summaries.extend(other.summaries);
         self.problems.extend(other.problems);
+    }
+
+    /// The views that are left out, with the first reason for each.
+    pub fn left_out(&self) -> impl Iterator<Item = &Problem> {
+        let mut seen = BTreeSet::new();
+        let needed = self.problems.iter().filter(|problem| problem.is_left_out);
+        needed.filter(move |problem| seen.insert((&problem.dataset, &problem.scene, &problem.view)))
     }
 
     pub(super) fn finish(&mut self) -> Result<(), PairError> {
@@ -133,7 +139,7 @@ pub struct PairCounts {
     /// Of these, farther from each other than the maximal baseline.
     pub too_far: usize,
     pub without_depth: usize,
-    /// Of these, with a view whose files cannot be read.
+    /// Of those considered, left out because files of a view cannot be read.
     pub unreadable: usize,
     pub too_little_overlap: usize,
     pub qualified: usize,
@@ -147,12 +153,17 @@ impl PairCounts {
     }
 }
 
+/// A file that cannot be read.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Problem {
     pub dataset: String,
     pub scene: String,
     pub view: String,
+    /// Names the file.
     pub reason: String,
+    /// Whether pairs need it, and the view has none. Depth may be missing in stereo pairs, and in others by
+    /// [`MissingDepth::Accept`](super::options::MissingDepth::Accept).
+    pub is_left_out: bool,
 }
 
 /// Makes the pairs of all scenes.

@@ -66,8 +66,10 @@ impl<'a> SceneWork<'a> {
     /// Measures what is missing and reports unreadable depth.
     fn measuring(&mut self, work: impl Fn(&Measuring, &mut SceneOverlaps) -> Vec<DepthFailure>) {
         let measuring = Measuring::new(self.scene, self.options, self.context);
+        let needed = self.scene.pairing == Pairing::MultiView
+            && self.options.missing_depth != MissingDepth::Accept;
         for (view, error) in work(&measuring, &mut self.known) {
-            self.problem(view, &error);
+            self.problem(view, &error, needed);
         }
         self.unkept |= measuring.has_learnt();
         // The table is written as a whole: after every set it would grow with the square of a long scene.
@@ -176,8 +178,9 @@ impl<'a> SceneWork<'a> {
             let is_broken = [source, target]
                 .iter()
                 .any(|i| self.known.failed.contains(i));
-            self.counts().unreadable += usize::from(is_broken);
-            return self.options.missing_depth == MissingDepth::Accept;
+            let accepted = self.options.missing_depth == MissingDepth::Accept;
+            self.counts().unreadable += usize::from(is_broken && !accepted);
+            return accepted;
         };
         let enough = self.options.overlap_qualifies(overlap, source_to_target);
         if !enough {
@@ -203,7 +206,7 @@ impl<'a> SceneWork<'a> {
         baseline_m(pose(a), pose(b))
     }
 
-    /// Turns qualified `(source, target, set)` into rows.
+    /// Turns qualified `(source, target, set)` into rows, but for those whose photographs cannot be read.
     fn add(&mut self, qualified: &[(usize, usize, Option<u32>)]) {
         let mut used: BTreeSet<usize> = qualified.iter().flat_map(|&(s, t, _)| [s, t]).collect();
         used.retain(|_| self.context.hash_photographs);
@@ -214,12 +217,16 @@ impl<'a> SceneWork<'a> {
             .map(|&i| (i, scene.views[i].content.image_sha256()))
             .collect();
         let mut sha256 = BTreeMap::new();
+        let mut broken = BTreeSet::new();
         for (i, hash) in hashes {
             match hash {
                 Ok(hash) => {
                     sha256.insert(i, hash);
                 }
-                Err(error) => self.problem(i, &error.into()),
+                Err(error) => {
+                    self.problem(i, &error.into(), true);
+                    broken.insert(i);
+                }
             }
         }
         let root = self
@@ -228,6 +235,10 @@ impl<'a> SceneWork<'a> {
             .get(&self.scene.dataset)
             .map(PathBuf::as_path);
         for &(source, target, set) in qualified {
+            if broken.contains(&source) || broken.contains(&target) {
+                self.counts().unreadable += 1;
+                continue;
+            }
             let overlaps = self.known.overlaps(source, target);
             let depth_of = |i| self.known.depths.get(&i).copied().flatten();
             let depth = match self.scene.pairing {
@@ -248,12 +259,13 @@ impl<'a> SceneWork<'a> {
         }
     }
 
-    fn problem(&mut self, view: usize, error: &PairError) {
+    fn problem(&mut self, view: usize, error: &PairError, is_left_out: bool) {
         let problem = Problem {
             dataset: self.scene.dataset.clone(),
             scene: self.scene.id.clone(),
             view: self.scene.views[view].id.clone(),
             reason: error.to_string(),
+            is_left_out,
         };
         if self.noted.insert((view, problem.reason.clone())) {
             self.build.problems.push(problem);

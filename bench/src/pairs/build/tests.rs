@@ -154,9 +154,36 @@ fn a_broken_file_is_reported_once_and_the_rest_goes_on() {
                 scene: "s".into(),
                 view: "v1".into(),
                 reason: "d.pfm: truncated".into(),
+                is_left_out: true,
             }]
         );
     }
+    // What is not needed leaves nothing out.
+    let accepted = build(scenes, "missing-depth=accept");
+    assert_eq!(accepted.pairs.len(), 12);
+    assert_eq!(accepted.summaries["d"].unreadable, 0);
+    assert_eq!(
+        (accepted.problems.len(), accepted.left_out().count()),
+        (1, 0)
+    );
+}
+
+/// A photograph that ends too early, of which the pairs are not made either.
+#[test]
+fn views_of_broken_photographs_are_left_out_with_their_pairs() {
+    let folder = tempfile::tempdir().unwrap();
+    let dataset = sharp_datasets::bundled::extract(folder.path()).unwrap();
+    let text = format!("D:middlebury={}", dataset.display());
+    let file = dataset.join("Motorcycle-quarter/im1.png");
+    let bytes = std::fs::read(&file).unwrap();
+    std::fs::write(&file, &bytes[..bytes.len() / 2]).unwrap();
+    let scenes = sharp_datasets::open(&sharp_datasets::DatasetSpec::parse(&text).unwrap()).unwrap();
+    let build = build(&scenes, "");
+    assert_eq!(build.pairs, []);
+    assert_eq!(build.summaries["D"].unreadable, 1);
+    let problem = &build.left_out().next().unwrap();
+    assert_eq!(problem.view, "im1");
+    assert!(problem.reason.contains("truncated"), "{problem:?}");
 }
 
 #[test]

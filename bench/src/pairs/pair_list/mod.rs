@@ -156,7 +156,7 @@ impl PairList {
         self.resolve_readable(scenes, &[])
     }
 
-    /// As [`Self::resolve`], without the pairs of scenes that could not be read.
+    /// As [`Self::resolve`], without the pairs of scenes and views that could not be read.
     ///
     /// # Errors
     /// As [`Self::resolve`]; also for a scene that a setting of its dataset rules out.
@@ -189,6 +189,11 @@ impl PairList {
                     None => Err(absent(absent_scene(pair, scenes))),
                 };
             };
+            let is_broken = |view: &String| *view == pair.source || *view == pair.target;
+            let mut broken = scene.left_out.iter().flat_map(|group| &group.views);
+            if broken.any(is_broken) {
+                return Ok(None);
+            }
             let view = |id: &str| {
                 views.get(id).copied().ok_or_else(|| {
                     absent(format!(

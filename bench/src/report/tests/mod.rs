@@ -173,6 +173,7 @@ fn scenes(records: &[Record], photograph: impl Fn(&str) -> Photograph) -> Vec<Sc
         pairing: Pairing::MultiView,
         notes: Vec::new(),
         warnings: Vec::new(),
+        left_out: Vec::new(),
     };
     scenes.into_iter().map(scene).collect()
 }

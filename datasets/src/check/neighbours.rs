@@ -1,0 +1,164 @@
+//! Neighbouring views of a scene at a small size, and how well a reading carries one into the next.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use super::Effort;
+use super::compare::forward;
+use super::consistency::{Consistency, Fit};
+use super::convention::CONVENTIONS;
+use super::explained::{Explained, Reading};
+use super::orders::neighbours;
+use super::small_view::{Sample, SmallView, WIDEST};
+use crate::View;
+
+/// Most views of a scene all of which a thorough look reads.
+pub(super) const MOST_ALL: usize = 12;
+
+/// Neighbouring views of a scene, at a small size.
+pub(super) struct Neighbours<'a> {
+    pub(super) views: &'a [View],
+    pub(super) small: BTreeMap<usize, (SmallView, Vec<Sample>)>,
+    /// Whether depth goes with the pose, not with the picture.
+    pub(super) depth_by_pose: bool,
+    /// Views around those, where their depth is asked for with other pictures.
+    pub(super) around: BTreeMap<usize, SmallView>,
+    /// From a view to its neighbour, and back.
+    pub(super) carries: Vec<(usize, usize)>,
+    pub(super) stride: usize,
+    pub(super) thorough: bool,
+}
+
+impl<'a> Neighbours<'a> {
+    /// `None` where no two neighbours can be read with depth.
+    pub(super) fn new(views: &'a [View], effort: Effort) -> Option<Self> {
+        let firsts: Vec<usize> = neighbours(views.len(), effort).collect();
+        let wanted: BTreeSet<usize> = firsts.iter().flat_map(|i| [*i, *i + 1]).collect();
+        let small = wanted.iter().filter_map(|i| {
+            let view = SmallView::new(&views[*i], true, WIDEST)?;
+            let samples: Vec<Sample> = view.samples().collect();
+            (!samples.is_empty()).then_some((*i, (view, samples)))
+        });
+        let small: BTreeMap<usize, (SmallView, Vec<Sample>)> = small.collect();
+        let both = firsts
+            .iter()
+            .filter(|i| small.contains_key(i) && small.contains_key(&(*i + 1)));
+        let carries: Vec<(usize, usize)> = both.flat_map(|i| [(*i, i + 1), (i + 1, *i)]).collect();
+        let depth_by_pose = |i: &usize| views[*i].content.processing().depth_by_pose;
+        let depth_by_pose = small.keys().any(depth_by_pose);
+        let mut around = BTreeSet::new();
+        // Depth from a scan is expensive: fewer views.
+        if effort.thorough && views.len() <= MOST_ALL {
+            around = (0..views.len()).collect();
+        } else if !depth_by_pose || effort.thorough {
+            around = wanted
+                .iter()
+                .flat_map(|i| [i.wrapping_sub(1), i + 1])
+                .collect();
+        }
+        around.retain(|i| !small.contains_key(i));
+        let around = around
+            .into_iter()
+            .filter_map(|i| Some((i, SmallView::new(views.get(i)?, true, WIDEST)?)));
+        let around = around.collect();
+        let most = small.values().map(|(_, samples)| samples.len()).max()?;
+        (!carries.is_empty()).then_some(Self {
+            views,
+            small,
+            depth_by_pose,
+            around,
+            carries,
+            stride: most.div_ceil(effort.samples).max(1),
+            thorough: effort.thorough,
+        })
+    }
+
+    /// The stride at which at most so many samples of a view are carried.
+    pub(super) fn stride_of(&self, samples: usize) -> usize {
+        let most = self.small.values().map(|(_, samples)| samples.len()).max();
+        most.unwrap_or(0).div_ceil(samples).max(self.stride)
+    }
+
+    /// Median of the depths as read, metres.
+    pub(super) fn median_depth(&self) -> f64 {
+        let all = self.small.values().flat_map(|(_, samples)| samples);
+        let mut all: Vec<f64> = all.map(|sample| sample.depth).collect();
+        all.sort_by(f64::total_cmp);
+        all.get(all.len() / 2).copied().unwrap_or(0.0)
+    }
+
+    /// How well the views agree, as read and under other conventions for poses.
+    pub(super) fn consistency(&self) -> Option<Consistency> {
+        let mut meeting: Option<f64> = None;
+        let mut fits = CONVENTIONS.iter().map(|convention| {
+            let take = convention.take;
+            let all = self.explained(
+                &Reading {
+                    take,
+                    ..Reading::AS_READ
+                },
+                1,
+            );
+            if meeting.is_none() {
+                let met = all.iter().filter_map(Explained::agreeing_where_met);
+                meeting = met.max_by(f64::total_cmp);
+            }
+            let sum = forward(&all);
+            Fit {
+                convention: convention.name,
+                depth: sum.agreement(),
+                colour_levels: sum.colour_levels(),
+                colours: sum.compared,
+            }
+        });
+        let (as_read, otherwise) = (fits.next()?, fits.collect());
+        Some(Consistency {
+            as_read,
+            otherwise,
+            meeting,
+            pairs: self.carries.len() / 2,
+        })
+    }
+
+    pub(super) fn explained(&self, reading: &Reading, stride: usize) -> Vec<Explained> {
+        let carries = self.carries.iter().map(|(a, b)| {
+            let ((from, samples), (to, _)) = (&self.small[a], &self.small[b]);
+            let poses = (
+                &self.views[*a].camera_from_world,
+                &self.views[*b].camera_from_world,
+            );
+            Explained::new((from, samples), to, poses, reading, stride)
+        });
+        carries.collect()
+    }
+
+    /// Explains the carries with other pictures or depth of the views.
+    pub(super) fn with(
+        &self,
+        other: &mut dyn FnMut(usize, &SmallView) -> Option<SmallView>,
+    ) -> Vec<Explained> {
+        let small = self.small.iter().map(|(i, read)| {
+            let other = other(*i, &read.0).map(|view| {
+                let samples = view.samples().collect();
+                (view, samples)
+            });
+            (*i, other.unwrap_or_else(|| read.clone()))
+        });
+        let other = Self {
+            small: small.collect(),
+            around: BTreeMap::new(),
+            carries: self.carries.clone(),
+            ..*self
+        };
+        other.explained(&Reading::AS_READ, self.stride)
+    }
+
+    /// Pictures of one colour among those that were read.
+    pub(super) fn blank(&self) -> Option<String> {
+        let around = self.around.iter();
+        let all = self.small.iter().map(|(i, read)| (i, &read.0));
+        let mut all = all.chain(around);
+        let (i, _) = all.find(|(_, view)| view.is_of_one_colour())?;
+        let id = &self.views[*i].id;
+        Some(format!("{id}: the picture is of one colour"))
+    }
+}

@@ -1,0 +1,88 @@
+//! Views whose focal length or depth differs from the others' by one factor.
+
+use super::advice::{evidence, number};
+use super::change::{Change, Focal};
+use super::compare::{forward, landed, mean_loss};
+use super::explained::{Explained, Reading};
+use super::neighbours::Neighbours;
+use super::search::{is_worth_a_word, least};
+
+/// What differs by a factor, and the reading with factors of the view that is carried and of the other.
+type Quantity = (&'static str, fn([f64; 2]) -> Reading);
+
+const QUANTITIES: [Quantity; 2] = [
+    ("focal length", |factors| Reading {
+        focal: factors.map(|factor| Focal::Both.times(factor)),
+        ..Reading::AS_READ
+    }),
+    ("depth", |factors| Reading {
+        depth_times: factors,
+        ..Reading::AS_READ
+    }),
+];
+
+/// Samples of a view in the search for a factor.
+const SAMPLES: usize = 400;
+
+/// How the carries are explained by a factor of neither view, of the first, of the second, and of both.
+type Choices<'a> = [&'a [Explained]; 4];
+
+impl Neighbours<'_> {
+    /// The factors, and the views that have them, which explain the views best; with each, how it explains the carries.
+    pub(super) fn some_views(&self) -> Vec<(Change, Vec<Explained>)> {
+        let rough = self.stride_of(SAMPLES);
+        let as_read = [rough, self.stride].map(|at| self.explained(&Reading::AS_READ, at));
+        let least_landed = 3 * landed(&as_read[0]) / 10;
+        let found = QUANTITIES.iter().filter_map(|(what, with)| {
+            let chosen = |factor: f64, as_read: &[Explained], stride: usize| {
+                let factors = [[factor, 1.0], [1.0, factor], [factor, factor]];
+                let [first, second, both] =
+                    factors.map(|factors| self.explained(&with(factors), stride));
+                self.best_choice([as_read, &first, &second, &both])
+            };
+            let factor = least(10, 1.08, &|factor, _| {
+                let (_, explained) = chosen(factor, &as_read[0], rough);
+                match landed(&explained) < least_landed {
+                    true => 1.0,
+                    false => mean_loss(&explained),
+                }
+            });
+            let (views, explained) = chosen(factor, &as_read[1], self.stride);
+            let is_some = is_worth_a_word(factor) && !views.is_empty();
+            is_some.then(|| {
+                let ids: Vec<&str> = views.iter().map(|i| self.views[*i].id.as_str()).collect();
+                let its = if ids.len() == 1 { "its" } else { "their" };
+                let said = evidence(&forward(&as_read[1]), &forward(&explained));
+                let (ids, times) = (ids.join(", "), number(factor));
+                let sentence = format!("{ids}: {its} {what} times {times} fits: {said}");
+                (Change::Views(sentence), explained)
+            })
+        });
+        found.collect()
+    }
+
+    /// The views, at least one and at most half of them, whose factor explains the carries best.
+    fn best_choice(&self, choices: Choices<'_>) -> (Vec<usize>, Vec<Explained>) {
+        let views: Vec<usize> = self.small.keys().copied().collect();
+        let all = 1..1_u32 << views.len();
+        let few = all.filter(|set| 2 * set.count_ones() as usize <= views.len());
+        let explained = few.map(|set| {
+            let has = |view: &usize| {
+                let at = views.iter().position(|i| i == view);
+                usize::from(at.is_some_and(|at| set & 1 << at != 0))
+            };
+            let carries = self.carries.iter().enumerate();
+            let carries = carries.map(|(i, (a, b))| choices[has(a) + 2 * has(b)][i]);
+            (set, carries.collect::<Vec<_>>())
+        });
+        let best = explained.min_by(|(_, a), (_, b)| mean_loss(a).total_cmp(&mean_loss(b)));
+        let Some((set, explained)) = best else {
+            return (Vec::new(), choices[0].to_vec());
+        };
+        let has = |(at, view): (usize, &usize)| (set & 1 << at != 0).then_some(*view);
+        (
+            views.iter().enumerate().filter_map(has).collect(),
+            explained,
+        )
+    }
+}
