@@ -5,6 +5,7 @@ use std::time::Duration;
 
 use clap::Args;
 use serde_json::json;
+use sharp::model::DeviceChoice;
 use sharp_train::trainer::Ended;
 
 use super::outcome::UsageError;
@@ -57,6 +58,10 @@ pub(super) struct TrainArgs {
     /// Begin no step after this time, such as 90s, 55m or 3h, and end with exit code 75, as Ctrl-C and SIGTERM do
     #[arg(long, value_name = "TIME", value_parser = time)]
     time_budget: Option<Duration>,
+    /// Device that the network learns on: cpu, candle-cpu (candle's own operations, a slower reference), cuda or metal
+    /// (in a build that has them; untested). The last bits depend on it
+    #[arg(long, value_name = "DEVICE", default_value = "cpu")]
+    device: DeviceChoice,
     /// Threads; all cores without it. Results do not depend on it
     #[arg(long, value_name = "N")]
     threads: Option<usize>,
@@ -83,6 +88,7 @@ pub(super) fn execute(args: &TrainArgs) -> anyhow::Result<Outcome> {
         set: &args.set,
         folder: &args.out,
         validation,
+        device: args.device,
         export_f16: args.export_f16.as_deref(),
     };
     let Trained {
