@@ -5,7 +5,6 @@ use std::time::Duration;
 
 use clap::Args;
 use serde_json::json;
-use sharp::model::DeviceChoice;
 use sharp_train::trainer::Ended;
 
 use super::outcome::UsageError;
@@ -23,7 +22,8 @@ use crate::train::{TrainRequest, Trained, ValidationRequest, train};
 ///
 /// The configuration says which network, losses, data, schedule and intervals; what it leaves out is as in the paper. A
 /// training that was stopped (Ctrl-C, SIGTERM, --time-budget) is resumed by the same command, and its log and weights have
-/// the same bytes as without the stop. Weights are validated on pairs that are not learnt from, as a run evaluates a method.
+/// the same bytes as without the stop. Weights are validated on pairs that are not learnt from, as a run evaluates a method. --device is also where the network learns; the
+/// last bits of its weights depend on it.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Example:
@@ -58,10 +58,6 @@ pub(super) struct TrainArgs {
     /// Begin no step after this time, such as 90s, 55m or 3h, and end with exit code 75, as Ctrl-C and SIGTERM do
     #[arg(long, value_name = "TIME", value_parser = time)]
     time_budget: Option<Duration>,
-    /// Device that the network learns on: cpu, candle-cpu (candle's own operations, a slower reference), cuda or metal
-    /// (in a build that has them; untested). The last bits depend on it
-    #[arg(long, value_name = "DEVICE", default_value = "cpu")]
-    device: DeviceChoice,
     /// Threads; all cores without it. Results do not depend on it
     #[arg(long, value_name = "N")]
     threads: Option<usize>,
@@ -88,7 +84,7 @@ pub(super) fn execute(args: &TrainArgs) -> anyhow::Result<Outcome> {
         set: &args.set,
         folder: &args.out,
         validation,
-        device: args.device,
+        device: args.metrics.device.unwrap_or_default().name().parse()?,
         export_f16: args.export_f16.as_deref(),
     };
     let Trained {

@@ -9,8 +9,9 @@ use super::observer::{StageObserver, StageValue};
 use super::ops::{Linear, attention, gather, layer_norm};
 use super::params::{Params, Weight};
 
-/// Images whose intermediate values are in memory at a time: some 100 MB for the release.
-const IMAGES_AT_ONCE: usize = 5;
+/// Images whose intermediate values are in memory at a time. For the release none of them is larger than 32 MiB, up to which
+/// glibc lends the same memory again; fresh pages cost a twentieth of a prediction.
+const IMAGES_AT_ONCE: usize = 3;
 
 /// Weight and bias of a linear layer or a normalisation.
 struct Affine {
