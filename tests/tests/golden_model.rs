@@ -9,17 +9,18 @@
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, OnceLock};
 
+use candle_core::Device;
 use libtest_mimic::{Arguments, Failed, Trial};
 use sharp::model::preprocess::{PhotoOptions, load_photo};
 use sharp::model::recording::{Recording, RecordingComparison, compare};
 use sharp::model::synth::Synth;
-use sharp::model::{Algorithm, Engine, ModelConfig, Predictor};
+use sharp::model::{Algorithm, Compute, ModelConfig, Predictor};
 
 /// A network, what computes it, and what it is compared with.
 struct Case {
     name: &'static str,
     config: fn() -> ModelConfig,
-    engine: fn() -> Engine,
+    compute: fn() -> Compute,
     recording: &'static str,
     images: &'static [&'static str],
     tolerance: f64,
@@ -34,7 +35,7 @@ const CASES: [Case; 5] = [
     Case {
         name: "tiny",
         config: || from_file("tiny"),
-        engine: || Engine::cpu(Algorithm::Direct),
+        compute: || Compute::cpu(Algorithm::Direct),
         recording: "golden_tiny.safetensors",
         images: MAIN,
         tolerance: 5e-6,
@@ -43,16 +44,16 @@ const CASES: [Case; 5] = [
     Case {
         name: "tiny-fast",
         config: || from_file("tiny"),
-        engine: || Engine::cpu(Algorithm::Winograd),
+        compute: || Compute::cpu(Algorithm::Winograd),
         recording: "golden_tiny.safetensors",
         images: MAIN,
         tolerance: 3e-5,
         ignored: false,
     },
     Case {
-        name: "tiny-tensors",
+        name: "tiny-candle",
         config: || from_file("tiny"),
-        engine: || Engine::Tensors(candle_core::Device::Cpu),
+        compute: || Compute::candle(Device::Cpu),
         recording: "golden_tiny.safetensors",
         images: MAIN,
         tolerance: 5e-6,
@@ -61,7 +62,7 @@ const CASES: [Case; 5] = [
     Case {
         name: "narrow",
         config: || from_file("narrow"),
-        engine: || Engine::cpu(Algorithm::Winograd),
+        compute: || Compute::cpu(Algorithm::Winograd),
         recording: "golden_narrow.safetensors",
         images: MAIN,
         tolerance: 3e-5,
@@ -70,7 +71,7 @@ const CASES: [Case; 5] = [
     Case {
         name: "full",
         config: ModelConfig::release,
-        engine: || Engine::cpu(Algorithm::Winograd),
+        compute: || Compute::cpu(Algorithm::Winograd),
         recording: "golden_full.safetensors",
         images: &["main_640x480.png", "astronaut_512x512.png"],
         tolerance: 1e-4,
@@ -96,7 +97,7 @@ fn run(case: &Case, image: &str) -> Result<RecordingComparison, String> {
     let _guard = ONE_AT_A_TIME.lock();
     let text = |e: sharp::model::ModelError| e.to_string();
     let source = Synth::default();
-    let predictor = Predictor::from_source(&(case.config)(), source, (case.engine)());
+    let predictor = Predictor::from_source(&(case.config)(), source, (case.compute)());
     let predictor = predictor.map_err(text)?;
     let recording = Recording::open(&golden(case.recording)).map_err(text)?;
     let image = golden("inputs").join(image);
@@ -153,9 +154,9 @@ fn judge(
     Err(format!("{:.2e} above {tolerance:.0e} {note}", found.rel_error).into())
 }
 
-/// `tiny` with an epsilon of 1e-5 in its layer norms, a likely mistake, on either engine: the first block must be
+/// `tiny` with an epsilon of 1e-5 in its layer norms, a likely mistake, by kernels and by candle: the first block must be
 /// beyond the tolerance, and every stage before it within.
-fn another_epsilon_is_seen(engine: fn() -> Engine) -> Result<(), Failed> {
+fn another_epsilon_is_seen(compute: fn() -> Compute) -> Result<(), Failed> {
     let mistaken = Case {
         name: "tiny-eps-1e-5",
         config: || {
@@ -163,7 +164,7 @@ fn another_epsilon_is_seen(engine: fn() -> Engine) -> Result<(), Failed> {
             config.vit.norm_eps = 1e-5;
             config
         },
-        engine,
+        compute,
         ..CASES[0]
     };
     let tolerance = mistaken.tolerance;
@@ -181,9 +182,9 @@ fn another_epsilon_is_seen(engine: fn() -> Engine) -> Result<(), Failed> {
 
 fn main() {
     let mut trials = Vec::new();
-    for (name, engine) in [("kernels", CASES[0].engine), ("tensors", CASES[2].engine)] {
+    for (name, compute) in [("kernels", CASES[0].compute), ("candle", CASES[2].compute)] {
         let name = format!("tiny-eps-1e-5::{name}::is_beyond_the_tolerance_from_the_first_block");
-        trials.push(Trial::test(name, move || another_epsilon_is_seen(engine)));
+        trials.push(Trial::test(name, move || another_epsilon_is_seen(compute)));
     }
     for case in &CASES {
         let recording = Recording::open(&golden(case.recording)).unwrap();

@@ -22,7 +22,8 @@ use crate::train::{TrainRequest, Trained, ValidationRequest, train};
 ///
 /// The configuration says which network, losses, data, schedule and intervals; what it leaves out is as in the paper. A
 /// training that was stopped (Ctrl-C, SIGTERM, --time-budget) is resumed by the same command, and its log and weights have
-/// the same bytes as without the stop. Weights are validated on pairs that are not learnt from, as a run evaluates a method.
+/// the same bytes as without the stop. Weights are validated on pairs that are not learnt from, as a run evaluates a method. --device is also where the network learns; the
+/// last bits of its weights depend on it.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Example:
@@ -83,6 +84,7 @@ pub(super) fn execute(args: &TrainArgs) -> anyhow::Result<Outcome> {
         set: &args.set,
         folder: &args.out,
         validation,
+        device: args.metrics.device.unwrap_or_default().name().parse()?,
         export_f16: args.export_f16.as_deref(),
     };
     let Trained {

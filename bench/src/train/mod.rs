@@ -18,7 +18,7 @@ mod validation;
 
 use std::path::{Path, PathBuf};
 
-use sharp::model::{ModelConfig, bundled};
+use sharp::model::{Algorithm, DeviceChoice, ModelConfig, bundled};
 use sharp_train::checkpoint::{CheckpointFolder, Precision};
 use sharp_train::log::StepRecord;
 use sharp_train::position::{Position, Stage};
@@ -44,6 +44,8 @@ pub struct TrainRequest<'a> {
     /// Where everything goes, and where a training that was stopped is resumed.
     pub folder: &'a Path,
     pub validation: ValidationRequest,
+    /// Device that the network learns on; validation runs on the CPU.
+    pub device: DeviceChoice,
     /// Where the weights of a complete training are also written, in half precision.
     pub export_f16: Option<&'a Path>,
 }
@@ -69,6 +71,8 @@ pub struct Trained {
 /// # Errors
 /// [`TrainError`]. What was checkpointed stays, and the same call resumes from there.
 pub fn train(request: TrainRequest<'_>, observer: &dyn Observer) -> Result<Trained, TrainError> {
+    let compute = request.device.open(Algorithm::Winograd);
+    let compute = compute.map_err(TrainingError::from)?;
     let (text, config) = configured(request.config, request.set)?;
     let folder = TrainingFolder::open(request.folder, &text, &config)?;
     let validates = config.intervals.validation > 0;
@@ -93,7 +97,7 @@ pub fn train(request: TrainRequest<'_>, observer: &dyn Observer) -> Result<Train
     let is_bundled = begins && named == Some(Path::new(bundled::NAME));
     let initial = is_bundled.then(bundled_weights).transpose()?;
     let network = config.network.clone();
-    let mut trainer = Trainer::open(config, initial.as_deref(), folder.root())?;
+    let mut trainer = Trainer::open(config, initial.as_deref(), folder.root())?.on(compute)?;
     write_json(&folder.root().join("network.json"), &network)?;
     let perceptual_network = trainer.perceptual_network();
     let mut watcher = Watching {

@@ -3,9 +3,7 @@
 use std::ops::Range;
 use std::sync::Arc;
 
-use sharp_kernels::{
-    Algorithm, Conv2d, ConvSpec, L2Pool, MaxPool, RowOp, RowWindow, Simd, Workspace,
-};
+use sharp_kernels::{Algorithm, Conv2d, ConvSpec, L2Pool, MaxPool, RowOp, RowWindow, Simd};
 
 use super::architecture::{LayerSpec, layer_specs, smallest_side};
 use super::rows::MapSize;
@@ -177,19 +175,13 @@ impl RowOp for Expand {
         a.start.min(b.start)..a.end.max(b.end)
     }
 
-    fn run_rows(
-        &self,
-        input: &RowWindow<'_>,
-        out: Range<usize>,
-        output: &mut [f32],
-        workspace: &mut Workspace,
-    ) {
+    fn run_rows(&self, input: &RowWindow<'_>, out: Range<usize>, output: &mut [f32]) {
         let channels = self.out_channels(input.channels());
         let mut first = 0;
         for part in &self.parts {
             let own = part.out_channels(input.channels());
             let mut values = vec![0.0; output.len() / channels * own];
-            part.run_rows(input, out.clone(), &mut values, workspace);
+            part.run_rows(input, out.clone(), &mut values);
             let pixels = output
                 .chunks_exact_mut(channels)
                 .zip(values.chunks_exact(own));

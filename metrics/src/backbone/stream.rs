@@ -9,8 +9,6 @@
 
 use std::ops::Range;
 
-use sharp_kernels::Workspace;
-
 use super::network::{Layer, Network};
 use super::rows::{Blocks, Buffer, MapSize};
 
@@ -45,7 +43,6 @@ const LANES: usize = 2;
 #[derive(Default)]
 struct Lane {
     blocks: Blocks,
-    workspace: Workspace,
 }
 
 /// Runs a network over `pictures` pictures of size `width` × `height`.
@@ -191,9 +188,7 @@ fn advance(
     if !rows.is_empty() {
         let window = input.window();
         let room = output.push(rows.len(), &mut lane.blocks);
-        layer
-            .op
-            .run_rows(&window, rows.clone(), room, &mut lane.workspace);
+        layer.op.run_rows(&window, rows.clone(), room);
     }
     let needed = if rows.end < output.size().height {
         let next = rows.end..rows.end + 1;

@@ -12,7 +12,7 @@ use criterion::measurement::{Measurement, ValueFormatter};
 use criterion::{BenchmarkGroup, Criterion, Throughput, criterion_group, criterion_main};
 use sharp_kernels::{
     Algorithm, AttentionShape, Conv2d, ConvSpec, Epilogue, GroupNorm, PackedMatrix, RowOp,
-    RowWindow, Simd, Workspace, attention, matmul,
+    RowWindow, Simd, attention, matmul,
 };
 
 /// CPU time of the process, in seconds.
@@ -105,18 +105,10 @@ fn products(c: &mut Criterion<CpuTime>) {
         group.throughput(flop(m * k * n));
         for simd in Simd::available() {
             let packed = PackedMatrix::from_out_in(simd, &w, None, n, k);
-            let mut workspace = Workspace::new();
             group.bench_function(format!("{}/{m}x{k}x{n}", simd.instruction_set()), |b| {
                 b.iter(|| {
                     let epilogue = Epilogue::None;
-                    matmul(
-                        black_box(&a),
-                        &packed,
-                        &mut out,
-                        m,
-                        epilogue,
-                        &mut workspace,
-                    );
+                    matmul(black_box(&a), &packed, &mut out, m, epilogue);
                 });
             });
         }
@@ -171,11 +163,10 @@ fn convolutions(c: &mut Criterion<CpuTime>) {
         for simd in Simd::available() {
             for algorithm in [Algorithm::Direct, Algorithm::Winograd] {
                 let conv = Conv2d::new(simd, spec, &weight, None, true, algorithm);
-                let mut workspace = Workspace::new();
                 let name = format!("{}/{algorithm:?}/{channels}", simd.instruction_set());
                 group.bench_function(name, |b| {
                     b.iter(|| {
-                        conv.run_rows(black_box(&window), 0..height, &mut out, &mut workspace);
+                        conv.run_rows(black_box(&window), 0..height, &mut out);
                     });
                 });
             }
@@ -197,18 +188,8 @@ fn transformer(c: &mut Criterion<CpuTime>) {
     let mut out = vec![0.0; shape.tokens * shape.dim()];
     group.throughput(flop(2 * shape.tokens * shape.tokens * shape.dim()));
     for simd in Simd::available() {
-        let mut workspace = Workspace::new();
         group.bench_function(format!("{}", simd.instruction_set()), |b| {
-            b.iter(|| {
-                attention(
-                    simd,
-                    black_box(&qkv),
-                    &mut out,
-                    shape,
-                    0.125,
-                    &mut workspace,
-                )
-            });
+            b.iter(|| attention(simd, black_box(&qkv), &mut out, shape, 0.125));
         });
     }
     group.finish();

@@ -1,9 +1,5 @@
 //! Multi-head self-attention, exact softmax, without ever storing all scores.
 
-mod backward;
-
-pub use backward::attention_gradient;
-
 use std::ops::Range;
 
 use crate::gemm::Epilogue;
@@ -12,7 +8,7 @@ use crate::gemm::micro::{KC, MicroTile, stride_for};
 use crate::gemm::packed::{PackedView, pack_rows, pack_transposed};
 use crate::math::exp;
 use crate::simd::{Simd, per_instruction_set};
-use crate::workspace::{SharedOut, Workspace};
+use crate::workspace::{SharedOut, run_tasks};
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct AttentionShape {
@@ -43,14 +39,7 @@ const LANES: usize = 16;
 ///
 /// # Panics
 /// When a length is wrong.
-pub fn attention(
-    simd: Simd,
-    qkv: &[f32],
-    out: &mut [f32],
-    shape: AttentionShape,
-    scale: f32,
-    workspace: &mut Workspace,
-) {
+pub fn attention(simd: Simd, qkv: &[f32], out: &mut [f32], shape: AttentionShape, scale: f32) {
     let AttentionShape {
         batch,
         tokens,
@@ -70,7 +59,7 @@ pub fn attention(
     let tile = MicroTile::of(simd);
     let parts = Parts::new(&tile, tokens, head_dim);
     let shared = SharedOut::new(out);
-    workspace.tasks(batch * heads, parts.len(), |task, scratch| {
+    run_tasks(batch * heads, parts.len(), |task, scratch| {
         let (sequence, head) = (task / heads, task % heads);
         let first = sequence * tokens;
         // Channel `c` of token `t`: 0 for queries, 1 for keys, 2 for values.
@@ -389,7 +378,7 @@ mod tests {
                 let run = |threads| {
                     let mut out = vec![f32::NAN; exact.len()];
                     with_threads(threads, || {
-                        attention(simd, &qkv, &mut out, shape, scale, &mut Workspace::new());
+                        attention(simd, &qkv, &mut out, shape, scale);
                     });
                     out
                 };
@@ -413,7 +402,7 @@ mod tests {
         let qkv = [100.0, 100.0, 1.0, 100.0, -100.0, 5.0];
         for simd in Simd::available() {
             let mut out = [0.0; 2];
-            attention(simd, &qkv, &mut out, shape, 1.0, &mut Workspace::new());
+            attention(simd, &qkv, &mut out, shape, 1.0);
             assert_eq!(out, [1.0, 1.0]);
         }
     }
@@ -428,14 +417,7 @@ mod tests {
         };
         let mut out = [0.0; 2];
         let qkv = [f32::NAN, 1.0, 1.0, 1.0, 1.0, 1.0];
-        attention(
-            Simd::detect(),
-            &qkv,
-            &mut out,
-            shape,
-            1.0,
-            &mut Workspace::new(),
-        );
+        attention(Simd::detect(), &qkv, &mut out, shape, 1.0);
         assert!(out[0].is_nan());
     }
 }

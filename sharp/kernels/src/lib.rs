@@ -11,7 +11,6 @@
 //!
 //! # Contents
 //! * [`simd`]: instruction sets.
-//! * [`workspace`]: reused scratch memory and the distribution of work over threads.
 //! * [`rows`]: strips of an image; [`RowOp`], what all image kernels have in common.
 //! * [`gemm`]: matrix products with packed weights and fused epilogues.
 //! * [`conv`]: convolutions: direct, Winograd, transposed.
@@ -20,7 +19,7 @@
 //! * [`attention`](mod@attention): multi-head self-attention.
 //! * [`activation`]: GELU of a slice.
 //!
-//! Private: `math` (exp, GELU for vectors).
+//! Private: `math` (exp, GELU for vectors), `workspace` (reused scratch memory, work over threads).
 
 pub mod activation;
 pub mod attention;
@@ -33,13 +32,12 @@ pub mod rows;
 pub mod simd;
 #[cfg(test)]
 mod testing;
-pub mod workspace;
+mod workspace;
 
-pub use attention::{AttentionShape, attention, attention_gradient};
+pub use attention::{AttentionShape, attention};
 pub use conv::{Algorithm, Conv2d, ConvOptions, ConvSpec, TransposedConv2x2};
 pub use gemm::{Epilogue, PackedMatrix, matmul};
-pub use norm::{GroupNorm, NormGradient, layer_norm, layer_norm_gradient};
+pub use norm::{GroupNorm, NormGradient, layer_norm};
 pub use pool::{L2Pool, MaxPool};
 pub use rows::{RowOp, RowWindow};
 pub use simd::{InstructionSet, PinError, Simd, UnknownInstructionSet};
-pub use workspace::Workspace;

@@ -2,7 +2,7 @@
 
 mod backward;
 
-pub use backward::{NormGradient, layer_norm_gradient};
+pub use backward::NormGradient;
 
 use rayon::prelude::*;
 

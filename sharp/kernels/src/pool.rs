@@ -6,7 +6,6 @@ use rayon::prelude::*;
 
 use crate::rows::{RowOp, RowWindow, expect, window_rows};
 use crate::simd::{Simd, per_instruction_set};
-use crate::workspace::Workspace;
 
 /// Max pooling without padding.
 #[derive(Debug, Clone, Copy)]
@@ -58,13 +57,7 @@ impl RowOp for MaxPool {
         window_rows(out, in_height, self.size, self.stride, 0)
     }
 
-    fn run_rows(
-        &self,
-        input: &RowWindow<'_>,
-        out: Range<usize>,
-        output: &mut [f32],
-        _workspace: &mut Workspace,
-    ) {
+    fn run_rows(&self, input: &RowWindow<'_>, out: Range<usize>, output: &mut [f32]) {
         let width = expect(self, input, &out, output);
         if output.is_empty() {
             return;
@@ -158,13 +151,7 @@ impl RowOp for L2Pool {
         window_rows(out, in_height, 3, 2, 1)
     }
 
-    fn run_rows(
-        &self,
-        input: &RowWindow<'_>,
-        out: Range<usize>,
-        output: &mut [f32],
-        _workspace: &mut Workspace,
-    ) {
+    fn run_rows(&self, input: &RowWindow<'_>, out: Range<usize>, output: &mut [f32]) {
         let width = expect(self, input, &out, output);
         if output.is_empty() {
             return;
@@ -229,7 +216,7 @@ mod tests {
             let data = &image[needed.start * width * channels..needed.end * width * channels];
             let window = RowWindow::new(data, needed, height, width, channels);
             let out = &mut out[rows.start * row..rows.end * row];
-            op.run_rows(&window, rows, out, &mut Workspace::new());
+            op.run_rows(&window, rows, out);
         }
         out
     }

@@ -2,8 +2,6 @@
 
 use std::ops::Range;
 
-use crate::workspace::Workspace;
-
 /// Some rows of an NHWC image that lie in memory. The rest of the image exists, but is not
 /// needed: borders are padded only where the image ends.
 #[derive(Debug, Clone)]
@@ -147,13 +145,7 @@ pub trait RowOp: Send + Sync {
     /// # Panics
     /// When the window lacks one of [`Self::in_rows`], when `out` reaches beyond the output's
     /// height, or when a length or channel count is wrong.
-    fn run_rows(
-        &self,
-        input: &RowWindow<'_>,
-        out: Range<usize>,
-        output: &mut [f32],
-        workspace: &mut Workspace,
-    );
+    fn run_rows(&self, input: &RowWindow<'_>, out: Range<usize>, output: &mut [f32]);
 }
 
 /// Checks what every [`RowOp::run_rows`] demands; returns the output's width.

@@ -1,6 +1,7 @@
 //! Reused scratch memory, and the distribution of tasks over threads.
 
 use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::{Mutex, PoisonError};
 
 use bytemuck::{Pod, Zeroable};
 use rayon::prelude::*;
@@ -47,38 +48,16 @@ impl std::ops::DerefMut for Aligned {
     }
 }
 
-/// Scratch memory that kernels reuse from call to call. It grows to the largest need it has
-/// met: some hundred kilobytes to a few megabytes a thread. What it holds never matters.
-#[derive(Debug, Default)]
-pub struct Workspace {
-    scratch: Aligned,
-}
-
-impl Workspace {
-    pub fn new() -> Self {
-        Self::default()
-    }
-
-    /// Runs `task(index, scratch)` for every index below `count` on the current rayon pool,
-    /// each time with `scratch_len` floats of arbitrary content, aligned to cache lines.
-    ///
-    /// Which thread runs which task varies; tasks must write to places of their own.
-    pub(crate) fn tasks(
-        &mut self,
-        count: usize,
-        scratch_len: usize,
-        task: impl Fn(usize, &mut [f32]) + Sync,
-    ) {
-        run(&mut self.scratch, count, scratch_len, task);
-    }
-}
-
-fn run(
-    scratch: &mut Aligned,
-    count: usize,
-    scratch_len: usize,
-    task: impl Fn(usize, &mut [f32]) + Sync,
-) {
+/// Runs `task(index, scratch)` for every index below `count` on the current rayon pool,
+/// each time with `scratch_len` floats of arbitrary content, aligned to cache lines.
+///
+/// Which thread runs which task varies; tasks must write to places of their own. Scratch memory is
+/// kept for the next call: it grows to the largest need, some hundred kilobytes to a few megabytes a
+/// thread, for each call that runs beside others.
+pub(crate) fn run_tasks(count: usize, scratch_len: usize, task: impl Fn(usize, &mut [f32]) + Sync) {
+    static IDLE: Mutex<Vec<Aligned>> = Mutex::new(Vec::new());
+    let idle = || IDLE.lock().unwrap_or_else(PoisonError::into_inner);
+    let mut scratch = idle().pop().unwrap_or_default();
     let scratch_len = scratch_len.next_multiple_of(16).max(16);
     let workers = rayon::current_num_threads().min(count).max(1);
     scratch.grow(workers * scratch_len);
@@ -95,6 +74,7 @@ fn run(
                 task(index, scratch);
             }
         });
+    idle().push(scratch);
 }
 
 /// A slice that several tasks write to, each to elements of its own.
@@ -147,17 +127,15 @@ mod tests {
 
     #[test]
     fn every_task_runs_once_with_aligned_scratch() {
-        let mut workspace = Workspace::new();
         let mut out = vec![0.0; 1000];
         let shared = SharedOut::new(&mut out);
-        workspace.tasks(1000, 33, |index, scratch| {
+        run_tasks(1000, 33, |index, scratch| {
             assert_eq!(scratch.as_ptr() as usize % 64, 0);
             assert!(scratch.len() >= 33);
             // SAFETY: every index is its own element.
             unsafe { shared.slice(index, 1)[0] += index as f32 };
         });
         assert!(out.iter().enumerate().all(|(i, &v)| v == i as f32));
-        assert!(!workspace.scratch.is_empty());
     }
 
     #[test]

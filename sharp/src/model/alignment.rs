@@ -1,30 +1,25 @@
 //! A map of factors that brings predicted depth to known depth: a small U-Net. It was trained
 //! along with the network; a prediction does not need it.
 
-use super::engine::Runtime;
-use super::layers::{Conv, Fused, GroupNormLayer};
-use super::map::Map;
+use candle_core::{Result, Tensor};
+use candle_nn::Module;
+
+use super::ModelConfig;
+use super::layers::{Conv, GroupNorm};
+use super::ops::{avg_pool, double_nearest};
 use super::params::Params;
-use super::{ModelConfig, ModelError};
 
 /// Groups of every normalisation here.
 const GROUPS: usize = 4;
 
 /// Nearest depth that the network sees, metres.
-pub(super) const MIN_DEPTH: f32 = 1e-4;
-
-/// A convolution of the rectified input.
-const RECTIFIED: Fused<'_> = Fused {
-    relu_input: true,
-    residual: None,
-    relu: false,
-};
+const MIN_DEPTH: f32 = 1e-4;
 
 /// `relu(norm(x))`, then a convolution, twice, beside a shortcut.
 pub(super) struct NormResidualBlock {
-    norm0: GroupNormLayer,
+    norm0: GroupNorm,
     conv2: Conv,
-    norm3: GroupNormLayer,
+    norm3: GroupNorm,
     conv5: Conv,
     shortcut: Option<Conv>,
 }
@@ -34,59 +29,46 @@ impl NormResidualBlock {
     pub(super) fn new(p: &Params<'_>, input: usize, output: usize, groups: usize) -> Self {
         let (residual, inner) = (p.pp("residual"), output / 2);
         Self {
-            norm0: GroupNormLayer::new(&residual.pp(0), input, groups),
-            conv2: Conv::spatial(&residual.pp(2), input, inner, true),
-            norm3: GroupNormLayer::new(&residual.pp(3), inner, groups),
-            conv5: Conv::spatial(&residual.pp(5), inner, output, true),
+            norm0: GroupNorm::new(&residual.pp(0), input, groups),
+            conv2: Conv::spatial(&residual.pp(2), input, inner, true).after_relu(),
+            norm3: GroupNorm::new(&residual.pp(3), inner, groups),
+            conv5: Conv::spatial(&residual.pp(5), inner, output, true).after_relu(),
             shortcut: (input != output)
                 .then(|| Conv::point(&p.pp("shortcut"), input, output, true)),
         }
     }
 
-    /// `[input, h, w]` to `[output, h, w]`; `see` is shown the first normalisation.
-    pub(super) fn forward(
-        &self,
-        rt: &Runtime,
-        x: &Map,
-        see: impl FnOnce(&Map) -> Result<(), ModelError>,
-    ) -> Result<Map, ModelError> {
-        let mut y = self.norm0.forward(rt, x)?;
-        see(&y)?;
-        y = self.conv2.forward(rt, &y, RECTIFIED)?;
-        y = self.norm3.forward(rt, &y)?;
-        let through = match &self.shortcut {
-            Some(shortcut) => Some(shortcut.forward(rt, x, Fused::default())?),
-            None => None,
-        };
-        let residual = Some(through.as_ref().unwrap_or(x));
-        self.conv5.forward(
-            rt,
-            &y,
-            Fused {
-                residual,
-                ..RECTIFIED
-            },
-        )
+    /// The first normalisation of `x`.
+    pub(super) fn normalized(&self, x: &Tensor) -> Result<Tensor> {
+        self.norm0.forward(x)
     }
 
-    fn silent(&self, rt: &Runtime, x: &Map) -> Result<Map, ModelError> {
-        self.forward(rt, x, |_| Ok(()))
+    /// What the block makes of `x` and its [`normalized`](Self::normalized) form.
+    pub(super) fn refined(&self, x: &Tensor, normal: Tensor) -> Result<Tensor> {
+        let inner = self.conv2.forward(&normal)?;
+        drop(normal);
+        let inner = self.norm3.forward(&inner)?;
+        match &self.shortcut {
+            Some(shortcut) => self.conv5.forward_plus(&inner, &shortcut.forward(x)?),
+            None => self.conv5.forward_plus(&inner, x),
+        }
     }
 }
 
-/// The network's input for a depth in metres.
-pub(super) fn inverse_depth(depth: f32) -> f32 {
-    1.0 / depth.max(MIN_DEPTH)
+impl Module for NormResidualBlock {
+    fn forward(&self, x: &Tensor) -> Result<Tensor> {
+        self.refined(x, self.normalized(x)?)
+    }
 }
 
 pub(super) struct DepthAlignment {
     conv_in: Conv,
-    norm_in: GroupNormLayer,
+    norm_in: GroupNorm,
     down: Vec<[NormResidualBlock; 2]>,
     up: Vec<[NormResidualBlock; 2]>,
-    norm_out0: GroupNormLayer,
+    norm_out0: GroupNorm,
     conv_out2: Conv,
-    norm_out3: GroupNormLayer,
+    norm_out3: GroupNorm,
     conv_out: Conv,
 }
 
@@ -114,41 +96,41 @@ impl DepthAlignment {
         let (conv_in, conv_out) = (encoder.pp("conv_in"), decoder.pp("conv_out"));
         Self {
             conv_in: Conv::spatial(&conv_in.pp(0), 2, base, true),
-            norm_in: GroupNormLayer::new(&conv_in.pp(1), base, GROUPS),
+            norm_in: GroupNorm::new(&conv_in.pp(1), base, GROUPS).then_relu(),
             down: (0..steps).map(down).collect(),
             up: (0..steps).map(up).collect(),
-            norm_out0: GroupNormLayer::new(&conv_out.pp(0), 2 * base, GROUPS),
-            conv_out2: Conv::point(&conv_out.pp(2), 2 * base, base, true),
-            norm_out3: GroupNormLayer::new(&conv_out.pp(3), base, GROUPS),
-            conv_out: Conv::point(&p.pp("conv_out"), base, 1, true),
+            norm_out0: GroupNorm::new(&conv_out.pp(0), 2 * base, GROUPS),
+            conv_out2: Conv::point(&conv_out.pp(2), 2 * base, base, true).after_relu(),
+            norm_out3: GroupNorm::new(&conv_out.pp(3), base, GROUPS),
+            conv_out: Conv::point(&p.pp("conv_out"), base, 1, true).after_relu(),
         }
     }
+}
 
-    /// The logarithm `[1, R, R]` of the factors, from inverse depth `[2, R, R]`: that of the first
-    /// predicted layer and the known one, each as [`inverse_depth`] makes it.
-    pub(super) fn forward(&self, rt: &Runtime, input: &Map) -> Result<Map, ModelError> {
-        let first = self.conv_in.forward(rt, input, Fused::default())?;
-        let mut maps = vec![self.norm_in.forward(rt, &first)?.relu()?];
+/// The logarithm `[1, R, R, 1]` of the factors, from depth `[1, R, R, 2]`, metres: that of the first
+/// predicted layer and the known one.
+impl Module for DepthAlignment {
+    fn forward(&self, depths: &Tensor) -> Result<Tensor> {
+        let inverse = depths.maximum(MIN_DEPTH)?.recip()?;
+        let mut maps = vec![inverse.apply(&self.conv_in)?.apply(&self.norm_in)?];
         for [widen, refine] in &self.down {
-            let x = maps[maps.len() - 1].avg_pool(2)?;
-            maps.push(refine.silent(rt, &widen.silent(rt, &x)?)?);
+            let x = avg_pool(&maps[maps.len() - 1], 2)?;
+            maps.push(x.apply(widen)?.apply(refine)?);
         }
-        let mut x: Option<Map> = None;
-        for [narrow, refine] in &self.up {
-            let skip = maps.pop().ok_or_else(super::map::mixed)?;
+        let finest = maps.remove(0);
+        let mut x: Option<Tensor> = None;
+        for ([narrow, refine], skip) in self.up.iter().zip(maps.iter().rev()) {
             let joined = match &x {
-                Some(x) => x.cat(&skip)?,
-                None => skip,
+                Some(x) => Tensor::cat(&[x, skip], 3)?,
+                None => skip.clone(),
             };
-            let joined = joined.double_nearest()?;
-            x = Some(refine.silent(rt, &narrow.silent(rt, &joined)?)?);
+            x = Some(double_nearest(&joined)?.apply(narrow)?.apply(refine)?);
         }
-        let (Some(x), Some(finest)) = (x, maps.pop()) else {
-            return Err(super::map::mixed());
-        };
-        let mut x = self.norm_out0.forward(rt, &x.cat(&finest)?)?;
-        x = self.conv_out2.forward(rt, &x, RECTIFIED)?;
-        x = self.norm_out3.forward(rt, &x)?;
-        self.conv_out.forward(rt, &x, RECTIFIED)
+        let x = x.as_ref().unwrap_or(&finest);
+        Tensor::cat(&[x, &finest], 3)?
+            .apply(&self.norm_out0)?
+            .apply(&self.conv_out2)?
+            .apply(&self.norm_out3)?
+            .apply(&self.conv_out)
     }
 }

@@ -3,8 +3,8 @@
 
 use std::path::Path;
 
+use super::inventory::inventory;
 use super::params::Parameter;
-use super::training::TrainableNetwork;
 use super::{ModelConfig, ModelError};
 
 /// Its name in place of a checkpoint's path.
@@ -41,8 +41,7 @@ pub fn source_folder() -> &'static Path {
 /// # Errors
 /// As [`config`].
 pub fn description() -> Result<String, ModelError> {
-    let network = TrainableNetwork::new(&config()?)?;
-    let count: usize = network.parameters().iter().map(Parameter::len).sum();
+    let count: usize = inventory(&config()?)?.iter().map(Parameter::len).sum();
     let millions = count as f64 / 1e6;
     Ok(format!(
         "SHARP architecture, {millions:.1} million parameters, trained on procedural scenes; not Apple's model"

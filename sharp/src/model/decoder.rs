@@ -1,10 +1,13 @@
 //! The multi-resolution decoder: five feature maps fused from coarse to fine.
 
+use candle_core::Tensor;
+use candle_nn::Module;
+
 use super::ModelError;
-use super::engine::Runtime;
-use super::layers::{Conv, Deconv, Fused};
-use super::map::Map;
+use super::compute::Kernels;
+use super::layers::{Conv, Deconv};
 use super::observer::{StageObserver, StageValue};
+use super::ops::sum;
 use super::params::Params;
 
 /// `y + conv3(relu(conv1(relu(y))))`: both 3×3, no normalisation.
@@ -17,27 +20,9 @@ impl ResidualBlock {
     fn new(p: &Params<'_>, dim: usize) -> Self {
         let residual = p.pp("residual");
         Self {
-            conv1: Conv::spatial(&residual.pp(1), dim, dim, true),
-            conv3: Conv::spatial(&residual.pp(3), dim, dim, true),
+            conv1: Conv::spatial(&residual.pp(1), dim, dim, true).after_relu(),
+            conv3: Conv::spatial(&residual.pp(3), dim, dim, true).after_relu(),
         }
-    }
-
-    /// `[dim, h, w]` to the same shape.
-    fn forward(&self, rt: &Runtime, y: &Map) -> Result<Map, ModelError> {
-        let relu_input = Fused {
-            relu_input: true,
-            ..Fused::default()
-        };
-        let inner = self.conv1.forward(rt, y, relu_input)?;
-        let residual = Some(y);
-        self.conv3.forward(
-            rt,
-            &inner,
-            Fused {
-                residual,
-                ..relu_input
-            },
-        )
     }
 
     /// Declares the parameters of a block that is in the checkpoint but never runs.
@@ -50,12 +35,19 @@ impl ResidualBlock {
     }
 }
 
+impl Module for ResidualBlock {
+    fn forward(&self, y: &Tensor) -> candle_core::Result<Tensor> {
+        self.conv3.forward_plus(&self.conv1.forward(y)?, y)
+    }
+}
+
 /// Adds a map to the coarser one's result, refines, doubles the resolution.
 pub(super) struct FusionBlock {
     resnet1: Option<ResidualBlock>,
     resnet2: ResidualBlock,
     deconv: Option<Deconv>,
     out_conv: Conv,
+    kernels: Option<Kernels>,
 }
 
 impl FusionBlock {
@@ -70,30 +62,25 @@ impl FusionBlock {
             resnet2: ResidualBlock::new(&p.pp("resnet2"), dim),
             deconv: upsample.then(|| Deconv::new(&p.pp("deconv"), dim, dim, false)),
             out_conv: Conv::point(&p.pp("out_conv"), dim, dim, true),
+            kernels: p.kernels,
         }
     }
 
-    /// `x` (of the coarser level, if any) and the level's own `map` are `[dim, h, w]`; the result
-    /// has h and w doubled where the block does so. Without `x`, the map itself is refined.
-    pub(super) fn forward(
-        &self,
-        rt: &Runtime,
-        x: Option<Map>,
-        map: &Map,
-    ) -> Result<Map, ModelError> {
+    /// `x` (of the coarser level, if any) and the level's own `map` have one size; the result's sides are doubled where
+    /// the block does so. Without `x`, the map itself is refined.
+    pub(super) fn forward(&self, x: Option<Tensor>, map: &Tensor) -> candle_core::Result<Tensor> {
         let mut x = match (&self.resnet1, x) {
             (Some(resnet1), Some(x)) => {
-                let skip = resnet1.forward(rt, map)?;
-                let sum = x.add(&skip)?;
-                drop(skip);
-                self.resnet2.forward(rt, &sum)?
+                let both = sum(self.kernels, &x, &resnet1.forward(map)?)?;
+                drop(x);
+                self.resnet2.forward(&both)?
             }
-            _ => self.resnet2.forward(rt, map)?,
+            _ => self.resnet2.forward(map)?,
         };
         if let Some(deconv) = &self.deconv {
-            x = deconv.forward(rt, &x)?;
+            x = deconv.forward(&x)?;
         }
-        self.out_conv.forward(rt, &x, Fused::default())
+        self.out_conv.forward(&x)
     }
 }
 
@@ -125,27 +112,23 @@ impl MultiresConvDecoder {
         }
     }
 
-    /// Five maps, finest first, each twice as fine as the next. The result is `[dim, s, s]` at the
-    /// finest resolution.
+    /// Five maps, finest first, each twice as fine as the next. The result has the finest resolution.
     pub(super) fn forward(
         &self,
-        rt: &Runtime,
-        maps: &[Map; 5],
+        maps: &[Tensor; 5],
         name: &str,
         observer: &mut dyn StageObserver,
-    ) -> Result<Map, ModelError> {
-        let mut fused: Option<Map> = None;
+    ) -> Result<Tensor, ModelError> {
+        let mut fused: Option<Tensor> = None;
         for level in (0..5).rev() {
-            let learned = match &self.convs[level] {
-                Some(conv) => Some(conv.forward(rt, &maps[level], Fused::default())?),
-                None => None,
-            };
+            let learned = self.convs[level].as_ref();
+            let learned = learned.map(|conv| conv.forward(&maps[level])).transpose()?;
             if let Some(map) = &learned {
-                observer.stage(&format!("{name}.conv{level}"), StageValue::map(map))?;
+                observer.stage(&format!("{name}.conv{level}"), StageValue::image(map))?;
             }
             let map = learned.as_ref().unwrap_or(&maps[level]);
-            let next = self.fusions[level].forward(rt, fused.take(), map)?;
-            observer.stage(&format!("{name}.fusion{level}"), StageValue::map(&next))?;
+            let next = self.fusions[level].forward(fused.take(), map)?;
+            observer.stage(&format!("{name}.fusion{level}"), StageValue::image(&next))?;
             fused = Some(next);
         }
         fused.ok_or_else(|| ModelError::Config("a decoder without levels".into()))

@@ -12,7 +12,7 @@ use crate::initializer::InitializerError;
 #[derive(Debug, thiserror::Error)]
 pub enum ModelError {
     #[error("tensor operation: {0}")]
-    Tensor(#[from] candle_core::Error),
+    Tensor(#[source] candle_core::Error),
     /// A configuration that does not describe a network.
     #[error("configuration {0}")]
     Config(String),
@@ -55,6 +55,29 @@ pub enum ModelError {
     /// An observer's own reason to stop.
     #[error("{0}")]
     Stopped(String),
+}
+
+/// An error of ours that candle passed on is itself again.
+impl From<candle_core::Error> for ModelError {
+    fn from(error: candle_core::Error) -> Self {
+        use candle_core::Error::WrappedContext;
+        match error {
+            WrappedContext { wrapped, context } => match wrapped.downcast() {
+                Ok(ours) => *ours,
+                Err(wrapped) => Self::Tensor(WrappedContext { wrapped, context }),
+            },
+            other => Self::Tensor(other),
+        }
+    }
+}
+
+impl From<ModelError> for candle_core::Error {
+    fn from(error: ModelError) -> Self {
+        Self::WrappedContext {
+            wrapped: Box::new(error),
+            context: String::new(),
+        }
+    }
 }
 
 impl ModelError {

@@ -1,12 +1,14 @@
 //! Encoder maps, image and depth to the deltas that refine base Gaussians.
 
+use candle_core::Tensor;
+use candle_nn::Module;
+
 use super::alignment::NormResidualBlock;
 use super::config::LAYERS;
 use super::decoder::{FusionBlock, MultiresConvDecoder};
-use super::engine::Runtime;
-use super::layers::{Conv, Fused};
-use super::map::Map;
+use super::layers::Conv;
 use super::observer::{StageObserver, StageValue};
+use super::ops::avg_pool;
 use super::params::Params;
 use super::{ModelConfig, ModelError};
 
@@ -44,32 +46,30 @@ impl GaussianDecoder {
         }
     }
 
-    /// `maps` of the encoder and `input` `[5, R, R]` (image and inverse depth in −1..1) to texture
-    /// and geometry features `[out, R/stride, R/stride]`.
+    /// `maps` of the encoder and `input` (`[1, R, R, 5]`: image and inverse depth in −1..1) to texture
+    /// and geometry features, a pixel a block of Gaussians.
     pub(super) fn forward(
         &self,
-        rt: &Runtime,
-        maps: [Map; 5],
-        input: &Map,
+        maps: [Tensor; 5],
+        input: &Tensor,
         observer: &mut dyn StageObserver,
-    ) -> Result<[Map; 2], ModelError> {
-        let mut decoded = self.decoder.forward(rt, &maps, "gauss_decoder", observer)?;
+    ) -> Result<[Tensor; 2], ModelError> {
+        let mut decoded = self.decoder.forward(&maps, "gauss_decoder", observer)?;
         drop(maps);
         if self.pooling > 1 {
-            decoded = decoded.avg_pool(self.pooling)?;
+            decoded = avg_pool(&decoded, self.pooling)?;
         }
-        let skip = self.skip.forward(rt, input, Fused::default())?;
-        observer.stage("gauss_decoder.skip", StageValue::map(&skip))?;
-        let fused = self.fusion.forward(rt, Some(decoded), &skip)?;
+        let skip = self.skip.forward(input)?;
+        observer.stage("gauss_decoder.skip", StageValue::image(&skip))?;
+        let fused = self.fusion.forward(Some(decoded), &skip)?;
         drop(skip);
-        observer.stage("gauss_decoder.fused", StageValue::map(&fused))?;
-        let texture = self
-            .texture_head
-            .forward(rt, &fused, "texture_head", observer)?;
-        let geometry = self
-            .geometry_head
-            .forward(rt, &fused, "geometry_head", observer)?;
-        Ok([texture, geometry])
+        observer.stage("gauss_decoder.fused", StageValue::image(&fused))?;
+        Ok([
+            self.texture_head
+                .forward(&fused, "texture_head", observer)?,
+            self.geometry_head
+                .forward(&fused, "geometry_head", observer)?,
+        ])
     }
 }
 
@@ -86,31 +86,29 @@ impl AttributeHead {
         let block = |k: usize| NormResidualBlock::new(&p.pp(k), dim, dim, groups);
         Self {
             blocks: [block(0), block(1)],
-            conv3: Conv::point(&p.pp(3), dim, config.gaussian_dim_out, true),
+            conv3: Conv::point(&p.pp(3), dim, config.gaussian_dim_out, true)
+                .after_relu()
+                .then_relu(),
         }
     }
 
-    /// `[dim, h, w]` to `[out, h, w]`, ≥ 0.
+    /// The result is ≥ 0.
     fn forward(
         &self,
-        rt: &Runtime,
-        x: &Map,
+        x: &Tensor,
         name: &str,
         observer: &mut dyn StageObserver,
-    ) -> Result<Map, ModelError> {
-        let mut see = |stage: &str, value: &Map| {
-            observer.stage(&format!("{name}.{stage}"), StageValue::map(value))
+    ) -> Result<Tensor, ModelError> {
+        let mut see = |stage: &str, value: &Tensor| {
+            observer.stage(&format!("{name}.{stage}"), StageValue::image(value))
         };
-        let mut x = self.blocks[0].forward(rt, x, |normal| see("0.groupnorm", normal))?;
+        let normal = self.blocks[0].normalized(x)?;
+        see("0.groupnorm", &normal)?;
+        let mut x = self.blocks[0].refined(x, normal)?;
         see("0", &x)?;
-        x = self.blocks[1].forward(rt, &x, |_| Ok(()))?;
+        x = self.blocks[1].forward(&x)?;
         see("1", &x)?;
-        let both = Fused {
-            relu_input: true,
-            residual: None,
-            relu: true,
-        };
-        x = self.conv3.forward(rt, &x, both)?;
+        x = self.conv3.forward(&x)?;
         see("out", &x)?;
         Ok(x)
     }
@@ -135,18 +133,15 @@ impl PredictionHead {
         }
     }
 
-    /// Features `[out, h, w]` to the deltas of geometry `[3 · 2, h, w]` and of texture
-    /// `[11 · 2, h, w]`; one after the other they are what [`compose`](crate::composer::compose)
-    /// takes. A channel's layer varies fastest.
+    /// Features to the deltas of geometry (`3 · 2` channels) and of texture (`11 · 2` channels); their planes one after
+    /// the other are what [`compose`](crate::composer::compose) takes. A channel's layer varies fastest.
     pub(super) fn forward(
         &self,
-        rt: &Runtime,
-        texture: &Map,
-        geometry: &Map,
-    ) -> Result<[Map; 2], ModelError> {
+        [texture, geometry]: [Tensor; 2],
+    ) -> candle_core::Result<[Tensor; 2]> {
         Ok([
-            self.geometry.forward(rt, geometry, Fused::default())?,
-            self.texture.forward(rt, texture, Fused::default())?,
+            self.geometry.forward(&geometry)?,
+            self.texture.forward(&texture)?,
         ])
     }
 }

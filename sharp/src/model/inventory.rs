@@ -7,8 +7,9 @@ use std::path::Path;
 use sharp_checkpoint::{Checkpoint, Expected};
 
 use super::network::SharpNetwork;
-use super::params::{Parameter, Params, WeightSource};
-use super::{ModelConfig, ModelError};
+use super::params::{Parameter, Params, WeightSource, Weights};
+use super::synth::Synth;
+use super::{Algorithm, Compute, ModelConfig, ModelError};
 
 /// Everything the network of `config` has, in order of construction.
 ///
@@ -16,8 +17,9 @@ use super::{ModelConfig, ModelError};
 /// [`ModelError::Config`] for an impossible configuration.
 pub fn inventory(config: &ModelConfig) -> Result<Vec<Parameter>, ModelError> {
     config.validate()?;
-    let list = RefCell::default();
-    SharpNetwork::new(config, &Params::new(&list));
+    let (list, nowhere) = (RefCell::default(), Compute::cpu(Algorithm::Direct));
+    let nothing = Weights::new(Synth::default(), |_| false);
+    SharpNetwork::new(config, &Params::new(&nowhere, &nothing, &list));
     Ok(list.into_inner())
 }
 

@@ -1,10 +1,11 @@
 //! Two layers of disparity from an image.
 
+use candle_core::Tensor;
+use candle_nn::Module;
+
 use super::config::LAYERS;
 use super::decoder::MultiresConvDecoder;
-use super::engine::Runtime;
-use super::layers::{Conv, Deconv, Fused};
-use super::map::Map;
+use super::layers::{Conv, Deconv};
 use super::observer::{StageObserver, StageValue};
 use super::params::Params;
 use super::pyramid::Encoder;
@@ -18,10 +19,10 @@ pub(super) struct Monodepth {
 
 /// Outputs of the depth network that the rest of the network uses.
 pub(super) struct MonodepthOutput {
-    pub(super) features: [Map; 5],
-    /// `[2, R, R]`, ≥ 0: inverse depth for a focal length of one image width. The layers are not
+    pub(super) features: [Tensor; 5],
+    /// `[1, R, R, 2]`: inverse depth for a focal length of one image width, 0 where it is negative. The layers are not
     /// sorted.
-    pub(super) disparity: Map,
+    pub(super) disparity: Tensor,
 }
 
 impl Monodepth {
@@ -38,16 +39,13 @@ impl Monodepth {
     /// `image` is `[3, R, R]` in −1..1.
     pub(super) fn forward(
         &self,
-        rt: &Runtime,
         image: &[f32],
         observer: &mut dyn StageObserver,
     ) -> Result<MonodepthOutput, ModelError> {
-        let features = self.encoder.forward(rt, image, observer)?;
-        let decoded = self
-            .decoder
-            .forward(rt, &features, "depth_decoder", observer)?;
-        let disparity = self.head.forward(rt, decoded, observer)?;
-        observer.stage("disparity", StageValue::map(&disparity))?;
+        let features = self.encoder.forward(image, observer)?;
+        let decoded = self.decoder.forward(&features, "depth_decoder", observer)?;
+        let disparity = self.head.forward(decoded, observer)?;
+        observer.stage("disparity", StageValue::rectified(&disparity))?;
         Ok(MonodepthOutput {
             features,
             disparity,
@@ -69,28 +67,25 @@ impl DisparityHead {
             conv0: Conv::spatial(&p.pp(0), dim, dim / 2, true),
             deconv1: Deconv::new(&p.pp(1), dim / 2, dim / 2, true),
             conv2: Conv::spatial(&p.pp(2), dim / 2, 32, true),
-            conv4: Conv::point(&p.pp(4), 32, LAYERS, true),
+            conv4: Conv::point(&p.pp(4), 32, LAYERS, true).after_relu(),
         }
     }
 
-    /// `[dim, R/2, R/2]` to `[2, R, R]`.
+    /// Assigned rather than shadowed: a map is a gigabyte, and gone when the next is there.
     fn forward(
         &self,
-        rt: &Runtime,
-        mut x: Map,
+        mut x: Tensor,
         observer: &mut dyn StageObserver,
-    ) -> Result<Map, ModelError> {
-        let mut see = |index: usize, value: Map| {
-            let name = format!("depth_head.{index}");
-            observer.stage(&name, StageValue::map(&value))?;
-            Ok::<_, ModelError>(value)
-        };
-        // Assigned rather than shadowed: a map is a gigabyte, and gone when the next is there.
-        x = see(0, self.conv0.forward(rt, &x, Fused::default())?)?;
-        x = see(1, self.deconv1.forward(rt, &x)?)?;
-        x = see(2, self.conv2.forward(rt, &x, Fused::default())?)?;
-        x = see(3, x.relu()?)?;
-        x = see(4, self.conv4.forward(rt, &x, Fused::default())?)?;
-        x.relu_with_return()
+    ) -> Result<Tensor, ModelError> {
+        x = self.conv0.forward(&x)?;
+        observer.stage("depth_head.0", StageValue::image(&x))?;
+        x = self.deconv1.forward(&x)?;
+        observer.stage("depth_head.1", StageValue::image(&x))?;
+        x = self.conv2.forward(&x)?;
+        observer.stage("depth_head.2", StageValue::image(&x))?;
+        observer.stage("depth_head.3", StageValue::rectified(&x))?;
+        x = self.conv4.forward(&x)?;
+        observer.stage("depth_head.4", StageValue::image(&x))?;
+        Ok(x)
     }
 }

@@ -31,7 +31,7 @@ pub struct NetworkIdentity {
     pub preset: String,
     /// Of the configuration's values, whatever file they stand in.
     pub config_sha256: String,
-    /// [`Engine::name`](super::Engine::name) of the device found, not of the one asked for.
+    /// [`Compute::name`](super::Compute::name) of the device found, not of the one asked for.
     pub engine: String,
 }
 

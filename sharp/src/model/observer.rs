@@ -3,7 +3,7 @@
 use candle_core::Tensor;
 
 use super::ModelError;
-use super::map::Map;
+use super::ops::to_planes;
 
 /// The value of a stage, wherever it lies. Reading it costs a copy.
 #[derive(Clone, Copy)]
@@ -11,11 +11,13 @@ pub struct StageValue<'a>(StageData<'a>);
 
 #[derive(Clone, Copy)]
 enum StageData<'a> {
-    Tensor(&'a Tensor),
     /// Values in C order with their shape.
     Host(&'a [usize], &'a [f32]),
-    /// One map an image.
-    Maps(&'a [Map]),
+    Tensor(&'a Tensor),
+    /// `[1, height, width, channels]`; rectified where it says so.
+    Image(&'a Tensor, bool),
+    /// Class token and tokens of square images, `[images, 1 + side², channels]`.
+    Tokens(&'a Tensor),
 }
 
 impl<'a> StageValue<'a> {
@@ -28,12 +30,19 @@ impl<'a> StageValue<'a> {
         Self(StageData::Tensor(tensor))
     }
 
-    pub(super) fn map(map: &'a Map) -> Self {
-        Self(StageData::Maps(std::slice::from_ref(map)))
+    /// Of an image `[1, height, width, channels]`.
+    pub(super) fn image(tensor: &'a Tensor) -> Self {
+        Self(StageData::Image(tensor, false))
     }
 
-    pub(super) fn maps(maps: &'a [Map]) -> Self {
-        Self(StageData::Maps(maps))
+    /// The same, 0 where the image is negative.
+    pub(super) fn rectified(tensor: &'a Tensor) -> Self {
+        Self(StageData::Image(tensor, true))
+    }
+
+    /// The images that tokens `[images, 1 + side², channels]` are, their class tokens left out.
+    pub(super) fn tokens(tensor: &'a Tensor) -> Self {
+        Self(StageData::Tokens(tensor))
     }
 
     /// Dimensions, in PyTorch's order.
@@ -41,14 +50,19 @@ impl<'a> StageValue<'a> {
     /// # Errors
     /// [`ModelError::Tensor`].
     pub fn shape(&self) -> Result<Vec<usize>, ModelError> {
-        match self.0 {
-            StageData::Tensor(tensor) => Ok(tensor.dims().to_vec()),
-            StageData::Host(shape, _) => Ok(shape.to_vec()),
-            StageData::Maps(maps) => {
-                let (c, h, w) = maps.first().map_or(Ok((0, 0, 0)), Map::dims)?;
-                Ok(vec![maps.len(), c, h, w])
+        Ok(match self.0 {
+            StageData::Host(shape, _) => shape.to_vec(),
+            StageData::Tensor(tensor) => tensor.dims().to_vec(),
+            StageData::Image(tensor, _) => {
+                let (images, height, width, channels) = tensor.dims4()?;
+                vec![images, channels, height, width]
             }
-        }
+            StageData::Tokens(tensor) => {
+                let (images, tokens, channels) = tensor.dims3()?;
+                let side = (tokens - 1).isqrt();
+                vec![images, channels, side, side]
+            }
+        })
     }
 
     /// The values in C order.
@@ -56,14 +70,22 @@ impl<'a> StageValue<'a> {
     /// # Errors
     /// [`ModelError::Tensor`].
     pub fn to_vec(&self) -> Result<Vec<f32>, ModelError> {
-        match self.0 {
-            StageData::Tensor(tensor) => Ok(tensor.flatten_all()?.to_vec1()?),
-            StageData::Host(_, values) => Ok(values.to_vec()),
-            StageData::Maps(maps) => {
-                let planes = maps.iter().map(Map::to_planes);
-                Ok(planes.collect::<Result<Vec<_>, _>>()?.concat())
+        let flat = |tensor: &Tensor| tensor.flatten_all()?.to_vec1();
+        Ok(match self.0 {
+            StageData::Host(_, values) => values.to_vec(),
+            StageData::Tensor(tensor) => flat(tensor)?,
+            StageData::Image(tensor, rectified) => {
+                let mut values = to_planes(tensor)?;
+                // Unlike `max`, this keeps NaN.
+                let negative = values.iter_mut().filter(|v| rectified && **v < 0.0);
+                negative.for_each(|v| *v = 0.0);
+                values
             }
-        }
+            StageData::Tokens(tensor) => {
+                let tokens = tensor.narrow(1, 1, tensor.dim(1)? - 1)?;
+                flat(&tokens.transpose(1, 2)?)?
+            }
+        })
     }
 }
 

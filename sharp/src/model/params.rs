@@ -1,12 +1,19 @@
 //! Parameters of a network and the source of their values.
 //!
 //! Modules declare their parameters by name and shape while they are built, and fetch the values
-//! when they run. On the CPU each layer's weights are packed just before their one use in a
+//! when they run. On the CPU each layer's weights are read just before their one use in a
 //! prediction and dropped after it, so that a network of 2.8 GB takes a few megabytes of weights.
 
 use std::cell::RefCell;
+use std::collections::BTreeMap;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+
+use candle_core::{DType, Device, Shape, Tensor, Var};
+use candle_nn::var_builder::SimpleBackend;
+use candle_nn::{Init, VarBuilder};
 
 use super::ModelError;
+use super::compute::{Compute, Kernels};
 
 /// Gives the values of parameters.
 pub trait WeightSource: Send + Sync {
@@ -38,31 +45,140 @@ impl Parameter {
     }
 }
 
+/// A source as the backend of a [`VarBuilder`]. On the CPU, values are read whenever a layer asks for them; on a GPU
+/// they stay.
+#[derive(Clone)]
+pub(super) struct Weights {
+    source: Arc<dyn WeightSource>,
+    trains: Arc<dyn Fn(&str) -> bool + Send + Sync>,
+    /// What was read and is kept, by name: variables, and tensors on a GPU.
+    held: Arc<Mutex<BTreeMap<String, Tensor>>>,
+}
+
+impl Weights {
+    /// `trains` tells by name which parameters are variables.
+    pub(super) fn new(
+        source: impl WeightSource + 'static,
+        trains: impl Fn(&str) -> bool + Send + Sync + 'static,
+    ) -> Self {
+        Self {
+            source: Arc::new(source),
+            trains: Arc::new(trains),
+            held: Arc::default(),
+        }
+    }
+
+    /// The variables that layers have asked for, by name.
+    pub(super) fn variables(&self) -> BTreeMap<String, Tensor> {
+        let held = self.held().clone().into_iter();
+        held.filter(|(_, tensor)| tensor.is_variable()).collect()
+    }
+
+    fn held(&self) -> MutexGuard<'_, BTreeMap<String, Tensor>> {
+        self.held.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn read(&self, name: &str, shape: &Shape) -> Result<Vec<f32>, ModelError> {
+        let values = self.source.values(name, shape.dims())?;
+        if values.len() == shape.elem_count() {
+            return Ok(values);
+        }
+        Err(ModelError::Weights {
+            name: name.to_owned(),
+            expected: shape.elem_count(),
+            found: values.len(),
+        })
+    }
+}
+
+impl SimpleBackend for Weights {
+    fn get(
+        &self,
+        shape: Shape,
+        name: &str,
+        _: Init,
+        _: DType,
+        device: &Device,
+    ) -> candle_core::Result<Tensor> {
+        if let Some(tensor) = self.held().get(name) {
+            return Ok(tensor.clone());
+        }
+        let values = self.read(name, &shape)?;
+        let trains = (self.trains)(name);
+        let tensor = match trains {
+            true => Var::from_vec(values, shape, device)?.into_inner(),
+            false => Tensor::from_vec(values, shape, device)?,
+        };
+        if trains || !device.is_cpu() {
+            self.held().insert(name.to_owned(), tensor.clone());
+        }
+        Ok(tensor)
+    }
+
+    fn get_unchecked(&self, name: &str, _: DType, _: &Device) -> candle_core::Result<Tensor> {
+        candle_core::bail!("{name}: a parameter is read in the shape that it is declared in")
+    }
+
+    fn contains_tensor(&self, name: &str) -> bool {
+        self.held().contains_key(name)
+    }
+}
+
+/// A parameter of a layer, which is read when the layer runs.
+pub(super) struct Weight {
+    module: VarBuilder<'static>,
+    name: &'static str,
+    shape: Vec<usize>,
+}
+
+impl Weight {
+    pub(super) fn get(&self) -> candle_core::Result<Tensor> {
+        self.module.get(self.shape.as_slice(), self.name)
+    }
+}
+
 /// A place in the tree of modules under construction; collects what they declare.
 #[derive(Clone)]
 pub(super) struct Params<'a> {
+    module: VarBuilder<'static>,
+    pub(super) kernels: Option<Kernels>,
     list: &'a RefCell<Vec<Parameter>>,
-    path: String,
 }
 
 impl<'a> Params<'a> {
-    pub(super) fn new(list: &'a RefCell<Vec<Parameter>>) -> Self {
+    /// The root, for layers that run on `compute`.
+    pub(super) fn new(
+        compute: &Compute,
+        weights: &Weights,
+        list: &'a RefCell<Vec<Parameter>>,
+    ) -> Self {
+        let (weights, device) = (Box::new(weights.clone()), compute.device.clone());
         Self {
+            module: VarBuilder::from_backend(weights, DType::F32, device),
+            kernels: compute.kernels,
             list,
-            path: String::new(),
         }
+    }
+
+    pub(super) fn device(&self) -> &Device {
+        self.module.device()
     }
 
     /// The module `name` below this one.
-    pub(super) fn pp(&self, name: impl std::fmt::Display) -> Self {
+    pub(super) fn pp(&self, name: impl ToString) -> Self {
         Self {
-            list: self.list,
-            path: self.name(name),
+            module: self.module.pp(name),
+            ..self.clone()
         }
     }
 
-    pub(super) fn get(&self, name: &str, shape: &[usize]) -> Parameter {
-        self.declare(name, shape, true)
+    pub(super) fn get(&self, name: &'static str, shape: &[usize]) -> Weight {
+        self.declare(name, shape, true);
+        Weight {
+            module: self.module.clone(),
+            name,
+            shape: shape.to_vec(),
+        }
     }
 
     /// Declares a parameter of this module that inference does not use.
@@ -70,21 +186,16 @@ impl<'a> Params<'a> {
         self.declare(name, shape, false);
     }
 
-    fn declare(&self, name: &str, shape: &[usize], used: bool) -> Parameter {
-        let parameter = Parameter {
-            name: self.name(name),
+    fn declare(&self, name: &str, shape: &[usize], used: bool) {
+        let module = self.module.prefix();
+        let name = match module.is_empty() {
+            true => name.to_owned(),
+            false => format!("{module}.{name}"),
+        };
+        self.list.borrow_mut().push(Parameter {
+            name,
             shape: shape.to_vec(),
             used,
-        };
-        self.list.borrow_mut().push(parameter.clone());
-        parameter
-    }
-
-    fn name(&self, name: impl std::fmt::Display) -> String {
-        if self.path.is_empty() {
-            name.to_string()
-        } else {
-            format!("{}.{name}", self.path)
-        }
+        });
     }
 }

@@ -2,18 +2,17 @@
 
 use std::cell::RefCell;
 
+use candle_nn::Module;
 use image::RgbImage;
 
-use super::alignment::inverse_depth;
 use super::config::LAYERS;
-use super::engine::{Engine, Runtime};
 use super::inventory::CheckpointSource;
-use super::map::Map;
 use super::network::SharpNetwork;
 use super::network_spec::NetworkSpec;
 use super::observer::{Silent, StageObserver, StageValue};
-use super::params::{Params, WeightSource};
-use super::{ModelConfig, ModelError};
+use super::ops::{from_planes, to_planes};
+use super::params::{Params, WeightSource, Weights};
+use super::{Compute, ModelConfig, ModelError};
 use crate::composer::{ATTRIBUTES, compose};
 use crate::gaussians::Gaussians;
 use crate::initializer::{BaseGaussians, InvalidDepth, NormalizedDepth};
@@ -56,11 +55,11 @@ impl NetworkOutput {
     }
 }
 
-/// A network, its weights and the engine that computes it.
+/// A network with its weights, on a device.
 pub struct Predictor {
     config: ModelConfig,
     network: SharpNetwork,
-    runtime: Runtime,
+    compute: Compute,
 }
 
 /// Range of disparity before it becomes depth.
@@ -74,13 +73,15 @@ impl Predictor {
     pub fn from_source(
         config: &ModelConfig,
         source: impl WeightSource + 'static,
-        engine: Engine,
+        compute: Compute,
     ) -> Result<Self, ModelError> {
         config.validate()?;
+        let (weights, list) = (Weights::new(source, |_| false), RefCell::default());
+        let network = SharpNetwork::new(config, &Params::new(&compute, &weights, &list));
         Ok(Self {
             config: config.clone(),
-            network: SharpNetwork::new(config, &Params::new(&RefCell::default())),
-            runtime: Runtime::new(engine, Box::new(source)),
+            network,
+            compute,
         })
     }
 
@@ -91,10 +92,10 @@ impl Predictor {
     /// [`ModelError::Checkpoint`], [`ModelError::Incomplete`] with everything that does not fit,
     /// [`ModelError::Config`]; [`ModelError::Device`] when the device is not there.
     pub fn open(spec: &NetworkSpec) -> Result<Self, ModelError> {
-        let engine = spec.device.open(spec.convolution)?;
+        let compute = spec.device.open(spec.convolution)?;
         let checkpoint = CheckpointSource::open(&spec.checkpoint)?;
         checkpoint.check(&spec.config, &spec.allow_unused)?;
-        Self::from_source(&spec.config, checkpoint, engine)
+        Self::from_source(&spec.config, checkpoint, compute)
     }
 
     /// [`Self::predict`] from a decoded picture, unobserved.
@@ -114,8 +115,8 @@ impl Predictor {
         self.predict(planes, disparity_factor, &mut Silent)
     }
 
-    pub fn engine(&self) -> &Engine {
-        &self.runtime.engine
+    pub fn compute(&self) -> &Compute {
+        &self.compute
     }
 
     pub fn config(&self) -> &ModelConfig {
@@ -147,13 +148,12 @@ impl Predictor {
             "disparity_factor",
             StageValue::host(&[1], &[disparity_factor]),
         )?;
-        let rt = &self.runtime;
         let normalized: Vec<f32> = resized.iter().map(|v| v * 2.0 - 1.0).collect();
         observer.stage("image_normalized", StageValue::host(&shape, &normalized))?;
-        let out = self.network.monodepth.forward(rt, &normalized, observer)?;
+        let out = self.network.monodepth.forward(&normalized, observer)?;
         drop(normalized);
 
-        let mut depth = out.disparity.to_planes()?;
+        let mut depth = to_planes(&out.disparity)?;
         for value in &mut depth {
             *value = metric_depth(*value, disparity_factor);
         }
@@ -162,17 +162,14 @@ impl Predictor {
         let (base, input) = self.base(&resized, &depth, observer)?;
         let shape = [1, 3 + LAYERS, side, side];
         observer.stage("feature_input", StageValue::host(&shape, &input))?;
-        let features = Map::from_planes(&rt.engine, &input, (3 + LAYERS, side, side))?;
+        let seen = from_planes(&input, (3 + LAYERS, side, side), &self.compute.device)?;
         drop(input);
-        let [texture, geometry] =
-            self.network
-                .feature_model
-                .forward(rt, out.features, &features, observer)?;
-        let deltas = self
-            .network
-            .prediction_head
-            .forward(rt, &texture, &geometry)?;
-        let deltas = [deltas[0].to_planes()?, deltas[1].to_planes()?].concat();
+        let network = &self.network;
+        let features = network
+            .feature_model
+            .forward(out.features, &seen, observer)?;
+        let [geometry, texture] = network.prediction_head.forward(features)?;
+        let deltas = [to_planes(&geometry)?, to_planes(&texture)?].concat();
         let (rows, columns) = (base.grid.rows(), base.grid.columns());
         observer.stage(
             "deltas",
@@ -221,11 +218,9 @@ impl Predictor {
             )));
         }
         let side = self.config.internal_resolution;
-        let depths = predicted.iter().chain(known);
-        let input: Vec<f32> = depths.map(|d| inverse_depth(*d)).collect();
-        let input = Map::from_planes(&self.runtime.engine, &input, (2, side, side))?;
-        let alignment = &self.network.depth_alignment;
-        let log = alignment.forward(&self.runtime, &input)?.to_planes()?;
+        let depths = [predicted, known].concat();
+        let depths = from_planes(&depths, (2, side, side), &self.compute.device)?;
+        let log = to_planes(&self.network.depth_alignment.forward(&depths)?)?;
         Ok(log.into_iter().map(f32::exp).collect())
     }
 }
@@ -326,8 +321,8 @@ mod tests {
         let mut config = ModelConfig::load(&file).unwrap();
         config.gaussian_stride = stride;
         assert!(!inventory::inventory(&config).unwrap().is_empty());
-        let engine = Engine::cpu(Algorithm::Winograd);
-        Predictor::from_source(&config, Synth::default(), engine).unwrap()
+        let compute = Compute::cpu(Algorithm::Winograd);
+        Predictor::from_source(&config, Synth::default(), compute).unwrap()
     }
 
     #[test]

@@ -1,9 +1,11 @@
 //! The sliding-pyramid encoder: patches at three scales, merged into five feature maps.
 
-use super::engine::Runtime;
-use super::layers::{Conv, Deconv, Fused};
-use super::map::Map;
+use candle_core::{Device, Tensor};
+use candle_nn::Module;
+
+use super::layers::{Conv, Deconv};
 use super::observer::{StageObserver, StageValue};
+use super::ops::gather;
 use super::params::Params;
 use super::vit::Vit;
 use super::{ModelConfig, ModelError};
@@ -48,17 +50,24 @@ impl Tiling {
         }
     }
 
-    /// Maps of all patches, `tokens` along a side, to one map.
-    fn merge(&self, patches: &[Map], tokens: usize) -> Result<Map, ModelError> {
-        Map::mosaic(patches, self.steps, |index| {
-            let start = if index > 0 { self.padding } else { 0 };
-            let end = if index + 1 < self.steps {
-                tokens - self.padding
-            } else {
-                tokens
-            };
-            (start, end - start)
-        })
+    /// Which token, counted through those of all images, lies at each pixel of the patches' common map: those of the
+    /// patches from image `first` on, `tokens` along a side behind a class token.
+    fn places(&self, first: usize, tokens: usize) -> Vec<u32> {
+        // Patch and token of each row or column.
+        let at = |patch: usize| {
+            let start = if patch > 0 { self.padding } else { 0 };
+            let is_last = patch + 1 == self.steps;
+            let end = tokens - if is_last { 0 } else { self.padding };
+            (start..end).map(move |token| (patch, token))
+        };
+        let axis: Vec<(usize, usize)> = (0..self.steps).flat_map(at).collect();
+        let place = |(row, y): (usize, usize), (column, x): (usize, usize)| {
+            let image = first + row * self.steps + column;
+            image * (tokens * tokens + 1) + 1 + y * tokens + x
+        };
+        let rows = axis.iter();
+        let all = rows.flat_map(|y| axis.iter().map(|x| place(*y, *x) as u32));
+        all.collect()
     }
 }
 
@@ -77,12 +86,13 @@ impl Upsample {
                 .collect(),
         }
     }
+}
 
-    /// `[input, s, s]` to `[output, 2ⁿ s, 2ⁿ s]`.
-    fn forward(&self, rt: &Runtime, x: &Map) -> Result<Map, ModelError> {
-        let mut x = self.project.forward(rt, x, Fused::default())?;
+impl Module for Upsample {
+    fn forward(&self, x: &Tensor) -> candle_core::Result<Tensor> {
+        let mut x = self.project.forward(x)?;
         for double in &self.double {
-            x = double.forward(rt, &x)?;
+            x = double.forward(&x)?;
         }
         Ok(x)
     }
@@ -102,6 +112,7 @@ pub(super) struct Encoder {
     taps: [usize; 2],
     tilings: [Tiling; 2],
     tokens: usize,
+    device: Device,
 }
 
 impl Encoder {
@@ -132,6 +143,7 @@ impl Encoder {
                 Tiling::new(size / 2, vit.img_size, tokens, overlaps[1]),
             ],
             tokens,
+            device: p.device().clone(),
         }
     }
 
@@ -139,10 +151,9 @@ impl Encoder {
     /// 256×768², 256×384², 512×192², 1024×96², 1024×48².
     pub(super) fn forward(
         &self,
-        rt: &Runtime,
         image: &[f32],
         observer: &mut dyn StageObserver,
-    ) -> Result<[Map; 5], ModelError> {
+    ) -> Result<[Tensor; 5], ModelError> {
         let [fine, coarse] = self.tilings;
         let quarter = quarter_size(image, fine.size);
         let mut patches = Vec::new();
@@ -150,24 +161,29 @@ impl Encoder {
         coarse.split(&half_size(image, fine.size), &mut patches);
         patches.extend(&quarter);
         let (n0, n1) = (fine.steps.pow(2), coarse.steps.pow(2));
-        let mut seen =
-            self.patch_encoder
-                .forward(rt, &patches, &self.taps, "patch_encoder", observer)?;
+        let places = |tiling: Tiling, first: usize| {
+            Tensor::new(tiling.places(first, self.tokens), &self.device)
+        };
+        let alone = Tiling { steps: 1, ..coarse };
+        let in_fine = places(fine, 0)?;
+        let taps = self.taps.map(|tap| (tap, &in_fine));
+        let mut seen = self
+            .patch_encoder
+            .forward(&patches, &taps, "patch_encoder", observer)?;
         drop(patches);
-        // A tap that is named twice is one tap.
-        let tap = |k: usize| &seen.taps[k.min(seen.taps.len() - 1)][..n0];
-        let latent0 = fine.merge(tap(0), self.tokens)?;
-        let latent1 = fine.merge(tap(1), self.tokens)?;
-        let x0 = fine.merge(&seen.last[..n0], self.tokens)?;
-        let x1 = coarse.merge(&seen.last[n0..n0 + n1], self.tokens)?;
-        let x2 = seen.last.swap_remove(n0 + n1);
+        let x0 = gather(&seen.last, &in_fine)?;
+        let x1 = gather(&seen.last, &places(coarse, n0)?)?;
+        let x2 = gather(&seen.last, &places(alone, n0 + n1)?)?;
+        let (Some(latent1), Some(latent0)) = (seen.taps.pop(), seen.taps.pop()) else {
+            return Err(ModelError::Config("taps beyond the last block".into()));
+        };
         drop(seen);
         let whole = self
             .image_encoder
-            .forward(rt, &quarter, &[], "image_encoder", observer)?;
-        let x2_up = self.upsample2.forward(rt, &x2)?;
-        let lowres_up = self.upsample_lowres.forward(rt, &whole.last[0])?;
-        let lowest = x2_up.cat(&lowres_up)?;
+            .forward(&quarter, &[], "image_encoder", observer)?;
+        let whole = gather(&whole.last, &places(alone, 0)?)?;
+        let x2_up = self.upsample2.forward(&x2)?;
+        let lowres_up = self.upsample_lowres.forward(&whole)?;
         for (stage, value) in [
             ("merged.latent0", &latent0),
             ("merged.latent1", &latent1),
@@ -177,17 +193,18 @@ impl Encoder {
             ("encoder.x2_up", &x2_up),
             ("encoder.lowres_up", &lowres_up),
         ] {
-            observer.stage(stage, StageValue::map(value))?;
+            observer.stage(stage, StageValue::image(value))?;
         }
         let features = [
-            self.upsample_latent0.forward(rt, &latent0)?,
-            self.upsample_latent1.forward(rt, &latent1)?,
-            self.upsample0.forward(rt, &x0)?,
-            self.upsample1.forward(rt, &x1)?,
-            self.fuse_lowres.forward(rt, &lowest, Fused::default())?,
+            self.upsample_latent0.forward(&latent0)?,
+            self.upsample_latent1.forward(&latent1)?,
+            self.upsample0.forward(&x0)?,
+            self.upsample1.forward(&x1)?,
+            self.fuse_lowres
+                .forward(&Tensor::cat(&[&x2_up, &lowres_up], 3)?)?,
         ];
         for (k, feature) in features.iter().enumerate() {
-            observer.stage(&format!("encoder.feature{k}"), StageValue::map(feature))?;
+            observer.stage(&format!("encoder.feature{k}"), StageValue::image(feature))?;
         }
         Ok(features)
     }
@@ -221,7 +238,7 @@ fn sample(planes: &[f32], side: usize, step: usize, offset: usize) -> Vec<f32> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::{Algorithm, Engine};
+    use crate::model::ops::to_planes;
 
     #[test]
     fn the_release_has_25_and_9_overlapping_patches() {
@@ -237,18 +254,18 @@ mod tests {
     fn merging_undoes_splitting() {
         // One token a pixel: what is split and merged is the image itself.
         let image: Vec<f32> = (0..3 * 48 * 48).map(|k| k as f32).collect();
-        let engine = Engine::cpu(Algorithm::Direct);
         for overlap in [0, 4] {
             let tiling = Tiling::new(48, 24, 24, overlap);
             let mut patches = Vec::new();
             tiling.split(&image, &mut patches);
-            let maps: Vec<Map> = patches
-                .chunks(3 * 24 * 24)
-                .map(|patch| Map::from_planes(&engine, patch, (3, 24, 24)).unwrap())
-                .collect();
-            assert_eq!(maps.len(), tiling.steps.pow(2));
-            let merged = tiling.merge(&maps, 24).unwrap();
-            assert_eq!(merged.to_planes().unwrap(), image);
+            let count = patches.len() / (3 * 24 * 24);
+            assert_eq!(count, tiling.steps.pow(2));
+            let pixels = Tensor::from_vec(patches, (count, 3, 24 * 24), &Device::Cpu).unwrap();
+            let class = Tensor::zeros((count, 1, 3), pixels.dtype(), &Device::Cpu).unwrap();
+            let tokens = Tensor::cat(&[&class, &pixels.transpose(1, 2).unwrap()], 1).unwrap();
+            let places = Tensor::new(tiling.places(0, 24), &Device::Cpu).unwrap();
+            let merged = gather(&tokens, &places).unwrap();
+            assert_eq!(to_planes(&merged).unwrap(), image);
         }
     }
 

@@ -2,18 +2,21 @@
 
 use std::cell::RefCell;
 use std::collections::BTreeMap;
-use std::sync::Arc;
 
-use super::alignment::{MIN_DEPTH, inverse_depth};
+use candle_core::backprop::GradStore;
+use candle_core::{Tensor, Var};
+use candle_nn::Module;
+
+use super::alignment::DepthAlignment;
 use super::config::LAYERS;
-use super::engine::Runtime;
-use super::map::Map;
+use super::inventory::inventory;
+use super::monodepth::MonodepthOutput;
 use super::network::SharpNetwork;
 use super::observer::Silent;
-use super::params::{Parameter, Params, WeightSource};
+use super::ops::{from_planes, to_planes};
+use super::params::{Parameter, Params, WeightSource, Weights};
 use super::predictor::{DISPARITY, Planes, check_input, metric_depth};
-use super::tape::{Gradients, Node, Tape};
-use super::{ModelConfig, ModelError};
+use super::{Compute, ModelConfig, ModelError};
 use crate::composer::{self, compose};
 use crate::gaussians::Gaussians;
 use crate::initializer::{self, BaseGaussians, InvalidDepth, NormalizedDepth};
@@ -23,8 +26,8 @@ use crate::resize::bilinear_align_corners;
 /// A network whose weights change from pass to pass.
 pub struct TrainableNetwork {
     config: ModelConfig,
-    network: SharpNetwork,
     parameters: Vec<Parameter>,
+    compute: Compute,
 }
 
 /// Inputs of a pass.
@@ -45,7 +48,7 @@ pub struct TrainingInput<'a> {
     pub depth_only: bool,
 }
 
-/// Outputs of a pass, with the tape for gradients. R is the internal resolution.
+/// Outputs of a pass, with what gradients go back through. R is the internal resolution.
 pub struct TrainingPass {
     /// In the composer's space: x/z and y/z over [−1, 1] across the image, z in metres.
     pub gaussians: Gaussians,
@@ -57,32 +60,30 @@ pub struct TrainingPass {
     pub factors: Vec<f32>,
     /// Raw outputs of the prediction heads `[14, 2, rows, columns]`.
     pub deltas: Vec<f32>,
-    /// Depth layers before alignment `[2, R, R]`, metres.
-    predicted: Vec<f32>,
     /// The aligned depth over its nearest.
     normalized: NormalizedDepth,
-    disparity: Vec<f32>,
     disparity_factor: f32,
     zeros_return: bool,
-    nodes: Nodes,
-    tape: Arc<Tape>,
-    side: usize,
+    monodepth: MonodepthOutput,
+    alignment: Option<AlignmentGraph>,
+    deltas_graph: Option<DeltasGraph>,
+    weights: Weights,
 }
 
-/// The tape's nodes at which gradients enter and leave.
-struct Nodes {
-    disparity: Option<Node>,
-    alignment: Option<AlignmentNodes>,
-    features: Node,
-    deltas: [Option<Node>; 2],
+/// Alignment of predicted depth.
+struct AlignmentGraph {
+    predicted: Tensor,
+    factors: Tensor,
+    depth: Tensor,
 }
 
-struct AlignmentNodes {
-    input: Node,
-    /// Where the true depth is unknown, so that the predicted one stands in for it.
-    stands_in: Vec<bool>,
-    /// Of the factors' logarithm.
-    log: Option<Node>,
+/// What makes deltas of features, image and depth. It begins anew, so that gradients of features go back through the
+/// encoder once.
+struct DeltasGraph {
+    features: [Tensor; 5],
+    seen: Tensor,
+    /// Of geometry and texture.
+    deltas: [Tensor; 2],
 }
 
 /// Gradient of a loss with respect to what a [`TrainingPass`] made.
@@ -101,16 +102,15 @@ pub struct PassGradient {
 }
 
 impl TrainableNetwork {
+    /// For passes on `compute`.
+    ///
     /// # Errors
     /// [`ModelError::Config`].
-    pub fn new(config: &ModelConfig) -> Result<Self, ModelError> {
-        config.validate()?;
-        let list = RefCell::default();
-        let network = SharpNetwork::new(config, &Params::new(&list));
+    pub fn new(config: &ModelConfig, compute: Compute) -> Result<Self, ModelError> {
         Ok(Self {
             config: config.clone(),
-            network,
-            parameters: list.into_inner(),
+            parameters: inventory(config)?,
+            compute: compute.learning(),
         })
     }
 
@@ -133,22 +133,22 @@ impl TrainableNetwork {
     ) -> Result<TrainingPass, ModelError> {
         check_input(input.image, input.disparity_factor)?;
         let (side, grid) = (self.config.internal_resolution, self.config.grid());
-        let tape = Tape::new(trainable, input.zeros_return);
-        let rt = &Runtime::in_training(Box::new(weights), Arc::clone(&tape));
+        let weights = Weights::new(weights, trainable);
+        let list = RefCell::default();
+        let network = SharpNetwork::new(&self.config, &Params::new(&self.compute, &weights, &list));
         let size = (input.image.width, input.image.height);
         let image = bilinear_align_corners(input.image.values, size, (side, side));
         let normal: Vec<f32> = image.iter().map(|v| v * 2.0 - 1.0).collect();
-        let network = &self.network;
-        let out = network.monodepth.forward(rt, &normal, &mut Silent)?;
-        let disparity = out.disparity.to_planes()?;
+        let out = network.monodepth.forward(&normal, &mut Silent)?;
+        let disparity = to_planes(&out.disparity)?;
         let factor = input.disparity_factor;
         let metric = |d: &f32| metric_depth(*d, factor);
         let predicted: Vec<f32> = disparity.iter().map(metric).collect();
 
         let (factors, alignment) = match input.known_depth {
             Some(known) => {
-                let (factors, nodes) = self.align(rt, &tape, &predicted, known)?;
-                (factors, Some(nodes))
+                let (factors, graph) = self.align(&network.depth_alignment, &predicted, known)?;
+                (factors, Some(graph))
             }
             None => (vec![1.0; grid.pixels()], None),
         };
@@ -157,23 +157,30 @@ impl TrainableNetwork {
         let normalized = NormalizedDepth::new(&depth, InvalidDepth::Refuse)?;
         let base = BaseGaussians::from_normalized(&image, &normalized, grid)?;
 
-        let features = tape.leaf();
-        let (deltas, delta_nodes) = match input.depth_only {
-            true => {
-                let channels: usize = DELTA_CHANNELS.iter().sum();
-                (vec![0.0; channels * grid.blocks()], [None, None])
-            }
+        let (deltas, deltas_graph) = match input.depth_only {
+            true => (
+                vec![0.0; DELTA_CHANNELS.iter().sum::<usize>() * grid.blocks()],
+                None,
+            ),
             false => {
                 let planes = normalized.feature_input(&image);
-                let seen = Map::from_planes(&rt.engine, &planes, (3 + LAYERS, side, side))?;
-                let seen = seen.at_node(features.clone());
-                let [texture, geometry] =
+                let shape = (3 + LAYERS, side, side);
+                let seen = from_planes(&planes, shape, &self.compute.device)?;
+                let seen = Var::from_tensor(&seen)?.into_inner();
+                let [f0, f1, f2, f3, f4] = out.features.each_ref().map(leaf);
+                let features = [f0?, f1?, f2?, f3?, f4?];
+                let decoded =
                     network
                         .feature_model
-                        .forward(rt, out.features, &seen, &mut Silent)?;
-                let heads = network.prediction_head.forward(rt, &texture, &geometry)?;
-                let deltas = [heads[0].to_planes()?, heads[1].to_planes()?].concat();
-                (deltas, heads.map(|head| head.node().cloned()))
+                        .forward(features.clone(), &seen, &mut Silent)?;
+                let deltas = network.prediction_head.forward(decoded)?;
+                let values = [to_planes(&deltas[0])?, to_planes(&deltas[1])?].concat();
+                let graph = DeltasGraph {
+                    features,
+                    seen,
+                    deltas,
+                };
+                (values, Some(graph))
             }
         };
         let gaussians = compose(&base, Some(&deltas))?;
@@ -184,29 +191,22 @@ impl TrainableNetwork {
             depth,
             factors,
             deltas,
-            predicted,
-            disparity,
             disparity_factor: factor,
             zeros_return: input.zeros_return,
-            nodes: Nodes {
-                disparity: out.disparity.node().cloned(),
-                alignment,
-                features,
-                deltas: delta_nodes,
-            },
-            tape,
-            side,
+            monodepth: out,
+            alignment,
+            deltas_graph,
+            weights,
         })
     }
 
     /// The alignment's factors.
     fn align(
         &self,
-        rt: &Runtime,
-        tape: &Arc<Tape>,
+        network: &DepthAlignment,
         predicted: &[f32],
         known: &[f32],
-    ) -> Result<(Vec<f32>, AlignmentNodes), ModelError> {
+    ) -> Result<(Vec<f32>, AlignmentGraph), ModelError> {
         let side = self.config.internal_resolution;
         if known.len() != side * side {
             return Err(ModelError::Image(format!(
@@ -215,25 +215,47 @@ impl TrainableNetwork {
                 side * side
             )));
         }
-        let first = &predicted[..side * side];
-        let is_unknown = |known: &f32| known.is_nan() || *known <= 0.0;
-        let stands_in: Vec<bool> = known.iter().map(is_unknown).collect();
-        let seen = stands_in.iter().zip(known.iter().zip(first));
-        let seen = seen.map(|(stands_in, (known, first))| if *stands_in { first } else { known });
-        let depths = first.iter().chain(seen);
-        let input: Vec<f32> = depths.map(|d| inverse_depth(*d)).collect();
-        let leaf = tape.leaf();
-        let input = Map::from_planes(&rt.engine, &input, (2, side, side))?.at_node(leaf.clone());
-        let log = self.network.depth_alignment.forward(rt, &input)?;
-        let factors = log.to_planes()?.into_iter().map(f32::exp).collect();
-        let log = log.node().cloned();
-        let nodes = AlignmentNodes {
-            input: leaf,
-            stands_in,
-            log,
+        let device = &self.compute.device;
+        let predicted = from_planes(predicted, (LAYERS, side, side), device)?;
+        let predicted = Var::from_tensor(&predicted)?.into_inner();
+        let is_unknown = |known: &f32| u8::from(known.is_nan() || *known <= 0.0);
+        let unknown: Vec<u8> = known.iter().map(is_unknown).collect();
+        let first = predicted.narrow(3, 0, 1)?;
+        let unknown = Tensor::from_vec(unknown, first.shape(), device)?;
+        let known = Tensor::from_slice(known, first.shape(), device)?;
+        let seen = unknown.where_cond(&first, &known)?;
+        let depths = Tensor::cat(&[&first, &seen], 3)?;
+        let log = network.forward(&depths)?;
+        let factors = log.exp()?;
+        let graph = AlignmentGraph {
+            depth: predicted.broadcast_mul(&factors)?,
+            predicted,
+            factors,
         };
-        Ok((factors, nodes))
+        let factors = to_planes(&graph.factors)?;
+        Ok((factors, graph))
     }
+}
+
+/// Where a graph begins anew: gradients arrive here if `tensor` has a use for them.
+fn leaf(tensor: &Tensor) -> candle_core::Result<Tensor> {
+    Ok(match tensor.track_op() {
+        true => Var::from_tensor(tensor)?.into_inner(),
+        false => tensor.clone(),
+    })
+}
+
+/// Gradients of Σ output · upstream for all variables that the outputs are made of.
+fn pull(outputs: &[(&Tensor, Tensor)]) -> candle_core::Result<Option<GradStore>> {
+    let mut loss: Option<Tensor> = None;
+    for (output, upstream) in outputs.iter().filter(|(output, _)| output.track_op()) {
+        let part = (*output * upstream)?.sum_all()?;
+        loss = Some(match loss {
+            Some(loss) => (loss + part)?,
+            None => part,
+        });
+    }
+    loss.map(|loss| loss.backward()).transpose()
 }
 
 impl TrainingPass {
@@ -256,25 +278,37 @@ impl TrainingPass {
         self,
         upstream: &PassGradient,
     ) -> Result<BTreeMap<String, Vec<f32>>, ModelError> {
-        let lengths = [
-            (
-                "inverse depth",
-                upstream.inverse_depth.len(),
-                self.base.inverse_depth.len(),
-            ),
-            ("depth", upstream.depth.len(), self.depth.len()),
-            ("factors", upstream.factors.len(), self.factors.len()),
-            ("deltas", upstream.deltas.len(), self.deltas.len()),
+        let made = [
+            &self.base.inverse_depth,
+            &self.depth,
+            &self.factors,
+            &self.deltas,
         ];
-        for (what, found, expected) in lengths {
-            if found != expected {
+        let given = [
+            ("inverse depth", &upstream.inverse_depth),
+            ("depth", &upstream.depth),
+            ("factors", &upstream.factors),
+            ("deltas", &upstream.deltas),
+        ];
+        for ((what, given), made) in given.into_iter().zip(made) {
+            if given.len() != made.len() {
                 return Err(ModelError::Image(format!(
-                    "a gradient of {found} values for {expected} of {what}"
+                    "a gradient of {} values for {} of {what}",
+                    given.len(),
+                    made.len()
                 )));
             }
         }
-        let pixels = self.side * self.side;
-        let gradients = &mut Gradients::default();
+        let variables = self.weights.variables();
+        let mut gradients = BTreeMap::new();
+        let mut collect = |found: &GradStore| {
+            for (name, variable) in &variables {
+                if let Some(gradient) = found.get(variable) {
+                    gradients.insert(name.clone(), gradient.flatten_all()?.to_vec1()?);
+                }
+            }
+            Ok::<_, ModelError>(())
+        };
 
         let mut composed = composer::backward(&self.base, &self.deltas, &upstream.gaussians)?;
         for (sum, g) in composed.deltas.iter_mut().zip(&upstream.deltas) {
@@ -285,21 +319,32 @@ impl TrainingPass {
             *sum += g;
         }
         let grid = self.base.grid;
-        let (rows, columns) = (grid.rows(), grid.columns());
-        let mut rest = composed.deltas.as_slice();
-        for (node, channels) in self.nodes.deltas.iter().zip(DELTA_CHANNELS) {
-            let (planes, others) = rest.split_at(channels * rows * columns);
-            rest = others;
-            gradients.add(node.as_ref(), interleaved(planes, channels));
-        }
-        self.tape
-            .backward(self.nodes.features.index + 1, gradients)?;
-
-        let of_features = gradients.take(&self.nodes.features);
-        let of_features = match of_features {
-            Some(pixels) => planes_from(&pixels, 3 + LAYERS, 3),
-            None => vec![0.0; LAYERS * pixels],
+        let device = self.monodepth.disparity.device();
+        let image = |planes: &[f32], like: &Tensor| {
+            let (_, h, w, c) = like.dims4()?;
+            from_planes(planes, (c, h, w), device)
         };
+        let mut of_features = vec![0.0; LAYERS * grid.pixels()];
+        let mut upstream_of_features = Vec::new();
+        if let Some(graph) = self.deltas_graph {
+            let (geometry, texture) = composed.deltas.split_at(DELTA_CHANNELS[0] * grid.blocks());
+            let [of_geometry, of_texture] = &graph.deltas;
+            let outputs = [
+                (of_geometry, image(geometry, of_geometry)?),
+                (of_texture, image(texture, of_texture)?),
+            ];
+            if let Some(found) = pull(&outputs)? {
+                if let Some(gradient) = found.get(&graph.seen) {
+                    of_features = to_planes(&gradient.narrow(3, 3, LAYERS)?)?;
+                }
+                let ends = self.monodepth.features.iter().zip(&graph.features);
+                for (feature, end) in ends {
+                    let arrived = found.get(end).map(|gradient| (feature, gradient.clone()));
+                    upstream_of_features.extend(arrived);
+                }
+                collect(&found)?;
+            }
+        }
         let mut depth = initializer::backward(
             &self.depth,
             &self.normalized,
@@ -310,37 +355,22 @@ impl TrainingPass {
         for (sum, g) in depth.iter_mut().zip(&upstream.depth) {
             *sum += g;
         }
-        let mut predicted: Vec<f32> = depth
-            .iter()
-            .zip(self.factors.iter().chain(&self.factors))
-            .map(|(g, s)| g * s)
-            .collect();
-        if let Some(nodes) = &self.nodes.alignment {
-            let AlignmentNodes {
-                input,
-                stands_in,
-                log,
-            } = nodes;
-            let of_log: Vec<f32> = (0..pixels)
-                .map(|k| {
-                    let layers = [k, k + pixels].map(|at| depth[at] * self.predicted[at]);
-                    (layers[0] + layers[1] + upstream.factors[k]) * self.factors[k]
-                })
-                .collect();
-            gradients.add(log.as_ref(), of_log);
-            self.tape.backward(input.index + 1, gradients)?;
-            if let Some(of_input) = gradients.take(input) {
-                for (k, of_input) in of_input.chunks_exact(2).enumerate() {
-                    let depth = self.predicted[k];
-                    if depth > MIN_DEPTH {
-                        let of_known = if stands_in[k] { of_input[1] } else { 0.0 };
-                        predicted[k] -= (of_input[0] + of_known) / (depth * depth);
-                    }
+        let mut predicted = depth;
+        if let Some(graph) = self.alignment {
+            let outputs = [
+                (&graph.depth, image(&predicted, &graph.depth)?),
+                (&graph.factors, image(&upstream.factors, &graph.factors)?),
+            ];
+            if let Some(found) = pull(&outputs)? {
+                collect(&found)?;
+                if let Some(of_predicted) = found.get(&graph.predicted) {
+                    predicted = to_planes(of_predicted)?;
                 }
             }
         }
+        let disparity = &self.monodepth.disparity;
         let inside = DISPARITY.0..=DISPARITY.1;
-        for (g, disparity) in predicted.iter_mut().zip(&self.disparity) {
+        for (g, disparity) in predicted.iter_mut().zip(&to_planes(disparity)?) {
             let clamped = disparity.clamp(DISPARITY.0, DISPARITY.1);
             let slope = -*g * self.disparity_factor / (clamped * clamped);
             let returns = self.zeros_return && *disparity < DISPARITY.0 && slope < 0.0;
@@ -350,31 +380,16 @@ impl TrainingPass {
                 0.0
             };
         }
-        gradients.add(
-            self.nodes.disparity.as_ref(),
-            interleaved(&predicted, LAYERS),
-        );
-        self.tape.backward(0, gradients)?;
-        Ok(std::mem::take(&mut gradients.parameters))
+        upstream_of_features.push((disparity, image(&predicted, disparity)?));
+        if let Some(found) = pull(&upstream_of_features)? {
+            collect(&found)?;
+        }
+        Ok(gradients)
     }
 }
 
 /// Channels of the two heads' outputs.
 const DELTA_CHANNELS: [usize; 2] = [3 * LAYERS, 11 * LAYERS];
-
-/// Planes `[channels, pixels]` as `[pixels, channels]`.
-fn interleaved(planes: &[f32], channels: usize) -> Vec<f32> {
-    let pixels = planes.len() / channels;
-    let value = |at: usize| planes[at % channels * pixels + at / channels];
-    (0..planes.len()).map(value).collect()
-}
-
-/// The planes from channel `first` on of `[pixels, channels]`.
-fn planes_from(pixels: &[f32], channels: usize, first: usize) -> Vec<f32> {
-    (first..channels)
-        .flat_map(|c| pixels[c..].iter().step_by(channels).copied())
-        .collect()
-}
 
 #[cfg(test)]
 mod tests;

@@ -241,7 +241,7 @@ mod tests {
     use std::collections::BTreeMap;
 
     use sharp::model::predictor::Planes;
-    use sharp::model::{Algorithm, Engine, Predictor, StageObserver, StageValue};
+    use sharp::model::{Algorithm, Compute, Predictor, StageObserver, StageValue};
 
     use super::*;
 
@@ -264,8 +264,8 @@ mod tests {
         let config = sharp::model::bundled::config().unwrap();
         let side = config.internal_resolution;
         let source = Untrained::new(&config, 7);
-        let engine = Engine::cpu(Algorithm::Winograd);
-        let predictor = Predictor::from_source(&config, source, engine).unwrap();
+        let compute = Compute::cpu(Algorithm::Winograd);
+        let predictor = Predictor::from_source(&config, source, compute).unwrap();
         let mut random = SplitMix64::new(1);
         // Blocks as coarse as what a picture shows.
         let blocks: Vec<f32> = (0..3 * 24 * 24)

@@ -16,7 +16,7 @@ use image::{ImageBuffer, Luma};
 use sharp::camera::{RigidTransform, target_camera_from_source_ndc};
 use sharp::color::Quantization;
 use sharp::model::inventory::CheckpointSource;
-use sharp::model::{Algorithm, Engine, ModelConfig, ModelError, Predictor};
+use sharp::model::{Algorithm, Compute, ModelConfig, ModelError, Predictor};
 use sharp::random::SplitMix64;
 use sharp::render::trajectory::looking;
 use sharp::render::{Background, CpuRenderer, RenderView, Renderer};
@@ -53,10 +53,10 @@ impl SelfSupervisedSamples {
     ) -> Result<Self, ModelError> {
         let weights = CheckpointSource::open(teacher)?;
         weights.check(config, &[])?;
-        let engine = Engine::cpu(Algorithm::Winograd);
+        let compute = Compute::cpu(Algorithm::Winograd);
         Ok(Self {
             photographs,
-            teacher: Predictor::from_source(config, weights, engine)?,
+            teacher: Predictor::from_source(config, weights, compute)?,
             seed,
             max_baseline_m,
         })

@@ -20,7 +20,7 @@ use rayon::prelude::*;
 use sharp::model::params::WeightSource;
 use sharp::model::predictor::{Planes, planes_of};
 use sharp::model::training::{TrainableNetwork, TrainingInput};
-use sharp::model::{ModelConfig, ModelError};
+use sharp::model::{Algorithm, Compute, ModelConfig, ModelError};
 use sharp::random::mix;
 
 pub use error::TrainingError;
@@ -109,7 +109,8 @@ impl Trainer {
         {
             FolderPhotographs::open(folder, config.stage2.seed, (1, 1))?;
         }
-        let network = TrainableNetwork::new(&config.network)?;
+        let compute = Compute::cpu(Algorithm::Winograd);
+        let network = TrainableNetwork::new(&config.network, compute)?;
         let checkpoints = CheckpointFolder::new(folder.join("checkpoints"));
         let config_sha256 = config.sha256();
         let state = match checkpoints.positions()?.last() {
@@ -149,6 +150,17 @@ impl Trainer {
             state: Arc::new(state),
             checkpoints,
             config_sha256,
+        })
+    }
+
+    /// The same with the network on `compute`, whose results differ from the CPU's in their last bits.
+    ///
+    /// # Errors
+    /// [`TrainingError::Model`].
+    pub fn on(self, compute: Compute) -> Result<Self, TrainingError> {
+        Ok(Self {
+            network: TrainableNetwork::new(&self.config.network, compute)?,
+            ..self
         })
     }
 

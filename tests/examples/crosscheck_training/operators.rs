@@ -10,26 +10,21 @@ use sharp::initializer::{self, BaseGaussians, Grid, InvalidDepth, NormalizedDept
 use sharp::model::params::WeightSource;
 use sharp::model::predictor::Planes;
 use sharp::model::training::{TrainableNetwork, TrainingInput};
-use sharp::model::{ModelConfig, ModelError};
+use sharp::model::{Algorithm, Compute, ModelConfig, ModelError};
 use sharp::random::{SplitMix64, mix};
 use sharp::render::GaussianGradient;
 use sharp_kernels::activation::{gelu, gelu_gradient};
 use sharp_kernels::conv::backward::{
-    ConvInput, InputGradient, bias_gradient, keep_where_positive, weight_gradient,
+    ConvInput, bias_gradient, input_gradient, keep_where_positive, weight_gradient,
 };
-use sharp_kernels::{
-    Algorithm, AttentionShape, Conv2d, ConvOptions, ConvSpec, GroupNorm, NormGradient, RowOp,
-    RowWindow, Simd, TransposedConv2x2, Workspace, attention, attention_gradient, layer_norm,
-    layer_norm_gradient,
-};
+use sharp_kernels::{Conv2d, ConvOptions, ConvSpec, GroupNorm, NormGradient, RowWindow, Simd};
 
 use super::{Case, Done, Values};
 
 pub(super) fn operators(values: &mut Values, folder: &Path) -> Done {
     convolutions(values, folder)?;
-    transposed(values, folder)?;
-    norms(values, folder)?;
-    tokens(values, folder)?;
+    norm(values, folder)?;
+    activation(values, folder)?;
     gaussians(values, folder)?;
     alignment(values, folder)
 }
@@ -43,25 +38,20 @@ fn dot(a: &[f32], b: &[f32]) -> f64 {
 fn convolutions(values: &mut Values, folder: &Path) -> Done {
     let simd = Simd::detect();
     let (height, width) = (20, 28);
-    for (name, kernel, stride, padding) in [
-        ("convolution 3x3", 3, 1, 1),
-        ("convolution 1x1", 1, 1, 0),
-        ("convolution of blocks", 4, 4, 0),
-    ] {
+    for (name, kernel, padding) in [("convolution 3x3", 3, 1), ("convolution 1x1", 1, 0)] {
         let spec = ConvSpec {
             in_channels: 16,
             out_channels: 24,
             kernel,
-            stride,
+            stride: 1,
             padding,
         };
         for (number, algorithm) in [Algorithm::Direct, Algorithm::Winograd].iter().enumerate() {
-            let (rows, columns) = (height / stride, width / stride);
-            let (inputs, outputs) = ([height, width, 16], [rows, columns, 24]);
+            let (inputs, outputs) = ([height, width, 16], [height, width, 24]);
             let x = values.between(-1.0, 1.0, height * width * 16);
             let weight = values.between(-0.3, 0.3, spec.weight_len());
             let bias = values.between(-0.5, 0.5, 24);
-            let residual = values.between(-1.0, 1.0, rows * columns * 24);
+            let residual = values.between(-1.0, 1.0, height * width * 24);
             let upstream = values.between(-1.0, 1.0, residual.len());
             let conv = Conv2d::new(simd, spec, &weight, Some(&bias), false, *algorithm);
             let options = ConvOptions {
@@ -70,9 +60,8 @@ fn convolutions(values: &mut Values, folder: &Path) -> Done {
                 relu: true,
             };
             let mut out = vec![0.0; residual.len()];
-            let workspace = &mut Workspace::new();
             let window = RowWindow::whole(&x, height, width, 16);
-            conv.run_rows_with(&window, 0..rows, &mut out, options, workspace);
+            conv.run_rows_with(&window, 0..height, &mut out, options);
             let mut g = upstream.clone();
             keep_where_positive(&mut g, &out);
             let input = ConvInput {
@@ -81,7 +70,7 @@ fn convolutions(values: &mut Values, folder: &Path) -> Done {
                 width,
                 relu: true,
             };
-            let back = InputGradient::new(simd, spec, &weight, *algorithm);
+            let of_x = input_gradient(simd, spec, &weight, input, &g, *algorithm);
             let shape = [24, 16, kernel, kernel];
             Case::default()
                 .f32("x", &inputs, &x)
@@ -90,7 +79,7 @@ fn convolutions(values: &mut Values, folder: &Path) -> Done {
                 .f32("residual", &outputs, &residual)
                 .f32("upstream", &outputs, &upstream)
                 .f64("value", &[1], &[dot(&out, &upstream)])
-                .f32("d x", &inputs, &back.run(input, &g, workspace))
+                .f32("d x", &inputs, &of_x)
                 .f32("d weight", &shape, &weight_gradient(simd, spec, input, &g))
                 .f32("d bias", &[24], &bias_gradient(&g, 24))
                 .f32("d residual", &outputs, &g)
@@ -100,109 +89,35 @@ fn convolutions(values: &mut Values, folder: &Path) -> Done {
     Ok(())
 }
 
-/// Its gradients are those of the convolution of blocks that it transposes.
-fn transposed(values: &mut Values, folder: &Path) -> Done {
-    let simd = Simd::detect();
-    let (height, width, inputs, outputs) = (9, 13, 20, 12);
-    let x = values.between(-1.0, 1.0, height * width * inputs);
-    let weight = values.between(-0.3, 0.3, inputs * outputs * 4);
-    let bias = values.between(-0.5, 0.5, outputs);
-    let upstream = values.between(-1.0, 1.0, 4 * height * width * outputs);
-    let deconv = TransposedConv2x2::new(simd, inputs, outputs, &weight, Some(&bias));
-    let mut out = vec![0.0; upstream.len()];
-    let workspace = &mut Workspace::new();
-    let window = RowWindow::whole(&x, height, width, inputs);
-    deconv.run_rows(&window, 0..2 * height, &mut out, workspace);
-    let spec = ConvSpec {
-        in_channels: outputs,
-        out_channels: inputs,
-        kernel: 2,
-        stride: 2,
-        padding: 0,
-    };
-    let blocks = ConvInput {
-        data: &upstream,
-        height: 2 * height,
-        width: 2 * width,
-        relu: false,
-    };
-    let back = Conv2d::new(simd, spec, &weight, None, false, Algorithm::Direct);
-    let mut of_x = vec![0.0; x.len()];
-    let window = RowWindow::whole(&upstream, 2 * height, 2 * width, outputs);
-    back.run_rows(&window, 0..height, &mut of_x, workspace);
-    let shape = [inputs, outputs, 2, 2];
-    let large = [2 * height, 2 * width, outputs];
-    let of_weight = weight_gradient(simd, spec, blocks, &x);
-    Case::default()
-        .f32("x", &[height, width, inputs], &x)
-        .f32("weight", &shape, &weight)
-        .f32("bias", &[outputs], &bias)
-        .f32("upstream", &large, &upstream)
-        .f64("value", &[1], &[dot(&out, &upstream)])
-        .f32("d x", &[height, width, inputs], &of_x)
-        .f32("d weight", &shape, &of_weight)
-        .f32("d bias", &[outputs], &bias_gradient(&upstream, outputs))
-        .write(folder, "transposed convolution")
-}
-
-fn norms(values: &mut Values, folder: &Path) -> Done {
+fn norm(values: &mut Values, folder: &Path) -> Done {
     let simd = Simd::detect();
     let (rows, channels) = (300, 32);
-    for (name, eps) in [("group norm", 1e-5), ("layer norm", 1e-6)] {
-        let x = values.between(-1.0, 3.0, rows * channels);
-        let gamma = values.between(0.5, 1.5, channels);
-        let beta = values.between(-0.5, 0.5, channels);
-        let upstream = values.between(-1.0, 1.0, x.len());
-        let mut out = vec![0.0; x.len()];
-        let found = if name == "group norm" {
-            let norm = GroupNorm::new(8, &gamma, &beta, eps);
-            norm.run(simd, &x, false, &mut out);
-            norm.backward(simd, &x, &upstream)
-        } else {
-            layer_norm(simd, &x, &gamma, &beta, eps, &mut out);
-            layer_norm_gradient(&x, &gamma, eps, &upstream)
-        };
-        let NormGradient {
-            input,
-            gamma: of_gamma,
-            beta: of_beta,
-        } = found;
-        Case::default()
-            .f32("x", &[rows, channels], &x)
-            .f32("gamma", &[channels], &gamma)
-            .f32("beta", &[channels], &beta)
-            .f32("upstream", &[rows, channels], &upstream)
-            .f64("value", &[1], &[dot(&out, &upstream)])
-            .f32("d x", &[rows, channels], &input)
-            .f32("d gamma", &[channels], &of_gamma)
-            .f32("d beta", &[channels], &of_beta)
-            .write(folder, name)?;
-    }
-    Ok(())
+    let x = values.between(-1.0, 3.0, rows * channels);
+    let gamma = values.between(0.5, 1.5, channels);
+    let beta = values.between(-0.5, 0.5, channels);
+    let upstream = values.between(-1.0, 1.0, x.len());
+    let mut out = vec![0.0; x.len()];
+    let norm = GroupNorm::new(8, &gamma, &beta, 1e-5);
+    norm.run(simd, &x, false, &mut out);
+    let NormGradient {
+        input,
+        gamma: of_gamma,
+        beta: of_beta,
+    } = norm.backward(simd, &x, &upstream);
+    Case::default()
+        .f32("x", &[rows, channels], &x)
+        .f32("gamma", &[channels], &gamma)
+        .f32("beta", &[channels], &beta)
+        .f32("upstream", &[rows, channels], &upstream)
+        .f64("value", &[1], &[dot(&out, &upstream)])
+        .f32("d x", &[rows, channels], &input)
+        .f32("d gamma", &[channels], &of_gamma)
+        .f32("d beta", &[channels], &of_beta)
+        .write(folder, "group norm")
 }
 
-/// What else a transformer has.
-fn tokens(values: &mut Values, folder: &Path) -> Done {
+fn activation(values: &mut Values, folder: &Path) -> Done {
     let simd = Simd::detect();
-    let shape = AttentionShape {
-        batch: 3,
-        tokens: 17,
-        heads: 2,
-        head_dim: 24,
-    };
-    let scale = 24.0_f32.powf(-0.5);
-    let qkv = values.between(-2.0, 2.0, 3 * 17 * 3 * 48);
-    let upstream = values.between(-1.0, 1.0, 3 * 17 * 48);
-    let mut out = vec![0.0; upstream.len()];
-    attention(simd, &qkv, &mut out, shape, scale, &mut Workspace::new());
-    let found = attention_gradient(&qkv, &upstream, shape, scale);
-    Case::default()
-        .f32("qkv", &[3, 17, 3, 2, 24], &qkv)
-        .f32("upstream", &[3, 17, 2, 24], &upstream)
-        .f64("value", &[1], &[dot(&out, &upstream)])
-        .f32("d qkv", &[3, 17, 3, 2, 24], &found)
-        .write(folder, "attention")?;
-
     let x = values.between(-6.0, 6.0, 4000);
     let upstream = values.between(-1.0, 1.0, x.len());
     Case::default()
@@ -324,7 +239,7 @@ fn alignment(values: &mut Values, folder: &Path) -> Done {
     config.alignment_base_width = 8;
     config.alignment_steps = 2;
     config.internal_resolution = SIDE;
-    let network = TrainableNetwork::new(&config)?;
+    let network = TrainableNetwork::new(&config, Compute::cpu(Algorithm::Winograd))?;
     let image = vec![0.5; 3 * SIDE * SIDE];
     // A unit that is nearly 0 leaves a case out.
     for number in 0..12 {

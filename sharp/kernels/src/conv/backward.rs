@@ -1,22 +1,19 @@
 //! Gradients of convolutions: with respect to their weights, and to their input.
 //!
-//! Two shapes have them: stride 1 with as much padding as keeps the image's size, and blocks that do
-//! not overlap (kernel = stride, no padding). Blocks become pixels of more channels first, so that
-//! only the first shape is computed. The transposed convolution's gradients are those of the
-//! convolution of blocks that it transposes.
+//! For stride 1 with as much padding as keeps the image's size.
 
 use std::ops::Range;
 
 use rayon::prelude::*;
 
-use crate::conv::{Algorithm, Conv2d, ConvOptions, ConvSpec};
+use crate::conv::{Algorithm, Conv2d, ConvSpec};
 use crate::gemm::block::{ProductBlock, scratch_len};
 use crate::gemm::micro::MicroTile;
 use crate::gemm::{Epilogue, PackedMatrix, Tasks};
 use crate::math::relu;
-use crate::rows::RowWindow;
+use crate::rows::{RowOp, RowWindow};
 use crate::simd::Simd;
-use crate::workspace::{SharedOut, Workspace};
+use crate::workspace::SharedOut;
 
 /// Pixels whose products are summed by one task: a constant, so that sums do not depend on threads.
 const PIXELS_PER_TASK: usize = 4096;
@@ -32,99 +29,20 @@ pub struct ConvInput<'a> {
     pub relu: bool,
 }
 
-impl ConvSpec {
-    /// Whether this convolution has gradients here.
-    pub fn has_gradients(&self) -> bool {
-        self.is_blocks() || (self.stride == 1 && self.kernel == 2 * self.padding + 1)
-    }
-
-    fn is_blocks(&self) -> bool {
-        self.kernel == self.stride && self.padding == 0 && self.kernel > 1
-    }
-
-    /// The 1×1 convolution of whole blocks, whose weights are the same numbers in the same order.
-    fn of_blocks(&self) -> Self {
-        Self {
-            in_channels: self.in_channels * self.kernel * self.kernel,
-            kernel: 1,
-            stride: 1,
-            ..*self
-        }
-    }
-}
-
-/// Blocks of `size × size` pixels as pixels: `[height][width][channels]` to
-/// `[height / size][width / size][channels · size · size]`, a block's row and column fastest.
-fn blocks_as_pixels(
-    data: &[f32],
-    (height, width, channels): (usize, usize, usize),
-    size: usize,
-) -> Vec<f32> {
-    let mut out = vec![0.0; data.len()];
-    each_of_blocks((height, width, channels), size, |block, image| {
-        out[block] = data[image];
-    });
-    out
-}
-
-/// The inverse of [`blocks_as_pixels`]; the shape is the image's.
-fn pixels_as_blocks(
-    data: &[f32],
-    (height, width, channels): (usize, usize, usize),
-    size: usize,
-) -> Vec<f32> {
-    let mut out = vec![0.0; data.len()];
-    each_of_blocks((height, width, channels), size, |block, image| {
-        out[image] = data[block];
-    });
-    out
-}
-
-/// Tells where each element lies among the blocks and in the image.
-fn each_of_blocks(
-    (height, width, channels): (usize, usize, usize),
-    size: usize,
-    mut pair: impl FnMut(usize, usize),
-) {
-    assert!(height.is_multiple_of(size) && width.is_multiple_of(size));
-    let area = size * size;
-    for y in 0..height {
-        for x in 0..width {
-            let block = (y / size * (width / size) + x / size) * channels * area;
-            let block = block + y % size * size + x % size;
-            let image = (y * width + x) * channels;
-            for c in 0..channels {
-                pair(block + c * area, image + c);
-            }
-        }
-    }
-}
-
 /// Gradient of the weights, in their layout `[out][in][kernel][kernel]`, from that of the output
 /// (`[rows][columns][out]`, before any rectification). Sums over 4096 pixels are made in f32, sums of those in f64.
 ///
 /// # Panics
-/// When a length is wrong, or the convolution does not [have gradients](ConvSpec::has_gradients).
+/// When a length is wrong, or the convolution changes the image's size.
 pub fn weight_gradient(
     simd: Simd,
     spec: ConvSpec,
     input: ConvInput<'_>,
     upstream: &[f32],
 ) -> Vec<f32> {
-    assert!(spec.has_gradients(), "{spec:?}");
-    let shape = (input.height, input.width, spec.in_channels);
-    assert_eq!(input.data.len(), shape.0 * shape.1 * shape.2, "input");
-    if spec.is_blocks() {
-        let data = blocks_as_pixels(input.data, shape, spec.kernel);
-        let blocks = ConvInput {
-            data: &data,
-            height: input.height / spec.kernel,
-            width: input.width / spec.kernel,
-            ..input
-        };
-        return weight_gradient(simd, spec.of_blocks(), blocks, upstream);
-    }
+    assert!(keeps_size(&spec), "{spec:?}");
     let pixels = input.height * input.width;
+    assert_eq!(input.data.len(), pixels * spec.in_channels, "input");
     assert_eq!(upstream.len(), pixels * spec.out_channels, "upstream");
     let rows_per_task = (PIXELS_PER_TASK / input.width.max(1)).max(1);
     let parts: Vec<Vec<f32>> = (0..input.height.div_ceil(rows_per_task))
@@ -260,67 +178,39 @@ pub fn turned_weights(spec: &ConvSpec, weight: &[f32]) -> Vec<f32> {
     turned
 }
 
-/// The map from the output's gradient to the input's, with packed weights.
-#[derive(Debug, Clone)]
-pub struct InputGradient {
+/// Gradient of the input, in its layout, from that of the output; `weight` is the convolution's, and `algorithm` for this
+/// one, which is a convolution too. Where the input was rectified, nothing passes through what was not positive.
+///
+/// # Panics
+/// When a length is wrong, or the convolution changes the image's size.
+pub fn input_gradient(
+    simd: Simd,
     spec: ConvSpec,
-    conv: Conv2d,
+    weight: &[f32],
+    input: ConvInput<'_>,
+    upstream: &[f32],
+    algorithm: Algorithm,
+) -> Vec<f32> {
+    assert!(keeps_size(&spec), "{spec:?}");
+    let back = ConvSpec {
+        in_channels: spec.out_channels,
+        out_channels: spec.in_channels,
+        ..spec
+    };
+    let turned = turned_weights(&spec, weight);
+    let conv = Conv2d::new(simd, back, &turned, None, false, algorithm);
+    let (rows, columns) = (input.height, input.width);
+    let window = RowWindow::whole(upstream, rows, columns, spec.out_channels);
+    let mut out = vec![0.0; rows * columns * spec.in_channels];
+    conv.run_rows(&window, 0..rows, &mut out);
+    if input.relu {
+        keep_where_positive(&mut out, input.data);
+    }
+    out
 }
 
-impl InputGradient {
-    /// `weight` is the convolution's, `[out][in][kernel][kernel]`.
-    ///
-    /// # Panics
-    /// When a length is wrong, or the convolution does not [have gradients](ConvSpec::has_gradients).
-    pub fn new(simd: Simd, spec: ConvSpec, weight: &[f32], algorithm: Algorithm) -> Self {
-        assert!(spec.has_gradients(), "{spec:?}");
-        assert_eq!(weight.len(), spec.weight_len(), "weights of {spec:?}");
-        let same = if spec.is_blocks() {
-            spec.of_blocks()
-        } else {
-            spec
-        };
-        let back = ConvSpec {
-            in_channels: same.out_channels,
-            out_channels: same.in_channels,
-            ..same
-        };
-        let turned = turned_weights(&same, weight);
-        let conv = Conv2d::new(simd, back, &turned, None, false, algorithm);
-        Self { spec, conv }
-    }
-
-    /// `[height][width][in]` of the input's size from `[rows][columns][out]`. Where the convolution
-    /// rectified its `input`, nothing passes through what was not positive.
-    ///
-    /// # Panics
-    /// When a length is wrong.
-    pub fn run(
-        &self,
-        input: ConvInput<'_>,
-        upstream: &[f32],
-        workspace: &mut Workspace,
-    ) -> Vec<f32> {
-        let size = if self.spec.is_blocks() {
-            self.spec.kernel
-        } else {
-            1
-        };
-        let (rows, columns) = (input.height / size, input.width / size);
-        let window = RowWindow::whole(upstream, rows, columns, self.spec.out_channels);
-        let mut out = vec![0.0; input.height * input.width * self.spec.in_channels];
-        let options = ConvOptions::default();
-        self.conv
-            .run_rows_with(&window, 0..rows, &mut out, options, workspace);
-        if size > 1 {
-            let shape = (input.height, input.width, self.spec.in_channels);
-            out = pixels_as_blocks(&out, shape, size);
-        }
-        if input.relu {
-            keep_where_positive(&mut out, input.data);
-        }
-        out
-    }
+fn keeps_size(spec: &ConvSpec) -> bool {
+    spec.stride == 1 && spec.kernel == 2 * spec.padding + 1
 }
 
 /// Zeroes a gradient where a rectified value was not positive.
@@ -342,50 +232,36 @@ pub fn keep_where_positive(gradient: &mut [f32], value: &[f32]) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::rows::RowOp;
     use crate::testing::{noise, relative_error, with_threads};
 
-    const SPECS: [(usize, usize, usize, usize, usize, usize, usize); 6] = [
-        // in, out, kernel, stride, padding, height, width
-        (3, 5, 3, 1, 1, 7, 6),
-        (16, 32, 3, 1, 1, 70, 64),
-        (8, 6, 1, 1, 0, 9, 4),
-        (4, 7, 2, 2, 0, 6, 8),
-        (5, 16, 4, 4, 0, 8, 8),
-        (3, 2, 5, 1, 2, 6, 9),
+    /// Input and output channels, kernel, height, width.
+    const SIZES: [[usize; 5]; 4] = [
+        [3, 5, 3, 7, 6],
+        [16, 32, 3, 70, 64],
+        [8, 6, 1, 9, 4],
+        [3, 2, 5, 6, 9],
     ];
 
-    fn spec(
-        (in_channels, out_channels, kernel, stride, padding, ..): (
-            usize,
-            usize,
-            usize,
-            usize,
-            usize,
-            usize,
-            usize,
-        ),
-    ) -> ConvSpec {
+    fn spec([in_channels, out_channels, kernel, ..]: [usize; 5]) -> ConvSpec {
         ConvSpec {
             in_channels,
             out_channels,
             kernel,
-            stride,
-            padding,
+            stride: 1,
+            padding: kernel / 2,
         }
     }
 
     /// Calls `term(weight, input, output)` with the indices of every product of the convolution.
     fn products(spec: ConvSpec, (h, w): (usize, usize), mut term: impl FnMut(usize, usize, usize)) {
-        let (rows, columns) = (h / spec.stride, w / spec.stride);
-        for y in 0..rows {
-            for x in 0..columns {
+        for y in 0..h {
+            for x in 0..w {
                 for o in 0..spec.out_channels {
                     for c in 0..spec.in_channels {
                         for ky in 0..spec.kernel {
                             for kx in 0..spec.kernel {
-                                let iy = (y * spec.stride + ky).checked_sub(spec.padding);
-                                let ix = (x * spec.stride + kx).checked_sub(spec.padding);
+                                let iy = (y + ky).checked_sub(spec.padding);
+                                let ix = (x + kx).checked_sub(spec.padding);
                                 let (Some(iy), Some(ix)) = (iy, ix) else {
                                     continue;
                                 };
@@ -396,7 +272,7 @@ mod tests {
                                     term(
                                         weight,
                                         (iy * w + ix) * spec.in_channels + c,
-                                        (y * columns + x) * spec.out_channels + o,
+                                        (y * w + x) * spec.out_channels + o,
                                     );
                                 }
                             }
@@ -409,13 +285,12 @@ mod tests {
 
     #[test]
     fn gradients_are_the_sums_of_their_products() {
-        for sizes in SPECS {
+        for sizes in SIZES {
             let spec = spec(sizes);
-            let (h, w) = (sizes.5, sizes.6);
+            let [.., h, w] = sizes;
             let x = noise(1, h * w * spec.in_channels);
             let weight = noise(2, spec.weight_len());
-            let out = (h / spec.stride) * (w / spec.stride);
-            let upstream = noise(3, out * spec.out_channels);
+            let upstream = noise(3, h * w * spec.out_channels);
             for relu_input in [false, true] {
                 let (mut dw, mut dx) = (vec![0.0; weight.len()], vec![0.0; x.len()]);
                 products(spec, (h, w), |k, i, o| {
@@ -435,8 +310,8 @@ mod tests {
                     let found = weight_gradient(simd, spec, input, &upstream);
                     assert!(relative_error(&found, &dw) < 2e-6, "{simd:?} {spec:?}");
                     for algorithm in [Algorithm::Direct, Algorithm::Winograd] {
-                        let back = InputGradient::new(simd, spec, &weight, algorithm);
-                        let found = back.run(input, &upstream, &mut Workspace::new());
+                        let found =
+                            input_gradient(simd, spec, &weight, input, &upstream, algorithm);
                         assert!(relative_error(&found, &dx) < 5e-6, "{simd:?} {spec:?}");
                     }
                 }
@@ -446,7 +321,7 @@ mod tests {
 
     #[test]
     fn threads_change_nothing() {
-        let spec = spec(SPECS[1]);
+        let spec = spec(SIZES[1]);
         let (h, w) = (200, 100);
         let x = noise(1, h * w * spec.in_channels);
         let upstream = noise(3, h * w * spec.out_channels);
@@ -463,51 +338,5 @@ mod tests {
             })
         };
         assert_eq!(run(1), run(3));
-    }
-
-    #[test]
-    fn blocks_lie_as_the_convolution_reads_them() {
-        let (shape, size) = ((4, 6, 3), 2);
-        let x = noise(4, 4 * 6 * 3);
-        let blocks = blocks_as_pixels(&x, shape, size);
-        assert_eq!(pixels_as_blocks(&blocks, shape, size), x);
-        // Row 1, column 2 of blocks, channel 1, its second row and first column.
-        assert_eq!(blocks[(3 + 2) * 12 + 4 + 2], x[((2 + 1) * 6 + 4) * 3 + 1]);
-    }
-
-    #[test]
-    fn the_transposed_convolution_has_the_gradients_of_its_transpose() {
-        let (inputs, outputs, h, w) = (6, 5, 3, 4);
-        let weight = noise(1, inputs * outputs * 4);
-        let x = noise(2, h * w * inputs);
-        let upstream = noise(3, 4 * h * w * outputs);
-        let deconv = crate::TransposedConv2x2::new(Simd::detect(), inputs, outputs, &weight, None);
-        let mut y = vec![0.0; upstream.len()];
-        let window = RowWindow::whole(&x, h, w, inputs);
-        deconv.run_rows(&window, 0..2 * h, &mut y, &mut Workspace::new());
-        // ⟨Wx, u⟩ = ⟨x, Wᵀu⟩, and the convolution of blocks with the same numbers is Wᵀ.
-        let transpose = ConvSpec {
-            in_channels: outputs,
-            out_channels: inputs,
-            kernel: 2,
-            stride: 2,
-            padding: 0,
-        };
-        let conv = Conv2d::new(
-            Simd::detect(),
-            transpose,
-            &weight,
-            None,
-            false,
-            Algorithm::Direct,
-        );
-        let mut dx = vec![0.0; x.len()];
-        let window = RowWindow::whole(&upstream, 2 * h, 2 * w, outputs);
-        conv.run_rows(&window, 0..h, &mut dx, &mut Workspace::new());
-        let dot = |a: &[f32], b: &[f32]| -> f64 {
-            let both = a.iter().zip(b);
-            both.map(|(a, b)| f64::from(*a) * f64::from(*b)).sum()
-        };
-        assert!((dot(&y, &upstream) - dot(&x, &dx)).abs() < 1e-3 * dot(&y, &y).sqrt());
     }
 }

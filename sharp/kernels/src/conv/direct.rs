@@ -12,7 +12,7 @@ use crate::gemm::{Epilogue, PackedMatrix, Tasks};
 use crate::math::relu;
 use crate::rows::RowWindow;
 use crate::simd::Simd;
-use crate::workspace::{SharedOut, Workspace};
+use crate::workspace::{SharedOut, run_tasks};
 
 #[derive(Debug, Clone)]
 pub(super) struct Direct {
@@ -52,7 +52,6 @@ impl Direct {
         out: Range<usize>,
         output: &mut [f32],
         options: ConvOptions<'_>,
-        workspace: &mut Workspace,
     ) {
         let width = self.spec.out_side(input.width());
         let n = self.spec.out_channels;
@@ -64,7 +63,7 @@ impl Direct {
         let epilogue = epilogue(&options);
         let shared = SharedOut::new(output);
         let len = scratch_len(&tile, tasks.rows_per_task(), self.weight.k());
-        workspace.tasks(tasks.count(), len, |index, scratch| {
+        run_tasks(tasks.count(), len, |index, scratch| {
             let (rows, panels) = tasks.get(index);
             let block = ProductBlock {
                 b: self.weight.view(),

@@ -21,7 +21,6 @@ pub use transposed::TransposedConv2x2;
 
 use crate::rows::{RowOp, RowWindow, expect, window_rows};
 use crate::simd::Simd;
-use crate::workspace::Workspace;
 use direct::Direct;
 use winograd::Winograd;
 
@@ -149,7 +148,6 @@ impl Conv2d {
         out: Range<usize>,
         output: &mut [f32],
         options: ConvOptions<'_>,
-        workspace: &mut Workspace,
     ) {
         assert_eq!(input.channels(), self.spec.in_channels, "input channels");
         expect(self, input, &out, output);
@@ -157,8 +155,8 @@ impl Conv2d {
             assert_eq!(residual.len(), output.len(), "length of the residual");
         }
         match &self.plan {
-            Plan::Direct(direct) => direct.run(input, out, output, options, workspace),
-            Plan::Winograd(winograd) => winograd.run(input, out, output, options, workspace),
+            Plan::Direct(direct) => direct.run(input, out, output, options),
+            Plan::Winograd(winograd) => winograd.run(input, out, output, options),
         }
     }
 }
@@ -186,18 +184,12 @@ impl RowOp for Conv2d {
         window_rows(out, in_height, kernel, stride, padding)
     }
 
-    fn run_rows(
-        &self,
-        input: &RowWindow<'_>,
-        out: Range<usize>,
-        output: &mut [f32],
-        workspace: &mut Workspace,
-    ) {
+    fn run_rows(&self, input: &RowWindow<'_>, out: Range<usize>, output: &mut [f32]) {
         let options = ConvOptions {
             relu: self.relu,
             ..ConvOptions::default()
         };
-        self.run_rows_with(input, out, output, options, workspace);
+        self.run_rows_with(input, out, output, options);
     }
 }
 

@@ -95,26 +95,24 @@ fn run_whole(op: &impl RowOp, input: &RowWindow<'_>, threads: usize) -> Vec<f32>
     let (h, w) = op.out_size(input.height(), input.width());
     let mut out = vec![f32::NAN; h * w * op.out_channels(input.channels())];
     with_threads(threads, || {
-        op.run_rows(input, 0..h, &mut out, &mut Workspace::new());
+        op.run_rows(input, 0..h, &mut out);
     });
     out
 }
 
-/// Runs `op` in strips of `strip` rows, each from no more input rows than it asks for, with
-/// one workspace.
+/// Runs `op` in strips of `strip` rows, each from no more input rows than it asks for.
 fn run_strips(op: &impl RowOp, image: &[f32], shape: [usize; 3], strip: usize) -> Vec<f32> {
     let [height, width, channels] = shape;
     let (h, w) = op.out_size(height, width);
     let row = w * op.out_channels(channels);
     let mut out = vec![f32::NAN; h * row];
-    let mut workspace = Workspace::new();
     for y in (0..h).step_by(strip) {
         let rows = y..h.min(y + strip);
         let needed = op.in_rows(rows.clone(), height);
         let data = &image[needed.start * width * channels..needed.end * width * channels];
         let window = RowWindow::new(data, needed, height, width, channels);
         let out = &mut out[rows.start * row..rows.end * row];
-        op.run_rows(&window, rows, out, &mut workspace);
+        op.run_rows(&window, rows, out);
     }
     out
 }
@@ -200,7 +198,7 @@ fn options_are_fused_in_the_right_order() {
                 residual: Some(&residual),
                 relu: true,
             };
-            conv.run_rows_with(&window, 0..6, &mut out, options, &mut Workspace::new());
+            conv.run_rows_with(&window, 0..6, &mut out, options);
             assert!(
                 relative_error(&out, &exact) < 5e-6,
                 "{simd:?} {algorithm:?}"
@@ -283,7 +281,7 @@ fn missing_input_rows_are_refused() {
     );
     let data = vec![0.0; 4 * 8 * 16];
     let window = RowWindow::new(&data, 0..4, 8, 8, 16);
-    conv.run_rows(&window, 0..4, &mut [0.0; 4 * 8 * 16], &mut Workspace::new());
+    conv.run_rows(&window, 0..4, &mut [0.0; 4 * 8 * 16]);
 }
 
 #[test]
@@ -302,7 +300,7 @@ fn nan_is_not_rectified_away() {
                 relu: true,
                 ..ConvOptions::default()
             };
-            conv.run_rows_with(&window, 0..6, &mut out, options, &mut Workspace::new());
+            conv.run_rows_with(&window, 0..6, &mut out, options);
             assert!(out[0].is_nan(), "{simd:?} {algorithm:?}");
         }
     }

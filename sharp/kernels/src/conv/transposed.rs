@@ -7,7 +7,7 @@ use crate::gemm::micro::MicroTile;
 use crate::gemm::{Epilogue, PackedMatrix, Tasks};
 use crate::rows::{RowOp, RowWindow, expect};
 use crate::simd::Simd;
-use crate::workspace::{SharedOut, Workspace};
+use crate::workspace::{SharedOut, run_tasks};
 
 /// `out[2y + i][2x + j][o] = bias[o] + Σ_c in[y][x][c] · w[c][o][i][j]`.
 ///
@@ -72,13 +72,7 @@ impl RowOp for TransposedConv2x2 {
         start..out.end.div_ceil(2).clamp(start, in_height)
     }
 
-    fn run_rows(
-        &self,
-        input: &RowWindow<'_>,
-        out: Range<usize>,
-        output: &mut [f32],
-        workspace: &mut Workspace,
-    ) {
+    fn run_rows(&self, input: &RowWindow<'_>, out: Range<usize>, output: &mut [f32]) {
         assert_eq!(input.channels(), self.in_channels, "input channels");
         expect(self, input, &out, output);
         let (width, c) = (input.width(), self.in_channels);
@@ -94,7 +88,7 @@ impl RowOp for TransposedConv2x2 {
             if rows * width == 0 {
                 continue;
             }
-            workspace.tasks(tasks.count(), len, |index, scratch| {
+            run_tasks(tasks.count(), len, |index, scratch| {
                 let (pixels, panels) = tasks.get(index);
                 let block = ProductBlock {
                     b: weight.view(),

@@ -9,7 +9,7 @@ use crate::gemm::micro::{KC, MicroTile, stride_for};
 use crate::gemm::{Epilogue, PackedMatrix};
 use crate::rows::RowWindow;
 use crate::simd::Simd;
-use crate::workspace::{Aligned, SharedOut, Workspace};
+use crate::workspace::{Aligned, SharedOut, run_tasks};
 
 /// Side of a tile of output pixels.
 const SIDE: usize = 4;
@@ -98,7 +98,6 @@ impl Winograd {
         out: Range<usize>,
         output: &mut [f32],
         options: ConvOptions<'_>,
-        workspace: &mut Workspace,
     ) {
         if output.is_empty() {
             return;
@@ -122,7 +121,7 @@ impl Winograd {
         let tiles = (out.end.div_ceil(SIDE) - first) * columns;
         let shared = SharedOut::new(output);
         let len = PLACES * (layout.place + product_place) + c;
-        workspace.tasks(tiles.div_ceil(most), len, |task, scratch| {
+        run_tasks(tiles.div_ceil(most), len, |task, scratch| {
             let (transformed, rest) = scratch.split_at_mut(PLACES * layout.place);
             let (products, zeros) = rest.split_at_mut(PLACES * product_place);
             let zeros = &mut zeros[..c];

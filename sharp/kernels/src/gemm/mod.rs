@@ -16,7 +16,7 @@ use std::ops::Range;
 use block::{ProductBlock, scratch_len};
 use micro::MicroTile;
 
-use crate::workspace::{SharedOut, Workspace};
+use crate::workspace::{SharedOut, run_tasks};
 
 /// Operation on a product `A B + bias` before it is stored.
 #[derive(Debug, Clone, Copy)]
@@ -114,14 +114,7 @@ impl Tasks {
 ///
 /// # Panics
 /// When a length is wrong.
-pub fn matmul(
-    a: &[f32],
-    b: &PackedMatrix,
-    c: &mut [f32],
-    m: usize,
-    epilogue: Epilogue<'_>,
-    workspace: &mut Workspace,
-) {
+pub fn matmul(a: &[f32], b: &PackedMatrix, c: &mut [f32], m: usize, epilogue: Epilogue<'_>) {
     let (k, n) = (b.k(), b.n());
     assert_eq!(a.len(), m * k, "A is {m} x {k}");
     assert_eq!(c.len(), m * n, "C is {m} x {n}");
@@ -132,7 +125,7 @@ pub fn matmul(
     let tasks = Tasks::new(&tile, m, n);
     let out = SharedOut::new(c);
     let len = scratch_len(&tile, tasks.rows_per_task(), k);
-    workspace.tasks(tasks.count(), len, |index, scratch| {
+    run_tasks(tasks.count(), len, |index, scratch| {
         let (rows, panels) = tasks.get(index);
         let block = ProductBlock {
             b: b.view(),
@@ -197,7 +190,7 @@ mod tests {
                 let packed = PackedMatrix::from_out_in(simd, &w, Some(&bias), n, k);
                 let run = |epilogue, c: &mut [f32], threads| {
                     with_threads(threads, || {
-                        matmul(&a, &packed, c, m, epilogue, &mut Workspace::new());
+                        matmul(&a, &packed, c, m, epilogue);
                     });
                 };
                 let mut plain = vec![f32::NAN; m * n];
@@ -235,9 +228,8 @@ mod tests {
         for simd in Simd::available() {
             let packed = PackedMatrix::from_out_in(simd, &w, Some(&bias), n, k);
             let (mut plain, mut gelu) = (vec![0.0; m * n], vec![0.0; m * n]);
-            let mut workspace = Workspace::new();
-            matmul(&a, &packed, &mut plain, m, Epilogue::None, &mut workspace);
-            matmul(&a, &packed, &mut gelu, m, Epilogue::Gelu, &mut workspace);
+            matmul(&a, &packed, &mut plain, m, Epilogue::None);
+            matmul(&a, &packed, &mut gelu, m, Epilogue::Gelu);
             for (p, g) in plain.iter().zip(gelu) {
                 let expected = crate::math::gelu::<false>(*p);
                 assert!((expected - g).abs() < 1e-6, "{simd:?} gelu({p}) = {g}");

@@ -1,4 +1,4 @@
-//! Gradients of group and layer normalisation.
+//! Gradients of group normalisation.
 
 use rayon::prelude::*;
 
@@ -15,71 +15,6 @@ pub struct NormGradient {
     pub gamma: Vec<f32>,
     /// Of the shifts, `[channels]`.
     pub beta: Vec<f32>,
-}
-
-/// Gradients of [`layer_norm`](super::layer_norm) from that of its output, for the input `x`, both
-/// `[rows][dim]`. Sums over rows are made in f64.
-///
-/// # Panics
-/// When a length is wrong.
-pub fn layer_norm_gradient(x: &[f32], gamma: &[f32], eps: f32, upstream: &[f32]) -> NormGradient {
-    const ROWS_PER_TASK: usize = 64;
-    let dim = gamma.len();
-    assert!(dim > 0 && x.len().is_multiple_of(dim), "rows of {dim}");
-    assert_eq!(upstream.len(), x.len(), "upstream");
-    let mut input = vec![0.0; x.len()];
-    let values = x.par_chunks(ROWS_PER_TASK * dim);
-    let values = values.zip(upstream.par_chunks(ROWS_PER_TASK * dim));
-    let parts: Vec<[Vec<f64>; 2]> = input
-        .par_chunks_mut(ROWS_PER_TASK * dim)
-        .zip(values)
-        .map(|(out, (x, g))| {
-            let mut sums = [vec![0.0; dim], vec![0.0; dim]];
-            let rows = x.chunks_exact(dim).zip(g.chunks_exact(dim));
-            for (out, (x, g)) in out.chunks_exact_mut(dim).zip(rows) {
-                row_gradient(x, g, gamma, eps, out, &mut sums);
-            }
-            sums
-        })
-        .collect();
-    let total = |which: usize| {
-        let sum = |c: usize| parts.iter().map(|part| part[which][c]).sum::<f64>() as f32;
-        (0..dim).map(sum).collect()
-    };
-    NormGradient {
-        input,
-        gamma: total(0),
-        beta: total(1),
-    }
-}
-
-fn row_gradient(
-    x: &[f32],
-    g: &[f32],
-    gamma: &[f32],
-    eps: f32,
-    out: &mut [f32],
-    [of_gamma, of_beta]: &mut [Vec<f64>; 2],
-) {
-    let count = x.len() as f64;
-    let mean = x.iter().map(|v| f64::from(*v)).sum::<f64>() / count;
-    let square = |v: &f32| (f64::from(*v) - mean).powi(2);
-    let variance = x.iter().map(square).sum::<f64>() / count;
-    let inverse = 1.0 / (variance + f64::from(eps)).sqrt();
-    let (mut plain, mut weighted) = (0.0, 0.0);
-    for c in 0..x.len() {
-        let (normal, g) = ((f64::from(x[c]) - mean) * inverse, f64::from(g[c]));
-        let scaled = g * f64::from(gamma[c]);
-        plain += scaled / count;
-        weighted += scaled * normal / count;
-        of_gamma[c] += g * normal;
-        of_beta[c] += g;
-    }
-    for c in 0..x.len() {
-        let normal = (f64::from(x[c]) - mean) * inverse;
-        let scaled = f64::from(g[c]) * f64::from(gamma[c]);
-        out[c] = (inverse * (scaled - plain - normal * weighted)) as f32;
-    }
 }
 
 /// Sums over a channel's pixels: of x, x², the gradient g, and g x.
@@ -283,34 +218,6 @@ mod tests {
                         let mut all = all.clone();
                         all[which][k] += step;
                         loss(&all[0], &all[1], &all[2], groups, &upstream)
-                    };
-                    (at(1e-5) - at(-1e-5)) / 2e-5
-                })
-                .collect();
-            assert!(relative_error(found, &exact) < 1e-5, "{which}");
-        }
-    }
-
-    #[test]
-    fn gradients_of_rows_are_those_of_central_differences() {
-        let (dim, rows) = (6, 70);
-        let x: Vec<f32> = noise(1, rows * dim).iter().map(|v| v + 2.0).collect();
-        let (gamma, beta) = (noise(2, dim), noise(3, dim));
-        let upstream = noise(4, x.len());
-        let found = super::super::layer_norm_gradient(&x, &gamma, EPS as f32, &upstream);
-        let wide = |v: &[f32]| v.iter().map(|v| f64::from(*v)).collect::<Vec<_>>();
-        let all = [wide(&x), wide(&gamma), wide(&beta)];
-        let founds = [&found.input, &found.gamma, &found.beta];
-        for (which, found) in founds.into_iter().enumerate() {
-            let exact: Vec<f64> = (0..found.len())
-                .map(|k| {
-                    let at = |step: f64| {
-                        let mut all = all.clone();
-                        all[which][k] += step;
-                        // A row is an image of one pixel and one group.
-                        let rows = all[0].chunks(dim).zip(upstream.chunks(dim));
-                        rows.map(|(x, g)| loss(x, &all[1], &all[2], 1, g))
-                            .sum::<f64>()
                     };
                     (at(1e-5) - at(-1e-5)) / 2e-5
                 })

@@ -56,13 +56,13 @@ fn covariance6(gaussians: &Gaussians) -> Vec<f32> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::{Algorithm, Engine, ModelConfig, synth::Synth};
+    use crate::model::{Algorithm, Compute, ModelConfig, synth::Synth};
 
     fn tiny(salt: &str) -> Predictor {
         let file = "/../tests/golden/model/tiny_config.json#tiny";
         let config = ModelConfig::load(&format!("{}{file}", env!("CARGO_MANIFEST_DIR"))).unwrap();
         let source = Synth { salt: salt.into() };
-        Predictor::from_source(&config, source, Engine::cpu(Algorithm::Direct)).unwrap()
+        Predictor::from_source(&config, source, Compute::cpu(Algorithm::Direct)).unwrap()
     }
 
     #[test]

@@ -1,9 +1,9 @@
 use sharp::composer::compose;
 use sharp::initializer::{BaseGaussians, InvalidDepth};
-use sharp::model::ModelConfig;
 use sharp::model::predictor::Planes;
 use sharp::model::synth::Synth;
 use sharp::model::training::{TrainableNetwork, TrainingInput};
+use sharp::model::{Algorithm, Compute, ModelConfig};
 
 use super::*;
 use crate::data::{ProceduralSamples, Sample, Source};
@@ -19,7 +19,8 @@ fn pass() -> (TrainingPass, Sample, Vec<f32>) {
         env!("CARGO_MANIFEST_DIR"),
         "/../../tests/golden/model/tiny_config.json#tiny"
     );
-    let network = TrainableNetwork::new(&ModelConfig::load(config).unwrap()).unwrap();
+    let compute = Compute::cpu(Algorithm::Winograd);
+    let network = TrainableNetwork::new(&ModelConfig::load(config).unwrap(), compute).unwrap();
     let pixels = srgb(&sample.source.image);
     let plane = |c: usize| pixels.iter().map(move |pixel| pixel[c]);
     let planes: Vec<f32> = (0..3).flat_map(plane).collect();

@@ -4,7 +4,7 @@
 //! exchanged and the kernel's taps in reverse; after a stride its input has zeros between.
 
 use sharp_kernels::conv::backward::turned_weights;
-use sharp_kernels::{Algorithm, Conv2d, ConvOptions, ConvSpec, RowOp, RowWindow, Simd, Workspace};
+use sharp_kernels::{Algorithm, Conv2d, ConvOptions, ConvSpec, RowOp, RowWindow, Simd};
 
 /// A feature map, `[row][column][channel]`.
 #[derive(Debug, Clone, PartialEq)]
@@ -67,16 +67,6 @@ impl FeatureMap {
     }
 }
 
-/// The tensors of a convolution, in PyTorch's layout.
-pub(super) struct ConvWeights<'a> {
-    /// Output and input channels.
-    pub(super) channels: [usize; 2],
-    /// Side of the kernel, 1 or 3; 3 is padded to keep a map's size.
-    pub(super) kernel: usize,
-    pub(super) weight: &'a [f32],
-    pub(super) bias: &'a [f32],
-}
-
 /// A convolution with frozen weights, packed in both directions.
 pub(super) struct FrozenConv {
     run: Conv2d,
@@ -87,18 +77,14 @@ pub(super) struct FrozenConv {
 }
 
 impl FrozenConv {
+    /// Weights `[out, in, kernel, kernel]` and biases; the kernel's side is 1, or 3, which is padded to keep a map's
+    /// size.
     pub(super) fn new(
         simd: Simd,
-        tensors: &ConvWeights<'_>,
-        stride: usize,
-        dilation: usize,
+        [out, inputs, kernel]: [usize; 3],
+        [weight, bias]: [&[f32]; 2],
+        [stride, dilation]: [usize; 2],
     ) -> Self {
-        let ConvWeights {
-            channels: [out, inputs],
-            kernel,
-            weight,
-            bias,
-        } = *tensors;
         let spec = ConvSpec {
             in_channels: inputs,
             out_channels: out,
@@ -129,9 +115,8 @@ impl FrozenConv {
         x: &FeatureMap,
         residual: Option<&FeatureMap>,
         relu: bool,
-        workspace: &mut Workspace,
     ) -> FeatureMap {
-        dilated(&self.run, self.dilation, x, residual, relu, workspace)
+        dilated(&self.run, self.dilation, x, residual, relu)
     }
 
     /// From the gradient of the result to that of an input of `size`, plus `residual`.
@@ -140,7 +125,6 @@ impl FrozenConv {
         gradient: &FeatureMap,
         size: [usize; 2],
         residual: Option<&FeatureMap>,
-        workspace: &mut Workspace,
     ) -> FeatureMap {
         let spread;
         let gradient = if self.stride == 1 {
@@ -150,14 +134,7 @@ impl FrozenConv {
             spread = gradient.moved(between, false, |i| [i * self.stride; 2]);
             &spread
         };
-        dilated(
-            &self.pull,
-            self.dilation,
-            gradient,
-            residual,
-            false,
-            workspace,
-        )
+        dilated(&self.pull, self.dilation, gradient, residual, false)
     }
 }
 
@@ -169,10 +146,9 @@ fn dilated(
     x: &FeatureMap,
     residual: Option<&FeatureMap>,
     relu: bool,
-    workspace: &mut Workspace,
 ) -> FeatureMap {
     if dilation == 1 {
-        return whole(conv, x, residual, relu, workspace);
+        return whole(conv, x, residual, relu);
     }
     // Each image with the line of zeros that parts it from the next.
     let [rows, columns] = x.size().map(|side| side.div_ceil(dilation) + 1);
@@ -182,17 +158,11 @@ fn dilated(
         map.moved(zeros, false, place)
     };
     let residual = residual.map(phases);
-    let apart = whole(conv, &phases(x), residual.as_ref(), relu, workspace);
+    let apart = whole(conv, &phases(x), residual.as_ref(), relu);
     apart.moved(FeatureMap::zeros(x.size(), apart.channels), true, place)
 }
 
-fn whole(
-    conv: &Conv2d,
-    x: &FeatureMap,
-    residual: Option<&FeatureMap>,
-    relu: bool,
-    workspace: &mut Workspace,
-) -> FeatureMap {
+fn whole(conv: &Conv2d, x: &FeatureMap, residual: Option<&FeatureMap>, relu: bool) -> FeatureMap {
     let (height, width) = conv.out_size(x.height, x.width);
     let mut out = FeatureMap::zeros([height, width], conv.spec().out_channels);
     let window = RowWindow::whole(&x.data, x.height, x.width, x.channels);
@@ -201,6 +171,6 @@ fn whole(
         relu,
         ..ConvOptions::default()
     };
-    conv.run_rows_with(&window, 0..height, &mut out.data, options, workspace);
+    conv.run_rows_with(&window, 0..height, &mut out.data, options);
     out
 }

@@ -3,7 +3,7 @@
 use super::super::sum_over;
 use super::conv::FeatureMap;
 use rayon::prelude::*;
-use sharp_kernels::{Epilogue, PackedMatrix, Simd, Workspace, matmul};
+use sharp_kernels::{Epilogue, PackedMatrix, Simd, matmul};
 
 /// Weights of the terms.
 pub(super) struct Terms<'a> {
@@ -16,12 +16,7 @@ pub(super) struct Terms<'a> {
 impl Terms<'_> {
     /// `k ‖F̂ − F‖²/(D·H·W) + j ‖M̂ − M‖²/D²` with `M = Fᵀ F/(H·W)` for F of `H·W` rows and D columns,
     /// and its gradient with respect to F̂.
-    pub(super) fn compare(
-        &self,
-        predicted: &FeatureMap,
-        target: &FeatureMap,
-        workspace: &mut Workspace,
-    ) -> (f64, FeatureMap) {
+    pub(super) fn compare(&self, predicted: &FeatureMap, target: &FeatureMap) -> (f64, FeatureMap) {
         let (x, y) = (self.weighted(predicted), self.weighted(target));
         let (x, y) = (
             x.as_ref().unwrap_or(predicted),
@@ -37,7 +32,7 @@ impl Terms<'_> {
         if self.gram != 0.0 {
             let share = self.gram / (channels * channels) as f64;
             let difference = {
-                let (x, y) = (gram(x, workspace), gram(y, workspace));
+                let (x, y) = (gram(x), gram(y));
                 sum_over(x.len(), |i| {
                     let d = (f64::from(x[i]) - f64::from(y[i])) / pixels as f64;
                     (d * d * share, (4.0 * d * share / pixels as f64) as f32)
@@ -47,14 +42,7 @@ impl Terms<'_> {
             let simd = Simd::detect();
             let symmetric = &difference.gradient;
             let matrix = PackedMatrix::from_out_in(simd, symmetric, None, channels, channels);
-            matmul(
-                &x.data,
-                &matrix,
-                &mut gradient,
-                pixels,
-                Epilogue::Add,
-                workspace,
-            );
+            matmul(&x.data, &matrix, &mut gradient, pixels, Epilogue::Add);
         }
         let mut gradient = FeatureMap {
             data: gradient,
@@ -76,7 +64,7 @@ impl Terms<'_> {
 }
 
 /// `Fᵀ F`, not divided.
-fn gram(map: &FeatureMap, workspace: &mut Workspace) -> Vec<f32> {
+fn gram(map: &FeatureMap) -> Vec<f32> {
     /// Channels that a task transposes at once: a line of the cache.
     const LINE: usize = 16;
     let (channels, pixels) = (map.channels, map.height * map.width);
@@ -91,13 +79,6 @@ fn gram(map: &FeatureMap, workspace: &mut Workspace) -> Vec<f32> {
     });
     let mut out = vec![0.0; channels * channels];
     let columns = PackedMatrix::from_out_in(Simd::detect(), &transposed, None, channels, pixels);
-    matmul(
-        &transposed,
-        &columns,
-        &mut out,
-        channels,
-        Epilogue::None,
-        workspace,
-    );
+    matmul(&transposed, &columns, &mut out, channels, Epilogue::None);
     out
 }

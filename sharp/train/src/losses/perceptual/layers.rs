@@ -2,17 +2,14 @@
 
 use super::conv::{FeatureMap, FrozenConv};
 use rayon::prelude::*;
-use sharp_kernels::Workspace;
 
 /// From the gradient of a layer's output to that of its input.
-pub(super) type Pull<'a> = Box<dyn FnOnce(FeatureMap, &mut Workspace) -> FeatureMap + 'a>;
+pub(super) type Pull<'a> = Box<dyn FnOnce(FeatureMap) -> FeatureMap + 'a>;
 
 /// A layer of a frozen network.
 pub(super) trait Layer: Send + Sync {
-    fn run(&self, x: &FeatureMap, workspace: &mut Workspace) -> FeatureMap;
-
-    /// The same, with what its derivative needs: which units were active, not their values.
-    fn trace<'a>(&'a self, x: &FeatureMap, workspace: &mut Workspace) -> (FeatureMap, Pull<'a>);
+    /// The output, with what the derivative needs: which units were active, not their values.
+    fn trace<'a>(&'a self, x: &FeatureMap) -> (FeatureMap, Pull<'a>);
 }
 
 /// Active units of a rectified map.
@@ -44,16 +41,12 @@ impl Gate {
 pub(super) struct ReluConv(pub(super) FrozenConv);
 
 impl Layer for ReluConv {
-    fn run(&self, x: &FeatureMap, workspace: &mut Workspace) -> FeatureMap {
-        self.0.run(x, None, true, workspace)
-    }
-
-    fn trace<'a>(&'a self, x: &FeatureMap, workspace: &mut Workspace) -> (FeatureMap, Pull<'a>) {
-        let (out, size) = (self.run(x, workspace), x.size());
+    fn trace<'a>(&'a self, x: &FeatureMap) -> (FeatureMap, Pull<'a>) {
+        let (out, size) = (self.0.run(x, None, true), x.size());
         let gate = Gate::of(&out);
-        let pull = move |mut gradient: FeatureMap, workspace: &mut Workspace| {
+        let pull = move |mut gradient: FeatureMap| {
             gate.close(&mut gradient);
-            self.0.pull(&gradient, size, None, workspace)
+            self.0.pull(&gradient, size, None)
         };
         (out, Box::new(pull))
     }
@@ -68,42 +61,26 @@ pub(super) struct Bottleneck {
     pub(super) shortcut: Option<FrozenConv>,
 }
 
-impl Bottleneck {
-    /// The outputs of the three convolutions.
-    fn outputs(&self, x: &FeatureMap, workspace: &mut Workspace) -> [FeatureMap; 3] {
-        let narrow = self.narrow.run(x, None, true, workspace);
-        let middle = self.middle.run(&narrow, None, true, workspace);
-        let fitted = self
-            .shortcut
-            .as_ref()
-            .map(|s| s.run(x, None, false, workspace));
-        let residual = fitted.as_ref().unwrap_or(x);
-        let out = self.widen.run(&middle, Some(residual), true, workspace);
-        [narrow, middle, out]
-    }
-}
-
 impl Layer for Bottleneck {
-    fn run(&self, x: &FeatureMap, workspace: &mut Workspace) -> FeatureMap {
-        let [_, _, out] = self.outputs(x, workspace);
-        out
-    }
-
-    fn trace<'a>(&'a self, x: &FeatureMap, workspace: &mut Workspace) -> (FeatureMap, Pull<'a>) {
+    fn trace<'a>(&'a self, x: &FeatureMap) -> (FeatureMap, Pull<'a>) {
         let size = x.size();
-        let [narrow, middle, out] = self.outputs(x, workspace);
+        let narrow = self.narrow.run(x, None, true);
+        let middle = self.middle.run(&narrow, None, true);
+        let fitted = self.shortcut.as_ref().map(|s| s.run(x, None, false));
+        let residual = fitted.as_ref().unwrap_or(x);
+        let out = self.widen.run(&middle, Some(residual), true);
         let (inner, gates) = (narrow.size(), [&narrow, &middle, &out].map(Gate::of));
-        let pull = move |mut gradient: FeatureMap, workspace: &mut Workspace| {
+        let pull = move |mut gradient: FeatureMap| {
             let [narrow_gate, middle_gate, out_gate] = gates;
             out_gate.close(&mut gradient);
-            let mut middle = self.widen.pull(&gradient, gradient.size(), None, workspace);
+            let mut middle = self.widen.pull(&gradient, gradient.size(), None);
             middle_gate.close(&mut middle);
-            let mut narrow = self.middle.pull(&middle, inner, None, workspace);
+            let mut narrow = self.middle.pull(&middle, inner, None);
             narrow_gate.close(&mut narrow);
             if let Some(shortcut) = &self.shortcut {
-                gradient = shortcut.pull(&gradient, size, None, workspace);
+                gradient = shortcut.pull(&gradient, size, None);
             }
-            self.narrow.pull(&narrow, size, Some(&gradient), workspace)
+            self.narrow.pull(&narrow, size, Some(&gradient))
         };
         (out, Box::new(pull))
     }

@@ -26,7 +26,7 @@ use layers::{Layer, Pull};
 use picture::{Region, shrunk};
 use serde::{Deserialize, Serialize};
 use sharp_checkpoint::{CheckpointError, Incomplete};
-use sharp_kernels::{Simd, Workspace};
+use sharp_kernels::Simd;
 use sharp_metrics::{Weights, WeightsError};
 use std::path::PathBuf;
 
@@ -188,7 +188,6 @@ impl Perceptual {
             PerceptualMask::Pictures => (mask.as_deref(), None),
             PerceptualMask::Features => (None, mask.as_deref()),
         };
-        let mut workspace = Workspace::new();
         let mut x = picture::normalized(&region.cut(predicted), region.size, blackened);
         let mut y = picture::normalized(&region.cut(target), region.size, blackened);
         let mut value = 0.0;
@@ -198,9 +197,9 @@ impl Perceptual {
             let mut pulls: Vec<Pull<'_>> = Vec::new();
             for layer in layers {
                 let pull;
-                (x, pull) = layer.trace(&x, &mut workspace);
+                (x, pull) = layer.trace(&x);
                 pulls.push(pull);
-                y = layer.run(&y, &mut workspace);
+                (y, _) = layer.trace(&y);
             }
             let weight = weight.map(|mask| shrunk(mask, region.size, [x.height, x.width]));
             let terms = Terms {
@@ -208,7 +207,7 @@ impl Perceptual {
                 gram: self.options.gram,
                 weight: weight.as_deref(),
             };
-            let (part, gradient) = terms.compare(&x, &y, &mut workspace);
+            let (part, gradient) = terms.compare(&x, &y);
             value += part;
             groups.push((pulls, gradient));
         }
@@ -219,7 +218,7 @@ impl Perceptual {
                 gradient.add(&back);
             }
             for pull in pulls.into_iter().rev() {
-                gradient = pull(gradient, &mut workspace);
+                gradient = pull(gradient);
             }
             back = Some(gradient);
         }

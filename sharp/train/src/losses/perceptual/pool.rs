@@ -3,7 +3,6 @@
 use super::conv::FeatureMap;
 use super::layers::{Layer, Pull};
 use rayon::prelude::*;
-use sharp_kernels::Workspace;
 
 /// Maxima of `side` × `side` pixels, at most 15.
 pub(super) struct MaxPool {
@@ -88,14 +87,10 @@ impl MaxPool {
 }
 
 impl Layer for MaxPool {
-    fn run(&self, x: &FeatureMap, _workspace: &mut Workspace) -> FeatureMap {
-        self.outputs(x).0
-    }
-
-    fn trace<'a>(&'a self, x: &FeatureMap, _workspace: &mut Workspace) -> (FeatureMap, Pull<'a>) {
+    fn trace<'a>(&'a self, x: &FeatureMap) -> (FeatureMap, Pull<'a>) {
         let size = x.size();
         let (out, taps) = self.outputs(x);
-        let pull = move |gradient: FeatureMap, _: &mut Workspace| self.pull(&gradient, &taps, size);
+        let pull = move |gradient: FeatureMap| self.pull(&gradient, &taps, size);
         (out, Box::new(pull))
     }
 }

@@ -5,7 +5,7 @@
 //! 6 and 3 blocks with 256 to 2048 channels. The last two stages keep their size: their first 3×3
 //! convolution has dilation 1 and 2, the others 2 and 4. Pictures are compared after each stage.
 
-use super::conv::{ConvWeights, FrozenConv};
+use super::conv::FrozenConv;
 use super::layers::{Bottleneck, Layer, ReluConv};
 use super::pool::MaxPool;
 use super::{Network, PerceptualError};
@@ -176,11 +176,8 @@ fn conv(simd: Simd, file: &Checkpoint, spec: &Spec) -> Result<FrozenConv, Percep
             .for_each(|w| *w = (f64::from(*w) * factor) as f32);
         bias.push((f64::from(beta[o]) - f64::from(mean[o]) * factor) as f32);
     }
-    let tensors = ConvWeights {
-        channels: spec.channels,
-        kernel: spec.kernel,
-        weight: &weight,
-        bias: &bias,
-    };
-    Ok(FrozenConv::new(simd, &tensors, spec.stride, spec.dilation))
+    let [out, inputs] = spec.channels;
+    let steps = [spec.stride, spec.dilation];
+    let shape = [out, inputs, spec.kernel];
+    Ok(FrozenConv::new(simd, shape, [&weight, &bias], steps))
 }

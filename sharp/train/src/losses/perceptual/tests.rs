@@ -1,7 +1,7 @@
 //! Layers against their definitions, gradients as adjoints and by differences along directions.
 
 use super::super::testing::{check_to, noise, pixels};
-use super::conv::{ConvWeights, FeatureMap, FrozenConv};
+use super::conv::{FeatureMap, FrozenConv};
 use super::distance::Terms;
 use super::layers::{Bottleneck, Layer};
 use super::pool::MaxPool;
@@ -49,13 +49,9 @@ fn frozen(
     dilation: usize,
 ) -> FrozenConv {
     let (weight, bias) = weights(seed, channels, kernel);
-    let tensors = ConvWeights {
-        channels,
-        kernel,
-        weight: &weight,
-        bias: &bias,
-    };
-    FrozenConv::new(Simd::detect(), &tensors, stride, dilation)
+    let [out, inputs] = channels;
+    let shape = [out, inputs, kernel];
+    FrozenConv::new(Simd::detect(), shape, [&weight, &bias], [stride, dilation])
 }
 
 #[test]
@@ -72,7 +68,7 @@ fn convolutions_match_their_definition_and_pull_back_by_the_adjoint() {
         let conv = frozen(1, channels, kernel, stride, dilation);
         let (weight, bias) = weights(1, channels, kernel);
         let x = map(3, size, channels[1]);
-        let out = conv.run(&x, None, false, &mut Workspace::new());
+        let out = conv.run(&x, None, false);
         assert_eq!(out.size(), size.map(|side| side.div_ceil(stride)));
         let reach = kernel / 2 * dilation;
         for (i, found) in out.data.iter().enumerate() {
@@ -94,7 +90,7 @@ fn convolutions_match_their_definition_and_pull_back_by_the_adjoint() {
         }
         // ⟨K x + b, g⟩ = ⟨x, Kᵀ g⟩ + ⟨b, g⟩
         let g = map(5, out.size(), channels[0]);
-        let back = conv.pull(&g, size, None, &mut Workspace::new());
+        let back = conv.pull(&g, size, None);
         let of_bias: f64 = g.data.chunks(19).map(|g| dot(g, &bias)).sum();
         let (left, right) = (dot(&out.data, &g.data), dot(&x.data, &back.data) + of_bias);
         assert!(
@@ -112,11 +108,10 @@ fn maxima_are_found_and_their_gradient_goes_where_they_were() {
             data: noise(1, 7 * 10 * 5),
             ..map(1, [7, 10], 5)
         };
-        let mut workspace = Workspace::new();
-        let (out, pull) = pool.trace(&x, &mut workspace);
+        let (out, pull) = pool.trace(&x);
         assert_eq!(out.size(), out_size);
         let g = map(2, out.size(), 5);
-        let found = pull(g.clone(), &mut workspace);
+        let found = pull(g.clone());
         let mut expected = vec![0.0; x.data.len()];
         for (i, max) in out.data.iter().enumerate() {
             let (c, ox, oy) = (i % 5, i / 5 % out.width, i / 5 / out.width);
@@ -147,17 +142,16 @@ fn the_gradient_of_a_block_is_its_difference_along_a_direction() {
             shortcut: shortcut.then(|| frozen(7, [32, inputs], 1, stride, 1)),
         };
         let x = map(9, [6, 7], inputs);
-        let mut workspace = Workspace::new();
-        let (out, pull) = block.trace(&x, &mut workspace);
+        let (out, pull) = block.trace(&x);
         let g = map(11, out.size(), 32);
         // Along itself, where a kink met on the way counts little.
-        let direction = pull(g.clone(), &mut workspace);
+        let direction = pull(g.clone());
         let slope = dot(&direction.data, &direction.data);
-        let mut at = |h: f32| {
+        let at = |h: f32| {
             let mut moved = x.clone();
             let pairs = moved.data.iter_mut().zip(&direction.data);
             pairs.for_each(|(x, d)| *x += h * d);
-            dot(&block.run(&moved, &mut workspace).data, &g.data)
+            dot(&block.trace(&moved).0.data, &g.data)
         };
         let difference = (at(1e-3) - at(-1e-3)) / 2e-3;
         let deviation = (difference - slope).abs();
@@ -181,8 +175,7 @@ fn hand_case_of_both_terms() {
         gram,
         weight: None,
     };
-    let compare =
-        |terms: Terms<'_>| terms.compare(&one([1.0, 2.0]), &one([1.0, 0.0]), &mut Workspace::new());
+    let compare = |terms: Terms<'_>| terms.compare(&one([1.0, 2.0]), &one([1.0, 0.0]));
     // M̂ − M = [0 2; 2 4].
     let (value, gradient) = compare(terms(1.0, 0.0));
     assert_eq!((value, gradient.data), (2.0, vec![0.0, 2.0]));
@@ -206,7 +199,7 @@ fn the_gradient_of_both_terms_is_that_of_the_definition() {
         gram: 10.0,
         weight: Some(&weight),
     };
-    let (value, gradient) = terms.compare(&x, &y, &mut Workspace::new());
+    let (value, gradient) = terms.compare(&x, &y);
     let weighted = |f: &dyn Fn(usize) -> f64| -> Vec<f64> {
         (0..P * D)
             .map(|i| f(i) * f64::from(weight[i / D]))

@@ -1,6 +1,6 @@
 //! VGG16 with the published weights (torchvision's, as the metrics bundle them).
 
-use super::conv::{ConvWeights, FrozenConv};
+use super::conv::FrozenConv;
 use super::layers::{Layer, ReluConv};
 use super::pool::MaxPool;
 use super::{Network, PerceptualError};
@@ -18,13 +18,9 @@ pub(super) fn network(simd: Simd, weights: &Weights) -> Result<Network, Perceptu
     let conv = |index: &usize| -> Result<Box<dyn Layer>, PerceptualError> {
         let [(shape, weight), (_, bias)] =
             ["weight", "bias"].map(|kind| &tensors[&format!("{index}.{kind}")]);
-        let tensors = ConvWeights {
-            channels: [shape[0], shape[1]],
-            kernel: shape[2],
-            weight,
-            bias,
-        };
-        Ok(Box::new(ReluConv(FrozenConv::new(simd, &tensors, 1, 1))))
+        let shape = [shape[0], shape[1], shape[2]];
+        let conv = FrozenConv::new(simd, shape, [weight, bias], [1, 1]);
+        Ok(Box::new(ReluConv(conv)))
     };
     let mut groups = GROUPS.map(|_| Vec::new());
     for (group, indices) in groups.iter_mut().zip(GROUPS) {

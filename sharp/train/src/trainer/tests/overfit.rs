@@ -1,6 +1,6 @@
 use sharp::camera::target_camera_from_source_ndc;
 use sharp::color::Quantization;
-use sharp::model::{Algorithm, Engine, Predictor};
+use sharp::model::Predictor;
 use sharp::render::{Background, CpuRenderer, RenderView, Renderer};
 use sharp_metrics::picture::Picture;
 use sharp_metrics::psnr;
@@ -22,9 +22,9 @@ impl Training {
     /// as in training.
     fn measure(&self, Sample { source, target, .. }: &Sample) -> [f64; 2] {
         let snapshot = Snapshot(Arc::clone(&self.trainer.state));
-        let engine = Engine::cpu(Algorithm::Winograd);
+        let compute = Compute::cpu(Algorithm::Winograd);
         let network = &self.trainer.config.network;
-        let predictor = Predictor::from_source(network, snapshot, engine).unwrap();
+        let predictor = Predictor::from_source(network, snapshot, compute).unwrap();
         let camera = source.intrinsics;
         let factor = (camera.fx / f64::from(camera.width)) as f32;
         let predicted = predictor.predict_rgb8(&source.image, factor).unwrap();

@@ -1,0 +1,250 @@
+//! Convolutions and their transpose.
+
+use std::borrow::Cow;
+
+use candle_core::{Result, Tensor};
+use candle_nn::Module;
+use sharp_kernels::conv::backward::{ConvInput, bias_gradient, input_gradient, weight_gradient};
+use sharp_kernels::{Conv2d, ConvOptions, ConvSpec, RowOp, TransposedConv2x2};
+
+use super::custom::{Back, Operation, Pass, View, apply};
+use super::{joined, parted, rectified};
+use crate::model::compute::Kernels;
+
+/// A convolution with what is fused into it.
+#[derive(Debug, Clone, Copy)]
+pub(in crate::model) struct Convolution {
+    pub(in crate::model) spec: ConvSpec,
+    /// The input is rectified first.
+    pub(in crate::model) relu_input: bool,
+    /// The result is rectified, last.
+    pub(in crate::model) relu: bool,
+}
+
+impl Convolution {
+    /// `weight` is `[out, in, kernel, kernel]`; `residual` is added to the result.
+    pub(in crate::model) fn run(
+        self,
+        kernels: Option<Kernels>,
+        x: &Tensor,
+        weight: &Tensor,
+        bias: Option<&Tensor>,
+        residual: Option<&Tensor>,
+    ) -> Result<Tensor> {
+        let ConvSpec {
+            in_channels,
+            out_channels,
+            kernel,
+            stride,
+            ..
+        } = self.spec;
+        if kernel > 1 && kernel == stride && kernels.is_none_or(|kernels| kernels.learning) {
+            let channels = kernel * kernel * in_channels;
+            let weight = weight.permute((0, 2, 3, 1))?;
+            let weight = weight.reshape((out_channels, channels, 1, 1))?;
+            let of_pixels = Self {
+                spec: point(channels, out_channels),
+                ..self
+            };
+            let x = &blocks_as_pixels(x, kernel)?;
+            return of_pixels.run(kernels, x, &weight, bias, residual);
+        }
+        let weights = &joined(weight, bias)?;
+        let inputs: Vec<&Tensor> = [x, weights].into_iter().chain(residual).collect();
+        apply(kernels, self, &inputs)
+    }
+}
+
+impl Operation for Convolution {
+    const NAME: &'static str = "sharp-convolution";
+
+    fn by_candle(&self, inputs: &[Tensor]) -> Result<Tensor> {
+        let ConvSpec {
+            in_channels,
+            out_channels,
+            kernel,
+            stride,
+            padding,
+        } = self.spec;
+        let shape = [out_channels, in_channels, kernel, kernel];
+        let (weight, bias) = parted(&inputs[1], &shape)?;
+        let x = match self.relu_input {
+            true => rectified(&inputs[0])?,
+            false => inputs[0].clone(),
+        };
+        let mut y = match kernel {
+            1 => candle_nn::Linear::new(weight.flatten_from(1)?, None).forward(&x)?,
+            _ => {
+                let planes = x.permute((0, 3, 1, 2))?.contiguous()?;
+                let y = planes.conv2d(&weight, padding, stride, 1, 1)?;
+                y.permute((0, 2, 3, 1))?.contiguous()?
+            }
+        };
+        for term in bias.iter().chain(inputs.get(2)) {
+            y = y.broadcast_add(term)?;
+        }
+        if self.relu { rectified(&y) } else { Ok(y) }
+    }
+
+    fn by_kernels(&self, kernels: Kernels, inputs: &[View<'_>]) -> (Vec<f32>, Vec<usize>) {
+        let (weight, bias) = split(&self.spec, inputs[1]);
+        let Kernels {
+            simd, convolution, ..
+        } = kernels;
+        let conv = Conv2d::new(simd, self.spec, weight, bias, false, convolution);
+        let (height, width, _) = inputs[0].image();
+        let (rows, columns) = conv.out_size(height, width);
+        let mut out = vec![0.0; rows * columns * self.spec.out_channels];
+        let options = ConvOptions {
+            relu_input: self.relu_input,
+            residual: inputs.get(2).map(|residual| residual.values),
+            relu: self.relu,
+        };
+        conv.run_rows_with(&inputs[0].window(), 0..rows, &mut out, options);
+        (out, vec![1, rows, columns, self.spec.out_channels])
+    }
+
+    fn back(&self, kernels: Kernels, pass: &Pass<'_>) -> Option<Vec<Option<Back>>> {
+        let (height, width, _) = pass.inputs[0].image();
+        let input = ConvInput {
+            data: pass.inputs[0].values,
+            height,
+            width,
+            relu: self.relu_input,
+        };
+        Some(gradients(
+            kernels,
+            self.spec,
+            input,
+            pass.upstream(self.relu),
+            pass,
+        ))
+    }
+}
+
+fn split<'a>(spec: &ConvSpec, weights: View<'a>) -> (&'a [f32], Option<&'a [f32]>) {
+    let (weight, bias) = weights.values.split_at(spec.weight_len());
+    (weight, (!bias.is_empty()).then_some(bias))
+}
+
+/// Gradients of a convolution's input, of its weights with biases behind them, and of what is added to its result.
+pub(super) fn gradients(
+    kernels: Kernels,
+    spec: ConvSpec,
+    input: ConvInput<'_>,
+    upstream: Cow<'_, [f32]>,
+    pass: &Pass<'_>,
+) -> Vec<Option<Back>> {
+    let (weight, bias) = split(&spec, pass.inputs[1]);
+    let of_input = pass.wants(0).then(|| {
+        let Kernels {
+            simd, convolution, ..
+        } = kernels;
+        Back::Values(input_gradient(
+            simd,
+            spec,
+            weight,
+            input,
+            &upstream,
+            convolution,
+        ))
+    });
+    let of_weights = pass.wants(1).then(|| {
+        let mut values = weight_gradient(kernels.simd, spec, input, &upstream);
+        if bias.is_some() {
+            values.extend(bias_gradient(&upstream, spec.out_channels));
+        }
+        Back::Values(values)
+    });
+    let of_residual = match upstream {
+        Cow::Borrowed(_) => Back::Upstream,
+        Cow::Owned(values) => Back::Values(values),
+    };
+    let of_residual = pass.wants(2).then_some(of_residual);
+    vec![of_input, of_weights, of_residual]
+}
+
+/// The transposed 2×2 convolution of stride 2; `weight` is `[in, out, 2, 2]`.
+pub(in crate::model) fn deconvolution(
+    kernels: Option<Kernels>,
+    x: &Tensor,
+    weight: &Tensor,
+    bias: Option<&Tensor>,
+) -> Result<Tensor> {
+    let (input, output, ..) = weight.dims4()?;
+    let weights = &joined(weight, bias)?;
+    match kernels {
+        Some(Kernels {
+            learning: false, ..
+        }) => apply(kernels, Deconvolution { input, output }, &[x, weights]),
+        _ => blocks_of_pixels(kernels, x, weight, bias),
+    }
+}
+
+/// The same as a product for each pixel, whose results are the pixels of its block.
+fn blocks_of_pixels(
+    kernels: Option<Kernels>,
+    x: &Tensor,
+    weight: &Tensor,
+    bias: Option<&Tensor>,
+) -> Result<Tensor> {
+    let (input, output, ..) = weight.dims4()?;
+    let weight = weight.permute((2, 3, 1, 0))?;
+    let weight = weight.reshape((4 * output, input, 1, 1))?;
+    let bias = bias.map(|bias| Tensor::cat(&[bias; 4], 0)).transpose()?;
+    let product = Convolution {
+        spec: point(input, 4 * output),
+        relu_input: false,
+        relu: false,
+    };
+    let y = product.run(kernels, x, &weight, bias.as_ref(), None)?;
+    let (_, h, w, _) = y.dims4()?;
+    y.reshape((h, w, 2, 2, output))?
+        .permute((0, 2, 1, 3, 4))?
+        .reshape((1, 2 * h, 2 * w, output))
+}
+
+/// `[1, height, width, channels]` to `[1, height / size, width / size, size² · channels]`.
+fn blocks_as_pixels(x: &Tensor, size: usize) -> Result<Tensor> {
+    let (_, h, w, c) = x.dims4()?;
+    x.reshape((h / size, size, w / size, size, c))?
+        .permute((0, 2, 1, 3, 4))?
+        .reshape((1, h / size, w / size, size * size * c))
+}
+
+/// 1×1.
+pub(super) fn point(in_channels: usize, out_channels: usize) -> ConvSpec {
+    ConvSpec {
+        in_channels,
+        out_channels,
+        kernel: 1,
+        stride: 1,
+        padding: 0,
+    }
+}
+
+struct Deconvolution {
+    input: usize,
+    output: usize,
+}
+
+impl Operation for Deconvolution {
+    const NAME: &'static str = "sharp-deconvolution";
+
+    fn by_candle(&self, inputs: &[Tensor]) -> Result<Tensor> {
+        let (weight, bias) = parted(&inputs[1], &[self.input, self.output, 2, 2])?;
+        blocks_of_pixels(None, &inputs[0], &weight, bias.as_ref())
+    }
+
+    fn by_kernels(&self, kernels: Kernels, inputs: &[View<'_>]) -> (Vec<f32>, Vec<usize>) {
+        let Self { input, output } = *self;
+        let (weight, bias) = inputs[1].values.split_at(4 * input * output);
+        let bias = (!bias.is_empty()).then_some(bias);
+        let deconv = TransposedConv2x2::new(kernels.simd, input, output, weight, bias);
+        let (height, width, _) = inputs[0].image();
+        let (rows, columns) = (2 * height, 2 * width);
+        let mut out = vec![0.0; rows * columns * output];
+        deconv.run_rows(&inputs[0].window(), 0..rows, &mut out);
+        (out, vec![1, rows, columns, output])
+    }
+}

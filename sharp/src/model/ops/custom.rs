@@ -1,0 +1,206 @@
+//! Operations with kernels of ours, as custom operations of candle's.
+
+use std::borrow::Cow;
+
+use candle_core::{
+    CpuStorage, CustomOp3, DType, Device, Layout, Result, Shape, Storage, Tensor, Var, bail,
+};
+use sharp_kernels::RowWindow;
+use sharp_kernels::conv::backward::keep_where_positive;
+
+use crate::model::compute::Kernels;
+
+/// An operation on one to three tensors.
+pub(super) trait Operation: Send + Sync + 'static {
+    const NAME: &'static str;
+
+    /// By candle, on any device.
+    fn by_candle(&self, inputs: &[Tensor]) -> Result<Tensor>;
+
+    /// By our kernels: the output and its shape.
+    fn by_kernels(&self, kernels: Kernels, inputs: &[View<'_>]) -> (Vec<f32>, Vec<usize>);
+
+    /// The gradients of the inputs by our kernels, where that pays; without, they go back through
+    /// [`Self::by_candle`].
+    fn back(&self, _: Kernels, _: &Pass<'_>) -> Option<Vec<Option<Back>>> {
+        None
+    }
+}
+
+pub(super) fn apply(
+    kernels: Option<Kernels>,
+    operation: impl Operation,
+    inputs: &[&Tensor],
+) -> Result<Tensor> {
+    let Some(kernels) = kernels else {
+        let inputs: Vec<Tensor> = inputs.iter().copied().cloned().collect();
+        return operation.by_candle(&inputs);
+    };
+    // A custom operation has three inputs; those that are not there are empty.
+    let nothing = Tensor::zeros(0, DType::F32, &Device::Cpu)?;
+    let [a, b, c] = [0, 1, 2].map(|k| inputs.get(k).copied().unwrap_or(&nothing));
+    a.apply_op3(b, c, Custom { operation, kernels })
+}
+
+/// The values of a contiguous f32 tensor on the CPU.
+#[derive(Clone, Copy)]
+pub(super) struct View<'a> {
+    pub(super) values: &'a [f32],
+    pub(super) dims: &'a [usize],
+}
+
+impl<'a> View<'a> {
+    pub(super) fn new(storage: &'a CpuStorage, layout: &'a Layout) -> Result<Self> {
+        match (storage, layout.contiguous_offsets()) {
+            (CpuStorage::F32(values), Some((start, end))) => Ok(Self {
+                values: &values[start..end],
+                dims: layout.dims(),
+            }),
+            _ => bail!("kernels take contiguous f32 tensors, not {layout:?}"),
+        }
+    }
+
+    pub(super) fn of(storage: &'a Storage, layout: &'a Layout) -> Result<Self> {
+        match storage {
+            Storage::Cpu(storage) => Self::new(storage, layout),
+            _ => bail!("kernels take tensors of the CPU"),
+        }
+    }
+
+    /// Height, width and channels of an image.
+    pub(super) fn image(&self) -> (usize, usize, usize) {
+        match *self.dims {
+            [.., height, width, channels] => (height, width, channels),
+            _ => (1, 1, self.values.len()),
+        }
+    }
+
+    pub(super) fn window(&self) -> RowWindow<'a> {
+        let (height, width, channels) = self.image();
+        RowWindow::whole(self.values, height, width, channels)
+    }
+}
+
+/// What goes back to an input: its own gradient, or the output's as it is.
+pub(super) enum Back {
+    Values(Vec<f32>),
+    Upstream,
+}
+
+/// An operation's tensors on the way back.
+pub(super) struct Pass<'a> {
+    pub(super) inputs: &'a [View<'a>],
+    pub(super) output: View<'a>,
+    /// The output's gradient.
+    pub(super) upstream: &'a [f32],
+    /// Inputs whose gradient is wanted.
+    wanted: &'a [bool],
+}
+
+impl Pass<'_> {
+    /// The gradient before the output was rectified, if it was.
+    pub(super) fn upstream(&self, rectified: bool) -> Cow<'_, [f32]> {
+        let mut upstream = Cow::Borrowed(self.upstream);
+        if rectified {
+            keep_where_positive(upstream.to_mut(), self.output.values);
+        }
+        upstream
+    }
+
+    pub(super) fn wants(&self, input: usize) -> bool {
+        self.wanted.get(input) == Some(&true)
+    }
+}
+
+struct Custom<O> {
+    operation: O,
+    kernels: Kernels,
+}
+
+impl<O: Operation> Custom<O> {
+    fn back_by_kernels(
+        &self,
+        inputs: &[&Tensor],
+        output: &Tensor,
+        upstream: &Tensor,
+    ) -> Result<Option<Vec<Option<Tensor>>>> {
+        let all = inputs.iter().copied().chain([output, upstream]);
+        let storages: Vec<_> = all.map(Tensor::storage_and_layout).collect();
+        let views = storages.iter().map(|(s, l)| View::of(s, l));
+        let views = views.collect::<Result<Vec<_>>>()?;
+        let (views, rest) = views.split_at(inputs.len());
+        let wanted: Vec<bool> = inputs.iter().map(|input| input.track_op()).collect();
+        let pass = Pass {
+            inputs: views,
+            output: rest[0],
+            upstream: rest[1].values,
+            wanted: &wanted,
+        };
+        let Some(found) = self.operation.back(self.kernels, &pass) else {
+            return Ok(None);
+        };
+        let pairs = found.into_iter().zip(inputs);
+        let tensors = pairs.map(|(back, input)| match back {
+            None => Ok(None),
+            Some(Back::Upstream) => upstream.reshape(input.shape()).map(Some),
+            Some(Back::Values(values)) => {
+                Tensor::from_vec(values, input.shape(), &Device::Cpu).map(Some)
+            }
+        });
+        tensors.collect::<Result<Vec<_>>>().map(Some)
+    }
+
+    fn back_by_candle(&self, inputs: &[&Tensor], upstream: &Tensor) -> Result<Vec<Option<Tensor>>> {
+        let ends = inputs.iter().map(|input| match input.track_op() {
+            true => Ok(Var::from_tensor(input)?.into_inner()),
+            false => Ok((*input).clone()),
+        });
+        let ends = ends.collect::<Result<Vec<_>>>()?;
+        let output = self.operation.by_candle(&ends)?;
+        let found = (output * upstream)?.sum_all()?.backward()?;
+        Ok(ends.iter().map(|end| found.get(end).cloned()).collect())
+    }
+}
+
+impl<O: Operation> CustomOp3 for Custom<O> {
+    fn name(&self) -> &'static str {
+        O::NAME
+    }
+
+    fn cpu_fwd(
+        &self,
+        s1: &CpuStorage,
+        l1: &Layout,
+        s2: &CpuStorage,
+        l2: &Layout,
+        s3: &CpuStorage,
+        l3: &Layout,
+    ) -> Result<(CpuStorage, Shape)> {
+        let given = [(s1, l1), (s2, l2), (s3, l3)].into_iter();
+        let given = given.filter(|(_, layout)| layout.shape().elem_count() > 0);
+        let views = given.map(|(s, l)| View::new(s, l));
+        let views = views.collect::<Result<Vec<_>>>()?;
+        let (values, shape) = self.operation.by_kernels(self.kernels, &views);
+        Ok((CpuStorage::F32(values), shape.into()))
+    }
+
+    fn bwd(
+        &self,
+        a: &Tensor,
+        b: &Tensor,
+        c: &Tensor,
+        output: &Tensor,
+        upstream: &Tensor,
+    ) -> Result<(Option<Tensor>, Option<Tensor>, Option<Tensor>)> {
+        let upstream = &upstream.contiguous()?;
+        let given = [a, b, c].into_iter();
+        let given: Vec<_> = given.filter(|input| input.elem_count() > 0).collect();
+        let found = match self.back_by_kernels(&given, output, upstream)? {
+            Some(found) => found,
+            None => self.back_by_candle(&given, upstream)?,
+        };
+        let mut found = found.into_iter();
+        let [a, b, c] = std::array::from_fn(|_| found.next().flatten());
+        Ok((a, b, c))
+    }
+}
