@@ -20,10 +20,10 @@ use crate::train::{TrainRequest, Trained, ValidationRequest, train};
 
 /// Train a network of SHARP's architecture, both stages
 ///
-/// The configuration says which network, losses, data, schedule and intervals; what it leaves out is as in the paper. A
-/// training that was stopped (Ctrl-C, SIGTERM, --time-budget) is resumed by the same command, and its log and weights have
-/// the same bytes as without the stop. Weights are validated on pairs that are not learnt from, as a run evaluates a method. --device is also where the network learns; the
-/// last bits of its weights depend on it.
+/// The configuration sets the network, losses, data, schedule and intervals; what it leaves out is as in the paper. The
+/// same command resumes a stopped training (Ctrl-C, SIGTERM, --time-budget), and log and weights get the same bytes as
+/// without the stop. Weights are validated on held-out pairs, as a run evaluates a method. --device is also where the
+/// network learns; the last bits of its weights depend on it.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Example:
