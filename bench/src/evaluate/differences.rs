@@ -53,6 +53,8 @@ pub(super) struct Difference {
     what: String,
     /// Before and now.
     values: Option<[String; 2]>,
+    /// Follows the sentence.
+    advice: &'static str,
 }
 
 impl Difference {
@@ -80,7 +82,8 @@ impl Difference {
 
 impl fmt::Display for Difference {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(&self.between("in one", "in the other"))
+        f.write_str(&self.between("in one", "in the other"))?;
+        f.write_str(self.advice)
     }
 }
 
@@ -138,7 +141,14 @@ pub(super) fn differences(before: &Manifest, now: &Manifest) -> Vec<Difference> 
     }
     for (label, before, now) in &methods {
         let identities = [before.unwrap_or(now), now].map(|method| method.identity.to_string());
-        found.compare(NAME, &format!("method '{label}'"), identities);
+        if identities[0] != identities[1] {
+            found.0.push(Difference {
+                row: NAME,
+                what: format!("method '{label}'"),
+                values: Some(identities),
+                advice: "; `report NAME=FOLDER` tells two methods of one label apart",
+            });
+        }
     }
     let backends = both.map(|manifest| manifest.renderer.backend.clone());
     found.compare(MACHINE, "the renderer", backends);
@@ -175,14 +185,22 @@ struct Found(Vec<Difference>);
 impl Found {
     fn compare(&mut self, row: Row, what: &str, [before, now]: [String; 2]) {
         if before != now {
-            let (what, values) = (what.to_owned(), Some([before, now]));
-            self.0.push(Difference { row, what, values });
+            self.0.push(Difference {
+                row,
+                what: what.to_owned(),
+                values: Some([before, now]),
+                advice: "",
+            });
         }
     }
 
     fn add(&mut self, row: Row, what: String) {
-        let values = None;
-        self.0.push(Difference { row, what, values });
+        self.0.push(Difference {
+            row,
+            what,
+            values: None,
+            advice: "",
+        });
     }
 }
 
