@@ -14,8 +14,7 @@ use super::plausible;
 use super::search::{is_worth_a_word, least};
 use super::small_view::{FLIPS, Part, SmallView, WIDEST};
 
-/// Samples of a view in the search for a factor, first and then.
-const COARSE_SAMPLES: usize = 375;
+/// Samples of a view in a quick search for a factor.
 const FINE_SAMPLES: usize = 800;
 
 impl Neighbours<'_> {
@@ -177,7 +176,11 @@ impl Neighbours<'_> {
 
     /// The factor with the least loss.
     fn fit(&self, n: i32, step: f64, with: &dyn Fn(f64) -> Reading) -> f64 {
-        let (coarse, fine) = (self.stride_of(COARSE_SAMPLES), self.stride_of(FINE_SAMPLES));
+        let coarse = 4 * self.stride;
+        let fine = match self.thorough {
+            true => self.stride,
+            false => self.stride_of(FINE_SAMPLES),
+        };
         let as_read = landed(&self.explained(&Reading::AS_READ, coarse));
         least(n, step, &|factor, is_coarse| {
             let stride = if is_coarse { coarse } else { fine };

@@ -159,7 +159,7 @@ const THOROUGH: Effort = Effort {
 };
 const QUICK: Effort = Effort {
     pairs: 2,
-    samples: 1500,
+    samples: 1200,
     thorough: false,
 };
 

@@ -96,8 +96,7 @@ fn flat_colours_wide_angles_and_small_steps_are_proper() {
 
 #[test]
 fn tiny_pictures_are_proper() {
-    let seeds = std::env::var("TINY_SEEDS").map_or(6, |n| n.parse().unwrap());
-    for seed in 0..seeds {
+    for seed in 0..6 {
         for (width, height) in [(24, 18), (32, 24), (32, 32)] {
             for views in [2, 4, 9] {
                 let classic = SyntheticOptions {
