@@ -79,8 +79,8 @@ fn room((w, h): (u32, u32), widths: f64, step: DVec3) -> Vec<View> {
 /// Where colours are flat and pixels coarse, no motion at all seems to fit best.
 #[test]
 fn flat_colours_wide_angles_and_small_steps_are_proper() {
-    for size in [(96, 72), (128, 96), (192, 144)] {
-        for widths in [0.2, 0.25, 0.4, 0.6] {
+    for size in [(96, 72), (128, 96)] {
+        for widths in [0.2, 0.4] {
             for step in [
                 DVec3::X,
                 DVec3::Z,
@@ -96,7 +96,7 @@ fn flat_colours_wide_angles_and_small_steps_are_proper() {
 
 #[test]
 fn tiny_pictures_are_proper() {
-    for seed in 0..6 {
+    for seed in 0..3 {
         for (width, height) in [(24, 18), (32, 24), (32, 32)] {
             for views in [2, 4, 9] {
                 let classic = SyntheticOptions {
