@@ -495,9 +495,18 @@ fn a_truth_that_could_not_be_read_costs_no_prediction() {
     let scene = std::fs::read_dir(&data).unwrap().next().unwrap().unwrap();
     let target = scene.path().join("im1.png");
     let whole = std::fs::read(&target).unwrap();
-    // Only decoding shows it.
+    // Chunks with right checksums: only decoding shows it.
     let mut broken = whole.clone();
-    broken[whole.len() / 2..][..64].fill(0);
+    let kind = broken.windows(4).position(|at| at == b"IDAT").unwrap();
+    let length = u32::from_be_bytes(whole[kind - 4..kind].try_into().unwrap()) as usize;
+    let end = kind + 4 + length;
+    broken[kind + 4 + length / 2..end].fill(0);
+    let crc = |crc: u32, byte: &u8| {
+        let step = |crc: u32, _| (crc >> 1) ^ (0xEDB8_8320 & 0_u32.wrapping_sub(crc & 1));
+        (0..8).fold(crc ^ u32::from(*byte), step)
+    };
+    let sum = !broken[kind..end].iter().fold(!0, crc);
+    broken[end..end + 4].copy_from_slice(&sum.to_be_bytes());
     std::fs::write(&target, &broken).unwrap();
     let counts = evaluate().counts;
     assert_eq!((counts.predicted, counts.failed), (1, 1));

@@ -244,8 +244,16 @@ fn gradients_are_those_of_any_device_and_the_same_bytes_for_any_threads() {
         };
         let whole = length(&mut candle[name].iter().copied());
         let off = length(&mut found.iter().zip(&candle[name]).map(|(a, b)| a - b));
-        // Before a group norm, what a bias gets cancels.
-        assert!(off <= 1e-2 * whole, "{name}: {off} of {whole}");
+        // Before a group norm the gradients of a bias cancel, and rounding is left: what counts beside is its layer's weight.
+        let weight = name.replace(".bias", ".weight");
+        let of_layer = candle
+            .get(&weight)
+            .map_or(0.0, |weight| length(&mut weight.iter().copied()));
+        let scale = whole.max(0.1 * of_layer);
+        assert!(
+            off <= 1e-2 * scale,
+            "{name}: {off} of {whole} beside {of_layer}"
+        );
     }
 }
 
