@@ -7,10 +7,11 @@ use sharp_metrics::MetricInfo;
 
 use super::error::EvaluateError;
 use super::manifest::{AGGREGATION, DatasetRecord, Manifest};
+use crate::methods::Privilege;
 
 /// Why two manifests are compared. An index into [`Row`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Meeting {
+pub(super) enum Purpose {
     /// `run` or `score` adds to a folder.
     Added,
     /// `report` or `compare` shows both.
@@ -22,16 +23,16 @@ pub(super) enum Meeting {
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Verdict {
+pub(super) enum Effect {
     Allowed,
     /// The new meaning of a name counts; tables no longer show earlier results under it.
     Replaced,
     Refused,
 }
-use Verdict::{Allowed, Refused, Replaced};
+use Effect::{Allowed, Refused, Replaced};
 
-/// The verdict for each [`Meeting`]. These constants are the whole table.
-type Row = [Verdict; 4];
+/// The effect for each [`Purpose`]. These constants are the whole table.
+type Row = [Effect; 4];
 /// Decides every number.
 const RULE: Row = [Refused, Refused, Refused, Refused];
 /// Scoring conventions. They are part of each metric's identity too, so adding them to a folder replaces scores.
@@ -40,14 +41,13 @@ const CONVENTION: Row = [Allowed, Refused, Refused, Refused];
 const NAME: Row = [Replaced, Refused, Refused, Refused];
 /// Changes scores only in digits that no table shows.
 const MACHINE: Row = [Refused, Allowed, Refused, Refused];
-const METRIC_CODE: Row = [Replaced, Allowed, Refused, Refused];
-/// Another version of the code makes other units, so nothing is mixed.
-const METHOD_CODE: Row = [Allowed, Allowed, Refused, Refused];
+/// Code of a method or reader, weights or code of a metric.
+const CODE: Row = [Replaced, Allowed, Refused, Refused];
 const UNPLANNED: Row = [Allowed, Allowed, Allowed, Refused];
 
 /// A fact in which two manifests differ.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub(super) struct Difference {
+pub(super) struct ManifestDifference {
     row: Row,
     /// What differs; a whole sentence if there are no values.
     what: String,
@@ -57,9 +57,9 @@ pub(super) struct Difference {
     advice: &'static str,
 }
 
-impl Difference {
-    pub(super) fn verdict(&self, meeting: Meeting) -> Verdict {
-        self.row[meeting as usize]
+impl ManifestDifference {
+    pub(super) fn effect(&self, purpose: Purpose) -> Effect {
+        self.row[purpose as usize]
     }
 
     /// Describes the results that tables no longer show.
@@ -80,7 +80,7 @@ impl Difference {
     }
 }
 
-impl fmt::Display for Difference {
+impl fmt::Display for ManifestDifference {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(&self.between("in one", "in the other"))?;
         f.write_str(self.advice)
@@ -88,14 +88,18 @@ impl fmt::Display for Difference {
 }
 
 /// The first difference that forbids combining the results.
-pub(super) fn refusal(before: &Manifest, now: &Manifest, meeting: Meeting) -> Option<Difference> {
+pub(super) fn refusal(
+    before: &Manifest,
+    now: &Manifest,
+    purpose: Purpose,
+) -> Option<ManifestDifference> {
     let found = differences(before, now).into_iter();
-    let mut refused = found.filter(|found| found.verdict(meeting) == Refused);
+    let mut refused = found.filter(|found| found.effect(purpose) == Refused);
     refused.next()
 }
 
 /// All differences that affect numbers, and what only `now` has.
-pub(super) fn differences(before: &Manifest, now: &Manifest) -> Vec<Difference> {
+pub(super) fn differences(before: &Manifest, now: &Manifest) -> Vec<ManifestDifference> {
     let mut found = Found(Vec::new());
     let both = [before, now];
     if both.iter().all(|manifest| manifest.has_networks()) {
@@ -134,18 +138,27 @@ pub(super) fn differences(before: &Manifest, now: &Manifest) -> Vec<Difference> 
         }
     }
     for (name, before, now) in &datasets {
-        if let Some(before) = before.filter(|before| before.identity != now.identity) {
-            let what = format!("the reading of dataset '{name}'");
-            found.compare(NAME, &what, readings(before, now));
+        let Some(before) = before.filter(|before| before.identity != now.identity) else {
+            continue;
+        };
+        match readings(before, now) {
+            [before, now] if before == now => {
+                let what = format!("dataset '{name}' was read by another version of the code");
+                found.add(CODE, what);
+            }
+            texts => found.compare(NAME, &format!("the reading of dataset '{name}'"), texts),
         }
     }
     for (label, before, now) in &methods {
-        let identities = [before.unwrap_or(now), now].map(|method| method.identity.to_string());
-        if identities[0] != identities[1] {
-            found.0.push(Difference {
+        let texts = [before.unwrap_or(now), now].map(|method| match method.privilege {
+            Privilege::None => method.identity.to_string(),
+            _ => format!("{} with depth=privileged", method.identity),
+        });
+        if texts[0] != texts[1] {
+            found.0.push(ManifestDifference {
                 row: NAME,
                 what: format!("method '{label}'"),
-                values: Some(identities),
+                values: Some(texts),
                 advice: "; `report NAME=FOLDER` tells two methods of one label apart",
             });
         }
@@ -160,7 +173,7 @@ pub(super) fn differences(before: &Manifest, now: &Manifest) -> Vec<Difference> 
         match before {
             None => found.add(UNPLANNED, format!("{key} is not in the plan")),
             Some(before) if before.identity != now.identity => {
-                found.add(METRIC_CODE, other_code(&key.to_string()));
+                found.add(CODE, other_code(&key.to_string()));
             }
             Some(_) => {}
         }
@@ -169,7 +182,7 @@ pub(super) fn differences(before: &Manifest, now: &Manifest) -> Vec<Difference> 
         match before {
             None => found.add(UNPLANNED, format!("method '{label}' is not in the plan")),
             Some(before) if before.sources != now.sources => {
-                found.add(METHOD_CODE, other_code(&format!("method '{label}'")));
+                found.add(CODE, other_code(&format!("method '{label}'")));
             }
             Some(_) => {}
         }
@@ -180,12 +193,12 @@ pub(super) fn differences(before: &Manifest, now: &Manifest) -> Vec<Difference> 
     found.0
 }
 
-struct Found(Vec<Difference>);
+struct Found(Vec<ManifestDifference>);
 
 impl Found {
     fn compare(&mut self, row: Row, what: &str, [before, now]: [String; 2]) {
         if before != now {
-            self.0.push(Difference {
+            self.0.push(ManifestDifference {
                 row,
                 what: what.to_owned(),
                 values: Some([before, now]),
@@ -195,7 +208,7 @@ impl Found {
     }
 
     fn add(&mut self, row: Row, what: String) {
-        self.0.push(Difference {
+        self.0.push(ManifestDifference {
             row,
             what,
             values: None,
@@ -250,8 +263,9 @@ pub(super) fn extended(
     root: &Path,
 ) -> Result<(Manifest, Vec<String>), EvaluateError> {
     let found = differences(&before, &new);
-    let of = |verdict: Verdict| {
-        let added = move |difference: &&Difference| difference.verdict(Meeting::Added) == verdict;
+    let of = |effect: Effect| {
+        let added =
+            move |difference: &&ManifestDifference| difference.effect(Purpose::Added) == effect;
         found.iter().filter(added)
     };
     if let Some(refused) = of(Refused).next() {
@@ -260,7 +274,7 @@ pub(super) fn extended(
             difference: refused.between("in its results", "in this run"),
         });
     }
-    let replaced = of(Replaced).map(Difference::replaced).collect();
+    let replaced = of(Replaced).map(ManifestDifference::replaced).collect();
     // Whatever computed the networks of columns that stay.
     let metric_networks = match new.has_networks() {
         true => new.metric_networks,
@@ -302,7 +316,7 @@ pub(super) fn extended(
 /// # Errors
 /// The first difference that columns of one name, or names of one meaning, cannot have.
 pub(super) fn joined(one: Manifest, other: Manifest) -> Result<Manifest, String> {
-    if let Some(difference) = refusal(&one, &other, Meeting::Read) {
+    if let Some(difference) = refusal(&one, &other, Purpose::Read) {
         return Err(difference.to_string());
     }
     let mut scoring = one.scoring;
@@ -354,4 +368,61 @@ fn union<T, N: PartialEq>(
         }
     }
     all
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::evaluate::test_records::manifest;
+
+    /// What each purpose makes of the only difference.
+    fn effects(change: impl Fn(&mut Manifest)) -> [Effect; 4] {
+        let before = manifest("psnr");
+        let mut now = before.clone();
+        change(&mut now);
+        let found = differences(&before, &now);
+        assert_eq!(found.len(), 1, "{found:?}");
+        [
+            Purpose::Added,
+            Purpose::Read,
+            Purpose::Merged,
+            Purpose::Shard,
+        ]
+        .map(|purpose| found[0].effect(purpose))
+    }
+
+    #[test]
+    fn each_difference_has_its_row() {
+        assert_eq!(differences(&manifest("psnr"), &manifest("psnr")), []);
+        let rule = |now: &mut Manifest| now.renderer.near = 1.0;
+        assert_eq!(effects(rule), RULE);
+        let convention = |now: &mut Manifest| now.metrics[0].info.input_range = "0..2".to_owned();
+        assert_eq!(effects(convention), CONVENTION);
+        assert_eq!(
+            effects(|now| now.methods[0].privilege = Privilege::DepthScale),
+            NAME
+        );
+        assert_eq!(
+            effects(|now| now.renderer.backend = "wgpu".to_owned()),
+            MACHINE
+        );
+        // A reader of another version, the same settings.
+        assert_eq!(effects(|now| now.datasets[0].identity.clear()), CODE);
+        assert_eq!(effects(|now| now.methods[0].sources.clear()), CODE);
+        assert_eq!(effects(|now| now.metrics[0].identity.clear()), CODE);
+        assert_eq!(
+            effects(|now| now.methods[0].label = "new".to_owned()),
+            UNPLANNED
+        );
+    }
+
+    #[test]
+    fn datasets_of_one_name_are_told_apart_by_a_setting() {
+        let before = manifest("psnr");
+        let mut now = before.clone();
+        now.datasets[0].identity.clear();
+        now.datasets[0].readings[0].value = "9x9".to_owned();
+        let found = refusal(&before, &now, Purpose::Read).unwrap().to_string();
+        assert!(found.contains("=9x9"), "{found}");
+    }
 }

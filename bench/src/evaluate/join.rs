@@ -5,7 +5,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use super::aggregation::Aggregation;
-use super::differences::{Meeting, joined, refusal};
+use super::differences::{Purpose, joined, refusal};
 use super::error::EvaluateError;
 use super::folder::RunFolder;
 use super::plan::RunPlan;
@@ -265,7 +265,7 @@ pub fn merge(folders: &[PathBuf], out: Option<&Path>) -> Result<Results, Evaluat
     for path in folders {
         let folder = RunFolder::open(path)?;
         let current = Current::read(&folder)?;
-        if let Some(difference) = refusal(&manifest, &current.manifest, Meeting::Merged) {
+        if let Some(difference) = refusal(&manifest, &current.manifest, Purpose::Merged) {
             return Err(EvaluateError::Conflict {
                 a: folders[0].clone(),
                 b: path.clone(),

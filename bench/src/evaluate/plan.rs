@@ -6,7 +6,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::manifest::FORMAT;
-use super::unit::Standing;
+use super::unit::UnitProgress;
 
 /// `plan.json`: which pairs by which methods. A folder that several runs added to has several blocks.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -118,13 +118,13 @@ pub struct RunStatus {
 }
 
 impl RunStatus {
-    pub(super) fn add(&mut self, standing: Standing) {
+    pub(super) fn add(&mut self, standing: UnitProgress) {
         self.units += 1;
         *match standing {
-            Standing::Done => &mut self.done,
-            Standing::Unscored => &mut self.unscored,
-            Standing::Failed => &mut self.failed,
-            Standing::Missing => &mut self.missing,
+            UnitProgress::Done => &mut self.done,
+            UnitProgress::Unscored => &mut self.unscored,
+            UnitProgress::Failed => &mut self.failed,
+            UnitProgress::Missing => &mut self.missing,
         } += 1;
     }
 }

@@ -20,7 +20,7 @@ use super::manifest::{
 use super::plan::RunStatus;
 use super::score::missing;
 use super::shard::Shard;
-use super::unit::{Standing, Unit};
+use super::unit::{Unit, UnitProgress};
 use crate::config::RunConfig;
 use crate::io::counts::counted;
 use crate::io::fingerprints;
@@ -390,9 +390,9 @@ impl Evaluation {
                 standing.add(match unit {
                     // One that failed has no picture.
                     Some(unit) if unit.is_failure() || unit.picture_key == key => {
-                        unit.standing(lacks_scores(&unit))
+                        unit.progress(lacks_scores(&unit))
                     }
-                    _ => Standing::Missing,
+                    _ => UnitProgress::Missing,
                 });
             }
         }

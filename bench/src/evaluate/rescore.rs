@@ -6,7 +6,7 @@ use std::path::Path;
 use image::RgbImage;
 use sharp_metrics::Picture;
 
-use super::differences::{Meeting, extended, refusal};
+use super::differences::{Purpose, extended, refusal};
 use super::error::EvaluateError;
 use super::folder::RunFolder;
 use super::job::UnitCounts;
@@ -98,7 +98,7 @@ pub fn score_shard(
         ..
     } = Current::read(&folder)?;
     let scoring = &scoring.under(manifest.rules);
-    if let Some(difference) = refusal(&manifest, &under(&manifest, scoring), Meeting::Shard) {
+    if let Some(difference) = refusal(&manifest, &under(&manifest, scoring), Purpose::Shard) {
         return Err(EvaluateError::NotKept {
             folder: root.to_owned(),
             reason: difference.to_string(),

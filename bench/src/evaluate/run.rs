@@ -5,7 +5,7 @@ use std::path::Path;
 
 use sharp_datasets::Scene;
 
-use super::differences::{Meeting, extended, refusal};
+use super::differences::{Purpose, extended, refusal};
 use super::error::EvaluateError;
 use super::folder::RunFolder;
 use super::gaussians::source_check::checked_sources;
@@ -143,7 +143,7 @@ impl Evaluation {
         };
         let plan = folder.plan()?;
         check_rows(&folder, &planned.pairs, &plan, &self.list)?;
-        if let Some(difference) = refusal(&planned, &self.manifest()?, Meeting::Shard) {
+        if let Some(difference) = refusal(&planned, &self.manifest()?, Purpose::Shard) {
             let reason = format!(
                 "{difference}; a shard needs the binary, the files and the class of CPU kernels (`run --simd`) that the plan \
                  was made with"

@@ -12,7 +12,7 @@ use super::plan::{Estimate, RunPlan, RunStatus};
 use super::record::Status;
 use super::results::{Current, check_rows};
 use super::shard::Shard;
-use super::unit::{Standing, Unit};
+use super::unit::{Unit, UnitProgress};
 use crate::pairs::PairList;
 
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -61,8 +61,8 @@ impl RunProgress {
                 methods.len() - 1
             });
             let standing = match units.get(&(pair, method)) {
-                Some(unit) => unit.standing(unit.scores.is_empty()),
-                None => Standing::Missing,
+                Some(unit) => unit.progress(unit.scores.is_empty()),
+                None => UnitProgress::Missing,
             };
             all.add(standing);
             methods[at].1.add(standing);

@@ -181,7 +181,7 @@ impl Unit {
 
 /// How far a planned unit is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Standing {
+pub(super) enum UnitProgress {
     /// No result, or one of other files or another method.
     Missing,
     Failed,
@@ -191,11 +191,11 @@ pub(super) enum Standing {
 
 impl Unit {
     /// `lacks_scores`: whether scores of wanted metrics are missing.
-    pub(super) fn standing(&self, lacks_scores: bool) -> Standing {
+    pub(super) fn progress(&self, lacks_scores: bool) -> UnitProgress {
         match (&self.record.status, lacks_scores) {
-            (Status::Failed { .. }, _) => Standing::Failed,
-            (Status::Ok, true) => Standing::Unscored,
-            (Status::Ok, false) => Standing::Done,
+            (Status::Failed { .. }, _) => UnitProgress::Failed,
+            (Status::Ok, true) => UnitProgress::Unscored,
+            (Status::Ok, false) => UnitProgress::Done,
         }
     }
 
@@ -205,7 +205,7 @@ impl Unit {
 
     /// Whether it is scored or a recorded failure.
     pub(super) fn is_done(&self) -> bool {
-        self.standing(self.scores.is_empty()) != Standing::Unscored
+        self.progress(self.scores.is_empty()) != UnitProgress::Unscored
     }
 }
 

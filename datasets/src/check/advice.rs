@@ -15,14 +15,18 @@ pub struct Units {
     scale: Option<f64>,
     /// Metres of one unit of depth maps; `None` where nothing sets it.
     depth_unit: Option<f64>,
+    /// Whether depth is a model's points, which `scale` multiplies together with its poses.
+    is_of_points: bool,
 }
 
 impl Units {
     pub fn of(spec: &DatasetSpec) -> Self {
         let value = |key: &str| spec.setting(key).parse().ok();
+        let is_of_points = spec.setting("depth") == "points";
         Self {
             scale: value("scale"),
-            depth_unit: value("depth-unit"),
+            depth_unit: value("depth-unit").filter(|_| !is_of_points),
+            is_of_points,
         }
     }
 }
@@ -132,6 +136,12 @@ pub(super) fn sentence(
 /// The setting that gives poses and depth one unit: the setting of the implausible quantity, or that of the poses and,
 /// after a semicolon, the other.
 fn scaled(scale: f64, units: Units, median_m: f64) -> (String, String) {
+    if units.is_of_points {
+        let factor = number(scale);
+        let other = "; take points and poses from one model, since no setting scales one alone";
+        let fits = format!("a unit of the poses that is {factor} times that of the points");
+        return (fits, other.to_owned());
+    }
     let poses = units
         .scale
         .map(|unit| format!("scale={}", number(unit * scale)));
