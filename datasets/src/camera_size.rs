@@ -120,7 +120,7 @@ pub(crate) fn check_size(
     })
 }
 
-/// True if one factor leads from one size to the other, where both of the new sides were rounded
+/// Whether one factor leads from one size to the other, where both of the new sides were rounded
 /// to whole pixels in the same way: down, or to the nearest.
 fn is_same_ratio(from: PixelSize, to: PixelSize) -> bool {
     let ([w, h], [v, u]) = (

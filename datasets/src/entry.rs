@@ -106,7 +106,7 @@ impl DatasetEntry {
         files
     }
 
-    /// The archives on the official page that hold a scene; empty where that is not known.
+    /// The archives on the official page that hold a scene; empty if that is not known.
     pub fn archives(&self, scene: &str, picture: &str) -> Vec<String> {
         (self.archives)(&PhotographPath::new(scene, picture))
     }
@@ -203,7 +203,7 @@ impl Setting {
 pub struct SettingChoice {
     pub value: &'static str,
     pub meaning: &'static str,
-    /// True where it is known to differ from what the paper did: reports then say "proxy".
+    /// Whether it is known to differ from what the paper did: reports then say "proxy".
     pub proxy: bool,
 }
 

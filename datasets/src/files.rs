@@ -203,7 +203,7 @@ pub fn folded(name: &str) -> String {
 }
 
 /// The files in a folder of a stem and any of some lower-case extensions, in the folder's order; exact names if there
-/// are any, else names that are equal once [`folded`]. Empty where there is no such folder.
+/// are any, else names that are equal once [`folded`]. Empty if there is no such folder.
 pub fn of_stem(folder: &Path, stem: &str, extensions: &[&str]) -> Vec<PathBuf> {
     let exact = extensions
         .iter()

@@ -100,7 +100,7 @@ impl std::fmt::Display for Why {
 pub struct LeftOutScenes {
     /// In words; names the file that is at fault.
     pub reason: String,
-    /// True where a setting or an option rules them out, false where they are broken or incomplete.
+    /// Whether a setting or an option rules them out, false where they are broken or incomplete.
     pub by_choice: bool,
     /// Their ids, or those of folders of which no more is known.
     pub scenes: Vec<String>,

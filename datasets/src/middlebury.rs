@@ -144,7 +144,7 @@ fn open(spec: &DatasetSpec) -> Result<FoundScenes, DatasetError> {
 
 const PICTURES: [&str; 2] = ["im0.png", "im1.png"];
 
-/// True if a folder has a file of a scene, even in another format or with a name in capitals: such a scene is left out by
+/// Whether a folder has a file of a scene, even in another format or with a name in capitals: such a scene is left out by
 /// name, not overlooked.
 fn has_part(folder: &Path) -> bool {
     let names = files::list(folder).unwrap_or_default().into_iter();
@@ -214,7 +214,7 @@ fn find_disparity(
     Ok(None)
 }
 
-/// True if MiddEval3's training set has a scene of that name.
+/// Whether MiddEval3's training set has a scene of that name.
 fn is_training15(id: &str) -> bool {
     const NAMES: [&str; 15] = [
         "Adirondack",

@@ -10,13 +10,13 @@ use crate::{Pairing, Scene, View};
 /// Processing of one view's files.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Processing {
-    /// How the photograph was resampled; `None` where it is taken as stored.
+    /// How the photograph was resampled; `None` if it is taken as stored.
     pub undistorted: Option<Undistorted>,
-    /// True where pixels are black and without depth because of a mask.
+    /// Whether pixels are black and without depth because of a mask.
     pub masked: bool,
-    /// True where it is known that no file holds the view's depth.
+    /// Whether it is known that no file holds the view's depth.
     pub lacks_depth: bool,
-    /// True where depth is what the pose sees of a scan, and not a map that goes with the picture.
+    /// Whether depth is what the pose sees of a scan, and not a map that goes with the picture.
     pub depth_by_pose: bool,
 }
 

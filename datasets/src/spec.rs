@@ -31,9 +31,9 @@ pub struct DatasetSpec {
 pub struct SettingInForce {
     pub key: &'static str,
     pub value: String,
-    /// True where the value is known to differ from what the paper did.
+    /// Whether the value is known to differ from what the paper did.
     pub proxy: bool,
-    /// True where the paper leaves it open: this is one of several values that it may have used.
+    /// Whether the paper leaves it open: this is one of several values that it may have used.
     pub open: bool,
 }
 

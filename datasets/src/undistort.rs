@@ -234,7 +234,7 @@ impl Undistortion {
     }
 
     /// Where the centre of a pinhole pixel lies in the stored picture (pixels, corner convention);
-    /// `None` where the lens does not see.
+    /// `None` if the lens does not see.
     pub fn stored_place(&self, x: u32, y: u32) -> Option<DVec2> {
         let center = DVec2::new(f64::from(x) + 0.5, f64::from(y) + 0.5);
         self.lens
@@ -249,7 +249,7 @@ fn mirror(i: i64, size: i64) -> u32 {
     u32::try_from(i.min(period - i).min(size - 1)).unwrap_or(0)
 }
 
-/// True if every point of the pinhole picture's border lies inside the stored picture.
+/// Whether every point of the pinhole picture's border lies inside the stored picture.
 fn shows_only_the_picture(lens: &Lens, pinhole: &Intrinsics) -> bool {
     let (w, h) = (f64::from(pinhole.width), f64::from(pinhole.height));
     (0..=256).all(|i| {

@@ -34,13 +34,13 @@ pub trait ViewContent: Send + Sync + std::fmt::Debug {
     /// Names the file and why it cannot be read, or that its size disagrees with the intrinsics.
     fn image(&self) -> Result<RgbImage, DatasetError>;
 
-    /// 255 where a pixel of the photograph is valid; `None` where the dataset excludes none. Excluded pixels are black in [`ViewContent::image`] and have no depth.
+    /// 255 where a pixel of the photograph is valid; `None` if the dataset excludes none. Excluded pixels are black in [`ViewContent::image`] and have no depth.
     ///
     /// # Errors
     /// Names the file and why it cannot be read.
     fn valid_pixels(&self) -> Result<Option<GrayImage>, DatasetError>;
 
-    /// Ground-truth depth at the image's size; `None` where the dataset has none for this view.
+    /// Ground-truth depth at the image's size; `None` if the dataset has none for this view.
     ///
     /// # Errors
     /// Names the file and why it cannot be read.
@@ -75,7 +75,7 @@ pub trait ViewContent: Send + Sync + std::fmt::Debug {
     }
 
     /// The photograph under the other reading of its EXIF orientation, of the size of [`ViewContent::image`], and the
-    /// setting that reads it so; `None` where it has no orientation, or only one reading fits the camera.
+    /// setting that reads it so; `None` if it has no orientation, or only one reading fits the camera.
     ///
     /// # Errors
     /// As [`ViewContent::image`].

@@ -105,7 +105,7 @@ impl Engines {
         Ok(distance.layers.iter().sum())
     }
 
-    /// LPIPS of version 0.0, with the network of version 0.1's; `None` where that is not loaded.
+    /// LPIPS of version 0.0, with the network of version 0.1's; `None` if that is not loaded.
     pub(crate) fn lpips_v0(
         &self,
         net: LpipsNet,

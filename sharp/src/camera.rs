@@ -124,7 +124,7 @@ impl Intrinsics {
         )
     }
 
-    /// True where continuous pixel coordinates lie inside the image, `[0, width) × [0, height)`.
+    /// Whether continuous pixel coordinates lie inside the image, `[0, width) × [0, height)`.
     pub fn contains(&self, pixel: DVec2) -> bool {
         pixel.x >= 0.0
             && pixel.y >= 0.0

@@ -54,7 +54,7 @@ pub(crate) fn same(found: &str, expected: f64) -> bool {
 }
 
 /// What a run gave: a clean error, or rows that failed for a reason or have the number of the oracle, which is asked for a
-/// row and knows some; `None` where it knows that there can be none.
+/// row and knows some; `None` if it knows that there can be none.
 pub(crate) fn judge_run(
     case: &Case,
     said: &Said,

@@ -54,7 +54,7 @@ pub(crate) fn limit() {
     assert!(scores[0] == scores[1]);
 }
 
-/// The most memory that a process had at a time; `None` where that cannot be known.
+/// The most memory that a process had at a time; `None` if that cannot be known.
 pub(crate) fn peak_bytes(process: u32) -> Option<u64> {
     of_process(process, "VmHWM:")
 }

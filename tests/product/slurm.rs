@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 
 use super::support::{read, sharp_bench};
 
-/// True where Slurm's daemons and MUNGE are, and may be started.
+/// Whether Slurm's daemons and MUNGE are, and may be started.
 pub(crate) fn is_there() -> bool {
     let user = Command::new("id").arg("-u").output();
     let is_root = user.is_ok_and(|user| user.stdout.trim_ascii() == b"0");

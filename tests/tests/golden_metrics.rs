@@ -152,7 +152,7 @@ fn golden() -> PathBuf {
 
 struct Pair {
     name: String,
-    /// Prediction and target; `None` where a picture is neither here nor in the shared folder.
+    /// Prediction and target; `None` if a picture is neither here nor in the shared folder.
     files: Option<[PathBuf; 2]>,
     json: Value,
     scores: OnceLock<Result<Scores, String>>,

@@ -23,7 +23,7 @@ fn rust_files(folder: &Path, into: &mut Vec<PathBuf>) {
     }
 }
 
-/// True where code, not a comment, says `unsafe`.
+/// Whether code, not a comment, says `unsafe`.
 fn is_unsafe(text: &str) -> bool {
     let code = text
         .lines()

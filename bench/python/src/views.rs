@@ -152,7 +152,7 @@ impl View {
         depth.map(|depth| arrays::from_depth(py, depth)).transpose()
     }
 
-    /// [H, W] of bool, False where the dataset excludes a pixel; None where it excludes none.
+    /// [H, W] of bool, False where the dataset excludes a pixel; None if it excludes none.
     fn valid_pixels<'py>(&self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyArray2<bool>>>> {
         let valid = py
             .detach(|| self.core.content.valid_pixels())

@@ -34,7 +34,7 @@ pub(super) struct CompareArgs {
     /// Run folder B, after [default: A itself]
     #[arg(value_name = "B")]
     b: Option<PathBuf>,
-    /// Compare a method of A with one of B [default: methods of equal label, or the only ones]
+    /// Compare a method of A with one of B [default: those of the same label, or each run's only method]
     #[arg(long = "method", value_name = "OLD=NEW")]
     methods: Vec<MethodPair>,
     /// Largest negligible difference per metric [default: psnr=0.05,ssim=0.001,lpips=0.001,dists=0.001]
@@ -50,7 +50,7 @@ pub(super) struct CompareArgs {
     /// A backbone's weights for --anatomy, NAME=FILE, if the runs used other weights than those found here
     #[arg(long, value_name = "NAME=FILE", requires = "anatomy")]
     weights: Vec<String>,
-    /// Write a page with the pictures of the pairs that changed most, Markdown and CSV into this folder
+    /// Write Markdown, CSV and a page with pictures of the most changed pairs into this folder
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
     /// Print JSON

@@ -23,7 +23,7 @@ pub(super) struct DoctorArgs {
 struct Finding {
     what: &'static str,
     found: String,
-    /// How to get what is missing; empty where nothing is.
+    /// How to get what is missing; empty if nothing is.
     advice: String,
 }
 

@@ -156,7 +156,7 @@ struct UncertaintyArgs {
         required_unless_present = "depth"
     )]
     checkpoint: Option<PathBuf>,
-    /// Its architecture, FILE.json#NAME [default: the release's]
+    /// The checkpoint's architecture, FILE.json#NAME [default: the release's]
     #[arg(long, value_name = "CONFIG", requires = "checkpoint")]
     config: Option<String>,
     #[command(flatten)]

@@ -19,8 +19,8 @@ use crate::track::gate::{CheckState, GateConfig, GateError, Limit, gate};
 /// Compare a run with a baseline in continuous integration: exit code 3 if it is worse than the limits allow
 ///
 /// A limit fires if B is worse than A by more than the limit, on a dataset or over all of them, with p < 0.05 after
-/// Holm's correction; `per scene` needs no significance. Pairs that lost a score fire too. Exit code 5: no limit fired,
-/// but one cannot be decided.
+/// Holm's correction; limits `per scene` ignore p. Lost scores count as violations. Exit code 5: no limit fired, but
+/// one cannot be decided.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Limits:
@@ -49,7 +49,7 @@ pub(super) struct GateArgs {
     /// Exit code 5 if the runs could not detect a difference of this size: psnr=0.5,lpips=0.01
     #[arg(long, value_name = "METRIC=D", value_delimiter = ',')]
     require_power: Vec<Power>,
-    /// Compare a method of A with one of B [default: methods of equal label, or the only ones]
+    /// Compare a method of A with one of B [default: those of the same label, or each run's only method]
     #[arg(long = "method", value_name = "OLD=NEW")]
     methods: Vec<MethodPair>,
     /// Write JUnit XML

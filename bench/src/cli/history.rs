@@ -36,8 +36,8 @@ enum HistoryCommand {
 
 /// Add a run as the next entry
 ///
-/// Adding the same results under the same label and commit again changes nothing. Any other difference, in weights,
-/// photographs, code or a score, makes a new entry.
+/// Adding the same results under the same label and commit again changes nothing. Any difference in weights,
+/// photographs, code or scores makes a new entry.
 #[derive(Debug, Args)]
 struct AddArgs {
     /// The history's folder; created if missing
@@ -104,7 +104,7 @@ fn add(args: &AddArgs) -> anyhow::Result<Outcome> {
         output::line(match added.is_new {
             true => format!("{path}  {label}"),
             false => format!(
-                "{path}  {label}, there since {}: the same results; another --label or --commit makes another entry",
+                "{path}  {label}, there since {} with the same results; use another --label or --commit for a new entry",
                 added.occasion.date
             ),
         })?;

@@ -46,7 +46,7 @@ pub(super) fn silence_progress() {
     QUIET.store(true, Ordering::Relaxed);
 }
 
-/// True if progress is hidden.
+/// Whether progress is hidden.
 pub(super) fn is_quiet() -> bool {
     QUIET.load(Ordering::Relaxed)
 }

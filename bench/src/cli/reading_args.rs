@@ -5,11 +5,11 @@ use sharp::ply::{ColorSpace, StoredForm};
 
 #[derive(Debug, Clone, Args)]
 pub(crate) struct ReadingArgs {
-    /// How the colours of a PLY that does not say are encoded: linear or srgb
+    /// Encoding of a PLY's colours if the file does not say: linear or srgb
     #[arg(long, value_name = "SPACE")]
     color_space: Option<ColorSpace>,
-    /// How numbers in another form are read: opacity=linear, scales=linear, quaternions=xyzw, colors=rgb01,
-    /// harmonics=drop, as in --method gaussians:
+    /// Conventions of the file's numbers: opacity=linear, scales=linear, quaternions=xyzw, colors=rgb01,
+    /// harmonics=drop, as in --method gaussians
     #[arg(long, value_name = "KEY=VALUE,…", value_delimiter = ',', value_parser = setting)]
     read: Vec<(String, String)>,
 }

@@ -41,10 +41,10 @@ struct ShardArgs {
     /// The plan's run folder, as the nodes see it
     #[arg(long, value_name = "DIR")]
     plan: PathBuf,
-    /// Number of shards; each loads its model, so it should last minutes at least
+    /// Number of shards; each loads its model, so it should run for minutes at least
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
     shards: u32,
-    /// Cores of each
+    /// Cores per job
     #[arg(long, value_name = "N", default_value_t = 4, value_parser = clap::value_parser!(u32).range(1..=4096))]
     cpus: u32,
     /// Start the programs of `command` methods that the plan names

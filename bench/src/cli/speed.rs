@@ -22,12 +22,11 @@ use crate::pairs::clap_dataset;
 use crate::report::speed::{Measured, SpeedReport, compute::compute};
 use crate::scoring::Scoring;
 
-/// Measure inference and rendering separately, and sum up hours and hardware of runs
+/// Measure inference and rendering separately, or total the hours and hardware of runs
 ///
 /// With --method and --dataset, measures each method alone on a few pairs of each dataset at its own resolution, after
-/// a warm-up: medians, spread, peak memory, and the Gaussians that explain the render time. Times in a run folder are
-/// not comparable, because scoring ran at the same time; given runs, hours and hardware are summed up for compute
-/// reporting.
+/// a warm-up: medians, spread, peak memory, and the Gaussian counts behind the render time. Times in a run folder are
+/// not comparable, because scoring ran at the same time; for given runs, total hours and hardware are reported instead.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:

@@ -12,15 +12,15 @@ use crate::scoring::{ScaleChooser, Scoring};
 #[derive(Debug, Clone, Default, PartialEq, Args, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case", default)]
 pub struct MetricConfig {
-    /// Metrics, comma-separated: keys or aliases; ssim, lpips, dists (their default variants) or ssim-all, lpips-all,
-    /// dists-all; `paper` (dists, lpips, psnr, ssim) or `all` [default: paper]
+    /// Metrics, comma-separated: keys or aliases; ssim, lpips or dists (default variants); ssim-all, lpips-all or
+    /// dists-all; `paper` (dists, lpips, psnr, ssim); `all` [default: paper]
     #[arg(long, value_name = "LIST")]
     pub metrics: Option<String>,
     /// A backbone's weights file: alexnet=FILE, vgg16=FILE or squeezenet1_1=FILE; repeatable
     #[arg(long, value_name = "NAME=FILE")]
     pub weights: Vec<String>,
     /// Device for the networks of LPIPS and DISTS: cpu; cuda or metal if built in (untested on real GPUs); candle-cpu
-    /// (slow), the GPUs' code on the CPU [default: cpu]
+    /// (slow: the GPU code on the CPU) [default: cpu]
     #[arg(long, value_name = "DEVICE")]
     pub device: Option<Device>,
 }

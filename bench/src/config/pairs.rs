@@ -12,14 +12,14 @@ use crate::pairs::{OverlapCache, PairOptions, PairOrigin, PairRecipe, SceneCheck
 #[derive(Debug, Clone, Default, PartialEq, Args, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case", default)]
 pub struct OverlapConfig {
-    /// Depth maps by anyone that decide overlap, `DIR/<dataset>/<scene>/<view>.npy|npz|exr|pfm|png`; scaled to the
-    /// dataset's own depth by the median of ratios (overlap=given)
+    /// Your own depth maps, which decide overlap: `DIR/<dataset>/<scene>/<view>.npy|npz|exr|pfm|png`; scaled to the
+    /// dataset's depth by the median of ratios (overlap=given)
     #[arg(long, value_name = "DIR")]
     pub overlap_depth: Option<PathBuf>,
     /// Checkpoint for overlap=sharp-release, or mini for the bundled network [default: where the release keeps its own]
     #[arg(long, value_name = "FILE")]
     pub overlap_checkpoint: Option<PathBuf>,
-    /// Its architecture, FILE.json#NAME [default: the release's]
+    /// The checkpoint's architecture, FILE.json#NAME [default: the release's]
     #[arg(long, value_name = "FILE[#NAME]", requires = "overlap_checkpoint")]
     pub overlap_config: Option<String>,
     /// Folder for measured overlaps [default: the user's cache]

@@ -36,8 +36,8 @@ pub struct RunConfig {
     #[command(flatten)]
     #[serde(flatten)]
     pub metrics: MetricConfig,
-    /// Follow another evaluation's rules for pairs, size, metrics, masks, rounding and means (`sharp-bench protocols`
-    /// lists them). Contradicting options are an error; the report states what differs
+    /// Follow another evaluation's rules for pairs, size, metrics, masks, rounding and averages (`sharp-bench
+    /// protocols` lists them). Contradicting options are an error; the report states what differs
     #[arg(long, value_name = "NAME")]
     pub protocol: Option<String>,
     #[command(flatten)]

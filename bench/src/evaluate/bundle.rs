@@ -107,7 +107,7 @@ impl Results {
     /// Reads a folder, also one whose run has not ended, or a bundle.
     ///
     /// # Errors
-    /// When it is neither, of another format, or its pair list or plan has lost pairs.
+    /// When it is neither a folder nor a bundle, has another format, or its pair list or plan has lost pairs.
     pub fn read(run: &Path) -> Result<Self, EvaluateError> {
         match run.exists() && !run.is_dir() {
             true => Ok(read_file(run)?.results),

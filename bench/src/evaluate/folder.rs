@@ -167,7 +167,7 @@ impl RunFolder {
             .join(format!("{}.{extension}", path_of(pair_id)))
     }
 
-    /// Reads `manifest.json`; `None` where there is none yet.
+    /// Reads `manifest.json`; `None` if there is none yet.
     ///
     /// # Errors
     /// When it cannot be read, is not a manifest, or is of another format.

@@ -1,4 +1,4 @@
-//! Combines folders: equal units once, different ones together, contradictions refused with their reason.
+//! Combines folders: keeps equal units once and all different ones, and refuses contradictions with the reason.
 
 use std::collections::BTreeMap;
 use std::fs;

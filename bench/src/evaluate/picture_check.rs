@@ -15,7 +15,7 @@ use super::gaussians::likeness::Likeness;
 use super::record::{Record, Status};
 use crate::scoring::Region;
 
-/// Topic of a record's warning about what was probably done to its picture. Told only if most pictures agree.
+/// Topic of a record's warning that its picture was probably altered. Shown only if most pictures agree.
 pub(super) const CHANGED: &str = "changed picture";
 
 /// Largest compared width, pixels.

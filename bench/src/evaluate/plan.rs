@@ -63,9 +63,9 @@ impl RunPlan {
 
 /// The estimated cost of a whole evaluation, finished units included.
 ///
-/// Linear in sources and pairs: the first pair of a source costs its prediction too, the others do not where the method
-/// predicts Gaussians. What `common_region` scores again is not counted, and the time of programs behind `command` counts
-/// in [`wall_secs`](StageCost::wall_secs) only.
+/// Linear in sources and pairs: if a method predicts Gaussians, only the first pair of a source pays for the
+/// prediction. Rescoring by `common_region` is not counted, and the time of `command` programs counts only in
+/// [`wall_secs`](StageCost::wall_secs).
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Estimate {
     /// Pairs by methods.
@@ -81,7 +81,7 @@ pub struct Estimate {
     /// All stages together; disk space is what stays in the run folder.
     #[serde(flatten)]
     pub total: StageCost,
-    /// Predictions of sources and predicted pictures, which are all kept where stages run apart.
+    /// Predicted Gaussians and pictures. Disk space is what separate stages keep of them.
     pub predict: StageCost,
     /// Renderings.
     pub render: StageCost,
@@ -96,7 +96,7 @@ pub struct StageCost {
     pub cpu_secs: f64,
     /// Wall time on this machine, s.
     pub wall_secs: f64,
-    /// `None` where the system does not say.
+    /// `None` if the system does not say.
     pub peak_bytes: Option<u64>,
     /// Bytes of the files that it writes.
     pub disk_bytes: u64,

@@ -182,7 +182,7 @@ pub(crate) fn file_difference<'a>(records: impl IntoIterator<Item = &'a Record>)
             && *gaussians.entry([method, dataset, file]).or_insert(hash) != hash
         {
             return Some(format!(
-                "the Gaussians {file} of '{method}' were another file for some of their targets than for {}",
+                "the Gaussians {file} of '{method}' changed: some targets were made from another file than {}",
                 record.pair_id
             ));
         }

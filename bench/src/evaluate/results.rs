@@ -210,7 +210,7 @@ impl Results {
     /// Reads a folder, also one whose run has not ended.
     ///
     /// # Errors
-    /// When it is none, of another format, or its pair list or plan has lost pairs.
+    /// When it is no run folder, has another format, or its pair list or plan has lost pairs.
     pub(super) fn of_folder(root: &Path) -> Result<Self, EvaluateError> {
         let folder = RunFolder::open(root)?;
         let current = Current::read(&folder)?;
@@ -370,7 +370,7 @@ pub fn number(value: f64) -> String {
 /// (`mean_alpha`, …) by name, and last the reason of a failure. Unavailable scores and unknown values are empty cells.
 ///
 /// # Errors
-/// Those of the CSV writer, which only writes to memory here.
+/// When the CSV writer fails, which it does not in memory.
 pub fn scores_csv(records: &[Record], metric_keys: &[String]) -> Result<Vec<u8>, csv::Error> {
     let extras: BTreeSet<&str> = records
         .iter()

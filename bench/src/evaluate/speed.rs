@@ -44,7 +44,7 @@ pub struct Speed {
     pub render_secs: Vec<f64>,
     /// What explains the times of rendering, per pair.
     pub splats: Vec<Splats>,
-    /// Largest resident size of the process meanwhile, bytes; `None` where the system does not say.
+    /// Largest resident size of the process meanwhile, bytes; `None` if the system does not say.
     pub peak_bytes: Option<u64>,
     /// `pair: reason` of pairs that could not be measured.
     pub failures: Vec<String>,

@@ -67,7 +67,7 @@ impl Slot {
 pub struct ScoredPicture {
     /// sha256 of its size and pixels.
     pub sha256: String,
-    /// sha256 of the PNG in the run folder; `None` where none was kept.
+    /// sha256 of the PNG in the run folder; `None` if none was kept.
     pub file_sha256: Option<String>,
     /// sha256 of the EXR beside it (linear RGB and alpha), where one was kept.
     #[serde(default, skip_serializing_if = "Option::is_none")]

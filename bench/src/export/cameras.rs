@@ -65,7 +65,7 @@ pub fn export(
     })
 }
 
-/// True if it was written, false if it already existed.
+/// Whether it was written, false if it already existed.
 fn export_view(
     scene: &Scene,
     view: &View,

@@ -19,7 +19,7 @@ pub(super) struct Stamp {
 }
 
 impl Stamp {
-    /// True if a description of this key lies there and its files are whole.
+    /// Whether a description of this key lies there and its files are whole.
     pub(super) fn is_done(folder: &Path, description: &str, key: &str) -> bool {
         let Ok(bytes) = std::fs::read(folder.join(description)) else {
             return false;

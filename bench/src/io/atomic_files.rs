@@ -75,7 +75,7 @@ pub fn write_all_over_own(
     written.collect()
 }
 
-/// Removes a file that has `mark` in it; false where there is none.
+/// Removes a file that has `mark` in it; false if there is none.
 pub fn remove_own(path: &Path, mark: &str) -> Result<bool, FileError> {
     let is_own = is_file_that(path, |there| has_mark(there, mark));
     if is_own {

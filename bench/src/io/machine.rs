@@ -5,7 +5,7 @@ use std::time::{Duration, Instant};
 
 use super::counts::counted;
 
-/// Largest resident size so far, bytes. `None` where the system does not
+/// Largest resident size so far, bytes. `None` if the system does not
 /// say (it does on Linux).
 pub fn peak_bytes() -> Option<u64> {
     let status = std::fs::read_to_string("/proc/self/status").ok()?;

@@ -313,7 +313,7 @@ fn read_safetensors(path: &Path) -> Result<Picture, ReadError> {
         return Err(malformed(
             path,
             format!(
-                "{} tensors; a picture is exactly one, [H, W, 3]",
+                "{} tensors; a picture is one tensor [H, W, 3]",
                 names.len()
             ),
         ));

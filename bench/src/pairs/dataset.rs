@@ -36,9 +36,9 @@ pub struct OpenDataset {
 pub struct DatasetReading {
     pub key: String,
     pub value: String,
-    /// True where the value is known to differ from what the paper did.
+    /// Whether the value is known to differ from what the paper did.
     pub proxy: bool,
-    /// True where the paper leaves open which of several values it used.
+    /// Whether the paper leaves open which of several values it used.
     #[serde(default)]
     pub open: bool,
 }
@@ -164,7 +164,7 @@ impl OpenDataset {
         groups.map(|group| group.views.len()).sum()
     }
 
-    /// Why a scene was not read, by its own id or that of a folder above it; `None` where it was, or is not there.
+    /// Why a scene was not read, by its own id or that of a folder above it; `None` if it was, or is not there.
     pub fn leaves_out(&self, scene: &str) -> Option<&LeftOutScenes> {
         let holds = |id: &String| {
             let rest = scene.strip_prefix(id.as_str());

@@ -63,7 +63,7 @@ impl SceneOverlaps {
         self.couples.get(&a.min(b))?.get(&a.max(b))
     }
 
-    /// True if nothing has to be measured to know these two views' overlaps.
+    /// Whether nothing has to be measured to know these two views' overlaps.
     pub(super) fn knows(&self, a: usize, b: usize) -> bool {
         self.couple(a, b).is_some() || self.has_none(a) || self.has_none(b)
     }
@@ -77,7 +77,7 @@ impl SceneOverlaps {
         })
     }
 
-    /// True if the view is known to have no depth that could be used.
+    /// Whether the view is known to have no depth that could be used.
     pub(super) fn has_none(&self, view: usize) -> bool {
         self.failed.contains(&view) || self.depths.get(&view) == Some(&None)
     }
@@ -86,7 +86,7 @@ impl SceneOverlaps {
         Some(sha256_hex(&serde_json::to_vec(self).ok()?))
     }
 
-    /// True if it is of a scene of so many views.
+    /// Whether it is of a scene of so many views.
     fn fits(&self, views: usize) -> bool {
         let couples = self.couples.iter();
         let mut couples = couples.flat_map(|(a, of_a)| of_a.keys().map(move |b| (*a, *b)));

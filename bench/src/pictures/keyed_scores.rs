@@ -26,7 +26,7 @@ pub fn json_scores(scores: &KeyedScores) -> [Map<String, Value>; 2] {
     [values, unavailable]
 }
 
-/// A cell a score, empty where it is missing, and a last one that says why.
+/// A cell a score, empty if it is missing, and a last one that says why.
 pub fn csv_cells(scores: &KeyedScores) -> Vec<String> {
     let value = |score: &Result<f64, String>| {
         score

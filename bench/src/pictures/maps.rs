@@ -61,7 +61,7 @@ fn round_up(value: f64) -> f64 {
 pub struct LocalMap {
     /// The metric's key, or `difference`.
     pub key: String,
-    /// Part of a file name.
+    /// The map's part of file names.
     pub alias: String,
     /// At the picture's size.
     pub values: Values,

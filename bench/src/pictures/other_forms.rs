@@ -210,7 +210,7 @@ fn pooled(picture: &Picture, by: u32) -> Picture {
     .into()
 }
 
-/// SSIM over the windows inside the pictures; `None` where there is none.
+/// SSIM over the windows inside the pictures; `None` if there is none.
 fn similarity([a, b]: &[Picture; 2]) -> Option<f64> {
     ssim(SsimVariant::Gauss11Valid, a, b, None).ok()
 }

@@ -32,7 +32,7 @@ pub struct Protocol {
     pub pairs: PairRule,
     /// The size at which pictures are seen and compared, as a dataset's `frame=`; `None`: as the dataset has them.
     pub frame: Option<&'static str>,
-    /// Over what pictures that are not opaque are composited, as a dataset's `alpha=`; `None` where its data has none.
+    /// Over what pictures that are not opaque are composited, as a dataset's `alpha=`; `None` if its data has none.
     pub alpha: Option<&'static str>,
     pub border: Border,
     pub quantised: Quantised,

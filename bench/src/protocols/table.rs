@@ -177,7 +177,7 @@ pub const PROTOCOLS: [Protocol; 15] = [
             "pictures are stretched to 3:2, so that PSNR weighs both axes differently",
         ],
         departures: &[
-            "scale: theirs fits a scale of translations between predicted and COLMAP depth by unseeded RANSAC; here cameras \
+            "scale: theirs scales translations by fitting predicted to COLMAP depth with unseeded RANSAC; here cameras \
              are the dataset's",
             "PSNR: theirs does not clip; pictures here lie in 0..1",
             "size: 384x256 as for RealEstate10K; their KITTI is 384x128, its border unrecorded",

@@ -50,7 +50,7 @@ pub struct PairBoard<'a> {
 pub struct ReportDataset {
     /// As in the records: the user's choice, or else the format.
     pub name: String,
-    /// The format it was read as; `None` where only its name is known.
+    /// The format it was read as; `None` if only its name is known.
     pub format: Option<String>,
     /// One line: what it is and how much of it was read.
     pub description: String,

@@ -6,7 +6,7 @@ use sharp_metrics::{Direction, MetricInfo, MetricKey};
 use super::error::ReportError;
 use super::tables::shown;
 
-/// Key, label, decimals and meaning of each quantity that methods report.
+/// Extras that methods report: key, label, decimals and meaning.
 const REPORTED: [(&str, &str, usize, &str); 7] = [
     (
         "mean_alpha",
@@ -207,7 +207,7 @@ impl Column {
         shown(value, self.decimals)
     }
 
-    /// Part of a file name.
+    /// The column's part of file names.
     pub fn slug(&self) -> String {
         slug(&self.key)
     }

@@ -135,7 +135,7 @@ fn facts_of(facts: &Record) -> Vec<String> {
     facts.into_iter().flatten().collect()
 }
 
-/// The amount by which B is worse on a pair, by metric; `None` where the page is not a comparison.
+/// The amount by which B is worse on a pair, by metric; `None` if the page is not a comparison.
 fn losses(page: &Page<'_>, facts: &Record) -> Option<Vec<Option<f64>>> {
     let of_pair = page
         .options

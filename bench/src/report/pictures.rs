@@ -130,7 +130,7 @@ impl<'a> ReportPictures<'a> {
         self.photograph(record, &record.target)
     }
 
-    /// 255 where a pixel of the target is scored, at the target's size; `None` where the dataset excludes none.
+    /// 255 where a pixel of the target is scored, at the target's size; `None` if the dataset excludes none.
     ///
     /// # Errors
     /// Why that is not known.
@@ -139,7 +139,7 @@ impl<'a> ReportPictures<'a> {
         valid.map_err(|error| self.unusable(error))
     }
 
-    /// z-depth of a record's view, metres, 0 where there is none; `None` where the dataset has none or is not at hand.
+    /// z-depth of a record's view, metres, 0 where there is none; `None` if the dataset has none or is not at hand.
     ///
     /// # Errors
     /// Why it cannot be read.
@@ -197,7 +197,7 @@ impl<'a> ReportPictures<'a> {
         }
     }
 
-    /// Coverage of a rendering in 0..1, at its size; `None` where it was not kept.
+    /// Coverage of a rendering in 0..1, at its size; `None` if it was not kept.
     ///
     /// # Errors
     /// Why it cannot be read.
@@ -209,7 +209,7 @@ impl<'a> ReportPictures<'a> {
         Ok(Some(linear.alpha))
     }
 
-    /// Expected z-depth of a rendering, metres, 0 where nothing was drawn; `None` where it was not kept.
+    /// Expected z-depth of a rendering, metres, 0 where nothing was drawn; `None` if it was not kept.
     ///
     /// # Errors
     /// Why it cannot be read.

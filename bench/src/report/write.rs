@@ -190,7 +190,7 @@ pub fn report(
     })
 }
 
-/// Results for readers elsewhere: reasons name no folder of this machine, and datasets no path.
+/// Removes this machine's folders from reasons and paths from datasets, for publishing.
 fn without_paths(results: &Results) -> Results {
     let mut results = results.clone();
     for record in &mut results.records {

@@ -109,7 +109,7 @@ impl Scoring {
         self.metrics.iter().map(|m| m.key.to_string()).collect()
     }
 
-    /// True if a metric needs the mask of a region.
+    /// Whether a metric needs the mask of a region.
     pub fn needs(&self, region: MetricRegion) -> bool {
         self.metrics
             .iter()

@@ -11,7 +11,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use sharp_metrics::{Mask, Picture};
 
-/// A rectangle of a picture's pixels; never empty where it comes from this module.
+/// A rectangle of a picture's pixels; never empty if it comes from this module.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub struct Region {
     /// Leftmost column.
@@ -65,7 +65,7 @@ impl Region {
         self.width as usize * self.height as usize
     }
 
-    /// True if it has a pixel and lies inside a picture of this size.
+    /// Whether it has a pixel and lies inside a picture of this size.
     pub fn fits(&self, (width, height): (u32, u32)) -> bool {
         let inside = |start: u32, length: u32, side: u32| {
             length > 0 && start.checked_add(length).is_some_and(|end| end <= side)

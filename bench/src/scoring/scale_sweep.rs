@@ -18,7 +18,7 @@ pub struct ScaleChooser {
 }
 
 impl ScaleChooser {
-    /// The paper's chooser: DISTS. `None` where the weights of its network are missing.
+    /// The paper's chooser: DISTS. `None` if the weights of its network are missing.
     ///
     /// # Errors
     /// When a weights file cannot be read or is not what it should be.

@@ -1,4 +1,4 @@
-//! A configuration of which the command line changes single values.
+//! A configuration with values overridden on the command line.
 
 use std::path::Path;
 

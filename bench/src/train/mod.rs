@@ -59,7 +59,7 @@ pub struct Trained {
     pub perceptual_network: Option<&'static str>,
     /// Values that learn, and all of the network.
     pub parameters: (usize, usize),
-    /// The weights after the last step; `None` where it was stopped before.
+    /// The weights after the last step; `None` if it was stopped before.
     pub weights: Option<PathBuf>,
     /// What was measured of the last weights that were validated.
     pub validated: Vec<(String, f64)>,

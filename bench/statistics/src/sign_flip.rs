@@ -21,7 +21,7 @@ pub struct SignFlip {
     pub floor: f64,
     /// How patterns were drawn; `None` if all were enumerated.
     pub resampling: Option<Resampling>,
-    /// Ends of the range of true means that each pattern finds as likely as the observed one, sorted.
+    /// Per pattern, the bounds of the true means under which it is as likely as the observed one; each list is sorted.
     lows: Vec<f64>,
     highs: Vec<f64>,
 }

@@ -11,9 +11,9 @@ pub(super) const DEPTHS_M: (f64, f64) = (0.05, 2000.0);
 /// The settings of a dataset that say in which units it is.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Units {
-    /// Metres of one unit of the poses; `None` where nothing sets it.
+    /// Metres of one unit of the poses; `None` if nothing sets it.
     scale: Option<f64>,
-    /// Metres of one unit of depth maps; `None` where nothing sets it.
+    /// Metres of one unit of depth maps; `None` if nothing sets it.
     depth_unit: Option<f64>,
     /// Whether depth is a model's points, which `scale` multiplies together with its poses.
     is_of_points: bool,

@@ -45,17 +45,17 @@ pub(super) fn mean_loss(all: &[Explained]) -> f64 {
     all.iter().map(Explained::loss).sum::<f64>() / landed as f64
 }
 
-/// True if little is left that a reading does not explain.
+/// Whether little is left that a reading does not explain.
 pub(super) fn fits_well(all: &[Explained]) -> bool {
     mean_loss(all) <= MOST_LEFT
 }
 
-/// True if most depths agree.
+/// Whether most depths agree.
 pub(super) fn agrees(all: &[Explained]) -> bool {
     forward(all).agreement() >= MOSTLY_AGREEING
 }
 
-/// True if another reading makes colours worse, even if depth agrees.
+/// Whether another reading makes colours worse, even if depth agrees.
 pub(super) fn is_refuted(as_read: &[Explained], other: &[Explained]) -> bool {
     let (before, after) = (forward(as_read), forward(other));
     let levels = before.colour_levels().zip(after.colour_levels());
@@ -63,14 +63,14 @@ pub(super) fn is_refuted(as_read: &[Explained], other: &[Explained]) -> bool {
         && levels.is_some_and(|(before, after)| after > WORSE_COLOURS * before)
 }
 
-/// False where depths agree as read and another reading adds hardly any: with little motion or few pixels the difference is
+/// False if depths agree as read and another reading adds hardly any: with little motion or few pixels the difference is
 /// chance.
 pub(super) fn is_needed(as_read: &[Explained], other: &[Explained]) -> bool {
     let (before, after) = (forward(as_read).agreement(), forward(other).agreement());
     before < AGREEING || after >= before + MORE_AGREEING
 }
 
-/// True if another reading explains the same pairs significantly better.
+/// Whether another reading explains the same pairs significantly better.
 pub(super) fn is_better(as_read: &[Explained], other: &[Explained], least_gain: f64) -> bool {
     let (before, after) = (mean_loss(as_read), mean_loss(other));
     let few = landed(other) < LEAST_LANDED || 10 * landed(other) < 3 * landed(as_read);

@@ -29,7 +29,7 @@ pub struct Consistency {
     /// Under the conventions that they are commonly mistaken for.
     pub otherwise: Vec<Fit>,
     /// Of the depth values that meet one of the other view, the share that agrees, in the pair in
-    /// which it is largest; `None` where too few meet (neighbours that see different things, or
+    /// which it is largest; `None` if too few meet (neighbours that see different things, or
     /// sparse depth).
     pub meeting: Option<f64>,
     /// Pairs of views that were looked at.

@@ -1,4 +1,4 @@
-//! The ways in which poses are commonly mistaken.
+//! Common mistakes in pose conventions.
 
 use glam::{DMat3, DQuat, DVec3};
 use sharp::camera::RigidTransform;

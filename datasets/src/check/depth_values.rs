@@ -41,7 +41,7 @@ impl Met {
 
 impl Neighbours<'_> {
     /// Carries samples of a view into its neighbour. `is_off` takes the depth by the poses and the one that is there, and
-    /// says whether they differ; `None` where the place does not count.
+    /// says whether they differ; `None` if the place does not count.
     fn meet<'s>(
         &self,
         (a, b): (usize, usize),

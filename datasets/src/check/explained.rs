@@ -212,7 +212,7 @@ impl Explained {
         self.agreeing as f64 / self.samples.max(1) as f64
     }
 
-    /// Root mean square difference of colours, levels; `None` where none was compared.
+    /// Root mean square difference of colours, levels; `None` if none was compared.
     pub(super) fn colour_levels(&self) -> Option<f64> {
         (self.compared > 0).then(|| (self.squares / (3 * self.compared) as f64).sqrt())
     }
@@ -221,7 +221,7 @@ impl Explained {
         self.met > 0
     }
 
-    /// The share of those that meet a depth that agrees with it; `None` where too few do.
+    /// The share of those that meet a depth that agrees with it; `None` if too few do.
     pub(super) fn agreeing_where_met(&self) -> Option<f64> {
         let enough = self.met > 0 && self.met as f64 >= ENOUGH * self.samples as f64;
         enough.then(|| self.agreeing as f64 / self.met as f64)

@@ -244,7 +244,7 @@ fn compared(as_read: &[Option<bool>], other: &[Option<bool>]) -> Option<Compared
     })
 }
 
-/// True if a position in the second view may show a point on a ray of the first.
+/// Whether a position in the second view may show a point on a ray of the first.
 fn fits(
     second_from_first: &RigidTransform,
     from: DVec3,

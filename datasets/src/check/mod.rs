@@ -114,7 +114,7 @@ pub fn check(
 struct Decoded {
     problems: Vec<String>,
     coverage: Option<f64>,
-    /// The darkest and the brightest level; `None` where the picture cannot be decoded.
+    /// The darkest and the brightest level; `None` if the picture cannot be decoded.
     levels: Option<(u8, u8)>,
 }
 

@@ -29,7 +29,7 @@ pub(super) struct Neighbours<'a> {
 }
 
 impl<'a> Neighbours<'a> {
-    /// `None` where no two neighbours can be read with depth.
+    /// `None` if no two neighbours can be read with depth.
     pub(super) fn new(views: &'a [View], effort: Effort) -> Option<Self> {
         let firsts: Vec<usize> = neighbours(views.len(), effort).collect();
         let wanted: BTreeSet<usize> = firsts.iter().flat_map(|i| [*i, *i + 1]).collect();

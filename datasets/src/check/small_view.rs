@@ -30,9 +30,9 @@ pub(super) const FLIPS: [((bool, bool), &str); 3] = [
 #[derive(Debug, Clone)]
 pub(super) struct SmallView {
     pub(super) camera: Intrinsics,
-    /// Means of blocks, 8-bit levels; `None` where a mask excludes a pixel of the block.
+    /// Means of blocks, 8-bit levels; `None` if a mask excludes a pixel of the block.
     colours: Arc<[Option<[f32; 3]>]>,
-    /// As read; 0 for none. Empty where the view has no depth.
+    /// As read; 0 for none. Empty if the view has no depth.
     depth: Arc<[f32]>,
 }
 
@@ -121,7 +121,7 @@ impl SmallView {
         }
     }
 
-    /// True if all pixels that are not excluded have one colour.
+    /// Whether all pixels that are not excluded have one colour.
     pub(super) fn is_of_one_colour(&self) -> bool {
         let mut colours = self.colours.iter().flatten();
         let first = colours.next();
@@ -213,7 +213,7 @@ impl SmallView {
         })
     }
 
-    /// The depth as read in the pixel of a place, with the middle of that pixel; `None` where there is none.
+    /// The depth as read in the pixel of a place, with the middle of that pixel; `None` if there is none.
     pub(super) fn depth_at(&self, place: DVec2) -> Option<(f64, DVec2)> {
         let (x, y) = (place.x as u32, place.y as u32);
         let z = *self.depth.get(self.index(x, y))?;

@@ -34,7 +34,8 @@ pub fn cameras(bytes: &[u8]) -> Result<BTreeMap<u32, ColmapCamera>, FormatError>
     }
 }
 
-/// With the number of parameters of unknown models, where it is known; the records have to fill the file then.
+/// Reads cameras. `params_of` gives the number of parameters of unknown models, if known; the records must then fill
+/// the file.
 fn cameras_with(
     bytes: &[u8],
     params_of: &mut dyn FnMut(i32) -> Option<usize>,

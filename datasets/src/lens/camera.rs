@@ -155,7 +155,7 @@ impl Lens {
         (radius < self.fold_radius).then_some(pixel)
     }
 
-    /// The ray through a pixel, as the camera-space point at z = 1; `None` where the lens sees
+    /// The ray through a pixel, as the camera-space point at z = 1; `None` if the lens sees
     /// nothing (a fisheye beyond 90°, a polynomial that has folded back).
     pub fn unproject(&self, pixel: DVec2) -> Option<DVec3> {
         let k = &self.intrinsics;

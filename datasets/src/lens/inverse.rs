@@ -69,7 +69,7 @@ impl Distortion {
         converged.then_some(x)
     }
 
-    /// True where the map keeps its orientation.
+    /// Whether the map keeps its orientation.
     fn is_unfolded_at(&self, x: DVec2) -> bool {
         let slope = self.bend_slope(x);
         slope.determinant() > 0.0 && (slope * x).dot(x) > 0.0 || x == DVec2::ZERO

@@ -47,7 +47,7 @@ impl ProceduralContent {
     }
 
     /// The ray through a point of the picture; its direction has z = 1 in camera space, so that
-    /// distances along it are z-depths. `None` where the lens sees nothing.
+    /// distances along it are z-depths. `None` if the lens sees nothing.
     fn ray(&self, x: f64, y: f64) -> Option<(DVec3, DVec3)> {
         let direction = self.lens.unproject(DVec2::new(x, y))?;
         Some((

@@ -250,7 +250,7 @@ impl SyntheticScene {
     }
 
     /// Whether the surface point at the centre of `pixel` in view `seen_in` is also seen by view
-    /// `from`: it projects into that picture and nothing stands between. `None` where the pixel
+    /// `from`: it projects into that picture and nothing stands between. `None` if the pixel
     /// shows the sky. Exact: decided by casting rays, not by comparing depth maps.
     ///
     /// # Panics

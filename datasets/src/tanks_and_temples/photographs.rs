@@ -227,7 +227,7 @@ impl ByBlock<'_> {
     }
 }
 
-/// True if a folder holds pictures named by numbers, as those of an image set are.
+/// Whether a folder holds pictures named by numbers, as those of an image set are.
 pub(super) fn has_pictures(folder: &Path) -> bool {
     let is_number = |path: PathBuf| {
         let stem = path.file_stem().unwrap_or_default().to_string_lossy();

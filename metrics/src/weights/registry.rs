@@ -75,14 +75,14 @@ pub fn mirrored(address: &str) -> String {
 }
 
 /// The folder where fetched weights are kept: `SHARP_BENCH_WEIGHTS` if set, else
-/// `weights` in [`user_cache`]; `None` where there is no such folder.
+/// `weights` in [`user_cache`]; `None` if there is no such folder.
 pub fn cache_folder() -> Option<PathBuf> {
     let given = variable("SHARP_BENCH_WEIGHTS");
     given.or_else(|| user_cache().map(|cache| cache.join("weights")))
 }
 
 /// The folder for what can be fetched or computed again: `sharp-bench` in `XDG_CACHE_HOME` if that is
-/// set, else in the system's folder of caches; `None` where the environment names neither.
+/// set, else in the system's folder of caches; `None` if the environment names neither.
 pub fn user_cache() -> Option<PathBuf> {
     let systems = || {
         if cfg!(windows) {

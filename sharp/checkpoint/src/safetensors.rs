@@ -63,7 +63,7 @@ impl<'de> Deserialize<'de> for SafetensorsHeader {
     }
 }
 
-/// True if the first bytes and the length fit a safetensors file.
+/// Whether the first bytes and the length fit a safetensors file.
 pub(crate) fn looks_like(start: &[u8], file_len: usize) -> bool {
     match start.split_first_chunk::<8>() {
         Some((len, rest)) => {

@@ -71,7 +71,7 @@ choices! {
     #[derive(Default)]
     /// Whether a picture is turned as its EXIF orientation says.
     OrientationRule {
-        /// As stored where that fits the camera, upright where only that fits; upright where there is no camera.
+        /// As stored if that fits the camera; upright if only upright fits, or if there is no camera.
         #[default]
         Auto = "auto",
         Stored = "stored",

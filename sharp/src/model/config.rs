@@ -141,7 +141,7 @@ impl ModelConfig {
         Ok(config)
     }
 
-    /// All configurations of a file that [`Self::load`] could read, by name (empty where there is one without); none of any
+    /// All configurations of a file that [`Self::load`] could read, by name (empty if there is one without); none of any
     /// other file.
     pub fn all_of(path: &Path) -> Vec<(String, Self)> {
         let Ok(text) = crate::files::read_text(path) else {

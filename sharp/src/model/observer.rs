@@ -35,7 +35,7 @@ impl<'a> StageValue<'a> {
         Self(StageData::Image(tensor, false))
     }
 
-    /// The same, 0 where the image is negative.
+    /// The same, with negative values as 0.
     pub(super) fn rectified(tensor: &'a Tensor) -> Self {
         Self(StageData::Image(tensor, true))
     }

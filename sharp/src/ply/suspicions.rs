@@ -185,7 +185,7 @@ pub fn enormous_scale(gaussians: &Gaussians) -> Option<f32> {
     }
 }
 
-/// True where a rotation would show: deviations that differ by more than a twentieth.
+/// Whether a rotation would show: deviations that differ by more than a twentieth.
 fn is_stretched(stored: [f32; 3], format: &StoredForm) -> bool {
     let [x, y, z] = match format.scales {
         Some(StoredScales::Log) => stored.map(f32::exp),

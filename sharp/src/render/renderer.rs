@@ -34,7 +34,7 @@ pub enum RenderError {
 }
 
 impl RenderError {
-    /// True where it is the GPU that failed, not the request: the same scene and view may be
+    /// Whether it is the GPU that failed, not the request: the same scene and view may be
     /// rendered on the CPU, or again later.
     pub fn is_device_fault(&self) -> bool {
         matches!(
@@ -90,7 +90,7 @@ pub trait Renderer: Send {
 
 /// A scene that a [`Renderer`] has ready.
 pub trait LoadedScene {
-    /// Renders one view of it.
+    /// Renders one view.
     ///
     /// # Errors
     /// [`RenderError::View`], [`RenderError::Size`], and those of the device.

@@ -170,7 +170,7 @@ impl WeightSource for Pretrained {
 
 const POSITIONS: &str = "monodepth_model.monodepth_predictor.encoder.patch_encoder.pos_embed";
 
-/// The configuration for pictures of the size that a checkpoint was trained on; unchanged where its positions are not
+/// The configuration for pictures of the size that a checkpoint was trained on; unchanged if its positions are not
 /// those of a square of tokens with this configuration's channels.
 fn sizes_there(weights: &CheckpointSource, config: &ModelConfig) -> ModelConfig {
     let mut there = config.clone();

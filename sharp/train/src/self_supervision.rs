@@ -26,7 +26,7 @@ use crate::data::{DataError, Photograph, Sample, Source, TrainingView, draws};
 
 /// Farthest of the pseudo-novel cameras as a part of the distance that they look at.
 const PART_OF_DISTANCE: f64 = 0.26;
-/// Farthest that the point they look at lies aside, to either side and up or down, as a part of its distance.
+/// Largest offset of the point they look at, sideways and vertically, as a fraction of its distance.
 const PART_ASIDE: f64 = 0.1;
 /// Least alpha of a pixel that counts.
 const COVERED: f32 = 0.99;

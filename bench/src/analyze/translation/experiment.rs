@@ -12,7 +12,7 @@ use super::shift::{Shifts, ShiftsError, Windows, mean_image};
 pub struct Experiment {
     /// The window at the picture's start: what everything is compared with.
     pub reference: RgbImage,
-    /// The shifts by size, then the mean image.
+    /// The shifts in order of size, then the mean image.
     pub comparisons: Vec<Comparison>,
 }
 

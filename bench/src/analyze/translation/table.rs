@@ -64,7 +64,7 @@ fn method_note(experiment: &Experiment) -> String {
 /// score is empty, and the last column says why.
 ///
 /// # Errors
-/// Those of the CSV writer, which writes to memory.
+/// When the CSV writer fails, which it does not in memory.
 pub fn csv(experiment: &Experiment) -> Result<Vec<u8>, ::csv::Error> {
     let mut heads: Vec<String> = ["comparison", "shift_percent", "shift_px"]
         .map(String::from)

@@ -17,12 +17,12 @@ use crate::pairs::PairList;
 struct Needed {
     /// The dataset's name in the list.
     dataset: String,
-    /// Its format; `None` where neither the name nor --dataset says.
+    /// Its format; `None` if neither the name nor --dataset says.
     format: Option<&'static str>,
     pairs: usize,
     archives: BTreeSet<String>,
     files: Vec<Listed>,
-    /// Of the files, how many are not there; `None` where it is not known where the dataset lies.
+    /// Of the files, how many are not there; `None` if it is not known where the dataset lies.
     missing: Option<usize>,
 }
 

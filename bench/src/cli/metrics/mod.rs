@@ -60,7 +60,7 @@ pub(super) struct MetricsArgs {
     target: Option<PathBuf>,
     #[command(flatten)]
     metrics: MetricConfig,
-    /// What two pictures of two folders must share
+    /// How pictures of two folders are paired
     #[arg(long = "match", value_enum, default_value_t = MatchBy::Stem)]
     match_by: MatchBy,
     /// Also score inside a mask, under keys ending in @mask: one picture for all pairs, or a folder with one per pair

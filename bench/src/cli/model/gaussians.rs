@@ -123,7 +123,7 @@ struct Info {
     /// Gaussians without a rotation.
     zero_quaternions: usize,
     below_visibility: usize,
-    /// `None` where the file does not say.
+    /// `None` if the file does not say.
     color_space: Option<String>,
     /// Degree of the colours' spherical harmonics.
     color_degree: usize,

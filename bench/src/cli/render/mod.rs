@@ -53,8 +53,7 @@ pub(super) struct RenderArgs {
     /// Where to write: .png, .exr, .safetensors, .gif, .mp4, or a folder for frames
     #[arg(long, value_name = "OUT", required_unless_present = "viewer")]
     out: Option<PathBuf>,
-    /// Write a self-contained page that draws the Gaussians in a browser (WebGPU), from the views rendered here and any
-    /// other
+    /// Write a self-contained page that draws the Gaussians in a browser (WebGPU), from these views or any other
     #[arg(long, value_name = "OUT.html")]
     viewer: Option<PathBuf>,
     /// The renderer: cpu, wgpu (a GPU through Vulkan, Metal or Direct3D 12), or auto (the first hardware adapter, else

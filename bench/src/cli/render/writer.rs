@@ -45,7 +45,7 @@ impl OutputKind {
 pub(super) struct Appearance {
     pub(super) background: Background,
     pub(super) quantization: Quantization,
-    /// The ends of the depth colours, metres; `None` where no depth is wanted.
+    /// The ends of the depth colours, metres; `None` if no depth is wanted.
     pub(super) depth_m: Option<[f32; 2]>,
     pub(super) alpha: bool,
 }

@@ -63,7 +63,7 @@ pub enum RecordError {
     },
 }
 
-/// Path of the record; `None` where there is no cache folder.
+/// Path of the record; `None` if there is no cache folder.
 pub fn record_file() -> Option<PathBuf> {
     Some(cache_folder()?.join(format!("{RELEASE_FILE}.json")))
 }

@@ -17,7 +17,7 @@ const FFMPEG: &str = "ffmpeg";
 /// primaries are sRGB's.
 const FILTER: &str = "scale=out_color_matrix=bt709:out_range=tv,format=yuv420p";
 
-/// The first line of `ffmpeg -version`; `None` where it is not installed.
+/// The first line of `ffmpeg -version`; `None` if it is not installed.
 pub fn ffmpeg_version() -> Option<String> {
     let said = Command::new(FFMPEG)
         .arg("-version")

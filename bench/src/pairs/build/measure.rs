@@ -50,7 +50,7 @@ impl<'a> Measuring<'a> {
         }
     }
 
-    /// True if anything was measured.
+    /// Whether anything was measured.
     pub(super) fn has_learnt(&self) -> bool {
         self.learnt.get()
     }

@@ -147,7 +147,7 @@ pub struct PairCounts {
 }
 
 impl PairCounts {
-    /// True if most views that have depth have it at few of their pixels.
+    /// Whether most views that have depth have it at few of their pixels.
     pub fn is_sparse(&self) -> bool {
         2 * self.with_sparse_depth > self.with_depth
     }

@@ -84,7 +84,7 @@ pub fn find_map(stem: &Path) -> Result<Option<PathBuf>, PairError> {
     }
 }
 
-/// z-depth in metres of a file at its own size; 0 where there is none.
+/// A file's z-depth in metres, at its own resolution; 0 where it is unknown.
 ///
 /// # Errors
 /// Names the file.

@@ -19,7 +19,7 @@ use super::valid_depth::{is_valid_depth, median_of};
 
 /// Source of the depth that decides overlap.
 pub trait DepthSource: Sync {
-    /// Depth of a scene's view at its image's size; `None` where there is none.
+    /// Depth of a scene's view at its image's size; `None` if there is none.
     fn depth(&self, scene: &Scene, view: &View) -> Result<Option<DepthMap>, PairError>;
 
     /// Stable text for the record of a run (`ground-truth`, …).
@@ -30,7 +30,7 @@ pub trait DepthSource: Sync {
         Vec::new()
     }
 
-    /// False where one view after the other has to be asked for.
+    /// False if one view after the other has to be asked for.
     fn in_parallel(&self) -> bool {
         true
     }

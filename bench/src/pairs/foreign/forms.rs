@@ -14,7 +14,7 @@ pub(super) type Wrong = (u64, String);
 pub(super) struct Entry {
     /// On which line it begins.
     line: u64,
-    /// `None` where the list is of one scene.
+    /// `None` if the list is of one scene.
     scene: Option<String>,
     inputs: Vec<FrameName>,
     targets: Vec<FrameName>,
@@ -71,7 +71,7 @@ fn positions<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Vec<FrameName
 /// A pair as the list names it.
 pub(super) struct NamedPair {
     pub(super) line: u64,
-    /// `None` where the list is of one scene.
+    /// `None` if the list is of one scene.
     pub(super) scene: Option<String>,
     pub(super) source: FrameName,
     pub(super) target: FrameName,

@@ -91,7 +91,7 @@ impl OverlapDepth {
         self == Self::GroundTruth
     }
 
-    /// True if depth maps by anyone decide overlap.
+    /// Whether depth maps by anyone decide overlap.
     pub fn takes_maps(self) -> bool {
         matches!(self, Self::Given | Self::GivenMetric)
     }
@@ -150,13 +150,13 @@ impl Default for PairOptions {
 }
 
 impl PairOptions {
-    /// True if a pair of these two overlaps qualifies.
+    /// Whether a pair of these two overlaps qualifies.
     pub fn overlap_qualifies(&self, target_in_source: f64, source_in_target: f64) -> bool {
         let overlap = self.direction.of(target_in_source, source_in_target);
         overlap > self.threshold || (self.threshold_qualifies && overlap == self.threshold)
     }
 
-    /// True if a pair whose cameras are so many metres apart qualifies.
+    /// Whether a pair whose cameras are so many metres apart qualifies.
     pub fn baseline_qualifies(&self, metres: f64) -> bool {
         metres >= self.min_baseline_m && self.max_baseline_m.is_none_or(|most| metres <= most)
     }

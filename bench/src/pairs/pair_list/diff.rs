@@ -25,7 +25,7 @@ pub struct ChangedPair {
 }
 
 impl ListDiff {
-    /// True if the lists hold the same pairs with the same values.
+    /// Whether the lists hold the same pairs with the same values.
     pub fn is_empty(&self) -> bool {
         self.only_first.is_empty() && self.only_second.is_empty() && self.changed.is_empty()
     }

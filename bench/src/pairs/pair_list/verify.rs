@@ -35,7 +35,7 @@ pub struct Verification {
 }
 
 impl Verification {
-    /// True if every photograph with a hash is the list's and every camera is where it was.
+    /// Whether every photograph with a hash is the list's and every camera is where it was.
     pub fn is_good(&self) -> bool {
         self.different.is_empty()
             && self.unreadable.is_empty()

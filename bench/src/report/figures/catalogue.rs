@@ -8,7 +8,7 @@ use serde::Serialize;
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 pub struct FigureEntry {
     pub name: &'static str,
-    /// The paper's label without `fig:`; empty where it has none.
+    /// The paper's label without `fig:`; empty if it has none.
     pub paper: &'static str,
     pub shows: &'static str,
     pub needs: &'static str,

@@ -120,7 +120,7 @@ pub fn baselines(results: &Results, style: &FigureStyle) -> Result<Option<Figure
     Ok(plots::histogram(&board, Some(style))?)
 }
 
-/// A metric against seconds per pair, from `speed` where it measured the method; `None` where no method has both.
+/// A metric against seconds per pair, from `speed` where it measured the method; `None` if no method has both.
 ///
 /// # Errors
 /// As [`baselines`](baselines()), and when there is no such metric or a folder cannot be read.

@@ -278,7 +278,7 @@ fn whole_pictures(measured: &[&DatasetBoard<'_>]) -> Condition {
     let count = |is: fn(&Record) -> bool| records().filter(|record| is(record)).count();
     let found = [
         (
-            "cropped, which the paper does of methods that crop",
+            "cropped, as the paper does for methods that crop",
             count(|r| r.crop.is_some()),
         ),
         (

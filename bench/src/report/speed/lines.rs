@@ -13,7 +13,7 @@ use crate::io::text::csv_text;
 pub struct SpeedLine {
     pub method: String,
     pub dataset: String,
-    /// Empty where it is not known.
+    /// Empty if it is not known.
     pub format: String,
     /// `inference_secs`, `load_secs`, `render_secs`, ….
     pub quantity: String,

@@ -24,7 +24,7 @@ pub struct Measured {
     pub options: SpeedOptions,
     /// Of the evaluation that was measured.
     pub manifest: Manifest,
-    /// Processor and threads; `None` where the system does not say.
+    /// Processor and threads; `None` if the system does not say.
     pub machine: Option<String>,
 }
 

@@ -190,8 +190,8 @@ pub fn details(measured: &Measured) -> TextGrid {
         ]
     });
     TextGrid::new("Spread, memory and what is drawn", &heads, rows).remarked([
-            "Times: median, first and third quartile of all rounds. Gaussians: means over pairs; visible are those that reach \
-             the target's picture, tiles are of 16 × 16 pixels, which a Gaussian counts in where its alpha can reach 1/255. \
+            "Times: median, first and third quartile of all rounds. Gaussians: means over pairs; visible ones reach the \
+             target's picture; tiles are 16 × 16 pixels, and a Gaussian counts in each where its alpha can reach 1/255. \
              Peak: largest resident size of the process while the method was measured; the memory of a device is not part of \
              it."
                 .to_owned(),
@@ -213,7 +213,7 @@ fn spread(secs: &[f64]) -> GridCell {
 /// `gaussians`, `visible`, `tiles` or `picture_tiles`.
 ///
 /// # Errors
-/// Those of the CSV writer, which writes to memory.
+/// When the CSV writer fails, which it does not in memory.
 pub fn csv(measured: &Measured) -> Result<Vec<u8>, ::csv::Error> {
     let mut lines = Vec::new();
     for speed in &measured.speeds {

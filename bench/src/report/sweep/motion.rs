@@ -37,7 +37,7 @@ impl Motion {
         Self::RelativeMotion,
     ];
 
-    /// `None` where it is unknown or not finite.
+    /// `None` if it is unknown or not finite.
     pub fn of(self, record: &Record) -> Option<f64> {
         let value = match self {
             Self::BaselineM => Some(record.baseline_m),

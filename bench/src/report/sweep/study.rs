@@ -62,7 +62,7 @@ pub struct SweepLine {
 #[derive(Debug, Clone, PartialEq)]
 pub struct SweepBin {
     pub banded: Banded,
-    /// 95 % interval of the mean over clusters; `None` where nothing bounds it, as with a single one.
+    /// 95 % interval of the mean over clusters; `None` if nothing bounds it, as with a single one.
     pub interval: Option<(f64, f64)>,
 }
 
@@ -319,7 +319,7 @@ fn score(record: &Record, metric: &Column) -> Option<f64> {
     score.value().filter(|value| !value.is_nan())
 }
 
-/// `None` where nothing bounds the mean: a single cluster, or a value that is infinite.
+/// `None` if nothing bounds the mean: a single cluster, or a value that is infinite.
 fn mean_interval(sample: &Clusters, resampling: Resampling) -> Option<(f64, f64)> {
     let (low, high) = infer(&[sample], resampling).ok()?.interval;
     let bounded = sample.n_clusters() > 1 && low.is_finite() && high.is_finite();

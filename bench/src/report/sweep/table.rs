@@ -27,7 +27,7 @@ pub(super) const MARK: &str = "% by sharp-bench sweep";
 /// `ci_high` bound the mean at 95 % over clusters; unknown values are empty.
 ///
 /// # Errors
-/// Those of the CSV writer, which writes to memory.
+/// When the CSV writer fails, which it does not in memory.
 pub fn csv(sweep: &Sweep) -> Result<Vec<u8>, ::csv::Error> {
     let lines = sweep
         .panels
@@ -60,7 +60,7 @@ pub fn csv(sweep: &Sweep) -> Result<Vec<u8>, ::csv::Error> {
 /// One row per crossing; `-inf` if it is passed already in the first bin, `inf` if it is not reached in the last.
 ///
 /// # Errors
-/// Those of the CSV writer, which writes to memory.
+/// When the CSV writer fails, which it does not in memory.
 pub fn crossings_csv(sweep: &Sweep) -> Result<Vec<u8>, ::csv::Error> {
     let rows = sweep.crossings.iter().map(|crossing| {
         let interval = crossing.found.interval;

@@ -11,7 +11,7 @@ pub fn text(text: &str) -> String {
     csv_cell(text).into_owned()
 }
 
-/// A number as a cell, empty where it is not known.
+/// A number as a cell, empty if it is not known.
 pub fn optional(value: Option<f64>) -> String {
     value.map(number).unwrap_or_default()
 }
@@ -61,7 +61,7 @@ impl Table {
     /// One line per cell. Numbers round-trip; a missing one is empty, and its footnote says why.
     ///
     /// # Errors
-    /// Those of the CSV writer, which writes to memory.
+    /// When the CSV writer fails, which it does not in memory.
     pub fn csv(&self) -> Result<Vec<u8>, ::csv::Error> {
         const HEAD: &str = "method,dataset,metric,mean,std,n,total,failed,infinite,rank,shown_decimals,footnotes,\
                             footnote_text";

@@ -12,7 +12,7 @@ pub struct TextGrid {
     /// Caption.
     pub title: String,
     pub heads: Vec<String>,
-    /// As long as [`Self::heads`], each.
+    /// Each as long as [`Self::heads`].
     pub rows: Vec<Vec<GridCell>>,
     /// Sentences below it.
     pub remarks: Vec<String>,

@@ -80,7 +80,7 @@ pub struct Group {
     pub name: String,
     /// As printed.
     pub title: String,
-    /// Pairs that a complete cell covers; `None` where the source does not say.
+    /// Pairs that a complete cell covers; `None` if the source does not say.
     pub pairs: Option<usize>,
     /// Footnote of its columns.
     pub note: Option<usize>,
@@ -106,7 +106,7 @@ pub struct Cell {
     pub printed: Option<String>,
     /// 1, 2 or 3, of the numbers as shown.
     pub rank: Option<u8>,
-    /// Pairs with a number and pairs of the dataset; `None` where the source does not say.
+    /// Pairs with a number and pairs of the dataset; `None` if the source does not say.
     pub coverage: Option<(usize, usize)>,
     /// Sample standard deviation over the pairs.
     pub std: Option<f64>,

@@ -143,7 +143,7 @@ pub struct Anatomy {
 struct ClassScores<'a> {
     class: PixelClass,
     share: f64,
-    /// By position of the metric; `None` where the class has too few pixels.
+    /// By position of the metric; `None` if the class has too few pixels.
     changes: Vec<Option<PairChange<'a>>>,
 }
 
@@ -328,7 +328,7 @@ fn masks(
     masks.ok_or_else(|| "its depth has not the size of its photograph".to_owned())
 }
 
-/// `None` where the map has no value in the mask.
+/// `None` if the map has no value in the mask.
 fn mean_inside(map: &ScoreMap, mask: &Mask) -> Option<f64> {
     let width = mask.dimensions().0;
     let values = map.values.enumerate_pixels().filter(|(x, y, _)| {

@@ -47,7 +47,7 @@ impl Division {
         }
     }
 
-    /// `None` where it is unknown or not finite.
+    /// `None` if it is unknown or not finite.
     fn value(self, record: &Record) -> Option<f64> {
         match self {
             Self::Scene | Self::Pixels => None,

@@ -188,6 +188,6 @@ impl RunComparison {
     }
 }
 
-const HOW_TO_READ: &str = "Differences are B − A over the same pairs. Scenes are the sample, not pairs. B is better or worse \
-                    where p < 0.05 after Holm's correction over the datasets of a metric; none where all that is likely is \
-                    too small to matter or both are equal; inconclusive where the runs cannot tell.";
+const HOW_TO_READ: &str = "Differences are B − A over the same pairs; significance is computed over scenes. B is better or worse \
+                    if p < 0.05 after Holm's correction over the datasets of a metric. The verdict is none if both are equal \
+                    or the whole interval is too small to matter, and inconclusive otherwise.";

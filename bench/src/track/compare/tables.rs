@@ -49,7 +49,7 @@ impl RunComparison {
         groups.map(grid).collect()
     }
 
-    /// The pairs with the largest losses and gains; `None` where nothing changed.
+    /// The pairs with the largest losses and gains; `None` if nothing changed.
     pub fn extremes(&self, against: &Against, metric: &MetricInfo) -> Option<TextGrid> {
         let changes = self.changes(against, metric);
         let rows = most_changed(&changes, EXTREMES);

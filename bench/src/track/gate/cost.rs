@@ -7,7 +7,7 @@ use super::{Check, CheckState, GateConfig, fired};
 use crate::evaluate::unit::Timing;
 use crate::track::compare::{ALL, Against, RunComparison};
 
-/// Each limit on the cost of predictions; `sides` are the times of A and of B by pair.
+/// Checks each limit on time and memory. `sides` are the timings of A and of B, by pair.
 pub(super) fn costs_of(
     comparison: &RunComparison,
     config: &GateConfig,

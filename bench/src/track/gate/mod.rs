@@ -85,7 +85,7 @@ pub struct Check {
     pub p_holm: Option<f64>,
     /// The smallest difference that is found with 80 % power.
     pub mde: Option<f64>,
-    /// Reason in one line; empty where the numbers suffice.
+    /// Reason in one line; empty if the numbers suffice.
     pub reason: String,
     /// Decimals in tables.
     #[serde(skip)]

@@ -14,7 +14,7 @@ pub const COLUMNS: &str = "entry,label,commit,date,method,dataset,metric,n_pairs
 /// Comma-separated values with a header, series by series. Numbers round-trip; unknown values are empty.
 ///
 /// # Errors
-/// Those of the CSV writer, which writes to memory.
+/// When the CSV writer fails, which it does not in memory.
 pub fn csv(history: &History) -> Result<Vec<u8>, ::csv::Error> {
     let rows = history.points().map(|point| row(history, point));
     tables::csv::csv(COLUMNS.split(','), rows)

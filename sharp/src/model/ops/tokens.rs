@@ -67,7 +67,7 @@ impl Linear {
         apply(self.kernels, fused, &[x])
     }
 
-    /// `x` plus the layer's result for `y`, in the memory of `x` where nothing learns.
+    /// `x` plus the layer's output for `y`; reuses the memory of `x` unless training.
     pub(in crate::model) fn add_to(&self, x: Tensor, y: &Tensor) -> Result<Tensor> {
         match &self.weights {
             Some(weights) => apply(self.kernels, self.product.clone(), &[y, weights, &x]),

@@ -81,7 +81,7 @@ impl GpuAdapter {
         }
     }
 
-    /// The driver and its version, as it gives them; empty where it does not.
+    /// The driver and its version, as it gives them; empty if it does not.
     pub fn driver(&self) -> String {
         let text = format!("{} {}", self.info.driver, self.info.driver_info);
         text.trim().to_owned()

@@ -9,10 +9,9 @@ use super::{DataError, Sample, Source, draws};
 
 /// Pairs of views of varied procedural scenes.
 ///
-/// Sample k is of a random training seed. Of the eleven cameras the central one is the source with
-/// a probability of one half, otherwise any is; the target is any of the others. (The paper renders
-/// eleven views a scene and leaves open which are paired: this is half of each reading.)
-/// Only these two views are rendered.
+/// Sample k uses a random training seed. Half the time the source is the central one of eleven cameras, otherwise any
+/// of them; the target is any other. (The paper renders eleven views per scene without saying which are paired: this
+/// mixes both readings equally.) Only these two views are rendered.
 #[derive(Debug, Clone)]
 pub struct ProceduralSamples {
     seed: u64,
@@ -83,7 +82,7 @@ pub(super) fn pair(
     Ok(Sample { id, source, target })
 }
 
-/// True if one of a dataset's scenes is procedural and of a seed that networks are trained on: it is
+/// Whether one of a dataset's scenes is procedural and of a seed that networks are trained on: it is
 /// not held out.
 ///
 /// # Errors

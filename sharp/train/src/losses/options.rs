@@ -162,7 +162,7 @@ impl Default for LossOptions {
 }
 
 impl LossOptions {
-    /// The first option that cannot be, by its key in a configuration.
+    /// The first invalid option, by its key in a configuration.
     pub(crate) fn first_fault(&self) -> Option<(String, String)> {
         let percep = &self.percep;
         let checks = [
