@@ -312,10 +312,7 @@ fn read_safetensors(path: &Path) -> Result<Picture, ReadError> {
     let [name] = names.as_slice() else {
         return Err(malformed(
             path,
-            format!(
-                "{} tensors; a picture is one tensor [H, W, 3]",
-                names.len()
-            ),
+            format!("{} tensors; a picture is one tensor [H, W, 3]", names.len()),
         ));
     };
     let shape = file.shape(name)?.to_vec();
