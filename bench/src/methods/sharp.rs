@@ -52,7 +52,7 @@ impl Sharp {
             .option("device")
             .unwrap_or("cpu")
             .parse()
-            .map_err(|error: ModelError| refused(&error))?;
+            .map_err(|error: ModelError| spec.error(error.to_string()))?;
         // A device that is not there is said before a checkpoint is looked for.
         device.open(Algorithm::Winograd).map_err(|e| refused(&e))?;
         let checkpoint = spec.option("checkpoint").map(Path::new);
