@@ -11,7 +11,7 @@ mod backward;
 pub use backward::{ComposerGradient, ComposerGradientError, backward};
 
 use crate::color::linear_from_srgb;
-use crate::gaussians::Gaussians;
+use crate::gaussians::{Gaussians, Harmonics};
 use crate::initializer::BaseGaussians;
 
 /// Factors of the deltas, as in the release; those not listed are 1.
@@ -58,6 +58,7 @@ pub fn compose(base: &BaseGaussians, deltas: Option<&[f32]>) -> Result<Gaussians
         scales: Vec::with_capacity(n),
         opacities: Vec::with_capacity(n),
         colors: Vec::with_capacity(n),
+        harmonics: Harmonics::default(),
     };
     for k in 0..per_attribute {
         let inverse = base.inverse_depth[k];

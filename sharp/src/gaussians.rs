@@ -4,7 +4,7 @@
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error(
     "Gaussian attributes differ in length: {means} means, {quaternions} quaternions, \
-     {scales} scales, {opacities} opacities, {colors} colours"
+     {scales} scales, {opacities} opacities, {colors} colours, harmonics of {harmonics}"
 )]
 pub struct LengthMismatch {
     pub means: usize,
@@ -12,6 +12,38 @@ pub struct LengthMismatch {
     pub scales: usize,
     pub opacities: usize,
     pub colors: usize,
+    /// Gaussians for which there are coefficients of view-dependent colour; that of the means where
+    /// colours do not depend on the view.
+    pub harmonics: usize,
+}
+
+/// View-dependent colour: the spherical harmonics beyond the constant one, which
+/// [`Gaussians::colors`] hold.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Harmonics {
+    /// 0 to [`Self::MAX_DEGREE`]; 0 where colours do not depend on the view.
+    pub degree: usize,
+    /// `[N, (degree + 1)² − 1, 3]`: of harmonic `k = l² + l + m`, `k` ≥ 1, in RGB and in the axes
+    /// of the means.
+    pub coefficients: Vec<[f32; 3]>,
+}
+
+impl Harmonics {
+    pub const MAX_DEGREE: usize = 4;
+
+    /// Coefficients a Gaussian has, the constant one left out.
+    pub fn per_gaussian(&self) -> usize {
+        (self.degree + 1).pow(2) - 1
+    }
+
+    /// Those of Gaussian `k`.
+    ///
+    /// # Panics
+    /// When `k` is out of bounds.
+    pub fn of(&self, k: usize) -> &[[f32; 3]] {
+        let each = self.per_gaussian();
+        &self.coefficients[k * each..(k + 1) * each]
+    }
 }
 
 /// N Gaussians, one array an attribute; index k is the same Gaussian in each.
@@ -28,8 +60,10 @@ pub struct Gaussians {
     pub scales: Vec<[f32; 3]>,
     /// Opacities `[N]` in 0..1.
     pub opacities: Vec<f32>,
-    /// Linear RGB `[N, 3]`, nominally 0..1.
+    /// RGB `[N, 3]`, nominally 0..1, in the space in which they are blended (linear light for
+    /// SHARP); where colours depend on the view, their constant part.
     pub colors: Vec<[f32; 3]>,
+    pub harmonics: Harmonics,
 }
 
 impl Gaussians {
@@ -50,6 +84,7 @@ impl Gaussians {
             scales,
             opacities,
             colors,
+            harmonics: Harmonics::default(),
         };
         new.check_lengths()?;
         Ok(new)
@@ -66,6 +101,10 @@ impl Gaussians {
             scales: self.scales.len(),
             opacities: self.opacities.len(),
             colors: self.colors.len(),
+            harmonics: match self.harmonics.per_gaussian() {
+                0 => self.means.len(),
+                each => self.harmonics.coefficients.len() / each,
+            },
         };
         let LengthMismatch {
             means,
@@ -73,8 +112,9 @@ impl Gaussians {
             scales,
             opacities,
             colors,
+            harmonics,
         } = lengths;
-        if [quaternions, scales, opacities, colors] == [means; 4] {
+        if [quaternions, scales, opacities, colors, harmonics] == [means; 5] {
             Ok(())
         } else {
             Err(lengths)
@@ -89,7 +129,7 @@ impl Gaussians {
         self.means.is_empty()
     }
 
-    /// True when every attribute of Gaussian `k` is finite. The renderer drops the others.
+    /// Whether every attribute of Gaussian `k` is finite. The renderer drops the others.
     ///
     /// # Panics
     /// When `k` is not below [`Self::len`].
@@ -99,6 +139,7 @@ impl Gaussians {
             && self.scales[k].iter().all(|v| v.is_finite())
             && self.opacities[k].is_finite()
             && self.colors[k].iter().all(|v| v.is_finite())
+            && self.harmonics.of(k).iter().flatten().all(|v| v.is_finite())
     }
 
     /// Keeps the Gaussians for which `keep(k)` holds, in order.
@@ -115,6 +156,13 @@ impl Gaussians {
             scales: places.iter().map(|&k| self.scales[k]).collect(),
             opacities: places.iter().map(|&k| self.opacities[k]).collect(),
             colors: places.iter().map(|&k| self.colors[k]).collect(),
+            harmonics: Harmonics {
+                degree: self.harmonics.degree,
+                coefficients: places
+                    .iter()
+                    .flat_map(|&k| self.harmonics.of(k).iter().copied())
+                    .collect(),
+            },
         }
     }
 }
@@ -138,6 +186,19 @@ mod tests {
     fn unequal_lengths_are_an_error() {
         let found = Gaussians::new(vec![[0.0; 3]], vec![], vec![], vec![], vec![]);
         assert_eq!(found.unwrap_err().means, 1);
+    }
+
+    #[test]
+    fn harmonics_of_another_number_of_gaussians_are_an_error() {
+        let mut scene = two();
+        scene.harmonics = Harmonics {
+            degree: 1,
+            coefficients: vec![[0.5; 3]; 6],
+        };
+        scene.check_lengths().unwrap();
+        assert_eq!(scene.subset(&[1]).harmonics.coefficients.len(), 3);
+        scene.harmonics.degree = 2;
+        assert_eq!(scene.check_lengths().unwrap_err().harmonics, 0);
     }
 
     #[test]

@@ -15,7 +15,7 @@ mod speed_scene;
 use libtest_mimic::{Arguments, Trial};
 use render_support::random::{self, Random, Recipe};
 use render_support::{CASES, Golden, reference};
-use sharp::gaussians::Gaussians;
+use sharp::gaussians::{Gaussians, Harmonics};
 use sharp::render::{
     CpuRenderer, GpuAdapter, GpuRenderer, RenderError, RenderOutput, RenderView, Renderer, TileSize,
 };
@@ -284,6 +284,7 @@ fn reasons(adapter: &GpuAdapter) {
             scales: vec![[0.1; 3]],
             opacities: vec![0.5],
             colors: vec![[0.2, 0.5, 0.8]],
+            harmonics: Harmonics::default(),
         };
         change(&mut scene);
         let view = random::view(16, 16);

@@ -12,7 +12,7 @@ use glam::{DAffine3, DMat3, DVec3};
 use render_support::random::{Random, Recipe, movement, scene, view};
 use render_support::reference;
 use sharp::camera::{Intrinsics, RigidTransform, target_camera_from_source_ndc};
-use sharp::gaussians::Gaussians;
+use sharp::gaussians::{Gaussians, Harmonics};
 use sharp::render::{CpuRenderer, Dropped, RenderError, RenderOutput, RenderView, Renderer};
 
 const COMMON: Recipe = Recipe {
@@ -28,6 +28,7 @@ fn one(mean: [f32; 3], scale: [f32; 3], opacity: f32) -> Gaussians {
         scales: vec![scale],
         opacities: vec![opacity],
         colors: vec![[0.2, 0.5, 0.8]],
+        harmonics: Harmonics::default(),
     }
 }
 

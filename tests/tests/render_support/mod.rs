@@ -132,13 +132,7 @@ pub(crate) fn shuffled(scene: &Gaussians) -> Gaussians {
     // A step that shares no factor with n visits every index once.
     let step = (n / 3..).find(|s| gcd(*s, n) == 1).unwrap();
     let order: Vec<usize> = (0..n).map(|k| (k * step + 7) % n).collect();
-    Gaussians {
-        means: order.iter().map(|k| scene.means[*k]).collect(),
-        quaternions: order.iter().map(|k| scene.quaternions[*k]).collect(),
-        scales: order.iter().map(|k| scene.scales[*k]).collect(),
-        opacities: order.iter().map(|k| scene.opacities[*k]).collect(),
-        colors: order.iter().map(|k| scene.colors[*k]).collect(),
-    }
+    scene.subset(&order)
 }
 
 fn gcd(a: usize, b: usize) -> usize {
