@@ -2,7 +2,8 @@
 //!
 //! `tiny` and `narrow` run always. The full network (702 M deterministic parameters, minutes of
 //! arithmetic, 8 GiB of memory) runs with
-//! `cargo test --release -p sharp-tests --test golden_model -- --ignored`.
+//! `cargo test --release -p sharp-tests --test golden_model -- --ignored full::`. On an NVIDIA GPU `--features cuda` adds the
+//! same networks there, and `--include-ignored cuda` runs them all.
 
 #![allow(clippy::unwrap_used, reason = "test code outside of #[test] functions")]
 
@@ -14,7 +15,7 @@ use libtest_mimic::{Arguments, Failed, Trial};
 use sharp::model::preprocess::{PhotoOptions, load_photo};
 use sharp::model::recording::{Recording, RecordingComparison, compare};
 use sharp::model::synth::Synth;
-use sharp::model::{Algorithm, Compute, ModelConfig, Predictor};
+use sharp::model::{Algorithm, Compute, DeviceChoice, ModelConfig, Predictor};
 
 /// A network, what computes it, and what it is compared with.
 struct Case {
@@ -29,55 +30,78 @@ struct Case {
 
 const MAIN: &[&str] = &["main_640x480.png"];
 
-/// The tolerance of `tiny` is tight enough to catch an epsilon of 1e-5 in its layer norms. Fast
-/// convolutions round more, so they get the looser one of `narrow`.
-const CASES: [Case; 5] = [
-    Case {
-        name: "tiny",
-        config: || from_file("tiny"),
-        compute: || Compute::cpu(Algorithm::Direct),
-        recording: "golden_tiny.safetensors",
-        images: MAIN,
-        tolerance: 5e-6,
-        ignored: false,
-    },
+/// Its tolerance is tight enough to catch an epsilon of 1e-5 in layer norms.
+const TINY: Case = Case {
+    name: "tiny",
+    config: || from_file("tiny"),
+    compute: || Compute::cpu(Algorithm::Direct),
+    recording: "golden_tiny.safetensors",
+    images: MAIN,
+    tolerance: 5e-6,
+    ignored: false,
+};
+
+const NARROW: Case = Case {
+    name: "narrow",
+    config: || from_file("narrow"),
+    compute: || Compute::cpu(Algorithm::Winograd),
+    recording: "golden_narrow.safetensors",
+    tolerance: 3e-5,
+    ..TINY
+};
+
+const FULL: Case = Case {
+    name: "full",
+    config: ModelConfig::release,
+    compute: || Compute::cpu(Algorithm::Winograd),
+    recording: "golden_full.safetensors",
+    images: &["main_640x480.png", "astronaut_512x512.png"],
+    tolerance: 1e-4,
+    ignored: true,
+};
+
+const CASES: [Case; 8] = [
+    TINY,
+    // Fast convolutions round more.
     Case {
         name: "tiny-fast",
-        config: || from_file("tiny"),
-        compute: || Compute::cpu(Algorithm::Winograd),
-        recording: "golden_tiny.safetensors",
-        images: MAIN,
-        tolerance: 3e-5,
-        ignored: false,
+        compute: NARROW.compute,
+        tolerance: NARROW.tolerance,
+        ..TINY
     },
     Case {
         name: "tiny-candle",
-        config: || from_file("tiny"),
-        compute: || Compute::candle(Device::Cpu),
-        recording: "golden_tiny.safetensors",
-        images: MAIN,
-        tolerance: 5e-6,
-        ignored: false,
+        compute: candle,
+        ..TINY
+    },
+    NARROW,
+    FULL,
+    Case {
+        name: "tiny-cuda",
+        compute: cuda,
+        ignored: !cfg!(feature = "cuda"),
+        ..TINY
     },
     Case {
-        name: "narrow",
-        config: || from_file("narrow"),
-        compute: || Compute::cpu(Algorithm::Winograd),
-        recording: "golden_narrow.safetensors",
-        images: MAIN,
-        tolerance: 3e-5,
-        ignored: false,
+        name: "narrow-cuda",
+        compute: cuda,
+        ignored: !cfg!(feature = "cuda"),
+        ..NARROW
     },
     Case {
-        name: "full",
-        config: ModelConfig::release,
-        compute: || Compute::cpu(Algorithm::Winograd),
-        recording: "golden_full.safetensors",
-        images: &["main_640x480.png", "astronaut_512x512.png"],
-        tolerance: 1e-4,
-        ignored: true,
+        name: "full-cuda",
+        compute: cuda,
+        ..FULL
     },
 ];
+
+fn candle() -> Compute {
+    Compute::candle(Device::Cpu)
+}
+
+fn cuda() -> Compute {
+    DeviceChoice::Cuda.open(Algorithm::Winograd).unwrap()
+}
 
 fn golden(file: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR"))
@@ -165,7 +189,7 @@ fn another_epsilon_is_seen(compute: fn() -> Compute) -> Result<(), Failed> {
             config
         },
         compute,
-        ..CASES[0]
+        ..TINY
     };
     let tolerance = mistaken.tolerance;
     let found = run(&mistaken, MAIN[0])?;
@@ -182,7 +206,7 @@ fn another_epsilon_is_seen(compute: fn() -> Compute) -> Result<(), Failed> {
 
 fn main() {
     let mut trials = Vec::new();
-    for (name, compute) in [("kernels", CASES[0].compute), ("candle", CASES[2].compute)] {
+    for (name, compute) in [("kernels", TINY.compute), ("candle", candle as _)] {
         let name = format!("tiny-eps-1e-5::{name}::is_beyond_the_tolerance_from_the_first_block");
         trials.push(Trial::test(name, move || another_epsilon_is_seen(compute)));
     }
