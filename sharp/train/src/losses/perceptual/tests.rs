@@ -20,14 +20,18 @@ fn cpu() -> Compute {
     Compute::cpu(Algorithm::Winograd)
 }
 
-/// Our kernels, and candle's operations.
-fn computes() -> [Compute; 2] {
-    [cpu(), Compute::candle(Device::Cpu)]
+/// Our kernels, candle's operations, and these on an NVIDIA GPU where the build and the machine have one.
+fn computes() -> Vec<Compute> {
+    let candle = [Ok(Device::Cpu), Device::new_cuda(0)].into_iter().flatten();
+    [cpu()]
+        .into_iter()
+        .chain(candle.map(Compute::candle))
+        .collect()
 }
 
-fn map(values: &[f32], [height, width]: [usize; 2]) -> Var {
+fn map(compute: &Compute, values: &[f32], [height, width]: [usize; 2]) -> Var {
     let shape = (1, height, width, values.len() / (height * width));
-    Var::from_tensor(&Tensor::from_slice(values, shape, &Device::Cpu).unwrap()).unwrap()
+    Var::from_tensor(&Tensor::from_slice(values, shape, compute.device()).unwrap()).unwrap()
 }
 
 fn values(tensor: &Tensor) -> Vec<f32> {
@@ -36,7 +40,7 @@ fn values(tensor: &Tensor) -> Vec<f32> {
 
 /// The gradient of ⟨y, g⟩ with respect to x.
 fn pulled(y: &Tensor, g: &[f32], x: &Var) -> Vec<f32> {
-    let g = Tensor::from_slice(g, y.shape(), &Device::Cpu).unwrap();
+    let g = Tensor::from_slice(g, y.shape(), y.device()).unwrap();
     let found = (y * g).unwrap().sum_all().unwrap().backward().unwrap();
     values(found.get(x).unwrap())
 }
@@ -84,7 +88,7 @@ fn convolutions_match_their_definition_and_pull_back_by_the_adjoint() {
             let conv = frozen(&compute, 1, channels, kernel, [stride, dilation]);
             let (weight, bias) = weights(1, channels, kernel);
             let data = signed(3, 7 * 10 * 16);
-            let x = map(&data, size);
+            let x = map(&compute, &data, size);
             let out = conv.forward(&x, None, false).unwrap();
             let [rows, columns] = size.map(|side| side.div_ceil(stride));
             assert_eq!(out.dims(), [1, rows, columns, channels[0]]);
@@ -129,7 +133,7 @@ fn maxima_are_found_and_their_gradient_goes_to_the_first_of_them() {
                 .iter()
                 .map(|v| (v * 6.0).ceil())
                 .collect();
-            let x = map(&data, [7, 10]);
+            let x = map(&compute, &data, [7, 10]);
             let out = max_pool(&compute, &x, side, padding).unwrap();
             let [rows, columns] = out_size;
             assert_eq!(out.dims(), [1, rows, columns, 5]);
@@ -170,7 +174,7 @@ fn the_gradient_of_a_block_is_its_difference_along_a_direction() {
             shortcut: shortcut.then(|| frozen(&compute, 7, [32, inputs], 1, [stride, 1])),
         };
         let data = signed(9, 6 * 7 * inputs);
-        let x = map(&data, [6, 7]);
+        let x = map(&compute, &data, [6, 7]);
         let out = block.forward(&compute, &x).unwrap();
         let g = signed(11, out.elem_count());
         // Along itself, where a kink met on the way counts little.
@@ -182,7 +186,9 @@ fn the_gradient_of_a_block_is_its_difference_along_a_direction() {
                 .zip(&direction)
                 .map(|(x, d)| x + h * d)
                 .collect();
-            let out = block.forward(&compute, &map(&moved, [6, 7])).unwrap();
+            let out = block
+                .forward(&compute, &map(&compute, &moved, [6, 7]))
+                .unwrap();
             dot(&values(&out), &g)
         };
         let difference = (at(1e-3) - at(-1e-3)) / 2e-3;
