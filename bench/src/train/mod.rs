@@ -97,7 +97,7 @@ pub fn train(request: TrainRequest<'_>, observer: &dyn Observer) -> Result<Train
     let is_bundled = begins && named == Some(Path::new(bundled::NAME));
     let initial = is_bundled.then(bundled_weights).transpose()?;
     let network = config.network.clone();
-    let mut trainer = Trainer::open(config, initial.as_deref(), folder.root())?.on(compute)?;
+    let mut trainer = Trainer::open(config, initial.as_deref(), folder.root(), compute)?;
     write_json(&folder.root().join("network.json"), &network)?;
     let perceptual_network = trainer.perceptual_network();
     let mut watcher = Watching {

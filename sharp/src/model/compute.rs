@@ -116,6 +116,10 @@ impl Compute {
         }
     }
 
+    pub fn device(&self) -> &Device {
+        &self.device
+    }
+
     /// For records: `cpu-avx2`, `cpu-avx2-exact` ([`Algorithm::Direct`]), `candle-cpu`, `candle-cuda…`.
     pub fn name(&self) -> String {
         match &self.kernels {

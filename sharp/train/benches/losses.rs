@@ -7,11 +7,16 @@
 use std::hint::black_box;
 
 use criterion::{Criterion, criterion_group, criterion_main};
+use sharp::model::{Algorithm, Compute};
 use sharp::random::SplitMix64;
 use sharp_train::losses::{Perceptual, PerceptualOptions};
 
 fn perceptual(c: &mut Criterion) {
-    let loss = Perceptual::new(PerceptualOptions::default()).expect("the bundled weights");
+    let loss = Perceptual::new(
+        PerceptualOptions::default(),
+        Compute::cpu(Algorithm::Winograd),
+    )
+    .expect("the bundled weights");
     let mut random = SplitMix64::new(0);
     for side in [128, 256] {
         let mut picture = || -> Vec<[f32; 3]> {

@@ -9,6 +9,7 @@ use image::RgbImage;
 use sharp::camera::{RigidTransform, target_camera_from_source_ndc};
 use sharp::color::srgb_from_linear;
 use sharp::frustum_mask::{FrustumMaskOptions, InfiniteDepth, frustum_mask};
+use sharp::model::Compute;
 use sharp::model::training::{PassGradient, TrainingPass};
 use sharp::render::{
     CpuRenderer, GaussianGradient, PictureGradient, RenderError, RenderView, Renderer,
@@ -59,13 +60,17 @@ pub(crate) struct Objective {
 }
 
 impl Objective {
-    /// Reads the perceptual loss's network where that loss has a weight.
+    /// Reads the perceptual loss's network, which is for `compute`, where that loss has a weight.
     ///
     /// # Errors
     /// [`PerceptualError`].
-    pub(crate) fn new(weights: LossWeights, options: LossOptions) -> Result<Self, PerceptualError> {
+    pub(crate) fn new(
+        weights: LossWeights,
+        options: LossOptions,
+        compute: Compute,
+    ) -> Result<Self, PerceptualError> {
         let perceptual = match weights.percep > 0.0 {
-            true => Some(Perceptual::new(options.percep.clone())?),
+            true => Some(Perceptual::new(options.percep.clone(), compute)?),
             false => None,
         };
         Ok(Self {

@@ -20,7 +20,7 @@ use rayon::prelude::*;
 use sharp::model::params::WeightSource;
 use sharp::model::predictor::{Planes, planes_of};
 use sharp::model::training::{TrainableNetwork, TrainingInput};
-use sharp::model::{Algorithm, Compute, ModelConfig, ModelError};
+use sharp::model::{Compute, ModelConfig, ModelError};
 use sharp::random::mix;
 
 pub use error::TrainingError;
@@ -94,7 +94,8 @@ impl WeightSource for Snapshot {
 
 impl Trainer {
     /// Begins a training in a folder, or takes up the one that is there from its latest checkpoint. `initial` is where the
-    /// weights to begin with lie, if not where the configuration says.
+    /// weights to begin with lie, if not where the configuration says. The networks run on `compute`, each kind of which
+    /// has other last bits.
     ///
     /// # Errors
     /// [`TrainingError`]: a folder that cannot be written, a checkpoint of another configuration,
@@ -103,14 +104,14 @@ impl Trainer {
         config: TrainingConfig,
         initial: Option<&Path>,
         folder: &Path,
+        compute: Compute,
     ) -> Result<Self, TrainingError> {
         // Not only when the first stage is over.
         if let (1.., TrainingData::Photographs(folder)) = (config.stage2.steps, &config.stage2.data)
         {
             FolderPhotographs::open(folder, config.stage2.seed, (1, 1))?;
         }
-        let compute = Compute::cpu(Algorithm::Winograd);
-        let network = TrainableNetwork::new(&config.network, compute)?;
+        let network = TrainableNetwork::new(&config.network, compute.clone())?;
         let checkpoints = CheckpointFolder::new(folder.join("checkpoints"));
         let config_sha256 = config.sha256();
         let state = match checkpoints.positions()?.last() {
@@ -143,24 +144,13 @@ impl Trainer {
             }
         };
         Ok(Self {
-            objective: Objective::new(config.losses, config.loss_options.clone())?,
+            objective: Objective::new(config.losses, config.loss_options.clone(), compute)?,
             config,
             folder: folder.to_owned(),
             network,
             state: Arc::new(state),
             checkpoints,
             config_sha256,
-        })
-    }
-
-    /// The same with the network on `compute`, whose results differ from the CPU's in their last bits.
-    ///
-    /// # Errors
-    /// [`TrainingError::Model`].
-    pub fn on(self, compute: Compute) -> Result<Self, TrainingError> {
-        Ok(Self {
-            network: TrainableNetwork::new(&self.config.network, compute)?,
-            ..self
         })
     }
 

@@ -18,6 +18,7 @@ use serde::Deserialize;
 use sharp::camera::Intrinsics;
 use sharp::color::srgb_from_linear;
 use sharp::gaussians::Gaussians;
+use sharp::model::{Algorithm, Compute};
 use sharp::random::SplitMix64;
 use sharp::render::{
     CpuRenderer, GaussianGradient, PictureGradient, RenderView, Renderer, backward_covariances,
@@ -259,7 +260,7 @@ fn perceptual(values: &mut Values, folder: &Path, resnet50dilated: &Path) -> Don
         ("vgg16 features", on_features, [19, 24], 12),
         ("resnet50dilated", resnet, [37, 46], 6),
     ] {
-        let loss = Perceptual::new(options)?;
+        let loss = Perceptual::new(options, Compute::cpu(Algorithm::Winograd))?;
         for number in 0..pictures {
             let (x, y) = (picture(values, size), picture(values, size));
             let mask = values.mask(x.len());
@@ -424,7 +425,10 @@ fn renderer(values: &mut Values, folder: &Path) -> Done {
 /// The perceptual loss of a rendering, its gradient handed from the picture to the renderer, where torch has one graph.
 fn surgery(values: &mut Values, folder: &Path) -> Done {
     let [height, width] = [16, 22];
-    let loss = Perceptual::new(PerceptualOptions::default())?;
+    let loss = Perceptual::new(
+        PerceptualOptions::default(),
+        Compute::cpu(Algorithm::Winograd),
+    )?;
     for number in 0..8 {
         let scene = scene(values, 60);
         let camera = Intrinsics::new((20.0, 19.0), (10.6, 8.3), (width as u32, height as u32))?;

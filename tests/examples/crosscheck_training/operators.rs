@@ -15,7 +15,7 @@ use sharp::random::{SplitMix64, mix};
 use sharp::render::GaussianGradient;
 use sharp_kernels::activation::{gelu, gelu_gradient};
 use sharp_kernels::conv::backward::{
-    ConvInput, bias_gradient, input_gradient, keep_where_positive, weight_gradient,
+    ConvInput, InputGradient, bias_gradient, keep_where_positive, weight_gradient,
 };
 use sharp_kernels::{Conv2d, ConvOptions, ConvSpec, GroupNorm, NormGradient, RowWindow, Simd};
 
@@ -70,7 +70,9 @@ fn convolutions(values: &mut Values, folder: &Path) -> Done {
                 width,
                 relu: true,
             };
-            let of_x = input_gradient(simd, spec, &weight, input, &g, *algorithm);
+            let back = InputGradient::new(simd, spec, &weight, *algorithm);
+            let mut of_x = back.run(&g, height, width);
+            keep_where_positive(&mut of_x, &x);
             let shape = [24, 16, kernel, kernel];
             Case::default()
                 .f32("x", &inputs, &x)

@@ -1,7 +1,8 @@
 //! Gradients of convolutions: with respect to their weights, and to their input.
 //!
-//! For stride 1 with as much padding as keeps the image's size.
+//! For as much padding as keeps the image's size; that of weights for stride 1 only.
 
+use std::borrow::Cow;
 use std::ops::Range;
 
 use rayon::prelude::*;
@@ -160,53 +161,69 @@ pub fn bias_gradient(upstream: &[f32], channels: usize) -> Vec<f32> {
     (0..channels).map(of).collect()
 }
 
-/// Weights of the convolution of stride 1 that is the gradient with respect to the input of one of
-/// stride 1 and shape `spec`: input and output channels exchanged, the kernel's taps in reverse.
-///
-/// # Panics
-/// When the length is wrong.
-pub fn turned_weights(spec: &ConvSpec, weight: &[f32]) -> Vec<f32> {
-    assert_eq!(weight.len(), spec.weight_len(), "weights of {spec:?}");
-    let area = spec.kernel * spec.kernel;
-    let mut turned = Vec::with_capacity(weight.len());
-    for i in 0..spec.in_channels {
-        for o in 0..spec.out_channels {
-            let taps = &weight[(o * spec.in_channels + i) * area..][..area];
-            turned.extend(taps.iter().rev());
-        }
-    }
-    turned
+/// The gradient with respect to the input, with weights packed for it: a convolution too, with input and output channels
+/// exchanged and the kernel's taps in reverse; after a stride its input has zeros between.
+#[derive(Debug, Clone)]
+pub struct InputGradient {
+    conv: Conv2d,
+    stride: usize,
 }
 
-/// Gradient of the input, in its layout, from that of the output; `weight` is the convolution's, and `algorithm` for this
-/// one, which is a convolution too. Where the input was rectified, nothing passes through what was not positive.
-///
-/// # Panics
-/// When a length is wrong, or the convolution changes the image's size.
-pub fn input_gradient(
-    simd: Simd,
-    spec: ConvSpec,
-    weight: &[f32],
-    input: ConvInput<'_>,
-    upstream: &[f32],
-    algorithm: Algorithm,
-) -> Vec<f32> {
-    assert!(keeps_size(&spec), "{spec:?}");
-    let back = ConvSpec {
-        in_channels: spec.out_channels,
-        out_channels: spec.in_channels,
-        ..spec
-    };
-    let turned = turned_weights(&spec, weight);
-    let conv = Conv2d::new(simd, back, &turned, None, false, algorithm);
-    let (rows, columns) = (input.height, input.width);
-    let window = RowWindow::whole(upstream, rows, columns, spec.out_channels);
-    let mut out = vec![0.0; rows * columns * spec.in_channels];
-    conv.run_rows(&window, 0..rows, &mut out);
-    if input.relu {
-        keep_where_positive(&mut out, input.data);
+impl InputGradient {
+    /// Of the convolution of shape `spec` by `weight`; `algorithm` is for this one.
+    ///
+    /// # Panics
+    /// When the length is wrong, or the convolution changes an image's size by other than its stride.
+    pub fn new(simd: Simd, spec: ConvSpec, weight: &[f32], algorithm: Algorithm) -> Self {
+        assert!(spec.kernel == 2 * spec.padding + 1, "{spec:?}");
+        assert_eq!(weight.len(), spec.weight_len(), "weights of {spec:?}");
+        let area = spec.kernel * spec.kernel;
+        let mut turned = Vec::with_capacity(weight.len());
+        for i in 0..spec.in_channels {
+            for o in 0..spec.out_channels {
+                let taps = &weight[(o * spec.in_channels + i) * area..][..area];
+                turned.extend(taps.iter().rev());
+            }
+        }
+        let back = ConvSpec {
+            in_channels: spec.out_channels,
+            out_channels: spec.in_channels,
+            stride: 1,
+            ..spec
+        };
+        Self {
+            conv: Conv2d::new(simd, back, &turned, None, false, algorithm),
+            stride: spec.stride,
+        }
     }
-    out
+
+    /// From the output's gradient to that of an input of `height` and `width`, in its layout.
+    ///
+    /// # Panics
+    /// When the gradient's length is wrong.
+    pub fn run(&self, upstream: &[f32], height: usize, width: usize) -> Vec<f32> {
+        let ConvSpec {
+            in_channels: channels,
+            out_channels,
+            ..
+        } = self.conv.spec();
+        let mut spread = Cow::Borrowed(upstream);
+        if self.stride > 1 {
+            let columns = width.div_ceil(self.stride);
+            let places = height.div_ceil(self.stride) * columns;
+            assert_eq!(upstream.len(), places * channels, "upstream");
+            let mut zeros = vec![0.0; height * width * channels];
+            for (at, pixel) in upstream.chunks_exact(channels).enumerate() {
+                let [y, x] = [at / columns, at % columns].map(|at| at * self.stride);
+                zeros[(y * width + x) * channels..][..channels].copy_from_slice(pixel);
+            }
+            spread = Cow::Owned(zeros);
+        }
+        let window = RowWindow::whole(&spread, height, width, channels);
+        let mut out = vec![0.0; height * width * out_channels];
+        self.conv.run_rows(&window, 0..height, &mut out);
+        out
+    }
 }
 
 fn keeps_size(spec: &ConvSpec) -> bool {
@@ -310,8 +327,11 @@ mod tests {
                     let found = weight_gradient(simd, spec, input, &upstream);
                     assert!(relative_error(&found, &dw) < 2e-6, "{simd:?} {spec:?}");
                     for algorithm in [Algorithm::Direct, Algorithm::Winograd] {
-                        let found =
-                            input_gradient(simd, spec, &weight, input, &upstream, algorithm);
+                        let back = InputGradient::new(simd, spec, &weight, algorithm);
+                        let mut found = back.run(&upstream, h, w);
+                        if relu_input {
+                            keep_where_positive(&mut found, &x);
+                        }
                         assert!(relative_error(&found, &dx) < 5e-6, "{simd:?} {spec:?}");
                     }
                 }

@@ -4,7 +4,9 @@ use std::borrow::Cow;
 
 use candle_core::{Result, Tensor};
 use candle_nn::Module;
-use sharp_kernels::conv::backward::{ConvInput, bias_gradient, input_gradient, weight_gradient};
+use sharp_kernels::conv::backward::{
+    ConvInput, InputGradient, bias_gradient, keep_where_positive, weight_gradient,
+};
 use sharp_kernels::{Conv2d, ConvOptions, ConvSpec, RowOp, TransposedConv2x2};
 
 use super::custom::{Back, Operation, Pass, View, apply};
@@ -137,17 +139,12 @@ pub(super) fn gradients(
 ) -> Vec<Option<Back>> {
     let (weight, bias) = split(&spec, pass.inputs[1]);
     let of_input = pass.wants(0).then(|| {
-        let Kernels {
-            simd, convolution, ..
-        } = kernels;
-        Back::Values(input_gradient(
-            simd,
-            spec,
-            weight,
-            input,
-            &upstream,
-            convolution,
-        ))
+        let back = InputGradient::new(kernels.simd, spec, weight, kernels.convolution);
+        let mut values = back.run(&upstream, input.height, input.width);
+        if input.relu {
+            keep_where_positive(&mut values, input.data);
+        }
+        Back::Values(values)
     });
     let of_weights = pass.wants(1).then(|| {
         let mut values = weight_gradient(kernels.simd, spec, input, &upstream);

@@ -5,11 +5,13 @@
 
 mod convolution;
 mod custom;
+mod frozen;
 mod images;
 mod norm;
 mod tokens;
 
 pub(super) use convolution::{Convolution, deconvolution};
+pub use frozen::{FrozenConvolution, max_pool};
 pub(super) use images::{avg_pool, double_nearest, from_planes, gather, sum, to_planes};
 pub(super) use norm::{group_norm, layer_norm};
 pub(super) use tokens::{Linear, attention};

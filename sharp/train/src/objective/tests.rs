@@ -10,6 +10,10 @@ use crate::data::{ProceduralSamples, Sample, Source};
 
 const SIDE: usize = 192;
 
+fn objective(weights: LossWeights, options: LossOptions) -> Objective {
+    Objective::new(weights, options, Compute::cpu(Algorithm::Winograd)).unwrap()
+}
+
 /// A pass of the tiny network with weights that make every attribute differ from its base, and the
 /// picture's planes `[3, 192, 192]`.
 fn pass() -> (TrainingPass, Sample, Vec<f32>) {
@@ -107,7 +111,7 @@ fn gradients_gathered_by_view_are_the_sum_of_every_losss_own() {
         seed: 1,
     };
     let cost = |weights| {
-        let objective = Objective::new(weights, options()).unwrap();
+        let objective = objective(weights, options());
         objective.cost(&pass, &example).unwrap()
     };
     let whole = cost(weights());
@@ -150,7 +154,7 @@ fn the_total_changes_as_its_gradient_says() {
         alpha_floor: 0.05,
         ..options()
     };
-    let objective = Objective::new(weights(), options).unwrap();
+    let objective = objective(weights(), options);
     let gradient = objective.cost(&pass, &example).unwrap().gradient;
     type Field = fn(&mut TrainingPass) -> &mut [f32];
     // Rendering skips what is below 1/255: where a Gaussian of opacity o begins to be seen, the picture jumps, and
@@ -205,7 +209,7 @@ fn what_a_novel_camera_has_passed_has_no_size() {
     let (pass, sample, _) = pass();
     let mut options = options();
     options.splat_view = SplatView::Novel;
-    let objective = Objective::new(only(7), options).unwrap();
+    let objective = objective(only(7), options);
     let cost = |ahead: f64| {
         let mut target = sample.target.clone();
         let mut moved = sample.source.camera_from_world;
@@ -244,7 +248,7 @@ fn true_depth_costs_less_at_the_true_camera() {
     let depth = known_depth(&sample.source, SIDE).repeat(2);
     let base = BaseGaussians::new(&planes, &depth, pass.base.grid, InvalidDepth::Skip);
     pass.gaussians = compose(&base.unwrap(), None).unwrap();
-    let objective = Objective::new(only(0), options()).unwrap();
+    let objective = objective(only(0), options());
     let color = |camera| {
         let target = TrainingView {
             camera_from_world: camera,

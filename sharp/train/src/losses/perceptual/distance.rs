@@ -1,7 +1,8 @@
 //! The two terms of the perceptual loss at one layer, with their gradient.
 
 use super::super::sum_over;
-use super::conv::FeatureMap;
+use std::borrow::Cow;
+
 use rayon::prelude::*;
 use sharp_kernels::{Epilogue, PackedMatrix, Simd, matmul};
 
@@ -16,23 +17,23 @@ pub(super) struct Terms<'a> {
 impl Terms<'_> {
     /// `k ‖F̂ − F‖²/(D·H·W) + j ‖M̂ − M‖²/D²` with `M = Fᵀ F/(H·W)` for F of `H·W` rows and D columns,
     /// and its gradient with respect to F̂.
-    pub(super) fn compare(&self, predicted: &FeatureMap, target: &FeatureMap) -> (f64, FeatureMap) {
-        let (x, y) = (self.weighted(predicted), self.weighted(target));
-        let (x, y) = (
-            x.as_ref().unwrap_or(predicted),
-            y.as_ref().unwrap_or(target),
-        );
-        let (channels, pixels) = (x.channels, x.height * x.width);
-        let share = self.features / x.data.len() as f64;
-        let features = sum_over(x.data.len(), |i| {
-            let d = f64::from(x.data[i]) - f64::from(y.data[i]);
+    pub(super) fn compare(
+        &self,
+        [predicted, target]: [&[f32]; 2],
+        channels: usize,
+    ) -> (f64, Vec<f32>) {
+        let [x, y] = [predicted, target].map(|map| self.weighted(map.into(), channels));
+        let pixels = x.len() / channels;
+        let share = self.features / x.len() as f64;
+        let features = sum_over(x.len(), |i| {
+            let d = f64::from(x[i]) - f64::from(y[i]);
             (d * d * share, (2.0 * d * share) as f32)
         });
         let (mut value, mut gradient) = (features.value, features.gradient);
         if self.gram != 0.0 {
             let share = self.gram / (channels * channels) as f64;
             let difference = {
-                let (x, y) = (gram(x), gram(y));
+                let [x, y] = [&x, &y].map(|map| gram(map, channels));
                 sum_over(x.len(), |i| {
                     let d = (f64::from(x[i]) - f64::from(y[i])) / pixels as f64;
                     (d * d * share, (4.0 * d * share / pixels as f64) as f32)
@@ -42,36 +43,29 @@ impl Terms<'_> {
             let simd = Simd::detect();
             let symmetric = &difference.gradient;
             let matrix = PackedMatrix::from_out_in(simd, symmetric, None, channels, channels);
-            matmul(&x.data, &matrix, &mut gradient, pixels, Epilogue::Add);
+            matmul(&x, &matrix, &mut gradient, pixels, Epilogue::Add);
         }
-        let mut gradient = FeatureMap {
-            data: gradient,
-            ..*predicted
-        };
-        if let Some(weighted) = self.weighted(&gradient) {
-            gradient = weighted;
-        }
-        (value, gradient)
+        (value, self.weighted(gradient.into(), channels).into_owned())
     }
 
-    fn weighted(&self, map: &FeatureMap) -> Option<FeatureMap> {
-        let weight = self.weight?;
-        let mut map = map.clone();
-        let pixels = map.data.chunks_exact_mut(map.channels).zip(weight);
-        pixels.for_each(|(pixel, weight)| pixel.iter_mut().for_each(|v| *v *= weight));
-        Some(map)
+    fn weighted<'m>(&self, mut map: Cow<'m, [f32]>, channels: usize) -> Cow<'m, [f32]> {
+        if let Some(weight) = self.weight {
+            let pixels = map.to_mut().chunks_exact_mut(channels).zip(weight);
+            pixels.for_each(|(pixel, weight)| pixel.iter_mut().for_each(|v| *v *= weight));
+        }
+        map
     }
 }
 
 /// `Fᵀ F`, not divided.
-fn gram(map: &FeatureMap) -> Vec<f32> {
+fn gram(map: &[f32], channels: usize) -> Vec<f32> {
     /// Channels that a task transposes at once: a line of the cache.
     const LINE: usize = 16;
-    let (channels, pixels) = (map.channels, map.height * map.width);
-    let mut transposed = vec![0.0; map.data.len()];
+    let pixels = map.len() / channels;
+    let mut transposed = vec![0.0; map.len()];
     let lines = transposed.par_chunks_mut(LINE * pixels).enumerate();
     lines.for_each(|(line, out)| {
-        for (p, pixel) in map.data.chunks_exact(channels).enumerate() {
+        for (p, pixel) in map.chunks_exact(channels).enumerate() {
             for (row, v) in out.chunks_exact_mut(pixels).zip(&pixel[line * LINE..]) {
                 row[p] = *v;
             }

@@ -5,28 +5,26 @@
 //! returns, so that memory does not grow with the number of views.
 //!
 //! # Contents
-//! * [`Perceptual`], [`PerceptualOptions`]; `layers`: what networks are made of, with the gradient of
-//!   each with respect to its input; `conv`: frozen convolutions; `pool`: max pooling.
+//! * [`Perceptual`], [`PerceptualOptions`]; `layers`: what networks are made of.
 //! * `vgg`, `resnet`: the two networks; `distance`: the two terms of one layer; `picture`: crop, mask
 //!   and normalisation.
 
-mod conv;
 mod distance;
 mod layers;
 mod picture;
-mod pool;
 mod resnet;
 #[cfg(test)]
 mod tests;
 mod vgg;
 
 use super::Loss;
+use candle_core::{Tensor, Var};
 use distance::Terms;
-use layers::{Layer, Pull};
+use layers::Layer;
 use picture::{Region, shrunk};
 use serde::{Deserialize, Serialize};
+use sharp::model::Compute;
 use sharp_checkpoint::{CheckpointError, Incomplete};
-use sharp_kernels::Simd;
 use sharp_metrics::{Weights, WeightsError};
 use std::path::PathBuf;
 
@@ -89,6 +87,8 @@ pub enum PerceptualError {
     NoWeights,
     #[error(transparent)]
     Checkpoint(#[from] CheckpointError),
+    #[error("tensor operation: {0}")]
+    Tensor(#[from] candle_core::Error),
     #[error("not the encoder resnet50dilated: {0}")]
     Incomplete(#[from] Incomplete),
     #[error("{}: {tensor} holds a value that is not finite", path.display())]
@@ -106,33 +106,31 @@ pub enum PerceptualError {
 struct Network {
     name: &'static str,
     smallest: usize,
-    groups: [Vec<Box<dyn Layer>>; 4],
+    groups: [Vec<Layer>; 4],
 }
 
 /// The loss with its network, whose weights are packed once.
 pub struct Perceptual {
     options: PerceptualOptions,
+    compute: Compute,
     network: Network,
 }
 
-impl std::fmt::Debug for Perceptual {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        write!(f, "Perceptual on {}, {:?}", self.network.name, self.options)
-    }
-}
-
 impl Perceptual {
-    /// Reads and packs the weights that the options name.
+    /// Reads the weights that the options name, for a network on `compute`.
     ///
     /// # Errors
     /// [`PerceptualError`], but for `TooSmall`.
-    pub fn new(options: PerceptualOptions) -> Result<Self, PerceptualError> {
-        let simd = Simd::detect();
+    pub fn new(options: PerceptualOptions, compute: Compute) -> Result<Self, PerceptualError> {
         let network = match &options.resnet50dilated {
-            Some(file) => resnet::network(simd, file)?,
-            None => vgg::network(simd, &Weights::at_hand())?,
+            Some(file) => resnet::network(&compute, file)?,
+            None => vgg::network(&compute, &Weights::at_hand())?,
         };
-        Ok(Self { options, network })
+        Ok(Self {
+            options,
+            compute,
+            network,
+        })
     }
 
     /// The network, its weights and the layers compared, for a log.
@@ -146,7 +144,7 @@ impl Perceptual {
     /// `seed` places the crop. The same bytes for any number of threads.
     ///
     /// # Errors
-    /// [`PerceptualError::TooSmall`].
+    /// [`PerceptualError::TooSmall`], and those of the device.
     ///
     /// # Panics
     /// When lengths differ or are no number of rows.
@@ -170,15 +168,10 @@ impl Perceptual {
         );
         let region = Region::new([predicted.len() / width, width], self.options.crop, seed);
         let [height, width] = region.size;
-        let Network {
-            name: network,
-            smallest,
-            ..
-        } = self.network;
-        if height.min(width) < smallest {
+        if height.min(width) < self.network.smallest {
             return Err(PerceptualError::TooSmall {
-                network,
-                smallest,
+                network: self.network.name,
+                smallest: self.network.smallest,
                 width,
                 height,
             });
@@ -188,42 +181,40 @@ impl Perceptual {
             PerceptualMask::Pictures => (mask.as_deref(), None),
             PerceptualMask::Features => (None, mask.as_deref()),
         };
-        let mut x = picture::normalized(&region.cut(predicted), region.size, blackened);
-        let mut y = picture::normalized(&region.cut(target), region.size, blackened);
+        let input = |pixels: &[[f32; 3]]| {
+            let values = picture::normalized(&region.cut(pixels), blackened);
+            Tensor::from_vec(values, (1, height, width, 3), self.compute.device())
+        };
+        let picture = Var::from_tensor(&input(predicted)?)?;
+        let (mut x, mut y) = (picture.as_tensor().clone(), input(target)?);
         let mut value = 0.0;
-        // Of each group: how a gradient goes back through its layers, and what the comparison adds behind them.
-        let mut groups = Vec::new();
+        // What has the loss's gradient with respect to each group's end.
+        let mut pulled = Vec::new();
         for layers in &self.network.groups {
-            let mut pulls: Vec<Pull<'_>> = Vec::new();
             for layer in layers {
-                let pull;
-                (x, pull) = layer.trace(&x);
-                pulls.push(pull);
-                (y, _) = layer.trace(&y);
+                x = layer.forward(&self.compute, &x)?;
+                y = layer.forward(&self.compute, &y)?;
             }
-            let weight = weight.map(|mask| shrunk(mask, region.size, [x.height, x.width]));
+            let (_, rows, columns, channels) = x.dims4()?;
+            let weight = weight.map(|mask| shrunk(mask, region.size, [rows, columns]));
             let terms = Terms {
                 features: self.options.features,
                 gram: self.options.gram,
                 weight: weight.as_deref(),
             };
-            let (part, gradient) = terms.compare(&x, &y);
+            let [ours, theirs]: [Vec<f32>; 2] =
+                [x.flatten_all()?.to_vec1()?, y.flatten_all()?.to_vec1()?];
+            let (part, gradient) = terms.compare([&ours, &theirs], channels);
             value += part;
-            groups.push((pulls, gradient));
+            let gradient = Tensor::from_vec(gradient, x.shape(), self.compute.device())?;
+            pulled.push((&x * gradient)?.sum_all()?);
         }
-        drop((x, y));
-        let mut back: Option<conv::FeatureMap> = None;
-        while let Some((pulls, mut gradient)) = groups.pop() {
-            if let Some(back) = back {
-                gradient.add(&back);
+        let found = Tensor::stack(&pulled, 0)?.sum_all()?.backward()?;
+        let gradient = match found.get(&picture) {
+            Some(found) => {
+                let found: Vec<f32> = found.flatten_all()?.to_vec1()?;
+                region.paste(&picture::denormalized(&found, blackened))
             }
-            for pull in pulls.into_iter().rev() {
-                gradient = pull(gradient);
-            }
-            back = Some(gradient);
-        }
-        let gradient = match &back {
-            Some(back) => region.paste(&picture::denormalized(back, blackened)),
             None => vec![[0.0; 3]; predicted.len()],
         };
         Ok(Loss { value, gradient })

@@ -1,6 +1,5 @@
 //! From pictures to a network's input, and gradients back.
 
-use super::conv::FeatureMap;
 use sharp::random::SplitMix64;
 
 /// Mean and standard deviation of ImageNet's pictures, by which both networks' inputs are normalised.
@@ -51,26 +50,17 @@ impl Region {
 }
 
 /// The input of a network, black where `mask` does not hold.
-pub(super) fn normalized(
-    picture: &[[f32; 3]],
-    [height, width]: [usize; 2],
-    mask: Option<&[bool]>,
-) -> FeatureMap {
+pub(super) fn normalized(picture: &[[f32; 3]], mask: Option<&[bool]>) -> Vec<f32> {
     let pixel = |(p, rgb): (usize, &[f32; 3])| {
         let kept = mask.is_none_or(|mask| mask[p]);
         [0, 1, 2].map(|c: usize| (if kept { rgb[c] } else { 0.0 } - MEAN[c]) / DEVIATION[c])
     };
-    FeatureMap {
-        height,
-        width,
-        channels: 3,
-        data: picture.iter().enumerate().flat_map(pixel).collect(),
-    }
+    picture.iter().enumerate().flat_map(pixel).collect()
 }
 
 /// From the gradient with respect to a network's input to that with respect to the picture.
-pub(super) fn denormalized(gradient: &FeatureMap, mask: Option<&[bool]>) -> Vec<[f32; 3]> {
-    let (pixels, _) = gradient.data.as_chunks::<3>();
+pub(super) fn denormalized(gradient: &[f32], mask: Option<&[bool]>) -> Vec<[f32; 3]> {
+    let (pixels, _) = gradient.as_chunks::<3>();
     let pixel = |(p, of): (usize, &[f32; 3])| {
         let kept = mask.is_none_or(|mask| mask[p]);
         [0, 1, 2].map(|c: usize| if kept { of[c] / DEVIATION[c] } else { 0.0 })

@@ -5,12 +5,10 @@
 //! 6 and 3 blocks with 256 to 2048 channels. The last two stages keep their size: their first 3×3
 //! convolution has dilation 1 and 2, the others 2 and 4. Pictures are compared after each stage.
 
-use super::conv::FrozenConv;
-use super::layers::{Bottleneck, Layer, ReluConv};
-use super::pool::MaxPool;
+use super::layers::Layer;
 use super::{Network, PerceptualError};
+use sharp::model::{Compute, FrozenConvolution};
 use sharp_checkpoint::{Checkpoint, Expected};
-use sharp_kernels::Simd;
 use std::path::Path;
 
 /// Added to the variances of batch normalisation (PyTorch's default).
@@ -106,7 +104,7 @@ fn stage(stage: usize) -> Vec<BlockSpec> {
 
 const NORM: [&str; 4] = ["weight", "bias", "running_mean", "running_var"];
 
-pub(super) fn network(simd: Simd, file: &Path) -> Result<Network, PerceptualError> {
+pub(super) fn network(compute: &Compute, file: &Path) -> Result<Network, PerceptualError> {
     let file = Checkpoint::open(file)?;
     let stages = [0, 1, 2, 3].map(stage);
     let (mut expected, mut unused) = (Vec::new(), Vec::new());
@@ -126,23 +124,19 @@ pub(super) fn network(simd: Simd, file: &Path) -> Result<Network, PerceptualErro
     }
     file.check(&expected, &unused)?;
 
-    let conv = |spec: &Spec| conv(simd, &file, spec);
-    let mut groups = [const { Vec::<Box<dyn Layer>>::new() }; 4];
+    let conv = |spec: &Spec| conv(compute, &file, spec);
+    let mut groups = [const { Vec::new() }; 4];
     for spec in &stem() {
-        groups[0].push(Box::new(ReluConv(conv(spec)?)));
+        groups[0].push(Layer::Convolution(conv(spec)?));
     }
-    groups[0].push(Box::new(MaxPool {
-        side: 3,
-        padding: 1,
-    }));
+    groups[0].push(Layer::MaxPool(3, 1));
     for (group, blocks) in groups.iter_mut().zip(&stages) {
         for BlockSpec { convs, shortcut } in blocks {
-            group.push(Box::new(Bottleneck {
-                narrow: conv(&convs[0])?,
-                middle: conv(&convs[1])?,
-                widen: conv(&convs[2])?,
+            let [narrow, middle, widen] = convs;
+            group.push(Layer::Bottleneck {
+                convs: [conv(narrow)?, conv(middle)?, conv(widen)?],
                 shortcut: shortcut.as_ref().map(conv).transpose()?,
-            }));
+            });
         }
     }
     Ok(Network {
@@ -153,7 +147,11 @@ pub(super) fn network(simd: Simd, file: &Path) -> Result<Network, PerceptualErro
 }
 
 /// A convolution with its batch normalisation folded in.
-fn conv(simd: Simd, file: &Checkpoint, spec: &Spec) -> Result<FrozenConv, PerceptualError> {
+fn conv(
+    compute: &Compute,
+    file: &Checkpoint,
+    spec: &Spec,
+) -> Result<FrozenConvolution, PerceptualError> {
     let read = |tensor: String| {
         let values = file.tensor_f32(&tensor)?;
         if values.iter().all(|v| v.is_finite()) {
@@ -179,5 +177,10 @@ fn conv(simd: Simd, file: &Checkpoint, spec: &Spec) -> Result<FrozenConv, Percep
     let [out, inputs] = spec.channels;
     let steps = [spec.stride, spec.dilation];
     let shape = [out, inputs, spec.kernel];
-    Ok(FrozenConv::new(simd, shape, [&weight, &bias], steps))
+    Ok(FrozenConvolution::new(
+        compute,
+        shape,
+        [&weight, &bias],
+        steps,
+    )?)
 }

@@ -1,11 +1,11 @@
 //! Layers against their definitions, gradients as adjoints and by differences along directions.
 
 use super::super::testing::{check_to, noise, pixels};
-use super::conv::{FeatureMap, FrozenConv};
 use super::distance::Terms;
-use super::layers::{Bottleneck, Layer};
-use super::pool::MaxPool;
+use super::layers::Layer;
 use super::*;
+use candle_core::Device;
+use sharp::model::{Algorithm, FrozenConvolution, max_pool};
 use sharp::random::SplitMix64;
 use std::sync::OnceLock;
 
@@ -16,13 +16,33 @@ fn signed(seed: u64, count: usize) -> Vec<f32> {
         .collect()
 }
 
-fn map(seed: u64, [height, width]: [usize; 2], channels: usize) -> FeatureMap {
-    FeatureMap {
-        height,
-        width,
-        channels,
-        data: signed(seed, height * width * channels),
-    }
+fn cpu() -> Compute {
+    Compute::cpu(Algorithm::Winograd)
+}
+
+/// Our kernels, candle's operations, and these on an NVIDIA GPU where the build and the machine have one.
+fn computes() -> Vec<Compute> {
+    let candle = [Ok(Device::Cpu), Device::new_cuda(0)].into_iter().flatten();
+    [cpu()]
+        .into_iter()
+        .chain(candle.map(Compute::candle))
+        .collect()
+}
+
+fn map(compute: &Compute, values: &[f32], [height, width]: [usize; 2]) -> Var {
+    let shape = (1, height, width, values.len() / (height * width));
+    Var::from_tensor(&Tensor::from_slice(values, shape, compute.device()).unwrap()).unwrap()
+}
+
+fn values(tensor: &Tensor) -> Vec<f32> {
+    tensor.flatten_all().unwrap().to_vec1().unwrap()
+}
+
+/// The gradient of ⟨y, g⟩ with respect to x.
+fn pulled(y: &Tensor, g: &[f32], x: &Var) -> Vec<f32> {
+    let g = Tensor::from_slice(g, y.shape(), y.device()).unwrap();
+    let found = (y * g).unwrap().sum_all().unwrap().backward().unwrap();
+    values(found.get(x).unwrap())
 }
 
 fn dot(a: &[f32], b: &[f32]) -> f64 {
@@ -42,116 +62,134 @@ fn weights(seed: u64, [out, inputs]: [usize; 2], kernel: usize) -> (Vec<f32>, Ve
 }
 
 fn frozen(
+    compute: &Compute,
     seed: u64,
     channels: [usize; 2],
     kernel: usize,
-    stride: usize,
-    dilation: usize,
-) -> FrozenConv {
+    steps: [usize; 2],
+) -> FrozenConvolution {
     let (weight, bias) = weights(seed, channels, kernel);
     let [out, inputs] = channels;
-    let shape = [out, inputs, kernel];
-    FrozenConv::new(Simd::detect(), shape, [&weight, &bias], [stride, dilation])
+    FrozenConvolution::new(compute, [out, inputs, kernel], [&weight, &bias], steps).unwrap()
 }
 
 #[test]
 fn convolutions_match_their_definition_and_pull_back_by_the_adjoint() {
-    for (kernel, stride, dilation) in [
-        (3, 1, 1),
-        (3, 2, 1),
-        (1, 1, 1),
-        (1, 2, 1),
-        (3, 1, 2),
-        (3, 1, 4),
-    ] {
-        let (size, channels) = ([7, 10], [19, 16]);
-        let conv = frozen(1, channels, kernel, stride, dilation);
-        let (weight, bias) = weights(1, channels, kernel);
-        let x = map(3, size, channels[1]);
-        let out = conv.run(&x, None, false);
-        assert_eq!(out.size(), size.map(|side| side.div_ceil(stride)));
-        let reach = kernel / 2 * dilation;
-        for (i, found) in out.data.iter().enumerate() {
-            let (o, p) = (i % channels[0], i / channels[0]);
-            let (y, x0) = (p / out.width * stride, p % out.width * stride);
-            let mut sum = f64::from(bias[o]);
-            for (tap, c) in (0..kernel * kernel).flat_map(|t| (0..16).map(move |c| (t, c))) {
-                let (iy, ix) = (y + tap / kernel * dilation, x0 + tap % kernel * dilation);
-                if (reach..7 + reach).contains(&iy) && (reach..10 + reach).contains(&ix) {
-                    let v = x.data[((iy - reach) * 10 + ix - reach) * 16 + c];
-                    let w = weight[(o * 16 + c) * kernel * kernel + tap];
-                    sum += f64::from(v) * f64::from(w);
+    for compute in computes() {
+        for (kernel, stride, dilation) in [
+            (3, 1, 1),
+            (3, 2, 1),
+            (1, 1, 1),
+            (1, 2, 1),
+            (3, 1, 2),
+            (3, 1, 4),
+        ] {
+            let (size, channels) = ([7, 10], [19, 16]);
+            let conv = frozen(&compute, 1, channels, kernel, [stride, dilation]);
+            let (weight, bias) = weights(1, channels, kernel);
+            let data = signed(3, 7 * 10 * 16);
+            let x = map(&compute, &data, size);
+            let out = conv.forward(&x, None, false).unwrap();
+            let [rows, columns] = size.map(|side| side.div_ceil(stride));
+            assert_eq!(out.dims(), [1, rows, columns, channels[0]]);
+            let reach = kernel / 2 * dilation;
+            let found = values(&out);
+            for (i, found) in found.iter().enumerate() {
+                let (o, p) = (i % channels[0], i / channels[0]);
+                let (y, x0) = (p / columns * stride, p % columns * stride);
+                let mut sum = f64::from(bias[o]);
+                for (tap, c) in (0..kernel * kernel).flat_map(|t| (0..16).map(move |c| (t, c))) {
+                    let (iy, ix) = (y + tap / kernel * dilation, x0 + tap % kernel * dilation);
+                    if (reach..7 + reach).contains(&iy) && (reach..10 + reach).contains(&ix) {
+                        let v = data[((iy - reach) * 10 + ix - reach) * 16 + c];
+                        let w = weight[(o * 16 + c) * kernel * kernel + tap];
+                        sum += f64::from(v) * f64::from(w);
+                    }
                 }
+                assert!(
+                    (sum - f64::from(*found)).abs() < 1e-4,
+                    "{kernel} {stride} {dilation}: {sum} {found}"
+                );
             }
+            // ⟨K x + b, g⟩ = ⟨x, Kᵀ g⟩ + ⟨b, g⟩
+            let g = signed(5, found.len());
+            let back = pulled(&out, &g, &x);
+            let of_bias: f64 = g.chunks(19).map(|g| dot(g, &bias)).sum();
+            let (left, right) = (dot(&found, &g), dot(&data, &back) + of_bias);
             assert!(
-                (sum - f64::from(*found)).abs() < 1e-4,
-                "{kernel} {stride} {dilation}: {sum} {found}"
+                (left - right).abs() < 1e-3,
+                "{kernel} {stride} {dilation}: {left} {right}"
             );
         }
-        // ⟨K x + b, g⟩ = ⟨x, Kᵀ g⟩ + ⟨b, g⟩
-        let g = map(5, out.size(), channels[0]);
-        let back = conv.pull(&g, size, None);
-        let of_bias: f64 = g.data.chunks(19).map(|g| dot(g, &bias)).sum();
-        let (left, right) = (dot(&out.data, &g.data), dot(&x.data, &back.data) + of_bias);
-        assert!(
-            (left - right).abs() < 1e-3,
-            "{kernel} {stride} {dilation}: {left} {right}"
-        );
     }
 }
 
 #[test]
-fn maxima_are_found_and_their_gradient_goes_where_they_were() {
-    for (side, padding, out_size) in [(2, 0, [3, 5]), (3, 1, [4, 5])] {
-        let pool = MaxPool { side, padding };
-        let x = FeatureMap {
-            data: noise(1, 7 * 10 * 5),
-            ..map(1, [7, 10], 5)
-        };
-        let (out, pull) = pool.trace(&x);
-        assert_eq!(out.size(), out_size);
-        let g = map(2, out.size(), 5);
-        let found = pull(g.clone());
-        let mut expected = vec![0.0; x.data.len()];
-        for (i, max) in out.data.iter().enumerate() {
-            let (c, ox, oy) = (i % 5, i / 5 % out.width, i / 5 / out.width);
-            let reach = |o: usize, limit: usize| {
-                (2 * o).saturating_sub(padding)..(2 * o + side - padding).min(limit)
-            };
-            let columns = reach(ox, 10);
-            let window =
-                reach(oy, 7).flat_map(|y| columns.clone().map(move |x| (y * 10 + x) * 5 + c));
-            let best = window
-                .reduce(|a, b| if x.data[b] > x.data[a] { b } else { a })
-                .unwrap();
-            assert_eq!(*max, x.data[best]);
-            expected[best] += g.data[i];
+fn maxima_are_found_and_their_gradient_goes_to_the_first_of_them() {
+    for compute in computes() {
+        for (side, padding, out_size) in [(2, 0, [3, 5]), (3, 1, [4, 5])] {
+            // Few levels, so that some are equal.
+            let data: Vec<f32> = noise(1, 7 * 10 * 5)
+                .iter()
+                .map(|v| (v * 6.0).ceil())
+                .collect();
+            let x = map(&compute, &data, [7, 10]);
+            let out = max_pool(&compute, &x, side, padding).unwrap();
+            let [rows, columns] = out_size;
+            assert_eq!(out.dims(), [1, rows, columns, 5]);
+            let g = signed(2, rows * columns * 5);
+            let mut expected = vec![0.0; data.len()];
+            for (i, max) in values(&out).iter().enumerate() {
+                let (c, ox, oy) = (i % 5, i / 5 % columns, i / 5 / columns);
+                let reach = |o: usize, limit: usize| {
+                    (2 * o).saturating_sub(padding)..(2 * o + side - padding).min(limit)
+                };
+                let columns = reach(ox, 10);
+                let window =
+                    reach(oy, 7).flat_map(|y| columns.clone().map(move |x| (y * 10 + x) * 5 + c));
+                let best = window
+                    .reduce(|a, b| if data[b] > data[a] { b } else { a })
+                    .unwrap();
+                assert_eq!(*max, data[best]);
+                expected[best] += g[i];
+            }
+            let found = pulled(&out, &g, &x);
+            let pairs = found.iter().zip(&expected);
+            assert!(pairs.map(|(a, b)| (a - b).abs()).fold(0.0, f32::max) < 1e-6);
         }
-        assert_eq!(found.data, expected);
     }
 }
 
 #[test]
 fn the_gradient_of_a_block_is_its_difference_along_a_direction() {
+    let compute = cpu();
     for (stride, dilation, shortcut) in [(2, 1, true), (1, 2, true), (1, 1, false)] {
         let inputs = if shortcut { 24 } else { 32 };
-        let block = Bottleneck {
-            narrow: frozen(1, [16, inputs], 1, 1, 1),
-            middle: frozen(3, [16, 16], 3, stride, dilation),
-            widen: frozen(5, [32, 16], 1, 1, 1),
-            shortcut: shortcut.then(|| frozen(7, [32, inputs], 1, stride, 1)),
+        let block = Layer::Bottleneck {
+            convs: [
+                frozen(&compute, 1, [16, inputs], 1, [1, 1]),
+                frozen(&compute, 3, [16, 16], 3, [stride, dilation]),
+                frozen(&compute, 5, [32, 16], 1, [1, 1]),
+            ],
+            shortcut: shortcut.then(|| frozen(&compute, 7, [32, inputs], 1, [stride, 1])),
         };
-        let x = map(9, [6, 7], inputs);
-        let (out, pull) = block.trace(&x);
-        let g = map(11, out.size(), 32);
+        let data = signed(9, 6 * 7 * inputs);
+        let x = map(&compute, &data, [6, 7]);
+        let out = block.forward(&compute, &x).unwrap();
+        let g = signed(11, out.elem_count());
         // Along itself, where a kink met on the way counts little.
-        let direction = pull(g.clone());
-        let slope = dot(&direction.data, &direction.data);
+        let direction = pulled(&out, &g, &x);
+        let slope = dot(&direction, &direction);
         let at = |h: f32| {
-            let mut moved = x.clone();
-            let pairs = moved.data.iter_mut().zip(&direction.data);
-            pairs.for_each(|(x, d)| *x += h * d);
-            dot(&block.trace(&moved).0.data, &g.data)
+            let moved: Vec<f32> = data
+                .iter()
+                .zip(&direction)
+                .map(|(x, d)| x + h * d)
+                .collect();
+            let out = block
+                .forward(&compute, &map(&compute, &moved, [6, 7]))
+                .unwrap();
+            dot(&values(&out), &g)
         };
         let difference = (at(1e-3) - at(-1e-3)) / 2e-3;
         let deviation = (difference - slope).abs();
@@ -164,49 +202,37 @@ fn the_gradient_of_a_block_is_its_difference_along_a_direction() {
 
 #[test]
 fn hand_case_of_both_terms() {
-    let one = |data: [f32; 2]| FeatureMap {
-        height: 1,
-        width: 1,
-        channels: 2,
-        data: data.to_vec(),
-    };
     let terms = |features, gram| Terms {
         features,
         gram,
         weight: None,
     };
-    let compare = |terms: Terms<'_>| terms.compare(&one([1.0, 2.0]), &one([1.0, 0.0]));
+    let compare = |terms: Terms<'_>| terms.compare([&[1.0, 2.0], &[1.0, 0.0]], 2);
     // M̂ − M = [0 2; 2 4].
     let (value, gradient) = compare(terms(1.0, 0.0));
-    assert_eq!((value, gradient.data), (2.0, vec![0.0, 2.0]));
+    assert_eq!((value, gradient), (2.0, vec![0.0, 2.0]));
     let (value, gradient) = compare(terms(1.0, 10.0));
-    assert_eq!((value, gradient.data), (62.0, vec![40.0, 102.0]));
+    assert_eq!((value, gradient), (62.0, vec![40.0, 102.0]));
 }
 
 #[test]
 fn the_gradient_of_both_terms_is_that_of_the_definition() {
     const D: usize = 20;
     const P: usize = 15;
-    let map = |seed| FeatureMap {
-        height: 3,
-        width: 5,
-        channels: D,
-        data: noise(seed, P * D),
-    };
-    let (x, y, weight) = (map(1), map(2), noise(3, P));
+    let (x, y, weight) = (noise(1, P * D), noise(2, P * D), noise(3, P));
     let terms = Terms {
         features: 1.0,
         gram: 10.0,
         weight: Some(&weight),
     };
-    let (value, gradient) = terms.compare(&x, &y);
+    let (value, gradient) = terms.compare([&x, &y], D);
     let weighted = |f: &dyn Fn(usize) -> f64| -> Vec<f64> {
         (0..P * D)
             .map(|i| f(i) * f64::from(weight[i / D]))
             .collect()
     };
-    let target = weighted(&|i| f64::from(y.data[i]));
-    check_to([1e-5, 1e-4], &x.data, value, &gradient.data, |x| {
+    let target = weighted(&|i| f64::from(y[i]));
+    check_to([1e-5, 1e-4], &x, value, &gradient, |x| {
         let x = weighted(&|i| x[i]);
         let each = x.iter().zip(&target);
         let features = each.map(|(a, b)| (a - b) * (a - b)).sum::<f64>() / (P * D) as f64;
@@ -225,7 +251,7 @@ fn the_gradient_of_both_terms_is_that_of_the_definition() {
 fn with<T>(options: PerceptualOptions, then: impl FnOnce(&Perceptual) -> T) -> T {
     static SHARED: OnceLock<std::sync::Mutex<Perceptual>> = OnceLock::new();
     let new = || {
-        Perceptual::new(PerceptualOptions::default())
+        Perceptual::new(PerceptualOptions::default(), cpu())
             .unwrap()
             .into()
     };
@@ -346,7 +372,7 @@ fn a_file_of_another_network_is_refused_by_what_it_lacks() {
         ),
         ..PerceptualOptions::default()
     };
-    let error = Perceptual::new(options).unwrap_err().to_string();
+    let error = Perceptual::new(options, cpu()).err().unwrap().to_string();
     assert!(
         error.contains("resnet50dilated") && error.contains("missing: bn1.bias"),
         "{error}"

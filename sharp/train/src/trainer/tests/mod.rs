@@ -3,11 +3,16 @@ mod overfit;
 mod resume;
 mod step;
 
+use sharp::model::Algorithm;
 use tempfile::TempDir;
 
 use super::*;
 use crate::losses::LossWeights;
 use crate::schedule::Schedule;
+
+fn cpu() -> Compute {
+    Compute::cpu(Algorithm::Winograd)
+}
 
 /// A training of the tiny network without the perceptual loss, of so many steps in each stage, on
 /// pictures of so many pixels' side.
@@ -54,7 +59,7 @@ struct Training {
 impl Training {
     fn new(config: &TrainingConfig) -> Self {
         let folder = tempfile::tempdir().unwrap();
-        let trainer = Trainer::open(config.clone(), None, folder.path()).unwrap();
+        let trainer = Trainer::open(config.clone(), None, folder.path(), cpu()).unwrap();
         Self { trainer, folder }
     }
 

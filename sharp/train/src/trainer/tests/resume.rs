@@ -61,7 +61,7 @@ fn files(threads: usize, interruptions: &[Interruption]) -> BTreeMap<String, Vec
     pool.build().unwrap().install(|| {
         let all = interruptions.iter().copied().map(Some);
         for at in all.chain([None]) {
-            let mut trainer = Trainer::open(config.clone(), None, folder.path()).unwrap();
+            let mut trainer = Trainer::open(config.clone(), None, folder.path(), cpu()).unwrap();
             let seen = trainer.position();
             let mut watcher = Interrupter { at, seen };
             let run = || trainer.run(&mut watcher);
@@ -74,7 +74,8 @@ fn files(threads: usize, interruptions: &[Interruption]) -> BTreeMap<String, Vec
                     Ok(Err(TrainingError::Validation { .. })),
                 ) => {
                     // It costs no step.
-                    let taken_up = Trainer::open(config.clone(), None, folder.path()).unwrap();
+                    let taken_up =
+                        Trainer::open(config.clone(), None, folder.path(), cpu()).unwrap();
                     assert_eq!(taken_up.position(), position);
                 }
                 _ => panic!("not interrupted as asked"),

@@ -155,7 +155,8 @@ fn what_is_not_finite_ends_the_training_and_leaves_its_inputs() {
         assert!(is_whole, "{text}");
         assert_eq!(text.contains("color"), what != "the depth", "{text}");
         // The steps since the last checkpoint would be lost otherwise.
-        let again = Trainer::open(training.trainer.config, None, training.folder.path()).unwrap();
+        let again =
+            Trainer::open(training.trainer.config, None, training.folder.path(), cpu()).unwrap();
         assert_eq!(*again.state == *before, value.is_finite(), "{part}");
     }
 }
@@ -264,7 +265,7 @@ fn a_trained_depth_network_goes_with_gaussians_of_any_stride() {
 
     let mut other = coarse;
     other.network.monodepth_dims_decoder = [8; 5];
-    let opened = Trainer::open(other, None, tempfile::tempdir().unwrap().path());
+    let opened = Trainer::open(other, None, tempfile::tempdir().unwrap().path(), cpu());
     let error = opened.err().unwrap().to_string();
     assert!(error.contains("monodepth_predictor.decoder"), "{error}");
 }
@@ -327,7 +328,7 @@ fn weights_to_begin_with_are_finite() {
     std::fs::write(&file, bytes).unwrap();
     let mut begun = config([1, 0], 48);
     begun.initial = Some(file);
-    let opened = Trainer::open(begun, None, tempfile::tempdir().unwrap().path());
+    let opened = Trainer::open(begun, None, tempfile::tempdir().unwrap().path(), cpu());
     let error = opened.err().unwrap().to_string();
     assert!(
         error.contains("w.safetensors") && error.contains("NaN"),
@@ -354,7 +355,7 @@ fn a_photograph_that_cannot_be_read_costs_no_step() {
     assert!(error.to_string().contains("b.png"), "{error}");
     let made = training.trainer.position();
     assert!(made.step > 0, "the first photograph is the broken one");
-    let taken_up = Trainer::open(config, None, training.folder.path()).unwrap();
+    let taken_up = Trainer::open(config, None, training.folder.path(), cpu()).unwrap();
     assert_eq!(taken_up.position(), made);
 }
 
@@ -362,7 +363,7 @@ fn a_photograph_that_cannot_be_read_costs_no_step() {
 fn photographs_of_the_second_stage_are_looked_for_before_the_first() {
     let mut missing = config([1, 1], 48);
     missing.stage2.data = TrainingData::Photographs("absent".into());
-    let opened = Trainer::open(missing, None, tempfile::tempdir().unwrap().path());
+    let opened = Trainer::open(missing, None, tempfile::tempdir().unwrap().path(), cpu());
     let error = opened.err().unwrap().to_string();
     assert!(error.contains("absent"), "{error}");
 }

@@ -1,0 +1,237 @@
+//! Layers of networks that judge pictures and do not learn.
+
+use std::sync::Arc;
+
+use candle_core::{Result, Tensor, bail};
+use sharp_kernels::conv::backward::InputGradient;
+use sharp_kernels::{Conv2d, ConvOptions, ConvSpec, MaxPool, RowOp};
+
+use super::convolution::Convolution;
+use super::custom::{Back, Operation, Pass, View, apply};
+use super::rectified;
+use crate::model::compute::{Compute, Kernels};
+
+/// A convolution whose weights never change; kernels keep them packed in both directions.
+pub struct FrozenConvolution {
+    spec: ConvSpec,
+    dilation: usize,
+    weights: Weights,
+}
+
+enum Weights {
+    Packed(Kernels, Arc<Packed>),
+    Tensors(Tensor, Tensor),
+}
+
+struct Packed {
+    run: Conv2d,
+    back: InputGradient,
+}
+
+impl FrozenConvolution {
+    /// `weight` is `[out, in, kernel, kernel]`; an odd kernel is padded to keep an image's size but for the stride. With
+    /// `dilation`, pixels between the taps of the kernel, the stride is 1.
+    ///
+    /// # Errors
+    /// Those of the device.
+    ///
+    /// # Panics
+    /// When a length is wrong.
+    pub fn new(
+        compute: &Compute,
+        [out_channels, in_channels, kernel]: [usize; 3],
+        [weight, bias]: [&[f32]; 2],
+        [stride, dilation]: [usize; 2],
+    ) -> Result<Self> {
+        let spec = ConvSpec {
+            in_channels,
+            out_channels,
+            kernel,
+            stride,
+            padding: kernel / 2,
+        };
+        let weights = match compute.kernels {
+            Some(kernels) => {
+                let (simd, algorithm) = (kernels.simd, kernels.convolution);
+                let packed = Packed {
+                    run: Conv2d::new(simd, spec, weight, Some(bias), false, algorithm),
+                    back: InputGradient::new(simd, spec, weight, algorithm),
+                };
+                Weights::Packed(kernels, Arc::new(packed))
+            }
+            None => {
+                let shape = (out_channels, in_channels, kernel, kernel);
+                Weights::Tensors(
+                    Tensor::from_slice(weight, shape, &compute.device)?,
+                    Tensor::from_slice(bias, out_channels, &compute.device)?,
+                )
+            }
+        };
+        Ok(Self {
+            spec,
+            dilation,
+            weights,
+        })
+    }
+
+    /// Of an image, plus `residual`, rectified if `relu`.
+    ///
+    /// # Errors
+    /// Shapes that do not fit, and those of the device.
+    pub fn forward(&self, x: &Tensor, residual: Option<&Tensor>, relu: bool) -> Result<Tensor> {
+        if self.dilation == 1 {
+            return self.dense(x, residual, relu);
+        }
+        // Pixels whose coordinates differ by other than multiples of the dilation never mix: their images are laid side
+        // by side, zeros between, and convolved as one.
+        let (_, height, width, _) = x.dims4()?;
+        let residual = residual.map(|residual| self.apart(residual)).transpose()?;
+        let y = self.dense(&self.apart(x)?, residual.as_ref(), relu)?;
+        let (_, rows, columns, channels) = y.dims4()?;
+        let (d, side) = (
+            self.dilation,
+            [rows, columns].map(|side| side / self.dilation),
+        );
+        y.reshape((d, side[0], d, side[1], channels))?
+            .permute((1, 0, 3, 2, 4))?
+            .contiguous()?
+            .reshape((1, rows, columns, channels))?
+            .narrow(1, 0, height)?
+            .narrow(2, 0, width)?
+            .contiguous()
+    }
+
+    /// Each of the `dilation²` images with a line of zeros, at least, behind each side.
+    fn apart(&self, x: &Tensor) -> Result<Tensor> {
+        let (_, height, width, channels) = x.dims4()?;
+        let d = self.dilation;
+        let [rows, columns] = [height, width].map(|side| side.div_ceil(d) + 1);
+        x.pad_with_zeros(1, 0, rows * d - height)?
+            .pad_with_zeros(2, 0, columns * d - width)?
+            .reshape((rows, d, columns, d, channels))?
+            .permute((1, 0, 3, 2, 4))?
+            .contiguous()?
+            .reshape((1, rows * d, columns * d, channels))
+    }
+
+    fn dense(&self, x: &Tensor, residual: Option<&Tensor>, relu: bool) -> Result<Tensor> {
+        match &self.weights {
+            Weights::Packed(kernels, packed) => {
+                let packed = Arc::clone(packed);
+                let inputs: Vec<&Tensor> = [x].into_iter().chain(residual).collect();
+                apply(Some(*kernels), Frozen { packed, relu }, &inputs)
+            }
+            Weights::Tensors(weight, bias) => {
+                // Candle's convolutions have no gradient of every stride.
+                let convolution = Convolution {
+                    spec: ConvSpec {
+                        stride: 1,
+                        ..self.spec
+                    },
+                    relu_input: false,
+                    relu: false,
+                };
+                let y = convolution.run(None, x, weight, Some(bias), None)?;
+                let mut y = every(&y, self.spec.stride)?;
+                if let Some(residual) = residual {
+                    y = (y + residual)?;
+                }
+                if relu { rectified(&y) } else { Ok(y) }
+            }
+        }
+    }
+}
+
+/// Every pixel whose row and column are multiples of `step`.
+fn every(x: &Tensor, step: usize) -> Result<Tensor> {
+    let (_, height, width, channels) = x.dims4()?;
+    let [rows, columns] = [height, width].map(|side| side.div_ceil(step));
+    x.pad_with_zeros(1, 0, rows * step - height)?
+        .pad_with_zeros(2, 0, columns * step - width)?
+        .reshape((rows, step, columns, step * channels))?
+        .narrow(1, 0, 1)?
+        .narrow(3, 0, channels)?
+        .contiguous()?
+        .reshape((1, rows, columns, channels))
+}
+
+struct Frozen {
+    packed: Arc<Packed>,
+    relu: bool,
+}
+
+impl Operation for Frozen {
+    const NAME: &'static str = "sharp-frozen-convolution";
+
+    fn by_candle(&self, _: &[Tensor]) -> Result<Tensor> {
+        bail!("packed weights are for our kernels alone")
+    }
+
+    fn by_kernels(&self, _: Kernels, inputs: &[View<'_>]) -> (Vec<f32>, Vec<usize>) {
+        let conv = &self.packed.run;
+        let (height, width, _) = inputs[0].image();
+        let (rows, columns) = conv.out_size(height, width);
+        let channels = conv.spec().out_channels;
+        let mut out = vec![0.0; rows * columns * channels];
+        let options = ConvOptions {
+            residual: inputs.get(1).map(|residual| residual.values),
+            relu: self.relu,
+            ..ConvOptions::default()
+        };
+        conv.run_rows_with(&inputs[0].window(), 0..rows, &mut out, options);
+        (out, vec![1, rows, columns, channels])
+    }
+
+    fn back(&self, _: Kernels, pass: &Pass<'_>) -> Option<Vec<Option<Back>>> {
+        let (height, width, _) = pass.inputs[0].image();
+        let upstream = pass.upstream(self.relu);
+        let of_input = self.packed.back.run(&upstream, height, width);
+        let of_residual = pass.wants(1).then(|| Back::Values(upstream.into_owned()));
+        Some(vec![Some(Back::Values(of_input)), of_residual])
+    }
+}
+
+/// Maxima of `side × side` pixels, every second pixel, of a rectified image with `padding` zeros around; a gradient goes
+/// to the first of equal ones. Without padding a last odd row or column is left out.
+///
+/// # Errors
+/// Those of the device.
+pub fn max_pool(compute: &Compute, x: &Tensor, side: usize, padding: usize) -> Result<Tensor> {
+    let x = x.pad_with_zeros(1, padding, padding)?;
+    let x = x.pad_with_zeros(2, padding, padding)?;
+    apply(compute.kernels, Maxima { side }, &[&x])
+}
+
+struct Maxima {
+    side: usize,
+}
+
+impl Operation for Maxima {
+    const NAME: &'static str = "sharp-max-pool";
+
+    fn by_candle(&self, inputs: &[Tensor]) -> Result<Tensor> {
+        let x = &inputs[0];
+        let (_, height, width, _) = x.dims4()?;
+        // From the first window's pixel to the last's.
+        let [rows, columns] = [height, width].map(|side| (side - self.side) / 2 * 2 + 1);
+        let tap = |tap: usize| {
+            let rows = x.narrow(1, tap / self.side, rows)?;
+            every(&rows.narrow(2, tap % self.side, columns)?.contiguous()?, 2)
+        };
+        let mut most = tap(0)?;
+        for at in 1..self.side * self.side {
+            let other = tap(at)?;
+            most = most.ge(&other)?.where_cond(&most, &other)?;
+        }
+        Ok(most)
+    }
+
+    fn by_kernels(&self, kernels: Kernels, inputs: &[View<'_>]) -> (Vec<f32>, Vec<usize>) {
+        let pool = MaxPool::new(kernels.simd, self.side, 2, false);
+        let (height, width, channels) = inputs[0].image();
+        let (rows, columns) = pool.out_size(height, width);
+        let mut out = vec![0.0; rows * columns * channels];
+        pool.run_rows(&inputs[0].window(), 0..rows, &mut out);
+        (out, vec![1, rows, columns, channels])
+    }
+}
