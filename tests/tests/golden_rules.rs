@@ -45,7 +45,7 @@ fn main() -> ExitCode {
         #[cfg(feature = "gpu")]
         for adapter in sharp::render::GpuAdapter::all() {
             use sharp::render::{GpuRenderer, TileSize};
-            let test = move |tile: TileSize| {
+            let test = |tile: TileSize| {
                 let adapter = adapter.clone();
                 move || {
                     let renderer = GpuRenderer::new(&adapter).unwrap();

@@ -382,8 +382,8 @@ mod tests {
                 for (key, value) in Rule::KEYS.iter().zip(other.values()) {
                     let set: Rule = format!("{name},{key}={value}").parse().unwrap();
                     assert_eq!(set.to_string().parse(), Ok(set), "{name} {key} {value}");
-                    let changed = set.values().iter().zip(rule.values());
-                    assert!(changed.filter(|(a, b)| **a != *b).count() <= 1);
+                    let values = set.values().into_iter().zip(rule.values());
+                    assert!(values.filter(|(a, b)| a != b).count() <= 1);
                 }
             }
         }

@@ -5,7 +5,7 @@ use sharp::camera::Intrinsics;
 use sharp::gaussians::Gaussians;
 use sharp::render::{CpuRenderer, RenderView, Renderer, Rule};
 
-/// Half of what stops the cut below 0.
+/// Added to colours while they are drawn, so that none is cut at 0.
 const LIFT: f32 = 4.0;
 
 /// The colours of all Gaussians in given directions, in the axes of the means, before any cut.
