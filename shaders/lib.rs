@@ -7,7 +7,7 @@ macro_rules! shader {
 }
 
 /// Each pass: its file's name and its text with the shared pieces before it.
-pub const PASSES: [(&str, &str); 6] = [
+pub const PASSES: [(&str, &str); 7] = [
     ("project", shader!("shared/view.wgsl", "project.wgsl")),
     ("scan", shader!("shared/view.wgsl", "scan.wgsl")),
     (
@@ -31,4 +31,5 @@ pub const PASSES: [(&str, &str); 6] = [
             "raster.wgsl"
         ),
     ),
+    ("harmonics", shader!("shared/view.wgsl", "harmonics.wgsl")),
 ];

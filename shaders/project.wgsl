@@ -28,6 +28,24 @@ const OUTSIDE: u32 = 6u;
 const DRAWN: u32 = 7u;
 
 const MAX_EXTENT: f32 = 3.33;
+// Side of the tiles that bound the support, pixels.
+const SUPPORT_TILE: f32 = 16.0;
+
+// Factor of the opacity that makes up for the low-pass. The determinants, without it and with it, are
+// in units of `unit` to the power of four.
+fn compensation(sharp: f32, blurred: f32, unit: f32) -> f32 {
+    if view.compensation == 0u {
+        return 1.0;
+    }
+    if view.compensation == 3u {
+        let least = 1e-6 / unit / unit / unit / unit;
+        if sharp <= least || blurred <= least {
+            return 0.0;
+        }
+        return sqrt(sharp / (blurred + least) + 1e-6);
+    }
+    return sqrt(max(sharp / blurred, select(0.0, 2.5e-5, view.compensation == 2u)));
+}
 
 // By its bits: a compiler may assume that arithmetic never yields a NaN.
 fn is_finite(x: f32) -> bool {
@@ -148,13 +166,15 @@ fn project_one(k: u32) -> u32 {
     let vv = dot(v, v);
     let minors = cross(u, v);
     // Cauchy-Binet: no cancellation.
-    let determinant = dot(minors, minors) + eps * (uu + vv) + eps * eps;
+    let sharp = dot(minors, minors);
+    let determinant = sharp + eps * (uu + vv) + eps * eps;
     let root = sqrt(determinant);
     let a = sqrt(uu + eps);
     let d = sqrt(vv + eps);
     let factor = TO_LOG2 / unit * vec3<f32>(d / root, -dot(u, v) / (d * root), 1.0 / d);
+    let opacity = mean.w * compensation(sharp, determinant, unit);
     // The opacity is at least 1/255 where this is used.
-    let extent = sqrt(2.0 * log(max(255.0 * mean.w, 1.0)));
+    let extent = sqrt(2.0 * log(max(255.0 * opacity, 1.0)));
     let reach = vec2<f32>(a, d) * (unit * extent);
     let drawable = determinant > 0.0 && unit > 0.0 && is_finite(factor.x) && is_finite(factor.y)
         && is_finite(factor.z) && is_finite(reach.x) && is_finite(reach.y)
@@ -162,7 +182,7 @@ fn project_one(k: u32) -> u32 {
     if !drawable {
         return DEGENERATE;
     }
-    if !(mean.w >= ALPHA_MIN) {
+    if !(opacity >= ALPHA_MIN) {
         return TRANSPARENT;
     }
     let size = view.size;
@@ -171,12 +191,23 @@ fn project_one(k: u32) -> u32 {
         return OUTSIDE;
     }
     splats[k] = vec4<f32>(center, factor.xy);
-    details[k] = vec4<f32>(factor.z, mean.w, z, 0.0);
+    details[k] = vec4<f32>(factor.z, opacity, z, 0.0);
     keys[k] = bitcast<u32>(z);
     // Wider than rounding in `raster` could make reach 1/255.
     let wide = reach * 1.0001 + vec2<f32>(0.01) + abs(center) * 1e-6;
-    let first = max(ceil(center - 0.5 - wide), vec2<f32>(0.0));
-    let last = min(floor(center - 0.5 + wide), size - 1.0);
+    var first = max(ceil(center - 0.5 - wide), vec2<f32>(0.0));
+    var last = min(floor(center - 0.5 + wide), size - 1.0);
+    if view.tiled == 1u {
+        // Inria's radius: three standard deviations along the longer axis, whole pixels.
+        let variance = vec2<f32>(a, d) * unit * vec2<f32>(a, d) * unit;
+        let half = 0.5 * (variance.x - variance.y);
+        let across = dot(u, v) * unit * unit;
+        let root = sqrt(max(0.1, half * half + across * across));
+        let three = ceil(3.0 * sqrt(0.5 * (variance.x + variance.y) + root));
+        first = max(first, trunc((center - 0.5 - three) / SUPPORT_TILE) * SUPPORT_TILE);
+        let end = trunc((center - 0.5 + three + SUPPORT_TILE - 1.0) / SUPPORT_TILE) * SUPPORT_TILE;
+        last = min(last, end - 1.0);
+    }
     if all(first <= last) {
         let low = vec2<u32>(first);
         let high = vec2<u32>(last);

@@ -10,7 +10,7 @@
 @group(0) @binding(3) var<storage, read> splats: array<vec4<f32>>;
 @group(0) @binding(4) var<storage, read> details: array<vec4<f32>>;
 @group(0) @binding(5) var<storage, read> colors: array<vec4<f32>>;
-// Linear RGB, premultiplied, and alpha; rows of the sub-frame in whole tiles.
+// RGB, premultiplied, and alpha; rows of the sub-frame in whole tiles.
 @group(0) @binding(6) var<storage, read_write> picture: array<vec4<f32>>;
 @group(0) @binding(7) var<storage, read_write> depths: array<f32>;
 
@@ -46,7 +46,7 @@ fn blended(
     let across = fma(vec4<f32>(splat.z), vec4<f32>(dx), splat.w * dy);
     let along = detail.x * dy;
     let exponent = fma(across, across, along * along);
-    let alpha = min(vec4<f32>(ALPHA_MAX), detail.y * exp2_exact(-exponent));
+    let alpha = min(vec4<f32>(frame.alpha_max), detail.y * exp2_exact(-exponent));
     let hit = alpha >= vec4<f32>(ALPHA_MIN);
     let left = fma(-alpha, before.transmittance, before.transmittance);
     let goes_on = left > vec4<f32>(TRANSMITTANCE_STOP);

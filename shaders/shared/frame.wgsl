@@ -9,7 +9,8 @@ struct Frame {
     pairs: u32,
     // A tile's side is 2^shift pixels.
     shift: u32,
-    padding: u32,
+    // No Gaussian covers a pixel more than this.
+    alpha_max: f32,
 }
 
 // First and last tile, relative to the sub-frame: x0, y0, x1, y1. Empty where first > last.

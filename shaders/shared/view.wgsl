@@ -23,11 +23,20 @@ struct View {
     count: u32,
     // 0: what no compiler can know, see `opaque` in project.wgsl.
     zero: u32,
+    // What makes up for the low-pass: 0 nothing, 1 the root of the determinants' ratio, 2 the same
+    // with a floor, 3 Mip-Splatting's.
+    compensation: u32,
+    // 1 where the support ends with tiles of 16x16 pixels.
+    tiled: u32,
+    // Harmonics that are drawn, and how many coefficients a Gaussian has beyond the constant one.
+    degree: u32,
+    stored: u32,
     padding: u32,
+    // The camera's centre among the means.
+    eye: vec4<f32>,
 }
 
 const ALPHA_MIN: f32 = 1.0 / 255.0;
-const ALPHA_MAX: f32 = 0.999;
 const TRANSMITTANCE_STOP: f32 = 1e-4;
 // sqrt(log2(e) / 2): brings the exponent of e to one of 2.
 const TO_LOG2: f32 = 0.84932180;

@@ -11,7 +11,8 @@ mod speed_scene;
 use cpu_time::ProcessTime;
 use criterion::measurement::{Measurement, ValueFormatter, WallTime};
 use criterion::{BenchmarkId, Criterion, criterion_group, criterion_main};
-use sharp::render::{CpuRenderer, PictureGradient, Renderer, Simd};
+use sharp::gaussians::Harmonics;
+use sharp::render::{CpuRenderer, PictureGradient, Renderer, Rule, Simd};
 use std::time::Duration;
 
 struct CpuTime;
@@ -60,6 +61,28 @@ fn frames(criterion: &mut Criterion<CpuTime>) {
             let id = BenchmarkId::new(renderer.name(), format!("{width}x{height} sigma {sigma}"));
             group.bench_function(id, |b| b.iter(|| renderer.render(&scene, &view)));
         }
+    }
+    group.finish();
+}
+
+/// Colours from all sides alike, and of degree 3, by a rule that draws both.
+fn harmonics(criterion: &mut Criterion<CpuTime>) {
+    let mut group = criterion.benchmark_group("harmonics");
+    group.sample_size(10).warm_up_time(Duration::from_secs(1));
+    let mut view = speed_scene::view(1536, 1536);
+    view.rule = Rule::GSPLAT_CLASSIC;
+    let mut scene = speed_scene::scene(1.0);
+    let mut renderer = CpuRenderer::new();
+    for degree in [0, 3] {
+        let each = Harmonics::coefficients_of(degree);
+        let coefficient = |i: usize| [0, 1, 2].map(|c| ((i * 3 + c) % 101) as f32 * 4e-4 - 0.02);
+        scene.harmonics = Harmonics {
+            degree,
+            coefficients: (0..scene.len() * each).map(coefficient).collect(),
+        };
+        group.bench_function(BenchmarkId::new("degree", degree), |b| {
+            b.iter(|| renderer.render(&scene, &view));
+        });
     }
     group.finish();
 }
@@ -125,6 +148,6 @@ fn gpu_frames(_criterion: &mut Criterion<CpuTime>) {}
 criterion_group! {
     name = benches;
     config = Criterion::default().with_measurement(CpuTime);
-    targets = frames, gradients, gpu_frames
+    targets = frames, harmonics, gradients, gpu_frames
 }
 criterion_main!(benches);

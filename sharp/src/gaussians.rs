@@ -31,9 +31,14 @@ pub struct Harmonics {
 impl Harmonics {
     pub const MAX_DEGREE: usize = 4;
 
+    /// Coefficients a Gaussian has at a degree, the constant one left out.
+    pub fn coefficients_of(degree: usize) -> usize {
+        (degree + 1).pow(2) - 1
+    }
+
     /// Coefficients a Gaussian has, the constant one left out.
     pub fn per_gaussian(&self) -> usize {
-        (self.degree + 1).pow(2) - 1
+        Self::coefficients_of(self.degree)
     }
 
     /// Those of Gaussian `k`.

@@ -45,10 +45,10 @@ TOML
 
 # name @ file @ sed expression; for the CPU in sharp/src/render, for the GPU in shaders
 cpu=$(cat <<'LIST'
-alpha clamped at 0.99 @ raster.rs @ s/ALPHA_MAX: f32 = 0.999;/ALPHA_MAX: f32 = 0.99;/
+alpha clamped at 0.99 @ rule.rs @ s/alpha_max: 0.999,/alpha_max: 0.99,/
 no skip below 1/255 @ raster.rs @ s/let hit = alpha_min.le(alpha);/let hit = zero.le(alpha);/
 skip at 2/255 @ raster.rs @ s/(L::splat(ALPHA_MIN), /(L::splat(2.0 * ALPHA_MIN), /
-opacity of exactly 1/255 dropped @ project.rs @ s/scene.opacities\[k\] < ALPHA_MIN/scene.opacities[k] <= ALPHA_MIN/
+opacity of exactly 1/255 dropped @ project.rs @ s/c.opacity\[i\] < f64::from/c.opacity[i] <= f64::from/
 the stopping Gaussian is added @ raster.rs @ s/let adds = left.gt_where(stop, hit);/let adds = left.gt_where(zero, hit);/; s/done.add(transmittance.masked(stops))/done.add(left.masked(stops))/; s/L::select(adds, left, transmittance);/L::select(left.gt_where(stop, hit), left, transmittance);/
 transmittance stops at 1e-3 @ raster.rs @ s/TRANSMITTANCE_STOP: f32 = 1e-4;/TRANSMITTANCE_STOP: f32 = 1e-3;/
 pixel centres at whole numbers @ raster.rs @ s/as f32 + 0.5$/as f32/
@@ -59,19 +59,19 @@ ties by descending index @ cpu.rs @ s/radix::sort(&mut scratch.keys/scratch.keys
 unstable sort @ radix.rs @ s/for key in &\*keys {/for key in keys.iter().rev() {/
 tile range one short @ ranges.rs @ s/\[y \* side + x0..y \* side + x1 + 1\]/[y * side + x0..y * side + x1.max(x0)]/; s/\[row + x0..row + x1 + 1\]/[row + x0..row + x1.max(x0)]/
 footprint one pixel short @ project.rs @ s/let last = (at + reach).floor()/let last = (at + reach - 1.0).floor()/
-blended in sRGB @ project.rs @ s/color: scene.colors\[k\],/color: scene.colors[k].map(crate::color::srgb_from_linear),/
+blended in sRGB @ project.rs @ s/None => scene.colors\[k\],/None => scene.colors[k].map(crate::color::srgb_from_linear),/
 the Jacobian is not clamped @ project.rs @ s/JACOBIAN_MARGIN: f64 = 0.3;/JACOBIAN_MARGIN: f64 = 30.0;/
 the mean is clamped too @ project.rs @ s/k.focal\[0\] \* slope_x + k.center\[0\]/k.focal[0] * slope_x.max(k.bounds[0][0]).min(k.bounds[0][1]) + k.center[0]/
-eps2d is always 0.3 @ project.rs @ s/eps2d: f64::from(view.eps2d)/eps2d: 0.3/
+eps2d is always 0.3 @ project.rs @ s/eps2d: f64::from(rule.low_pass)/eps2d: 0.3/
 determinant as ac - b² in f32 @ project.rs @ s/let determinant = cross + .*/let determinant = f64::from((uu + k.eps2d) as f32 * (vv + k.eps2d) as f32 - b as f32 * b as f32);/
 depth is not weighted by alpha @ raster.rs @ s/depth = weight.mul_add(L::splat(s.z), depth);/depth = transmittance.mul_add(L::splat(s.z), depth);/
 LIST
 )
 gpu=$(cat <<'LIST'
-alpha clamped at 0.99 @ shared/view.wgsl @ s/ALPHA_MAX: f32 = 0.999;/ALPHA_MAX: f32 = 0.99;/
+alpha clamped at 0.99 @ raster.wgsl @ s/vec4<f32>(frame.alpha_max)/vec4<f32>(0.99)/
 no skip below 1/255 @ raster.wgsl @ s/let hit = alpha >= vec4<f32>(ALPHA_MIN);/let hit = alpha >= vec4<f32>(0.0);/
 skip at 2/255 @ raster.wgsl @ s/let hit = alpha >= vec4<f32>(ALPHA_MIN);/let hit = alpha >= vec4<f32>(2.0 * ALPHA_MIN);/
-opacity of exactly 1/255 dropped @ project.wgsl @ s/if !(mean.w >= ALPHA_MIN)/if !(mean.w > ALPHA_MIN)/
+opacity of exactly 1/255 dropped @ project.wgsl @ s/if !(opacity >= ALPHA_MIN)/if !(opacity > ALPHA_MIN)/
 the stopping Gaussian is added @ raster.wgsl @ s/let weight = select(zero, alpha \* before.transmittance, adds);/let weight = select(zero, alpha * before.transmittance, hit);/
 transmittance stops at 1e-3 @ shared/view.wgsl @ s/TRANSMITTANCE_STOP: f32 = 1e-4;/TRANSMITTANCE_STOP: f32 = 1e-3;/
 pixel centres at whole numbers @ raster.wgsl @ s/+ within) + 0.5;/+ within);/
@@ -86,7 +86,7 @@ blended in sRGB @ raster.wgsl @ s/vec4<f32>(color.x)/vec4<f32>(pow(color.x, 0.45
 the Jacobian is not clamped @ project.wgsl @ s/let at = clamp(slope, view.bounds.xz, view.bounds.yw);/let at = slope;/
 the mean is clamped too @ project.wgsl @ s/let center = view.focal \* slope/let center = view.focal * clamp(slope, view.bounds.xz, view.bounds.yw)/
 eps2d is always 0.3 @ project.wgsl @ s/let eps = view.eps2d/let eps = 0.3/
-determinant as ac - b² @ project.wgsl @ s/let determinant = dot(minors, minors).*/let determinant = (uu + eps) * (vv + eps) - dot(u, v) * dot(u, v);/
+determinant as ac - b² @ project.wgsl @ s/let determinant = sharp + eps.*/let determinant = (uu + eps) * (vv + eps) - dot(u, v) * dot(u, v);/
 what is not finite is not dropped @ project.wgsl @ s/if scale.w == 0.0 {/if scale.w == 2.0 {/
 depth is not weighted by alpha @ raster.wgsl @ s/fma(weight, vec4<f32>(detail.z), before.depth)/fma(alpha, vec4<f32>(detail.z), before.depth)/
 LIST

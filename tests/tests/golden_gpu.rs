@@ -231,7 +231,7 @@ fn degenerate(adapter: &GpuAdapter) {
         }
     }
     let found = renderer.render(&scene, &view).unwrap();
-    assert!(found.rgb_linear.iter().flatten().all(|v| v.is_finite()));
+    assert!(found.rgb.iter().flatten().all(|v| v.is_finite()));
     assert!(found.alpha.iter().all(|v| (0.0..=0.9999).contains(v)));
     assert_eq!(found.drawn + found.dropped.total(), 4000);
     let broken = CpuRenderer::new().render(&scene, &view).unwrap();
@@ -240,7 +240,7 @@ fn degenerate(adapter: &GpuAdapter) {
         mean[2] = -mean[2].abs();
     }
     let behind = renderer.render(&scene, &view).unwrap();
-    assert_eq!(behind.rgb_linear, vec![[0.0; 3]; 3500]);
+    assert_eq!(behind.rgb, vec![[0.0; 3]; 3500]);
 }
 
 /// One Gaussian at or beyond each threshold: the same count, and equality survives.
@@ -368,7 +368,7 @@ fn speed_scene_psnr(adapter: &GpuAdapter) {
     let cpu = CpuRenderer::new().render(&scene, &view).unwrap();
     let psnr = psnr(&found, &cpu);
     let mut largest = 0.0_f32;
-    for (a, b) in found.rgb_linear.iter().zip(&cpu.rgb_linear) {
+    for (a, b) in found.rgb.iter().zip(&cpu.rgb) {
         for channel in 0..3 {
             largest = largest.max((a[channel] - b[channel]).abs());
         }
@@ -397,7 +397,7 @@ fn psnr(a: &RenderOutput, b: &RenderOutput) -> f64 {
     for i in 0..a.alpha.len() {
         sum += f64::from(a.alpha[i] - b.alpha[i]).powi(2);
         for channel in 0..3 {
-            sum += f64::from(a.rgb_linear[i][channel] - b.rgb_linear[i][channel]).powi(2);
+            sum += f64::from(a.rgb[i][channel] - b.rgb[i][channel]).powi(2);
         }
     }
     -10.0 * (sum / (4 * a.alpha.len()) as f64).log10()

@@ -44,7 +44,7 @@ fn joined(a: &Gaussians, b: &Gaussians) -> Gaussians {
 
 fn largest_difference(a: &RenderOutput, b: &RenderOutput) -> f32 {
     let flat = |o: &RenderOutput| -> Vec<f32> {
-        let colors = o.rgb_linear.iter().flatten().copied();
+        let colors = o.rgb.iter().flatten().copied();
         colors.chain(o.alpha.iter().copied()).collect()
     };
     let (a, b) = (flat(a), flat(b));
@@ -66,7 +66,7 @@ fn random_scenes_equal_the_reference() {
         let size = [(33, 27), (64, 64), (65, 40), (7, 90)][seed as usize % 4];
         let eps2d = [0.0, 0.01, 0.3][seed as usize % 3];
         let mut view = view(size.0, size.1);
-        view.eps2d = eps2d;
+        view.rule.low_pass = eps2d;
         view.camera_from_scene = movement(&mut random);
         let truth = reference::render(&scene, &view);
         truth.assert_close(&render_cpu(&scene, &view).unwrap(), &format!("seed {seed}"));
@@ -143,7 +143,7 @@ fn invisible_gaussians_change_nothing() {
     let view = view(50, 40);
     let expected = render_cpu(&visible, &view).unwrap();
     let found = render_cpu(&joined(&visible, &joined(&clear, &behind)), &view).unwrap();
-    assert_eq!(found.rgb_linear, expected.rgb_linear);
+    assert_eq!(found.rgb, expected.rgb);
     assert_eq!(found.depth_acc, expected.depth_acc);
     assert_eq!(
         found.dropped.transparent,
@@ -168,7 +168,7 @@ fn what_lies_behind_an_opaque_wall_changes_nothing() {
         mean[2] += 2.0;
     }
     let found = render_cpu(&joined(&far, &wall), &view).unwrap();
-    assert_eq!(found.rgb_linear, alone.rgb_linear);
+    assert_eq!(found.rgb, alone.rgb);
 }
 
 #[test]
@@ -188,8 +188,8 @@ fn depth_slices_composite_to_the_whole() {
     for i in 0..whole.alpha.len() {
         let through = 1.0 - near.alpha[i];
         for channel in 0..3 {
-            let by_hand = near.rgb_linear[i][channel] + through * far.rgb_linear[i][channel];
-            assert!((whole.rgb_linear[i][channel] - by_hand).abs() < 2e-6);
+            let by_hand = near.rgb[i][channel] + through * far.rgb[i][channel];
+            assert!((whole.rgb[i][channel] - by_hand).abs() < 2e-6);
         }
         let depth = near.depth_acc[i] + through * far.depth_acc[i];
         assert!((whole.depth_acc[i] - depth).abs() < 1e-5);
@@ -208,7 +208,7 @@ fn a_mirrored_world_gives_the_mirrored_picture() {
     let a = render_cpu(&scene, &straight).unwrap();
     let mut b = render_cpu(&scene, &mirrored).unwrap();
     for y in 0..38 {
-        b.rgb_linear[y * 45..(y + 1) * 45].reverse();
+        b.rgb[y * 45..(y + 1) * 45].reverse();
         b.alpha[y * 45..(y + 1) * 45].reverse();
     }
     assert!(largest_difference(&a, &b) < 2e-5);
@@ -263,7 +263,7 @@ fn one_colour_stays_one_colour_and_alpha_stays_below_one() {
         assert!((0.0..=0.9999).contains(&alpha), "{alpha}");
         let expected = [0.25, 0.5, 1.0].map(|c| c * alpha);
         for channel in 0..3 {
-            assert!((found.rgb_linear[i][channel] - expected[channel]).abs() < 1e-6);
+            assert!((found.rgb[i][channel] - expected[channel]).abs() < 1e-6);
         }
         assert!((found.depth_acc[i] - 2.0 * alpha).abs() < 2e-6);
         if alpha > 0.0 {
@@ -283,7 +283,7 @@ fn every_reason_to_drop_is_counted_under_its_name() {
         assert_eq!(found.drawn + found.dropped.total(), 1);
         if found.dropped.total() == 1 {
             assert!(found.alpha.iter().all(|a| *a == 0.0));
-            assert!(found.rgb_linear.iter().flatten().all(|c| *c == 0.0));
+            assert!(found.rgb.iter().flatten().all(|c| *c == 0.0));
         }
         found.dropped
     };
@@ -396,7 +396,7 @@ fn nothing_to_draw_gives_an_empty_picture() {
     }
     let found = render_cpu(&behind, &view).unwrap();
     assert_eq!(found.dropped.near, 300);
-    assert_eq!(found.rgb_linear, vec![[0.0; 3]; 17 * 13]);
+    assert_eq!(found.rgb, vec![[0.0; 3]; 17 * 13]);
 }
 
 #[test]
@@ -435,7 +435,7 @@ fn extreme_numbers_neither_panic_nor_spread() {
         }
     }
     let found = render_cpu(&scene, &view(70, 50)).unwrap();
-    assert!(found.rgb_linear.iter().flatten().all(|v| v.is_finite()));
+    assert!(found.rgb.iter().flatten().all(|v| v.is_finite()));
     assert!(found.alpha.iter().all(|v| (0.0..=0.9999).contains(v)));
     assert!(found.depth_acc.iter().all(|v| v.is_finite()));
     assert_eq!(found.drawn + found.dropped.total(), 4000);

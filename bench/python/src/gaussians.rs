@@ -116,11 +116,7 @@ impl Rendering {
     /// [H, W, 3], float32 linear RGB, premultiplied by alpha, without background.
     #[getter]
     fn linear<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray3<f32>>> {
-        arrays::from_values(
-            py,
-            self.output.rgb_linear.as_flattened().to_vec(),
-            self.size(),
-        )
+        arrays::from_values(py, self.output.rgb.as_flattened().to_vec(), self.size())
     }
 
     /// [H, W], float32: coverage in 0..0.9999.
@@ -157,8 +153,8 @@ pub(crate) fn rendered(
     settings: RenderSettings,
     backend: &Backend,
 ) -> Result<RenderOutput, sharp::render::RenderError> {
-    let mut view = RenderView::new(camera.camera_from_world.to_affine(), camera.intrinsics);
-    view.eps2d = settings.eps2d;
+    let view = RenderView::new(camera.camera_from_world.to_affine(), camera.intrinsics)
+        .with_low_pass(settings.eps2d);
     backend.open()?.render(gaussians, &view)
 }
 

@@ -6,7 +6,7 @@ use clap::{Arg, ArgAction, Command, CommandFactory};
 use super::Cli;
 
 /// Options for special cases, shown by `--help-all` only.
-const RARE: [&str; 35] = [
+const RARE: [&str; 36] = [
     "adapter",
     "aggregate",
     "allow-programs",
@@ -35,6 +35,7 @@ const RARE: [&str; 35] = [
     "plan-only",
     "quantise",
     "release-screen",
+    "rendering",
     "scale-sweep",
     "shard",
     "simd",

@@ -17,6 +17,7 @@ use serde_json::json;
 use sha2::{Digest as _, Sha256};
 use sharp::color::Quantization;
 use sharp::gaussians::Gaussians;
+use sharp::ply::ColorSpace;
 use sharp::render::trajectory::DepthRange;
 use sharp::render::{Background, RenderView};
 
@@ -44,7 +45,7 @@ pub struct Viewer<'a> {
     pub scene: &'a Gaussians,
     /// Reference camera, such as the photograph's.
     pub photograph: DAffine3,
-    /// At least one; all with the same intrinsics, `eps2d`, near and far.
+    /// At least one; all with the same intrinsics and the same rule, which is like SHARP's.
     pub views: &'a [RenderView],
     pub background: Background,
     pub quantization: Quantization,
@@ -104,16 +105,17 @@ impl Viewer<'_> {
             "count": visible.len(),
             "size": [k.width, k.height],
             "K": [k.fx, k.fy, k.cx, k.cy],
-            "eps2d": first.eps2d,
-            "near": first.near,
+            "eps2d": first.rule.low_pass,
+            "near": first.rule.near,
             // JSON has no infinity.
-            "far": first.far.min(f32::MAX),
+            "far": first.rule.far.min(f32::MAX),
+            "alpha_max": first.rule.alpha_max,
             "photograph": rows(&self.photograph),
             "views": self.views.iter().map(|view| rows(&view.camera_from_scene)).collect::<Vec<_>>(),
             "pictures": self.pictured(),
             "focus_m": focus,
             "inverse_depth": [1.0 / far, 1.0 / near],
-            "background": self.background.linear(),
+            "background": self.background.in_space(ColorSpace::Linear),
             "truncate": self.quantization == Quantization::Truncate,
         });
         let shaders: Vec<_> = sharp_shaders::PASSES.into_iter().chain([SCREEN]).collect();
@@ -124,7 +126,7 @@ impl Viewer<'_> {
                 self.scene.len(),
                 k.width,
                 k.height,
-                first.eps2d,
+                first.rule.low_pass,
                 self.background
             ),
             views: self.views.len(),
@@ -273,7 +275,7 @@ mod tests {
     #[test]
     fn a_page_is_written_over_a_page_and_nothing_else() {
         let (scene, mut views) = (scene(), views(1));
-        views[0].far = f32::INFINITY;
+        views[0].rule.far = f32::INFINITY;
         let viewer = viewer("scene.ply", &scene, &views);
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("new/page.html");

@@ -8,8 +8,9 @@ use glam::DAffine3;
 use safetensors::SafeTensorError;
 use safetensors::tensor::{Dtype, TensorView};
 use sharp::camera::{CameraError, Intrinsics, affine_from_row_major};
-use sharp::gaussians::{Gaussians, LengthMismatch};
-use sharp::ply::{self, Harmonics, PlyError, PlyReason, StoredForm, Suspicion};
+use sharp::color::{linear_from_srgb, srgb_from_linear};
+use sharp::gaussians::{Gaussians, Harmonics, LengthMismatch};
+use sharp::ply::{self, ColorSpace, PlyError, PlyReason, StoredColors, StoredForm, Suspicion};
 use sharp_checkpoint::{Checkpoint, CheckpointError};
 
 use super::atomic_files::{FileError, write_atomic};
@@ -65,6 +66,13 @@ pub enum GaussianFileError {
          `harmonics=drop` draws the constant term alone, or bake them into it for the source's view", path.display()
     )]
     ViewDependent { path: PathBuf, coefficients: usize },
+    #[error(
+        "{}: `sh` of degree {degree} belongs to encoded colours, which is not rendered in linear light: name the rule it \
+         is for, such as --rendering inria or gsplat-classic", path.display()
+    )]
+    EncodedHarmonics { path: PathBuf, degree: usize },
+    #[error("{}: sh has shape {shape:?}, [N, (degree + 1)², 3] with a degree up to 4 is needed", path.display())]
+    Harmonics { path: PathBuf, shape: Vec<usize> },
 }
 
 /// Reads `.ply` (with or without the release's extra elements) or `.safetensors` (`means` [N, 3], `quats_wxyz` [N, 4],
@@ -74,12 +82,22 @@ pub fn read(
     path: &Path,
     reading: impl Into<StoredForm>,
 ) -> Result<GaussianFile, GaussianFileError> {
+    read_blended(path, reading, ColorSpace::Linear)
+}
+
+/// As [`read`], with colours in the space in which they are blended. Encoded ones may depend on the view: `sh`
+/// [N, (degree + 1)², 3] takes the place of `colors_linear` in arrays.
+pub fn read_blended(
+    path: &Path,
+    reading: impl Into<StoredForm>,
+    blending: ColorSpace,
+) -> Result<GaussianFile, GaussianFileError> {
     let reading = reading.into();
     let extension = path.extension().unwrap_or_default().to_string_lossy();
     match extension.to_ascii_lowercase().as_str() {
         "ply" => {
             let scene = ply::load(path, reading)?;
-            if scene.is_view_dependent && reading.harmonics != Some(Harmonics::Drop) {
+            if scene.is_view_dependent && reading.harmonics != Some(ply::Harmonics::Drop) {
                 return Err(GaussianFileError::ViewDependent {
                     path: path.to_owned(),
                     coefficients: scene.color_coefficients,
@@ -94,20 +112,51 @@ pub fn read(
                     }
                 })?,
             };
+            let mut gaussians = scene.gaussians;
+            convert(&mut gaussians, ColorSpace::Linear, blending);
             Ok(GaussianFile {
                 camera: scene.intrinsics.map(|k| (k, camera_from_world)),
-                gaussians: scene.gaussians,
+                gaussians,
                 reading: scene.reading,
                 doubts: scene.doubts,
             })
         }
         "safetensors" => {
-            let mut gaussians = read_arrays(path)?;
+            let file = Checkpoint::open(path)?;
+            let sh = file
+                .shape("sh")
+                .is_ok()
+                .then(|| read_sh(&file))
+                .transpose()?;
+            let mut space = ColorSpace::Linear;
+            let mut format = reading.of_arrays();
+            let mut gaussians = match sh {
+                None => with_colors(&file, rows(&file, "colors_linear")?)?,
+                Some((constant, harmonics)) => {
+                    if blending == ColorSpace::Linear && harmonics.degree > 0 {
+                        return Err(GaussianFileError::EncodedHarmonics {
+                            path: path.to_owned(),
+                            degree: harmonics.degree,
+                        });
+                    }
+                    space = ColorSpace::Srgb;
+                    // Encoded values as they are.
+                    format.color_space = Some(ColorSpace::Linear);
+                    format.colors = Some(StoredColors::Dc);
+                    let mut gaussians = with_colors(&file, constant)?;
+                    gaussians.harmonics = harmonics;
+                    gaussians
+                }
+            };
+            let lengths = |source| GaussianFileError::Lengths {
+                path: path.to_owned(),
+                source,
+            };
+            gaussians.check_lengths().map_err(lengths)?;
             let stored = |source| GaussianFileError::Stored {
                 path: path.to_owned(),
                 source,
             };
-            let format = reading.of_arrays();
             let doubts = ply::suspicions(&gaussians, &reading, &format);
             ply::check_stored(&gaussians, &format).map_err(stored)?;
             format.decode(&mut gaussians);
@@ -118,6 +167,7 @@ pub fn read(
                     advice: "that is wider than any scene; `scales=log` reads logarithms",
                 }));
             }
+            convert(&mut gaussians, space, blending);
             Ok(GaussianFile {
                 gaussians,
                 camera: None,
@@ -129,6 +179,18 @@ pub fn read(
             foreign: foreign(path),
             path: path.to_owned(),
         }),
+    }
+}
+
+/// Converts colours that do not depend on the view.
+fn convert(gaussians: &mut Gaussians, from: ColorSpace, to: ColorSpace) {
+    let convert = match (from, to) {
+        (ColorSpace::Linear, ColorSpace::Srgb) => srgb_from_linear,
+        (ColorSpace::Srgb, ColorSpace::Linear) => linear_from_srgb,
+        _ => return,
+    };
+    for color in &mut gaussians.colors {
+        *color = color.map(convert);
     }
 }
 
@@ -179,18 +241,48 @@ pub(crate) fn write_arrays(
 
 pub fn read_arrays(path: &Path) -> Result<Gaussians, GaussianFileError> {
     let file = Checkpoint::open(path)?;
-    let opacities = rows::<1>(&file, "opacities")?;
+    let colors = rows(&file, "colors_linear")?;
+    with_colors(&file, colors)
+}
+
+fn with_colors(file: &Checkpoint, colors: Vec<[f32; 3]>) -> Result<Gaussians, GaussianFileError> {
+    let opacities = rows::<1>(file, "opacities")?;
     Gaussians::new(
-        rows(&file, "means")?,
-        rows(&file, "quats_wxyz")?,
-        rows(&file, "scales")?,
+        rows(file, "means")?,
+        rows(file, "quats_wxyz")?,
+        rows(file, "scales")?,
         opacities.into_iter().map(|[v]| v).collect(),
-        rows(&file, "colors_linear")?,
+        colors,
     )
     .map_err(|source| GaussianFileError::Lengths {
-        path: path.to_owned(),
+        path: file.path().to_owned(),
         source,
     })
+}
+
+/// The constant coefficients of `sh`, and the others.
+fn read_sh(file: &Checkpoint) -> Result<(Vec<[f32; 3]>, Harmonics), GaussianFileError> {
+    let shape = file.shape("sh")?.to_vec();
+    let each = match shape[..] {
+        [_, each @ (1 | 4 | 9 | 16 | 25), 3] => each,
+        _ => {
+            return Err(GaussianFileError::Harmonics {
+                path: file.path().to_owned(),
+                shape,
+            });
+        }
+    };
+    let values = file.tensor_f32("sh")?;
+    let coefficients = values.as_chunks::<3>().0.chunks_exact(each);
+    Ok((
+        coefficients.clone().map(|of_one| of_one[0]).collect(),
+        Harmonics {
+            degree: each.isqrt() - 1,
+            coefficients: coefficients
+                .flat_map(|of_one| of_one[1..].to_vec())
+                .collect(),
+        },
+    ))
 }
 
 /// A tensor of shape [N, K], or [N] for K = 1.

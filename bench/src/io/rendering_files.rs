@@ -7,7 +7,7 @@ use exr::prelude::{
     LineOrder, WritableImage,
 };
 use image::{ExtendedColorType, GrayImage, ImageEncoder, RgbImage, codecs::png::PngEncoder};
-use sharp::render::RenderOutput;
+use sharp::render::{Background, RenderOutput};
 
 use crate::io::atomic_files::{FileError, write_atomic};
 use crate::io::gaussian_files::{Array, write_arrays};
@@ -72,7 +72,7 @@ pub(crate) const LINEAR: &str = "linear";
 /// when it is read as a picture.
 pub fn write_exr(path: &Path, rendered: &RenderOutput) -> Result<(), FileError> {
     let [r, g, b] = [0, 1, 2].map(|channel| {
-        let values = rendered.rgb_linear.iter().map(|rgb| rgb[channel]);
+        let values = rendered.rgb.iter().map(|rgb| rgb[channel]);
         values.collect::<Vec<f32>>()
     });
     let size = (rendered.width as usize, rendered.height as usize);
@@ -129,10 +129,28 @@ fn write_layer(
 
 /// Writes `rgb_linear` [H, W, 3], `alpha` [H, W] and `depth_acc` [H, W], f32.
 pub fn write_safetensors(path: &Path, rendered: &RenderOutput) -> Result<(), FileError> {
+    write_pixels(path, rendered, "rgb_linear", rendered.rgb.as_flattened())
+}
+
+/// As [`write_safetensors`], with `rgb` instead: in the space of blending, over the background, not clamped.
+pub fn write_blended(
+    path: &Path,
+    rendered: &RenderOutput,
+    background: Background,
+) -> Result<(), FileError> {
+    let rgb = rendered.composited(background);
+    write_pixels(path, rendered, "rgb", rgb.as_raw())
+}
+
+fn write_pixels(
+    path: &Path,
+    rendered: &RenderOutput,
+    name: &'static str,
+    rgb: &[f32],
+) -> Result<(), FileError> {
     let (width, height) = (rendered.width as usize, rendered.height as usize);
-    let rgb = rendered.rgb_linear.as_flattened();
     let arrays = [
-        Array::new("rgb_linear", &[height, width, 3], rgb),
+        Array::new(name, &[height, width, 3], rgb),
         Array::new("alpha", &[height, width], &rendered.alpha),
         Array::new("depth_acc", &[height, width], &rendered.depth_acc),
     ];
@@ -142,7 +160,7 @@ pub fn write_safetensors(path: &Path, rendered: &RenderOutput) -> Result<(), Fil
 #[cfg(test)]
 mod tests {
     use sharp::color::Quantization;
-    use sharp::render::{Background, Dropped};
+    use sharp::render::Dropped;
 
     use super::*;
     use crate::io::pictures;
@@ -212,7 +230,8 @@ mod tests {
         let rendered = RenderOutput {
             width: 3,
             height: 2,
-            rgb_linear: (0..6).map(|i| [0.2 * i as f32, 0.01, 0.5]).collect(),
+            blending: sharp::ply::ColorSpace::Linear,
+            rgb: (0..6).map(|i| [0.2 * i as f32, 0.01, 0.5]).collect(),
             alpha: vec![1.0; 6],
             depth_acc: vec![2.0; 6],
             drawn: 6,

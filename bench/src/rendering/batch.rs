@@ -229,7 +229,7 @@ mod tests {
     fn other_errors_end_the_batch() {
         let (mut renderer, _) = with_views_left(2);
         let mut bad = views();
-        bad[1].eps2d = f32::NAN;
+        bad[1].rule.low_pass = f32::NAN;
         let result = renderer.render(&scene(), &bad, |_, _| Ok::<(), RenderError>(()));
         assert!(matches!(result, Err(RenderError::View(_))));
         assert_eq!(renderer.fallback(), None);

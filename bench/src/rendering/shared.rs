@@ -79,10 +79,7 @@ impl SharedRenderer {
 
     /// A view with the settings of this renderer.
     pub fn view(&self, camera_from_scene: DAffine3, intrinsics: Intrinsics) -> RenderView {
-        RenderView {
-            eps2d: self.settings.eps2d,
-            ..RenderView::new(camera_from_scene, intrinsics)
-        }
+        RenderView::new(camera_from_scene, intrinsics).with_low_pass(self.settings.eps2d)
     }
 
     /// Calls `work` with the loaded scene.

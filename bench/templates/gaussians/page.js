@@ -93,14 +93,14 @@ const look = () => ({
 
 function view() {
   let [width, height] = facts.size;
-  const { K: [fx, fy, cx, cy], eps2d, near, far } = facts;
+  const { K: [fx, fy, cx, cy], eps2d, near, far, alpha_max: alphaMax } = facts;
   let share = 1;
   while (!renderer.fits(Math.ceil(width * share), Math.ceil(height * share))) { share /= 2; }
   [width, height] = [Math.ceil(width * share), Math.ceil(height * share)];
   const [sx, sy] = [width / facts.size[0], height / facts.size[1]];
   const bounds = (focal, center, size) => [-(center / focal + 0.15 * size / focal), (size - center) / focal + 0.15 * size / focal];
   return {
-    rows: currentRows(), width, height, eps2d, near, far, focal: [fx * sx, fy * sy], center: [cx * sx, cy * sy],
+    rows: currentRows(), width, height, eps2d, near, far, alphaMax, focal: [fx * sx, fy * sy], center: [cx * sx, cy * sy],
     bounds: [...bounds(fx, cx, facts.size[0]), ...bounds(fy, cy, facts.size[1])],
   };
 }

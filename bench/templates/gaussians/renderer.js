@@ -135,14 +135,14 @@ class GaussianRenderer {
     return blocksOf(width, TILE) * blocksOf(height, TILE) * TILE * TILE * 16 <= this.limit;
   }
 
-  // Rasterises a view: { rows [3][4] from scene to camera, focal, center, bounds, width, height, eps2d, near, far }.
+  // Rasterises a view: { rows [3][4] from scene to camera, focal, center, bounds, width, height, eps2d, near, far, alphaMax }.
   async draw(view) {
     const { device, scene, passes, byDepth, count } = this;
     let encoder = device.createCommandEncoder();
     const rest = view.rows[2].map((value) => value - Math.fround(value));
     const words = new Float32Array([
       ...view.rows.flat(), ...rest, ...view.focal, ...view.center, ...view.bounds,
-      view.width, view.height, view.eps2d, view.near, view.far, 0, 0, 0,
+      view.width, view.height, view.eps2d, view.near, view.far, ...new Array(11).fill(0),
     ]);
     new Uint32Array(words.buffer)[29] = count;
     const { means, quaternions, scales, colors, splats, details, footprints, dropped, places, sums } = scene;
@@ -151,7 +151,11 @@ class GaussianRenderer {
     ], blocksOf(count, GROUP));
     const order = byDepth.values[this.sort(encoder, byDepth, count, 32, true)];
     const tiles = [blocksOf(view.width, TILE), blocksOf(view.height, TILE)];
-    const frame = (pairs) => this.uniform(new Uint32Array([0, 0, ...tiles, count, pairs, Math.log2(TILE), 0]));
+    const frame = (pairs) => {
+      const words = new Uint32Array([0, 0, ...tiles, count, pairs, Math.log2(TILE), 0]);
+      new Float32Array(words.buffer)[7] = view.alphaMax;
+      return this.uniform(words);
+    };
     this.run(encoder, passes.countTiles, [frame(0), order, footprints, places], blocksOf(count + 1, GROUP));
     const bytes = blocksOf(count + 1, SCAN_BLOCK) * 4;
     const staging = this.staging(bytes);

@@ -69,6 +69,7 @@ impl RenderOutput {
 mod tests {
     use super::super::Dropped;
     use super::*;
+    use crate::ply::ColorSpace;
 
     #[test]
     fn turbo_is_the_published_table_to_one_level() {
@@ -109,7 +110,8 @@ mod tests {
         let output = RenderOutput {
             width: 4,
             height: 1,
-            rgb_linear: vec![[0.0; 3]; 4],
+            blending: ColorSpace::Linear,
+            rgb: vec![[0.0; 3]; 4],
             alpha: vec![0.5, 0.5, 0.0, 0.25],
             depth_acc: vec![0.5, 5.0, 0.0, 25.0],
             drawn: 1,

@@ -138,7 +138,7 @@ impl CpuRenderer {
         let mut out = RenderOutput {
             drawn: *drawn,
             dropped: *dropped,
-            ..RenderOutput::empty(width, height)
+            ..RenderOutput::empty(view)
         };
         let mut areas = cut(&mut out, grid);
         let counts = count(grid, footprints);
@@ -154,7 +154,7 @@ impl CpuRenderer {
                     if !scratch.keys.is_empty() {
                         let BinScratch { lists, members, .. } = &mut scratch;
                         lists.for_each_band(self.tile.pixels(), |band| {
-                            raster(self.simd, band, members, area);
+                            raster(self.simd, band, view.rule.alpha_max, members, area);
                         });
                     }
                     self.return_scratch(scratch);
@@ -182,7 +182,7 @@ fn cut(out: &mut RenderOutput, grid: BinGrid) -> Vec<BinPixels<'_>> {
         .collect();
     let width = out.width as usize;
     let rows = out
-        .rgb_linear
+        .rgb
         .chunks_mut(width)
         .zip(out.alpha.chunks_mut(width))
         .zip(out.depth_acc.chunks_mut(width));

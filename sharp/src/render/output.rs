@@ -1,14 +1,19 @@
 //! Output of a renderer.
 
-/// One rendered view: linear light, before background, encoding and quantisation.
+use super::RenderView;
+use crate::ply::ColorSpace;
+
+/// One rendered view, before background, encoding and quantisation.
 ///
 /// Arrays are row-major, `height × width`.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RenderOutput {
     pub width: u32,
     pub height: u32,
-    /// Linear RGB, premultiplied by alpha: `Σ w c`.
-    pub rgb_linear: Vec<[f32; 3]>,
+    /// Of the colours, as the rule has it.
+    pub blending: ColorSpace,
+    /// RGB, premultiplied by alpha: `Σ w c`.
+    pub rgb: Vec<[f32; 3]>,
     /// Coverage `1 − T`, in 0..0.9999.
     pub alpha: Vec<f32>,
     /// Accumulated z-depth `Σ w z`, metres; see [`Self::expected_depth`].
@@ -21,12 +26,14 @@ pub struct RenderOutput {
 
 impl RenderOutput {
     /// A view without Gaussians.
-    pub(super) fn empty(width: u32, height: u32) -> Self {
+    pub(super) fn empty(view: &RenderView) -> Self {
+        let (width, height) = (view.intrinsics.width, view.intrinsics.height);
         let pixels = width as usize * height as usize;
         Self {
             width,
             height,
-            rgb_linear: vec![[0.0; 3]; pixels],
+            blending: view.rule.blending,
+            rgb: vec![[0.0; 3]; pixels],
             alpha: vec![0.0; pixels],
             depth_acc: vec![0.0; pixels],
             drawn: 0,

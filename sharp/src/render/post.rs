@@ -1,11 +1,12 @@
-//! After rasterisation: background in linear light, sRGB encoding, 8 bit, expected depth.
+//! After rasterisation: background, sRGB encoding, 8 bit, expected depth.
 
 use super::RenderOutput;
 use crate::color::{Quantization, linear_from_srgb, quantize, srgb_from_linear};
+use crate::ply::ColorSpace;
 use image::{ImageBuffer, Luma, Rgb, RgbImage};
 use rayon::prelude::*;
 
-/// Colour behind the Gaussians, linear light.
+/// Colour behind the Gaussians.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub enum Background {
     /// Adds nothing. The release's and the scored default.
@@ -13,38 +14,45 @@ pub enum Background {
     Black,
     /// Adds `1 − alpha` to each channel.
     White,
-    /// Adds `(1 − alpha) · colour`; linear RGB.
+    /// Adds `(1 − alpha) · colour`; RGB in the space of blending.
     Color([f32; 3]),
+    /// A colour by its sRGB levels, in any space of blending.
+    Levels([u8; 3]),
 }
 
 impl Background {
-    /// Linear RGB.
-    pub fn linear(self) -> [f32; 3] {
+    /// RGB in a space of blending.
+    pub fn in_space(self, space: ColorSpace) -> [f32; 3] {
         match self {
             Self::Black => [0.0; 3],
             Self::White => [1.0; 3],
             Self::Color(color) => color,
+            Self::Levels(levels) => levels.map(|level| match space {
+                ColorSpace::Linear => linear_from_srgb(f32::from(level) / 255.0),
+                ColorSpace::Srgb => f32::from(level) / 255.0,
+            }),
         }
     }
 }
 
-/// `black`, `white`, or linear RGB; the form in records.
+/// As it is read; the form in records.
 impl std::fmt::Display for Background {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         match self {
             Self::Black => f.write_str("black"),
             Self::White => f.write_str("white"),
             Self::Color([r, g, b]) => write!(f, "{r},{g},{b}"),
+            Self::Levels([r, g, b]) => write!(f, "#{r:02x}{g:02x}{b:02x}"),
         }
     }
 }
 
-/// `black`, `white`, `#RRGGBB` in sRGB, or `R,G,B` in linear light.
+/// `black`, `white`, `#RRGGBB` in sRGB, or `R,G,B` in the space of blending.
 impl std::str::FromStr for Background {
     type Err = &'static str;
 
     fn from_str(text: &str) -> Result<Self, Self::Err> {
-        const FORMS: &str = "black, white, #RRGGBB (sRGB) or R,G,B (linear light, 0 to 1)";
+        const FORMS: &str = "black, white, #RRGGBB (sRGB) or R,G,B (0 to 1, linear light unless the rule blends encoded values)";
         let color = match text {
             "black" => return Ok(Self::Black),
             "white" => return Ok(Self::White),
@@ -53,7 +61,7 @@ impl std::str::FromStr for Background {
                     let digits = hex.len() == 6 && hex.bytes().all(|b| b.is_ascii_hexdigit());
                     let code = u32::from_str_radix(hex, 16).ok().filter(|_| digits);
                     let [_, r, g, b] = code.ok_or(FORMS)?.to_be_bytes();
-                    [r, g, b].map(|level| linear_from_srgb(f32::from(level) / 255.0))
+                    return Ok(Self::Levels([r, g, b]));
                 }
                 None => {
                     let levels = text.split(',').map(|level| level.trim().parse().ok());
@@ -73,20 +81,29 @@ impl std::str::FromStr for Background {
 const ALPHA_FLOOR: f32 = 1e-8;
 
 impl RenderOutput {
-    /// Linear RGB over a background; not clamped.
+    /// RGB over a background, in the space of blending; not clamped.
     pub fn composited(&self, background: Background) -> ImageBuffer<Rgb<f32>, Vec<f32>> {
         self.picture(background, |x| x)
     }
 
-    /// The sRGB picture over a background, encoded after compositing; not clamped.
+    /// The sRGB picture over a background: linear light encoded after compositing, not clamped;
+    /// encoded values clamped to 0..1.
     pub fn srgb(&self, background: Background) -> ImageBuffer<Rgb<f32>, Vec<f32>> {
-        self.picture(background, srgb_from_linear)
+        self.picture(background, self.encoding())
+    }
+
+    fn encoding(&self) -> fn(f32) -> f32 {
+        match self.blending {
+            ColorSpace::Linear => srgb_from_linear,
+            ColorSpace::Srgb => |x| x.clamp(0.0, 1.0),
+        }
     }
 
     /// [`Self::srgb`] in 8 bit: [`Quantization::Round`] is what scoring uses,
     /// [`Quantization::Truncate`] what the release's video writer does.
     pub fn srgb8(&self, background: Background, rule: Quantization) -> RgbImage {
-        self.picture(background, |x| quantize(srgb_from_linear(x), rule))
+        let encode = self.encoding();
+        self.picture(background, |x| quantize(encode(x), rule))
     }
 
     /// Expected z-depth `Σ w z / max(alpha, 1e-8)`, metres; 0 where nothing was drawn.
@@ -109,12 +126,12 @@ impl RenderOutput {
         T: image::Primitive + Send,
         Rgb<T>: image::Pixel<Subpixel = T>,
     {
-        let behind = background.linear();
-        let mut samples = vec![T::DEFAULT_MIN_VALUE; self.rgb_linear.len() * 3];
+        let behind = background.in_space(self.blending);
+        let mut samples = vec![T::DEFAULT_MIN_VALUE; self.rgb.len() * 3];
         samples
             .par_chunks_exact_mut(3)
             .with_min_len(4096)
-            .zip(&self.rgb_linear)
+            .zip(&self.rgb)
             .zip(&self.alpha)
             .for_each(|((out, rgb), alpha)| {
                 for channel in 0..3 {
@@ -143,7 +160,8 @@ mod tests {
         RenderOutput {
             width: 1,
             height: 1,
-            rgb_linear: vec![rgb],
+            blending: ColorSpace::Linear,
+            rgb: vec![rgb],
             alpha: vec![alpha],
             depth_acc: vec![depth],
             drawn: 1,
@@ -167,6 +185,20 @@ mod tests {
         // Encoded after compositing: srgb(0.75), not srgb(0.25) + 0.5.
         let encoded = half.srgb(Background::White).as_raw()[0];
         assert!((encoded - 0.880_825).abs() < 1e-5, "{encoded}");
+    }
+
+    /// Encoded values are the picture, cut to 0..1, over a background of their space.
+    #[test]
+    fn encoded_values_are_not_encoded_again() {
+        let blended = RenderOutput {
+            blending: ColorSpace::Srgb,
+            ..one([0.25, 1.5, -0.1], 0.5, 1.0)
+        };
+        let behind = Background::Color([0.5, 0.0, 0.0]);
+        assert_eq!(blended.composited(behind).as_raw(), &[0.5, 1.5, -0.1]);
+        assert_eq!(blended.srgb(behind).as_raw(), &[0.5, 1.0, 0.0]);
+        let levels = blended.srgb8(behind, Quantization::Round);
+        assert_eq!(levels.as_raw(), &[128, 255, 0]);
     }
 
     #[test]
@@ -193,9 +225,10 @@ mod tests {
         assert_eq!(parse("black"), Ok(Background::Black));
         assert_eq!(parse("white"), Ok(Background::White));
         assert_eq!(parse("0.5, 0,1"), Ok(Background::Color([0.5, 0.0, 1.0])));
-        let Ok(Background::Color([r, g, b])) = parse("#0080ff") else {
-            panic!();
-        };
+        let hex = parse("#0080ff").unwrap();
+        assert_eq!(hex.to_string(), "#0080ff");
+        assert_eq!(hex.in_space(ColorSpace::Srgb)[1], 128.0 / 255.0);
+        let [r, g, b] = hex.in_space(ColorSpace::Linear);
         // 128 / 255 = 0.50196 of sRGB is 0.21586 of linear light.
         assert!(r == 0.0 && (g - 0.215_86).abs() < 1e-5 && b == 1.0);
         for bad in [

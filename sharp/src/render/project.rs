@@ -5,8 +5,9 @@
 //! never cancels, where `ac − b²` loses needles; the conic is kept as its Cholesky factor, which
 //! cannot turn negative.
 
+use super::harmonics::ViewColors;
 use super::simd::{Simd, per_instruction_set};
-use super::{Dropped, RenderView};
+use super::{Compensation, Dropped, JacobianClamp, NearPlane, PrincipalPoint, RenderView, Support};
 use crate::gaussians::Gaussians;
 use rayon::prelude::*;
 use std::f64::consts::{LN_2, LOG2_E};
@@ -75,6 +76,8 @@ pub(super) const ALPHA_MIN: f32 = 1.0 / 255.0;
 const MAX_EXTENT: f64 = 3.33;
 /// Largest distance beyond the field of view at which the Jacobian is taken, in half fields of view.
 const JACOBIAN_MARGIN: f64 = 0.3;
+/// Side of the tiles that bound the support, pixels.
+const SUPPORT_TILE: f64 = 16.0;
 /// Widens the box beyond what rounding in `raster` could make reach 1/255: relative, and pixels.
 const BOX_MARGIN: (f64, f64) = (1e-4, 1e-4);
 
@@ -87,6 +90,7 @@ pub(super) fn project(simd: Simd, scene: &Gaussians, view: &RenderView, out: &mu
     out.splats.resize(n, Splat::default());
     out.footprints.resize(n, Footprint::EMPTY);
     let constants = ViewConstants::new(view);
+    let colors = ViewColors::new(scene.harmonics.degree, view);
     let (drawn, dropped) = out
         .splats
         .par_chunks_mut(CHUNK)
@@ -100,6 +104,7 @@ pub(super) fn project(simd: Simd, scene: &Gaussians, view: &RenderView, out: &mu
                 project_block(
                     simd,
                     &constants,
+                    colors.as_ref(),
                     scene,
                     first,
                     splats,
@@ -130,8 +135,11 @@ pub(super) struct ViewConstants {
     /// Bounds of x/z and of y/z, low and high, at which the Jacobian is taken.
     pub(super) bounds: [[f64; 2]; 2],
     pub(super) eps2d: f64,
+    pub(super) compensation: Compensation,
+    /// The least depth that is drawn.
     pub(super) near: f32,
     pub(super) far: f32,
+    pub(super) support: Support,
 }
 
 impl ViewConstants {
@@ -139,20 +147,40 @@ impl ViewConstants {
         let k = view.intrinsics;
         let m = view.camera_from_scene.matrix3.transpose();
         let size = [f64::from(k.width), f64::from(k.height)];
+        let rule = &view.rule;
+        let center = match rule.principal_point {
+            PrincipalPoint::Used => [k.cx, k.cy],
+            PrincipalPoint::Ignored => size.map(|side| 0.5 * side),
+        };
         let bounds = |focal: f64, center: f64, size: f64| {
             let margin = JACOBIAN_MARGIN * 0.5 * size / focal;
-            [-(center / focal + margin), (size - center) / focal + margin]
+            let half = 0.5 * size / focal + margin;
+            match rule.jacobian_clamp {
+                JacobianClamp::Image => {
+                    [-(center / focal + margin), (size - center) / focal + margin]
+                }
+                JacobianClamp::Symmetric => [-half, half],
+                JacobianClamp::None => [f64::from(f32::MIN), f64::from(f32::MAX)],
+            }
         };
         Self {
             linear: [m.x_axis, m.y_axis, m.z_axis].map(|row| row.to_array()),
             offset: view.camera_from_scene.translation.to_array(),
             focal: [k.fx, k.fy],
-            center: [k.cx, k.cy],
+            center,
             size,
-            bounds: [bounds(k.fx, k.cx, size[0]), bounds(k.fy, k.cy, size[1])],
-            eps2d: f64::from(view.eps2d),
-            near: view.near,
-            far: view.far,
+            bounds: [
+                bounds(k.fx, center[0], size[0]),
+                bounds(k.fy, center[1], size[1]),
+            ],
+            eps2d: f64::from(rule.low_pass),
+            compensation: rule.compensation,
+            near: match rule.near_plane {
+                NearPlane::Included => rule.near,
+                NearPlane::Excluded => rule.near.next_up(),
+            },
+            far: rule.far,
+            support: rule.support,
         }
     }
 }
@@ -170,12 +198,18 @@ struct Columns {
     z: [f32; BLOCK],
     cut: [f32; BLOCK],
     norm: [f64; BLOCK],
+    /// Of the 2D covariance with and without the low-pass.
     determinant: [f64; BLOCK],
+    sharp_determinant: [f64; BLOCK],
+    /// Standard deviations of the 2D covariance in x and y, and its third entry.
+    deviation: [[f64; BLOCK]; 2],
+    covariance: [f64; BLOCK],
 }
 
 per_instruction_set! {
     fn project_block(
         constants: &ViewConstants,
+        colors: Option<&ViewColors>,
         scene: &Gaussians,
         first: usize,
         splats: &mut [Splat],
@@ -187,6 +221,7 @@ per_instruction_set! {
 #[inline(always)]
 fn block(
     constants: &ViewConstants,
+    colors: Option<&ViewColors>,
     scene: &Gaussians,
     first: usize,
     splats: &mut [Splat],
@@ -207,6 +242,9 @@ fn block(
         cut: [0.0; BLOCK],
         norm: [0.0; BLOCK],
         determinant: [0.0; BLOCK],
+        sharp_determinant: [0.0; BLOCK],
+        deviation: [[0.0; BLOCK]; 2],
+        covariance: [0.0; BLOCK],
     };
     transpose(&scene.means[first..first + n], &mut c.mean);
     transpose(&scene.quaternions[first..first + n], &mut c.quaternion);
@@ -215,6 +253,8 @@ fn block(
         *out = f64::from(*opacity);
     }
     columns(constants, &mut c, n);
+    compensate(constants.compensation, &mut c, n);
+    reach(&mut c, n);
     for i in 0..n {
         let k = first + i;
         footprints[i] = Footprint::EMPTY;
@@ -229,7 +269,7 @@ fn block(
             Some(&mut dropped.far)
         } else if !is_drawable(&c, i) {
             Some(&mut dropped.degenerate)
-        } else if scene.opacities[k] < ALPHA_MIN {
+        } else if c.opacity[i] < f64::from(ALPHA_MIN) {
             Some(&mut dropped.transparent)
         } else if (0..2).any(|axis| {
             let (at, radius) = (c.center[axis][i], c.radius[axis][i]);
@@ -249,11 +289,15 @@ fn block(
             p: c.factor[0][i],
             q: c.factor[1][i],
             r: c.factor[2][i],
-            opacity: scene.opacities[k],
+            // Exact where nothing compensates.
+            opacity: c.opacity[i] as f32,
             cut: c.cut[i],
-            color: scene.colors[k],
+            color: match colors {
+                None => scene.colors[k],
+                Some(colors) => colors.color(scene, k),
+            },
         };
-        footprints[i] = footprint(&c, i, constants.size);
+        footprints[i] = footprint(&c, i, constants);
     }
 }
 
@@ -265,12 +309,21 @@ fn is_drawable(c: &Columns, i: usize) -> bool {
     c.determinant[i] > 0.0 && finite
 }
 
-/// The pixels whose centres lie within reach, clipped to the image.
-fn footprint(c: &Columns, i: usize, size: [f64; 2]) -> Footprint {
+/// The pixels whose centres lie within reach, clipped to the image and to the rule's tiles.
+fn footprint(c: &Columns, i: usize, constants: &ViewConstants) -> Footprint {
+    let radius = match constants.support {
+        Support::Exact => None,
+        Support::Tiles => Some(tile_radius(c, i)),
+    };
     let range = |axis: usize| {
         let (at, reach) = (c.center[axis][i] - 0.5, c.reach[axis][i]);
-        let first = (at - reach).ceil().max(0.0);
-        let last = (at + reach).floor().min(size[axis] - 1.0);
+        let mut first = (at - reach).ceil().max(0.0);
+        let mut last = (at + reach).floor().min(constants.size[axis] - 1.0);
+        if let Some(radius) = radius {
+            let tile = |pixel: f64| (pixel / SUPPORT_TILE).trunc() * SUPPORT_TILE;
+            first = first.max(tile(at - radius));
+            last = last.min(tile(at + radius + SUPPORT_TILE - 1.0) - 1.0);
+        }
         // Both lie in 0..65535 where the range is not empty.
         (first <= last).then_some((first as u16, last as u16))
     };
@@ -284,6 +337,14 @@ fn footprint(c: &Columns, i: usize, size: [f64; 2]) -> Footprint {
         },
         _ => Footprint::EMPTY,
     }
+}
+
+/// Inria's: three standard deviations along the longer axis, whole pixels.
+fn tile_radius(c: &Columns, i: usize) -> f64 {
+    let [a, d] = [0, 1].map(|axis: usize| c.deviation[axis][i].powi(2));
+    let (half, b) = (0.5 * (a - d), c.covariance[i]);
+    let root = (half * half + b * b).max(0.1).sqrt();
+    (3.0 * (0.5 * (a + d) + root).sqrt()).ceil()
 }
 
 #[inline(always)]
@@ -348,12 +409,45 @@ fn columns(k: &ViewConstants, c: &mut Columns, n: usize) {
         let cross = m0 * m0 + m1 * m1 + m2 * m2;
         let determinant = cross + k.eps2d * (uu + vv) + k.eps2d * k.eps2d;
         c.determinant[i] = determinant;
+        c.sharp_determinant[i] = cross;
         let (a, d) = ((uu + k.eps2d).sqrt(), (vv + k.eps2d).sqrt());
         let root = determinant.sqrt();
+        c.deviation[0][i] = a;
+        c.deviation[1][i] = d;
+        c.covariance[i] = b;
         c.factor[0][i] = (scale_to_log2 * d / root) as f32;
         c.factor[1][i] = (-scale_to_log2 * b / (d * root)) as f32;
         c.factor[2][i] = (scale_to_log2 / d) as f32;
+    }
+}
 
+/// Multiplies opacities by what makes up for the low-pass.
+#[inline(always)]
+fn compensate(by: Compensation, c: &mut Columns, n: usize) {
+    /// The f32 of 0.005².
+    const FLOOR: f64 = 2.5e-5_f32 as f64;
+    /// The f32 of Mip-Splatting's 1e-6.
+    const LEAST: f64 = 1e-6_f32 as f64;
+    if by == Compensation::None {
+        return;
+    }
+    for i in 0..n.min(BLOCK) {
+        let (with, without) = (c.determinant[i], c.sharp_determinant[i]);
+        c.opacity[i] *= match by {
+            Compensation::None => 1.0,
+            Compensation::Root => (without / with).sqrt(),
+            Compensation::FlooredRoot => (without / with).max(FLOOR).sqrt(),
+            Compensation::MipSplatting if with <= LEAST || without <= LEAST => 0.0,
+            Compensation::MipSplatting => (without / (with + LEAST) + LEAST).sqrt(),
+        };
+    }
+}
+
+/// Where alpha falls to 1/255.
+#[inline(always)]
+fn reach(c: &mut Columns, n: usize) {
+    for i in 0..n.min(BLOCK) {
+        let (a, d) = (c.deviation[0][i], c.deviation[1][i]);
         // Where o exp(-extent²/2) falls to 1/255.
         let cut = log2(255.0 * c.opacity[i]);
         c.cut[i] = cut as f32 + CUT_MARGIN;

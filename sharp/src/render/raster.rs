@@ -4,6 +4,7 @@
 //! skipped around it can change its bits. Skipping is safe because footprint and `cut` are wider
 //! than anything that could reach 1/255.
 
+use super::Rule;
 use super::project::ALPHA_MIN;
 use super::ranges::{Band, LocalSplat};
 #[cfg(target_arch = "x86_64")]
@@ -13,8 +14,8 @@ use super::simd::{Lanes, Portable, per_instruction_set};
 /// Side of the square of pixels that the lanes hold.
 pub(super) const BLOCK: usize = 4;
 
-/// No Gaussian covers a pixel more than this.
-pub(super) const ALPHA_MAX: f32 = 0.999;
+/// No Gaussian covers a pixel more than this by SHARP's rule, of which the derivative is.
+pub(super) const ALPHA_MAX: f32 = Rule::SHARP.alpha_max;
 /// A pixel is done before its transmittance would fall to this.
 pub(super) const TRANSMITTANCE_STOP: f32 = 1e-4;
 
@@ -27,13 +28,23 @@ pub(super) struct BinPixels<'a> {
 }
 
 per_instruction_set! {
-    /// Rasterises the tiles of one band of a bin.
-    pub(super) fn raster(lists: Band<'_>, scratch: &mut Vec<u32>, out: &mut BinPixels<'_>) =
-        band::<Avx512>, band::<Avx2>, band::<Portable>
+    /// Rasterises the tiles of one band of a bin; no Gaussian covers more than `alpha_max`.
+    pub(super) fn raster(
+        lists: Band<'_>,
+        alpha_max: f32,
+        scratch: &mut Vec<u32>,
+        out: &mut BinPixels<'_>,
+    ) = band::<Avx512>, band::<Avx2>, band::<Portable>
 }
 
 #[inline(always)]
-fn band<L: Lanes<Scalar = f32>>(lists: Band<'_>, scratch: &mut Vec<u32>, out: &mut BinPixels<'_>) {
+fn band<L: Lanes<Scalar = f32>>(
+    lists: Band<'_>,
+    alpha_max: f32,
+    scratch: &mut Vec<u32>,
+    out: &mut BinPixels<'_>,
+) {
+    let alpha_max = L::splat(alpha_max);
     let tile = lists.tile();
     let rows = out.alpha.len();
     let columns = out.alpha.first().map_or(0, |row| row.len());
@@ -49,7 +60,7 @@ fn band<L: Lanes<Scalar = f32>>(lists: Band<'_>, scratch: &mut Vec<u32>, out: &m
                     reaching(lists.splats, members, (x, y), scratch);
                     &*scratch
                 };
-                let pixels = block::<L>(lists.splats, members, (x, y));
+                let pixels = block::<L>(lists.splats, members, (x, y), alpha_max);
                 write(&pixels, (x, y), out);
             }
         }
@@ -196,9 +207,9 @@ fn block<L: Lanes<Scalar = f32>>(
     splats: &[LocalSplat],
     members: &[u32],
     at: (usize, usize),
+    alpha_max: L,
 ) -> Pixels {
     let centers = centers::<L>(at);
-    let alpha_max = L::splat(ALPHA_MAX);
     let [mut red, mut green, mut blue, mut depth] = [L::zero(); 4];
     let mut transmittance = Transmittance::<L>::full();
     for &member in members {

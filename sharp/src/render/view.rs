@@ -1,6 +1,6 @@
-//! The camera of one picture and the knobs of the definition.
+//! The camera of one picture and the convention by which it is rendered.
 
-use super::RenderError;
+use super::{RenderError, Rule};
 use crate::camera::Intrinsics;
 use glam::DAffine3;
 
@@ -13,38 +13,33 @@ pub struct RenderView {
     pub camera_from_scene: DAffine3,
     /// Of the picture to render; pixel centres lie at + 0.5.
     pub intrinsics: Intrinsics,
-    /// Added to both diagonal entries of the 2D covariance, px²: one of the presets below or any
-    /// value ≥ 0. There is no compensation of the opacity (gsplat's `classic` mode).
-    pub eps2d: f32,
-    /// Gaussians whose centre has z below this are dropped; metres, > 0. Equality survives.
-    pub near: f32,
-    /// Gaussians whose centre has z beyond this are dropped; metres. Equality survives.
-    pub far: f32,
+    pub rule: Rule,
 }
 
 impl RenderView {
-    /// `eps2d` of `sharp render` and `sharp predict`: no low-pass filter. The default.
+    /// Low-pass of `sharp render` and `sharp predict`: no low-pass filter. The default.
     pub const EPS2D_RELEASE: f32 = 0.0;
     /// `low_pass_filter_eps` of the release's predictor configuration, which nothing passes on.
     pub const EPS2D_CONFIG: f32 = 0.01;
     /// The default of gsplat and of every web viewer; a visibly different image.
     pub const EPS2D_GSPLAT: f32 = 0.3;
-    /// The release's near plane, metres.
-    pub const NEAR: f32 = 0.01;
-    /// The release's far plane, metres.
-    pub const FAR: f32 = 1e10;
     /// Largest width and height, pixels.
     pub const MAX_SIDE: u32 = 65_535;
 
-    /// A view with the release's `eps2d`, near and far.
+    /// A view by SHARP's rule.
     pub fn new(camera_from_scene: DAffine3, intrinsics: Intrinsics) -> Self {
         Self {
             camera_from_scene,
             intrinsics,
-            eps2d: Self::EPS2D_RELEASE,
-            near: Self::NEAR,
-            far: Self::FAR,
+            rule: Rule::SHARP,
         }
+    }
+
+    /// The same view with another low-pass, px².
+    #[must_use]
+    pub fn with_low_pass(mut self, low_pass: f32) -> Self {
+        self.rule.low_pass = low_pass;
+        self
     }
 
     /// The fields are public; a renderer trusts them only after this.
@@ -67,11 +62,8 @@ impl RenderView {
         if ![fx, fy, cx, cy].iter().all(|v| v.is_finite()) || fx <= 0.0 || fy <= 0.0 {
             return bad(format!("intrinsics fx {fx}, fy {fy}, cx {cx}, cy {cy}"));
         }
-        if !(self.eps2d >= 0.0 && self.eps2d.is_finite()) {
-            return bad(format!("eps2d {}", self.eps2d));
-        }
-        if !(self.near > 0.0 && self.near <= self.far) {
-            return bad(format!("near {}, far {}", self.near, self.far));
+        if let Err(refused) = self.rule.check() {
+            return bad(refused.to_string());
         }
         Ok(())
     }
@@ -95,18 +87,6 @@ mod tests {
         let mut moved = good;
         moved.camera_from_scene.translation.x = f64::NAN;
         assert!(matches!(moved.check(), Err(RenderError::View(_))));
-        for eps2d in [-1.0, f32::NAN] {
-            assert!(RenderView { eps2d, ..good }.check().is_err());
-        }
-        assert!(RenderView { near: 0.0, ..good }.check().is_err());
-        assert!(
-            RenderView {
-                near: 2.0,
-                far: 1.0,
-                ..good
-            }
-            .check()
-            .is_err()
-        );
+        assert!(good.with_low_pass(-1.0).check().is_err());
     }
 }

@@ -121,12 +121,9 @@ impl Objective {
         let target_from_source = target
             .camera_from_world
             .after(&source.camera_from_world.inverse());
-        let view = |view: &TrainingView, from_source: &RigidTransform| RenderView {
-            eps2d: RenderView::EPS2D_CONFIG,
-            ..RenderView::new(
-                target_camera_from_source_ndc(&source.intrinsics, from_source),
-                view.intrinsics,
-            )
+        let view = |view: &TrainingView, from_source: &RigidTransform| {
+            let placed = target_camera_from_source_ndc(&source.intrinsics, from_source);
+            RenderView::new(placed, view.intrinsics).with_low_pass(RenderView::EPS2D_CONFIG)
         };
         let input = view(source, &RigidTransform::IDENTITY);
         let novel = view(target, &target_from_source);
@@ -170,7 +167,7 @@ impl Objective {
             None => (&example.source.image, example.source.valid.as_deref()),
         };
         let truth = srgb(truth);
-        let linear = &rendered.rgb_linear;
+        let linear = &rendered.rgb;
         let encoded: Vec<[f32; 3]> = linear.iter().map(|c| c.map(srgb_from_linear)).collect();
         let mut of_srgb = vec![[0.0; 3]; encoded.len()];
         let mut of_alpha = vec![0.0; encoded.len()];
@@ -290,7 +287,7 @@ impl Objective {
                 let mean = DVec3::from_array(means[k].map(f64::from));
                 view.camera_from_scene.transform_point3(mean).z
             };
-            let near = f64::from(view.near);
+            let near = f64::from(view.rule.near);
             let seen: Vec<usize> = (0..means.len()).filter(|k| depth(*k) >= near).collect();
             let all = covariances(&pass.gaussians, view)?;
             let variances: Vec<[f64; 3]> = seen.iter().map(|k| all[*k]).collect();

@@ -315,10 +315,7 @@ fn view(values: &mut Values, camera: Intrinsics, eps2d: f32) -> RenderView {
     for (i, entry) in entries[..9].iter().enumerate() {
         affine.matrix3.col_mut(i / 3)[i % 3] += f64::from(*entry);
     }
-    RenderView {
-        eps2d,
-        ..RenderView::new(affine, camera)
-    }
+    RenderView::new(affine, camera).with_low_pass(eps2d)
 }
 
 /// Scene and view, and gradients of all that places a Gaussian.
@@ -340,7 +337,7 @@ fn seen(scene: &Gaussians, view: &RenderView, gradient: &[GaussianGradient]) -> 
         camera.cy,
         f64::from(camera.width),
         f64::from(camera.height),
-        f64::from(view.eps2d),
+        f64::from(view.rule.low_pass),
     ];
     Case::default()
         .f64("camera_from_scene", &[3, 4], &rows)
@@ -395,7 +392,7 @@ fn renderer(values: &mut Values, folder: &Path) -> Done {
                 .map(|(a, b)| f64::from(*a) * f64::from(*b))
                 .sum()
         };
-        let value = weighted(picture.rgb_linear.as_flattened(), of_rgb.as_flattened())
+        let value = weighted(picture.rgb.as_flattened(), of_rgb.as_flattened())
             + weighted(&picture.alpha, &of_alpha)
             + weighted(&picture.depth_acc, &of_depth);
         painted(&scene, &view, &gradient)
@@ -435,7 +432,7 @@ fn surgery(values: &mut Values, folder: &Path) -> Done {
         let view = view(values, camera, RenderView::EPS2D_CONFIG);
         let target = picture(values, [height, width]);
         let mut renderer = CpuRenderer::new();
-        let linear = renderer.render(&scene, &view)?.rgb_linear;
+        let linear = renderer.render(&scene, &view)?.rgb;
         let encoded: Vec<_> = linear.iter().map(|p| p.map(srgb_from_linear)).collect();
         let found = loss.compare(&encoded, &target, width, None, 0)?;
         let none = vec![0.0; linear.len()];

@@ -2,6 +2,7 @@
 
 mod paths;
 mod refusals;
+mod rules;
 mod views;
 
 use crate::render_scene::{SIZE, folder, gaussians, write};

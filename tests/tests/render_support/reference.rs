@@ -91,7 +91,7 @@ fn project(scene: &Gaussians, k: usize, view: &RenderView) -> Option<Projected> 
         .camera_from_scene
         .transform_point3(vec3(scene.means[k]));
     let depth = p.z as f32;
-    if !(depth >= view.near && depth <= view.far) {
+    if !(depth >= view.rule.near && depth <= view.rule.far) {
         return None;
     }
     let i = view.intrinsics;
@@ -109,7 +109,7 @@ fn project(scene: &Gaussians, k: usize, view: &RenderView) -> Option<Projected> 
         DVec3::new(-i.fx * sx / p.z, -i.fy * sy / p.z, 0.0),
     );
     let c = jacobian * covariance * jacobian.transpose();
-    let eps = f64::from(view.eps2d);
+    let eps = f64::from(view.rule.low_pass);
     let c = DMat2::from_cols(
         DVec2::new(c.x_axis.x + eps, c.x_axis.y),
         DVec2::new(c.y_axis.x, c.y_axis.y + eps),
@@ -134,7 +134,7 @@ impl Reference {
         for i in 0..self.alpha.len() {
             let mut error = (f64::from(found.alpha[i]) - self.alpha[i]).abs();
             for channel in 0..3 {
-                let found = f64::from(found.rgb_linear[i][channel]);
+                let found = f64::from(found.rgb[i][channel]);
                 error = error.max((found - self.rgb[i][channel]).abs());
             }
             let bar = if self.fragile[i] { 1.0 / 255.0 } else { 2e-5 };

@@ -8,6 +8,7 @@ use glam::DAffine3;
 use sharp::camera::Intrinsics;
 use sharp::color::Quantization;
 use sharp::gaussians::Gaussians;
+use sharp::ply::ColorSpace;
 use sharp::render::trajectory::DepthRange;
 use sharp::render::{RenderError, RenderOutput, RenderView, release_screen};
 
@@ -56,7 +57,13 @@ impl<'a> RenderJob<'a> {
                 page.display()
             );
         }
-        let file = gaussian_files::read(&args.scene, args.reading.reading())?;
+        let rule = args.rule();
+        ensure!(
+            args.viewer.is_none() || rule.is_like_sharp(),
+            "--viewer: a page draws by the rule sharp with any low-pass, near and far, not by {rule}"
+        );
+        let file =
+            gaussian_files::read_blended(&args.scene, args.reading.reading(), rule.blending)?;
         for doubt in &file.doubts {
             output::remark(format!("warning: {}: {}", args.scene.display(), doubt.text));
         }
@@ -69,6 +76,14 @@ impl<'a> RenderJob<'a> {
             ),
         };
         let scene = file.gaussians;
+        if scene.harmonics.degree > rule.degree {
+            output::remark(format!(
+                "warning: {}: harmonics above degree {} are not drawn by {rule}; it has {}",
+                args.scene.display(),
+                rule.degree,
+                scene.harmonics.degree
+            ));
+        }
         let named = || args.scene.display().to_string();
         let moved = args
             .path
@@ -85,9 +100,7 @@ impl<'a> RenderJob<'a> {
         };
         let rendering = args.rendering.settings();
         let view = |camera_from_scene: DAffine3| RenderView {
-            eps2d: rendering.eps2d,
-            near: args.near,
-            far: args.far,
+            rule,
             ..RenderView::new(camera_from_scene, screen)
         };
         let views = match moved {
@@ -106,7 +119,7 @@ impl<'a> RenderJob<'a> {
                     .map_or([1.0, 2.0], |range| [range.near as f32, range.far as f32]),
             ),
         };
-        let rule = match (args.rendering.quantise, args.release_screen) {
+        let quantization = match (args.rendering.quantise, args.release_screen) {
             (None, true) => Quantization::Truncate,
             _ => rendering.quantization,
         };
@@ -118,7 +131,8 @@ impl<'a> RenderJob<'a> {
             views,
             appearance: Appearance {
                 background: rendering.background,
-                quantization: rule,
+                quantization,
+                blended: args.rule.is_some(),
                 depth_m,
                 alpha: args.alpha,
             },
@@ -234,11 +248,21 @@ impl Output<'_> {
             args.fps.is_none() || matches!(self.kind, OutputKind::Gif | OutputKind::Mp4),
             "{out}: --fps is for .gif and .mp4"
         );
+        let blended = args.rule.is_some() && writer::ends_in(self.path, &["safetensors"]);
         let options = [
-            ("--background", args.rendering.background.is_some()),
+            (
+                "--background",
+                args.rendering.background.is_some() && !blended,
+            ),
             ("--quantise", args.rendering.quantise.is_some()),
         ];
-        writer::refuse_for_floats(self.path, &options)
+        writer::refuse_for_floats(self.path, &options)?;
+        ensure!(
+            args.rule().blending == ColorSpace::Linear || !writer::ends_in(self.path, &["exr"]),
+            "{out}: an .exr holds linear light, which {} does not blend: choose .safetensors or .png",
+            args.rule()
+        );
+        Ok(())
     }
 
     /// Renders all views of the scene or of one layer of it.

@@ -10,21 +10,23 @@ use std::path::PathBuf;
 use anyhow::Context;
 use clap::Args;
 use serde::Serialize;
-use sharp::render::{Backend, RenderOutput, RenderView};
+use sharp::render::{Backend, RenderOutput, Rule};
 
 use self::args::Layers;
 use self::job::RenderJob;
 use self::path::PathArgs;
 use super::reading_args::ReadingArgs;
 use super::{Outcome, output};
-use crate::config::{RenderingConfig, rendering};
+use crate::config::RenderingConfig;
+use crate::config::rendering::{self, LowPass};
 use crate::rendering::BatchRenderer;
 
 /// Render 3D Gaussians to a picture, frames or a movie
 ///
 /// SCENE is a .ply file (SHARP's own or a plain 3D Gaussian one) or a .safetensors file with `means`, `quats_wxyz`,
-/// `scales`, `opacities` and `colors_linear`. OUT is .png (sRGB, 8 bit), .exr (linear RGB, alpha, accumulated depth),
-/// .safetensors (`rgb_linear` [H,W,3], `alpha` [H,W], `depth_acc` [H,W]); for a moved camera a folder of PNG frames,
+/// `scales`, `opacities` and `colors_linear`, or `sh` (harmonics of encoded colours, [N,(degree+1)²,3]). OUT is .png (sRGB, 8 bit), .exr (linear RGB, alpha, accumulated depth),
+/// .safetensors (`rgb_linear` [H,W,3], `alpha` [H,W], `depth_acc` [H,W]; with --rendering `rgb` instead, as the rule
+/// blends it, over the background and before any clamp); for a moved camera a folder of PNG frames,
 /// .gif, or .mp4 (through an installed ffmpeg).
 #[derive(Debug, Args)]
 #[command(after_help = "\
@@ -35,6 +37,7 @@ Examples:
   sharp-bench render photo.ply --trajectory swipe --frames 30 --write-cameras --out frames
   sharp-bench render photo.ply --offset-m 0.05,0,0 --layer all --out right.png
   sharp-bench render photo.ply --trajectory rotate_forward --viewer photo.html
+  sharp-bench render scene.safetensors --rendering gsplat-antialiased --camera cam.json --out view.png
 
 cam.json, pixel centres at +0.5, camera_from_world any affine map, both row by row:
   {\"width\": 640, \"height\": 480, \"K\": [500,0,320, 0,500,240, 0,0,1],
@@ -65,12 +68,17 @@ pub(super) struct RenderArgs {
     adapter: Option<String>,
     #[command(flatten)]
     rendering: RenderingConfig,
-    /// Drop Gaussians whose centre is nearer, metres
-    #[arg(long, value_name = "M", default_value_t = RenderView::NEAR)]
-    near: f32,
-    /// Drop Gaussians whose centre is farther, metres
-    #[arg(long, value_name = "M", default_value_t = RenderView::FAR)]
-    far: f32,
+    /// The convention of rendering: sharp, inria, inria-general, inria-aa, mip-splatting, gsplat-classic,
+    /// gsplat-antialiased, gsplat-1.5.3-classic, gsplat-1.5.3-antialiased or brush-mip, and single choices after it, as
+    /// in inria,near=0.01 [default: sharp]
+    #[arg(long = "rendering", value_name = "RULE")]
+    rule: Option<Rule>,
+    /// Drop Gaussians whose centre is nearer, metres [default: the rule's, 0.01 of sharp]
+    #[arg(long, value_name = "M")]
+    near: Option<f32>,
+    /// Drop Gaussians whose centre is farther, metres [default: the rule's, 1e10 of sharp]
+    #[arg(long, value_name = "M")]
+    far: Option<f32>,
     /// Render as the release's `sharp render`: principal point at ((W-1)/2, (H-1)/2), pictures higher than 3000 pixels
     /// halved, odd sides enlarged by one, truncation to 8 bit
     #[arg(long)]
@@ -127,6 +135,17 @@ struct Summary {
     fallback: Option<String>,
     depth_range_m: Option<[f32; 2]>,
     files: Vec<String>,
+}
+
+impl RenderArgs {
+    /// The rule with what single options say otherwise.
+    fn rule(&self) -> Rule {
+        let mut rule = self.rule.unwrap_or_default();
+        rule.low_pass = self.rendering.eps2d.map_or(rule.low_pass, |LowPass(x)| x);
+        rule.near = self.near.unwrap_or(rule.near);
+        rule.far = self.far.unwrap_or(rule.far);
+        rule
+    }
 }
 
 pub(super) fn execute(args: &RenderArgs) -> anyhow::Result<Outcome> {

@@ -48,6 +48,8 @@ pub(super) struct Appearance {
     /// The ends of the depth colours, metres; `None` if no depth is wanted.
     pub(super) depth_m: Option<[f32; 2]>,
     pub(super) alpha: bool,
+    /// Whether arrays hold what was blended, with the background, rather than linear light without.
+    pub(super) blended: bool,
 }
 
 impl Appearance {
@@ -99,6 +101,9 @@ impl Appearance {
         // Last, so that a frame with its colour is complete.
         match path.extension().and_then(|e| e.to_str()) {
             Some("exr") => rendering_files::write_exr(path, view)?,
+            Some("safetensors") if self.blended => {
+                rendering_files::write_blended(path, view, self.background)?;
+            }
             Some("safetensors") => rendering_files::write_safetensors(path, view)?,
             _ => rendering_files::write_png(path, &self.color(view))?,
         }
@@ -209,16 +214,17 @@ pub(super) fn frame_path(folder: &Path, index: usize) -> PathBuf {
     folder.join(format!("frame-{index:05}.png"))
 }
 
+pub(super) fn ends_in(out: &Path, extensions: &[&str]) -> bool {
+    let extension = out.extension();
+    extension.is_some_and(|e| extensions.iter().any(|of| e == *of))
+}
+
 /// Refuses options of 8-bit pictures where the file holds linear floats.
 pub(super) fn refuse_for_floats(
     out: &Path,
     options: &[(&'static str, bool)],
 ) -> anyhow::Result<()> {
-    let floats = ["exr", "safetensors"];
-    if out
-        .extension()
-        .is_some_and(|e| floats.iter().any(|f| e == *f))
-    {
+    if ends_in(out, &["exr", "safetensors"]) {
         for (name, given) in options {
             ensure!(
                 !given,

@@ -13,7 +13,7 @@ const LEAST_ALPHA: f64 = 1.0 / 255.0;
 const MARGIN: f64 = 0.15;
 
 /// Tiles of 16 × 16 pixels that the boxes of the Gaussians touch, counted once for each Gaussian, and tiles of the picture.
-/// A box is where a Gaussian can reach an alpha of 1/255, by the projection of the renderer's definition, in f64.
+/// A box is where a Gaussian can reach an alpha of 1/255, by the projection of SHARP's rule, in f64.
 pub(in crate::evaluate) fn covered_tiles(gaussians: &Gaussians, view: &RenderView) -> (u64, u64) {
     let (width, height) = (view.intrinsics.width, view.intrinsics.height);
     let tiles = [width, height].map(|side| f64::from(side.div_ceil(TILE as u32)));
@@ -38,7 +38,7 @@ fn reach(gaussians: &Gaussians, at: usize, view: &RenderView) -> Option<[(f64, f
     let k = view.intrinsics;
     let mean = DVec3::from_array(gaussians.means[at].map(f64::from));
     let p = view.camera_from_scene.transform_point3(mean);
-    if !(f64::from(view.near)..=f64::from(view.far)).contains(&p.z) {
+    if !(f64::from(view.rule.near)..=f64::from(view.rule.far)).contains(&p.z) {
         return None;
     }
     let opacity = f64::from(gaussians.opacities[at]);
@@ -61,7 +61,7 @@ fn reach(gaussians: &Gaussians, at: usize, view: &RenderView) -> Option<[(f64, f
     ];
     // A row of the projection's derivative, by the Gaussian's axes: its length is the deviation in that direction.
     let deviation = |row: DVec3| {
-        let variance = (axes.transpose() * row).length_squared() + f64::from(view.eps2d);
+        let variance = (axes.transpose() * row).length_squared() + f64::from(view.rule.low_pass);
         variance.sqrt()
     };
     let rows = [

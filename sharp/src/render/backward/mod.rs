@@ -1,5 +1,6 @@
 //! From the gradient of a picture to that of its Gaussians: the derivative of exactly the forward
-//! definition, clamps, skips, stop and `eps2d` included. Order and culling are constants.
+//! definition by SHARP's rule, clamps, skips, stop and low-pass included. Order and culling are
+//! constants.
 //!
 //! Passes carry the forward's names: `raster` sums over pixels, `project` applies the chain rule.
 
@@ -23,7 +24,7 @@ use rayon::prelude::*;
 pub struct PictureGradient<'a> {
     /// Pixels of a row.
     pub width: usize,
-    /// Of [`RenderOutput::rgb_linear`](super::RenderOutput::rgb_linear).
+    /// Of [`RenderOutput::rgb`](super::RenderOutput::rgb).
     pub rgb_linear: &'a [[f32; 3]],
     /// Of [`RenderOutput::alpha`](super::RenderOutput::alpha).
     pub alpha: &'a [f32],
@@ -105,7 +106,8 @@ impl CpuRenderer {
     /// bytes for any number of threads.
     ///
     /// # Errors
-    /// [`RenderError::View`] also where the gradient is not of the picture's size.
+    /// [`RenderError::View`] also where the gradient is not of the picture's size, and for another
+    /// rule than SHARP's, of which low-pass, near and far may differ.
     pub fn backward(
         &mut self,
         scene: &Gaussians,
@@ -115,6 +117,7 @@ impl CpuRenderer {
         check_scene(scene)?;
         view.check()?;
         gradient.check(view)?;
+        check_rule(view)?;
         forward(self.simd, scene, view, &mut self.projected);
         let Projected {
             splats, footprints, ..
@@ -211,6 +214,16 @@ pub(crate) fn narrow(x: f64) -> f32 {
     (x as f32).clamp(f32::MIN, f32::MAX)
 }
 
+fn check_rule(view: &RenderView) -> Result<(), RenderError> {
+    if view.rule.is_like_sharp() {
+        return Ok(());
+    }
+    Err(RenderError::View(format!(
+        "there is no derivative by the rule \"{}\", only by \"sharp\" with any low-pass, near and far",
+        view.rule
+    )))
+}
+
 fn projection(k: &ViewConstants, scene: &Gaussians, index: usize) -> Projection {
     Projection::new(
         k,
@@ -246,7 +259,7 @@ fn through_projection(
     totals.map(one).collect()
 }
 
-/// Entries uu, uv, vv of each Gaussian's 2D covariance in a view, px², without `eps2d`. They mean
+/// Entries uu, uv, vv of each Gaussian's 2D covariance in a view, px², without the low-pass. They mean
 /// something where the centre lies before the camera.
 ///
 /// # Errors
@@ -254,6 +267,7 @@ fn through_projection(
 pub fn covariances(scene: &Gaussians, view: &RenderView) -> Result<Vec<[f64; 3]>, RenderError> {
     check_scene(scene)?;
     view.check()?;
+    check_rule(view)?;
     let constants = ViewConstants::new(view);
     let each = (0..scene.len()).into_par_iter().with_min_len(CHUNK);
     Ok(each
@@ -274,6 +288,7 @@ pub fn backward_covariances(
 ) -> Result<(), RenderError> {
     check_scene(scene)?;
     view.check()?;
+    check_rule(view)?;
     if [gradient.len(), out.len()] != [scene.len(); 2] {
         return Err(RenderError::View(format!(
             "{} gradients of covariances into {} for {} Gaussians",

@@ -1,5 +1,6 @@
 //! A frame: projection and depth order once, then sub-frame after sub-frame.
 
+use super::super::harmonics::ViewColors;
 use super::super::project::ViewConstants;
 use super::super::{RenderError, RenderOutput, RenderView};
 use super::device::Gpu;
@@ -71,7 +72,8 @@ pub(super) struct Frame<'a> {
     pub(super) passes: &'a Passes,
     pub(super) scene: &'a GpuScene,
     pub(super) view: &'a RenderView,
-    /// Side of a tile, pixels: a power of two from [`LEAST_TILE`].
+    /// Side of a tile, pixels: a power of two from [`LEAST_TILE`], and no larger than those that
+    /// bound the support, where they do: a list holds for all pixels of its tile.
     pub(super) tile: u32,
 }
 
@@ -79,11 +81,12 @@ impl Frame<'_> {
     pub(super) fn render(&self, work: &mut Work) -> Result<RenderOutput, RenderError> {
         let (gpu, scene) = (self.gpu, self.scene);
         let k = self.view.intrinsics;
-        let mut out = RenderOutput::empty(k.width, k.height);
+        let mut out = RenderOutput::empty(self.view);
         if scene.count == 0 {
             return Ok(out);
         }
-        let half = self.begin(&mut out)?;
+        let (half, colors) = self.begin(&mut out)?;
+        let colors = colors.as_ref().unwrap_or(&scene.colors);
         let order = &scene.by_depth.values[half];
         let mut waiting = vec![SubFrame::whole(k.width, k.height, self.tile)];
         while let Some(part) = waiting.pop() {
@@ -105,7 +108,8 @@ impl Frame<'_> {
                 waiting.extend(halves.ok_or_else(|| self.no_tile(part))?);
             } else if count > 0 {
                 // Fits: just compared.
-                self.draw(order, (part, count as u32), work, &mut out)?;
+                let lists = (order, colors);
+                self.draw(lists, (part, count as u32), work, &mut out)?;
             }
         }
         Ok(out)
@@ -119,14 +123,15 @@ impl Frame<'_> {
         ))
     }
 
-    /// Projects and sorts by depth; returns the half of the buffers with the order and fills in
-    /// the counts.
-    fn begin(&self, out: &mut RenderOutput) -> Result<usize, RenderError> {
+    /// Projects and sorts by depth; returns the half of the buffers with the order and colours
+    /// where they are not the scene's, and fills in the counts.
+    fn begin(&self, out: &mut RenderOutput) -> Result<(usize, Option<GpuBuffer>), RenderError> {
         let Self {
             gpu, passes, scene, ..
         } = *self;
         let mut encoder = gpu.encoder();
         let counts = self.project(&mut encoder);
+        let colors = self.colors(&mut encoder);
         let count = (scene.count, 32);
         let half = scene.by_depth.sort(gpu, passes, &mut encoder, count, true);
         let bytes = size_of::<DroppedCounts>() as u64;
@@ -135,20 +140,45 @@ impl Frame<'_> {
             out.dropped = dropped(bytemuck::pod_read_unaligned(bytes));
             out.drawn = u64::from(scene.count) - out.dropped.total();
         })?;
-        Ok(half)
+        Ok((half, colors))
+    }
+
+    fn view_uniform(&self) -> GpuBuffer {
+        let colors = ViewColors::new(self.scene.degree, self.view);
+        let constants = ViewConstants::new(self.view);
+        let view = ViewUniform::new(&constants, colors, self.scene);
+        self.gpu.uniform("view", &view)
+    }
+
+    /// Pass `harmonics`; `None` where colours are drawn as the scene has them.
+    fn colors(&self, encoder: &mut wgpu::CommandEncoder) -> Option<GpuBuffer> {
+        let (gpu, scene) = (self.gpu, self.scene);
+        ViewColors::new(scene.degree, self.view)?;
+        let colors = gpu.storage("colors of the view", u64::from(scene.count) * 16);
+        gpu.run(
+            encoder,
+            &self.passes.harmonics,
+            &[
+                &self.view_uniform(),
+                &scene.means_opacities,
+                &scene.colors,
+                &scene.coefficients,
+                &colors,
+            ],
+            scene.count.div_ceil(GROUP),
+        );
+        Some(colors)
     }
 
     /// Pass `project`; returns the counts of what was dropped.
     pub(super) fn project(&self, encoder: &mut wgpu::CommandEncoder) -> GpuBuffer {
         let (gpu, scene) = (self.gpu, self.scene);
         let dropped = gpu.storage("dropped", size_of::<DroppedCounts>() as u64);
-        let view = ViewUniform::new(&ViewConstants::new(self.view), scene.count);
-        let view = gpu.uniform("view", &view);
         gpu.run(
             encoder,
             &self.passes.project,
             &[
-                &view,
+                &self.view_uniform(),
                 &scene.means_opacities,
                 &scene.quaternions,
                 &scene.scales,
@@ -164,7 +194,8 @@ impl Frame<'_> {
     }
 
     fn uniform(&self, part: SubFrame, pairs: u32) -> GpuBuffer {
-        let uniform = FrameUniform::new(part, self.scene.count, pairs);
+        let alpha_max = self.view.rule.alpha_max;
+        let uniform = FrameUniform::new(part, (self.scene.count, pairs), alpha_max);
         self.gpu.uniform("frame", &uniform)
     }
 
@@ -245,7 +276,7 @@ impl Frame<'_> {
     /// Lists, rasterises, and copies the pixels home.
     fn draw(
         &self,
-        order: &GpuBuffer,
+        (order, colors): (&GpuBuffer, &GpuBuffer),
         (part, count): (SubFrame, u32),
         work: &mut Work,
         out: &mut RenderOutput,
@@ -264,7 +295,7 @@ impl Frame<'_> {
                 &pairs.values[half],
                 &scene.splats,
                 &scene.details,
-                &scene.colors,
+                colors,
                 &targets.picture,
                 &targets.depths,
             ],

@@ -1,8 +1,11 @@
 //! Structures shared by host and shaders, byte for byte. A test compares names and offsets with the WGSL.
 
-use super::super::Dropped;
+use super::super::harmonics::ViewColors;
 use super::super::project::ViewConstants;
+use super::super::{Compensation, Dropped, Support};
+use super::scene::GpuScene;
 use super::subframe::SubFrame;
+use crate::gaussians::Harmonics;
 use bytemuck::{Pod, Zeroable};
 
 /// Defines a struct as the shaders see it. `TWIN` is its name in WGSL, `FIELDS` what the test
@@ -39,13 +42,21 @@ shared! {
         far: f32,
         count: u32,
         zero: u32,
+        compensation: u32,
+        tiled: u32,
+        degree: u32,
+        stored: u32,
         padding: u32,
+        eye: [f32; 4],
     }
 }
 
 impl ViewUniform {
-    /// `count` is the number of Gaussians in the scene.
-    pub(super) fn new(view: &ViewConstants, count: u32) -> Self {
+    pub(super) fn new(view: &ViewConstants, colors: Option<ViewColors>, scene: &GpuScene) -> Self {
+        let stored = Harmonics::coefficients_of(scene.degree);
+        let (degree, [x, y, z]) = colors.map_or((0, [0.0; 3]), |colors| {
+            (colors.degree, colors.eye.map(|v| v as f32))
+        });
         let row = |i: usize| {
             let [x, y, z] = view.linear[i];
             [x, y, z, view.offset[i]]
@@ -63,9 +74,20 @@ impl ViewUniform {
             eps2d: view.eps2d as f32,
             near: view.near,
             far: view.far,
-            count,
+            count: scene.count,
             zero: 0,
+            compensation: match view.compensation {
+                Compensation::None => 0,
+                Compensation::Root => 1,
+                Compensation::FlooredRoot => 2,
+                Compensation::MipSplatting => 3,
+            },
+            tiled: u32::from(view.support == Support::Tiles),
+            // 4 and 24 at most.
+            degree: degree as u32,
+            stored: stored as u32,
             padding: 0,
+            eye: [x, y, z, 0.0],
         }
     }
 }
@@ -78,20 +100,20 @@ shared! {
         count: u32,
         pairs: u32,
         shift: u32,
-        padding: u32,
+        alpha_max: f32,
     }
 }
 
 impl FrameUniform {
     /// `count` is the number of Gaussians in the scene, `pairs` that of pairs in the sub-frame.
-    pub(super) fn new(part: SubFrame, count: u32, pairs: u32) -> Self {
+    pub(super) fn new(part: SubFrame, (count, pairs): (u32, u32), alpha_max: f32) -> Self {
         Self {
             first: part.first.into(),
             tiles: part.tiles.into(),
             count,
             pairs,
             shift: part.side.trailing_zeros(),
-            padding: 0,
+            alpha_max,
         }
     }
 }

@@ -25,7 +25,7 @@ mod tests;
 pub use adapter::{AdapterKind, GpuAdapter};
 
 use super::renderer::{LoadedScene, TileSize, check_scene};
-use super::{RenderError, RenderOutput, RenderView, Renderer};
+use super::{RenderError, RenderOutput, RenderView, Renderer, Support};
 use crate::gaussians::Gaussians;
 use device::Gpu;
 use frame::{Frame, Work, tile_side};
@@ -118,7 +118,10 @@ impl LoadedScene for Uploaded<'_> {
             passes: &renderer.passes,
             scene: &self.on_device,
             view,
-            tile: renderer.tile,
+            tile: match view.rule.support {
+                Support::Exact => renderer.tile,
+                Support::Tiles => renderer.tile.min(tile_side(TileSize::Px16.pixels())),
+            },
         };
         frame.render(&mut renderer.work)
     }

@@ -6,6 +6,7 @@ use wgpu::ComputePipeline;
 /// The pipelines in the order in which a frame runs them.
 pub(super) struct Passes {
     pub(super) project: ComputePipeline,
+    pub(super) harmonics: ComputePipeline,
     pub(super) scan_blocks: ComputePipeline,
     pub(super) add_sums: ComputePipeline,
     pub(super) radix_histogram: ComputePipeline,
@@ -44,6 +45,7 @@ impl Passes {
             emit: pass(3, "emit"),
             find_ranges: pass(4, "find_ranges"),
             raster: pass(5, "raster"),
+            harmonics: pass(6, "harmonics"),
         }
     }
 }

@@ -15,7 +15,7 @@ pub(super) fn copy_home(part: SubFrame, which: usize, bytes: &[u8], out: &mut Re
     let width = out.width as usize;
     if which == 0 {
         let colors: &[[f32; 4]] = bytemuck::cast_slice(bytes);
-        let pictures = out.rgb_linear.par_chunks_exact_mut(width);
+        let pictures = out.rgb.par_chunks_exact_mut(width);
         let pictures = pictures.zip(out.alpha.par_chunks_exact_mut(width));
         let rows = pictures.skip(y0).take(rows).zip(colors.par_chunks(stride));
         rows.for_each(|((rgb, alpha), from)| {

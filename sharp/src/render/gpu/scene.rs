@@ -6,13 +6,17 @@ use super::memory::GpuBuffer;
 use super::sort::{Scan, SortBuffers};
 use crate::gaussians::Gaussians;
 
-/// Gaussians on the device, with the buffers that a frame fills: 124 bytes a Gaussian.
+/// Gaussians on the device, with the buffers that a frame fills: 124 bytes a Gaussian, and 12 for
+/// each coefficient of its harmonics.
 pub(super) struct GpuScene {
     pub(super) count: u32,
     pub(super) means_opacities: GpuBuffer,
     pub(super) quaternions: GpuBuffer,
     pub(super) scales: GpuBuffer,
     pub(super) colors: GpuBuffer,
+    pub(super) coefficients: GpuBuffer,
+    /// Of the harmonics.
+    pub(super) degree: usize,
     pub(super) splats: GpuBuffer,
     pub(super) details: GpuBuffer,
     pub(super) footprints: GpuBuffer,
@@ -24,10 +28,10 @@ pub(super) struct GpuScene {
 impl GpuScene {
     pub(super) fn upload(gpu: &Gpu, scene: &Gaussians) -> Result<Self, RenderError> {
         let n = scene.len() as u64;
-        if n * 16 > gpu.binding_limit {
+        let most = n * (scene.harmonics.per_gaussian() as u64 * 12).max(16);
+        if most > gpu.binding_limit {
             return Err(gpu.no_room(format!(
-                "{n} Gaussians need bindings of {} bytes, the limit is {}",
-                n * 16,
+                "{n} Gaussians need bindings of {most} bytes, the limit is {}",
                 gpu.binding_limit
             )));
         }
@@ -52,6 +56,8 @@ impl GpuScene {
             quaternions: gpu.filled("quaternions", &scene.quaternions),
             scales: gpu.filled("scales", &scales),
             colors: gpu.filled("colors", &colors),
+            coefficients: gpu.filled("coefficients", &scene.harmonics.coefficients),
+            degree: scene.harmonics.degree,
             splats: gpu.storage("splats", n * 16),
             details: gpu.storage("details", n * 16),
             footprints: gpu.storage("footprints", n * 8),

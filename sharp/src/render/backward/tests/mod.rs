@@ -111,7 +111,7 @@ impl Ordered {
     /// where some pixel decides otherwise on either side.
     fn difference(&self, seen: &Seen, gradient: &Gradient, m: usize, c: usize) -> Option<f64> {
         let s = &self.oracles[m];
-        let thickness = s.thickness(self.view.eps2d);
+        let thickness = s.thickness(self.view.rule.low_pass);
         let a = &self.attributes[m];
         let norm = a[3..7].iter().map(|v| v * v).sum::<f64>().sqrt();
         let largest = a[7..10].iter().fold(0.0, |l: f64, v| l.max(*v));
@@ -281,7 +281,7 @@ fn f32_follows_f64() {
         for (m, (truth_of, z)) in truth.iter().enumerate() {
             // Next to a needle of less than a hundredth of a pixel, the rounding of its position to
             // f32 is a ten-thousandth of its thickness and more.
-            let needle = ordered.oracles[m].thickness(view.eps2d) < 0.01;
+            let needle = ordered.oracles[m].thickness(view.rule.low_pass) < 0.01;
             let allowed = if needle { 1e-3 } else { 1e-4 };
             let found = flat(&found[ordered.indices[m]]);
             for (kind, range) in KINDS.iter().enumerate() {

@@ -57,7 +57,7 @@ pub(super) fn splat(view: &RenderView, a: &Attributes) -> OracleSplat {
         DVec3::new(0.0, k.fy / p.z, -k.fy * ty / p.z),
     ];
     let [u, v] = rows.map(|row| half.transpose() * row);
-    let eps = f64::from(view.eps2d);
+    let eps = f64::from(view.rule.low_pass);
     let covariance = DMat2::from_cols_array(&[u.dot(u), u.dot(v), u.dot(v), v.dot(v)]);
     OracleSplat {
         mean: DVec2::new(k.fx * p.x / p.z + k.cx, k.fy * p.y / p.z + k.cy),

@@ -58,7 +58,7 @@ pub(super) fn golden_with_mask(name: &str, eps2d: f32) -> (Gaussians, RenderView
     let mask = [format!("fragile.eps{eps2d}"), "fragile".to_owned()];
     let fragile = mask.iter().find_map(|key| file.tensor(key).ok()).unwrap();
     let fragile = fragile.data().iter().map(|v| *v != 0).collect();
-    (scene, RenderView { eps2d, ..view }, fragile)
+    (scene, view.with_low_pass(eps2d), fragile)
 }
 
 /// A random gradient of a picture.

@@ -33,10 +33,8 @@ impl Training {
                 .camera_from_world
                 .after(&source.camera_from_world.inverse());
             let placed = target_camera_from_source_ndc(&camera, &from_source);
-            let at = RenderView {
-                eps2d: RenderView::EPS2D_CONFIG,
-                ..RenderView::new(placed, view.intrinsics)
-            };
+            let at =
+                RenderView::new(placed, view.intrinsics).with_low_pass(RenderView::EPS2D_CONFIG);
             let mut renderer = CpuRenderer::new();
             let rendered = renderer.render(&predicted.gaussians, &at).unwrap();
             let rendered = rendered.srgb8(Background::Black, Quantization::Round);

@@ -1,0 +1,413 @@
+//! Conventions of rendering, by name: the choices in which renderers of 3D Gaussians differ.
+//!
+//! All of them share the rest of the definition (see [`super`]). What o' = o · compensation below
+//! 1/255 does is no choice: whether it is dropped early or skipped in every pixel, the picture is
+//! the same.
+
+use crate::gaussians::Harmonics;
+use crate::ply::ColorSpace;
+use std::fmt;
+use std::str::FromStr;
+
+/// An enum that is written by the names of its variants.
+macro_rules! choice {
+    ($(#[$about:meta])* $name:ident { $($(#[$of:meta])* $variant:ident = $text:literal,)+ }) => {
+        $(#[$about])*
+        #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+        pub enum $name { $($(#[$of])* $variant),+ }
+
+        impl fmt::Display for $name {
+            fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+                f.write_str(match self { $(Self::$variant => $text),+ })
+            }
+        }
+
+        impl FromStr for $name {
+            type Err = String;
+
+            fn from_str(text: &str) -> Result<Self, String> {
+                match text {
+                    $($text => Ok(Self::$variant),)+
+                    _ => Err(format!("one of {}", [$($text),+].join(", "))),
+                }
+            }
+        }
+    };
+}
+
+choice! {
+    /// Factor of the opacity that makes up for the widening by the low-pass, from the determinants
+    /// of the 2D covariance without (d0) and with it (d1).
+    Compensation {
+        /// 1.
+        None = "none",
+        /// √(d0/d1).
+        Root = "root",
+        /// √max(0.005², d0/d1).
+        FlooredRoot = "floored-root",
+        /// √(d0/(d1 + 1e-6) + 1e-6), and 0 where d0 or d1 is at most 1e-6.
+        MipSplatting = "mip-splatting",
+    }
+}
+choice! {
+    /// Fate of a centre exactly on the near plane.
+    NearPlane {
+        /// Drawn.
+        Included = "included",
+        /// Dropped.
+        Excluded = "excluded",
+    }
+}
+choice! {
+    /// Bounds of x/z and y/z at which the Jacobian is taken.
+    JacobianClamp {
+        /// The picture's edges and 0.15 of its sides beyond.
+        Image = "image",
+        /// 1.3 half fields of view to either side of the axis, wherever the principal point is.
+        Symmetric = "symmetric",
+        /// No bounds.
+        None = "none",
+    }
+}
+choice! {
+    /// Use of the camera's principal point.
+    PrincipalPoint {
+        Used = "used",
+        /// The picture's middle stands in for it.
+        Ignored = "ignored",
+    }
+}
+choice! {
+    /// Pixels that a Gaussian may cover.
+    Support {
+        /// All where its alpha reaches 1/255.
+        Exact = "exact",
+        /// Of those the ones in the tiles of 16×16 pixels that the square of ⌈3σ⌉ around its
+        /// centre touches, as Inria's rasteriser counts them; σ is the larger one.
+        Tiles = "tiles",
+    }
+}
+
+/// Defines the record, and reads and writes its fields by key.
+macro_rules! record {
+    ($(#[$about:meta])* $name:ident { $($(#[$of:meta])* $field:ident: $kind:ty = $key:literal,)+ }) => {
+        $(#[$about])*
+        #[derive(Debug, Clone, Copy, PartialEq)]
+        pub struct $name { $($(#[$of])* pub $field: $kind),+ }
+
+        impl $name {
+            /// Keys of the choices, in the order in which they are written.
+            pub const KEYS: &[&str] = &[$($key),+];
+
+            /// The choices as they are written, in the order of [`Self::KEYS`].
+            fn values(&self) -> Vec<String> {
+                vec![$(self.$field.to_string()),+]
+            }
+
+            fn set(&mut self, key: &str, text: &str) -> Result<(), RuleError> {
+                let value = |reason: String| RuleError::Value {
+                    key: key.to_owned(),
+                    text: text.to_owned(),
+                    reason,
+                };
+                match key {
+                    $($key => self.$field = text.parse::<$kind>().map_err(|e| value(e.to_string()))?,)+
+                    _ => return Err(RuleError::Key(key.to_owned())),
+                }
+                Ok(())
+            }
+        }
+    };
+}
+
+record! {
+    /// A convention of rendering. Written `NAME`, or `NAME,key=value,…` with what differs from it.
+    Rule {
+        /// Added to both diagonal entries of the 2D covariance, px², ≥ 0.
+        low_pass: f32 = "low-pass",
+        compensation: Compensation = "compensation",
+        /// No Gaussian covers a pixel more than this, 0..1.
+        alpha_max: f32 = "alpha-max",
+        /// Gaussians whose centre has z below this are dropped, > 0; in the unit of the scene.
+        near: f32 = "near",
+        near_plane: NearPlane = "near-plane",
+        /// Gaussians whose centre has z beyond this are dropped. Equality survives.
+        far: f32 = "far",
+        jacobian_clamp: JacobianClamp = "jacobian-clamp",
+        principal_point: PrincipalPoint = "principal-point",
+        support: Support = "support",
+        /// Space of the colours that are blended, and of the background. Linear light is encoded
+        /// after blending; encoded values are cut below 0 before it and are the picture.
+        blending: ColorSpace = "blending",
+        /// Largest degree of harmonics that is drawn; further coefficients are left out.
+        degree: usize = "degree",
+    }
+}
+
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum RuleError {
+    #[error("no rule of rendering is called \"{0}\": {known}", known = Rule::names().join(", "))]
+    Name(String),
+    #[error("a rule of rendering has no \"{0}\": {known}", known = Rule::KEYS.join(", "))]
+    Key(String),
+    #[error("{key} of a rule of rendering cannot be \"{text}\": {reason}")]
+    Value {
+        key: String,
+        text: String,
+        reason: String,
+    },
+    #[error("a rule of rendering cannot have {0}")]
+    Impossible(String),
+}
+
+impl Rule {
+    /// SHARP's release: gsplat 1.5.3's classic mode without its low-pass, in linear light, with
+    /// colours that do not depend on the view.
+    pub const SHARP: Self = Self {
+        low_pass: 0.0,
+        compensation: Compensation::None,
+        alpha_max: 0.999,
+        near: 0.01,
+        near_plane: NearPlane::Included,
+        far: 1e10,
+        jacobian_clamp: JacobianClamp::Image,
+        principal_point: PrincipalPoint::Used,
+        support: Support::Exact,
+        blending: ColorSpace::Linear,
+        degree: 0,
+    };
+    /// Inria's main rasteriser, which knows the fields of view alone.
+    pub const INRIA: Self = Self {
+        low_pass: 0.3,
+        alpha_max: 0.99,
+        near: 0.2,
+        near_plane: NearPlane::Excluded,
+        far: f32::INFINITY,
+        jacobian_clamp: JacobianClamp::Symmetric,
+        principal_point: PrincipalPoint::Ignored,
+        support: Support::Tiles,
+        blending: ColorSpace::Srgb,
+        degree: 3,
+        ..Self::SHARP
+    };
+    /// Forks of it that use the principal point.
+    pub const INRIA_GENERAL: Self = Self {
+        principal_point: PrincipalPoint::Used,
+        ..Self::INRIA
+    };
+    /// gsplat 1.5.3, `rasterize_mode="classic"`.
+    pub const GSPLAT_1_5_3_CLASSIC: Self = Self {
+        low_pass: 0.3,
+        blending: ColorSpace::Srgb,
+        degree: Harmonics::MAX_DEGREE,
+        ..Self::SHARP
+    };
+    /// gsplat 1.6.0.
+    pub const GSPLAT_CLASSIC: Self = Self {
+        alpha_max: 0.99,
+        ..Self::GSPLAT_1_5_3_CLASSIC
+    };
+
+    /// The rules that have a name.
+    pub const NAMED: [(&str, Self); 10] = [
+        ("sharp", Self::SHARP),
+        ("inria", Self::INRIA),
+        ("inria-general", Self::INRIA_GENERAL),
+        // The branch dr_aa, with antialiasing.
+        (
+            "inria-aa",
+            Self {
+                compensation: Compensation::FlooredRoot,
+                ..Self::INRIA_GENERAL
+            },
+        ),
+        // Without its 3D filter, which belongs to the scene.
+        (
+            "mip-splatting",
+            Self {
+                low_pass: 0.1,
+                compensation: Compensation::MipSplatting,
+                ..Self::INRIA_GENERAL
+            },
+        ),
+        ("gsplat-classic", Self::GSPLAT_CLASSIC),
+        (
+            "gsplat-antialiased",
+            Self {
+                compensation: Compensation::FlooredRoot,
+                ..Self::GSPLAT_CLASSIC
+            },
+        ),
+        ("gsplat-1.5.3-classic", Self::GSPLAT_1_5_3_CLASSIC),
+        (
+            "gsplat-1.5.3-antialiased",
+            Self {
+                compensation: Compensation::Root,
+                ..Self::GSPLAT_1_5_3_CLASSIC
+            },
+        ),
+        (
+            "brush-mip",
+            Self {
+                low_pass: 0.1,
+                compensation: Compensation::Root,
+                far: f32::INFINITY,
+                ..Self::GSPLAT_1_5_3_CLASSIC
+            },
+        ),
+    ];
+
+    pub fn names() -> Vec<&'static str> {
+        Self::NAMED.map(|(name, _)| name).to_vec()
+    }
+
+    /// Whether it is SHARP's but for low-pass and planes, as the derivative and the page in a
+    /// browser have it.
+    pub fn is_like_sharp(&self) -> bool {
+        let Self {
+            low_pass,
+            near,
+            far,
+            ..
+        } = *self;
+        *self
+            == Self {
+                low_pass,
+                near,
+                far,
+                ..Self::SHARP
+            }
+    }
+
+    /// # Errors
+    /// [`RuleError::Impossible`] with the choice that no picture has.
+    pub fn check(&self) -> Result<(), RuleError> {
+        let Self {
+            low_pass,
+            alpha_max,
+            near,
+            far,
+            degree,
+            ..
+        } = self;
+        let refused = if !(*low_pass >= 0.0 && low_pass.is_finite()) {
+            format!("low-pass {low_pass}")
+        } else if !(*alpha_max > 0.0 && *alpha_max <= 1.0) {
+            format!("alpha-max {alpha_max}")
+        } else if !(*near > 0.0 && near <= far) {
+            format!("near {near}, far {far}")
+        } else if *degree > Harmonics::MAX_DEGREE {
+            format!("degree {degree}, above {}", Harmonics::MAX_DEGREE)
+        } else {
+            return Ok(());
+        };
+        Err(RuleError::Impossible(refused))
+    }
+}
+
+impl Default for Rule {
+    fn default() -> Self {
+        Self::SHARP
+    }
+}
+
+/// By the name from which the fewest choices differ, the first of equals.
+impl fmt::Display for Rule {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let values = self.values();
+        let changes = |named: &Self| -> Vec<String> {
+            let choices = Self::KEYS.iter().zip(&values).zip(named.values());
+            choices
+                .filter(|((_, value), of_named)| *value != of_named)
+                .map(|((key, value), _)| format!(",{key}={value}"))
+                .collect()
+        };
+        let by_name = Self::NAMED.map(|(name, rule)| (name, changes(&rule)));
+        let nearest = by_name.iter().min_by_key(|(_, changes)| changes.len());
+        let (name, changes) = nearest.ok_or(fmt::Error)?;
+        write!(f, "{name}{}", changes.concat())
+    }
+}
+
+impl FromStr for Rule {
+    type Err = RuleError;
+
+    fn from_str(text: &str) -> Result<Self, RuleError> {
+        let mut parts = text.split(',').map(str::trim);
+        let name = parts.next().unwrap_or_default();
+        let named = Self::NAMED.iter().find(|(known, _)| *known == name);
+        let (_, mut rule) = *named.ok_or_else(|| RuleError::Name(name.to_owned()))?;
+        for part in parts {
+            let (key, value) = part
+                .split_once('=')
+                .ok_or_else(|| RuleError::Key(part.to_owned()))?;
+            rule.set(key.trim(), value.trim())?;
+        }
+        rule.check()?;
+        Ok(rule)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn rules_are_read_as_they_are_written() {
+        for (name, rule) in Rule::NAMED {
+            assert_eq!(rule.to_string(), name);
+            assert_eq!(name.parse(), Ok(rule));
+        }
+        for text in [
+            "sharp,low-pass=0.01",
+            "inria,near=0.01,degree=0",
+            "inria-general,support=exact",
+            "gsplat-classic,jacobian-clamp=symmetric,blending=linear",
+            "brush-mip,far=100",
+        ] {
+            assert_eq!(text.parse::<Rule>().unwrap().to_string(), text);
+        }
+        // One choice away from two names: the first is written.
+        let other: Rule = "gsplat-classic, compensation = root".parse().unwrap();
+        assert_eq!(other.compensation, Compensation::Root);
+        assert_eq!(other.to_string().parse(), Ok(other));
+        assert_eq!(Rule::default().to_string(), "sharp");
+    }
+
+    /// Every choice of every rule, on top of every name.
+    #[test]
+    fn each_choice_can_be_set_alone() {
+        for (name, rule) in Rule::NAMED {
+            for (_, other) in Rule::NAMED {
+                for (key, value) in Rule::KEYS.iter().zip(other.values()) {
+                    let set: Rule = format!("{name},{key}={value}").parse().unwrap();
+                    assert_eq!(set.to_string().parse(), Ok(set), "{name} {key} {value}");
+                    let values = set.values().into_iter().zip(rule.values());
+                    assert!(values.filter(|(a, b)| a != b).count() <= 1);
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn what_no_rule_has_is_refused() {
+        for (text, word) in [
+            ("", "no rule"),
+            ("graphdeco", "gsplat-1.5.3-classic"),
+            ("inria,blur=1", "low-pass"),
+            ("inria,near", "near-plane"),
+            ("inria,near=x", "near"),
+            ("inria,low-pass=-1", "low-pass -1"),
+            ("inria,low-pass=nan", "low-pass NaN"),
+            ("inria,alpha-max=1.5", "alpha-max 1.5"),
+            ("inria,near=0", "near 0"),
+            ("inria,far=0.1", "far 0.1"),
+            ("inria,degree=5", "degree 5"),
+            ("inria,support=ellipse", "exact, tiles"),
+            ("inria,blending=hsv", "linear"),
+        ] {
+            let error = text.parse::<Rule>().unwrap_err().to_string();
+            assert!(error.contains(word), "{text}: {error}");
+        }
+    }
+}
