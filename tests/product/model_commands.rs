@@ -152,7 +152,7 @@ fn colours_that_a_file_does_not_explain_are_asked_for() {
     )
     .ends_with(0);
     let colors = |name: &str| {
-        let scene = sharp::ply::load(&dir.path().join(name), None).unwrap();
+        let scene = sharp::gaussian_files::load(&dir.path().join(name), None).unwrap();
         scene.gaussians.colors.into_flattened()
     };
     for (back, before) in colors("x.ply").iter().zip(colors("plain.ply")) {

@@ -1,5 +1,6 @@
 //! Gaussians: made, rendered, predicted.
 
+use std::collections::BTreeMap;
 use std::path::PathBuf;
 
 use numpy::{AllowTypeChange, PyArray1, PyArray2, PyArray3, PyArrayLike1, PyArrayLike2};
@@ -7,10 +8,11 @@ use pyo3::prelude::*;
 use sharp::gaussians::Gaussians as Core;
 use sharp::model::preprocess::focal_px_from_35mm;
 use sharp::model::{Algorithm, DeviceChoice, ModelConfig, NetworkSpec, Predictor as Network};
-use sharp::ply::{self, GaussianScene, PlyForm};
+use sharp::ply::{GaussianScene, PlyForm, StoredForm};
 use sharp::render::{Backend, Background, RenderOutput, RenderView};
 use sharp::unprojection::{release_intrinsics, unproject};
 use sharp_bench::io::checkpoint::find_checkpoint;
+use sharp_bench::io::gaussian_files;
 use sharp_bench::io::pictures::to_rgb8;
 use sharp_bench::rendering::RenderSettings;
 use sharp_metrics::Picture;
@@ -48,12 +50,22 @@ impl Gaussians {
         })
     }
 
-    /// Reads a PLY file of this program, of SHARP's release or of 3D Gaussian Splatting.
+    /// Reads a PLY file of this program, of SHARP's release or of 3D Gaussian Splatting, a compressed PLY, SPZ, SOG,
+    /// .splat or safetensors. Keyword arguments say how numbers are read that are stored otherwise, as --read does
+    /// (color_space="srgb", opacity="linear", harmonics="drop", …).
     #[staticmethod]
-    fn load(path: PathBuf) -> PyResult<Self> {
-        let scene = ply::load(&path, None).map_err(failed)?;
+    #[pyo3(signature = (path, **reading))]
+    fn load(path: PathBuf, reading: Option<BTreeMap<String, String>>) -> PyResult<Self> {
+        let mut form = StoredForm::default();
+        for (key, value) in reading.into_iter().flatten() {
+            if !form.set(&key, &value).map_err(refused)? {
+                let known = StoredForm::KEYS.join(", ");
+                return Err(refused(anyhow::anyhow!("{key}: known are {known}")));
+            }
+        }
+        let file = gaussian_files::read(&path, form).map_err(failed)?;
         Ok(Self {
-            core: scene.gaussians,
+            core: file.gaussians,
         })
     }
 

@@ -1,4 +1,4 @@
-//! Scenes of Gaussians from files: PLY, or safetensors arrays.
+//! Scenes of Gaussians from files: of the field's formats, or safetensors arrays.
 
 use std::collections::HashMap;
 use std::io;
@@ -9,7 +9,10 @@ use safetensors::SafeTensorError;
 use safetensors::tensor::{Dtype, TensorView};
 use sharp::camera::{CameraError, Intrinsics, affine_from_row_major};
 use sharp::gaussians::{Gaussians, LengthMismatch};
-use sharp::ply::{self, Harmonics, PlyError, PlyReason, StoredForm, Suspicion};
+use sharp::ply::{
+    self, ColorSpace, FileMarks, GaussianScene, Harmonics, PlyError, PlyReason, StoredForm,
+    Suspicion,
+};
 use sharp_checkpoint::{Checkpoint, CheckpointError};
 
 use super::atomic_files::{FileError, write_atomic};
@@ -20,6 +23,8 @@ pub struct GaussianFile {
     /// In the space of the file's producer.
     pub gaussians: Gaussians,
     pub camera: Option<(Intrinsics, DAffine3)>,
+    /// What the file says about how it was made to be drawn; nothing of arrays.
+    pub marks: FileMarks,
     /// How its numbers were read.
     pub reading: StoredForm,
     /// What contradicts that reading.
@@ -47,19 +52,10 @@ pub enum GaussianFileError {
     },
     #[error("{}: {source}", path.display())]
     Camera { path: PathBuf, source: CameraError },
-    #[error("{}: {}", path.display(), match foreign {
-        Some(foreign) => format!("not a .ply or .safetensors file but {foreign}"),
-        None => "a scene is a .ply or .safetensors file".to_owned(),
-    })]
-    Extension {
-        path: PathBuf,
-        /// Its format, and what converts it.
-        foreign: Option<String>,
-    },
     /// Values that a scene cannot have.
     #[error("{}: {source}", path.display())]
     Stored { path: PathBuf, source: PlyReason },
-    /// Only Gaussians of one colour from all sides are rendered.
+    /// Where colours are blended in linear light, they have to be equal from all sides.
     #[error(
         "{}: colours depend on the view ({coefficients} coefficients f_rest_*), which is not rendered; \
          `harmonics=drop` draws the constant term alone, or bake them into it for the source's view", path.display()
@@ -67,81 +63,90 @@ pub enum GaussianFileError {
     ViewDependent { path: PathBuf, coefficients: usize },
 }
 
-/// Reads `.ply` (with or without the release's extra elements) or `.safetensors` (`means` [N, 3], `quats_wxyz` [N, 4],
-/// `scales` `[N, 3]`, `opacities` `[N]`, `colors_linear` `[N, 3]`), whatever the case of the extension. `reading` is how
-/// numbers are read that are stored otherwise, and how a PLY's colours are encoded where it does not say.
+/// Reads `.safetensors` (`means` [N, 3], `quats_wxyz` [N, 4], `scales` `[N, 3]`, `opacities` `[N]`, `colors_linear`
+/// `[N, 3]`), whatever the case of the extension, or a file of another name by its content
+/// ([`sharp::gaussian_files`]). `reading` is how numbers are read that are stored otherwise, how colours are encoded
+/// where the file does not say, and what they are blended in.
 pub fn read(
     path: &Path,
     reading: impl Into<StoredForm>,
 ) -> Result<GaussianFile, GaussianFileError> {
     let reading = reading.into();
-    let extension = path.extension().unwrap_or_default().to_string_lossy();
-    match extension.to_ascii_lowercase().as_str() {
-        "ply" => {
-            let scene = ply::load(path, reading)?;
-            if scene.is_view_dependent && reading.harmonics != Some(Harmonics::Drop) {
-                return Err(GaussianFileError::ViewDependent {
-                    path: path.to_owned(),
-                    coefficients: scene.color_coefficients,
-                });
-            }
-            let camera_from_world = match scene.extrinsics {
-                None => DAffine3::IDENTITY,
-                Some(m) => affine_from_row_major(&m.map(f64::from)).map_err(|source| {
-                    GaussianFileError::Camera {
-                        path: path.to_owned(),
-                        source,
-                    }
-                })?,
-            };
-            Ok(GaussianFile {
-                camera: scene.intrinsics.map(|k| (k, camera_from_world)),
-                gaussians: scene.gaussians,
-                reading: scene.reading,
-                doubts: scene.doubts,
-            })
+    if is_arrays(path) {
+        let mut gaussians = read_arrays(path)?;
+        let stored = |source| GaussianFileError::Stored {
+            path: path.to_owned(),
+            source,
+        };
+        let format = reading.of_arrays();
+        let doubts = ply::suspicions(&gaussians, &reading, &format);
+        ply::check_stored(&gaussians, &format).map_err(stored)?;
+        format.decode(&mut gaussians);
+        if let Some(value) = ply::enormous_scale(&gaussians) {
+            return Err(stored(PlyReason::Impossible {
+                what: "a standard deviation",
+                value,
+                advice: "that is wider than any scene; `scales=log` reads logarithms",
+            }));
         }
-        "safetensors" => {
-            let mut gaussians = read_arrays(path)?;
-            let stored = |source| GaussianFileError::Stored {
+        return Ok(GaussianFile {
+            gaussians,
+            camera: None,
+            marks: FileMarks::default(),
+            reading: format,
+            doubts,
+        });
+    }
+    let scene = read_scene(path, reading)?;
+    let camera_from_world = match scene.extrinsics {
+        None => DAffine3::IDENTITY,
+        Some(m) => affine_from_row_major(&m.map(f64::from)).map_err(|source| {
+            GaussianFileError::Camera {
                 path: path.to_owned(),
                 source,
-            };
-            let format = reading.of_arrays();
-            let doubts = ply::suspicions(&gaussians, &reading, &format);
-            ply::check_stored(&gaussians, &format).map_err(stored)?;
-            format.decode(&mut gaussians);
-            if let Some(value) = ply::enormous_scale(&gaussians) {
-                return Err(stored(PlyReason::Impossible {
-                    what: "a standard deviation",
-                    value,
-                    advice: "that is wider than any scene; `scales=log` reads logarithms",
-                }));
             }
-            Ok(GaussianFile {
-                gaussians,
-                camera: None,
-                reading: format,
-                doubts,
-            })
-        }
-        _ => Err(GaussianFileError::Extension {
-            foreign: foreign(path),
-            path: path.to_owned(),
-        }),
-    }
+        })?,
+    };
+    Ok(GaussianFile {
+        camera: scene.intrinsics.map(|k| (k, camera_from_world)),
+        gaussians: scene.gaussians,
+        marks: scene.marks,
+        reading: scene.reading,
+        doubts: scene.doubts,
+    })
 }
 
-/// Names a format of Gaussians that is not read, with what converts it.
-pub fn foreign(path: &Path) -> Option<String> {
-    let name = path.file_name()?.to_string_lossy();
-    if path.join("meta.json").is_file() {
-        return ply::foreign_format(&[], "meta.json");
+fn is_arrays(path: &Path) -> bool {
+    let extension = path.extension().unwrap_or_default();
+    extension.eq_ignore_ascii_case("safetensors")
+}
+
+/// A scene of another form than arrays. View-dependent colours are refused where the blending has no place for them.
+pub fn read_scene(path: &Path, reading: StoredForm) -> Result<GaussianScene, GaussianFileError> {
+    let scene = sharp::gaussian_files::load(path, reading)?;
+    let is_lost = scene.is_view_dependent && reading.blending == ColorSpace::Linear;
+    if is_lost && reading.harmonics != Some(Harmonics::Drop) {
+        return Err(GaussianFileError::ViewDependent {
+            path: path.to_owned(),
+            coefficients: scene.color_coefficients,
+        });
     }
-    let mut start = [0; 4];
-    let mut file = std::fs::File::open(path).ok()?;
-    let read = io::Read::read(&mut file, &mut start).ok()?;
-    ply::foreign_format(&start[..read], &name)
+    Ok(scene)
+}
+
+/// Endings of files that hold Gaussians, in the order in which they are looked for.
+pub const EXTENSIONS: [&str; 6] = [
+    "ply",
+    "safetensors",
+    "compressed.ply",
+    "spz",
+    "sog",
+    "splat",
+];
+
+/// Whether a folder is an unpacked SOG.
+pub fn is_sog_folder(path: &Path) -> bool {
+    path.join("meta.json").is_file()
 }
 
 /// An f32 array of a safetensors file, little endian on every machine.

@@ -58,6 +58,13 @@ impl Axes {
         DMat3::from_cols(x, y, z)
     }
 
+    /// Signs of OpenCV's axes along these, where the two differ in nothing else and neither is mirrored.
+    pub fn flip(self) -> Option<[f32; 3]> {
+        let matrix = self.matrix();
+        let signs = [matrix.x_axis.x, matrix.y_axis.y, matrix.z_axis.z];
+        (signs.iter().product::<f64>() == 1.0).then(|| signs.map(|sign| sign as f32))
+    }
+
     fn name(self) -> String {
         match self {
             Self::OPENCV => "opencv".to_owned(),

@@ -3,6 +3,7 @@
 use std::iter;
 use std::path::{Path, PathBuf};
 
+use sharp::gaussian_files::foreign_format;
 use sharp::ply::StoredQuaternions;
 use sharp_datasets::files;
 
@@ -13,7 +14,7 @@ use super::method::{
 };
 use super::privilege::Privilege;
 use super::spec::{MethodSpec, SpecError};
-use crate::io::gaussian_files::{GaussianFile, foreign};
+use crate::io::gaussian_files::{EXTENSIONS, GaussianFile, is_sog_folder};
 use crate::io::{fingerprints, gaussian_files};
 use crate::pairs::pair_id::path_of;
 
@@ -23,8 +24,8 @@ pub const UNUSABLE: [(&str, &str); 2] = [
     ("zero_quaternions", "have a quaternion of zero"),
 ];
 
-/// Reads `DIR/<dataset>/<scene>/<source>.ply` or `.safetensors` (percent-encoded like pair ids), or with `space=world`
-/// where that is missing, `DIR/<dataset>/<scene>.ply`.
+/// Reads `DIR/<dataset>/<scene>/<source>.ply` or another of [`EXTENSIONS`] (percent-encoded like pair ids), or a folder of
+/// that name that holds an unpacked SOG, or with `space=world` where that is missing, `DIR/<dataset>/<scene>.ply`.
 ///
 /// Unless [`FileReading`]'s settings say otherwise the Gaussians lie in the source's camera space, metres, OpenCV axes: what
 /// `sharp predict` and `sharp-bench predict` write. Whatever camera a file stores is ignored; the dataset's poses and
@@ -38,6 +39,8 @@ pub struct GaussianFiles {
     privilege: Privilege,
     /// As given.
     reading: FileReading,
+    /// Whether `axes=` is among the settings: SPZ files need it.
+    has_axes: bool,
 }
 
 impl GaussianFiles {
@@ -55,6 +58,7 @@ impl GaussianFiles {
             dir: spec.folder()?,
             privilege: spec.privilege(Privilege::DepthScale)?,
             reading,
+            has_axes: spec.option("axes").is_some(),
         })
     }
 
@@ -66,20 +70,20 @@ impl GaussianFiles {
         let stems: Vec<&Path> = iter::once(path.as_path()).chain(scene).collect();
         let found = stems.iter().find_map(|stem| {
             let (folder, name) = (stem.parent()?, stem.file_name()?.to_string_lossy());
-            let found = files::of_stem(folder, &name, &["ply", "safetensors"]);
-            found.into_iter().next()
+            let found = files::of_stem(folder, &name, &EXTENSIONS).into_iter();
+            let unpacked = is_sog_folder(stem).then(|| stem.to_path_buf());
+            found.chain(unpacked).next()
         });
         found.ok_or_else(|| {
+            let looked = format!("no Gaussians (looked for {})", EXTENSIONS.join(", "));
             let others = stems.iter().flat_map(|stem| beside(stem));
-            let other = others
-                .filter_map(|name| Some((foreign(&name)?, name)))
-                .next();
-            let reason = match other {
-                None => "no Gaussians (looked for .ply and .safetensors)".to_owned(),
-                Some((format, name)) => format!(
-                    "no Gaussians (looked for .ply and .safetensors), but {} is there: {format}",
-                    name.file_name().unwrap_or_default().to_string_lossy()
-                ),
+            let other = others.filter_map(|path| {
+                let name = path.file_name()?.to_string_lossy().into_owned();
+                Some((foreign_format(&[], &name)?, name))
+            });
+            let reason = match other.into_iter().next() {
+                None => looked,
+                Some((format, name)) => format!("{looked}, but {name} is there: {format}"),
             };
             MethodError::file(&self.dir.join(source), reason)
         })
@@ -124,7 +128,16 @@ impl Method for GaussianFiles {
     fn input_files(&self, pair_id: &str) -> Result<Vec<PathBuf>, MethodError> {
         // Ids encode underscores that would form a second separator.
         let source = pair_id.split("__").next().unwrap_or(pair_id);
-        Ok(vec![self.find(source)?])
+        let found = self.find(source)?;
+        if !found.is_dir() {
+            return Ok(vec![found]);
+        }
+        let entries =
+            std::fs::read_dir(&found).map_err(|error| MethodError::file(&found, error))?;
+        let mut all: Vec<PathBuf> = entries.flatten().map(|entry| entry.path()).collect();
+        all.retain(|path| path.is_file());
+        all.sort();
+        Ok(all)
     }
 
     fn privilege(&self) -> Privilege {
@@ -146,6 +159,12 @@ impl PredictGaussians for GaussianFiles {
             doubts,
             ..
         } = scene.map_err(|error| MethodError::Model(error.to_string()))?;
+        if let Some(doubt) = doubts
+            .iter()
+            .find(|doubt| doubt.about == "axes" && !self.has_axes)
+        {
+            return Err(MethodError::file(&path, &doubt.text));
+        }
         let camera = source.camera();
         let placement = self.reading.placement;
         let finite: Vec<usize> = (0..gaussians.len())
@@ -174,6 +193,7 @@ impl PredictGaussians for GaussianFiles {
                 .into_iter()
                 // A turn about z is what the axes then say.
                 .filter(|d| d.about != StoredQuaternions::KEY || placement.axes == Axes::OPENCV)
+                .filter(|d| d.about != "axes")
                 .map(|doubt| {
                     let text = format!("{} ({})", doubt.text, camera.id);
                     (doubt.about.to_owned(), text)
