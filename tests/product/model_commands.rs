@@ -145,7 +145,8 @@ fn colours_that_a_file_does_not_explain_are_asked_for() {
         assert!(info.out.contains(words), "{}", info.out);
     }
     let convert = ["gaussians", "convert", "untagged.ply", "x.ply"];
-    run(dir.path(), &convert).is_error_with(&["color_space=linear", "color_space=srgb"]);
+    run(dir.path(), &[&convert[..], &["--to", "release"]].concat())
+        .is_error_with(&["color_space=linear", "color_space=srgb"]);
     run(
         dir.path(),
         &[&convert[..], &["--color-space", "srgb"]].concat(),

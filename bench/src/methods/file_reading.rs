@@ -1,10 +1,13 @@
 //! How a Gaussian file is read: the form of its numbers, and its space relative to the source's camera. Each part is a
 //! setting.
 
+use std::path::Path;
+
 use glam::{DAffine3, DMat3, DVec3};
 use sharp::camera::{Intrinsics, target_camera_from_source_ndc};
 use sharp::ply::StoredForm;
 
+use super::placement_file;
 use crate::pairs::PosedCamera;
 
 /// The coordinates that the means of a file are in.
@@ -80,6 +83,8 @@ pub struct Placement {
     pub axes: Axes,
     /// The file's unit, metres.
     pub scale: f64,
+    /// Map from the file's coordinates, in OpenCV's axes and metres, to its space.
+    pub transform: Option<DAffine3>,
     /// How far the source's camera sees everything moved right and down, pixels.
     pub shift: [f64; 2],
     /// The focal length with which its points were unprojected, as a multiple of the source's.
@@ -92,6 +97,7 @@ impl Default for Placement {
             space: FileSpace::Camera,
             axes: Axes::OPENCV,
             scale: 1.0,
+            transform: None,
             shift: [0.0; 2],
             focal: 1.0,
         }
@@ -107,7 +113,7 @@ pub struct FileReading {
 
 impl Placement {
     /// In the order of [`FileReading::PLACEMENT_KEYS`].
-    fn values(&self) -> [String; 5] {
+    fn values(&self) -> [String; 6] {
         let space = match self.space {
             FileSpace::Camera => "camera",
             FileSpace::World => "world",
@@ -118,6 +124,11 @@ impl Placement {
             space.to_owned(),
             self.axes.name(),
             self.scale.to_string(),
+            // Its numbers, by columns: a file may change, and is not there later.
+            self.transform.map_or_else(
+                || "none".to_owned(),
+                |map| map.to_cols_array().map(|v| v.to_string()).join(":"),
+            ),
             format!("{x}:{y}"),
             self.focal.to_string(),
         ]
@@ -138,13 +149,30 @@ impl Placement {
         // A pixel is a direction: it moves points in proportion to their depth.
         let shifted = DMat3::from_cols(DVec3::X, DVec3::Y, DVec3::new(x / fx, y / fy, 1.0));
         let widened = DMat3::from_diagonal(DVec3::new(self.focal, self.focal, 1.0));
-        DAffine3::from_mat3(shifted * widened) * camera_from_space * own
+        let space_from_file = self.transform.unwrap_or(DAffine3::IDENTITY) * own;
+        DAffine3::from_mat3(shifted * widened) * camera_from_space * space_from_file
+    }
+}
+
+/// `none`, the twelve numbers of a map by columns, or a file of it.
+fn transform(text: &str) -> Result<Option<DAffine3>, String> {
+    if text == "none" {
+        return Ok(None);
+    }
+    let numbers: Option<Vec<f64>> = text.split(':').map(|number| number.parse().ok()).collect();
+    let numbers = numbers.and_then(|numbers| <[f64; 12]>::try_from(numbers).ok());
+    match numbers {
+        None => placement_file::read(Path::new(text)).map(Some),
+        Some(numbers) => {
+            let map = DAffine3::from_cols_array(&numbers);
+            placement_file::check(&map).map(|()| Some(map))
+        }
     }
 }
 
 impl FileReading {
-    pub(super) const PLACEMENT_KEYS: [&'static str; 5] =
-        ["space", "axes", "scale", "shift", "focal"];
+    pub(super) const PLACEMENT_KEYS: [&'static str; 6] =
+        ["space", "axes", "scale", "transform", "shift", "focal"];
 
     /// For arrays in memory: decoded values in the source camera's space.
     pub fn of_arrays() -> Self {
@@ -167,7 +195,7 @@ impl FileReading {
         match key {
             "space" => {
                 placement.space = match value {
-                    "camera" => FileSpace::Camera,
+                    "camera" | "source" => FileSpace::Camera,
                     "world" => FileSpace::World,
                     "normalized" => FileSpace::Normalized,
                     _ => return Err(needed("camera, world or normalized")),
@@ -187,6 +215,9 @@ impl FileReading {
                 } else {
                     &mut placement.focal
                 }) = factor;
+            }
+            "transform" => {
+                placement.transform = transform(value).map_err(|e| format!("{key}={value}: {e}"))?
             }
             "shift" => {
                 let both = value.split_once([',', ':']);
@@ -246,6 +277,7 @@ mod tests {
             ("space", "world"),
             ("axes", "luf"),
             ("scale", "0.2"),
+            ("transform", "0:2:0:-2:0:0:0:0:2:1:2:3.5"),
             ("shift", "0.5,-0.5"),
             ("focal", "1.2"),
         ];
@@ -261,6 +293,7 @@ mod tests {
             ("opacity", "log", "logit or linear"),
             ("scale", "-1", "positive"),
             ("shift", "1", "X:Y"),
+            ("transform", "no.json", "no.json"),
             ("space", "moon", "camera, world or normalized"),
             ("axes", "rdd", "rdf"),
         ] {

@@ -1,5 +1,6 @@
 //! Gaussians that someone else's method predicted, one file per source view, rendered by us.
 
+use std::collections::BTreeSet;
 use std::iter;
 use std::path::{Path, PathBuf};
 
@@ -8,6 +9,7 @@ use sharp::ply::StoredQuaternions;
 use sharp_datasets::files;
 
 use super::file_reading::{Axes, FileReading, FileSpace};
+use super::file_template::{FileTemplate, suggestion};
 use super::method::{
     Approach, GaussianPrediction, GaussianSpace, Method, MethodError, MethodIdentity,
     PredictGaussians, SourceView,
@@ -25,7 +27,8 @@ pub const UNUSABLE: [(&str, &str); 2] = [
 ];
 
 /// Reads `DIR/<dataset>/<scene>/<source>.ply` or another of [`EXTENSIONS`] (percent-encoded like pair ids), or a folder of
-/// that name that holds an unpacked SOG, or with `space=world` where that is missing, `DIR/<dataset>/<scene>.ply`.
+/// that name that holds an unpacked SOG, or with `space=world` where that is missing, `DIR/<dataset>/<scene>.ply`. With
+/// `file=` it is the file that a template of `{dataset} {scene} {source}` names.
 ///
 /// Unless [`FileReading`]'s settings say otherwise the Gaussians lie in the source's camera space, metres, OpenCV axes: what
 /// `sharp predict` and `sharp-bench predict` write. Whatever camera a file stores is ignored; the dataset's poses and
@@ -39,6 +42,8 @@ pub struct GaussianFiles {
     privilege: Privilege,
     /// As given.
     reading: FileReading,
+    /// Where files lie, if not as by default.
+    file: Option<FileTemplate>,
     /// Whether `axes=` is among the settings: SPZ files need it.
     has_axes: bool,
 }
@@ -58,11 +63,25 @@ impl GaussianFiles {
             dir: spec.folder()?,
             privilege: spec.privilege(Privilege::DepthScale)?,
             reading,
+            file: spec
+                .option("file")
+                .map(FileTemplate::of_sources)
+                .transpose()
+                .map_err(|reason| spec.error(reason))?,
             has_axes: spec.option("axes").is_some(),
         })
     }
 
     fn find(&self, source: &str) -> Result<PathBuf, MethodError> {
+        if let Some(template) = &self.file {
+            let named = template.candidates(&self.dir, source);
+            let there = |path: &&PathBuf| path.is_file() || is_sog_folder(path);
+            let found = named.iter().find(there).cloned();
+            return found.ok_or_else(|| {
+                let path = named.first().unwrap_or(&self.dir);
+                MethodError::file(path, format!("no Gaussians (file={})", template.text()))
+            });
+        }
         let path = self.dir.join(path_of(source));
         let scene = path
             .parent()
@@ -118,6 +137,7 @@ impl Method for GaussianFiles {
         let given = self.reading.settings().into_iter();
         let given = given.map(|(key, value)| (key.to_owned(), value));
         identity.settings.extend(given);
+        // Where a file lies is no part of it: its bytes are hashed.
         identity
     }
 
@@ -138,6 +158,15 @@ impl Method for GaussianFiles {
         all.retain(|path| path.is_file());
         all.sort();
         Ok(all)
+    }
+
+    fn check_files(&self, pair_ids: &BTreeSet<String>) -> Result<(), String> {
+        let sources = pair_ids.iter().filter_map(|id| id.split("__").next());
+        let sources: BTreeSet<String> = sources.map(str::to_owned).collect();
+        if sources.iter().any(|source| self.find(source).is_ok()) {
+            return Ok(());
+        }
+        suggestion(&self.dir, &sources, &EXTENSIONS, FileTemplate::of_sources).map_or(Ok(()), Err)
     }
 
     fn privilege(&self) -> Privilege {

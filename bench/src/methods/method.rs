@@ -20,7 +20,7 @@
 //! }
 //! ```
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fmt;
 use std::path::{Path, PathBuf};
 
@@ -285,6 +285,14 @@ pub trait Method: Send + Sync {
     /// Files besides the two views that this pair's prediction depends on.
     fn input_files(&self, _pair_id: &str) -> Result<Vec<PathBuf>, MethodError> {
         Ok(Vec::new())
+    }
+
+    /// Looks for the files of some pairs, by id, before the first of them is predicted.
+    ///
+    /// # Errors
+    /// When none of them is where it is looked for, but some would be elsewhere; says where.
+    fn check_files(&self, _pair_ids: &BTreeSet<String>) -> Result<(), String> {
+        Ok(())
     }
 
     /// Called once before the first prediction of a run, with the folder for logs, which need not exist, and the one

@@ -54,7 +54,9 @@ pub fn from_bytes(
     match bytes {
         [b'N', b'G', b'S', b'P', ..] | [0x1f, 0x8b, ..] => spz::decode(bytes)?.scene(&given),
         [b'P', b'K', ..] if !name.ends_with(".npz") => sog::from_archive(bytes)?.scene(&given),
-        _ if name.ends_with(".splat") => splat::decode(bytes)?.scene(&given),
+        _ if name.ends_with(".splat") && !bytes.starts_with(b"ply") => {
+            splat::decode(bytes)?.scene(&given)
+        }
         _ => match ply::from_bytes(bytes, given) {
             Err(PlyReason::Table(TableError::NotPly)) => {
                 Err(foreign_format(bytes, &name).map_or(PlyReason::Unknown, PlyReason::Foreign))

@@ -102,6 +102,10 @@ pub(crate) fn execute(args: &GaussiansArgs) -> anyhow::Result<Outcome> {
                     output::remark(format!("warning: {}: {}", ply.display(), doubt.text));
                 }
             }
+            if reading.color_space.is_some() {
+                // Said so of SHARP's files, and stated in the result.
+                scene.marks.generator = Some(Generator::Sharp);
+            }
             if let Some(signs) = *axes {
                 scene.gaussians = scene.gaussians.flipped(signs);
             }
