@@ -93,6 +93,18 @@ const FEATURES: &[&str] = &[
 
 const READERS: &[&str] = &["image", "exr", "half", "flate2", "kamadak-exif", "moxcms"];
 
+/// Of pictures and of Gaussians.
+const FILE_READERS: &[&str] = &[
+    "image",
+    "exr",
+    "half",
+    "flate2",
+    "kamadak-exif",
+    "moxcms",
+    "ruzstd",
+    "zip",
+];
+
 /// All groups there are.
 pub(crate) const GROUPS: [SourceGroup; 13] = [
     group("READING", &[], &[READING], READERS),
@@ -132,14 +144,19 @@ pub(crate) const GROUPS: [SourceGroup; 13] = [
         &[
             "bench/src/methods/imported.rs",
             "bench/src/methods/file_reading.rs",
+            "bench/src/methods/file_template.rs",
+            "bench/src/methods/placement_file.rs",
             "bench/src/methods/gaussians.rs",
             "bench/src/methods/scale_sweep.rs",
             "bench/src/io/gaussian_files.rs",
+            "sharp/src/color.rs",
+            "sharp/src/gaussian_files",
+            "sharp/src/gaussians.rs",
             "sharp/src/ply",
             "sharp/checkpoint/src",
         ],
         &[PICTURES],
-        READERS,
+        FILE_READERS,
     ),
     group(
         "COMMAND",

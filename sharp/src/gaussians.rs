@@ -147,6 +147,33 @@ impl Gaussians {
             && self.harmonics.of(k).iter().flatten().all(|v| v.is_finite())
     }
 
+    /// The same scene in axes that point the other way where `signs` is −1; mirrored if their product is.
+    pub fn flipped(mut self, signs: [f32; 3]) -> Self {
+        let [x, y, z] = signs;
+        for mean in &mut self.means {
+            *mean = [0, 1, 2].map(|axis| mean[axis] * signs[axis]);
+        }
+        for quaternion in &mut self.quaternions {
+            let [qw, qx, qy, qz] = *quaternion;
+            *quaternion = [qw, qx * y * z, qy * x * z, qz * x * y];
+        }
+        // Each harmonic is odd or even in each axis. In the order of their numbers, from 1 on.
+        let parity = [
+            [y, z, x].as_slice(),
+            &[x * y, y * z, 1.0, x * z, 1.0],
+            &[y, x * y * z, y, z, x, z, x],
+            &[x * y, y * z, x * y, y * z, 1.0, x * z, 1.0, x * z, 1.0],
+        ]
+        .concat();
+        let each = self.harmonics.per_gaussian().max(1);
+        for row in self.harmonics.coefficients.chunks_mut(each) {
+            for (coefficient, sign) in row.iter_mut().zip(&parity) {
+                *coefficient = coefficient.map(|v| v * sign);
+            }
+        }
+        self
+    }
+
     /// Keeps the Gaussians for which `keep(k)` holds, in order.
     pub fn filtered(&self, mut keep: impl FnMut(usize) -> bool) -> Self {
         let kept: Vec<usize> = (0..self.len()).filter(|&k| keep(k)).collect();

@@ -12,6 +12,7 @@
 //! * [`color`]: sRGB ↔ linear light, 8-bit quantisation.
 //! * [`files`]: files that someone names, read so that reading ends.
 //! * `frustum_mask` (feature `render`): which pixels of a view another camera has in its field of view.
+//! * `gaussian_files` (feature `gaussian-files`): Gaussians in files of any format that is read.
 //! * `image_file` (feature `image-file`): the one decoder of photographs.
 //! * [`gaussians`]: the container that all stages share.
 //! * [`resize`]: the network's bilinear rule, nearest for depth.
@@ -29,6 +30,8 @@ pub mod composer;
 pub mod files;
 #[cfg(feature = "render")]
 pub mod frustum_mask;
+#[cfg(feature = "gaussian-files")]
+pub mod gaussian_files;
 pub mod gaussians;
 #[cfg(feature = "image-file")]
 pub mod image_file;

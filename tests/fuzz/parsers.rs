@@ -19,7 +19,7 @@ pub(crate) use catalogue::FILES as DATASET_FILES;
 pub(crate) struct Parser {
     pub name: &'static str,
     pub run: fn(&[u8]),
-    /// Files of `tests/fixtures/edge` with one of these ends are its seeds.
+    /// Files of `tests/fixtures/edge` and `gaussian_formats` with one of these ends are its seeds.
     pub seeds: &'static [&'static str],
 }
 
@@ -98,6 +98,11 @@ pub(crate) const PARSERS: &[Parser] = &[
         name: "gaussian_ply",
         run: gaussian_ply,
         seeds: &[],
+    },
+    Parser {
+        name: "gaussian_files",
+        run: gaussian_files,
+        seeds: &[".spz", ".sog", ".splat", ".compressed.ply"],
     },
     Parser {
         name: "checkpoint",
@@ -217,6 +222,15 @@ fn gaussian_ply(bytes: &[u8]) {
     let _ = sharp::ply::from_bytes(bytes, Some(sharp::ply::ColorSpace::Srgb));
 }
 
+/// Gaussians of any format; one has no mark but its name.
+fn gaussian_files(bytes: &[u8]) {
+    let form = sharp::ply::StoredForm {
+        blending: sharp::ply::ColorSpace::Srgb,
+        ..sharp::ply::StoredForm::default()
+    };
+    let _ = sharp::gaussian_files::from_bytes(bytes, "scene.splat", form);
+}
+
 /// For readers that want a file of a certain name.
 fn file_of(bytes: &[u8], extension: &str) -> tempfile::NamedTempFile {
     let file = tempfile::Builder::new().suffix(extension).tempfile();
@@ -252,7 +266,8 @@ fn prediction(bytes: &[u8]) {
 
 /// Gaussians as arrays.
 fn scene_arrays(bytes: &[u8]) {
-    let _ = sharp_bench::io::gaussian_files::read(file_of(bytes, ".safetensors").path(), None);
+    let _ =
+        sharp_bench::io::gaussian_files::read(file_of(bytes, ".safetensors").path(), None, None);
 }
 
 /// `.pt` of either age and `.safetensors`; the reader maps files, so there has to be one.

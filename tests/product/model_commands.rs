@@ -145,14 +145,15 @@ fn colours_that_a_file_does_not_explain_are_asked_for() {
         assert!(info.out.contains(words), "{}", info.out);
     }
     let convert = ["gaussians", "convert", "untagged.ply", "x.ply"];
-    run(dir.path(), &convert).is_error_with(&["color_space=linear", "color_space=srgb"]);
+    run(dir.path(), &[&convert[..], &["--to", "release"]].concat())
+        .is_error_with(&["color_space=linear", "color_space=srgb"]);
     run(
         dir.path(),
         &[&convert[..], &["--color-space", "srgb"]].concat(),
     )
     .ends_with(0);
     let colors = |name: &str| {
-        let scene = sharp::ply::load(&dir.path().join(name), None).unwrap();
+        let scene = sharp::gaussian_files::load(&dir.path().join(name), None).unwrap();
         scene.gaussians.colors.into_flattened()
     };
     for (back, before) in colors("x.ply").iter().zip(colors("plain.ply")) {

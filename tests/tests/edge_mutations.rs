@@ -122,7 +122,11 @@ fn feed(parser: &Parser, bytes: &[u8], what: &str) -> Result<(), Failed> {
 fn seeds(parser: &Parser) -> Vec<(PathBuf, Vec<u8>)> {
     let tests = Path::new(env!("CARGO_MANIFEST_DIR"));
     let mut files = Vec::new();
-    for entry in std::fs::read_dir(tests.join("fixtures/edge")).unwrap() {
+    let folders = ["fixtures/edge", "fixtures/gaussian_formats"].map(|folder| tests.join(folder));
+    let entries = folders
+        .iter()
+        .flat_map(|folder| std::fs::read_dir(folder).unwrap());
+    for entry in entries {
         let path = entry.unwrap().path();
         let name = path.file_name().unwrap().to_string_lossy().into_owned();
         if parser.seeds.iter().any(|end| name.ends_with(end)) {

@@ -171,7 +171,7 @@ fn unprojection_matches_the_recording() {
 fn reader_takes_the_official_file() {
     let golden = Golden::load();
     let path = golden_dir().join("tiny_golden.ply");
-    let scene = sharp::ply::load(&path, None).unwrap();
+    let scene = sharp::gaussian_files::load(&path, None).unwrap();
     golden.check("world.mean_vectors", scene.gaussians.means.as_flattened());
     golden.check("ndc.colors", scene.gaussians.colors.as_flattened());
     golden.check("ndc.opacities", &scene.gaussians.opacities);
@@ -190,7 +190,7 @@ fn reader_takes_the_official_file() {
 fn writer_repeats_the_official_file() {
     let path = golden_dir().join("tiny_golden.ply");
     let official = std::fs::read(&path).unwrap();
-    let scene = sharp::ply::load(&path, None).unwrap();
+    let scene = sharp::gaussian_files::load(&path, None).unwrap();
     let ours = sharp::ply::to_bytes(&scene, PlyForm::Release);
     assert_eq!(ours.len(), official.len());
     let header = header_length(&official);

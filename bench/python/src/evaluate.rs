@@ -110,7 +110,7 @@ impl Function {
 /// A picture, or Gaussians in the space of the source's camera.
 enum Answer {
     Picture(Picture),
-    Gaussians(sharp::gaussians::Gaussians),
+    Gaussians(Gaussians),
 }
 
 impl Method for Function {
@@ -149,7 +149,7 @@ impl PredictPicture for Function {
         };
         let answer = self.call(source, Some(camera), |answer| {
             match answer.cast::<Gaussians>() {
-                Ok(gaussians) => Ok(Answer::Gaussians(gaussians.get().core.clone())),
+                Ok(gaussians) => Ok(Answer::Gaussians(gaussians.get().clone())),
                 Err(_) => arrays::picture(answer).map(Answer::Picture),
             }
         })?;
@@ -174,10 +174,13 @@ impl PredictPicture for Function {
 
 impl PredictGaussians for Function {
     fn predict(&self, source: &SourceView) -> Result<GaussianPrediction, MethodError> {
-        let gaussians = self.call(source, None, |answer| {
-            Ok(answer.cast::<Gaussians>()?.get().core.clone())
+        let (gaussians, rule) = self.call(source, None, |answer| {
+            let gaussians = answer.cast::<Gaussians>()?.get();
+            Ok((gaussians.core.clone(), gaussians.rule))
         })?;
         Ok(GaussianPrediction {
+            rule,
+            notes: Vec::new(),
             gaussians,
             space: GaussianSpace::CAMERA,
             first_layer: None,

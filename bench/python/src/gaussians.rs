@@ -1,5 +1,6 @@
 //! Gaussians: made, rendered, predicted.
 
+use std::collections::BTreeMap;
 use std::path::PathBuf;
 
 use numpy::{AllowTypeChange, PyArray1, PyArray2, PyArray3, PyArrayLike1, PyArrayLike2};
@@ -7,12 +8,13 @@ use pyo3::prelude::*;
 use sharp::gaussians::Gaussians as Core;
 use sharp::model::preprocess::focal_px_from_35mm;
 use sharp::model::{Algorithm, DeviceChoice, ModelConfig, NetworkSpec, Predictor as Network};
-use sharp::ply::{self, GaussianScene, PlyForm};
-use sharp::render::{Backend, Background, RenderOutput, RenderView};
+use sharp::ply::{GaussianScene, PlyForm, StoredForm};
+use sharp::render::{Backend, Background, RenderOutput, Rule};
 use sharp::unprojection::{release_intrinsics, unproject};
 use sharp_bench::io::checkpoint::find_checkpoint;
+use sharp_bench::io::gaussian_files;
 use sharp_bench::io::pictures::to_rgb8;
-use sharp_bench::rendering::RenderSettings;
+use sharp_bench::rendering::{RenderSettings, SharedRenderer};
 use sharp_metrics::Picture;
 
 use crate::arrays;
@@ -20,10 +22,14 @@ use crate::errors::{failed, refused};
 use crate::views::Camera;
 
 /// 3D Gaussians, float32 arrays: means [N, 3] in metres, quaternions [N, 4] as w, x, y, z, scales [N, 3] (standard
-/// deviations, metres), opacities [N] in 0..1, colors [N, 3] in linear RGB.
-#[pyclass(frozen, module = "sharp_bench")]
+/// deviations, metres), opacities [N] in 0..1, colors [N, 3] in linear RGB, or as the rule of rendering of their file
+/// blends them.
+#[pyclass(frozen, module = "sharp_bench", skip_from_py_object)]
+#[derive(Clone)]
 pub(crate) struct Gaussians {
     pub(crate) core: Core,
+    /// How they are drawn, if not as SHARP's.
+    pub(crate) rule: Option<Rule>,
 }
 
 #[pymethods]
@@ -45,20 +51,43 @@ impl Gaussians {
         );
         Ok(Self {
             core: core.map_err(refused)?,
+            rule: None,
         })
     }
 
-    /// Reads a PLY file of this program, of SHARP's release or of 3D Gaussian Splatting.
+    /// Reads a PLY file of this program, of SHARP's release or of 3D Gaussian Splatting, a compressed PLY, SPZ, SOG,
+    /// .splat or safetensors. Keyword arguments say how numbers are read that are stored otherwise, as --read does
+    /// (color_space="srgb", opacity="linear", harmonics="drop", …), and rendering="inria" and the like how they are
+    /// drawn.
     #[staticmethod]
-    fn load(path: PathBuf) -> PyResult<Self> {
-        let scene = ply::load(&path, None).map_err(failed)?;
+    #[pyo3(signature = (path, **reading))]
+    fn load(path: PathBuf, reading: Option<BTreeMap<String, String>>) -> PyResult<Self> {
+        let mut form = StoredForm::default();
+        let mut rule = None;
+        for (key, value) in reading.into_iter().flatten() {
+            if key == "rendering" {
+                rule = Some(value.parse().map_err(refused)?);
+            } else if !form.set(&key, &value).map_err(refused)? {
+                let known = StoredForm::KEYS.join(", ");
+                return Err(refused(anyhow::anyhow!(
+                    "{key}: known are {known}, rendering"
+                )));
+            }
+        }
+        let file = gaussian_files::read(&path, form, rule).map_err(failed)?;
         Ok(Self {
-            core: scene.gaussians,
+            rule: (file.rule != Rule::SHARP).then_some(file.rule),
+            core: file.gaussians,
         })
     }
 
     /// Writes a PLY file as SHARP's release does; the camera's intrinsics go into it.
     fn save(&self, path: PathBuf, camera: &Camera) -> PyResult<()> {
+        if let Some(rule) = self.rule {
+            return Err(refused(anyhow::anyhow!(
+                "they are drawn by the rule {rule}, which SHARP's form cannot say; `gaussians convert` writes others"
+            )));
+        }
         let scene = GaussianScene::new(self.core.clone(), camera.intrinsics);
         scene.save(&path, PlyForm::Release).map_err(failed)
     }
@@ -148,14 +177,19 @@ impl Rendering {
 
 /// Renders as a run does.
 pub(crate) fn rendered(
-    gaussians: &Core,
+    gaussians: &Gaussians,
     camera: &Camera,
     settings: RenderSettings,
     backend: &Backend,
 ) -> Result<RenderOutput, sharp::render::RenderError> {
-    let view = RenderView::new(camera.camera_from_world.to_affine(), camera.intrinsics)
-        .with_low_pass(settings.eps2d);
-    backend.open()?.render(gaussians, &view)
+    let renderer = SharedRenderer::open(backend, settings)?;
+    let camera_from_world = camera.camera_from_world.to_affine();
+    renderer.render(
+        &gaussians.core,
+        camera_from_world,
+        camera.intrinsics,
+        gaussians.rule,
+    )
 }
 
 /// Renders Gaussians that lie in the world of a camera.
@@ -184,7 +218,7 @@ pub(crate) fn render(
         background,
         ..RenderSettings::default()
     };
-    let output = py.detach(|| rendered(&gaussians.core, camera, settings, &backend));
+    let output = py.detach(|| rendered(gaussians, camera, settings, &backend));
     Ok(Rendering {
         output: output.map_err(failed)?,
         background,
@@ -248,6 +282,7 @@ impl Predictor {
             .map_err(failed)?;
         Ok(Gaussians {
             core: unproject(&output.gaussians, &intrinsics),
+            rule: None,
         })
     }
 }

@@ -207,12 +207,23 @@ pub fn prepare(mut request: Request, observer: &dyn Observer) -> Result<Evaluati
         renderer: SharedRenderer::open(&request.backend, request.rendering)?,
         clock: monotonic,
     };
-    if evaluation.pairs()?.is_empty() {
+    let pairs = evaluation.pairs()?;
+    if pairs.is_empty() {
         let reason = match evaluation.list.pairs.len() {
             0 => "the pair list is empty".to_owned(),
             n => format!("none of the {n} in the list is selected"),
         };
         return Err(PairError::NoPair(reason).into());
+    }
+    let ids: BTreeSet<String> = pairs.iter().map(|p| p.pair.pair_id.clone()).collect();
+    drop(pairs);
+    for (method, spec) in evaluation.methods.iter().zip(&evaluation.specs) {
+        method.check_files(&ids).map_err(|reason| {
+            let spec = spec
+                .as_ref()
+                .map_or(method.label().to_owned(), MethodSpec::to_string);
+            SpecError::Refused { spec, reason }
+        })?;
     }
     Ok(evaluation)
 }

@@ -172,7 +172,9 @@ impl Evaluation {
     ) -> Result<(), RenderError> {
         let (source, target) = (planned.source.into(), PosedCamera::from(planned.target));
         let placed = placed(prediction.space, &source, &target);
-        let view = self.renderer.view(placed, target.intrinsics);
+        let view = self
+            .renderer
+            .view(placed, target.intrinsics, prediction.rule);
         let mut last: Option<RenderOutput> = None;
         for round in 0..warmup + options.repeat {
             let started = Instant::now();

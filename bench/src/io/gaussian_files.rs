@@ -1,4 +1,4 @@
-//! Scenes of Gaussians from files: PLY, or safetensors arrays.
+//! Scenes of Gaussians from files: of the field's formats, or safetensors arrays.
 
 use std::collections::HashMap;
 use std::io;
@@ -8,9 +8,13 @@ use glam::DAffine3;
 use safetensors::SafeTensorError;
 use safetensors::tensor::{Dtype, TensorView};
 use sharp::camera::{CameraError, Intrinsics, affine_from_row_major};
-use sharp::color::{linear_from_srgb, srgb_from_linear};
+use sharp::gaussian_files::MarkedRule;
 use sharp::gaussians::{Gaussians, Harmonics, LengthMismatch};
-use sharp::ply::{self, ColorSpace, PlyError, PlyReason, StoredColors, StoredForm, Suspicion};
+use sharp::ply::{
+    self, ColorSpace, GaussianScene, Generator, PlyError, PlyReason, StoredColors, StoredForm,
+    Suspicion,
+};
+use sharp::render::Rule;
 use sharp_checkpoint::{Checkpoint, CheckpointError};
 
 use super::atomic_files::{FileError, write_atomic};
@@ -21,6 +25,10 @@ pub struct GaussianFile {
     /// In the space of the file's producer.
     pub gaussians: Gaussians,
     pub camera: Option<(Intrinsics, DAffine3)>,
+    /// How they are drawn.
+    pub rule: Rule,
+    /// Why so, where nobody said it.
+    pub rule_note: Option<String>,
     /// How its numbers were read.
     pub reading: StoredForm,
     /// What contradicts that reading.
@@ -48,162 +56,203 @@ pub enum GaussianFileError {
     },
     #[error("{}: {source}", path.display())]
     Camera { path: PathBuf, source: CameraError },
-    #[error("{}: {}", path.display(), match foreign {
-        Some(foreign) => format!("not a .ply or .safetensors file but {foreign}"),
-        None => "a scene is a .ply or .safetensors file".to_owned(),
-    })]
-    Extension {
-        path: PathBuf,
-        /// Its format, and what converts it.
-        foreign: Option<String>,
-    },
     /// Values that a scene cannot have.
     #[error("{}: {source}", path.display())]
     Stored { path: PathBuf, source: PlyReason },
-    /// Only Gaussians of one colour from all sides are rendered.
+    /// Where colours are blended in linear light, they have to be equal from all sides.
     #[error(
         "{}: colours depend on the view ({coefficients} coefficients f_rest_*), which is not rendered; \
          `harmonics=drop` draws the constant term alone, or bake them into it for the source's view", path.display()
     )]
     ViewDependent { path: PathBuf, coefficients: usize },
-    #[error(
-        "{}: `sh` of degree {degree} belongs to encoded colours, which is not rendered in linear light: name the rule it \
-         is for, such as --rendering inria or gsplat-classic", path.display()
-    )]
-    EncodedHarmonics { path: PathBuf, degree: usize },
     #[error("{}: sh has shape {shape:?}, [N, (degree + 1)², 3] with a degree up to 4 is needed", path.display())]
     Harmonics { path: PathBuf, shape: Vec<usize> },
+    /// Nothing in the file tells by which rule it is drawn.
+    #[error(
+        "{}: it does not say how it is drawn, and renderers of Gaussians differ: say rendering=NAME, which is likely {likely} \
+         ({why}); a file of SHARP's, blended in linear light, needs color_space=", path.display()
+    )]
+    RuleUnknown {
+        path: PathBuf,
+        likely: Rule,
+        why: &'static str,
+    },
 }
 
-/// Reads `.ply` (with or without the release's extra elements) or `.safetensors` (`means` [N, 3], `quats_wxyz` [N, 4],
-/// `scales` `[N, 3]`, `opacities` `[N]`, `colors_linear` `[N, 3]`), whatever the case of the extension. `reading` is how
-/// numbers are read that are stored otherwise, and how a PLY's colours are encoded where it does not say.
+/// Reads `.safetensors` (`means` [N, 3], `quats_wxyz` [N, 4], `scales` `[N, 3]`, `opacities` `[N]`, and `colors_linear`
+/// `[N, 3]` or `sh` `[N, (degree + 1)², 3]`), whatever the case of the extension, or a file of another name by its content
+/// ([`sharp::gaussian_files`]). `reading` is how numbers are read that are stored otherwise, and how colours are encoded
+/// where the file does not say; its blending is the rule's. Without a `rule` it is the one that the file states, or
+/// SHARP's where the encoding of colours is known and nothing speaks for another.
 pub fn read(
     path: &Path,
     reading: impl Into<StoredForm>,
+    rule: Option<Rule>,
 ) -> Result<GaussianFile, GaussianFileError> {
-    read_blended(path, reading, ColorSpace::Linear)
-}
-
-/// As [`read`], with colours in the space in which they are blended. Encoded ones may depend on the view: `sh`
-/// [N, (degree + 1)², 3] takes the place of `colors_linear` in arrays.
-pub fn read_blended(
-    path: &Path,
-    reading: impl Into<StoredForm>,
-    blending: ColorSpace,
-) -> Result<GaussianFile, GaussianFileError> {
-    let reading = reading.into();
-    let extension = path.extension().unwrap_or_default().to_string_lossy();
-    match extension.to_ascii_lowercase().as_str() {
-        "ply" => {
-            let scene = ply::load(path, reading)?;
-            if scene.is_view_dependent && reading.harmonics != Some(ply::Harmonics::Drop) {
-                return Err(GaussianFileError::ViewDependent {
-                    path: path.to_owned(),
-                    coefficients: scene.color_coefficients,
-                });
-            }
-            let camera_from_world = match scene.extrinsics {
-                None => DAffine3::IDENTITY,
-                Some(m) => affine_from_row_major(&m.map(f64::from)).map_err(|source| {
-                    GaussianFileError::Camera {
-                        path: path.to_owned(),
-                        source,
-                    }
-                })?,
-            };
-            let mut gaussians = scene.gaussians;
-            convert(&mut gaussians, ColorSpace::Linear, blending);
-            Ok(GaussianFile {
-                camera: scene.intrinsics.map(|k| (k, camera_from_world)),
-                gaussians,
-                reading: scene.reading,
-                doubts: scene.doubts,
-            })
-        }
-        "safetensors" => {
-            let file = Checkpoint::open(path)?;
-            let sh = file
-                .shape("sh")
-                .is_ok()
-                .then(|| read_sh(&file))
-                .transpose()?;
-            let mut space = ColorSpace::Linear;
-            let mut format = reading.of_arrays();
-            let mut gaussians = match sh {
-                None => with_colors(&file, rows(&file, "colors_linear")?)?,
-                Some((constant, harmonics)) => {
-                    if blending == ColorSpace::Linear && harmonics.degree > 0 {
-                        return Err(GaussianFileError::EncodedHarmonics {
-                            path: path.to_owned(),
-                            degree: harmonics.degree,
-                        });
-                    }
-                    space = ColorSpace::Srgb;
-                    // Encoded values as they are.
-                    format.color_space = Some(ColorSpace::Linear);
-                    format.colors = Some(StoredColors::Dc);
-                    let mut gaussians = with_colors(&file, constant)?;
-                    gaussians.harmonics = harmonics;
-                    gaussians
-                }
-            };
-            let lengths = |source| GaussianFileError::Lengths {
-                path: path.to_owned(),
-                source,
-            };
-            gaussians.check_lengths().map_err(lengths)?;
-            let stored = |source| GaussianFileError::Stored {
-                path: path.to_owned(),
-                source,
-            };
-            let doubts = ply::suspicions(&gaussians, &reading, &format);
-            ply::check_stored(&gaussians, &format).map_err(stored)?;
-            format.decode(&mut gaussians);
-            if let Some(value) = ply::enormous_scale(&gaussians) {
-                return Err(stored(PlyReason::Impossible {
-                    what: "a standard deviation",
-                    value,
-                    advice: "that is wider than any scene; `scales=log` reads logarithms",
-                }));
-            }
-            convert(&mut gaussians, space, blending);
-            Ok(GaussianFile {
-                gaussians,
-                camera: None,
-                reading: format,
-                doubts,
-            })
-        }
-        _ => Err(GaussianFileError::Extension {
-            foreign: foreign(path),
-            path: path.to_owned(),
-        }),
+    let mut reading = reading.into();
+    let extension = path.extension().unwrap_or_default();
+    if extension.eq_ignore_ascii_case("safetensors") {
+        return read_arrays_as(path, reading, rule);
     }
-}
-
-/// Converts colours that do not depend on the view.
-fn convert(gaussians: &mut Gaussians, from: ColorSpace, to: ColorSpace) {
-    let convert = match (from, to) {
-        (ColorSpace::Linear, ColorSpace::Srgb) => srgb_from_linear,
-        (ColorSpace::Srgb, ColorSpace::Linear) => linear_from_srgb,
-        _ => return,
+    let (scene, rule, rule_note) = match rule {
+        Some(rule) => {
+            reading.blending = rule.blending;
+            (read_scene(path, reading)?, rule, None)
+        }
+        None => read_as_marked(path, reading)?,
     };
-    for color in &mut gaussians.colors {
-        *color = color.map(convert);
+    let camera_from_world = match scene.extrinsics {
+        None => DAffine3::IDENTITY,
+        Some(m) => affine_from_row_major(&m.map(f64::from)).map_err(|source| {
+            GaussianFileError::Camera {
+                path: path.to_owned(),
+                source,
+            }
+        })?,
+    };
+    Ok(GaussianFile {
+        camera: scene.intrinsics.map(|k| (k, camera_from_world)),
+        gaussians: scene.gaussians,
+        rule,
+        rule_note,
+        reading: scene.reading,
+        doubts: scene.doubts,
+    })
+}
+
+/// Reads a scene for the rule that the file states, or for SHARP's; says which and why.
+fn read_as_marked(
+    path: &Path,
+    reading: StoredForm,
+) -> Result<(GaussianScene, Rule, Option<String>), GaussianFileError> {
+    let encoded = StoredForm {
+        blending: ColorSpace::Srgb,
+        ..reading
+    };
+    let ignores_marks = reading.marks == Some(ply::Marks::Ignore);
+    let marked = |scene: &GaussianScene| MarkedRule::of(&scene.marks);
+    match read_scene(path, reading) {
+        Ok(scene) if ignores_marks || scene.marks.generator == Some(Generator::Sharp) => {
+            Ok((scene, Rule::SHARP, None))
+        }
+        Ok(scene) if !marked(&scene).is_stated => {
+            let note = format!(
+                "blended in linear light, as SHARP does; a file that 3D Gaussian Splatting trained needs rendering=, likely {}",
+                marked(&scene).rule
+            );
+            Ok((scene, Rule::SHARP, Some(note)))
+        }
+        Err(error) if ignores_marks => Err(error),
+        // It states another rule, or its colours have no place in linear light.
+        linear => match read_scene(path, encoded) {
+            Ok(scene) => {
+                let MarkedRule {
+                    rule,
+                    is_stated,
+                    why,
+                } = marked(&scene);
+                if !is_stated {
+                    return Err(GaussianFileError::RuleUnknown {
+                        path: path.to_owned(),
+                        likely: rule,
+                        why,
+                    });
+                }
+                let note = format!("drawn by the rule {rule} ({why}); rendering= names another");
+                Ok((scene, rule, Some(note)))
+            }
+            // The first error is that of the reading that was asked for.
+            Err(error) => Err(linear.err().unwrap_or(error)),
+        },
     }
 }
 
-/// Names a format of Gaussians that is not read, with what converts it.
-pub fn foreign(path: &Path) -> Option<String> {
-    let name = path.file_name()?.to_string_lossy();
-    if path.join("meta.json").is_file() {
-        return ply::foreign_format(&[], "meta.json");
+fn read_arrays_as(
+    path: &Path,
+    reading: StoredForm,
+    rule: Option<Rule>,
+) -> Result<GaussianFile, GaussianFileError> {
+    let file = Checkpoint::open(path)?;
+    let mut format = reading.of_arrays();
+    let (gaussians, rule) = if file.shape("sh").is_ok() {
+        let rule = rule.ok_or_else(|| GaussianFileError::RuleUnknown {
+            path: path.to_owned(),
+            likely: Rule::GSPLAT_CLASSIC,
+            why: "arrays with sh",
+        })?;
+        let (constant, harmonics) = read_sh(&file)?;
+        if rule.blending == ColorSpace::Linear && harmonics.degree > 0 {
+            return Err(GaussianFileError::ViewDependent {
+                path: path.to_owned(),
+                coefficients: 3 * harmonics.per_gaussian(),
+            });
+        }
+        format.color_space = Some(ColorSpace::Srgb);
+        format.colors = Some(StoredColors::Dc);
+        let mut gaussians = with_colors(&file, constant)?;
+        gaussians.harmonics = harmonics;
+        (gaussians, rule)
+    } else {
+        let gaussians = with_colors(&file, rows(&file, "colors_linear")?)?;
+        (gaussians, rule.unwrap_or_default())
+    };
+    format.blending = rule.blending;
+    let lengths = |source| GaussianFileError::Lengths {
+        path: path.to_owned(),
+        source,
+    };
+    gaussians.check_lengths().map_err(lengths)?;
+    let stored = |source| GaussianFileError::Stored {
+        path: path.to_owned(),
+        source,
+    };
+    let mut gaussians = gaussians;
+    let doubts = ply::suspicions(&gaussians, &reading, &format);
+    ply::check_stored(&gaussians, &format).map_err(stored)?;
+    format.decode(&mut gaussians);
+    if let Some(value) = ply::enormous_scale(&gaussians) {
+        return Err(stored(PlyReason::Impossible {
+            what: "a standard deviation",
+            value,
+            advice: "that is wider than any scene; `scales=log` reads logarithms",
+        }));
     }
-    let mut start = [0; 4];
-    let mut file = std::fs::File::open(path).ok()?;
-    let read = io::Read::read(&mut file, &mut start).ok()?;
-    ply::foreign_format(&start[..read], &name)
+    Ok(GaussianFile {
+        gaussians,
+        camera: None,
+        rule,
+        rule_note: None,
+        reading: format,
+        doubts,
+    })
+}
+
+/// A scene of another form than arrays. View-dependent colours are refused where the blending has no place for them.
+fn read_scene(path: &Path, reading: StoredForm) -> Result<GaussianScene, GaussianFileError> {
+    let scene = sharp::gaussian_files::load(path, reading)?;
+    let is_lost = scene.is_view_dependent && reading.blending == ColorSpace::Linear;
+    if is_lost && reading.harmonics != Some(ply::Harmonics::Drop) {
+        return Err(GaussianFileError::ViewDependent {
+            path: path.to_owned(),
+            coefficients: scene.color_coefficients,
+        });
+    }
+    Ok(scene)
+}
+
+/// Endings of files that hold Gaussians, in the order in which they are looked for.
+pub const EXTENSIONS: [&str; 6] = [
+    "ply",
+    "safetensors",
+    "compressed.ply",
+    "spz",
+    "sog",
+    "splat",
+];
+
+/// Whether a folder is an unpacked SOG.
+pub fn is_sog_folder(path: &Path) -> bool {
+    path.join("meta.json").is_file()
 }
 
 /// An f32 array of a safetensors file, little endian on every machine.
@@ -241,8 +290,7 @@ pub(crate) fn write_arrays(
 
 pub fn read_arrays(path: &Path) -> Result<Gaussians, GaussianFileError> {
     let file = Checkpoint::open(path)?;
-    let colors = rows(&file, "colors_linear")?;
-    with_colors(&file, colors)
+    with_colors(&file, rows(&file, "colors_linear")?)
 }
 
 fn with_colors(file: &Checkpoint, colors: Vec<[f32; 3]>) -> Result<Gaussians, GaussianFileError> {
@@ -301,4 +349,113 @@ fn rows<const K: usize>(
     }
     let values = file.tensor_f32(name)?;
     Ok(values.as_chunks::<K>().0.to_vec())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// One Gaussian with these comments and further properties, all of these 0.25.
+    fn ply(comments: &[&str], properties: &[&str]) -> String {
+        let mut text = "ply\nformat ascii 1.0\n".to_owned();
+        for comment in comments {
+            text += &format!("comment {comment}\n");
+        }
+        text += "element vertex 1\n";
+        let own = [
+            "x", "y", "z", "f_dc_0", "f_dc_1", "f_dc_2", "opacity", "scale_0", "scale_1",
+            "scale_2", "rot_0", "rot_1", "rot_2", "rot_3",
+        ];
+        for name in own.iter().chain(properties) {
+            text += &format!("property float {name}\n");
+        }
+        let more = " 0.25".repeat(properties.len());
+        text + "end_header\n0 0 2 0.1 0.2 0.3 1 -3 -3 -3 1 0 0 0" + &more + "\n"
+    }
+
+    fn read_text(text: &str, settings: &[(&str, &str)]) -> Result<GaussianFile, String> {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("scene.ply");
+        std::fs::write(&path, text).unwrap();
+        let (mut reading, mut rule) = (StoredForm::default(), None);
+        for (key, value) in settings {
+            match *key {
+                "rendering" => rule = Some(value.parse().unwrap()),
+                _ => assert!(reading.set(key, value).unwrap()),
+            }
+        }
+        read(&path, reading, rule).map_err(|error| error.to_string())
+    }
+
+    const NORMALS: [&str; 3] = ["nx", "ny", "nz"];
+
+    fn harmonics() -> Vec<String> {
+        (0..9).map(|k| format!("f_rest_{k}")).collect()
+    }
+
+    #[test]
+    fn a_file_that_says_how_it_is_drawn_is_drawn_so() {
+        let cases = [
+            (vec!["Exported from Brush"], vec![], "gsplat-1.5.3-classic"),
+            (
+                vec!["Exported from Brush", "SplatRenderMode: mip"],
+                vec![],
+                "brush-mip",
+            ),
+            (vec!["SplatRenderMode: mip"], vec![], "gsplat-antialiased"),
+            (vec!["antialiased 0"], vec![], "gsplat-classic"),
+            (vec![], vec!["filter_3D"], "mip-splatting"),
+        ];
+        for (comments, properties, rule) in cases {
+            let file = read_text(&ply(&comments, &properties), &[]).unwrap();
+            assert_eq!(file.rule.to_string(), rule);
+            assert!(file.rule_note.unwrap().contains(rule));
+            assert_eq!(file.reading.blending, ColorSpace::Srgb);
+        }
+    }
+
+    #[test]
+    fn one_that_does_not_is_refused_with_the_likely_rule() {
+        let rest = harmonics();
+        let rest: Vec<&str> = rest.iter().map(String::as_str).collect();
+        for (comments, properties, likely) in [
+            (vec![], NORMALS.to_vec(), "inria-general"),
+            (vec![], vec![], "gsplat-classic"),
+            (vec![], rest.clone(), "gsplat-classic"),
+            (
+                vec!["Generated by Nerstudio 1.1.5"],
+                rest.clone(),
+                "gsplat-classic",
+            ),
+        ] {
+            let text = ply(&comments, &properties);
+            let error = read_text(&text, &[]).unwrap_err();
+            assert!(error.contains("rendering=NAME"), "{error}");
+            assert!(error.contains(&format!("likely {likely}")), "{error}");
+            let named = read_text(&text, &[("rendering", likely)]).unwrap();
+            assert_eq!(named.rule.to_string(), likely);
+            assert_eq!(named.rule_note, None);
+            let degree = usize::from(properties == rest);
+            assert_eq!(named.gaussians.harmonics.degree, degree);
+        }
+    }
+
+    /// Encoded values are ½ + 0.28209479 · f_dc; in linear light they are decoded.
+    #[test]
+    fn an_encoding_alone_keeps_linear_light_and_says_so() {
+        let text = ply(&[], &NORMALS);
+        let linear = read_text(&text, &[("color_space", "srgb")]).unwrap();
+        assert_eq!(linear.rule, Rule::SHARP);
+        assert!(linear.rule_note.unwrap().contains("likely inria-general"));
+        let encoded = read_text(&text, &[("rendering", "inria")]).unwrap();
+        let own = 0.5 + 0.282_094_8 * 0.1;
+        assert!((encoded.gaussians.colors[0][0] - own).abs() < 1e-6);
+        let decoded = sharp::color::linear_from_srgb(own);
+        assert!((linear.gaussians.colors[0][0] - decoded).abs() < 1e-6);
+        let ignored = read_text(
+            &ply(&["SplatRenderMode: mip"], &[]),
+            &[("color_space", "srgb"), ("marks", "ignore")],
+        );
+        assert_eq!(ignored.unwrap().rule, Rule::SHARP);
+    }
 }

@@ -119,6 +119,8 @@ impl PredictGaussians for DepthSplat {
         let gaussians =
             compose(&base, None).map_err(|error| MethodError::unsuitable(view, error))?;
         Ok(GaussianPrediction {
+            rule: None,
+            notes: Vec::new(),
             gaussians,
             space: GaussianSpace::Normalized,
             first_layer: None,

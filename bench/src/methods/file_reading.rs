@@ -1,10 +1,14 @@
 //! How a Gaussian file is read: the form of its numbers, and its space relative to the source's camera. Each part is a
 //! setting.
 
+use std::path::Path;
+
 use glam::{DAffine3, DMat3, DVec3};
 use sharp::camera::{Intrinsics, target_camera_from_source_ndc};
 use sharp::ply::StoredForm;
+use sharp::render::Rule;
 
+use super::placement_file;
 use crate::pairs::PosedCamera;
 
 /// The coordinates that the means of a file are in.
@@ -58,6 +62,13 @@ impl Axes {
         DMat3::from_cols(x, y, z)
     }
 
+    /// Signs of OpenCV's axes along these, where the two differ in nothing else and neither is mirrored.
+    pub fn flip(self) -> Option<[f32; 3]> {
+        let matrix = self.matrix();
+        let signs = [matrix.x_axis.x, matrix.y_axis.y, matrix.z_axis.z];
+        (signs.iter().product::<f64>() == 1.0).then(|| signs.map(|sign| sign as f32))
+    }
+
     fn name(self) -> String {
         match self {
             Self::OPENCV => "opencv".to_owned(),
@@ -73,6 +84,8 @@ pub struct Placement {
     pub axes: Axes,
     /// The file's unit, metres.
     pub scale: f64,
+    /// Map from the file's coordinates, in OpenCV's axes and metres, to its space.
+    pub transform: Option<DAffine3>,
     /// How far the source's camera sees everything moved right and down, pixels.
     pub shift: [f64; 2],
     /// The focal length with which its points were unprojected, as a multiple of the source's.
@@ -85,6 +98,7 @@ impl Default for Placement {
             space: FileSpace::Camera,
             axes: Axes::OPENCV,
             scale: 1.0,
+            transform: None,
             shift: [0.0; 2],
             focal: 1.0,
         }
@@ -96,11 +110,13 @@ impl Default for Placement {
 pub struct FileReading {
     pub stored: StoredForm,
     pub placement: Placement,
+    /// How the Gaussians are drawn; `None` is what the file states, or as SHARP's.
+    pub rule: Option<Rule>,
 }
 
 impl Placement {
     /// In the order of [`FileReading::PLACEMENT_KEYS`].
-    fn values(&self) -> [String; 5] {
+    fn values(&self) -> [String; 6] {
         let space = match self.space {
             FileSpace::Camera => "camera",
             FileSpace::World => "world",
@@ -111,6 +127,11 @@ impl Placement {
             space.to_owned(),
             self.axes.name(),
             self.scale.to_string(),
+            // Its numbers, by columns: a file may change, and is not there later.
+            self.transform.map_or_else(
+                || "none".to_owned(),
+                |map| map.to_cols_array().map(|v| v.to_string()).join(":"),
+            ),
             format!("{x}:{y}"),
             self.focal.to_string(),
         ]
@@ -131,25 +152,45 @@ impl Placement {
         // A pixel is a direction: it moves points in proportion to their depth.
         let shifted = DMat3::from_cols(DVec3::X, DVec3::Y, DVec3::new(x / fx, y / fy, 1.0));
         let widened = DMat3::from_diagonal(DVec3::new(self.focal, self.focal, 1.0));
-        DAffine3::from_mat3(shifted * widened) * camera_from_space * own
+        let space_from_file = self.transform.unwrap_or(DAffine3::IDENTITY) * own;
+        DAffine3::from_mat3(shifted * widened) * camera_from_space * space_from_file
+    }
+}
+
+/// `none`, the twelve numbers of a map by columns, or a file of it.
+fn transform(text: &str) -> Result<Option<DAffine3>, String> {
+    if text == "none" {
+        return Ok(None);
+    }
+    let numbers: Option<Vec<f64>> = text.split(':').map(|number| number.parse().ok()).collect();
+    let numbers = numbers.and_then(|numbers| <[f64; 12]>::try_from(numbers).ok());
+    match numbers {
+        None => placement_file::read(Path::new(text)).map(Some),
+        Some(numbers) => {
+            let map = DAffine3::from_cols_array(&numbers);
+            placement_file::check(&map).map(|()| Some(map))
+        }
     }
 }
 
 impl FileReading {
-    pub(super) const PLACEMENT_KEYS: [&'static str; 5] =
-        ["space", "axes", "scale", "shift", "focal"];
+    pub(super) const PLACEMENT_KEYS: [&'static str; 6] =
+        ["space", "axes", "scale", "transform", "shift", "focal"];
+
+    pub(super) const RULE_KEY: &'static str = "rendering";
 
     /// For arrays in memory: decoded values in the source camera's space.
     pub fn of_arrays() -> Self {
         Self {
             stored: StoredForm::default().of_arrays(),
-            placement: Placement::default(),
+            ..Self::default()
         }
     }
 
     /// Names of all settings.
     pub fn keys() -> impl Iterator<Item = &'static str> {
-        StoredForm::KEYS.into_iter().chain(Self::PLACEMENT_KEYS)
+        let keys = StoredForm::KEYS.into_iter().chain(Self::PLACEMENT_KEYS);
+        keys.chain([Self::RULE_KEY])
     }
 
     /// Sets one of [`Self::keys`] and ignores other keys. The error lists the allowed values.
@@ -160,7 +201,7 @@ impl FileReading {
         match key {
             "space" => {
                 placement.space = match value {
-                    "camera" => FileSpace::Camera,
+                    "camera" | "source" => FileSpace::Camera,
                     "world" => FileSpace::World,
                     "normalized" => FileSpace::Normalized,
                     _ => return Err(needed("camera, world or normalized")),
@@ -181,10 +222,16 @@ impl FileReading {
                     &mut placement.focal
                 }) = factor;
             }
+            "transform" => {
+                placement.transform = transform(value).map_err(|e| format!("{key}={value}: {e}"))?
+            }
             "shift" => {
                 let both = value.split_once([',', ':']);
                 let both = both.and_then(|(x, y)| Some([number(x.trim())?, number(y.trim())?]));
                 placement.shift = both.ok_or_else(|| needed("X:Y in pixels"))?;
+            }
+            Self::RULE_KEY => {
+                self.rule = Some(value.parse().map_err(|e| format!("{key}={value}: {e}"))?);
             }
             _ => {
                 self.stored.set(key, value).map_err(|e| e.to_string())?;
@@ -208,7 +255,9 @@ impl FileReading {
         let placed = placed.zip(other.placement.values());
         let placed = Self::PLACEMENT_KEYS.into_iter().zip(placed);
         let placed = placed.filter_map(|(key, (own, other))| (own != other).then_some((key, own)));
-        stored.chain(placed).collect()
+        let rule = self.rule.filter(|rule| other.rule != Some(*rule));
+        let rule = rule.map(|rule| (Self::RULE_KEY, rule.to_string()));
+        stored.chain(placed).chain(rule).collect()
     }
 }
 
@@ -239,8 +288,10 @@ mod tests {
             ("space", "world"),
             ("axes", "luf"),
             ("scale", "0.2"),
+            ("transform", "0:2:0:-2:0:0:0:0:2:1:2:3.5"),
             ("shift", "0.5,-0.5"),
             ("focal", "1.2"),
+            ("rendering", "inria,near=0.01"),
         ];
         for (key, value) in given {
             reading.set(key, value).unwrap();
@@ -254,8 +305,10 @@ mod tests {
             ("opacity", "log", "logit or linear"),
             ("scale", "-1", "positive"),
             ("shift", "1", "X:Y"),
+            ("transform", "no.json", "no.json"),
             ("space", "moon", "camera, world or normalized"),
             ("axes", "rdd", "rdf"),
+            ("rendering", "graphdeco", "inria-general"),
         ] {
             let error = reading.set(key, value).unwrap_err();
             assert!(error.contains(part), "{error}");

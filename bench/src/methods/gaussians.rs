@@ -1,19 +1,23 @@
 //! Gaussians that someone else's method predicted, one file per source view, rendered by us.
 
+use std::collections::BTreeSet;
 use std::iter;
 use std::path::{Path, PathBuf};
 
+use sharp::gaussian_files::foreign_format;
 use sharp::ply::StoredQuaternions;
+use sharp::render::Rule;
 use sharp_datasets::files;
 
 use super::file_reading::{Axes, FileReading, FileSpace};
+use super::file_template::{FileTemplate, suggestion};
 use super::method::{
     Approach, GaussianPrediction, GaussianSpace, Method, MethodError, MethodIdentity,
     PredictGaussians, SourceView,
 };
 use super::privilege::Privilege;
 use super::spec::{MethodSpec, SpecError};
-use crate::io::gaussian_files::{GaussianFile, foreign};
+use crate::io::gaussian_files::{EXTENSIONS, GaussianFile, is_sog_folder};
 use crate::io::{fingerprints, gaussian_files};
 use crate::pairs::pair_id::path_of;
 
@@ -23,8 +27,9 @@ pub const UNUSABLE: [(&str, &str); 2] = [
     ("zero_quaternions", "have a quaternion of zero"),
 ];
 
-/// Reads `DIR/<dataset>/<scene>/<source>.ply` or `.safetensors` (percent-encoded like pair ids), or with `space=world`
-/// where that is missing, `DIR/<dataset>/<scene>.ply`.
+/// Reads `DIR/<dataset>/<scene>/<source>.ply` or another of [`EXTENSIONS`] (percent-encoded like pair ids), or a folder of
+/// that name that holds an unpacked SOG, or with `space=world` where that is missing, `DIR/<dataset>/<scene>.ply`. With
+/// `file=` it is the file that a template of `{dataset} {scene} {source}` names.
 ///
 /// Unless [`FileReading`]'s settings say otherwise the Gaussians lie in the source's camera space, metres, OpenCV axes: what
 /// `sharp predict` and `sharp-bench predict` write. Whatever camera a file stores is ignored; the dataset's poses and
@@ -38,6 +43,10 @@ pub struct GaussianFiles {
     privilege: Privilege,
     /// As given.
     reading: FileReading,
+    /// Where files lie, if not as by default.
+    file: Option<FileTemplate>,
+    /// Whether `axes=` is among the settings: SPZ files need it.
+    has_axes: bool,
 }
 
 impl GaussianFiles {
@@ -55,10 +64,25 @@ impl GaussianFiles {
             dir: spec.folder()?,
             privilege: spec.privilege(Privilege::DepthScale)?,
             reading,
+            file: spec
+                .option("file")
+                .map(FileTemplate::of_sources)
+                .transpose()
+                .map_err(|reason| spec.error(reason))?,
+            has_axes: spec.option("axes").is_some(),
         })
     }
 
     fn find(&self, source: &str) -> Result<PathBuf, MethodError> {
+        if let Some(template) = &self.file {
+            let named = template.candidates(&self.dir, source);
+            let there = |path: &&PathBuf| path.is_file() || is_sog_folder(path);
+            let found = named.iter().find(there).cloned();
+            return found.ok_or_else(|| {
+                let path = named.first().unwrap_or(&self.dir);
+                MethodError::file(path, format!("no Gaussians (file={})", template.text()))
+            });
+        }
         let path = self.dir.join(path_of(source));
         let scene = path
             .parent()
@@ -66,20 +90,20 @@ impl GaussianFiles {
         let stems: Vec<&Path> = iter::once(path.as_path()).chain(scene).collect();
         let found = stems.iter().find_map(|stem| {
             let (folder, name) = (stem.parent()?, stem.file_name()?.to_string_lossy());
-            let found = files::of_stem(folder, &name, &["ply", "safetensors"]);
-            found.into_iter().next()
+            let found = files::of_stem(folder, &name, &EXTENSIONS).into_iter();
+            let unpacked = is_sog_folder(stem).then(|| stem.to_path_buf());
+            found.chain(unpacked).next()
         });
         found.ok_or_else(|| {
+            let looked = format!("no Gaussians (looked for {})", EXTENSIONS.join(", "));
             let others = stems.iter().flat_map(|stem| beside(stem));
-            let other = others
-                .filter_map(|name| Some((foreign(&name)?, name)))
-                .next();
-            let reason = match other {
-                None => "no Gaussians (looked for .ply and .safetensors)".to_owned(),
-                Some((format, name)) => format!(
-                    "no Gaussians (looked for .ply and .safetensors), but {} is there: {format}",
-                    name.file_name().unwrap_or_default().to_string_lossy()
-                ),
+            let other = others.filter_map(|path| {
+                let name = path.file_name()?.to_string_lossy().into_owned();
+                Some((foreign_format(&[], &name)?, name))
+            });
+            let reason = match other.into_iter().next() {
+                None => looked,
+                Some((format, name)) => format!("{looked}, but {name} is there: {format}"),
             };
             MethodError::file(&self.dir.join(source), reason)
         })
@@ -114,6 +138,7 @@ impl Method for GaussianFiles {
         let given = self.reading.settings().into_iter();
         let given = given.map(|(key, value)| (key.to_owned(), value));
         identity.settings.extend(given);
+        // Where a file lies is no part of it: its bytes are hashed.
         identity
     }
 
@@ -124,7 +149,25 @@ impl Method for GaussianFiles {
     fn input_files(&self, pair_id: &str) -> Result<Vec<PathBuf>, MethodError> {
         // Ids encode underscores that would form a second separator.
         let source = pair_id.split("__").next().unwrap_or(pair_id);
-        Ok(vec![self.find(source)?])
+        let found = self.find(source)?;
+        if !found.is_dir() {
+            return Ok(vec![found]);
+        }
+        let entries =
+            std::fs::read_dir(&found).map_err(|error| MethodError::file(&found, error))?;
+        let mut all: Vec<PathBuf> = entries.flatten().map(|entry| entry.path()).collect();
+        all.retain(|path| path.is_file());
+        all.sort();
+        Ok(all)
+    }
+
+    fn check_files(&self, pair_ids: &BTreeSet<String>) -> Result<(), String> {
+        let sources = pair_ids.iter().filter_map(|id| id.split("__").next());
+        let sources: BTreeSet<String> = sources.map(str::to_owned).collect();
+        if sources.iter().any(|source| self.find(source).is_ok()) {
+            return Ok(());
+        }
+        suggestion(&self.dir, &sources, &EXTENSIONS, FileTemplate::of_sources).map_or(Ok(()), Err)
     }
 
     fn privilege(&self) -> Privilege {
@@ -139,13 +182,21 @@ impl Method for GaussianFiles {
 impl PredictGaussians for GaussianFiles {
     fn predict(&self, source: &SourceView) -> Result<GaussianPrediction, MethodError> {
         let path = self.find(source.name())?;
-        let scene = gaussian_files::read(&path, self.reading.stored);
+        let scene = gaussian_files::read(&path, self.reading.stored, self.reading.rule);
         let GaussianFile {
             gaussians,
+            rule,
+            rule_note,
             reading: stored,
             doubts,
             ..
         } = scene.map_err(|error| MethodError::Model(error.to_string()))?;
+        if let Some(doubt) = doubts
+            .iter()
+            .find(|doubt| doubt.about == "axes" && !self.has_axes)
+        {
+            return Err(MethodError::file(&path, &doubt.text));
+        }
         let camera = source.camera();
         let placement = self.reading.placement;
         let finite: Vec<usize> = (0..gaussians.len())
@@ -169,11 +220,17 @@ impl PredictGaussians for GaussianFiles {
             space: GaussianSpace::Camera(placement.camera_from_file(camera)),
             first_layer: None,
             extras,
-            reading: Some(FileReading { stored, placement }),
+            rule: (rule != Rule::SHARP).then_some(rule),
+            reading: Some(FileReading {
+                stored,
+                ..self.reading
+            }),
+            notes: rule_note.into_iter().collect(),
             warnings: doubts
                 .into_iter()
                 // A turn about z is what the axes then say.
                 .filter(|d| d.about != StoredQuaternions::KEY || placement.axes == Axes::OPENCV)
+                .filter(|d| d.about != "axes")
                 .map(|doubt| {
                     let text = format!("{} ({})", doubt.text, camera.id);
                     (doubt.about.to_owned(), text)

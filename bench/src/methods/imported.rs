@@ -1,11 +1,13 @@
 //! Pictures that someone else's method made: `DIR/<pair_id>.png|jpg|exr|webp|tif|bmp`.
 
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 use serde::Deserialize;
 use sharp_datasets::files;
 
 use super::crop_and_resize::{CropRule, FitRules};
+use super::file_template::{FileTemplate, suggestion};
 use super::method::{
     Approach, Method, MethodError, MethodIdentity, PicturePrediction, PredictPicture, SourceView,
     TargetCamera,
@@ -17,7 +19,8 @@ use crate::scoring::Region;
 
 /// Reads a folder of predicted pictures.
 ///
-/// The sub-folders follow the pair id: `DIR/dataset/scene/source__target.png`. `alpha=`, `color=`, `orientation=` and
+/// The sub-folders follow the pair id: `DIR/dataset/scene/source__target.png`, or `file=` is a template of `{dataset}
+/// {scene} {source} {target} {pair}`. `alpha=`, `color=`, `orientation=` and
 /// `exr=` say how a picture is read that is not opaque, upright sRGB ([`PictureReading`](crate::io::pictures::PictureReading)); every picture is quantised to 8 bit by rounding like every other prediction.
 ///
 /// A picture whose size is not the target's is an error unless `resize=KERNEL` names how a smaller one of the same
@@ -28,6 +31,8 @@ use crate::scoring::Region;
 pub struct Imported {
     label: String,
     dir: PathBuf,
+    /// Where pictures lie, if not as by default.
+    file: Option<FileTemplate>,
     fit: FitRules,
 }
 
@@ -48,6 +53,11 @@ impl Imported {
         Ok(Self {
             label: spec.label.clone(),
             dir: spec.folder()?,
+            file: spec
+                .option("file")
+                .map(FileTemplate::of_pairs)
+                .transpose()
+                .map_err(|reason| spec.error(reason))?,
             fit: fit.map_err(|reason| spec.error(reason))?,
         })
     }
@@ -65,6 +75,14 @@ impl Imported {
     }
 
     fn find(&self, pair_id: &str) -> Result<PathBuf, MethodError> {
+        if let Some(template) = &self.file {
+            let named = template.candidates(&self.dir, pair_id);
+            let found = named.iter().find(|path| path.is_file()).cloned();
+            return found.ok_or_else(|| {
+                let path = named.first().unwrap_or(&self.dir);
+                MethodError::file(path, format!("no picture (file={})", template.text()))
+            });
+        }
         let named = self.dir.join(path_of(pair_id));
         let folder = named.parent().unwrap_or(&self.dir);
         let stem = named.file_name().unwrap_or_default().to_string_lossy();
@@ -152,6 +170,19 @@ impl Method for Imported {
             files.push(self.sidecar_path(pair_id));
         }
         Ok(files)
+    }
+
+    fn check_files(&self, pair_ids: &BTreeSet<String>) -> Result<(), String> {
+        if pair_ids.iter().any(|id| self.find(id).is_ok()) {
+            return Ok(());
+        }
+        suggestion(
+            &self.dir,
+            pair_ids,
+            &Self::EXTENSIONS,
+            FileTemplate::of_pairs,
+        )
+        .map_or(Ok(()), Err)
     }
 
     fn approach(&self) -> Approach<'_> {

@@ -68,21 +68,23 @@ pub const KINDS: [MethodKind; 8] = [
     MethodKind {
         name: "gaussians",
         options: &[
-            &["dir", "depth"],
+            &["dir", "file", "depth"],
             &StoredForm::KEYS,
             &FileReading::PLACEMENT_KEYS,
+            &[FileReading::RULE_KEY],
         ],
-        summary: "Gaussians made elsewhere, DIR/<dataset>/<scene>/<source>.ply|safetensors, rendered by us (dir=DIR, \
+        summary: "Gaussians made elsewhere, DIR/<dataset>/<scene>/<source>.ply|safetensors|spz|sog|splat, rendered by us (dir=DIR, \
+                  file={scene}.ply for another layout, rendering=inria|gsplat-classic|mip-splatting|… for the rule they were made for, \
                   depth=none|privileged: scaled by the median of true over rendered depth, color_space=linear|srgb for PLYs that \
                   do not say; for files stored otherwise opacity=linear|byte, scales=linear|log-variance, \
                   quaternions=xyzw, colors=rgb01|rgb255|logit|dc-uncentered, channels=bgr, harmonics=drop, marks=ignore, space=world|normalized, \
-                  axes=opengl|luf, scale=S, shift=X:Y, focal=F)",
+                  axes=rub|luf, scale=S, transform=dataparser_transforms.json, shift=X:Y, focal=F)",
         build: |spec, _| Ok(Box::new(GaussianFiles::from_spec(spec)?)),
     },
     MethodKind {
         name: "imported",
-        options: &[&["dir", "scales"], &FitRules::OPTIONS],
-        summary: "pictures made elsewhere, DIR/<pair_id>.png|jpg|exr (dir=DIR); smaller ones with resize=bilinear|\
+        options: &[&["dir", "file", "scales"], &FitRules::OPTIONS],
+        summary: "pictures made elsewhere, DIR/<pair_id>.png|jpg|exr (dir=DIR, file={scene}.png for another layout); smaller ones with resize=bilinear|\
                   bilinear-antialias|bicubic|lanczos, cropped ones with crop=x:y:w:h|center:W:H|center|sidecar; \
                   scales=0.5+1+2 for DIR/<scale>/<pair_id>.png with --scale-sweep",
         build: imported,

@@ -20,7 +20,7 @@
 //! }
 //! ```
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fmt;
 use std::path::{Path, PathBuf};
 
@@ -30,6 +30,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use sharp::camera::{Intrinsics, RigidTransform};
 use sharp::gaussians::Gaussians;
+use sharp::render::Rule;
 use sharp_datasets::{DatasetError, DepthMap};
 use sharp_metrics::Picture;
 
@@ -176,8 +177,10 @@ impl GaussianSpace {
 /// Gaussians that a method predicted from a source, for all targets.
 #[derive(Debug, Clone, PartialEq)]
 pub struct GaussianPrediction {
-    /// Linear RGB.
+    /// Colours in what the rule blends.
     pub gaussians: Gaussians,
+    /// How they are drawn; `None` is as the run draws SHARP's.
+    pub rule: Option<Rule>,
     pub space: GaussianSpace,
     /// The network's first depth layer, metres: what [`Privilege::DepthScale`] aligns to the truth.
     pub first_layer: Option<DepthMap>,
@@ -187,6 +190,8 @@ pub struct GaussianPrediction {
     pub reading: Option<FileReading>,
     /// Warnings about that reading, by topic.
     pub warnings: BTreeMap<String, String>,
+    /// What was chosen for the file that nobody said, one sentence each with the setting.
+    pub notes: Vec<String>,
 }
 
 /// What a method's predictions depend on besides the pair, printed as `kind(key=value,…)`.
@@ -285,6 +290,14 @@ pub trait Method: Send + Sync {
     /// Files besides the two views that this pair's prediction depends on.
     fn input_files(&self, _pair_id: &str) -> Result<Vec<PathBuf>, MethodError> {
         Ok(Vec::new())
+    }
+
+    /// Looks for the files of some pairs, by id, before the first of them is predicted.
+    ///
+    /// # Errors
+    /// When none of them is where it is looked for, but some would be elsewhere; says where.
+    fn check_files(&self, _pair_ids: &BTreeSet<String>) -> Result<(), String> {
+        Ok(())
     }
 
     /// Called once before the first prediction of a run, with the folder for logs, which need not exist, and the one

@@ -6,6 +6,7 @@
 //! * [`depth_splat`]: the dataset's depth, splatted by SHARP's own initializer and composer.
 //! * [`sharp`]: the SHARP network.
 //! * [`gaussians`]: Gaussians that someone else's method predicted; [`file_reading`]: how their files are read.
+//!   `file_template`: where they lie; `placement_file`: where their Gaussians do.
 //! * [`imported`]: pictures that someone else's method made; `crop_and_resize`: rules for cropped and smaller
 //!   ones; [`scale_sweep`]: pictures at several scales.
 //! * [`command`]: someone's program, asked pair by pair.
@@ -14,10 +15,12 @@ pub mod command;
 mod crop_and_resize;
 pub mod depth_splat;
 pub mod file_reading;
+mod file_template;
 pub mod gaussians;
 pub mod imported;
 pub mod kinds;
 pub mod method;
+mod placement_file;
 mod privilege;
 pub mod scale_sweep;
 pub mod sharp;

@@ -176,6 +176,8 @@ impl PredictGaussians for Sharp {
             return Err(MethodError::Model("a depth layer of the wrong size".into()));
         };
         Ok(GaussianPrediction {
+            rule: None,
+            notes: Vec::new(),
             gaussians: predicted.gaussians,
             space: GaussianSpace::Normalized,
             first_layer: Some(first_layer),

@@ -9,15 +9,16 @@ use sharp::color::Quantization;
 use sharp::gaussians::Gaussians;
 use sharp::render::{
     Backend, Background, CpuRenderer, LoadedScene, RenderError, RenderOutput, RenderView, Renderer,
+    Rule,
 };
 
 /// Settings besides the backend that decide a rendering's pixels. The paper states none of them; the defaults are the
 /// release's, except that the release truncates to 8 bit.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct RenderSettings {
-    /// Added to both diagonal entries of projected covariances, px².
+    /// Added to both diagonal entries of projected covariances, px²; where Gaussians have no rule of their own.
     pub eps2d: f32,
-    /// Behind the Gaussians, blended in linear light.
+    /// Behind the Gaussians, in what they are blended in.
     pub background: Background,
     /// From 0..1 to 8 bit.
     pub quantization: Quantization,
@@ -66,20 +67,31 @@ impl SharedRenderer {
         &self.name
     }
 
-    /// Renders a scene into a camera; `camera_from_scene` may be any affine map.
+    /// Renders a scene into a camera; `camera_from_scene` may be any affine map. Without a `rule` it is drawn as SHARP's,
+    /// with the low-pass of this renderer.
     pub fn render(
         &self,
         scene: &Gaussians,
         camera_from_scene: DAffine3,
         intrinsics: Intrinsics,
+        rule: Option<Rule>,
     ) -> Result<RenderOutput, RenderError> {
-        let view = self.view(camera_from_scene, intrinsics);
+        let view = self.view(camera_from_scene, intrinsics, rule);
         self.with_loaded(scene, |loaded| loaded.render(&view))
     }
 
     /// A view with the settings of this renderer.
-    pub fn view(&self, camera_from_scene: DAffine3, intrinsics: Intrinsics) -> RenderView {
-        RenderView::new(camera_from_scene, intrinsics).with_low_pass(self.settings.eps2d)
+    pub fn view(
+        &self,
+        camera_from_scene: DAffine3,
+        intrinsics: Intrinsics,
+        rule: Option<Rule>,
+    ) -> RenderView {
+        let view = RenderView::new(camera_from_scene, intrinsics);
+        match rule {
+            Some(rule) => RenderView { rule, ..view },
+            None => view.with_low_pass(self.settings.eps2d),
+        }
     }
 
     /// Calls `work` with the loaded scene.

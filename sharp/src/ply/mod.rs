@@ -1,10 +1,11 @@
-//! Gaussian scenes as PLY files: the SHARP release's own form, the plain form that third-party
-//! viewers read, and a reader for both and for other programs' files. [`table`] reads PLY files of
-//! any kind.
+//! Gaussian scenes, and PLY files of them: the SHARP release's own form, the plain form that
+//! third-party viewers read, PlayCanvas' compressed one, and a reader for all and for other programs'
+//! files. [`table`] reads PLY files of any kind; `gaussian_files` reads other formats, too.
 //!
 //! Stored values are encoded: scales as natural logarithms, opacities as logits, colours as the
 //! constant term of spherical harmonics, `(c − ½) / √(1 / 4π)`. [`StoredForm`] says where a file's are stored otherwise.
 
+mod compressed;
 mod marks;
 mod read;
 mod reading;
@@ -18,17 +19,24 @@ use crate::camera::{CameraError, Intrinsics};
 use crate::gaussians::Gaussians;
 use table::TableError;
 
-pub use marks::foreign_format;
-pub use read::{check_stored, from_bytes, load};
+pub use compressed::to_compressed_bytes;
+#[cfg(feature = "gaussian-files")]
+pub(crate) use compressed::unit_quaternion;
+pub use marks::{FileMarks, Generator, SplatRenderMode};
+#[cfg(feature = "gaussian-files")]
+pub(crate) use read::{Decoded, degree_of};
+pub use read::{check_stored, from_bytes};
 pub use reading::{
     ColorSpace, Harmonics, Marks, StoredChannels, StoredColors, StoredForm, StoredOpacity,
     StoredQuaternions, StoredScales, UnknownReading,
 };
 pub use suspicions::{Suspicion, enormous_scale, suspicions};
+#[cfg(feature = "gaussian-files")]
+pub(crate) use write::srgb;
 pub use write::{PlyForm, to_bytes};
 
 /// √(1 / 4π), the value of the constant spherical harmonic.
-const SH_CONSTANT: f32 = 0.282_094_79;
+pub(crate) const SH_CONSTANT: f32 = 0.282_094_79;
 
 /// Properties of a vertex, in the order in which they are written.
 const VERTEX: [&str; 14] = [
@@ -39,7 +47,8 @@ const VERTEX: [&str; 14] = [
 /// Gaussians with the other contents of their file.
 #[derive(Debug, Clone, PartialEq)]
 pub struct GaussianScene {
-    /// In the space of the camera, metres; linear colours.
+    /// In the space of the file, for SHARP's the camera's, metres; colours in the reading's blending space, and harmonics
+    /// only if that is sRGB.
     pub gaussians: Gaussians,
     /// The camera the scene was predicted from; `None` for a file without one.
     pub intrinsics: Option<Intrinsics>,
@@ -49,11 +58,13 @@ pub struct GaussianScene {
     pub color_space: Option<ColorSpace>,
     /// The writing program's format version; the release writes 1.5.0.
     pub version: Option<[u8; 3]>,
-    /// How many coefficients of view-dependent colour (`f_rest_*`) a Gaussian has in the file: 9, 24 or
-    /// 45 for degrees 1 to 3. Only the constant term is read.
+    /// How many coefficients of view-dependent colour (`f_rest_*`) a Gaussian has in the file: 9, 24, 45 or
+    /// 72 for degrees 1 to 4.
     pub color_coefficients: usize,
     /// Whether one of those is not zero, so that colours depend on where one looks from.
     pub is_view_dependent: bool,
+    /// What the file says about how it was made to be drawn.
+    pub marks: FileMarks,
     /// How the numbers were read.
     pub reading: StoredForm,
     /// What speaks against that.
@@ -71,6 +82,10 @@ impl GaussianScene {
             version: None,
             color_coefficients: 0,
             is_view_dependent: false,
+            marks: FileMarks {
+                generator: Some(Generator::Sharp),
+                ..FileMarks::default()
+            },
             reading: StoredForm::default(),
             doubts: Vec::new(),
         }
@@ -108,7 +123,7 @@ pub struct PlyError {
 }
 
 impl PlyError {
-    fn new(path: &Path, reason: PlyReason) -> Self {
+    pub(crate) fn new(path: &Path, reason: PlyReason) -> Self {
         Self {
             path: path.to_owned(),
             reason,
@@ -140,11 +155,28 @@ pub enum PlyReason {
     )]
     ColorSpaceUnknown,
     /// It is of another format that is known.
-    #[error("not a PLY file but {0}")]
+    #[error("not a file of Gaussians but {0}")]
     Foreign(String),
+    /// It is of no format that is known.
+    #[error("of no known format of Gaussians (PLY, SPZ, SOG, .splat)")]
+    Unknown,
+    /// Damage to a file of another format than PLY.
+    #[error("{format}: {what}")]
+    Damaged { format: &'static str, what: String },
     /// The vertices are Gaussians of a form that is not read.
     #[error("{0}")]
-    OtherForm(String),
+    OtherForm(&'static str),
+    #[error("{0} properties f_rest_*: their numbers have to run from 0 to 8, 23, 44 or 71")]
+    Degree(usize),
+    #[error(
+        "colours depend on the view ({0} coefficients f_rest_*), which `harmonics=refuse` does not allow"
+    )]
+    ViewDependent(usize),
+    #[error(
+        "colours depend on the view and are linear, which no rule of rendering blends: `harmonics=drop` draws the constant \
+         term alone"
+    )]
+    LinearHarmonics,
     /// They were made for another rule of rendering.
     #[error("made for {0}; `marks=ignore` draws it as any other file")]
     OtherRule(String),

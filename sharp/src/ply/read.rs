@@ -1,51 +1,125 @@
 //! Tables to a scene.
 
 use std::collections::BTreeMap;
-use std::path::Path;
 
-use super::marks::{foreign_format, has_logit_colors, other_form, other_rule};
-use super::reading::{Marks, StoredColors, StoredForm, StoredOpacity, StoredScales};
+use super::compressed;
+use super::marks::{FileMarks, Generator, other_form};
+use super::reading::{Harmonics, Marks, StoredColors, StoredForm, StoredOpacity, StoredScales};
 use super::suspicions::{Suspicion, suspicions};
-use super::table::{Body, Element, Header, TableError};
-use super::{ColorSpace, GaussianScene, PlyError, PlyReason, VERTEX};
+use super::table::{Body, Element, Header, Scalar, TableError};
+use super::{ColorSpace, GaussianScene, PlyReason, VERTEX};
 use crate::camera::Intrinsics;
 use crate::gaussians::Gaussians;
 
-/// Reads a scene from `path`.
-///
-/// Properties and elements may come in any order, in text or binary of either byte order. Needed
-/// are `x y z f_dc_0..2 opacity scale_0..2 rot_0..3` of element `vertex`. Older forms of the
-/// release's extra elements are understood: an `intrinsic` of four values (fx, fy, width, height)
-/// and an `extrinsic` of twelve (3×4, its 3×3 part transposed). `reading` is how numbers are read
-/// where that is not as 3D Gaussian Splatting stores them, and how colours are encoded where the
-/// file does not say.
-///
-/// # Errors
-/// [`PlyError`] with the path and the reason; [`PlyReason::ColorSpaceUnknown`] where neither says;
-/// [`PlyReason::Foreign`], [`PlyReason::OtherForm`] and [`PlyReason::OtherRule`] for files whose
-/// numbers would be misread.
-pub fn load(path: &Path, reading: impl Into<StoredForm>) -> Result<GaussianScene, PlyError> {
-    let read = || {
-        let bytes = crate::files::read(path)?;
-        from_bytes(&bytes, reading).map_err(|reason| match reason {
-            PlyReason::Table(TableError::NotPly) => {
-                let name = path.file_name().unwrap_or_default().to_string_lossy();
-                let foreign = foreign_format(&bytes, &name);
-                foreign.map_or(TableError::NotPly.into(), PlyReason::Foreign)
-            }
-            other => other,
-        })
-    };
-    read().map_err(|reason| PlyError::new(path, reason))
+/// Numbers of a file of any format, before they are turned into what they stand for.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct Decoded {
+    /// As stored, whatever `form` says that they are; harmonics as they are.
+    pub(crate) stored: Gaussians,
+    /// The format's own form.
+    pub(crate) form: StoredForm,
+    pub(crate) marks: FileMarks,
+    /// Mip-Splatting's filter of each Gaussian; empty without one.
+    pub(crate) filter_3d: Vec<f32>,
+    /// Encoding of colours that the file states.
+    pub(crate) stated: Option<ColorSpace>,
+    pub(crate) intrinsics: Option<Intrinsics>,
+    pub(crate) extrinsics: Option<[f32; 16]>,
+    pub(crate) version: Option<[u8; 3]>,
+    /// Properties `f_rest_*`, or as many numbers a Gaussian in another format.
+    pub(crate) color_coefficients: usize,
+    pub(crate) is_view_dependent: bool,
+    pub(crate) doubts: Vec<Suspicion>,
 }
 
-/// Like [`load`], from a file's bytes.
+impl Decoded {
+    /// The scene, read as `given`.
+    ///
+    /// # Errors
+    /// [`PlyReason`], where the file cannot be read so.
+    pub(crate) fn scene(mut self, given: &StoredForm) -> Result<GaussianScene, PlyReason> {
+        if given.marks != Some(Marks::Ignore) {
+            self.marks.check_rule(given.blending)?;
+        }
+        let color_space = match (self.stated, given.color_space) {
+            (Some(stated), Some(given)) if stated != given => {
+                return Err(PlyReason::ColorSpaceContradicted { stated, given });
+            }
+            (stated, given) => stated.or(given),
+        };
+        let blends_encoded = given.blending == ColorSpace::Srgb;
+        let reading = StoredForm {
+            color_space: color_space.or(blends_encoded.then_some(ColorSpace::Srgb)),
+            ..*given
+        }
+        .or_of(&self.form);
+        self.doubts
+            .extend(suspicions(&self.stored, given, &reading));
+        check_stored(&self.stored, &reading)?;
+        if reading.color_space.is_none() {
+            return Err(PlyReason::ColorSpaceUnknown);
+        }
+        if !self.is_view_dependent || given.harmonics == Some(Harmonics::Drop) || !blends_encoded {
+            self.stored.harmonics = Default::default();
+        } else if given.harmonics == Some(Harmonics::Refuse) {
+            return Err(PlyReason::ViewDependent(self.color_coefficients));
+        } else if reading.color_space == Some(ColorSpace::Linear) {
+            return Err(PlyReason::LinearHarmonics);
+        }
+        reading.decode(&mut self.stored);
+        if blends_encoded && given.marks != Some(Marks::Ignore) {
+            fold_filter(&mut self.stored, &self.filter_3d);
+        }
+        Ok(GaussianScene {
+            gaussians: self.stored,
+            intrinsics: self.intrinsics,
+            extrinsics: self.extrinsics,
+            color_space: self.stated,
+            version: self.version,
+            color_coefficients: self.color_coefficients,
+            is_view_dependent: self.is_view_dependent,
+            marks: self.marks,
+            reading,
+            doubts: self.doubts,
+        })
+    }
+}
+
+/// Widens each Gaussian by Mip-Splatting's 3-D filter, a standard deviation, and lowers its opacity so that what it
+/// covers stays. Gaussians beyond the end of `filter` are left as they are.
+fn fold_filter(gaussians: &mut Gaussians, filter: &[f32]) {
+    let rows = gaussians.scales.iter_mut().zip(&mut gaussians.opacities);
+    for ((scales, opacity), &filter) in rows.zip(filter) {
+        let filter = f64::from(filter);
+        let widened = scales.map(|s| f64::from(s).hypot(filter));
+        let shares = scales.iter().zip(widened);
+        // Without any width there is nothing to share out.
+        let share: f64 = shares
+            .map(|(s, w)| if w > 0.0 { f64::from(*s) / w } else { 1.0 })
+            .product();
+        *opacity = (f64::from(*opacity) * share) as f32;
+        *scales = widened.map(|w| w as f32);
+    }
+}
+
+/// Reads a PLY file's bytes.
+///
+/// Properties and elements may come in any order, in text or binary of either byte order. Needed
+/// are `x y z f_dc_0..2 opacity scale_0..2 rot_0..3` of element `vertex`, or PlayCanvas' compressed
+/// elements. Older forms of the release's extra elements are understood: an `intrinsic` of four
+/// values (fx, fy, width, height) and an `extrinsic` of twelve (3×4, its 3×3 part transposed).
+/// `given` is how numbers are read where that is not as 3D Gaussian Splatting stores them, and how
+/// colours are encoded where the file does not say.
 ///
 /// # Errors
-/// [`PlyReason`].
+/// [`PlyReason`]; [`PlyReason::ColorSpaceUnknown`] where neither says;
+/// [`PlyReason::OtherForm`] and [`PlyReason::OtherRule`] for files whose numbers would be misread.
 pub fn from_bytes(bytes: &[u8], given: impl Into<StoredForm>) -> Result<GaussianScene, PlyReason> {
     let given: StoredForm = given.into();
     let (header, mut body) = Header::parse(bytes)?;
+    if compressed::is_compressed(&header) {
+        return compressed::decode(&header, body)?.scene(&given);
+    }
     let mut doubts = Vec::new();
     let surplus = body.surplus(&header);
     let mut vertices = None;
@@ -55,7 +129,7 @@ pub fn from_bytes(bytes: &[u8], given: impl Into<StoredForm>) -> Result<Gaussian
             if let Some(rows) = surplus.and_then(|bytes| longer_rows(bytes, element.count)) {
                 return Err(rows);
             }
-            vertices = Some(gaussians(&mut body, &header, element, &given)?);
+            vertices = Some((element, gaussians(&mut body, &header, element, &given)?));
             continue;
         }
         let mut values = Vec::new();
@@ -71,15 +145,10 @@ pub fn from_bytes(bytes: &[u8], given: impl Into<StoredForm>) -> Result<Gaussian
             extras.entry(&element.name).or_insert(values);
         }
     }
-    let Vertices {
-        stored: mut gaussians,
-        count,
-        color_coefficients,
-        is_view_dependent,
-    } = vertices.ok_or(PlyReason::NoVertices)?;
+    let (vertex, mut decoded) = vertices.ok_or(PlyReason::NoVertices)?;
     let rest = body.rest();
     if !rest.trim_ascii().is_empty() {
-        if let Some(rows) = longer_rows(rest.len(), count).filter(|_| surplus.is_none()) {
+        if let Some(rows) = longer_rows(rest.len(), vertex.count).filter(|_| surplus.is_none()) {
             return Err(rows);
         }
         let text = format!(
@@ -89,36 +158,15 @@ pub fn from_bytes(bytes: &[u8], given: impl Into<StoredForm>) -> Result<Gaussian
         );
         doubts.push(Suspicion::new("trailing bytes", text));
     }
-    let stated = color_space(&header, &extras)?;
-    let reading = match (stated, given.color_space) {
-        (Some(stated), Some(given)) if stated != given => {
-            return Err(PlyReason::ColorSpaceContradicted { stated, given });
-        }
-        (stated, given_space) => StoredForm {
-            color_space: stated.or(given_space),
-            ..given
-        },
-    };
-    let reading = reading.of_ply();
-    doubts.extend(suspicions(&gaussians, &given, &reading));
-    check_stored(&gaussians, &reading)?;
-    if reading.color_space.is_none() {
-        return Err(PlyReason::ColorSpaceUnknown);
-    }
-    reading.decode(&mut gaussians);
-    Ok(GaussianScene {
-        gaussians,
-        intrinsics: intrinsics(&extras)?,
-        extrinsics: extrinsics(&extras)?,
-        color_space: stated,
-        version: extra(&extras, "version")
-            .and_then(|v| <[f64; 3]>::try_from(v).ok())
-            .map(|v| v.map(|x| x as u8)),
-        color_coefficients,
-        is_view_dependent,
-        reading,
-        doubts,
-    })
+    decoded.stated = color_space(&header, &extras)?;
+    decoded.marks = FileMarks::of_ply(&header, vertex, decoded.stated);
+    decoded.doubts = doubts;
+    decoded.intrinsics = intrinsics(&extras)?;
+    decoded.extrinsics = extrinsics(&extras)?;
+    decoded.version = extra(&extras, "version")
+        .and_then(|v| <[f64; 3]>::try_from(v).ok())
+        .map(|v| v.map(|x| x as u8));
+    decoded.scene(&given)
 }
 
 /// Refuses values that a reading which was asked for cannot have.
@@ -178,15 +226,6 @@ fn extra<'a>(extras: &'a Extras<'_>, name: &str) -> Option<&'a [f64]> {
     extras.get(name).map(Vec::as_slice)
 }
 
-/// Properties of element `vertex`.
-struct Vertices {
-    /// As stored.
-    stored: Gaussians,
-    count: usize,
-    color_coefficients: usize,
-    is_view_dependent: bool,
-}
-
 /// Properties of colours that are not coefficients.
 const RGB: [&str; 3] = ["red", "green", "blue"];
 
@@ -195,11 +234,22 @@ fn gaussians(
     header: &Header,
     element: &Element,
     given: &StoredForm,
-) -> Result<Vertices, PlyReason> {
+) -> Result<Decoded, PlyReason> {
     let mut names = VERTEX;
-    if given.colors == Some(StoredColors::Rgb255) && element.number("f_dc_0").is_none() {
+    let mut form = StoredForm::ply();
+    let is_byte = |name: &str| {
+        let index = element.number(name);
+        index.is_some_and(|index| element.properties[index].scalar == Scalar::U8)
+    };
+    let has_bytes = given.blending == ColorSpace::Srgb && RGB.into_iter().all(is_byte);
+    let takes_rgb = match given.colors {
+        Some(colors) => colors == StoredColors::Rgb255,
+        None => has_bytes,
+    };
+    if takes_rgb && element.number("f_dc_0").is_none() {
         names[3..6].copy_from_slice(&RGB);
-    } else if let Some(form) = other_form(header, element) {
+        form.colors = Some(StoredColors::Rgb255);
+    } else if let Some(form) = other_form(element) {
         return Err(PlyReason::OtherForm(form));
     }
     let columns = names.map(|name| element.number(name));
@@ -208,36 +258,72 @@ fn gaussians(
     if !missing.is_empty() {
         return Err(PlyReason::Missing(missing));
     }
-    if given.marks != Some(Marks::Ignore)
-        && let Some(rule) = other_rule(header, element)
-    {
-        return Err(PlyReason::OtherRule(rule));
+    let marks = FileMarks::of_ply(header, element, None);
+    if given.marks != Some(Marks::Ignore) {
+        // Before the rows, which may be many.
+        marks.check_rule(given.blending)?;
     }
     let columns = columns.map(Option::unwrap_or_default);
-    let rest = element.properties.iter().map(|p| &p.name);
-    let rest = rest.filter(|name| name.starts_with("f_rest_"));
-    let rest: Vec<usize> = rest.filter_map(|name| element.number(name)).collect();
-    if given.colors.is_none() && has_logit_colors(header, rest.len()) {
+    let rest = rest_columns(element, given.blending)?;
+    let is_of_nerfstudio = marks.generator == Some(Generator::Nerfstudio);
+    if given.colors.is_none() && !takes_rgb && rest.is_empty() && is_of_nerfstudio {
         return Err(PlyReason::LogitColors);
     }
-    let mut out = Gaussians::default();
-    let mut is_view_dependent = false;
+    let filter = element.number("filter_3D");
+    let mut out = Decoded {
+        form,
+        color_coefficients: rest.len(),
+        ..Decoded::default()
+    };
+    let each = rest.len() / 3;
+    let keeps_harmonics = given.blending == ColorSpace::Srgb;
+    if keeps_harmonics {
+        out.stored.harmonics.degree = degree_of(rest.len()).unwrap_or_default();
+    }
     body.rows::<TableError>(element, |row| {
         let c = columns.map(|index| row.number(index) as f32);
-        out.means.push([c[0], c[1], c[2]]);
-        out.colors.push([c[3], c[4], c[5]]);
-        out.opacities.push(c[6]);
-        out.scales.push([c[7], c[8], c[9]]);
-        out.quaternions.push([c[10], c[11], c[12], c[13]]);
-        is_view_dependent |= rest.iter().any(|&index| row.number(index) != 0.0);
+        let stored = &mut out.stored;
+        stored.means.push([c[0], c[1], c[2]]);
+        stored.colors.push([c[3], c[4], c[5]]);
+        stored.opacities.push(c[6]);
+        stored.scales.push([c[7], c[8], c[9]]);
+        stored.quaternions.push([c[10], c[11], c[12], c[13]]);
+        out.filter_3d
+            .extend(filter.map(|index| row.number(index) as f32));
+        out.is_view_dependent |= rest.iter().any(|&index| row.number(index) != 0.0);
+        if keeps_harmonics {
+            // All coefficients of red come first.
+            let of =
+                |k: usize| [0, 1, 2].map(|channel| row.number(rest[channel * each + k]) as f32);
+            stored.harmonics.coefficients.extend((0..each).map(of));
+        }
         Ok(())
     })?;
-    Ok(Vertices {
-        stored: out,
-        count: element.count,
-        color_coefficients: rest.len(),
-        is_view_dependent,
-    })
+    Ok(out)
+}
+
+/// Columns of `f_rest_*`, by their numbers.
+fn rest_columns(element: &Element, blending: ColorSpace) -> Result<Vec<usize>, PlyReason> {
+    let numbered = element.properties.iter().filter_map(|property| {
+        let number: usize = property.name.strip_prefix("f_rest_")?.parse().ok()?;
+        Some((number, element.number(&property.name)?))
+    });
+    let mut numbered: Vec<(usize, usize)> = numbered.collect();
+    numbered.sort_unstable();
+    let is_complete = numbered
+        .iter()
+        .map(|(number, _)| *number)
+        .eq(0..numbered.len());
+    if blending == ColorSpace::Srgb && !(is_complete && degree_of(numbered.len()).is_some()) {
+        return Err(PlyReason::Degree(numbered.len()));
+    }
+    Ok(numbered.into_iter().map(|(_, column)| column).collect())
+}
+
+/// Degree of spherical harmonics with so many coefficients beyond the constant ones.
+pub(crate) fn degree_of(coefficients: usize) -> Option<usize> {
+    (0..=crate::gaussians::Harmonics::MAX_DEGREE)
+        .find(|degree| 3 * ((degree + 1).pow(2) - 1) == coefficients)
 }
 
 fn color_space(header: &Header, extras: &Extras<'_>) -> Result<Option<ColorSpace>, PlyReason> {

@@ -58,7 +58,7 @@ macro_rules! setting {
 }
 
 setting!(
-    /// Encoding of colours in a file; in memory they are always linear.
+    /// Encoding of colours, in a file or where Gaussians are blended.
     ColorSpace, "color_space":
     /// Linear light, code 1: what the release assumes of a file that does not say.
     Linear = "linear",
@@ -66,6 +66,13 @@ setting!(
     /// Splatting optimises without saying so.
     Srgb = "srgb",
 );
+impl Default for ColorSpace {
+    /// What SHARP blends in.
+    fn default() -> Self {
+        Self::Linear
+    }
+}
+
 setting!(
     /// Opacities.
     StoredOpacity, "opacity":
@@ -143,6 +150,10 @@ pub struct StoredForm {
     pub channels: Option<StoredChannels>,
     pub harmonics: Option<Harmonics>,
     pub marks: Option<Marks>,
+    /// What decoded colours are encoded in: the rule of rendering decides it, so that it is none of the settings. In
+    /// linear light colours that depend on the view cannot be read; sRGB-encoded they are read, and a file that does not
+    /// state its colours' encoding is taken as 3D Gaussian Splatting trains it.
+    pub blending: ColorSpace,
 }
 
 impl From<Option<ColorSpace>> for StoredForm {
@@ -204,12 +215,22 @@ impl StoredForm {
             .collect()
     }
 
-    /// As a PLY has it, where nothing is set.
-    pub fn of_ply(self) -> Self {
+    /// As a PLY has it.
+    pub fn ply() -> Self {
         Self {
-            opacity: self.opacity.or(Some(StoredOpacity::Logit)),
-            scales: self.scales.or(Some(StoredScales::Log)),
-            colors: self.colors.or(Some(StoredColors::Dc)),
+            opacity: Some(StoredOpacity::Logit),
+            scales: Some(StoredScales::Log),
+            colors: Some(StoredColors::Dc),
+            ..Self::default()
+        }
+    }
+
+    /// As a format has it, where nothing is set.
+    pub fn or_of(self, format: &Self) -> Self {
+        Self {
+            opacity: self.opacity.or(format.opacity),
+            scales: self.scales.or(format.scales),
+            colors: self.colors.or(format.colors),
             ..self.common()
         }
     }
@@ -289,10 +310,12 @@ impl StoredForm {
             Some(StoredColors::Logit) => sigmoid(value),
             Some(StoredColors::Rgb01) | None => value,
         };
-        let space = |value: f32| match self.color_space {
-            Some(ColorSpace::Srgb) if to_stored => srgb_from_linear(value),
-            Some(ColorSpace::Srgb) => linear_from_srgb(value),
-            Some(ColorSpace::Linear) | None => value,
+        let space = |value: f32| match (self.color_space.unwrap_or(self.blending), self.blending) {
+            (ColorSpace::Srgb, ColorSpace::Linear) if to_stored => srgb_from_linear(value),
+            (ColorSpace::Srgb, ColorSpace::Linear) => linear_from_srgb(value),
+            (ColorSpace::Linear, ColorSpace::Srgb) if to_stored => linear_from_srgb(value),
+            (ColorSpace::Linear, ColorSpace::Srgb) => srgb_from_linear(value),
+            _ => value,
         };
         for color in &mut gaussians.colors {
             if self.channels == Some(StoredChannels::Bgr) {
@@ -302,6 +325,11 @@ impl StoredForm {
                 true => form(space(value)),
                 false => space(form(value)),
             });
+        }
+        if self.channels == Some(StoredChannels::Bgr) {
+            for coefficient in &mut gaussians.harmonics.coefficients {
+                coefficient.reverse();
+            }
         }
     }
 }

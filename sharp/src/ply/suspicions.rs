@@ -88,7 +88,7 @@ pub fn suspicions(stored: &Gaussians, given: &StoredForm, format: &StoredForm) -
                     colors.least, colors.most
                 ),
             ));
-        } else {
+        } else if format.colors != Some(StoredColors::Rgb255) {
             found.extend(colors.as_bytes("colours", "colors=rgb255"));
         }
     }

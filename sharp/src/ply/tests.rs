@@ -272,10 +272,75 @@ fn impossible_extras_are_named() {
     assert!(matches!(read(&no_focal), Err(PlyReason::Camera(_))));
 }
 
+/// As a file for 3D Gaussian Splatting's rule of rendering is read.
+fn read_encoded(bytes: &[u8]) -> Result<GaussianScene, PlyReason> {
+    let reading = StoredForm {
+        blending: ColorSpace::Srgb,
+        ..StoredForm::default()
+    };
+    from_bytes(bytes, reading)
+}
+
 #[test]
-fn errors_name_the_file() {
-    let path = Path::new("/nonexistent/scene.ply");
-    assert_eq!(load(path, None).unwrap_err().path, path);
+fn encoded_colours_are_kept_with_their_harmonics() {
+    let rest: Vec<String> = (0..9).rev().map(|k| format!("f_rest_{k}")).collect();
+    let mut columns: Vec<&str> = rest.iter().map(String::as_str).collect();
+    columns.extend(COLUMNS);
+    let flat = String::from_utf8(text(&columns, "")).unwrap();
+    // Red's coefficients come first, whatever the order of the columns.
+    let varied = flat.replace(
+        "end_header\n0 0 0 0 0 0 0 0 0 ",
+        "end_header\n9 8 7 6 5 4 3 2 1 ",
+    );
+    let found = read_encoded(varied.as_bytes()).unwrap();
+    let [first, second, third] = [[1.0, 4.0, 7.0], [2.0, 5.0, 8.0], [3.0, 6.0, 9.0]];
+    assert_eq!(found.gaussians.harmonics.of(0), [first, second, third]);
+    assert_eq!(found.gaussians.colors, [[0.5; 3]]);
+    // Zeros take no time to draw.
+    let flat = read_encoded(flat.as_bytes()).unwrap();
+    assert_eq!(flat.gaussians.harmonics.degree, 0);
+    assert_eq!(flat.color_coefficients, 9);
+    let written = read_encoded(&to_bytes(&found, PlyForm::Plain)).unwrap();
+    assert_eq!(written.gaussians, found.gaussians);
+    let incomplete = varied.replace("f_rest_8", "f_rest_9");
+    let refused = read_encoded(incomplete.as_bytes());
+    assert!(matches!(refused, Err(PlyReason::Degree(9))));
+}
+
+#[test]
+fn linear_colours_are_encoded_where_they_are_blended_so() {
+    let reading = StoredForm {
+        blending: ColorSpace::Srgb,
+        ..StoredForm::from(Some(ColorSpace::Linear))
+    };
+    let plain = text(&COLUMNS, "");
+    let found = from_bytes(&plain, reading).unwrap().gaussians;
+    assert!((found.colors[0][0] - 0.735_357).abs() < 1e-6, "{found:?}");
+    let mut again = found;
+    reading.or_of(&StoredForm::ply()).encode(&mut again);
+    assert!(again.colors[0][0].abs() < 1e-6);
+}
+
+#[test]
+fn marks_of_other_rules_are_read_only_where_these_can_be_drawn() {
+    let mut columns = vec!["filter_3D"];
+    columns.extend(COLUMNS);
+    let filtered = String::from_utf8(text(&columns, "")).unwrap();
+    let filtered = filtered.replace("end_header\n0 ", "end_header\n1 ");
+    let refused = read(filtered.as_bytes()).unwrap_err();
+    assert!(matches!(refused, PlyReason::OtherRule(_)), "{refused}");
+    let folded = read_encoded(filtered.as_bytes()).unwrap();
+    assert!(folded.marks.has_filter_3d);
+    // Each standard deviation of 1 grows by √2.
+    let [scale, ..] = folded.gaussians.scales[0];
+    assert!((scale - 2.0_f32.sqrt()).abs() < 1e-6);
+    let opacity = folded.gaussians.opacities[0];
+    assert!((opacity - 0.5 / 8.0_f32.sqrt()).abs() < 1e-6);
+    let flat = filtered.replace("element", "comment SplatRenderMode: 2DGS\nelement");
+    assert!(matches!(
+        read_encoded(flat.as_bytes()),
+        Err(PlyReason::OtherRule(_))
+    ));
 }
 
 #[test]

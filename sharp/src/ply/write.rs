@@ -1,16 +1,19 @@
 //! A scene to bytes.
 
-use super::{GaussianScene, SH_CONSTANT, VERTEX};
+use super::marks::{Generator, SplatRenderMode};
+use super::{ColorSpace, GaussianScene, SH_CONSTANT, VERTEX};
 use crate::color::srgb_from_linear;
 
 /// Elements of a written file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum PlyForm {
     /// As the release writes: camera, size, quantiles of disparity, colour space and version
-    /// follow the Gaussians. Some third-party viewers stumble over these.
+    /// follow the Gaussians. Some third-party viewers stumble over these. There is no place for
+    /// view-dependent colour.
     #[default]
     Release,
-    /// The Gaussians only, with the colour space in a comment.
+    /// The Gaussians only, in the layout of 3D Gaussian Splatting, with the colour space of SHARP's
+    /// in a comment, and the marks of other programs where there are some.
     Plain,
 }
 
@@ -30,9 +33,9 @@ const IDENTITY: [f32; 16] = [
 /// those of 1/z over all Gaussians where that is a number.
 pub fn to_bytes(scene: &GaussianScene, form: PlyForm) -> Vec<u8> {
     let n = scene.gaussians.len();
-    let mut out = header(n, form).into_bytes();
-    out.reserve(n * 14 * 4 + 256);
-    vertices(scene, &mut out);
+    let mut out = header(scene, form).into_bytes();
+    out.reserve(n * (17 + coefficients(scene, form)) * 4 + 256);
+    vertices(scene, form, &mut out);
     if form == PlyForm::Release {
         let camera = scene.intrinsics_or_default();
         put(&mut out, scene.extrinsics.unwrap_or(IDENTITY));
@@ -48,13 +51,27 @@ pub fn to_bytes(scene: &GaussianScene, form: PlyForm) -> Vec<u8> {
     out
 }
 
-fn header(n: usize, form: PlyForm) -> String {
+fn header(scene: &GaussianScene, form: PlyForm) -> String {
+    let n = scene.gaussians.len();
     let mut text = String::from("ply\nformat binary_little_endian 1.0\n");
     if form == PlyForm::Plain {
-        text += &format!("comment {SRGB_COMMENT}\n");
+        for comment in comments(scene) {
+            text += &format!("comment {comment}\n");
+        }
     }
     text += &format!("element vertex {n}\n");
-    for name in VERTEX {
+    let has_normals = has_normals(scene, form);
+    let rest = (0..coefficients(scene, form)).map(|k| format!("f_rest_{k}"));
+    let rest: Vec<String> = rest.collect();
+    let [position, colors, others] = [&VERTEX[..3], &VERTEX[3..6], &VERTEX[6..]];
+    let normals: &[&str] = if has_normals {
+        &["nx", "ny", "nz"]
+    } else {
+        &[]
+    };
+    let names = position.iter().chain(normals).chain(colors).copied();
+    let names = names.chain(rest.iter().map(String::as_str));
+    for name in names.chain(others.iter().copied()) {
         text += &format!("property float {name}\n");
     }
     if form == PlyForm::Release {
@@ -73,14 +90,60 @@ fn header(n: usize, form: PlyForm) -> String {
     text + "end_header\n"
 }
 
-fn vertices(scene: &GaussianScene, out: &mut Vec<u8>) {
+/// Comments that keep a file's marks, so that it is drawn alike again.
+pub(super) fn comments(scene: &GaussianScene) -> Vec<&'static str> {
+    let marks = &scene.marks;
+    let generator = match marks.generator {
+        Some(Generator::Sharp) => Some(SRGB_COMMENT),
+        Some(Generator::Brush) => Some("Exported from Brush"),
+        _ => None,
+    };
+    let mode = match (marks.mode, marks.antialiased) {
+        (Some(SplatRenderMode::Flat), _) => Some("SplatRenderMode: 2dgs"),
+        (_, Some(true)) => Some("SplatRenderMode: mip"),
+        (_, Some(false)) => Some("SplatRenderMode: default"),
+        (_, None) => None,
+    };
+    generator.into_iter().chain(mode).collect()
+}
+
+/// Normals tell files of Inria's program from those of gsplat.
+fn has_normals(scene: &GaussianScene, form: PlyForm) -> bool {
+    form == PlyForm::Plain && scene.marks.generator == Some(Generator::InriaLike)
+}
+
+/// Properties `f_rest_*`.
+fn coefficients(scene: &GaussianScene, form: PlyForm) -> usize {
+    match form {
+        PlyForm::Plain => 3 * scene.gaussians.harmonics.per_gaussian(),
+        PlyForm::Release => 0,
+    }
+}
+
+/// A colour as it is stored.
+pub(crate) fn srgb(color: f32, blending: ColorSpace) -> f32 {
+    match blending {
+        ColorSpace::Linear => srgb_from_linear(color),
+        ColorSpace::Srgb => color,
+    }
+}
+
+fn vertices(scene: &GaussianScene, form: PlyForm, out: &mut Vec<u8>) {
     let g = &scene.gaussians;
+    let has_normals = has_normals(scene, form);
+    let has_rest = coefficients(scene, form) > 0;
     for k in 0..g.len() {
         put(out, g.means[k]);
-        put(
-            out,
-            g.colors[k].map(|c| (srgb_from_linear(c) - 0.5) / SH_CONSTANT),
-        );
+        if has_normals {
+            put(out, [0.0; 3]);
+        }
+        let stored = |c| (srgb(c, scene.reading.blending) - 0.5) / SH_CONSTANT;
+        put(out, g.colors[k].map(stored));
+        for channel in (0..3).filter(|_| has_rest) {
+            for coefficient in g.harmonics.of(k) {
+                put(out, [coefficient[channel]]);
+            }
+        }
         let opacity = g.opacities[k];
         put(out, [(opacity / (1.0 - opacity)).ln()]);
         put(out, g.scales[k].map(f32::ln));

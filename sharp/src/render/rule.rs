@@ -208,6 +208,23 @@ impl Rule {
         ..Self::GSPLAT_1_5_3_CLASSIC
     };
 
+    pub const GSPLAT_ANTIALIASED: Self = Self {
+        compensation: Compensation::FlooredRoot,
+        ..Self::GSPLAT_CLASSIC
+    };
+    /// Without its 3D filter, which belongs to the scene.
+    pub const MIP_SPLATTING: Self = Self {
+        low_pass: 0.1,
+        compensation: Compensation::MipSplatting,
+        ..Self::INRIA_GENERAL
+    };
+    pub const BRUSH_MIP: Self = Self {
+        low_pass: 0.1,
+        compensation: Compensation::Root,
+        far: f32::INFINITY,
+        ..Self::GSPLAT_1_5_3_CLASSIC
+    };
+
     /// The rules that have a name.
     pub const NAMED: [(&str, Self); 10] = [
         ("sharp", Self::SHARP),
@@ -221,23 +238,9 @@ impl Rule {
                 ..Self::INRIA_GENERAL
             },
         ),
-        // Without its 3D filter, which belongs to the scene.
-        (
-            "mip-splatting",
-            Self {
-                low_pass: 0.1,
-                compensation: Compensation::MipSplatting,
-                ..Self::INRIA_GENERAL
-            },
-        ),
+        ("mip-splatting", Self::MIP_SPLATTING),
         ("gsplat-classic", Self::GSPLAT_CLASSIC),
-        (
-            "gsplat-antialiased",
-            Self {
-                compensation: Compensation::FlooredRoot,
-                ..Self::GSPLAT_CLASSIC
-            },
-        ),
+        ("gsplat-antialiased", Self::GSPLAT_ANTIALIASED),
         ("gsplat-1.5.3-classic", Self::GSPLAT_1_5_3_CLASSIC),
         (
             "gsplat-1.5.3-antialiased",
@@ -246,15 +249,7 @@ impl Rule {
                 ..Self::GSPLAT_1_5_3_CLASSIC
             },
         ),
-        (
-            "brush-mip",
-            Self {
-                low_pass: 0.1,
-                compensation: Compensation::Root,
-                far: f32::INFINITY,
-                ..Self::GSPLAT_1_5_3_CLASSIC
-            },
-        ),
+        ("brush-mip", Self::BRUSH_MIP),
     ];
 
     pub fn names() -> Vec<&'static str> {

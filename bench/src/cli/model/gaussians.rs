@@ -4,16 +4,19 @@ use std::path::{Path, PathBuf};
 
 use clap::{Args, Subcommand, ValueEnum};
 use serde::Serialize;
+use sharp::gaussian_files::{load, to_spz_bytes};
 use sharp::gaussians::Gaussians;
 use sharp::ply::{
-    ColorSpace, GaussianScene, Harmonics, PlyForm, PlyReason, StoredForm, load, to_bytes,
+    ColorSpace, FileMarks, GaussianScene, Generator, PlyForm, PlyReason, SplatRenderMode,
+    StoredForm, to_bytes, to_compressed_bytes,
 };
 
 use crate::cli::reading_args::ReadingArgs;
 use crate::cli::{Outcome, output};
 use crate::io::atomic_files::write_atomic;
+use crate::methods::file_reading::Axes;
 
-/// Inspect or rewrite a PLY file of Gaussians
+/// Inspect or rewrite a file of Gaussians: PLY, compressed PLY, SPZ, SOG or .splat
 #[derive(Debug, Args)]
 pub(crate) struct GaussiansArgs {
     #[command(subcommand)]
@@ -34,16 +37,20 @@ enum GaussiansCommand {
     },
     /// Rewrite a file for other viewers, or without its nearly invisible Gaussians
     #[command(
-        after_help = "Example:\n  sharp-bench gaussians convert photo.ply plain.ply --to plain --min-opacity 0.005"
+        after_help = "Examples:\n  sharp-bench gaussians convert photo.ply plain.ply --to plain --min-opacity 0.005\n  \
+                      sharp-bench gaussians convert scene.spz scene.ply --axes rub"
     )]
     Convert {
         /// The file to read
         ply: PathBuf,
         /// The file to write
         out: PathBuf,
-        /// Elements of the result
+        /// Format of the result
         #[arg(long, value_enum, default_value_t = TargetForm::Plain)]
         to: TargetForm,
+        /// Axes of the file read, as in --method gaussians; the result has OpenCV's (rdf), SPZ its own (rub)
+        #[arg(long, value_name = "AXES", value_parser = flip)]
+        axes: Option<[f32; 3]>,
         #[command(flatten)]
         reading: ReadingArgs,
         /// Drop Gaussians of lower opacity, 0..1
@@ -52,12 +59,24 @@ enum GaussiansCommand {
     },
 }
 
-#[derive(Debug, Clone, Copy, ValueEnum)]
+#[derive(Debug, Clone, Copy, PartialEq, ValueEnum)]
 enum TargetForm {
-    /// Only the Gaussians, for any viewer
+    /// PLY with only the Gaussians, as 3D Gaussian Splatting lays them out, for any viewer
     Plain,
-    /// With the release's extra elements
+    /// PLY with the release's extra elements, without view-dependent colours
     Release,
+    /// PlayCanvas' compressed PLY
+    Compressed,
+    /// SPZ 3
+    Spz,
+}
+
+/// Signs that turn axes into OpenCV's.
+fn flip(text: &str) -> Result<[f32; 3], String> {
+    let axes = Axes::parse(text).and_then(Axes::flip);
+    axes.ok_or_else(|| {
+        "rdf, rub, lub or ldb is needed: others are no flips of OpenCV's axes".to_owned()
+    })
 }
 
 pub(crate) fn execute(args: &GaussiansArgs) -> anyhow::Result<Outcome> {
@@ -67,23 +86,51 @@ pub(crate) fn execute(args: &GaussiansArgs) -> anyhow::Result<Outcome> {
             ply,
             out,
             to,
+            axes,
             reading,
             min_opacity,
         } => {
-            let reading = reading.reading();
-            let scene = load(ply, reading)?;
+            let reading = StoredForm {
+                blending: ColorSpace::Srgb,
+                ..reading.reading()
+            };
+            let mut scene = load(ply, reading)?;
             for doubt in &scene.doubts {
-                output::remark(format!("warning: {}: {}", ply.display(), doubt.text));
+                if doubt.about == "axes" {
+                    anyhow::ensure!(axes.is_some(), "{}: {} (--axes)", ply.display(), doubt.text);
+                } else {
+                    output::remark(format!("warning: {}: {}", ply.display(), doubt.text));
+                }
             }
-            anyhow::ensure!(
-                !scene.is_view_dependent || reading.harmonics == Some(Harmonics::Drop),
-                "{}: colours depend on the view ({} coefficients f_rest_*), which would be lost: `--read harmonics=drop` \
-                 keeps the constant term alone",
-                ply.display(),
-                scene.color_coefficients
-            );
+            if reading.color_space.is_some() {
+                // Said so of SHARP's files, and stated in the result.
+                scene.marks.generator = Some(Generator::Sharp);
+            }
+            if let Some(signs) = *axes {
+                scene.gaussians = scene.gaussians.flipped(signs);
+            }
+            if *to == TargetForm::Release {
+                check_release(&scene, reading)
+                    .map_err(|reason| anyhow::anyhow!("{}: {reason}", ply.display()))?;
+            }
             convert(scene, out, *to, *min_opacity)
         }
+    }
+}
+
+/// The release's layout has no view-dependent colours, and states that colours are sRGB-encoded and blended in linear
+/// light.
+fn check_release(scene: &GaussianScene, given: StoredForm) -> Result<(), String> {
+    if scene.gaussians.harmonics.degree > 0 {
+        return Err(format!(
+            "colours depend on the view ({} coefficients f_rest_*), which would be lost: `--read harmonics=drop` keeps the \
+             constant term alone",
+            scene.color_coefficients
+        ));
+    }
+    match scene.color_space.or(given.color_space) {
+        Some(_) => Ok(()),
+        None => Err(PlyReason::ColorSpaceUnknown.to_string()),
     }
 }
 
@@ -128,6 +175,10 @@ struct Info {
     /// Degree of the colours' spherical harmonics.
     color_degree: usize,
     is_view_dependent: bool,
+    /// The program that wrote it, as far as marks or columns show.
+    generator: Option<&'static str>,
+    /// Marks of the rule it was made to be drawn with.
+    marks: Vec<&'static str>,
     image_size: Option<[u32; 2]>,
     focal_px: Option<[f64; 2]>,
     opacity: Option<Distribution>,
@@ -188,6 +239,8 @@ fn describe(scene: &GaussianScene) -> Info {
         // 3 ((d + 1)² − 1) coefficients besides the constant one.
         color_degree: (scene.color_coefficients / 3 + 1).isqrt() - 1,
         is_view_dependent: scene.is_view_dependent,
+        generator: scene.marks.generator.map(generator_name),
+        marks: marks_in_words(&scene.marks),
         image_size: scene.intrinsics.map(|k| [k.width, k.height]),
         focal_px: scene.intrinsics.map(|k| [k.fx, k.fy]),
         opacity: Distribution::of(opacities.iter().copied()),
@@ -201,20 +254,42 @@ fn describe(scene: &GaussianScene) -> Info {
     }
 }
 
+fn generator_name(generator: Generator) -> &'static str {
+    match generator {
+        Generator::Sharp => "sharp",
+        Generator::Brush => "brush",
+        Generator::Nerfstudio => "nerfstudio",
+        Generator::SplatTransform => "splat-transform",
+        Generator::GsplatLike => "gsplat or alike",
+        Generator::InriaLike => "Inria's or alike",
+    }
+}
+
+fn marks_in_words(marks: &FileMarks) -> Vec<&'static str> {
+    let said = [
+        (marks.antialiased == Some(true), "antialiased"),
+        (marks.antialiased == Some(false), "not antialiased"),
+        (
+            marks.mode == Some(SplatRenderMode::Mip),
+            "SplatRenderMode: mip",
+        ),
+        (
+            marks.mode == Some(SplatRenderMode::Flat),
+            "SplatRenderMode: 2dgs",
+        ),
+        (marks.has_filter_3d, "filter_3D"),
+    ];
+    let said = said.into_iter().filter(|(is_said, _)| *is_said);
+    said.map(|(_, words)| words).collect()
+}
+
 fn info(ply: &Path, reading: StoredForm, json: bool) -> anyhow::Result<Outcome> {
-    let scene = match load(ply, reading) {
-        // Nothing that is shown depends on colours.
-        Err(error) if matches!(error.reason, PlyReason::ColorSpaceUnknown) => {
-            let color_space = Some(ColorSpace::Linear);
-            let reading = StoredForm {
-                color_space,
-                ..reading
-            };
-            load(ply, reading)
-        }
-        loaded => loaded,
+    // What is shown does not depend on the space in which colours are blended, and this one takes every file.
+    let reading = StoredForm {
+        blending: ColorSpace::Srgb,
+        ..reading
     };
-    let info = describe(&scene?);
+    let info = describe(&load(ply, reading)?);
     if json {
         output::json(&info)?;
         return Ok(Outcome::Done);
@@ -237,7 +312,7 @@ fn info(ply: &Path, reading: StoredForm, json: bool) -> anyhow::Result<Outcome> 
     ))?;
     let space = info.color_space.as_deref();
     let view = match info.is_view_dependent {
-        true => "depend on the view, which is not rendered",
+        true => "depend on the view",
         false => "equal from all sides",
     };
     output::line(format!(
@@ -245,6 +320,12 @@ fn info(ply: &Path, reading: StoredForm, json: bool) -> anyhow::Result<Outcome> 
         space.unwrap_or("linear or srgb, the file does not say"),
         info.color_degree
     ))?;
+    if let Some(generator) = info.generator {
+        output::line(format!("written by       {generator}"))?;
+    }
+    if !info.marks.is_empty() {
+        output::line(format!("made to be drawn {}", info.marks.join(", ")))?;
+    }
     if let (Some([w, h]), Some([fx, fy])) = (info.image_size, info.focal_px) {
         output::line(format!(
             "photograph       {w}x{h}, focal length {fx:.2} {fy:.2} px"
@@ -305,13 +386,15 @@ fn convert(
         let opacities = scene.gaussians.opacities.clone();
         scene.gaussians = scene.gaussians.filtered(|k| opacities[k] >= min_opacity);
     }
-    let form = match to {
-        TargetForm::Plain => PlyForm::Plain,
-        TargetForm::Release => PlyForm::Release,
+    let (bytes, axes) = match to {
+        TargetForm::Plain => (to_bytes(&scene, PlyForm::Plain), ""),
+        TargetForm::Release => (to_bytes(&scene, PlyForm::Release), ""),
+        TargetForm::Compressed => (to_compressed_bytes(&scene), ""),
+        TargetForm::Spz => (to_spz_bytes(&scene)?, ", axes rub"),
     };
-    write_atomic(out, &to_bytes(&scene, form))?;
+    write_atomic(out, &bytes)?;
     output::line(format!(
-        "{}  {} of {before} Gaussians",
+        "{}  {} of {before} Gaussians{axes}",
         out.display(),
         scene.gaussians.len()
     ))?;

@@ -10,7 +10,7 @@ use sharp::color::Quantization;
 use sharp::gaussians::Gaussians;
 use sharp::ply::ColorSpace;
 use sharp::render::trajectory::DepthRange;
-use sharp::render::{RenderError, RenderOutput, RenderView, release_screen};
+use sharp::render::{RenderError, RenderOutput, RenderView, Rule, release_screen};
 
 use super::args::Layers;
 use super::writer::{self, Appearance, OutputKind, ViewWriter};
@@ -57,13 +57,15 @@ impl<'a> RenderJob<'a> {
                 page.display()
             );
         }
-        let rule = args.rule();
+        let file = gaussian_files::read(&args.scene, args.reading.reading(), args.rule)?;
+        let rule = args.over(file.rule);
         ensure!(
             args.viewer.is_none() || rule.is_like_sharp(),
             "--viewer: a page draws by the rule sharp with any low-pass, near and far, not by {rule}"
         );
-        let file =
-            gaussian_files::read_blended(&args.scene, args.reading.reading(), rule.blending)?;
+        if let Some(note) = &file.rule_note {
+            output::remark(format!("note: {}: {note}", args.scene.display()));
+        }
         for doubt in &file.doubts {
             output::remark(format!("warning: {}: {}", args.scene.display(), doubt.text));
         }
@@ -90,7 +92,7 @@ impl<'a> RenderJob<'a> {
             .poses(&scene, &photo, &camera_from_scene)
             .with_context(named)?;
         if let Some(out) = &out {
-            out.check(args, moved.as_ref().map(Vec::len))?;
+            out.check(args, &rule, moved.as_ref().map(Vec::len))?;
         }
 
         let screen = if args.release_screen {
@@ -228,7 +230,7 @@ enum Stopped {
 
 impl Output<'_> {
     /// One view goes to a picture, a path to frames or a movie.
-    fn check(&self, args: &RenderArgs, moved: Option<usize>) -> anyhow::Result<()> {
+    fn check(&self, args: &RenderArgs, rule: &Rule, moved: Option<usize>) -> anyhow::Result<()> {
         let out = self.path.display();
         match (self.kind, moved) {
             (OutputKind::Picture, Some(n)) if n != 1 => {
@@ -258,9 +260,9 @@ impl Output<'_> {
         ];
         writer::refuse_for_floats(self.path, &options)?;
         ensure!(
-            args.rule().blending == ColorSpace::Linear || !writer::ends_in(self.path, &["exr"]),
+            rule.blending == ColorSpace::Linear || !writer::ends_in(self.path, &["exr"]),
             "{out}: an .exr holds linear light, which {} does not blend: choose .safetensors or .png",
-            args.rule()
+            rule
         );
         Ok(())
     }

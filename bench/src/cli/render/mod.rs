@@ -138,9 +138,8 @@ struct Summary {
 }
 
 impl RenderArgs {
-    /// The rule with what single options say otherwise.
-    fn rule(&self) -> Rule {
-        let mut rule = self.rule.unwrap_or_default();
+    /// A rule with what single options say otherwise.
+    fn over(&self, mut rule: Rule) -> Rule {
         rule.low_pass = self.rendering.eps2d.map_or(rule.low_pass, |LowPass(x)| x);
         rule.near = self.near.unwrap_or(rule.near);
         rule.far = self.far.unwrap_or(rule.far);

@@ -147,6 +147,8 @@ mod tests {
             vec![[0.2; 3]],
         );
         GaussianPrediction {
+            rule: None,
+            notes: Vec::new(),
             gaussians: gaussians.unwrap(),
             space: GaussianSpace::Normalized,
             first_layer: DepthMap::from_vec(2, 1, vec![z, 2.0 * z]),

@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use glam::DAffine3;
 use safetensors::SafeTensors;
 use serde::{Deserialize, Serialize};
+use sharp::gaussians::Harmonics;
 use sharp_datasets::DepthMap;
 
 use crate::io::atomic_files::FileError;
@@ -35,6 +36,10 @@ struct Said {
     /// Settings of the file that was read.
     reading: Option<BTreeMap<String, String>>,
     warnings: BTreeMap<String, String>,
+    #[serde(default)]
+    notes: Vec<String>,
+    #[serde(default)]
+    rule: Option<String>,
 }
 
 /// Writes a prediction with everything needed to render it: arrays as `gaussians` takes them, its space, its depth
@@ -53,6 +58,11 @@ pub(in crate::evaluate) fn write_prediction(
         Array::new("opacities", &[n], &gaussians.opacities),
         Array::new("colors_linear", &[n, 3], gaussians.colors.as_flattened()),
     ];
+    let each = gaussians.harmonics.per_gaussian();
+    if each > 0 {
+        let values = gaussians.harmonics.coefficients.as_flattened();
+        arrays.push(Array::new("harmonics", &[n, each, 3], values));
+    }
     if let Some(layer) = &prediction.first_layer {
         let shape = [layer.height() as usize, layer.width() as usize];
         arrays.push(Array::new("first_layer", &shape, layer.as_raw()));
@@ -68,6 +78,8 @@ pub(in crate::evaluate) fn write_prediction(
             settings.map(|(key, v)| (key.to_owned(), v)).collect()
         }),
         warnings: prediction.warnings.clone(),
+        notes: prediction.notes.clone(),
+        rule: prediction.rule.map(|rule| rule.to_string()),
     };
     let said = serde_json::to_string(&said).unwrap_or_default();
     let metadata = HashMap::from([
@@ -115,8 +127,20 @@ pub(in crate::evaluate) fn read_prediction(
         let set = settings.iter().map(|(key, value)| reading.set(key, value));
         set.collect::<Result<(), String>>().map(|()| reading)
     });
+    let rule = said.rule.map(|rule| rule.parse()).transpose();
+    let mut gaussians = read_arrays(path)?;
+    if let Some(Array { shape, bytes, .. }) = arrays.iter().find(|a| a.name == "harmonics") {
+        let values = bytes.as_chunks().0.iter().map(|b| f32::from_le_bytes(*b));
+        let values: Vec<f32> = values.collect();
+        gaussians.harmonics = Harmonics {
+            degree: (shape[1] + 1).isqrt() - 1,
+            coefficients: values.as_chunks::<3>().0.to_vec(),
+        };
+    }
     let prediction = GaussianPrediction {
-        gaussians: read_arrays(path)?,
+        gaussians,
+        rule: rule.map_err(|_| damaged())?,
+        notes: said.notes,
         space: said
             .camera_from_gaussians
             .map_or(GaussianSpace::Normalized, |map| {
@@ -131,12 +155,13 @@ pub(in crate::evaluate) fn read_prediction(
 }
 
 /// The arrays of a prediction, in the order that they are hashed in.
-const ARRAYS: [&str; 6] = [
+const ARRAYS: [&str; 7] = [
     "means",
     "quats_wxyz",
     "scales",
     "opacities",
     "colors_linear",
+    "harmonics",
     "first_layer",
 ];
 

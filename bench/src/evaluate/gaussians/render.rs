@@ -51,7 +51,12 @@ fn seen_depth(
     renderer: &SharedRenderer,
 ) -> Result<DepthMap, RenderError> {
     let placed = placed(prediction.space, source, source);
-    let output = renderer.render(&prediction.gaussians, placed, source.intrinsics)?;
+    let output = renderer.render(
+        &prediction.gaussians,
+        placed,
+        source.intrinsics,
+        prediction.rule,
+    )?;
     Ok(surface_depth(&output))
 }
 
@@ -115,7 +120,7 @@ pub(in crate::evaluate) fn render(
             &resized
         }
     };
-    let output = renderer.render(gaussians, placed, target.intrinsics)?;
+    let output = renderer.render(gaussians, placed, target.intrinsics, prediction.rule)?;
     let n = output.alpha.len() as f64;
     let covered: f64 = output.alpha.iter().map(|&a| f64::from(a)).sum();
     let holes = output.alpha.iter().filter(|&&a| a < HOLE_ALPHA).count();
@@ -130,7 +135,7 @@ pub(in crate::evaluate) fn render(
         region: None,
         resized_from: None,
         extras,
-        notes: Vec::new(),
+        notes: prediction.notes.clone(),
     };
     Ok((picture, output))
 }
@@ -177,6 +182,8 @@ mod tests {
             .collect();
         let n = means.len();
         let prediction = GaussianPrediction {
+            rule: None,
+            notes: Vec::new(),
             gaussians: Gaussians::new(
                 means,
                 vec![[1.0, 0.0, 0.0, 0.0]; n],

@@ -8,7 +8,7 @@ use sharp::ply::{
     ColorSpace, StoredChannels, StoredColors, StoredOpacity, StoredQuaternions, StoredScales,
 };
 use sharp::random::mix;
-use sharp::render::RenderError;
+use sharp::render::{RenderError, Rule};
 
 use super::likeness::Likeness;
 use crate::methods::file_reading::{Axes, FileReading, FileSpace, Placement};
@@ -43,6 +43,7 @@ pub(in crate::evaluate) struct Trial<'a> {
     pub(in crate::evaluate) photograph: &'a RgbImage,
     pub(in crate::evaluate) region: Region,
     pub(in crate::evaluate) renderer: &'a SharedRenderer,
+    pub(in crate::evaluate) rule: Option<Rule>,
 }
 
 impl Trial<'_> {
@@ -72,7 +73,9 @@ impl Trial<'_> {
         seen.members.sort_by_key(|&k| mix(k as u64));
         let seen = gaussians.subset(&seen.members);
         let intrinsics = self.intrinsics();
-        let output = self.renderer.render(&seen, camera_from_file, intrinsics)?;
+        let output = self
+            .renderer
+            .render(&seen, camera_from_file, intrinsics, self.rule)?;
         let picture = self.renderer.picture(&output);
         Ok(Some(Likeness::of(self.photograph, self.region, &picture)))
     }

@@ -89,7 +89,12 @@ pub(in crate::evaluate) fn check_source(
 ) -> Result<SourceFacts, RenderError> {
     let (camera, photograph) = (source.camera, source.photograph);
     let as_given = placed(prediction.space, camera, camera);
-    let output = renderer.render(&prediction.gaussians, as_given, camera.intrinsics)?;
+    let output = renderer.render(
+        &prediction.gaussians,
+        as_given,
+        camera.intrinsics,
+        prediction.rule,
+    )?;
     let whole = Region::whole(photograph.dimensions());
     let mean = Likeness::of(photograph, whole, photograph).mean_color();
     let mean = mean.map(|level| linear_from_srgb(level as f32 / 255.0));
@@ -119,6 +124,7 @@ pub(in crate::evaluate) fn check_source(
         photograph,
         region: window(photograph),
         renderer,
+        rule: prediction.rule,
     };
     for topic in prediction.warnings.keys() {
         let mut other = reading;
@@ -445,7 +451,7 @@ mod tests {
     /// The wall as the source's camera sees it.
     fn photograph() -> RgbImage {
         let (round, renderer) = (mapped(&wall(), DAffine3::IDENTITY), SharedRenderer::cpu());
-        let truth = renderer.render(&round, DAffine3::IDENTITY, source().intrinsics);
+        let truth = renderer.render(&round, DAffine3::IDENTITY, source().intrinsics, None);
         renderer.picture(&truth.unwrap())
     }
 
@@ -466,6 +472,8 @@ mod tests {
     ) -> Option<String> {
         let (source, renderer) = (source(), SharedRenderer::cpu());
         let prediction = GaussianPrediction {
+            rule: None,
+            notes: Vec::new(),
             gaussians,
             space: GaussianSpace::CAMERA,
             first_layer: None,
@@ -574,7 +582,7 @@ mod tests {
         // A pastel wall, whose coefficients are all within 0..1.
         let pastel = recolored(&round, |c| 0.5 + 0.28 * c);
         let seen = SharedRenderer::cpu();
-        let shown = seen.render(&pastel, DAffine3::IDENTITY, source().intrinsics);
+        let shown = seen.render(&pastel, DAffine3::IDENTITY, source().intrinsics, None);
         let shown = seen.picture(&shown.unwrap());
         assert_eq!(doubt_beside(&shown, pastel, dc, rgb01), None);
         let mut misread = round.clone();

@@ -1,0 +1,194 @@
+//! Where a method's files lie in its folder: a template of a pair's names.
+
+use std::collections::BTreeSet;
+use std::path::{Component, Path, PathBuf};
+
+use crate::pairs::pair_id::{PairName, path_of};
+
+/// A path below the method's folder with the names of a pair in braces, such as `{scene}/point_cloud.ply`.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(super) struct FileTemplate(String);
+
+/// Names of a pair; `pair` is its id.
+const NAMES: [&str; 5] = ["dataset", "scene", "source", "target", "pair"];
+
+impl FileTemplate {
+    /// Reads a template that may use the first `known` of the names. The error lists what is needed.
+    fn parse(text: &str, known: &[&str]) -> Result<Self, String> {
+        let needed = || {
+            let names: Vec<String> = known.iter().map(|name| format!("{{{name}}}")).collect();
+            format!(
+                "file={text}: a path below the folder is needed, with names among {}",
+                names.join(" ")
+            )
+        };
+        let mut rest = text.to_owned();
+        for name in known {
+            rest = rest.replace(&format!("{{{name}}}"), "x");
+        }
+        match is_below(Path::new(&rest)) && !rest.contains(['{', '}']) {
+            true => Ok(Self(text.to_owned())),
+            false => Err(needed()),
+        }
+    }
+
+    /// For files of which there is one a pair.
+    pub(super) fn of_pairs(text: &str) -> Result<Self, String> {
+        Self::parse(text, &NAMES)
+    }
+
+    /// For files that serve all targets of a source.
+    pub(super) fn of_sources(text: &str) -> Result<Self, String> {
+        Self::parse(text, &NAMES[..3])
+    }
+
+    pub(super) fn text(&self) -> &str {
+        &self.0
+    }
+
+    /// The file of a pair in `folder`, or of a source where the id is of one: with names as they are, or else as they are
+    /// encoded in ids. Whether it exists is not asked.
+    pub(super) fn candidates(&self, folder: &Path, id: &str) -> Vec<PathBuf> {
+        let encoded = path_of(id);
+        let plain = match id.contains("__") {
+            true => PairName::decode(id),
+            // The source stands for a target that no template of sources names.
+            false => PairName::decode(&format!("{id}__x")),
+        };
+        let mut of_parts = encoded.splitn(3, '/');
+        let mut part = || of_parts.next().unwrap_or_default();
+        let (dataset, scene, views) = (part(), part(), part());
+        let (source, target) = views.split_once("__").unwrap_or((views, ""));
+        let by_id = self.filled([dataset, scene, source, target, &encoded]);
+        let by_name = plain.ok().map(|name| {
+            let PairName {
+                dataset,
+                scene,
+                source,
+                target,
+            } = &name;
+            self.filled([dataset, scene, source, target, &encoded])
+        });
+        let all = by_name.into_iter().chain([by_id]);
+        all.filter(|path| is_below(path))
+            .map(|path| folder.join(path))
+            .collect()
+    }
+
+    fn filled(&self, values: [&str; 5]) -> PathBuf {
+        let mut out = String::new();
+        let mut rest = self.0.as_str();
+        // Braces within a name are none of the template's.
+        while let Some((before, after)) = rest.split_once('{') {
+            let (name, after) = after.split_once('}').unwrap_or((after, ""));
+            let value = NAMES.iter().position(|known| *known == name);
+            out.push_str(before);
+            out.push_str(value.map_or("", |place| values[place]));
+            rest = after;
+        }
+        out.push_str(rest);
+        out.into()
+    }
+}
+
+/// Whether a path stays below the folder that it is joined to.
+fn is_below(path: &Path) -> bool {
+    let mut parts = path.components();
+    parts.clone().next().is_some() && parts.all(|part| matches!(part, Component::Normal(_)))
+}
+
+/// The template that finds the most of the pairs' files in a folder, in words; `None` if none finds any. `extensions` are
+/// those of the method's files.
+pub(super) fn suggestion(
+    folder: &Path,
+    ids: &BTreeSet<String>,
+    extensions: &[&str],
+    known: fn(&str) -> Result<FileTemplate, String>,
+) -> Option<String> {
+    const STEMS: [&str; 9] = [
+        "{scene}",
+        "{source}",
+        "{target}",
+        "{scene}/{source}",
+        "{scene}/{target}",
+        "{scene}/{source}__{target}",
+        "{dataset}/{scene}",
+        "{dataset}/{scene}/{target}",
+        "{scene}/point_cloud",
+    ];
+    let templates = STEMS.into_iter().flat_map(|stem| {
+        let named = extensions.iter();
+        named.filter_map(move |extension| known(&format!("{stem}.{extension}")).ok())
+    });
+    let found = templates.filter_map(|template| {
+        let files: Vec<PathBuf> = ids
+            .iter()
+            .map(|id| template.candidates(folder, id))
+            .collect::<Vec<_>>()
+            .concat();
+        let distinct: BTreeSet<PathBuf> = files.into_iter().collect();
+        let there = distinct.iter().filter(|path| path.is_file()).count();
+        (there > 0).then_some((there, distinct.len(), template))
+    });
+    let (there, all, template) = found.max_by_key(|(there, ..)| *there)?;
+    Some(format!(
+        "none of its files is where it is looked for, but {there} of {all} are there with file={}",
+        template.text()
+    ))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn templates_name_files_by_names_and_by_encoded_names() {
+        let folder = Path::new("dir");
+        let template = FileTemplate::of_sources("{scene}/point_cloud.ply").unwrap();
+        let found = template.candidates(folder, "d/my%20scene/a");
+        let expected = [
+            "dir/my scene/point_cloud.ply",
+            "dir/my%20scene/point_cloud.ply",
+        ];
+        assert_eq!(found, expected.map(PathBuf::from));
+        let pair = FileTemplate::of_pairs("{pair}.png").unwrap();
+        let found = pair.candidates(folder, "d/s/a__b");
+        assert_eq!(found[0], Path::new("dir/d/s/a__b.png"));
+        // A scene may not lead out of the folder.
+        let out = FileTemplate::of_sources("{scene}/x.ply").unwrap();
+        let found = out.candidates(folder, "d/%2E%2E%2Fother/a");
+        assert_eq!(found, [Path::new("dir/%2E%2E%2Fother/x.ply")]);
+    }
+
+    #[test]
+    fn wrong_templates_say_what_is_needed() {
+        for text in [
+            "../{scene}.ply",
+            "/{scene}.ply",
+            "{view}.ply",
+            "{target}.ply",
+            "",
+            "{scene",
+        ] {
+            let error = FileTemplate::of_sources(text).unwrap_err();
+            assert!(error.contains("{dataset} {scene} {source}"), "{error}");
+        }
+        assert!(FileTemplate::of_pairs("{target}.png").is_ok());
+    }
+
+    #[test]
+    fn the_template_that_finds_most_files_is_suggested() {
+        let folder = tempfile::tempdir().unwrap();
+        for scene in ["a", "b"] {
+            std::fs::write(folder.path().join(format!("{scene}.png")), "").unwrap();
+        }
+        let ids = BTreeSet::from(["d/a/0__1", "d/a/0__2", "d/b/0__1"].map(str::to_owned));
+        let of = |extensions| suggestion(folder.path(), &ids, extensions, FileTemplate::of_pairs);
+        let found = of(&["png"]).unwrap();
+        assert!(
+            found.ends_with("2 of 2 are there with file={scene}.png"),
+            "{found}"
+        );
+        assert_eq!(of(&["jpg"]), None);
+    }
+}

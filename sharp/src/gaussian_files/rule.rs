@@ -1,0 +1,59 @@
+//! The rule of rendering that a file was made for, from its marks.
+
+use crate::ply::{FileMarks, Generator, SplatRenderMode};
+use crate::render::Rule;
+
+/// A rule with the reason for it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct MarkedRule {
+    pub rule: Rule,
+    /// Whether the file says so; else it is only likely.
+    pub is_stated: bool,
+    pub why: &'static str,
+}
+
+impl MarkedRule {
+    pub fn of(marks: &FileMarks) -> Self {
+        let stated = |rule, why| Self {
+            rule,
+            is_stated: true,
+            why,
+        };
+        let likely = |rule, why| Self {
+            rule,
+            is_stated: false,
+            why,
+        };
+        match (marks.generator, marks.antialiased) {
+            (Some(Generator::Sharp), _) => stated(
+                Rule::SHARP,
+                "it states the encoding of its colours, as SHARP's do",
+            ),
+            _ if marks.has_filter_3d => stated(
+                Rule::MIP_SPLATTING,
+                "its filter_3D is Mip-Splatting's, and was folded in",
+            ),
+            (Some(Generator::Brush), _) if marks.mode == Some(SplatRenderMode::Mip) => {
+                stated(Rule::BRUSH_MIP, "brush exported it in mode mip")
+            }
+            (Some(Generator::Brush), _) => stated(Rule::GSPLAT_1_5_3_CLASSIC, "brush exported it"),
+            (_, Some(true)) => stated(
+                Rule::GSPLAT_ANTIALIASED,
+                "it is marked as antialiased, which leaves open whether its low-pass is 0.3 or 0.1",
+            ),
+            (_, Some(false)) => stated(Rule::GSPLAT_CLASSIC, "it is marked as not antialiased"),
+            (Some(Generator::Nerfstudio), None) => likely(
+                Rule::GSPLAT_CLASSIC,
+                "nerfstudio exported it, whose rasterize_mode is in its config.yml",
+            ),
+            (Some(Generator::InriaLike), None) => likely(
+                Rule::INRIA_GENERAL,
+                "it has normals, as files of Inria's program have; `inria` ignores the principal point as that does",
+            ),
+            (Some(Generator::GsplatLike | Generator::SplatTransform) | None, None) => likely(
+                Rule::GSPLAT_CLASSIC,
+                "it has no normals, as files of gsplat",
+            ),
+        }
+    }
+}

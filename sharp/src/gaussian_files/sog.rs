@@ -1,0 +1,319 @@
+//! PlayCanvas' SOG: lossless WebP pictures whose pixels are attributes, and `meta.json`, which says how.
+
+use std::collections::BTreeMap;
+use std::io::{Cursor, Read};
+use std::path::Path;
+
+use image::codecs::webp::WebPDecoder;
+use image::{DynamicImage, ImageDecoder};
+use serde_json::Value;
+
+use super::MOST_EXPANSION;
+use crate::ply::{
+    Decoded, FileMarks, Generator, PlyReason, SplatRenderMode, StoredColors, StoredForm,
+    StoredOpacity, StoredScales, degree_of,
+};
+
+/// Entries of the palette of view-dependent colours in a row of its picture.
+const PALETTE_COLUMNS: usize = 64;
+
+fn damaged(what: impl Into<String>) -> PlyReason {
+    PlyReason::Damaged {
+        format: "SOG",
+        what: what.into(),
+    }
+}
+
+/// Reads the files of a folder that `meta.json` names.
+pub(super) fn from_folder(folder: &Path) -> Result<Decoded, PlyReason> {
+    read(|name| crate::files::read(&folder.join(name)).map_err(|error| error.to_string()))
+}
+
+/// Reads a zip archive.
+pub(super) fn from_archive(bytes: &[u8]) -> Result<Decoded, PlyReason> {
+    let mut archive = zip::ZipArchive::new(Cursor::new(bytes))
+        .map_err(|error| damaged(format!("its archive cannot be read ({error}); truncated?")))?;
+    if archive.index_for_name("meta.json").is_none() {
+        let what = "a zip archive without meta.json, which is no SOG; unpack it (unzip)";
+        return Err(PlyReason::Foreign(what.to_owned()));
+    }
+    let limit = bytes.len().saturating_mul(MOST_EXPANSION) as u64;
+    read(|name| {
+        let file = archive.by_name(name).map_err(|error| error.to_string())?;
+        let mut content = Vec::new();
+        let read = file.take(limit).read_to_end(&mut content);
+        read.map_err(|error| error.to_string())?;
+        Ok(content)
+    })
+}
+
+fn read(mut file: impl FnMut(&str) -> Result<Vec<u8>, String>) -> Result<Decoded, PlyReason> {
+    let mut file = |name: &str| file(name).map_err(|error| damaged(format!("{name}: {error}")));
+    let meta = file("meta.json")?;
+    let meta: Value =
+        serde_json::from_slice(&meta).map_err(|error| damaged(format!("meta.json: {error}")))?;
+    let names = ["means", "scales", "quats", "sh0", "shN"];
+    let mut files = BTreeMap::new();
+    for attribute in names.into_iter().filter(|name| meta.get(name).is_some()) {
+        let listed = meta[attribute]["files"].as_array();
+        for name in listed.into_iter().flatten().filter_map(Value::as_str) {
+            // Nothing outside the folder is read.
+            if name.contains(['/', '\\']) || name == ".." {
+                return Err(damaged(format!("meta.json names the file {name:?}")));
+            }
+            files.insert(name.to_owned(), file(name)?);
+        }
+    }
+    Sog { meta, files }.decode()
+}
+
+struct Sog {
+    meta: Value,
+    /// By name.
+    files: BTreeMap<String, Vec<u8>>,
+}
+
+impl Sog {
+    fn decode(&self) -> Result<Decoded, PlyReason> {
+        let meta = &self.meta;
+        let is_first = match meta.get("version").map(Value::as_u64) {
+            None => true,
+            Some(Some(2)) => false,
+            Some(_) => {
+                let what = format!("version {} is not read, 1 and 2 are", meta["version"]);
+                return Err(damaged(what));
+            }
+        };
+        let count = match is_first {
+            true => &meta["means"]["shape"][0],
+            false => &meta["count"],
+        };
+        let count = count.as_u64().and_then(|count| usize::try_from(count).ok());
+        let count =
+            count.ok_or_else(|| damaged("meta.json does not say how many Gaussians there are"))?;
+        let of = |attribute: &'static str, file: usize| self.pixels(attribute, file, count);
+        let [low, high, scales, turns, colors] = [
+            of("means", 0)?,
+            of("means", 1)?,
+            of("scales", 0)?,
+            of("quats", 0)?,
+            of("sh0", 0)?,
+        ];
+        let means = Range::of(&meta["means"]).ok_or_else(|| missing("means"))?;
+        let scale = Levels::of(&meta["scales"], is_first).ok_or_else(|| missing("scales"))?;
+        let color = Levels::of(&meta["sh0"], is_first).ok_or_else(|| missing("sh0"))?;
+        let opacity = match is_first {
+            true => StoredOpacity::Logit,
+            false => StoredOpacity::Byte,
+        };
+        let mut out = Decoded {
+            form: StoredForm {
+                opacity: Some(opacity),
+                scales: Some(StoredScales::Log),
+                colors: Some(StoredColors::Dc),
+                ..StoredForm::default()
+            },
+            marks: self.marks(),
+            ..Decoded::default()
+        };
+        let stored = &mut out.stored;
+        for k in 0..count {
+            stored.means.push([0, 1, 2].map(|axis| {
+                let word = u16::from_le_bytes([low.at(k)[axis], high.at(k)[axis]]);
+                let log = means.at(axis, f64::from(word) / 65535.0);
+                (log.abs().exp_m1().copysign(log)) as f32
+            }));
+            stored
+                .scales
+                .push([0, 1, 2].map(|axis| scale.at(axis, scales.at(k)[axis])));
+            stored
+                .colors
+                .push([0, 1, 2].map(|axis| color.at(axis, colors.at(k)[axis])));
+            let alpha = colors.at(k)[3];
+            stored.opacities.push(match is_first {
+                true => color.at(3, alpha),
+                false => alpha.into(),
+            });
+            stored.quaternions.push(rotation_of(turns.at(k)));
+        }
+        if meta.get("shN").is_some() {
+            self.harmonics(count, is_first, &mut out)?;
+        }
+        Ok(out)
+    }
+
+    /// Each Gaussian names an entry of a palette.
+    fn harmonics(&self, count: usize, is_first: bool, out: &mut Decoded) -> Result<(), PlyReason> {
+        let levels = Levels::of(&self.meta["shN"], is_first).ok_or_else(|| missing("shN"))?;
+        let palette = self.pixels("shN", 0, 0)?;
+        let labels = self.pixels("shN", 1, count)?;
+        let each = palette.width / PALETTE_COLUMNS;
+        let degree = degree_of(3 * each).filter(|degree| (1..=3).contains(degree));
+        let is_whole = palette.width == PALETTE_COLUMNS * each;
+        let degree = degree.filter(|_| is_whole).ok_or_else(|| {
+            damaged(format!(
+                "a palette of view-dependent colours {} pixels wide",
+                palette.width
+            ))
+        })?;
+        out.color_coefficients = 3 * each;
+        let harmonics = &mut out.stored.harmonics;
+        harmonics.degree = degree;
+        for k in 0..count {
+            let [low, high, ..] = labels.at(k);
+            let entry = usize::from(u16::from_le_bytes([low, high]));
+            let first = entry / PALETTE_COLUMNS * palette.width + entry % PALETTE_COLUMNS * each;
+            let pixels = palette.pixels.get(first..first + each);
+            let pixels = pixels.ok_or_else(|| {
+                damaged(format!(
+                    "Gaussian {k} has entry {entry} of a shorter palette"
+                ))
+            })?;
+            let value = |pixel: &[u8; 4]| [0, 1, 2].map(|channel| levels.at(0, pixel[channel]));
+            harmonics.coefficients.extend(pixels.iter().map(value));
+        }
+        let mut values = harmonics.coefficients.iter().flatten();
+        out.is_view_dependent = values.any(|v| *v != 0.0);
+        Ok(())
+    }
+
+    fn marks(&self) -> FileMarks {
+        let generator = self.meta["asset"]["generator"].as_str().unwrap_or_default();
+        let mut marks = FileMarks {
+            generator: generator
+                .starts_with("splat-transform")
+                .then_some(Generator::SplatTransform),
+            ..FileMarks::default()
+        };
+        match self.meta["model"].as_str() {
+            Some("antialiased") => marks.antialiased = Some(true),
+            Some("2dgs") => marks.set_mode(SplatRenderMode::Flat),
+            // As spark writes.
+            _ if self.meta["antialias"] == true => marks.antialiased = Some(true),
+            _ => {}
+        }
+        marks
+    }
+
+    /// Decodes one of an attribute's files, which has at least `count` pixels.
+    fn pixels(
+        &self,
+        attribute: &'static str,
+        file: usize,
+        count: usize,
+    ) -> Result<Pixels, PlyReason> {
+        let name = self.meta[attribute]["files"][file].as_str();
+        let name = name.ok_or_else(|| missing(attribute))?;
+        let bytes = self.files.get(name).map(Vec::as_slice).unwrap_or_default();
+        let picture = |error: String| damaged(format!("{name}: {error}"));
+        let decoder = WebPDecoder::new(Cursor::new(bytes)).map_err(|e| picture(e.to_string()))?;
+        let (width, height) = decoder.dimensions();
+        let area = (width as usize).saturating_mul(height as usize);
+        // One colour throughout takes hardly any bytes: all files together bound each.
+        let held: usize = self.files.values().map(Vec::len).sum();
+        if area / MOST_EXPANSION > held {
+            return Err(picture(format!(
+                "{width}×{height} pixels, which {held} bytes cannot hold"
+            )));
+        }
+        if area < count {
+            let what = format!("{width}×{height} pixels for {count} Gaussians");
+            return Err(picture(what));
+        }
+        let image = DynamicImage::from_decoder(decoder).map_err(|e| picture(e.to_string()))?;
+        Ok(Pixels {
+            width: width as usize,
+            pixels: image.into_rgba8().as_chunks::<4>().0.to_vec(),
+        })
+    }
+}
+
+fn missing(attribute: &str) -> PlyReason {
+    damaged(format!("meta.json: `{attribute}` is missing or incomplete"))
+}
+
+struct Pixels {
+    width: usize,
+    /// Row after row.
+    pixels: Vec<[u8; 4]>,
+}
+
+impl Pixels {
+    fn at(&self, k: usize) -> [u8; 4] {
+        self.pixels[k]
+    }
+}
+
+/// Least and most along each axis; a single number holds for all.
+struct Range {
+    least: Vec<f64>,
+    most: Vec<f64>,
+}
+
+impl Range {
+    fn of(attribute: &Value) -> Option<Self> {
+        let numbers = |value: &Value| match value {
+            Value::Array(all) => all.iter().map(Value::as_f64).collect(),
+            value => Some(vec![value.as_f64()?; 4]),
+        };
+        let range = Self {
+            least: numbers(&attribute["mins"])?,
+            most: numbers(&attribute["maxs"])?,
+        };
+        (range.least.len() >= 3 && range.most.len() >= range.least.len()).then_some(range)
+    }
+
+    fn at(&self, axis: usize, share: f64) -> f64 {
+        // An axis that is not there has no width.
+        let least = self.least.get(axis).copied().unwrap_or_default();
+        let most = self.most.get(axis).copied().unwrap_or_default();
+        least + (most - least) * share
+    }
+}
+
+/// What a byte stands for.
+enum Levels {
+    /// Version 1.
+    Range(Range),
+    /// Version 2: of each byte.
+    Codebook([f32; 256]),
+}
+
+impl Levels {
+    fn of(attribute: &Value, is_first: bool) -> Option<Self> {
+        if is_first {
+            return Some(Self::Range(Range::of(attribute)?));
+        }
+        let numbers = attribute["codebook"].as_array()?.iter();
+        let numbers: Option<Vec<f32>> = numbers.map(|v| Some(v.as_f64()? as f32)).collect();
+        Some(Self::Codebook(numbers?.try_into().ok()?))
+    }
+
+    fn at(&self, axis: usize, byte: u8) -> f32 {
+        match self {
+            Self::Range(range) => range.at(axis, f64::from(byte) / 255.0) as f32,
+            Self::Codebook(values) => values[usize::from(byte)],
+        }
+    }
+}
+
+/// The last byte names the largest of w, x, y, z, which is positive; the others are in order. Other last bytes stand for
+/// no rotation.
+fn rotation_of([a, b, c, last]: [u8; 4]) -> [f32; 4] {
+    let Some(largest) = last.checked_sub(252).map(usize::from) else {
+        return [1.0, 0.0, 0.0, 0.0];
+    };
+    let mut others = [a, b, c].into_iter();
+    let mut quaternion = [0.0_f64; 4];
+    for (_, value) in quaternion
+        .iter_mut()
+        .enumerate()
+        .filter(|(k, _)| *k != largest)
+    {
+        let byte = f64::from(others.next().unwrap_or_default());
+        *value = (byte / 255.0 * 2.0 - 1.0) * std::f64::consts::FRAC_1_SQRT_2;
+    }
+    let sum: f64 = quaternion.iter().map(|v| v * v).sum();
+    quaternion[largest] = (1.0 - sum).max(0.0).sqrt();
+    quaternion.map(|v| v as f32)
+}

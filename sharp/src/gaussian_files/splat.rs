@@ -1,0 +1,41 @@
+//! `.splat`: 32 bytes a Gaussian, without a header and without view-dependent colour.
+
+use crate::ply::{Decoded, PlyReason, StoredColors, StoredForm, StoredOpacity, StoredScales};
+
+/// Position and standard deviations as f32, colour and opacity as bytes, the quaternion w, x, y, z as bytes of −1..1.
+const ROW: usize = 32;
+
+pub(super) fn decode(bytes: &[u8]) -> Result<Decoded, PlyReason> {
+    let (rows, rest) = bytes.as_chunks::<ROW>();
+    if !rest.is_empty() {
+        return Err(PlyReason::Damaged {
+            format: ".splat",
+            what: format!(
+                "{} bytes are no multiple of the {ROW} of a Gaussian (truncated?)",
+                bytes.len()
+            ),
+        });
+    }
+    let mut out = Decoded {
+        form: StoredForm {
+            opacity: Some(StoredOpacity::Byte),
+            scales: Some(StoredScales::Linear),
+            colors: Some(StoredColors::Rgb255),
+            ..StoredForm::default()
+        },
+        ..Decoded::default()
+    };
+    let stored = &mut out.stored;
+    for row in rows {
+        let (floats, bytes) = row.split_at(24);
+        let floats = floats.as_chunks::<4>().0;
+        let of = |first: usize| [0, 1, 2].map(|k| f32::from_le_bytes(floats[first + k]));
+        stored.means.push(of(0));
+        stored.scales.push(of(3));
+        stored.colors.push([0, 1, 2].map(|k| f32::from(bytes[k])));
+        stored.opacities.push(f32::from(bytes[3]));
+        let turn = [4, 5, 6, 7].map(|k| f32::from(bytes[k]) / 127.5 - 1.0);
+        stored.quaternions.push(turn);
+    }
+    Ok(out)
+}
