@@ -41,7 +41,10 @@ impl MarkedRule {
                 Rule::GSPLAT_ANTIALIASED,
                 "it is marked as antialiased, which leaves open whether its low-pass is 0.3 or 0.1",
             ),
-            (_, Some(false)) => stated(Rule::GSPLAT_CLASSIC, "it is marked as not antialiased"),
+            // A format's flag that is not set says nothing.
+            (Some(_), Some(false)) => {
+                stated(Rule::GSPLAT_CLASSIC, "it is marked as not antialiased")
+            }
             (Some(Generator::Nerfstudio), None) => likely(
                 Rule::GSPLAT_CLASSIC,
                 "nerfstudio exported it, whose rasterize_mode is in its config.yml",
@@ -50,10 +53,11 @@ impl MarkedRule {
                 Rule::INRIA_GENERAL,
                 "it has normals, as files of Inria's program have; `inria` ignores the principal point as that does",
             ),
-            (Some(Generator::GsplatLike | Generator::SplatTransform) | None, None) => likely(
+            (Some(Generator::GsplatLike | Generator::SplatTransform), None) => likely(
                 Rule::GSPLAT_CLASSIC,
                 "it has no normals, as files of gsplat",
             ),
+            (None, _) => likely(Rule::GSPLAT_CLASSIC, "most programs draw its format so"),
         }
     }
 }
