@@ -58,7 +58,7 @@ order by ray length @ project.rs @ s/c.z\[i\] = z as f32;/c.z[i] = (x * x + y * 
 ties by descending index @ cpu.rs @ s/radix::sort(&mut scratch.keys/scratch.keys.reverse(); &/
 unstable sort @ radix.rs @ s/for key in &\*keys {/for key in keys.iter().rev() {/
 tile range one short @ ranges.rs @ s/\[y \* side + x0..y \* side + x1 + 1\]/[y * side + x0..y * side + x1.max(x0)]/; s/\[row + x0..row + x1 + 1\]/[row + x0..row + x1.max(x0)]/
-footprint one pixel short @ project.rs @ s/let last = (at + reach).floor()/let last = (at + reach - 1.0).floor()/
+footprint one pixel short @ project.rs @ s/let mut last = (at + reach).floor()/let mut last = (at + reach - 1.0).floor()/
 blended in sRGB @ project.rs @ s/None => scene.colors\[k\],/None => scene.colors[k].map(crate::color::srgb_from_linear),/
 the Jacobian is not clamped @ project.rs @ s/JACOBIAN_MARGIN: f64 = 0.3;/JACOBIAN_MARGIN: f64 = 30.0;/
 the mean is clamped too @ project.rs @ s/k.focal\[0\] \* slope_x + k.center\[0\]/k.focal[0] * slope_x.max(k.bounds[0][0]).min(k.bounds[0][1]) + k.center[0]/

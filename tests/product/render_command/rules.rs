@@ -15,7 +15,7 @@ fn write_scene(dir: &Path) {
     let arrays: [(&str, Vec<usize>, Vec<f32>); 5] = [
         ("means", vec![1, 3], vec![0.0, 0.0, 2.0]),
         ("quats_wxyz", vec![1, 4], vec![2.0, 0.0, 0.0, 0.0]),
-        ("scales", vec![1, 3], vec![0.2; 3]),
+        ("scales", vec![1, 3], vec![0.05; 3]),
         ("opacities", vec![1], vec![0.5]),
         // Only the second of degree 1 does not vanish straight ahead: 0.4886 there.
         (

@@ -9,7 +9,7 @@ use super::raster::{SplatSums, Steps, Upstream, block};
 use super::*;
 use crate::random::SplitMix64;
 use crate::render::ranges::LocalSplat;
-use crate::render::{Renderer, Simd};
+use crate::render::{Renderer, Rule, Simd};
 use double::Double;
 use glam::DVec2;
 use oracle::{ATTRIBUTES, Attributes, OracleSplat, attributes, pixel, splat};
@@ -419,4 +419,13 @@ fn covariances_and_their_gradients_are_the_oracles() {
             }
         }
     }
+}
+
+#[test]
+fn another_rule_than_sharps_has_no_derivative() {
+    let (scene, mut view) = golden("s1_one", 0.01);
+    assert!(covariances(&scene, &view).is_ok());
+    view.rule = Rule::INRIA;
+    let error = covariances(&scene, &view).unwrap_err().to_string();
+    assert!(error.contains("\"inria\""), "{error}");
 }
