@@ -87,7 +87,8 @@ fn near(
     }
     for (found, expected) in found.iter().zip(expected) {
         // The expected numbers have seven digits.
-        if !((found - expected).abs() <= tolerance(*expected)) {
+        let off = (found - expected).abs();
+        if off.is_nan() || off > tolerance(*expected) {
             return Err(format!("{what}: {found} where {expected} is expected").into());
         }
     }

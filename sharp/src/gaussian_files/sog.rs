@@ -276,7 +276,7 @@ enum Levels {
     /// Version 1.
     Range(Range),
     /// Version 2: of each byte.
-    Codebook([f32; 256]),
+    Codebook(Box<[f32; 256]>),
 }
 
 impl Levels {

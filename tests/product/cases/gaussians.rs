@@ -204,13 +204,13 @@ fn other_formats_are_scored_as_the_ply_they_were_made_of() {
         ("A23-compressed-ply", "label=read"),
         ("A26-sog", "label=read"),
         ("A26-splat", "label=read"),
-        ("A26-spz", "axes=rdf"),
+        ("A26-spz", "axes=rub"),
     ] {
         let found = with(&untried(name), settings);
         assert!((found - 20.9783).abs() < 0.1, "{name}: {found}");
     }
     // Wrong axes show something else.
-    assert!(with_any(&untried("A26-spz"), "axes=rub") < 20.0);
+    assert!(with_any(&untried("A26-spz"), "axes=rdf") < 20.0);
 }
 
 #[test]

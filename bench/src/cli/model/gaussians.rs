@@ -75,7 +75,7 @@ enum TargetForm {
 fn flip(text: &str) -> Result<[f32; 3], String> {
     let axes = Axes::parse(text).and_then(Axes::flip);
     axes.ok_or_else(|| {
-        "rdf, rub, lub or ldb is needed: others are no flips of OpenCV's axes".to_owned()
+        "rdf, rub, luf or ldb is needed: others are no flips of OpenCV's axes".to_owned()
     })
 }
 

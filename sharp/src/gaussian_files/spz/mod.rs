@@ -149,7 +149,7 @@ pub(super) fn decode(bytes: &[u8]) -> Result<Decoded, PlyReason> {
     out.doubts.push(Suspicion::new(
         "axes",
         "SPZ does not tell its axes: `axes=rub` where they are as the format asks, `axes=rdf` where a PLY's numbers were \
-         packed unchanged, as splat-transform does",
+         packed unchanged, as splat-transform 3 does",
     ));
     Ok(out)
 }
