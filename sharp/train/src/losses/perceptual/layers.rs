@@ -11,7 +11,7 @@ pub(super) enum Layer {
     /// ResNet's block: 1×1, 3×3 and 1×1 convolutions, added to the input, which a 1×1 convolution fits
     /// where its shape changes; rectified after each and at the end (He et al. 2016, figure 5).
     Bottleneck {
-        convs: [FrozenConvolution; 3],
+        convs: Box<[FrozenConvolution; 3]>,
         shortcut: Option<FrozenConvolution>,
     },
 }
@@ -23,7 +23,7 @@ impl Layer {
             Self::Convolution(conv) => conv.forward(x, None, true),
             Self::MaxPool(side, padding) => max_pool(compute, x, *side, *padding),
             Self::Bottleneck { convs, shortcut } => {
-                let [narrow, middle, widen] = convs;
+                let [narrow, middle, widen] = &**convs;
                 let y = middle.forward(&narrow.forward(x, None, true)?, None, true)?;
                 let fitted = shortcut
                     .as_ref()

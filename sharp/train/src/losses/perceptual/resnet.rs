@@ -134,7 +134,7 @@ pub(super) fn network(compute: &Compute, file: &Path) -> Result<Network, Percept
         for BlockSpec { convs, shortcut } in blocks {
             let [narrow, middle, widen] = convs;
             group.push(Layer::Bottleneck {
-                convs: [conv(narrow)?, conv(middle)?, conv(widen)?],
+                convs: Box::new([conv(narrow)?, conv(middle)?, conv(widen)?]),
                 shortcut: shortcut.as_ref().map(conv).transpose()?,
             });
         }

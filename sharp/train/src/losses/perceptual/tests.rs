@@ -166,11 +166,11 @@ fn the_gradient_of_a_block_is_its_difference_along_a_direction() {
     for (stride, dilation, shortcut) in [(2, 1, true), (1, 2, true), (1, 1, false)] {
         let inputs = if shortcut { 24 } else { 32 };
         let block = Layer::Bottleneck {
-            convs: [
+            convs: Box::new([
                 frozen(&compute, 1, [16, inputs], 1, [1, 1]),
                 frozen(&compute, 3, [16, 16], 3, [stride, dilation]),
                 frozen(&compute, 5, [32, 16], 1, [1, 1]),
-            ],
+            ]),
             shortcut: shortcut.then(|| frozen(&compute, 7, [32, inputs], 1, [stride, 1])),
         };
         let data = signed(9, 6 * 7 * inputs);
