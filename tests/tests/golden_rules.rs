@@ -1,6 +1,5 @@
 //! Every picture of `golden/render3dgs`, by every rule of rendering, on the CPU's instruction sets
 //! and on every adapter; and that a wrong rule, or a wrong reading of the scene, shows in them.
-//! Without the folder that `SHARP_BENCH_SHARED` names each test is reported as ignored.
 
 #![allow(
     clippy::unwrap_used,
@@ -16,7 +15,7 @@ mod golden;
 #[path = "golden_rules/mutations.rs"]
 mod mutations;
 
-use golden::{Golden, Picture, SCENES, folder};
+use golden::{Golden, Picture, SCENES};
 use libtest_mimic::{Arguments, Trial};
 use sharp::render::{CpuRenderer, Renderer, Simd};
 use std::process::ExitCode;
@@ -31,8 +30,7 @@ fn main() -> ExitCode {
             test();
             Ok(())
         };
-        let absent = !folder().join("manifest.json").is_file();
-        trials.push(Trial::test(title, run).with_ignored_flag(absent));
+        trials.push(Trial::test(title, run));
     };
     for (name, tolerance, on_gpu) in SCENES {
         for simd in Simd::available() {

@@ -180,7 +180,7 @@ impl PredictGaussians for Function {
         })?;
         Ok(GaussianPrediction {
             rule,
-            notes: Vec::new(),
+            rule_note: None,
             gaussians,
             space: GaussianSpace::CAMERA,
             first_layer: None,

@@ -22,6 +22,15 @@ const UNLIKE_ANY_SCENE: f64 = 15.0;
 /// A sentence lists at most this many sources and counts the others.
 const MOST_NAMED: usize = 8;
 
+/// Topic of a record's note on the rule by which its Gaussians were drawn, which is no warning.
+pub(super) const RULE: &str = "rule";
+
+/// Notes on the rules by which a method's Gaussians were drawn, where nobody named one.
+pub fn rule_notes<'a>(records: impl Iterator<Item = &'a Record>) -> Vec<String> {
+    let notes: BTreeSet<&String> = records.filter_map(|r| r.warnings.get(RULE)).collect();
+    notes.into_iter().cloned().collect()
+}
+
 /// Warnings about the Gaussians behind a record, by topic.
 pub fn doubts(record: &Record, privilege: Privilege) -> BTreeMap<&str, String> {
     let extra = |name: &str| record.extras.get(name).copied();
@@ -47,7 +56,7 @@ pub fn doubts(record: &Record, privilege: Privilege) -> BTreeMap<&str, String> {
         );
     }
     let told = record.warnings.iter();
-    let told = told.filter(|(about, _)| *about != CHANGED);
+    let told = told.filter(|(about, _)| ![CHANGED, RULE].contains(&about.as_str()));
     doubts.extend(told.map(|(about, text)| (about.as_str(), text.clone())));
     doubts
 }

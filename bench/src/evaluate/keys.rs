@@ -91,6 +91,7 @@ impl Keys {
             privilege: method.privilege(),
             sources: sources.finish(),
             notes: method.notes(),
+            drawn: Vec::new(),
             warnings: Vec::new(),
         }
     }

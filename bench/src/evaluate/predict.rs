@@ -8,6 +8,7 @@ use sharp::render::{RenderError, RenderOutput};
 use sharp_datasets::{DepthMap, View};
 use sharp_metrics::Picture;
 
+use super::doubts::RULE;
 use super::error::EvaluateError;
 use super::folder::RunFolder;
 use super::gaussians::gaussian_store::{GaussianStore, StoreError};
@@ -485,6 +486,8 @@ impl<'j, 'a> PairWork<'j, 'a> {
             picture.extras.extend(facts.extras.clone());
             warnings.clone_from(&facts.warnings);
         }
+        let rule = prediction.rule_note.clone();
+        warnings.extend(rule.map(|note| (RULE.to_owned(), note)));
         self.made.rendered += 1;
         Ok(Some(Made {
             prediction: picture,

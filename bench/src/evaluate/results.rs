@@ -3,7 +3,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
-use super::doubts::{doubts_of, joint_doubts};
+use super::doubts::{doubts_of, joint_doubts, rule_notes};
 use super::error::EvaluateError;
 use super::folder::RunFolder;
 use super::manifest::{Manifest, MethodRecord, PairsRecord};
@@ -338,6 +338,7 @@ pub(super) fn write_tables(folder: &RunFolder) -> Result<Results, EvaluateError>
     write_atomic(&folder.timings_path(), &timings)?;
     for method in &mut results.manifest.methods {
         let own = results.records.iter().filter(|r| r.method == method.label);
+        method.drawn = rule_notes(own.clone());
         method.warnings = doubts_of(own, &method.identity.kind, method.privilege);
     }
     if results.manifest != current.manifest {

@@ -144,7 +144,13 @@ version = \"0.3.7\"
         assert_eq!(of("shaders/raster.wgsl"), ["RENDER_WGPU"]);
         assert_eq!(
             of("sharp/src/color.rs"),
-            ["DEPTH_SPLAT", "NETWORK", "RENDER_CPU", "RENDER_WGPU"]
+            [
+                "DEPTH_SPLAT",
+                "FILES",
+                "NETWORK",
+                "RENDER_CPU",
+                "RENDER_WGPU"
+            ]
         );
         // The report, its style and the command line change no result.
         assert!(of("bench/templates/style.css").is_empty());

@@ -69,7 +69,7 @@ pub enum GaussianFileError {
     Harmonics { path: PathBuf, shape: Vec<usize> },
     /// Nothing in the file tells by which rule it is drawn.
     #[error(
-        "{}: it does not say how it is drawn, and renderers of Gaussians differ: say rendering=NAME, which is likely {likely} \
+        "{}: it does not say how it is drawn, and renderers of Gaussians differ: say rendering=NAME (--rendering NAME), which is likely {likely} \
          ({why}); a file of SHARP's, blended in linear light, needs color_space=", path.display()
     )]
     RuleUnknown {
@@ -97,6 +97,7 @@ pub fn read(
     let (scene, rule, rule_note) = match rule {
         Some(rule) => {
             reading.blending = rule.blending;
+            reading.is_ruled = true;
             (read_scene(path, reading)?, rule, None)
         }
         None => read_as_marked(path, reading)?,

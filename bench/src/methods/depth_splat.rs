@@ -120,7 +120,7 @@ impl PredictGaussians for DepthSplat {
             compose(&base, None).map_err(|error| MethodError::unsuitable(view, error))?;
         Ok(GaussianPrediction {
             rule: None,
-            notes: Vec::new(),
+            rule_note: None,
             gaussians,
             space: GaussianSpace::Normalized,
             first_layer: None,

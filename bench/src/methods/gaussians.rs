@@ -225,7 +225,7 @@ impl PredictGaussians for GaussianFiles {
                 stored,
                 ..self.reading
             }),
-            notes: rule_note.into_iter().collect(),
+            rule_note,
             warnings: doubts
                 .into_iter()
                 // A turn about z is what the axes then say.

@@ -190,8 +190,8 @@ pub struct GaussianPrediction {
     pub reading: Option<FileReading>,
     /// Warnings about that reading, by topic.
     pub warnings: BTreeMap<String, String>,
-    /// What was chosen for the file that nobody said, one sentence each with the setting.
-    pub notes: Vec<String>,
+    /// Why they are drawn so, where nobody said it.
+    pub rule_note: Option<String>,
 }
 
 /// What a method's predictions depend on besides the pair, printed as `kind(key=value,…)`.

@@ -177,7 +177,7 @@ impl PredictGaussians for Sharp {
         };
         Ok(GaussianPrediction {
             rule: None,
-            notes: Vec::new(),
+            rule_note: None,
             gaussians: predicted.gaussians,
             space: GaussianSpace::Normalized,
             first_layer: Some(first_layer),

@@ -6,7 +6,7 @@ use sharp::model::bundled;
 use sharp_datasets::DatasetEntry;
 use sharp_datasets::entry::ENTRIES;
 
-use crate::evaluate::doubts::doubts_of;
+use crate::evaluate::doubts::{doubts_of, rule_notes};
 use crate::evaluate::manifest::{DatasetRecord, MethodRecord};
 use crate::evaluate::record::{Record, Status};
 use crate::evaluate::{Aggregation, Manifest, Results};
@@ -281,7 +281,9 @@ impl ReportMethod {
         let said = identity.settings.get(Sharp::NOTE);
         let said = said.filter(|_| identity.kind == "sharp");
         let network = bundled.as_ref().or(said).into_iter();
-        let notes = network.chain(&record.notes).cloned().collect();
+        let drawn = rule_notes(of_method.clone());
+        let notes = network.chain(&record.notes).chain(&drawn);
+        let notes = notes.cloned().collect();
         let doubts = doubts_of(of_method, &identity.kind, record.privilege);
         let joined = |texts: Vec<String>| Some(texts.join("; ")).filter(|text| !text.is_empty());
         // "bicubic [a = -0.75, …]": the name is enough for a footnote.

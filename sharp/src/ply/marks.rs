@@ -2,7 +2,7 @@
 //! that are not drawn.
 
 use super::PlyReason;
-use super::reading::ColorSpace;
+use super::reading::{ColorSpace, StoredForm};
 use super::table::{Element, Header};
 
 /// The program that wrote a file, as far as the file shows it.
@@ -92,19 +92,20 @@ impl FileMarks {
     ///
     /// # Errors
     /// [`PlyReason::OtherRule`].
-    pub(crate) fn check_rule(&self, blending: ColorSpace) -> Result<(), PlyReason> {
-        let rule = match blending {
-            _ if self.mode == Some(SplatRenderMode::Flat) => {
+    pub(crate) fn check_rule(&self, given: &StoredForm) -> Result<(), PlyReason> {
+        let is_sharp = !given.takes_other_rules();
+        let rule = match () {
+            () if self.mode == Some(SplatRenderMode::Flat) => {
                 "2D Gaussian Splatting (SplatRenderMode: 2dgs), whose flat Gaussians are not drawn"
             }
-            ColorSpace::Linear if self.antialiased == Some(true) => {
+            () if is_sharp && self.antialiased == Some(true) => {
                 "an antialiased rasteriser (SplatRenderMode: mip), whose compensated low-pass filter is not drawn"
             }
-            ColorSpace::Linear if self.has_filter_3d => {
+            () if is_sharp && self.has_filter_3d => {
                 "Mip-Splatting (property filter_3D), whose filter has to be folded into scales and opacities: export it \
                  with save_fused_ply"
             }
-            _ => return Ok(()),
+            () => return Ok(()),
         };
         Err(PlyReason::OtherRule(rule.to_owned()))
     }

@@ -39,7 +39,7 @@ impl Decoded {
     /// [`PlyReason`], where the file cannot be read so.
     pub(crate) fn scene(mut self, given: &StoredForm) -> Result<GaussianScene, PlyReason> {
         if given.marks != Some(Marks::Ignore) {
-            self.marks.check_rule(given.blending)?;
+            self.marks.check_rule(given)?;
         }
         let color_space = match (self.stated, given.color_space) {
             (Some(stated), Some(given)) if stated != given => {
@@ -67,7 +67,7 @@ impl Decoded {
             return Err(PlyReason::LinearHarmonics);
         }
         reading.decode(&mut self.stored);
-        if blends_encoded && given.marks != Some(Marks::Ignore) {
+        if given.takes_other_rules() && given.marks != Some(Marks::Ignore) {
             fold_filter(&mut self.stored, &self.filter_3d);
         }
         Ok(GaussianScene {
@@ -261,7 +261,7 @@ fn gaussians(
     let marks = FileMarks::of_ply(header, element, None);
     if given.marks != Some(Marks::Ignore) {
         // Before the rows, which may be many.
-        marks.check_rule(given.blending)?;
+        marks.check_rule(given)?;
     }
     let columns = columns.map(Option::unwrap_or_default);
     let rest = rest_columns(element, given.blending)?;

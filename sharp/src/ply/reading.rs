@@ -154,6 +154,9 @@ pub struct StoredForm {
     /// linear light colours that depend on the view cannot be read; sRGB-encoded they are read, and a file that does not
     /// state its colours' encoding is taken as 3D Gaussian Splatting trains it.
     pub blending: ColorSpace,
+    /// Whether someone named the rule of rendering: marks of another are then no reason to refuse a file. None of the settings
+    /// either.
+    pub is_ruled: bool,
 }
 
 impl From<Option<ColorSpace>> for StoredForm {
@@ -166,6 +169,11 @@ impl From<Option<ColorSpace>> for StoredForm {
 }
 
 impl StoredForm {
+    /// Whether files with marks of other rules than SHARP's are read.
+    pub(crate) fn takes_other_rules(&self) -> bool {
+        self.is_ruled || self.blending == ColorSpace::Srgb
+    }
+
     /// Names of all settings.
     pub const KEYS: [&'static str; 8] = [
         ColorSpace::KEY,

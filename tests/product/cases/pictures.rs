@@ -201,12 +201,12 @@ fn extensions_are_of_any_case() {
 }
 
 #[test]
-fn a_folder_without_the_prediction_names_what_lies_there() {
+fn the_layout_that_finds_predictions_is_named() {
     let case = case("X31-target-name-in-scene");
-    assert_eq!(case.said[0].code, 4);
+    assert_eq!(case.said[0].code, 1);
     holds(
         &case.all(),
-        &["view_00__view_01: no picture", "holds view_01.png"],
+        &["1 of 1", "file={dataset}/{scene}/{target}.png"],
     );
 }
 

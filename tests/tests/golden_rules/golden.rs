@@ -5,7 +5,7 @@ use safetensors::SafeTensors;
 use sharp::camera::Intrinsics;
 use sharp::gaussians::{Gaussians, Harmonics};
 use sharp::render::{Background, RenderOutput, RenderView, Rule};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// Scenes with the tolerance off fragile pixels, of the CPU and of a GPU: the README's, and for a
 /// GPU four and two times those.
@@ -52,7 +52,7 @@ pub(crate) struct Deviation {
 }
 
 pub(crate) fn folder() -> PathBuf {
-    sharp_tests::shared_data().join("golden/render3dgs")
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("golden/render3dgs")
 }
 
 impl Golden {

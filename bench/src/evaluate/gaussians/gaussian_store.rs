@@ -148,7 +148,7 @@ mod tests {
         );
         GaussianPrediction {
             rule: None,
-            notes: Vec::new(),
+            rule_note: None,
             gaussians: gaussians.unwrap(),
             space: GaussianSpace::Normalized,
             first_layer: DepthMap::from_vec(2, 1, vec![z, 2.0 * z]),

@@ -37,7 +37,7 @@ struct Said {
     reading: Option<BTreeMap<String, String>>,
     warnings: BTreeMap<String, String>,
     #[serde(default)]
-    notes: Vec<String>,
+    rule_note: Option<String>,
     #[serde(default)]
     rule: Option<String>,
 }
@@ -78,7 +78,7 @@ pub(in crate::evaluate) fn write_prediction(
             settings.map(|(key, v)| (key.to_owned(), v)).collect()
         }),
         warnings: prediction.warnings.clone(),
-        notes: prediction.notes.clone(),
+        rule_note: prediction.rule_note.clone(),
         rule: prediction.rule.map(|rule| rule.to_string()),
     };
     let said = serde_json::to_string(&said).unwrap_or_default();
@@ -140,7 +140,7 @@ pub(in crate::evaluate) fn read_prediction(
     let prediction = GaussianPrediction {
         gaussians,
         rule: rule.map_err(|_| damaged())?,
-        notes: said.notes,
+        rule_note: said.rule_note,
         space: said
             .camera_from_gaussians
             .map_or(GaussianSpace::Normalized, |map| {

@@ -135,7 +135,7 @@ pub(in crate::evaluate) fn render(
         region: None,
         resized_from: None,
         extras,
-        notes: prediction.notes.clone(),
+        notes: Vec::new(),
     };
     Ok((picture, output))
 }
@@ -183,7 +183,7 @@ mod tests {
         let n = means.len();
         let prediction = GaussianPrediction {
             rule: None,
-            notes: Vec::new(),
+            rule_note: None,
             gaussians: Gaussians::new(
                 means,
                 vec![[1.0, 0.0, 0.0, 0.0]; n],

@@ -473,7 +473,7 @@ mod tests {
         let (source, renderer) = (source(), SharedRenderer::cpu());
         let prediction = GaussianPrediction {
             rule: None,
-            notes: Vec::new(),
+            rule_note: None,
             gaussians,
             space: GaussianSpace::CAMERA,
             first_layer: None,

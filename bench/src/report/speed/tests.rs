@@ -18,6 +18,7 @@ fn measured() -> Measured {
         privilege: Privilege::None,
         sources: String::new(),
         notes: Vec::new(),
+        drawn: Vec::new(),
         warnings: Vec::new(),
     };
     let speed = |method: &str, inference: &[f64], render: &[f64]| Speed {
