@@ -1,6 +1,5 @@
 //! Whole frames of the speed scene, in CPU-seconds of the process (all threads together), which a
-//! busy machine distorts less than wall time; a software adapter's threads belong to the process.
-//! With the feature `gpu` on every adapter too.
+//! busy machine distorts less than wall time; with the feature `gpu` on every adapter too, in wall time.
 //!
 //! `cargo bench -p sharp --features gpu --bench render`
 
@@ -114,9 +113,9 @@ fn gradients(criterion: &mut Criterion<CpuTime>) {
     group.finish();
 }
 
-/// Frames of an uploaded scene.
+/// Frames of an uploaded scene, read back.
 #[cfg(feature = "gpu")]
-fn gpu_frames(criterion: &mut Criterion<CpuTime>) {
+fn gpu_frames(criterion: &mut Criterion) {
     use sharp::render::{GpuAdapter, GpuRenderer};
     let mut group = criterion.benchmark_group("gpu-frame");
     group.sample_size(10).warm_up_time(Duration::from_secs(1));
@@ -143,11 +142,12 @@ fn gpu_frames(criterion: &mut Criterion<CpuTime>) {
 }
 
 #[cfg(not(feature = "gpu"))]
-fn gpu_frames(_criterion: &mut Criterion<CpuTime>) {}
+fn gpu_frames(_criterion: &mut Criterion) {}
 
 criterion_group! {
     name = benches;
     config = Criterion::default().with_measurement(CpuTime);
-    targets = frames, harmonics, gradients, gpu_frames
+    targets = frames, harmonics, gradients
 }
-criterion_main!(benches);
+criterion_group!(gpu, gpu_frames);
+criterion_main!(benches, gpu);
