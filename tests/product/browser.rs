@@ -195,7 +195,8 @@ fn report(browser: &str) {
         press('3'); press('ArrowDown'); said('next method', one('#v-what').textContent);
         press('ArrowRight'); said('next pair', one('#v-title').textContent === title[1]);
         said('fragment', location.hash.indexOf('#pair=S/seed0/') === 0);
-        one('#v-close').click(); await later(); said('closed', !one('#viewer').open + ' ' + location.hash);";
+        var closing = new Promise(function (done) { one('#viewer').addEventListener('close', function () { setTimeout(done); }); });
+        one('#v-close').click(); await closing; said('closed', !one('#viewer').open + ' ' + location.hash);";
     let said = done(browser, &dir.join("r/report/index.html"), script);
     is(
         &said,
