@@ -14,6 +14,7 @@ use sharp::unprojection::{release_intrinsics, unproject};
 use sharp_bench::io::checkpoint::find_checkpoint;
 use sharp_bench::io::gaussian_files;
 use sharp_bench::io::pictures::to_rgb8;
+use sharp_bench::methods::file_reading::Axes;
 use sharp_bench::rendering::{RenderSettings, SharedRenderer};
 use sharp_metrics::Picture;
 
@@ -63,18 +64,28 @@ impl Gaussians {
     #[pyo3(signature = (path, **reading))]
     fn load(path: PathBuf, reading: Option<BTreeMap<String, String>>) -> PyResult<Self> {
         let mut form = StoredForm::default();
-        let mut rule = None;
+        let (mut rule, mut axes) = (None, None);
         for (key, value) in reading.into_iter().flatten() {
             if key == "rendering" {
                 rule = Some(value.parse().map_err(refused)?);
+            } else if key == "axes" {
+                let signs = Axes::parse(&value).and_then(Axes::flip);
+                axes = Some(signs.ok_or_else(|| {
+                    refused(anyhow::anyhow!(
+                        "axes={value}: rdf, rub, luf or ldb is needed"
+                    ))
+                })?);
             } else if !form.set(&key, &value).map_err(refused)? {
                 let known = StoredForm::KEYS.join(", ");
                 return Err(refused(anyhow::anyhow!(
-                    "{key}: known are {known}, rendering"
+                    "{key}: known are {known}, rendering, axes"
                 )));
             }
         }
         let file = gaussian_files::read(&path, form, rule).map_err(failed)?;
+        let file = file
+            .turned(axes)
+            .map_err(|reason| refused(anyhow::anyhow!("{}: {reason}", path.display())))?;
         Ok(Self {
             rule: (file.rule != Rule::SHARP).then_some(file.rule),
             core: file.gaussians,

@@ -3,6 +3,8 @@
 use clap::Args;
 use sharp::ply::{ColorSpace, StoredForm};
 
+use crate::methods::file_reading::Axes;
+
 #[derive(Debug, Clone, Args)]
 pub(crate) struct ReadingArgs {
     /// Encoding of a PLY's colours if the file does not say: linear or srgb
@@ -12,6 +14,17 @@ pub(crate) struct ReadingArgs {
     /// harmonics=drop, as in --method gaussians
     #[arg(long, value_name = "KEY=VALUE,…", value_delimiter = ',', value_parser = setting)]
     read: Vec<(String, String)>,
+    /// Axes of the file: rdf (OpenCV's, a PLY's own), rub (OpenGL's), luf or ldb. An SPZ does not tell its own
+    #[arg(long, value_name = "AXES", value_parser = flip)]
+    pub(crate) axes: Option<[f32; 3]>,
+}
+
+/// Signs that turn axes into OpenCV's.
+fn flip(text: &str) -> Result<[f32; 3], String> {
+    let axes = Axes::parse(text).and_then(Axes::flip);
+    axes.ok_or_else(|| {
+        "rdf, rub, luf or ldb is needed: others are no flips of OpenCV's axes".to_owned()
+    })
 }
 
 impl ReadingArgs {

@@ -8,7 +8,7 @@ use glam::DAffine3;
 use safetensors::SafeTensorError;
 use safetensors::tensor::{Dtype, TensorView};
 use sharp::camera::{CameraError, Intrinsics, affine_from_row_major};
-use sharp::gaussian_files::MarkedRule;
+use sharp::gaussian_files::{AXES, MarkedRule};
 use sharp::gaussians::{Gaussians, Harmonics, LengthMismatch};
 use sharp::ply::{
     self, ColorSpace, GaussianScene, Generator, PlyError, PlyReason, StoredColors, StoredForm,
@@ -98,7 +98,16 @@ pub fn read(
         Some(rule) => {
             reading.blending = rule.blending;
             reading.is_ruled = true;
-            (read_scene(path, reading)?, rule, None)
+            let scene = read_scene(path, reading)?;
+            let stated = MarkedRule::of(&scene.marks);
+            let differs = stated.is_stated && stated.rule != rule;
+            let note = (differs && reading.marks != Some(ply::Marks::Ignore)).then(|| {
+                format!(
+                    "drawn by the rule {rule}, as asked, but made for {} ({})",
+                    stated.rule, stated.why
+                )
+            });
+            (scene, rule, note)
         }
         None => read_as_marked(path, reading)?,
     };
@@ -254,6 +263,23 @@ pub const EXTENSIONS: [&str; 6] = [
 /// Whether a folder is an unpacked SOG.
 pub fn is_sog_folder(path: &Path) -> bool {
     path.join("meta.json").is_file()
+}
+
+impl GaussianFile {
+    /// With its axes turned into OpenCV's by signs. The error says that they are needed.
+    ///
+    /// # Errors
+    /// Where the file does not tell its axes and none are given.
+    pub fn turned(mut self, signs: Option<[f32; 3]>) -> Result<Self, String> {
+        if let Some(signs) = signs {
+            self.gaussians = self.gaussians.flipped(signs);
+            self.doubts.retain(|doubt| doubt.about != AXES);
+        }
+        match self.doubts.iter().find(|doubt| doubt.about == AXES) {
+            Some(doubt) => Err(doubt.text.clone()),
+            None => Ok(self),
+        }
+    }
 }
 
 /// An f32 array of a safetensors file, little endian on every machine.

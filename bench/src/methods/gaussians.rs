@@ -4,7 +4,7 @@ use std::collections::BTreeSet;
 use std::iter;
 use std::path::{Path, PathBuf};
 
-use sharp::gaussian_files::foreign_format;
+use sharp::gaussian_files::{AXES, foreign_format};
 use sharp::ply::StoredQuaternions;
 use sharp::render::Rule;
 use sharp_datasets::files;
@@ -193,7 +193,7 @@ impl PredictGaussians for GaussianFiles {
         } = scene.map_err(|error| MethodError::Model(error.to_string()))?;
         if let Some(doubt) = doubts
             .iter()
-            .find(|doubt| doubt.about == "axes" && !self.has_axes)
+            .find(|doubt| doubt.about == AXES && !self.has_axes)
         {
             return Err(MethodError::file(&path, &doubt.text));
         }
@@ -230,7 +230,7 @@ impl PredictGaussians for GaussianFiles {
                 .into_iter()
                 // A turn about z is what the axes then say.
                 .filter(|d| d.about != StoredQuaternions::KEY || placement.axes == Axes::OPENCV)
-                .filter(|d| d.about != "axes")
+                .filter(|d| d.about != AXES)
                 .map(|doubt| {
                     let text = format!("{} ({})", doubt.text, camera.id);
                     (doubt.about.to_owned(), text)

@@ -15,7 +15,10 @@ use crate::ply::table::TableError;
 use crate::ply::{self, GaussianScene, PlyError, PlyReason, StoredForm};
 
 pub use rule::MarkedRule;
-pub use spz::to_bytes as to_spz_bytes;
+pub use spz::{LARGEST_SPZ_SCALE, to_bytes as to_spz_bytes};
+
+/// What a [`Suspicion`](crate::ply::Suspicion) is about where a file does not tell its axes.
+pub const AXES: &str = "axes";
 
 /// Most bytes or pixels that a byte of a file may unfold to. Real files stay below 20.
 const MOST_EXPANSION: usize = 256;
@@ -33,6 +36,9 @@ pub fn load(path: &Path, reading: impl Into<StoredForm>) -> Result<GaussianScene
     let given = reading.into();
     let name = path.file_name().unwrap_or_default().to_string_lossy();
     let read = || match () {
+        () if path.is_dir() && !path.join("meta.json").is_file() => Err(PlyReason::Foreign(
+            "a folder, without the meta.json that an unpacked SOG has".to_owned(),
+        )),
         () if path.is_dir() => sog::from_folder(path)?.scene(&given),
         () if name.eq_ignore_ascii_case("meta.json") => {
             sog::from_folder(path.parent().unwrap_or(path))?.scene(&given)

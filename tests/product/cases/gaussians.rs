@@ -260,6 +260,36 @@ fn files_may_lie_elsewhere_and_the_layout_that_finds_them_is_named() {
 }
 
 #[test]
+fn conversions_follow_the_name_and_tell_what_the_result_does_not_say() {
+    let case = untried("A26-spz");
+    let view = "g/synthetic/seed0/view_00.spz";
+    let camera = r#"{"width": 64, "height": 48, "K": [60,0,32, 0,60,24, 0,0,1], "camera_from_world": [1,0,0,0, 0,1,0,0, 0,0,1,0, 0,0,0,1]}"#;
+    std::fs::write(case.path("cam.json"), camera).unwrap();
+    let render = format!("sharp-bench render {view} --color-space srgb --camera cam.json --out");
+    let refused = case.run(&format!("{render} o.png"));
+    ends(&refused, 1);
+    assert!(refused.err.contains("--axes"), "{}", refused.err);
+    ends(&case.run(&format!("{render} o.png --axes rub")), 0);
+    // An SPZ of SHARP's Gaussians and back.
+    let mip = untried("A03-mip-comment");
+    let ply = "g/synthetic/seed0/view_00.ply";
+    let spz = mip.run(&format!("sharp-bench gaussians convert {ply} o.spz"));
+    ends(&spz, 0);
+    assert_eq!(spz.err, "");
+    assert!(spz.out.contains("axes rub"), "{}", spz.out);
+    let plain = mip.run(&format!("sharp-bench gaussians convert {ply} o.ply"));
+    assert!(
+        plain.err.contains("states the rule gsplat-antialiased")
+            && plain.err.contains("rendering=gsplat-antialiased"),
+        "{}",
+        plain.err
+    );
+    let other = mip.run(&format!("sharp-bench gaussians convert {ply} o.sog"));
+    ends(&other, 1);
+    assert!(other.err.contains(".compressed.ply"), "{}", other.err);
+}
+
+#[test]
 fn extensions_may_have_any_case() {
     let case = case("X07-PLY-upper");
     assert_eq!(case.said[0].err, "");

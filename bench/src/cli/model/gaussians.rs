@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use clap::{Args, Subcommand, ValueEnum};
 use serde::Serialize;
-use sharp::gaussian_files::{load, to_spz_bytes};
+use sharp::gaussian_files::{AXES, LARGEST_SPZ_SCALE, MarkedRule, load, to_spz_bytes};
 use sharp::gaussians::Gaussians;
 use sharp::ply::{
     ColorSpace, FileMarks, GaussianScene, Generator, PlyForm, PlyReason, SplatRenderMode,
@@ -14,7 +14,6 @@ use sharp::ply::{
 use crate::cli::reading_args::ReadingArgs;
 use crate::cli::{Outcome, output};
 use crate::io::atomic_files::write_atomic;
-use crate::methods::file_reading::Axes;
 
 /// Inspect or rewrite a file of Gaussians: PLY, compressed PLY, SPZ, SOG or .splat
 #[derive(Debug, Args)]
@@ -45,12 +44,10 @@ enum GaussiansCommand {
         ply: PathBuf,
         /// The file to write
         out: PathBuf,
-        /// Format of the result
-        #[arg(long, value_enum, default_value_t = TargetForm::Plain)]
-        to: TargetForm,
-        /// Axes of the file read, as in --method gaussians; the result has OpenCV's (rdf), SPZ its own (rub)
-        #[arg(long, value_name = "AXES", value_parser = flip)]
-        axes: Option<[f32; 3]>,
+        /// Format of the result, whose axes are OpenCV's, those of SPZ its own (rub) [default: by its name, .spz,
+        /// .compressed.ply or .ply]
+        #[arg(long, value_enum)]
+        to: Option<TargetForm>,
         #[command(flatten)]
         reading: ReadingArgs,
         /// Drop Gaussians of lower opacity, 0..1
@@ -71,50 +68,93 @@ enum TargetForm {
     Spz,
 }
 
-/// Signs that turn axes into OpenCV's.
-fn flip(text: &str) -> Result<[f32; 3], String> {
-    let axes = Axes::parse(text).and_then(Axes::flip);
-    axes.ok_or_else(|| {
-        "rdf, rub, luf or ldb is needed: others are no flips of OpenCV's axes".to_owned()
-    })
-}
-
 pub(crate) fn execute(args: &GaussiansArgs) -> anyhow::Result<Outcome> {
     match &args.command {
-        GaussiansCommand::Info { ply, reading, json } => info(ply, reading.reading(), *json),
+        GaussiansCommand::Info { ply, reading, json } => info(ply, reading, *json),
         GaussiansCommand::Convert {
             ply,
             out,
             to,
-            axes,
             reading,
             min_opacity,
         } => {
-            let reading = StoredForm {
+            let to = to.map_or_else(|| TargetForm::of_name(out), Ok)?;
+            let given = StoredForm {
                 blending: ColorSpace::Srgb,
                 ..reading.reading()
             };
-            let mut scene = load(ply, reading)?;
+            let mut scene = load(ply, given)?;
             for doubt in &scene.doubts {
-                if doubt.about == "axes" {
-                    anyhow::ensure!(axes.is_some(), "{}: {} (--axes)", ply.display(), doubt.text);
+                if doubt.about == AXES {
+                    anyhow::ensure!(
+                        reading.axes.is_some(),
+                        "{}: {} (--axes)",
+                        ply.display(),
+                        doubt.text
+                    );
                 } else {
                     output::remark(format!("warning: {}: {}", ply.display(), doubt.text));
                 }
             }
-            if reading.color_space.is_some() {
+            let made_for = MarkedRule::of(&scene.marks);
+            if given.color_space.is_some() {
                 // Said so of SHARP's files, and stated in the result.
                 scene.marks.generator = Some(Generator::Sharp);
             }
-            if let Some(signs) = *axes {
+            if let Some(signs) = reading.axes {
                 scene.gaussians = scene.gaussians.flipped(signs);
             }
-            if *to == TargetForm::Release {
-                check_release(&scene, reading)
+            if to == TargetForm::Release {
+                check_release(&scene, given)
                     .map_err(|reason| anyhow::anyhow!("{}: {reason}", ply.display()))?;
             }
-            convert(scene, out, *to, *min_opacity)
+            let outcome = convert(scene, out, to, *min_opacity)?;
+            let states = MarkedRule::of(
+                &load(
+                    out,
+                    StoredForm {
+                        blending: ColorSpace::Srgb,
+                        ..StoredForm::default()
+                    },
+                )?
+                .marks,
+            );
+            if states.rule != made_for.rule && (states.is_stated || made_for.is_stated) {
+                let says = |rule: &MarkedRule| match rule.is_stated {
+                    true => format!("states the rule {}", rule.rule),
+                    false => "states no rule".to_owned(),
+                };
+                output::remark(format!(
+                    "note: {} {}, {} {}: rendering={} draws it as before",
+                    ply.display(),
+                    says(&made_for),
+                    out.display(),
+                    says(&states),
+                    made_for.rule
+                ));
+            }
+            Ok(outcome)
         }
+    }
+}
+
+impl TargetForm {
+    /// Of a file's name.
+    fn of_name(path: &Path) -> anyhow::Result<Self> {
+        let name = path.to_string_lossy().to_ascii_lowercase();
+        for (end, form) in [
+            (".spz", Self::Spz),
+            (".compressed.ply", Self::Compressed),
+            (".ply", Self::Plain),
+        ] {
+            if name.ends_with(end) {
+                return Ok(form);
+            }
+        }
+        anyhow::bail!(
+            "{}: the name of a result ends in .ply, .compressed.ply or .spz, or --to says its format",
+            path.display()
+        )
     }
 }
 
@@ -283,13 +323,18 @@ fn marks_in_words(marks: &FileMarks) -> Vec<&'static str> {
     said.map(|(_, words)| words).collect()
 }
 
-fn info(ply: &Path, reading: StoredForm, json: bool) -> anyhow::Result<Outcome> {
+fn info(ply: &Path, given: &ReadingArgs, json: bool) -> anyhow::Result<Outcome> {
     // What is shown does not depend on the space in which colours are blended, and this one takes every file.
     let reading = StoredForm {
         blending: ColorSpace::Srgb,
-        ..reading
+        ..given.reading()
     };
-    let info = describe(&load(ply, reading)?);
+    let mut scene = load(ply, reading)?;
+    if let Some(signs) = given.axes {
+        scene.gaussians = scene.gaussians.flipped(signs);
+        scene.doubts.retain(|doubt| doubt.about != AXES);
+    }
+    let info = describe(&scene);
     if json {
         output::json(&info)?;
         return Ok(Outcome::Done);
@@ -385,6 +430,14 @@ fn convert(
     if min_opacity > 0.0 {
         let opacities = scene.gaussians.opacities.clone();
         scene.gaussians = scene.gaussians.filtered(|k| opacities[k] >= min_opacity);
+    }
+    let scales = scene.gaussians.scales.as_flattened();
+    let clamped = scales.iter().filter(|s| **s > LARGEST_SPZ_SCALE).count();
+    if to == TargetForm::Spz && clamped > 0 {
+        output::remark(format!(
+            "warning: {}: {clamped} standard deviations above {LARGEST_SPZ_SCALE:.0} become that, the most that an SPZ holds",
+            out.display()
+        ));
     }
     let (bytes, axes) = match to {
         TargetForm::Plain => (to_bytes(&scene, PlyForm::Plain), ""),

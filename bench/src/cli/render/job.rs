@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 use std::sync::mpsc::sync_channel;
 
-use anyhow::{Context, bail, ensure};
+use anyhow::{Context, anyhow, bail, ensure};
 use glam::DAffine3;
 use sharp::camera::Intrinsics;
 use sharp::color::Quantization;
@@ -58,6 +58,9 @@ impl<'a> RenderJob<'a> {
             );
         }
         let file = gaussian_files::read(&args.scene, args.reading.reading(), args.rule)?;
+        let file = file
+            .turned(args.reading.axes)
+            .map_err(|reason| anyhow!("{}: {reason} (--axes)", args.scene.display()))?;
         let rule = args.over(file.rule);
         ensure!(
             args.viewer.is_none() || rule.is_like_sharp(),

@@ -46,7 +46,7 @@ cam.json, pixel centres at +0.5, camera_from_world any affine map, both row by r
 The same command continues a folder of frames that was stopped. A GPU that is lost or out of memory is
 given up: the CPU takes over, and the command says so.")]
 pub(super) struct RenderArgs {
-    /// The Gaussians: .ply or .safetensors
+    /// The Gaussians: .ply, .spz, .sog, .splat or .safetensors
     scene: PathBuf,
     #[command(flatten)]
     reading: ReadingArgs,
@@ -70,7 +70,7 @@ pub(super) struct RenderArgs {
     rendering: RenderingConfig,
     /// The convention of rendering: sharp, inria, inria-general, inria-aa, mip-splatting, gsplat-classic,
     /// gsplat-antialiased, gsplat-1.5.3-classic, gsplat-1.5.3-antialiased or brush-mip, and single choices after it, as
-    /// in inria,near=0.01 [default: sharp]
+    /// in inria,near=0.01 [default: what the file states, or sharp]
     #[arg(long = "rendering", value_name = "RULE")]
     rule: Option<Rule>,
     /// Drop Gaussians whose centre is nearer, metres [default: the rule's, 0.01 of sharp]

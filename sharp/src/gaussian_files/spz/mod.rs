@@ -17,6 +17,9 @@ use crate::ply::{
 
 pub use write::to_bytes;
 
+/// Largest standard deviation that the format holds, e^(255/16 − 10).
+pub const LARGEST_SPZ_SCALE: f32 = 378.98;
+
 const MAGIC: [u8; 4] = *b"NGSP";
 /// Of versions 1 to 3.
 const HEADER: usize = 16;
@@ -147,7 +150,7 @@ pub(super) fn decode(bytes: &[u8]) -> Result<Decoded, PlyReason> {
             .collect(),
     };
     out.doubts.push(Suspicion::new(
-        "axes",
+        super::AXES,
         "SPZ does not tell its axes: `axes=rub` where they are as the format asks, `axes=rdf` where a PLY's numbers were \
          packed unchanged, as splat-transform 3 does",
     ));
