@@ -25,7 +25,7 @@ use crate::views::Camera;
 /// 3D Gaussians, float32 arrays: means [N, 3] in metres, quaternions [N, 4] as w, x, y, z, scales [N, 3] (standard
 /// deviations, metres), opacities [N] in 0..1, colors [N, 3] in linear RGB, or as the rule of rendering of their file
 /// blends them.
-#[pyclass(frozen, module = "sharp_bench", skip_from_py_object)]
+#[pyclass(frozen, module = "sharp_bench")]
 #[derive(Clone)]
 pub(crate) struct Gaussians {
     pub(crate) core: Core,

@@ -234,4 +234,22 @@ impl Operation for Maxima {
         pool.run_rows(&inputs[0].window(), 0..rows, &mut out);
         (out, vec![1, rows, columns, channels])
     }
+
+    fn back(&self, _: Kernels, pass: &Pass<'_>) -> Option<Vec<Option<Back>>> {
+        let x = pass.inputs[0].values;
+        let ((_, width, channels), (_, columns, _)) = (pass.inputs[0].image(), pass.output.image());
+        let mut values = vec![0.0; x.len()];
+        for (at, (most, upstream)) in pass.output.values.iter().zip(pass.upstream).enumerate() {
+            let (pixel, channel) = (at / channels, at % channels);
+            let corner = 2 * (pixel / columns * width + pixel % columns);
+            let taps = (0..self.side * self.side).map(|tap| {
+                let pixel = corner + tap / self.side * width + tap % self.side;
+                pixel * channels + channel
+            });
+            if let Some(first) = taps.into_iter().find(|tap| x[*tap] == *most) {
+                values[first] += upstream;
+            }
+        }
+        Some(vec![Some(Back::Values(values))])
+    }
 }
