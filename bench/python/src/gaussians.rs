@@ -5,6 +5,7 @@ use std::path::PathBuf;
 
 use numpy::{AllowTypeChange, PyArray1, PyArray2, PyArray3, PyArrayLike1, PyArrayLike2};
 use pyo3::prelude::*;
+use sharp::gaussian_files::turn;
 use sharp::gaussians::Gaussians as Core;
 use sharp::model::preprocess::focal_px_from_35mm;
 use sharp::model::{Algorithm, DeviceChoice, ModelConfig, NetworkSpec, Predictor as Network};
@@ -69,12 +70,8 @@ impl Gaussians {
             if key == "rendering" {
                 rule = Some(value.parse().map_err(refused)?);
             } else if key == "axes" {
-                let signs = Axes::parse(&value).and_then(Axes::flip);
-                axes = Some(signs.ok_or_else(|| {
-                    refused(anyhow::anyhow!(
-                        "axes={value}: rdf, rub, luf or ldb is needed"
-                    ))
-                })?);
+                let signs = Axes::parse_flip(&value);
+                axes = Some(signs.map_err(|reason| refused(anyhow::anyhow!(reason)))?);
             } else if !form.set(&key, &value).map_err(refused)? {
                 let known = StoredForm::KEYS.join(", ");
                 return Err(refused(anyhow::anyhow!(
@@ -82,9 +79,8 @@ impl Gaussians {
                 )));
             }
         }
-        let file = gaussian_files::read(&path, form, rule).map_err(failed)?;
-        let file = file
-            .turned(axes)
+        let mut file = gaussian_files::read(&path, form, rule).map_err(failed)?;
+        turn(&mut file.gaussians, &mut file.doubts, axes)
             .map_err(|reason| refused(anyhow::anyhow!("{}: {reason}", path.display())))?;
         Ok(Self {
             rule: (file.rule != Rule::SHARP).then_some(file.rule),
@@ -153,7 +149,8 @@ impl Rendering {
         arrays::from_rgb8(py, self.output.srgb8(self.background, rule))
     }
 
-    /// [H, W, 3], float32 linear RGB, premultiplied by alpha, without background.
+    /// [H, W, 3], float32 RGB, premultiplied by alpha, without background: linear, or encoded for a rule that blends
+    /// encoded values.
     #[getter]
     fn linear<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray3<f32>>> {
         arrays::from_values(py, self.output.rgb.as_flattened().to_vec(), self.size())

@@ -15,16 +15,8 @@ pub(crate) struct ReadingArgs {
     #[arg(long, value_name = "KEY=VALUE,…", value_delimiter = ',', value_parser = setting)]
     read: Vec<(String, String)>,
     /// Axes of the file: rdf (OpenCV's, a PLY's own), rub (OpenGL's), luf or ldb. An SPZ does not tell its own
-    #[arg(long, value_name = "AXES", value_parser = flip)]
+    #[arg(long, value_name = "AXES", value_parser = Axes::parse_flip)]
     pub(crate) axes: Option<[f32; 3]>,
-}
-
-/// Signs that turn axes into OpenCV's.
-fn flip(text: &str) -> Result<[f32; 3], String> {
-    let axes = Axes::parse(text).and_then(Axes::flip);
-    axes.ok_or_else(|| {
-        "rdf, rub, luf or ldb is needed: others are no flips of OpenCV's axes".to_owned()
-    })
 }
 
 impl ReadingArgs {

@@ -91,9 +91,9 @@ pub struct RendererRecord {
     pub near: f64,
     /// Farthest depth that is drawn, metres.
     pub far: f64,
-    /// Added to the diagonal of projected covariances, pixels².
+    /// Added to the diagonal of projected covariances, pixels², where a method's Gaussians have no rule of their own.
     pub eps2d: f64,
-    /// Behind the Gaussians, blended in linear light: `black`, `white`, or linear RGB.
+    /// Behind the Gaussians: `black`, `white`, `#rrggbb` in sRGB, or RGB in the space that the rule blends in.
     pub background: String,
     /// From 0..1 to 8 bit: `round` or `truncate`.
     #[serde(default = "rounded")]

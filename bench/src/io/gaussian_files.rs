@@ -8,7 +8,7 @@ use glam::DAffine3;
 use safetensors::SafeTensorError;
 use safetensors::tensor::{Dtype, TensorView};
 use sharp::camera::{CameraError, Intrinsics, affine_from_row_major};
-use sharp::gaussian_files::{AXES, MarkedRule};
+use sharp::gaussian_files::MarkedRule;
 use sharp::gaussians::{Gaussians, Harmonics, LengthMismatch};
 use sharp::ply::{
     self, ColorSpace, GaussianScene, Generator, PlyError, PlyReason, StoredColors, StoredForm,
@@ -184,7 +184,7 @@ fn read_arrays_as(
 ) -> Result<GaussianFile, GaussianFileError> {
     let file = Checkpoint::open(path)?;
     let mut format = reading.of_arrays();
-    let (gaussians, rule) = if file.shape("sh").is_ok() {
+    let (mut gaussians, rule) = if file.shape("sh").is_ok() {
         let rule = rule.ok_or_else(|| GaussianFileError::RuleUnknown {
             path: path.to_owned(),
             likely: Rule::GSPLAT_CLASSIC,
@@ -216,7 +216,6 @@ fn read_arrays_as(
         path: path.to_owned(),
         source,
     };
-    let mut gaussians = gaussians;
     let doubts = ply::suspicions(&gaussians, &reading, &format);
     ply::check_stored(&gaussians, &format).map_err(stored)?;
     format.decode(&mut gaussians);
@@ -263,23 +262,6 @@ pub const EXTENSIONS: [&str; 6] = [
 /// Whether a folder is an unpacked SOG.
 pub fn is_sog_folder(path: &Path) -> bool {
     path.join("meta.json").is_file()
-}
-
-impl GaussianFile {
-    /// With its axes turned into OpenCV's by signs. The error says that they are needed.
-    ///
-    /// # Errors
-    /// Where the file does not tell its axes and none are given.
-    pub fn turned(mut self, signs: Option<[f32; 3]>) -> Result<Self, String> {
-        if let Some(signs) = signs {
-            self.gaussians = self.gaussians.flipped(signs);
-            self.doubts.retain(|doubt| doubt.about != AXES);
-        }
-        match self.doubts.iter().find(|doubt| doubt.about == AXES) {
-            Some(doubt) => Err(doubt.text.clone()),
-            None => Ok(self),
-        }
-    }
 }
 
 /// An f32 array of a safetensors file, little endian on every machine.

@@ -15,7 +15,7 @@ use sharp_datasets::files;
 use sharp_datasets::format::{npy, picture};
 use sharp_metrics::{Picture, PictureError};
 
-use crate::io::rendering_files::{LINEAR, TRANSFER};
+use crate::io::rendering_files::TRANSFER;
 
 /// Why a picture could not be read; names the file.
 #[derive(Debug, thiserror::Error)]
@@ -213,19 +213,16 @@ fn read_exr(
     reading: &PictureReading,
     notes: &mut Vec<String>,
 ) -> Result<Rgb32FImage, ReadError> {
-    let (LinearPicture { mut rgb, alpha }, is_ours) = read_rgba(path)?;
+    let (LinearPicture { mut rgb, alpha }, said) = read_rgba(path)?;
     let percent = |count: usize| 100.0 * count as f64 / alpha.len() as f64;
-    let transfer = match (is_ours, reading.exr) {
-        (true, _) => ExrTransfer::Linear,
-        (false, Some(transfer)) => transfer,
-        (false, None) => {
-            return Err(malformed(
-                path,
-                "an EXR does not say whether its values are linear light or sRGB-encoded: exr=linear (what most programs \
-                 write) or exr=srgb",
-            ));
-        }
-    };
+    let is_ours = said.is_some();
+    let transfer = said.or(reading.exr).ok_or_else(|| {
+        malformed(
+            path,
+            "an EXR does not say whether its values are linear light or sRGB-encoded: exr=linear (what most programs \
+             write) or exr=srgb",
+        )
+    })?;
     // OpenEXR's colours are premultiplied: as they are, they lie over black.
     let varying = alpha.iter().filter(|alpha| **alpha < 1.0).count();
     let white = match reading.rules.alpha {
@@ -275,17 +272,20 @@ pub struct LinearPicture {
 /// # Errors
 /// Names the file and the reason: unreadable, values that are not finite, or not known to be linear.
 pub fn read_linear(path: &Path) -> Result<LinearPicture, ReadError> {
-    let (picture, is_linear) = read_rgba(path)?;
+    let (picture, said) = read_rgba(path)?;
     let mut values = picture.rgb.iter().chain(picture.alpha.iter());
-    match (is_linear, values.all(|value| value.is_finite())) {
+    match (
+        said == Some(ExrTransfer::Linear),
+        values.all(|value| value.is_finite()),
+    ) {
         (true, true) => Ok(picture),
         (false, _) => Err(malformed(path, "it does not say that it is linear")),
         (_, false) => Err(malformed(path, "values that are not finite")),
     }
 }
 
-/// The first layer, and whether it says that it is linear.
-fn read_rgba(path: &Path) -> Result<(LinearPicture, bool), ReadError> {
+/// The first layer as it is stored, and how our renderer, if it wrote the file, says that it is encoded.
+fn read_rgba(path: &Path) -> Result<(LinearPicture, Option<ExrTransfer>), ReadError> {
     let reason = |error: exr::error::Error| malformed(path, error.to_string());
     exr_dimensions(path)?;
     let image = read_first_rgba_layer_from_file(
@@ -302,8 +302,11 @@ fn read_rgba(path: &Path) -> Result<(LinearPicture, bool), ReadError> {
     )
     .map_err(reason)?;
     let transfer = image.layer_data.attributes.other.get(TRANSFER.as_bytes());
-    let is_linear = transfer == Some(&AttributeValue::Text(LINEAR.into()));
-    Ok((image.layer_data.channel_data.pixels, is_linear))
+    let said = match transfer {
+        Some(AttributeValue::Text(text)) => text.to_string().parse().ok(),
+        _ => None,
+    };
+    Ok((image.layer_data.channel_data.pixels, said))
 }
 
 fn read_safetensors(path: &Path) -> Result<Picture, ReadError> {

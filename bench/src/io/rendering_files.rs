@@ -65,11 +65,10 @@ fn png(
 /// The attribute of an EXR's layer that says how its colours are encoded. Other people's EXR files do not have it, so
 /// users have to say.
 pub(crate) const TRANSFER: &str = "sharpBenchTransfer";
-pub(crate) const LINEAR: &str = "linear";
 
-/// Writes linear RGB (`R`, `G`, `B`, premultiplied over black), alpha (`A`) and accumulated depth (`Z`: Σ w z, metres;
-/// divide by alpha for the expected depth) as f32, without loss. The file says that it is linear, so that it is encoded
-/// when it is read as a picture.
+/// Writes RGB as it was blended (`R`, `G`, `B`, premultiplied over black), alpha (`A`) and accumulated depth (`Z`: Σ w z,
+/// metres; divide by alpha for the expected depth) as f32, without loss. The file says whether it is linear light, so that
+/// this is encoded when it is read as a picture.
 pub fn write_exr(path: &Path, rendered: &RenderOutput) -> Result<(), FileError> {
     let [r, g, b] = [0, 1, 2].map(|channel| {
         let values = rendered.rgb.iter().map(|rgb| rgb[channel]);
@@ -84,9 +83,10 @@ pub fn write_exr(path: &Path, rendered: &RenderOutput) -> Result<(), FileError> 
         ("Z".to_owned(), &rendered.depth_acc),
     ];
     let mut attributes = LayerAttributes::default();
-    attributes
-        .other
-        .insert(TRANSFER.into(), AttributeValue::Text(LINEAR.into()));
+    attributes.other.insert(
+        TRANSFER.into(),
+        AttributeValue::Text(rendered.blending.name().into()),
+    );
     write_layer(path, size, attributes, &channels)
 }
 

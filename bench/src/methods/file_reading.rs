@@ -62,11 +62,14 @@ impl Axes {
         DMat3::from_cols(x, y, z)
     }
 
-    /// Signs of OpenCV's axes along these, where the two differ in nothing else and neither is mirrored.
-    pub fn flip(self) -> Option<[f32; 3]> {
-        let matrix = self.matrix();
+    /// Reads axes that are flips of OpenCV's: the signs of x, y and z. The error says which there are.
+    pub fn parse_flip(text: &str) -> Result<[f32; 3], String> {
+        let matrix = Self::parse(text).map_or(DMat3::ZERO, Self::matrix);
         let signs = [matrix.x_axis.x, matrix.y_axis.y, matrix.z_axis.z];
-        (signs.iter().product::<f64>() == 1.0).then(|| signs.map(|sign| sign as f32))
+        match signs.iter().product::<f64>() == 1.0 {
+            true => Ok(signs.map(|sign| sign as f32)),
+            false => Err(format!("axes={text}: rdf, rub, luf or ldb is needed")),
+        }
     }
 
     fn name(self) -> String {

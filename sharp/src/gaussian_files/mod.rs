@@ -11,14 +11,34 @@ mod spz;
 use std::io::Read;
 use std::path::Path;
 
+use crate::gaussians::Gaussians;
 use crate::ply::table::TableError;
-use crate::ply::{self, GaussianScene, PlyError, PlyReason, StoredForm};
+use crate::ply::{self, GaussianScene, PlyError, PlyReason, StoredForm, Suspicion};
 
 pub use rule::MarkedRule;
 pub use spz::{LARGEST_SPZ_SCALE, to_bytes as to_spz_bytes};
 
-/// What a [`Suspicion`](crate::ply::Suspicion) is about where a file does not tell its axes.
+/// What a [`Suspicion`] is about where a file does not tell its axes.
 pub const AXES: &str = "axes";
+
+/// Turns Gaussians from axes that are OpenCV's but for these signs, which settles the doubt about a file's axes.
+///
+/// # Errors
+/// That doubt, where no signs are given.
+pub fn turn(
+    gaussians: &mut Gaussians,
+    doubts: &mut Vec<Suspicion>,
+    signs: Option<[f32; 3]>,
+) -> Result<(), String> {
+    let is_of_axes = |doubt: &Suspicion| doubt.about == AXES;
+    match (signs, doubts.iter().position(is_of_axes)) {
+        (None, Some(at)) => return Err(doubts[at].text.clone()),
+        (Some(signs), _) => *gaussians = std::mem::take(gaussians).flipped(signs),
+        (None, None) => {}
+    }
+    doubts.retain(|doubt| !is_of_axes(doubt));
+    Ok(())
+}
 
 /// Most bytes or pixels that a byte of a file may unfold to. Real files stay below 20.
 const MOST_EXPANSION: usize = 256;

@@ -41,10 +41,7 @@ impl MarkedRule {
                 Rule::GSPLAT_ANTIALIASED,
                 "it is marked as antialiased, which leaves open whether its low-pass is 0.3 or 0.1",
             ),
-            // A format's flag that is not set says nothing.
-            (Some(_), Some(false)) => {
-                stated(Rule::GSPLAT_CLASSIC, "it is marked as not antialiased")
-            }
+            (_, Some(false)) => stated(Rule::GSPLAT_CLASSIC, "it is marked as not antialiased"),
             (Some(Generator::Nerfstudio), None) => likely(
                 Rule::GSPLAT_CLASSIC,
                 "nerfstudio exported it, whose rasterize_mode is in its config.yml",
@@ -57,7 +54,7 @@ impl MarkedRule {
                 Rule::GSPLAT_CLASSIC,
                 "it has no normals, as files of gsplat",
             ),
-            (None, _) => likely(Rule::GSPLAT_CLASSIC, "most programs draw its format so"),
+            (None, None) => likely(Rule::GSPLAT_CLASSIC, "most programs draw its format so"),
         }
     }
 }

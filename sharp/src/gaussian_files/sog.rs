@@ -11,7 +11,7 @@ use serde_json::Value;
 use super::MOST_EXPANSION;
 use crate::ply::{
     Decoded, FileMarks, Generator, PlyReason, SplatRenderMode, StoredColors, StoredForm,
-    StoredOpacity, StoredScales, degree_of,
+    StoredOpacity, StoredScales, completed, degree_of,
 };
 
 /// Entries of the palette of view-dependent colours in a row of its picture.
@@ -303,17 +303,10 @@ fn rotation_of([a, b, c, last]: [u8; 4]) -> [f32; 4] {
     let Some(largest) = last.checked_sub(252).map(usize::from) else {
         return [1.0, 0.0, 0.0, 0.0];
     };
-    let mut others = [a, b, c].into_iter();
-    let mut quaternion = [0.0_f64; 4];
-    for (_, value) in quaternion
-        .iter_mut()
-        .enumerate()
-        .filter(|(k, _)| *k != largest)
-    {
-        let byte = f64::from(others.next().unwrap_or_default());
-        *value = (byte / 255.0 * 2.0 - 1.0) * std::f64::consts::FRAC_1_SQRT_2;
+    let mut quaternion = [0.0; 4];
+    let places = (0..4).filter(|place| *place != largest);
+    for (place, byte) in places.zip([a, b, c]) {
+        quaternion[place] = (f64::from(byte) / 255.0 * 2.0 - 1.0) * std::f64::consts::FRAC_1_SQRT_2;
     }
-    let sum: f64 = quaternion.iter().map(|v| v * v).sum();
-    quaternion[largest] = (1.0 - sum).max(0.0).sqrt();
-    quaternion.map(|v| v as f32)
+    completed(quaternion, largest)
 }

@@ -42,7 +42,8 @@ pub struct FileMarks {
 }
 
 impl FileMarks {
-    /// Of a PLY. Of several comments about one thing the last counts.
+    /// Reads a PLY's comments and columns: the first comment that names a program, the last about a mode. `stated` is the
+    /// encoding of colours that the file states.
     pub(super) fn of_ply(header: &Header, vertex: &Element, stated: Option<ColorSpace>) -> Self {
         let mut marks = Self {
             generator: stated.map(|_| Generator::Sharp),

@@ -21,11 +21,13 @@ use table::TableError;
 
 pub use compressed::to_compressed_bytes;
 #[cfg(feature = "gaussian-files")]
-pub(crate) use compressed::unit_quaternion;
+pub(crate) use compressed::{completed, unit_quaternion};
 pub use marks::{FileMarks, Generator, SplatRenderMode};
 #[cfg(feature = "gaussian-files")]
 pub(crate) use read::{Decoded, degree_of};
 pub use read::{check_stored, from_bytes};
+#[cfg(feature = "render")]
+pub(crate) use reading::setting;
 pub use reading::{
     ColorSpace, Harmonics, Marks, StoredChannels, StoredColors, StoredForm, StoredOpacity,
     StoredQuaternions, StoredScales, UnknownReading,

@@ -1,8 +1,5 @@
 //! Forms of stored numbers, for programs that store them differently from 3D Gaussian Splatting.
 
-use std::fmt;
-use std::str::FromStr;
-
 use super::SH_CONSTANT;
 use crate::color::{linear_from_srgb, srgb_from_linear};
 use crate::gaussians::Gaussians;
@@ -34,19 +31,19 @@ macro_rules! setting {
 
         }
 
-        impl fmt::Display for $name {
-            fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        impl std::fmt::Display for $name {
+            fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
                 f.pad(self.name())
             }
         }
 
-        impl FromStr for $name {
-            type Err = UnknownReading;
+        impl std::str::FromStr for $name {
+            type Err = $crate::ply::UnknownReading;
 
-            fn from_str(value: &str) -> Result<Self, UnknownReading> {
+            fn from_str(value: &str) -> Result<Self, $crate::ply::UnknownReading> {
                 match value {
                     $($text => Ok(Self::$variant),)+
-                    _ => Err(UnknownReading {
+                    _ => Err($crate::ply::UnknownReading {
                         key: Self::KEY,
                         value: value.to_owned(),
                         known: &[$($text),+],
@@ -56,6 +53,8 @@ macro_rules! setting {
         }
     };
 }
+
+pub(crate) use setting;
 
 setting!(
     /// Encoding of colours, in a file or where Gaussians are blended.

@@ -5,88 +5,57 @@
 //! the same.
 
 use crate::gaussians::Harmonics;
-use crate::ply::ColorSpace;
+use crate::ply::{ColorSpace, setting};
 use std::fmt;
 use std::str::FromStr;
 
-/// An enum that is written by the names of its variants.
-macro_rules! choice {
-    ($(#[$about:meta])* $name:ident { $($(#[$of:meta])* $variant:ident = $text:literal,)+ }) => {
-        $(#[$about])*
-        #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-        pub enum $name { $($(#[$of])* $variant),+ }
-
-        impl fmt::Display for $name {
-            fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-                f.write_str(match self { $(Self::$variant => $text),+ })
-            }
-        }
-
-        impl FromStr for $name {
-            type Err = String;
-
-            fn from_str(text: &str) -> Result<Self, String> {
-                match text {
-                    $($text => Ok(Self::$variant),)+
-                    _ => Err(format!("one of {}", [$($text),+].join(", "))),
-                }
-            }
-        }
-    };
-}
-
-choice! {
+setting!(
     /// Factor of the opacity that makes up for the widening by the low-pass, from the determinants
     /// of the 2D covariance without (d0) and with it (d1).
-    Compensation {
-        /// 1.
-        None = "none",
-        /// √(d0/d1).
-        Root = "root",
-        /// √max(0.005², d0/d1).
-        FlooredRoot = "floored-root",
-        /// √(d0/(d1 + 1e-6) + 1e-6), and 0 where d0 or d1 is at most 1e-6.
-        MipSplatting = "mip-splatting",
-    }
-}
-choice! {
+    Compensation, "compensation":
+    /// 1.
+    None = "none",
+    /// √(d0/d1).
+    Root = "root",
+    /// √max(0.005², d0/d1).
+    FlooredRoot = "floored-root",
+    /// √(d0/(d1 + 1e-6) + 1e-6), and 0 where d0 or d1 is at most 1e-6.
+    MipSplatting = "mip-splatting",
+);
+setting!(
     /// Fate of a centre exactly on the near plane.
-    NearPlane {
-        /// Drawn.
-        Included = "included",
-        /// Dropped.
-        Excluded = "excluded",
-    }
-}
-choice! {
+    NearPlane, "near-plane":
+    /// Drawn.
+    Included = "included",
+    /// Dropped.
+    Excluded = "excluded",
+);
+setting!(
     /// Bounds of x/z and y/z at which the Jacobian is taken.
-    JacobianClamp {
-        /// The picture's edges and 0.15 of its sides beyond.
-        Image = "image",
-        /// 1.3 half fields of view to either side of the axis, wherever the principal point is.
-        Symmetric = "symmetric",
-        /// No bounds.
-        None = "none",
-    }
-}
-choice! {
+    JacobianClamp, "jacobian-clamp":
+    /// The picture's edges and 0.15 of its sides beyond.
+    Image = "image",
+    /// 1.3 half fields of view to either side of the axis, wherever the principal point is.
+    Symmetric = "symmetric",
+    /// No bounds.
+    None = "none",
+);
+setting!(
     /// Use of the camera's principal point.
-    PrincipalPoint {
-        Used = "used",
-        /// The picture's middle stands in for it.
-        Ignored = "ignored",
-    }
-}
-choice! {
+    PrincipalPoint, "principal-point":
+    Used = "used",
+    /// The picture's middle stands in for it.
+    Ignored = "ignored",
+);
+setting!(
     /// Pixels that a Gaussian may cover.
-    Support {
-        /// All where its alpha reaches 1/255.
-        Exact = "exact",
-        /// Of those the ones in the tiles of 16×16 pixels that the square of ⌈3σ⌉ around its
-        /// centre touches, as Inria's rasteriser counts them; σ is the larger one.
-        Tiles = "tiles",
-    }
-}
+    Support, "support":
+    /// All where its alpha reaches 1/255.
+    Exact = "exact",
+    /// Of those the ones in the tiles of 16×16 pixels that the square of ⌈3σ⌉ around its
+    /// centre touches, as Inria's rasteriser counts them; σ is the larger one.
+    Tiles = "tiles",
+);
 
 /// Defines the record, and reads and writes its fields by key.
 macro_rules! record {
@@ -398,7 +367,7 @@ mod tests {
             ("inria,near=0", "near 0"),
             ("inria,far=0.1", "far 0.1"),
             ("inria,degree=5", "degree 5"),
-            ("inria,support=ellipse", "exact, tiles"),
+            ("inria,support=ellipse", "exact or tiles"),
             ("inria,blending=hsv", "linear"),
         ] {
             let error = text.parse::<Rule>().unwrap_err().to_string();

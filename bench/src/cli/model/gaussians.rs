@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use clap::{Args, Subcommand, ValueEnum};
 use serde::Serialize;
-use sharp::gaussian_files::{AXES, LARGEST_SPZ_SCALE, MarkedRule, load, to_spz_bytes};
+use sharp::gaussian_files::{LARGEST_SPZ_SCALE, MarkedRule, load, to_spz_bytes, turn};
 use sharp::gaussians::Gaussians;
 use sharp::ply::{
     ColorSpace, FileMarks, GaussianScene, Generator, PlyForm, PlyReason, SplatRenderMode,
@@ -84,25 +84,15 @@ pub(crate) fn execute(args: &GaussiansArgs) -> anyhow::Result<Outcome> {
                 ..reading.reading()
             };
             let mut scene = load(ply, given)?;
+            turn(&mut scene.gaussians, &mut scene.doubts, reading.axes)
+                .map_err(|reason| anyhow::anyhow!("{}: {reason} (--axes)", ply.display()))?;
             for doubt in &scene.doubts {
-                if doubt.about == AXES {
-                    anyhow::ensure!(
-                        reading.axes.is_some(),
-                        "{}: {} (--axes)",
-                        ply.display(),
-                        doubt.text
-                    );
-                } else {
-                    output::remark(format!("warning: {}: {}", ply.display(), doubt.text));
-                }
+                output::remark(format!("warning: {}: {}", ply.display(), doubt.text));
             }
             let made_for = MarkedRule::of(&scene.marks);
             if given.color_space.is_some() {
                 // Said so of SHARP's files, and stated in the result.
                 scene.marks.generator = Some(Generator::Sharp);
-            }
-            if let Some(signs) = reading.axes {
-                scene.gaussians = scene.gaussians.flipped(signs);
             }
             if to == TargetForm::Release {
                 check_release(&scene, given)
@@ -330,9 +320,8 @@ fn info(ply: &Path, given: &ReadingArgs, json: bool) -> anyhow::Result<Outcome> 
         ..given.reading()
     };
     let mut scene = load(ply, reading)?;
-    if let Some(signs) = given.axes {
-        scene.gaussians = scene.gaussians.flipped(signs);
-        scene.doubts.retain(|doubt| doubt.about != AXES);
+    if given.axes.is_some() {
+        turn(&mut scene.gaussians, &mut scene.doubts, given.axes).map_err(anyhow::Error::msg)?;
     }
     let info = describe(&scene);
     if json {

@@ -7,6 +7,7 @@ use anyhow::{Context, anyhow, bail, ensure};
 use glam::DAffine3;
 use sharp::camera::Intrinsics;
 use sharp::color::Quantization;
+use sharp::gaussian_files::turn;
 use sharp::gaussians::Gaussians;
 use sharp::ply::ColorSpace;
 use sharp::render::trajectory::DepthRange;
@@ -57,9 +58,8 @@ impl<'a> RenderJob<'a> {
                 page.display()
             );
         }
-        let file = gaussian_files::read(&args.scene, args.reading.reading(), args.rule)?;
-        let file = file
-            .turned(args.reading.axes)
+        let mut file = gaussian_files::read(&args.scene, args.reading.reading(), args.rule)?;
+        turn(&mut file.gaussians, &mut file.doubts, args.reading.axes)
             .map_err(|reason| anyhow!("{}: {reason} (--axes)", args.scene.display()))?;
         let rule = args.over(file.rule);
         ensure!(

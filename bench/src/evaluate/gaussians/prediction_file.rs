@@ -42,8 +42,8 @@ struct Said {
     rule: Option<String>,
 }
 
-/// Writes a prediction with everything needed to render it: arrays as `gaussians` takes them, its space, its depth
-/// layer, its reading, the method's extras, the seconds it took, and a checksum.
+/// Writes a prediction with everything needed to render it: arrays (`colors_linear` are in the space of the rule's
+/// blending), its space, its rule, its depth layer, its reading, the method's extras, the seconds it took, and a checksum.
 pub(in crate::evaluate) fn write_prediction(
     path: &Path,
     prediction: &GaussianPrediction,

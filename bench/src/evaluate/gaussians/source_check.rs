@@ -11,6 +11,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use image::imageops::crop_imm;
 use image::{Luma, RgbImage};
 use sharp::color::{Quantization, linear_from_srgb};
+use sharp::ply::ColorSpace;
 use sharp::render::{Background, RenderError};
 use sharp_datasets::{DepthMap, Scene};
 use sharp_metrics::{Picture, psnr};
@@ -97,7 +98,10 @@ pub(in crate::evaluate) fn check_source(
     )?;
     let whole = Region::whole(photograph.dimensions());
     let mean = Likeness::of(photograph, whole, photograph).mean_color();
-    let mean = mean.map(|level| linear_from_srgb(level as f32 / 255.0));
+    let mean = mean.map(|level| match output.blending {
+        ColorSpace::Linear => linear_from_srgb(level as f32 / 255.0),
+        ColorSpace::Srgb => level as f32 / 255.0,
+    });
     let seen = SeenSource {
         picture: renderer.picture(&output),
         depth: surface_depth(&output),
@@ -472,7 +476,7 @@ mod tests {
     ) -> Option<String> {
         let (source, renderer) = (source(), SharedRenderer::cpu());
         let prediction = GaussianPrediction {
-            rule: None,
+            rule: reading.rule,
             rule_note: None,
             gaussians,
             space: GaussianSpace::CAMERA,
@@ -643,10 +647,21 @@ mod tests {
         let nothing = "hardly anything of it";
         // One in forty, the rest stays black.
         let few = round.filtered(|k| k % 41 == 0);
-        assert!(!said(few.clone()).contains(nothing), "{}", said(few));
+        assert!(
+            !said(few.clone()).contains(nothing),
+            "{}",
+            said(few.clone())
+        );
         let mut blurred = round.filtered(|k| k % 5 == 0);
         blurred.scales.fill([0.25; 3]);
         let text = said(blurred);
+        assert!(!text.contains(nothing), "{text}");
+        // The same of encoded colours.
+        let mut encoded = FileReading::of_arrays();
+        encoded.stored.blending = ColorSpace::Srgb;
+        encoded.rule = Some(sharp::render::Rule::GSPLAT_1_5_3_CLASSIC);
+        let text = doubt_about_read(recolored(&few, srgb_from_linear), encoded);
+        let text = text.unwrap_or_default();
         assert!(!text.contains(nothing), "{text}");
         // A plain wall, in the photograph's own colour too, and Gaussians that are not seen.
         let (seen, whole) = (photograph(), Region::whole((40, 32)));

@@ -12,7 +12,8 @@ use ruzstd::decoding::StreamingDecoder;
 use super::unfold;
 use crate::gaussians::Harmonics;
 use crate::ply::{
-    Decoded, FileMarks, PlyReason, StoredColors, StoredForm, StoredOpacity, StoredScales, Suspicion,
+    Decoded, FileMarks, PlyReason, StoredColors, StoredForm, StoredOpacity, StoredScales,
+    Suspicion, completed,
 };
 
 pub use write::to_bytes;
@@ -95,7 +96,8 @@ pub(super) fn decode(bytes: &[u8]) -> Result<Decoded, PlyReason> {
             ..StoredForm::default()
         },
         marks: FileMarks {
-            antialiased: Some(header.flags & ANTIALIASED != 0),
+            // Unset it says nothing: most programs never set it.
+            antialiased: (header.flags & ANTIALIASED != 0).then_some(true),
             ..FileMarks::default()
         },
         color_coefficients: header.blocks()[5],
@@ -171,9 +173,7 @@ fn rotation_of(packed: u32) -> [f32; 4] {
         };
         rest >>= 10;
     }
-    let sum: f64 = xyzw.iter().map(|v| v * v).sum();
-    xyzw[largest] = (1.0 - sum).max(0.0).sqrt();
-    let [x, y, z, w] = xyzw.map(|v| v as f32);
+    let [x, y, z, w] = completed(xyzw, largest);
     [w, x, y, z]
 }
 
@@ -184,7 +184,7 @@ fn gzip_blocks(bytes: &[u8]) -> Result<(Header, [Vec<u8>; 6]), PlyReason> {
     if begun.is_ok() && !start.starts_with(&MAGIC) {
         let what = match start.starts_with(b"ply") {
             true => "a PLY file packed by gzip; unpack it (gunzip)",
-            false => "a file packed by gzip that is no SPZ; unpack it (gunzip)",
+            false => "packed by gzip, and not an SPZ; unpack it (gunzip)",
         };
         return Err(PlyReason::Foreign(what.to_owned()));
     }

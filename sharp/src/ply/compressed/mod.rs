@@ -183,6 +183,12 @@ fn rotation_of(packed: u32) -> [f32; 4] {
             shift -= 10_u32.min(shift);
         }
     }
+    completed(quaternion, largest)
+}
+
+/// The unit quaternion with this component positive, whatever it is, and the others as they are.
+pub(crate) fn completed(mut quaternion: [f64; 4], largest: usize) -> [f32; 4] {
+    quaternion[largest] = 0.0;
     let sum: f64 = quaternion.iter().map(|v| v * v).sum();
     quaternion[largest] = (1.0 - sum).max(0.0).sqrt();
     quaternion.map(|v| v as f32)
