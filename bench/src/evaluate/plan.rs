@@ -64,8 +64,8 @@ impl RunPlan {
 /// The estimated cost of a whole evaluation, finished units included.
 ///
 /// Linear in sources and pairs: if a method predicts Gaussians, only the first pair of a source pays for the
-/// prediction. Rescoring by `common_region` is not counted, and the time of `command` programs counts only in
-/// [`wall_secs`](StageCost::wall_secs).
+/// prediction. Rescoring by `common_region` is not counted; [`wall_secs`](StageCost::wall_secs) alone counts the time of
+/// `command` programs.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Estimate {
     /// Pairs by methods.

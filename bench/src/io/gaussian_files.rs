@@ -120,13 +120,27 @@ pub fn read(
             }
         })?,
     };
+    let mut doubts = scene.doubts;
+    doubts.extend(undrawn(&scene.gaussians, &rule));
     Ok(GaussianFile {
         camera: scene.intrinsics.map(|k| (k, camera_from_world)),
         gaussians: scene.gaussians,
         rule,
         rule_note,
         reading: scene.reading,
-        doubts: scene.doubts,
+        doubts,
+    })
+}
+
+/// A doubt where a rule draws fewer harmonics than there are.
+fn undrawn(gaussians: &Gaussians, rule: &Rule) -> Option<Suspicion> {
+    let degree = gaussians.harmonics.degree;
+    (degree > rule.degree).then(|| {
+        let text = format!(
+            "harmonics above degree {} are not drawn by the rule {rule}; it has some of degree {degree}",
+            rule.degree
+        );
+        Suspicion::new("degree", text)
     })
 }
 
@@ -216,7 +230,8 @@ fn read_arrays_as(
         path: path.to_owned(),
         source,
     };
-    let doubts = ply::suspicions(&gaussians, &reading, &format);
+    let mut doubts = ply::suspicions(&gaussians, &reading, &format);
+    doubts.extend(undrawn(&gaussians, &rule));
     ply::check_stored(&gaussians, &format).map_err(stored)?;
     format.decode(&mut gaussians);
     if let Some(value) = ply::enormous_scale(&gaussians) {

@@ -160,6 +160,7 @@ fn write_pixels(
 #[cfg(test)]
 mod tests {
     use sharp::color::Quantization;
+    use sharp::ply::ColorSpace;
     use sharp::render::Dropped;
 
     use super::*;
@@ -227,24 +228,23 @@ mod tests {
     #[test]
     fn a_rendering_is_the_same_picture_from_exr_and_png() {
         let dir = tempfile::tempdir().unwrap();
-        let rendered = RenderOutput {
-            width: 3,
-            height: 2,
-            blending: sharp::ply::ColorSpace::Linear,
-            rgb: (0..6).map(|i| [0.2 * i as f32, 0.01, 0.5]).collect(),
-            alpha: vec![1.0; 6],
-            depth_acc: vec![2.0; 6],
-            drawn: 6,
-            dropped: Dropped::default(),
-        };
-        let (exr, png) = (dir.path().join("view.exr"), dir.path().join("view.png"));
-        write_exr(&exr, &rendered).unwrap();
-        write_png(
-            &png,
-            &rendered.srgb8(Background::Black, Quantization::Round),
-        )
-        .unwrap();
-        let found = pictures::read_rgb8(&exr).unwrap();
-        assert_eq!(found, pictures::read_rgb8(&png).unwrap());
+        for blending in [ColorSpace::Linear, ColorSpace::Srgb] {
+            let rendered = RenderOutput {
+                width: 3,
+                height: 2,
+                blending,
+                rgb: (0..6).map(|i| [0.2 * i as f32, 0.01, 0.5]).collect(),
+                alpha: vec![1.0; 6],
+                depth_acc: vec![2.0; 6],
+                drawn: 6,
+                dropped: Dropped::default(),
+            };
+            let (exr, png) = (dir.path().join("view.exr"), dir.path().join("view.png"));
+            write_exr(&exr, &rendered).unwrap();
+            let encoded = rendered.srgb8(Background::Black, Quantization::Round);
+            write_png(&png, &encoded).unwrap();
+            let found = pictures::read_rgb8(&exr).unwrap();
+            assert_eq!(found, pictures::read_rgb8(&png).unwrap(), "{blending}");
+        }
     }
 }

@@ -81,14 +81,6 @@ impl<'a> RenderJob<'a> {
             ),
         };
         let scene = file.gaussians;
-        if scene.harmonics.degree > rule.degree {
-            output::remark(format!(
-                "warning: {}: harmonics above degree {} are not drawn by {rule}; it has {}",
-                args.scene.display(),
-                rule.degree,
-                scene.harmonics.degree
-            ));
-        }
         let named = || args.scene.display().to_string();
         let moved = args
             .path
@@ -137,7 +129,7 @@ impl<'a> RenderJob<'a> {
             appearance: Appearance {
                 background: rendering.background,
                 quantization,
-                blended: args.rule.is_some(),
+                blended: args.writes_blended(&rule),
                 depth_m,
                 alpha: args.alpha,
             },
@@ -253,7 +245,7 @@ impl Output<'_> {
             args.fps.is_none() || matches!(self.kind, OutputKind::Gif | OutputKind::Mp4),
             "{out}: --fps is for .gif and .mp4"
         );
-        let blended = args.rule.is_some() && writer::ends_in(self.path, &["safetensors"]);
+        let blended = args.writes_blended(rule) && writer::ends_in(self.path, &["safetensors"]);
         let options = [
             (
                 "--background",

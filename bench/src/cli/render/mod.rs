@@ -10,6 +10,7 @@ use std::path::PathBuf;
 use anyhow::Context;
 use clap::Args;
 use serde::Serialize;
+use sharp::ply::ColorSpace;
 use sharp::render::{Backend, RenderOutput, Rule};
 
 use self::args::Layers;
@@ -25,8 +26,8 @@ use crate::rendering::BatchRenderer;
 ///
 /// SCENE is a .ply file (SHARP's own or a plain 3D Gaussian one) or a .safetensors file with `means`, `quats_wxyz`,
 /// `scales`, `opacities` and `colors_linear`, or `sh` (harmonics of encoded colours, [N,(degree+1)²,3]). OUT is .png (sRGB, 8 bit), .exr (linear RGB, alpha, accumulated depth),
-/// .safetensors (`rgb_linear` [H,W,3], `alpha` [H,W], `depth_acc` [H,W]; with --rendering `rgb` instead, as the rule
-/// blends it, over the background and before any clamp); for a moved camera a folder of PNG frames,
+/// .safetensors (`rgb_linear` [H,W,3], `alpha` [H,W], `depth_acc` [H,W]; with --rendering or encoded colours `rgb` instead, as the
+/// rule blends it, over the background and before any clamp); for a moved camera a folder of PNG frames,
 /// .gif, or .mp4 (through an installed ffmpeg).
 #[derive(Debug, Args)]
 #[command(after_help = "\
@@ -138,6 +139,11 @@ struct Summary {
 }
 
 impl RenderArgs {
+    /// Whether arrays hold what a rule blended, over the background.
+    fn writes_blended(&self, rule: &Rule) -> bool {
+        self.rule.is_some() || rule.blending == ColorSpace::Srgb
+    }
+
     /// A rule with what single options say otherwise.
     fn over(&self, mut rule: Rule) -> Rule {
         rule.low_pass = self.rendering.eps2d.map_or(rule.low_pass, |LowPass(x)| x);
