@@ -15,6 +15,7 @@ use super::metrics::MetricConfig;
 use super::pairs::PairConfig;
 use super::rendering::{RenderingConfig, backend};
 use super::text;
+use crate::methods::file_reading::is_transform_file;
 use crate::methods::{MethodSpec, SpecError};
 use crate::pairs::{DatasetConfig, clap_dataset};
 
@@ -220,9 +221,13 @@ impl RunConfig {
                 method.options.entry("cwd".to_owned()).or_default();
             }
             // `files=` starts where the program does.
-            for key in ["dir", "checkpoint", "config", "cwd"] {
+            for key in ["dir", "checkpoint", "config", "cwd", "transform"] {
                 let value = method.options.get_mut(key);
-                let is_path = |value: &&mut String| key != "checkpoint" || is_file(value.as_ref());
+                let is_path = |value: &&mut String| match key {
+                    "checkpoint" => is_file(value.as_ref()),
+                    "transform" => is_transform_file(value),
+                    _ => true,
+                };
                 value.filter(is_path).map(root_text);
             }
         }
@@ -295,6 +300,20 @@ mod tests {
         let rooted = config.rooted(Path::new("/r"));
         assert_eq!(rooted.methods[0].options["checkpoint"], "mini");
         assert_eq!(rooted.methods[1].options["dir"], "/r/mini");
+    }
+
+    #[test]
+    fn a_transform_is_a_path_unless_it_is_its_numbers() {
+        let rooted = |transform: &str| {
+            let config = of_options(&format!(
+                "--method gaussians:dir=g,space=world,transform={transform}"
+            ));
+            config.rooted(Path::new("/r")).methods[0].options["transform"].clone()
+        };
+        assert_eq!(rooted("t.json"), "/r/t.json");
+        for own in ["none", "1:0:0:0:1:0:0:0:1:2:3:4"] {
+            assert_eq!(rooted(own), own);
+        }
     }
 
     #[cfg(unix)]

@@ -69,8 +69,8 @@ pub enum GaussianFileError {
     Harmonics { path: PathBuf, shape: Vec<usize> },
     /// Nothing in the file tells by which rule it is drawn.
     #[error(
-        "{}: it does not say how it is drawn, and renderers of Gaussians differ: say rendering=NAME (--rendering NAME), which is likely {likely} \
-         ({why}); a file of SHARP's, blended in linear light, needs color_space=", path.display()
+        "{}: it does not say which renderer it was made for: name a rule with rendering=NAME (--rendering NAME), likely \
+         {likely} ({why}); a file of SHARP's needs color_space= instead", path.display()
     )]
     RuleUnknown {
         path: PathBuf,

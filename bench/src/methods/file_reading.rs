@@ -162,18 +162,21 @@ impl Placement {
 
 /// `none`, the twelve numbers of a map by columns, or a file of it.
 fn transform(text: &str) -> Result<Option<DAffine3>, String> {
-    if text == "none" {
-        return Ok(None);
-    }
-    let numbers: Option<Vec<f64>> = text.split(':').map(|number| number.parse().ok()).collect();
-    let numbers = numbers.and_then(|numbers| <[f64; 12]>::try_from(numbers).ok());
-    match numbers {
+    match twelve(text) {
+        None if text == "none" => Ok(None),
         None => placement_file::read(Path::new(text)).map(Some),
-        Some(numbers) => {
-            let map = DAffine3::from_cols_array(&numbers);
-            placement_file::check(&map).map(|()| Some(map))
-        }
+        Some(map) => placement_file::check(&map).map(|()| Some(map)),
     }
+}
+
+fn twelve(text: &str) -> Option<DAffine3> {
+    let numbers: Option<Vec<f64>> = text.split(':').map(|number| number.parse().ok()).collect();
+    Some(DAffine3::from_cols_array(&numbers?.try_into().ok()?))
+}
+
+/// Whether `transform=` names a file.
+pub fn is_transform_file(text: &str) -> bool {
+    text != "none" && twelve(text).is_none()
 }
 
 impl FileReading {

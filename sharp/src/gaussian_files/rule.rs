@@ -54,7 +54,7 @@ impl MarkedRule {
                 Rule::GSPLAT_CLASSIC,
                 "it has no normals, as files of gsplat",
             ),
-            (None, None) => likely(Rule::GSPLAT_CLASSIC, "most programs draw its format so"),
+            (None, None) => likely(Rule::GSPLAT_CLASSIC, "most programs draw this format so"),
         }
     }
 }
