@@ -55,6 +55,7 @@ const PICTURES: &[&str] = &[
 /// From Gaussians to scored pictures, and what is recorded of their source.
 const RENDERING: &[&str] = &[
     "bench/src/evaluate/gaussians",
+    "bench/src/rendering/pose_alignment.rs",
     "bench/src/rendering/shared.rs",
     "bench/src/pairs/alignment.rs",
     "bench/src/pairs/depth/mod.rs",

@@ -263,21 +263,52 @@ const SCENE: &str = concat!(
     "/../tests/golden/model/tiny_golden.ply"
 );
 
-/// Its frame, and one of a camera elsewhere on the path, are within a level of what `render` writes.
+/// Gaussians with colours of degree 1 in no camera's space.
+const VIEW_DEPENDENT: &str = concat!(
+    env!("CARGO_MANIFEST_DIR"),
+    "/../tests/fixtures/gaussian_formats/src_d1.ply"
+);
+
+/// Their frame, and one of a camera elsewhere on the path, are within a level of what `render` writes, by SHARP's rule and by
+/// others.
 fn gaussians(browser: &str) {
-    let dir = tempfile::tempdir().unwrap();
-    let dir = dir.path();
-    let path = [
-        "render",
-        SCENE,
-        "--trajectory",
-        "rotate_forward",
-        "--frames",
-        "5",
-    ];
+    let camera = r#"{"width":61,"height":43,"K":[50,0,24,0,50,26,0,0,1],
+        "camera_from_world":[1,0,0,0,0,1,0,0,0,0,1,0.5,0,0,0,1]}"#;
+    for (scene, more) in [
+        (SCENE, vec![]),
+        (
+            VIEW_DEPENDENT,
+            vec![
+                "--camera",
+                "cam.json",
+                "--rendering",
+                "inria-aa",
+                "--background",
+                "1,0.5,0",
+            ],
+        ),
+        (
+            VIEW_DEPENDENT,
+            vec!["--camera", "cam.json", "--rendering", "inria"],
+        ),
+    ] {
+        let dir = tempfile::tempdir().unwrap();
+        std::fs::write(dir.path().join("cam.json"), camera).unwrap();
+        frames_of_a_page(browser, dir.path(), &[&[scene], &more[..]].concat());
+    }
+}
+
+fn frames_of_a_page(browser: &str, dir: &Path, scene: &[&str]) {
+    let path = ["--trajectory", "rotate_forward", "--frames", "5"];
     sharp_bench(
         dir,
-        &[&path[..], &["--out", "frames", "--viewer", "page.html"]].concat(),
+        &[
+            &["render"],
+            scene,
+            &path[..],
+            &["--out", "frames", "--viewer", "page.html"],
+        ]
+        .concat(),
     )
     .ends_with(0);
     let script = "

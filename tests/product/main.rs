@@ -41,6 +41,8 @@ mod pairs_command;
 #[cfg(test)]
 mod photographs;
 #[cfg(test)]
+mod ports;
+#[cfg(test)]
 mod protocols_command;
 #[cfg(test)]
 mod render_command;

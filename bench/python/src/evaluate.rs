@@ -123,10 +123,10 @@ impl Method for Function {
     }
 
     fn privilege(&self) -> methods::Privilege {
-        match self.privileged {
-            true => methods::Privilege::SourceDepth,
-            false => methods::Privilege::None,
-        }
+        methods::Privilege::of_depth(match self.privileged {
+            true => methods::TrueDepth::SourceDepth,
+            false => methods::TrueDepth::None,
+        })
     }
 
     fn approach(&self) -> Approach<'_> {
@@ -173,7 +173,11 @@ impl PredictPicture for Function {
 }
 
 impl PredictGaussians for Function {
-    fn predict(&self, source: &SourceView) -> Result<GaussianPrediction, MethodError> {
+    fn predict(
+        &self,
+        source: &SourceView,
+        _: Option<&TargetCamera>,
+    ) -> Result<GaussianPrediction, MethodError> {
         let (gaussians, rule) = self.call(source, None, |answer| {
             let gaussians = answer.cast::<Gaussians>()?.get();
             Ok((gaussians.core.clone(), gaussians.rule))

@@ -1,5 +1,7 @@
-//! The paper's explanatory experiments, on any picture.
+//! Experiments besides evaluations.
 //!
-//! * [`translation`]: how far each metric moves when a picture is shifted a little.
+//! * [`port`]: a port of SHARP against the release or us.
+//! * [`translation`]: the paper's, on any picture: how far each metric moves when it is shifted a little.
 
+pub mod port;
 pub mod translation;

@@ -16,6 +16,7 @@ use super::pairs::PairConfig;
 use super::rendering::{RenderingConfig, backend};
 use super::text;
 use crate::methods::file_reading::is_transform_file;
+use crate::methods::training_views::is_training_list;
 use crate::methods::{MethodSpec, SpecError};
 use crate::pairs::{DatasetConfig, clap_dataset};
 
@@ -221,11 +222,12 @@ impl RunConfig {
                 method.options.entry("cwd".to_owned()).or_default();
             }
             // `files=` starts where the program does.
-            for key in ["dir", "checkpoint", "config", "cwd", "transform"] {
+            for key in ["dir", "checkpoint", "config", "cwd", "transform", "train"] {
                 let value = method.options.get_mut(key);
                 let is_path = |value: &&mut String| match key {
                     "checkpoint" => is_file(value.as_ref()),
                     "transform" => is_transform_file(value),
+                    "train" => is_training_list(value),
                     _ => true,
                 };
                 value.filter(is_path).map(root_text);
@@ -311,7 +313,7 @@ mod tests {
             config.rooted(Path::new("/r")).methods[0].options["transform"].clone()
         };
         assert_eq!(rooted("t.json"), "/r/t.json");
-        for own in ["none", "1:0:0:0:1:0:0:0:1:2:3:4"] {
+        for own in ["none", "1:0:0:0:1:0:0:0:1:2:3:4", "{scene}/t.json"] {
             assert_eq!(rooted(own), own);
         }
     }

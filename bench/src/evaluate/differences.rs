@@ -7,7 +7,6 @@ use sharp_metrics::MetricInfo;
 
 use super::error::EvaluateError;
 use super::manifest::{AGGREGATION, DatasetRecord, Manifest};
-use crate::methods::Privilege;
 
 /// Why two manifests are compared. An index into [`Row`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -150,9 +149,13 @@ pub(super) fn differences(before: &Manifest, now: &Manifest) -> Vec<ManifestDiff
         }
     }
     for (label, before, now) in &methods {
-        let texts = [before.unwrap_or(now), now].map(|method| match method.privilege {
-            Privilege::None => method.identity.to_string(),
-            _ => format!("{} with depth=privileged", method.identity),
+        let texts = [before.unwrap_or(now), now].map(|method| {
+            let known: String = method
+                .privilege
+                .phrases()
+                .map(|p| format!(", {p}"))
+                .collect();
+            format!("{}{known}", method.identity)
         });
         if texts[0] != texts[1] {
             found.0.push(ManifestDifference {
@@ -374,6 +377,7 @@ fn union<T, N: PartialEq>(
 mod tests {
     use super::*;
     use crate::evaluate::test_records::manifest;
+    use crate::methods::TrueDepth;
 
     /// What each purpose makes of the only difference.
     fn effects(change: impl Fn(&mut Manifest)) -> [Effect; 4] {
@@ -399,7 +403,7 @@ mod tests {
         let convention = |now: &mut Manifest| now.metrics[0].info.input_range = "0..2".to_owned();
         assert_eq!(effects(convention), CONVENTION);
         assert_eq!(
-            effects(|now| now.methods[0].privilege = Privilege::DepthScale),
+            effects(|now| now.methods[0].privilege.depth = TrueDepth::DepthScale),
             NAME
         );
         assert_eq!(

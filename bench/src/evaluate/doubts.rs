@@ -5,7 +5,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use super::gaussians::source_check::{SOURCE_BLUR, SOURCE_DEPTH, SOURCE_PSNR, source_of};
 use super::picture_check::{CHANGED, changed_pictures, is_checked};
 use super::record::Record;
-use crate::methods::{Privilege, UNUSABLE};
+use crate::methods::{TrueDepth, UNUSABLE};
 
 /// Ratio of rendered to true depth beyond which the unit is probably not metres.
 const UNLIKELY_SCALE: f64 = 10.0;
@@ -25,6 +25,9 @@ const MOST_NAMED: usize = 8;
 /// Topic of a record's note on the rule by which its Gaussians were drawn, which is no warning.
 pub(super) const RULE: &str = "rule";
 
+/// Topic of a record whose target is among the views that the method was trained on.
+pub(super) const TRAINED: &str = "trained on the target";
+
 /// Notes on the rules by which a method's Gaussians were drawn, where nobody named one.
 pub fn rule_notes<'a>(records: impl Iterator<Item = &'a Record>) -> Vec<String> {
     let notes: BTreeSet<&String> = records.filter_map(|r| r.warnings.get(RULE)).collect();
@@ -32,7 +35,7 @@ pub fn rule_notes<'a>(records: impl Iterator<Item = &'a Record>) -> Vec<String> 
 }
 
 /// Warnings about the Gaussians behind a record, by topic.
-pub fn doubts(record: &Record, privilege: Privilege) -> BTreeMap<&str, String> {
+pub fn doubts(record: &Record, depth: TrueDepth) -> BTreeMap<&str, String> {
     let extra = |name: &str| record.extras.get(name).copied();
     let source = &record.source;
     let mut doubts: BTreeMap<&str, String> = BTreeMap::new();
@@ -45,7 +48,7 @@ pub fn doubts(record: &Record, privilege: Privilege) -> BTreeMap<&str, String> {
     let depths = extra(SOURCE_DEPTH).zip(record.median_depth_m);
     if let Some(ratio) = depths.map(|(seen, true_depth)| seen / true_depth)
         && !(UNLIKELY_SCALE.recip()..=UNLIKELY_SCALE).contains(&ratio)
-        && privilege == Privilege::None
+        && depth == TrueDepth::None
     {
         doubts.insert(
             "scale",
@@ -56,7 +59,7 @@ pub fn doubts(record: &Record, privilege: Privilege) -> BTreeMap<&str, String> {
         );
     }
     let told = record.warnings.iter();
-    let told = told.filter(|(about, _)| ![CHANGED, RULE].contains(&about.as_str()));
+    let told = told.filter(|(about, _)| ![CHANGED, RULE, TRAINED].contains(&about.as_str()));
     doubts.extend(told.map(|(about, text)| (about.as_str(), text.clone())));
     doubts
 }
@@ -141,20 +144,45 @@ pub(super) fn joint_doubts<'a>(
         true => changed_pictures(records.clone()),
         false => Vec::new(),
     };
+    found.extend(trained_targets(records.clone()));
     found.extend(outlying_sources(records, kind));
     found
+}
+
+/// Names targets that a method was trained on.
+fn trained_targets<'a>(records: impl Iterator<Item = &'a Record>) -> Option<String> {
+    let mut count = 0;
+    let known = records.inspect(|_| count += 1);
+    let known = known.filter(|r| r.warnings.contains_key(TRAINED));
+    let known: Vec<&str> = known.map(|r| r.pair_id.as_str()).collect();
+    let targets: BTreeSet<&str> = known
+        .iter()
+        .filter_map(|id| id.split("__").nth(1))
+        .collect();
+    let names: Vec<&str> = targets.iter().copied().take(MOST_NAMED).collect();
+    let more = match targets.len().saturating_sub(MOST_NAMED) {
+        0 => String::new(),
+        more => format!(" and {more} more"),
+    };
+    (!known.is_empty()).then(|| {
+        format!(
+            "{} of {count} targets are views that it was trained on ({}{more}): no novel views for it",
+            known.len(),
+            names.join(", ")
+        )
+    })
 }
 
 /// The first warning of each kind among a method's records, and `joint_doubts`.
 pub fn doubts_of<'a>(
     records: impl Iterator<Item = &'a Record> + Clone,
     kind: &str,
-    privilege: Privilege,
+    depth: TrueDepth,
 ) -> Vec<String> {
     let joint = joint_doubts(records.clone(), kind);
     let mut first: BTreeMap<&str, String> = BTreeMap::new();
     for record in records {
-        for (about, text) in doubts(record, privilege) {
+        for (about, text) in doubts(record, depth) {
             first.entry(about).or_insert(text);
         }
     }
@@ -289,12 +317,12 @@ mod tests {
         let mut record = record();
         record.median_depth_m = Some(2.0);
         record.extras = BTreeMap::from([(SOURCE_DEPTH.to_owned(), 2000.0)]);
-        assert!(doubts(&record, Privilege::None).contains_key("scale"));
-        assert!(doubts(&record, Privilege::DepthScale).is_empty());
+        assert!(doubts(&record, TrueDepth::None).contains_key("scale"));
+        assert!(doubts(&record, TrueDepth::DepthScale).is_empty());
         record.median_depth_m = None;
-        assert!(doubts(&record, Privilege::None).is_empty());
+        assert!(doubts(&record, TrueDepth::None).is_empty());
         record.extras.insert("zero_quaternions".to_owned(), 3.0);
-        let said = &doubts(&record, Privilege::None)["zero_quaternions"];
+        let said = &doubts(&record, TrueDepth::None)["zero_quaternions"];
         assert!(
             said.contains("3 of its Gaussians have a quaternion of zero"),
             "{said}"

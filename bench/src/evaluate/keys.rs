@@ -21,7 +21,7 @@ use super::unit::{Slot, Unit};
 use crate::io::fingerprints;
 use crate::io::hash::StableHasher;
 use crate::io::view_hashes::ViewHashes;
-use crate::methods::{Approach, Method, MethodSpec, Privilege};
+use crate::methods::{Approach, Method, MethodSpec, TrueDepth};
 use crate::pairs::OpenDataset;
 use crate::pairs::pair_list::ResolvedPair;
 use crate::scoring::Region;
@@ -111,7 +111,7 @@ impl Keys {
             .add("reading sources", fingerprints::READING)
             .add("dataset", self.dataset(planned))
             .add("source", &self.photograph(planned.source));
-        if method.privilege() == Privilege::SourceDepth {
+        if method.privilege().depth == TrueDepth::SourceDepth {
             predict.add("source depth", &self.view(planned.source));
         }
         match method.input_files(pair_id) {
@@ -126,8 +126,8 @@ impl Keys {
             }
         }
         match &approach {
-            Approach::Gaussians(_) => {}
-            Approach::Pictures(_) => {
+            Approach::Gaussians(gaussians) if !gaussians.needs_target() => {}
+            Approach::Gaussians(_) | Approach::Pictures(_) => {
                 predict.add("target camera", &camera(planned.target));
             }
             // These look at the truth.
@@ -146,8 +146,11 @@ impl Keys {
                     "renderer sources",
                     fingerprints::of_renderer(&self.renderer.backend),
                 );
-            if method.privilege() == Privilege::DepthScale {
+            if method.privilege().depth == TrueDepth::DepthScale {
                 picture.add("source depth", &self.view(planned.source));
+            }
+            if method.privilege().target_pose {
+                picture.add("target", &self.view(planned.target));
             }
         }
         PictureKeys {

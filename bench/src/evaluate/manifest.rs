@@ -306,7 +306,7 @@ pub struct MethodRecord {
     pub spec: Option<MethodSpec>,
     /// What its predictions depend on.
     pub identity: MethodIdentity,
-    /// What it knows of the source's true depth.
+    #[serde(flatten)]
     pub privilege: Privilege,
     /// Hash of the code that makes its pictures.
     pub sources: String,

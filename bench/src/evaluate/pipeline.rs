@@ -69,7 +69,7 @@ pub(super) fn run(
                             note_change(record, photograph.image(), shown);
                         }
                         let privilege = maker.map(|maker| maker.privilege()).unwrap_or_default();
-                        let mut new = doubts(&item.unit.record, privilege);
+                        let mut new = doubts(&item.unit.record, privilege.depth);
                         new.retain(|about, _| {
                             doubted.insert((method.clone(), (*about).to_owned()))
                         });

@@ -8,7 +8,7 @@ use sharp::render::{RenderError, RenderOutput};
 use sharp_datasets::{DepthMap, View};
 use sharp_metrics::Picture;
 
-use super::doubts::RULE;
+use super::doubts::{RULE, TRAINED};
 use super::error::EvaluateError;
 use super::folder::RunFolder;
 use super::gaussians::gaussian_store::{GaussianStore, StoreError};
@@ -30,8 +30,8 @@ use crate::io::pictures::{read_rgb8, to_rgb8};
 use crate::io::rendering_files::{write_exr, write_png};
 use crate::io::text::reason_line;
 use crate::methods::{
-    Approach, GaussianPrediction, Method, MethodError, PicturePrediction, Privilege, SourceView,
-    TargetCamera,
+    Approach, GaussianPrediction, Method, MethodError, PicturePrediction, SourceView, TargetCamera,
+    TrueDepth,
 };
 use crate::pairs::PosedCamera;
 use crate::pairs::pair_list::ResolvedPair;
@@ -359,8 +359,8 @@ impl<'j, 'a> PairWork<'j, 'a> {
                 plain(truth.image().clone().into(), 0.0)
             }
             Approach::Pictures(pictures) => {
-                let depth = match method.privilege() {
-                    Privilege::SourceDepth => sources.depth(view)?.cloned(),
+                let depth = match method.privilege().depth {
+                    TrueDepth::SourceDepth => sources.depth(view)?.cloned(),
                     _ => None,
                 };
                 let image = sources.photograph(view)?;
@@ -410,9 +410,13 @@ impl<'j, 'a> PairWork<'j, 'a> {
         };
         let stages = self.job.options.stages;
         let view = self.truth.planned.source;
+        let pair_id = &self.truth.planned.pair.pair_id;
+        let target = gaussians
+            .needs_target()
+            .then(|| TargetCamera::new(pair_id, &self.target));
         let predicted = std::cell::Cell::new(0);
-        let depth = match method.privilege() {
-            Privilege::None => None,
+        let depth = match method.privilege().depth {
+            TrueDepth::None => None,
             _ => sources.depth(view)?.cloned(),
         };
         let prediction = if stages == Stages::Render {
@@ -426,9 +430,9 @@ impl<'j, 'a> PairWork<'j, 'a> {
                 let image = cached(&mut photograph, view, || Ok(view.content.image()?))?;
                 let seen = depth
                     .as_ref()
-                    .filter(|_| method.privilege() == Privilege::SourceDepth);
+                    .filter(|_| method.privilege().depth == TrueDepth::SourceDepth);
                 let source = SourceView::new(name, &self.source, image, seen);
-                let (made, secs) = self.timed(|| gaussians.predict(&source));
+                let (made, secs) = self.timed(|| gaussians.predict(&source, target.as_ref()));
                 let made = made?;
                 // Before it is kept for other targets.
                 match self.job.keys.changed(Some(method), &self.truth.planned) {
@@ -448,8 +452,8 @@ impl<'j, 'a> PairWork<'j, 'a> {
         if stages == Stages::Predict {
             return Ok(None);
         }
-        let scale = match method.privilege() {
-            Privilege::DepthScale => {
+        let scale = match method.privilege().depth {
+            TrueDepth::DepthScale => {
                 if sources
                     .scale
                     .as_ref()
@@ -475,9 +479,13 @@ impl<'j, 'a> PairWork<'j, 'a> {
             let facts = self.check_source(method, &prediction, name, sources)?;
             sources.check = Some((keys.predict.clone(), facts));
         }
+        let truth = match method.privilege().target_pose {
+            true => Some(self.truth.get().map_err(Failure::Pair)?.image()),
+            false => None,
+        };
         let (rendered, render_secs) = self.timed(|| {
             let (source, target) = (&self.source, &self.target);
-            render(&prediction, scale, source, target, self.job.renderer)
+            render(&prediction, scale, source, target, self.job.renderer, truth)
         });
         let (mut picture, output) =
             rendered.map_err(|error| self.render_failure(method, &error))?;
@@ -488,6 +496,9 @@ impl<'j, 'a> PairWork<'j, 'a> {
         }
         let rule = prediction.rule_note.clone();
         warnings.extend(rule.map(|note| (RULE.to_owned(), note)));
+        if method.knows_target(pair_id) {
+            warnings.insert(TRAINED.to_owned(), self.target.id.clone());
+        }
         self.made.rendered += 1;
         Ok(Some(Made {
             prediction: picture,
@@ -527,9 +538,9 @@ impl<'j, 'a> PairWork<'j, 'a> {
         }
         let is_chosen = self.job.checked.contains(name);
         let needs_depth = is_chosen && prediction.reading.is_some();
-        let depth = match method.privilege() {
+        let depth = match method.privilege().depth {
             // Depth that cannot be read is not this method's.
-            Privilege::None if needs_depth => sources.depth(planned.source).ok().flatten().cloned(),
+            TrueDepth::None if needs_depth => sources.depth(planned.source).ok().flatten().cloned(),
             _ => None,
         };
         let photograph = sources.photograph(planned.source)?;

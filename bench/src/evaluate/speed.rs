@@ -13,7 +13,7 @@ use super::prepare::Evaluation;
 use crate::io::machine::{peak_bytes, reset_peak};
 use crate::io::observer::Observer;
 use crate::methods::{
-    Approach, GaussianPrediction, Method, MethodError, Privilege, SourceView, TargetCamera,
+    Approach, GaussianPrediction, Method, MethodError, SourceView, TargetCamera, TrueDepth,
 };
 use crate::pairs::PosedCamera;
 use crate::pairs::pair_list::ResolvedPair;
@@ -220,8 +220,8 @@ fn infer(
     let pair_id = &planned.pair.pair_id;
     let name = pair_id.split("__").next().unwrap_or(pair_id);
     let photograph = planned.source.content.image()?;
-    let depth = match method.privilege() {
-        Privilege::SourceDepth => planned.source.content.depth()?,
+    let depth = match method.privilege().depth {
+        TrueDepth::SourceDepth => planned.source.content.depth()?,
         _ => None,
     };
     let source = SourceView::new(name, &source, &photograph, depth.as_ref());
@@ -232,9 +232,9 @@ fn infer(
     for round in 0..rounds {
         let started = Instant::now();
         last = match method.approach() {
-            Approach::Gaussians(gaussians) => {
-                Round::Gaussians(Box::new(gaussians.predict(&source)?))
-            }
+            Approach::Gaussians(gaussians) => Round::Gaussians(Box::new(
+                gaussians.predict(&source, gaussians.needs_target().then_some(&target))?,
+            )),
             Approach::Pictures(pictures) => {
                 std::hint::black_box(pictures.predict(&source, &target)?);
                 Round::Picture

@@ -20,7 +20,7 @@ use crate::io::hash::sha256_hex;
 use crate::io::observer::{Observer, Quiet};
 use crate::methods::{
     self, Approach, BuiltMethod, Closure, GaussianPrediction, Method, MethodError, MethodIdentity,
-    PicturePrediction, PredictGaussians, Privilege, SourceView, TargetCamera,
+    PicturePrediction, PredictGaussians, Privilege, SourceView, TargetCamera, TrueDepth,
 };
 use crate::pairs::{OpenDataset, PairList};
 use crate::rendering::{RenderSettings, SharedRenderer};
@@ -83,7 +83,7 @@ fn grey(
 /// The Gaussians of `depth-splat` under another identity, counted: stands for a network.
 struct Network {
     label: &'static str,
-    privilege: Privilege,
+    depth: TrueDepth,
     splat: Box<dyn Method>,
     asked: Arc<AtomicUsize>,
     /// A clock, milliseconds, that each inference moves on by more than the one before.
@@ -91,11 +91,11 @@ struct Network {
 }
 
 impl Network {
-    fn new(label: &'static str, privilege: Privilege, asked: &Arc<AtomicUsize>) -> Self {
+    fn new(label: &'static str, depth: TrueDepth, asked: &Arc<AtomicUsize>) -> Self {
         let (_, splat) = by_spec(&["depth-splat:resolution=64"]).remove(0);
         Self {
             label,
-            privilege,
+            depth,
             splat,
             asked: Arc::clone(asked),
             clock: None,
@@ -113,7 +113,7 @@ impl Method for Network {
     }
 
     fn privilege(&self) -> Privilege {
-        self.privilege
+        Privilege::of_depth(self.depth)
     }
 
     fn approach(&self) -> Approach<'_> {
@@ -122,7 +122,11 @@ impl Method for Network {
 }
 
 impl PredictGaussians for Network {
-    fn predict(&self, source: &SourceView) -> Result<GaussianPrediction, MethodError> {
+    fn predict(
+        &self,
+        source: &SourceView,
+        _: Option<&TargetCamera>,
+    ) -> Result<GaussianPrediction, MethodError> {
         let before = self.asked.fetch_add(1, Ordering::SeqCst) as u64;
         if let Some(clock) = self.clock {
             clock.fetch_add(1000 * (before + 1), Ordering::SeqCst);
@@ -137,7 +141,7 @@ impl PredictGaussians for Network {
         };
         Ok(GaussianPrediction {
             first_layer: Some(plane.clone()),
-            ..splat.predict(&seen)?
+            ..splat.predict(&seen, None)?
         })
     }
 }
@@ -146,12 +150,12 @@ impl PredictGaussians for Network {
 fn a_shared_inference_is_charged_whole_to_every_method_in_any_order() {
     static CLOCK: AtomicU64 = AtomicU64::new(0);
     let folder = tempfile::tempdir().unwrap();
-    let seconds = |out: &str, order: [(&'static str, Privilege); 2]| {
+    let seconds = |out: &str, order: [(&'static str, TrueDepth); 2]| {
         let asked = Arc::new(AtomicUsize::new(0));
-        let methods = order.map(|(label, privilege)| {
+        let methods = order.map(|(label, depth)| {
             let network = Network {
                 clock: Some(&CLOCK),
-                ..Network::new(label, privilege, &asked)
+                ..Network::new(label, depth, &asked)
             };
             (None, Box::new(network) as Box<dyn Method>)
         });
@@ -168,8 +172,8 @@ fn a_shared_inference_is_charged_whole_to_every_method_in_any_order() {
         };
         (sources, of("plain"), of("scaled"))
     };
-    let plain = ("plain", Privilege::None);
-    let scaled = ("scaled", Privilege::DepthScale);
+    let plain = ("plain", TrueDepth::None);
+    let scaled = ("scaled", TrueDepth::DepthScale);
     let (sources, one, other) = seconds("a", [plain, scaled]);
     assert_eq!(one, other);
     // Every inference took another time: each pair has its source's.
@@ -183,13 +187,13 @@ fn another_metric_predicts_and_renders_nothing() {
     let dir = tempfile::tempdir().unwrap();
     let out = dir.path().join("r");
     let asked = Arc::new(AtomicUsize::new(0));
-    let network = |privilege| one(Network::new("n", privilege, &asked));
-    let first = run(&out, network(Privilege::None), "psnr", 3).counts;
+    let network = |depth| one(Network::new("n", depth, &asked));
+    let first = run(&out, network(TrueDepth::None), "psnr", 3).counts;
     assert_eq!((first.rendered, first.scored), (3, 3));
     let before = asked.load(Ordering::SeqCst);
     let psnr = scores(&out);
 
-    let more = run(&out, network(Privilege::None), "psnr,ssim-gauss11-valid", 3).counts;
+    let more = run(&out, network(TrueDepth::None), "psnr,ssim-gauss11-valid", 3).counts;
     assert_eq!(asked.load(Ordering::SeqCst), before);
     assert_eq!((more.predicted, more.rendered), (0, 0));
     assert_eq!(more.scored, 3);
@@ -202,14 +206,14 @@ fn another_metric_predicts_and_renders_nothing() {
     let whole = dir.path().join("whole");
     run(
         &whole,
-        network(Privilege::None),
+        network(TrueDepth::None),
         "psnr,ssim-gauss11-valid,lpips-alex",
         3,
     );
     assert_eq!(scores(&out), scores(&whole));
     assert!(scores(&out).len() > psnr.len());
     // And fewer metrics hide nothing.
-    let again = run(&out, network(Privilege::None), "psnr", 3);
+    let again = run(&out, network(TrueDepth::None), "psnr", 3);
     assert_eq!(again.counts.reused, 3);
     assert_eq!(scores(&out), scores(&whole));
 }
@@ -223,11 +227,11 @@ fn a_network_runs_once_a_source_for_all_targets_and_privileges() {
         let methods: Methods = vec![
             (
                 None,
-                Box::new(Network::new("plain", Privilege::None, &asked)),
+                Box::new(Network::new("plain", TrueDepth::None, &asked)),
             ),
             (
                 None,
-                Box::new(Network::new("aligned", Privilege::DepthScale, &asked)),
+                Box::new(Network::new("aligned", TrueDepth::DepthScale, &asked)),
             ),
         ];
         let options = RunOptions {
@@ -267,7 +271,7 @@ fn stages_run_apart_and_give_the_same_bytes() {
         vec![
             (
                 None,
-                Box::new(Network::new("n", Privilege::DepthScale, &asked)),
+                Box::new(Network::new("n", TrueDepth::DepthScale, &asked)),
             ),
             by_spec(&["copy"]).remove(0),
         ]
@@ -320,7 +324,7 @@ fn another_renderer_runs_no_network() {
         keep_gaussians: true,
         ..RunOptions::default()
     };
-    let network = || one(Network::new("n", Privilege::None, &asked));
+    let network = || one(Network::new("n", TrueDepth::None, &asked));
     let out = dir.path().join("r");
     let first = run_with(&out, request(network(), "psnr", 3), options);
     let before = asked.load(Ordering::SeqCst);

@@ -16,7 +16,7 @@ use image::RgbImage;
 use serde_json::json;
 use sha2::{Digest as _, Sha256};
 use sharp::color::Quantization;
-use sharp::gaussians::Gaussians;
+use sharp::gaussians::{Gaussians, Harmonics};
 use sharp::ply::ColorSpace;
 use sharp::render::trajectory::DepthRange;
 use sharp::render::{Background, RenderView};
@@ -45,7 +45,7 @@ pub struct Viewer<'a> {
     pub scene: &'a Gaussians,
     /// Reference camera, such as the photograph's.
     pub photograph: DAffine3,
-    /// At least one; all with the same intrinsics and the same rule, which is like SHARP's.
+    /// At least one; all with the same intrinsics and the same rule.
     pub views: &'a [RenderView],
     pub background: Background,
     pub quantization: Quantization,
@@ -93,40 +93,58 @@ impl Viewer<'_> {
     }
 
     fn page(&self, pictures: &[RgbImage]) -> io::Result<String> {
-        let visible = drawable(self.scene);
+        let mut visible = drawable(self.scene);
         let depth = DepthRange::seen_from(&visible, &self.photograph);
         let focus = depth.map_or(1.0, |depth| depth.focus);
         let [near, far] = depth.map_or([1.0, 2.0], |depth| [depth.near, depth.far]);
         let Some(first) = self.views.first() else {
             return Err(io::Error::other("a page needs a view"));
         };
-        let k = first.intrinsics;
+        let (k, rule) = (first.intrinsics, first.rule);
+        // What is not drawn need not be there.
+        let all = visible.harmonics.per_gaussian();
+        let degree = visible.harmonics.degree.min(rule.degree);
+        let drawn = Harmonics::coefficients_of(degree);
+        if drawn < all {
+            let of_each = visible.harmonics.coefficients.chunks_exact(all);
+            let coefficients = of_each.flat_map(|own| own[..drawn].to_vec()).collect();
+            visible.harmonics = Harmonics {
+                degree,
+                coefficients,
+            };
+        }
+        let shared = first.shader_constants();
         let facts = json!({
             "count": visible.len(),
             "size": [k.width, k.height],
-            "K": [k.fx, k.fy, k.cx, k.cy],
-            "eps2d": first.rule.low_pass,
-            "near": first.rule.near,
+            "focal": [k.fx, k.fy],
+            "center": shared.center,
+            "bounds": shared.bounds.as_flattened(),
+            "eps2d": rule.low_pass,
+            "near": shared.near,
             // JSON has no infinity.
-            "far": first.rule.far.min(f32::MAX),
-            "alpha_max": first.rule.alpha_max,
+            "far": rule.far.min(f32::MAX),
+            "alpha_max": rule.alpha_max,
+            "compensation": shared.compensation,
+            "tiled": shared.tiled,
+            "degree": degree,
+            "encoded": rule.blending == ColorSpace::Srgb,
             "photograph": rows(&self.photograph),
             "views": self.views.iter().map(|view| rows(&view.camera_from_scene)).collect::<Vec<_>>(),
             "pictures": self.pictured(),
             "focus_m": focus,
             "inverse_depth": [1.0 / far, 1.0 / near],
-            "background": self.background.in_space(ColorSpace::Linear),
+            "background": self.background.in_space(rule.blending),
             "truncate": self.quantization == Quantization::Truncate,
         });
         let shaders: Vec<_> = sharp_shaders::PASSES.into_iter().chain([SCREEN]).collect();
         let page = ViewerPage {
             title: self.title,
             lead: format!(
-                "{} Gaussians, {}×{} pixels, eps2d {}, over {}: drawn in this page by the renderer's own shaders.",
+                "{} Gaussians, {}×{} pixels, rule {rule}, over {}: drawn in this page by the renderer's own shaders.",
                 self.scene.len(),
                 k.width,
                 k.height,
-                first.rule.low_pass,
                 self.background
             ),
             views: self.views.len(),
@@ -153,7 +171,7 @@ fn rows(map: &DAffine3) -> [[f64; 4]; 3] {
     std::array::from_fn(|i| [rows[i].x, rows[i].y, rows[i].z, offset[i]])
 }
 
-/// Means, opacities, quaternions, scales and colours, a column each, of f32 split into planes of their bytes, which
+/// Means, opacities, quaternions, scales, colours and harmonics, a column each, of f32 split into planes of their bytes, which
 /// deflate to about three quarters.
 fn packed(scene: &Gaussians) -> io::Result<Vec<u8>> {
     let n = scene.len();
@@ -173,6 +191,15 @@ fn packed(scene: &Gaussians) -> io::Result<Vec<u8>> {
         &|k| scene.colors[k][1],
         &|k| scene.colors[k][2],
     ];
+    let harmonics = (0..3 * scene.harmonics.per_gaussian())
+        .map(|at| move |k: usize| scene.harmonics.of(k)[at / 3][at % 3]);
+    let harmonics: Vec<_> = harmonics.collect();
+    let columns = columns.into_iter();
+    let columns = columns.chain(
+        harmonics
+            .iter()
+            .map(|column| column as &dyn Fn(usize) -> f32),
+    );
     let mut encoder = GzEncoder::new(Vec::new(), Compression::default());
     let mut plane = vec![0; n];
     for column in columns {

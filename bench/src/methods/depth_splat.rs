@@ -10,9 +10,9 @@ use sharp_datasets::DepthMap;
 
 use super::method::{
     Approach, GaussianPrediction, GaussianSpace, Method, MethodError, MethodIdentity,
-    PredictGaussians, SourceView,
+    PredictGaussians, SourceView, TargetCamera,
 };
-use super::privilege::Privilege;
+use super::privilege::{Privilege, TrueDepth};
 use super::spec::{MethodSpec, SpecError};
 use crate::io::fingerprints;
 use crate::io::pictures::planes;
@@ -93,7 +93,7 @@ impl Method for DepthSplat {
     }
 
     fn privilege(&self) -> Privilege {
-        Privilege::SourceDepth
+        Privilege::of_depth(TrueDepth::SourceDepth)
     }
 
     fn approach(&self) -> Approach<'_> {
@@ -102,7 +102,11 @@ impl Method for DepthSplat {
 }
 
 impl PredictGaussians for DepthSplat {
-    fn predict(&self, source: &SourceView) -> Result<GaussianPrediction, MethodError> {
+    fn predict(
+        &self,
+        source: &SourceView,
+        _: Option<&TargetCamera>,
+    ) -> Result<GaussianPrediction, MethodError> {
         let (view, image) = (&source.camera().id, source.image());
         let depth = source.depth().ok_or_else(|| {
             MethodError::unsuitable(

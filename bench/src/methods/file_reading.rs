@@ -16,6 +16,8 @@ use crate::pairs::PosedCamera;
 pub enum FileSpace {
     /// The source camera's.
     Camera,
+    /// The target camera's: each pair has a file of its own.
+    Target,
     /// The dataset's world.
     World,
     /// SHARP's normalised space of the source.
@@ -122,6 +124,7 @@ impl Placement {
     fn values(&self) -> [String; 6] {
         let space = match self.space {
             FileSpace::Camera => "camera",
+            FileSpace::Target => "target",
             FileSpace::World => "world",
             FileSpace::Normalized => "normalized",
         };
@@ -140,12 +143,13 @@ impl Placement {
         ]
     }
 
-    /// Map from the file's coordinates to the source's camera.
+    /// Map from the file's coordinates to the source's camera; for [`FileSpace::Target`] to the target's, which `source`
+    /// then is.
     pub fn camera_from_file(&self, source: &PosedCamera) -> DAffine3 {
         let Intrinsics { fx, fy, .. } = source.intrinsics;
         let own = DAffine3::from_mat3(self.axes.matrix() * self.scale);
         let camera_from_space = match self.space {
-            FileSpace::Camera => DAffine3::IDENTITY,
+            FileSpace::Camera | FileSpace::Target => DAffine3::IDENTITY,
             FileSpace::World => source.camera_from_world.to_affine(),
             FileSpace::Normalized => {
                 target_camera_from_source_ndc(&source.intrinsics, &source.to(source))
@@ -176,7 +180,7 @@ fn twelve(text: &str) -> Option<DAffine3> {
 
 /// Whether `transform=` names a file.
 pub fn is_transform_file(text: &str) -> bool {
-    text != "none" && twelve(text).is_none()
+    text != "none" && twelve(text).is_none() && !text.contains('{')
 }
 
 impl FileReading {
@@ -208,9 +212,10 @@ impl FileReading {
             "space" => {
                 placement.space = match value {
                     "camera" | "source" => FileSpace::Camera,
+                    "target" => FileSpace::Target,
                     "world" => FileSpace::World,
                     "normalized" => FileSpace::Normalized,
-                    _ => return Err(needed("camera, world or normalized")),
+                    _ => return Err(needed("source, target, world or normalized")),
                 }
             }
             "axes" => {
@@ -312,7 +317,7 @@ mod tests {
             ("scale", "-1", "positive"),
             ("shift", "1", "X:Y"),
             ("transform", "no.json", "no.json"),
-            ("space", "moon", "camera, world or normalized"),
+            ("space", "moon", "target, world or normalized"),
             ("axes", "rdd", "rdf"),
             ("rendering", "graphdeco", "inria-general"),
         ] {

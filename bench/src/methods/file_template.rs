@@ -13,17 +13,17 @@ pub(super) struct FileTemplate(String);
 const NAMES: [&str; 5] = ["dataset", "scene", "source", "target", "pair"];
 
 impl FileTemplate {
-    /// Reads a template that may use the first `known` of the names. The error lists what is needed.
-    fn parse(text: &str, known: &[&str]) -> Result<Self, String> {
+    /// Reads a template. The error lists what is needed.
+    pub(super) fn parse(text: &str) -> Result<Self, String> {
         let needed = || {
-            let names: Vec<String> = known.iter().map(|name| format!("{{{name}}}")).collect();
+            let names = NAMES.map(|name| format!("{{{name}}}"));
             format!(
                 "file={text}: a path below the folder is needed, with names among {}",
                 names.join(" ")
             )
         };
         let mut rest = text.to_owned();
-        for name in known {
+        for name in NAMES {
             rest = rest.replace(&format!("{{{name}}}"), "x");
         }
         match is_below(Path::new(&rest)) && !rest.contains(['{', '}']) {
@@ -32,14 +32,10 @@ impl FileTemplate {
         }
     }
 
-    /// For files of which there is one a pair.
-    pub(super) fn of_pairs(text: &str) -> Result<Self, String> {
-        Self::parse(text, &NAMES)
-    }
-
-    /// For files that serve all targets of a source.
-    pub(super) fn of_sources(text: &str) -> Result<Self, String> {
-        Self::parse(text, &NAMES[..3])
+    /// Whether it holds any of some names.
+    pub(super) fn names(&self, names: &[&str]) -> bool {
+        let is_there = |name: &&str| self.0.contains(&format!("{{{name}}}"));
+        names.iter().any(is_there)
     }
 
     pub(super) fn text(&self) -> &str {
@@ -103,9 +99,8 @@ pub(super) fn suggestion(
     folder: &Path,
     ids: &BTreeSet<String>,
     extensions: &[&str],
-    known: fn(&str) -> Result<FileTemplate, String>,
 ) -> Option<String> {
-    const STEMS: [&str; 9] = [
+    const STEMS: [&str; 10] = [
         "{scene}",
         "{source}",
         "{target}",
@@ -115,10 +110,11 @@ pub(super) fn suggestion(
         "{dataset}/{scene}",
         "{dataset}/{scene}/{target}",
         "{scene}/point_cloud",
+        "{scene}/point_cloud/iteration_30000/point_cloud",
     ];
     let templates = STEMS.into_iter().flat_map(|stem| {
         let named = extensions.iter();
-        named.filter_map(move |extension| known(&format!("{stem}.{extension}")).ok())
+        named.map(move |extension| FileTemplate(format!("{stem}.{extension}")))
     });
     let found = templates.filter_map(|template| {
         let files: Vec<PathBuf> = ids
@@ -144,36 +140,30 @@ mod tests {
     #[test]
     fn templates_name_files_by_names_and_by_encoded_names() {
         let folder = Path::new("dir");
-        let template = FileTemplate::of_sources("{scene}/point_cloud.ply").unwrap();
+        let template = FileTemplate::parse("{scene}/point_cloud.ply").unwrap();
         let found = template.candidates(folder, "d/my%20scene/a");
         let expected = [
             "dir/my scene/point_cloud.ply",
             "dir/my%20scene/point_cloud.ply",
         ];
         assert_eq!(found, expected.map(PathBuf::from));
-        let pair = FileTemplate::of_pairs("{pair}.png").unwrap();
+        let pair = FileTemplate::parse("{pair}.png").unwrap();
         let found = pair.candidates(folder, "d/s/a__b");
         assert_eq!(found[0], Path::new("dir/d/s/a__b.png"));
         // A scene may not lead out of the folder.
-        let out = FileTemplate::of_sources("{scene}/x.ply").unwrap();
+        let out = FileTemplate::parse("{scene}/x.ply").unwrap();
         let found = out.candidates(folder, "d/%2E%2E%2Fother/a");
         assert_eq!(found, [Path::new("dir/%2E%2E%2Fother/x.ply")]);
     }
 
     #[test]
     fn wrong_templates_say_what_is_needed() {
-        for text in [
-            "../{scene}.ply",
-            "/{scene}.ply",
-            "{view}.ply",
-            "{target}.ply",
-            "",
-            "{scene",
-        ] {
-            let error = FileTemplate::of_sources(text).unwrap_err();
+        for text in ["../{scene}.ply", "/{scene}.ply", "{view}.ply", "", "{scene"] {
+            let error = FileTemplate::parse(text).unwrap_err();
             assert!(error.contains("{dataset} {scene} {source}"), "{error}");
         }
-        assert!(FileTemplate::of_pairs("{target}.png").is_ok());
+        let template = FileTemplate::parse("{target}.png").unwrap();
+        assert!(template.names(&["source", "target"]) && !template.names(&["pair"]));
     }
 
     #[test]
@@ -183,7 +173,7 @@ mod tests {
             std::fs::write(folder.path().join(format!("{scene}.png")), "").unwrap();
         }
         let ids = BTreeSet::from(["d/a/0__1", "d/a/0__2", "d/b/0__1"].map(str::to_owned));
-        let of = |extensions| suggestion(folder.path(), &ids, extensions, FileTemplate::of_pairs);
+        let of = |extensions| suggestion(folder.path(), &ids, extensions);
         let found = of(&["png"]).unwrap();
         assert!(
             found.ends_with("2 of 2 are there with file={scene}.png"),

@@ -1,6 +1,6 @@
 //! Gaussians that someone else's method predicted, one file per source view, rendered by us.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::iter;
 use std::path::{Path, PathBuf};
 
@@ -13,13 +13,16 @@ use super::file_reading::{Axes, FileReading, FileSpace};
 use super::file_template::{FileTemplate, suggestion};
 use super::method::{
     Approach, GaussianPrediction, GaussianSpace, Method, MethodError, MethodIdentity,
-    PredictGaussians, SourceView,
+    PredictGaussians, SourceView, TargetCamera,
 };
-use super::privilege::Privilege;
+use super::placement_file;
+use super::privilege::{Privilege, TrueDepth};
 use super::spec::{MethodSpec, SpecError};
+use super::training_views::TrainingViews;
 use crate::io::gaussian_files::{EXTENSIONS, GaussianFile, is_sog_folder};
 use crate::io::{fingerprints, gaussian_files};
 use crate::pairs::pair_id::path_of;
+use crate::rendering::pose_alignment;
 
 /// Extras that count Gaussians which the renderer drops, and the reasons in words.
 pub const UNUSABLE: [(&str, &str); 2] = [
@@ -28,8 +31,9 @@ pub const UNUSABLE: [(&str, &str); 2] = [
 ];
 
 /// Reads `DIR/<dataset>/<scene>/<source>.ply` or another of [`EXTENSIONS`] (percent-encoded like pair ids), or a folder of
-/// that name that holds an unpacked SOG, or with `space=world` where that is missing, `DIR/<dataset>/<scene>.ply`. With
-/// `file=` it is the file that a template of `{dataset} {scene} {source}` names.
+/// that name that holds an unpacked SOG, or with `space=world` where that is missing, `DIR/<dataset>/<scene>.ply`; with
+/// `space=target` `DIR/<pair_id>.ply`. With `file=` it is the file that a template of `{dataset} {scene} {source} {target}
+/// {pair}` names.
 ///
 /// Unless [`FileReading`]'s settings say otherwise the Gaussians lie in the source's camera space, metres, OpenCV axes: what
 /// `sharp predict` and `sharp-bench predict` write. Whatever camera a file stores is ignored; the dataset's poses and
@@ -40,9 +44,16 @@ pub const UNUSABLE: [(&str, &str); 2] = [
 pub struct GaussianFiles {
     label: String,
     dir: PathBuf,
-    privilege: Privilege,
+    depth: TrueDepth,
+    /// Whether targets are aligned.
+    aligned: bool,
+    /// The views it was trained on, if given.
+    train: Option<TrainingViews>,
+    several_views: bool,
     /// As given.
     reading: FileReading,
+    /// Where the transforms of scenes lie, if each has its own.
+    transform: Option<FileTemplate>,
     /// Where files lie, if not as by default.
     file: Option<FileTemplate>,
     /// Whether `axes=` is among the settings: SPZ files need it.
@@ -52,30 +63,79 @@ pub struct GaussianFiles {
 impl GaussianFiles {
     pub(super) fn from_spec(spec: &MethodSpec) -> Result<Self, SpecError> {
         let mut reading = FileReading::default();
+        let of_scenes = |text: &&str| text.contains('{');
+        let transform = spec.option("transform").filter(of_scenes);
         for key in FileReading::keys() {
-            if let Some(value) = spec.option(key) {
+            if let Some(value) = spec.option(key)
+                && (key != "transform" || transform.is_none())
+            {
                 reading
                     .set(key, value)
                     .map_err(|reason| spec.error(reason))?;
             }
         }
+        let file = spec.option("file").map(FileTemplate::parse).transpose();
+        let file = file.map_err(|reason| spec.error(reason))?;
+        let transform = transform.map(FileTemplate::parse).transpose();
+        let dir = spec.folder()?;
+        let aligned = match spec.option("align") {
+            None | Some("none") => false,
+            Some("pose") => true,
+            Some(other) => return Err(spec.error(format!("align={other}: none or pose"))),
+        };
+        let train = match spec.option("train") {
+            None | Some("source") => None,
+            Some(text) => Some(TrainingViews::read(text).map_err(|reason| spec.refused(reason))?),
+        };
+        // One file for all sources of a scene was made of more than one of them, unless somebody says otherwise.
+        let is_of_scene = reading.placement.space == FileSpace::World
+            && match &file {
+                Some(template) => !template.names(&["source", "target", "pair"]),
+                None => holds_files_of_scenes(&dir),
+            };
         Ok(Self {
             label: spec.label.clone(),
-            dir: spec.folder()?,
-            privilege: spec.privilege(Privilege::DepthScale)?,
+            depth: spec.depth(TrueDepth::DepthScale)?,
+            aligned,
+            several_views: train.is_some() || is_of_scene && spec.option("train").is_none(),
+            train,
+            dir,
             reading,
-            file: spec
-                .option("file")
-                .map(FileTemplate::of_sources)
-                .transpose()
-                .map_err(|reason| spec.error(reason))?,
+            transform: transform.map_err(|reason| spec.error(reason))?,
+            file,
             has_axes: spec.option("axes").is_some(),
         })
     }
 
-    fn find(&self, source: &str) -> Result<PathBuf, MethodError> {
+    /// The id that names a pair's file.
+    fn file_id<'p>(&self, pair_id: &'p str) -> &'p str {
+        match self.needs_target() {
+            true => pair_id,
+            false => source_id(pair_id),
+        }
+    }
+
+    /// The file of a scene's transform, if each has its own.
+    fn transform_of(&self, id: &str) -> Result<Option<PathBuf>, MethodError> {
+        let Some(template) = &self.transform else {
+            return Ok(None);
+        };
+        let named = template.candidates(&self.dir, id);
+        let found = named.iter().find(|path| path.is_file());
+        let absent = || {
+            let path = named.first().unwrap_or(&self.dir);
+            MethodError::file(
+                path,
+                format!("no transform (transform={})", template.text()),
+            )
+        };
+        found.cloned().map(Some).ok_or_else(absent)
+    }
+
+    /// The file for a source, or where each target has its own, for a pair.
+    fn find(&self, id: &str) -> Result<PathBuf, MethodError> {
         if let Some(template) = &self.file {
-            let named = template.candidates(&self.dir, source);
+            let named = template.candidates(&self.dir, id);
             let there = |path: &&PathBuf| path.is_file() || is_sog_folder(path);
             let found = named.iter().find(there).cloned();
             return found.ok_or_else(|| {
@@ -83,7 +143,7 @@ impl GaussianFiles {
                 MethodError::file(path, format!("no Gaussians (file={})", template.text()))
             });
         }
-        let path = self.dir.join(path_of(source));
+        let path = self.dir.join(path_of(id));
         let scene = path
             .parent()
             .filter(|_| self.reading.placement.space == FileSpace::World);
@@ -105,9 +165,35 @@ impl GaussianFiles {
                 None => looked,
                 Some((format, name)) => format!("{looked}, but {name} is there: {format}"),
             };
-            MethodError::file(&self.dir.join(source), reason)
+            MethodError::file(&self.dir.join(id), reason)
         })
     }
+}
+
+/// Bytes of a file, or of the files in a folder.
+fn size(path: &Path) -> u64 {
+    let of_file = |path: &Path| std::fs::metadata(path).map_or(0, |about| about.len());
+    let inside = std::fs::read_dir(path).map(|entries| {
+        let entries = entries.flatten();
+        entries.map(|entry| of_file(&entry.path())).sum()
+    });
+    inside.unwrap_or_else(|_| of_file(path))
+}
+
+/// The part of a pair's id that names its source: ids encode underscores that would form a second separator.
+fn source_id(pair_id: &str) -> &str {
+    pair_id.split("__").next().unwrap_or(pair_id)
+}
+
+/// Whether a folder holds `<dataset>/<scene>.ply` or another of [`EXTENSIONS`].
+fn holds_files_of_scenes(dir: &Path) -> bool {
+    let entries = |folder: &Path| std::fs::read_dir(folder).into_iter().flatten().flatten();
+    let mut files = entries(dir).flat_map(|dataset| entries(&dataset.path()));
+    files.any(|file| {
+        let path = file.path();
+        let extension = path.extension().unwrap_or_default().to_string_lossy();
+        path.is_file() && EXTENSIONS.contains(&extension.to_ascii_lowercase().as_str())
+    })
 }
 
 /// Files and folders of this name with any extension, sorted.
@@ -138,6 +224,18 @@ impl Method for GaussianFiles {
         let given = self.reading.settings().into_iter();
         let given = given.map(|(key, value)| (key.to_owned(), value));
         identity.settings.extend(given);
+        if let Some(train) = &self.train {
+            let train = ("train".to_owned(), train.hash().to_owned());
+            identity.settings.extend([train]);
+        }
+        if let Some(transform) = &self.transform {
+            let transform = ("transform".to_owned(), transform.text().to_owned());
+            identity.settings.extend([transform]);
+        }
+        if self.aligned {
+            let align = ("align".to_owned(), pose_alignment::procedure());
+            identity.settings.extend([align]);
+        }
         // Where a file lies is no part of it: its bytes are hashed.
         identity
     }
@@ -147,31 +245,45 @@ impl Method for GaussianFiles {
     }
 
     fn input_files(&self, pair_id: &str) -> Result<Vec<PathBuf>, MethodError> {
-        // Ids encode underscores that would form a second separator.
-        let source = pair_id.split("__").next().unwrap_or(pair_id);
-        let found = self.find(source)?;
+        let id = self.file_id(pair_id);
+        let found = self.find(id)?;
+        let transform = self.transform_of(id)?;
         if !found.is_dir() {
-            return Ok(vec![found]);
+            return Ok([found].into_iter().chain(transform).collect());
         }
         let entries =
             std::fs::read_dir(&found).map_err(|error| MethodError::file(&found, error))?;
         let mut all: Vec<PathBuf> = entries.flatten().map(|entry| entry.path()).collect();
         all.retain(|path| path.is_file());
         all.sort();
+        all.extend(transform);
         Ok(all)
     }
 
     fn check_files(&self, pair_ids: &BTreeSet<String>) -> Result<(), String> {
-        let sources = pair_ids.iter().filter_map(|id| id.split("__").next());
-        let sources: BTreeSet<String> = sources.map(str::to_owned).collect();
-        if sources.iter().any(|source| self.find(source).is_ok()) {
+        if pair_ids
+            .iter()
+            .any(|id| self.find(self.file_id(id)).is_ok())
+        {
             return Ok(());
         }
-        suggestion(&self.dir, &sources, &EXTENSIONS, FileTemplate::of_sources).map_or(Ok(()), Err)
+        let sources = pair_ids.iter().map(|id| source_id(id).to_owned()).collect();
+        suggestion(&self.dir, &sources, &EXTENSIONS)
+            .or_else(|| suggestion(&self.dir, pair_ids, &EXTENSIONS))
+            .map_or(Ok(()), Err)
     }
 
     fn privilege(&self) -> Privilege {
-        self.privilege
+        Privilege {
+            depth: self.depth,
+            several_views: self.several_views,
+            target_pose: self.aligned,
+        }
+    }
+
+    fn knows_target(&self, pair_id: &str) -> bool {
+        let train = self.train.as_ref();
+        train.is_some_and(|views| views.hold_target(pair_id))
     }
 
     fn approach(&self) -> Approach<'_> {
@@ -180,8 +292,19 @@ impl Method for GaussianFiles {
 }
 
 impl PredictGaussians for GaussianFiles {
-    fn predict(&self, source: &SourceView) -> Result<GaussianPrediction, MethodError> {
-        let path = self.find(source.name())?;
+    fn needs_target(&self) -> bool {
+        let of_pairs = |file: &FileTemplate| file.names(&["target", "pair"]);
+        self.reading.placement.space == FileSpace::Target
+            || self.file.as_ref().is_some_and(of_pairs)
+    }
+
+    fn predict(
+        &self,
+        source: &SourceView,
+        target: Option<&TargetCamera>,
+    ) -> Result<GaussianPrediction, MethodError> {
+        let id = target.map_or(source.name(), TargetCamera::pair_id);
+        let path = self.find(id)?;
         let scene = gaussian_files::read(&path, self.reading.stored, self.reading.rule);
         let GaussianFile {
             gaussians,
@@ -198,7 +321,11 @@ impl PredictGaussians for GaussianFiles {
             return Err(MethodError::file(&path, &doubt.text));
         }
         let camera = source.camera();
-        let placement = self.reading.placement;
+        let mut placement = self.reading.placement;
+        if let Some(file) = self.transform_of(id)? {
+            let read = placement_file::read(&file);
+            placement.transform = Some(read.map_err(|reason| MethodError::file(&file, reason))?);
+        }
         let finite: Vec<usize> = (0..gaussians.len())
             .filter(|&k| gaussians.is_finite(k))
             .collect();
@@ -214,15 +341,25 @@ impl PredictGaussians for GaussianFiles {
             .into_iter()
             .zip(unusable)
             .filter(|(_, count)| *count > 0);
-        let extras = counts.map(|(name, count)| (name, count as f64)).collect();
+        let mut extras: BTreeMap<String, f64> =
+            counts.map(|(name, count)| (name, count as f64)).collect();
+        extras.insert("file_mb".to_owned(), size(&path) as f64 / 1e6);
         Ok(GaussianPrediction {
             gaussians,
-            space: GaussianSpace::Camera(placement.camera_from_file(camera)),
+            space: GaussianSpace::Camera(match target {
+                Some(target) if placement.space == FileSpace::Target => {
+                    let source_from_target = target.camera().to(camera).to_affine();
+                    source_from_target * placement.camera_from_file(target.camera())
+                }
+                _ => placement.camera_from_file(camera),
+            }),
             first_layer: None,
             extras,
             rule: (rule != Rule::SHARP).then_some(rule),
-            reading: Some(FileReading {
+            // What lies in a target's space is not sought in others.
+            reading: (placement.space != FileSpace::Target).then_some(FileReading {
                 stored,
+                placement,
                 ..self.reading
             }),
             rule_note,

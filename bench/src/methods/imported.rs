@@ -55,7 +55,7 @@ impl Imported {
             dir: spec.folder()?,
             file: spec
                 .option("file")
-                .map(FileTemplate::of_pairs)
+                .map(FileTemplate::parse)
                 .transpose()
                 .map_err(|reason| spec.error(reason))?,
             fit: fit.map_err(|reason| spec.error(reason))?,
@@ -176,13 +176,7 @@ impl Method for Imported {
         if pair_ids.iter().any(|id| self.find(id).is_ok()) {
             return Ok(());
         }
-        suggestion(
-            &self.dir,
-            pair_ids,
-            &Self::EXTENSIONS,
-            FileTemplate::of_pairs,
-        )
-        .map_or(Ok(()), Err)
+        suggestion(&self.dir, pair_ids, &Self::EXTENSIONS).map_or(Ok(()), Err)
     }
 
     fn approach(&self) -> Approach<'_> {

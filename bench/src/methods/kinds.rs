@@ -68,7 +68,7 @@ pub const KINDS: [MethodKind; 8] = [
     MethodKind {
         name: "gaussians",
         options: &[
-            &["dir", "file", "depth"],
+            &["dir", "file", "depth", "train", "align"],
             &StoredForm::KEYS,
             &FileReading::PLACEMENT_KEYS,
             &[FileReading::RULE_KEY],
@@ -77,8 +77,9 @@ pub const KINDS: [MethodKind; 8] = [
                   file={scene}.ply for another layout, rendering=inria|gsplat-classic|mip-splatting|… for the rule they were made for, \
                   depth=none|privileged: scaled by the median of true over rendered depth, color_space=linear|srgb for PLYs that \
                   do not say; for files stored otherwise opacity=linear|byte, scales=linear|log-variance, \
-                  quaternions=xyzw, colors=rgb01|rgb255|logit|dc-uncentered, channels=bgr, harmonics=drop, marks=ignore, space=world|normalized, \
-                  axes=rub|luf, scale=S, transform=dataparser_transforms.json, shift=X:Y, focal=F)",
+                  quaternions=xyzw, colors=rgb01|rgb255|logit|dc-uncentered, channels=bgr, harmonics=drop, marks=ignore, space=world|target|normalized, \
+                  axes=rub|luf, scale=S, transform=dataparser_transforms.json, shift=X:Y, focal=F; train=LIST.txt|GLOB for scenes trained on several views, align=pose: the target's camera is \
+                  moved to fit its photograph)",
         build: |spec, _| Ok(Box::new(GaussianFiles::from_spec(spec)?)),
     },
     MethodKind {
@@ -104,14 +105,31 @@ pub const KINDS: [MethodKind; 8] = [
 /// A method with its spec; `None` for a method made by a program.
 pub type BuiltMethod = (Option<MethodSpec>, Box<dyn Method>);
 
-/// Builds the methods; labels must be unique. `chooser` picks the scale of methods that predict several.
+/// Builds the methods; labels must be unique. A method whose targets are aligned comes with itself without that, unless it is
+/// among them: its score means little alone. `chooser` picks the scale of methods that predict several.
 pub fn build(
     specs: &[MethodSpec],
     chooser: Option<&Arc<ScaleChooser>>,
 ) -> Result<Vec<BuiltMethod>, SpecError> {
     let mut labels = BTreeSet::new();
-    specs
+    let mut all: Vec<MethodSpec> = specs.to_vec();
+    for spec in specs
         .iter()
+        .filter(|spec| spec.option("align") == Some("pose"))
+    {
+        let unaligned = spec.unaligned();
+        let is_there = |other: &MethodSpec| {
+            (&other.kind, &other.options) == (&unaligned.kind, &unaligned.options)
+        };
+        if !all.iter().any(is_there) {
+            let at = all
+                .iter()
+                .position(|other| other == spec)
+                .unwrap_or_default();
+            all.insert(at + 1, unaligned);
+        }
+    }
+    all.iter()
         .map(|spec| {
             if !labels.insert(spec.label.as_str()) {
                 return Err(spec.error(format!(

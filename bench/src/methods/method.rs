@@ -50,7 +50,7 @@ pub struct SourceView<'a> {
 }
 
 impl<'a> SourceView<'a> {
-    /// A view. `name` is `dataset/scene/source`; `depth` is for methods that declare [`Privilege::SourceDepth`].
+    /// A view. `name` is `dataset/scene/source`; `depth` is for methods that declare [`TrueDepth::SourceDepth`].
     pub fn new(
         name: &'a str,
         camera: &'a PosedCamera,
@@ -85,7 +85,7 @@ impl<'a> SourceView<'a> {
     }
 
     /// Ground-truth z-depth in metres, 0 where there is none: only for methods that declare
-    /// [`Privilege::SourceDepth`], and only where the dataset has some.
+    /// [`TrueDepth::SourceDepth`], and only where the dataset has some.
     pub fn depth(&self) -> Option<&'a DepthMap> {
         self.depth
     }
@@ -182,7 +182,7 @@ pub struct GaussianPrediction {
     /// How they are drawn; `None` is as the run draws SHARP's.
     pub rule: Option<Rule>,
     pub space: GaussianSpace,
-    /// The network's first depth layer, metres: what [`Privilege::DepthScale`] aligns to the truth.
+    /// The network's first depth layer, metres: what [`TrueDepth::DepthScale`] aligns to the truth.
     pub first_layer: Option<DepthMap>,
     /// What the method reports about them; each becomes a column.
     pub extras: BTreeMap<String, f64>,
@@ -279,7 +279,12 @@ pub trait Method: Send + Sync {
     }
 
     fn privilege(&self) -> Privilege {
-        Privilege::None
+        Privilege::NONE
+    }
+
+    /// Whether the target of a pair is among the views that its predictions were made of.
+    fn knows_target(&self, _pair_id: &str) -> bool {
+        false
     }
 
     /// Warnings about the method's options, one sentence each, without its label.
@@ -325,10 +330,20 @@ pub trait PredictPicture: Sync {
     ) -> Result<PicturePrediction, MethodError>;
 }
 
-/// Predicts Gaussians. Which targets they will be rendered to is not known.
+/// Predicts Gaussians.
 pub trait PredictGaussians: Sync {
-    /// Predicts the Gaussians of a source.
-    fn predict(&self, source: &SourceView) -> Result<GaussianPrediction, MethodError>;
+    /// Whether each target has Gaussians of its own. By default those of a source serve all its targets, which the
+    /// method is not told.
+    fn needs_target(&self) -> bool {
+        false
+    }
+
+    /// Predicts the Gaussians of a source; `target` is given where it is needed.
+    fn predict(
+        &self,
+        source: &SourceView,
+        target: Option<&TargetCamera>,
+    ) -> Result<GaussianPrediction, MethodError>;
 }
 
 /// Predicts pictures at several scales of the scene.

@@ -25,6 +25,7 @@ mod privilege;
 pub mod scale_sweep;
 pub mod sharp;
 pub mod spec;
+pub mod training_views;
 pub mod trivial;
 
 pub use gaussians::UNUSABLE;
@@ -34,7 +35,7 @@ pub use method::{
     MethodIdentity, PicturePrediction, PredictGaussians, PredictPicture, PredictScales, SourceView,
     TargetCamera,
 };
-pub use privilege::Privilege;
+pub use privilege::{Privilege, TrueDepth};
 pub use scale_sweep::sweep_scales;
 pub use spec::{MethodSpec, SpecError};
 

@@ -10,9 +10,9 @@ use sharp_datasets::DepthMap;
 
 use super::method::{
     Approach, GaussianPrediction, GaussianSpace, Method, MethodError, MethodIdentity,
-    PredictGaussians, SourceView,
+    PredictGaussians, SourceView, TargetCamera,
 };
-use super::privilege::Privilege;
+use super::privilege::{Privilege, TrueDepth};
 use super::spec::{MethodSpec, SpecError};
 use crate::io::checkpoint::named_network;
 use crate::io::checkpoint::record::{RecordError, compare_or_record, record_file};
@@ -22,12 +22,12 @@ use crate::io::hash::{FileStamp, HashedFile};
 /// The SHARP network.
 ///
 /// The photograph is taken as the dataset gives it. The disparity factor is the dataset's focal length over the width
-/// (f_x / W). `depth=privileged` is [`Privilege::DepthScale`]; a source without depth is a failure then.
+/// (f_x / W). `depth=privileged` is [`TrueDepth::DepthScale`]; a source without depth is a failure then.
 pub struct Sharp {
     label: String,
     network: NetworkSpec,
     identity: NetworkIdentity,
-    privilege: Privilege,
+    depth: TrueDepth,
     /// Read while the network runs.
     checkpoint: HashedFile,
     predictor: OnceLock<Result<Predictor, String>>,
@@ -46,7 +46,7 @@ impl Sharp {
     /// When the checkpoint is not found or is not the one recorded, the device is not there, or an option's value is
     /// not known.
     pub fn from_spec(spec: &MethodSpec) -> Result<Self, SpecError> {
-        let privilege = spec.privilege(Privilege::DepthScale)?;
+        let depth = spec.depth(TrueDepth::DepthScale)?;
         let refused = |error: &dyn std::fmt::Display| spec.refused(error);
         let device: DeviceChoice = spec
             .option("device")
@@ -66,7 +66,7 @@ impl Sharp {
             device,
             ..named.map_err(|error| refused(&error))?
         };
-        let sharp = Self::new(&spec.label, network, privilege).map_err(|error| refused(&error))?;
+        let sharp = Self::new(&spec.label, network, depth).map_err(|error| refused(&error))?;
         // The official checkpoint, found rather than named, has to be the one that was used before. A cache that cannot
         // be written is no reason against it.
         if let (None, Some(record)) = (checkpoint, record_file()) {
@@ -89,11 +89,7 @@ impl Sharp {
     ///
     /// # Errors
     /// When its checkpoint cannot be read, or its device is not there.
-    pub fn new(
-        label: &str,
-        network: NetworkSpec,
-        privilege: Privilege,
-    ) -> Result<Self, MethodError> {
+    pub fn new(label: &str, network: NetworkSpec, depth: TrueDepth) -> Result<Self, MethodError> {
         let stamp = FileStamp::of(&network.checkpoint);
         let stamp = stamp.map_err(|error| MethodError::Model(error.to_string()))?;
         let identity = network.identity();
@@ -104,7 +100,7 @@ impl Sharp {
             checkpoint: HashedFile::new(&network.checkpoint, sha256, stamp),
             network,
             identity,
-            privilege,
+            depth,
             predictor: OnceLock::new(),
         })
     }
@@ -150,7 +146,7 @@ impl Method for Sharp {
     }
 
     fn privilege(&self) -> Privilege {
-        self.privilege
+        Privilege::of_depth(self.depth)
     }
 
     fn approach(&self) -> Approach<'_> {
@@ -159,7 +155,11 @@ impl Method for Sharp {
 }
 
 impl PredictGaussians for Sharp {
-    fn predict(&self, source: &SourceView) -> Result<GaussianPrediction, MethodError> {
+    fn predict(
+        &self,
+        source: &SourceView,
+        _: Option<&TargetCamera>,
+    ) -> Result<GaussianPrediction, MethodError> {
         let image = source.image();
         let factor = (source.intrinsics().fx / f64::from(image.width())) as f32;
         let predicted = self

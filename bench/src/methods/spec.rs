@@ -8,7 +8,7 @@ use std::str::FromStr;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::privilege::Privilege;
+use super::privilege::TrueDepth;
 
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum SpecError {
@@ -81,13 +81,21 @@ impl MethodSpec {
         self.options.get(key).map(String::as_str)
     }
 
-    /// `depth=none|privileged`: without depth, or with the privilege that this kind of method can have.
-    pub(super) fn privilege(&self, privileged: Privilege) -> Result<Privilege, SpecError> {
+    /// `depth=none|privileged`: without depth, or with what this kind of method can know of it.
+    pub(super) fn depth(&self, privileged: TrueDepth) -> Result<TrueDepth, SpecError> {
         match self.option("depth") {
-            None | Some("none") => Ok(Privilege::None),
+            None | Some("none") => Ok(TrueDepth::None),
             Some("privileged") => Ok(privileged),
             Some(other) => Err(self.error(format!("depth={other}: none or privileged"))),
         }
+    }
+
+    /// The same without `align=`, as another method.
+    pub(super) fn unaligned(&self) -> Self {
+        let mut other = self.clone();
+        other.options.remove("align");
+        other.label.push_str("-unaligned");
+        other
     }
 
     pub(super) fn folder(&self) -> Result<PathBuf, SpecError> {

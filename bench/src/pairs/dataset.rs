@@ -99,7 +99,8 @@ impl OpenDataset {
         }
         let mut found = sharp_datasets::open_each(&spec)?;
         if let Some(pattern) = scenes {
-            let glob = scene_matcher(pattern)?;
+            let glob = name_matcher(pattern)
+                .map_err(|error| PairError::Recipe(format!("--scenes {pattern}: {error}")))?;
             found.choose(|id| glob.is_match(id), &format!("--scenes {pattern}"));
         }
         let left_out = by_reason(&found.left_out);
@@ -225,8 +226,8 @@ pub fn scenes_of(datasets: &[OpenDataset]) -> Vec<Scene> {
     scenes.cloned().collect()
 }
 
-/// Ids may hold any character, also those that are special in shell patterns: only `*` and `?` are here.
-fn scene_matcher(pattern: &str) -> Result<GlobMatcher, PairError> {
+/// Names may hold any character, also those that are special in shell patterns: only `*` and `?` are here.
+pub(crate) fn name_matcher(pattern: &str) -> Result<GlobMatcher, String> {
     let plain: String = pattern
         .chars()
         .flat_map(|c| match c {
@@ -235,10 +236,9 @@ fn scene_matcher(pattern: &str) -> Result<GlobMatcher, PairError> {
             c => vec![c],
         })
         .collect();
-    match GlobBuilder::new(&plain).backslash_escape(true).build() {
-        Ok(glob) => Ok(glob.compile_matcher()),
-        Err(error) => Err(PairError::Recipe(format!("--scenes {pattern}: {error}"))),
-    }
+    let glob = GlobBuilder::new(&plain).backslash_escape(true).build();
+    glob.map(|glob| glob.compile_matcher())
+        .map_err(|error| error.to_string())
 }
 
 #[cfg(test)]
@@ -247,7 +247,7 @@ mod tests {
 
     #[test]
     fn scenes_match_by_wildcards_and_nothing_else_is_special() {
-        let matches = |pattern: &str, id: &str| scene_matcher(pattern).unwrap().is_match(id);
+        let matches = |pattern: &str, id: &str| name_matcher(pattern).unwrap().is_match(id);
         for (pattern, id) in [
             ("*", ""),
             ("*", "a/b"),

@@ -12,7 +12,7 @@ use crate::evaluate::record::{Record, Status};
 use crate::evaluate::{Aggregation, Manifest, Results};
 use crate::io::counts::counted;
 use crate::methods::sharp::Sharp;
-use crate::methods::{KINDS, MethodIdentity, Privilege};
+use crate::methods::{KINDS, MethodIdentity};
 
 use super::column::Column;
 use super::error::ReportError;
@@ -271,20 +271,20 @@ impl ReportMethod {
     fn of(record: &MethodRecord, records: &[Record]) -> Self {
         let identity = &record.identity;
         let of_method = records.iter().filter(|r| r.method == record.label);
-        let privilege = match record.privilege {
-            Privilege::DepthScale => ", its scale aligned to the source's true depth",
-            _ => "",
-        };
+        let known = record.privilege.phrases();
+        let known: String = known.map(|phrase| format!(", {phrase}")).collect();
         let bundled = bundled_network(identity);
         let summary = KINDS.iter().find(|known| known.name == identity.kind);
-        let summary = summary.map_or("", |known| known.summary);
+        // Its options are no description.
+        let summary = summary.and_then(|known| known.summary.split(" (").next());
+        let summary = summary.unwrap_or_default();
         let said = identity.settings.get(Sharp::NOTE);
         let said = said.filter(|_| identity.kind == "sharp");
         let network = bundled.as_ref().or(said).into_iter();
         let drawn = rule_notes(of_method.clone());
         let notes = network.chain(&record.notes).chain(&drawn);
         let notes = notes.cloned().collect();
-        let doubts = doubts_of(of_method, &identity.kind, record.privilege);
+        let doubts = doubts_of(of_method, &identity.kind, record.privilege.depth);
         let joined = |texts: Vec<String>| Some(texts.join("; ")).filter(|text| !text.is_empty());
         // "bicubic [a = -0.75, …]": the name is enough for a footnote.
         let kernel = identity.settings.get("resize");
@@ -292,7 +292,7 @@ impl ReportMethod {
         Self {
             label: record.label.clone(),
             description: format!(
-                "{} ({identity}{privilege})",
+                "{} ({identity}{known})",
                 bundled.as_deref().unwrap_or(summary)
             ),
             is_baseline: matches!(identity.kind.as_str(), "copy" | "mean"),

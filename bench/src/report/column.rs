@@ -7,7 +7,7 @@ use super::error::ReportError;
 use super::tables::shown;
 
 /// Extras that methods report: key, label, decimals and meaning.
-const REPORTED: [(&str, &str, usize, &str); 7] = [
+const REPORTED: [(&str, &str, usize, &str); 10] = [
     (
         "mean_alpha",
         "Mean alpha",
@@ -25,6 +25,24 @@ const REPORTED: [(&str, &str, usize, &str); 7] = [
         "Source PSNR",
         2,
         "PSNR of the source's photograph and the Gaussians rendered from its own camera, dB",
+    ),
+    (
+        "file_mb",
+        "File (MB)",
+        3,
+        "size of the file of Gaussians, millions of bytes",
+    ),
+    (
+        "pose_rotation_deg",
+        "Turned by (°)",
+        3,
+        "how far the target's camera was turned to fit its photograph, degrees",
+    ),
+    (
+        "pose_translation_m",
+        "Moved by (m)",
+        4,
+        "how far it was moved, metres",
     ),
     (
         "median_scale",

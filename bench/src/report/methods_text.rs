@@ -10,7 +10,7 @@ use super::tables::latex::{escape, noted};
 use crate::evaluate::Results;
 use crate::evaluate::manifest::{DatasetRecord, ListOrigin, Manifest};
 use crate::evaluate::record::{Record, Status};
-use crate::methods::Privilege;
+use crate::methods::{Privilege, TrueDepth};
 
 /// Citation of a dataset, by format.
 const CITED: [(&str, &str); 6] = [
@@ -157,9 +157,9 @@ fn predictions(manifest: &Manifest, records: &[Record]) -> Vec<String> {
         let found = records.iter().filter(|record| is(record));
         found.map(|record| record.method.as_str()).collect()
     };
-    let privileged = |privilege: Privilege| -> BTreeSet<&str> {
+    let privileged = |is: fn(Privilege) -> bool| -> BTreeSet<&str> {
         let methods = manifest.methods.iter();
-        let methods = methods.filter(|method| method.privilege == privilege);
+        let methods = methods.filter(|method| is(method.privilege));
         methods.map(|method| method.label.as_str()).collect()
     };
     say(
@@ -200,12 +200,20 @@ fn predictions(manifest: &Manifest, records: &[Record]) -> Vec<String> {
         "Of METHODS, the best of several scales of the scene was chosen by DISTS against the target.",
     );
     say(
-        privileged(Privilege::DepthScale),
+        privileged(|known| known.depth == TrueDepth::DepthScale),
         "The depth of METHODS was scaled by the median of its ratios to the source's true depth.",
     );
     say(
-        privileged(Privilege::SourceDepth),
+        privileged(|known| known.depth == TrueDepth::SourceDepth),
         "METHODS saw the true depth of the source.",
+    );
+    say(
+        privileged(|known| known.several_views),
+        "METHODS saw several views of a scene.",
+    );
+    say(
+        privileged(|known| known.target_pose),
+        "The target's camera was moved so that the picture of METHODS fits the target's photograph, before it was scored.",
     );
     if manifest.common_region {
         let rule = "All methods are scored on the part of a target that all of them predict.";

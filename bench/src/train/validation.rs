@@ -15,7 +15,7 @@ use crate::evaluate::{Request, Results, RunOptions, prepare};
 use crate::io::atomic_files::FileError;
 use crate::io::observer::Observer;
 use crate::methods::sharp::Sharp;
-use crate::methods::{Method, Privilege};
+use crate::methods::{Method, TrueDepth};
 use crate::pairs::DatasetConfig;
 use crate::pairs::dataset::scenes_of;
 use crate::pairs::sampling::spread;
@@ -118,7 +118,7 @@ impl Validation {
             config: config.clone(),
             ..NetworkSpec::release(weights)
         };
-        let method: Box<dyn Method> = Box::new(Sharp::new(LABEL, network, Privilege::None)?);
+        let method: Box<dyn Method> = Box::new(Sharp::new(LABEL, network, TrueDepth::None)?);
         let request = Request {
             pairs: PairOrigin::Given(self.pairs.clone()),
             ..Request::new(

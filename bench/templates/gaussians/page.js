@@ -32,9 +32,19 @@ async function unpacked() {
     });
     return vectors;
   };
+  // Of each Gaussian together.
+  const coefficients = () => {
+    const each = 3 * ((facts.degree + 1) ** 2 - 1);
+    const all = new Float32Array(n * each);
+    for (let at = 0; at < each; at++) {
+      const values = column(14 + at);
+      for (let i = 0; i < n; i++) { all[i * each + at] = values[i]; }
+    }
+    return all;
+  };
   return {
     count: n, means: fours([0], [1], [2], [3]), quaternions: fours([4], [5], [6], [7]),
-    scales: fours([8], [9], [10], 1), colors: fours([11], [12], [13], 0),
+    scales: fours([8], [9], [10], 1), colors: fours([11], [12], [13], 0), coefficients: coefficients(),
   };
 }
 
@@ -89,19 +99,20 @@ function say(rows) {
 let renderer = null, busy = false, again = false;
 const look = () => ({
   shown: Number($('shown').value), background: facts.background, truncate: facts.truncate, inverseDepth: facts.inverse_depth,
+  encoded: facts.encoded,
 });
 
 function view() {
   let [width, height] = facts.size;
-  const { K: [fx, fy, cx, cy], eps2d, near, far, alpha_max: alphaMax } = facts;
+  const { focal: [fx, fy], center: [cx, cy], bounds, eps2d, near, far, alpha_max: alphaMax, compensation, tiled, degree, encoded } = facts;
   let share = 1;
   while (!renderer.fits(Math.ceil(width * share), Math.ceil(height * share))) { share /= 2; }
   [width, height] = [Math.ceil(width * share), Math.ceil(height * share)];
   const [sx, sy] = [width / facts.size[0], height / facts.size[1]];
-  const bounds = (focal, center, size) => [-(center / focal + 0.15 * size / focal), (size - center) / focal + 0.15 * size / focal];
+  const rows = currentRows();
   return {
-    rows: currentRows(), width, height, eps2d, near, far, alphaMax, focal: [fx * sx, fy * sy], center: [cx * sx, cy * sy],
-    bounds: [...bounds(fx, cx, facts.size[0]), ...bounds(fy, cy, facts.size[1])],
+    rows, eye: inverse(rows).map((row) => row[3]), width, height, eps2d, near, far, alphaMax, focal: [fx * sx, fy * sy],
+    center: [cx * sx, cy * sy], bounds, compensation, tiled, degree, encoded,
   };
 }
 

@@ -12,7 +12,7 @@ class GaussianRenderer {
     const device = await adapter.requestDevice({ requiredLimits: { maxStorageBufferBindingSize, maxBufferSize } });
     const limit = Math.min(maxStorageBufferBindingSize, maxBufferSize);
     const gaussians = await unpacked();
-    if (gaussians.count * 16 > limit) { throw new Error(gaussians.count + ' Gaussians do not fit a binding of this adapter'); }
+    if (Math.max(gaussians.count * 16, gaussians.coefficients.byteLength) > limit) { throw new Error(gaussians.count + ' Gaussians do not fit a binding of this adapter'); }
     return new GaussianRenderer(device, limit, gaussians, shaders);
   }
 
@@ -25,7 +25,7 @@ class GaussianRenderer {
     this.passes = {
       project: pass('project', 'project'), scanBlocks: pass('scan', 'scan_blocks'), addSums: pass('scan', 'add_sums'),
       histogram: pass('radix', 'radix_histogram'), scatter: pass('radix', 'radix_scatter'), countTiles: pass('emit', 'count_tiles'),
-      emit: pass('emit', 'emit'), findRanges: pass('ranges', 'find_ranges'), raster: pass('raster', 'raster'),
+      harmonics: pass('harmonics', 'harmonics'), emit: pass('emit', 'emit'), findRanges: pass('ranges', 'find_ranges'), raster: pass('raster', 'raster'),
     };
     const screen = modules.get('screen');
     this.screen = device.createRenderPipeline({
@@ -40,6 +40,7 @@ class GaussianRenderer {
     };
     this.scene = {
       means: filled(gaussians.means), quaternions: filled(gaussians.quaternions), scales: filled(gaussians.scales), colors: filled(gaussians.colors),
+      coefficients: filled(gaussians.coefficients), seen: this.storage(n * 16),
       splats: this.storage(n * 16), details: this.storage(n * 16), footprints: this.storage(n * 8), dropped: this.storage(32),
       places: this.storage((n + 1) * 4), sums: this.sums(n + 1),
     };
@@ -135,19 +136,24 @@ class GaussianRenderer {
     return blocksOf(width, TILE) * blocksOf(height, TILE) * TILE * TILE * 16 <= this.limit;
   }
 
-  // Rasterises a view: { rows [3][4] from scene to camera, focal, center, bounds, width, height, eps2d, near, far, alphaMax }.
+  // Rasterises a view: { rows [3][4] from scene to camera, eye, focal, center, bounds, width, height, eps2d, near, far, alphaMax,
+  // compensation, tiled, degree, encoded }.
   async draw(view) {
     const { device, scene, passes, byDepth, count } = this;
     let encoder = device.createCommandEncoder();
     const rest = view.rows[2].map((value) => value - Math.fround(value));
     const words = new Float32Array([
       ...view.rows.flat(), ...rest, ...view.focal, ...view.center, ...view.bounds,
-      view.width, view.height, view.eps2d, view.near, view.far, ...new Array(11).fill(0),
+      view.width, view.height, view.eps2d, view.near, view.far, ...new Array(7).fill(0), ...view.eye, 0,
     ]);
-    new Uint32Array(words.buffer)[29] = count;
-    const { means, quaternions, scales, colors, splats, details, footprints, dropped, places, sums } = scene;
+    const stored = (view.degree + 1) ** 2 - 1;
+    new Uint32Array(words.buffer).set([count, 0, view.compensation, view.tiled ? 1 : 0, view.degree, stored], 29);
+    const uniform = this.uniform(words);
+    const { means, quaternions, scales, coefficients, seen, splats, details, footprints, dropped, places, sums } = scene;
+    const colors = view.encoded ? seen : scene.colors;
+    if (view.encoded) { this.run(encoder, passes.harmonics, [uniform, means, scene.colors, coefficients, seen], blocksOf(count, GROUP)); }
     this.run(encoder, passes.project, [
-      this.uniform(words), means, quaternions, scales, splats, details, footprints, byDepth.keys[0], dropped,
+      uniform, means, quaternions, scales, splats, details, footprints, byDepth.keys[0], dropped,
     ], blocksOf(count, GROUP));
     const order = byDepth.values[this.sort(encoder, byDepth, count, 32, true)];
     const tiles = [blocksOf(view.width, TILE), blocksOf(view.height, TILE)];
@@ -198,6 +204,7 @@ class GaussianRenderer {
     words.set(look.inverseDepth, 8);
     new Uint32Array(words.buffer).set([width, height, stride, look.shown]);
     new Uint32Array(words.buffer)[7] = look.truncate ? 1 : 0;
+    new Uint32Array(words.buffer)[10] = look.encoded ? 1 : 0;
     const usage = GPUTextureUsage.RENDER_ATTACHMENT | GPUTextureUsage.COPY_SRC;
     const texture = device.createTexture({ size: [width, height], format: 'rgba8unorm', usage });
     const bytesPerRow = Math.ceil(width / 64) * 256;

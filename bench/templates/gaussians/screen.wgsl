@@ -1,4 +1,4 @@
-// From what `raster` left to what a screen shows: the background in linear light, sRGB, 8 bit.
+// From what `raster` left to what a screen shows: the background, sRGB, 8 bit.
 
 struct Screen {
     // Pixels shown, and pixels from one row of the picture to the next.
@@ -6,12 +6,14 @@ struct Screen {
     stride: u32,
     // 0 colour, 1 alpha, 2 inverse depth.
     shown: u32,
-    // Linear light.
+    // In what was blended.
     background: vec3<f32>,
     // 1 where levels are truncated, not rounded.
     truncate: u32,
     // Inverse depths that are black and white, 1/metres.
     inverse_depth: vec2<f32>,
+    // 1 where encoded values were blended.
+    encoded: u32,
 }
 
 @group(0) @binding(0) var<uniform> screen: Screen;
@@ -37,7 +39,8 @@ fn shade(@builtin(position) position: vec4<f32>) -> @location(0) vec4<f32> {
     let pixel = picture[place];
     var color = vec3<f32>(pixel.a);
     if screen.shown == 0u {
-        color = encoded(pixel.rgb + (1.0 - pixel.a) * screen.background);
+        let blended = pixel.rgb + (1.0 - pixel.a) * screen.background;
+        color = select(encoded(blended), blended, screen.encoded == 1u);
     } else if screen.shown == 2u {
         let inverse = pixel.a / max(depths[place], 1e-8);
         let span = screen.inverse_depth.y - screen.inverse_depth.x;

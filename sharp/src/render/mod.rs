@@ -65,4 +65,4 @@ pub use renderer::{LoadedScene, RenderError, Renderer, TileSize};
 pub use rule::{Compensation, JacobianClamp, NearPlane, PrincipalPoint, Rule, RuleError, Support};
 pub use screen::release_screen;
 pub use sharp_kernels::Simd;
-pub use view::RenderView;
+pub use view::{RenderView, ShaderConstants};

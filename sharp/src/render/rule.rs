@@ -22,6 +22,19 @@ setting!(
     /// √(d0/(d1 + 1e-6) + 1e-6), and 0 where d0 or d1 is at most 1e-6.
     MipSplatting = "mip-splatting",
 );
+
+impl Compensation {
+    /// As the shaders know it.
+    pub(super) fn code(self) -> u32 {
+        match self {
+            Self::None => 0,
+            Self::Root => 1,
+            Self::FlooredRoot => 2,
+            Self::MipSplatting => 3,
+        }
+    }
+}
+
 setting!(
     /// Fate of a centre exactly on the near plane.
     NearPlane, "near-plane":

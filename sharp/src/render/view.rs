@@ -1,6 +1,7 @@
 //! The camera of one picture and the convention by which it is rendered.
 
-use super::{RenderError, Rule};
+use super::project::ViewConstants;
+use super::{RenderError, Rule, Support};
 use crate::camera::Intrinsics;
 use glam::DAffine3;
 
@@ -14,6 +15,18 @@ pub struct RenderView {
     /// Of the picture to render; pixel centres lie at + 0.5.
     pub intrinsics: Intrinsics,
     pub rule: Rule,
+}
+
+/// Fields of `View` in `shaders/shared/view.wgsl` that follow from a rule.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ShaderConstants {
+    /// Pixels.
+    pub center: [f64; 2],
+    /// Of x/z and y/z, low and high, where the Jacobian is taken.
+    pub bounds: [[f64; 2]; 2],
+    pub near: f32,
+    pub compensation: u32,
+    pub tiled: bool,
 }
 
 impl RenderView {
@@ -40,6 +53,18 @@ impl RenderView {
     pub fn with_low_pass(mut self, low_pass: f32) -> Self {
         self.rule.low_pass = low_pass;
         self
+    }
+
+    /// What the shaders are told of the view besides its map, focal lengths and size.
+    pub fn shader_constants(&self) -> ShaderConstants {
+        let view = ViewConstants::new(self);
+        ShaderConstants {
+            center: view.center,
+            bounds: view.bounds,
+            near: view.near,
+            compensation: view.compensation.code(),
+            tiled: view.support == Support::Tiles,
+        }
     }
 
     /// The fields are public; a renderer trusts them only after this.

@@ -3,6 +3,7 @@
 mod datasets;
 mod gaussians;
 mod pictures;
+mod placed;
 mod results;
 
 use std::path::{Path, PathBuf};

@@ -127,7 +127,6 @@ fn what_a_rule_does_not_draw_is_refused() {
     of_arrays(dir, &["--out", "x.png"]).is_error_with(&["scene.safetensors", "--rendering"]);
     let inria = ["--rendering", "inria"];
     of_arrays(dir, &[&inria[..], &["--out", "x.exr"]].concat()).is_error_with(&["x.exr", "inria"]);
-    render(dir, &[&inria[..], &["--viewer", "x.html"]].concat()).is_error_with(&["inria"]);
     // The rule of SHARP by its name, and its colours by another.
     render(dir, &["--out", "a.png"]).ends_with(0);
     render(dir, &["--out", "b.png", "--rendering", "sharp"]).ends_with(0);

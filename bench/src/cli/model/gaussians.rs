@@ -10,6 +10,7 @@ use sharp::ply::{
     ColorSpace, FileMarks, GaussianScene, Generator, PlyForm, PlyReason, SplatRenderMode,
     StoredForm, to_bytes, to_compressed_bytes,
 };
+use sharp::render::Rule;
 
 use crate::cli::reading_args::ReadingArgs;
 use crate::cli::{Outcome, output};
@@ -114,8 +115,13 @@ pub(crate) fn execute(args: &GaussiansArgs) -> anyhow::Result<Outcome> {
                     true => format!("states the rule {}", rule.rule),
                     false => "states no rule".to_owned(),
                 };
+                // Its rule blends linear light, and the result does not say that its colours are encoded.
+                let colors = match made_for.rule == Rule::SHARP {
+                    true => ",color_space=srgb",
+                    false => "",
+                };
                 output::remark(format!(
-                    "note: {} {}, {} {}: rendering={} draws it as before",
+                    "note: {} {}, {} {}: rendering={}{colors} draws it as before",
                     ply.display(),
                     says(&made_for),
                     out.display(),

@@ -1,17 +1,33 @@
-//! `parity`: a network against a recording, stage by stage.
+//! `parity`: a network against a recording, stage by stage, or a port's Gaussians against ours.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use anyhow::bail;
 use clap::Args;
+use glam::DAffine3;
+use serde::Serialize;
 use serde_json::json;
+use sharp::camera::Intrinsics;
+use sharp::gaussian_files::turn;
+use sharp::gaussians::Gaussians;
+use sharp::model::Silent;
 use sharp::model::recording::{Recording, compare};
+use sharp::ply::{ColorSpace, StoredForm};
+use sharp::render::Rule;
+use sharp::unprojection::{release_intrinsics, unproject};
+use sharp_metrics::Picture;
+use sharp_metrics::psnr::psnr;
 
 use super::args::{ModelArgs, PhotoArgs};
+use crate::analyze::port::{self, FieldDifference, PortComparison};
+use crate::cli::reading_args::ReadingArgs;
 use crate::cli::{Outcome, output};
 use crate::evaluate::record::finite_or_text;
+use crate::io::gaussian_files;
+use crate::methods::file_reading::FileReading;
+use crate::rendering::SharedRenderer;
 
-/// Compare a network with a recording, stage by stage, and name the first stage that diverges
+/// Compare a network with a recording, stage by stage, and name the first stage that diverges; or a port's Gaussians with ours
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Example:
@@ -23,36 +39,173 @@ further off than --tolerance or was not computed (then its error is \"inf\", als
 
 To trace a change of the full network: `record` before it, `parity` after it. The comparison with the recordings of the
 official network at full size is a test: cargo test --release -p sharp-tests --test golden_model -- --ignored
---test-threads=1")]
+--test-threads=1
+
+A port of SHARP to another framework is compared by what it writes, a PLY of the same photograph:
+  sharp-bench parity --port theirs.ply --against photo.ply          (of the release or of predict)
+  sharp-bench parity --port theirs.ply --image photo.jpg            (the network runs)
+For each attribute it prints the median, the 99th percentile and the largest difference of a Gaussian, and names the
+settings (axes, order, encodings) that explain what is much too large. Exit code 1 when a 99th percentile is above
+--tolerance, in pixels or per cent.")]
 pub(crate) struct ParityArgs {
     #[command(flatten)]
     model: ModelArgs,
-    /// The photograph that was recorded
-    #[arg(long, value_name = "IMG")]
-    image: PathBuf,
+    /// The photograph that was recorded, or that the port predicted from
+    #[arg(long, value_name = "IMG", required_unless_present = "against")]
+    image: Option<PathBuf>,
     #[command(flatten)]
     photo: PhotoArgs,
     /// The recording
-    #[arg(long, value_name = "REC.safetensors")]
-    golden: PathBuf,
+    #[arg(long, value_name = "REC.safetensors", required_unless_present = "port")]
+    golden: Option<PathBuf>,
+    /// A port's Gaussians, in any format
+    #[arg(long, value_name = "FILE", conflicts_with = "golden")]
+    port: Option<PathBuf>,
+    /// The release's or our Gaussians of the same photograph [default: those that the network predicts]
+    #[arg(long, value_name = "PLY", requires = "port")]
+    against: Option<PathBuf>,
+    #[command(flatten)]
+    reading: ReadingArgs,
     /// Which recording of the file; found by the photograph without it
     #[arg(long, value_name = "P")]
     prefix: Option<String>,
-    /// Largest error of a stage that passes
-    #[arg(long, value_name = "X", default_value_t = 1e-4)]
-    tolerance: f64,
+    /// Largest error that passes [default: 1e-4 of a stage, 1 pixel or per cent of a port]
+    #[arg(long, value_name = "X")]
+    tolerance: Option<f64>,
     /// Print JSON
     #[arg(long)]
     json: bool,
 }
 
 pub(crate) fn execute(args: &ParityArgs) -> anyhow::Result<Outcome> {
-    let recording = Recording::open(&args.golden)?;
+    match (&args.port, &args.golden, &args.image) {
+        (Some(port), ..) => of_port(args, port),
+        (None, Some(golden), Some(image)) => of_stages(args, golden, image),
+        _ => bail!("--golden and --image, or --port, are needed"),
+    }
+}
+
+/// The Gaussians to compare with, and the photograph's camera.
+fn reference(args: &ParityArgs) -> anyhow::Result<(Gaussians, Intrinsics)> {
+    match (&args.against, &args.image) {
+        (Some(path), _) => {
+            let file = gaussian_files::read(path, StoredForm::default(), None)?;
+            let Some((intrinsics, _)) = file.camera else {
+                bail!(
+                    "{}: it holds no camera; a PLY of the release or of predict without --plain is needed",
+                    path.display()
+                );
+            };
+            Ok((file.gaussians, intrinsics))
+        }
+        (None, Some(image)) => {
+            let photo = args.photo.load(image)?;
+            let factor = photo.disparity_factor();
+            let predictor = args.model.load()?;
+            let predicted = predictor.predict(photo.planes(), factor, &mut Silent)?;
+            let (width, height) = (photo.width as u32, photo.height as u32);
+            let intrinsics = release_intrinsics(photo.focal_px, width, height)?;
+            Ok((unproject(&predicted.gaussians, &intrinsics), intrinsics))
+        }
+        (None, None) => bail!("--against or --image is needed"),
+    }
+}
+
+#[derive(Serialize)]
+struct PortParity {
+    #[serde(flatten)]
+    differences: PortComparison,
+    /// PSNR of both renderings into the photograph's camera, dB; `null` where they are equal.
+    rendered_psnr: Option<f64>,
+}
+
+fn of_port(args: &ParityArgs, path: &Path) -> anyhow::Result<Outcome> {
+    let mut stored = args.reading.reading();
+    stored.color_space = stored.color_space.or(Some(ColorSpace::Srgb));
+    let mut file = gaussian_files::read(path, stored, Some(Rule::SHARP))?;
+    turn(&mut file.gaussians, &mut file.doubts, args.reading.axes)
+        .map_err(|reason| anyhow::anyhow!("{}: {reason} (--axes)", path.display()))?;
+    let (reference, intrinsics) = reference(args)?;
+    let reading = FileReading {
+        stored: file.reading,
+        ..FileReading::default()
+    };
+    let differences = port::compare(&file.gaussians, reading, &reference, intrinsics);
+    let renderer = SharedRenderer::cpu();
+    let picture = |gaussians: &Gaussians| {
+        let output = renderer.render(gaussians, DAffine3::IDENTITY, intrinsics, None)?;
+        anyhow::Ok(Picture::Rgb8(renderer.picture(&output)))
+    };
+    let psnr = psnr(&picture(&file.gaussians)?, &picture(&reference)?, None)?;
+    let found = PortParity {
+        differences,
+        rendered_psnr: psnr.is_finite().then_some(psnr),
+    };
+    let tolerance = args.tolerance.unwrap_or(1.0);
+    let PortComparison {
+        order,
+        unmatched,
+        as_read,
+        settings,
+        with_settings,
+    } = &found.differences;
+    let settings: Vec<String> = settings.iter().map(|(k, v)| format!("{k}={v}")).collect();
+    if args.json {
+        output::json(&found)?;
+    } else {
+        output::line(format!(
+            "{} Gaussians in {order}, {unmatched} without one of the {} nearby",
+            file.gaussians.len(),
+            reference.len()
+        ))?;
+        output::line(format!(
+            "{:<24}{:>10}{:>10}{:>10}",
+            "", "median", "99 %", "largest"
+        ))?;
+        let print = |fields: &[FieldDifference]| {
+            fields.iter().try_for_each(|f| {
+                let name = format!("{}, {}", f.field, f.unit);
+                output::line(format!(
+                    "{name:<24}{:>10.3}{:>10.3}{:>10.3}",
+                    f.median, f.p99, f.largest
+                ))
+            })
+        };
+        print(as_read)?;
+        if !settings.is_empty() {
+            output::line(format!("with {}:", settings.join(",")))?;
+            print(with_settings)?;
+        }
+        output::line(format!(
+            "both rendered into the photograph's camera: {psnr:.2} dB PSNR apart"
+        ))?;
+    }
+    let beyond = as_read.iter().filter(|f| !(f.p99 <= tolerance));
+    let beyond: Vec<String> = beyond
+        .map(|f| format!("{} {:.3} {}", f.field, f.p99, f.unit))
+        .collect();
+    if !beyond.is_empty() || *unmatched * 100 > file.gaussians.len() {
+        let explained = match settings.is_empty() {
+            true => String::new(),
+            false => format!("; `{}` explains most of it", settings.join(",")),
+        };
+        bail!(
+            "{}: differs by more than {tolerance} at the 99th percentile: {}{explained}",
+            path.display(),
+            beyond.join(", ")
+        );
+    }
+    Ok(Outcome::Done)
+}
+
+fn of_stages(args: &ParityArgs, golden: &Path, image: &Path) -> anyhow::Result<Outcome> {
+    let tolerance = args.tolerance.unwrap_or(1e-4);
+    let recording = Recording::open(golden)?;
     let prefix = match &args.prefix {
         Some(prefix) => prefix.as_str(),
-        None => recording.prefix_for(&args.image)?,
+        None => recording.prefix_for(image)?,
     };
-    let photo = args.photo.load(&args.image)?;
+    let photo = args.photo.load(image)?;
     let predictor = args.model.load()?;
     let comparison = compare(
         &predictor,
@@ -61,7 +214,7 @@ pub(crate) fn execute(args: &ParityArgs) -> anyhow::Result<Outcome> {
         &recording,
         prefix,
     )?;
-    let first = comparison.first_divergence(args.tolerance);
+    let first = comparison.first_divergence(tolerance);
     if args.json {
         // A number that is not finite has no form in JSON.
         let number = |value: f64| finite_or_text::text(value).map_or(json!(value), |t| json!(t));
@@ -75,7 +228,7 @@ pub(crate) fn execute(args: &ParityArgs) -> anyhow::Result<Outcome> {
         }))?;
     } else {
         for stage in &comparison.stages {
-            let mark = match stage.rel_error <= args.tolerance {
+            let mark = match stage.rel_error <= tolerance {
                 true => ' ',
                 false => '!',
             };
@@ -90,16 +243,16 @@ pub(crate) fn execute(args: &ParityArgs) -> anyhow::Result<Outcome> {
         let note = stage.note.as_ref();
         bail!(
             "{}: diverges first at stage {}: {:.2e} > {:.1e}{}",
-            args.golden.display(),
+            golden.display(),
             stage.stage,
             stage.rel_error,
-            args.tolerance,
+            tolerance,
             note.map_or_else(String::new, |note| format!(" ({note})"))
         );
     }
     if !args.json {
         let stages = comparison.stages.len();
-        output::line(format!("all {stages} stages within {:.1e}", args.tolerance))?;
+        output::line(format!("all {stages} stages within {tolerance:.1e}"))?;
     }
     Ok(Outcome::Done)
 }

@@ -62,10 +62,6 @@ impl<'a> RenderJob<'a> {
         turn(&mut file.gaussians, &mut file.doubts, args.reading.axes)
             .map_err(|reason| anyhow!("{}: {reason} (--axes)", args.scene.display()))?;
         let rule = args.over(file.rule);
-        ensure!(
-            args.viewer.is_none() || rule.is_like_sharp(),
-            "--viewer: a page draws by the rule sharp with any low-pass, near and far, not by {rule}"
-        );
         if let Some(note) = &file.rule_note {
             output::remark(format!("note: {}: {note}", args.scene.display()));
         }

@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 
 use glam::{DAffine3, DVec3};
+use image::RgbImage;
 use sharp::camera::target_camera_from_source_ndc;
 use sharp::gaussians::Gaussians;
 use sharp::render::{RenderError, RenderOutput};
@@ -13,6 +14,7 @@ use crate::methods::{GaussianPrediction, GaussianSpace, PicturePrediction};
 use crate::pairs::PosedCamera;
 use crate::pairs::alignment::median_scale;
 use crate::rendering::SharedRenderer;
+use crate::rendering::pose_alignment::fit_camera;
 
 /// A pixel with less alpha is a hole: more background than surface.
 const HOLE_ALPHA: f32 = 0.5;
@@ -90,8 +92,11 @@ pub(in crate::evaluate) fn placed(
 
 /// Renders a prediction into the target, placed by the dataset's own cameras.
 ///
+/// With `fit` the target's camera is first moved to fit that photograph of it.
+///
 /// Extras: those of the prediction, `mean_alpha` (mean coverage, 0..1), `hole_share` (share of pixels with alpha below
-/// [`HOLE_ALPHA`]) and, with a scale, `median_scale`.
+/// [`HOLE_ALPHA`]), with a scale `median_scale`, and of a moved camera `pose_rotation_deg`, `pose_translation_m` and
+/// `pose_steps`.
 ///
 /// # Errors
 /// See [`RenderError`].
@@ -101,6 +106,7 @@ pub(in crate::evaluate) fn render(
     source: &PosedCamera,
     target: &PosedCamera,
     renderer: &SharedRenderer,
+    fit: Option<&RgbImage>,
 ) -> Result<(PicturePrediction, RenderOutput), RenderError> {
     let median_scale = scale;
     // Gaussians of the camera's space are scaled themselves, which is one rounding less.
@@ -111,7 +117,7 @@ pub(in crate::evaluate) fn render(
         }
         (space, scale) => (space, scale),
     };
-    let placed = placed(space, source, target);
+    let mut placed = placed(space, source, target);
     let resized;
     let gaussians = match scale {
         None => &prediction.gaussians,
@@ -120,13 +126,27 @@ pub(in crate::evaluate) fn render(
             &resized
         }
     };
-    let output = renderer.render(gaussians, placed, target.intrinsics, prediction.rule)?;
+    let (intrinsics, rule) = (target.intrinsics, prediction.rule);
+    let moved = fit
+        .map(|photograph| fit_camera(renderer, gaussians, placed, intrinsics, rule, photograph))
+        .transpose()?;
+    if let Some(moved) = &moved {
+        placed = moved.map * placed;
+    }
+    let output = renderer.render(gaussians, placed, intrinsics, rule)?;
     let n = output.alpha.len() as f64;
     let covered: f64 = output.alpha.iter().map(|&a| f64::from(a)).sum();
     let holes = output.alpha.iter().filter(|&&a| a < HOLE_ALPHA).count();
     let mut extras: BTreeMap<String, f64> = prediction.extras.clone();
     extras.insert("mean_alpha".to_owned(), covered / n);
     extras.insert("hole_share".to_owned(), holes as f64 / n);
+    if let Some(moved) = moved {
+        extras.extend([
+            ("pose_rotation_deg".to_owned(), moved.rotation_deg),
+            ("pose_translation_m".to_owned(), moved.translation),
+            ("pose_steps".to_owned(), moved.steps as f64),
+        ]);
+    }
     if let Some(scale) = median_scale {
         extras.insert("median_scale".to_owned(), scale);
     }

@@ -392,7 +392,7 @@ mod tests {
 
     use super::*;
     use crate::evaluate::doubts::doubts_of;
-    use crate::methods::{GaussianSpace, Privilege};
+    use crate::methods::{GaussianSpace, TrueDepth};
 
     fn source() -> PosedCamera {
         // Turned about the vertical and moved: world and camera space differ.
@@ -502,7 +502,7 @@ mod tests {
         record.median_depth_m = Some(2.0);
         let facts = check_source(&prediction, &checked, &renderer).unwrap();
         (record.warnings, record.extras) = (facts.warnings, facts.extras);
-        let found = doubts_of([&record].into_iter(), "gaussians", Privilege::None);
+        let found = doubts_of([&record].into_iter(), "gaussians", TrueDepth::None);
         (!found.is_empty()).then(|| found.join("; "))
     }
 

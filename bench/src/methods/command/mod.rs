@@ -25,7 +25,7 @@ use super::method::{
     Approach, Method, MethodError, MethodIdentity, PicturePrediction, PredictPicture, SourceView,
     TargetCamera,
 };
-use super::privilege::Privilege;
+use super::privilege::{Privilege, TrueDepth};
 use super::spec::{MethodSpec, SpecError};
 use crate::io::atomic_files::{FileError, scratch_folder};
 use crate::io::fingerprints;
@@ -53,7 +53,7 @@ pub struct Command {
     notes: Vec<String>,
     timeout: Duration,
     fit: FitRules,
-    privilege: Privilege,
+    depth: TrueDepth,
     /// Folders for the log and for scratch folders, once a run has begun.
     places: OnceLock<(PathBuf, PathBuf)>,
     state: Mutex<State>,
@@ -133,7 +133,7 @@ impl Command {
             version: spec.option("version").unwrap_or_default().to_owned(),
             timeout,
             fit,
-            privilege: spec.privilege(Privilege::SourceDepth)?,
+            depth: spec.depth(TrueDepth::SourceDepth)?,
             places: OnceLock::new(),
             state: Mutex::default(),
         })
@@ -364,7 +364,7 @@ impl Method for Command {
     }
 
     fn privilege(&self) -> Privilege {
-        self.privilege
+        Privilege::of_depth(self.depth)
     }
 
     fn approach(&self) -> Approach<'_> {
@@ -381,7 +381,7 @@ impl PredictPicture for Command {
         let region = self.fit.region(target.size(), None, None);
         let region = region.map_err(|reason| self.failure(reason))?;
         let mut state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
-        if self.privilege == Privilege::SourceDepth && source.depth().is_none() {
+        if self.depth == TrueDepth::SourceDepth && source.depth().is_none() {
             let reason = "the source view has no depth, which depth=privileged needs";
             return Err(self.failure(reason));
         }

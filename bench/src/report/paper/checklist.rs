@@ -8,7 +8,7 @@ use crate::evaluate::Aggregation;
 use crate::evaluate::manifest::{DatasetRecord, Manifest, MethodRecord};
 use crate::evaluate::record::{Record, Status};
 use crate::io::counts::counted;
-use crate::methods::Privilege;
+use crate::methods::TrueDepth;
 use crate::report::board::{Board, DatasetBoard};
 use crate::report::column::Column;
 use crate::report::tables::Condition;
@@ -244,7 +244,7 @@ fn aggregation(compared: &ChecklistInput<'_>) -> Condition {
 /// Condition on the rows' knowledge of the true depth.
 fn privilege(compared: &ChecklistInput<'_>) -> Condition {
     let wants = compared.paper.made_by == MadeBy::PrivilegedRun;
-    let otherwise = |method: &&MethodRecord| (method.privilege != Privilege::None) != wants;
+    let otherwise = |method: &&MethodRecord| (method.privilege.depth != TrueDepth::None) != wants;
     let others = compared.manifest.methods.iter().filter(otherwise);
     let others: Vec<&str> = others.map(|method| method.label.as_str()).collect();
     match (others.is_empty(), wants) {

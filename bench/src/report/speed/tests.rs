@@ -15,7 +15,7 @@ fn measured() -> Measured {
         label: label.to_owned(),
         spec: None,
         identity: MethodIdentity::new(kind, [("device", "cpu".to_owned())]),
-        privilege: Privilege::None,
+        privilege: Privilege::NONE,
         sources: String::new(),
         notes: Vec::new(),
         drawn: Vec::new(),

@@ -9,7 +9,7 @@ use super::crossing::{Crossing, Sample};
 use super::{Band, Split, SweepSpec};
 use crate::evaluate::Results;
 use crate::evaluate::record::{Record, Status};
-use crate::methods::Privilege;
+use crate::methods::TrueDepth;
 use crate::report::board::{Board, DatasetBoard};
 use crate::report::column::Column;
 use crate::report::error::ReportError;
@@ -117,7 +117,7 @@ impl Sweep {
     pub fn of(results: &Results, spec: SweepSpec) -> Result<Self, ReportError> {
         let board = &Board::of(results)?;
         let privileged = results.manifest.methods.iter();
-        let privileged = privileged.filter(|m| m.privilege != Privilege::None);
+        let privileged = privileged.filter(|m| m.privilege.depth != TrueDepth::None);
         let privileged: BTreeSet<&str> = privileged.map(|m| m.label.as_str()).collect();
         let metrics = Column::chosen(&board.metrics, &spec.metrics)?;
         for threshold in &spec.thresholds {

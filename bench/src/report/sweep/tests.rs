@@ -7,7 +7,7 @@ use super::*;
 use crate::evaluate::Results;
 use crate::evaluate::record::{Record, Score, Status};
 use crate::evaluate::test_records::record;
-use crate::methods::Privilege;
+use crate::methods::TrueDepth;
 use crate::report::test_results;
 use sharp_plots::style::FigureStyle;
 
@@ -52,7 +52,7 @@ fn results(keys: &[MetricKey], records: &[Record]) -> Results {
     let methods = &mut results.manifest.methods;
     methods.sort_by_key(|method| method.label != "a");
     for method in methods.iter_mut().filter(|method| method.label == "a") {
-        method.privilege = Privilege::SourceDepth;
+        method.privilege.depth = TrueDepth::SourceDepth;
     }
     results
 }

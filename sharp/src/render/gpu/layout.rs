@@ -2,7 +2,7 @@
 
 use super::super::harmonics::ViewColors;
 use super::super::project::ViewConstants;
-use super::super::{Compensation, Dropped, Support};
+use super::super::{Dropped, Support};
 use super::scene::GpuScene;
 use super::subframe::SubFrame;
 use crate::gaussians::Harmonics;
@@ -76,12 +76,7 @@ impl ViewUniform {
             far: view.far,
             count: scene.count,
             zero: 0,
-            compensation: match view.compensation {
-                Compensation::None => 0,
-                Compensation::Root => 1,
-                Compensation::FlooredRoot => 2,
-                Compensation::MipSplatting => 3,
-            },
+            compensation: view.compensation.code(),
             tiled: u32::from(view.support == Support::Tiles),
             // 4 and 24 at most.
             degree: degree as u32,

@@ -1,0 +1,471 @@
+//! A port of SHARP against the release or us: two predictions from one photograph, Gaussian by Gaussian.
+
+use std::collections::HashMap;
+
+use glam::{DAffine3, DMat3, DVec3};
+use serde::Serialize;
+use sharp::camera::{Intrinsics, RigidTransform};
+use sharp::color::srgb_from_linear;
+use sharp::gaussians::Gaussians;
+use sharp::ply::{
+    ColorSpace, StoredChannels, StoredColors, StoredForm, StoredOpacity, StoredQuaternions,
+    StoredScales,
+};
+use sharp::unprojection::covariance;
+
+use crate::methods::file_reading::{Axes, FileReading, FileSpace, Placement};
+use crate::pairs::PosedCamera;
+
+/// Gaussians that hypotheses are judged by, at most.
+const SAMPLE: usize = 4096;
+/// With a smaller median distance Gaussians are taken for each other's, pixels.
+const SAME_PLACE: f64 = 2.0;
+/// Another meaning of the numbers has to divide the median difference by this much.
+const MUCH_LESS: f64 = 10.0;
+/// A median difference below this one is not explained, per cent.
+const NEGLIGIBLE: f64 = 0.1;
+/// Side of a cell in which neighbours are sought, pixels.
+const CELL: f64 = 4.0;
+/// Of a relative distance in depth, the pixels that weigh as much: 1 % is one pixel.
+const PIXELS_OF_DEPTH: f64 = 100.0;
+
+/// Differences of one attribute.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct FieldDifference {
+    pub field: &'static str,
+    pub unit: &'static str,
+    pub median: f64,
+    /// The 99th percentile.
+    pub p99: f64,
+    pub largest: f64,
+}
+
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct PortComparison {
+    /// How Gaussians were matched: their order in the port's file.
+    pub order: &'static str,
+    /// Gaussians of the port without one of the reference nearby.
+    pub unmatched: usize,
+    pub as_read: Vec<FieldDifference>,
+    /// Settings of a file's reading that explain much of the differences.
+    pub settings: Vec<(&'static str, String)>,
+    /// Differences that remain with them.
+    pub with_settings: Vec<FieldDifference>,
+}
+
+/// Attributes, in the order of their values below: a mean's distance as the photograph's camera sees it, its depth,
+/// Frobenius' norm of the covariances' difference, opacity, and the largest difference among the sRGB channels.
+const FIELDS: [(&str, &str); 5] = [
+    ("position", "px"),
+    ("depth", "%"),
+    ("covariance", "%"),
+    ("opacity", "% of 1"),
+    ("colour", "% of sRGB"),
+];
+const COVARIANCE: usize = 2;
+const OPACITY: usize = 3;
+const COLOUR: usize = 4;
+
+/// Orders of a port's file: the place among the reference's of its Gaussian `i` of `n` in two layers of `side` rows.
+type Order = (&'static str, fn(usize, usize, usize) -> usize);
+const ORDERS: [Order; 6] = [
+    ("the same order", |i, _, _| i),
+    ("its two layers exchanged", |i, n, _| (i + n / 2) % n),
+    ("both layers of a pixel side by side", |i, n, _| {
+        i % 2 * (n / 2) + i / 2
+    }),
+    ("columns before rows", |i, _, side| {
+        in_layer(i, side, |row, column| (column, row))
+    }),
+    ("rows from the bottom", |i, _, side| {
+        in_layer(i, side, |row, column| (side - 1 - row, column))
+    }),
+    ("columns from the right", |i, _, side| {
+        in_layer(i, side, |row, column| (row, side - 1 - column))
+    }),
+];
+
+fn in_layer(i: usize, side: usize, map: impl Fn(usize, usize) -> (usize, usize)) -> usize {
+    let (layer, rest) = (i / (side * side), i % (side * side));
+    let (row, column) = map(rest / side, rest % side);
+    (layer * side + row) * side + column
+}
+
+/// Compares a port's Gaussians with the reference's, both with linear colours and in the space of the photograph's camera.
+/// `reading` is how the port's were read.
+pub fn compare(
+    port: &Gaussians,
+    reading: FileReading,
+    reference: &Gaussians,
+    intrinsics: Intrinsics,
+) -> PortComparison {
+    let pair = Pair {
+        port,
+        stored: reading.stored,
+        reference,
+        camera: PosedCamera {
+            id: String::new(),
+            intrinsics,
+            camera_from_world: RigidTransform::IDENTITY,
+        },
+    };
+    let (mut placement, order, matches) = pair.matched();
+    let as_read = FileReading {
+        stored: reading.stored,
+        ..FileReading::default()
+    };
+    if let Some(scale) = pair.scale(&placement, &matches) {
+        placement.scale *= scale;
+    }
+    let mut better = FileReading {
+        placement,
+        ..as_read
+    };
+    let sample: Vec<[u32; 2]> = spread(&matches).collect();
+    for field in [COVARIANCE, OPACITY, COLOUR] {
+        let median = |reading: &FileReading| pair.medians(reading, &sample)[field];
+        let own = median(&better);
+        let others = forms(field, better.stored).into_iter().map(|stored| {
+            let other = FileReading { stored, ..better };
+            (median(&other), other)
+        });
+        let least = others.min_by(|a, b| a.0.total_cmp(&b.0));
+        if let Some((found, other)) = least
+            && own > NEGLIGIBLE
+            && found * MUCH_LESS < own
+        {
+            better = other;
+        }
+    }
+    let settings = better.changes_from(&as_read);
+    let with_settings = match settings.is_empty() {
+        true => Vec::new(),
+        false => pair.differences(&better, &matches),
+    };
+    PortComparison {
+        order,
+        unmatched: port.len() - matches.len(),
+        as_read: pair.differences(&as_read, &matches),
+        settings,
+        with_settings,
+    }
+}
+
+struct Pair<'a> {
+    port: &'a Gaussians,
+    stored: StoredForm,
+    reference: &'a Gaussians,
+    camera: PosedCamera,
+}
+
+impl Pair<'_> {
+    /// The placement that brings most of the port's Gaussians onto the reference's, the order that does, and the pairs of
+    /// indices.
+    fn matched(&self) -> (Placement, &'static str, Vec<[u32; 2]>) {
+        let n = self.port.len();
+        let placements = || {
+            let axes = all_axes().map(|axes| Placement {
+                axes,
+                ..Placement::default()
+            });
+            axes.chain([Placement {
+                space: FileSpace::Normalized,
+                ..Placement::default()
+            }])
+        };
+        let side = (n / 2).isqrt();
+        let is_grid = 2 * side * side == n;
+        let orders = ORDERS.iter().enumerate();
+        let orders = orders.filter(|(k, _)| n == self.reference.len() && (*k == 0 || is_grid));
+        let mut best: Option<(f64, Placement, usize)> = None;
+        for (k, (_, place)) in orders {
+            let pairs: Vec<[u32; 2]> = (0..n)
+                .map(|i| [i as u32, place(i, n, side) as u32])
+                .collect();
+            let sample: Vec<[u32; 2]> = spread(&pairs).collect();
+            for placement in placements() {
+                let distance = self.distance(&placement, &sample);
+                if best.is_none_or(|(least, ..)| distance < least) {
+                    best = Some((distance, placement, k));
+                }
+            }
+        }
+        if let Some((distance, placement, k)) = best
+            && distance < SAME_PLACE
+        {
+            let (name, place) = ORDERS[k];
+            let pairs = (0..n).map(|i| [i as u32, place(i, n, side) as u32]);
+            return (placement, name, pairs.collect());
+        }
+        let cells = Cells::of(self.reference, &self.camera.intrinsics);
+        let some: Vec<u32> = (0..n as u32).step_by((n / SAMPLE).max(1)).collect();
+        let depth = |gaussians: &Gaussians, map: DAffine3| {
+            median((0..gaussians.len() as u32).map(|k| map.transform_point3(mean(gaussians, k)).z))
+        };
+        let true_depth = depth(self.reference, DAffine3::IDENTITY);
+        let found = placements().map(|mut placement| {
+            let ratio = true_depth / depth(self.port, placement.camera_from_file(&self.camera));
+            // Of a few Gaussians less the median hardly moves.
+            if ratio.is_finite() && ratio > 0.0 && !(0.9..=1.1).contains(&ratio) {
+                placement.scale = ratio;
+            }
+            let map = placement.camera_from_file(&self.camera);
+            let near = cells.nearest(self.port, &map, some.iter().copied());
+            (near.len(), placement)
+        });
+        let (_, placement) = found
+            .reduce(|best, other| if other.0 > best.0 { other } else { best })
+            .unwrap_or_default();
+        let map = placement.camera_from_file(&self.camera);
+        let pairs = cells.nearest(self.port, &map, 0..n as u32);
+        (placement, "another order, matched by position", pairs)
+    }
+
+    /// Median distance of the means, in pixels and in depth.
+    fn distance(&self, placement: &Placement, sample: &[[u32; 2]]) -> f64 {
+        let map = placement.camera_from_file(&self.camera);
+        let k = &self.camera.intrinsics;
+        median(sample.iter().map(|[i, j]| {
+            let own = map.transform_point3(mean(self.port, *i));
+            apart(k, own, mean(self.reference, *j)).map_or(f64::MAX, |[pixels, depth]| {
+                // A unit is no reason to prefer other axes.
+                pixels + depth.min(1.0) * 1e-3
+            })
+        }))
+    }
+
+    /// The unit of the port's means if it is another one, metres.
+    fn scale(&self, placement: &Placement, matches: &[[u32; 2]]) -> Option<f64> {
+        let map = placement.camera_from_file(&self.camera);
+        let ratio = median(spread(matches).map(|[i, j]| {
+            let own = map.transform_point3(mean(self.port, i));
+            mean(self.reference, j).length() / own.length()
+        }));
+        let rounded = format!("{ratio:.3e}").parse().ok();
+        rounded.filter(|_| ratio.is_finite() && (ratio - 1.0).abs() > 0.01)
+    }
+
+    fn medians(&self, reading: &FileReading, sample: &[[u32; 2]]) -> [f64; 5] {
+        self.values(reading, sample)
+            .map(|values| median(values.into_iter()))
+    }
+
+    fn differences(&self, reading: &FileReading, matches: &[[u32; 2]]) -> Vec<FieldDifference> {
+        let values = self.values(reading, matches).into_iter().zip(FIELDS);
+        values
+            .map(|(mut values, (field, unit))| {
+                values.sort_by(f64::total_cmp);
+                let at = |q: f64| {
+                    let place = (values.len().saturating_sub(1) as f64 * q).round() as usize;
+                    values.get(place).copied().unwrap_or(f64::NAN)
+                };
+                FieldDifference {
+                    field,
+                    unit,
+                    median: at(0.5),
+                    p99: at(0.99),
+                    largest: at(1.0),
+                }
+            })
+            .collect()
+    }
+
+    /// Differences of each attribute.
+    fn values(&self, reading: &FileReading, matches: &[[u32; 2]]) -> [Vec<f64>; 5] {
+        let members: Vec<usize> = matches.iter().map(|[i, _]| *i as usize).collect();
+        let mut own = self.port.subset(&members);
+        if reading.stored != self.stored {
+            self.stored.encode(&mut own);
+            reading.stored.decode(&mut own);
+        }
+        let map = reading.placement.camera_from_file(&self.camera);
+        let k = &self.camera.intrinsics;
+        let mut values: [Vec<f64>; 5] = Default::default();
+        for (i, [_, j]) in matches.iter().enumerate() {
+            let j = *j as usize;
+            let place = map.transform_point3(mean(&own, i as u32));
+            let [pixels, depth] =
+                apart(k, place, mean(self.reference, j as u32)).unwrap_or([f64::INFINITY; 2]);
+            let [a, b] = [(&own, i), (self.reference, j)]
+                .map(|(g, k)| covariance(g.quaternions[k], g.scales[k]).as_dmat3());
+            let a = map.matrix3 * a * map.matrix3.transpose();
+            let opacity = f64::from((own.opacities[i] - self.reference.opacities[j]).abs());
+            let channel =
+                |g: &Gaussians, k: usize, c: usize| f64::from(srgb_from_linear(g.colors[k][c]));
+            let color = (0..3).map(|c| (channel(&own, i, c) - channel(self.reference, j, c)).abs());
+            let color = color.fold(0.0, f64::max);
+            let all = [
+                pixels,
+                100.0 * depth,
+                100.0 * norm(a - b) / norm(b).max(f64::MIN_POSITIVE),
+                100.0 * opacity,
+                100.0 * color,
+            ];
+            for (values, value) in values.iter_mut().zip(all) {
+                values.push(value);
+            }
+        }
+        values
+    }
+}
+
+/// Distance in pixels and relative distance in depth; `None` behind the camera.
+fn apart(k: &Intrinsics, own: DVec3, other: DVec3) -> Option<[f64; 2]> {
+    let seen = |p: DVec3| [k.fx * p.x / p.z, k.fy * p.y / p.z];
+    let [[x, y], [u, v]] = [seen(own), seen(other)];
+    let depth = (own.z / other.z - 1.0).abs();
+    (own.z > 0.0 && other.z > 0.0).then(|| [(x - u).hypot(y - v), depth])
+}
+
+fn mean(gaussians: &Gaussians, k: u32) -> DVec3 {
+    DVec3::from(gaussians.means[k as usize].map(f64::from))
+}
+
+fn norm(m: DMat3) -> f64 {
+    m.to_cols_array().iter().map(|v| v * v).sum::<f64>().sqrt()
+}
+
+fn median(values: impl Iterator<Item = f64>) -> f64 {
+    let mut values: Vec<f64> = values.collect();
+    let middle = values.len() / 2;
+    match values.is_empty() {
+        true => f64::NAN,
+        false => *values.select_nth_unstable_by(middle, f64::total_cmp).1,
+    }
+}
+
+fn spread(matches: &[[u32; 2]]) -> impl Iterator<Item = [u32; 2]> {
+    matches
+        .iter()
+        .copied()
+        .step_by((matches.len() / SAMPLE).max(1))
+}
+
+/// OpenCV's first; mirrored ones, too.
+fn all_axes() -> impl Iterator<Item = Axes> {
+    let pairs = [["r", "l"], ["d", "u"], ["f", "b"]];
+    let orders = [
+        [0, 1, 2],
+        [1, 0, 2],
+        [0, 2, 1],
+        [2, 1, 0],
+        [1, 2, 0],
+        [2, 0, 1],
+    ];
+    orders.into_iter().flat_map(move |order| {
+        (0..8).filter_map(move |signs: usize| {
+            let letters = order.map(|axis: usize| pairs[axis][signs >> axis & 1]);
+            Axes::parse(&letters.concat())
+        })
+    })
+}
+
+/// Other meanings of the numbers behind an attribute.
+fn forms(field: usize, current: StoredForm) -> Vec<StoredForm> {
+    let mut all = Vec::new();
+    match field {
+        COVARIANCE => {
+            for scales in [
+                StoredScales::Log,
+                StoredScales::Linear,
+                StoredScales::LogVariance,
+            ] {
+                for quaternions in [
+                    StoredQuaternions::Wxyz,
+                    StoredQuaternions::Xyzw,
+                    StoredQuaternions::WxyzInverse,
+                    StoredQuaternions::XyzwInverse,
+                ] {
+                    all.push(StoredForm {
+                        scales: Some(scales),
+                        quaternions: Some(quaternions),
+                        ..current
+                    });
+                }
+            }
+        }
+        OPACITY => {
+            let forms = [
+                StoredOpacity::Logit,
+                StoredOpacity::Linear,
+                StoredOpacity::Byte,
+            ];
+            all.extend(forms.map(|opacity| StoredForm {
+                opacity: Some(opacity),
+                ..current
+            }));
+        }
+        _ => {
+            for colors in [
+                StoredColors::Dc,
+                StoredColors::DcUncentered,
+                StoredColors::Rgb01,
+                StoredColors::Rgb255,
+                StoredColors::Logit,
+            ] {
+                for color_space in [ColorSpace::Srgb, ColorSpace::Linear] {
+                    for channels in [StoredChannels::Rgb, StoredChannels::Bgr] {
+                        all.push(StoredForm {
+                            colors: Some(colors),
+                            color_space: Some(color_space),
+                            channels: Some(channels),
+                            ..current
+                        });
+                    }
+                }
+            }
+        }
+    }
+    all
+}
+
+/// Gaussians by where a camera sees their centres.
+struct Cells<'a> {
+    reference: &'a Gaussians,
+    k: Intrinsics,
+    members: HashMap<[i32; 2], Vec<u32>>,
+}
+
+impl<'a> Cells<'a> {
+    fn of(reference: &'a Gaussians, k: &Intrinsics) -> Self {
+        let mut cells = Self {
+            reference,
+            k: *k,
+            members: HashMap::new(),
+        };
+        for index in 0..reference.len() as u32 {
+            if let Some(cell) = cells.cell(mean(reference, index)) {
+                cells.members.entry(cell).or_default().push(index);
+            }
+        }
+        cells
+    }
+
+    fn cell(&self, p: DVec3) -> Option<[i32; 2]> {
+        let at = |f: f64, v: f64| (f * v / p.z / CELL).floor() as i32;
+        (p.z > 0.0).then(|| [at(self.k.fx, p.x), at(self.k.fy, p.y)])
+    }
+
+    /// Pairs of the port's Gaussians with the nearest of the reference's, those without one left out.
+    fn nearest(
+        &self,
+        port: &Gaussians,
+        map: &DAffine3,
+        indices: impl Iterator<Item = u32>,
+    ) -> Vec<[u32; 2]> {
+        let found = indices.filter_map(|index| {
+            let own = map.transform_point3(mean(port, index));
+            let [x, y] = self.cell(own)?;
+            let around = (-1..=1).flat_map(|dx| (-1..=1).map(move |dy| [x + dx, y + dy]));
+            let near = around.filter_map(|cell| self.members.get(&cell)).flatten();
+            let near = near.filter_map(|&other| {
+                let [pixels, depth] = apart(&self.k, own, mean(self.reference, other))?;
+                let distance = pixels.hypot(PIXELS_OF_DEPTH * depth);
+                (distance < SAME_PLACE).then_some((distance, other))
+            });
+            let (_, other) = near.min_by(|a, b| a.0.total_cmp(&b.0))?;
+            Some([index, other])
+        });
+        found.collect()
+    }
+}

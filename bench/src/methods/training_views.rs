@@ -1,0 +1,107 @@
+//! The views that a scene's Gaussians were trained on.
+
+use std::path::Path;
+
+use globset::GlobMatcher;
+
+use crate::io::hash::sha256_hex;
+use crate::pairs::dataset::name_matcher;
+use crate::pairs::pair_id::PairName;
+
+/// Names `VIEW`, `SCENE/VIEW` or `DATASET/SCENE/VIEW`, with or without a picture's extension; `*` and `?` are wildcards.
+#[derive(Debug)]
+pub(super) struct TrainingViews {
+    patterns: Vec<GlobMatcher>,
+    sha256: String,
+}
+
+/// Whether `train=` names a list of views, not a pattern.
+pub fn is_training_list(text: &str) -> bool {
+    text.to_ascii_lowercase().ends_with(".txt")
+}
+
+impl TrainingViews {
+    /// Reads a list (`….txt`, one name a line), or a single pattern. The error names no method.
+    pub(super) fn read(text: &str) -> Result<Self, String> {
+        let list = match is_training_list(text) {
+            true => sharp::files::read_text(Path::new(text))
+                .map_err(|error| format!("train={text}: {error}"))?,
+            false => text.to_owned(),
+        };
+        let names = list.lines().map(str::trim).filter(|name| !name.is_empty());
+        let patterns: Result<Vec<GlobMatcher>, String> = names.map(name_matcher).collect();
+        let patterns = patterns.map_err(|error| format!("train={text}: {error}"))?;
+        match patterns.is_empty() {
+            true => Err(format!("train={text}: it names no view")),
+            false => Ok(Self {
+                patterns,
+                sha256: sha256_hex(list.as_bytes()),
+            }),
+        }
+    }
+
+    /// For the identity of a method.
+    pub(super) fn hash(&self) -> &str {
+        &self.sha256[..16]
+    }
+
+    /// Whether the target of a pair is among them.
+    pub(super) fn hold_target(&self, pair_id: &str) -> bool {
+        let Ok(name) = PairName::decode(pair_id) else {
+            return false;
+        };
+        let whole = format!("{}/{}/{}", name.dataset, name.scene, name.target);
+        let starts = whole.match_indices('/').map(|(at, _)| at + 1);
+        let mut ends = std::iter::once(0).chain(starts).map(|at| &whole[at..]);
+        ends.any(|name| {
+            let files =
+                ["", ".png", ".jpg", ".jpeg", ".JPG"].map(|extension| name.to_owned() + extension);
+            let named = |pattern: &GlobMatcher| files.iter().any(|file| pattern.is_match(file));
+            self.patterns.iter().any(named)
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn targets_are_found_by_their_last_parts_and_by_patterns() {
+        let holds = |text: &str, id: &str| TrainingViews::read(text).unwrap().hold_target(id);
+        for (text, id) in [
+            ("view_01", "d/s/view_00__view_01"),
+            ("s/view_0?", "d/s/a__view_01"),
+            ("d/s/*", "d/s/a__b"),
+            ("b.png", "d/s/a__b"),
+            ("left/b", "d/s/a__left%2Fb"),
+        ] {
+            assert!(holds(text, id), "{text} {id}");
+        }
+        for (text, id) in [
+            ("view_00", "d/s/view_00__view_01"),
+            ("t/*", "d/s/a__b"),
+            ("1", "d/s/a__view_01"),
+        ] {
+            assert!(!holds(text, id), "{text} {id}");
+        }
+    }
+
+    #[test]
+    fn lists_are_read_and_empty_ones_are_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("train.txt");
+        std::fs::write(&path, "a.png\n\ns/b*\n").unwrap();
+        let views = TrainingViews::read(&path.display().to_string()).unwrap();
+        assert!(views.hold_target("d/s/x__a") && views.hold_target("d/s/x__b2"));
+        assert!(!views.hold_target("d/t/x__b2"));
+        std::fs::write(&path, "\n").unwrap();
+        for (text, part) in [
+            (path.display().to_string(), "no view"),
+            ("gone.txt".to_owned(), "gone.txt"),
+        ] {
+            let error = TrainingViews::read(&text).unwrap_err();
+            assert!(error.contains(part), "{error}");
+        }
+    }
+}

@@ -1,0 +1,378 @@
+//! Moves a target's camera until the rendering fits its photograph, as evaluations of methods do that are given no poses
+//! (NoPoSplat, AnySplat).
+//!
+//! The shift that brings a small rendering closest to the photograph is where it begins. Then Gauss-Newton steps with
+//! Levenberg's damping reduce the squared difference of sRGB values over the pixels that are covered, from a small picture to
+//! a larger one. Derivatives are central differences of renderings, so that every rule and both renderers have them exactly
+//! as they draw.
+
+use glam::{DAffine3, DQuat, DVec3};
+use image::imageops::{FilterType, resize};
+use image::{ImageBuffer, Rgb, Rgb32FImage, RgbImage};
+use sharp::camera::Intrinsics;
+use sharp::gaussians::Gaussians;
+use sharp::render::{LoadedScene, RenderError, RenderOutput, Rule};
+
+use super::shared::SharedRenderer;
+
+/// Width of the last and largest picture unless the target is narrower, pixels. Each one before is half as wide.
+const WIDEST: u32 = 640;
+/// No picture is narrower, pixels.
+const NARROWEST: u32 = 60;
+/// Low-pass of all pictures but the last at least, px²: few Gaussians are as large as their pixels.
+const LOW_PASS: f32 = 0.3;
+/// The first shift is sought in a picture of at most this width, pixels, and up to this share of it.
+const SHIFT: (u32, f64) = (160, 0.1);
+/// Steps at each width and reach, at most.
+const STEPS: usize = 20;
+/// Half the distance of two renderings whose difference is a derivative, pixels.
+const REACH: f64 = 0.5;
+/// The same of the steps that follow at the last width: nearer by, fewer accidents of pixels decide.
+const FINE_REACHES: [f64; 2] = [0.25, 0.1];
+/// A step by less than this ends a width, pixels.
+const LAST_STEP: f64 = 0.01;
+/// A pixel with less alpha is not compared.
+const COVERED: f32 = 0.5;
+/// Damping: at first, and from which on no step is worth trying.
+const DAMPING: [f64; 2] = [1e-3, 1e3];
+
+/// The procedure in words, for identities.
+pub fn procedure() -> String {
+    let (width, share) = SHIFT;
+    format!(
+        "pose (shifted by {share} of {width} px at most, then widths from {NARROWEST} doubled to {WIDEST} px, low-pass {LOW_PASS} but \
+         for the last, {STEPS} steps each, differences over {REACH}, at last {FINE_REACHES:?} px, until {LAST_STEP} px)"
+    )
+}
+
+/// How a camera was moved.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Moved {
+    /// From the given camera's coordinates to the moved one's.
+    pub map: DAffine3,
+    pub rotation_deg: f64,
+    /// Metres.
+    pub translation: f64,
+    pub steps: usize,
+}
+
+/// A camera's motion: rotation about x, y, z and translation along them.
+type Six = [f64; 6];
+
+/// Gaussians and the photograph at one size.
+struct Level<'a> {
+    renderer: &'a SharedRenderer,
+    rule: Option<Rule>,
+    camera_from_scene: DAffine3,
+    intrinsics: Intrinsics,
+    is_last: bool,
+    photograph: Rgb32FImage,
+}
+
+/// Moves a camera so that the rendering fits `photograph`, which has the size of `intrinsics`. Where nothing is drawn it
+/// stays where it is.
+///
+/// # Errors
+/// See [`RenderError`].
+pub fn fit_camera(
+    renderer: &SharedRenderer,
+    scene: &Gaussians,
+    camera_from_scene: DAffine3,
+    intrinsics: Intrinsics,
+    rule: Option<Rule>,
+    photograph: &RgbImage,
+) -> Result<Moved, RenderError> {
+    let widest = intrinsics.width.min(WIDEST);
+    let half = |width: &u32| Some(width.div_ceil(2)).filter(|width| *width >= NARROWEST);
+    let widths: Vec<u32> = std::iter::successors(Some(widest), half).collect();
+    let level = |width: u32| Level {
+        renderer,
+        rule,
+        camera_from_scene,
+        intrinsics: at_width(intrinsics, width),
+        is_last: width == widest,
+        photograph: shrunk(photograph, at_width(intrinsics, width)),
+    };
+    let mut map = DAffine3::IDENTITY;
+    let mut steps = 0;
+    renderer.with_loaded(scene, |loaded| {
+        if let Some(width) = widths.iter().find(|width| **width <= SHIFT.0) {
+            let level = level(*width);
+            map = level.shifted(&level.render(loaded, map)?);
+        }
+        for width in widths.iter().rev() {
+            steps += level(*width).fit(loaded, &mut map, REACH)?;
+        }
+        for reach in FINE_REACHES {
+            steps += level(widest).fit(loaded, &mut map, reach)?;
+        }
+        Ok(())
+    })?;
+    let (_, rotation, translation) = map.to_scale_rotation_translation();
+    Ok(Moved {
+        map,
+        rotation_deg: rotation.to_axis_angle().1.to_degrees(),
+        translation: translation.length(),
+        steps,
+    })
+}
+
+impl Level<'_> {
+    fn render(
+        &self,
+        loaded: &mut dyn LoadedScene,
+        map: DAffine3,
+    ) -> Result<RenderOutput, RenderError> {
+        let camera = map * self.camera_from_scene;
+        let view = self.renderer.view(camera, self.intrinsics, self.rule);
+        let low_pass = match self.is_last {
+            true => view.rule.low_pass,
+            false => view.rule.low_pass.max(LOW_PASS),
+        };
+        loaded.render(&view.with_low_pass(low_pass))
+    }
+
+    /// The turn that moves what was drawn by the whole pixels that bring it closest to the photograph.
+    fn shifted(&self, output: &RenderOutput) -> DAffine3 {
+        let shown = self.shown(output);
+        let (width, height) = (shown.width() as i32, shown.height() as i32);
+        let reach = (SHIFT.1 * f64::from(width)).ceil() as i32;
+        let error = |[dx, dy]: [i32; 2]| {
+            let (mut sum, mut count) = (0.0, 0);
+            for y in dy.max(0)..(height + dy).min(height) {
+                for x in dx.max(0)..(width + dx).min(width) {
+                    let (from_x, from_y) = ((x - dx) as u32, (y - dy) as u32);
+                    if output.alpha[(from_y * shown.width() + from_x) as usize] >= COVERED {
+                        let (a, b) = (
+                            shown.get_pixel(from_x, from_y),
+                            self.photograph.get_pixel(x as u32, y as u32),
+                        );
+                        sum += (0..3).map(|c| f64::from(a[c] - b[c]).powi(2)).sum::<f64>();
+                        count += 1;
+                    }
+                }
+            }
+            // A few pixels can be alike by chance.
+            match 4 * count > width * height {
+                true => sum / f64::from(count),
+                false => f64::INFINITY,
+            }
+        };
+        let all = (-reach..=reach).flat_map(|dx| (-reach..=reach).map(move |dy| [dx, dy]));
+        let unmoved = error([0, 0]);
+        let best = all
+            .map(|by| (error(by), by))
+            .min_by(|a, b| a.0.total_cmp(&b.0));
+        let [dx, dy] = match best {
+            Some((least, by)) if least < unmoved => by.map(f64::from),
+            _ => [0.0; 2],
+        };
+        motion([
+            -dy / self.intrinsics.fy,
+            dx / self.intrinsics.fx,
+            0.0,
+            0.0,
+            0.0,
+            0.0,
+        ])
+    }
+
+    /// Takes steps until they are small, and returns how many. Derivatives are differences over twice `reach` pixels.
+    fn fit(
+        &self,
+        loaded: &mut dyn LoadedScene,
+        map: &mut DAffine3,
+        reach: f64,
+    ) -> Result<usize, RenderError> {
+        let mut damping = DAMPING[0];
+        let mut steps = 0;
+        let mut output = self.render(loaded, *map)?;
+        while steps < STEPS {
+            let Some(depth) = median_depth(&output) else {
+                break;
+            };
+            steps += 1;
+            let covered: Vec<bool> = output.alpha.iter().map(|a| *a >= COVERED).collect();
+            let shown = self.shown(&output);
+            let error = self.error(&shown, &covered);
+            // One pixel each.
+            let unit = 1.0 / self.intrinsics.fx;
+            let units = [unit, unit, unit, unit * depth, unit * depth, unit * depth];
+            let moved = |by: Six| motion(std::array::from_fn(|k| by[k] * units[k])) * *map;
+            let mut slopes = Vec::with_capacity(6);
+            for k in 0..6 {
+                let mut sides = Vec::with_capacity(2);
+                for by_reach in [-reach, reach] {
+                    let mut by = [0.0; 6];
+                    by[k] = by_reach;
+                    sides.push(self.shown(&self.render(loaded, moved(by))?));
+                }
+                slopes.push(difference(&sides[1], &sides[0], 1.0 / (2.0 * reach)));
+            }
+            let (squares, slope) = self.normal_equations(&shown, &slopes, &covered);
+            let (taken, next, step) = loop {
+                let by = damped_step(&squares, &slope, damping);
+                let next = moved(by);
+                let tried = self.render(loaded, next)?;
+                let is_better = self.error(&self.shown(&tried), &covered) < error;
+                let largest = by.iter().fold(0.0_f64, |most, v| most.max(v.abs()));
+                if is_better {
+                    damping = (damping * 0.1).max(1e-9);
+                } else {
+                    damping *= 10.0;
+                }
+                if is_better || damping > DAMPING[1] || largest < LAST_STEP {
+                    break (is_better.then_some(tried), next, largest);
+                }
+            };
+            let Some(taken) = taken else {
+                break;
+            };
+            *map = next;
+            output = taken;
+            if step < LAST_STEP {
+                break;
+            }
+        }
+        Ok(steps)
+    }
+
+    /// As it is scored, but not rounded to 8 bit.
+    fn shown(&self, output: &RenderOutput) -> Rgb32FImage {
+        let mut picture = output.srgb(self.renderer.settings().background);
+        for value in picture.iter_mut() {
+            *value = value.clamp(0.0, 1.0);
+        }
+        picture
+    }
+
+    /// Mean squared difference from the photograph.
+    fn error(&self, shown: &Rgb32FImage, covered: &[bool]) -> f64 {
+        let each = shown.pixels().zip(self.photograph.pixels()).zip(covered);
+        let each = each.filter(|(_, covered)| **covered);
+        each.map(|((a, b), _)| (0..3).map(|c| f64::from(a[c] - b[c]).powi(2)).sum::<f64>())
+            .sum()
+    }
+
+    /// The matrix of products of the slopes, and their products with the difference from the photograph.
+    fn normal_equations(
+        &self,
+        shown: &Rgb32FImage,
+        slopes: &[Rgb32FImage],
+        covered: &[bool],
+    ) -> ([Six; 6], Six) {
+        let (mut squares, mut right) = ([[0.0; 6]; 6], [0.0; 6]);
+        let pixels = covered.iter().enumerate().filter(|(_, covered)| **covered);
+        for sample in pixels.flat_map(|(pixel, _)| 3 * pixel..3 * pixel + 3) {
+            let off = f64::from(shown.as_raw()[sample] - self.photograph.as_raw()[sample]);
+            let slope: Six = std::array::from_fn(|k| f64::from(slopes[k].as_raw()[sample]));
+            for row in 0..6 {
+                right[row] += slope[row] * off;
+                for column in 0..=row {
+                    squares[row][column] += slope[row] * slope[column];
+                }
+            }
+        }
+        (squares, right)
+    }
+}
+
+/// The step that solves `(A + λ diag A) step = −b`, of which `squares` holds the lower half of A. By Cholesky.
+fn damped_step(squares: &[Six; 6], b: &Six, damping: f64) -> Six {
+    let floor = (0..6)
+        .map(|k| squares[k][k])
+        .fold(f64::MIN_POSITIVE, f64::max)
+        * 1e-12;
+    let mut l = *squares;
+    let mut step = b.map(|v| -v);
+    for row in 0..6 {
+        l[row][row] += damping * squares[row][row] + floor;
+        for column in 0..=row {
+            let known: f64 = (0..column).map(|k| l[row][k] * l[column][k]).sum();
+            let rest = l[row][column] - known;
+            l[row][column] = match row == column {
+                true => rest.max(floor).sqrt(),
+                false => rest / l[column][column],
+            };
+        }
+        let known: f64 = (0..row).map(|k| l[row][k] * step[k]).sum();
+        step[row] = (step[row] - known) / l[row][row];
+    }
+    for row in (0..6).rev() {
+        let known: f64 = (row + 1..6).map(|k| l[k][row] * step[k]).sum();
+        step[row] = (step[row] - known) / l[row][row];
+    }
+    step
+}
+
+fn motion([x, y, z, right, down, forward]: Six) -> DAffine3 {
+    let rotation = DQuat::from_scaled_axis(DVec3::new(x, y, z));
+    DAffine3::from_rotation_translation(rotation, DVec3::new(right, down, forward))
+}
+
+fn difference(a: &Rgb32FImage, b: &Rgb32FImage, factor: f64) -> Rgb32FImage {
+    let samples = a.as_raw().iter().zip(b.as_raw());
+    let samples = samples.map(|(a, b)| (a - b) * factor as f32).collect();
+    ImageBuffer::from_raw(a.width(), a.height(), samples).unwrap_or_default()
+}
+
+/// Median of the expected depths of covered pixels, metres.
+fn median_depth(output: &RenderOutput) -> Option<f64> {
+    let covered = output.depth_acc.iter().zip(&output.alpha);
+    let covered = covered.filter(|(_, alpha)| **alpha >= COVERED);
+    let mut depths: Vec<f32> = covered.map(|(depth, alpha)| depth / alpha).collect();
+    let middle = depths.len() / 2;
+    (!depths.is_empty())
+        .then(|| f64::from(*depths.select_nth_unstable_by(middle, f32::total_cmp).1))
+}
+
+fn at_width(whole: Intrinsics, width: u32) -> Intrinsics {
+    let height = f64::from(whole.height) * f64::from(width) / f64::from(whole.width);
+    let height = (height.round() as u32).max(1);
+    let x = f64::from(width) / f64::from(whole.width);
+    let y = f64::from(height) / f64::from(whole.height);
+    Intrinsics {
+        fx: whole.fx * x,
+        fy: whole.fy * y,
+        cx: whole.cx * x,
+        cy: whole.cy * y,
+        width,
+        height,
+    }
+}
+
+fn shrunk(photograph: &RgbImage, to: Intrinsics) -> Rgb32FImage {
+    let mut whole = Rgb32FImage::new(photograph.width(), photograph.height());
+    for (to, from) in whole.pixels_mut().zip(photograph.pixels()) {
+        *to = Rgb(from.0.map(|level| f32::from(level) / 255.0));
+    }
+    match photograph.dimensions() == (to.width, to.height) {
+        true => whole,
+        false => resize(&whole, to.width, to.height, FilterType::Triangle),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_damped_step_solves_its_equations() {
+        let rows: [Six; 7] = std::array::from_fn(|i| {
+            std::array::from_fn(|j| {
+                ((i * 7 + j * 3) % 11) as f64 - 4.0 + f64::from(u8::from(i == j))
+            })
+        });
+        let square = |i: usize, j: usize| rows.iter().map(|row| row[i] * row[j]).sum::<f64>();
+        let squares: [Six; 6] = std::array::from_fn(|i| std::array::from_fn(|j| square(i, j)));
+        let b = [1.0, -2.0, 3.0, 0.5, 0.0, 4.0];
+        for damping in [0.0, 0.1, 10.0] {
+            let step = damped_step(&squares, &b, damping);
+            for (i, b) in b.iter().enumerate() {
+                let own: f64 = (0..6).map(|j| squares[i][j] * step[j]).sum();
+                let off = own + damping * squares[i][i] * step[i] + b;
+                assert!(off.abs() < 1e-8, "{damping} {i}: {off}");
+            }
+        }
+    }
+}
