@@ -1,7 +1,7 @@
 //! Devices that run the network, and the operations that it runs by.
 
 use candle_core::Device;
-use sharp_kernels::{Algorithm, Simd};
+use sharp_kernels::{Algorithm, Conv2d, ConvSpec, Simd};
 
 use super::ModelError;
 
@@ -85,6 +85,12 @@ pub(super) struct Kernels {
     pub(super) convolution: Algorithm,
     /// Gradients are wanted: nothing is computed in the memory of its inputs.
     pub(super) learning: bool,
+}
+
+impl Kernels {
+    pub(super) fn conv2d(&self, spec: ConvSpec, weight: &[f32], bias: Option<&[f32]>) -> Conv2d {
+        Conv2d::new(self.simd, spec, weight, bias, false, self.convolution)
+    }
 }
 
 impl Compute {

@@ -4,10 +4,8 @@ use candle_core::Tensor;
 use candle_nn::Module;
 
 use super::ModelError;
-use super::compute::Kernels;
 use super::layers::{Conv, Deconv};
 use super::observer::{StageObserver, StageValue};
-use super::ops::sum;
 use super::params::Params;
 
 /// `y + conv3(relu(conv1(relu(y))))`: both 3×3, no normalisation.
@@ -47,7 +45,6 @@ pub(super) struct FusionBlock {
     resnet2: ResidualBlock,
     deconv: Option<Deconv>,
     out_conv: Conv,
-    kernels: Option<Kernels>,
 }
 
 impl FusionBlock {
@@ -62,7 +59,6 @@ impl FusionBlock {
             resnet2: ResidualBlock::new(&p.pp("resnet2"), dim),
             deconv: upsample.then(|| Deconv::new(&p.pp("deconv"), dim, dim, false)),
             out_conv: Conv::point(&p.pp("out_conv"), dim, dim, true),
-            kernels: p.kernels,
         }
     }
 
@@ -71,8 +67,7 @@ impl FusionBlock {
     pub(super) fn forward(&self, x: Option<Tensor>, map: &Tensor) -> candle_core::Result<Tensor> {
         let mut x = match (&self.resnet1, x) {
             (Some(resnet1), Some(x)) => {
-                let both = sum(self.kernels, &x, &resnet1.forward(map)?)?;
-                drop(x);
+                let both = (x + resnet1.forward(map)?)?;
                 self.resnet2.forward(&both)?
             }
             _ => self.resnet2.forward(map)?,

@@ -52,6 +52,7 @@ impl Conv {
                 },
                 relu_input: false,
                 relu: false,
+                packed: None,
             },
         }
     }

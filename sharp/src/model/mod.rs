@@ -11,7 +11,7 @@
 //! * [`preprocess`]: a photograph, its orientation and focal length.
 //! * [`Compute`]: where the network runs; `ops`: its operations, by candle on any device or, on the CPU, by our
 //!   kernels as candle's custom operations; [`FrozenConvolution`], [`max_pool`]: those of networks that judge pictures;
-//!   `layers`: operations with parameters.
+//!   [`pull`]: gradients; `layers`: operations with parameters.
 //! * `pyramid`, `vit`: patches at three scales through two transformers, merged to five maps.
 //! * `decoder`, `monodepth`: the maps to two layers of disparity.
 //! * `alignment`: a scale map towards known depth.
@@ -49,6 +49,6 @@ pub use config::ModelConfig;
 pub use error::ModelError;
 pub use network_spec::{NetworkIdentity, NetworkSpec};
 pub use observer::{Silent, StageObserver, StageProgress, StageValue};
-pub use ops::{FrozenConvolution, max_pool};
+pub use ops::{FrozenConvolution, max_pool, pull};
 pub use predictor::{NetworkOutput, Predictor};
 pub use sharp_kernels::Algorithm;

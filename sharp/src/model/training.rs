@@ -13,7 +13,7 @@ use super::inventory::inventory;
 use super::monodepth::MonodepthOutput;
 use super::network::SharpNetwork;
 use super::observer::Silent;
-use super::ops::{from_planes, to_planes};
+use super::ops::{from_planes, pull, to_planes};
 use super::params::{Parameter, Params, WeightSource, Weights};
 use super::predictor::{DISPARITY, Planes, check_input, metric_depth};
 use super::{Compute, ModelConfig, ModelError};
@@ -68,6 +68,7 @@ pub struct TrainingPass {
     alignment: Option<AlignmentGraph>,
     deltas_graph: Option<DeltasGraph>,
     weights: Weights,
+    compute: Compute,
 }
 
 /// Alignment of predicted depth.
@@ -197,6 +198,7 @@ impl TrainableNetwork {
             alignment,
             deltas_graph,
             weights,
+            compute: self.compute.clone(),
         })
     }
 
@@ -245,19 +247,6 @@ fn leaf(tensor: &Tensor) -> candle_core::Result<Tensor> {
     })
 }
 
-/// Gradients of Σ output · upstream for all variables that the outputs are made of.
-fn pull(outputs: &[(&Tensor, Tensor)]) -> candle_core::Result<Option<GradStore>> {
-    let mut loss: Option<Tensor> = None;
-    for (output, upstream) in outputs.iter().filter(|(output, _)| output.track_op()) {
-        let part = (*output * upstream)?.sum_all()?;
-        loss = Some(match loss {
-            Some(loss) => (loss + part)?,
-            None => part,
-        });
-    }
-    loss.map(|loss| loss.backward()).transpose()
-}
-
 impl TrainingPass {
     /// Zeros of the sizes of what the pass made.
     pub fn zero_gradient(&self) -> PassGradient {
@@ -278,19 +267,16 @@ impl TrainingPass {
         self,
         upstream: &PassGradient,
     ) -> Result<BTreeMap<String, Vec<f32>>, ModelError> {
-        let made = [
-            &self.base.inverse_depth,
-            &self.depth,
-            &self.factors,
-            &self.deltas,
-        ];
-        let given = [
-            ("inverse depth", &upstream.inverse_depth),
-            ("depth", &upstream.depth),
-            ("factors", &upstream.factors),
-            ("deltas", &upstream.deltas),
-        ];
-        for ((what, given), made) in given.into_iter().zip(made) {
+        for (what, given, made) in [
+            (
+                "inverse depth",
+                &upstream.inverse_depth,
+                &self.base.inverse_depth,
+            ),
+            ("depth", &upstream.depth, &self.depth),
+            ("factors", &upstream.factors, &self.factors),
+            ("deltas", &upstream.deltas, &self.deltas),
+        ] {
             if given.len() != made.len() {
                 return Err(ModelError::Image(format!(
                     "a gradient of {} values for {} of {what}",
@@ -319,25 +305,26 @@ impl TrainingPass {
             *sum += g;
         }
         let grid = self.base.grid;
-        let device = self.monodepth.disparity.device();
-        let image = |planes: &[f32], like: &Tensor| {
-            let (_, h, w, c) = like.dims4()?;
-            from_planes(planes, (c, h, w), device)
+        let compute = &self.compute;
+        let with_upstream = |output: Tensor, planes: &[f32]| {
+            let (_, h, w, c) = output.dims4()?;
+            let upstream = from_planes(planes, (c, h, w), &compute.device)?;
+            candle_core::Result::Ok((output, upstream))
         };
         let mut of_features = vec![0.0; LAYERS * grid.pixels()];
         let mut upstream_of_features = Vec::new();
         if let Some(graph) = self.deltas_graph {
             let (geometry, texture) = composed.deltas.split_at(DELTA_CHANNELS[0] * grid.blocks());
-            let [of_geometry, of_texture] = &graph.deltas;
+            let [of_geometry, of_texture] = graph.deltas;
             let outputs = [
-                (of_geometry, image(geometry, of_geometry)?),
-                (of_texture, image(texture, of_texture)?),
+                with_upstream(of_geometry, geometry)?,
+                with_upstream(of_texture, texture)?,
             ];
-            if let Some(found) = pull(&outputs)? {
+            if let Some(found) = pull(compute, &outputs)? {
                 if let Some(gradient) = found.get(&graph.seen) {
                     of_features = to_planes(&gradient.narrow(3, 3, LAYERS)?)?;
                 }
-                let ends = self.monodepth.features.iter().zip(&graph.features);
+                let ends = self.monodepth.features.into_iter().zip(&graph.features);
                 for (feature, end) in ends {
                     let arrived = found.get(end).map(|gradient| (feature, gradient.clone()));
                     upstream_of_features.extend(arrived);
@@ -358,19 +345,19 @@ impl TrainingPass {
         let mut predicted = depth;
         if let Some(graph) = self.alignment {
             let outputs = [
-                (&graph.depth, image(&predicted, &graph.depth)?),
-                (&graph.factors, image(&upstream.factors, &graph.factors)?),
+                with_upstream(graph.depth, &predicted)?,
+                with_upstream(graph.factors, &upstream.factors)?,
             ];
-            if let Some(found) = pull(&outputs)? {
+            if let Some(found) = pull(compute, &outputs)? {
                 collect(&found)?;
                 if let Some(of_predicted) = found.get(&graph.predicted) {
                     predicted = to_planes(of_predicted)?;
                 }
             }
         }
-        let disparity = &self.monodepth.disparity;
+        let disparity = self.monodepth.disparity;
         let inside = DISPARITY.0..=DISPARITY.1;
-        for (g, disparity) in predicted.iter_mut().zip(&to_planes(disparity)?) {
+        for (g, disparity) in predicted.iter_mut().zip(&to_planes(&disparity)?) {
             let clamped = disparity.clamp(DISPARITY.0, DISPARITY.1);
             let slope = -*g * self.disparity_factor / (clamped * clamped);
             let returns = self.zeros_return && *disparity < DISPARITY.0 && slope < 0.0;
@@ -380,8 +367,8 @@ impl TrainingPass {
                 0.0
             };
         }
-        upstream_of_features.push((disparity, image(&predicted, disparity)?));
-        if let Some(found) = pull(&upstream_of_features)? {
+        upstream_of_features.push(with_upstream(disparity, &predicted)?);
+        if let Some(found) = pull(compute, &upstream_of_features)? {
             collect(&found)?;
         }
         Ok(gradients)

@@ -8,9 +8,7 @@ use std::ops::Range;
 use rayon::prelude::*;
 
 use crate::conv::{Algorithm, Conv2d, ConvSpec};
-use crate::gemm::block::{ProductBlock, scratch_len};
-use crate::gemm::micro::MicroTile;
-use crate::gemm::{Epilogue, PackedMatrix, Tasks};
+use crate::gemm::{Epilogue, PackedMatrix, product};
 use crate::math::relu;
 use crate::rows::{RowOp, RowWindow};
 use crate::simd::Simd;
@@ -117,29 +115,14 @@ fn part_of_weight_gradient(
     });
     let m = spec.kernel * spec.kernel * c;
     let mut out = vec![0.0; m * n];
+    let copy = |row: usize, ks: Range<usize>, dst: &mut [f32]| {
+        let (tap, channel) = (row / c, row % c);
+        let shift = tap / spec.kernel * width + tap % spec.kernel;
+        dst.copy_from_slice(&planes[channel * plane + shift..][ks]);
+    };
     let shared = SharedOut::new(&mut out);
-    let tile = MicroTile::of(simd);
-    let tasks = Tasks::new(&tile, m, n);
-    let mut scratch = vec![0.0; scratch_len(&tile, tasks.rows_per_task(), k) + 16];
-    let aligned = scratch.as_ptr().align_offset(64);
-    let scratch = &mut scratch[aligned.min(16)..];
-    for (rows, panels) in (0..tasks.count()).map(|task| tasks.get(task)) {
-        let block = ProductBlock {
-            b: packed.view(),
-            rows,
-            panels,
-            epilogue: Epilogue::None,
-            out: shared,
-            out_stride: n,
-        };
-        let copy = |row: usize, ks: Range<usize>, dst: &mut [f32]| {
-            let (tap, channel) = (row / c, row % c);
-            let shift = tap / spec.kernel * width + tap % spec.kernel;
-            dst.copy_from_slice(&planes[channel * plane + shift..][ks]);
-        };
-        // SAFETY: blocks run one after the other, and nobody else has `out`.
-        unsafe { block.run(scratch, copy, |row| row * n) };
-    }
+    // SAFETY: rows follow each other.
+    unsafe { product(&packed, m, Epilogue::None, shared, copy, |row| row * n) };
     out
 }
 

@@ -6,13 +6,11 @@
 use std::ops::Range;
 
 use crate::conv::{ConvOptions, ConvSpec};
-use crate::gemm::block::{ProductBlock, scratch_len};
-use crate::gemm::micro::MicroTile;
-use crate::gemm::{Epilogue, PackedMatrix, Tasks};
+use crate::gemm::{Epilogue, PackedMatrix, product};
 use crate::math::relu;
 use crate::rows::RowWindow;
 use crate::simd::Simd;
-use crate::workspace::{SharedOut, run_tasks};
+use crate::workspace::SharedOut;
 
 #[derive(Debug, Clone)]
 pub(super) struct Direct {
@@ -55,33 +53,20 @@ impl Direct {
     ) {
         let width = self.spec.out_side(input.width());
         let n = self.spec.out_channels;
-        let tile = MicroTile::of(self.weight.simd());
-        let tasks = Tasks::new(&tile, out.len() * width, n);
-        if output.is_empty() {
-            return;
-        }
-        let epilogue = epilogue(&options);
+        let copy = |pixel: usize, ks: Range<usize>, dst: &mut [f32]| {
+            self.copy_patch(input, out.start + pixel / width, pixel % width, ks, dst);
+            if options.relu_input {
+                dst.iter_mut().for_each(|v| *v = relu(*v));
+            }
+        };
+        let (pixels, epilogue) = (out.len() * width, epilogue(&options));
         let shared = SharedOut::new(output);
-        let len = scratch_len(&tile, tasks.rows_per_task(), self.weight.k());
-        run_tasks(tasks.count(), len, |index, scratch| {
-            let (rows, panels) = tasks.get(index);
-            let block = ProductBlock {
-                b: self.weight.view(),
-                rows,
-                panels,
-                epilogue,
-                out: shared,
-                out_stride: n,
-            };
-            let copy = |pixel: usize, ks: Range<usize>, dst: &mut [f32]| {
-                self.copy_patch(input, out.start + pixel / width, pixel % width, ks, dst);
-                if options.relu_input {
-                    dst.iter_mut().for_each(|v| *v = relu(*v));
-                }
-            };
-            // SAFETY: every task has pixels or panels of channels of its own.
-            unsafe { block.run(scratch, copy, |pixel| pixel * n) };
-        });
+        // SAFETY: pixels follow each other.
+        unsafe {
+            product(&self.weight, pixels, epilogue, shared, copy, |pixel| {
+                pixel * n
+            })
+        };
     }
 
     /// Elements `ks` of the patch under output pixel (`y`, `x`): zeros beyond the image.

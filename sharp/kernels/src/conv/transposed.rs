@@ -2,12 +2,10 @@
 
 use std::ops::Range;
 
-use crate::gemm::block::{ProductBlock, scratch_len};
-use crate::gemm::micro::MicroTile;
-use crate::gemm::{Epilogue, PackedMatrix, Tasks};
+use crate::gemm::{Epilogue, PackedMatrix, product};
 use crate::rows::{RowOp, RowWindow, expect};
 use crate::simd::Simd;
-use crate::workspace::{SharedOut, run_tasks};
+use crate::workspace::SharedOut;
 
 /// `out[2y + i][2x + j][o] = bias[o] + Σ_c in[y][x][c] · w[c][o][i][j]`.
 ///
@@ -82,34 +80,16 @@ impl RowOp for TransposedConv2x2 {
             // The output rows of this parity come from these input rows.
             let first = (out.start + 1 - i) / 2;
             let rows = (out.end + 1 - i) / 2 - first;
-            let tile = MicroTile::of(weight.simd());
-            let tasks = Tasks::new(&tile, rows * width, n);
-            let len = scratch_len(&tile, tasks.rows_per_task(), c);
-            if rows * width == 0 {
-                continue;
-            }
-            run_tasks(tasks.count(), len, |index, scratch| {
-                let (pixels, panels) = tasks.get(index);
-                let block = ProductBlock {
-                    b: weight.view(),
-                    rows: pixels,
-                    panels,
-                    epilogue: Epilogue::None,
-                    out: shared,
-                    out_stride: n,
-                };
-                let copy = |pixel: usize, ks: Range<usize>, dst: &mut [f32]| {
-                    let row = input.row(first + pixel / width);
-                    dst.copy_from_slice(&row[pixel % width * c..][ks]);
-                };
-                let offset = |pixel: usize| {
-                    let y = 2 * (first + pixel / width) + i - out.start;
-                    (y * width + pixel % width) * n
-                };
-                // SAFETY: every task has pixels or panels of its own, and the two products
-                // write to different rows, one after the other.
-                unsafe { block.run(scratch, copy, offset) };
-            });
+            let copy = |pixel: usize, ks: Range<usize>, dst: &mut [f32]| {
+                let row = input.row(first + pixel / width);
+                dst.copy_from_slice(&row[pixel % width * c..][ks]);
+            };
+            let offset = |pixel: usize| {
+                let y = 2 * (first + pixel / width) + i - out.start;
+                (y * width + pixel % width) * n
+            };
+            // SAFETY: pixels are pairs of output pixels, and the two products write to different rows.
+            unsafe { product(weight, rows * width, Epilogue::None, shared, copy, offset) };
         }
     }
 }

@@ -43,7 +43,7 @@ const MOST_COLUMNS: usize = 2048;
 const FEWEST_COLUMNS: usize = 128;
 
 /// Division of a product into tasks of equal numbers of whole tiles. It affects only speed.
-pub(crate) struct Tasks {
+struct Tasks {
     rows: TaskCut,
     panels: TaskCut,
     mr: usize,
@@ -121,10 +121,27 @@ pub fn matmul(a: &[f32], b: &PackedMatrix, c: &mut [f32], m: usize, epilogue: Ep
     if let Epilogue::Residual(r) | Epilogue::ResidualRelu(r) = epilogue {
         assert_eq!(r.len(), c.len(), "the residual is {m} x {n}");
     }
+    let copy = |row: usize, ks, dst: &mut [f32]| dst.copy_from_slice(&a[row * k..][ks]);
+    // SAFETY: rows follow each other.
+    unsafe { product(b, m, epilogue, SharedOut::new(c), copy, |row| row * n) };
+}
+
+/// The product of `m` rows with packed weights, in tasks on all threads. `copy` and `offset` as in
+/// [`ProductBlock::run`].
+///
+/// # Safety
+/// The rows' places in the output do not overlap, and nobody else touches them while this runs.
+pub(crate) unsafe fn product(
+    b: &PackedMatrix,
+    m: usize,
+    epilogue: Epilogue<'_>,
+    out: SharedOut<'_>,
+    copy: impl Fn(usize, Range<usize>, &mut [f32]) + Sync,
+    offset: impl Fn(usize) -> usize + Sync,
+) {
     let tile = MicroTile::of(b.simd());
-    let tasks = Tasks::new(&tile, m, n);
-    let out = SharedOut::new(c);
-    let len = scratch_len(&tile, tasks.rows_per_task(), k);
+    let tasks = Tasks::new(&tile, m, b.n());
+    let len = scratch_len(&tile, tasks.rows_per_task(), b.k());
     run_tasks(tasks.count(), len, |index, scratch| {
         let (rows, panels) = tasks.get(index);
         let block = ProductBlock {
@@ -133,16 +150,10 @@ pub fn matmul(a: &[f32], b: &PackedMatrix, c: &mut [f32], m: usize, epilogue: Ep
             panels,
             epilogue,
             out,
-            out_stride: n,
+            out_stride: b.n(),
         };
         // SAFETY: every task has rows or panels of its own.
-        unsafe {
-            block.run(
-                scratch,
-                |row, ks, dst| dst.copy_from_slice(&a[row * k..][ks]),
-                |row| row * n,
-            );
-        }
+        unsafe { block.run(scratch, &copy, &offset) };
     });
 }
 

@@ -1,32 +1,36 @@
 //! Convolutions and their transpose.
 
 use std::borrow::Cow;
+use std::sync::Arc;
 
 use candle_core::{Result, Tensor};
 use candle_nn::Module;
+use rayon::prelude::*;
 use sharp_kernels::conv::backward::{
     ConvInput, InputGradient, bias_gradient, keep_where_positive, weight_gradient,
 };
-use sharp_kernels::{Conv2d, ConvOptions, ConvSpec, RowOp, TransposedConv2x2};
+use sharp_kernels::{Conv2d, ConvOptions, ConvSpec, RowOp, RowWindow, TransposedConv2x2};
 
 use super::custom::{Back, Operation, Pass, View, apply};
 use super::{joined, parted, rectified};
 use crate::model::compute::Kernels;
 
 /// A convolution with what is fused into it.
-#[derive(Debug, Clone, Copy)]
+#[derive(Clone)]
 pub(in crate::model) struct Convolution {
     pub(in crate::model) spec: ConvSpec,
     /// The input is rectified first.
     pub(in crate::model) relu_input: bool,
     /// The result is rectified, last.
     pub(in crate::model) relu: bool,
+    /// Weights that never change, ready for both directions.
+    pub(in crate::model) packed: Option<Arc<(Conv2d, InputGradient)>>,
 }
 
 impl Convolution {
     /// `weight` is `[out, in, kernel, kernel]`; `residual` is added to the result.
     pub(in crate::model) fn run(
-        self,
+        &self,
         kernels: Option<Kernels>,
         x: &Tensor,
         weight: &Tensor,
@@ -46,14 +50,14 @@ impl Convolution {
             let weight = weight.reshape((out_channels, channels, 1, 1))?;
             let of_pixels = Self {
                 spec: point(channels, out_channels),
-                ..self
+                ..self.clone()
             };
             let x = &blocks_as_pixels(x, kernel)?;
             return of_pixels.run(kernels, x, &weight, bias, residual);
         }
         let weights = &joined(weight, bias)?;
         let inputs: Vec<&Tensor> = [x, weights].into_iter().chain(residual).collect();
-        apply(kernels, self, &inputs)
+        apply(kernels, self.clone(), &inputs)
     }
 }
 
@@ -74,14 +78,16 @@ impl Operation for Convolution {
             true => rectified(&inputs[0])?,
             false => inputs[0].clone(),
         };
-        let mut y = match kernel {
+        let y = match kernel {
             1 => candle_nn::Linear::new(weight.flatten_from(1)?, None).forward(&x)?,
             _ => {
                 let planes = x.permute((0, 3, 1, 2))?.contiguous()?;
-                let y = planes.conv2d(&weight, padding, stride, 1, 1)?;
+                let y = planes.conv2d(&weight, padding, 1, 1, 1)?;
                 y.permute((0, 2, 3, 1))?.contiguous()?
             }
         };
+        // Candle's convolutions have no gradient of every stride.
+        let mut y = every(&y, stride)?;
         for term in bias.iter().chain(inputs.get(2)) {
             y = y.broadcast_add(term)?;
         }
@@ -89,11 +95,12 @@ impl Operation for Convolution {
     }
 
     fn by_kernels(&self, kernels: Kernels, inputs: &[View<'_>]) -> (Vec<f32>, Vec<usize>) {
-        let (weight, bias) = split(&self.spec, inputs[1]);
-        let Kernels {
-            simd, convolution, ..
-        } = kernels;
-        let conv = Conv2d::new(simd, self.spec, weight, bias, false, convolution);
+        let fresh = || {
+            let (weight, bias) = split(&self.spec, inputs[1]);
+            Cow::Owned(kernels.conv2d(self.spec, weight, bias))
+        };
+        let packed = self.packed.as_deref();
+        let conv = packed.map_or_else(fresh, |(conv, _)| Cow::Borrowed(conv));
         let (height, width, _) = inputs[0].image();
         let (rows, columns) = conv.out_size(height, width);
         let mut out = vec![0.0; rows * columns * self.spec.out_channels];
@@ -114,19 +121,31 @@ impl Operation for Convolution {
             width,
             relu: self.relu_input,
         };
-        Some(gradients(
-            kernels,
-            self.spec,
-            input,
-            pass.upstream(self.relu),
-            pass,
-        ))
+        let upstream = pass.upstream(self.relu);
+        let packed = self.packed.as_deref().map(|(_, back)| back);
+        Some(gradients(kernels, self.spec, input, upstream, pass, packed))
     }
 }
 
 fn split<'a>(spec: &ConvSpec, weights: View<'a>) -> (&'a [f32], Option<&'a [f32]>) {
     let (weight, bias) = weights.values.split_at(spec.weight_len());
     (weight, (!bias.is_empty()).then_some(bias))
+}
+
+/// Every pixel whose row and column are multiples of `step`.
+pub(super) fn every(x: &Tensor, step: usize) -> Result<Tensor> {
+    if step == 1 {
+        return Ok(x.clone());
+    }
+    let (_, height, width, channels) = x.dims4()?;
+    let [rows, columns] = [height, width].map(|side| side.div_ceil(step));
+    x.pad_with_zeros(1, 0, rows * step - height)?
+        .pad_with_zeros(2, 0, columns * step - width)?
+        .reshape((rows, step, columns, step * channels))?
+        .narrow(1, 0, 1)?
+        .narrow(3, 0, channels)?
+        .contiguous()?
+        .reshape((1, rows, columns, channels))
 }
 
 /// Gradients of a convolution's input, of its weights with biases behind them, and of what is added to its result.
@@ -136,10 +155,15 @@ pub(super) fn gradients(
     input: ConvInput<'_>,
     upstream: Cow<'_, [f32]>,
     pass: &Pass<'_>,
+    packed: Option<&InputGradient>,
 ) -> Vec<Option<Back>> {
     let (weight, bias) = split(&spec, pass.inputs[1]);
     let of_input = pass.wants(0).then(|| {
-        let back = InputGradient::new(kernels.simd, spec, weight, kernels.convolution);
+        let fresh = || {
+            let back = InputGradient::new(kernels.simd, spec, weight, kernels.convolution);
+            Cow::Owned(back)
+        };
+        let back = packed.map_or_else(fresh, Cow::Borrowed);
         let mut values = back.run(&upstream, input.height, input.width);
         if input.relu {
             keep_where_positive(&mut values, input.data);
@@ -170,35 +194,7 @@ pub(in crate::model) fn deconvolution(
 ) -> Result<Tensor> {
     let (input, output, ..) = weight.dims4()?;
     let weights = &joined(weight, bias)?;
-    match kernels {
-        Some(Kernels {
-            learning: false, ..
-        }) => apply(kernels, Deconvolution { input, output }, &[x, weights]),
-        _ => blocks_of_pixels(kernels, x, weight, bias),
-    }
-}
-
-/// The same as a product for each pixel, whose results are the pixels of its block.
-fn blocks_of_pixels(
-    kernels: Option<Kernels>,
-    x: &Tensor,
-    weight: &Tensor,
-    bias: Option<&Tensor>,
-) -> Result<Tensor> {
-    let (input, output, ..) = weight.dims4()?;
-    let weight = weight.permute((2, 3, 1, 0))?;
-    let weight = weight.reshape((4 * output, input, 1, 1))?;
-    let bias = bias.map(|bias| Tensor::cat(&[bias; 4], 0)).transpose()?;
-    let product = Convolution {
-        spec: point(input, 4 * output),
-        relu_input: false,
-        relu: false,
-    };
-    let y = product.run(kernels, x, &weight, bias.as_ref(), None)?;
-    let (_, h, w, _) = y.dims4()?;
-    y.reshape((h, w, 2, 2, output))?
-        .permute((0, 2, 1, 3, 4))?
-        .reshape((1, 2 * h, 2 * w, output))
+    apply(kernels, Deconvolution { input, output }, &[x, weights])
 }
 
 /// `[1, height, width, channels]` to `[1, height / size, width / size, size² · channels]`.
@@ -228,9 +224,17 @@ struct Deconvolution {
 impl Operation for Deconvolution {
     const NAME: &'static str = "sharp-deconvolution";
 
+    /// As a product for each pixel, whose results are the pixels of its block.
     fn by_candle(&self, inputs: &[Tensor]) -> Result<Tensor> {
-        let (weight, bias) = parted(&inputs[1], &[self.input, self.output, 2, 2])?;
-        blocks_of_pixels(None, &inputs[0], &weight, bias.as_ref())
+        let Self { input, output } = *self;
+        let (weight, bias) = parted(&inputs[1], &[input, output, 2, 2])?;
+        let weight = weight.permute((2, 3, 1, 0))?.reshape((4 * output, input))?;
+        let bias = bias.map(|bias| Tensor::cat(&[&bias; 4], 0)).transpose()?;
+        let y = candle_nn::Linear::new(weight, bias).forward(&inputs[0])?;
+        let (_, h, w, _) = y.dims4()?;
+        y.reshape((h, w, 2, 2, output))?
+            .permute((0, 2, 1, 3, 4))?
+            .reshape((1, 2 * h, 2 * w, output))
     }
 
     fn by_kernels(&self, kernels: Kernels, inputs: &[View<'_>]) -> (Vec<f32>, Vec<usize>) {
@@ -243,5 +247,46 @@ impl Operation for Deconvolution {
         let mut out = vec![0.0; rows * columns * output];
         deconv.run_rows(&inputs[0].window(), 0..rows, &mut out);
         (out, vec![1, rows, columns, output])
+    }
+
+    /// Through the convolution of blocks that this one transposes: of pixels with the values of a block as channels.
+    fn back(&self, kernels: Kernels, pass: &Pass<'_>) -> Option<Vec<Option<Back>>> {
+        let x = pass.inputs[0].values;
+        let (height, width, input) = pass.inputs[0].image();
+        let (output, channels) = (self.output, 4 * self.output);
+        let mut blocks = vec![0.0; pass.upstream.len()];
+        let rows = blocks.par_chunks_mut(width * channels);
+        let rows = rows.zip(pass.upstream.par_chunks(width * channels));
+        rows.for_each(|(pixels, upstream)| {
+            for (x, pixel) in pixels.chunks_exact_mut(channels).enumerate() {
+                for (k, v) in pixel.iter_mut().enumerate() {
+                    let (o, row, column) = (k / 4, k / 2 % 2, 2 * x + k % 2);
+                    *v = upstream[(row * 2 * width + column) * output + o];
+                }
+            }
+        });
+        let spec = point(channels, input);
+        let (weight, bias) = split(&spec, pass.inputs[1]);
+        let of_input = pass.wants(0).then(|| {
+            let conv = kernels.conv2d(spec, weight, None);
+            let mut values = vec![0.0; x.len()];
+            let window = RowWindow::whole(&blocks, height, width, channels);
+            conv.run_rows(&window, 0..height, &mut values);
+            Back::Values(values)
+        });
+        let of_weights = pass.wants(1).then(|| {
+            let blocks = ConvInput {
+                data: &blocks,
+                height,
+                width,
+                relu: false,
+            };
+            let mut values = weight_gradient(kernels.simd, spec, blocks, x);
+            if bias.is_some() {
+                values.extend(bias_gradient(pass.upstream, output));
+            }
+            Back::Values(values)
+        });
+        Some(vec![of_input, of_weights])
     }
 }

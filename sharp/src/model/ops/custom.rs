@@ -2,13 +2,14 @@
 
 use std::borrow::Cow;
 
+use candle_core::backprop::GradStore;
 use candle_core::{
     CpuStorage, CustomOp3, DType, Device, Layout, Result, Shape, Storage, Tensor, Var, bail,
 };
 use sharp_kernels::RowWindow;
 use sharp_kernels::conv::backward::keep_where_positive;
 
-use crate::model::compute::Kernels;
+use crate::model::compute::{Compute, Kernels};
 
 /// An operation on one to three tensors.
 pub(super) trait Operation: Send + Sync + 'static {
@@ -202,5 +203,42 @@ impl<O: Operation> CustomOp3 for Custom<O> {
         let mut found = found.into_iter();
         let [a, b, c] = std::array::from_fn(|_| found.next().flatten());
         Ok((a, b, c))
+    }
+}
+
+/// Gradients of Σ output · upstream for all variables that the outputs are made of, if there are any.
+///
+/// # Errors
+/// Shapes that differ, and those of the device.
+pub fn pull(compute: &Compute, outputs: &[(Tensor, Tensor)]) -> Result<Option<GradStore>> {
+    let tracked = outputs.iter().filter(|(output, _)| output.track_op());
+    let parts =
+        tracked.map(|(output, upstream)| apply(compute.kernels, Inner, &[output, upstream]));
+    let parts = parts.collect::<Result<Vec<_>>>()?;
+    if parts.is_empty() {
+        return Ok(None);
+    }
+    Tensor::stack(&parts, 0)?.sum_all()?.backward().map(Some)
+}
+
+/// The inner product with a constant.
+struct Inner;
+
+impl Operation for Inner {
+    const NAME: &'static str = "sharp-inner-product";
+
+    fn by_candle(&self, inputs: &[Tensor]) -> Result<Tensor> {
+        (&inputs[0] * &inputs[1])?.sum_all()
+    }
+
+    fn by_kernels(&self, _: Kernels, inputs: &[View<'_>]) -> (Vec<f32>, Vec<usize>) {
+        let pairs = inputs[0].values.iter().zip(inputs[1].values);
+        (vec![pairs.map(|(x, y)| x * y).sum()], Vec::new())
+    }
+
+    fn back(&self, _: Kernels, pass: &Pass<'_>) -> Option<Vec<Option<Back>>> {
+        let constant = pass.inputs[1].values.iter();
+        let values = constant.map(|v| v * pass.upstream[0]).collect();
+        Some(vec![Some(Back::Values(values))])
     }
 }

@@ -2,30 +2,21 @@
 
 use std::sync::Arc;
 
-use candle_core::{Result, Tensor, bail};
+use candle_core::{Result, Tensor};
 use sharp_kernels::conv::backward::InputGradient;
-use sharp_kernels::{Conv2d, ConvOptions, ConvSpec, MaxPool, RowOp};
+use sharp_kernels::{ConvSpec, MaxPool, RowOp};
 
-use super::convolution::Convolution;
+use super::convolution::{Convolution, every};
 use super::custom::{Back, Operation, Pass, View, apply};
-use super::rectified;
 use crate::model::compute::{Compute, Kernels};
 
 /// A convolution whose weights never change; kernels keep them packed in both directions.
 pub struct FrozenConvolution {
-    spec: ConvSpec,
+    operation: Convolution,
+    /// With biases behind them.
+    weights: Tensor,
     dilation: usize,
-    weights: Weights,
-}
-
-enum Weights {
-    Packed(Kernels, Arc<Packed>),
-    Tensors(Tensor, Tensor),
-}
-
-struct Packed {
-    run: Conv2d,
-    back: InputGradient,
+    kernels: Option<Kernels>,
 }
 
 impl FrozenConvolution {
@@ -43,6 +34,7 @@ impl FrozenConvolution {
         [weight, bias]: [&[f32]; 2],
         [stride, dilation]: [usize; 2],
     ) -> Result<Self> {
+        let Compute { device, kernels } = compute;
         let spec = ConvSpec {
             in_channels,
             out_channels,
@@ -50,27 +42,21 @@ impl FrozenConvolution {
             stride,
             padding: kernel / 2,
         };
-        let weights = match compute.kernels {
-            Some(kernels) => {
-                let (simd, algorithm) = (kernels.simd, kernels.convolution);
-                let packed = Packed {
-                    run: Conv2d::new(simd, spec, weight, Some(bias), false, algorithm),
-                    back: InputGradient::new(simd, spec, weight, algorithm),
-                };
-                Weights::Packed(kernels, Arc::new(packed))
-            }
-            None => {
-                let shape = (out_channels, in_channels, kernel, kernel);
-                Weights::Tensors(
-                    Tensor::from_slice(weight, shape, &compute.device)?,
-                    Tensor::from_slice(bias, out_channels, &compute.device)?,
-                )
-            }
-        };
+        let packed = kernels.map(|kernels| {
+            let back = InputGradient::new(kernels.simd, spec, weight, kernels.convolution);
+            Arc::new((kernels.conv2d(spec, weight, Some(bias)), back))
+        });
+        let weights = [weight, bias].concat();
         Ok(Self {
-            spec,
+            operation: Convolution {
+                spec,
+                relu_input: false,
+                relu: false,
+                packed,
+            },
+            weights: Tensor::new(weights, device)?,
             dilation,
-            weights,
+            kernels: *kernels,
         })
     }
 
@@ -115,79 +101,12 @@ impl FrozenConvolution {
     }
 
     fn dense(&self, x: &Tensor, residual: Option<&Tensor>, relu: bool) -> Result<Tensor> {
-        match &self.weights {
-            Weights::Packed(kernels, packed) => {
-                let packed = Arc::clone(packed);
-                let inputs: Vec<&Tensor> = [x].into_iter().chain(residual).collect();
-                apply(Some(*kernels), Frozen { packed, relu }, &inputs)
-            }
-            Weights::Tensors(weight, bias) => {
-                // Candle's convolutions have no gradient of every stride.
-                let convolution = Convolution {
-                    spec: ConvSpec {
-                        stride: 1,
-                        ..self.spec
-                    },
-                    relu_input: false,
-                    relu: false,
-                };
-                let y = convolution.run(None, x, weight, Some(bias), None)?;
-                let mut y = every(&y, self.spec.stride)?;
-                if let Some(residual) = residual {
-                    y = (y + residual)?;
-                }
-                if relu { rectified(&y) } else { Ok(y) }
-            }
-        }
-    }
-}
-
-/// Every pixel whose row and column are multiples of `step`.
-fn every(x: &Tensor, step: usize) -> Result<Tensor> {
-    let (_, height, width, channels) = x.dims4()?;
-    let [rows, columns] = [height, width].map(|side| side.div_ceil(step));
-    x.pad_with_zeros(1, 0, rows * step - height)?
-        .pad_with_zeros(2, 0, columns * step - width)?
-        .reshape((rows, step, columns, step * channels))?
-        .narrow(1, 0, 1)?
-        .narrow(3, 0, channels)?
-        .contiguous()?
-        .reshape((1, rows, columns, channels))
-}
-
-struct Frozen {
-    packed: Arc<Packed>,
-    relu: bool,
-}
-
-impl Operation for Frozen {
-    const NAME: &'static str = "sharp-frozen-convolution";
-
-    fn by_candle(&self, _: &[Tensor]) -> Result<Tensor> {
-        bail!("packed weights are for our kernels alone")
-    }
-
-    fn by_kernels(&self, _: Kernels, inputs: &[View<'_>]) -> (Vec<f32>, Vec<usize>) {
-        let conv = &self.packed.run;
-        let (height, width, _) = inputs[0].image();
-        let (rows, columns) = conv.out_size(height, width);
-        let channels = conv.spec().out_channels;
-        let mut out = vec![0.0; rows * columns * channels];
-        let options = ConvOptions {
-            residual: inputs.get(1).map(|residual| residual.values),
-            relu: self.relu,
-            ..ConvOptions::default()
+        let operation = Convolution {
+            relu,
+            ..self.operation.clone()
         };
-        conv.run_rows_with(&inputs[0].window(), 0..rows, &mut out, options);
-        (out, vec![1, rows, columns, channels])
-    }
-
-    fn back(&self, _: Kernels, pass: &Pass<'_>) -> Option<Vec<Option<Back>>> {
-        let (height, width, _) = pass.inputs[0].image();
-        let upstream = pass.upstream(self.relu);
-        let of_input = self.packed.back.run(&upstream, height, width);
-        let of_residual = pass.wants(1).then(|| Back::Values(upstream.into_owned()));
-        Some(vec![Some(Back::Values(of_input)), of_residual])
+        let inputs: Vec<&Tensor> = [x, &self.weights].into_iter().chain(residual).collect();
+        apply(self.kernels, operation, &inputs)
     }
 }
 

@@ -1,37 +1,6 @@
-//! Sums, sizes and layouts of images.
+//! Sizes and layouts of images.
 
 use candle_core::{Device, Result, Tensor};
-use rayon::prelude::*;
-
-use super::custom::{Back, Operation, Pass, View, apply};
-use crate::model::compute::Kernels;
-
-/// `x + y`.
-pub(in crate::model) fn sum(kernels: Option<Kernels>, x: &Tensor, y: &Tensor) -> Result<Tensor> {
-    apply(kernels, Sum, &[x, y])
-}
-
-struct Sum;
-
-impl Operation for Sum {
-    const NAME: &'static str = "sharp-sum";
-
-    fn by_candle(&self, inputs: &[Tensor]) -> Result<Tensor> {
-        &inputs[0] + &inputs[1]
-    }
-
-    fn by_kernels(&self, _: Kernels, inputs: &[View<'_>]) -> (Vec<f32>, Vec<usize>) {
-        let [x, y] = [0, 1].map(|k| inputs[k].values.par_iter());
-        (
-            x.zip(y).map(|(x, y)| x + y).collect(),
-            inputs[0].dims.to_vec(),
-        )
-    }
-
-    fn back(&self, _: Kernels, _: &Pass<'_>) -> Option<Vec<Option<Back>>> {
-        Some(vec![Some(Back::Upstream), Some(Back::Upstream)])
-    }
-}
 
 /// A square image of tokens `[images, tokens, channels]`: each pixel is the token at its place, counted through the
 /// tokens of all images.
@@ -51,10 +20,8 @@ pub(in crate::model) fn avg_pool(x: &Tensor, size: usize) -> Result<Tensor> {
 /// Every pixel four times.
 pub(in crate::model) fn double_nearest(x: &Tensor) -> Result<Tensor> {
     let (_, h, w, c) = x.dims4()?;
-    x.reshape((h, 1, w, 1, c))?
-        .broadcast_as((h, 2, w, 2, c))?
-        .contiguous()?
-        .reshape((1, 2 * h, 2 * w, c))
+    let row = Tensor::cat(&[x, x], 3)?.reshape((h, 2 * w * c))?;
+    Tensor::cat(&[&row, &row], 1)?.reshape((1, 2 * h, 2 * w, c))
 }
 
 /// An image from planes `[channels, height, width]`.

@@ -11,8 +11,9 @@ mod norm;
 mod tokens;
 
 pub(super) use convolution::{Convolution, deconvolution};
+pub use custom::pull;
 pub use frozen::{FrozenConvolution, max_pool};
-pub(super) use images::{avg_pool, double_nearest, from_planes, gather, sum, to_planes};
+pub(super) use images::{avg_pool, double_nearest, from_planes, gather, to_planes};
 pub(super) use norm::{group_norm, layer_norm};
 pub(super) use tokens::{Linear, attention};
 

@@ -135,7 +135,8 @@ impl Operation for Product {
             width: 1,
             relu: false,
         };
-        Some(gradients(kernels, spec, input, pass.upstream.into(), pass))
+        let upstream = pass.upstream.into();
+        Some(gradients(kernels, spec, input, upstream, pass, None))
     }
 }
 

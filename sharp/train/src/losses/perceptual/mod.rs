@@ -23,7 +23,7 @@ use distance::Terms;
 use layers::Layer;
 use picture::{Region, shrunk};
 use serde::{Deserialize, Serialize};
-use sharp::model::Compute;
+use sharp::model::{Compute, pull};
 use sharp_checkpoint::{CheckpointError, Incomplete};
 use sharp_metrics::{Weights, WeightsError};
 use std::path::PathBuf;
@@ -188,7 +188,7 @@ impl Perceptual {
         let picture = Var::from_tensor(&input(predicted)?)?;
         let (mut x, mut y) = (picture.as_tensor().clone(), input(target)?);
         let mut value = 0.0;
-        // What has the loss's gradient with respect to each group's end.
+        // The end of each group, and the gradient there.
         let mut pulled = Vec::new();
         for layers in &self.network.groups {
             for layer in layers {
@@ -207,10 +207,10 @@ impl Perceptual {
             let (part, gradient) = terms.compare([&ours, &theirs], channels);
             value += part;
             let gradient = Tensor::from_vec(gradient, x.shape(), self.compute.device())?;
-            pulled.push((&x * gradient)?.sum_all()?);
+            pulled.push((x.clone(), gradient));
         }
-        let found = Tensor::stack(&pulled, 0)?.sum_all()?.backward()?;
-        let gradient = match found.get(&picture) {
+        let found = pull(&self.compute, &pulled)?;
+        let gradient = match found.as_ref().and_then(|found| found.get(&picture)) {
             Some(found) => {
                 let found: Vec<f32> = found.flatten_all()?.to_vec1()?;
                 region.paste(&picture::denormalized(&found, blackened))
