@@ -78,7 +78,7 @@ pub const KINDS: [MethodKind; 8] = [
                   depth=none|privileged: scaled by the median of true over rendered depth, color_space=linear|srgb for PLYs that \
                   do not say; for files stored otherwise opacity=linear|byte, scales=linear|log-variance, \
                   quaternions=xyzw, colors=rgb01|rgb255|logit|dc-uncentered, channels=bgr, harmonics=drop, marks=ignore, space=world|normalized, \
-                  axes=rub|luf, scale=S, transform=dataparser_transforms.json, shift=X:Y, focal=F)",
+                  axes=rub|luf, scale=S, transform=dataparser_transforms.json, shift=X:Y, focal=F|X:Y)",
         build: |spec, _| Ok(Box::new(GaussianFiles::from_spec(spec)?)),
     },
     MethodKind {
