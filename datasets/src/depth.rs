@@ -93,6 +93,9 @@ impl ViewDepth {
     }
 }
 
+/// So many times as many disparities are negative as positive where the sign is another.
+const MOSTLY: u64 = 20;
+
 /// Conversion from disparity to depth: `Z = baseline · f / (d + doffs)`.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct StereoGeometry {
@@ -118,10 +121,10 @@ impl StereoGeometry {
     /// Converts a whole disparity map.
     ///
     /// A map without one disparity inside the picture, though it holds values, is refused: read
-    /// in the wrong byte order, disparities become denormal or astronomical.
+    /// in the wrong byte order, disparities become denormal or astronomical. So is one of negative disparities.
     fn depth_map(&self, path: &Path, disparity: &FloatMap) -> Result<DepthMap, DatasetError> {
         let widest = f64::from(disparity.width());
-        let (mut sane, mut strange) = (0_u64, 0_u64);
+        let (mut sane, mut strange, mut negative, mut mark) = (0_u64, 0_u64, 0_u64, None);
         let depth = disparity
             .as_raw()
             .iter()
@@ -132,10 +135,22 @@ impl StereoGeometry {
                     strange += 1;
                 } else if d.is_finite() && d > 0.0 {
                     sane += 1;
+                } else if d.is_finite() && d < 0.0 {
+                    // One value for all is a mark.
+                    negative += u64::from(d != *mark.get_or_insert(d));
                 }
                 self.depth(d)
             })
             .collect();
+        if negative > MOSTLY * sane.max(1) {
+            return Err(DatasetError::malformed(
+                path,
+                format!(
+                    "{negative} disparities are negative, and {sane} positive: store how far left a point of the left \
+                     picture lies in the right one, as a positive number (or are the pictures exchanged?)"
+                ),
+            ));
+        }
         if sane == 0 && strange > 0 {
             return Err(DatasetError::malformed(
                 path,
@@ -326,6 +341,14 @@ mod tests {
             FloatMap::from_vec(3, 1, vec![swapped(1.7), swapped(2.2), f32::INFINITY]).unwrap();
         let error = RIG.depth_map(path, &map).unwrap_err().to_string();
         assert!(error.contains("byte order"), "{error}");
+        let negated = FloatMap::from_vec(24, 1, (1..25).map(|d| -d as f32).collect()).unwrap();
+        let error = RIG.depth_map(path, &negated).unwrap_err().to_string();
+        assert!(
+            error.contains("22 disparities are negative, and 0 positive"),
+            "{error}"
+        );
+        let marked = FloatMap::from_vec(24, 1, vec![-2.0; 24]).unwrap();
+        assert!(RIG.depth_map(path, &marked).is_ok());
         let unknown = FloatMap::from_vec(3, 1, vec![f32::INFINITY, 0.0, -1.0]).unwrap();
         assert_eq!(
             RIG.depth_map(path, &unknown).unwrap().as_raw(),

@@ -4,6 +4,7 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use super::gaussians::source_check::{SOURCE_BLUR, SOURCE_DEPTH, SOURCE_PSNR, source_of};
 use super::picture_check::{CHANGED, changed_pictures, is_checked};
+use super::picture_order::{ORDER, misplaced_pictures};
 use super::record::Record;
 use crate::methods::{TrueDepth, UNUSABLE};
 
@@ -53,13 +54,14 @@ pub fn doubts(record: &Record, depth: TrueDepth) -> BTreeMap<&str, String> {
         doubts.insert(
             "scale",
             format!(
-                "its Gaussians lie {ratio:.3} times as far away as the dataset's depth ({source}): metres are needed, or \
-                 `depth=privileged` scales them"
+                "its Gaussians lie {ratio:.3} times as far away as the dataset's depth ({source}): metres are needed \
+                 (`scale=` says what one unit is); only where each source has a unit of its own, `depth=privileged` \
+                 scales each"
             ),
         );
     }
     let told = record.warnings.iter();
-    let told = told.filter(|(about, _)| ![CHANGED, RULE, TRAINED].contains(&about.as_str()));
+    let told = told.filter(|(about, _)| ![CHANGED, ORDER, RULE, TRAINED].contains(&about.as_str()));
     doubts.extend(told.map(|(about, text)| (about.as_str(), text.clone())));
     doubts
 }
@@ -141,7 +143,11 @@ pub(super) fn joint_doubts<'a>(
     kind: &str,
 ) -> Vec<String> {
     let mut found = match is_checked(kind) {
-        true => changed_pictures(records.clone()),
+        true => [
+            changed_pictures(records.clone()),
+            misplaced_pictures(records.clone()),
+        ]
+        .concat(),
         false => Vec::new(),
     };
     found.extend(trained_targets(records.clone()));

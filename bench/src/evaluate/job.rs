@@ -4,6 +4,7 @@ use std::collections::BTreeSet;
 use std::time::Duration;
 
 use super::keys::Keys;
+use super::picture_order::OtherPairs;
 use super::record::{Record, Status};
 use super::shard::Shard;
 use crate::config::{Keep, RunConfig};
@@ -81,6 +82,8 @@ pub(super) struct Job<'a> {
     pub(super) pairs: Vec<ResolvedPair<'a>>,
     /// Sources on which other readings of their Gaussians are tried.
     pub(super) checked: BTreeSet<String>,
+    /// What some pairs' pictures are compared with.
+    pub(super) others: OtherPairs<'a>,
     pub(super) methods: &'a [Box<dyn Method>],
     pub(super) scoring: &'a Scoring,
     pub(super) renderer: &'a SharedRenderer,

@@ -26,6 +26,8 @@ const LEAST_GAIN: f64 = 1.0;
 const LEAST_GAIN_OF_CHANNELS: f64 = 0.25;
 /// The same for another transfer: linear light stored as sRGB loses far more, other exposures less.
 const LEAST_GAIN_OF_TRANSFER: f64 = 3.0;
+/// The same for another range of levels, which other exposures resemble.
+const LEAST_GAIN_OF_RANGE: f64 = 1.5;
 /// Below this correlation with the photograph, red and blue are exchanged (by the difference of the two) or the picture
 /// is a negative. Poor predictions have 0.4 to 0.8; a tint does not matter.
 const OPPOSED: f64 = -0.4;
@@ -33,6 +35,14 @@ const OPPOSED: f64 = -0.4;
 const EXPLAINED: f64 = 0.2;
 /// Fewest pictures of a dataset, and the share that must agree.
 const AGREEMENT: (usize, f64) = (3, 0.8);
+
+const LINEAR: &str = "hold linear light where sRGB is read (exr=linear reads that of EXR files)";
+const TWICE: &str =
+    "are encoded as sRGB twice (exr=srgb reads EXR files that hold sRGB values as they are)";
+const HALVED: &str =
+    "have half their contrast, as 0 to 1 that was taken for −1 to 1 when it was stored";
+const CLIPPED: &str =
+    "are black below the middle, as −1 to 1 that was taken for 0 to 1 when it was stored";
 
 /// Whether this kind of method reads pictures that others stored.
 pub(super) fn is_checked(kind: &str) -> bool {
@@ -78,6 +88,24 @@ fn likely_change(photograph: &RgbImage, picture: &RgbImage) -> Option<&'static s
         let fit = nearer(&changed, LEAST_GAIN_OF_TRANSFER);
         fit.filter(|_| by_rank(&changed).is_nearer_than_exposed(&by_rank(&shown)))
     };
+    // Black says nothing of a range: it may be a hole, or cut off.
+    let lit = |of: &dyn Fn(u8) -> u8| {
+        let mut lit = shown.clone();
+        for (own, seen) in lit.iter_mut().zip(seen.iter()) {
+            *own = if *own == 0 { *seen } else { of(*own) };
+        }
+        fit(&lit)
+    };
+    let ranged = |undo: fn(f32) -> f32, is_bound: bool| {
+        // Out of 0..255 it saturates.
+        let (before, after) = (lit(&|v| v), lit(&|v| undo(f32::from(v)).round() as u8));
+        let is_right = after.explained() >= EXPLAINED
+            && after.gain_over(&before) >= LEAST_GAIN_OF_RANGE
+            && after.is_nearer_than(&before)
+            && (is_bound || after.is_as_near_as_exposed(&before));
+        is_right.then_some(after)
+    };
+    let is_upper_half = shown.iter().all(|level| *level >= 127);
     let exchanged = nearer(
         &mapped(&shown, |[r, g, b]| [b, g, r]),
         LEAST_GAIN_OF_CHANNELS,
@@ -90,11 +118,10 @@ fn likely_change(photograph: &RgbImage, picture: &RgbImage) -> Option<&'static s
     let all = [
         ("have red and blue exchanged", exchanged),
         ("are negatives", negative),
-        (
-            "hold linear light where sRGB is read",
-            encoded(srgb_from_linear),
-        ),
-        ("are encoded as sRGB twice", encoded(linear_from_srgb)),
+        (LINEAR, encoded(srgb_from_linear)),
+        (TWICE, encoded(linear_from_srgb)),
+        (HALVED, ranged(|v| 2.0 * v - 255.0, is_upper_half)),
+        (CLIPPED, ranged(|v| (v + 255.0) / 2.0, false)),
         (
             "are mirrored left to right",
             moved(&flip_horizontal(&shown)),
@@ -190,6 +217,10 @@ mod tests {
         mapped(picture, |color| color.map(level))
     }
 
+    fn levels(picture: &RgbImage, of: fn(f32) -> f32) -> RgbImage {
+        mapped(picture, |c| c.map(|v| of(f32::from(v)).round() as u8))
+    }
+
     #[test]
     fn what_was_done_to_a_picture_is_told() {
         // A prediction with some noise and parallax.
@@ -200,12 +231,10 @@ mod tests {
                 "have red and blue exchanged",
                 exchanged as fn(&RgbImage) -> RgbImage,
             ),
-            ("hold linear light where sRGB is read", |p| {
-                recolored(p, linear_from_srgb)
-            }),
-            ("are encoded as sRGB twice", |p| {
-                recolored(p, srgb_from_linear)
-            }),
+            (LINEAR, |p| recolored(p, linear_from_srgb)),
+            (TWICE, |p| recolored(p, srgb_from_linear)),
+            (HALVED, |p| levels(p, |v| (v + 255.0) / 2.0)),
+            (CLIPPED, |p| levels(p, |v| 2.0 * v - 255.0)),
             ("are negatives", inverted),
             ("are mirrored left to right", flip_horizontal),
             ("are mirrored top to bottom", flip_vertical),
@@ -232,6 +261,8 @@ mod tests {
             ("noise", picture(0.0, 4)),
             ("grey", grey(&picture(0.0, 1))),
             ("dim", dim(&picture(1.0, 1), 0.4)),
+            ("pale", levels(&picture(1.0, 1), |v| 30.0 + 0.75 * v)),
+            ("bright", levels(&picture(1.0, 1), |v| 0.8 * v + 51.0)),
             ("tinted", tinted),
             ("black", RgbImage::new(96, 96)),
             ("blurred", image::imageops::fast_blur(&picture(2.0, 0), 6.0)),

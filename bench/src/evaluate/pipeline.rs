@@ -10,6 +10,7 @@ use super::folder::RunFolder;
 use super::gaussians::gaussian_store::GaussianStore;
 use super::job::{Job, Stages, UnitCounts};
 use super::picture_check::{is_checked, note_change};
+use super::picture_order::{Thumbnails, note_order};
 use super::predict::{PairWork, Prepared, Reuse, Sources};
 use super::score::{MemoryShares, PairTruth, score_pair};
 use crate::io::observer::Observer;
@@ -44,6 +45,7 @@ pub(super) fn run(
         scope.spawn(move || prepare_all(job, folder, &sender, observer));
         let mut counts = UnitCounts::default();
         let mut doubted = BTreeSet::new();
+        let mut thumbnails = Thumbnails::default();
         for pair in pairs {
             let PreparedPair { truth, units, made } = pair?;
             counts.predicted += made.predicted;
@@ -67,6 +69,8 @@ pub(super) fn run(
                         {
                             let (record, shown) = (&mut item.unit.record, &item.picture);
                             note_change(record, photograph.image(), shown);
+                            let both = (photograph.image(), shown);
+                            note_order(record, &truth.planned, &job.others, both, &mut thumbnails);
                         }
                         let privilege = maker.map(|maker| maker.privilege()).unwrap_or_default();
                         let mut new = doubts(&item.unit.record, privilege.depth);

@@ -17,6 +17,7 @@ use super::manifest::{
     DatasetRecord, FORMAT, ListOrigin, ListRecord, Manifest, PairsRecord, ProtocolRecord,
     RendererRecord, metric_records, scoring_conventions,
 };
+use super::picture_order::OtherPairs;
 use super::plan::RunStatus;
 use super::score::missing;
 use super::shard::Shard;
@@ -295,7 +296,7 @@ impl Evaluation {
     pub(super) fn job<'a>(
         &'a self,
         pairs: Vec<ResolvedPair<'a>>,
-        checked: BTreeSet<String>,
+        (checked, others): (BTreeSet<String>, OtherPairs<'a>),
         keys: &'a Keys,
         options: RunOptions,
         shard: Shard,
@@ -303,6 +304,7 @@ impl Evaluation {
         Job {
             pairs,
             checked,
+            others,
             methods: &self.methods,
             scoring: &self.scoring,
             renderer: &self.renderer,

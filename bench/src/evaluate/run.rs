@@ -12,6 +12,7 @@ use super::gaussians::source_check::checked_sources;
 use super::job::{RunOptions, Stages, UnitCounts};
 use super::keys::Keys;
 use super::manifest::RendererRecord;
+use super::picture_order::compared_pairs;
 use super::pipeline::run as run_pipeline;
 use super::plan::{Estimate, PlanBlock, RunPlan};
 use super::prepare::Evaluation;
@@ -65,7 +66,7 @@ impl Evaluation {
         }
         let keys = Keys::new(&self.datasets, &RendererRecord::of(&self.renderer));
         self.begin(&folder, &plan, block, &keys, observer)?;
-        let checked = checked_sources(&pairs);
+        let checked = (checked_sources(&pairs), compared_pairs(&pairs));
         let job = self.job(pairs, checked, &keys, options, Shard::WHOLE);
         let counts = run_pipeline(&job, &folder, observer)?;
         if counts.left == 0 && self.common_region {
@@ -155,7 +156,7 @@ impl Evaluation {
             .into_iter()
             .collect();
         let mut pairs = self.pairs()?;
-        let checked = checked_sources(&pairs);
+        let checked = (checked_sources(&pairs), compared_pairs(&pairs));
         pairs.retain(|planned| own.contains(planned.pair.pair_id.as_str()));
         if pairs.len() < own.len() {
             let readable = self.list.resolve_readable(&self.scenes, &self.datasets)?;

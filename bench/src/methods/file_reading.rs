@@ -74,6 +74,16 @@ impl Axes {
         }
     }
 
+    /// All 48 of them.
+    pub fn every() -> impl Iterator<Item = Self> {
+        let letters = || *b"rldufb";
+        let all = letters()
+            .into_iter()
+            .flat_map(move |x| letters().map(|y| (x, y)));
+        let all = all.flat_map(move |(x, y)| letters().map(|z| [x, y, z]));
+        all.filter_map(|axes| Self::parse(str::from_utf8(&axes).unwrap_or_default()))
+    }
+
     fn name(self) -> String {
         match self {
             Self::OPENCV => "opencv".to_owned(),
@@ -93,8 +103,8 @@ pub struct Placement {
     pub transform: Option<DAffine3>,
     /// How far the source's camera sees everything moved right and down, pixels.
     pub shift: [f64; 2],
-    /// The focal length with which its points were unprojected, as a multiple of the source's.
-    pub focal: f64,
+    /// The focal lengths across and down with which its points were unprojected, as multiples of the source's.
+    pub focal: [f64; 2],
 }
 
 impl Default for Placement {
@@ -105,7 +115,7 @@ impl Default for Placement {
             scale: 1.0,
             transform: None,
             shift: [0.0; 2],
-            focal: 1.0,
+            focal: [1.0; 2],
         }
     }
 }
@@ -129,6 +139,7 @@ impl Placement {
             FileSpace::Normalized => "normalized",
         };
         let [x, y] = self.shift;
+        let [across, down] = self.focal;
         [
             space.to_owned(),
             self.axes.name(),
@@ -139,7 +150,10 @@ impl Placement {
                 |map| map.to_cols_array().map(|v| v.to_string()).join(":"),
             ),
             format!("{x}:{y}"),
-            self.focal.to_string(),
+            match across == down {
+                true => across.to_string(),
+                false => format!("{across}:{down}"),
+            },
         ]
     }
 
@@ -158,7 +172,7 @@ impl Placement {
         let [x, y] = self.shift;
         // A pixel is a direction: it moves points in proportion to their depth.
         let shifted = DMat3::from_cols(DVec3::X, DVec3::Y, DVec3::new(x / fx, y / fy, 1.0));
-        let widened = DMat3::from_diagonal(DVec3::new(self.focal, self.focal, 1.0));
+        let widened = DMat3::from_diagonal(DVec3::new(self.focal[0], self.focal[1], 1.0));
         let space_from_file = self.transform.unwrap_or(DAffine3::IDENTITY) * own;
         DAffine3::from_mat3(shifted * widened) * camera_from_space * space_from_file
     }
@@ -207,6 +221,10 @@ impl FileReading {
     pub fn set(&mut self, key: &str, value: &str) -> Result<(), String> {
         let needed = |what: &str| format!("{key}={value}: {what} is needed");
         let number = |text: &str| text.parse::<f64>().ok().filter(|v| v.is_finite());
+        let both = |value: &str| {
+            let (x, y) = value.split_once([',', ':'])?;
+            Some([number(x.trim())?, number(y.trim())?])
+        };
         let placement = &mut self.placement;
         match key {
             "space" => {
@@ -224,22 +242,21 @@ impl FileReading {
                     needed("opencv, opengl or the directions of x, y and z such as rdf or luf")
                 })?;
             }
-            "scale" | "focal" => {
+            "scale" => {
                 let factor = number(value).filter(|v| *v > 0.0);
-                let factor = factor.ok_or_else(|| needed("a positive number"))?;
-                *(if key == "scale" {
-                    &mut placement.scale
-                } else {
-                    &mut placement.focal
-                }) = factor;
+                placement.scale = factor.ok_or_else(|| needed("a positive number"))?;
+            }
+            "focal" => {
+                let factors = both(value).or(number(value).map(|factor| [factor; 2]));
+                let factors = factors.filter(|both| both.iter().all(|v| *v > 0.0));
+                placement.focal =
+                    factors.ok_or_else(|| needed("a positive number, or X:Y, across and down"))?;
             }
             "transform" => {
                 placement.transform = transform(value).map_err(|e| format!("{key}={value}: {e}"))?
             }
             "shift" => {
-                let both = value.split_once([',', ':']);
-                let both = both.and_then(|(x, y)| Some([number(x.trim())?, number(y.trim())?]));
-                placement.shift = both.ok_or_else(|| needed("X:Y in pixels"))?;
+                placement.shift = both(value).ok_or_else(|| needed("X:Y in pixels"))?;
             }
             Self::RULE_KEY => {
                 self.rule = Some(value.parse().map_err(|e| format!("{key}={value}: {e}"))?);
@@ -301,7 +318,7 @@ mod tests {
             ("scale", "0.2"),
             ("transform", "0:2:0:-2:0:0:0:0:2:1:2:3.5"),
             ("shift", "0.5,-0.5"),
-            ("focal", "1.2"),
+            ("focal", "1.2:1.1"),
             ("rendering", "inria,near=0.01"),
         ];
         for (key, value) in given {
@@ -315,6 +332,7 @@ mod tests {
         for (key, value, part) in [
             ("opacity", "log", "logit or linear"),
             ("scale", "-1", "positive"),
+            ("focal", "1:-1", "across and down"),
             ("shift", "1", "X:Y"),
             ("transform", "no.json", "no.json"),
             ("space", "moon", "target, world or normalized"),

@@ -81,6 +81,13 @@ pub(super) fn sentence(
             };
             format!("{fits}: {evidence}")
         }
+        Change::NoRayLength => {
+            let fits = match units.depth_unit {
+                Some(_) => "depth-kind=z fits",
+                None => "the stored depth is z already, not the length of rays",
+            };
+            format!("{fits}: {evidence}")
+        }
         Change::Focal(which, factor) => {
             let (what, read) = match which {
                 Focal::Both => ("a focal length", first.fx),
@@ -100,6 +107,14 @@ pub(super) fn sentence(
                 "cx and cy exchanged fit ({cy}, {cx} instead of {cx}, {cy}): {evidence}; correct the cameras' file"
             )
         }
+        Change::CentreOff(off) => {
+            let off = *off * f64::from(first.width);
+            let [x, y] = [first.cx + off.x, first.cy + off.y].map(number);
+            let (cx, cy) = (number(first.cx), number(first.cy));
+            format!(
+                "a principal point of about ({x}, {y}) instead of ({cx}, {cy}) fits: {evidence}; correct the cameras' file"
+            )
+        }
         Change::Short(by) => {
             let (by, what) = (number(by.abs()), if *by < 0.0 { "less" } else { "more" });
             format!("a depth {by} m {what} fits: {evidence}; correct the depth maps")
@@ -108,6 +123,7 @@ pub(super) fn sentence(
             format!("the pose convention looks wrong: with {name}: {evidence}")
         }
         Change::Views(sentence) => sentence.clone(),
+        Change::Cameras(how) => format!("{how}: {evidence}; correct the cameras' file"),
         Change::Bent(by) => format!(
             "lens distortion was left in, k1 about {}: {evidence}; undistort the pictures, or put the coefficients \
              into the cameras' file",

@@ -14,9 +14,13 @@ pub(super) enum Change {
     /// These focal lengths, times this, fit.
     Focal(Focal, f64),
     CentreExchanged,
+    /// Principal points lie so far right and down, in widths of the picture.
+    CentreOff(DVec2),
     /// Depth, and so many metres, fits.
     Short(f64),
     RayLength,
+    /// Depth was z already, and was taken for the length of rays.
+    NoRayLength,
     /// Depth is the reciprocal of what is stored; the poses' translations, times this, fit the reciprocals.
     Inverse(f64),
     /// The poses are of another convention, named as in [`alternatives`].
@@ -25,6 +29,8 @@ pub(super) enum Change {
     Order(String, Moves),
     /// One view or some are wrong; the sentence on them.
     Views(String),
+    /// Cameras are exchanged, in words.
+    Cameras(String),
     /// Lenses have this [`Reading::bend`].
     Bent(f64),
     /// Pictures or depth maps are turned, in words.

@@ -11,6 +11,8 @@ pub(super) enum DepthIs {
     Z,
     /// The length of the ray to the point.
     RayLength,
+    /// What was divided by the length of rays at z = 1 though it was z.
+    NoRayLength,
     /// Its reciprocal, in a unit of its own.
     Inverse,
     /// Too small by so many metres.
@@ -22,6 +24,7 @@ impl DepthIs {
         match self {
             Self::Z => read,
             Self::RayLength => read / ray.length(),
+            Self::NoRayLength => read * ray.length(),
             Self::Inverse => 1.0 / read,
             Self::Short(by) => read + by,
         }
@@ -45,8 +48,12 @@ pub(super) struct Reading {
     pub(super) focal: [DVec2; 2],
     /// Of the depths of these two.
     pub(super) depth_times: [f64; 2],
+    /// Of the poses' translations, of these two.
+    pub(super) pose_times: [f64; 2],
     /// Whether cx and cy are exchanged.
     pub(super) centre_exchanged: bool,
+    /// How far principal points lie right and down of where they were read, in widths of the picture.
+    pub(super) centre_off: DVec2,
     /// Lenses show a direction of radius r where its radius is r (1 + bend r²).
     pub(super) bend: f64,
     pub(super) depth: DepthIs,
@@ -59,7 +66,9 @@ impl Reading {
         scale: 1.0,
         focal: [DVec2::ONE; 2],
         depth_times: [1.0; 2],
+        pose_times: [1.0; 2],
         centre_exchanged: false,
+        centre_off: DVec2::ZERO,
         bend: 0.0,
         depth: DepthIs::Z,
         take: |pose| *pose,
@@ -129,6 +138,8 @@ impl Explained {
                 true => (k.cy, k.cx),
                 false => (k.cx, k.cy),
             };
+            let off = reading.centre_off * f64::from(k.width);
+            let (cx, cy) = (cx + off.x, cy + off.y);
             let (fx, fy) = (k.fx * focal.x, k.fy * focal.y);
             Intrinsics {
                 fx,
@@ -141,7 +152,16 @@ impl Explained {
         let [focal_a, focal_b] = reading.focal;
         let (camera_a, camera_b) = (camera(&a.camera, focal_a), camera(&b.camera, focal_b));
         let [times_a, times_b] = reading.depth_times;
-        let mut b_from_a = (reading.take)(pose_b).after(&(reading.take)(pose_a).inverse());
+        let pose = |pose: &RigidTransform, times: f64| {
+            let mut taken = (reading.take)(pose);
+            taken.translation *= times;
+            taken
+        };
+        let [pose_a, pose_b] = [
+            pose(pose_a, reading.pose_times[0]),
+            pose(pose_b, reading.pose_times[1]),
+        ];
+        let mut b_from_a = pose_b.after(&pose_a.inverse());
         b_from_a.translation *= reading.scale;
         let mut explained = Self::default();
         for sample in samples.iter().step_by(stride) {

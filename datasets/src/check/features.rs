@@ -41,6 +41,9 @@ const MOST_TRIED: usize = 48;
 const LEAST_ELSEWHERE: f64 = 0.75;
 const MOST_AS_READ: f64 = 0.5;
 
+/// Focal lengths that differ by less are the same.
+const SAME: f64 = 0.02;
+
 /// Features that match between neighbouring views.
 pub(super) struct Matches<'a> {
     views: &'a [View],
@@ -115,7 +118,17 @@ impl<'a> Matches<'a> {
         });
         let elsewhere = starts.iter().filter_map(|i| self.elsewhere(*i, &as_read));
         let elsewhere = elsewhere.map(|(text, explained)| (order(text), explained));
-        let better = conventions.chain(orders).chain(elsewhere);
+        let cameras = self.exchanged_cameras().into_iter();
+        let cameras = cameras.map(|(text, cameras)| {
+            let other = Self {
+                cameras,
+                matches: self.matches.clone(),
+                ..*self
+            };
+            let explained = other.explained(CONVENTIONS[0].take, &Some);
+            (Change::Cameras(text), explained)
+        });
+        let better = cameras.chain(conventions).chain(orders).chain(elsewhere);
         let better =
             better.filter_map(|(change, other)| Some((change, compared(&as_read, &other)?)));
         // The first of equals: the simplest.
@@ -128,6 +141,34 @@ impl<'a> Matches<'a> {
             1.0,
             self.views,
         ))
+    }
+
+    /// Cameras where views of two kinds have exchanged focal lengths, in words.
+    fn exchanged_cameras(&self) -> Option<(String, BTreeMap<usize, Intrinsics>)> {
+        let focal = |view: &View| DVec2::new(view.intrinsics.fx, view.intrinsics.fy);
+        let is_same = |a: DVec2, b: DVec2| (a / b - 1.0).abs().max_element() < SAME;
+        let one = self.views.first()?;
+        let two = self
+            .views
+            .iter()
+            .find(|view| !is_same(focal(view), focal(one)))?;
+        let kinds = [one, two].map(focal);
+        let is_known = |view: &View| kinds.iter().any(|kind| is_same(focal(view), *kind));
+        let exchanged = self.cameras.iter().map(|(i, k)| {
+            let own = focal(&self.views[*i]);
+            let by = kinds[usize::from(is_same(own, kinds[0]))] / own;
+            let (fx, fy) = (k.fx * by.x, k.fy * by.y);
+            (*i, Intrinsics { fx, fy, ..*k })
+        });
+        let text = format!(
+            "the focal lengths of {} ({} pixels) and of {} ({}), and of views like them, exchanged fit",
+            one.id,
+            advice::number(kinds[0].x),
+            two.id,
+            advice::number(kinds[1].x)
+        );
+        let has_two = self.views.iter().all(is_known);
+        has_two.then(|| (text, exchanged.collect()))
     }
 
     /// The evidence that the two pictures of a pair are exchanged, in words, if it is significant.

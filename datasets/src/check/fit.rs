@@ -1,6 +1,8 @@
 //! Fits other readings of a scene's poses, cameras and depth, and names one that explains pictures and depth significantly
 //! better than the reader's.
 
+use glam::DVec2;
+
 use super::advice::{self, Units};
 use super::change::{Better, Change, Focal};
 use super::compare::{
@@ -10,9 +12,15 @@ use super::compare::{
 use super::convention::alternatives;
 use super::explained::{DepthIs, Explained, Reading};
 use super::neighbours::Neighbours;
-use super::plausible;
+use super::plausible::{self, ONE_ROTATION, have_one_rotation};
 use super::search::{is_worth_a_word, least};
 use super::small_view::{FLIPS, Part, SmallView, WIDEST};
+
+/// Principal points are sought so many steps either way, each of a tenth of this logarithm in widths of the picture.
+const CENTRES: i32 = 10;
+const CENTRE_STEP: f64 = 1.12;
+/// A principal point that is off by less, in widths, is not reported.
+const LEAST_OFF: f64 = 0.004;
 
 /// Samples of a view in a quick search for a factor.
 const FINE_SAMPLES: usize = 800;
@@ -70,11 +78,20 @@ impl Neighbours<'_> {
             ..Reading::AS_READ
         };
         fitted(&centre_exchanged, Change::CentreExchanged);
+        let off = self.centre_off();
+        if off != DVec2::ZERO {
+            let reading = Reading {
+                centre_off: off,
+                ..Reading::AS_READ
+            };
+            fitted(&reading, Change::CentreOff(off));
+        }
         let with_depth = |depth: DepthIs| Reading {
             depth,
             ..Reading::AS_READ
         };
         fitted(&with_depth(DepthIs::RayLength), Change::RayLength);
+        fitted(&with_depth(DepthIs::NoRayLength), Change::NoRayLength);
         let median_m = self.median_depth();
         let short = |factor: f64| (factor - 1.0) * median_m;
         let factor = self.fit(20, 1.035, &|factor| {
@@ -132,6 +149,10 @@ impl Neighbours<'_> {
         if let Some(values) = values.or_else(|| self.constant()) {
             return Some(values);
         }
+        let unexplained = |text: String| match have_one_rotation(self.views) {
+            true => ONE_ROTATION.to_owned(),
+            false => text,
+        };
         match self.better() {
             Some(better) => {
                 let evidence = advice::evidence(&better.as_read, &better.explained);
@@ -139,14 +160,15 @@ impl Neighbours<'_> {
                     true => {
                         advice::sentence(&better.change, &evidence, units, median_m, self.views)
                     }
-                    false => format!(
+                    false => unexplained(format!(
                         "poses, cameras, pictures and depth do not fit together, and no single change that was \
                          tried explains it: with the best one {evidence}"
-                    ),
+                    )),
                 })
             }
             None => {
-                plausible::depth(median_m, units).or_else(|| self.consistency()?.disagreement())
+                let disagreement = || Some(unexplained(self.consistency()?.disagreement()?));
+                plausible::depth(median_m, units).or_else(disagreement)
             }
         }
     }
@@ -172,6 +194,25 @@ impl Neighbours<'_> {
             let explained = self.with(&mut |_, view| Some(view.flipped(flip, part)));
             (Change::Flipped(part, how), explained)
         })
+    }
+
+    /// How far principal points have to move to fit best, in widths of the picture; zero for hardly.
+    fn centre_off(&self) -> DVec2 {
+        let step = |factor: f64| 0.1 * factor.ln();
+        let with = |centre_off: DVec2| Reading {
+            centre_off,
+            ..Reading::AS_READ
+        };
+        let mut off = DVec2::ZERO;
+        for axis in [DVec2::X, DVec2::Y] {
+            let start = off;
+            let moved = |factor: f64| start + step(factor) * axis;
+            off = moved(self.fit(CENTRES, CENTRE_STEP, &|factor| with(moved(factor))));
+        }
+        match off.length() < LEAST_OFF {
+            true => DVec2::ZERO,
+            false => off,
+        }
     }
 
     /// The factor with the least loss.

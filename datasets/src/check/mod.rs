@@ -214,6 +214,15 @@ fn look(scene: &Scene, units: Units, effort: Effort) -> Look {
             matches.contradiction()
         }
     });
+    if let Some(share) = neighbours.as_ref().and_then(Neighbours::excluded) {
+        for text in &mut contradictions {
+            *text += &format!(
+                "; or else masks are the other way round, which exclude {:.0} % of the pixels (masks=keep-black keeps what \
+                 is black, masks=keep-white what is white)",
+                100.0 * share
+            );
+        }
+    }
     if !effort.thorough {
         contradictions.extend(neighbours.as_ref().and_then(Neighbours::blank));
     }

@@ -152,6 +152,15 @@ impl<'a> Neighbours<'a> {
         other.explained(&Reading::AS_READ, self.stride)
     }
 
+    /// The share of pixels that masks exclude, if it is most of them.
+    pub(super) fn excluded(&self) -> Option<f64> {
+        let is_masked = |i: &usize| self.views[*i].content.processing().masked;
+        let masked = self.small.iter().filter(|(i, _)| is_masked(i));
+        let shares: Vec<f64> = masked.map(|(_, (view, _))| view.excluded()).collect();
+        let share = shares.iter().sum::<f64>() / shares.len() as f64;
+        (share > 0.5).then_some(share)
+    }
+
     /// Pictures of one colour among those that were read.
     pub(super) fn blank(&self) -> Option<String> {
         let around = self.around.iter();

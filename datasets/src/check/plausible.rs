@@ -88,6 +88,17 @@ pub(super) fn cameras(views: &[View]) -> Vec<String> {
     .collect()
 }
 
+/// What is wrong where all views of a scene look in one direction and do not fit together.
+pub(super) const ONE_ROTATION: &str = "every view has the same rotation, and with it poses and pictures do not fit together; were the \
+                                       rotations lost?";
+
+/// Whether all of at least three views look in one direction.
+pub(super) fn have_one_rotation(views: &[View]) -> bool {
+    let rotation = |view: &View| view.camera_from_world.rotation;
+    let is_first = |view: &View| rotation(view).abs_diff_eq(rotation(&views[0]), 1e-6);
+    views.len() >= 3 && views.iter().all(is_first)
+}
+
 /// A median depth at which no scene lies.
 pub(super) fn depth(median_m: f64, units: Units) -> Option<String> {
     let plausible = DEPTHS_M.0..=DEPTHS_M.1;

@@ -121,6 +121,12 @@ impl SmallView {
         }
     }
 
+    /// The share of pixels that a mask excludes.
+    pub(super) fn excluded(&self) -> f64 {
+        let excluded = self.colours.iter().filter(|colour| colour.is_none());
+        excluded.count() as f64 / self.colours.len() as f64
+    }
+
     /// Whether all pixels that are not excluded have one colour.
     pub(super) fn is_of_one_colour(&self) -> bool {
         let mut colours = self.colours.iter().flatten();

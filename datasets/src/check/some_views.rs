@@ -1,4 +1,4 @@
-//! Views whose focal length or depth differs from the others' by one factor.
+//! Views whose focal length, depth or unit of poses differs from the others' by one factor.
 
 use super::advice::{evidence, number};
 use super::change::{Change, Focal};
@@ -7,16 +7,24 @@ use super::explained::{Explained, Reading};
 use super::neighbours::Neighbours;
 use super::search::{is_worth_a_word, least};
 
-/// What differs by a factor, and the reading with factors of the view that is carried and of the other.
-type Quantity = (&'static str, fn([f64; 2]) -> Reading);
+/// What differs by a factor, the steps of that either way, and the reading with factors of the view that is carried and
+/// of the other.
+type Quantity = (&'static str, (i32, f64), fn([f64; 2]) -> Reading);
 
-const QUANTITIES: [Quantity; 2] = [
-    ("focal length", |factors| Reading {
+const DEPTH: &str = "depth";
+const TRANSLATION: &str = "translation";
+
+const QUANTITIES: [Quantity; 3] = [
+    ("focal length", (10, 1.08), |factors| Reading {
         focal: factors.map(|factor| Focal::Both.times(factor)),
         ..Reading::AS_READ
     }),
-    ("depth", |factors| Reading {
+    (DEPTH, (10, 1.08), |factors| Reading {
         depth_times: factors,
+        ..Reading::AS_READ
+    }),
+    (TRANSLATION, (30, 1.2589), |factors| Reading {
+        pose_times: factors,
         ..Reading::AS_READ
     }),
 ];
@@ -33,14 +41,14 @@ impl Neighbours<'_> {
         let rough = self.stride_of(SAMPLES);
         let as_read = [rough, self.stride].map(|at| self.explained(&Reading::AS_READ, at));
         let least_landed = 3 * landed(&as_read[0]) / 10;
-        let found = QUANTITIES.iter().filter_map(|(what, with)| {
+        let found = QUANTITIES.iter().filter_map(|(what, (steps, step), with)| {
             let chosen = |factor: f64, as_read: &[Explained], stride: usize| {
                 let factors = [[factor, 1.0], [1.0, factor], [factor, factor]];
                 let [first, second, both] =
                     factors.map(|factors| self.explained(&with(factors), stride));
                 self.best_choice([as_read, &first, &second, &both])
             };
-            let factor = least(10, 1.08, &|factor, _| {
+            let factor = least(*steps, *step, &|factor, _| {
                 let (_, explained) = chosen(factor, &as_read[0], rough);
                 match landed(&explained) < least_landed {
                     true => 1.0,
@@ -54,7 +62,15 @@ impl Neighbours<'_> {
                 let its = if ids.len() == 1 { "its" } else { "their" };
                 let said = evidence(&forward(&as_read[1]), &forward(&explained));
                 let (ids, times) = (ids.join(", "), number(factor));
-                let sentence = format!("{ids}: {its} {what} times {times} fits: {said}");
+                // Where no carry leaves these views, another unit of depth is one of poses.
+                let has = |view: &usize| views.contains(view);
+                let or = match self.carries.iter().all(|(a, b)| has(a) == has(b)) {
+                    true if *what == DEPTH => {
+                        format!(" (or {its} {TRANSLATION} times {})", number(1.0 / factor))
+                    }
+                    _ => String::new(),
+                };
+                let sentence = format!("{ids}: {its} {what} times {times} fits{or}: {said}");
                 (Change::Views(sentence), explained)
             })
         });

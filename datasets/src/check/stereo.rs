@@ -16,6 +16,12 @@ use crate::View;
 const BASELINES_M: (f64, f64) = (1e-3, 10.0);
 /// Bands of a picture that are evidence of their own, each in [`TILES`].
 const BANDS: u32 = 4;
+/// Radius of what is fine in a picture, reduced pixels; its least spread in both pictures, levels; and the fewest places.
+const FINE: f64 = 3.0;
+const LEAST_SPREAD: f64 = 3.0;
+const FEWEST: usize = 500;
+/// Pictures of one scene correlate at least so much in what is fine, wherever disparities are right.
+const LEAST_RELATED: f64 = 0.1;
 /// Distances of the rows that are tried either way, pixels of the reduced size; less than one of the photograph is none.
 const ROWS: [f64; 7] = [0.25, 0.5, 1.0, 2.0, 3.0, 4.0, 6.0];
 
@@ -74,7 +80,8 @@ fn by_disparity(left: &View, right: &View) -> Option<String> {
     let flipped: Vec<(&str, Pair)> = flipped.collect();
     let full = left.intrinsics.fx / a.camera.fx;
     let pair = pair_of(a)?;
-    pair.better(&flipped, baseline_m, full).or_else(|| {
+    let better = pair.better(&flipped, baseline_m, full);
+    better.or_else(|| pair.unrelated()).or_else(|| {
         let plausible = (DEPTHS_M.0..=DEPTHS_M.1).contains(&median_m);
         (!plausible).then(|| {
             format!(
@@ -172,6 +179,42 @@ impl Pair {
             band.squares += squares;
         }
         bands
+    }
+
+    /// A contradiction where nothing that is fine in the left picture lies where its disparity leads in the right one.
+    fn unrelated(&self) -> Option<String> {
+        let grey = |view: &SmallView, place: DVec2| {
+            let colour = view
+                .colour_at(place)
+                .filter(|_| view.camera.contains(place))?;
+            Some(f64::from(colour.iter().sum::<f32>()) / 3.0)
+        };
+        let fine = |view: &SmallView, place: DVec2| {
+            let around = [DVec2::X, DVec2::Y, DVec2::NEG_X, DVec2::NEG_Y];
+            let around = around.map(|to| grey(view, place + FINE * to));
+            let sum = around.into_iter().sum::<Option<f64>>()?;
+            Some(grey(view, place)? - sum / 4.0)
+        };
+        let (mut n, mut of_left, mut of_right, mut of_both) = (0, 0.0, 0.0, 0.0);
+        for sample in &self.samples {
+            let place = sample.middle();
+            let there = place - DVec2::new(sample.depth, 0.0);
+            if let (Some(a), Some(b)) = (fine(&self.left, place), fine(&self.right, there)) {
+                n += 1;
+                of_left += a * a;
+                of_right += b * b;
+                of_both += a * b;
+            }
+        }
+        let least = f64::from(n as u32) * LEAST_SPREAD * LEAST_SPREAD;
+        let is_enough = n >= FEWEST && of_left > least && of_right > least;
+        let related = of_both / (of_left * of_right).sqrt();
+        (is_enough && related < LEAST_RELATED).then(|| {
+            format!(
+                "the pictures do not seem to be of one scene: where disparities lead, what is fine in them correlates by \
+                 {related:.2} (in pairs of one scene by more than 0.3); is the right picture that of another pair?"
+            )
+        })
     }
 
     /// What explains the pictures significantly better than the pair as it was read. `flipped` are pairs with turned

@@ -81,7 +81,8 @@ pub(super) fn archived_size(bytes: &[u8]) -> Result<(u32, u32), FormatError> {
 
 /// The first `most` bytes of an archive's array; all of them are as many as the archive says.
 fn unpacked(bytes: &[u8], most: u64) -> Result<Vec<u8>, FormatError> {
-    let refused = |error: ZipError| invalid!("not a readable ZIP archive: {error}");
+    let refused =
+        |_: ZipError| FormatError::from("not a readable ZIP archive: truncated, or damaged?");
     let mut archive = ZipArchive::new(Cursor::new(bytes)).map_err(refused)?;
     let names = archive.file_names().filter_map(Result::ok);
     let names = names.filter(|name| name.ends_with(".npy"));
@@ -108,7 +109,7 @@ fn unpacked(bytes: &[u8], most: u64) -> Result<Vec<u8>, FormatError> {
     let mut array = Vec::new();
     // The checksum is compared at the end.
     let read = member.take(most.min(size + 1)).read_to_end(&mut array);
-    read.map_err(|error| damaged(&error))?;
+    read.map_err(|_| damaged(&"it cannot be unpacked; truncated?"))?;
     if most > size && array.len() as u64 != size {
         return Err(damaged(&format_args!("it should have {size} bytes")));
     }

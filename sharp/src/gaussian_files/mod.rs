@@ -80,6 +80,7 @@ pub fn from_bytes(
     let given = reading.into();
     let name = name.to_ascii_lowercase();
     match bytes {
+        [] => Err(PlyReason::Empty),
         [b'N', b'G', b'S', b'P', ..] | [0x1f, 0x8b, ..] => spz::decode(bytes)?.scene(&given),
         [b'P', b'K', ..] if !name.ends_with(".npz") => sog::from_archive(bytes)?.scene(&given),
         _ if name.ends_with(".splat") && !bytes.starts_with(b"ply") => {
@@ -111,6 +112,15 @@ pub fn foreign_format(bytes: &[u8], name: &str) -> Option<String> {
     Some(format!("{format}, which is not read; {CONVERT}"))
 }
 
+/// Why a packed stream cannot be read, in words that do not depend on who unpacks it.
+fn unfolding(error: &std::io::Error) -> String {
+    let why = match error.kind() {
+        std::io::ErrorKind::UnexpectedEof => "it ends early: truncated?",
+        _ => "its bytes are damaged",
+    };
+    format!("it cannot be unpacked ({why})")
+}
+
 /// Reads as many bytes as are expected, of a stream that `packed` bytes of the file hold.
 fn unfold(stream: impl Read, expected: usize, packed: usize) -> Result<Vec<u8>, String> {
     if expected / MOST_EXPANSION > packed {
@@ -122,7 +132,7 @@ fn unfold(stream: impl Read, expected: usize, packed: usize) -> Result<Vec<u8>, 
     stream
         .take(expected as u64)
         .read_to_end(&mut bytes)
-        .map_err(|error| format!("it cannot be unpacked ({error}); truncated?"))?;
+        .map_err(|error| unfolding(&error))?;
     match bytes.len() == expected {
         true => Ok(bytes),
         false => Err(format!(

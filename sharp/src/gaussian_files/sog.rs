@@ -32,17 +32,20 @@ pub(super) fn from_folder(folder: &Path) -> Result<Decoded, PlyReason> {
 /// Reads a zip archive.
 pub(super) fn from_archive(bytes: &[u8]) -> Result<Decoded, PlyReason> {
     let mut archive = zip::ZipArchive::new(Cursor::new(bytes))
-        .map_err(|error| damaged(format!("its archive cannot be read ({error}); truncated?")))?;
+        .map_err(|_| damaged("its zip archive has no list of files at its end: truncated?"))?;
     if archive.index_for_name("meta.json").is_none() {
         let what = "a zip archive without meta.json, which is no SOG; unpack it (unzip)";
         return Err(PlyReason::Foreign(what.to_owned()));
     }
     let limit = bytes.len().saturating_mul(MOST_EXPANSION) as u64;
     read(|name| {
-        let file = archive.by_name(name).map_err(|error| error.to_string())?;
+        let file = archive.by_name(name).map_err(|error| match error {
+            zip::result::ZipError::FileNotFound => "it is not in the archive",
+            _ => "its bytes in the archive are damaged",
+        })?;
         let mut content = Vec::new();
         let read = file.take(limit).read_to_end(&mut content);
-        read.map_err(|error| error.to_string())?;
+        read.map_err(|error| super::unfolding(&error))?;
         Ok(content)
     })
 }
@@ -50,8 +53,12 @@ pub(super) fn from_archive(bytes: &[u8]) -> Result<Decoded, PlyReason> {
 fn read(mut file: impl FnMut(&str) -> Result<Vec<u8>, String>) -> Result<Decoded, PlyReason> {
     let mut file = |name: &str| file(name).map_err(|error| damaged(format!("{name}: {error}")));
     let meta = file("meta.json")?;
-    let meta: Value =
-        serde_json::from_slice(&meta).map_err(|error| damaged(format!("meta.json: {error}")))?;
+    let meta: Value = serde_json::from_slice(&meta).map_err(|error| {
+        let (line, column) = (error.line(), error.column());
+        damaged(format!(
+            "meta.json: no valid JSON from line {line}, column {column} on"
+        ))
+    })?;
     let names = ["means", "scales", "quats", "sh0", "shN"];
     let mut files = BTreeMap::new();
     for attribute in names.into_iter().filter(|name| meta.get(name).is_some()) {
@@ -206,7 +213,8 @@ impl Sog {
         let name = name.ok_or_else(|| missing(attribute))?;
         let bytes = self.files.get(name).map(Vec::as_slice).unwrap_or_default();
         let picture = |error: String| damaged(format!("{name}: {error}"));
-        let decoder = WebPDecoder::new(Cursor::new(bytes)).map_err(|e| picture(e.to_string()))?;
+        let broken = |_| picture("no whole WebP picture: truncated or damaged?".to_owned());
+        let decoder = WebPDecoder::new(Cursor::new(bytes)).map_err(broken)?;
         let (width, height) = decoder.dimensions();
         let area = (width as usize).saturating_mul(height as usize);
         // One colour throughout takes hardly any bytes: all files together bound each.
@@ -220,7 +228,7 @@ impl Sog {
             let what = format!("{width}×{height} pixels for {count} Gaussians");
             return Err(picture(what));
         }
-        let image = DynamicImage::from_decoder(decoder).map_err(|e| picture(e.to_string()))?;
+        let image = DynamicImage::from_decoder(decoder).map_err(broken)?;
         Ok(Pixels {
             width: width as usize,
             pixels: image.into_rgba8().as_chunks::<4>().0.to_vec(),

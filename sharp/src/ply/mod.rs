@@ -159,6 +159,8 @@ pub enum PlyReason {
     /// It is of another format that is known.
     #[error("not a file of Gaussians but {0}")]
     Foreign(String),
+    #[error("it is empty: nothing was written, or its download failed")]
+    Empty,
     /// It is of no format that is known.
     #[error("of no known format of Gaussians (PLY, SPZ, SOG, .splat)")]
     Unknown,

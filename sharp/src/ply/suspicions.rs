@@ -67,6 +67,8 @@ pub fn suspicions(stored: &Gaussians, given: &StoredForm, format: &StoredForm) -
         && format.scales == Some(StoredScales::Log)
         && scales.least >= 0.0
         && scales.median.exp() > 0.05 * extent
+        // Of a scene in millimetres logarithms are that large.
+        && (scales.median < 1.0 || scales.median.exp() > extent)
     {
         found.push(Suspicion::new(
             "scales=linear",

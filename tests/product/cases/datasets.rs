@@ -410,3 +410,15 @@ fn pairs_of_a_view_that_cannot_be_read_are_counted() {
     };
     all.is_said_everywhere("r", "only 872 follow the header");
 }
+
+/// Where most pixels are excluded, what else is found may come of that.
+#[test]
+fn masks_that_exclude_most_pixels_are_named_with_what_else_is_found() {
+    let case = untried("A06-mask-inverted");
+    let said = case.run("sharp-bench datasets check nerfstudio=ns,masks=apply,depth-unit=1");
+    ends(
+        &said,
+        4,
+        "masks are the other way round, which exclude 90 % of the pixels",
+    );
+}

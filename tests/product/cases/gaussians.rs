@@ -581,3 +581,60 @@ fn wrong_files_among_right_ones_are_named_by_run_and_merge() {
     let scores = |run: &str| std::fs::read(all.path(run).join("scores.csv")).unwrap();
     assert!(scores("p") == scores("wrong"));
 }
+
+/// A world whose first camera lies in its origin, in millimetres, feet and a unit of its own: only where the unit is.
+#[test]
+fn units_are_mended_by_scale_and_broken_files_named_in_plain_words() {
+    for (name, settings) in [("00-good", ""), ("A14-world", ",space=world")] {
+        for (unit, mends) in [(1000.0_f32, "scale=0.001"), (5.0, "scale=0.2")] {
+            let case = untried(name);
+            let path = case.path("g/synthetic/seed0/view_00.ply");
+            let mut bytes = std::fs::read(&path).unwrap();
+            let end = b"end_header\n";
+            let start = bytes
+                .windows(end.len())
+                .position(|part| part == end)
+                .unwrap();
+            let rows = bytes[start + end.len()..].as_chunks_mut::<56>().0;
+            for row in rows {
+                for (at, value) in row.as_chunks_mut::<4>().0.iter_mut().enumerate() {
+                    let stored = f32::from_le_bytes(*value);
+                    let scaled = match at {
+                        0..3 => stored * unit,
+                        7..10 => stored + unit.ln(),
+                        _ => stored,
+                    };
+                    *value = scaled.to_le_bytes();
+                }
+            }
+            std::fs::write(&path, bytes).unwrap();
+            let method = format!("gaussians:dir=g,color_space=srgb{settings}");
+            let said = vec![run_method(&case, &method, "r")];
+            ends(&said[0], 0);
+            let wrong = ["scales=linear", "log-variance"];
+            assert!(
+                !wrong.iter().any(|part| said[0].err.contains(part)),
+                "{}",
+                said[0].err
+            );
+            let case = Case { said, ..case };
+            case.is_said_everywhere("r", &format!("`{mends}` fits"));
+            close(with(&case, &format!("{mends}{settings}")), 19.0306);
+        }
+    }
+    let case = empty();
+    for (name, bytes, part) in [
+        ("a.splat", &b""[..], "it is empty"),
+        (
+            "a.spz",
+            b"\x1f\x8b\x08\0\0\0\0\0\0\0",
+            "it ends early: truncated?",
+        ),
+        ("a.sog", b"PK\x03\x04", "truncated?"),
+    ] {
+        std::fs::write(case.path(name), bytes).unwrap();
+        let said = case.run(&format!("sharp-bench gaussians info {name}"));
+        ends(&said, 1);
+        assert!(said.err.contains(part), "{name}: {}", said.err);
+    }
+}

@@ -441,3 +441,89 @@ fn pictures_that_are_stored_otherwise_are_told_by_the_photographs_and_poor_ones_
     all.is_said_everywhere("r-bgr", "look as if they have red and blue exchanged: ");
     all.is_said_everywhere("r-mirrored", "look as if they are mirrored left to right: ");
 }
+
+/// Pictures under the names of other pairs, of other ranges, and poor ones that are neither.
+#[test]
+fn pictures_of_other_pairs_and_ranges_are_told_and_poor_ones_are_not() {
+    let case = empty();
+    let data = "synthetic=size=160x120,views=8";
+    let run = |method: &str, out: &str| {
+        case.run(&format!(
+            "sharp-bench run -q --dataset {data} --method {method} --metrics psnr --out {out}"
+        ))
+        .ends_with(0)
+    };
+    run(
+        "sharp:label=m,checkpoint=mini --method copy:label=c --method depth-splat:label=d --method target:label=t",
+        "made",
+    );
+    let mut rows = csv::Reader::from_path(case.path("made/scores.csv")).unwrap();
+    let ids = rows.records().map(|row| row.unwrap()[0].to_owned());
+    let ids: std::collections::BTreeSet<String> = ids.collect();
+    let ids: Vec<String> = ids.into_iter().collect();
+    let n = ids.len();
+    // The picture of pair `from(k)`, changed, under the name of pair k.
+    let stored = |to: &str, of: &str, from: &dyn Fn(usize) -> usize, level: &dyn Fn(f64) -> f64| {
+        for (k, id) in ids.iter().enumerate() {
+            let made = format!("made/predictions/{of}/{}.png", ids[from(k) % n]);
+            let mut picture = image::open(case.path(&made)).unwrap().to_rgb8();
+            for (at, v) in picture.iter_mut().enumerate() {
+                let noise = (at * 7919 % 17) as f64 - 8.0;
+                *v = level((f64::from(*v) + noise).clamp(0.0, 255.0)).round() as u8;
+            }
+            let to = case.path(&format!("{to}/{id}.png"));
+            std::fs::create_dir_all(to.parent().unwrap_or(Path::new("."))).unwrap();
+            picture.save(to).unwrap();
+        }
+        run(&format!("imported:dir={to}"), &format!("r-{to}"))
+    };
+    let (own, same) = (|k: usize| k, |v: f64| v);
+    for of in ["m", "c", "d"] {
+        for (name, level) in [
+            ("as-made", &same as &dyn Fn(f64) -> f64),
+            ("dim", &|v| 0.7 * v),
+            ("pale", &|v| 0.8 * v + 30.0),
+        ] {
+            let said = stored(&format!("{of}-{name}"), of, &own, level);
+            assert!(
+                !said.err.contains("look as if"),
+                "{of} {name}: {}",
+                said.err
+            );
+        }
+    }
+    let told = [
+        (
+            "before",
+            stored("before", "t", &|k| k + n - 1, &same),
+            "the target of the pair before theirs",
+        ),
+        (
+            "after",
+            stored("after", "t", &|k| k + 1, &same),
+            "the target of the pair after theirs",
+        ),
+        (
+            "shuffled",
+            stored("shuffled", "t", &|k| 17 * k + 5, &same),
+            "the target of another pair",
+        ),
+        (
+            "halved",
+            stored("halved", "t", &own, &|v| (v + 255.0) / 2.0),
+            "have half their contrast",
+        ),
+        (
+            "clipped",
+            stored("clipped", "t", &own, &|v| 2.0 * v - 255.0),
+            "are black below the middle",
+        ),
+    ];
+    let (names, parts): (Vec<_>, Vec<_>) =
+        told.iter().map(|(name, _, part)| (*name, *part)).unzip();
+    let said = told.into_iter().map(|(_, said, _)| said).collect();
+    let all = Case { said, ..case };
+    for (name, part) in names.iter().zip(parts) {
+        all.is_said_everywhere(&format!("r-{name}"), part);
+    }
+}

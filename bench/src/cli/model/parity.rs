@@ -180,7 +180,7 @@ fn of_port(args: &ParityArgs, path: &Path) -> anyhow::Result<Outcome> {
             "both rendered into the photograph's camera: {psnr:.2} dB PSNR apart"
         ))?;
     }
-    let beyond = as_read.iter().filter(|f| !(f.p99 <= tolerance));
+    let beyond = as_read.iter().filter(|f| f.p99.is_nan() || f.p99 > tolerance);
     let beyond: Vec<String> = beyond
         .map(|f| format!("{} {:.3} {}", f.field, f.p99, f.unit))
         .collect();

@@ -17,6 +17,8 @@ const MARGIN: f64 = 0.5;
 const SIGNIFICANCE: f64 = 3.0;
 /// The same with free brightness and contrast, where the gain only has to agree.
 const SIGNIFICANCE_FREE: f64 = 2.0;
+/// An error that is larger by this factor is hardly larger.
+const HARDLY: f64 = 1.1;
 /// Least share of the photograph's variance that a picture must explain.
 const EXPLAINED: f64 = 0.5;
 /// Mean squared error below which pictures count as equal, levels²: rounding against truncation to 8 bit.
@@ -256,6 +258,11 @@ impl Likeness {
             MARGIN / 2.0,
             SIGNIFICANCE,
         )
+    }
+
+    /// Whether its squared error is hardly above that of `other` at the best brightness and contrast.
+    pub(in crate::evaluate) fn is_as_near_as_exposed(&self, other: &Self) -> bool {
+        self.error() <= HARDLY * Errors::of(other.total).residual
     }
 
     /// Whether the first error of this picture is smaller than the second of `other` by `margin` dB and `significance`

@@ -31,12 +31,14 @@ pub(in crate::evaluate) fn shift(photograph: &RgbImage, picture: &RgbImage) -> [
     })
 }
 
-/// The factor by which `picture` must be enlarged about `center` (pixels) to match; `None` if it is about 1.
+/// The factors across and down by which `picture` must be enlarged about `center` (pixels) to match, of those that are a
+/// power of `along`; `None` if they are about 1.
 pub(in crate::evaluate) fn zoom(
     photograph: &RgbImage,
     picture: &RgbImage,
     center: [f64; 2],
-) -> Option<f64> {
+    along: [i32; 2],
+) -> Option<[f64; 2]> {
     let (width, height) = photograph.dimensions();
     let shrink = f64::from(width.min(WIDTH)) / f64::from(width);
     let small = (
@@ -46,8 +48,9 @@ pub(in crate::evaluate) fn zoom(
     let [seen, shown] = [photograph, picture].map(|all| thumbnail(all, small.0, small.1));
     let [cx, cy] = center.map(|c| c * shrink - 0.5);
     let error = |zoom: f64| {
+        let [across, down] = along.map(|power| zoom.powi(power));
         error(&seen, &shown, |x, y| {
-            ((x - cx) / zoom + cx, (y - cy) / zoom + cy)
+            ((x - cx) / across + cx, (y - cy) / down + cy)
         })
     };
     let about = |center: f64, steps: i32, step: f64| {
@@ -55,7 +58,8 @@ pub(in crate::evaluate) fn zoom(
         least(all, error)
     };
     let best = about(about(1.0, ZOOMS, 0.02), 10, 0.002);
-    ((best - 1.0).abs() > 0.01 && error(best) < error(1.0)).then_some(best)
+    let is_zoom = (best - 1.0).abs() > 0.01 && error(best) < error(1.0);
+    is_zoom.then(|| along.map(|power| best.powi(power)))
 }
 
 fn least<T: Copy + Default>(all: impl Iterator<Item = T>, error: impl Fn(T) -> f64) -> T {
@@ -119,14 +123,22 @@ mod tests {
 
     #[test]
     fn zooms_are_found_and_one_is_none() {
-        let found = |by: f64| zoom(&waves([0.0; 2], by), &waves([0.0; 2], 1.0), [60.0, 45.0]);
+        let found = |by: f64| {
+            zoom(
+                &waves([0.0; 2], by),
+                &waves([0.0; 2], 1.0),
+                [60.0, 45.0],
+                [1, 1],
+            )
+            .map(|[across, _]| across)
+        };
         for by in [1.2, 0.9, 1.5] {
             assert!((found(by).unwrap() - by).abs() < 0.005, "{:?}", found(by));
         }
         assert_eq!(found(1.0), None);
         let dot = RgbImage::new(1, 1);
         assert_eq!(
-            (zoom(&dot, &dot, [0.5; 2]), shift(&dot, &dot)),
+            (zoom(&dot, &dot, [0.5; 2], [0, 1]), shift(&dot, &dot)),
             (None, [0.0; 2])
         );
     }

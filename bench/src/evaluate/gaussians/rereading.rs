@@ -33,8 +33,10 @@ const BEYOND_CHANCE: f64 = 2.0;
 const RECOLORED: f64 = 6.0;
 /// So many settings may be wrong at once.
 const ROUNDS: usize = 3;
-/// Axes to try: OpenGL's (a turn about x), turns about y and z, Unity's, and z up.
-const AXES: [&str; 6] = ["rdf", "rub", "ldb", "luf", "ruf", "rfu"];
+/// Axes to try: OpenGL's (a turn about x), turns about y and z, mirrored ones such as Unity's, and z up.
+const AXES: [&str; 7] = ["rdf", "rub", "ldb", "luf", "ldf", "ruf", "rfu"];
+/// Units to try of a world, metres: powers of ten, feet and inches.
+const UNITS_M: [f64; 8] = [0.001, 0.01, 0.1, 10.0, 100.0, 1000.0, 0.3048, 0.0254];
 
 /// The part of a source's photograph that readings are compared on.
 #[derive(Clone, Copy)]
@@ -102,15 +104,16 @@ impl Trial<'_> {
 
     /// The reading that explains the photograph best, if it is significantly better than `as_read`, in this part alone
     /// or together with `neighbours`, other views of the scene. No reading may explain the neighbours worse, and they
-    /// decide among several: wrongly turned Gaussians may cover their own source better than right ones. `aside`
-    /// (pixels) and `zoom` are the shift and the factor that align the rendering.
+    /// decide among several: wrongly turned Gaussians may cover their own source better than right ones. `moves` are what
+    /// aligns the rendering; `is_lost` if it shows nothing, so that all axes are tried.
     pub(in crate::evaluate) fn best_reading(
         &self,
         gaussians: &Gaussians,
         reading: &FileReading,
         as_read: &Likeness,
         neighbours: &[Trial<'_>],
-        (aside, zoom): ([f64; 2], Option<f64>),
+        moves: &Moves,
+        is_lost: bool,
     ) -> Result<Option<(FileReading, Likeness)>, RenderError> {
         let mut best = (*reading, as_read.clone());
         for _ in 0..ROUNDS {
@@ -130,7 +133,7 @@ impl Trial<'_> {
                 }
                 Ok::<(), RenderError>(())
             };
-            for placement in placements(before.placement, aside, zoom) {
+            for placement in placements(before.placement, moves, is_lost) {
                 consider(
                     FileReading {
                         placement,
@@ -221,17 +224,32 @@ impl Trial<'_> {
     }
 }
 
-/// Other placements: each space with each axes, shifted by `aside` pixels, and with another focal length.
-fn placements(current: Placement, aside: [f64; 2], zoom: Option<f64>) -> Vec<Placement> {
+/// The shift, pixels, and the factors across and down that align a rendering with its photograph.
+pub(in crate::evaluate) struct Moves {
+    pub(in crate::evaluate) aside: [f64; 2],
+    pub(in crate::evaluate) zooms: Vec<[f64; 2]>,
+}
+
+/// Other placements: each space with each axes, a world in each unit, shifted, and with other focal lengths.
+fn placements(current: Placement, moves: &Moves, is_lost: bool) -> Vec<Placement> {
     let mut all = Vec::new();
+    let axes: Vec<Axes> = match is_lost {
+        true => Axes::every().collect(),
+        false => AXES.into_iter().filter_map(Axes::parse).collect(),
+    };
     for space in [FileSpace::Camera, FileSpace::World] {
-        let axes = AXES.into_iter().filter_map(Axes::parse);
-        all.extend(axes.map(|axes| Placement {
+        all.extend(axes.iter().map(|axes| Placement {
             space,
-            axes,
+            axes: *axes,
             ..current
         }));
     }
+    // About a camera, a scale changes nothing that it sees.
+    let units = UNITS_M.iter().filter(|_| current.space == FileSpace::World);
+    all.extend(units.map(|unit| Placement {
+        scale: current.scale * unit,
+        ..current
+    }));
     all.push(Placement {
         space: FileSpace::Normalized,
         axes: Axes::OPENCV,
@@ -239,11 +257,11 @@ fn placements(current: Placement, aside: [f64; 2], zoom: Option<f64>) -> Vec<Pla
     });
     let rounded = |value: f64| (value * 1000.0).round() / 1000.0;
     all.push(Placement {
-        shift: [0, 1].map(|axis| rounded(current.shift[axis] + aside[axis])),
+        shift: [0, 1].map(|axis| rounded(current.shift[axis] + moves.aside[axis])),
         ..current
     });
-    all.extend(zoom.map(|zoom| Placement {
-        focal: rounded(current.focal * zoom),
+    all.extend(moves.zooms.iter().map(|zoom| Placement {
+        focal: [0, 1].map(|axis| rounded(current.focal[axis] * zoom[axis])),
         ..current
     }));
     all.retain(|placement| *placement != current);

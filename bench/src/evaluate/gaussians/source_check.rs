@@ -19,7 +19,7 @@ use sharp_metrics::{Picture, psnr};
 use super::likeness::{Likeness, blur, window};
 use super::registration::{shift, zoom};
 use super::render::{placed, surface_depth};
-use super::rereading::{Seen, Trial};
+use super::rereading::{Moves, Seen, Trial};
 use crate::methods::GaussianPrediction;
 use crate::methods::file_reading::{FileReading, FileSpace};
 use crate::pairs::PosedCamera;
@@ -214,10 +214,15 @@ fn add_doubts(
         .map(|whole| crop_imm(whole, region.x, region.y, region.width, region.height).to_image());
     let as_read = Likeness::of(photograph, region, &shown);
     let center = [camera.intrinsics.cx, camera.intrinsics.cy];
-    let moved = (
-        shift(&part, &shown),
-        zoom(photograph, &seen.picture, center),
-    );
+    let zoom = |along| zoom(photograph, &seen.picture, center, along);
+    let moves = Moves {
+        aside: shift(&part, &shown),
+        zooms: [[1, 1], [0, 1], [1, 0]]
+            .into_iter()
+            .filter_map(zoom)
+            .collect(),
+    };
+    let is_lost = shows_nothing(photograph, &seen.over_mean);
     let of_part = match (region.width, region.height) == photograph.dimensions() {
         true => String::new(),
         false => format!("{}x{} pixels of ", region.width, region.height),
@@ -240,7 +245,7 @@ fn add_doubts(
     let compared = trial.fit(gaussians, own)?;
     let compared = compared.as_ref().unwrap_or(&as_read);
     let better = match as_read.psnr() < RIGHT_DB {
-        true => trial.best_reading(gaussians, reading, compared, &elsewhere, moved)?,
+        true => trial.best_reading(gaussians, reading, compared, &elsewhere, &moves, is_lost)?,
         false => None,
     };
     let other = other_view(prediction, reading, &elsewhere, compared)?;
@@ -267,7 +272,7 @@ fn add_doubts(
             );
             warnings.insert("view".to_owned(), text);
         }
-        _ if shows_nothing(photograph, &seen.over_mean) => {
+        _ if is_lost => {
             let text = format!(
                 "{shown}, hardly anything of it, and no reading that was tried shows it better"
             );
@@ -276,7 +281,7 @@ fn add_doubts(
         _ => {}
     }
     if better.is_none()
-        && reading.placement.space != FileSpace::World
+        && (reading.placement.space != FileSpace::World || as_read.explains())
         && let Some(truth) = source.depth
         && let Some(text) = depth_doubt(truth, &seen.depth, reading.placement.scale, id)
     {
@@ -371,8 +376,8 @@ fn depth_doubt(truth: &DepthMap, seen: &DepthMap, scale: f64, id: &str) -> Optio
     let is_unit = middle.abs() > LEAST_FACTOR.ln().max(FACTOR_SIGNIFICANCE * 1.4826 * spread);
     is_unit.then(|| {
         format!(
-            "its Gaussians lie {:.3} times as far away as the dataset's depth ({id}): `scale={}` fits, or \
-             `depth=privileged` scales each source",
+            "its Gaussians lie {:.3} times as far away as the dataset's depth ({id}): `scale={}` fits; only where each \
+             source has a unit of its own, `depth=privileged` scales each",
             (-middle).exp(),
             rounded(scale * middle.exp())
         )
@@ -463,6 +468,18 @@ mod tests {
         doubt_about_read(gaussians, FileReading::of_arrays())
     }
 
+    /// As [`doubt_about_read`], of Gaussians of the world.
+    fn doubt_about_world(gaussians: Gaussians, reading: FileReading) -> Option<String> {
+        let map = reading.placement.camera_from_file(&source());
+        doubt_in(
+            GaussianSpace::Camera(map),
+            &photograph(),
+            gaussians,
+            reading,
+            None,
+        )
+    }
+
     fn doubt_about_read(gaussians: Gaussians, reading: FileReading) -> Option<String> {
         doubt_beside(&photograph(), gaussians, reading, None)
     }
@@ -474,12 +491,28 @@ mod tests {
         reading: FileReading,
         suggested: Option<&str>,
     ) -> Option<String> {
+        doubt_in(
+            GaussianSpace::CAMERA,
+            photograph,
+            gaussians,
+            reading,
+            suggested,
+        )
+    }
+
+    fn doubt_in(
+        space: GaussianSpace,
+        photograph: &RgbImage,
+        gaussians: Gaussians,
+        reading: FileReading,
+        suggested: Option<&str>,
+    ) -> Option<String> {
         let (source, renderer) = (source(), SharedRenderer::cpu());
         let prediction = GaussianPrediction {
             rule: reading.rule,
             rule_note: None,
             gaussians,
-            space: GaussianSpace::CAMERA,
+            space,
             first_layer: None,
             extras: BTreeMap::new(),
             reading: Some(reading),
@@ -620,6 +653,26 @@ mod tests {
         let narrow = DAffine3::from_scale(DVec3::new(0.8, 0.8, 1.0));
         let said = doubt_about(mapped(&round, narrow)).unwrap_or_default();
         assert!(said.contains("with `focal=1.2"), "{said}");
+        let low = DAffine3::from_scale(DVec3::new(1.0, 0.8, 1.0));
+        let said = doubt_about(mapped(&round, low)).unwrap_or_default();
+        assert!(said.contains("with `focal=1:1.2"), "{said}");
+    }
+
+    /// Of no program that is known: x forward, y right, z down.
+    #[test]
+    fn unusual_axes_and_units_of_a_world_are_named() {
+        let round = mapped(&wall(), DAffine3::IDENTITY);
+        let turned = DMat3::from_cols(DVec3::Y, DVec3::Z, DVec3::X);
+        let said = doubt_about(mapped(&round, DAffine3::from_mat3(turned))).unwrap_or_default();
+        assert!(said.contains("with `axes=frd`: "), "{said}");
+        let world_from_camera = source().camera_from_world.inverse().to_affine();
+        let millimetres = DAffine3::from_scale(DVec3::splat(1000.0)) * world_from_camera;
+        let mut world = mapped(&round, millimetres);
+        world.scales.fill([30.0; 3]);
+        let mut reading = FileReading::of_arrays();
+        reading.placement.space = FileSpace::World;
+        let said = doubt_about_world(world, reading).unwrap_or_default();
+        assert!(said.contains("with `scale=0.001`: "), "{said}");
     }
 
     #[test]

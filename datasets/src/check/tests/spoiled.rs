@@ -583,6 +583,155 @@ fn some_wrong_views_are_named() {
     ]);
 }
 
+#[test]
+fn units_that_change_within_a_scene_are_named() {
+    let right = views(0, (64, 48));
+    type UnitOf = fn(usize) -> f64;
+    let cases: [(UnitOf, &str); 3] = [
+        (
+            |i| if i < 4 { 1.0 } else { 0.1 },
+            "their translation times 10 fits",
+        ),
+        // Pairs within one half alone are looked at.
+        (
+            |i| if i < 4 { 1.0 } else { 2.0 },
+            "their depth times 2 fits (or their translation times 0.5)",
+        ),
+        (
+            |i| if i % 2 == 0 { 0.5 } else { 1.0 },
+            "view_02, view_04, view_06: their translation times 2 fits",
+        ),
+    ];
+    for (by, cause) in cases {
+        let mut wrong = right.clone();
+        for (i, view) in wrong.iter_mut().enumerate() {
+            view.camera_from_world.translation *= by(i);
+        }
+        let said = found(&wrong);
+        assert!(said.len() == 1 && said[0].contains(cause), "{said:?}");
+    }
+}
+
+/// The map holds lengths of rays where z is read, and z where lengths of rays are.
+#[test]
+fn lengths_of_rays_are_named_either_way() {
+    fn times(views: &mut [View], power: i32) {
+        for view in views {
+            let k = view.intrinsics;
+            let length = |x: u32, y: u32| {
+                let place = DVec2::new(f64::from(x), f64::from(y)) + 0.5;
+                k.unproject(place, 1.0).length().powi(power) as f32
+            };
+            change(std::slice::from_mut(view), |c| {
+                let pixels = c
+                    .depth
+                    .iter_mut()
+                    .flat_map(|depth| depth.enumerate_pixels_mut());
+                pixels.for_each(|(x, y, z)| z.0[0] *= length(x, y));
+            });
+        }
+    }
+    named(&[
+        (
+            |v| times(v, 1),
+            "the stored depth is the length of rays, not z",
+        ),
+        (|v| times(v, -1), "the stored depth is z already"),
+    ]);
+}
+
+#[test]
+fn lost_rotations_are_named() {
+    named(&[(
+        |v| {
+            v.iter_mut()
+                .for_each(|v| v.camera_from_world.rotation = DMat3::IDENTITY)
+        },
+        "were the rotations lost?",
+    )]);
+}
+
+/// Points and poses of two models, whose units differ.
+#[test]
+fn points_in_another_unit_are_told_to_be_of_another_model() {
+    let spec = crate::DatasetSpec::parse("colmap=c,depth=points").unwrap();
+    let mut wrong = views(0, SIZE);
+    change(&mut wrong, |c| c.each(|z| 5.0 * z));
+    let said = look(&scene(wrong), Units::of(&spec), THOROUGH).contradictions;
+    let fits = "a unit of the poses that is 5 times that of the points fits: ";
+    let mends = "; take points and poses from one model, since no setting scales one alone";
+    assert!(
+        said.len() == 1 && said[0].starts_with(fits) && said[0].ends_with(mends),
+        "{said:?}"
+    );
+}
+
+#[test]
+fn two_views_are_enough_for_inverse_depth_and_a_principal_point() {
+    for seed in 0..2 {
+        let right = views(seed, (320, 240))[3..5].to_vec();
+        assert_eq!(found(&right), [""; 0], "{seed}");
+        let mut inverse = right.clone();
+        change(&mut inverse, |c| c.each(|z| 5000.0 / z));
+        let said = found(&inverse);
+        assert!(
+            said.len() == 1 && said[0].contains("the reciprocal of depth"),
+            "{said:?}"
+        );
+        let mut aside = right;
+        aside.iter_mut().for_each(|v| v.intrinsics.cx += 16.0);
+        let said = found(&aside);
+        let is_right = |said: &String| said.starts_with("a principal point of about (16");
+        // Where views move sideways alone, it hardly shows.
+        assert!(
+            said.iter().all(is_right) && said.len() >= usize::from(seed == 0),
+            "{said:?}"
+        );
+    }
+}
+
+/// Two cameras of one scene, without depth.
+#[test]
+fn exchanged_focal_lengths_are_named_without_depth() {
+    let options = SyntheticOptions {
+        width: 256,
+        height: 192,
+        views: 9,
+        samples: 1,
+        ..SyntheticOptions::default()
+    };
+    let world = SyntheticScene::new(options).unwrap();
+    let focal = |i: usize| world.views()[0].intrinsics.fx * [1.0, 1.1][i % 2];
+    let views = world.views().iter().enumerate();
+    let mut views: Vec<View> = views
+        .map(|(i, view)| {
+            let both = (focal(i), focal(i));
+            let lens = Lens::new(both, (128.0, 96.0), (256, 192), Distortion::None);
+            world.view_through(&view.id, lens.unwrap(), view.camera_from_world)
+        })
+        .collect();
+    change(&mut views, |content| content.depth = None);
+    assert_eq!(found(&views), [""; 0]);
+    for (i, view) in views.iter_mut().enumerate() {
+        (view.intrinsics.fx, view.intrinsics.fy) = (focal(i + 1), focal(i + 1));
+    }
+    let said = found(&views);
+    let cause = "the focal lengths of view_00 (253.4 pixels) and of view_01 (230.4), and of views like them, exchanged fit";
+    assert!(said.len() == 1 && said[0].starts_with(cause), "{said:?}");
+}
+
+#[test]
+fn right_pictures_of_other_pairs_are_told() {
+    for seed in 0..3 {
+        let (own, other) = (pair(seed), pair(seed + 1));
+        let (said, _) = of_pair(vec![own[0].clone(), other[1].clone()]);
+        assert!(
+            said.contains("do not seem to be of one scene"),
+            "{seed}: {said}"
+        );
+    }
+}
+
 fn zoom(view: &mut View, by: f64) {
     view.intrinsics.fx *= by;
     view.intrinsics.fy *= by;

@@ -9,7 +9,7 @@ use flate2::read::GzDecoder;
 use half::f16;
 use ruzstd::decoding::StreamingDecoder;
 
-use super::unfold;
+use super::{unfold, unfolding};
 use crate::gaussians::Harmonics;
 use crate::ply::{
     Decoded, FileMarks, PlyReason, StoredColors, StoredForm, StoredOpacity, StoredScales,
@@ -188,7 +188,7 @@ fn gzip_blocks(bytes: &[u8]) -> Result<(Header, [Vec<u8>; 6]), PlyReason> {
         };
         return Err(PlyReason::Foreign(what.to_owned()));
     }
-    begun.map_err(|error| damaged(format!("its gzip stream cannot be unpacked ({error})")))?;
+    begun.map_err(|error| damaged(unfolding(&error)))?;
     let header = Header::parse(&start)?;
     if header.version == 4 {
         return Err(damaged("version 4 within gzip"));
@@ -248,7 +248,7 @@ fn zstd_blocks(bytes: &[u8]) -> Result<(Header, [Vec<u8>; 6]), PlyReason> {
         rest = after;
         if expected > 0 {
             let zstd = StreamingDecoder::new(stream)
-                .map_err(|error| damaged(format!("a Zstandard stream: {error}")))?;
+                .map_err(|_| damaged("a stream of it is no Zstandard: its bytes are damaged"))?;
             *block = unfold(zstd, expected, packed).map_err(damaged)?;
         }
     }
