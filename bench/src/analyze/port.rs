@@ -24,6 +24,8 @@ const SAME_PLACE: f64 = 2.0;
 const MUCH_LESS: f64 = 10.0;
 /// A median difference below this one is not explained, per cent.
 const NEGLIGIBLE: f64 = 0.1;
+/// A smaller shift of all Gaussians is no cause, pixels.
+const LEAST_SHIFT: f64 = 0.05;
 /// Side of a cell in which neighbours are sought, pixels.
 const CELL: f64 = 4.0;
 /// Of a relative distance in depth, the pixels that weigh as much: 1 % is one pixel.
@@ -44,8 +46,12 @@ pub struct FieldDifference {
 pub struct PortComparison {
     /// How Gaussians were matched: their order in the port's file.
     pub order: &'static str,
-    /// Gaussians of the port without one of the reference nearby.
+    /// Gaussians of the port without one of the reference.
     pub unmatched: usize,
+    /// Gaussians of the reference without one of the port.
+    pub missing: usize,
+    /// Gaussians of the port with a value that is not finite.
+    pub not_finite: usize,
     pub as_read: Vec<FieldDifference>,
     /// Settings of a file's reading that explain much of the differences.
     pub settings: Vec<(&'static str, String)>,
@@ -70,17 +76,20 @@ const COLOUR: usize = 4;
 type Order = (&'static str, fn(usize, usize, usize) -> usize);
 const ORDERS: [Order; 6] = [
     ("the same order", |i, _, _| i),
-    ("its two layers exchanged", |i, n, _| (i + n / 2) % n),
-    ("both layers of a pixel side by side", |i, n, _| {
-        i % 2 * (n / 2) + i / 2
+    ("an order with its two layers exchanged", |i, n, _| {
+        (i + n / 2) % n
     }),
-    ("columns before rows", |i, _, side| {
+    (
+        "an order with both layers of a pixel side by side",
+        |i, n, _| i % 2 * (n / 2) + i / 2,
+    ),
+    ("an order with columns before rows", |i, _, side| {
         in_layer(i, side, |row, column| (column, row))
     }),
-    ("rows from the bottom", |i, _, side| {
+    ("an order with rows from the bottom", |i, _, side| {
         in_layer(i, side, |row, column| (side - 1 - row, column))
     }),
-    ("columns from the right", |i, _, side| {
+    ("an order with columns from the right", |i, _, side| {
         in_layer(i, side, |row, column| (row, side - 1 - column))
     }),
 ];
@@ -117,6 +126,7 @@ pub fn compare(
     if let Some(scale) = pair.scale(&placement, &matches) {
         placement.scale *= scale;
     }
+    placement.shift = pair.shift(&placement, &matches);
     let mut better = FileReading {
         placement,
         ..as_read
@@ -142,9 +152,15 @@ pub fn compare(
         true => Vec::new(),
         false => pair.differences(&better, &matches),
     };
+    let mut is_found = vec![false; reference.len()];
+    for [_, other] in &matches {
+        is_found[*other as usize] = true;
+    }
     PortComparison {
         order,
         unmatched: port.len() - matches.len(),
+        missing: is_found.iter().filter(|found| !**found).count(),
+        not_finite: (0..port.len()).filter(|k| !port.is_finite(*k)).count(),
         as_read: pair.differences(&as_read, &matches),
         settings,
         with_settings,
@@ -173,10 +189,13 @@ impl Pair<'_> {
                 ..Placement::default()
             }])
         };
+        let in_order: Vec<[u32; 2]> = (0..n as u32).map(|k| [k, k]).collect();
+        let is_in_order = n == self.reference.len() && self.is_same_order(&in_order);
         let side = (n / 2).isqrt();
         let is_grid = 2 * side * side == n;
         let orders = ORDERS.iter().enumerate();
-        let orders = orders.filter(|(k, _)| n == self.reference.len() && (*k == 0 || is_grid));
+        let orders = orders
+            .filter(|(k, _)| n == self.reference.len() && (*k == 0 || is_grid && !is_in_order));
         let mut best: Option<(f64, Placement, usize)> = None;
         for (k, (_, place)) in orders {
             let pairs: Vec<[u32; 2]> = (0..n)
@@ -191,7 +210,7 @@ impl Pair<'_> {
             }
         }
         if let Some((distance, placement, k)) = best
-            && distance < SAME_PLACE
+            && (distance < SAME_PLACE || is_in_order)
         {
             let (name, place) = ORDERS[k];
             let pairs = (0..n).map(|i| [i as u32, place(i, n, side) as u32]);
@@ -203,18 +222,28 @@ impl Pair<'_> {
             median((0..gaussians.len() as u32).map(|k| map.transform_point3(mean(gaussians, k)).z))
         };
         let true_depth = depth(self.reference, DAffine3::IDENTITY);
-        let found = placements().map(|mut placement| {
+        // In the same unit, and in that of the median depth.
+        let scaled = placements().map(|placement| {
             let ratio = true_depth / depth(self.port, placement.camera_from_file(&self.camera));
-            // Of a few Gaussians less the median hardly moves.
-            if ratio.is_finite() && ratio > 0.0 && !(0.9..=1.1).contains(&ratio) {
-                placement.scale = ratio;
+            let scale = Some(ratio).filter(|ratio| ratio.is_finite() && *ratio > 0.0);
+            Placement {
+                scale: scale.unwrap_or(1.0),
+                ..placement
             }
+        });
+        let found = placements().chain(scaled).map(|placement| {
             let map = placement.camera_from_file(&self.camera);
             let near = cells.nearest(self.port, &map, some.iter().copied());
             (near.len(), placement)
         });
         let (_, placement) = found
-            .reduce(|best, other| if other.0 > best.0 { other } else { best })
+            .reduce(|best, other| {
+                if other.0 > best.0 + best.0 / 10 {
+                    other
+                } else {
+                    best
+                }
+            })
             .unwrap_or_default();
         let map = placement.camera_from_file(&self.camera);
         let pairs = cells.nearest(self.port, &map, 0..n as u32);
@@ -232,6 +261,42 @@ impl Pair<'_> {
                 pixels + depth.min(1.0) * 1e-3
             })
         }))
+    }
+
+    /// Whether opacities or colours show that Gaussians of one index are each other's, wherever they lie.
+    fn is_same_order(&self, in_order: &[[u32; 2]]) -> bool {
+        let sample: Vec<[u32; 2]> = spread(in_order).collect();
+        let reading = FileReading {
+            stored: self.stored,
+            ..FileReading::default()
+        };
+        let medians = self.medians(&reading, &sample);
+        medians[OPACITY] < NEGLIGIBLE || medians[COLOUR] < NEGLIGIBLE
+    }
+
+    /// By how many pixels the reference's Gaussians are seen right of and below the port's, if by the same everywhere.
+    fn shift(&self, placement: &Placement, matches: &[[u32; 2]]) -> [f64; 2] {
+        let map = placement.camera_from_file(&self.camera);
+        let focal = [self.camera.intrinsics.fx, self.camera.intrinsics.fy];
+        let seen = |axis: usize, p: DVec3| focal[axis] * p[axis] / p.z;
+        let by = |axis: usize| -> Vec<f64> {
+            let each = spread(matches).map(|[i, j]| {
+                let own = map.transform_point3(mean(self.port, i));
+                seen(axis, mean(self.reference, j)) - seen(axis, own)
+            });
+            each.filter(|by| by.is_finite()).collect()
+        };
+        [0, 1].map(|axis| {
+            let all = by(axis);
+            let middle = median(all.iter().copied());
+            let around = median(all.iter().map(|by| (by - middle).abs()));
+            let is_one = middle.abs() > LEAST_SHIFT && around * MUCH_LESS < middle.abs();
+            if is_one {
+                (middle * 1000.0).round() / 1000.0
+            } else {
+                0.0
+            }
+        })
     }
 
     /// The unit of the port's means if it is another one, metres.

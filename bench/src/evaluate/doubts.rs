@@ -26,7 +26,8 @@ const MOST_NAMED: usize = 8;
 /// Topic of a record's note on the rule by which its Gaussians were drawn, which is no warning.
 pub(super) const RULE: &str = "rule";
 
-/// Topic of a record whose target is among the views that the method was trained on.
+/// Topic of a record whose target is among the views that the method was trained on, which is named, or neither of whose
+/// views is.
 pub(super) const TRAINED: &str = "trained on the target";
 
 /// Notes on the rules by which a method's Gaussians were drawn, where nobody named one.
@@ -157,10 +158,20 @@ pub(super) fn joint_doubts<'a>(
 
 /// Names targets that a method was trained on.
 fn trained_targets<'a>(records: impl Iterator<Item = &'a Record>) -> Option<String> {
-    let mut count = 0;
-    let known = records.inspect(|_| count += 1);
-    let known = known.filter(|r| r.warnings.contains_key(TRAINED));
-    let known: Vec<&str> = known.map(|r| r.pair_id.as_str()).collect();
+    let (mut count, mut unnamed) = (0, 0);
+    let mut known: Vec<&str> = Vec::new();
+    for record in records {
+        count += 1;
+        match record.warnings.get(TRAINED).map(String::as_str) {
+            Some("") => unnamed += 1,
+            Some(_) => known.push(&record.pair_id),
+            None => {}
+        }
+    }
+    if count > 0 && unnamed == count {
+        let text = "train= names none of the views of these pairs: names are VIEW, SCENE/VIEW or DATASET/SCENE/VIEW, a line each";
+        return Some(text.to_owned());
+    }
     let targets: BTreeSet<&str> = known
         .iter()
         .filter_map(|id| id.split("__").nth(1))

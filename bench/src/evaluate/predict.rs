@@ -12,7 +12,7 @@ use super::doubts::{RULE, TRAINED};
 use super::error::EvaluateError;
 use super::folder::RunFolder;
 use super::gaussians::gaussian_store::{GaussianStore, StoreError};
-use super::gaussians::render::{depth_scale, render};
+use super::gaussians::render::{depth_scale, far_moved, render};
 use super::gaussians::source_check::{
     CheckedSource, SourceFacts, absurd_coverage, check_source, source_of,
 };
@@ -35,6 +35,7 @@ use crate::methods::{
 };
 use crate::pairs::PosedCamera;
 use crate::pairs::pair_list::ResolvedPair;
+use crate::scoring::GroundTruth;
 
 /// A unit between the predicting and the scoring thread.
 pub(super) enum Prepared {
@@ -480,7 +481,7 @@ impl<'j, 'a> PairWork<'j, 'a> {
             sources.check = Some((keys.predict.clone(), facts));
         }
         let truth = match method.privilege().target_pose {
-            true => Some(self.truth.get().map_err(Failure::Pair)?.image()),
+            true => Some(self.truth.get().map_err(Failure::Pair)?),
             false => None,
         };
         let (rendered, render_secs) = self.timed(|| {
@@ -496,9 +497,12 @@ impl<'j, 'a> PairWork<'j, 'a> {
         }
         let rule = prediction.rule_note.clone();
         warnings.extend(rule.map(|note| (RULE.to_owned(), note)));
-        if method.knows_target(pair_id) {
-            warnings.insert(TRAINED.to_owned(), self.target.id.clone());
-        }
+        match method.trained_on(pair_id) {
+            Some([_, true]) => warnings.insert(TRAINED.to_owned(), self.target.id.clone()),
+            Some([false, false]) => warnings.insert(TRAINED.to_owned(), String::new()),
+            _ => None,
+        };
+        warnings.extend(far_moved(&picture, &output, pair_id));
         self.made.rendered += 1;
         Ok(Some(Made {
             prediction: picture,
@@ -544,9 +548,15 @@ impl<'j, 'a> PairWork<'j, 'a> {
             _ => None,
         };
         let photograph = sources.photograph(planned.source)?;
+        let truth = match planned.source.content.valid_pixels() {
+            Ok(Some(valid)) => Some(GroundTruth::of(photograph.clone(), Some(&valid))),
+            // A mask that cannot be read is a failure of pairs whose target it belongs to.
+            _ => None,
+        };
         let source = CheckedSource {
             camera: &self.source,
             photograph,
+            valid: truth.as_ref().and_then(GroundTruth::valid),
             depth: depth.as_ref(),
             scene: planned.scene,
             is_chosen,

@@ -4,8 +4,9 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::iter;
 use std::path::{Path, PathBuf};
 
+use sharp::camera::Intrinsics;
 use sharp::gaussian_files::{AXES, foreign_format};
-use sharp::ply::StoredQuaternions;
+use sharp::ply::{StoredQuaternions, Suspicion};
 use sharp::render::Rule;
 use sharp_datasets::files;
 
@@ -23,6 +24,9 @@ use crate::io::gaussian_files::{EXTENSIONS, GaussianFile, is_sog_folder};
 use crate::io::{fingerprints, gaussian_files};
 use crate::pairs::pair_id::path_of;
 use crate::rendering::pose_alignment;
+
+/// Principal points that differ by less are not told apart, pixels.
+const LEAST_SHIFT: f64 = 0.75;
 
 /// Extras that count Gaussians which the renderer drops, and the reasons in words.
 pub const UNUSABLE: [(&str, &str); 2] = [
@@ -180,6 +184,19 @@ fn size(path: &Path) -> u64 {
     inside.unwrap_or_else(|_| of_file(path))
 }
 
+/// Says that a file was made for another principal point than the dataset's: SHARP takes the middle of the photograph.
+fn other_principal_point(stored: &Intrinsics, own: &Intrinsics) -> Option<String> {
+    let is_same_size = (stored.width, stored.height) == (own.width, own.height);
+    let by = [stored.cx - own.cx, stored.cy - own.cy].map(|by| (by * 1000.0).round() / 1000.0);
+    let [x, y] = by;
+    (is_same_size && by.iter().any(|by| by.abs() > LEAST_SHIFT)).then(|| {
+        format!(
+            "it was predicted with the principal point ({:.1}, {:.1}), the dataset's is ({:.1}, {:.1}): `shift={x}:{y}` makes up for it",
+            stored.cx, stored.cy, own.cx, own.cy
+        )
+    })
+}
+
 /// The part of a pair's id that names its source: ids encode underscores that would form a second separator.
 fn source_id(pair_id: &str) -> &str {
     pair_id.split("__").next().unwrap_or(pair_id)
@@ -281,9 +298,8 @@ impl Method for GaussianFiles {
         }
     }
 
-    fn knows_target(&self, pair_id: &str) -> bool {
-        let train = self.train.as_ref();
-        train.is_some_and(|views| views.hold_target(pair_id))
+    fn trained_on(&self, pair_id: &str) -> Option<[bool; 2]> {
+        self.train.as_ref()?.hold(pair_id)
     }
 
     fn approach(&self) -> Approach<'_> {
@@ -311,8 +327,8 @@ impl PredictGaussians for GaussianFiles {
             rule,
             rule_note,
             reading: stored,
-            doubts,
-            ..
+            mut doubts,
+            camera: stored_camera,
         } = scene.map_err(|error| MethodError::Model(error.to_string()))?;
         if let Some(doubt) = doubts
             .iter()
@@ -321,10 +337,16 @@ impl PredictGaussians for GaussianFiles {
             return Err(MethodError::file(&path, &doubt.text));
         }
         let camera = source.camera();
+        let stored_intrinsics = stored_camera.map(|(intrinsics, _)| intrinsics);
         let mut placement = self.reading.placement;
         if let Some(file) = self.transform_of(id)? {
             let read = placement_file::read(&file);
             placement.transform = Some(read.map_err(|reason| MethodError::file(&file, reason))?);
+        }
+        if placement.space == FileSpace::Camera && placement.shift == [0.0; 2] {
+            let other =
+                stored_intrinsics.and_then(|k| other_principal_point(&k, &camera.intrinsics));
+            doubts.extend(other.map(|text| Suspicion::new("shift", text)));
         }
         let finite: Vec<usize> = (0..gaussians.len())
             .filter(|&k| gaussians.is_finite(k))

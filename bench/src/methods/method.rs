@@ -282,9 +282,9 @@ pub trait Method: Send + Sync {
         Privilege::NONE
     }
 
-    /// Whether the target of a pair is among the views that its predictions were made of.
-    fn knows_target(&self, _pair_id: &str) -> bool {
-        false
+    /// Whether source and target of a pair are among the views that its predictions were made of; `None` if nobody said.
+    fn trained_on(&self, _pair_id: &str) -> Option<[bool; 2]> {
+        None
     }
 
     /// Warnings about the method's options, one sentence each, without its label.

@@ -45,12 +45,14 @@ impl TrainingViews {
         &self.sha256[..16]
     }
 
-    /// Whether the target of a pair is among them.
-    pub(super) fn hold_target(&self, pair_id: &str) -> bool {
-        let Ok(name) = PairName::decode(pair_id) else {
-            return false;
-        };
-        let whole = format!("{}/{}/{}", name.dataset, name.scene, name.target);
+    /// Whether source and target of a pair are among them.
+    pub(super) fn hold(&self, pair_id: &str) -> Option<[bool; 2]> {
+        let name = PairName::decode(pair_id).ok()?;
+        let views = [&name.source, &name.target];
+        Some(views.map(|view| self.holds(&format!("{}/{}/{view}", name.dataset, name.scene))))
+    }
+
+    fn holds(&self, whole: &str) -> bool {
         let starts = whole.match_indices('/').map(|(at, _)| at + 1);
         let mut ends = std::iter::once(0).chain(starts).map(|at| &whole[at..]);
         ends.any(|name| {
@@ -68,7 +70,7 @@ mod tests {
 
     #[test]
     fn targets_are_found_by_their_last_parts_and_by_patterns() {
-        let holds = |text: &str, id: &str| TrainingViews::read(text).unwrap().hold_target(id);
+        let holds = |text: &str, id: &str| TrainingViews::read(text).unwrap().hold(id).unwrap()[1];
         for (text, id) in [
             ("view_01", "d/s/view_00__view_01"),
             ("s/view_0?", "d/s/a__view_01"),
@@ -93,8 +95,11 @@ mod tests {
         let path = folder.path().join("train.txt");
         std::fs::write(&path, "a.png\n\ns/b*\n").unwrap();
         let views = TrainingViews::read(&path.display().to_string()).unwrap();
-        assert!(views.hold_target("d/s/x__a") && views.hold_target("d/s/x__b2"));
-        assert!(!views.hold_target("d/t/x__b2"));
+        assert!(
+            views.hold("d/s/x__a") == Some([false, true])
+                && views.hold("d/s/b2__x") == Some([true, false])
+        );
+        assert!(views.hold("d/t/x__b2") == Some([false; 2]));
         std::fs::write(&path, "\n").unwrap();
         for (text, part) in [
             (path.display().to_string(), "no view"),

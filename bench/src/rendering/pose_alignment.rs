@@ -8,10 +8,11 @@
 
 use glam::{DAffine3, DQuat, DVec3};
 use image::imageops::{FilterType, resize};
-use image::{ImageBuffer, Rgb, Rgb32FImage, RgbImage};
+use image::{ImageBuffer, Luma, Rgb, Rgb32FImage, RgbImage};
 use sharp::camera::Intrinsics;
 use sharp::gaussians::Gaussians;
 use sharp::render::{LoadedScene, RenderError, RenderOutput, Rule};
+use sharp_metrics::Mask;
 
 use super::shared::SharedRenderer;
 
@@ -67,10 +68,12 @@ struct Level<'a> {
     intrinsics: Intrinsics,
     is_last: bool,
     photograph: Rgb32FImage,
+    /// Pixels of the photograph that count.
+    valid: Option<Vec<bool>>,
 }
 
-/// Moves a camera so that the rendering fits `photograph`, which has the size of `intrinsics`. Where nothing is drawn it
-/// stays where it is.
+/// Moves a camera so that the rendering fits the photograph, which has the size of `intrinsics`, in the pixels of its mask if
+/// there is one. Where nothing is drawn it stays where it is.
 ///
 /// # Errors
 /// See [`RenderError`].
@@ -80,7 +83,7 @@ pub fn fit_camera(
     camera_from_scene: DAffine3,
     intrinsics: Intrinsics,
     rule: Option<Rule>,
-    photograph: &RgbImage,
+    (photograph, valid): (&RgbImage, Option<&Mask>),
 ) -> Result<Moved, RenderError> {
     let widest = intrinsics.width.min(WIDEST);
     let half = |width: &u32| Some(width.div_ceil(2)).filter(|width| *width >= NARROWEST);
@@ -92,6 +95,7 @@ pub fn fit_camera(
         intrinsics: at_width(intrinsics, width),
         is_last: width == widest,
         photograph: shrunk(photograph, at_width(intrinsics, width)),
+        valid: valid.map(|valid| shrunk_mask(valid, at_width(intrinsics, width))),
     };
     let mut map = DAffine3::IDENTITY;
     let mut steps = 0;
@@ -132,6 +136,10 @@ impl Level<'_> {
         loaded.render(&view.with_low_pass(low_pass))
     }
 
+    fn counts(&self, pixel: usize) -> bool {
+        self.valid.as_ref().is_none_or(|valid| valid[pixel])
+    }
+
     /// The turn that moves what was drawn by the whole pixels that bring it closest to the photograph.
     fn shifted(&self, output: &RenderOutput) -> DAffine3 {
         let shown = self.shown(output);
@@ -142,7 +150,9 @@ impl Level<'_> {
             for y in dy.max(0)..(height + dy).min(height) {
                 for x in dx.max(0)..(width + dx).min(width) {
                     let (from_x, from_y) = ((x - dx) as u32, (y - dy) as u32);
-                    if output.alpha[(from_y * shown.width() + from_x) as usize] >= COVERED {
+                    let is_seen =
+                        output.alpha[(from_y * shown.width() + from_x) as usize] >= COVERED;
+                    if is_seen && self.counts((y * width + x) as usize) {
                         let (a, b) = (
                             shown.get_pixel(from_x, from_y),
                             self.photograph.get_pixel(x as u32, y as u32),
@@ -192,7 +202,9 @@ impl Level<'_> {
                 break;
             };
             steps += 1;
-            let covered: Vec<bool> = output.alpha.iter().map(|a| *a >= COVERED).collect();
+            let covered: Vec<bool> = (0..output.alpha.len())
+                .map(|k| output.alpha[k] >= COVERED && self.counts(k))
+                .collect();
             let shown = self.shown(&output);
             let error = self.error(&shown, &covered);
             // One pixel each.
@@ -341,6 +353,20 @@ fn at_width(whole: Intrinsics, width: u32) -> Intrinsics {
     }
 }
 
+/// Pixels to which only valid ones contribute.
+fn shrunk_mask(valid: &Mask, to: Intrinsics) -> Vec<bool> {
+    let (width, height) = valid.dimensions();
+    let inside = |x: u32, y: u32| valid.values()[(y * width + x) as usize];
+    let whole = ImageBuffer::from_fn(width, height, |x, y| {
+        Luma([f32::from(u8::from(inside(x, y)))])
+    });
+    let seen = match (width, height) == (to.width, to.height) {
+        true => whole,
+        false => resize(&whole, to.width, to.height, FilterType::Triangle),
+    };
+    seen.iter().map(|share| *share > 0.999).collect()
+}
+
 fn shrunk(photograph: &RgbImage, to: Intrinsics) -> Rgb32FImage {
     let mut whole = Rgb32FImage::new(photograph.width(), photograph.height());
     for (to, from) in whole.pixels_mut().zip(photograph.pixels()) {
@@ -355,6 +381,63 @@ fn shrunk(photograph: &RgbImage, to: Intrinsics) -> Rgb32FImage {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// A wall of blobs 2 to 4 m ahead.
+    fn blobs() -> Gaussians {
+        let mut scene = Gaussians::default();
+        let share = |k: usize, of: usize| (k * of % 97) as f32 / 96.0;
+        for k in 0..900 {
+            let z = 2.0 + 2.0 * share(k, 31);
+            scene.means.push([
+                (share(k, 7) - 0.5) * 1.4 * z,
+                (share(k, 13) - 0.5) * 1.1 * z,
+                z,
+            ]);
+            scene.quaternions.push([1.0, 0.0, 0.0, 0.0]);
+            scene.scales.push([0.05 * z; 3]);
+            scene.opacities.push(0.9);
+            scene
+                .colors
+                .push([share(k, 41), share(k, 59), share(k, 73)]);
+        }
+        scene
+    }
+
+    #[test]
+    fn a_camera_comes_back_and_excluded_pixels_do_not_move_it() {
+        let (renderer, scene) = (SharedRenderer::cpu(), blobs());
+        let k = Intrinsics::new((80.0, 80.0), (48.0, 32.0), (96, 64)).unwrap();
+        let of = |map: DAffine3| renderer.render(&scene, map, k, None).unwrap();
+        let mut photograph = renderer.picture(&of(DAffine3::IDENTITY));
+        let fitted = |start: DAffine3, photograph: &RgbImage, valid: Option<&Mask>| {
+            let moved = fit_camera(&renderer, &scene, start, k, None, (photograph, valid));
+            let map = moved.unwrap().map * start;
+            let turn = map.to_scale_rotation_translation().1.to_axis_angle().1;
+            (turn.to_degrees(), map.translation.length())
+        };
+        let start = DAffine3::from_rotation_translation(
+            DQuat::from_scaled_axis(DVec3::new(0.02, -0.03, 0.02)),
+            DVec3::new(0.03, 0.02, -0.04),
+        );
+        let (turned, moved) = fitted(start, &photograph, None);
+        assert!(turned < 0.05 && moved < 0.005, "{turned} {moved}");
+        // A third is excluded, and black.
+        let is_inside = |x: u32| x >= 32;
+        for (x, _, pixel) in photograph.enumerate_pixels_mut() {
+            if !is_inside(x) {
+                *pixel = Rgb([0; 3]);
+            }
+        }
+        let inside = (0..96 * 64).map(|at| is_inside(at % 96)).collect();
+        let valid = Mask::new(96, 64, inside).unwrap();
+        let (turned, moved) = fitted(start, &photograph, Some(&valid));
+        assert!(turned < 0.1 && moved < 0.01, "{turned} {moved}");
+        assert!(fitted(start, &photograph, None).0 > 0.5);
+        // Nothing to see.
+        let away = DAffine3::from_translation(DVec3::new(0.0, 0.0, -100.0));
+        let moved = fit_camera(&renderer, &scene, away, k, None, (&photograph, None)).unwrap();
+        assert_eq!((moved.map, moved.steps), (DAffine3::IDENTITY, 0));
+    }
 
     #[test]
     fn a_damped_step_solves_its_equations() {

@@ -49,6 +49,11 @@ impl GroundTruth {
         &self.image
     }
 
+    /// The pixels that count; `None` if the dataset excludes none.
+    pub(crate) fn valid(&self) -> Option<&Mask> {
+        self.valid.as_ref()
+    }
+
     /// Width and height, pixels.
     pub fn dimensions(&self) -> (u32, u32) {
         self.image.dimensions()

@@ -3,6 +3,7 @@
 use std::path::Path;
 
 use glam::{DAffine3, DMat3, DQuat, DVec3, EulerRot};
+use sharp::camera::Intrinsics;
 use sharp::gaussian_files::load;
 use sharp::ply::{ColorSpace, GaussianScene, PlyForm, StoredForm, to_bytes};
 use sharp_datasets::View;
@@ -240,6 +241,37 @@ fn gaussians_in_the_targets_space_are_one_file_a_pair() {
     write(&case, &format!("t/{PAIR}.ply"), &target, "");
     let found = psnr(&case, "dir=t,color_space=srgb,space=target");
     near(found, 19.0306, 1e-3);
+}
+
+#[test]
+fn a_principal_point_that_only_the_file_has_is_named() {
+    let case = untried("00-good");
+    let own = view("view_00").intrinsics;
+    let mut made = scene(&case);
+    made.intrinsics = Some(Intrinsics {
+        cx: own.cx + 5.0,
+        cy: own.cy - 2.5,
+        ..own
+    });
+    let file = case.path("g/synthetic/seed0/view_00.ply");
+    std::fs::write(&file, to_bytes(&made, PlyForm::Release)).unwrap();
+    let run = |settings: &str| {
+        case.run(&format!(
+            "rm -rf r; sharp-bench run -q --dataset synthetic=size=64x48,views=8 --pairs pairs.csv --metrics psnr --out r \
+             --method gaussians:dir=g{settings}"
+        ))
+    };
+    let said = run("");
+    assert!(
+        said.out.contains("`shift=5:-2.5` makes up for it"),
+        "{}{}",
+        said.out,
+        said.err
+    );
+    made.intrinsics = Some(own);
+    std::fs::write(&file, to_bytes(&made, PlyForm::Release)).unwrap();
+    let said = run("");
+    assert!(!(said.out + &said.err).contains("shift="));
 }
 
 #[test]

@@ -69,7 +69,7 @@ pub(crate) struct ParityArgs {
     /// Which recording of the file; found by the photograph without it
     #[arg(long, value_name = "P")]
     prefix: Option<String>,
-    /// Largest error that passes [default: 1e-4 of a stage, 1 pixel or per cent of a port]
+    /// Largest error that passes [default: 1e-4 of a stage, half a pixel or per cent of a port]
     #[arg(long, value_name = "X")]
     tolerance: Option<f64>,
     /// Print JSON
@@ -141,10 +141,12 @@ fn of_port(args: &ParityArgs, path: &Path) -> anyhow::Result<Outcome> {
         differences,
         rendered_psnr: psnr.is_finite().then_some(psnr),
     };
-    let tolerance = args.tolerance.unwrap_or(1.0);
+    let tolerance = args.tolerance.unwrap_or(0.5);
     let PortComparison {
         order,
         unmatched,
+        missing,
+        not_finite,
         as_read,
         settings,
         with_settings,
@@ -154,19 +156,20 @@ fn of_port(args: &ParityArgs, path: &Path) -> anyhow::Result<Outcome> {
         output::json(&found)?;
     } else {
         output::line(format!(
-            "{} Gaussians in {order}, {unmatched} without one of the {} nearby",
+            "{} Gaussians in {order}, {unmatched} of them without one of the {}, {missing} of these without one of them, \
+             {not_finite} not finite",
             file.gaussians.len(),
             reference.len()
         ))?;
         output::line(format!(
-            "{:<24}{:>10}{:>10}{:>10}",
+            "{:<24} {:>11} {:>11} {:>11}",
             "", "median", "99 %", "largest"
         ))?;
         let print = |fields: &[FieldDifference]| {
             fields.iter().try_for_each(|f| {
                 let name = format!("{}, {}", f.field, f.unit);
                 output::line(format!(
-                    "{name:<24}{:>10.3}{:>10.3}{:>10.3}",
+                    "{name:<24} {:>11.3} {:>11.3} {:>11.3}",
                     f.median, f.p99, f.largest
                 ))
             })
@@ -180,11 +183,25 @@ fn of_port(args: &ParityArgs, path: &Path) -> anyhow::Result<Outcome> {
             "both rendered into the photograph's camera: {psnr:.2} dB PSNR apart"
         ))?;
     }
-    let beyond = as_read.iter().filter(|f| f.p99.is_nan() || f.p99 > tolerance);
+    let beyond = as_read
+        .iter()
+        .filter(|f| f.p99.is_nan() || f.p99 > tolerance);
     let beyond: Vec<String> = beyond
         .map(|f| format!("{} {:.3} {}", f.field, f.p99, f.unit))
         .collect();
-    if !beyond.is_empty() || *unmatched * 100 > file.gaussians.len() {
+    let counts = [
+        (*unmatched, "of its Gaussians without a partner"),
+        (*missing, "Gaussians missing"),
+        (*not_finite, "Gaussians not finite"),
+    ];
+    let counts = counts.into_iter().filter(|(count, _)| *count > 0);
+    let counted: Vec<String> = counts
+        .map(|(count, what)| format!("{count} {what}"))
+        .collect();
+    if !counted.is_empty() {
+        bail!("{}: {}", path.display(), counted.join(", "));
+    }
+    if !beyond.is_empty() {
         let explained = match settings.is_empty() {
             true => String::new(),
             false => format!("; `{}` explains most of it", settings.join(",")),

@@ -3,7 +3,6 @@
 use std::collections::BTreeMap;
 
 use glam::{DAffine3, DVec3};
-use image::RgbImage;
 use sharp::camera::target_camera_from_source_ndc;
 use sharp::gaussians::Gaussians;
 use sharp::render::{RenderError, RenderOutput};
@@ -15,7 +14,11 @@ use crate::pairs::PosedCamera;
 use crate::pairs::alignment::median_scale;
 use crate::rendering::SharedRenderer;
 use crate::rendering::pose_alignment::fit_camera;
+use crate::scoring::GroundTruth;
 
+/// Beyond this turn, degrees, and this share of the median depth a camera was moved far.
+const FAR_TURNED: f64 = 15.0;
+const FAR_MOVED: f64 = 0.25;
 /// A pixel with less alpha is a hole: more background than surface.
 const HOLE_ALPHA: f32 = 0.5;
 
@@ -92,7 +95,7 @@ pub(in crate::evaluate) fn placed(
 
 /// Renders a prediction into the target, placed by the dataset's own cameras.
 ///
-/// With `fit` the target's camera is first moved to fit that photograph of it.
+/// With `fit` the target's camera is first moved to fit its photograph.
 ///
 /// Extras: those of the prediction, `mean_alpha` (mean coverage, 0..1), `hole_share` (share of pixels with alpha below
 /// [`HOLE_ALPHA`]), with a scale `median_scale`, and of a moved camera `pose_rotation_deg`, `pose_translation_m` and
@@ -106,7 +109,7 @@ pub(in crate::evaluate) fn render(
     source: &PosedCamera,
     target: &PosedCamera,
     renderer: &SharedRenderer,
-    fit: Option<&RgbImage>,
+    fit: Option<&GroundTruth>,
 ) -> Result<(PicturePrediction, RenderOutput), RenderError> {
     let median_scale = scale;
     // Gaussians of the camera's space are scaled themselves, which is one rounding less.
@@ -128,7 +131,10 @@ pub(in crate::evaluate) fn render(
     };
     let (intrinsics, rule) = (target.intrinsics, prediction.rule);
     let moved = fit
-        .map(|photograph| fit_camera(renderer, gaussians, placed, intrinsics, rule, photograph))
+        .map(|truth| {
+            let seen = (truth.image(), truth.valid());
+            fit_camera(renderer, gaussians, placed, intrinsics, rule, seen)
+        })
         .transpose()?;
     if let Some(moved) = &moved {
         placed = moved.map * placed;
@@ -158,6 +164,27 @@ pub(in crate::evaluate) fn render(
         notes: Vec::new(),
     };
     Ok((picture, output))
+}
+
+/// A warning where a moved camera went so far that the fit is hardly one.
+pub(in crate::evaluate) fn far_moved(
+    picture: &PicturePrediction,
+    output: &RenderOutput,
+    pair_id: &str,
+) -> Option<(String, String)> {
+    let turned = *picture.extras.get("pose_rotation_deg")?;
+    let moved = *picture.extras.get("pose_translation_m")?;
+    let depth = surface_depth(output);
+    let mut depths: Vec<f32> = depth.iter().copied().filter(|d| *d > 0.0).collect();
+    depths.sort_by(f32::total_cmp);
+    let depth = f64::from(*depths.get(depths.len() / 2)?);
+    (turned > FAR_TURNED || moved > FAR_MOVED * depth).then(|| {
+        let text = format!(
+            "align=pose moved a target's camera by {moved:.3} m and {turned:.1}° ({pair_id}), which is no small correction: the \
+             scene may lie elsewhere or in another unit"
+        );
+        ("pose".to_owned(), text)
+    })
 }
 
 /// Gaussians scaled about the source camera. In normalised space x and y are ratios, so one factor on everything scales

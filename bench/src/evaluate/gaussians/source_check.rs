@@ -14,7 +14,7 @@ use sharp::color::{Quantization, linear_from_srgb};
 use sharp::ply::ColorSpace;
 use sharp::render::{Background, RenderError};
 use sharp_datasets::{DepthMap, Scene};
-use sharp_metrics::{Picture, psnr};
+use sharp_metrics::{Mask, Picture, psnr};
 
 use super::likeness::{Likeness, blur, window};
 use super::registration::{shift, zoom};
@@ -37,6 +37,8 @@ pub const SOURCE_DEPTH: &str = "source_depth_m";
 /// The extra of blurred renderings of the source: the share of the photograph's contrast that they lack, 0..1.
 pub const SOURCE_BLUR: &str = "source_blur";
 
+/// No other reading is sought where the dataset excludes more of the photograph: it does not show the scene there.
+const LEAST_VALID: f64 = 0.95;
 /// From this PSNR of the source's rendering on, no other reading is sought, dB.
 const RIGHT_DB: f64 = 38.0;
 /// In photographs with fewer pixels none is sought: they do not show a Gaussian's shape.
@@ -56,6 +58,8 @@ const ABSURD_SHARE: f64 = 0.02;
 pub(in crate::evaluate) struct CheckedSource<'a> {
     pub(in crate::evaluate) camera: &'a PosedCamera,
     pub(in crate::evaluate) photograph: &'a RgbImage,
+    /// Its pixels that count; `None` for all.
+    pub(in crate::evaluate) valid: Option<&'a Mask>,
     /// True depth, if there is some and the method is not scaled to it.
     pub(in crate::evaluate) depth: Option<&'a DepthMap>,
     pub(in crate::evaluate) scene: &'a Scene,
@@ -108,7 +112,7 @@ pub(in crate::evaluate) fn check_source(
         over_mean: output.srgb8(Background::Color(mean), Quantization::Round),
     };
     let [as_seen, true_one] = [&seen.picture, photograph].map(|p| Picture::Rgb8(p.clone()));
-    let likeness = psnr(&as_seen, &true_one, None).map_or(0.0, |psnr| psnr.min(100.0));
+    let likeness = psnr(&as_seen, &true_one, source.valid).map_or(0.0, |psnr| psnr.min(100.0));
     let measured = [
         (SOURCE_DEPTH, median_depth_m(&seen.depth)),
         (SOURCE_PSNR, Some(likeness)),
@@ -120,7 +124,12 @@ pub(in crate::evaluate) fn check_source(
         extras: extras.collect(),
         warnings: prediction.warnings.clone(),
     };
-    let Some(reading) = prediction.reading else {
+    let counts =
+        |mask: &Mask| mask.count() as f64 >= LEAST_VALID * photograph.pixels().len() as f64;
+    let Some(reading) = prediction
+        .reading
+        .filter(|_| source.valid.is_none_or(counts))
+    else {
         return Ok(facts);
     };
     let trial = Trial {
@@ -527,6 +536,7 @@ mod tests {
         let checked = CheckedSource {
             camera: &source,
             photograph,
+            valid: None,
             depth: Some(&depth),
             scene: &scene,
             is_chosen: true,
