@@ -50,7 +50,7 @@ pub struct SourceView<'a> {
 }
 
 impl<'a> SourceView<'a> {
-    /// A view. `name` is `dataset/scene/source`; `depth` is for methods that declare [`TrueDepth::SourceDepth`].
+    /// A view. `name` is `dataset/scene/source`; `depth` is for methods whose [`Privilege`] it is.
     pub fn new(
         name: &'a str,
         camera: &'a PosedCamera,
@@ -84,8 +84,8 @@ impl<'a> SourceView<'a> {
         self.image
     }
 
-    /// Ground-truth z-depth in metres, 0 where there is none: only for methods that declare
-    /// [`TrueDepth::SourceDepth`], and only where the dataset has some.
+    /// Ground-truth z-depth in metres, 0 where there is none: only for methods that declare it a
+    /// [`Privilege`], and only where the dataset has some.
     pub fn depth(&self) -> Option<&'a DepthMap> {
         self.depth
     }
@@ -182,7 +182,7 @@ pub struct GaussianPrediction {
     /// How they are drawn; `None` is as the run draws SHARP's.
     pub rule: Option<Rule>,
     pub space: GaussianSpace,
-    /// The network's first depth layer, metres: what [`TrueDepth::DepthScale`] aligns to the truth.
+    /// The network's first depth layer, metres: what is aligned to the truth where the scale is a [`Privilege`].
     pub first_layer: Option<DepthMap>,
     /// What the method reports about them; each becomes a column.
     pub extras: BTreeMap<String, f64>,

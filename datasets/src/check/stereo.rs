@@ -66,6 +66,15 @@ fn implausible_baseline(left: &View, right: &View, median_m: Option<f64>) -> Opt
     None
 }
 
+/// Whether the right camera stands beside the left one and looks the same way: else disparities lead elsewhere.
+fn is_rectified(left: &View, right: &View) -> bool {
+    let from_left = left.camera_from_world.inverse();
+    let map = right.camera_from_world.after(&from_left).to_affine();
+    let (turn, by) = (map.matrix3 - DMat3::IDENTITY, map.translation);
+    let entries = turn.to_cols_array();
+    entries.iter().all(|entry| entry.abs() < 2e-3) && by.y.hypot(by.z) < 0.01 * by.x.abs()
+}
+
 fn by_disparity(left: &View, right: &View) -> Option<String> {
     let baseline_m = baseline_m(&left.camera_from_world, &right.camera_from_world);
     let (a, b) = (
@@ -81,7 +90,8 @@ fn by_disparity(left: &View, right: &View) -> Option<String> {
     let full = left.intrinsics.fx / a.camera.fx;
     let pair = pair_of(a)?;
     let better = pair.better(&flipped, baseline_m, full);
-    better.or_else(|| pair.unrelated()).or_else(|| {
+    let unrelated = || pair.unrelated().filter(|_| is_rectified(left, right));
+    better.or_else(unrelated).or_else(|| {
         let plausible = (DEPTHS_M.0..=DEPTHS_M.1).contains(&median_m);
         (!plausible).then(|| {
             format!(
