@@ -10,7 +10,7 @@ use sharp::ply::{ColorSpace, GaussianScene, PlyForm, StoredForm, to_bytes};
 use crate::support::{Said, sharp_bench};
 use crate::tiny::{golden, recorded_input, tiny};
 
-/// Two layers of 96×96.
+/// Of the recorded prediction: two layers of 96×96 Gaussians.
 const COUNT: usize = 18_432;
 const SIDE: usize = 96;
 
@@ -40,9 +40,8 @@ fn the_same_gaussians_pass_and_the_differences_have_units() {
     let dir = tempfile::tempdir().unwrap();
     let said = parity(dir.path(), &release(), &[]).ends_with(0);
     assert!(
-        said.out.contains(
-            "18432 Gaussians in the same order, 0 of them without one of the 18432, 0 of these"
-        ),
+        said.out
+            .contains("18432 Gaussians for 18432, in the same order; 0 are new, 0 missing"),
         "{}",
         said.out
     );
@@ -158,7 +157,8 @@ fn another_order_is_named_and_gaussians_left_out_are_counted() {
     let said = parity(dir.path(), &fewer, &[]);
     assert!(
         said.out.contains(&format!(
-            "{kept} Gaussians in another order, matched by position, 0 of them without"
+            "{kept} Gaussians for {COUNT}, in another order, matched by position; 0 are new, {} missing",
+            COUNT - kept
         )),
         "{}",
         said.out

@@ -180,10 +180,14 @@ impl Pair<'_> {
     fn matched(&self) -> (Placement, &'static str, Vec<[u32; 2]>) {
         let n = self.port.len();
         let placements = || {
-            let axes = all_axes().map(|axes| Placement {
-                axes,
-                ..Placement::default()
-            });
+            // OpenCV's first: of equals, the first is taken.
+            let axes = [Axes::OPENCV]
+                .into_iter()
+                .chain(Axes::every())
+                .map(|axes| Placement {
+                    axes,
+                    ..Placement::default()
+                });
             axes.chain([Placement {
                 space: FileSpace::Normalized,
                 ..Placement::default()
@@ -406,77 +410,32 @@ fn spread(matches: &[[u32; 2]]) -> impl Iterator<Item = [u32; 2]> {
         .step_by((matches.len() / SAMPLE).max(1))
 }
 
-/// OpenCV's first; mirrored ones, too.
-fn all_axes() -> impl Iterator<Item = Axes> {
-    let pairs = [["r", "l"], ["d", "u"], ["f", "b"]];
-    let orders = [
-        [0, 1, 2],
-        [1, 0, 2],
-        [0, 2, 1],
-        [2, 1, 0],
-        [1, 2, 0],
-        [2, 0, 1],
-    ];
-    orders.into_iter().flat_map(move |order| {
-        (0..8).filter_map(move |signs: usize| {
-            let letters = order.map(|axis: usize| pairs[axis][signs >> axis & 1]);
-            Axes::parse(&letters.concat())
-        })
-    })
-}
-
 /// Other meanings of the numbers behind an attribute.
 fn forms(field: usize, current: StoredForm) -> Vec<StoredForm> {
     let mut all = Vec::new();
     match field {
         COVARIANCE => {
-            for scales in [
-                StoredScales::Log,
-                StoredScales::Linear,
-                StoredScales::LogVariance,
-            ] {
-                for quaternions in [
-                    StoredQuaternions::Wxyz,
-                    StoredQuaternions::Xyzw,
-                    StoredQuaternions::WxyzInverse,
-                    StoredQuaternions::XyzwInverse,
-                ] {
-                    all.push(StoredForm {
-                        scales: Some(scales),
-                        quaternions: Some(quaternions),
-                        ..current
-                    });
-                }
+            for scales in StoredScales::ALL {
+                all.extend(StoredQuaternions::ALL.iter().map(|quaternions| StoredForm {
+                    scales: Some(*scales),
+                    quaternions: Some(*quaternions),
+                    ..current
+                }));
             }
         }
-        OPACITY => {
-            let forms = [
-                StoredOpacity::Logit,
-                StoredOpacity::Linear,
-                StoredOpacity::Byte,
-            ];
-            all.extend(forms.map(|opacity| StoredForm {
-                opacity: Some(opacity),
-                ..current
-            }));
-        }
+        OPACITY => all.extend(StoredOpacity::ALL.iter().map(|opacity| StoredForm {
+            opacity: Some(*opacity),
+            ..current
+        })),
         _ => {
-            for colors in [
-                StoredColors::Dc,
-                StoredColors::DcUncentered,
-                StoredColors::Rgb01,
-                StoredColors::Rgb255,
-                StoredColors::Logit,
-            ] {
-                for color_space in [ColorSpace::Srgb, ColorSpace::Linear] {
-                    for channels in [StoredChannels::Rgb, StoredChannels::Bgr] {
-                        all.push(StoredForm {
-                            colors: Some(colors),
-                            color_space: Some(color_space),
-                            channels: Some(channels),
-                            ..current
-                        });
-                    }
+            for colors in StoredColors::ALL {
+                for color_space in ColorSpace::ALL {
+                    all.extend(StoredChannels::ALL.iter().map(|channels| StoredForm {
+                        colors: Some(*colors),
+                        color_space: Some(*color_space),
+                        channels: Some(*channels),
+                        ..current
+                    }));
                 }
             }
         }

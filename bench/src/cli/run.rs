@@ -88,7 +88,10 @@ pub(super) struct RunArgs {
 fn help() -> String {
     let kinds: String = KINDS
         .iter()
-        .map(|kind| format!("  {:<12} {}\n", kind.name, kind.summary))
+        .map(|kind| match kind.settings {
+            "" => format!("  {:<12} {}\n", kind.name, kind.summary),
+            settings => format!("  {:<12} {} ({settings})\n", kind.name, kind.summary),
+        })
         .collect();
     format!(
         "Methods (each also takes label=NAME):\n{kinds}\n{}\n\

@@ -26,9 +26,8 @@ const MOST_NAMED: usize = 8;
 /// Topic of a record's note on the rule by which its Gaussians were drawn, which is no warning.
 pub(super) const RULE: &str = "rule";
 
-/// Topic of a record whose target is among the views that the method was trained on, which is named, or neither of whose
-/// views is.
-pub(super) const TRAINED: &str = "trained on the target";
+/// Extras of methods that say what they were trained on: 1 where the pair's source, or its target, is among those views.
+pub(super) const TRAINED_ON: [&str; 2] = ["source_trained_on", "target_trained_on"];
 
 /// Notes on the rules by which a method's Gaussians were drawn, where nobody named one.
 pub fn rule_notes<'a>(records: impl Iterator<Item = &'a Record>) -> Vec<String> {
@@ -62,7 +61,7 @@ pub fn doubts(record: &Record, depth: TrueDepth) -> BTreeMap<&str, String> {
         );
     }
     let told = record.warnings.iter();
-    let told = told.filter(|(about, _)| ![CHANGED, ORDER, RULE, TRAINED].contains(&about.as_str()));
+    let told = told.filter(|(about, _)| ![CHANGED, ORDER, RULE].contains(&about.as_str()));
     doubts.extend(told.map(|(about, text)| (about.as_str(), text.clone())));
     doubts
 }
@@ -107,18 +106,11 @@ fn outlying_sources<'a>(
         format!("{:.1} to {:.1}", part[0].1, part[part.len() - 1].1)
     };
     let (of_worse, of_others) = (range(&mut worse), range(&mut others));
-    let mut names: Vec<&str> = worse.iter().map(|(name, _)| *name).collect();
-    names.sort_unstable();
-    let more = match names.len().saturating_sub(MOST_NAMED) {
-        0 => String::new(),
-        more => format!(" and {more} more"),
-    };
-    names.truncate(MOST_NAMED);
     Some(format!(
         "{} of {count} sources show the photograph they were predicted from at {of_worse} dB, the others at {of_others}: \
-         {}{more}; other Gaussians than theirs? (`gaussians info FILE` says what a file holds)",
+         {}; other Gaussians than theirs? (`gaussians info FILE` says what a file holds)",
         worse.len(),
-        names.join(", ")
+        listed(worse.iter().map(|(name, _)| *name).collect())
     ))
 }
 
@@ -156,38 +148,38 @@ pub(super) fn joint_doubts<'a>(
     found
 }
 
-/// Names targets that a method was trained on.
+/// Names targets that a method was trained on, or says that it was told of no view of these pairs.
 fn trained_targets<'a>(records: impl Iterator<Item = &'a Record>) -> Option<String> {
-    let (mut count, mut unnamed) = (0, 0);
-    let mut known: Vec<&str> = Vec::new();
-    for record in records {
-        count += 1;
-        match record.warnings.get(TRAINED).map(String::as_str) {
-            Some("") => unnamed += 1,
-            Some(_) => known.push(&record.pair_id),
-            None => {}
-        }
+    let of_views = |record: &'a Record| {
+        let [source, target] = TRAINED_ON.map(|name| record.extras.get(name).map(|v| *v > 0.0));
+        Some((source?, target?, record.target.as_str()))
+    };
+    let views: Vec<(bool, bool, &str)> = records.filter_map(of_views).collect();
+    let known: Vec<&str> = views.iter().filter(|v| v.1).map(|v| v.2).collect();
+    if views.iter().any(|(source, target, _)| *source || *target) {
+        let names: BTreeSet<&str> = known.iter().copied().collect();
+        return (!known.is_empty()).then(|| {
+            format!(
+                "{} of {} targets are views that it was trained on ({}): they are no novel views",
+                known.len(),
+                views.len(),
+                listed(names)
+            )
+        });
     }
-    if count > 0 && unnamed == count {
-        let text = "train= names none of the views of these pairs: names are VIEW, SCENE/VIEW or DATASET/SCENE/VIEW, a line each";
-        return Some(text.to_owned());
-    }
-    let targets: BTreeSet<&str> = known
-        .iter()
-        .filter_map(|id| id.split("__").nth(1))
-        .collect();
-    let names: Vec<&str> = targets.iter().copied().take(MOST_NAMED).collect();
-    let more = match targets.len().saturating_sub(MOST_NAMED) {
+    (!views.is_empty()).then(|| {
+        "train= names none of the views of these pairs; a name is VIEW, SCENE/VIEW or DATASET/SCENE/VIEW".to_owned()
+    })
+}
+
+/// Names in their order, of many the first.
+fn listed(names: BTreeSet<&str>) -> String {
+    let more = match names.len().saturating_sub(MOST_NAMED) {
         0 => String::new(),
         more => format!(" and {more} more"),
     };
-    (!known.is_empty()).then(|| {
-        format!(
-            "{} of {count} targets are views that it was trained on ({}{more}): no novel views for it",
-            known.len(),
-            names.join(", ")
-        )
-    })
+    let first: Vec<&str> = names.into_iter().take(MOST_NAMED).collect();
+    first.join(", ") + &more
 }
 
 /// The first warning of each kind among a method's records, and `joint_doubts`.

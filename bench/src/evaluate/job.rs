@@ -82,7 +82,7 @@ pub(super) struct Job<'a> {
     pub(super) pairs: Vec<ResolvedPair<'a>>,
     /// Sources on which other readings of their Gaussians are tried.
     pub(super) checked: BTreeSet<String>,
-    /// What some pairs' pictures are compared with.
+    /// Of a sample of pairs, the other pairs whose targets their pictures might show.
     pub(super) others: OtherPairs<'a>,
     pub(super) methods: &'a [Box<dyn Method>],
     pub(super) scoring: &'a Scoring,

@@ -40,9 +40,8 @@ const LINEAR: &str = "hold linear light where sRGB is read (exr=linear reads tha
 const TWICE: &str =
     "are encoded as sRGB twice (exr=srgb reads EXR files that hold sRGB values as they are)";
 const HALVED: &str =
-    "have half their contrast, as 0 to 1 that was taken for −1 to 1 when it was stored";
-const CLIPPED: &str =
-    "are black below the middle, as −1 to 1 that was taken for 0 to 1 when it was stored";
+    "have half their contrast, as if values from 0 to 1 had been stored as values from −1 to 1";
+const CLIPPED: &str = "have their darker half cut off, as if values from −1 to 1 had been stored as values from 0 to 1";
 
 /// Whether this kind of method reads pictures that others stored.
 pub(super) fn is_checked(kind: &str) -> bool {

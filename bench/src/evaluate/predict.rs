@@ -8,7 +8,7 @@ use sharp::render::{RenderError, RenderOutput};
 use sharp_datasets::{DepthMap, View};
 use sharp_metrics::Picture;
 
-use super::doubts::{RULE, TRAINED};
+use super::doubts::{RULE, TRAINED_ON};
 use super::error::EvaluateError;
 use super::folder::RunFolder;
 use super::gaussians::gaussian_store::{GaussianStore, StoreError};
@@ -35,7 +35,7 @@ use crate::methods::{
 };
 use crate::pairs::PosedCamera;
 use crate::pairs::pair_list::ResolvedPair;
-use crate::scoring::GroundTruth;
+use crate::scoring::ground_truth::valid_mask;
 
 /// A unit between the predicting and the scoring thread.
 pub(super) enum Prepared {
@@ -497,11 +497,10 @@ impl<'j, 'a> PairWork<'j, 'a> {
         }
         let rule = prediction.rule_note.clone();
         warnings.extend(rule.map(|note| (RULE.to_owned(), note)));
-        match method.trained_on(pair_id) {
-            Some([_, true]) => warnings.insert(TRAINED.to_owned(), self.target.id.clone()),
-            Some([false, false]) => warnings.insert(TRAINED.to_owned(), String::new()),
-            _ => None,
-        };
+        let trained = method.trained_on(pair_id).into_iter().flatten();
+        let trained = TRAINED_ON.into_iter().zip(trained);
+        let trained = trained.map(|(name, is)| (name.to_owned(), f64::from(u8::from(is))));
+        picture.extras.extend(trained);
         warnings.extend(far_moved(&picture, &output, pair_id));
         self.made.rendered += 1;
         Ok(Some(Made {
@@ -548,15 +547,13 @@ impl<'j, 'a> PairWork<'j, 'a> {
             _ => None,
         };
         let photograph = sources.photograph(planned.source)?;
-        let truth = match planned.source.content.valid_pixels() {
-            Ok(Some(valid)) => Some(GroundTruth::of(photograph.clone(), Some(&valid))),
-            // A mask that cannot be read is a failure of pairs whose target it belongs to.
-            _ => None,
-        };
+        // A mask that cannot be read fails the pairs whose target it belongs to.
+        let valid = planned.source.content.valid_pixels().ok().flatten();
+        let valid = valid.as_ref().and_then(valid_mask);
         let source = CheckedSource {
             camera: &self.source,
             photograph,
-            valid: truth.as_ref().and_then(GroundTruth::valid),
+            valid: valid.as_ref(),
             depth: depth.as_ref(),
             scene: planned.scene,
             is_chosen,

@@ -16,7 +16,7 @@ use crate::pairs::PosedCamera;
 pub enum FileSpace {
     /// The source camera's.
     Camera,
-    /// The target camera's: each pair has a file of its own.
+    /// The target camera's. Each pair then has its own file.
     Target,
     /// The dataset's world.
     World,

@@ -49,9 +49,9 @@ pub struct GaussianFiles {
     label: String,
     dir: PathBuf,
     depth: TrueDepth,
-    /// Whether targets are aligned.
+    /// Whether `align=pose` was given.
     aligned: bool,
-    /// The views it was trained on, if given.
+    /// The views it was trained on, if `train=` names them.
     train: Option<TrainingViews>,
     several_views: bool,
     /// As given.
@@ -111,7 +111,7 @@ impl GaussianFiles {
         })
     }
 
-    /// The id that names a pair's file.
+    /// What names the file of a pair: its source, or the pair itself where each target has a file.
     fn file_id<'p>(&self, pair_id: &'p str) -> &'p str {
         match self.needs_target() {
             true => pair_id,
@@ -136,7 +136,7 @@ impl GaussianFiles {
         found.cloned().map(Some).ok_or_else(absent)
     }
 
-    /// The file for a source, or where each target has its own, for a pair.
+    /// The file that [`Self::file_id`] names.
     fn find(&self, id: &str) -> Result<PathBuf, MethodError> {
         if let Some(template) = &self.file {
             let named = template.candidates(&self.dir, id);

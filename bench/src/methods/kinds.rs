@@ -24,7 +24,10 @@ pub struct MethodKind {
     pub name: &'static str,
     /// Options besides `label`, in groups.
     pub options: &'static [&'static [&'static str]],
+    /// What its predictions are.
     pub summary: &'static str,
+    /// Its options in words.
+    pub settings: &'static str,
     build: fn(&MethodSpec, Option<&Arc<ScaleChooser>>) -> Built,
 }
 
@@ -33,6 +36,7 @@ pub const KINDS: [MethodKind; 8] = [
         name: "target",
         options: &[],
         summary: "the ground truth; perfect under every metric (self-test)",
+        settings: "",
         build: |spec, _| {
             Ok(Box::new(Target {
                 label: spec.label.clone(),
@@ -43,26 +47,30 @@ pub const KINDS: [MethodKind; 8] = [
         name: "copy",
         options: &[],
         summary: "the source photograph, unmoved",
+        settings: "",
         build: |spec, _| Ok(trivial::copy(spec)),
     },
     MethodKind {
         name: "mean",
         options: &[],
         summary: "the mean colour of the source everywhere",
+        settings: "",
         build: |spec, _| Ok(trivial::mean(spec)),
     },
     MethodKind {
         name: "depth-splat",
         options: &[&["resolution"]],
         summary: "the dataset's depth through SHARP's initializer, composer and renderer; holes stay \
-                  black (resolution=1536)",
+                  black",
+        settings: "resolution=1536",
         build: |spec, _| Ok(Box::new(DepthSplat::from_spec(spec)?)),
     },
     MethodKind {
         name: "sharp",
         options: &[&Sharp::OPTIONS],
-        summary: "the SHARP network (checkpoint=FILE, or mini for the small one that comes with the program, config=FILE#NAME, \
-                  depth=none|privileged, device=cpu, allow_unused=PREFIX,…)",
+        summary: "the SHARP network",
+        settings: "checkpoint=FILE, or mini for the small one that comes with the program, config=FILE#NAME, \
+                  depth=none|privileged, device=cpu, allow_unused=PREFIX,…",
         build: |spec, _| Ok(Box::new(Sharp::from_spec(spec)?)),
     },
     MethodKind {
@@ -73,19 +81,20 @@ pub const KINDS: [MethodKind; 8] = [
             &FileReading::PLACEMENT_KEYS,
             &[FileReading::RULE_KEY],
         ],
-        summary: "Gaussians made elsewhere, DIR/<dataset>/<scene>/<source>.ply|safetensors|spz|sog|splat, rendered by us (dir=DIR, \
-                  file={scene}.ply for another layout, rendering=inria|gsplat-classic|mip-splatting|… for the rule they were made for, \
+        summary: "Gaussians made elsewhere, DIR/<dataset>/<scene>/<source>.ply|safetensors|spz|sog|splat, rendered by us",
+        settings: "dir=DIR, file={scene}.ply for another layout, rendering=inria|gsplat-classic|mip-splatting|… for the rule they were made for, \
                   depth=none|privileged: scaled by the median of true over rendered depth, color_space=linear|srgb for PLYs that \
                   do not say; for files stored otherwise opacity=linear|byte, scales=linear|log-variance, \
                   quaternions=xyzw, colors=rgb01|rgb255|logit|dc-uncentered, channels=bgr, harmonics=drop, marks=ignore, space=world|target|normalized, \
                   axes=rub|luf, scale=S, transform=dataparser_transforms.json, shift=X:Y, focal=F|X:Y; train=LIST.txt|GLOB for scenes trained on several views, align=pose: the target's camera is \
-                  moved to fit its photograph)",
+                  moved to fit its photograph",
         build: |spec, _| Ok(Box::new(GaussianFiles::from_spec(spec)?)),
     },
     MethodKind {
         name: "imported",
         options: &[&["dir", "file", "scales"], &FitRules::OPTIONS],
-        summary: "pictures made elsewhere, DIR/<pair_id>.png|jpg|exr (dir=DIR, file={scene}.png for another layout); smaller ones with resize=bilinear|\
+        summary: "pictures made elsewhere, DIR/<pair_id>.png|jpg|exr",
+        settings: "dir=DIR, file={scene}.png for another layout; smaller ones with resize=bilinear|\
                   bilinear-antialias|bicubic|lanczos, cropped ones with crop=x:y:w:h|center:W:H|center|sidecar; \
                   scales=0.5+1+2 for DIR/<scale>/<pair_id>.png with --scale-sweep",
         build: imported,
@@ -96,8 +105,9 @@ pub const KINDS: [MethodKind; 8] = [
             &["run", "timeout", "version", "files", "depth", "cwd"],
             &FitRules::OPTIONS,
         ],
-        summary: "someone's program, one line of JSON a pair (run='python my.py', timeout=600, version=TEXT, resize=, \
-                  crop=x:y:w:h|center:W:H, depth=none|privileged: it gets the source's true depth, cwd=DIR that it starts in)",
+        summary: "someone's program, one line of JSON a pair",
+        settings: "run='python my.py', timeout=600, version=TEXT, resize=, \
+                  crop=x:y:w:h|center:W:H, depth=none|privileged: it gets the source's true depth, cwd=DIR that it starts in",
         build: |spec, _| Ok(Box::new(Command::from_spec(spec)?)),
     },
 ];

@@ -50,7 +50,7 @@ pub struct SourceView<'a> {
 }
 
 impl<'a> SourceView<'a> {
-    /// A view. `name` is `dataset/scene/source`; `depth` is for methods whose [`Privilege`] it is.
+    /// A view. `name` is `dataset/scene/source`; `depth` is given only to methods with the [`Privilege`] to see it.
     pub fn new(
         name: &'a str,
         camera: &'a PosedCamera,
@@ -84,8 +84,8 @@ impl<'a> SourceView<'a> {
         self.image
     }
 
-    /// Ground-truth z-depth in metres, 0 where there is none: only for methods that declare it a
-    /// [`Privilege`], and only where the dataset has some.
+    /// Ground-truth z-depth in metres, 0 where there is none; for methods with the [`Privilege`] to see it, where the
+    /// dataset has some.
     pub fn depth(&self) -> Option<&'a DepthMap> {
         self.depth
     }
@@ -282,7 +282,7 @@ pub trait Method: Send + Sync {
         Privilege::NONE
     }
 
-    /// Whether source and target of a pair are among the views that its predictions were made of; `None` if nobody said.
+    /// Whether a pair's source and target are among the views it was trained on; `None` if nobody said which those are.
     fn trained_on(&self, _pair_id: &str) -> Option<[bool; 2]> {
         None
     }

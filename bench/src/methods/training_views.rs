@@ -21,7 +21,7 @@ pub fn is_training_list(text: &str) -> bool {
 }
 
 impl TrainingViews {
-    /// Reads a list (`….txt`, one name a line), or a single pattern. The error names no method.
+    /// Reads `train=`: a list (a `.txt` file, one name a line) or a single pattern.
     pub(super) fn read(text: &str) -> Result<Self, String> {
         let list = match is_training_list(text) {
             true => sharp::files::read_text(Path::new(text))
@@ -29,7 +29,9 @@ impl TrainingViews {
             false => text.to_owned(),
         };
         let names = list.lines().map(str::trim).filter(|name| !name.is_empty());
-        let patterns: Result<Vec<GlobMatcher>, String> = names.map(name_matcher).collect();
+        let names = names.flat_map(|name| [Some(name), without_extension(name)]);
+        let patterns: Result<Vec<GlobMatcher>, String> =
+            names.flatten().map(name_matcher).collect();
         let patterns = patterns.map_err(|error| format!("train={text}: {error}"))?;
         match patterns.is_empty() {
             true => Err(format!("train={text}: it names no view")),
@@ -55,13 +57,16 @@ impl TrainingViews {
     fn holds(&self, whole: &str) -> bool {
         let starts = whole.match_indices('/').map(|(at, _)| at + 1);
         let mut ends = std::iter::once(0).chain(starts).map(|at| &whole[at..]);
-        ends.any(|name| {
-            let files =
-                ["", ".png", ".jpg", ".jpeg", ".JPG"].map(|extension| name.to_owned() + extension);
-            let named = |pattern: &GlobMatcher| files.iter().any(|file| pattern.is_match(file));
-            self.patterns.iter().any(named)
-        })
+        ends.any(|name| self.patterns.iter().any(|pattern| pattern.is_match(name)))
     }
+}
+
+fn without_extension(name: &str) -> Option<&str> {
+    let (stem, extension) = name.rsplit_once('.')?;
+    let is_picture = ["png", "jpg", "jpeg", "webp", "tif", "tiff", "bmp"]
+        .iter()
+        .any(|known| extension.eq_ignore_ascii_case(known));
+    is_picture.then_some(stem)
 }
 
 #[cfg(test)]

@@ -14,7 +14,8 @@ use sharp::gaussians::Gaussians;
 use sharp::render::{LoadedScene, RenderError, RenderOutput, Rule};
 use sharp_metrics::Mask;
 
-use super::shared::SharedRenderer;
+use super::shared::{HOLE_ALPHA, SharedRenderer, surface_depth};
+use crate::pairs::depth::median_depth_m;
 
 /// Width of the last and largest picture unless the target is narrower, pixels. Each one before is half as wide.
 const WIDEST: u32 = 640;
@@ -32,17 +33,13 @@ const REACH: f64 = 0.5;
 const FINE_REACHES: [f64; 2] = [0.25, 0.1];
 /// A step by less than this ends a width, pixels.
 const LAST_STEP: f64 = 0.01;
-/// A pixel with less alpha is not compared.
-const COVERED: f32 = 0.5;
 /// Damping: at first, and from which on no step is worth trying.
 const DAMPING: [f64; 2] = [1e-3, 1e3];
 
-/// The procedure in words, for identities.
+/// The procedure in words, for identities; all of it is this file, whose hash is part of each method's code.
 pub fn procedure() -> String {
-    let (width, share) = SHIFT;
     format!(
-        "pose (shifted by {share} of {width} px at most, then widths from {NARROWEST} doubled to {WIDEST} px, low-pass {LOW_PASS} but \
-         for the last, {STEPS} steps each, differences over {REACH}, at last {FINE_REACHES:?} px, until {LAST_STEP} px)"
+        "pose ({NARROWEST} to {WIDEST} px wide, at most {STEPS} steps each, until {LAST_STEP} px)"
     )
 }
 
@@ -151,7 +148,7 @@ impl Level<'_> {
                 for x in dx.max(0)..(width + dx).min(width) {
                     let (from_x, from_y) = ((x - dx) as u32, (y - dy) as u32);
                     let is_seen =
-                        output.alpha[(from_y * shown.width() + from_x) as usize] >= COVERED;
+                        output.alpha[(from_y * shown.width() + from_x) as usize] >= HOLE_ALPHA;
                     if is_seen && self.counts((y * width + x) as usize) {
                         let (a, b) = (
                             shown.get_pixel(from_x, from_y),
@@ -198,12 +195,12 @@ impl Level<'_> {
         let mut steps = 0;
         let mut output = self.render(loaded, *map)?;
         while steps < STEPS {
-            let Some(depth) = median_depth(&output) else {
+            let Some(depth) = median_depth_m(&surface_depth(&output)) else {
                 break;
             };
             steps += 1;
             let covered: Vec<bool> = (0..output.alpha.len())
-                .map(|k| output.alpha[k] >= COVERED && self.counts(k))
+                .map(|k| output.alpha[k] >= HOLE_ALPHA && self.counts(k))
                 .collect();
             let shown = self.shown(&output);
             let error = self.error(&shown, &covered);
@@ -328,29 +325,9 @@ fn difference(a: &Rgb32FImage, b: &Rgb32FImage, factor: f64) -> Rgb32FImage {
     ImageBuffer::from_raw(a.width(), a.height(), samples).unwrap_or_default()
 }
 
-/// Median of the expected depths of covered pixels, metres.
-fn median_depth(output: &RenderOutput) -> Option<f64> {
-    let covered = output.depth_acc.iter().zip(&output.alpha);
-    let covered = covered.filter(|(_, alpha)| **alpha >= COVERED);
-    let mut depths: Vec<f32> = covered.map(|(depth, alpha)| depth / alpha).collect();
-    let middle = depths.len() / 2;
-    (!depths.is_empty())
-        .then(|| f64::from(*depths.select_nth_unstable_by(middle, f32::total_cmp).1))
-}
-
 fn at_width(whole: Intrinsics, width: u32) -> Intrinsics {
     let height = f64::from(whole.height) * f64::from(width) / f64::from(whole.width);
-    let height = (height.round() as u32).max(1);
-    let x = f64::from(width) / f64::from(whole.width);
-    let y = f64::from(height) / f64::from(whole.height);
-    Intrinsics {
-        fx: whole.fx * x,
-        fy: whole.fy * y,
-        cx: whole.cx * x,
-        cy: whole.cy * y,
-        width,
-        height,
-    }
+    whole.resized(width, (height.round() as u32).max(1))
 }
 
 /// Pixels to which only valid ones contribute.

@@ -11,6 +11,10 @@ use sharp::render::{
     Backend, Background, CpuRenderer, LoadedScene, RenderError, RenderOutput, RenderView, Renderer,
     Rule,
 };
+use sharp_datasets::DepthMap;
+
+/// A pixel with less alpha is a hole: more background than surface.
+pub const HOLE_ALPHA: f32 = 0.5;
 
 /// Settings besides the backend that decide a rendering's pixels. The paper states none of them; the defaults are the
 /// release's, except that the release truncates to 8 bit.
@@ -108,6 +112,17 @@ impl SharedRenderer {
     pub fn picture(&self, rendering: &RenderOutput) -> RgbImage {
         rendering.srgb8(self.settings.background, self.settings.quantization)
     }
+}
+
+/// Expected z-depth of a rendering, metres; 0 in holes.
+pub fn surface_depth(output: &RenderOutput) -> DepthMap {
+    let mut depth = output.expected_depth();
+    for (depth, &alpha) in depth.iter_mut().zip(&output.alpha) {
+        if alpha < HOLE_ALPHA {
+            *depth = 0.0;
+        }
+    }
+    depth
 }
 
 impl std::fmt::Debug for SharedRenderer {

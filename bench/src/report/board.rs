@@ -275,9 +275,7 @@ impl ReportMethod {
         let known: String = known.map(|phrase| format!(", {phrase}")).collect();
         let bundled = bundled_network(identity);
         let summary = KINDS.iter().find(|known| known.name == identity.kind);
-        // Its options are no description.
-        let summary = summary.and_then(|known| known.summary.split(" (").next());
-        let summary = summary.unwrap_or_default();
+        let summary = summary.map_or("", |known| known.summary);
         let said = identity.settings.get(Sharp::NOTE);
         let said = said.filter(|_| identity.kind == "sharp");
         let network = bundled.as_ref().or(said).into_iter();

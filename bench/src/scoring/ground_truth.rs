@@ -27,6 +27,13 @@ pub(crate) struct PairMasks {
     pub(crate) border: Border,
 }
 
+/// Pixels that are 255; `None` where all are.
+pub(crate) fn valid_mask(valid: &GrayImage) -> Option<Mask> {
+    let excludes = valid.iter().any(|level| *level < 255);
+    let inside = valid.iter().map(|level| *level == 255).collect();
+    Mask::new(valid.width(), valid.height(), inside).filter(|_| excludes)
+}
+
 impl GroundTruth {
     /// An 8-bit sRGB photograph of which all pixels count.
     pub fn whole(image: RgbImage) -> Self {
@@ -36,11 +43,7 @@ impl GroundTruth {
     /// A photograph of which only the pixels count where `valid`, of the same size, is 255: the dataset excludes the
     /// others (anonymised faces, for instance).
     pub fn of(image: RgbImage, valid: Option<&GrayImage>) -> Self {
-        let excludes = valid.filter(|valid| valid.iter().any(|level| *level < 255));
-        let valid = excludes.and_then(|valid| {
-            let inside = valid.iter().map(|level| *level == 255).collect();
-            Mask::new(valid.width(), valid.height(), inside)
-        });
+        let valid = valid.and_then(valid_mask);
         Self { image, valid }
     }
 

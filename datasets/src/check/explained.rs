@@ -48,7 +48,7 @@ pub(super) struct Reading {
     pub(super) focal: [DVec2; 2],
     /// Of the depths of these two.
     pub(super) depth_times: [f64; 2],
-    /// Of the poses' translations, of these two.
+    /// Factors of the two poses' translations.
     pub(super) pose_times: [f64; 2],
     /// Whether cx and cy are exchanged.
     pub(super) centre_exchanged: bool,

@@ -161,7 +161,7 @@ impl<'a> Matches<'a> {
             (*i, Intrinsics { fx, fy, ..*k })
         });
         let text = format!(
-            "the focal lengths of {} ({} pixels) and of {} ({}), and of views like them, exchanged fit",
+            "exchanging the focal lengths of {} ({} pixels) and {} ({}), and of views like them, fits",
             one.id,
             advice::number(kinds[0].x),
             two.id,

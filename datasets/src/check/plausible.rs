@@ -89,8 +89,8 @@ pub(super) fn cameras(views: &[View]) -> Vec<String> {
 }
 
 /// What is wrong where all views of a scene look in one direction and do not fit together.
-pub(super) const ONE_ROTATION: &str = "every view has the same rotation, and with it poses and pictures do not fit together; were the \
-                                       rotations lost?";
+pub(super) const ONE_ROTATION: &str = "all views have one rotation, with which poses and pictures do not fit together; were the rotations \
+                                       lost?";
 
 /// Whether all of at least three views look in one direction.
 pub(super) fn have_one_rotation(views: &[View]) -> bool {

@@ -7,8 +7,8 @@ use super::explained::{Explained, Reading};
 use super::neighbours::Neighbours;
 use super::search::{is_worth_a_word, least};
 
-/// What differs by a factor, the steps of that either way, and the reading with factors of the view that is carried and
-/// of the other.
+/// What may differ by a factor; how many factors are tried either way, and the ratio of one to the next; and the reading
+/// with the factors of two views, the one that is carried first.
 type Quantity = (&'static str, (i32, f64), fn([f64; 2]) -> Reading);
 
 const DEPTH: &str = "depth";

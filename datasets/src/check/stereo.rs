@@ -16,11 +16,11 @@ use crate::View;
 const BASELINES_M: (f64, f64) = (1e-3, 10.0);
 /// Bands of a picture that are evidence of their own, each in [`TILES`].
 const BANDS: u32 = 4;
-/// Radius of what is fine in a picture, reduced pixels; its least spread in both pictures, levels; and the fewest places.
+/// Of a picture's details: their radius, reduced pixels; the least spread that shows any, levels; and the fewest places.
 const FINE: f64 = 3.0;
 const LEAST_SPREAD: f64 = 3.0;
 const FEWEST: usize = 500;
-/// Pictures of one scene correlate at least so much in what is fine, wherever disparities are right.
+/// Details of two pictures of one scene correlate at least so much where disparities are right.
 const LEAST_RELATED: f64 = 0.1;
 /// Distances of the rows that are tried either way, pixels of the reduced size; less than one of the photograph is none.
 const ROWS: [f64; 7] = [0.25, 0.5, 1.0, 2.0, 3.0, 4.0, 6.0];
@@ -191,7 +191,7 @@ impl Pair {
         bands
     }
 
-    /// A contradiction where nothing that is fine in the left picture lies where its disparity leads in the right one.
+    /// A contradiction where details of the left picture are not those of the right one at the places that disparities match.
     fn unrelated(&self) -> Option<String> {
         let grey = |view: &SmallView, place: DVec2| {
             let colour = view
@@ -221,8 +221,8 @@ impl Pair {
         let related = of_both / (of_left * of_right).sqrt();
         (is_enough && related < LEAST_RELATED).then(|| {
             format!(
-                "the pictures do not seem to be of one scene: where disparities lead, what is fine in them correlates by \
-                 {related:.2} (in pairs of one scene by more than 0.3); is the right picture that of another pair?"
+                "the pictures do not seem to show one scene: at the places that disparities match, their details correlate by \
+                 {related:.2} (0.3 or more is usual); does the right picture belong to another pair?"
             )
         })
     }

@@ -18,7 +18,7 @@ use crate::ply::{self, GaussianScene, PlyError, PlyReason, StoredForm, Suspicion
 pub use rule::MarkedRule;
 pub use spz::{LARGEST_SPZ_SCALE, to_bytes as to_spz_bytes};
 
-/// What a [`Suspicion`] is about where a file does not tell its axes.
+/// Topic of the [`Suspicion`] that a file does not tell its axes.
 pub const AXES: &str = "axes";
 
 /// Turns Gaussians from axes that are OpenCV's but for these signs, which settles the doubt about a file's axes.

@@ -23,6 +23,8 @@ macro_rules! setting {
         impl $name {
             /// Name of the setting.
             pub const KEY: &'static str = $key;
+            /// All values, the default first.
+            pub const ALL: &'static [Self] = &[$(Self::$variant),+];
 
             /// As in the setting.
             pub fn name(self) -> &'static str {

@@ -40,7 +40,7 @@ setting!(
     NearPlane, "near-plane":
     /// Drawn.
     Included = "included",
-    /// Dropped.
+    /// Left out.
     Excluded = "excluded",
 );
 setting!(

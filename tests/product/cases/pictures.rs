@@ -516,7 +516,7 @@ fn pictures_of_other_pairs_and_ranges_are_told_and_poor_ones_are_not() {
         (
             "clipped",
             stored("clipped", "t", &own, &|v| 2.0 * v - 255.0),
-            "are black below the middle",
+            "have their darker half cut off",
         ),
     ];
     let (names, parts): (Vec<_>, Vec<_>) =

@@ -12,7 +12,7 @@ use sharp::gaussian_files::turn;
 use sharp::gaussians::Gaussians;
 use sharp::model::Silent;
 use sharp::model::recording::{Recording, compare};
-use sharp::ply::{ColorSpace, StoredForm};
+use sharp::ply::ColorSpace;
 use sharp::render::Rule;
 use sharp::unprojection::{release_intrinsics, unproject};
 use sharp_metrics::Picture;
@@ -89,7 +89,7 @@ pub(crate) fn execute(args: &ParityArgs) -> anyhow::Result<Outcome> {
 fn reference(args: &ParityArgs) -> anyhow::Result<(Gaussians, Intrinsics)> {
     match (&args.against, &args.image) {
         (Some(path), _) => {
-            let file = gaussian_files::read(path, StoredForm::default(), None)?;
+            let file = gaussian_files::read(path, Some(ColorSpace::Srgb), Some(Rule::SHARP))?;
             let Some((intrinsics, _)) = file.camera else {
                 bail!(
                     "{}: it holds no camera; a PLY of the release or of predict without --plain is needed",
@@ -156,8 +156,7 @@ fn of_port(args: &ParityArgs, path: &Path) -> anyhow::Result<Outcome> {
         output::json(&found)?;
     } else {
         output::line(format!(
-            "{} Gaussians in {order}, {unmatched} of them without one of the {}, {missing} of these without one of them, \
-             {not_finite} not finite",
+            "{} Gaussians for {}, in {order}; {unmatched} are new, {missing} missing, {not_finite} not finite",
             file.gaussians.len(),
             reference.len()
         ))?;
@@ -190,7 +189,7 @@ fn of_port(args: &ParityArgs, path: &Path) -> anyhow::Result<Outcome> {
         .map(|f| format!("{} {:.3} {}", f.field, f.p99, f.unit))
         .collect();
     let counts = [
-        (*unmatched, "of its Gaussians without a partner"),
+        (*unmatched, "Gaussians that the reference lacks"),
         (*missing, "Gaussians missing"),
         (*not_finite, "Gaussians not finite"),
     ];

@@ -12,15 +12,15 @@ use sharp_metrics::Picture;
 use crate::methods::{GaussianPrediction, GaussianSpace, PicturePrediction};
 use crate::pairs::PosedCamera;
 use crate::pairs::alignment::median_scale;
+use crate::pairs::depth::median_depth_m;
 use crate::rendering::SharedRenderer;
 use crate::rendering::pose_alignment::fit_camera;
+use crate::rendering::shared::{HOLE_ALPHA, surface_depth};
 use crate::scoring::GroundTruth;
 
 /// Beyond this turn, degrees, and this share of the median depth a camera was moved far.
 const FAR_TURNED: f64 = 15.0;
 const FAR_MOVED: f64 = 0.25;
-/// A pixel with less alpha is a hole: more background than surface.
-const HOLE_ALPHA: f32 = 0.5;
 
 /// The factor from predicted to true depth: the median of their ratios (the paper's eq. global_scale). The inner error
 /// is a reason without file or pair.
@@ -63,17 +63,6 @@ fn seen_depth(
         prediction.rule,
     )?;
     Ok(surface_depth(&output))
-}
-
-/// Expected z-depth of a rendering, metres; 0 in holes.
-pub(in crate::evaluate) fn surface_depth(output: &RenderOutput) -> DepthMap {
-    let mut depth = output.expected_depth();
-    for (depth, &alpha) in depth.iter_mut().zip(&output.alpha) {
-        if alpha < HOLE_ALPHA {
-            *depth = 0.0;
-        }
-    }
-    depth
 }
 
 /// Transform from the Gaussians' space to the target's camera.
@@ -174,10 +163,7 @@ pub(in crate::evaluate) fn far_moved(
 ) -> Option<(String, String)> {
     let turned = *picture.extras.get("pose_rotation_deg")?;
     let moved = *picture.extras.get("pose_translation_m")?;
-    let depth = surface_depth(output);
-    let mut depths: Vec<f32> = depth.iter().copied().filter(|d| *d > 0.0).collect();
-    depths.sort_by(f32::total_cmp);
-    let depth = f64::from(*depths.get(depths.len() / 2)?);
+    let depth = median_depth_m(&surface_depth(output))?;
     (turned > FAR_TURNED || moved > FAR_MOVED * depth).then(|| {
         let text = format!(
             "align=pose moved a target's camera by {moved:.3} m and {turned:.1}° ({pair_id}), which is no small correction: the \

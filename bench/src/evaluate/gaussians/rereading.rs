@@ -278,19 +278,14 @@ fn numbers(current: &FileReading, stored: &Gaussians) -> Vec<FileReading> {
             all.push(other);
         }
     };
-    for order in [
-        StoredQuaternions::Wxyz,
-        StoredQuaternions::Xyzw,
-        StoredQuaternions::WxyzInverse,
-        StoredQuaternions::XyzwInverse,
-    ] {
-        add(&|other| other.stored.quaternions = Some(order));
+    for order in StoredQuaternions::ALL {
+        add(&|other| other.stored.quaternions = Some(*order));
     }
-    for space in [ColorSpace::Linear, ColorSpace::Srgb] {
-        add(&|other| other.stored.color_space = Some(space));
+    for space in ColorSpace::ALL {
+        add(&|other| other.stored.color_space = Some(*space));
     }
-    for channels in [StoredChannels::Rgb, StoredChannels::Bgr] {
-        add(&|other| other.stored.channels = Some(channels));
+    for channels in StoredChannels::ALL {
+        add(&|other| other.stored.channels = Some(*channels));
     }
     // Values come back from their encoding with some rounding.
     let unit = -1e-4..=1.0001;

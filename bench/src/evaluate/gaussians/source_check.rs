@@ -18,7 +18,7 @@ use sharp_metrics::{Mask, Picture, psnr};
 
 use super::likeness::{Likeness, blur, window};
 use super::registration::{shift, zoom};
-use super::render::{placed, surface_depth};
+use super::render::placed;
 use super::rereading::{Moves, Seen, Trial};
 use crate::methods::GaussianPrediction;
 use crate::methods::file_reading::{FileReading, FileSpace};
@@ -27,6 +27,7 @@ use crate::pairs::depth::median_depth_m;
 use crate::pairs::pair_list::ResolvedPair;
 use crate::pairs::valid_depth::{is_valid_depth, median_of};
 use crate::rendering::SharedRenderer;
+use crate::rendering::shared::surface_depth;
 use crate::scoring::Region;
 
 /// The extra that holds the PSNR of the source's photograph and its rendering, dB; 100 at most, so that it is a number.

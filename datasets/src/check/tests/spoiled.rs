@@ -716,7 +716,7 @@ fn exchanged_focal_lengths_are_named_without_depth() {
         (view.intrinsics.fx, view.intrinsics.fy) = (focal(i + 1), focal(i + 1));
     }
     let said = found(&views);
-    let cause = "the focal lengths of view_00 (253.4 pixels) and of view_01 (230.4), and of views like them, exchanged fit";
+    let cause = "exchanging the focal lengths of view_00 (253.4 pixels) and view_01 (230.4), and of views like them, fits";
     assert!(said.len() == 1 && said[0].starts_with(cause), "{said:?}");
 }
 
@@ -726,7 +726,7 @@ fn right_pictures_of_other_pairs_are_told() {
         let (own, other) = (pair(seed), pair(seed + 1));
         let (said, _) = of_pair(vec![own[0].clone(), other[1].clone()]);
         assert!(
-            said.contains("do not seem to be of one scene"),
+            said.contains("do not seem to show one scene"),
             "{seed}: {said}"
         );
     }

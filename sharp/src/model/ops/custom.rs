@@ -221,7 +221,7 @@ pub fn pull(compute: &Compute, outputs: &[(Tensor, Tensor)]) -> Result<Option<Gr
     Tensor::stack(&parts, 0)?.sum_all()?.backward().map(Some)
 }
 
-/// The inner product with a constant.
+/// `Σ x·w`, a scalar: its gradient with respect to `x` is `w`, and it has none with respect to `w`.
 struct Inner;
 
 impl Operation for Inner {
