@@ -41,7 +41,7 @@ fn the_same_gaussians_pass_and_the_differences_have_units() {
     let said = parity(dir.path(), &release(), &[]).ends_with(0);
     assert!(
         said.out
-            .contains("18432 Gaussians for 18432, in the same order; 0 are new, 0 missing"),
+            .contains("18432 Gaussians for 18432, in the same order; 0 are extra, 0 missing"),
         "{}",
         said.out
     );
@@ -157,12 +157,41 @@ fn another_order_is_named_and_gaussians_left_out_are_counted() {
     let said = parity(dir.path(), &fewer, &[]);
     assert!(
         said.out.contains(&format!(
-            "{kept} Gaussians for {COUNT}, in another order, matched by position; 0 are new, {} missing",
+            "{kept} Gaussians for {COUNT}, in another order, matched by position; 0 are extra, {} missing",
             COUNT - kept
         )),
         "{}",
         said.out
     );
+}
+
+#[test]
+fn doubled_and_broken_gaussians_are_counted() {
+    let dir = tempfile::tempdir().unwrap();
+    let twice: Vec<usize> = (0..2 * COUNT).map(|i| i % COUNT).collect();
+    let doubled = GaussianScene {
+        gaussians: release().gaussians.subset(&twice),
+        ..release()
+    };
+    let broken = with(|g| g.means[7][1] = f32::NAN);
+    let far = with(|g| g.means.iter_mut().for_each(|m| m[2] += 0.02));
+    for (port, said) in [
+        (
+            doubled,
+            "18432 Gaussians that the reference lacks or has once",
+        ),
+        (broken, "1 Gaussians not finite"),
+        // An offset is no other order.
+        (far, "depth"),
+    ] {
+        let found = parity(dir.path(), &port, &[]).ends_with(1);
+        assert!(
+            found.err.contains(said),
+            "{said}: {}{}",
+            found.out,
+            found.err
+        );
+    }
 }
 
 #[test]

@@ -46,8 +46,8 @@ pub struct FieldDifference {
 pub struct PortComparison {
     /// How Gaussians were matched: their order in the port's file.
     pub order: &'static str,
-    /// Gaussians of the port without one of the reference.
-    pub unmatched: usize,
+    /// Gaussians of the port without one of the reference to themselves.
+    pub extra: usize,
     /// Gaussians of the reference without one of the port.
     pub missing: usize,
     /// Gaussians of the port with a value that is not finite.
@@ -101,16 +101,16 @@ fn in_layer(i: usize, side: usize, map: impl Fn(usize, usize) -> (usize, usize))
 }
 
 /// Compares a port's Gaussians with the reference's, both with linear colours and in the space of the photograph's camera.
-/// `reading` is how the port's were read.
+/// `stored` is how the port's were read.
 pub fn compare(
     port: &Gaussians,
-    reading: FileReading,
+    stored: StoredForm,
     reference: &Gaussians,
     intrinsics: Intrinsics,
 ) -> PortComparison {
     let pair = Pair {
         port,
-        stored: reading.stored,
+        stored,
         reference,
         camera: PosedCamera {
             id: String::new(),
@@ -120,7 +120,7 @@ pub fn compare(
     };
     let (mut placement, order, matches) = pair.matched();
     let as_read = FileReading {
-        stored: reading.stored,
+        stored,
         ..FileReading::default()
     };
     if let Some(scale) = pair.scale(&placement, &matches) {
@@ -156,10 +156,11 @@ pub fn compare(
     for [_, other] in &matches {
         is_found[*other as usize] = true;
     }
+    let found = is_found.iter().filter(|found| **found).count();
     PortComparison {
         order,
-        unmatched: port.len() - matches.len(),
-        missing: is_found.iter().filter(|found| !**found).count(),
+        extra: port.len() - found,
+        missing: reference.len() - found,
         not_finite: (0..port.len()).filter(|k| !port.is_finite(*k)).count(),
         as_read: pair.differences(&as_read, &matches),
         settings,

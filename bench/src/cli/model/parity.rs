@@ -24,7 +24,6 @@ use crate::cli::reading_args::ReadingArgs;
 use crate::cli::{Outcome, output};
 use crate::evaluate::record::finite_or_text;
 use crate::io::gaussian_files;
-use crate::methods::file_reading::FileReading;
 use crate::rendering::SharedRenderer;
 
 /// Compare a network with a recording, stage by stage, and name the first stage that diverges; or a port's Gaussians with ours
@@ -126,11 +125,7 @@ fn of_port(args: &ParityArgs, path: &Path) -> anyhow::Result<Outcome> {
     turn(&mut file.gaussians, &mut file.doubts, args.reading.axes)
         .map_err(|reason| anyhow::anyhow!("{}: {reason} (--axes)", path.display()))?;
     let (reference, intrinsics) = reference(args)?;
-    let reading = FileReading {
-        stored: file.reading,
-        ..FileReading::default()
-    };
-    let differences = port::compare(&file.gaussians, reading, &reference, intrinsics);
+    let differences = port::compare(&file.gaussians, file.reading, &reference, intrinsics);
     let renderer = SharedRenderer::cpu();
     let picture = |gaussians: &Gaussians| {
         let output = renderer.render(gaussians, DAffine3::IDENTITY, intrinsics, None)?;
@@ -144,7 +139,7 @@ fn of_port(args: &ParityArgs, path: &Path) -> anyhow::Result<Outcome> {
     let tolerance = args.tolerance.unwrap_or(0.5);
     let PortComparison {
         order,
-        unmatched,
+        extra,
         missing,
         not_finite,
         as_read,
@@ -156,7 +151,7 @@ fn of_port(args: &ParityArgs, path: &Path) -> anyhow::Result<Outcome> {
         output::json(&found)?;
     } else {
         output::line(format!(
-            "{} Gaussians for {}, in {order}; {unmatched} are new, {missing} missing, {not_finite} not finite",
+            "{} Gaussians for {}, in {order}; {extra} are extra, {missing} missing, {not_finite} not finite",
             file.gaussians.len(),
             reference.len()
         ))?;
@@ -189,7 +184,7 @@ fn of_port(args: &ParityArgs, path: &Path) -> anyhow::Result<Outcome> {
         .map(|f| format!("{} {:.3} {}", f.field, f.p99, f.unit))
         .collect();
     let counts = [
-        (*unmatched, "Gaussians that the reference lacks"),
+        (*extra, "Gaussians that the reference lacks or has once"),
         (*missing, "Gaussians missing"),
         (*not_finite, "Gaussians not finite"),
     ];
