@@ -1,5 +1,5 @@
-//! Hashes the sources and locked dependencies that each stage stands on, so that the keys of results change with the
-//! code that made them and with nothing else, and names the decoders of pictures.
+//! Hashes the sources and locked dependencies of each stage, so that result keys change when the code that made the
+//! results changes and not otherwise. Also records the picture decoders.
 
 mod fingerprint;
 
@@ -11,14 +11,14 @@ use std::process::Command;
 
 use fingerprint::{Code, GROUPS};
 
-/// Crates that turn files into pixels, and so decide a score's input.
+/// Crates that decode files into pixels, and so determine the input of every score.
 const DECODERS: [&str; 4] = ["image", "png", "zune-jpeg", "exr"];
 
 fn main() -> io::Result<()> {
     let variable = |name| std::env::var(name).unwrap_or_default();
     let bench = PathBuf::from(variable("CARGO_MANIFEST_DIR"));
     let workspace = bench.parent().unwrap_or(&bench);
-    // As it comes from a registry, this crate stands alone and has a lock file of its own.
+    // A crate from a registry has no workspace around it and brings its own lock file.
     let packaged = bench.join("Cargo.lock").is_file();
     let mut files = BTreeMap::new();
     let mut folders: Vec<&str> = GROUPS.iter().flat_map(|group| group.sources()).collect();
@@ -41,7 +41,7 @@ fn main() -> io::Result<()> {
     let lock = if packaged { &bench } else { workspace }.join("Cargo.lock");
     println!("cargo::rerun-if-changed={}", lock.display());
     let lock = fs::read_to_string(lock)?;
-    // The compiler and the target too: functions such as `powf` come from the platform's mathematics.
+    // Include the compiler and the target: functions such as `powf` come from the platform's maths library.
     let compiler = std::env::var("RUSTC").unwrap_or_else(|_| "rustc".to_owned());
     let version = Command::new(compiler).arg("-vV").output()?.stdout;
     let compiler = format!(
@@ -74,7 +74,7 @@ fn main() -> io::Result<()> {
     Ok(())
 }
 
-/// All files at or below a path, by their name below the workspace, where the path is `name`.
+/// Collects all files at or below `path`, keyed by their workspace-relative name; `name` is that of `path`.
 fn collect(name: &str, path: &Path, files: &mut BTreeMap<String, Vec<u8>>) -> io::Result<()> {
     if path.is_dir() {
         for entry in fs::read_dir(path)? {

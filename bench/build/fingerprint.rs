@@ -1,30 +1,31 @@
-//! Which sources and dependencies each stage stands on. Part of the build script; the library's tests include it, too.
+//! Which sources and dependencies each stage is built from. Part of the build script; also included by the library's
+//! tests.
 
 use std::collections::{BTreeMap, BTreeSet};
 
 use sha2::{Digest, Sha256};
 
-/// The code that decides the results of one stage.
+/// The code that determines the results of one stage.
 pub(crate) struct SourceGroup {
-    /// The fingerprint is in the environment of the build as `SHARP_BENCH_<name>`.
+    /// Name of the group; the build exports the fingerprint as environment variable `SHARP_BENCH_<name>`.
     pub(crate) name: &'static str,
-    /// Files and folders below the workspace.
+    /// Workspace-relative files and folders that belong to this group.
     own: &'static [&'static str],
-    /// Further ones that several groups share.
+    /// Lists of files and folders shared by several groups.
     shared: &'static [&'static [&'static str]],
-    /// Dependencies that matter with all that they depend on.
+    /// Dependencies that affect results; their transitive dependencies are included.
     crates: &'static [&'static str],
 }
 
 impl SourceGroup {
-    /// Files and folders below the workspace.
+    /// All workspace-relative files and folders of the group, own and shared.
     pub(crate) fn sources(&self) -> impl Iterator<Item = &'static str> {
         let shared = self.shared.iter().flat_map(|list| list.iter());
         self.own.iter().chain(shared).copied()
     }
 }
 
-/// Photographs, cameras and depth as the readers give them.
+/// Reading photographs, cameras and depth.
 const READING: &[&str] = &[
     "datasets/src",
     "sharp/src/camera.rs",
@@ -33,7 +34,7 @@ const READING: &[&str] = &[
     "bench/src/pairs/frame.rs",
     "metrics/src/resize",
 ];
-/// From layers and colours to Gaussians.
+/// From network layers and colours to Gaussians.
 const COMPOSING: &[&str] = &[
     "sharp/src/camera.rs",
     "sharp/src/color.rs",
@@ -44,7 +45,7 @@ const COMPOSING: &[&str] = &[
     "sharp/src/unprojection.rs",
     "bench/src/io/pictures.rs",
 ];
-/// Pictures of others.
+/// Methods that supply pictures instead of Gaussians.
 const PICTURES: &[&str] = &[
     "bench/src/methods/crop_and_resize.rs",
     "bench/src/io/pictures.rs",
@@ -52,7 +53,7 @@ const PICTURES: &[&str] = &[
     "sharp/src/image_file",
     "metrics/src/resize",
 ];
-/// From Gaussians to scored pictures, and what is recorded of their source.
+/// From Gaussians to scored pictures, and the facts recorded about their source.
 const RENDERING: &[&str] = &[
     "bench/src/evaluate/gaussians",
     "bench/src/rendering/pose_alignment.rs",
@@ -66,7 +67,7 @@ const RENDERING: &[&str] = &[
     "sharp/src/color.rs",
     "sharp/src/gaussians.rs",
 ];
-/// What all metrics stand on.
+/// Code that all metrics use.
 const SCORING: &[&str] = &[
     "bench/src/evaluate/score.rs",
     "bench/src/pairs/depth/mod.rs",
@@ -94,7 +95,7 @@ const FEATURES: &[&str] = &[
 
 const READERS: &[&str] = &["image", "exr", "half", "flate2", "kamadak-exif", "moxcms"];
 
-/// Of pictures and of Gaussians.
+/// Readers of picture and Gaussian files.
 const FILE_READERS: &[&str] = &[
     "image",
     "exr",
@@ -106,7 +107,7 @@ const FILE_READERS: &[&str] = &[
     "zip",
 ];
 
-/// All groups there are.
+/// All source groups.
 pub(crate) const GROUPS: [SourceGroup; 13] = [
     group("READING", &[], &[READING], READERS),
     group(
@@ -197,9 +198,9 @@ const fn group(
     }
 }
 
-/// The crate of a source; `None` for this one.
+/// The workspace crate that owns a source path; `None` for `sharp-bench` itself.
 pub(crate) fn crate_of(source: &str) -> Option<&'static str> {
-    // The longer prefixes first.
+    // Longer prefixes first.
     let crates = [
         ("bench/", None),
         ("sharp/kernels/", Some("sharp-kernels")),
@@ -213,13 +214,14 @@ pub(crate) fn crate_of(source: &str) -> Option<&'static str> {
     found.and_then(|(_, name)| *name)
 }
 
-/// The sources with the dependencies that are locked.
+/// All sources and locked dependencies of the build.
 pub(crate) struct Code {
     files: BTreeMap<String, Vec<u8>>,
-    /// By name, the versions in the lock file, each with what it depends on.
+    /// Locked versions by crate name, each with its dependencies.
     locked: BTreeMap<String, Vec<Locked>>,
     compiler: String,
-    /// Whether the other crates of the workspace come from a registry: their versions then stand for their sources.
+    /// Whether the other workspace crates come from a registry; if so, their versions replace their sources in the
+    /// hash.
     packaged: bool,
 }
 
@@ -230,7 +232,8 @@ struct Locked {
 }
 
 impl Code {
-    /// Files by name below the workspace, the text of `Cargo.lock`, and who compiles.
+    /// `files` by workspace-relative name; `lock` is the text of `Cargo.lock`; `compiler` identifies the compiler and
+    /// target.
     pub(crate) fn new(
         files: BTreeMap<String, Vec<u8>>,
         lock: &str,
@@ -261,13 +264,13 @@ impl Code {
         }
     }
 
-    /// The locked versions of a crate.
+    /// Locked versions of a crate.
     pub(crate) fn versions(&self, name: &str) -> impl Iterator<Item = &str> {
         let locked = self.locked.get(name).into_iter().flatten();
         locked.map(|locked| locked.version.as_str())
     }
 
-    /// sha256 over the sources of a group, its dependencies with theirs, and the compiler.
+    /// SHA-256 over the sources of a group, its transitive dependencies, and the compiler.
     pub(crate) fn fingerprint(&self, group: &SourceGroup) -> String {
         let mut parts = Vec::new();
         let mut add = |part: &[u8]| {
@@ -292,8 +295,8 @@ impl Code {
         sha256_hex(&parts)
     }
 
-    /// `name version` of some crates and all that they depend on. A crate that is locked in several versions counts
-    /// with all of them.
+    /// `name version` of the root crates and their transitive dependencies. If a crate is locked in several versions,
+    /// all of them are included.
     fn closure(&self, roots: &[&str]) -> BTreeSet<String> {
         let mut found = BTreeSet::new();
         let mut open: Vec<&str> = roots.to_vec();
@@ -309,7 +312,7 @@ impl Code {
     }
 }
 
-/// sha256 of bytes, hexadecimal.
+/// SHA-256 of `bytes`, in hexadecimal.
 pub(crate) fn sha256_hex(bytes: &[u8]) -> String {
     let digest = Sha256::digest(bytes);
     digest.iter().map(|byte| format!("{byte:02x}")).collect()

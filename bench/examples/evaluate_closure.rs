@@ -3,7 +3,7 @@
 //! ```console
 //! $ cargo run --release -p sharp-bench --example evaluate_closure -- [FOLDER]
 //! ```
-//! The run lies in FOLDER, or in a temporary one; called again with the same FOLDER, nothing is computed twice.
+//! The run is written to FOLDER, or to a temporary folder; a second call with the same FOLDER reuses all results.
 
 #![allow(clippy::print_stdout, reason = "an example that prints its result")]
 
@@ -20,7 +20,7 @@ use sharp_bench::report::mean_tables;
 use sharp_bench::scoring::Scoring;
 use sharp_metrics::{Selection, Weights};
 
-/// The source photograph, moved as if the scene were one plane 2.5 m away.
+/// Warps the source photograph into the target camera as if the scene were one plane 2.5 m away.
 fn plane(source: &SourceView, target: &TargetCamera) -> Result<PicturePrediction, MethodError> {
     let (from, to) = (source.intrinsics(), target.intrinsics());
     let source_from_target = target.target_from_source(source).inverse();

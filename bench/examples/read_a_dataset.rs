@@ -1,10 +1,10 @@
-//! Reads pictures of one's own with a `transforms.json`: views, cameras and depth.
+//! Reads your own pictures with a `transforms.json`: views, cameras and depth.
 //!
 //! ```console
 //! $ cargo run --release -p sharp-bench --example read_a_dataset -- [FOLDER]
 //! ```
-//! A small dataset is written first, into FOLDER or a temporary folder: three cameras in a row before a wall. The same call
-//! with another FORMAT reads any dataset of `sharp-bench datasets list`.
+//! First writes a small dataset, three cameras in a row in front of a wall, to FOLDER or a temporary folder. The same
+//! call with another FORMAT reads any dataset of `sharp-bench datasets list`.
 
 #![allow(clippy::print_stdout, reason = "an example that prints its result")]
 
@@ -44,7 +44,7 @@ fn main() -> Result<(), Box<dyn Error>> {
             view.camera_from_world.inverse().translation,
             view.intrinsics,
         );
-        // Pixels are decoded when they are asked for, and not kept.
+        // Pixels are decoded on each call and not cached.
         let depth = view
             .content
             .depth()?

@@ -1,9 +1,10 @@
-//! Writes a report from records of another program: tables, plots and a page that opens from disk.
+//! Writes a report from another program's records: tables, plots and a page that opens from disk.
 //!
 //! ```console
 //! $ cargo run --release -p sharp-bench --example report_from_records -- [FOLDER]
 //! ```
-//! `sharp-bench schema record` and `schema manifest` print what a record and a manifest may hold. The report lies in FOLDER, or in a temporary folder.
+//! `sharp-bench schema record` and `schema manifest` print what a record and a manifest may hold. The report is written
+//! to FOLDER, or to a temporary folder.
 
 #![allow(clippy::print_stdout, reason = "an example that prints its result")]
 
@@ -26,7 +27,7 @@ fn record(method: &str, centimetres: u32, psnr: f64) -> serde_json::Result<Recor
     }))
 }
 
-/// What `manifest.json` says of a run: its dataset, methods and metrics, and how they were made.
+/// Contents of `manifest.json`: the run's dataset, methods and metrics, and how they were made.
 fn manifest(methods: [&str; 2]) -> serde_json::Result<Value> {
     let mut psnr = serde_json::to_value(MetricInfo::new(MetricKey::PSNR, &[]))?;
     psnr["identity"] = "by hand".into();

@@ -3,7 +3,8 @@
 //! ```console
 //! $ cargo run --release -p sharp-bench --example score_two_pictures -- [FOLDER]
 //! ```
-//! LPIPS and DISTS use torchvision's published features, which the crate brings along. The two pictures are written into FOLDER, if one is given.
+//! LPIPS and DISTS use torchvision's published features, which are bundled with the crate. If FOLDER is given, the two
+//! pictures are written to it.
 
 #![allow(clippy::print_stdout, reason = "an example that prints its result")]
 
@@ -13,7 +14,7 @@ use std::path::PathBuf;
 use image::{Rgb, RgbImage};
 use sharp_metrics::{Picture, Scorer, Selection, Weights};
 
-/// A pattern of waves, brightened by so many levels.
+/// A wave pattern, brightened by `brighter` levels.
 fn waves(brighter: u8) -> RgbImage {
     RgbImage::from_fn(160, 120, |x, y| {
         let wave = |length: f32| (100.0 + 80.0 * ((x * x + y * y) as f32 / length).sin()) as u8;

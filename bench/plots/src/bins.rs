@@ -1,4 +1,4 @@
-//! Samples along an axis, in bins.
+//! Bins samples along an axis.
 
 use std::collections::BTreeMap;
 use std::fmt;
@@ -12,17 +12,17 @@ use super::scale::Step;
 /// How an axis is divided into bins.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Binning {
-    /// At most this many, of a round width.
+    /// At most this many bins, of a round width.
     Round(usize),
-    /// Of this width, with an edge at zero.
+    /// Bins of this width, with an edge at zero.
     Width(Step),
-    /// This many, with equally many samples each; equal samples stay together.
+    /// This many bins with equally many samples each; equal samples share a bin.
     Quantiles(NonZeroUsize),
-    /// Between these edges, ascending.
+    /// Bins between these edges, ascending.
     Edges(Vec<f64>),
 }
 
-/// Limit of given edges, so that values computed from them stay finite.
+/// Largest magnitude of a given edge, so that values computed from edges stay finite.
 const FARTHEST_EDGE: f64 = 1e15;
 
 impl FromStr for Binning {
@@ -70,7 +70,7 @@ impl fmt::Display for Binning {
     }
 }
 
-/// An axis cut into bins. A bin holds its lower edge; the last one between given edges holds its upper edge too.
+/// An axis cut into bins. A bin includes its lower edge; with given edges, the last bin also includes its upper edge.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Cuts {
     Steps(Step),
@@ -78,7 +78,7 @@ pub enum Cuts {
 }
 
 impl Binning {
-    /// Cuts for samples at these places; `low` is where a [`Self::Round`] axis starts at the latest.
+    /// Cuts the axis for samples at `places`. An axis of [`Self::Round`] bins starts at `low` or below.
     pub fn cuts(&self, places: impl IntoIterator<Item = f64>, low: Option<f64>) -> Cuts {
         let mut places: Vec<f64> = places.into_iter().filter(|x| x.is_finite()).collect();
         places.sort_by(f64::total_cmp);
@@ -89,7 +89,7 @@ impl Binning {
             Self::Round(count) => {
                 let span = ends.map_or(0.0, |(first, last)| {
                     let span = last - low.map_or(*first, |low| low.min(*first));
-                    // Places that only rounding tells apart are one.
+                    // Places that differ by rounding alone count as one.
                     if span > ROUNDING * last.abs() {
                         span
                     } else {
@@ -102,7 +102,7 @@ impl Binning {
                 let first = |k: usize| places.get(k * places.len() / count.get()).copied();
                 let mut edges: Vec<f64> = (0..count.get()).filter_map(first).collect();
                 edges.dedup();
-                // Of equal ones at the end the last bin has no width.
+                // If the largest places are equal, the last bin has zero width.
                 edges.extend(places.last());
                 Cuts::Edges(edges)
             }
@@ -110,19 +110,21 @@ impl Binning {
     }
 }
 
-/// Values this close below an edge, as a fraction of the bin's width, count as on it, because camera centres are rounded.
+/// Values this close below an edge, as a fraction of the bin's width, count as on the edge, because camera centres are
+/// rounded.
 const ROUNDING: f64 = 1e-9;
 
-/// Largest multiple of a step that floating-point numbers reliably tell from the next.
+/// Largest multiple of a step that can reliably be told from the next in floating point.
 const LAST_STEP: u64 = 1 << 50;
 
 impl Cuts {
-    /// Whether a place is in a bin.
+    /// Whether `x` falls into a bin.
     pub fn hold(&self, x: f64) -> bool {
         self.bin(x).is_some()
     }
 
-    /// Number, lower and upper edge of the bin of a place; `None` outside all edges, or steps too far out.
+    /// Number, lower edge and upper edge of the bin of `x`; `None` outside all edges or more than [`LAST_STEP`] steps
+    /// from zero.
     fn bin(&self, x: f64) -> Option<(i64, f64, f64)> {
         match self {
             Self::Steps(step) => {
@@ -148,32 +150,32 @@ impl Cuts {
     }
 }
 
-/// The samples of a part of an axis.
+/// A non-empty bin: the samples in one part of an axis.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Bin {
-    /// Bins of neighbouring numbers are neighbours.
+    /// Consecutive numbers mean adjacent bins.
     pub number: i64,
     pub low: f64,
     pub high: f64,
-    /// Mean place of its samples: where it is drawn.
+    /// Mean place of the samples, where the bin is drawn.
     pub x: f64,
-    /// Which of the samples they are, by position.
+    /// Indices of the samples.
     pub members: Vec<usize>,
-    /// Mean of their values; infinite as soon as one is.
+    /// Mean of the samples' values; infinite if any value is.
     pub mean: f64,
-    /// Sample standard deviation (divisor n − 1); `None` for a single sample or an infinite one.
+    /// Sample standard deviation (divisor n − 1); `None` for a single sample or if a value is infinite.
     pub std: Option<f64>,
 }
 
 impl Bin {
-    /// How many samples.
+    /// Number of samples.
     pub fn n(&self) -> usize {
         self.members.len()
     }
 }
 
-/// Bins of `(place, value)`, ascending; only those with a sample. Samples whose place is not finite or outside all bins, or
-/// whose value is not a number, are left out.
+/// Non-empty bins of `(place, value)` samples, ascending. Skips samples whose place is not finite or outside all bins,
+/// or whose value is NaN.
 pub fn bins(samples: &[(f64, f64)], cuts: &Cuts) -> Vec<Bin> {
     let mut groups: BTreeMap<i64, (f64, f64, Vec<usize>)> = BTreeMap::new();
     for (i, (x, value)) in samples.iter().enumerate() {
@@ -196,7 +198,7 @@ pub fn bins(samples: &[(f64, f64)], cuts: &Cuts) -> Vec<Bin> {
                 number,
                 low,
                 high,
-                // Rounding must not carry it out of its bin.
+                // Rounding must not move the mean out of its bin.
                 x: mean(&of(|sample| sample.0))?.clamp(low, high),
                 mean: mean(&values)?,
                 std: sample_std(&values),
@@ -206,7 +208,7 @@ pub fn bins(samples: &[(f64, f64)], cuts: &Cuts) -> Vec<Bin> {
     bins.collect()
 }
 
-/// Bins in runs without an empty bin between them.
+/// Splits bins into runs of adjacent bins, with no empty bin inside a run.
 pub fn neighbours<T>(bins: &[T], bin: impl Fn(&T) -> &Bin) -> impl Iterator<Item = &[T]> {
     bins.chunk_by(move |one, next| bin(one).number.checked_add(1) == Some(bin(next).number))
 }
@@ -297,7 +299,7 @@ mod tests {
         let cuts = |low: f64, high: f64| Binning::Round(10).cuts([low, high], None);
         assert!(!cuts(0.0, f64::MAX).hold(f64::MAX));
         assert!(cuts(0.0, 1e30).hold(1e30));
-        // Far more than ten steps of their distance from zero, were rounding taken for a distance.
+        // These would be far more than ten steps from zero if their rounding difference counted as a distance.
         let close = [0.75, 0.75_f64.next_up()];
         assert_eq!(
             bins(&close.map(|x| (x, 1.0)), &cuts(close[0], close[1])).len(),

@@ -1,7 +1,7 @@
-//! A drawing, and the three files that it becomes: SVG, PNG and PDF.
+//! A drawing and its three output files: SVG, PNG and PDF.
 //!
-//! plotters draws on whole pixels, so that the SVG is drawn four times as large as its units, as its view box says, and
-//! the PNG twice as large as it will be, which also smooths it. The PDF is exact.
+//! plotters draws on whole pixels. Therefore the SVG is drawn at four times its size, which its view box undoes, and
+//! the PNG at twice its size, which also antialiases it. The PDF is exact.
 
 use std::fmt::Display;
 
@@ -23,7 +23,7 @@ use crate::PlotError;
 const SVG_SCALE: f64 = 4.0;
 /// Drawn pixels per PNG pixel.
 const REDUCE: f64 = 2.0;
-/// Pixels of a PNG before it is reduced, at most: 0.8 GB.
+/// Largest number of PNG pixels before reduction: 0.8 GB.
 const MAX_DRAWN: f64 = 268_435_456.0;
 /// The SVG backend divides font sizes by this.
 const PLOTTERS_FONT_FACTOR: f64 = 1.24;
@@ -45,7 +45,7 @@ pub struct Lettering {
     pub ink: Ink,
     /// Horizontal anchor; the point's y is the baseline.
     pub anchor: Anchor,
-    /// Whether the text runs upwards.
+    /// Whether the text runs bottom to top.
     pub upwards: bool,
 }
 
@@ -61,7 +61,7 @@ impl Lettering {
     }
 }
 
-/// Points in units, CSS pixels at [`Medium::SCREEN`]; y down.
+/// A point in units (CSS pixels at [`Medium::SCREEN`]); y points down.
 pub type Point = (f64, f64);
 
 #[derive(Debug, Clone)]
@@ -72,50 +72,50 @@ pub(super) enum Shape {
     Text(String, Point, Lettering),
 }
 
-/// A drawing in the making.
+/// A drawing under construction.
 #[derive(Debug, Default)]
 pub struct Surface(pub(super) Vec<Shape>);
 
 impl Surface {
-    /// An open line.
+    /// Adds an open line.
     pub fn line(&mut self, points: &[Point], width: f64, ink: Ink) {
         self.0.push(Shape::Line(points.to_vec(), width, ink));
     }
 
-    /// A filled polygon.
+    /// Adds a filled polygon.
     pub fn polygon(&mut self, points: &[Point], ink: Ink) {
         self.0.push(Shape::Polygon(points.to_vec(), ink));
     }
 
-    /// A filled circle.
+    /// Adds a filled circle.
     pub fn disc(&mut self, centre: Point, radius: f64, ink: Ink) {
         self.0.push(Shape::Disc(centre, radius, ink));
     }
 
-    /// A line of text.
+    /// Adds a line of text.
     pub fn text(&mut self, text: &str, at: Point, lettering: Lettering) {
         self.0.push(Shape::Text(text.to_owned(), at, lettering));
     }
 }
 
-/// A drawing in all its forms.
+/// A drawing in all output formats.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Figure {
-    /// What it shows, in words: its alternative text.
+    /// Alternative text.
     pub title: String,
     /// A complete SVG document.
     pub svg: String,
-    /// The same in pixels.
+    /// A PNG file.
     pub png: Vec<u8>,
-    /// The same as one page of PDF; text is drawn as outlines, so that it needs no font.
+    /// A one-page PDF file; text is drawn as outlines and needs no font.
     pub pdf: Vec<u8>,
 }
 
 impl Figure {
-    /// Renders what `picture` draws in each form; the size is in units.
+    /// Renders the shapes that `picture` draws in each format; the size is in units.
     ///
     /// # Errors
-    /// When the drawing library or an encoder refuses.
+    /// If the drawing library or an encoder fails.
     pub fn draw(
         title: &str,
         (width, height): (u32, u32),
@@ -158,7 +158,7 @@ impl Figure {
     }
 }
 
-/// Size in CSS pixels, a title for readers, exact baselines.
+/// Sets the SVG's size in CSS pixels and its title for screen readers, and makes baselines exact.
 fn tidy(svg: &str, title: &str, (width, height): (f64, f64), zoom: f64) -> String {
     let body = svg.split_once('>').map_or("", |(_, body)| body);
     let title: String = title.chars().map(escaped).collect();
@@ -174,7 +174,7 @@ fn tidy(svg: &str, title: &str, (width, height): (f64, f64), zoom: f64) -> Strin
     )
 }
 
-/// A character as XML has it; control characters have no place there.
+/// Escapes a character for XML; control characters, which XML forbids, become U+FFFD.
 fn escaped(c: char) -> String {
     match c {
         '<' | '>' | '&' | '"' | '\'' => format!("&#{};", u32::from(c)),
@@ -183,14 +183,14 @@ fn escaped(c: char) -> String {
     }
 }
 
-/// Draws on a backend of plotters, `scale` pixels a unit. `letters` sets a text on its baseline; sizes are in pixels there.
+/// Draws on a plotters backend at `scale` pixels per unit. `letters` sets a text on its baseline, with sizes in pixels.
 fn paint<B: DrawingBackend>(
     mut backend: B,
     scale: f64,
     shapes: &[Shape],
     letters: impl Fn(&mut B, &str, (i32, i32), Lettering) -> Result<(), String>,
 ) -> Result<(), String> {
-    // Far outside stays far outside.
+    // Clamp, so that points far outside stay outside.
     let drawn = |length: f64| (length * scale).round().clamp(-1e6, 1e6) as i32;
     let place = |(x, y): &Point| (drawn(*x), drawn(*y));
     let filled = |ink: &Ink| ShapeStyle::from(color(*ink)).filled();
@@ -260,7 +260,7 @@ fn svg_letters(
     backend.draw_text(text, &style, at).map_err(reason)
 }
 
-/// Laid out here and not by plotters, which ignores the side bearings of glyphs.
+/// Lays text out itself, because plotters ignores the side bearings of glyphs.
 fn bitmap_letters(
     backend: &mut BitMapBackend<'_>,
     text: &str,

@@ -1,11 +1,11 @@
-//! Means of bins as lines, with a shaded band for their spread. Neither bridges an empty bin.
+//! Bin means as lines with a shaded band for their spread. Neither spans an empty bin.
 
 use super::bins::{Bin, neighbours};
 use super::canvas::{Point, Surface};
 use super::palette::{Style, stroke};
 use super::panels::{PlotArea, PlotAxis, point};
 
-/// A bin with the range of its band, low to high, if it has one.
+/// A bin with the optional range (low, high) of its band.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Banded {
     pub bin: Bin,
@@ -13,14 +13,14 @@ pub struct Banded {
 }
 
 impl Banded {
-    /// One standard deviation to either side.
+    /// A band of one standard deviation to either side of the mean.
     pub fn deviation(bin: Bin) -> Self {
         let band = bin.std.map(|std| (bin.mean - std, bin.mean + std));
         Self { bin, band }
     }
 }
 
-/// A vertical axis on which all finite means, bands and `others` have room.
+/// A vertical axis that fits all finite means, bands and `others`.
 pub fn vertical<'a>(
     bins: impl Iterator<Item = &'a Banded>,
     others: &[f64],
@@ -34,7 +34,7 @@ pub fn vertical<'a>(
     PlotAxis::around(label, values, 0.06)
 }
 
-/// The shade over each run of neighbouring bins that have a band; a lone one becomes a bar.
+/// Shades the band over each run of adjacent bins; a lone bin becomes a bar.
 pub fn shade(surface: &mut Surface, bins: &[Banded], area: &PlotArea, style: Style) {
     let runs = neighbours(bins, |banded| &banded.bin);
     for run in runs.flat_map(|run| run.split(|banded| banded.band.is_none())) {
@@ -60,7 +60,7 @@ pub fn shade(surface: &mut Surface, bins: &[Banded], area: &PlotArea, style: Sty
     }
 }
 
-/// The line through the finite means of neighbouring bins, and a marker a bin, hollow for a single sample.
+/// Draws a line through the finite means of adjacent bins, and one marker per bin, hollow for a single sample.
 pub fn curve(surface: &mut Surface, bins: &[Banded], area: &PlotArea, style: Style) {
     let at = |banded: &Banded| -> Point {
         let bin = &banded.bin;
@@ -86,7 +86,7 @@ mod tests {
     use crate::palette::style;
     use crate::scale::{Scale, finite_range};
 
-    /// From where to where each line or polygon reaches.
+    /// Horizontal range of each line or polygon.
     fn ends(surface: &Surface) -> Vec<(f64, f64)> {
         let shapes = surface.0.iter().filter_map(|shape| match shape {
             Shape::Line(points, ..) | Shape::Polygon(points, _) => Some(points),
@@ -102,7 +102,7 @@ mod tests {
         for bin in [0.0, 1.0, 3.0, 4.0, 5.0, 6.0] {
             samples.extend([(bin, 1.0), (bin, 3.0)]);
         }
-        // A single sample has no deviation; the line goes through it, the shade does not.
+        // A single sample has no deviation: the line passes through it, the shade does not.
         samples.push((7.0, 2.0));
         samples.extend([(8.0, 1.0), (8.0, f64::INFINITY), (9.0, 1.0), (9.0, 3.0)]);
         let cuts = "1".parse::<Binning>().unwrap().cuts([], None);

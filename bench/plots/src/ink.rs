@@ -2,11 +2,11 @@
 
 use image::Rgb;
 
-/// sRGB and opacity.
+/// An sRGB colour with opacity.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Ink {
     pub rgb: (u8, u8, u8),
-    /// 0..1.
+    /// Opacity, 0..1.
     pub alpha: f64,
 }
 
@@ -33,7 +33,7 @@ impl Ink {
 }
 
 impl From<Ink> for Rgb<u8> {
-    /// Without the opacity.
+    /// Drops the opacity.
     fn from(ink: Ink) -> Self {
         let (r, g, b) = ink.rgb;
         Self([r, g, b])

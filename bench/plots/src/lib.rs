@@ -1,9 +1,9 @@
-//! Figures for screens and papers, drawn as SVG, PNG and PDF from one description. Knows no metric and no run.
+//! Figures for screens and papers, drawn as SVG, PNG and PDF from one description. Independent of metrics and runs.
 //!
-//! * [`panels`]: axes, legend and the grid of panels; [`curves`]: means of bins with their band; [`bins`]: samples along an
-//!   axis; [`scale`]: round tick steps and numbers as they are shown.
-//! * [`canvas`]: a drawing and the files that it becomes; [`png`]: one of them; [`text`]: text in the bundled font.
-//! * [`style`]: how large figures are, and in which colours; [`palette`]: colours and markers; [`ink`]: one colour.
+//! * [`panels`]: axes, legend and the grid of panels; [`curves`]: bin means with their bands; [`bins`]: binning along
+//!   an axis; [`scale`]: round tick steps and number formatting.
+//! * [`canvas`]: a drawing and its output files; [`png`]: the PNG encoder; [`text`]: text in the bundled font.
+//! * [`style`]: size and colours of figures; [`palette`]: colours and markers; [`ink`]: one colour.
 
 pub mod bins;
 pub mod canvas;
@@ -19,7 +19,8 @@ pub mod text;
 
 pub use canvas::Figure;
 
-/// Why a figure cannot be made: the drawing library or an encoder refused, there is nothing to draw, or no room for it.
+/// Why a figure cannot be made: the drawing library or an encoder failed, there is nothing to draw, or there is no
+/// room.
 #[derive(Debug, thiserror::Error)]
 #[error("plot '{plot}': {reason}")]
 pub struct PlotError {

@@ -1,5 +1,5 @@
-//! Colours and markers of the methods: the palette of Okabe and Ito, which stays distinct under the common forms
-//! of colour blindness, without its black (the text) and its yellow (too pale on white).
+//! Colours and markers of methods: the palette of Okabe and Ito, which stays distinct under the common forms of colour
+//! blindness, without its black (used for text) and its yellow (too pale on white).
 
 use super::canvas::{Point, Surface};
 use super::ink::{INK, Ink};
@@ -16,11 +16,11 @@ pub const COLOURS: [Ink; 6] = [
 /// Colour and marker of a method in every plot of a run.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Style {
-    /// Line and marker.
+    /// Colour of line and marker.
     pub ink: Ink,
-    /// Marker, so that colour is never the only difference.
+    /// Differs between methods as well, so that colour is never the only cue.
     pub marker: Marker,
-    /// On and off lengths of the line in CSS pixels; `None` is solid.
+    /// On and off lengths of a dashed line in CSS pixels; `None` is solid.
     pub dash: Option<(f64, f64)>,
 }
 
@@ -43,13 +43,13 @@ const MARKERS: [Marker; 5] = [
 ];
 const DASHES: [Option<(f64, f64)>; 3] = [None, Some((7.0, 4.0)), Some((2.5, 3.0))];
 
-/// The style of method number `index` of a run. Colour, marker and line turn at different speeds: ninety methods
-/// differ, thirty of them without looking at the line.
+/// The style of method number `index` of a run. Colour, marker and dash cycle at different rates: ninety methods are
+/// distinct, thirty of them by colour and marker alone.
 pub fn style(index: usize) -> Style {
     style_of(&COLOURS, index)
 }
 
-/// The style in the user's own colours; in the text's colour if there are none.
+/// As [`style`], with the user's colours; the text colour if `colours` is empty.
 pub fn style_of(colours: &[Ink], index: usize) -> Style {
     let turns = colours.len().max(1);
     Style {
@@ -60,7 +60,7 @@ pub fn style_of(colours: &[Ink], index: usize) -> Style {
 }
 
 impl Marker {
-    /// Draws the marker, filled.
+    /// Draws a filled marker.
     pub fn draw(self, surface: &mut Surface, centre: Point, radius: f64, ink: Ink) {
         let (x, y) = centre;
         let corners: &[Point] = match self {
@@ -78,7 +78,7 @@ impl Marker {
     }
 }
 
-/// Draws a line, in dashes if the style has them.
+/// Draws a line, dashed if the style is.
 pub fn stroke(surface: &mut Surface, points: &[Point], width: f64, style: Style) {
     let Some((on, off)) = style.dash else {
         return surface.line(points, width, style.ink);
@@ -98,7 +98,8 @@ pub fn stroke(surface: &mut Surface, points: &[Point], width: f64, style: Style)
                 let point = |t: f64| (x0 + (x1 - x0) * t / length, y0 + (y1 - y0) * t / length);
                 surface.line(&[point(at), point(end)], width, style.ink);
             }
-            // Decided by the dash's end and not by what is left of it: a rest too small to move `at` would never end.
+            // Compare with the dash's end, not with the remaining length: a remainder too small to move `at` would loop
+            // forever.
             if whole > length {
                 left = whole - length;
             } else {
@@ -122,7 +123,7 @@ mod tests {
             .sum()
     }
 
-    /// Lines of every length and direction: dashes of one pattern along all of it, and an end.
+    /// For lines of every length and direction, dashes follow one pattern along the whole line, and drawing terminates.
     #[test]
     fn dashes_end_and_cover_their_share() {
         let dashed = (0..90).map(style).filter(|style| style.dash.is_some());
@@ -145,7 +146,7 @@ mod tests {
                 });
                 let pieces: Vec<f64> = pieces.collect();
                 let drawn: f64 = pieces.iter().sum();
-                // Whole periods, and what is left of the last one.
+                // Whole periods plus the remainder of the last one.
                 let periods = (all / (on + off)).floor();
                 let expected = periods * on + (all - periods * (on + off)).min(on);
                 assert!((drawn - expected).abs() < 1e-6, "{i}: {drawn} {expected}");

@@ -1,4 +1,4 @@
-//! A grid of panels, one a dataset, with axes and a legend shared by all.
+//! A grid of panels, one per dataset, with a shared legend and axes.
 
 use std::collections::BTreeSet;
 
@@ -17,10 +17,10 @@ const TOP: f64 = 34.0;
 const BOTTOM: f64 = 52.0;
 const MARGIN: f64 = 10.0;
 const LEGEND_LINE: f64 = 16.0;
-/// Between rows of the legend, whose labels may have several lines.
+/// Gap between rows of the legend, whose labels may have several lines.
 const LEGEND_GAP: f64 = 6.0;
 const LABEL_LINES: usize = 3;
-/// From the left of a legend's entry to its label, and from the label to the next entry.
+/// Distance from the left of a legend entry to its label, and from the label to the next entry.
 const LEGEND_MARK: f64 = 33.0;
 const LEGEND_SPACE: f64 = 12.0;
 const CAPTION_ROW: f64 = 17.0;
@@ -28,36 +28,36 @@ const TICK_SIZE: f64 = 11.5;
 const LABEL_SIZE: f64 = 12.5;
 const TITLE_SIZE: f64 = 14.0;
 
-/// Share of its room that a line of text may fill: less on a screen, where systems without the bundled font use wider ones,
-/// than in print.
+/// Share of its room that a line of text may fill: less on a screen, where fallback fonts may be wider than the bundled
+/// one, than in print.
 const ROOM: f64 = 0.8;
 const PRINT_ROOM: f64 = 0.96;
-/// Preferred least width of a panel in print.
+/// Preferred minimum panel width in print.
 const NARROWEST: f64 = 170.0;
-/// Least width of a panel, below which the numbers of an axis overlap.
+/// Minimum panel width; below it the numbers of an axis overlap.
 const LEAST: f64 = 130.0;
-/// Height of the strip of counts, and the size of its numbers.
+/// Height of the strip of sample counts, and the font size of its numbers.
 const COUNT_STRIP: f64 = 30.0;
 const COUNT_SIZE: f64 = 9.5;
 const COUNT_INK: Ink = Ink::opaque(0xC9, 0xCF, 0xD6);
 /// Radius of a data point.
 pub const MARKER: f64 = 4.2;
-/// Height of the strip above the axis where infinite values stand.
+/// Height of the strip above the axis in which infinite values are drawn.
 const INFINITY_STRIP: f64 = 22.0;
 
 /// An axis: its range and its ticks.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PlotAxis {
-    /// With the unit.
+    /// Label with the unit.
     pub label: String,
     pub low: f64,
     pub high: f64,
-    /// Where they are, and their text.
+    /// Positions and texts of the ticks.
     pub ticks: Vec<(f64, String)>,
 }
 
 impl PlotAxis {
-    /// An axis over `low..=high`, widened where that is a single point, with at most `ticks` ticks.
+    /// An axis over `low..=high` with at most `ticks` ticks; widened if the range is a single point.
     pub fn over(label: &str, low: f64, high: f64, ticks: usize) -> Self {
         let (low, high) = if low < high {
             (low, high)
@@ -75,14 +75,14 @@ impl PlotAxis {
         }
     }
 
-    /// An axis with room for all finite values, and a share of their range beyond either end; 0 to 1 without any.
+    /// An axis over all finite values, extended at either end by `room` times their range; 0 to 1 if there are none.
     pub fn around(label: &str, values: impl IntoIterator<Item = f64>, room: f64) -> Self {
         let (low, high) = finite_range(values).unwrap_or((0.0, 1.0));
         let room = (high - low) * room;
         Self::over(label, low - room, high + room, 6)
     }
 
-    /// The same with ticks at whole numbers only.
+    /// Keeps only ticks at whole numbers.
     #[must_use]
     pub fn counting(mut self) -> Self {
         self.ticks.retain(|(at, _)| at.fract() == 0.0);
@@ -92,7 +92,7 @@ impl PlotAxis {
         self
     }
 
-    /// An axis of decimal logarithms over `low..=high`, both positive: what is drawn on it is a logarithm.
+    /// An axis of decimal logarithms over `low..=high`, both positive; the data drawn on it must be logarithms.
     pub fn logarithmic(label: &str, low: f64, high: f64) -> Self {
         let ticks = log_ticks(low, high).into_iter();
         Self {
@@ -105,20 +105,20 @@ impl PlotAxis {
 /// Texts and axes around a panel.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PanelFrame {
-    /// Over the panel, left.
+    /// Above the panel, left-aligned.
     pub title: String,
-    /// Over the panel, right, smaller.
+    /// Above the panel, right-aligned, smaller.
     pub remark: String,
     pub x: PlotAxis,
     pub y: PlotAxis,
-    /// Whether there is a place for infinite values.
+    /// Whether to reserve a strip for infinite values.
     pub infinity: bool,
-    /// How many samples stand behind each part of the horizontal axis, in a strip below the data; may be empty.
+    /// Number of samples per part of the horizontal axis, drawn in a strip below the data; may be empty.
     pub counts: Vec<BinCount>,
 }
 
 impl PanelFrame {
-    /// A frame without a place for infinite values and without counts.
+    /// A frame without a strip for infinite values or counts.
     pub fn new(
         title: impl Into<String>,
         remark: impl Into<String>,
@@ -136,12 +136,12 @@ impl PanelFrame {
     }
 }
 
-/// Samples of a part of the horizontal axis.
+/// Number of samples in a part of the horizontal axis.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct BinCount {
     pub low: f64,
     pub high: f64,
-    /// Fewest and most, where curves differ.
+    /// Fewest and most samples, if curves differ.
     pub n: (usize, usize),
 }
 
@@ -151,7 +151,7 @@ pub struct PlotArea {
     pub x: Scale,
     /// Grows upwards.
     pub y: Scale,
-    /// Height at which infinite values stand.
+    /// Height at which infinite values are drawn.
     pub infinity: f64,
 }
 
@@ -161,15 +161,15 @@ pub type DrawData<'a> = Box<dyn Fn(&mut Surface, &PlotArea) + 'a>;
 /// A panel of a figure.
 pub struct Panel<'a> {
     pub frame: PanelFrame,
-    /// `Err` says why there is no data.
+    /// `Err` is the reason for missing data.
     pub content: Result<DrawData<'a>, &'static str>,
 }
 
-/// Draws a figure, in print if a style is given; the caption is left out if the style says so. A label stands in the legend
+/// Draws a figure, for print if a style is given; the style may omit the caption. Repeated labels appear in the legend
 /// once.
 ///
 /// # Errors
-/// When the drawing library refuses, or the style has no room for a panel.
+/// If the drawing library fails, or the style has no room for a panel.
 pub fn figure(
     title: &str,
     caption: &str,
@@ -213,7 +213,7 @@ struct PanelLayout {
     columns: usize,
     rows: usize,
     panel: (f64, f64),
-    /// From a panel to what is below it.
+    /// Distance from a panel to the content below it.
     bottom: f64,
     /// Share of its room that text may fill.
     fill: f64,
@@ -223,14 +223,14 @@ struct PanelLayout {
 
 #[derive(Debug, Clone, PartialEq)]
 struct LegendEntry {
-    /// In the figure's legend.
+    /// Index in the figure's legend.
     index: usize,
     label: Vec<String>,
     width: f64,
 }
 
 impl PanelLayout {
-    /// Room for `panels` panels, a legend with these labels, and a caption.
+    /// Layout for `panels` panels, a legend with these labels, and a caption.
     fn new(panels: usize, labels: &[&str], caption: &str, print: Option<&FigureStyle>) -> Self {
         let (columns, panel) = match print {
             None => match panels {
@@ -295,7 +295,7 @@ impl PanelLayout {
         self.head() + self.rows as f64 * (TOP + self.panel.1 + self.bottom)
     }
 
-    /// Of the whole figure, CSS pixels.
+    /// Size of the whole figure, CSS pixels.
     fn size(&self) -> (u32, u32) {
         let height = self.foot() + self.caption.len() as f64 * CAPTION_ROW + MARGIN;
         (self.width().round() as u32, height.round() as u32)
@@ -328,7 +328,7 @@ impl PanelLayout {
         }
     }
 
-    /// Draws the frame of panel number `index` and says where its data goes.
+    /// Draws the frame of panel number `index` and returns its data area.
     fn panel(&self, surface: &mut Surface, index: usize, frame: &PanelFrame) -> PlotArea {
         let (column, row) = (index % self.columns, index / self.columns);
         let (w, h) = self.panel;
@@ -404,7 +404,7 @@ impl PanelLayout {
 }
 
 impl PlotArea {
-    /// Height of a value, infinite ones included.
+    /// Height of a value, including infinite ones.
     pub fn height(&self, value: f64) -> f64 {
         if value.is_infinite() {
             self.infinity
@@ -413,7 +413,7 @@ impl PlotArea {
         }
     }
 
-    /// A line of text in the middle of an empty panel.
+    /// Centres a line of text in an empty panel.
     fn remark(&self, surface: &mut Surface, text: &str) {
         let at = (
             (self.x.from + self.x.to) / 2.0,
@@ -423,7 +423,7 @@ impl PlotArea {
     }
 }
 
-/// A marker for several samples, or a hollow one for a single sample.
+/// Draws a marker, hollow for a single sample.
 pub fn point(surface: &mut Surface, at: Point, style: Style, hollow: bool) {
     style.marker.draw(surface, at, MARKER + 1.2, PAPER);
     style.marker.draw(surface, at, MARKER, style.ink);
@@ -432,7 +432,7 @@ pub fn point(surface: &mut Surface, at: Point, style: Style, hollow: bool) {
     }
 }
 
-/// Bars of how many samples there are, and the numbers above them where they have room; `foot` is their lower edge.
+/// Draws bars of the sample counts with their numbers above, if they fit; `foot` is the lower edge.
 fn count_strip(surface: &mut Surface, counts: &[BinCount], x: &Scale, foot: f64) {
     let most = counts.iter().map(|count| count.n.1).max().unwrap_or(1);
     let text_of = |(least, most): (usize, usize)| match least == most {
@@ -466,13 +466,13 @@ fn count_strip(surface: &mut Surface, counts: &[BinCount], x: &Scale, foot: f64)
     surface.text(&label, (x.from - 8.0, foot - 2.0), small);
 }
 
-/// Height of a row of the legend.
+/// Height of a legend row.
 fn legend_row(row: &[LegendEntry]) -> f64 {
     let lines = row.iter().map(|entry| entry.label.len()).max();
     lines.unwrap_or(1).max(1) as f64 * LEGEND_LINE + LEGEND_GAP
 }
 
-/// Distance from the middle of a capital to its baseline.
+/// Distance from the middle of a capital letter to its baseline.
 fn middle(size: f64) -> f64 {
     size * CAP_HEIGHT / 2.0
 }

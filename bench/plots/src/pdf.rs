@@ -1,7 +1,7 @@
-//! A drawing as one page of PDF, without a clock or a random number in it.
+//! Writes a drawing as a one-page PDF, deterministically (no clock, no random numbers).
 //!
-//! Drawn here rather than converted from the SVG: a converter would bring a second font renderer and some forty crates.
-//! Glyphs are filled outlines, which every publisher takes, where a font would have to be embedded.
+//! Drawn directly instead of converted from the SVG: a converter would add a second font renderer and some forty
+//! crates. Glyphs are filled outlines, which every publisher accepts; a font would have to be embedded.
 
 use std::collections::BTreeSet;
 use std::io::{self, Write as _};
@@ -18,7 +18,7 @@ use super::text::{self, Stroke};
 /// Distance of a quarter circle's control points along its tangents, in radii.
 const ARC: f64 = 0.552_284_75;
 
-/// A page of `size` units, each of so many points of 1/72 inch.
+/// Renders a page of `size` units, each `points` points (1/72 inch) long.
 pub(super) fn render(
     title: &str,
     shapes: &[Shape],
@@ -98,7 +98,7 @@ impl Page {
         }
     }
 
-    /// Sets the opacity; the colour as red, green and blue.
+    /// Sets the opacity and returns the colour as red, green and blue in 0..1.
     fn ink(&mut self, ink: Ink) -> [f32; 3] {
         let alpha = (ink.alpha.clamp(0.0, 1.0) * 1000.0).round() as u32;
         self.alphas.insert(alpha);
@@ -136,7 +136,7 @@ impl Page {
         }
     }
 
-    /// The whole file.
+    /// Assembles the file.
     fn finish(self, title: &str, [width, height]: [f32; 2]) -> io::Result<Vec<u8>> {
         let [catalog, pages, page, info, drawing] = [1, 2, 3, 4, 5].map(Ref::new);
         let mut packed = ZlibEncoder::new(Vec::new(), Compression::best());
@@ -171,12 +171,13 @@ impl Page {
     }
 }
 
-/// The name of an opacity among the page's resources.
+/// Resource name of an opacity.
 fn state(alpha: u32) -> String {
     format!("A{alpha}")
 }
 
-/// Coordinates rounded to a hundredth; values that are not finite or far outside stay far outside.
+/// Rounds coordinates to a hundredth. NaN becomes 0; infinite or very large values are clamped but stay outside the
+/// page.
 fn placed((x, y): Point) -> (f32, f32) {
     let number = |v: f64| {
         let v = if v.is_nan() { 0.0 } else { v.clamp(-1e5, 1e5) };
@@ -200,7 +201,7 @@ mod tests {
         ];
         let bytes = render(") >> é", &shapes, (100.0, 50.0), 0.75).unwrap();
         let file = hayro_syntax::Pdf::new(bytes).unwrap();
-        // MuPDF goes by the count, others by the list.
+        // MuPDF reads the count, others the list.
         let catalog: Dict<'_> = file.xref().get(file.xref().root_id()).unwrap();
         let pages: Dict<'_> = catalog.get("Pages").unwrap();
         assert_eq!((pages.get("Count"), file.pages().len()), (Some(1), 1));

@@ -27,12 +27,12 @@ impl Step {
             .unwrap_or(fallback)
     }
 
-    /// A positive decimal of at most 15 digits without an exponent, exactly: `0.25`.
+    /// Parses a positive decimal of at most 15 digits without an exponent, exactly: `0.25`.
     pub fn parse(text: &str) -> Option<Self> {
         let (whole, part) = text.split_once('.').unwrap_or((text, ""));
         let digits = format!("{whole}{part}");
         let plain = !digits.is_empty() && digits.bytes().all(|c| c.is_ascii_digit());
-        // Below 2⁵³ every whole number is a floating-point number.
+        // Integers below 2⁵³ are exact in floating point.
         let mantissa = digits.parse().ok();
         let mantissa = mantissa.filter(|m| (1..1_000_000_000_000_000).contains(m))?;
         let exponent = -i32::try_from(part.len()).ok()?;
@@ -43,7 +43,7 @@ impl Step {
     pub fn at(self, k: i64) -> f64 {
         let multiple = self.mantissa as f64 * k as f64;
         if self.exponent < 0 {
-            // One division, and so one rounding.
+            // A single division rounds only once.
             multiple / 10_f64.powi(-self.exponent)
         } else {
             multiple * 10_f64.powi(self.exponent)
@@ -63,7 +63,7 @@ impl Step {
         k
     }
 
-    /// Decimals that multiples need.
+    /// Number of decimals that multiples need.
     pub fn decimals(self) -> usize {
         usize::try_from(-self.exponent).unwrap_or(0)
     }
@@ -84,7 +84,7 @@ impl Step {
     }
 }
 
-/// The least and the largest of the finite values.
+/// Smallest and largest finite value; `None` if there are none.
 pub fn finite_range(values: impl IntoIterator<Item = f64>) -> Option<(f64, f64)> {
     let finite = values.into_iter().filter(|value| value.is_finite());
     finite.fold(None, |range, value| match range {
@@ -93,8 +93,8 @@ pub fn finite_range(values: impl IntoIterator<Item = f64>) -> Option<(f64, f64)>
     })
 }
 
-/// Powers of ten within `low..=high`, and where these are fewer than three twice and five times them too; none
-/// where the range is not one of positive numbers.
+/// Powers of ten within `low..=high`; if there are fewer than three, also twice and five times them. Empty unless `0 <
+/// low < high < ∞`.
 pub fn log_ticks(low: f64, high: f64) -> Vec<f64> {
     if !(low > 0.0 && high > low && high.is_finite()) {
         return Vec::new();
@@ -117,7 +117,7 @@ pub fn log_ticks(low: f64, high: f64) -> Vec<f64> {
     }
 }
 
-/// A number as people read it: rounded to the nearest decimal, `∞` for infinity, no negative zero.
+/// Formats a number with `decimals` decimals: `∞` for infinity, no negative zero.
 pub fn shown(value: f64, decimals: usize) -> String {
     if value.is_nan() {
         return "nan".into();
@@ -135,10 +135,10 @@ pub fn shown(value: f64, decimals: usize) -> String {
 /// A linear map from data to pixels.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Scale {
-    /// Data at the first pixel and at the last.
+    /// Data values at the first and last pixel.
     pub low: f64,
     pub high: f64,
-    /// First pixel and last.
+    /// First and last pixel.
     pub from: f64,
     pub to: f64,
 }

@@ -1,4 +1,4 @@
-//! Size and colours of figures: by default for the screen, for print as set in a file.
+//! Size and colours of figures: for the screen by default, for print as set in a TOML file.
 
 use std::path::{Path, PathBuf};
 
@@ -7,7 +7,7 @@ use serde::{Deserialize, Deserializer, de};
 use super::ink::Ink;
 use super::palette::{COLOURS, Style, style_of};
 
-/// Font size of axis labels in units: what every length of a plot is relative to.
+/// Font size of axis labels in units; every length of a plot is relative to it.
 const LABEL_UNITS: f64 = 12.5;
 const MM_PER_INCH: f64 = 25.4;
 
@@ -16,33 +16,33 @@ const MM_PER_INCH: f64 = 25.4;
 pub struct Medium {
     /// CSS pixels (1/96 inch) per unit.
     pub zoom: f64,
-    /// Of the PNG, dots per inch.
+    /// Resolution of the PNG, dots per inch.
     pub dpi: f64,
 }
 
 impl Medium {
-    /// Units are CSS pixels; two dots each way per CSS pixel.
+    /// One unit is a CSS pixel; the PNG has two dots per CSS pixel in each direction.
     pub const SCREEN: Self = Self {
         zoom: 1.0,
         dpi: 192.0,
     };
 }
 
-/// A figure in print. Every key of its file may be left out.
+/// Style of a printed figure. Every key of its file is optional.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct FigureStyle {
-    /// Of the whole figure, millimetres: by default a column of a two-column paper.
+    /// Width of the whole figure, millimetres; by default one column of a two-column paper.
     pub width_mm: f64,
     /// Font size of labels, points of 1/72 inch; ticks and captions are a little smaller.
     pub font_pt: f64,
-    /// Of PNG files, dots per inch.
+    /// Resolution of PNG files, dots per inch.
     pub dpi: f64,
     /// Height of a panel over its width.
     pub panel_aspect: f64,
-    /// Whether plots explain themselves in a line below.
+    /// Whether plots have an explanatory line below.
     pub caption: bool,
-    /// Of the methods in turn, `#RRGGBB`.
+    /// Colours of the methods in order, `#RRGGBB`.
     #[serde(deserialize_with = "inks")]
     pub colours: Vec<Ink>,
 }
@@ -72,7 +72,7 @@ impl FigureStyle {
     /// Reads a TOML file.
     ///
     /// # Errors
-    /// Names the file with the key that is unknown or whose value is out of range.
+    /// Names the file and the key that is unknown or out of range.
     pub fn read(path: &Path) -> Result<Self, StyleError> {
         let wrong = |reason: String| StyleError {
             path: path.to_owned(),
@@ -107,7 +107,7 @@ impl FigureStyle {
         Ok(style)
     }
 
-    /// How method number `index` looks.
+    /// The style of method number `index`.
     pub fn of_method(&self, index: usize) -> Style {
         style_of(&self.colours, index)
     }
@@ -124,7 +124,7 @@ impl FigureStyle {
         self.width_mm / MM_PER_INCH * 96.0 / self.medium().zoom
     }
 
-    /// Message that the figure has to be this many times as wide.
+    /// Error message that the figure must be `times` times as wide.
     pub fn narrow(&self, times: f64) -> String {
         let Self {
             width_mm, font_pt, ..

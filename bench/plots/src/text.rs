@@ -1,4 +1,4 @@
-//! Text in the bundled font: widths, lines, glyphs as coverage, and writing on pictures.
+//! Text in the bundled font: widths, line breaking, glyphs as coverage or outlines, and drawing on pictures.
 
 use std::sync::OnceLock;
 
@@ -7,7 +7,7 @@ use image::RgbImage;
 
 use super::ink::Ink;
 
-/// `font-family` of SVG text: the bundled font first, then what systems have.
+/// `font-family` of SVG text: the bundled font, then common system fonts.
 pub const FAMILY: &str = "Inter, 'Helvetica Neue', Helvetica, Arial, sans-serif";
 
 /// Height of a capital letter relative to the font size.
@@ -41,7 +41,8 @@ pub fn width(text: &str, size: f64, weight: Weight) -> f64 {
     end
 }
 
-/// Calls `paint(x, y, coverage)` for the pixels of `text`, whose baseline starts at the origin; y points down.
+/// Calls `paint(x, y, coverage)` for the pixels of `text`, whose baseline starts at the origin; y points down,
+/// `coverage` is in 0..1.
 pub fn raster(text: &str, size: f64, weight: Weight, mut paint: impl FnMut(i32, i32, f32)) {
     lay_out(text, size, weight, |font, mut glyph, _| {
         glyph.position.y = 0.0;
@@ -58,10 +59,10 @@ pub fn raster(text: &str, size: f64, weight: Weight, mut paint: impl FnMut(i32, 
 /// A piece of a glyph's outline; y points down.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Stroke {
-    /// Closes what was drawn before.
+    /// Closes the current contour and starts the next.
     Move((f64, f64)),
     Line((f64, f64)),
-    /// Two control points and the end.
+    /// A cubic curve: two control points and the end point.
     Curve((f64, f64), (f64, f64), (f64, f64)),
 }
 
@@ -80,7 +81,7 @@ pub fn outlines(text: &str, size: f64, weight: Weight, mut draw: impl FnMut(Stro
                 OutlineCurve::Line(a, b) => (a, b, Stroke::Line(at(b))),
                 OutlineCurve::Cubic(a, b, c, d) => (a, d, Stroke::Curve(at(b), at(c), at(d))),
                 OutlineCurve::Quad(a, b, c) => {
-                    // The cubic of the same shape has its control points two thirds of the way.
+                    // The equivalent cubic has its control points two thirds of the way to the quadratic's.
                     let towards = |from: ab_glyph::Point| {
                         let ((x, y), (u, v)) = (at(from), at(b));
                         (x + (u - x) * 2.0 / 3.0, y + (v - y) * 2.0 / 3.0)
@@ -97,7 +98,7 @@ pub fn outlines(text: &str, size: f64, weight: Weight, mut draw: impl FnMut(Stro
     });
 }
 
-/// Writes a line of text; its baseline starts at `at`. What lies outside the picture is cut off.
+/// Draws a line of text whose baseline starts at `at`. Anything outside the picture is clipped.
 pub fn write(
     picture: &mut RgbImage,
     text: &str,
@@ -122,7 +123,7 @@ pub fn write(
     });
 }
 
-/// The text, shortened with an ellipsis where it is wider than the room.
+/// The text, shortened with an ellipsis if it is wider than `room`.
 pub fn fitted(text: &str, size: f64, weight: Weight, room: f64) -> String {
     if width(text, size, weight) <= room {
         return text.to_owned();
@@ -137,8 +138,8 @@ pub fn fitted(text: &str, size: f64, weight: Weight, room: f64) -> String {
     String::new()
 }
 
-/// Wraps a text into lines no wider than `room`. Words, and words joined by no-break spaces, are broken only where they do
-/// not fit a line of their own; where not even one character fits, they stay whole.
+/// Wraps a text into lines no wider than `room`. Words, and words joined by no-break spaces, are broken only if they do
+/// not fit on a line of their own; if not even one character fits, they stay whole.
 pub fn wrapped(text: &str, size: f64, weight: Weight, room: f64) -> Vec<String> {
     let fits = |text: &str| width(text, size, weight) <= room;
     let one_fits = |word: &str| word.chars().any(|c| fits(c.encode_utf8(&mut [0; 4])));
@@ -167,7 +168,8 @@ pub fn wrapped(text: &str, size: f64, weight: Weight, room: f64) -> Vec<String> 
     lines
 }
 
-/// Wraps a text into at most `most` lines. A longer text has an ellipsis in its middle: labels differ at their ends.
+/// Wraps a text into at most `most` lines. A longer text gets an ellipsis in its middle, because labels differ at their
+/// ends.
 pub fn wrapped_to(most: usize, text: &str, size: f64, weight: Weight, room: f64) -> Vec<String> {
     let lines = wrapped(text, size, weight, room);
     if lines.len() <= most {
@@ -272,7 +274,7 @@ mod tests {
             lines("x numbernumberb", room),
             ["x", "number", "number", "b"]
         );
-        // An M has no room, and still gets a line.
+        // An M does not fit, but still gets a line.
         let narrow = width("i", 10.0, Weight::Regular);
         assert_eq!(lines("iMMi", narrow), ["i", "M", "M", "i"]);
         let long = "no_space_at_all/".repeat(20);

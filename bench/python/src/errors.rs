@@ -1,4 +1,4 @@
-//! Errors as Python's exceptions.
+//! Converts errors to Python exceptions.
 
 use pyo3::PyErr;
 use pyo3::create_exception;
@@ -16,12 +16,12 @@ fn line(error: impl Into<anyhow::Error>) -> String {
     visible_line(&one_line(&error.into())).into_owned()
 }
 
-/// What a file, a dataset or a run is to blame for.
+/// An error caused by a file, a dataset or a run: `sharp_bench.Error`.
 pub(crate) fn failed(error: impl Into<anyhow::Error>) -> PyErr {
     Error::new_err(line(error))
 }
 
-/// What the caller is to blame for.
+/// An error caused by the caller's arguments: `ValueError`.
 pub(crate) fn refused(error: impl Into<anyhow::Error>) -> PyErr {
     PyValueError::new_err(line(error))
 }

@@ -1,4 +1,4 @@
-//! A function of Python's, evaluated as a method.
+//! Evaluates a Python function as a method.
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -27,7 +27,7 @@ use crate::pairs::Warnings;
 
 use crate::views::Camera;
 
-/// The view that a method starts from.
+/// The source view of a method.
 #[pyclass(frozen, module = "sharp_bench")]
 pub(crate) struct Source {
     name: String,
@@ -54,7 +54,7 @@ impl Source {
         arrays::from_rgb8(py, self.image.clone())
     }
 
-    /// The true z-depth [H, W], float32 metres, 0 where there is none: only with privilege="source-depth".
+    /// The true z-depth [H, W], float32 metres, 0 where unknown; only with privilege="source-depth", else None.
     fn depth<'py>(&self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyArray2<f32>>>> {
         self.depth
             .clone()
@@ -78,7 +78,8 @@ struct Function {
     label: String,
     version: String,
     privileged: bool,
-    /// From a source and a camera to a picture or to Gaussians; from a source alone to Gaussians.
+    /// If true, the function takes a source and returns Gaussians; otherwise it takes a source and a camera and returns
+    /// a picture or Gaussians.
     of_source: bool,
     function: Py<PyAny>,
 }
@@ -88,7 +89,7 @@ impl Function {
         MethodError::Model(error.to_string())
     }
 
-    /// Calls it; `None` for the camera of a function of a source alone.
+    /// Calls the function; `camera` is `None` for a function of the source alone.
     fn call<T>(
         &self,
         source: &SourceView<'_>,
@@ -107,7 +108,7 @@ impl Function {
     }
 }
 
-/// A picture, or Gaussians in the space of the source's camera.
+/// A picture, or Gaussians in the source camera's space.
 enum Answer {
     Picture(Picture),
     Gaussians(Gaussians),
@@ -195,7 +196,7 @@ impl PredictGaussians for Function {
     }
 }
 
-/// Asks an evaluation to stop after the unit that it is at.
+/// Requests that an evaluation stop after the current unit.
 #[pyclass(frozen)]
 #[derive(Default)]
 pub(crate) struct Stop(AtomicBool);
@@ -212,10 +213,10 @@ impl Stop {
     }
 }
 
-/// Between two calls of a progress function.
+/// Minimum time between two calls of a progress function.
 const PAUSE: Duration = Duration::from_millis(200);
 
-/// Progress for a function `(phase, done, of)`, warnings for later.
+/// Reports progress to a function `(phase, done, of)` and collects warnings.
 struct Progress<'a> {
     stop: &'a AtomicBool,
     function: Option<&'a Py<PyAny>>,
@@ -240,7 +241,7 @@ impl Progress<'_> {
             phase.2 = Some(Instant::now());
             (phase.0.clone(), done, phase.1)
         };
-        // What a display gets wrong stops no evaluation.
+        // An exception in a progress display must not stop the evaluation.
         Python::attach(|py| drop(function.call1(py, told)));
     }
 }
@@ -278,7 +279,7 @@ impl Observer for Progress<'_> {
     }
 }
 
-/// What is to be evaluated.
+/// Arguments of an evaluation.
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
 pub(crate) struct Asked {
@@ -287,13 +288,13 @@ pub(crate) struct Asked {
     version: String,
     of_source: bool,
     privileged: bool,
-    /// A `run.toml`.
+    /// Path of a `run.toml`.
     config: Option<PathBuf>,
-    /// Keys of a `run.toml` as JSON, in place of those of the file.
+    /// Keys of a `run.toml` as JSON; they override those of the file.
     keys: String,
 }
 
-/// Evaluates a function where one is given, and methods of the configuration beside it. Counts by name, and warnings.
+/// Evaluates `function`, if given, along with the methods of the configuration. Returns counts by name, and warnings.
 #[pyfunction]
 pub(crate) fn evaluate(
     py: Python<'_>,

@@ -1,4 +1,4 @@
-//! Gaussians: made, rendered, predicted.
+//! Creating, rendering and predicting Gaussians.
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -24,13 +24,13 @@ use crate::errors::{failed, refused};
 use crate::views::Camera;
 
 /// 3D Gaussians, float32 arrays: means [N, 3] in metres, quaternions [N, 4] as w, x, y, z, scales [N, 3] (standard
-/// deviations, metres), opacities [N] in 0..1, colors [N, 3] in linear RGB, or as the rule of rendering of their file
-/// blends them.
+/// deviations, metres), opacities [N] in 0..1, colors [N, 3] in linear RGB, or in the encoding that their file's
+/// rendering rule blends.
 #[pyclass(frozen, module = "sharp_bench")]
 #[derive(Clone)]
 pub(crate) struct Gaussians {
     pub(crate) core: Core,
-    /// How they are drawn, if not as SHARP's.
+    /// Rendering rule, if not SHARP's.
     pub(crate) rule: Option<Rule>,
 }
 
@@ -58,9 +58,8 @@ impl Gaussians {
     }
 
     /// Reads a PLY file of this program, of SHARP's release or of 3D Gaussian Splatting, a compressed PLY, SPZ, SOG,
-    /// .splat or safetensors. Keyword arguments say how numbers are read that are stored otherwise, as --read does
-    /// (color_space="srgb", opacity="linear", harmonics="drop", …), and rendering="inria" and the like how they are
-    /// drawn.
+    /// .splat or safetensors. Keyword arguments override how numbers are stored, as --read does (color_space="srgb",
+    /// opacity="linear", harmonics="drop", …); rendering="inria" and the like set the rendering rule.
     #[staticmethod]
     #[pyo3(signature = (path, **reading))]
     fn load(path: PathBuf, reading: Option<BTreeMap<String, String>>) -> PyResult<Self> {
@@ -88,7 +87,7 @@ impl Gaussians {
         })
     }
 
-    /// Writes a PLY file as SHARP's release does; the camera's intrinsics go into it.
+    /// Writes a PLY file in the format of SHARP's release, including the camera's intrinsics.
     fn save(&self, path: PathBuf, camera: &Camera) -> PyResult<()> {
         if let Some(rule) = self.rule {
             return Err(refused(anyhow::anyhow!(
@@ -142,15 +141,15 @@ pub(crate) struct Rendering {
 
 #[pymethods]
 impl Rendering {
-    /// [H, W, 3], uint8 sRGB over the background: what a run scores.
+    /// [H, W, 3], uint8 sRGB over the background, as a run scores it.
     #[getter]
     fn picture<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray3<u8>>> {
         let rule = RenderSettings::default().quantization;
         arrays::from_rgb8(py, self.output.srgb8(self.background, rule))
     }
 
-    /// [H, W, 3], float32 RGB, premultiplied by alpha, without background: linear, or encoded for a rule that blends
-    /// encoded values.
+    /// [H, W, 3], float32 RGB, premultiplied by alpha, without background: linear, or encoded if the rendering rule
+    /// blends encoded values.
     #[getter]
     fn linear<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray3<f32>>> {
         arrays::from_values(py, self.output.rgb.as_flattened().to_vec(), self.size())
@@ -162,7 +161,7 @@ impl Rendering {
         arrays::from_plane(py, self.output.alpha.clone(), self.size())
     }
 
-    /// [H, W], float32: expected z-depth, metres, 0 where nothing is.
+    /// [H, W], float32: expected z-depth, metres, 0 where nothing is drawn.
     #[getter]
     fn depth<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f32>>> {
         arrays::from_depth(py, self.output.expected_depth())
@@ -183,7 +182,7 @@ impl Rendering {
     }
 }
 
-/// Renders as a run does.
+/// Renders with the settings of a run.
 pub(crate) fn rendered(
     gaussians: &Gaussians,
     camera: &Camera,
@@ -200,7 +199,7 @@ pub(crate) fn rendered(
     )
 }
 
-/// Renders Gaussians that lie in the world of a camera.
+/// Renders Gaussians given in the world space of `camera`.
 #[pyfunction]
 #[pyo3(signature = (gaussians, camera, *, background="black", eps2d=0.0, backend="cpu"))]
 pub(crate) fn render(
@@ -241,7 +240,8 @@ pub(crate) struct Predictor {
 
 #[pymethods]
 impl Predictor {
-    /// Without a checkpoint, the release's where it is kept; config is FILE.json or FILE.json#NAME, the release's without it.
+    /// checkpoint defaults to the locally stored file of the release; config is FILE.json or FILE.json#NAME and
+    /// defaults to the release's.
     #[new]
     #[pyo3(signature = (checkpoint=None, config=None))]
     fn new(py: Python<'_>, checkpoint: Option<PathBuf>, config: Option<String>) -> PyResult<Self> {
@@ -267,8 +267,8 @@ impl Predictor {
         })
     }
 
-    /// Gaussians in the metric space of the camera with this focal length, whose principal point is the middle, as the
-    /// release predicts them. Without a focal length it is that of a 30 mm lens on 35 mm film.
+    /// Gaussians in the metric space of a camera with this focal length and a centred principal point, as the release
+    /// predicts them. The focal length defaults to that of a 30 mm lens on 35 mm film.
     #[pyo3(signature = (image, focal_px=None))]
     fn predict(
         &self,

@@ -1,5 +1,5 @@
-//! The evaluation core for Python: what `sharp_bench/__init__.py` stands on. Arrays and options are checked there; here are
-//! the crossings between the two languages, each by the core's own names.
+//! The Rust side of `sharp_bench/__init__.py`. Arrays and options are checked in Python; this crate converts between
+//! the two languages under the core's own names.
 
 mod arrays;
 mod errors;
@@ -16,13 +16,13 @@ use std::path::PathBuf;
 
 use pyo3::prelude::*;
 
-/// Says where the package's own files are, VGG16's weights among them.
+/// Sets the folder of the package's own files, such as VGG16's weights.
 #[pyfunction]
 fn lies_in(folder: PathBuf) {
     sharp_metrics::weights::lies_in(folder);
 }
 
-/// The command line; its exit code.
+/// Runs the command line and returns its exit code.
 #[pyfunction]
 fn main(py: Python<'_>, arguments: Vec<OsString>) -> u8 {
     py.detach(|| sharp_bench::cli::main(arguments))

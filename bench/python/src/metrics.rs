@@ -1,4 +1,4 @@
-//! Two pictures, compared.
+//! Scores two pictures.
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -10,14 +10,14 @@ use sharp_metrics::{MetricRegion, Scorer as Core, Selection, Weights};
 use crate::arrays;
 use crate::errors::{failed, refused};
 
-/// A selection of metrics with their networks.
+/// A selection of metrics, with loaded networks.
 #[pyclass(frozen)]
 pub(crate) struct Scorer {
     core: Core,
     selection: Selection,
 }
 
-/// Numbers by key, and why others have none, by key.
+/// Scores by key, and reasons for missing scores by key.
 type Scored = (Vec<(String, f64)>, Vec<(String, String)>);
 
 #[pymethods]
@@ -37,8 +37,9 @@ impl Scorer {
         Ok(Self { core, selection })
     }
 
-    /// Pictures `[H, W, 3]` of uint8 or float32, a mask `[H, W]` of bool. A metric that was named itself and has no
-    /// value is an error; one of a group is among the reasons.
+    /// Scores pictures `[H, W, 3]` of uint8 or float32, optionally within a mask `[H, W]` of bool. A metric without a
+    /// value is an error if it was selected by its own name; if selected as part of a group, it is listed with its
+    /// reason.
     #[pyo3(signature = (prediction, target, mask=None))]
     fn score(
         &self,
@@ -63,7 +64,7 @@ impl Scorer {
         Ok((values, reasons))
     }
 
-    /// What each key means, as `sharp-bench metrics --explain --json` prints it.
+    /// Conventions of each key, as `sharp-bench metrics --explain --json` prints them.
     fn conventions(&self) -> PyResult<String> {
         serde_json::to_string(&self.core.info()).map_err(failed)
     }

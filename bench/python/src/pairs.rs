@@ -13,7 +13,7 @@ use crate::errors::{failed, refused};
 use crate::table::{Column, Table};
 use crate::views::configs;
 
-/// Collects what the user should know.
+/// Collects warnings for the user.
 #[derive(Default)]
 pub(crate) struct Warnings(std::sync::Mutex<Vec<String>>);
 
@@ -42,7 +42,7 @@ impl Observer for Warnings {
     }
 }
 
-/// Where measured overlaps are kept.
+/// The cache of measured overlaps.
 pub(crate) fn cache() -> Option<OverlapCache> {
     OverlapCache::users_folder().map(OverlapCache::in_folder)
 }
@@ -51,7 +51,7 @@ pub(crate) fn scene_checks() -> SceneChecks {
     SceneChecks::new(OverlapCache::users_folder())
 }
 
-/// The pairs of datasets, with warnings; written to a file where one is named.
+/// The pairs of datasets, with warnings; written to `out` if given.
 #[pyfunction]
 #[pyo3(signature = (specs, scenes, options, out))]
 pub(crate) fn pairs(
@@ -81,7 +81,7 @@ pub(crate) fn pairs(
     Ok((table(&built.map_err(failed)?), warnings.take()))
 }
 
-/// The columns of the file.
+/// The pair list with the columns of its file.
 fn table(list: &PairList) -> Table {
     let all = || list.pairs.iter();
     let number = |of: fn(&Pair) -> Option<f64>| Column::Number(all().map(of).collect());

@@ -1,4 +1,4 @@
-//! What runs say: scores, means, comparisons, sweeps.
+//! Results of runs: scores, means, comparisons, sweeps.
 
 use std::collections::BTreeSet;
 use std::path::PathBuf;
@@ -15,7 +15,7 @@ use sharp_plots::style::FigureStyle;
 use crate::errors::{failed, refused};
 use crate::table::{Column, Table};
 
-/// The records of runs, a row each, in the columns of scores.csv.
+/// The records of a run, one row each, with the columns of scores.csv.
 #[pyfunction]
 pub(crate) fn load_scores(py: Python<'_>, run: PathBuf) -> PyResult<Table> {
     let results = py.detach(|| Results::read(&run)).map_err(failed)?;
@@ -74,7 +74,7 @@ pub(crate) fn load_scores(py: Python<'_>, run: PathBuf) -> PyResult<Table> {
     Ok(Table::new(columns.collect()))
 }
 
-/// The tables of means, as a page shows them.
+/// Tables of means as HTML, as on a report's page.
 #[pyfunction]
 pub(crate) fn means_html(py: Python<'_>, run: PathBuf) -> PyResult<String> {
     let html = || -> anyhow::Result<String> {
@@ -86,7 +86,7 @@ pub(crate) fn means_html(py: Python<'_>, run: PathBuf) -> PyResult<String> {
     py.detach(html).map_err(failed)
 }
 
-/// The same for a terminal.
+/// Tables of means as text for a terminal.
 #[pyfunction]
 pub(crate) fn means_text(py: Python<'_>, run: PathBuf) -> PyResult<String> {
     let text = || -> anyhow::Result<String> {
@@ -97,7 +97,7 @@ pub(crate) fn means_text(py: Python<'_>, run: PathBuf) -> PyResult<String> {
     py.detach(text).map_err(failed)
 }
 
-/// What `compare --json` prints, with notes.
+/// The JSON of `compare --json`, with notes.
 #[pyfunction]
 pub(crate) fn compare(
     py: Python<'_>,
@@ -113,10 +113,10 @@ pub(crate) fn compare(
     Ok((text, compared.notes))
 }
 
-/// Scores against how far the camera moved: a table, and a figure a metric.
+/// Scores against camera motion: a table, and one figure per metric.
 #[pyclass(frozen, module = "sharp_bench")]
 pub(crate) struct Sweep {
-    /// Column and SVG.
+    /// Column and SVG of each figure.
     figures: Vec<(String, String)>,
     #[pyo3(get)]
     csv: String,
@@ -172,7 +172,7 @@ impl Sweep {
         made.map_err(failed)
     }
 
-    /// SVG by metric.
+    /// SVG figures by metric.
     #[getter]
     fn figures(&self) -> std::collections::BTreeMap<&str, &str> {
         self.figures

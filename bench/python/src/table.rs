@@ -1,10 +1,10 @@
-//! Tables that pandas, polars and notebooks take.
+//! Tables for pandas, polars and notebooks.
 
 use pyo3::exceptions::PyKeyError;
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyList};
 
-/// The values of a column; what is unknown is null.
+/// The values of a column; unknown ones are null.
 #[derive(Clone)]
 pub(crate) enum Column {
     Text(Vec<Option<String>>),
@@ -54,7 +54,7 @@ pub(crate) struct Table {
     columns: Vec<(String, Column)>,
 }
 
-/// Rows that a notebook shows at either end.
+/// Rows that a notebook shows at the start and at the end of a table.
 const SHOWN: usize = 10;
 
 impl Table {
@@ -84,7 +84,7 @@ impl Table {
         }
     }
 
-    /// Each column as a list; None where a value is not known.
+    /// Each column as a list; None for unknown values.
     fn to_dict<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
         let dict = PyDict::new(py);
         for (name, column) in &self.columns {

@@ -31,7 +31,8 @@ impl From<&PosedCamera> for Camera {
 #[pymethods]
 #[allow(non_snake_case, reason = "K is what everyone calls it")]
 impl Camera {
-    /// K is 3×3 without skew, camera_from_world 4×4 (the world is the camera's own space without it).
+    /// K is 3×3 without skew; camera_from_world is 4×4 and defaults to the identity (the world is the camera's own
+    /// space).
     #[new]
     #[pyo3(signature = (width, height, K, camera_from_world=None))]
     fn new(
@@ -106,7 +107,7 @@ impl Camera {
     }
 }
 
-/// Any array of numbers.
+/// Any numeric array.
 type Matrix<'py> = PyArrayLike2<'py, f64, AllowTypeChange>;
 
 fn matrix<const N: usize>(name: &str, array: &Matrix<'_>) -> PyResult<[[f64; N]; N]> {
@@ -146,7 +147,7 @@ impl View {
         arrays::from_rgb8(py, image)
     }
 
-    /// z-depth [H, W], float32 metres, 0 where there is none; None without ground truth. Decoded at each call.
+    /// z-depth [H, W], float32 metres, 0 where unknown; None without ground truth. Decoded at each call.
     fn depth<'py>(&self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyArray2<f32>>>> {
         let depth = py.detach(|| self.core.content.depth()).map_err(failed)?;
         depth.map(|depth| arrays::from_depth(py, depth)).transpose()
@@ -170,14 +171,14 @@ impl View {
     }
 }
 
-/// Views that share one world space.
+/// Views in one shared world space.
 #[pyclass(frozen, module = "sharp_bench", get_all)]
 pub(crate) struct Scene {
     id: String,
-    /// The physical scene; scenes of one are not independent samples.
+    /// The physical scene; scenes with the same cluster are not independent samples.
     cluster: String,
     views: Vec<Py<View>>,
-    /// What the reader assumed or left out.
+    /// The reader's assumptions and omissions.
     notes: Vec<String>,
 }
 
@@ -195,7 +196,7 @@ pub(crate) struct Dataset {
     spec: String,
     format: &'static str,
     scenes: Vec<Py<Scene>>,
-    /// What was left out and why.
+    /// What was left out, and why.
     notes: Vec<String>,
 }
 
@@ -211,7 +212,7 @@ impl Dataset {
     }
 }
 
-/// Specs, `[NAME:]FORMAT=PATH[,key=value…]`.
+/// Parses specs of the form `[NAME:]FORMAT=PATH[,key=value…]`.
 pub(crate) fn configs(specs: &[String]) -> Result<Vec<DatasetConfig>, PairError> {
     specs.iter().map(|spec| spec.parse()).collect()
 }
@@ -256,7 +257,7 @@ pub(crate) fn datasets(
     open.into_iter().map(dataset).collect()
 }
 
-/// Unpacks the bundled pair of Middlebury 2014 into a folder; the folder that `middlebury=` takes.
+/// Unpacks the bundled pair of Middlebury 2014 into a folder; returns the path for `middlebury=`.
 #[pyfunction]
 pub(crate) fn bundled_data(folder: std::path::PathBuf) -> PyResult<std::path::PathBuf> {
     core::bundled::extract(&folder).map_err(failed)

@@ -1,9 +1,9 @@
-//! Statistics of our own code, for the cross-check against other libraries.
+//! Computes this crate's statistics for a cross-check against other libraries.
 //!
 //! Reads a JSON request from standard input and writes the answer to standard output:
-//! * request: `samples`, each a list of datasets, each a list of `[cluster, a, b]`; `seed` and `resamples`; `p`, lists of p
-//!   values for Holm; `t`, triples of a t, its degrees of freedom and a level; `normal`, numbers;
-//! * answer: per sample what `infer` says, with sign flips and bootstrap where they have a part; `holm`; `t_two_sided`,
+//! * request: `samples`, each a list of datasets, each a list of `[cluster, a, b]`; `seed` and `resamples`; `p`, lists
+//!   of p values for Holm; `t`, triples of t, degrees of freedom and a level; `normal`, numbers;
+//! * answer: the result of `infer` per sample, with sign flips and bootstrap if they were used; `holm`; `t_two_sided`,
 //!   `t_critical`, `detectable_shift` per triple; `normal_tail` and `normal_quantile` (of the tail) per number.
 
 use std::error::Error;

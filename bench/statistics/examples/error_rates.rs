@@ -1,4 +1,4 @@
-//! How often the inference errs in simulated comparisons: `reports/statistics.md`, as Markdown on standard output.
+//! Error rates of the inference in simulated comparisons. Writes `reports/statistics.md` to standard output.
 //!
 //! usage: `error_rates [SIMULATIONS]`
 
@@ -11,26 +11,26 @@ use rayon::prelude::*;
 use sharp::random::{SplitMix64, mix};
 use sharp_statistics::{ALPHA, Clusters, Inference, NoInference, Resampling, infer};
 
-/// Spread of a pair's difference around its scene's, and of scenes around the true mean, as a share of the score.
+/// Spread of a pair's difference around its scene's, and of scenes around the true mean, relative to the score.
 const PAIR_NOISE: f64 = 0.05;
 const SCENE_NOISE: f64 = 0.02;
-/// A change of this much, on every second scene.
+/// Size of a simulated change on every second scene.
 const SHIFT: f64 = 0.02;
 
-/// How scenes vary around the true mean, with the standard deviation above.
+/// Distribution of scenes around the true mean, with standard deviation `SCENE_NOISE`.
 #[derive(Clone, Copy)]
 enum Scenes {
     Normal,
     /// A shifted exponential: a few scenes change much.
     Skewed,
-    /// Every second scene three times as much as the others.
+    /// Every second scene varies three times as much as the others.
     Uneven,
 }
 
 #[derive(Clone)]
 struct Design {
     name: String,
-    /// Pairs of each scene of each dataset.
+    /// Pairs per scene, for each dataset.
     datasets: Vec<Vec<usize>>,
     scenes: Scenes,
 }
@@ -44,14 +44,14 @@ impl Design {
         }
     }
 
-    /// All datasets and scenes alike.
+    /// Equally many pairs in all scenes and datasets.
     fn equal(datasets: usize, scenes: usize, pairs: usize) -> Self {
         let name = format!("{datasets} × {scenes} × {pairs}");
         Self::new(name, vec![vec![pairs; scenes]; datasets])
     }
 }
 
-/// What the method is built for: the bounds hold for all of these.
+/// The designs that the method is built for; the bounds hold for all of them.
 fn regular() -> Vec<Design> {
     let one_large = |n: usize| {
         (0..n)
@@ -84,7 +84,7 @@ fn regular() -> Vec<Design> {
     ]
 }
 
-/// Scenes that are not normal with one spread.
+/// Designs whose scenes are not normal or differ in spread.
 fn irregular() -> Vec<Design> {
     let kinds = [(Scenes::Uneven, "uneven"), (Scenes::Skewed, "skewed")];
     let with = |(scenes, word): (Scenes, &str), design: Design| Design {
@@ -105,7 +105,7 @@ fn normal(random: &mut SplitMix64) -> f64 {
 }
 
 impl Design {
-    /// One comparison. `shift` is what scene k of each dataset changes by, on average.
+    /// Simulates one comparison. `shift` gives the average change of scene k of each dataset.
     fn simulate(&self, seed: u64, shift: fn(usize) -> f64) -> Result<Inference, NoInference> {
         let mut random = SplitMix64::new(mix(!seed));
         let mut datasets = Vec::new();
@@ -132,7 +132,7 @@ impl Design {
         infer(&datasets.iter().collect::<Vec<_>>(), resampling)
     }
 
-    /// Share of `simulations` for which `holds`. `series` keeps seeds of different questions apart.
+    /// Share of `simulations` for which `holds` is true. Each `series` uses its own seeds.
     fn rate(
         &self,
         (simulations, series): (u64, u64),
@@ -153,7 +153,7 @@ impl Design {
         self.rate((simulations, 0), |_| 0.0, |inference| inference.p < ALPHA)
     }
 
-    /// How often the interval holds a true mean that is not zero.
+    /// Coverage: how often the interval contains a true mean that is not zero.
     fn coverage(&self, simulations: u64) -> f64 {
         let holds =
             |inference: &Inference| inference.interval.0 <= SHIFT && inference.interval.1 >= SHIFT;
@@ -240,8 +240,8 @@ fn main() -> Result<(), Box<dyn Error>> {
 mod tests {
     use super::*;
 
-    /// What a true rate of 5 % is seen at or below in 97.5 of 100 times that it is counted in 1000 simulations; twice as
-    /// many here, so that no rounding of another machine's decides.
+    /// Upper bound that an observed rate stays within in 97.5 % of cases if the true rate is 5 % and 1000 simulations
+    /// are run. The tests run twice as many, so that rounding on another machine cannot decide.
     const MOST_ALARMS: f64 = 0.064;
 
     #[test]

@@ -14,12 +14,12 @@ pub struct Bootstrap {
     means: Vec<f64>,
     /// Efron's z₀: the normal quantile of the share of means below the observed one, ties counted half.
     pub bias: f64,
-    /// Efron's a, from the means without one cluster each.
+    /// Efron's a, from the leave-one-cluster-out means.
     pub acceleration: f64,
 }
 
 impl Bootstrap {
-    /// Of at least two clusters; all finite.
+    /// Requires at least two clusters and finite scores.
     pub fn new(sample: &Clusters, resampling: Resampling) -> Self {
         let clusters = sample.clusters();
         let drawn = resampling.indices().into_par_iter().map(|k| {
@@ -32,7 +32,7 @@ impl Bootstrap {
         });
         let mut means: Vec<f64> = drawn.collect();
         means.sort_unstable_by(f64::total_cmp);
-        // Equal means of other draws differ by rounding.
+        // Equal means of different draws may differ by rounding.
         let (observed, rounding) = (sample.mean(), sample.rounding() / sample.n_pairs() as f64);
         let below = means.partition_point(|m| *m < observed - rounding);
         let not_above = means.partition_point(|m| *m <= observed + rounding);
@@ -46,18 +46,18 @@ impl Bootstrap {
         }
     }
 
-    /// Of the resamples, ascending.
+    /// Means of the resamples, ascending.
     pub fn means(&self) -> &[f64] {
         &self.means
     }
 
-    /// Of confidence 1 − `alpha`.
+    /// Confidence interval at level 1 − `alpha`.
     pub fn interval(&self, alpha: f64) -> (f64, f64) {
         let z = normal_quantile(0.5 * alpha);
         (self.end(z), self.end(-z))
     }
 
-    /// The smallest level at which the interval leaves zero out; 0 where no resampled mean is on the other side.
+    /// The smallest level at which the interval excludes zero; 0 if no resampled mean is on the other side of it.
     pub fn p(&self) -> f64 {
         const FARTHEST: f64 = 37.0;
         let centre = self.end(0.0);
@@ -75,7 +75,7 @@ impl Bootstrap {
     fn end(&self, z: f64) -> f64 {
         let shifted = self.bias + z;
         let stretch = 1.0 - self.acceleration * shifted;
-        // Beyond the pole of the correction lies all of the distribution.
+        // Beyond the pole of the correction lies the whole distribution.
         let share = if stretch <= 0.0 {
             if shifted > 0.0 { 1.0 } else { 0.0 }
         } else {
@@ -89,7 +89,7 @@ impl Bootstrap {
     }
 }
 
-/// Σ l³ / (6 (Σ l²)^1.5) over what leaving out each cluster takes from the mean.
+/// Σ l³ / (6 (Σ l²)^1.5), where l is the change of the mean when a cluster is left out.
 fn acceleration(sample: &Clusters) -> f64 {
     let all = sample.n_pairs() as f64;
     let without = sample

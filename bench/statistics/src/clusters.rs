@@ -1,22 +1,22 @@
-//! Scores of two sides, as their differences summed by cluster.
+//! Scores of two sides as differences summed by cluster.
 
 use std::collections::BTreeMap;
 
-/// One cluster: all that is kept of pairs that depend on each other.
+/// Sums over one cluster, a group of pairs that depend on each other.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub(crate) struct Cluster {
-    /// Of the differences; then of their squares.
+    /// Sum of the differences.
     pub(crate) sum: f64,
     pub(crate) squares: f64,
-    /// How many; a whole number.
+    /// Number of pairs; an integer.
     pub(crate) pairs: f64,
 }
 
 /// The scores of one dataset's pairs on side A and on side B, by cluster; differences are B − A.
 ///
-/// A pair without a score on both sides is no difference: leave it out, and count it where the result is shown. Two equal
-/// scores differ by zero, infinities among them (the PSNR of two identical pictures); a score that is infinite on one side
-/// only makes the mean infinite, and NaN makes it NaN.
+/// A pair without a score on both sides must be left out; count it where the result is shown. Two equal scores differ
+/// by zero, even if infinite (the PSNR of two identical pictures); a score that is infinite on one side only makes the
+/// mean infinite, and NaN makes it NaN.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Clusters {
     clusters: Vec<Cluster>,
@@ -30,7 +30,7 @@ pub struct Clusters {
 }
 
 impl Clusters {
-    /// From the cluster of each pair and its scores `[a, b]`. The order of pairs changes no more than the rounding of sums.
+    /// Takes the cluster of each pair and its scores `[a, b]`. The order of pairs affects only the rounding of sums.
     pub fn new<K: Ord>(pairs: impl IntoIterator<Item = (K, [f64; 2])>) -> Self {
         let mut by_key: BTreeMap<K, Cluster> = BTreeMap::new();
         let mut all = Self {
@@ -60,7 +60,7 @@ impl Clusters {
         all
     }
 
-    /// Mean difference over pairs; NaN without any.
+    /// Mean difference over pairs; NaN if there are none.
     pub fn mean(&self) -> f64 {
         self.sums[2] / self.n_pairs as f64
     }
@@ -88,14 +88,15 @@ impl Clusters {
         self.n_infinite
     }
 
-    /// Whether no pair differs; true without any.
+    /// True if all differences are zero or there are none.
     pub fn all_equal(&self) -> bool {
         self.all_equal
     }
 
-    /// How many clusters of equal size say as much: (Σn)² / Σn² for clusters of n pairs. It is the effective number of
-    /// Carter, Schnepel and Steigerwald ("Asymptotic behavior of a t-test robust to cluster heterogeneity", Review of
-    /// Economics and Statistics, 2017) for a mean over pairs that move together within a cluster.
+    /// The number of clusters of equal size that would carry as much information: (Σn)² / Σn² for clusters of n pairs.
+    /// This is the effective number of Carter, Schnepel and Steigerwald ("Asymptotic behavior of a t-test robust to
+    /// cluster heterogeneity", Review of Economics and Statistics, 2017) for a mean over pairs that move together
+    /// within a cluster.
     pub fn effective_clusters(&self) -> f64 {
         let squares: f64 = self.clusters.iter().map(|c| c.pairs * c.pairs).sum();
         (self.n_pairs as f64).powi(2) / squares
@@ -105,23 +106,23 @@ impl Clusters {
         &self.clusters
     }
 
-    /// Of all differences.
+    /// Sum of all differences.
     pub(crate) fn sum(&self) -> f64 {
         self.sums[2]
     }
 
-    /// What rounding may leave of a sum of differences that is zero.
+    /// Upper bound on the rounding error of a sum of differences that is exactly zero.
     pub(crate) fn rounding(&self) -> f64 {
         1e-13 * self.largest * self.n_pairs as f64
     }
 
-    /// Of each cluster: Σ (difference − mean).
+    /// Residual of each cluster: Σ (difference − mean).
     pub(crate) fn residuals(&self) -> impl Iterator<Item = f64> {
         let mean = self.mean();
         self.clusters.iter().map(move |c| c.sum - mean * c.pairs)
     }
 
-    /// Whether all clusters have the same mean but for rounding, so that nothing shows by how much chance could move it.
+    /// Whether all clusters have the same mean up to rounding, so that their spread cannot be estimated.
     pub(crate) fn without_spread(&self) -> bool {
         self.residuals().all(|r| r.abs() <= self.rounding())
     }

@@ -1,10 +1,10 @@
-//! From p and interval to a word.
+//! From p and interval to a verdict.
 
 use crate::inference::{ALPHA, Inference};
 
 /// Holm's step-down correction ("A simple sequentially rejective multiple test procedure", Scandinavian Journal of
-/// Statistics, 1979): p values such that rejecting those below a level makes even one false alarm among them at most that
-/// likely. `None` is no test and counts for nothing.
+/// Statistics, 1979): rejecting the corrected p values below a level keeps the probability of any false alarm at or
+/// below that level. `None` marks a missing test, which is not counted.
 pub fn holm(p: &[Option<f64>]) -> Vec<Option<f64>> {
     let mut order: Vec<(f64, usize)> = (0..p.len()).filter_map(|k| Some((p[k]?, k))).collect();
     order.sort_by(|a, b| a.0.total_cmp(&b.0));
@@ -22,14 +22,14 @@ pub fn holm(p: &[Option<f64>]) -> Vec<Option<f64>> {
 pub enum Verdict {
     Better,
     Worse,
-    /// No difference: the sides are equal, or the interval lies within what counts as none in practice.
+    /// No difference: the sides are equal, or the interval lies within the practical threshold.
     None,
-    /// Cannot tell.
+    /// The data do not decide.
     Inconclusive,
 }
 
 /// The claim that a mean difference supports. Significance uses the corrected p. A difference can be significant and
-/// still too small to matter: `practical` is the largest magnitude that does not.
+/// still too small to matter: `practical` is the largest magnitude that does not matter.
 pub fn verdict(
     inference: Option<&Inference>,
     p_corrected: Option<f64>,

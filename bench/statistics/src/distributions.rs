@@ -9,7 +9,7 @@ pub fn normal_tail(x: f64) -> f64 {
     if x < 0.0 {
         return 1.0 - normal_tail(-x);
     }
-    // exp(−(x + v)²/2) without its factor exp(−x²/2), which alone decides how small the tail is.
+    // exp(−(x + v)²/2) without its factor exp(−x²/2), which determines the magnitude of the tail.
     let rest = integrate(10.0 / (1.0 + 0.2 * x), |v| (-v * (x + 0.5 * v)).exp());
     (-0.5 * x * x).exp() * rest / (SQRT_2 * PI.sqrt())
 }
@@ -33,8 +33,8 @@ pub fn t_two_sided(t: f64, degrees_of_freedom: f64) -> f64 {
     // T = √ν cot ψ with the density of ψ proportional to sin^(ν−1) ψ.
     let root = degrees_of_freedom.sqrt();
     let below = |end: f64| {
-        // Farther from the end the density is less than e⁻⁴⁴ of what it is there: it falls as fast as a normal's, and
-        // faster than at the end.
+        // Farther from the end the density is below e⁻⁴⁴ of its value there: it falls as fast as a normal's, and faster
+        // than at the end.
         let reach = (9.5 / root).min(45.0 * end.tan() / (degrees_of_freedom - 1.0).max(1e-9));
         let start = (end - reach).max(0.0);
         integrate(end - start, |v| {
@@ -59,7 +59,7 @@ pub fn detectable_shift(power: f64, alpha: f64, degrees_of_freedom: f64) -> f64 
     let density = |u: f64| ((nu - 1.0) * u.ln() - 0.5 * nu * (u * u - 1.0)).exp();
     let (start, end) = ((1.0 - 10.0 / nu.sqrt()).max(0.0), 1.0 + 10.0 / nu.sqrt());
     let mean = |g: &dyn Fn(f64) -> f64, step: f64| {
-        // The quadrature is sharp at ends: the mode is one, and where g steps.
+        // The quadrature resolves the ends of an interval best, so split at the mode and at the step of g.
         let step = step.clamp(start, end);
         let ends = [start, step.min(1.0), step.max(1.0), end];
         let parts = ends
@@ -88,7 +88,7 @@ mod tests {
         );
     }
 
-    // References are scipy 1.17.1's; those of `detectable_shift` by its quadrature, confirmed by statsmodels 0.15.
+    // References are from scipy 1.17.1; those of `detectable_shift` from its quadrature, confirmed by statsmodels 0.15.
 
     #[test]
     fn normal() {

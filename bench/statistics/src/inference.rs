@@ -1,4 +1,4 @@
-//! Chooses the method of inference for a sample, and applies it.
+//! Chooses and applies the inference method for a sample.
 
 use std::num::NonZeroU32;
 use std::ops::Range;
@@ -16,13 +16,13 @@ use crate::sign_flip::SignFlip;
 pub const ALPHA: f64 = 0.05;
 /// The power at which a difference counts as detectable.
 pub const POWER: f64 = 0.8;
-/// Effective clusters from which a dataset counts as one of many.
+/// Minimum effective clusters at which a dataset counts as large.
 pub const MANY_CLUSTERS: f64 = 30.0;
 
 /// Number of resamples, and their seed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Resampling {
-    /// Each resample has a stream of its own, so that neither threads nor their number change a result.
+    /// Each resample has its own random stream, so results do not depend on the number of threads.
     pub seed: u64,
     pub count: NonZeroU32,
 }
@@ -41,52 +41,53 @@ impl Resampling {
         0..self.count.get()
     }
 
-    /// The positions that resample `k` of `n` clusters draws, with replacement and as many as there are.
+    /// The indices that resample `k` of `n` clusters draws: `n` draws with replacement.
     pub fn drawn(self, k: u32, n: usize) -> impl Iterator<Item = usize> {
         let mut random = self.stream(2 * u64::from(k));
-        // The high half of a product: the most that one cluster is favoured is n/2⁶⁴.
+        // The high half of a product; the bias towards any cluster is at most n/2⁶⁴.
         (0..n).map(move |_| ((u128::from(random.next_u64()) * n as u128) >> 64) as usize)
     }
 
-    /// splitmix64 from `mix(seed ^ mix(index))`, where `mix` is its finaliser.
+    /// The SplitMix64 generator seeded with `mix(seed ^ mix(index))`, where `mix` is its finaliser.
     pub(crate) fn stream(self, index: u64) -> SplitMix64 {
         SplitMix64::new(mix(self.seed ^ mix(index)))
     }
 }
 
-/// The method that gave the interval and p.
+/// The method used for the interval and p.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Procedure {
     /// Student's t of the mean over the cluster jackknife's standard error.
     Jackknife,
-    /// The more careful of BCa bootstrap and sign flips.
+    /// The more conservative of BCa bootstrap and sign flips.
     Resampled(Resampling),
-    /// All clusters differ by the same: sign flips alone.
+    /// Sign flips alone, used if all clusters differ by the same amount.
     SignFlips,
 }
 
-/// The mean of the differences, with its interval and p.
+/// The mean difference with its interval and p.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Inference {
     /// The mean of the datasets' means.
     pub mean: f64,
-    /// Of 95 % confidence; an end is infinite where nothing bounds it.
+    /// 95 % confidence interval; an unbounded end is infinite.
     pub interval: (f64, f64),
-    /// Of the hypothesis that the mean is zero, two-sided. It is below 0.05 exactly if zero lies outside the interval.
+    /// Two-sided p of the hypothesis that the mean is zero. It is below 0.05 exactly if the interval excludes zero.
     pub p: f64,
-    /// By the cluster jackknife, whatever the method; 0 where all clusters differ by the same.
+    /// Standard error by the cluster jackknife, whatever the procedure; 0 if all clusters differ by the same amount.
     pub standard_error: f64,
-    /// Of the standard error; NaN where that is 0.
+    /// Degrees of freedom of the standard error; NaN if that is 0.
     pub degrees_of_freedom: f64,
     pub n_pairs: usize,
     pub n_clusters: usize,
     pub procedure: Procedure,
-    /// What the signs alone say, which takes no normal distribution: beside the p of a dataset, with the floor below which
-    /// it cannot fall. `None` for several datasets, whose own differences it would take for noise.
+    /// The sign-flip test, which assumes no normal distribution: shown next to the p of a single dataset, with the
+    /// floor below which it cannot fall. `None` for several datasets, because it would take the differences between
+    /// them for noise.
     pub sign_flip: Option<SignFlip>,
 }
 
-/// Why there is nothing but a mean.
+/// Why only a mean can be given.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
 pub enum NoInference {
     #[error("no pairs")]
@@ -99,7 +100,7 @@ pub enum NoInference {
     NoSpread,
 }
 
-/// Mean difference of datasets that count equally, whatever their numbers of pairs: interval, p and detectable
+/// Mean difference over datasets with equal weights, whatever their numbers of pairs: interval, p and detectable
 /// difference, by the rule of the [crate's documentation](crate).
 pub fn infer(datasets: &[&Clusters], resampling: Resampling) -> Result<Inference, NoInference> {
     if datasets.is_empty() || datasets.iter().any(|d| d.n_pairs() == 0) {
@@ -156,8 +157,8 @@ pub fn infer(datasets: &[&Clusters], resampling: Resampling) -> Result<Inference
 }
 
 impl Inference {
-    /// The smallest true mean that a t test at the 5 % level finds with 80 % power, were the spread between clusters as
-    /// observed; NaN without a spread.
+    /// The smallest true mean that a t test at the 5 % level finds with 80 % power, given the observed spread between
+    /// clusters; NaN without a spread.
     pub fn detectable(&self) -> f64 {
         if self.standard_error > 0.0 {
             self.standard_error * detectable_shift(POWER, ALPHA, self.degrees_of_freedom)
@@ -180,8 +181,8 @@ fn standard_error(datasets: &[&Clusters]) -> (f64, f64) {
     (variance.sqrt() / number, degrees_of_freedom)
 }
 
-/// The p of sign flips where all clusters of a dataset have the same difference: only keeping every sign, or flipping
-/// every one, gives a mean as far from zero.
+/// The sign-flip p if all clusters of a dataset have the same difference: only keeping every sign, or flipping every
+/// one, gives a mean as far from zero.
 fn p_without_spread(datasets: &[&Clusters]) -> Result<f64, NoInference> {
     let moved = || datasets.iter().filter(|d| !d.all_equal());
     if moved().any(|d| d.mean() > 0.0) && moved().any(|d| d.mean() < 0.0) {
@@ -203,7 +204,7 @@ mod tests {
         };
         let mut stream = resampling.stream(3);
         let first: [u64; 3] = std::array::from_fn(|_| stream.next_u64());
-        // By an implementation of the documented rule in Python.
+        // From a Python implementation of the documented rule.
         let known = [
             0x0A29_F358_F443_2DB7,
             0x88FF_1F47_9CDD_BDF0,

@@ -1,4 +1,4 @@
-//! The cluster jackknife: how far the mean of a dataset moves without each of its clusters.
+//! The cluster jackknife: how far the mean of a dataset moves when each of its clusters is left out.
 
 use std::f64::consts::FRAC_PI_2;
 
@@ -11,15 +11,16 @@ use crate::numeric::{integrate, root};
 pub struct Jackknife {
     /// The estimator CV3: (G − 1)/G Σ (mean without cluster g − mean)², for G clusters.
     pub variance: f64,
-    /// Of the t distribution that mean / √variance is compared with. G − 1 for clusters of equal size, other numbers for
-    /// unequal ones: those with which Student's t has the critical value of the exact statistic at the 5 % level, if means
-    /// of clusters are normal. Of two assumptions on their variances the fewer degrees: one variance for all, and the
-    /// variances of clusters and of their pairs as estimated, which few clusters do badly.
+    /// Degrees of freedom of the t distribution that mean / √variance is compared with: G − 1 for clusters of equal
+    /// size. For unequal sizes, the degrees of freedom with which Student's t has the critical value of the exact
+    /// statistic at the 5 % level, if cluster means are normal; the smaller of two results, one assuming the same
+    /// variance for all clusters, the other using the estimated variances of clusters and of their pairs, which are
+    /// unreliable for few clusters.
     pub degrees_of_freedom: f64,
 }
 
 impl Jackknife {
-    /// Of at least two clusters; all finite.
+    /// Requires at least two clusters and finite scores.
     pub fn new(sample: &Clusters) -> Self {
         let n_clusters = sample.n_clusters() as f64;
         let all = sample.n_pairs() as f64;
@@ -34,7 +35,7 @@ impl Jackknife {
     }
 }
 
-/// The level at which Student's distribution is fitted to the exact one.
+/// Level at which Student's distribution is fitted to the exact one.
 const FITTED_AT: f64 = 0.05;
 
 /// See [`Jackknife::degrees_of_freedom`].
@@ -46,19 +47,19 @@ fn degrees_of_freedom(sample: &Clusters) -> f64 {
     }
     let fitted = |variances: &[f64]| {
         let statistic = Statistic::new(sample, variances);
-        // Far out the tail of many clusters is smaller than any number.
+        // Far out, the tail of many clusters underflows to zero.
         let tail = |log: f64| statistic.two_sided(log.exp()).max(f64::MIN_POSITIVE);
         let excess = |log: f64| tail(log).ln() - FITTED_AT.ln();
         let critical = root(-2.0, 8.0, excess).exp();
         let tail = |log: f64| t_two_sided(critical, log.exp()).max(f64::MIN_POSITIVE);
         let excess = |log: f64| tail(log).ln() - FITTED_AT.ln();
-        // A critical value below the normal's, which one large cluster among many can give, ends at the upper bound.
+        // A critical value below the normal's, possible with one large cluster among many, yields the upper bound.
         root(-2.0, MOST_DEGREES.ln(), excess).exp()
     };
     fitted(&vec![1.0; clusters.len()]).min(fitted(&estimated_variances(sample)))
 }
 
-/// From here on Student's distribution is the normal one.
+/// Degrees of freedom from which Student's distribution is treated as normal.
 const MOST_DEGREES: f64 = 1e6;
 
 /// Variances of the clusters' means: the variance between clusters plus that between pairs divided by their number n,
@@ -93,13 +94,13 @@ fn estimated_variances(sample: &Clusters) -> Vec<f64> {
 /// The exact distribution of t = mean / √CV3, for independent normal means x of clusters with weights w and variances v.
 ///
 /// With residuals e = x − w·x, CV3 is Σ d e² with d = (G − 1)/G (w / (1 − w))². So |t| > c says that the quadratic form
-/// x'Cx = c² Σ d e² − (w·x)² is negative. VC, V = diag(v), has one negative eigenvalue −ν and otherwise positive ones μ. Given
-/// the rest of x, its part along the negative one's vector is a normal that has to be large enough, and Craig's integral for
-/// the tail of a normal ("A new, simple and exact result for calculating the probability of error for two-dimensional signal
-/// constellations", IEEE MILCOM 1991) averages over that rest: P = 2/π ∫ Π (1 + μ/(ν sin²φ))^−½ dφ over 0..π/2. The product
-/// is the determinant of I + VC/(ν sin²φ) but for its factor 1 − 1/sin²φ.
+/// x'Cx = c² Σ d e² − (w·x)² is negative. VC, V = diag(v), has one negative eigenvalue −ν and otherwise positive ones
+/// μ. Given the rest of x, its part along the negative one's vector is a normal variable that has to be large enough,
+/// and Craig's integral for the tail of a normal ("A new, simple and exact result for calculating the probability of
+/// error for two-dimensional signal constellations", IEEE MILCOM 1991) averages over that rest: P = 2/π ∫ Π (1 + μ/(ν
+/// sin²φ))^−½ dφ over 0..π/2. The product is the determinant of I + VC/(ν sin²φ) without its factor 1 − 1/sin²φ.
 struct Statistic {
-    /// w, v, d of each cluster.
+    /// Weight w, variance v and d of each cluster.
     clusters: Vec<[f64; 3]>,
 }
 
@@ -116,8 +117,8 @@ impl Statistic {
         }
     }
 
-    /// The determinant of I + τVC: the logarithm of a positive factor, and the factor that has its sign. VC is diagonal but
-    /// for two ranks, so that the matrix determinant lemma leaves sums over clusters.
+    /// The determinant of I + τVC, as the logarithm of a positive factor and a factor with its sign. VC is diagonal
+    /// plus rank two, so the matrix determinant lemma reduces it to sums over clusters.
     fn determinant(&self, tau: f64, c: f64) -> (f64, f64) {
         let (mut log, mut w_kept, mut w2_kept, mut d_kept) = (0.0, 0.0, 0.0, 0.0);
         for [w, v, d] in &self.clusters {
@@ -143,7 +144,8 @@ impl Statistic {
         let sign = |log: f64| self.determinant(log.exp(), c).1;
         let zero = root(start - 1.0, start + 60.0, sign).exp();
         let product = |phi: f64| {
-            // Where sin φ = 1 the determinant and its factor both vanish: their quotient is taken a little aside.
+            // At sin φ = 1 the determinant and its factor both vanish, so their quotient is taken slightly off that
+            // point.
             let s = (1.0 / phi.sin().powi(2)).max(1.0 + 1e-7);
             let (log, rest) = self.determinant(s * zero, c);
             (-0.5 * log).exp() / (rest / (1.0 - s)).sqrt()
@@ -156,7 +158,7 @@ impl Statistic {
 mod tests {
     use super::*;
 
-    /// Pairs of a cluster all differ by the same, so that nothing but clusters varies.
+    /// All pairs of a cluster have the same difference, so only clusters vary.
     fn constant(sizes: &[usize]) -> Clusters {
         let pairs = sizes.iter().enumerate().flat_map(|(cluster, size)| {
             let mean = [3.0, 1.0, 4.0, 1.5, 9.0][cluster % 5];
@@ -178,7 +180,7 @@ mod tests {
     #[test]
     fn degrees_of_freedom_of_clusters_of_any_sizes() {
         assert_eq!(Jackknife::new(&constant(&[70; 7])).degrees_of_freedom, 6.0);
-        // From the eigenvalues of the quadratic form, by numpy and scipy.
+        // Computed from the eigenvalues of the quadratic form with numpy and scipy.
         let unequal: [(&[usize], f64); 3] = [
             (&[1, 3], 1.0491559832049073),
             (&[10, 20, 40, 80], 2.1049011497173105),
@@ -195,7 +197,8 @@ mod tests {
 
     #[test]
     fn many_clusters_of_unequal_sizes_have_many_degrees_of_freedom() {
-        // Two clusters in three of one pair, the others of two: as many as say as much, (Σn)² / Σn², less one, is near.
+        // Two in three clusters have one pair, the others two. The degrees of freedom are close to the effective number
+        // of clusters, (Σn)² / Σn², less one.
         for clusters in [139, 200, 1000, 5000] {
             let sizes: Vec<usize> = (0..clusters).map(|k| 1 + usize::from(k % 3 == 0)).collect();
             let sample = constant(&sizes);

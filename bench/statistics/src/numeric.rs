@@ -1,14 +1,14 @@
-//! Means; quadrature and root finding, enough for the distributions here.
+//! Means, quadrature and root finding, as far as the distributions here need them.
 
 use std::f64::consts::FRAC_PI_2;
 use std::sync::LazyLock;
 
-/// Arithmetic mean, summed in order; `None` of nothing.
+/// Arithmetic mean, summed in order; `None` if empty.
 pub fn mean(values: &[f64]) -> Option<f64> {
     (!values.is_empty()).then(|| values.iter().sum::<f64>() / values.len() as f64)
 }
 
-/// Standard deviation with divisor n − 1; `None` for fewer than two values or one that is not finite.
+/// Standard deviation with divisor n − 1; `None` for fewer than two values or if one is not finite.
 pub fn sample_std(values: &[f64]) -> Option<f64> {
     let mean = mean(values)?;
     if values.len() < 2 || !mean.is_finite() {
@@ -18,11 +18,11 @@ pub fn sample_std(values: &[f64]) -> Option<f64> {
     Some((squares / (values.len() - 1) as f64).sqrt())
 }
 
-/// ∫ f over a..b by the tanh–sinh rule (Takahasi and Mori, "Double exponential formulas for numerical integration", 1974):
-/// close to full precision for functions that are analytic inside the interval, whatever they do at its ends.
-/// `f` gets its argument as the distance from `a`, which stays exact where that is tiny.
+/// ∫ f over a..b by the tanh–sinh rule (Takahasi and Mori, "Double exponential formulas for numerical integration",
+/// 1974): close to full precision for functions that are analytic inside the interval, whatever they do at its ends.
+/// `f` takes the distance from `a`, which stays exact even if tiny.
 pub(crate) fn integrate(length: f64, f: impl Fn(f64) -> f64) -> f64 {
-    /// Places in 0..1 and weights.
+    /// Nodes in 0..1 and their weights.
     static NODES: LazyLock<[(f64, f64); 125]> = LazyLock::new(|| {
         const STEP: f64 = 1.0 / 16.0;
         std::array::from_fn(|k| {
@@ -42,8 +42,8 @@ pub(crate) fn integrate(length: f64, f: impl Fn(f64) -> f64) -> f64 {
     length * parts.sum::<f64>()
 }
 
-/// The point where `f` changes sign between `low` and `high`: false position with Illinois' halving (Dowell and Jarratt, 1971), to
-/// 13 digits. Without a change of sign it is the end where `f` is closer to zero.
+/// The point where `f` changes sign between `low` and `high`, to 13 digits: false position with Illinois' halving
+/// (Dowell and Jarratt, 1971). Without a sign change, the end where `f` is closer to zero.
 pub(crate) fn root(low: f64, high: f64, f: impl Fn(f64) -> f64) -> f64 {
     let (mut a, mut b) = (low, high);
     let (mut f_a, mut f_b) = (f(a), f(b));
@@ -55,7 +55,7 @@ pub(crate) fn root(low: f64, high: f64, f: impl Fn(f64) -> f64) -> f64 {
         if f_b == 0.0 || width <= 1e-14 * a.abs().max(b.abs()) {
             break;
         }
-        // Every fourth step is a bisection, so that flat stretches cannot stall it.
+        // Every fourth step is a bisection, so that flat stretches cannot stall the search.
         let c = if step % 4 == 3 {
             0.5 * (a + b)
         } else {

@@ -1,11 +1,11 @@
-//! The sign-flip permutation test of a mean, and the interval that it leaves.
+//! The sign-flip permutation test of a mean, and its confidence interval.
 
 use rayon::prelude::*;
 
 use crate::clusters::Clusters;
 use crate::inference::Resampling;
 
-/// More clusters than this are sampled, not enumerated: 2¹³ patterns.
+/// With more clusters than this, sign patterns are sampled instead of enumerated (2¹³ patterns).
 pub(crate) const MOST_ENUMERATED: usize = 14;
 
 /// Sign-flip test of the clusters' differences: exact if each cluster's sum of (difference − true mean) is as
@@ -13,28 +13,29 @@ pub(crate) const MOST_ENUMERATED: usize = 14;
 /// randomization tests without a group invariance assumption", JASA 1990, for means that are not symmetric).
 #[derive(Debug, Clone, PartialEq)]
 pub struct SignFlip {
-    /// Share of sign patterns under which the mean is as far from zero as it is: of all, if these can be enumerated, else
-    /// of those drawn and the observed one.
+    /// Share of sign patterns whose mean is at least as far from zero as the observed one: of all patterns if
+    /// enumerated, else of those drawn plus the observed one.
     pub p: f64,
-    /// The smallest `p` that so many clusters can give: 2/2^G if enumerated, so that no test of signs is ever significant at
-    /// 5 % with fewer than six.
+    /// The smallest possible `p` for this number of clusters: 2/2^G if enumerated, so that no sign test is significant
+    /// at 5 % with fewer than six.
     pub floor: f64,
     /// How patterns were drawn; `None` if all were enumerated.
     pub resampling: Option<Resampling>,
-    /// Per pattern, the bounds of the true means under which it is as likely as the observed one; each list is sorted.
+    /// Per pattern, the lower bounds of the true means under which it is as likely as the observed one, sorted; `highs`
+    /// has the upper bounds.
     lows: Vec<f64>,
     highs: Vec<f64>,
 }
 
 impl SignFlip {
-    /// Of at least one cluster; all finite.
+    /// Requires at least one cluster and finite scores.
     pub fn new(sample: &Clusters, resampling: Resampling) -> Self {
         let n = sample.n_clusters();
         let enumerated = n <= MOST_ENUMERATED;
         // The observed pattern is consistent with any mean.
         let observed = (f64::NEG_INFINITY, f64::INFINITY);
         let ranges: Vec<(f64, f64)> = if enumerated {
-            // A pattern and its opposite say the same, so the last cluster keeps its sign.
+            // A pattern and its opposite are equivalent, so the last cluster keeps its sign.
             (0..1_u64 << (n - 1))
                 .map(|pattern| range(sample, || pattern))
                 .collect()
@@ -44,7 +45,7 @@ impl SignFlip {
                 range(sample, || random.next_u64())
             });
             let mut all: Vec<_> = match sample.all_equal() {
-                // Whatever is flipped: two runs of the same thing are common, and their comparison is quick.
+                // Same result for any flips; comparing two identical runs is common and must be quick.
                 true => vec![(0.0, 0.0); resampling.count.get() as usize],
                 false => drawn.collect(),
             };
@@ -68,11 +69,11 @@ impl SignFlip {
         }
     }
 
-    /// All true means that the test does not reject at level `alpha`: it holds zero exactly if `p` ≥ `alpha`. Infinite where
-    /// `alpha` is not above the floor.
+    /// All true means that the test does not reject at level `alpha`: contains zero exactly if `p` ≥ `alpha`. Infinite
+    /// if `alpha` is not above the floor.
     pub fn interval(&self, alpha: f64) -> (f64, f64) {
         let total = self.highs.len();
-        // A mean is kept while this many patterns are consistent with it.
+        // A mean is inside if at least this many patterns are consistent with it.
         let needed = (alpha * total as f64 - 1e-9).ceil().max(1.0) as usize;
         (self.lows[needed - 1], self.highs[total - needed])
     }
@@ -80,7 +81,8 @@ impl SignFlip {
 
 /// The true means δ under which a pattern of signs is as far from its expectation as the observed one:
 /// |Σ ±(s − δn)| ≥ |Σ (s − δn)| over clusters of sum s and size n. They lie between the mean of the clusters that keep
-/// their sign and that of those that do not (Hartigan's "typical values", JASA 1969). `signs` gives 64 of them a call.
+/// their sign and that of those that do not (Hartigan's "typical values", JASA 1969). Each call of `signs` gives 64
+/// signs.
 fn range(sample: &Clusters, mut signs: impl FnMut() -> u64) -> (f64, f64) {
     let (mut sum, mut pairs) = (0.0, 0.0);
     for clusters in sample.clusters().chunks(64) {
@@ -92,7 +94,7 @@ fn range(sample: &Clusters, mut signs: impl FnMut() -> u64) -> (f64, f64) {
         }
     }
     let (all_sum, all_pairs) = (sample.sum(), sample.n_pairs() as f64);
-    // Counts are whole numbers: their sums are exact.
+    // Counts are integers, so their sums are exact.
     if pairs.abs() == all_pairs {
         return (f64::NEG_INFINITY, f64::INFINITY);
     }
@@ -120,7 +122,8 @@ mod tests {
         Clusters::new(pairs.map(|cluster| (cluster, [0.0, shift + random.between(-1.0, 1.0)])))
     }
 
-    /// Share of all patterns under which the deviation from `mean` is as large as it is, from the definition.
+    /// Share of all patterns whose deviation from `mean` is at least as large as the observed one, computed from the
+    /// definition.
     fn share(sample: &Clusters, mean: f64) -> f64 {
         let deviations: Vec<f64> = sample
             .clusters()
