@@ -1,23 +1,22 @@
 //! The harness: pairs from datasets, predictions from methods, scores from metrics, and reports.
 //!
-//! Data flows one way; each module uses only those above it.
-//! The command line calls what is public here and no more.
+//! Data flows one way; each module uses only those above it. The command line uses only the public API.
 //!
-//! * [`io`]: what goes to disk and comes back.
-//! * [`pairs`]: which pairs are evaluated, and the geometry that decides it.
-//! * [`rendering`]: which backend renders, and what happens when its device fails.
-//! * [`scoring`]: predictions against the truth.
-//! * [`methods`]: what predicts a target view from a source view.
-//! * [`config`]: what a run is asked for.
+//! * [`io`]: reading and writing files.
+//! * [`pairs`]: selection of the evaluated pairs, and the geometry behind it.
+//! * [`rendering`]: choice of the rendering backend, and recovery from device failures.
+//! * [`scoring`]: scores of predictions against ground truth.
+//! * [`methods`]: methods that predict a target view from a source view.
+//! * [`config`]: the configuration of a run.
 //! * [`evaluate`]: the core: prepare, run, read results.
-//! * [`scale`]: a plan's shards handed to a scheduler.
-//! * [`protocols`]: other people's evaluations by name.
+//! * [`scale`]: submits a plan's shards to a scheduler.
+//! * [`protocols`]: published evaluation procedures by name.
 //! * [`report`]: tables, plots and a browsable page from results.
-//! * [`track`]: two runs compared, a gate between them, and runs over time.
-//! * [`export`]: what foreign methods are given, as files.
-//! * [`pictures`]: two pictures or two folders, compared.
+//! * [`track`]: comparison of two runs, a regression gate, and runs over time.
+//! * [`export`]: inputs for external methods, as files.
+//! * [`pictures`]: comparison of two pictures or two folders.
 //! * [`analyze`]: the paper's explanatory experiments.
-//! * [`train`]: trainings, validated by all of that.
+//! * [`train`]: training, validated by runs of this harness.
 //! * [`cli`]: the command line.
 
 pub mod analyze;

@@ -7,19 +7,19 @@ fn main() -> ExitCode {
     ExitCode::from(sharp_bench::cli::main(std::env::args_os().collect()))
 }
 
-/// Settings of libraries that only the environment takes, unless the user has made them.
+/// Sets library options that exist only as environment variables, unless the user has set them.
 fn set_environment() {
     let is_set = |name| std::env::var_os(name).is_some();
     let set = |name, value| {
-        // SAFETY: called first in `main`, before there is another thread that could read the environment.
+        // SAFETY: called first in `main`, before any other thread that could read the environment exists.
         unsafe { std::env::set_var(name, value) };
     };
-    // Threads that candle keeps for elementwise operations wait by spinning. Ours do the network's work.
+    // Candle's threads for elementwise operations busy-wait; the network's work runs on our own threads.
     if !is_set("CANDLE_NUM_THREADS") {
         set("CANDLE_NUM_THREADS", "1");
     }
-    // Without a session, Mesa's device-select layer complains on standard error that it cannot ask the desktop which GPU
-    // is the default one. The layer is left out then; adapters are ordered by ourselves anyway.
+    // Without a desktop session, Mesa's device-select layer complains on standard error that it cannot find out the
+    // default GPU. Disable the layer; we order adapters ourselves anyway.
     if cfg!(target_os = "linux") && !is_set("XDG_RUNTIME_DIR") && !is_set("MESA_VK_DEVICE_SELECT") {
         set("NODEVICE_SELECT", "1");
     }

@@ -1,7 +1,7 @@
-//! Experiments besides evaluations.
+//! Experiments other than evaluations.
 //!
-//! * [`port`]: a port of SHARP against the release or us.
-//! * [`translation`]: the paper's, on any picture: how far each metric moves when it is shifted a little.
+//! * [`port`]: compares a port of SHARP with the release or with this implementation.
+//! * [`translation`]: the paper's experiment on any picture: how much each metric changes under a small shift.
 
 pub mod port;
 pub mod translation;

@@ -1,4 +1,5 @@
-//! A port of SHARP against the release or us: two predictions from one photograph, Gaussian by Gaussian.
+//! Compares a port of SHARP with the release or with this implementation: two predictions from one photograph, Gaussian
+//! by Gaussian.
 
 use std::collections::HashMap;
 
@@ -16,51 +17,51 @@ use sharp::unprojection::covariance;
 use crate::methods::file_reading::{Axes, FileReading, FileSpace, Placement};
 use crate::pairs::PosedCamera;
 
-/// Gaussians that hypotheses are judged by, at most.
+/// Largest number of Gaussians that hypotheses are judged by.
 const SAMPLE: usize = 4096;
-/// With a smaller median distance Gaussians are taken for each other's, pixels.
+/// Below this median distance, pixels, Gaussians count as matched.
 const SAME_PLACE: f64 = 2.0;
-/// Another meaning of the numbers has to divide the median difference by this much.
+/// Another reading of the numbers must reduce the median difference by at least this factor.
 const MUCH_LESS: f64 = 10.0;
-/// A median difference below this one is not explained, per cent.
+/// Median differences below this, per cent, need no explanation.
 const NEGLIGIBLE: f64 = 0.1;
-/// A smaller shift of all Gaussians is no cause, pixels.
+/// Smaller shifts of all Gaussians, pixels, are not reported as a cause.
 const LEAST_SHIFT: f64 = 0.05;
-/// Side of a cell in which neighbours are sought, pixels.
+/// Side of a cell of the neighbour search, pixels.
 const CELL: f64 = 4.0;
-/// Of a relative distance in depth, the pixels that weigh as much: 1 % is one pixel.
+/// Pixels that a relative depth distance of 1 is equivalent to: 1 % is one pixel.
 const PIXELS_OF_DEPTH: f64 = 100.0;
 
-/// Differences of one attribute.
+/// Differences in one attribute.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct FieldDifference {
     pub field: &'static str,
     pub unit: &'static str,
     pub median: f64,
-    /// The 99th percentile.
+    /// 99th percentile.
     pub p99: f64,
     pub largest: f64,
 }
 
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct PortComparison {
-    /// How Gaussians were matched: their order in the port's file.
+    /// How Gaussians were matched: the order found in the port's file.
     pub order: &'static str,
-    /// Gaussians of the port without one of the reference to themselves.
+    /// Gaussians of the port with no Gaussian of the reference to themselves.
     pub extra: usize,
-    /// Gaussians of the reference without one of the port.
+    /// Gaussians of the reference that the port does not have.
     pub missing: usize,
-    /// Gaussians of the port with a value that is not finite.
+    /// Gaussians of the port with a non-finite value.
     pub not_finite: usize,
     pub as_read: Vec<FieldDifference>,
-    /// Settings of a file's reading that explain much of the differences.
+    /// Settings for reading the file that explain much of the differences.
     pub settings: Vec<(&'static str, String)>,
-    /// Differences that remain with them.
+    /// Differences that remain with these settings.
     pub with_settings: Vec<FieldDifference>,
 }
 
-/// Attributes, in the order of their values below: a mean's distance as the photograph's camera sees it, its depth,
-/// Frobenius' norm of the covariances' difference, opacity, and the largest difference among the sRGB channels.
+/// Attributes, in the order of their values below: distance of means in the photograph's camera, depth, Frobenius norm
+/// of the covariances' difference, opacity, and the largest difference among the sRGB channels.
 const FIELDS: [(&str, &str); 5] = [
     ("position", "px"),
     ("depth", "%"),
@@ -72,7 +73,7 @@ const COVARIANCE: usize = 2;
 const OPACITY: usize = 3;
 const COLOUR: usize = 4;
 
-/// Orders of a port's file: the place among the reference's of its Gaussian `i` of `n` in two layers of `side` rows.
+/// Orders of a port's file. Each maps Gaussian `i` of `n`, in two layers of `side` rows, to its index in the reference.
 type Order = (&'static str, fn(usize, usize, usize) -> usize);
 const ORDERS: [Order; 6] = [
     ("the same order", |i, _, _| i),
@@ -100,8 +101,8 @@ fn in_layer(i: usize, side: usize, map: impl Fn(usize, usize) -> (usize, usize))
     (layer * side + row) * side + column
 }
 
-/// Compares a port's Gaussians with the reference's, both with linear colours and in the space of the photograph's camera.
-/// `stored` is how the port's were read.
+/// Compares a port's Gaussians with the reference's, both with linear colours and in the space of the photograph's
+/// camera. `stored` is the form in which the port's were read.
 pub fn compare(
     port: &Gaussians,
     stored: StoredForm,
@@ -176,12 +177,12 @@ struct Pair<'a> {
 }
 
 impl Pair<'_> {
-    /// The placement that brings most of the port's Gaussians onto the reference's, the order that does, and the pairs of
+    /// The placement and order that bring most of the port's Gaussians onto the reference's, and the matched pairs of
     /// indices.
     fn matched(&self) -> (Placement, &'static str, Vec<[u32; 2]>) {
         let n = self.port.len();
         let placements = || {
-            // OpenCV's first: of equals, the first is taken.
+            // OpenCV's axes first, because ties go to the first.
             let axes = [Axes::OPENCV]
                 .into_iter()
                 .chain(Axes::every())
@@ -227,7 +228,7 @@ impl Pair<'_> {
             median((0..gaussians.len() as u32).map(|k| map.transform_point3(mean(gaussians, k)).z))
         };
         let true_depth = depth(self.reference, DAffine3::IDENTITY);
-        // In the same unit, and in that of the median depth.
+        // Try the same unit, and the unit suggested by the median depth.
         let scaled = placements().map(|placement| {
             let ratio = true_depth / depth(self.port, placement.camera_from_file(&self.camera));
             let scale = Some(ratio).filter(|ratio| ratio.is_finite() && *ratio > 0.0);
@@ -255,20 +256,20 @@ impl Pair<'_> {
         (placement, "another order, matched by position", pairs)
     }
 
-    /// Median distance of the means, in pixels and in depth.
+    /// Median distance of the means, combining pixels and depth.
     fn distance(&self, placement: &Placement, sample: &[[u32; 2]]) -> f64 {
         let map = placement.camera_from_file(&self.camera);
         let k = &self.camera.intrinsics;
         median(sample.iter().map(|[i, j]| {
             let own = map.transform_point3(mean(self.port, *i));
             apart(k, own, mean(self.reference, *j)).map_or(f64::MAX, |[pixels, depth]| {
-                // A unit is no reason to prefer other axes.
+                // The unit must not decide between axes.
                 pixels + depth.min(1.0) * 1e-3
             })
         }))
     }
 
-    /// Whether opacities or colours show that Gaussians of one index are each other's, wherever they lie.
+    /// Whether opacities or colours show that Gaussians of equal index correspond, wherever they lie.
     fn is_same_order(&self, in_order: &[[u32; 2]]) -> bool {
         let sample: Vec<[u32; 2]> = spread(in_order).collect();
         let reading = FileReading {
@@ -279,7 +280,8 @@ impl Pair<'_> {
         medians[OPACITY] < NEGLIGIBLE || medians[COLOUR] < NEGLIGIBLE
     }
 
-    /// By how many pixels the reference's Gaussians are seen right of and below the port's, if by the same everywhere.
+    /// The shift in pixels (right, down) from the port's Gaussians to the reference's as seen by the camera; zero
+    /// unless it is the same everywhere.
     fn shift(&self, placement: &Placement, matches: &[[u32; 2]]) -> [f64; 2] {
         let map = placement.camera_from_file(&self.camera);
         let focal = [self.camera.intrinsics.fx, self.camera.intrinsics.fy];
@@ -304,7 +306,7 @@ impl Pair<'_> {
         })
     }
 
-    /// The unit of the port's means if it is another one, metres.
+    /// The unit of the port's means in metres; `None` if it is the same.
     fn scale(&self, placement: &Placement, matches: &[[u32; 2]]) -> Option<f64> {
         let map = placement.camera_from_file(&self.camera);
         let ratio = median(spread(matches).map(|[i, j]| {
@@ -379,7 +381,7 @@ impl Pair<'_> {
     }
 }
 
-/// Distance in pixels and relative distance in depth; `None` behind the camera.
+/// Distance in pixels and relative distance in depth; `None` if either is behind the camera.
 fn apart(k: &Intrinsics, own: DVec3, other: DVec3) -> Option<[f64; 2]> {
     let seen = |p: DVec3| [k.fx * p.x / p.z, k.fy * p.y / p.z];
     let [[x, y], [u, v]] = [seen(own), seen(other)];
@@ -411,7 +413,7 @@ fn spread(matches: &[[u32; 2]]) -> impl Iterator<Item = [u32; 2]> {
         .step_by((matches.len() / SAMPLE).max(1))
 }
 
-/// Other meanings of the numbers behind an attribute.
+/// Alternative readings of the numbers of an attribute.
 fn forms(field: usize, current: StoredForm) -> Vec<StoredForm> {
     let mut all = Vec::new();
     match field {
@@ -444,7 +446,7 @@ fn forms(field: usize, current: StoredForm) -> Vec<StoredForm> {
     all
 }
 
-/// Gaussians by where a camera sees their centres.
+/// A grid of Gaussians by the pixel position of their centres.
 struct Cells<'a> {
     reference: &'a Gaussians,
     k: Intrinsics,
@@ -471,7 +473,7 @@ impl<'a> Cells<'a> {
         (p.z > 0.0).then(|| [at(self.k.fx, p.x), at(self.k.fy, p.y)])
     }
 
-    /// Pairs of the port's Gaussians with the nearest of the reference's, those without one left out.
+    /// Pairs each of the port's Gaussians with the nearest of the reference's; those without one are skipped.
     fn nearest(
         &self,
         port: &Gaussians,

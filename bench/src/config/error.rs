@@ -9,7 +9,7 @@ use crate::pairs::PairError;
 /// Why no run can be set up from a [`RunConfig`](super::RunConfig).
 #[derive(Debug, thiserror::Error)]
 pub enum ConfigError {
-    /// The request contradicts itself, whatever the files hold.
+    /// The request contradicts itself, regardless of the files.
     #[error("{0}")]
     Usage(String),
     #[error("--metrics {list}: {error}")]
@@ -36,7 +36,7 @@ pub enum ConfigError {
 }
 
 impl ConfigError {
-    /// Whether the command line or configuration has to change, not the data.
+    /// Whether the command line or the configuration must change, rather than the data.
     pub fn is_usage(&self) -> bool {
         match self {
             Self::Usage(_) | Self::Selection { .. } | Self::Backbone(_) => true,

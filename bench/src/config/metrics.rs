@@ -30,7 +30,7 @@ impl MetricConfig {
         Ok(self.asked()?.unwrap_or_default())
     }
 
-    /// The metrics asked for; `None` if none were.
+    /// The requested metrics; `None` if none were requested.
     pub fn asked(&self) -> Result<Option<Selection>, ConfigError> {
         let parsed = self.metrics.as_ref().map(|list| {
             Selection::parse(list).map_err(|error| ConfigError::Selection {
@@ -41,7 +41,7 @@ impl MetricConfig {
         parsed.transpose()
     }
 
-    /// The metrics of a run.
+    /// The scorer for this configuration.
     pub fn scoring(&self) -> Result<Scoring, ConfigError> {
         self.scoring_of(&self.selection()?)
     }
@@ -51,15 +51,15 @@ impl MetricConfig {
         Ok(Scoring::with_options(selection, &weights, options)?)
     }
 
-    /// As [`scoring`](Self::scoring), but missing weights of a metric that was named explicitly are an error now, not
-    /// an empty column after hours.
+    /// As [`scoring`](Self::scoring), but missing weights of an explicitly named metric are an error now, instead of an
+    /// empty column hours later.
     pub fn complete_scoring(&self, selection: &Selection) -> Result<Scoring, ConfigError> {
         let scoring = self.scoring_of(selection)?;
         demand_weights(selection, &scoring.scorer)?;
         Ok(scoring)
     }
 
-    /// Default options on the chosen device.
+    /// Scorer options for the chosen device, otherwise default.
     pub fn options(&self) -> Result<ScorerOptions, ConfigError> {
         let device = self.device.unwrap_or_default();
         if !device.is_built() {
@@ -81,7 +81,7 @@ impl MetricConfig {
     }
 }
 
-/// Weights from files given as `NAME=FILE`; those of other networks are searched for.
+/// Loads weights given as `NAME=FILE`; those of other networks are searched for.
 pub fn weights(files: &[String]) -> Result<Weights, ConfigError> {
     let mut weights = Weights::at_hand();
     for spec in files {
@@ -95,7 +95,7 @@ pub fn weights(files: &[String]) -> Result<Weights, ConfigError> {
     Ok(weights)
 }
 
-/// Refuses missing weights of metrics that were named explicitly.
+/// Fails if an explicitly named metric has no weights.
 pub fn demand_weights(selection: &Selection, scorer: &Scorer) -> Result<(), ConfigError> {
     let mut missing = scorer.missing_weights();
     match missing.find(|(key, _)| selection.is_explicit(*key)) {

@@ -1,6 +1,6 @@
-//! What a run is asked to do, parsed once, from a command line, a file or a program.
+//! The configuration of a run, parsed once from a command line, a file or a program.
 //!
-//! * [`RunConfig`]: all of it; [`metrics`], `pairs`, [`rendering`]: its parts that other commands take, too.
+//! * [`RunConfig`]: the whole configuration; [`metrics`], `pairs`, [`rendering`]: parts that other commands share.
 
 pub mod error;
 pub mod metrics;

@@ -35,7 +35,7 @@ pub struct OverlapConfig {
 }
 
 impl OverlapConfig {
-    /// The pair options with the files that they need.
+    /// The recipe made of `options` and the files that they need.
     pub fn recipe(&self, options: &PairOptions) -> Result<PairRecipe, ConfigError> {
         let recipe = PairRecipe {
             options: options.clone(),
@@ -46,7 +46,7 @@ impl OverlapConfig {
         Ok(recipe.checked()?)
     }
 
-    /// The quick check of datasets, cached beside measured overlaps; `None` with `--no-check`.
+    /// The quick check of datasets, cached next to measured overlaps; `None` with `--no-check`.
     pub fn checks(&self) -> Option<SceneChecks> {
         let folder = self.cache.clone().or_else(OverlapCache::users_folder);
         let folder = folder.filter(|_| !self.no_cache);
@@ -84,8 +84,10 @@ pub struct PairConfig {
 }
 
 impl PairConfig {
+    /// Where the pairs are from: a list, or a recipe that builds one.
+    ///
     /// # Errors
-    /// When there are both a list and choices that would build one, or the recipe lacks a file.
+    /// If both a list and options that build one are given, or the recipe is missing a file.
     pub fn origin(&self) -> Result<PairOrigin, ConfigError> {
         let overlap = &self.overlap;
         let builds = [

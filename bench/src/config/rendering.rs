@@ -98,10 +98,10 @@ impl fmt::Display for LowPass {
     }
 }
 
-/// The backend for `--backend` and `--adapter`. Naming an adapter means wgpu.
+/// Combines `--backend` and `--adapter`; naming an adapter implies wgpu.
 ///
 /// # Errors
-/// When the two name different devices.
+/// If the two name different devices.
 pub fn backend(backend: &Backend, adapter: Option<&str>) -> Result<Backend, ConfigError> {
     let usage = |reason: String| Err(ConfigError::Usage(reason));
     match (backend, adapter) {
@@ -118,7 +118,7 @@ pub fn backend(backend: &Backend, adapter: Option<&str>) -> Result<Backend, Conf
     }
 }
 
-/// Comma-separated numbers.
+/// Parses `N` comma-separated numbers.
 pub(crate) fn numbers<T: FromStr, const N: usize>(text: &str) -> Option<[T; N]> {
     let numbers: Option<Vec<T>> = text.split(',').map(|n| n.trim().parse().ok()).collect();
     numbers?.try_into().ok()

@@ -96,16 +96,16 @@ pub enum Keep {
     None,
 }
 
-/// Parses a spec for clap. Errors leave the spec out, because clap quotes it.
+/// Parses a spec for clap. The error omits the spec, because clap quotes it.
 fn clap_method(text: &str) -> Result<MethodSpec, String> {
     text.parse().map_err(|error: SpecError| error.reason())
 }
 
 impl RunConfig {
-    /// Reads a file; its paths are absolute afterwards.
+    /// Reads a file and makes its paths absolute.
     ///
     /// # Errors
-    /// When it cannot be read, holds an unknown key, or a value that its option would not take.
+    /// If the file cannot be read, has an unknown key, or a value that the option does not accept.
     pub fn read(path: &Path) -> Result<Self, ConfigError> {
         let failed = |reason: String| ConfigError::File {
             path: path.to_owned(),
@@ -127,7 +127,7 @@ impl RunConfig {
         Ok(config.rooted(absolute.parent().unwrap_or(Path::new("/"))))
     }
 
-    /// From the keys of a file; their paths stay as they are.
+    /// Builds a configuration from the keys of a file, leaving paths unchanged.
     ///
     /// # Errors
     /// As [`read`](Self::read).
@@ -135,7 +135,7 @@ impl RunConfig {
         Self::of_keys(keys).map_err(ConfigError::Usage)
     }
 
-    /// The error does not name the file.
+    /// Errors do not name the file; the caller adds it.
     fn of_keys(keys: Map<String, Value>) -> Result<Self, String> {
         let options = Self::augment_args(Command::new("run"));
         let known: Vec<&str> = options
@@ -157,10 +157,10 @@ impl RunConfig {
         }
     }
 
-    /// The options by name, without those left at their defaults.
+    /// The options by name, except those left at their defaults.
     ///
     /// # Errors
-    /// When a path is not Unicode.
+    /// If a path is not Unicode.
     pub fn keys(&self) -> Result<Map<String, Value>, ConfigError> {
         let mut keys = match serde_json::to_value(self) {
             Ok(Value::Object(keys)) => keys,
@@ -175,32 +175,34 @@ impl RunConfig {
         Ok(keys)
     }
 
-    /// This configuration with the options given in `over` replaced.
+    /// This configuration, with the options set in `over` replaced.
     ///
     /// # Errors
-    /// When the two together are no configuration.
+    /// If the combination is not a valid configuration.
     pub fn overlaid(&self, over: &Self) -> Result<Self, ConfigError> {
         let mut keys = self.keys()?;
         keys.extend(over.keys()?);
         Self::from_keys(keys)
     }
 
-    /// The contents of a `run.toml`.
+    /// Serialises to the contents of a `run.toml`.
     ///
     /// # Errors
-    /// When a path is not Unicode.
+    /// If a path is not Unicode.
     pub fn to_toml(&self) -> Result<String, ConfigError> {
         toml::to_string(&self.keys()?).map_err(|error| ConfigError::Usage(error.to_string()))
     }
 
+    /// The rendering backend.
+    ///
     /// # Errors
-    /// When backend and adapter contradict each other.
+    /// If backend and adapter contradict each other.
     pub fn backend(&self) -> Result<Backend, ConfigError> {
         let given = self.backend.clone().unwrap_or_default();
         backend(&given, self.adapter.as_deref())
     }
 
-    /// Makes relative paths start in `folder`, where programs then start too.
+    /// Resolves relative paths against `folder`, which also becomes the working directory of programs.
     #[must_use]
     pub fn rooted(mut self, folder: &Path) -> Self {
         let root = |path: &mut PathBuf| *path = folder.join(&path);
@@ -221,7 +223,7 @@ impl RunConfig {
             if method.kind == "command" {
                 method.options.entry("cwd".to_owned()).or_default();
             }
-            // `files=` starts where the program does.
+            // `files=` is relative to the program's working directory.
             for key in ["dir", "checkpoint", "config", "cwd", "transform", "train"] {
                 let value = method.options.get_mut(key);
                 let is_path = |value: &&mut String| match key {
@@ -252,7 +254,7 @@ impl RunConfig {
     }
 }
 
-/// Whether it is a file, not the bundled network `mini`.
+/// Whether `checkpoint` is a file rather than the bundled network `mini`.
 fn is_file(checkpoint: &Path) -> bool {
     checkpoint != Path::new("mini")
 }
@@ -283,7 +285,7 @@ mod tests {
         std::fs::write(&path, config.to_toml().unwrap()).unwrap();
         let read = RunConfig::read(&path).unwrap();
         assert_eq!(read, config.clone().rooted(folder.path()));
-        // Absolute paths stay where they are.
+        // Absolute paths are unchanged.
         assert_eq!(read.clone().rooted(Path::new("/elsewhere")), read);
         assert_eq!(
             read.methods[1].options["cwd"],

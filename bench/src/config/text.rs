@@ -5,7 +5,7 @@ use std::str::FromStr;
 
 use serde::{Deserialize, Deserializer, Serialize, Serializer, de};
 
-/// A text, or a number instead of its text.
+/// A text, or a number in place of its text.
 #[derive(Deserialize)]
 #[serde(untagged)]
 enum Form {

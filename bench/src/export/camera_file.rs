@@ -8,7 +8,7 @@ use sharp::camera::{CameraError, Intrinsics, affine_from_row_major};
 
 use crate::io::atomic_files::{FileError, write_atomic};
 
-/// A camera file; other keys, such as those of `cameras export`, are ignored.
+/// A camera file; unknown keys, such as those of `cameras export`, are ignored.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct CameraFile {
     pub width: u32,
@@ -40,7 +40,7 @@ pub enum NoCamera {
 }
 
 impl CameraFile {
-    /// Reads and checks a camera.
+    /// Reads and validates a camera file.
     pub fn read(path: &Path) -> Result<(Intrinsics, DAffine3), CameraFileError> {
         let text = sharp::files::read_text(path).map_err(NoCamera::from);
         let camera = text.and_then(|text| Self::parse(&text));
@@ -50,7 +50,7 @@ impl CameraFile {
         })
     }
 
-    /// A camera from JSON, checked.
+    /// Parses and validates a camera from JSON.
     pub fn parse(text: &str) -> Result<(Intrinsics, DAffine3), NoCamera> {
         serde_json::from_str::<Self>(text)?.check()
     }
@@ -66,7 +66,7 @@ impl CameraFile {
         ))
     }
 
-    /// The file of a camera; [`Self::read`] gives the same camera back, bit for bit.
+    /// The file contents for a camera; [`Self::read`] returns the same camera bit for bit.
     pub fn of(intrinsics: &Intrinsics, camera_from_world: &DAffine3) -> Self {
         let row_major = DMat4::from(*camera_from_world).transpose();
         Self {

@@ -1,4 +1,5 @@
-//! Every view of some scenes: `OUT/<dataset>/<scene>/<view>.{png,json}`, names percent-encoded as in pair ids.
+//! Exports every view of some scenes as `OUT/<dataset>/<scene>/<view>.{png,json}`, with names percent-encoded as in
+//! pair ids.
 //!
 //! For tools that work on single views: monocular depth for `--overlap-depth`, reconstructions, Gaussians.
 
@@ -19,7 +20,7 @@ use crate::io::view_hashes::ViewHashes;
 use crate::pairs::description::conventions;
 use crate::pairs::pair_id::{scene_path, view_name};
 
-/// A view's camera; the names of its numbers are those of `render --camera`.
+/// A view's camera, with the same keys as `render --camera`.
 #[derive(Serialize)]
 struct CameraDescription<'a> {
     dataset: &'a str,
@@ -32,10 +33,10 @@ struct CameraDescription<'a> {
     stamp: Stamp,
 }
 
-/// Writes pictures and cameras of all views.
+/// Writes the pictures and cameras of all views.
 ///
 /// # Errors
-/// The first file that cannot be read or written; what was written before stays and is kept next time.
+/// Fails at the first file that cannot be read or written; files already written are kept and reused next time.
 pub fn export(
     scenes: &[Scene],
     out: &Path,
@@ -65,7 +66,7 @@ pub fn export(
     })
 }
 
-/// Whether it was written, false if it already existed.
+/// Exports one view. Returns false if it already existed.
 fn export_view(
     scene: &Scene,
     view: &View,

@@ -1,4 +1,4 @@
-//! Files that are written once: each with its hash in a description that is written last.
+//! Files that are written once, with their hashes in a description file that is written last.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -10,16 +10,16 @@ use crate::io::hash::{file_sha256, sha256_hex};
 
 pub(super) type Hashes = BTreeMap<String, String>;
 
-/// The head of a description, read back to see whether its files are complete.
+/// The common head of a description, read back to check whether its files are complete.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub(super) struct Stamp {
-    /// Hash of everything that the files depend on.
+    /// Hash of everything the files depend on.
     pub(super) key: String,
     pub(super) files: Hashes,
 }
 
 impl Stamp {
-    /// Whether a description of this key lies there and its files are whole.
+    /// Whether `folder` has a description with this key and its files are intact.
     pub(super) fn is_done(folder: &Path, description: &str, key: &str) -> bool {
         let Ok(bytes) = std::fs::read(folder.join(description)) else {
             return false;

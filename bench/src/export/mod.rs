@@ -1,9 +1,9 @@
-//! Pictures and cameras in files, with their conventions spelled out: what a foreign method is given.
+//! Exports pictures and cameras to files with documented conventions, as input for external methods.
 //!
-//! * [`pairs`]: the pairs of a list, a folder each.
-//! * [`cameras`]: every view of some scenes, for those who make depth maps or reconstructions.
+//! * [`pairs`]: the pairs of a list, one folder each.
+//! * [`cameras`]: every view of some scenes, for producing depth maps or reconstructions.
 //! * [`camera_file`]: one camera in JSON.
-//! * [`viewer`]: Gaussians in a page that draws them.
+//! * [`viewer`]: an HTML page that draws Gaussians.
 //! * `file`: files that are written once.
 
 pub mod camera_file;

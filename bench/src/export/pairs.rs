@@ -1,7 +1,8 @@
-//! The pairs of a list as folders: `OUT/<pair_id>/{source.png, pair.json}`, on request `target.png` and depth.
+//! Exports the pairs of a list as folders: `OUT/<pair_id>/{source.png, pair.json}`, optionally with `target.png` and
+//! depth.
 //!
-//! `pair.json` is written last and holds its files' names and sha256, and a hash of what they were made from: an export
-//! that was stopped continues, one whose dataset changed is made anew.
+//! `pair.json` is written last and contains the names and SHA-256 of its files, and a hash of their inputs: an
+//! interrupted export continues, and an export whose dataset changed is redone.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::io::ErrorKind;
@@ -23,16 +24,17 @@ use crate::pairs::description::{FORMAT, PairDescription};
 use crate::pairs::pair_id::path_of;
 use crate::pairs::pair_list::ResolvedPair;
 
-/// Files written besides the source's picture and the cameras, and the settings the datasets were read with.
+/// Files to write in addition to the source's picture and the cameras, and the settings with which the datasets were
+/// read.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct ExportOptions {
-    /// `target.png`: the ground truth.
+    /// Write `target.png`, the ground truth.
     pub target: bool,
-    /// `source_depth.npy` and `target_depth.npy`, float32 metres; of a view without depth there is none.
+    /// Write `source_depth.npy` and `target_depth.npy`, float32 metres; skipped for views without depth.
     pub depth: bool,
-    /// By dataset: the settings in force, which decide what depth means. An export under other settings is made anew.
+    /// Reading settings by dataset, which determine the meaning of depth. A change of settings redoes the export.
     pub readings: BTreeMap<String, String>,
-    /// Scales for which cameras are written, each with the name of its folder of predictions.
+    /// Scales for which cameras are written, each with the folder name of its predictions.
     pub scales: Vec<(String, f64)>,
 }
 
@@ -40,7 +42,7 @@ pub struct ExportOptions {
 pub struct Exported {
     pub written: usize,
     pub kept: usize,
-    /// Views without the requested depth.
+    /// Number of views without the requested depth.
     pub without_depth: usize,
 }
 
@@ -52,10 +54,10 @@ struct PairFile {
     stamp: Stamp,
 }
 
-/// Writes the pairs. Those of one source follow each other, so that its picture is read once.
+/// Writes the pairs, grouped by source so that each source picture is read once.
 ///
 /// # Errors
-/// The first file that cannot be read or written; what was written before stays and is kept next time.
+/// Fails at the first file that cannot be read or written; files already written are kept and reused next time.
 pub fn export(
     pairs: &[ResolvedPair],
     out: &Path,
@@ -82,7 +84,7 @@ pub fn export(
     })
 }
 
-/// Counts of the pairs of one source.
+/// Counts for the pairs of one source.
 #[derive(Default)]
 struct ExportedGroup {
     written: usize,
@@ -164,7 +166,7 @@ pub(super) fn png(view: &View, path: &Path) -> Result<Vec<u8>, ExportError> {
     Ok(encode_png(&view.content.image()?, path)?)
 }
 
-/// The views whose depth is asked for, with the names of their files.
+/// The views whose depth is requested, with their file names.
 fn depth_files<'a>(
     pair: &ResolvedPair<'a>,
     options: &ExportOptions,
@@ -182,7 +184,7 @@ fn depth_of(view: &View) -> Result<Option<Vec<u8>>, ExportError> {
     Ok(view.content.depth()?.map(|depth| npy::to_bytes(&depth)))
 }
 
-/// Removes a file of an earlier export that this one does not have.
+/// Removes a file left by an earlier export.
 fn remove(path: &Path) -> Result<(), ExportError> {
     match std::fs::remove_file(path) {
         Err(error) if error.kind() != ErrorKind::NotFound => {

@@ -1,7 +1,7 @@
-//! A page that draws Gaussians in a browser: one file that opens from disk and loads nothing.
+//! A page that draws Gaussians in a browser: one file that opens from disk and loads nothing else.
 //!
 //! WebGPU runs the renderer's own shaders ([`sharp_shaders::PASSES`]); `screen.wgsl` draws the result on the screen.
-//! Browsers without WebGPU show pictures that were rendered when the page was written.
+//! Browsers without WebGPU show pictures rendered when the page was written.
 
 use std::io::{self, Write};
 use std::path::Path;
@@ -34,9 +34,9 @@ const SCREEN: (&str, &str) = (
     "screen",
     include_str!("../../templates/gaussians/screen.wgsl"),
 );
-/// Most pictures of a path.
+/// Largest number of pictures of a path.
 const PICTURES: usize = 12;
-/// Identifies an earlier page.
+/// Marks a page as written by this program.
 const MARK: &str = "<meta name=\"generator\" content=\"sharp-bench viewer\">";
 
 /// Contents of a page.
@@ -45,7 +45,7 @@ pub struct Viewer<'a> {
     pub scene: &'a Gaussians,
     /// Reference camera, such as the photograph's.
     pub photograph: DAffine3,
-    /// At least one; all with the same intrinsics and the same rule.
+    /// At least one view; all with the same intrinsics and the same rendering rule.
     pub views: &'a [RenderView],
     pub background: Background,
     pub quantization: Quantization,
@@ -57,12 +57,12 @@ struct ViewerPage<'a> {
     title: &'a str,
     lead: String,
     views: usize,
-    /// Metres.
+    /// Distance of the focus, metres.
     focus: String,
     facts: String,
     shaders: String,
     gaussians: String,
-    /// As data URLs.
+    /// Pictures as data URLs.
     pictures: Vec<String>,
 }
 
@@ -73,7 +73,7 @@ impl ViewerPage<'_> {
 }
 
 impl Viewer<'_> {
-    /// The views of which [`Self::write`] takes pictures: evenly spread, the first and the last among them.
+    /// Indices of the views that [`Self::write`] shows as pictures: evenly spread, including the first and the last.
     pub fn pictured(&self) -> Vec<usize> {
         let last = self.views.len().saturating_sub(1);
         let mut chosen: Vec<usize> = (0..PICTURES).map(|i| i * last / (PICTURES - 1)).collect();
@@ -81,10 +81,10 @@ impl Viewer<'_> {
         chosen
     }
 
-    /// Writes the page, over nothing but an earlier one, with a rendering of each of the [pictured](Self::pictured) views.
+    /// Writes the page with one rendering per [pictured](Self::pictured) view. Overwrites only an earlier page.
     ///
     /// # Errors
-    /// A file that cannot be written, or is something else.
+    /// If the file cannot be written, or exists and is not such a page.
     pub fn write(&self, path: &Path, pictures: &[RgbImage]) -> Result<(), FileError> {
         let page = self
             .page(pictures)
@@ -101,7 +101,7 @@ impl Viewer<'_> {
             return Err(io::Error::other("a page needs a view"));
         };
         let (k, rule) = (first.intrinsics, first.rule);
-        // What is not drawn need not be there.
+        // Leave out harmonics that are not drawn.
         let all = visible.harmonics.per_gaussian();
         let degree = visible.harmonics.degree.min(rule.degree);
         let drawn = Harmonics::coefficients_of(degree);
@@ -158,12 +158,12 @@ impl Viewer<'_> {
     }
 }
 
-/// The Gaussians that can be visible, in their order, which decides between equal depths.
+/// The Gaussians that can be visible, in their original order, which breaks ties between equal depths.
 fn drawable(scene: &Gaussians) -> Gaussians {
     scene.filtered(|k| scene.is_finite(k) && scene.opacities[k] >= 1.0 / 255.0)
 }
 
-/// Row by row, the offset last.
+/// The matrix by rows, with the offset in the last column.
 fn rows(map: &DAffine3) -> [[f64; 4]; 3] {
     let linear = map.matrix3.transpose();
     let rows = [linear.x_axis, linear.y_axis, linear.z_axis];
@@ -171,8 +171,8 @@ fn rows(map: &DAffine3) -> [[f64; 4]; 3] {
     std::array::from_fn(|i| [rows[i].x, rows[i].y, rows[i].z, offset[i]])
 }
 
-/// Means, opacities, quaternions, scales, colours and harmonics, a column each, of f32 split into planes of their bytes, which
-/// deflate to about three quarters.
+/// Columns of means, opacities, quaternions, scales, colours and harmonics, as f32 split into byte planes, which
+/// deflate to about three quarters of the size.
 fn packed(scene: &Gaussians) -> io::Result<Vec<u8>> {
     let n = scene.len();
     let columns: [&dyn Fn(usize) -> f32; 14] = [
@@ -245,7 +245,7 @@ mod tests {
         let mut scene = scene();
         scene.means[3][1] = f32::NAN;
         let visible = drawable(&scene);
-        // The first is transparent, the fourth no number.
+        // The first is transparent, the fourth is NaN.
         assert_eq!(
             visible.means,
             [scene.means[1], scene.means[2], scene.means[4]]

@@ -1,4 +1,4 @@
-//! An indexed Job of Kubernetes, and the Job that merges.
+//! An indexed Kubernetes Job for the shards, and a Job that merges them.
 
 use std::path::PathBuf;
 
@@ -8,13 +8,13 @@ use super::{ScaleError, Shards, arguments, fill, memory_mib, planned, quoted_pat
 #[derive(Debug, Clone)]
 pub struct Kubernetes {
     pub shards: Shards,
-    /// Most shards that run at once.
+    /// Maximum number of shards that run at once.
     pub parallel: usize,
-    /// An image with `sharp-bench` in it.
+    /// Container image that includes `sharp-bench`.
     pub image: String,
-    /// The claim of the volume on which the plan lies, and what it reads.
+    /// Claim of the volume with the plan and the files it reads.
     pub claim: String,
-    /// Where that is mounted; the plan's paths lead there.
+    /// Mount point of the volume; the plan's paths must be below it.
     pub mount: PathBuf,
     pub out: PathBuf,
 }
@@ -22,7 +22,7 @@ pub struct Kubernetes {
 /// Kubernetes' limit for a Job whose indices fail independently.
 const MOST_SHARDS: usize = 100_000;
 
-/// Writes `job.yaml` and `merge.yaml`.
+/// Writes `job.yaml` and `merge.yaml`; returns their paths.
 ///
 /// # Errors
 /// See [`super::slurm()`].
@@ -44,7 +44,8 @@ pub fn kubernetes(request: &Kubernetes) -> Result<Vec<PathBuf>, ScaleError> {
     }
     let (estimate, name) = planned(shards)?;
     let plan = quoted_path("plan", &shards.plan)?;
-    // The first process of a container gets SIGTERM, and a shell passes none on by itself. Recorded failures are results.
+    // The first process of a container gets SIGTERM, and a shell does not forward it by itself. Recorded failures count
+    // as results.
     let script = format!(
         "sharp-bench --quiet run --plan {plan} --shard auto/{} --threads {} {} & run=$!; trap 'kill -TERM $run' TERM; \
          wait $run; code=$?; while kill -0 $run 2>/dev/null; do wait $run; code=$?; done; \
@@ -79,12 +80,12 @@ pub fn kubernetes(request: &Kubernetes) -> Result<Vec<PathBuf>, ScaleError> {
     write(out, files.into())
 }
 
-/// A part of a container's command: Kubernetes puts values in for `$(NAME)`, and one `$` for two.
+/// Escapes a part of a container's command: Kubernetes expands `$(NAME)` and turns `$$` into `$`.
 fn unexpanded(text: &str) -> String {
     text.replace('$', "$$")
 }
 
-/// A string as every version of YAML takes it, also where a character would end a line or is forbidden.
+/// Quotes a string for every version of YAML, escaping line breaks and forbidden characters.
 fn yaml(text: &str) -> String {
     let escaped = text.chars().map(|c| match u32::from(c) {
         _ if "\"\\".contains(c) => format!("\\{c}"),

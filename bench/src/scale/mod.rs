@@ -1,6 +1,6 @@
 //! Files that submit the shards of a plan to a scheduler.
 //!
-//! Each file is a template with `{{name}}` where a value comes in.
+//! Each file is a template in which `{{name}}` is replaced by a value.
 
 mod kubernetes;
 mod slurm;
@@ -14,32 +14,32 @@ use crate::io::hash::sha256_hex;
 pub use kubernetes::{Kubernetes, kubernetes};
 pub use slurm::{Slurm, slurm};
 
-/// Options of all schedulers.
+/// Options common to all schedulers.
 #[derive(Debug, Clone)]
 pub struct Shards {
-    /// The run folder of the plan; absolute, as the nodes see it.
+    /// The plan's run folder: absolute, as seen by the nodes.
     pub plan: PathBuf,
     pub count: usize,
-    /// Cores of each.
+    /// Cores per shard.
     pub cpus: usize,
-    /// Submit shards with recorded failures again.
+    /// Resubmit shards with recorded failures.
     pub retry_failed: bool,
-    /// Start the programs of `command` methods.
+    /// Allow shards to start the programs of `command` methods.
     pub allow_programs: bool,
 }
 
 /// Why the files cannot be written.
 #[derive(Debug, thiserror::Error)]
 pub enum ScaleError {
-    /// The plan.
+    /// The plan cannot be read.
     #[error(transparent)]
     Plan(#[from] EvaluateError),
     #[error(transparent)]
     File(#[from] FileError),
-    /// A folder without a plan for shards.
+    /// The folder has no plan for shards.
     #[error("{}: not planned by `run --plan-only`", .0.display())]
     NotPlanned(PathBuf),
-    /// A value that cannot be written into a script.
+    /// A value cannot be written into a script.
     #[error("{what} '{value}': {reason}")]
     Refused {
         what: &'static str,
@@ -48,10 +48,10 @@ pub enum ScaleError {
     },
 }
 
-/// Marks our files, in their first lines.
+/// Marks a file as ours in its first lines.
 const MARK: &str = "sharp-bench scale";
 
-/// A template and the values that come into it.
+/// Template values by name.
 type Values = Vec<(&'static str, String)>;
 
 /// Fills a template in one pass, so that values are not expanded again.
@@ -67,12 +67,12 @@ fn fill(template: &str, values: &Values) -> String {
     filled
 }
 
-/// Writes files into a folder, over nothing but earlier ones of ours.
+/// Writes files into a folder, overwriting only our own. Returns their paths.
 fn write(out: &Path, files: Vec<(String, String)>) -> Result<Vec<PathBuf>, ScaleError> {
     let mut written = Vec::new();
     for (name, text) in files {
         let path = out.join(name);
-        // After the line that says what runs it.
+        // Insert after the shebang line.
         let (first, rest) = match text.starts_with("#!") {
             true => text.split_once('\n').unwrap_or((&text, "")),
             false => ("", text.as_str()),
@@ -99,7 +99,7 @@ fn planned(shards: &Shards) -> Result<(Estimate, String), ScaleError> {
         .file_name()
         .unwrap_or_default()
         .to_string_lossy();
-    // As schedulers take names: Kubernetes takes the least, and one Job by a name.
+    // Restrict the name to what all schedulers accept. Kubernetes is the strictest, and job names must be unique.
     let plain = name.chars().map(|c| match c.to_ascii_lowercase() {
         c if c.is_ascii_alphanumeric() => c,
         _ => '-',
@@ -109,7 +109,7 @@ fn planned(shards: &Shards) -> Result<(Estimate, String), ScaleError> {
     Ok((estimate, format!("sharp-{name}-{}", &place[..8])))
 }
 
-/// Quotes a text for a shell.
+/// Quotes a text for a shell; control characters are an error.
 fn quoted(what: &'static str, text: &str) -> Result<String, ScaleError> {
     if text.contains(char::is_control) {
         return Err(ScaleError::Refused {
@@ -118,7 +118,7 @@ fn quoted(what: &'static str, text: &str) -> Result<String, ScaleError> {
             reason: "control characters cannot stand in a script",
         });
     }
-    // `=` is quoted: the first word of a command would set a variable.
+    // Quote `=`, because a leading `NAME=value` would set a variable.
     let plain = |c: char| c.is_ascii_alphanumeric() || "/._-+:@%".contains(c);
     Ok(match !text.is_empty() && text.chars().all(plain) {
         true => text.to_owned(),
@@ -135,13 +135,13 @@ fn quoted_path(what: &'static str, path: &Path) -> Result<String, ScaleError> {
     quoted(what, text)
 }
 
-/// Memory to ask for: half as much again as was measured, whole GiB and at least two, as MiB.
+/// Memory to request in MiB: 1.5 times the measured peak, rounded up to whole GiB, at least two.
 fn memory_mib(peak_bytes: Option<u64>) -> u64 {
     let gib = peak_bytes.unwrap_or_default() as f64 / f64::from(1 << 30);
     (gib * 1.5).ceil().max(2.0) as u64 * 1024
 }
 
-/// Arguments of every shard.
+/// Command-line arguments of every shard.
 fn arguments(shards: &Shards) -> String {
     match shards.allow_programs {
         true => "--allow-programs".to_owned(),

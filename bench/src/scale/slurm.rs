@@ -1,4 +1,4 @@
-//! Array jobs of Slurm, one a stage, and the script that submits what is left.
+//! Slurm array jobs, one per stage, and a script that submits the remaining ones.
 
 use std::path::PathBuf;
 
@@ -9,22 +9,22 @@ use crate::evaluate::plan::{Estimate, StageCost};
 #[derive(Debug, Clone)]
 pub struct Slurm {
     pub shards: Shards,
-    /// The program, as the nodes see it.
+    /// Path of the program as seen by the nodes.
     pub binary: PathBuf,
-    /// Whether pictures and scores have arrays of their own instead of one for both.
+    /// Whether pictures and scores run as separate arrays instead of one.
     pub stages_apart: bool,
-    /// Options of sbatch by job: pictures, score, all, merge, or every.
+    /// sbatch options as (job, option); the job is pictures, score, all, merge, or every.
     pub options: Vec<(String, String)>,
     pub out: PathBuf,
 }
 
-/// The jobs that options may be for.
+/// Valid jobs of an option.
 const JOBS: [&str; 5] = ["pictures", "score", "all", "merge", "every"];
 
-/// Writes a script a stage, the merge's and `submit.sh`.
+/// Writes one script per stage, the merge script and `submit.sh`; returns their paths.
 ///
 /// # Errors
-/// When the folder holds no plan, or a file of someone else is there.
+/// If the folder has no plan, or a file to be written exists and is not ours.
 pub fn slurm(request: &Slurm) -> Result<Vec<PathBuf>, ScaleError> {
     let Slurm { shards, out, .. } = request;
     let (estimate, name) = planned(shards)?;
@@ -46,7 +46,7 @@ pub fn slurm(request: &Slurm) -> Result<Vec<PathBuf>, ScaleError> {
             ("memory_mib", memory_mib(cost.peak_bytes).to_string()),
             ("minutes", minutes(cost.cpu_secs, shards).to_string()),
             ("options", options(&request.options, stage)?),
-            // Scoring opens no method, so that it needs none of their files and devices.
+            // Scoring opens no method, so it needs none of their files and devices.
             (
                 "command",
                 match stage {
@@ -94,14 +94,14 @@ fn cost(estimate: &Estimate, job: &str) -> StageCost {
     }
 }
 
-/// Time to ask for: three times what a shard should take on half of its cores, at least 30 minutes. What is not done then
-/// is requeued.
+/// Time to request: three times the expected time of a shard on half of its cores, at least 30 minutes. Unfinished
+/// shards are requeued.
 fn minutes(cpu_secs: f64, shards: &Shards) -> u64 {
     let share = cpu_secs / shards.count as f64 / (shards.cpus as f64 / 2.0).max(1.0);
     (3.0 * share / 60.0).ceil().max(30.0) as u64
 }
 
-/// The lines `#SBATCH …` of a job.
+/// The `#SBATCH …` lines of a job.
 fn options(given: &[(String, String)], job: &str) -> Result<String, ScaleError> {
     let mut lines = Vec::new();
     for (of, option) in given {

@@ -9,10 +9,10 @@ use toml::Table;
 use super::TrainError;
 use crate::io::atomic_files::FileError;
 
-/// The text of a configuration and what it says: the file's own, or with the values of `set` in place of its.
+/// The text and the parsed form of a configuration file, with the overrides of `set` applied.
 ///
 /// # Errors
-/// [`TrainError::Config`] where the file by itself cannot be; [`TrainError::Set`] where its changes cannot.
+/// [`TrainError::Config`] if the file itself is invalid; [`TrainError::Set`] if an override is.
 pub(super) fn configured(
     file: &Path,
     set: &[String],
@@ -31,7 +31,7 @@ pub(super) fn configured(
     for one in set {
         change(&mut table, one).map_err(|reason| fault(one, reason))?;
     }
-    // Checked together: a stage of fewer steps may need a shorter warm-up.
+    // Validate all overrides together: a stage with fewer steps may need a shorter warm-up.
     let text = table.to_string();
     let config = TrainingConfig::parse(&text, file).map_err(|error| {
         let reason = match error {
@@ -44,7 +44,7 @@ pub(super) fn configured(
     Ok((text, config))
 }
 
-/// Applies `KEY=VALUE`; without a value, the key is back at its default.
+/// Applies `KEY=VALUE`; an empty value resets the key to its default.
 fn change(table: &mut Table, set: &str) -> Result<(), String> {
     let (key, value) = set.split_once('=').ok_or("it is not KEY=VALUE")?;
     let (key, value) = (key.trim(), value.trim());
@@ -64,17 +64,17 @@ fn change(table: &mut Table, set: &str) -> Result<(), String> {
     let mut place = table;
     for name in names {
         let inner = place.entry(name).or_insert_with(|| Table::new().into());
-        // As `network.file` takes the place of a network's name.
+        // For example, `network.file` replaces a network's name.
         if !inner.is_table() {
             *inner = Table::new().into();
         }
         place = inner.as_table_mut().ok_or("it is no table")?;
     }
-    // One of several forms takes the place of another.
+    // Setting one of several alternative forms removes the others.
     if chooses {
         place.clear();
     }
-    // What is no TOML is a text that lacks its quotes.
+    // A value that is not TOML is taken as text without quotes.
     let parsed = toml::from_str(&format!("value = {value}")).ok();
     let parsed = parsed.and_then(|mut table: Table| table.remove("value"));
     place.insert(last.to_owned(), parsed.unwrap_or_else(|| value.into()));
@@ -92,7 +92,7 @@ mod tests {
         std::fs::write(file.path(), TEXT).unwrap();
         let set: Vec<String> = set.iter().map(|&one| one.to_owned()).collect();
         let (text, config) = configured(file.path(), &set).map_err(|error| error.to_string())?;
-        // What is kept says the same.
+        // The saved text parses to the same configuration.
         assert_eq!(
             TrainingConfig::parse(&text, file.path()).unwrap().sha256(),
             config.sha256()

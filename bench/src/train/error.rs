@@ -1,5 +1,3 @@
-//! Why the harness cannot train.
-
 use std::path::PathBuf;
 
 use sharp_datasets::DatasetError;
@@ -13,12 +11,12 @@ use crate::methods::MethodError;
 use crate::pairs::PairError;
 use crate::report::ReportError;
 
-/// Why a training cannot begin or continue.
+/// Why a training cannot start or continue.
 #[derive(Debug, thiserror::Error)]
 pub enum TrainError {
     #[error(transparent)]
     Config(#[from] ConfigError),
-    /// A value from the command line that the configuration cannot take.
+    /// The configuration does not accept a value from the command line.
     #[error("--set {set}: {reason}")]
     Set { set: String, reason: String },
     #[error(transparent)]
@@ -37,16 +35,16 @@ pub enum TrainError {
     Method(#[from] MethodError),
     #[error(transparent)]
     Network(#[from] NetworkError),
-    /// The folder holds something else.
+    /// The folder contains something else.
     #[error("{}: {reason}", folder.display())]
     OtherFolder { folder: PathBuf, reason: String },
-    /// A dataset that is no check of what was learnt.
+    /// The validation dataset overlaps the training data.
     #[error("validation dataset '{spec}': {reason}")]
     NotHeldOut { spec: String, reason: String },
-    /// A pair without a prediction: means without it could not be compared with the others.
+    /// A pair has no prediction, so means would not be comparable with others.
     #[error("pair '{pair}': {reason}")]
     Unpredicted { pair: String, reason: String },
-    /// A log that is not as it was written.
+    /// A log was modified or damaged.
     #[error("{}: {reason}", path.display())]
     Log { path: PathBuf, reason: String },
 }

@@ -1,4 +1,4 @@
-//! The folder of a training: begun, or found and checked.
+//! The folder of a training: created, or found and checked.
 
 use std::collections::BTreeMap;
 use std::fs::{self, File};
@@ -12,7 +12,7 @@ use super::TrainError;
 use crate::evaluate::folder::lock;
 use crate::io::atomic_files::{FileError, write_atomic};
 
-/// A folder that one process trains in.
+/// A training folder, used by one process at a time.
 pub(super) struct TrainingFolder {
     root: PathBuf,
     _lock: File,
@@ -21,12 +21,12 @@ pub(super) struct TrainingFolder {
 const CONFIG: &str = "config.toml";
 
 impl TrainingFolder {
-    /// Begins a training of a configuration, or finds the one that was begun under it. Its text is kept as
-    /// `config.toml`; what no result depends on may have changed in it, and anything before the first step.
+    /// Creates the folder for a configuration, or opens one created with the same configuration. The text is saved as
+    /// `config.toml`. Keys that affect no result may change, and before the first step any key may.
     ///
     /// # Errors
-    /// [`TrainError::OtherFolder`] for one that holds other files, or a training of another configuration, which names a
-    /// key that differs.
+    /// [`TrainError::OtherFolder`] if the folder contains other files, or a training with another configuration; the
+    /// error names a differing key.
     pub(super) fn open(
         root: &Path,
         text: &str,
@@ -52,7 +52,7 @@ impl TrainingFolder {
         } else {
             let entries = fs::read_dir(root).map_err(FileError::new(root, "read"))?;
             let mut entries = entries.filter_map(Result::ok);
-            // As in a run folder, names with a dot are ours.
+            // As in a run folder, dot files are ours.
             if entries.any(|entry| !entry.file_name().to_string_lossy().starts_with('.')) {
                 return Err(refused(format!("it holds other files and no {CONFIG}")));
             }
@@ -69,19 +69,19 @@ impl TrainingFolder {
         &self.root
     }
 
-    /// The run folder of the last validation.
+    /// Run folder of the last validation.
     pub(super) fn validation(&self) -> PathBuf {
         self.root.join("validation")
     }
 }
 
-/// True once a step was made. Before that, a wrong path in the configuration has cost nothing.
+/// True after the first step. Before that, changing the configuration (a wrong path, say) loses nothing.
 fn has_begun(root: &Path) -> bool {
     let log = read_text(&root.join("log.csv")).unwrap_or_default();
     log.lines().count() > 1 || root.join("checkpoints").exists()
 }
 
-/// The first key in which two files differ, whatever no result depends on set aside.
+/// The first key that differs between two files, ignoring keys that affect no result.
 fn difference(before: &str, now: &str) -> String {
     let [before, now] = [before, now].map(|text| {
         let mut values = BTreeMap::new();
@@ -100,7 +100,7 @@ fn difference(before: &str, now: &str) -> String {
     format!("`{key}` is {before} there and {now} here")
 }
 
-/// Values by their dotted keys.
+/// Flattens a table to values by dotted keys.
 fn flatten(prefix: &str, value: &Value, into: &mut BTreeMap<String, String>) {
     match value {
         Value::Table(table) => {
@@ -125,7 +125,7 @@ mod tests {
     fn open(root: &Path, text: &str) -> Result<(), String> {
         let config = TrainingConfig::parse(text, Path::new("a.toml")).unwrap();
         let opened = TrainingFolder::open(root, text, &config);
-        // A step.
+        // A step was made.
         fs::write(root.join("log.csv"), "stage,step\n1,1\n").unwrap();
         opened.map(drop).map_err(|error| error.to_string())
     }
@@ -135,7 +135,7 @@ mod tests {
         let dir = tempfile::tempdir().unwrap();
         open(dir.path(), PLAIN).unwrap();
         open(dir.path(), PLAIN).unwrap();
-        // As often as one likes.
+        // Such a key may change any number of times.
         open(
             dir.path(),
             &PLAIN.replace("checkpoint = 7", "checkpoint = 9"),

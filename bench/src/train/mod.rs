@@ -1,14 +1,14 @@
-//! A training run by the harness: validated by its own means, with a page that shows how it goes.
+//! Training run by the harness: validated by its own evaluation, with a page that shows progress.
 //!
-//! | in the folder, besides [what `sharp_train` writes](sharp_train::trainer) | |
+//! | in the folder, besides [the files of `sharp_train`](sharp_train::trainer) | |
 //! |---|---|
-//! | `config.toml`, `network.json` | the configuration, and the network's sizes by themselves |
+//! | `config.toml`, `network.json` | the configuration, and the network's sizes on their own |
 //! | `validation-pairs.csv` | the pairs that weights are validated on |
 //! | `validation/` | the run folder of the last validation |
 //! | `index.html` | the page |
 //!
-//! * `configured`: a file with values changed; `folder`: what a training finds where it is resumed; `validation`: weights
-//!   measured; `page`: curves and samples.
+//! * `configured`: a configuration with overridden values; `folder`: the training folder and its checks on resuming;
+//!   `validation`: scores of weights; `page`: curves and samples.
 
 mod configured;
 mod error;
@@ -34,19 +34,19 @@ use crate::io::atomic_files::write_json;
 use crate::io::checkpoint::bundled_weights;
 use crate::io::observer::Observer;
 
-/// A training.
+/// Arguments of [`train`].
 pub struct TrainRequest<'a> {
-    /// The configuration, a TOML file.
+    /// The configuration file, TOML.
     pub config: &'a Path,
-    /// Values in place of the file's, each as `KEY=VALUE`: a dotted key and a TOML value, a text
-    /// without quotes, or nothing for the default.
+    /// Overrides of the file's values, as `KEY=VALUE`: a dotted key and a TOML value, text without quotes, or nothing
+    /// for the default.
     pub set: &'a [String],
-    /// Where everything goes, and where a training that was stopped is resumed.
+    /// Output folder; an interrupted training resumes from it.
     pub folder: &'a Path,
     pub validation: ValidationRequest,
-    /// Device that the network learns on; validation runs on the CPU.
+    /// Device for training; validation runs on the CPU.
     pub device: DeviceChoice,
-    /// Where the weights of a complete training are also written, in half precision.
+    /// Additional output path for the final weights, in half precision.
     pub export_f16: Option<&'a Path>,
 }
 
@@ -55,13 +55,13 @@ pub struct TrainRequest<'a> {
 pub struct Trained {
     pub ended: Ended,
     pub position: Position,
-    /// Whose features the perceptual loss compared.
+    /// Network whose features the perceptual loss compared.
     pub perceptual_network: Option<&'static str>,
-    /// Values that learn, and all of the network.
+    /// Number of trainable parameters, and of all parameters.
     pub parameters: (usize, usize),
-    /// The weights after the last step; `None` if it was stopped before.
+    /// The weights after the last step; `None` if training was interrupted.
     pub weights: Option<PathBuf>,
-    /// What was measured of the last weights that were validated.
+    /// Scores of the last validated weights.
     pub validated: Vec<(String, f64)>,
     pub page: PathBuf,
 }
@@ -69,7 +69,7 @@ pub struct Trained {
 /// Trains, or resumes a training, until it is complete or the observer asks to stop.
 ///
 /// # Errors
-/// [`TrainError`]. What was checkpointed stays, and the same call resumes from there.
+/// [`TrainError`]. Checkpoints are kept, and the same call resumes from them.
 pub fn train(request: TrainRequest<'_>, observer: &dyn Observer) -> Result<Trained, TrainError> {
     let compute = request.device.open(Algorithm::Winograd);
     let compute = compute.map_err(TrainingError::from)?;
@@ -87,7 +87,7 @@ pub fn train(request: TrainRequest<'_>, observer: &dyn Observer) -> Result<Train
              over VGG16 are some hundred times as large and want one near 0.01"
         ));
     }
-    // The configuration keeps the name, which is the same wherever the program lies.
+    // The saved configuration keeps the name, which does not depend on where the program is installed.
     let named = config
         .initial
         .as_deref()
@@ -112,7 +112,7 @@ pub fn train(request: TrainRequest<'_>, observer: &dyn Observer) -> Result<Train
     let ended = trainer.run(&mut watcher);
     observer.end();
     let validated = watcher.validated;
-    // A training that failed has a page too.
+    // Write the page even if training failed.
     let page = page::write(&folder, perceptual_network, observer);
     let ended = ended?;
     if let Some(path) = request.export_f16
@@ -133,19 +133,19 @@ pub fn train(request: TrainRequest<'_>, observer: &dyn Observer) -> Result<Train
     })
 }
 
-/// Weight of the perceptual loss over VGG16 from which on it outweighs everything else.
+/// Weight of the perceptual loss with VGG16 above which it outweighs all other losses.
 const VGG_WEIGHT_AT_MOST: f64 = 0.3;
 
-/// Hands a trainer's news to an observer, and its weights to the validation.
+/// Forwards the trainer's events to an observer, and its weights to the validation.
 struct Watching<'a> {
     folder: &'a TrainingFolder,
     perceptual_network: Option<&'static str>,
     validation: Option<Validation>,
     observer: &'a dyn Observer,
-    /// The stage whose progress is shown.
+    /// The stage whose progress is currently displayed.
     phase: Option<Stage>,
     validated: Vec<(String, f64)>,
-    /// After a validation, as soon as its values are in the log.
+    /// Set after a validation; the next step, whose log has its values, rewrites the page.
     page_due: bool,
 }
 
@@ -175,7 +175,7 @@ impl Watcher for Watching<'_> {
             return Ok(Vec::new());
         };
         self.observer.end();
-        // Its own phases take the place of the stage's.
+        // The validation shows its own phases.
         self.phase = None;
         let measured = validation.measure(weights, config, self.observer);
         let measured = measured.map_err(|error| error.to_string())?;

@@ -1,4 +1,5 @@
-//! Progress of a training as one page that opens from disk: curves from its logs, samples from its last validation.
+//! A page with the progress of a training, which opens from disk: curves from its logs, samples from its last
+//! validation.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -20,9 +21,9 @@ use sharp_plots::curves::{Banded, curve, shade, vertical};
 use sharp_plots::palette::{stroke, style};
 use sharp_plots::panels::{Panel, PanelFrame, PlotArea, PlotAxis, figure, point};
 
-/// Stretches that a curve has at most.
+/// Maximum number of intervals that a curve is averaged over.
 const STRETCHES: usize = 30;
-/// Pairs that are shown, and the longest side of their pictures, pixels.
+/// Number of pairs shown, and the longest side of their pictures, pixels.
 const SAMPLES: usize = 8;
 const SIDE: u32 = 320;
 const STEPS: &str = "steps";
@@ -31,10 +32,10 @@ const STEPS: &str = "steps";
 #[template(path = "train.html")]
 struct TrainPage {
     title: &'static str,
-    /// Label and number.
+    /// Tiles with a label and a number.
     tiles: Vec<(&'static str, String)>,
     figures: Vec<Figure>,
-    /// Of each stage: steps, median seconds a step, hours.
+    /// Per stage: its number, steps, median seconds per step, hours.
     stages: Vec<[String; 4]>,
     samples: Vec<Sample>,
     perceptual_network: Option<&'static str>,
@@ -44,7 +45,7 @@ struct TrainPage {
 /// A pair of the last validation.
 struct Sample {
     pair: String,
-    /// Source, target and prediction, each an address or why there is none.
+    /// Source, target and prediction, each a URL or the reason for its absence.
     pictures: [(&'static str, Result<String, String>); 3],
 }
 
@@ -54,7 +55,7 @@ impl TrainPage {
     }
 }
 
-/// A CSV file of numbers, or of a name in the last column.
+/// A CSV file of numbers, optionally with a name in the last column.
 struct Log {
     columns: Vec<String>,
     rows: Vec<csv::StringRecord>,
@@ -105,10 +106,10 @@ impl Log {
     }
 }
 
-/// Writes `index.html` into the folder; where.
+/// Writes `index.html` into the folder; returns its path.
 ///
 /// # Errors
-/// When a log is damaged or the file cannot be written.
+/// If a log is damaged or the file cannot be written.
 pub(super) fn write(
     folder: &TrainingFolder,
     perceptual_network: Option<&'static str>,
@@ -117,7 +118,7 @@ pub(super) fn write(
     let root = folder.root();
     let log = Log::read(root.join("log.csv"))?;
     let places = log.places()?;
-    // Steps of both stages in a row.
+    // Number the steps of all stages consecutively.
     let steps: BTreeMap<Place, f64> = places.iter().copied().zip((1..).map(f64::from)).collect();
     let validation = Log::read(root.join("validation.csv"))?;
     let stages = stages(&Log::read(root.join("timing.csv"))?)?;
@@ -144,7 +145,7 @@ pub(super) fn write(
     Ok(path)
 }
 
-/// The loss, each of its terms, the norm of its gradient and the learning rate, one panel each.
+/// Plots the loss, each of its terms, the gradient norm and the learning rate, one panel each.
 fn losses(log: &Log, count: usize) -> Result<Option<Figure>, TrainError> {
     if count == 0 {
         return Ok(None);
@@ -178,13 +179,13 @@ fn losses(log: &Log, count: usize) -> Result<Option<Figure>, TrainError> {
     Ok(Some(figure.map_err(ReportError::from)?))
 }
 
-/// Validation scores, one panel per metric.
+/// Plots validation scores, one panel per metric.
 fn validated(log: &Log, steps: &BTreeMap<Place, f64>) -> Result<Option<Figure>, TrainError> {
     let mut measures: Vec<(&str, Vec<(f64, f64)>)> = Vec::new();
     let values = log.places()?.into_iter().zip(log.values(2)?);
     for ((place, value), row) in values.zip(&log.rows) {
         let name = row.get(3).unwrap_or_default();
-        // A validation of a stage without a step has no place.
+        // A validation in a stage without steps has no place on the axis.
         let Some(step) = steps.get(&place) else {
             continue;
         };
@@ -225,7 +226,7 @@ fn validated(log: &Log, steps: &BTreeMap<Place, f64>) -> Result<Option<Figure>, 
     Ok(Some(figure.map_err(ReportError::from)?))
 }
 
-/// One row per stage that has a step: its number, steps, median seconds per step, hours.
+/// One row per stage with at least one step: its number, steps, median seconds per step, hours.
 fn stages(log: &Log) -> Result<Vec<[String; 4]>, TrainError> {
     let mut seconds: BTreeMap<u64, Vec<f64>> = BTreeMap::new();
     for ((stage, _), taken) in log.places()?.into_iter().zip(log.values(2)?) {
@@ -245,7 +246,7 @@ fn stages(log: &Log) -> Result<Vec<[String; 4]>, TrainError> {
     Ok(rows.collect())
 }
 
-/// Pictures of the pairs of a validation; none where there was none.
+/// Sample pictures of the last validation; empty if there was none.
 fn samples(run: &Path, observer: &dyn Observer) -> Result<Vec<Sample>, TrainError> {
     if !run.join("manifest.json").is_file() {
         return Ok(Vec::new());

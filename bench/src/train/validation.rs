@@ -1,4 +1,4 @@
-//! Weights measured on pairs that no training sees, as any run measures a method.
+//! Validates weights on held-out pairs, measured as any run measures a method.
 
 use std::collections::HashSet;
 use std::fs;
@@ -24,25 +24,25 @@ use crate::report::board::Board;
 use crate::report::statistics::of_metric;
 use crate::scoring::{Scoring, ScoringRules};
 
-/// What weights are validated on.
+/// The data that weights are validated on.
 pub struct ValidationRequest {
     pub datasets: Vec<DatasetConfig>,
-    /// Pairs at most, spread over datasets and scenes.
+    /// Maximum number of pairs, spread over datasets and scenes.
     pub pairs: usize,
     pub scoring: Scoring,
 }
 
 impl ValidationRequest {
-    /// Eight procedural scenes, of which one pair each is taken with [`Self::PAIRS`] pairs.
+    /// Eight procedural scenes; with [`Self::PAIRS`] pairs, one pair is taken from each.
     pub const DATASET: &'static str =
         "Validation:synthetic=world=varied,seed=900000,scenes=8,size=256x256";
     pub const PAIRS: usize = 8;
 }
 
-/// The label of the weights.
+/// Label of the validated method.
 const LABEL: &str = "sharp";
 
-/// A validation that can be repeated.
+/// A validation that can be repeated during training.
 pub(super) struct Validation {
     datasets: Vec<OpenDataset>,
     scoring: Scoring,
@@ -51,11 +51,11 @@ pub(super) struct Validation {
 }
 
 impl Validation {
-    /// Chooses the pairs, by the paper's rules, and writes them into the training's folder.
+    /// Selects the pairs by the paper's rules and writes them into the training's folder.
     ///
     /// # Errors
-    /// [`TrainError::NotHeldOut`] for what the training learns from; [`TrainError::OtherFolder`] for pairs other than
-    /// those that it was validated on before; [`TrainError::Pairs`].
+    /// [`TrainError::NotHeldOut`] if the training uses the same data; [`TrainError::OtherFolder`] if the pairs differ
+    /// from those of earlier validations; [`TrainError::Pairs`].
     pub(super) fn new(
         request: ValidationRequest,
         config: &TrainingConfig,
@@ -85,7 +85,7 @@ impl Validation {
         }
         let path = folder.root().join("validation-pairs.csv");
         let list = PairList::new(&path, chosen.iter().map(|pair| pair.pair.clone()).collect());
-        // Before the first measurement there is no curve to mix.
+        // Before the first measurement there is no curve that a change could distort.
         let curve = read_text(&folder.root().join("validation.csv")).unwrap_or_default();
         if curve.lines().count() > 1 && PairList::read(&path)?.sha256 != list.sha256 {
             return Err(TrainError::OtherFolder {
@@ -104,10 +104,10 @@ impl Validation {
         })
     }
 
-    /// The mean of every metric, by its key; with the dataset's name before it where there are several.
+    /// The mean of every metric, by key; prefixed with the dataset's name if there are several.
     ///
     /// # Errors
-    /// When a pair cannot be predicted, and as a run.
+    /// If a pair cannot be predicted, or the run fails.
     pub(super) fn measure(
         &self,
         weights: &Path,
@@ -127,7 +127,7 @@ impl Validation {
                 self.scoring.under(ScoringRules::default()),
             )
         };
-        // Only the last one is kept: the curves are in the log.
+        // Only the last validation is kept; the curves are in the log.
         if self.folder.exists() {
             let removed = fs::remove_dir_all(&self.folder);
             removed.map_err(FileError::new(&self.folder, "replace"))?;
@@ -141,7 +141,7 @@ impl Validation {
     }
 }
 
-/// That no stage learns from what is in front of the cameras of `datasets`.
+/// Checks that no stage trains on the scenes of `datasets`.
 fn held_out(datasets: &[OpenDataset], config: &TrainingConfig) -> Result<(), TrainError> {
     let refused = |dataset: &OpenDataset, what: String| TrainError::NotHeldOut {
         spec: dataset.config.to_string(),
@@ -210,7 +210,7 @@ fn means(results: &Results) -> Result<Vec<(String, f64)>, TrainError> {
     Ok(means)
 }
 
-/// Lets a validation end, which is short, whatever its observer asks: the step that it belongs to is then checkpointed.
+/// Ignores stop requests during a validation, which is short, so that its step gets checkpointed.
 struct Unstopped<'a>(&'a dyn Observer);
 
 impl Observer for Unstopped<'_> {

@@ -1,4 +1,4 @@
-//! All comparisons of a picture, scored.
+//! Scores all comparisons of one picture.
 
 use image::RgbImage;
 use sharp_metrics::{MetricKey, Picture, ScoreError, Scorer};
@@ -7,12 +7,12 @@ use crate::pictures::keyed_scores::KeyedScores;
 
 use super::shift::{Shifts, ShiftsError, Windows, mean_image};
 
-/// A picture compared with itself, moved and averaged.
+/// A picture compared with shifted copies and with its mean colour.
 #[derive(Debug)]
 pub struct Experiment {
-    /// The window at the picture's start: what everything is compared with.
+    /// The unshifted window, which everything is compared with.
     pub reference: RgbImage,
-    /// The shifts in order of size, then the mean image.
+    /// The shifts in ascending order, then the mean image.
     pub comparisons: Vec<Comparison>,
 }
 
@@ -21,16 +21,16 @@ pub struct Experiment {
 pub struct Comparison {
     /// Shift of the window in per cent of the width and in pixels; `None` for the mean image.
     pub shift: Option<(f64, f64)>,
-    /// The picture that is compared with the reference.
+    /// The picture compared with the reference.
     pub picture: RgbImage,
-    /// Its scores, or why there are none.
+    /// Scores by metric, or the reason for a missing one.
     pub scores: KeyedScores,
 }
 
 /// Why a picture cannot be analysed.
 #[derive(Debug, thiserror::Error)]
 pub enum ExperimentError {
-    /// The window has no room.
+    /// The picture is too small for the shifts.
     #[error(transparent)]
     Shifts(#[from] ShiftsError),
     /// The pictures cannot be scored.
@@ -42,7 +42,7 @@ impl Experiment {
     /// Makes and scores all comparisons; `progress` is called after each.
     ///
     /// # Errors
-    /// When the picture is too small for the shifts.
+    /// If the picture is too small for the shifts, or cannot be scored.
     pub fn run(
         picture: &RgbImage,
         shifts: &Shifts,
@@ -83,7 +83,7 @@ impl Experiment {
 }
 
 impl Comparison {
-    /// As the paper names it: `Translated (0.1 %)`, `Mean image`.
+    /// The paper's label: `Translated (0.1 %)`, `Mean image`.
     pub fn label(&self) -> String {
         match self.shift {
             Some((percent, _)) => format!("Translated ({percent:?} %)"),
@@ -91,7 +91,7 @@ impl Comparison {
         }
     }
 
-    /// The score of a metric.
+    /// The score of a metric; `None` if missing.
     pub fn score(&self, key: MetricKey) -> Option<f64> {
         let (_, score) = self.scores.iter().find(|(k, _)| *k == key)?;
         score.as_ref().ok().copied()

@@ -1,4 +1,4 @@
-//! Each metric against the shift, with the mean image as the line that no small shift should reach.
+//! Plots each metric against the shift, with the mean image as a line that no small shift should reach.
 
 use crate::report::column::Column;
 use sharp_plots::Figure;
@@ -11,10 +11,10 @@ use sharp_plots::scale::finite_range;
 
 use super::experiment::Experiment;
 
-/// One panel a metric; a metric without values says so in its panel. `None` without any value.
+/// One panel per metric; a metric without values says so in its panel. `None` if no metric has a value.
 ///
 /// # Errors
-/// When the drawing library refuses.
+/// If the drawing library fails.
 pub fn figure(experiment: &Experiment) -> Result<Option<Figure>, PlotError> {
     let label = "translation (% of the width)";
     let moved_style = style(0);
@@ -83,7 +83,7 @@ pub fn figure(experiment: &Experiment) -> Result<Option<Figure>, PlotError> {
 }
 
 fn vertical(column: &Column, values: &[f64]) -> PlotAxis {
-    // Distances start at zero, where nothing differs.
+    // Distances start at zero (no difference).
     let zero = column.unit.is_empty().then_some(0.0);
     let range = finite_range(values.iter().copied());
     let all = range.and_then(|(low, high)| finite_range([low, high].into_iter().chain(zero)));

@@ -23,7 +23,7 @@ pub enum ShiftsError {
 }
 
 impl Shifts {
-    /// The paper's shifts.
+    /// The shifts in the paper.
     pub const PAPER: [f64; 3] = [0.1, 1.0, 5.0];
 
     pub fn percent(&self) -> &[f64] {
@@ -53,7 +53,7 @@ impl FromStr for Shifts {
     }
 }
 
-/// A picture and the window that moves over it, to the right.
+/// A picture and a window that moves to the right over it.
 #[derive(Debug)]
 pub struct Windows<'a> {
     picture: &'a RgbImage,
@@ -65,7 +65,7 @@ impl<'a> Windows<'a> {
     /// The largest window that can move by all of the shifts.
     ///
     /// # Errors
-    /// When that leaves no window.
+    /// If the window would be narrower than two pixels.
     pub fn new(picture: &'a RgbImage, shifts: &Shifts) -> Result<Self, ShiftsError> {
         let (width, height) = picture.dimensions();
         let largest = shifts.0.last().copied().unwrap_or(0.0);
@@ -79,17 +79,17 @@ impl<'a> Windows<'a> {
         })
     }
 
-    /// A shift in pixels.
+    /// Converts a shift to pixels.
     pub fn pixels(&self, percent: f64) -> f64 {
         percent * f64::from(self.picture.width()) / 100.0
     }
 
-    /// The window at the picture's start.
+    /// The window at the picture's left edge.
     pub fn reference(&self) -> RgbImage {
         imageops::crop_imm(self.picture, 0, 0, self.size.0, self.size.1).to_image()
     }
 
-    /// The window so many pixels further on; between pixels it is interpolated linearly. Rounded to 8 bits.
+    /// The window moved by `pixels`, linearly interpolated between pixels and rounded to 8 bits.
     pub fn shifted(&self, pixels: f64) -> RgbImage {
         let whole = pixels.floor();
         let share = pixels - whole;
@@ -140,7 +140,7 @@ mod tests {
         assert_eq!(windows.pixels(0.1), 0.2);
         assert_eq!(windows.reference().get_pixel(189, 7), &Rgb([189, 7, 196]));
         assert_eq!(windows.shifted(10.0).get_pixel(189, 7), &Rgb([199, 7, 206]));
-        // 0.2 of a level is rounded away, 0.6 is not.
+        // 0.2 of a level rounds to zero, 0.6 does not.
         assert_eq!(windows.shifted(0.2), windows.reference());
         assert_eq!(windows.shifted(2.6).get_pixel(0, 0), &Rgb([3, 0, 3]));
     }

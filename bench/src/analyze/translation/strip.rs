@@ -4,7 +4,7 @@ use super::experiment::Experiment;
 use crate::report::column::Column;
 use crate::report::figures::sheet::{Sheet, Tile};
 
-/// One row of pictures; the reference first.
+/// Lays the pictures out in one row, the reference first.
 pub fn strip(experiment: &Experiment) -> Sheet {
     let mut heads = vec!["Reference".to_owned()];
     let mut tiles = vec![Tile::new("", Ok(experiment.reference.clone()), "")];
@@ -13,7 +13,7 @@ pub fn strip(experiment: &Experiment) -> Sheet {
             let column = Column::from(key);
             let value = comparison.score(key).map(|value| column.shown(value));
             let value = value.unwrap_or_else(|| "unavailable".to_owned());
-            // A name and its number stay on one line.
+            // Keep a label and its number on one line.
             format!("{} {value}", column.label).replace(' ', "\u{a0}")
         });
         let scores = scores.collect::<Vec<_>>().join(", ");

@@ -1,4 +1,4 @@
-//! The comparisons as a table in the paper's form, and the paper's own numbers.
+//! The comparisons as a table in the paper's layout, and the paper's published numbers.
 
 use super::experiment::Experiment;
 use crate::pictures::keyed_scores::csv_cells;
@@ -7,7 +7,7 @@ use crate::report::paper;
 use crate::report::tables::csv::optional;
 use crate::report::tables::{self, Cell, Group, Row, Table};
 
-/// The table of an experiment on the picture of that name.
+/// Tabulates an experiment on the picture called `name`.
 pub fn table(experiment: &Experiment, name: &str) -> Table {
     let mut notes = vec![method_note(experiment)];
     let rows = experiment.comparisons.iter().map(|comparison| {
@@ -40,7 +40,7 @@ pub fn table(experiment: &Experiment, name: &str) -> Table {
     }
 }
 
-/// The paper's numbers, in a table of their own: they are of another picture, with unstated conventions.
+/// The paper's numbers in a separate table, because they are for another picture with unstated conventions.
 pub fn published() -> Option<Table> {
     let mut table = paper::published("metrics_comparison")?.table(&[0]);
     table.name = "translation-published".to_owned();
@@ -60,11 +60,11 @@ fn method_note(experiment: &Experiment) -> String {
     )
 }
 
-/// One row per comparison at full precision: `comparison,shift_percent,shift_px`, then a column per metric. An unavailable
-/// score is empty, and the last column says why.
+/// One row per comparison at full precision: `comparison,shift_percent,shift_px`, then a column per metric. An
+/// unavailable score is empty; the last column gives the reason.
 ///
 /// # Errors
-/// When the CSV writer fails, which it does not in memory.
+/// If the CSV writer fails, which it does not in memory.
 pub fn csv(experiment: &Experiment) -> Result<Vec<u8>, ::csv::Error> {
     let mut heads: Vec<String> = ["comparison", "shift_percent", "shift_px"]
         .map(String::from)
