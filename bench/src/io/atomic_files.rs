@@ -1,4 +1,4 @@
-//! Files that are written whole or not at all.
+//! Atomic file writes: a file appears complete or not at all.
 
 use std::collections::BTreeSet;
 use std::fs::{self, File};
@@ -9,10 +9,10 @@ use std::time::Duration;
 
 use tempfile::TempDir;
 
-/// Prefix of files that are being written.
+/// Name prefix of files being written.
 const PARTIAL: &str = ".partial-";
 
-/// Prefix of folders that are removed when their process ends.
+/// Name prefix of folders that are removed when their process ends.
 const SCRATCH: &str = ".scratch-";
 
 #[derive(Debug, thiserror::Error)]
@@ -24,7 +24,7 @@ pub struct FileError {
 }
 
 impl FileError {
-    /// For `map_err`.
+    /// An error constructor for `map_err`.
     pub fn new(path: &Path, action: &'static str) -> impl FnOnce(io::Error) -> Self {
         let path = path.to_owned();
         move |source| Self {
@@ -35,8 +35,8 @@ impl FileError {
     }
 }
 
-/// Writes a file in one step, creating its folder: a reader, or a restart after a kill, sees the old
-/// content or the new, never a part.
+/// Writes a file atomically, creating its folder: a reader, or a restart after a kill, sees the old content or the new
+/// content, never part of it.
 pub fn write_atomic(path: &Path, bytes: &[u8]) -> Result<(), FileError> {
     let mut file = PartialFile::create(path)?;
     file.write_all(bytes)
@@ -44,8 +44,8 @@ pub fn write_atomic(path: &Path, bytes: &[u8]) -> Result<(), FileError> {
     file.commit()
 }
 
-/// Like [`write_atomic`], but without waiting for the disk: for many small files that can be made again. A reader, or a
-/// restart after a kill, sees all of it or nothing; after a loss of power it may be empty.
+/// Like [`write_atomic`], but without syncing to disk, for many small files that can be regenerated. A reader, or a
+/// restart after a kill, sees all of the content or nothing; after a power loss the file may be empty.
 pub fn write_replaceable(path: &Path, bytes: &[u8]) -> Result<(), FileError> {
     let mut file = PartialFile::create(path)?;
     file.write_all(bytes)
@@ -55,13 +55,13 @@ pub fn write_replaceable(path: &Path, bytes: &[u8]) -> Result<(), FileError> {
     Ok(())
 }
 
-/// Like [`write_atomic`], but replaces only an earlier file of the same kind, which contains `mark`.
+/// Like [`write_atomic`], but overwrites only an earlier file of the same kind, which contains `mark`.
 pub fn write_over_own(path: &Path, bytes: &[u8], mark: &str) -> Result<(), FileError> {
     write_all_over_own(&[(path, bytes, mark)]).map(drop)
 }
 
-/// Like [`write_over_own`] for several files, each with its mark. All names are checked before the first file is written,
-/// so that a refusal leaves nothing half done. Returns the paths.
+/// Like [`write_over_own`] for several files, each with its mark. Checks all files before writing the first, so that a
+/// refusal leaves nothing half done. Returns the paths.
 pub fn write_all_over_own(
     files: &[(impl AsRef<Path>, impl AsRef<[u8]>, &str)],
 ) -> Result<Vec<PathBuf>, FileError> {
@@ -75,7 +75,7 @@ pub fn write_all_over_own(
     written.collect()
 }
 
-/// Removes a file that has `mark` in it; false if there is none.
+/// Removes a file that contains `mark`; false if there is none.
 pub fn remove_own(path: &Path, mark: &str) -> Result<bool, FileError> {
     let is_own = is_file_that(path, |there| has_mark(there, mark));
     if is_own {
@@ -88,7 +88,7 @@ fn has_mark(bytes: &[u8], mark: &str) -> bool {
     String::from_utf8_lossy(bytes).contains(mark)
 }
 
-/// Devices and pipes are none.
+/// Whether `path` is a regular file that passes `test`; false for devices and pipes.
 fn is_file_that(path: &Path, test: impl Fn(&[u8]) -> bool) -> bool {
     path.is_file() && sharp::files::read(path).is_ok_and(|there| test(&there))
 }
@@ -101,7 +101,7 @@ fn refuse_others(path: &Path, is_own: impl Fn(&[u8]) -> bool) -> Result<(), File
     Ok(())
 }
 
-/// Writes a value as indented JSON with a final line end, in one step.
+/// Writes a value atomically as indented JSON with a final newline.
 pub fn write_json(path: &Path, value: &impl serde::Serialize) -> Result<(), FileError> {
     let mut bytes = serde_json::to_vec_pretty(value)
         .map_err(|error| FileError::new(path, "encode")(error.into()))?;
@@ -109,8 +109,8 @@ pub fn write_json(path: &Path, value: &impl serde::Serialize) -> Result<(), File
     write_atomic(path, &bytes)
 }
 
-/// A file in the making, for content that comes piece by piece: it takes its name, whole, at [`Self::commit`]; dropped
-/// before, it leaves nothing behind.
+/// A file under construction, for content written piece by piece: it gets its name at [`Self::commit`]; dropped before
+/// that, it leaves nothing behind.
 #[derive(Debug)]
 pub struct PartialFile {
     path: PathBuf,
@@ -118,7 +118,7 @@ pub struct PartialFile {
 }
 
 impl PartialFile {
-    /// Starts a file, creating its folder. The first one in a folder removes what killed processes left there.
+    /// Creates a file and its folder. The first call for a folder also removes partial files of killed processes.
     pub fn create(path: &Path) -> Result<Self, FileError> {
         let create = || -> io::Result<tempfile::NamedTempFile> {
             let folder = folder_of(path);
@@ -126,12 +126,13 @@ impl PartialFile {
             remove_abandoned(folder);
             let mut builder = tempfile::Builder::new();
             builder.prefix(PARTIAL);
-            // Temporary files are private by default; results are for everyone whom the umask admits.
+            // Temporary files are private by default; results get the permissions that the umask allows.
             #[cfg(unix)]
             builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
             loop {
                 let file = builder.tempfile_in(folder)?;
-                // The lock says that somebody is at work on it. Another process may have taken it for abandoned before.
+                // The lock marks the file as in use. Before it was locked, another process may have removed the file as
+                // abandoned.
                 let locked = file.as_file().lock();
                 if locked.is_err() || file.path().exists() {
                     return Ok(file);
@@ -144,7 +145,7 @@ impl PartialFile {
         })
     }
 
-    /// Where the content grows, for another program to write it.
+    /// Path of the unfinished file, for another program to write to.
     pub fn temporary_path(&self) -> &Path {
         self.file.path()
     }
@@ -163,8 +164,8 @@ impl PartialFile {
         commit().map_err(FileError::new(&path, "write"))
     }
 
-    /// As [`Self::commit`], but where the name is taken, also by another process meanwhile, that stays as it is and the
-    /// answer is false.
+    /// As [`Self::commit`], but if the name is taken, even by another process in the meantime, the existing file is
+    /// kept and the result is false.
     pub fn commit_new(self) -> Result<bool, FileError> {
         let Self { path, file } = self;
         let commit = || -> io::Result<bool> {
@@ -189,8 +190,8 @@ impl Write for PartialFile {
     }
 }
 
-/// Removes unlocked partial files, whose process is gone. Runs once per folder and process; does nothing on file systems
-/// without locks.
+/// Removes unlocked partial files, whose processes have ended. Runs once per folder and process; does nothing on file
+/// systems without locks.
 fn remove_abandoned(folder: &Path) {
     static SEEN: Mutex<BTreeSet<PathBuf>> = Mutex::new(BTreeSet::new());
     let is_new = |seen: &mut BTreeSet<PathBuf>| match fs::canonicalize(folder) {
@@ -202,9 +203,9 @@ fn remove_abandoned(folder: &Path) {
     }
     for entry in fs::read_dir(folder).into_iter().flatten().flatten() {
         let is_partial = entry.file_name().to_string_lossy().starts_with(PARTIAL);
-        // A link is not followed, and a pipe would wait for a writer.
+        // Do not follow links or open pipes, which would wait for a writer.
         if is_partial && entry.file_type().is_ok_and(|kind| kind.is_file()) {
-            // Its lock is held while it goes. What cannot be removed stays: it harms nobody.
+            // Hold the lock during removal. Files that cannot be removed are harmless and stay.
             if let Ok(file) = File::open(entry.path())
                 && file.try_lock().is_ok()
             {
@@ -221,7 +222,7 @@ fn folder_of(path: &Path) -> &Path {
     }
 }
 
-/// Creates a folder where there is none and checks that files can be made in it.
+/// Creates a folder if needed and checks that files can be created in it.
 pub fn check_writable(folder: &Path) -> Result<(), FileError> {
     let check = || -> io::Result<()> {
         fs::create_dir_all(folder)?;
@@ -233,15 +234,15 @@ pub fn check_writable(folder: &Path) -> Result<(), FileError> {
     check().map_err(FileError::new(folder, "write into"))
 }
 
-/// A folder that is removed when it is dropped, or by [`remove_leftovers`] where a kill came first. Its path is absolute.
+/// A folder that is removed when dropped, or by [`remove_leftovers`] if the process was killed. Its path is absolute.
 pub fn scratch_folder(within: &Path) -> Result<TempDir, FileError> {
     let made = tempfile::Builder::new().prefix(SCRATCH).tempdir_in(within);
     made.map_err(FileError::new(within, "write into"))
 }
 
-/// Removes what killed processes left in a folder where no other process writes, and in the folders `below` it with
-/// everything beneath; where others may write, what has not changed for as long as `age`. What cannot be removed stays: it
-/// harms nobody.
+/// Removes leftovers of killed processes in `folder`, and recursively in its subfolders named in `below` (in all of
+/// them if that is empty). Removes only entries unchanged for longer than `age`; zero, which removes all, is for
+/// folders where no other process writes. Entries that cannot be removed are harmless and stay.
 pub fn remove_leftovers(folder: &Path, below: &[&str], age: Duration) {
     for entry in fs::read_dir(folder).into_iter().flatten().flatten() {
         let (path, name) = (entry.path(), entry.file_name());
@@ -250,7 +251,7 @@ pub fn remove_leftovers(folder: &Path, below: &[&str], age: Duration) {
             let changed = entry.metadata().and_then(|file| file.modified());
             age.is_zero() || changed.is_ok_and(|time| time.elapsed().is_ok_and(|since| since > age))
         };
-        // A link is not followed.
+        // Do not follow links.
         let is_folder = entry.file_type().is_ok_and(|kind| kind.is_dir());
         let _ = match is_folder {
             false if name.starts_with(PARTIAL) && is_old() => fs::remove_file(&path),
@@ -264,7 +265,7 @@ pub fn remove_leftovers(folder: &Path, below: &[&str], age: Duration) {
     }
 }
 
-/// Makes a rename survive a power cut, where folders can be synced.
+/// Makes a rename survive a power loss on systems where folders can be synced.
 fn sync_folder(folder: &Path) -> io::Result<()> {
     if cfg!(unix) {
         File::open(folder)?.sync_all()

@@ -1,12 +1,12 @@
-//! Days and minutes, as ISO 8601 writes them.
+//! Days and minutes in ISO 8601.
 
 use std::time::{SystemTime, UNIX_EPOCH};
 
-/// The day of a moment, UTC.
+/// The UTC day of a moment.
 pub(crate) fn day(moment: SystemTime) -> String {
     let since = moment.duration_since(UNIX_EPOCH).unwrap_or_default();
-    // Years from March, so that a leap day is the last one; in cycles of 400 years, of which one began on 1 March 0000,
-    // 719 468 days before the epoch.
+    // Years start in March, so that a leap day comes last. One cycle is 400 years; one began on 1 March 0000, 719 468
+    // days before the epoch.
     let days = since.as_secs() / 86_400 + 719_468;
     let (cycle, day) = (days / 146_097, days % 146_097);
     let year = (day - day / 1_460 + day / 36_524 - day / 146_096) / 365;
@@ -20,7 +20,7 @@ pub(crate) fn day(moment: SystemTime) -> String {
     )
 }
 
-/// The minute of a moment, UTC.
+/// The UTC minute of a moment.
 pub(crate) fn minute(moment: SystemTime) -> String {
     let since = moment.duration_since(UNIX_EPOCH).unwrap_or_default();
     let minutes = since.as_secs() / 60;
@@ -28,9 +28,9 @@ pub(crate) fn minute(moment: SystemTime) -> String {
     format!("{}T{hour:02}:{minute:02}", day(moment))
 }
 
-/// Whether a text is `YYYY-MM-DD` or `YYYY-MM-DDTHH:MM`, and there is such a day and minute.
+/// Whether a text is a valid `YYYY-MM-DD` or `YYYY-MM-DDTHH:MM`.
 pub(crate) fn is_date(text: &str) -> bool {
-    // It also takes a space for the T and lower case: only this form comes out as it went in.
+    // The parser also accepts a space for the T, and lower case; only the canonical form prints back unchanged.
     let parsed = text.parse::<toml::value::Datetime>();
     let is_form = |date: toml::value::Datetime| date.date.is_some() && date.to_string() == text;
     matches!(text.len(), 10 | 16) && parsed.is_ok_and(is_form)

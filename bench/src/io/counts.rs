@@ -1,6 +1,6 @@
 //! Pluralised counts for messages.
 
-/// `1 pair`, `2 pairs`: a count and the noun, which takes an `s`.
+/// A count with its noun, pluralised with `s`: `1 pair`, `2 pairs`.
 pub(crate) fn counted(n: usize, noun: &str) -> String {
     let plural = if n == 1 { "" } else { "s" };
     format!("{n} {noun}{plural}")

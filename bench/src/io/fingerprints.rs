@@ -1,5 +1,5 @@
-//! Hashes of the sources, locked dependencies and compiler that decide the results of each stage, taken when the harness
-//! was built. Equal fingerprints mean equal code; a changed report or help text changes none of them.
+//! Hashes of the sources, locked dependencies and compiler that determine the results of each stage, computed when the
+//! harness was built. Equal fingerprints mean equal code; changes to reports or help texts do not affect them.
 
 use std::collections::BTreeMap;
 
@@ -9,7 +9,7 @@ macro_rules! groups {
     ($($(#[$doc:meta])* $name:ident $text:literal)+) => {
         $($(#[$doc])* pub const $name: &str = env!(concat!("SHARP_BENCH_", stringify!($name)));)+
 
-        /// All groups by name, for manifests.
+        /// All fingerprints by group name, for manifests.
         pub fn all() -> BTreeMap<String, String> {
             [$(($text, $name)),+]
                 .map(|(name, fingerprint)| (name.to_owned(), fingerprint.to_owned()))
@@ -19,9 +19,9 @@ macro_rules! groups {
 }
 
 groups! {
-    /// Photographs, cameras and depth as the readers give them.
+    /// Reading photographs, cameras and depth.
     READING "reading"
-    /// How much of one view another one sees.
+    /// Measuring how much of one view is visible in another.
     OVERLAP "overlap"
     /// The methods `target`, `copy` and `mean`.
     TRIVIAL "trivial"
@@ -39,10 +39,10 @@ groups! {
     DISTS "dists"
 }
 
-/// All of them together: which build this is.
+/// Fingerprint of all groups together, which identifies the build.
 pub const BUILD: &str = env!("SHARP_BENCH_BUILD");
 
-/// Crates that decode pictures, with versions: two JPEG decoders may differ by a level.
+/// Crates that decode pictures, with versions; decoders may differ, for example by one level in a JPEG.
 pub const DECODERS: &str = env!("SHARP_BENCH_DECODERS");
 
 pub fn of_metric(family: Family) -> &'static str {
@@ -54,7 +54,7 @@ pub fn of_metric(family: Family) -> &'static str {
     }
 }
 
-/// The code of a renderer, by its exact name (`cpu-avx512`, `wgpu:<adapter, driver>`).
+/// Fingerprint of a renderer by its exact name (`cpu-avx512`, `wgpu:<adapter, driver>`).
 pub fn of_renderer(name: &str) -> &'static str {
     if name.starts_with("wgpu") {
         RENDER_WGPU
@@ -110,7 +110,7 @@ version = \"0.3.7\"
         "bench/src/cli/run.rs",
     ];
 
-    /// The groups whose fingerprint changes with a file or with the lock.
+    /// Groups whose fingerprint changes with a file or with the lock file.
     fn changed(file: &str, lock: &str) -> BTreeSet<&'static str> {
         let code = |changed: &str, lock: &str| {
             let files = FILES.map(|name| {
@@ -152,7 +152,7 @@ version = \"0.3.7\"
                 "RENDER_WGPU"
             ]
         );
-        // The report, its style and the command line change no result.
+        // The report, its style and the command line affect no result.
         assert!(of("bench/templates/style.css").is_empty());
         assert!(of("bench/src/cli/run.rs").is_empty());
     }
@@ -160,7 +160,7 @@ version = \"0.3.7\"
     #[test]
     fn a_dependency_changes_what_stands_on_it_through_others_too() {
         let with = |from: &str, to: &str| changed("", &LOCK.replace(from, to));
-        // Below candle-core, and a root of its own.
+        // A transitive dependency of candle-core that is also a root.
         let of_half: Vec<_> = with("\"2.6.0\"", "\"2.7.0\"").into_iter().collect();
         assert_eq!(
             of_half,
@@ -182,7 +182,7 @@ version = \"0.3.7\"
 
     #[test]
     fn a_released_crate_stands_for_its_sources() {
-        // Every source is this crate's or a known one's.
+        // Every source belongs to this crate or to a known one.
         for source in GROUPS.iter().flat_map(|group| group.sources()) {
             assert!(
                 source.starts_with("bench/") != crate_of(source).is_some(),
@@ -199,7 +199,7 @@ version = \"0.3.7\"
         let changed =
             groups.filter(|g| code("1.0.0").fingerprint(g) != code("1.0.1").fingerprint(g));
         let changed: BTreeSet<_> = changed.map(|group| group.name).collect();
-        // Metrics stand on the crate's frustum mask.
+        // Metrics depend on the crate's frustum mask.
         assert!(
             ["RENDER_CPU", "NETWORK", "SSIM"]
                 .iter()
@@ -208,7 +208,7 @@ version = \"0.3.7\"
         assert!(!changed.contains("TRIVIAL"));
     }
 
-    /// Where results are decided.
+    /// Folders with code that affects results.
     const DECIDING: [&str; 12] = [
         "bench/src/evaluate",
         "bench/src/methods",
@@ -224,7 +224,7 @@ version = \"0.3.7\"
         "sharp/src",
     ];
 
-    /// Files in those folders that decide no result: they plan, store, name, describe or measure time.
+    /// Files in those folders that affect no result: they plan, store, name, describe or measure time.
     const UNDECIDING: [&str; 46] = [
         "bench/src/evaluate/aggregation.rs",
         "bench/src/evaluate/bundle.rs",

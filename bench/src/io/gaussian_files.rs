@@ -1,4 +1,4 @@
-//! Scenes of Gaussians from files: of the field's formats, or safetensors arrays.
+//! Reads scenes of Gaussians from common file formats or safetensors arrays.
 
 use std::collections::HashMap;
 use std::io;
@@ -19,19 +19,19 @@ use sharp_checkpoint::{Checkpoint, CheckpointError};
 
 use super::atomic_files::{FileError, write_atomic};
 
-/// Gaussians and, where the file stores one, the camera to look from.
+/// Gaussians, and the camera if the file stores one.
 #[derive(Debug, Clone)]
 pub struct GaussianFile {
-    /// In the space of the file's producer.
+    /// In the coordinate system of the program that wrote the file.
     pub gaussians: Gaussians,
     pub camera: Option<(Intrinsics, DAffine3)>,
-    /// How they are drawn.
+    /// Rendering rule.
     pub rule: Rule,
-    /// Why so, where nobody said it.
+    /// Why this rule was chosen, if nobody stated it.
     pub rule_note: Option<String>,
-    /// How its numbers were read.
+    /// How the stored numbers were interpreted.
     pub reading: StoredForm,
-    /// What contradicts that reading.
+    /// Evidence against that interpretation.
     pub doubts: Vec<Suspicion>,
 }
 
@@ -56,10 +56,10 @@ pub enum GaussianFileError {
     },
     #[error("{}: {source}", path.display())]
     Camera { path: PathBuf, source: CameraError },
-    /// Values that a scene cannot have.
+    /// The values cannot be those of a scene.
     #[error("{}: {source}", path.display())]
     Stored { path: PathBuf, source: PlyReason },
-    /// Where colours are blended in linear light, they have to be equal from all sides.
+    /// View-dependent colours cannot be blended in linear light.
     #[error(
         "{}: colours depend on the view ({coefficients} coefficients f_rest_*), which is not rendered; \
          `harmonics=drop` draws the constant term alone, or bake them into it for the source's view", path.display()
@@ -67,7 +67,7 @@ pub enum GaussianFileError {
     ViewDependent { path: PathBuf, coefficients: usize },
     #[error("{}: sh has shape {shape:?}, [N, (degree + 1)², 3] with a degree up to 4 is needed", path.display())]
     Harmonics { path: PathBuf, shape: Vec<usize> },
-    /// Nothing in the file tells by which rule it is drawn.
+    /// The rendering rule is stated neither in the file nor by the user.
     #[error(
         "{}: it does not say which renderer it was made for: name a rule with rendering=NAME (--rendering NAME), likely \
          {likely} ({why}); a file of SHARP's needs color_space= instead", path.display()
@@ -80,10 +80,10 @@ pub enum GaussianFileError {
 }
 
 /// Reads `.safetensors` (`means` [N, 3], `quats_wxyz` [N, 4], `scales` `[N, 3]`, `opacities` `[N]`, and `colors_linear`
-/// `[N, 3]` or `sh` `[N, (degree + 1)², 3]`), whatever the case of the extension, or a file of another name by its content
-/// ([`sharp::gaussian_files`]). `reading` is how numbers are read that are stored otherwise, and how colours are encoded
-/// where the file does not say; its blending is the rule's. Without a `rule` it is the one that the file states, or
-/// SHARP's where the encoding of colours is known and nothing speaks for another.
+/// `[N, 3]` or `sh` `[N, (degree + 1)², 3]`), with the extension in any case, or any other file, whose format is
+/// detected from its content ([`sharp::gaussian_files`]). `reading` sets how numbers are stored and, if the file does
+/// not say, how colours are encoded; its blending is replaced by that of the rule. Without a `rule`, uses the one that
+/// the file states, or SHARP's if the encoding of colours is known and nothing suggests another rule.
 pub fn read(
     path: &Path,
     reading: impl Into<StoredForm>,
@@ -132,7 +132,7 @@ pub fn read(
     })
 }
 
-/// A doubt where a rule draws fewer harmonics than there are.
+/// Doubts a rule that draws fewer harmonics than the file has.
 fn undrawn(gaussians: &Gaussians, rule: &Rule) -> Option<Suspicion> {
     let degree = gaussians.harmonics.degree;
     (degree > rule.degree).then(|| {
@@ -144,7 +144,7 @@ fn undrawn(gaussians: &Gaussians, rule: &Rule) -> Option<Suspicion> {
     })
 }
 
-/// Reads a scene for the rule that the file states, or for SHARP's; says which and why.
+/// Reads a scene for the rule that the file states, or for SHARP's. Returns the rule and why it was chosen.
 fn read_as_marked(
     path: &Path,
     reading: StoredForm,
@@ -167,7 +167,7 @@ fn read_as_marked(
             Ok((scene, Rule::SHARP, Some(note)))
         }
         Err(error) if ignores_marks => Err(error),
-        // It states another rule, or its colours have no place in linear light.
+        // The file states another rule, or its colours cannot be represented in linear light.
         linear => match read_scene(path, encoded) {
             Ok(scene) => {
                 let MarkedRule {
@@ -185,7 +185,7 @@ fn read_as_marked(
                 let note = format!("drawn by the rule {rule} ({why}); rendering= names another");
                 Ok((scene, rule, Some(note)))
             }
-            // The first error is that of the reading that was asked for.
+            // Report the error of the requested reading.
             Err(error) => Err(linear.err().unwrap_or(error)),
         },
     }
@@ -251,7 +251,7 @@ fn read_arrays_as(
     })
 }
 
-/// A scene of another form than arrays. View-dependent colours are refused where the blending has no place for them.
+/// Reads a scene in any format other than arrays. View-dependent colours are an error if they cannot be blended.
 fn read_scene(path: &Path, reading: StoredForm) -> Result<GaussianScene, GaussianFileError> {
     let scene = sharp::gaussian_files::load(path, reading)?;
     let is_lost = scene.is_view_dependent && reading.blending == ColorSpace::Linear;
@@ -264,7 +264,7 @@ fn read_scene(path: &Path, reading: StoredForm) -> Result<GaussianScene, Gaussia
     Ok(scene)
 }
 
-/// Endings of files that hold Gaussians, in the order in which they are looked for.
+/// Extensions of Gaussian files, in search order.
 pub const EXTENSIONS: [&str; 6] = [
     "ply",
     "safetensors",
@@ -279,7 +279,7 @@ pub fn is_sog_folder(path: &Path) -> bool {
     path.join("meta.json").is_file()
 }
 
-/// An f32 array of a safetensors file, little endian on every machine.
+/// An f32 array of a safetensors file, little-endian on every machine.
 pub(crate) struct Array {
     pub(crate) name: &'static str,
     pub(crate) shape: Vec<usize>,
@@ -332,7 +332,7 @@ fn with_colors(file: &Checkpoint, colors: Vec<[f32; 3]>) -> Result<Gaussians, Ga
     })
 }
 
-/// The constant coefficients of `sh`, and the others.
+/// The constant coefficients of `sh`, and the remaining ones.
 fn read_sh(file: &Checkpoint) -> Result<(Vec<[f32; 3]>, Harmonics), GaussianFileError> {
     let shape = file.shape("sh")?.to_vec();
     let each = match shape[..] {
@@ -379,7 +379,7 @@ fn rows<const K: usize>(
 mod tests {
     use super::*;
 
-    /// One Gaussian with these comments and further properties, all of these 0.25.
+    /// A PLY with one Gaussian, these comments and these additional properties, all 0.25.
     fn ply(comments: &[&str], properties: &[&str]) -> String {
         let mut text = "ply\nformat ascii 1.0\n".to_owned();
         for comment in comments {
@@ -464,7 +464,7 @@ mod tests {
         }
     }
 
-    /// Encoded values are ½ + 0.28209479 · f_dc; in linear light they are decoded.
+    /// Encoded values are ½ + 0.28209479 · f_dc; for linear light they are decoded.
     #[test]
     fn an_encoding_alone_keeps_linear_light_and_says_so() {
         let text = ply(&[], &NORMALS);

@@ -1,4 +1,4 @@
-//! sha256 of bytes and of files, in hexadecimal.
+//! SHA-256 of bytes and files, in hexadecimal.
 
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
@@ -12,22 +12,22 @@ use super::atomic_files::FileError;
 
 pub use sharp_checkpoint::hash::{hex, sha256_hex};
 
-/// sha256 of a regular file's content, read in pieces.
+/// SHA-256 of a regular file, read in chunks.
 pub fn file_sha256(path: &Path) -> Result<String, FileError> {
     let hash = open_regular(path).and_then(files::sha256_of_reader);
     hash.map_err(FileError::new(path, "read"))
 }
 
-/// A file whose content was hashed, and whether it still has that content.
+/// A hashed file that can be checked for changes.
 #[derive(Debug)]
 pub struct HashedFile {
     path: PathBuf,
     sha256: String,
-    /// The file's stamp when its hash was last confirmed; `None` once the hash differed.
+    /// The file's stamp when its hash was last confirmed; `None` after the hash differed once.
     stamp: Mutex<Option<FileStamp>>,
 }
 
-/// Facts that change when a file's content does.
+/// Metadata that changes with a file's content.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct FileStamp {
     len: u64,
@@ -38,7 +38,7 @@ pub struct FileStamp {
 
 impl FileStamp {
     /// # Errors
-    /// When the file is not there.
+    /// If the file does not exist.
     pub fn of(path: &Path) -> Result<Self, FileError> {
         let file = path.metadata().map_err(FileError::new(path, "read"))?;
         #[cfg(unix)]
@@ -55,13 +55,13 @@ impl FileStamp {
 
 impl HashedFile {
     /// # Errors
-    /// When the file cannot be read.
+    /// If the file cannot be read.
     pub fn read(path: &Path) -> Result<Self, FileError> {
         let stamp = FileStamp::of(path)?;
         Ok(Self::new(path, file_sha256(path)?, stamp))
     }
 
-    /// A file with a hash computed elsewhere, and its stamp from before that.
+    /// A file hashed elsewhere, with its stamp from before hashing.
     pub fn new(path: &Path, sha256: String, stamp: FileStamp) -> Self {
         Self {
             path: path.to_owned(),
@@ -78,7 +78,7 @@ impl HashedFile {
         &self.sha256
     }
 
-    /// Whether the file still has the hashed content. Reads it only if its stamp differs.
+    /// Whether the file still has the hashed content. Reads the file only if its stamp differs.
     pub fn is_unchanged(&self) -> bool {
         let mut stamp = self.stamp.lock().unwrap_or_else(PoisonError::into_inner);
         let now = FileStamp::of(&self.path).ok();
@@ -92,8 +92,8 @@ impl HashedFile {
     }
 }
 
-/// Hashes named facts. Their order counts; names and values are length-prefixed, so that no two different lists give
-/// the same bytes.
+/// Hashes named facts. The order matters; names and values are length-prefixed, so that no two different lists give the
+/// same bytes.
 #[derive(Debug, Clone, Default)]
 pub struct StableHasher(Sha256);
 
@@ -106,7 +106,7 @@ impl StableHasher {
         self
     }
 
-    /// sha256 of all facts, 64 hexadecimal digits.
+    /// SHA-256 of all facts, 64 hexadecimal digits.
     pub fn finish(&self) -> String {
         hex(self.0.clone().finalize())
     }
@@ -135,7 +135,7 @@ mod tests {
         assert!(file.is_unchanged());
         std::fs::write(&path, "two!").unwrap();
         assert!(!file.is_unchanged());
-        // What was used in between is not known.
+        // The content used in between is unknown.
         std::fs::write(&path, "one").unwrap();
         assert!(!file.is_unchanged());
     }

@@ -1,12 +1,11 @@
-//! The machine that this process runs on, and how much of its memory the process has used.
+//! The machine that this process runs on, and the process's peak memory.
 
 use std::sync::OnceLock;
 use std::time::{Duration, Instant};
 
 use super::counts::counted;
 
-/// Largest resident size so far, bytes. `None` if the system does not
-/// say (it does on Linux).
+/// Peak resident size, bytes. `None` if the system does not report it (Linux does).
 pub fn peak_bytes() -> Option<u64> {
     let status = std::fs::read_to_string("/proc/self/status").ok()?;
     let line = status.lines().find(|line| line.starts_with("VmHWM:"))?;
@@ -19,14 +18,14 @@ pub fn reset_peak() -> bool {
     std::fs::write("/proc/self/clear_refs", "5").is_ok()
 }
 
-/// Time since it was first asked for, by a clock that never goes back.
+/// Time since the first call, by a monotonic clock.
 pub fn monotonic() -> Duration {
     static START: OnceLock<Instant> = OnceLock::new();
     START.get_or_init(Instant::now).elapsed()
 }
 
-/// The processor and number of threads, `AMD EPYC 7R13, 8 threads`: times are comparable where it is the same. `None`
-/// where the system does not say.
+/// The processor and number of threads, `AMD EPYC 7R13, 8 threads`; timings are comparable only if it is the same.
+/// `None` if the system does not report it.
 pub fn cpu_and_threads() -> Option<String> {
     static CPU: OnceLock<Option<String>> = OnceLock::new();
     let cpu = CPU.get_or_init(|| {

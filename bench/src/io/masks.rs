@@ -1,4 +1,4 @@
-//! Masks supplied by users: pictures, white where a pixel counts.
+//! User-supplied mask pictures, white for pixels that count.
 
 use std::path::{Path, PathBuf};
 
@@ -17,19 +17,18 @@ pub enum MaskError {
     NoMask { path: PathBuf, reason: String },
 }
 
-/// A mask and how many of its pixels were neither black nor white.
+/// A mask, and the number of pixels that were neither black nor white.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct ReadMask {
     pub mask: Mask,
-    /// Pixels with a level between black and white; those of 128 and more count.
+    /// Number of pixels between black and white; those of 128 and more count.
     pub between: usize,
 }
 
-/// Reads a mask: a gray picture in any of the formats of [`pictures`]; levels of 128 and more (floats of 0.5 and more)
-/// count.
+/// Reads a mask: a gray picture in any format of [`pictures`]. Levels of 128 and more (floats of 0.5 and more) count.
 ///
 /// # Errors
-/// When the file cannot be read, has colours, or holds 0 and 1 where 0 and 255 were meant.
+/// If the file cannot be read, is not gray, or contains 0 and 1 where 0 and 255 were meant.
 pub fn read(path: &Path) -> Result<ReadMask, MaskError> {
     let as_stored = PictureReading {
         rules: PictureRules::AS_STORED,
@@ -54,7 +53,7 @@ pub fn read(path: &Path) -> Result<ReadMask, MaskError> {
                     "coloured at x {x}, y {y}; a mask is white where pixels count and black elsewhere"
                 )));
             }
-            // Levels of 128 and more, floats of one half and more.
+            // Levels of 128 and more, or floats of 0.5 and more.
             inside.push(r >= 0.5);
             between += usize::from(r > 0.0 && r < 1.0);
             highest = highest.max(r);

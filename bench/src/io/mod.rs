@@ -1,14 +1,14 @@
 //! Files: atomic writes, hashes, pictures, renderings, Gaussians, checkpoints.
 //!
-//! * [`atomic_files`]: files that are written whole or not at all; [`hash`]: sha256 of bytes and files.
-//! * [`fingerprints`]: hashes of the sources and dependencies that decide a result, by stage.
-//! * [`observer`]: how the library reports warnings and progress without printing.
-//! * [`pictures`]: pictures in PNG, JPEG, EXR and float arrays; [`rendering_files`]: renderings as PNG, EXR, safetensors.
+//! * [`atomic_files`]: files that appear complete or not at all; [`hash`]: SHA-256 of bytes and files.
+//! * [`fingerprints`]: hashes of the sources and dependencies that determine a result, by stage.
+//! * [`observer`]: reports warnings and progress without printing.
+//! * [`pictures`]: pictures in PNG, JPEG, EXR and float arrays; [`rendering_files`]: renderings as PNG, EXR,
+//!   safetensors.
 //! * [`gaussian_files`]: Gaussians as PLY or safetensors; [`masks`]: masks as files.
-//! * [`movie`]: sequences of pictures as GIF and MP4.
-//! * [`checkpoint`]: SHARP's official checkpoint: finding it, recognising it, fetching it.
-//! * [`machine`]: what this process runs on, and how much memory it has used; [`text`]: text from outside, made harmless; `calendar`: days
-//!   and minutes.
+//! * [`movie`]: picture sequences as GIF and MP4.
+//! * [`checkpoint`]: SHARP's official checkpoint: location, integrity, download.
+//! * [`machine`]: processor and peak memory; [`text`]: escaping of untrusted text; `calendar`: days and minutes.
 
 pub mod atomic_files;
 pub(crate) mod calendar;

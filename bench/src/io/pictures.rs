@@ -1,4 +1,4 @@
-//! Pictures supplied by users: those of [`sharp::image_file`], EXR, and float arrays in `.npy` or `.safetensors`.
+//! User-supplied pictures: formats of [`sharp::image_file`], EXR, and float arrays in `.npy` or `.safetensors`.
 
 use std::path::{Path, PathBuf};
 
@@ -30,7 +30,7 @@ pub enum ReadError {
     Values { path: PathBuf, source: PictureError },
 }
 
-/// Extensions of pictures, lower case.
+/// Picture extensions, in lower case.
 pub const EXTENSIONS: [&str; 11] = [
     "png",
     "jpg",
@@ -45,25 +45,25 @@ pub const EXTENSIONS: [&str; 11] = [
     "jfif",
 ];
 
-/// Rules for reading a picture that the user supplies.
+/// Rules for reading a user-supplied picture.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct PictureReading {
     pub rules: PictureRules,
-    /// `None`: an EXR that does not say its transfer is an error.
+    /// Transfer function of EXR files; `None` makes an EXR that does not state its own an error.
     pub exr: Option<ExrTransfer>,
 }
 
-/// A picture, with a note for each conversion that affects scores; each names its setting.
+/// A picture with a note for each conversion that affects scores; each note names its setting.
 #[derive(Debug)]
 pub struct ReadPicture {
     pub picture: Picture,
     pub notes: Vec<String>,
 }
 
-/// No lossless compression of pictures shrinks them by more than this.
+/// Largest plausible ratio of lossless picture compression.
 const MAX_COMPRESSION: u64 = 1 << 11;
 
-/// True when the name ends in one of [`EXTENSIONS`], in any case.
+/// Whether the name ends in one of [`EXTENSIONS`], in any case.
 pub fn is_picture(path: &Path) -> bool {
     extension(path).is_some_and(|found| EXTENSIONS.contains(&found.as_str()))
 }
@@ -76,13 +76,13 @@ pub fn read(path: &Path) -> Result<Picture, ReadError> {
     Ok(read_as(path, &PictureReading::default())?.picture)
 }
 
-/// Reads a picture: pictures of [`image_file`] as 8 bit, `.exr`, `.npy` and `.safetensors` as floats [H, W, 3] of
-/// sRGB-encoded values in 0..1. An EXR that our renderer wrote says that it is linear, and counts as composited over its
+/// Reads a picture: formats of [`image_file`] as 8 bit; `.exr`, `.npy` and `.safetensors` as floats [H, W, 3] of
+/// sRGB-encoded values in 0..1. An EXR that our renderer wrote is marked as linear and counts as composited over its
 /// background.
 ///
 /// # Errors
-/// Names the file and the reason: unreadable, not a picture, wrong shape, values not finite or outside 0..1, or something
-/// that `reading` has to decide.
+/// Names the file and the reason: unreadable, not a picture, wrong shape, values not finite or outside 0..1, or
+/// something that `reading` must decide.
 pub fn read_as(path: &Path, reading: &PictureReading) -> Result<ReadPicture, ReadError> {
     if path.is_dir() {
         let inside = files::what_lies_in(path);
@@ -114,8 +114,8 @@ pub fn read_as(path: &Path, reading: &PictureReading) -> Result<ReadPicture, Rea
     Ok(ReadPicture { picture, notes })
 }
 
-/// Width and height from the header of a picture that is compressed; `None` for arrays, which are as large as their file.
-/// A picture with an EXIF orientation has to be read by a stated rule.
+/// Width and height from the header of a compressed picture; `None` for arrays, whose size in memory is that of their
+/// file. A picture with an EXIF orientation must be read under a stated rule.
 ///
 /// # Errors
 /// As [`read_as`], as far as the header shows.
@@ -179,7 +179,7 @@ fn malformed(path: &Path, reason: impl Into<String>) -> ReadError {
     }
 }
 
-/// The size of the first layer. The header decides how much is allocated, so it is checked against the file.
+/// Size of the first layer. The header determines how much is allocated, so it is checked against the file's size.
 fn exr_dimensions(path: &Path) -> Result<(u32, u32), ReadError> {
     let bytes = std::fs::metadata(path)
         .map_err(|error| malformed(path, error.to_string()))?
@@ -205,7 +205,7 @@ fn exr_dimensions(path: &Path) -> Result<(u32, u32), ReadError> {
     first.ok_or_else(|| malformed(path, "it has no layer"))
 }
 
-/// Linear light above which clipping to white changes an 8-bit pixel: half a level above 1.
+/// Linear light above this changes an 8-bit pixel when clipped to white: half a level above 1.
 const BEYOND_WHITE: f32 = 1.0045;
 
 fn read_exr(
@@ -223,7 +223,7 @@ fn read_exr(
              write) or exr=srgb",
         )
     })?;
-    // OpenEXR's colours are premultiplied: as they are, they lie over black.
+    // OpenEXR's colours are premultiplied, so unchanged they lie over black.
     let varying = alpha.iter().filter(|alpha| **alpha < 1.0).count();
     let white = match reading.rules.alpha {
         AlphaRule::Refuse if varying > 0 && !is_ours => {
@@ -247,7 +247,7 @@ fn read_exr(
     for (pixel, alpha) in rgb.pixels_mut().zip(alpha.iter()) {
         for value in &mut pixel.0 {
             *value += white * (1.0 - alpha.clamp(0.0, 1.0));
-            // Infinities are refused like whatever is no number.
+            // Infinities are refused later, like NaN.
             if transfer == ExrTransfer::Linear && value.is_finite() {
                 *value = srgb_from_linear(value.clamp(0.0, 1.0));
             }
@@ -256,13 +256,13 @@ fn read_exr(
     Ok(rgb)
 }
 
-/// Coverage, 0..1.
+/// Coverage (alpha), 0..1.
 pub type Alpha = ImageBuffer<Luma<f32>, Vec<f32>>;
 
-/// A rendering before it was encoded.
+/// A rendering before encoding.
 #[derive(Debug, Clone, PartialEq)]
 pub struct LinearPicture {
-    /// Linear light, premultiplied over the background.
+    /// Linear light, premultiplied, over the background.
     pub rgb: Rgb32FImage,
     pub alpha: Alpha,
 }
@@ -284,7 +284,7 @@ pub fn read_linear(path: &Path) -> Result<LinearPicture, ReadError> {
     }
 }
 
-/// The first layer as it is stored, and how our renderer, if it wrote the file, says that it is encoded.
+/// The first layer as stored, and its transfer function if our renderer wrote the file.
 fn read_rgba(path: &Path) -> Result<(LinearPicture, Option<ExrTransfer>), ReadError> {
     let reason = |error: exr::error::Error| malformed(path, error.to_string());
     exr_dimensions(path)?;

@@ -1,4 +1,4 @@
-//! Renderings as files: PNG to look at, EXR and safetensors for numbers.
+//! Renderings as files: PNG for viewing, EXR and safetensors for numbers.
 
 use std::path::Path;
 
@@ -35,7 +35,7 @@ pub fn write_gray_png(path: &Path, image: &GrayImage) -> Result<(), FileError> {
     write_atomic(path, &bytes)
 }
 
-/// Writes depth in metres, [height, width], as a 16-bit PNG of millimetres; beyond 65.534 m: 65535.
+/// Writes depth in metres, [height, width], as a 16-bit PNG in millimetres; depths beyond 65.534 m become 65535.
 pub fn write_millimetres_png(
     path: &Path,
     size: (u32, u32),
@@ -62,13 +62,13 @@ fn png(
     Ok(bytes)
 }
 
-/// The attribute of an EXR's layer that says how its colours are encoded. Other people's EXR files do not have it, so
-/// users have to say.
+/// EXR layer attribute with the transfer function of the colours. Other programs' files do not have it, so users must
+/// state theirs.
 pub(crate) const TRANSFER: &str = "sharpBenchTransfer";
 
-/// Writes RGB as it was blended (`R`, `G`, `B`, premultiplied over black), alpha (`A`) and accumulated depth (`Z`: Σ w z,
-/// metres; divide by alpha for the expected depth) as f32, without loss. The file says whether it is linear light, so that
-/// this is encoded when it is read as a picture.
+/// Writes RGB as blended (`R`, `G`, `B`, premultiplied over black), alpha (`A`) and accumulated depth (`Z`: Σ w z,
+/// metres; divide by alpha for the expected depth) as lossless f32. The file records whether it is linear light, so
+/// that reading it as a picture applies the encoding.
 pub fn write_exr(path: &Path, rendered: &RenderOutput) -> Result<(), FileError> {
     let [r, g, b] = [0, 1, 2].map(|channel| {
         let values = rendered.rgb.iter().map(|rgb| rgb[channel]);
@@ -90,7 +90,7 @@ pub fn write_exr(path: &Path, rendered: &RenderOutput) -> Result<(), FileError> 
     write_layer(path, size, attributes, &channels)
 }
 
-/// Writes planes `[height, width]` as named f32 channels, without loss.
+/// Writes planes `[height, width]` as named, lossless f32 channels.
 pub fn write_exr_channels(
     path: &Path,
     size: (usize, usize),
@@ -108,7 +108,7 @@ fn write_layer(
     let channels = channels
         .iter()
         .map(|(name, values)| AnyChannel::new(name.as_str(), FlatSamples::F32(values.to_vec())));
-    // In a fixed order, whichever thread compresses a block first: equal pixels are equal bytes.
+    // A fixed order, whichever thread compresses a block first, so that equal pixels give equal bytes.
     let encoding = Encoding {
         line_order: LineOrder::Increasing,
         ..Encoding::FAST_LOSSLESS
@@ -132,7 +132,7 @@ pub fn write_safetensors(path: &Path, rendered: &RenderOutput) -> Result<(), Fil
     write_pixels(path, rendered, "rgb_linear", rendered.rgb.as_flattened())
 }
 
-/// As [`write_safetensors`], with `rgb` instead: in the space of blending, over the background, not clamped.
+/// As [`write_safetensors`], but writes `rgb`: in blending space, over the background, not clamped.
 pub fn write_blended(
     path: &Path,
     rendered: &RenderOutput,
@@ -185,7 +185,7 @@ mod tests {
         }
     }
 
-    /// An EXR of another program, a row of grey pixels.
+    /// An EXR of another program with a row of grey pixels.
     #[test]
     fn light_beyond_white_is_named_and_what_is_no_light_refused() {
         use sharp::image_file::ExrTransfer;
@@ -207,7 +207,7 @@ mod tests {
                 .unwrap();
             pictures::read_as(&path, &linear)
         };
-        // To the last bit of half floats, and what rounding to 8 bit hides.
+        // Values up to the precision of half floats, or whose excess is lost in rounding to 8 bit.
         let within = read([0.0, 0.1, 0.2, 0.5, 0.9, 1.0, 1.004, -0.01]).unwrap();
         assert_eq!(within.notes, Vec::<String>::new());
         let bright = read([0.0, 0.1, 0.2, 0.5, 0.9, 1.0, 1.1, 30.0]).unwrap();

@@ -1,20 +1,20 @@
-//! Makes text from outside harmless for terminals, pages and tables.
+//! Escapes untrusted text for terminals, pages and tables.
 
 use std::borrow::Cow;
 
-/// Characters that a terminal or page interprets instead of showing: control characters and marks that change the
-/// direction of text.
+/// Characters that a terminal or page interprets instead of displaying: control characters and bidirectional marks.
 fn is_obeyed(c: char) -> bool {
     c.is_control()
         || matches!(c, '\u{61c}' | '\u{200e}' | '\u{200f}' | '\u{2028}'..='\u{202e}' | '\u{2066}'..='\u{2069}')
 }
 
-/// Writes such characters as `\uXXXX`, except line ends and tabs. A JSON string stays the same string.
+/// Escapes control and bidirectional characters, except newlines and tabs, as `\uXXXX`. Escaping inside a JSON string
+/// does not change its value.
 pub fn visible(text: &str) -> Cow<'_, str> {
     escaped(text, |c| is_obeyed(c) && c != '\n' && c != '\t')
 }
 
-/// Escapes line ends and tabs as well, for text that has to stay on one line.
+/// As [`visible`], but also escapes newlines and tabs, for text that must stay on one line.
 pub fn visible_line(text: &str) -> Cow<'_, str> {
     escaped(text, is_obeyed)
 }
@@ -33,7 +33,7 @@ fn escaped(text: &str, is_escaped: impl Fn(char) -> bool) -> Cow<'_, str> {
     out.into()
 }
 
-/// An error with its causes in one line; causes whose text is contained already are left out.
+/// An error with its causes on one line; skips causes that the text already contains.
 pub fn one_line(error: &anyhow::Error) -> String {
     error
         .chain()
@@ -49,7 +49,7 @@ pub fn one_line(error: &anyhow::Error) -> String {
         })
 }
 
-/// The longest reason of a failure that is kept, characters.
+/// Maximum length of a stored failure reason, characters.
 const LONGEST_REASON: usize = 1000;
 
 /// A reason as one line of bounded length, for table cells and CSV fields.
@@ -58,7 +58,8 @@ pub fn reason_line(text: &str) -> String {
     shortened(&line, LONGEST_REASON).into_owned()
 }
 
-/// Both ends of a text of more characters than `longest`, with how many are missing between them.
+/// Shortens a text of more than `longest` characters to both of its ends, with the number of omitted characters between
+/// them.
 pub fn shortened(text: &str, longest: usize) -> Cow<'_, str> {
     let length = text.chars().count();
     if length <= longest {
@@ -74,8 +75,8 @@ pub fn shortened(text: &str, longest: usize) -> Cow<'_, str> {
     .into()
 }
 
-/// The text for readers elsewhere: of absolute paths only what follows the last slash, `/home/me/a.png` as `…/a.png`. A
-/// path ends at a blank, a quote or what else ends a phrase.
+/// Shortens absolute paths to what follows the last slash, for readers on other machines: `/home/me/a.png` becomes
+/// `…/a.png`. A path ends at a blank, a quote or other punctuation that ends a phrase.
 pub fn without_folders(text: &str) -> String {
     let mut out = String::with_capacity(text.len());
     let mut rest = text;
@@ -98,14 +99,14 @@ pub fn without_folders(text: &str) -> String {
     out
 }
 
-/// True for what spreadsheets take for a formula, behind any number of `'`.
+/// Whether spreadsheets would take the text for a formula, after any number of leading `'`.
 fn is_formula(text: &str) -> bool {
     let start = text.trim_start_matches('\'');
     start.starts_with(['=', '+', '-', '@', '\t', '\r', '＝', '＋', '－', '＠'])
 }
 
-/// A cell of a CSV file for a text that is not ours: one that a spreadsheet would compute gets a `'` in front, which
-/// [`csv_text`] takes away. Numbers do not go through here.
+/// A CSV cell for untrusted text: prefixes `'` if a spreadsheet would evaluate it; [`csv_text`] removes it. Not needed
+/// for numbers.
 pub fn csv_cell(text: &str) -> Cow<'_, str> {
     match is_formula(text) {
         true => format!("'{text}").into(),
@@ -113,7 +114,7 @@ pub fn csv_cell(text: &str) -> Cow<'_, str> {
     }
 }
 
-/// The text of a cell by [`csv_cell`], or of one by another program.
+/// The text of a cell written by [`csv_cell`] or by another program.
 pub fn csv_text(cell: &str) -> &str {
     match cell.strip_prefix('\'') {
         Some(text) if is_formula(text) => text,
@@ -176,7 +177,7 @@ mod tests {
             assert_eq!(csv_cell(text), text);
             assert_eq!(csv_text(text), text);
         }
-        // As another program writes it.
+        // As written by another program.
         assert_eq!(csv_text("=x"), "=x");
     }
 }

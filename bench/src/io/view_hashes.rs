@@ -1,4 +1,5 @@
-//! Hashes of the files that a view is read from. A file that many views share (a laser scan, a list of cameras) is read once.
+//! Hashes of the files that a view is read from. A file shared by many views (a laser scan, a list of cameras) is read
+//! once.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -10,14 +11,14 @@ use sharp_datasets::{DatasetError, View, ViewContent};
 use crate::io::atomic_files::FileError;
 use crate::io::hash::{HashedFile, sha256_hex};
 
-/// One file, once its hash is known; locked while that is being computed.
+/// A file once its hash is known; locked while it is being computed.
 type HashSlot = Arc<Mutex<Option<HashedFile>>>;
 
-/// Hashes of procedural views by the address of their content; the `Arc` keeps the address from being reused.
+/// Hashes of procedural views by the address of their content; the `Arc` keeps that address from being reused.
 type ProceduralHashes = BTreeMap<usize, (Arc<dyn ViewContent>, String)>;
 
-/// Hashes of files, remembered for as long as this lives. A file that changes meanwhile keeps its hash;
-/// [`changed`](Self::changed) tells.
+/// Caches file hashes for its lifetime. A file that changes in the meantime keeps its hash; [`changed`](Self::changed)
+/// detects it.
 #[derive(Debug, Default)]
 pub(crate) struct ViewHashes {
     files: Mutex<BTreeMap<PathBuf, HashSlot>>,
@@ -25,7 +26,7 @@ pub(crate) struct ViewHashes {
 }
 
 impl ViewHashes {
-    /// The sha256 of a file's bytes, 64 lower-case hexadecimal digits.
+    /// SHA-256 of a file's bytes, 64 lower-case hexadecimal digits.
     pub(crate) fn file(&self, path: &Path) -> Result<String, FileError> {
         let slot = Arc::clone(lock(&self.files).entry(path.to_owned()).or_default());
         let mut known = lock(&slot);
@@ -36,7 +37,7 @@ impl ViewHashes {
         Ok(file.sha256().to_owned())
     }
 
-    /// The first of these files whose content is no longer the one that was hashed.
+    /// The first of these files whose content changed since it was hashed.
     pub(crate) fn changed(&self, paths: impl IntoIterator<Item = PathBuf>) -> Option<PathBuf> {
         paths.into_iter().find(|path| {
             let slot = lock(&self.files).get(path).map(Arc::clone);
@@ -47,18 +48,18 @@ impl ViewHashes {
         })
     }
 
-    /// Camera, photograph, depth and mask of a view: everything that it is made of.
+    /// Hash of a view's camera, photograph, depth and mask.
     pub(crate) fn view(&self, view: &View) -> Result<String, DatasetError> {
         self.of_roles(view, |_| true)
     }
 
-    /// Camera and photograph of a view, with what changes its pixels (lens, mask), but not its depth.
+    /// Hash of a view's camera and photograph, including whatever changes its pixels (lens, mask), without depth.
     pub(crate) fn photograph(&self, view: &View) -> Result<String, DatasetError> {
         self.of_roles(view, |role| role != FileRole::Depth)
     }
 
-    /// 16 hexadecimal digits over the camera of a view and the bytes of its photograph, mask and depth: wherever these
-    /// files lie, however they are called, and whatever else a shared list of cameras holds.
+    /// 16 hexadecimal digits over a view's camera and the bytes of its photograph, mask and depth. Independent of the
+    /// location and names of these files, and of other entries of a shared camera list.
     pub(crate) fn short(&self, view: &View) -> Result<String, DatasetError> {
         let mut text = format!("{:?} {:?}\n", view.intrinsics, view.camera_from_world);
         let mut files = view.content.files_by_role();
@@ -79,7 +80,7 @@ impl ViewHashes {
         Ok(hash)
     }
 
-    /// Hash of a procedural view's photograph, which is rendered once.
+    /// Hash of a procedural view's photograph, rendered once.
     fn procedural(&self, view: &View) -> Result<String, DatasetError> {
         let address = Arc::as_ptr(&view.content).addr();
         if let Some((_, known)) = lock(&self.procedural).get(&address) {
@@ -116,7 +117,7 @@ impl ViewHashes {
     }
 }
 
-/// Locks a mutex behind which nothing panics half-way through a change.
+/// Locks a mutex, ignoring poisoning: no holder panics in the middle of a change.
 pub(crate) fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }

@@ -6,15 +6,15 @@ use sharp_metrics::MetricKey;
 use crate::evaluate::record::finite_or_text;
 use crate::evaluate::results::number;
 
-/// Each metric's score, or why there is none.
+/// Each metric's score, or the reason for its absence.
 pub type KeyedScores = Vec<(MetricKey, Result<f64, String>)>;
 
-/// The number; `"inf"`, `"-inf"` or `"nan"` for one that JSON cannot hold.
+/// The number, or `"inf"`, `"-inf"` or `"nan"` for values that JSON cannot represent.
 pub fn json_number(value: f64) -> Value {
     finite_or_text::text(value).map_or_else(|| json!(value), |text| json!(text))
 }
 
-/// The scores by key, and the reasons why others are missing.
+/// Scores by key, and reasons for missing scores by key.
 pub fn json_scores(scores: &KeyedScores) -> [Map<String, Value>; 2] {
     let (mut values, mut unavailable) = (Map::new(), Map::new());
     for (key, score) in scores {
@@ -26,7 +26,7 @@ pub fn json_scores(scores: &KeyedScores) -> [Map<String, Value>; 2] {
     [values, unavailable]
 }
 
-/// A cell a score, empty if it is missing, and a last one that says why.
+/// One cell per score, empty if missing, and a last cell with the reasons.
 pub fn csv_cells(scores: &KeyedScores) -> Vec<String> {
     let value = |score: &Result<f64, String>| {
         score

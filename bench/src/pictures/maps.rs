@@ -1,4 +1,4 @@
-//! Maps of a metric over a picture, as PNG in false colours and as EXR for numbers.
+//! Maps of a metric over a picture, as false-colour PNG and as EXR.
 
 use std::path::{Path, PathBuf};
 
@@ -12,7 +12,7 @@ use crate::report::error_map::false_colours;
 /// One value per pixel; NaN where the metric has none.
 pub type Values = ImageBuffer<Luma<f32>, Vec<f32>>;
 
-/// Values at the two ends of the colours. The dark end always means "alike", the bright one "different".
+/// Values at the two ends of the colour scale. The dark end always means "alike", the bright one "different".
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ColourScale {
     pub alike: f64,
@@ -20,7 +20,7 @@ pub struct ColourScale {
 }
 
 impl ColourScale {
-    /// From 0 to the smallest of 1, 2, 5 × 10ⁿ that is no less than every value; to 1 where all are 0.
+    /// From 0 to the smallest of 1, 2, 5 × 10ⁿ that no value exceeds; to 1 if all values are 0.
     pub fn from_zero(values: &Values) -> Self {
         let largest = values
             .as_raw()
@@ -33,19 +33,19 @@ impl ColourScale {
         }
     }
 
-    /// SSIM's own: 1 is alike, 0 (and less) different.
+    /// SSIM's scale: 1 is alike, 0 and below is different.
     pub const SSIM: Self = Self {
         alike: 1.0,
         different: 0.0,
     };
 
-    /// Where a value lies between the dark end, 0, and the bright one, 1; beyond them outside 0..1.
+    /// Position of a value on the scale: 0 at the dark end, 1 at the bright end, outside 0..1 beyond them.
     pub fn share(&self, value: f32) -> f32 {
         ((f64::from(value) - self.alike) / (self.different - self.alike)) as f32
     }
 }
 
-/// The smallest of 1, 2, 5 × 10ⁿ that is no less than a value; 1 for 0.
+/// The smallest of 1, 2, 5 × 10ⁿ that is at least `value`; 1 for 0.
 fn round_up(value: f64) -> f64 {
     if value <= 0.0 {
         return 1.0;
@@ -56,21 +56,21 @@ fn round_up(value: f64) -> f64 {
     enough.unwrap_or(10.0 * power)
 }
 
-/// A metric's local values over a whole picture.
+/// Local values of a metric over a whole picture.
 #[derive(Debug, Clone, PartialEq)]
 pub struct LocalMap {
     /// The metric's key, or `difference`.
     pub key: String,
-    /// The map's part of file names.
+    /// Part of the file name.
     pub alias: String,
-    /// At the picture's size.
+    /// One value per pixel of the picture.
     pub values: Values,
-    /// What the colours stand for.
+    /// Meaning of the colours.
     pub scale: ColourScale,
 }
 
 impl LocalMap {
-    /// |prediction − target|, the mean over the channels, 0..1. The pictures are of one size.
+    /// |prediction − target|, averaged over the channels, 0..1. The pictures must have the same size.
     pub fn difference(prediction: &Picture, target: &Picture) -> Self {
         let (width, height) = target.dimensions();
         let values = Values::from_fn(width, height, |x, y| {
@@ -85,7 +85,7 @@ impl LocalMap {
         }
     }
 
-    /// The map of a metric, brought to the picture's size: NaN where a window would reach out of it.
+    /// The map of a metric at the picture's size: NaN where a window would extend beyond the border.
     pub fn of_metric(key: MetricKey, map: &ScoreMap, (width, height): (u32, u32)) -> Self {
         let (w, h) = map.values.dimensions();
         let values = if (w, h) == (width, height) {
@@ -112,8 +112,8 @@ impl LocalMap {
         }
     }
 
-    /// In colours (inferno) whose lightness grows in equal steps with the difference, so that they stay in order in grey and
-    /// under every form of colour blindness; grey without a value.
+    /// The map in inferno colours, whose lightness grows in equal steps with the difference, so that their order
+    /// survives in grey and under every form of colour blindness; grey for NaN.
     fn picture(&self) -> RgbImage {
         false_colours(&self.values, |value| {
             (!value.is_nan()).then(|| self.scale.share(value))
@@ -121,10 +121,10 @@ impl LocalMap {
     }
 }
 
-/// Paths of a map.
+/// Output files of a map.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct MapFiles {
-    /// In false colours.
+    /// False-colour picture.
     pub png: PathBuf,
     /// The values, one f32 channel `Y` at the picture's size; NaN where the metric has none.
     pub exr: PathBuf,

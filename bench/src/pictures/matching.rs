@@ -8,22 +8,22 @@ use sharp_datasets::files::{self, composed, what_lies_in};
 
 use crate::io::pictures;
 
-/// Two folders that do not match up.
+/// Why two folders cannot be matched.
 #[derive(Debug, thiserror::Error)]
 pub enum MatchError {
     #[error(transparent)]
     List(#[from] DatasetError),
     #[error("{}: no picture in it (looked for {}); {inside}", path.display(), pictures::EXTENSIONS.join(", "))]
     Empty { path: PathBuf, inside: String },
-    /// A picture without a partner.
+    /// A picture without a counterpart.
     #[error("{}: no picture of the same {by} in {}", path.display(), other.display())]
     Unmatched {
         path: PathBuf,
-        /// Where a partner was sought.
+        /// The folder that was searched.
         other: PathBuf,
         by: MatchBy,
     },
-    /// Two pictures that match the same one.
+    /// Two pictures that match the same picture.
     #[error("{} and {} have the same {by}", first.display(), second.display())]
     Ambiguous {
         first: PathBuf,
@@ -32,7 +32,7 @@ pub enum MatchError {
     },
 }
 
-/// The part of their names that two pictures of a pair share.
+/// The part of the file name by which two pictures are matched.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, clap::ValueEnum)]
 pub enum MatchBy {
     /// The file name without its extension: `a.png` and `a.jpg` match
@@ -54,17 +54,17 @@ impl std::fmt::Display for MatchBy {
 /// A prediction and its target.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Match {
-    /// What they share, with the folders between them and the folder that was searched; unique among the matches.
+    /// The matching part of the name, preceded by the subfolders below the searched folder; unique among the matches.
     pub key: String,
     pub prediction: PathBuf,
     pub target: PathBuf,
 }
 
-/// Pairs the pictures of two folders and their subfolders, sorted by name.
-/// Hidden files (and the `._` files that some archives carry) are skipped.
+/// Pairs the pictures of two folders and their subfolders, sorted by name. Skips hidden files (and the `._` files in
+/// some archives).
 ///
 /// # Errors
-/// [`MatchError`]: every picture of either folder needs exactly one partner.
+/// [`MatchError`] unless every picture of either folder has exactly one counterpart.
 pub fn match_folders(
     predictions: &Path,
     targets: &Path,
@@ -89,10 +89,10 @@ pub fn match_folders(
     }
 }
 
-/// The picture in a folder that matches a picture elsewhere, whose [`Match::key`] it shares.
+/// The picture in `folder` that matches `picture`, whose [`Match::key`] is `key`.
 ///
 /// # Errors
-/// When there is none, or more than one.
+/// If there is none, or more than one.
 pub fn partner(
     key: &str,
     picture: &Path,
@@ -103,7 +103,7 @@ pub fn partner(
     found.ok_or_else(|| unmatched(picture.to_owned(), folder, by))
 }
 
-/// The part of its name that a picture shares with its partner, with composed accents.
+/// The part of a picture's name used for matching, with composed accents.
 pub fn shared_part(path: &Path, by: MatchBy) -> String {
     let part = match by {
         MatchBy::Stem => path.file_stem(),
@@ -132,7 +132,7 @@ fn index(folder: &Path, by: MatchBy) -> Result<BTreeMap<String, PathBuf>, MatchE
     Ok(found)
 }
 
-/// The pictures of a folder and its subfolders.
+/// Adds the pictures of a folder and its subfolders to the index.
 fn add_to_index(
     folder: &Path,
     prefix: &str,
@@ -140,7 +140,7 @@ fn add_to_index(
     found: &mut BTreeMap<String, PathBuf>,
 ) -> Result<(), MatchError> {
     for (name, path) in files::list(folder)? {
-        // A link could lead round in a circle.
+        // Skip links, which could form a cycle.
         if path.is_dir() && !path.is_symlink() {
             let prefix = format!("{prefix}{}/", composed(&name));
             add_to_index(&path, &prefix, by, found)?;

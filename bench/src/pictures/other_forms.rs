@@ -1,7 +1,8 @@
-//! Values that other people's code computes under the names of our metrics. They identify a published number and are never
-//! a column.
+//! Variants that other packages compute under the names of our metrics. They help to identify a published number and
+//! are never a column.
 //!
-//! Each form is that of a public package at its defaults. They are computed plainly: only `metrics --find` asks for them.
+//! Each form is that of a public package at its defaults. The code is simple rather than fast, because only `metrics
+//! --find` uses it.
 
 use image::{Rgb, Rgb32FImage};
 use sharp_metrics::{
@@ -9,19 +10,19 @@ use sharp_metrics::{
     ssim_contrast,
 };
 
-/// One of these forms and its value.
+/// A variant and its value.
 #[derive(Debug, Clone, PartialEq)]
 pub struct OtherForm {
-    /// As in `piq.DISTS`.
+    /// Name, such as `piq.DISTS`.
     pub name: &'static str,
     pub family: Family,
-    /// Its difference from our form, and public code that computes it.
+    /// How it differs from our form, and public code that computes it.
     pub convention: &'static str,
     pub value: f64,
 }
 
-/// Every form that has a value for two pictures of one size; `mask` is where pixels count. Networks are those of `scorer`'s
-/// metrics: a form of one that it does not have is left out.
+/// All variants that have a value for two pictures of the same size; `mask` marks the pixels that count. Networks are
+/// taken from `scorer`; variants of a network that it has not loaded are skipped.
 pub fn other_forms(
     scorer: &Scorer,
     prediction: &Picture,
@@ -49,7 +50,7 @@ pub fn other_forms(
         psnr_of(&luma),
         "On 0.299 R + 0.587 G + 0.114 B.",
     );
-    // MATLAB's rgb2ycbcr: 16..235 of 255.
+    // MATLAB's rgb2ycbcr: luma in 16..235 of 255.
     let matlab = both(&|picture| {
         weighted(
             picture,
@@ -64,7 +65,7 @@ pub fn other_forms(
         "On the Y of MATLAB's rgb2ycbcr (BT.601, 16..235) against a peak of 255, as in super-resolution.",
     );
 
-    // SSIM of pictures of which the constants are too large by 4 is that of half the values.
+    // SSIM with constants that are too large by a factor of 4 equals SSIM of halved values.
     let halved = both(&|picture| mapped(picture, |rgb, _| rgb.map(|v| 0.5 * v)));
     for (key, name) in [
         ("ssim[uniform7,sample]", "SSIM with data_range=2, 7x7 box"),
@@ -189,14 +190,14 @@ fn mapped(picture: &Picture, change: impl Fn([f64; 3], usize) -> [f64; 3]) -> Pi
     .into()
 }
 
-/// Gray: the channels weighted, plus an offset.
+/// Gray: the weighted sum of the channels plus an offset.
 fn weighted(picture: &Picture, [r, g, b]: [f64; 3], offset: f64) -> Picture {
     mapped(picture, |rgb, _| {
         [r * rgb[0] + g * rgb[1] + b * rgb[2] + offset; 3]
     })
 }
 
-/// Means of `by` × `by` pixels; the remainder at the right and the bottom is ignored.
+/// Means over blocks of `by` × `by` pixels; ignores the remainder at the right and the bottom.
 fn pooled(picture: &Picture, by: u32) -> Picture {
     let (width, height) = picture.dimensions();
     Rgb32FImage::from_fn(width / by, height / by, |x, y| {
@@ -210,15 +211,15 @@ fn pooled(picture: &Picture, by: u32) -> Picture {
     .into()
 }
 
-/// SSIM over the windows inside the pictures; `None` if there is none.
+/// SSIM over the windows inside the pictures; `None` if no window fits.
 fn similarity([a, b]: &[Picture; 2]) -> Option<f64> {
     ssim(SsimVariant::Gauss11Valid, a, b, None).ok()
 }
 
-/// Multi-scale SSIM (Wang et al. 2003) with windows inside the coarsest picture, and with that reflected.
+/// Multi-scale SSIM (Wang et al. 2003) with windows inside the coarsest picture, and with reflected borders.
 fn multi_scale(pictures: [&Picture; 2]) -> Option<[f64; 2]> {
     const WEIGHTS: [f64; 5] = [0.0448, 0.2856, 0.3001, 0.2363, 0.1333];
-    // What is below zero has no power.
+    // Negative values have no real power.
     let power = |value: f64, weight: f64| value.max(0.0).powf(weight);
     let mut product = 1.0;
     let [mut a, mut b] = pictures.map(Picture::clone);

@@ -1,9 +1,9 @@
-//! Renders many views of one scene: uploads it once, and continues on the CPU if the device fails.
+//! Renders many views of one scene: uploads it once, and falls back to the CPU if the device fails.
 
 use sharp::gaussians::Gaussians;
 use sharp::render::{Backend, CpuRenderer, RenderError, RenderOutput, RenderView, Renderer};
 
-/// Renders batches of views. Once a device is lost or out of memory, the CPU does the rest.
+/// Renders batches of views. After a device is lost or out of memory, all further views are rendered on the CPU.
 pub struct BatchRenderer {
     device: Option<Box<dyn Renderer>>,
     cpu: CpuRenderer,
@@ -15,7 +15,7 @@ impl BatchRenderer {
     /// Opens a backend. A device that exists but cannot be opened counts as failed.
     ///
     /// # Errors
-    /// [`RenderError::NoAdapter`] where the user asked for one that is not there; `auto` never fails.
+    /// [`RenderError::NoAdapter`] if a requested adapter does not exist; `auto` never fails.
     pub fn open(backend: &Backend) -> Result<Self, RenderError> {
         let mut opened = Self {
             device: None,
@@ -47,7 +47,7 @@ impl BatchRenderer {
         self.reason.as_deref()
     }
 
-    /// The backend of the next view: `cpu-avx512`, `wgpu:<adapter>`.
+    /// Backend of the next view: `cpu-avx512`, `wgpu:<adapter>`.
     pub fn name(&self) -> String {
         match &self.device {
             Some(device) => device.name(),
@@ -55,15 +55,15 @@ impl BatchRenderer {
         }
     }
 
-    /// Why the CPU took over from a device.
+    /// Why rendering fell back from a device to the CPU; `None` if it did not.
     pub fn fallback(&self) -> Option<&str> {
         self.fallback.as_deref()
     }
 
-    /// Renders views in order. `done(index, picture)` takes each as it is finished and may end the batch.
+    /// Renders views in order. Each finished picture is passed to `done(index, picture)`, whose error ends the batch.
     ///
     /// # Errors
-    /// Those of `done`, and a [`RenderError`] that is no fault of a device.
+    /// Errors of `done`, and any [`RenderError`] that is not a device failure.
     pub fn render<E: From<RenderError>>(
         &mut self,
         scene: &Gaussians,
@@ -116,7 +116,7 @@ mod tests {
 
     use super::*;
 
-    /// A device that counts its uploads and is lost after so many views.
+    /// A device that counts its uploads and is lost after a number of views.
     struct Fragile {
         uploads: Arc<AtomicUsize>,
         views_left: usize,
@@ -219,7 +219,7 @@ mod tests {
             assert_eq!(render(&mut renderer, &views()), expected);
             assert!(renderer.fallback().unwrap().contains("lost"));
             assert!(renderer.name().starts_with("cpu-"));
-            // The device stays given up.
+            // The device is not tried again.
             render(&mut renderer, &views());
             assert_eq!(uploads.load(Ordering::Relaxed), 1);
         }

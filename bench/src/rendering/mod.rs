@@ -1,8 +1,8 @@
-//! Rendering backends, and recovery when a device fails.
+//! Rendering backends, and recovery from device failures.
 //!
-//! * [`batch`]: one scene uploaded once, many views, and a fallback to the CPU when the device fails.
-//! * [`pose_alignment`]: a camera moved until the rendering fits a photograph.
-//! * [`shared`]: the one renderer of a run, without a fallback: a backend never changes within a run.
+//! * [`batch`]: many views of a scene that is uploaded once, with a fallback to the CPU.
+//! * [`pose_alignment`]: moves a camera until the rendering fits a photograph.
+//! * [`shared`]: the single renderer of a run, without a fallback: the backend never changes within a run.
 
 pub mod batch;
 pub mod pose_alignment;

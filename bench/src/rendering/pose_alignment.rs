@@ -1,10 +1,9 @@
-//! Moves a target's camera until the rendering fits its photograph, as evaluations of methods do that are given no poses
-//! (NoPoSplat, AnySplat).
+//! Moves a target's camera until the rendering fits its photograph, as done in evaluations of methods without known
+//! poses (NoPoSplat, AnySplat).
 //!
-//! The shift that brings a small rendering closest to the photograph is where it begins. Then Gauss-Newton steps with
-//! Levenberg's damping reduce the squared difference of sRGB values over the pixels that are covered, from a small picture to
-//! a larger one. Derivatives are central differences of renderings, so that every rule and both renderers have them exactly
-//! as they draw.
+//! Starts at the shift that brings a small rendering closest to the photograph. Gauss-Newton steps with Levenberg's
+//! damping then reduce the squared difference of sRGB values over the covered pixels, at increasing picture sizes.
+//! Derivatives are central differences of renderings, so that they are exact for every rule and both renderers.
 
 use glam::{DAffine3, DQuat, DVec3};
 use image::imageops::{FilterType, resize};
@@ -17,26 +16,27 @@ use sharp_metrics::Mask;
 use super::shared::{HOLE_ALPHA, SharedRenderer, surface_depth};
 use crate::pairs::depth::median_depth_m;
 
-/// Width of the last and largest picture unless the target is narrower, pixels. Each one before is half as wide.
+/// Width of the last and largest picture, pixels, unless the target is narrower. Each earlier one is half as wide.
 const WIDEST: u32 = 640;
-/// No picture is narrower, pixels.
+/// Minimum picture width, pixels.
 const NARROWEST: u32 = 60;
-/// Low-pass of all pictures but the last at least, px²: few Gaussians are as large as their pixels.
+/// Minimum low-pass of all pictures but the last, px², so that few Gaussians are smaller than a pixel.
 const LOW_PASS: f32 = 0.3;
-/// The first shift is sought in a picture of at most this width, pixels, and up to this share of it.
+/// The initial shift is searched for in a picture of at most this width, pixels, up to this share of the width.
 const SHIFT: (u32, f64) = (160, 0.1);
-/// Steps at each width and reach, at most.
+/// Maximum number of steps per width and reach.
 const STEPS: usize = 20;
-/// Half the distance of two renderings whose difference is a derivative, pixels.
+/// Half the distance between the two renderings of a central difference, pixels.
 const REACH: f64 = 0.5;
-/// The same of the steps that follow at the last width: nearer by, fewer accidents of pixels decide.
+/// Half distances of the final rounds at the last width: smaller ones are less affected by single pixels.
 const FINE_REACHES: [f64; 2] = [0.25, 0.1];
-/// A step by less than this ends a width, pixels.
+/// A step smaller than this ends a width, pixels.
 const LAST_STEP: f64 = 0.01;
-/// Damping: at first, and from which on no step is worth trying.
+/// Initial damping, and the damping above which no further step is tried.
 const DAMPING: [f64; 2] = [1e-3, 1e3];
 
-/// The procedure in words, for identities; all of it is this file, whose hash is part of each method's code.
+/// A description of the procedure for identities. The procedure is defined by this file, whose hash is part of each
+/// method's code.
 pub fn procedure() -> String {
     format!(
         "pose ({NARROWEST} to {WIDEST} px wide, at most {STEPS} steps each, until {LAST_STEP} px)"
@@ -46,10 +46,10 @@ pub fn procedure() -> String {
 /// How a camera was moved.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Moved {
-    /// From the given camera's coordinates to the moved one's.
+    /// Maps the given camera's coordinates to the moved one's.
     pub map: DAffine3,
     pub rotation_deg: f64,
-    /// Metres.
+    /// Length of the translation, metres.
     pub translation: f64,
     pub steps: usize,
 }
@@ -57,7 +57,7 @@ pub struct Moved {
 /// A camera's motion: rotation about x, y, z and translation along them.
 type Six = [f64; 6];
 
-/// Gaussians and the photograph at one size.
+/// One level of the image pyramid: renderer and photograph at one size.
 struct Level<'a> {
     renderer: &'a SharedRenderer,
     rule: Option<Rule>,
@@ -65,12 +65,12 @@ struct Level<'a> {
     intrinsics: Intrinsics,
     is_last: bool,
     photograph: Rgb32FImage,
-    /// Pixels of the photograph that count.
+    /// Pixels of the photograph that count; `None` for all.
     valid: Option<Vec<bool>>,
 }
 
-/// Moves a camera so that the rendering fits the photograph, which has the size of `intrinsics`, in the pixels of its mask if
-/// there is one. Where nothing is drawn it stays where it is.
+/// Moves a camera so that the rendering fits the photograph, which has the size of `intrinsics`, within its mask, if
+/// given. The camera stays in place if nothing is drawn.
 ///
 /// # Errors
 /// See [`RenderError`].
@@ -137,7 +137,7 @@ impl Level<'_> {
         self.valid.as_ref().is_none_or(|valid| valid[pixel])
     }
 
-    /// The turn that moves what was drawn by the whole pixels that bring it closest to the photograph.
+    /// The rotation that shifts the rendering by the whole number of pixels that brings it closest to the photograph.
     fn shifted(&self, output: &RenderOutput) -> DAffine3 {
         let shown = self.shown(output);
         let (width, height) = (shown.width() as i32, shown.height() as i32);
@@ -159,7 +159,7 @@ impl Level<'_> {
                     }
                 }
             }
-            // A few pixels can be alike by chance.
+            // A few pixels may be alike by chance.
             match 4 * count > width * height {
                 true => sum / f64::from(count),
                 false => f64::INFINITY,
@@ -184,7 +184,7 @@ impl Level<'_> {
         ])
     }
 
-    /// Takes steps until they are small, and returns how many. Derivatives are differences over twice `reach` pixels.
+    /// Takes steps until they are small; returns their number. Derivatives are differences over twice `reach` pixels.
     fn fit(
         &self,
         loaded: &mut dyn LoadedScene,
@@ -204,7 +204,7 @@ impl Level<'_> {
                 .collect();
             let shown = self.shown(&output);
             let error = self.error(&shown, &covered);
-            // One pixel each.
+            // Each unit moves the picture by about one pixel.
             let unit = 1.0 / self.intrinsics.fx;
             let units = [unit, unit, unit, unit * depth, unit * depth, unit * depth];
             let moved = |by: Six| motion(std::array::from_fn(|k| by[k] * units[k])) * *map;
@@ -246,7 +246,7 @@ impl Level<'_> {
         Ok(steps)
     }
 
-    /// As it is scored, but not rounded to 8 bit.
+    /// The picture as scored, but not rounded to 8 bit.
     fn shown(&self, output: &RenderOutput) -> Rgb32FImage {
         let mut picture = output.srgb(self.renderer.settings().background);
         for value in picture.iter_mut() {
@@ -255,7 +255,7 @@ impl Level<'_> {
         picture
     }
 
-    /// Mean squared difference from the photograph.
+    /// Sum of squared differences from the photograph over the covered pixels.
     fn error(&self, shown: &Rgb32FImage, covered: &[bool]) -> f64 {
         let each = shown.pixels().zip(self.photograph.pixels()).zip(covered);
         let each = each.filter(|(_, covered)| **covered);
@@ -263,7 +263,7 @@ impl Level<'_> {
             .sum()
     }
 
-    /// The matrix of products of the slopes, and their products with the difference from the photograph.
+    /// The products of the slopes with each other, and with the difference from the photograph.
     fn normal_equations(
         &self,
         shown: &Rgb32FImage,
@@ -286,7 +286,7 @@ impl Level<'_> {
     }
 }
 
-/// The step that solves `(A + λ diag A) step = −b`, of which `squares` holds the lower half of A. By Cholesky.
+/// Solves `(A + λ diag A) step = −b` by Cholesky; `squares` holds the lower half of A.
 fn damped_step(squares: &[Six; 6], b: &Six, damping: f64) -> Six {
     let floor = (0..6)
         .map(|k| squares[k][k])
@@ -330,7 +330,7 @@ fn at_width(whole: Intrinsics, width: u32) -> Intrinsics {
     whole.resized(width, (height.round() as u32).max(1))
 }
 
-/// Pixels to which only valid ones contribute.
+/// Pixels that only valid pixels contribute to.
 fn shrunk_mask(valid: &Mask, to: Intrinsics) -> Vec<bool> {
     let (width, height) = valid.dimensions();
     let inside = |x: u32, y: u32| valid.values()[(y * width + x) as usize];
@@ -359,7 +359,7 @@ fn shrunk(photograph: &RgbImage, to: Intrinsics) -> Rgb32FImage {
 mod tests {
     use super::*;
 
-    /// A wall of blobs 2 to 4 m ahead.
+    /// A wall of blobs at a distance of 2 to 4 m.
     fn blobs() -> Gaussians {
         let mut scene = Gaussians::default();
         let share = |k: usize, of: usize| (k * of % 97) as f32 / 96.0;
@@ -398,7 +398,7 @@ mod tests {
         );
         let (turned, moved) = fitted(start, &photograph, None);
         assert!(turned < 0.05 && moved < 0.005, "{turned} {moved}");
-        // A third is excluded, and black.
+        // A third of the picture is masked out and black.
         let is_inside = |x: u32| x >= 32;
         for (x, _, pixel) in photograph.enumerate_pixels_mut() {
             if !is_inside(x) {
@@ -410,7 +410,7 @@ mod tests {
         let (turned, moved) = fitted(start, &photograph, Some(&valid));
         assert!(turned < 0.1 && moved < 0.01, "{turned} {moved}");
         assert!(fitted(start, &photograph, None).0 > 0.5);
-        // Nothing to see.
+        // Nothing is visible.
         let away = DAffine3::from_translation(DVec3::new(0.0, 0.0, -100.0));
         let moved = fit_camera(&renderer, &scene, away, k, None, (&photograph, None)).unwrap();
         assert_eq!((moved.map, moved.steps), (DAffine3::IDENTITY, 0));

@@ -1,4 +1,4 @@
-//! The one renderer of a run.
+//! The single renderer of a run.
 
 use std::sync::{Mutex, PoisonError};
 
@@ -13,18 +13,18 @@ use sharp::render::{
 };
 use sharp_datasets::DepthMap;
 
-/// A pixel with less alpha is a hole: more background than surface.
+/// A pixel with less alpha counts as a hole: it shows more background than surface.
 pub const HOLE_ALPHA: f32 = 0.5;
 
-/// Settings besides the backend that decide a rendering's pixels. The paper states none of them; the defaults are the
-/// release's, except that the release truncates to 8 bit.
+/// Settings other than the backend that determine a rendering's pixels. The paper states none of them; the defaults are
+/// the release's, except that the release truncates to 8 bit.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct RenderSettings {
-    /// Added to both diagonal entries of projected covariances, px²; where Gaussians have no rule of their own.
+    /// Added to both diagonal entries of projected covariances, px², for Gaussians without their own rendering rule.
     pub eps2d: f32,
-    /// Behind the Gaussians, in what they are blended in.
+    /// Background in the space in which Gaussians are blended.
     pub background: Background,
-    /// From 0..1 to 8 bit.
+    /// Rounding from 0..1 to 8 bit.
     pub quantization: Quantization,
 }
 
@@ -38,7 +38,7 @@ impl Default for RenderSettings {
     }
 }
 
-/// The renderer that all methods share. If its device fails, the run ends and can be resumed.
+/// The renderer shared by all methods. If its device fails, the run ends and can be resumed.
 pub struct SharedRenderer {
     name: String,
     settings: RenderSettings,
@@ -66,13 +66,13 @@ impl SharedRenderer {
         self.settings
     }
 
-    /// The exact backend, for records and keys: `cpu-avx512`, `wgpu:<adapter, driver>`.
+    /// Exact name of the backend for records and keys: `cpu-avx512`, `wgpu:<adapter, driver>`.
     pub fn name(&self) -> &str {
         &self.name
     }
 
-    /// Renders a scene into a camera; `camera_from_scene` may be any affine map. Without a `rule` it is drawn as SHARP's,
-    /// with the low-pass of this renderer.
+    /// Renders a scene into a camera; `camera_from_scene` may be any affine map. Without a `rule`, uses SHARP's with
+    /// this renderer's low-pass.
     pub fn render(
         &self,
         scene: &Gaussians,
@@ -84,7 +84,7 @@ impl SharedRenderer {
         self.with_loaded(scene, |loaded| loaded.render(&view))
     }
 
-    /// A view with the settings of this renderer.
+    /// A view with this renderer's settings.
     pub fn view(
         &self,
         camera_from_scene: DAffine3,
@@ -108,7 +108,7 @@ impl SharedRenderer {
         work(renderer.load(scene)?.as_mut())
     }
 
-    /// What is scored of a rendering: composited, sRGB-encoded, 8 bit.
+    /// The scored picture of a rendering: composited, sRGB-encoded, 8 bit.
     pub fn picture(&self, rendering: &RenderOutput) -> RgbImage {
         rendering.srgb8(self.settings.background, self.settings.quantization)
     }

@@ -1,4 +1,4 @@
-//! Fetching the official checkpoint.
+//! Downloads the official checkpoint.
 
 use std::path::{Path, PathBuf};
 
@@ -23,11 +23,10 @@ pub enum CheckpointFetchError {
     File(#[from] FileError),
 }
 
-/// Fetches a checkpoint into a cache folder; the caller has shown the licence and had it accepted.
+/// Downloads a checkpoint into a cache folder. The caller must have shown the licence and had it accepted.
 ///
-/// A transfer that was broken off, now or by an earlier call, is resumed. What arrives must have a size that the
-/// network can have, be complete for it, and equal the recorded file where there is a record; only then it gets its
-/// name.
+/// Resumes an interrupted transfer, even of an earlier call. The file gets its final name only if its size is possible
+/// for the network, it has all of the network's tensors, and it equals the recorded file, if there is a record.
 pub fn fetch(
     release: &Release,
     cache: &Path,
@@ -72,7 +71,7 @@ mod tests {
         )
     }
 
-    /// The tiny network's checkpoint, served like the release's.
+    /// Serves the tiny network's checkpoint like the release's.
     fn attempt(
         answers: Vec<Answer>,
         cache: &Path,
@@ -115,7 +114,7 @@ mod tests {
         );
         let both = [RELEASE_FILE.to_owned(), format!("{RELEASE_FILE}.json")];
         assert_eq!(names(&cache), both);
-        // Fetched again, it is no longer unverified.
+        // After a second download it is no longer unverified.
         std::fs::remove_file(&kept).unwrap();
         let (_, standing) = attempt(vec![Answer::Whole], cache.path()).0.unwrap();
         assert!(matches!(standing, Standing::Matches(_)));

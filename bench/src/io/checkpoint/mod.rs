@@ -1,9 +1,9 @@
-//! SHARP's official checkpoint: what it is, where it lies, and whether it is still the same file; networks by name.
+//! SHARP's official checkpoint (facts, location, integrity), and networks by name.
 //!
 //! * [`release`]: name, address and licence.
-//! * [`record`]: its size and sha256 from the first use on.
-//! * `fetch`: getting it.
-//! * [`named_network`]: any network as people name it, the bundled one among them.
+//! * [`record`]: size and SHA-256, recorded at the first use.
+//! * `fetch`: the download.
+//! * [`named_network`]: any network by name, including the bundled one.
 
 pub mod fetch;
 mod named;
@@ -28,7 +28,7 @@ pub struct NoCheckpoint {
     pub searched: Vec<PathBuf>,
 }
 
-/// The release's checkpoint, where the release itself (torch's hub folder) or we keep it.
+/// The release's checkpoint, searched for in torch's hub folder (where the release keeps it) and in our cache.
 pub fn find_checkpoint() -> Result<PathBuf, NoCheckpoint> {
     let ours = cache_folder().map(|folder| folder.join(RELEASE_FILE));
     let torchs = torch_hub().map(|folder| folder.join(RELEASE_FILE));

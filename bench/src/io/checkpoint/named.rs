@@ -1,4 +1,4 @@
-//! A network as people name it: by a file, by the name of the one that comes with the program, or not at all.
+//! Networks by name: a file, the bundled network, or the official checkpoint by default.
 
 use std::path::{Path, PathBuf};
 
@@ -10,7 +10,7 @@ use super::{NoCheckpoint, find_checkpoint};
 use crate::io::atomic_files::FileError;
 use crate::io::hash::file_sha256;
 
-/// Why a name is none of a network.
+/// Why a name does not lead to a network.
 #[derive(Debug, thiserror::Error)]
 pub enum NetworkError {
     #[error(transparent)]
@@ -36,7 +36,7 @@ pub enum NetworkError {
         bundled::NAME
     )]
     TwoConfigs,
-    /// The file of the bundled network did not come along.
+    /// The file of the bundled network is missing.
     #[error(
         "the weights of the checkpoint `{}` are not at hand (looked for {}); they travel beside the program",
         bundled::NAME,
@@ -51,8 +51,9 @@ pub enum NetworkError {
     OtherWeights { path: PathBuf, sha256: String },
 }
 
-/// The network of a checkpoint, on the CPU. `mini` is the bundled one, with its sizes; any other name is a file, whose
-/// sizes are those of `config` (`FILE.json#NAME`), of a `.json` beside it, or the release's; without a name it is the official one, where it is found.
+/// The network of a checkpoint, on the CPU. `mini` is the bundled network with its sizes. Any other name is a file,
+/// with the sizes of `config` (`FILE.json#NAME`), of a `.json` next to the file, or of the release. Without a name,
+/// searches for the official checkpoint.
 ///
 /// # Errors
 /// [`NetworkError`].
@@ -77,11 +78,11 @@ pub fn named_network(
     })
 }
 
-/// The network of a file: with the sizes of a configuration, of the file `STEM.json` beside it, the release's, or those of
-/// the only configuration of a `.json` beside it that fits.
+/// The network of a file. Its sizes are those of `config`, of `STEM.json` next to the file, of the release, or of the
+/// only configuration in a neighbouring `.json` that fits.
 fn network_of(file: &Path, config: Option<&str>) -> Result<NetworkSpec, NetworkError> {
     let source = CheckpointSource::open(file)?;
-    // Whatever else it holds: what may be unused is known later.
+    // Other tensors are allowed here; whether they may be unused is decided later.
     let fits = |config: &ModelConfig| source.check(config, &[String::new()]);
     let mut notes = Vec::new();
     notes.extend(source.left_out().map(|prefix| {
@@ -122,7 +123,7 @@ fn network_of(file: &Path, config: Option<&str>) -> Result<NetworkSpec, NetworkE
     })
 }
 
-/// Configurations in `STEM.json`, or where that is none in all `.json` files beside a checkpoint, by `FILE#NAME`.
+/// Configurations in `STEM.json`, or if it has none, in all `.json` files next to a checkpoint, by `FILE#NAME`.
 fn beside(checkpoint: &Path) -> Vec<(String, ModelConfig)> {
     let own = checkpoint.with_extension("json");
     let of_file = |path: &Path| {
@@ -148,7 +149,7 @@ fn beside(checkpoint: &Path) -> Vec<(String, ModelConfig)> {
     paths.iter().flat_map(|path| of_file(path)).collect()
 }
 
-/// The weights of the bundled network: beside the program, or in the sources that it was built from.
+/// The weights of the bundled network, searched for next to the program and in its source tree.
 ///
 /// # Errors
 /// [`NetworkError`].

@@ -1,7 +1,7 @@
-//! Size and sha256 of the official checkpoint as they were when it was first used.
+//! Size and SHA-256 of the official checkpoint, recorded at its first use.
 //!
-//! Apple publishes no hash, so the first file that is used is trusted and recorded, and every later one has to be the
-//! same. The record lies in our cache folder, wherever the checkpoint itself lies.
+//! Apple publishes no hash, so the first file used is trusted and recorded, and later files must be identical. The
+//! record is in our cache folder, wherever the checkpoint is.
 
 use std::path::{Path, PathBuf};
 use std::time::SystemTime;
@@ -18,13 +18,13 @@ pub struct CheckpointRecord {
     pub address: String,
     pub bytes: u64,
     pub sha256: String,
-    /// Day of the first use, UTC, `2026-01-31`.
+    /// UTC day of the first use, `2026-01-31`.
     pub recorded: String,
 }
 
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Standing {
-    /// There was no record: nothing to compare with. Now there is one, in this file.
+    /// There was no record to compare with; it has now been written to this file.
     Unverified(PathBuf),
     Matches(String),
 }
@@ -42,7 +42,7 @@ impl std::fmt::Display for Standing {
     }
 }
 
-/// Why a file cannot be compared with the record, or is another one.
+/// Why a file cannot be compared with the record, or does not match it.
 #[derive(Debug, thiserror::Error)]
 pub enum RecordError {
     #[error(transparent)]
@@ -68,7 +68,7 @@ pub fn record_file() -> Option<PathBuf> {
     Some(cache_folder()?.join(format!("{RELEASE_FILE}.json")))
 }
 
-/// The record, if there is one.
+/// The record; `None` if there is none.
 pub fn read(file: &Path) -> Result<Option<CheckpointRecord>, RecordError> {
     match std::fs::read(file) {
         Ok(bytes) => {
@@ -84,10 +84,10 @@ pub fn read(file: &Path) -> Result<Option<CheckpointRecord>, RecordError> {
     }
 }
 
-/// Compares a checkpoint whose sha256 is known with the record in `file`, or makes one.
+/// Compares a checkpoint of known SHA-256 with the record in `file`, or creates the record.
 ///
 /// # Errors
-/// [`RecordError`]: it is another file, or the record cannot be read or written.
+/// [`RecordError`] if the checkpoint differs from the record, or the record cannot be read or written.
 pub fn compare_or_record(
     checkpoint: &Path,
     sha256: &str,

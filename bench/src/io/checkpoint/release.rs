@@ -1,4 +1,4 @@
-//! Facts about the official checkpoint that are known without the file.
+//! Facts about the official checkpoint that are known without having the file.
 
 use std::ops::RangeInclusive;
 
@@ -13,11 +13,11 @@ pub const LICENCE_NAME: &str = "Apple Machine Learning Research Model License Ag
 
 pub const LICENCE_ADDRESS: &str = "https://github.com/apple/ml-sharp/blob/main/LICENSE_MODEL";
 
-/// Summary of its licence; the licence's text decides.
+/// Summary of the licence; the licence's text is authoritative.
 pub const LICENCE_SUMMARY: &str = "use for research only: no commercial use, no product development, no part in a \
                                    commercial product or service; this also holds for models derived from it";
 
-/// The licence's name, address and gist, for a person to read before accepting it.
+/// The licence's name, address and summary, to be read before accepting it.
 pub fn licence_text() -> String {
     format!(
         "SHARP's checkpoint {RELEASE_FILE} is not part of this program. It is Apple's, under the\n  \
@@ -29,19 +29,19 @@ pub fn licence_text() -> String {
 pub struct Release {
     pub address: String,
     pub config: ModelConfig,
-    /// Sizes that it may have, bytes.
+    /// Plausible file sizes, bytes.
     pub sizes: RangeInclusive<u64>,
 }
 
-/// f32 values of the release's state dict.
+/// Number of f32 values in the release's state dict.
 const PARAMETERS: u64 = 702_305_169;
 
-/// Upper bound of what names, shapes and alignment of a thousand tensors add.
+/// Upper bound on the size of the names, shapes and alignment of a thousand tensors, bytes.
 const OVERHEAD: u64 = 16 << 20;
 
 impl Release {
-    /// The official one. Neither its size nor a hash is published; the size follows from its parameters but for the
-    /// table of contents.
+    /// The official release. Neither its size nor a hash is published; its size follows from the number of parameters,
+    /// up to the table of contents.
     pub fn official() -> Self {
         Self {
             address: mirrored(RELEASE_ADDRESS),

@@ -1,4 +1,4 @@
-//! Animated GIF: 256 colours a frame, chosen anew for each.
+//! Animated GIF with a palette of 256 colours per frame.
 
 use std::io;
 use std::path::{Path, PathBuf};
@@ -9,17 +9,17 @@ use image::RgbImage;
 use super::{Movie, MovieError, check_size};
 use crate::io::atomic_files::{FileError, PartialFile};
 
-/// Most frames a second: viewers take a delay below two hundredths for a mistake and play it slowly.
+/// Maximum frames per second: viewers treat a delay below two hundredths of a second as a mistake and play it slowly.
 pub const MAX_FPS: u32 = 50;
 
-/// Of NeuQuant, from 1 (looks at every pixel) to 30.
+/// NeuQuant's sampling factor, from 1 (every pixel) to 30.
 const SPEED: i32 = 1;
 
-/// A GIF that loops for ever.
+/// A GIF that loops forever.
 ///
-/// A frame of at most 256 colours is kept exactly; of more, NeuQuant makes a palette for it, without dithering. Delays are
-/// hundredths of a second: at 30 frames a second some frames stay for 3 and some for 4, so that the whole takes the right
-/// time.
+/// Frames of at most 256 colours are stored exactly; for others NeuQuant computes a palette, without dithering. Delays
+/// are in hundredths of a second: at 30 frames per second some frames last 3 and some 4, so that the total duration is
+/// right.
 pub struct GifMovie {
     encoder: gif::Encoder<PartialFile>,
     path: PathBuf,
@@ -64,7 +64,7 @@ impl GifMovie {
         })
     }
 
-    /// Hundredths of a second from the start to the start of frame `index`, rounded.
+    /// Start time of frame `index` in hundredths of a second, rounded.
     fn start(&self, index: u64) -> u64 {
         let fps = u64::from(self.fps);
         (200 * index + fps) / (2 * fps)
@@ -74,7 +74,7 @@ impl GifMovie {
 impl Movie for GifMovie {
     fn push(&mut self, image: &RgbImage) -> Result<(), MovieError> {
         check_size(&self.path, image, self.size)?;
-        // Checked against u16 when the movie was created.
+        // Checked to fit into u16 when the movie was created.
         let (width, height) = (self.size.0 as u16, self.size.1 as u16);
         let mut frame = Frame::from_rgb_speed(width, height, image.as_raw(), SPEED);
         frame.delay = (self.start(self.frames + 1) - self.start(self.frames)) as u16;
@@ -105,7 +105,7 @@ fn refused(path: &Path, error: EncodingError) -> MovieError {
 mod tests {
     use super::*;
 
-    /// Frames as RGB with their delays.
+    /// Decodes frames to RGB, with their delays.
     fn decode(path: &Path) -> Vec<(Vec<u8>, u16)> {
         let mut options = gif::DecodeOptions::new();
         options.set_color_output(gif::ColorOutput::RGBA);

@@ -1,6 +1,6 @@
-//! Pictures in a row, as files that move.
+//! Picture sequences as movies.
 //!
-//! * [`gif`]: animated GIF, by ourselves.
+//! * [`gif`]: animated GIF, encoded in-process.
 //! * [`mp4`]: MP4, through an installed ffmpeg.
 
 pub mod gif;
@@ -34,11 +34,11 @@ pub enum MovieError {
     Format { path: PathBuf, reason: String },
 }
 
-/// A movie in the making; the file appears when it is finished.
+/// A movie under construction; the file appears when it is finished.
 pub trait Movie: Send {
     fn push(&mut self, frame: &RgbImage) -> Result<(), MovieError>;
 
-    /// Writes what is left and gives the file its name.
+    /// Writes the remaining frames and gives the file its name.
     fn finish(self: Box<Self>) -> Result<(), MovieError>;
 }
 

@@ -1,4 +1,4 @@
-//! MP4 through an installed ffmpeg: H.264, which every player and browser shows.
+//! MP4 through an installed ffmpeg: H.264, which every player and browser supports.
 
 use std::borrow::Cow;
 use std::fs::File;
@@ -13,11 +13,11 @@ use crate::io::atomic_files::{FileError, PartialFile};
 
 const FFMPEG: &str = "ffmpeg";
 
-/// BT.709's matrix in video range, which is written into the file too, so that players do not guess; transfer and
+/// BT.709's matrix in video range, which is also tagged in the file so that players need not guess; transfer and
 /// primaries are sRGB's.
 const FILTER: &str = "scale=out_color_matrix=bt709:out_range=tv,format=yuv420p";
 
-/// The first line of `ffmpeg -version`; `None` if it is not installed.
+/// First line of `ffmpeg -version`; `None` if ffmpeg is not installed.
 pub fn ffmpeg_version() -> Option<String> {
     let said = Command::new(FFMPEG)
         .arg("-version")
@@ -31,7 +31,7 @@ pub fn ffmpeg_version() -> Option<String> {
         .then(|| text.lines().next().map(str::to_owned))?
 }
 
-/// A running ffmpeg that takes frames.
+/// A running ffmpeg that receives frames.
 pub struct Mp4Movie {
     ffmpeg: Running,
     input: Option<ChildStdin>,
@@ -40,7 +40,7 @@ pub struct Mp4Movie {
     size: (u32, u32),
 }
 
-/// Two by two pixels share their colour, so sides must be even: an odd one gets its last row or column again.
+/// Chroma is shared by 2 × 2 pixels, so sides must be even: repeats the last row or column of an odd side.
 fn with_even_sides(frame: &RgbImage) -> Cow<'_, RgbImage> {
     let (width, height) = frame.dimensions();
     let (even_width, even_height) = (width.next_multiple_of(2), height.next_multiple_of(2));
@@ -52,12 +52,12 @@ fn with_even_sides(frame: &RgbImage) -> Cow<'_, RgbImage> {
     }))
 }
 
-/// A process that does not outlive its movie.
+/// A child process that is killed when dropped.
 struct Running(Child);
 
 impl Drop for Running {
     fn drop(&mut self) {
-        // It may have ended by itself.
+        // The process may already have ended.
         let _ = self.0.kill();
         let _ = self.0.wait();
     }
@@ -71,7 +71,7 @@ impl Mp4Movie {
             reason: error.to_string(),
         };
         let file = PartialFile::create(path)?;
-        // A file, not a pipe: ffmpeg never waits for us to read its complaints.
+        // Use a file, not a pipe, so that ffmpeg never blocks on its error output.
         let errors = tempfile::tempfile().map_err(FileError::new(path, "write"))?;
         let mut command = Command::new(FFMPEG);
         command
@@ -112,10 +112,10 @@ impl Mp4Movie {
         })
     }
 
-    /// What ffmpeg complained about last, or what the system says.
+    /// ffmpeg's last error message, or else `otherwise`.
     fn failed(&mut self, otherwise: &str) -> MovieError {
         let mut said = String::new();
-        // Without its words the other reason stands.
+        // If the output cannot be read, fall back to `otherwise`.
         let _ = self.errors.rewind();
         let _ = (&mut self.errors).take(1 << 16).read_to_string(&mut said);
         let last = said.lines().rfind(|line| !line.trim().is_empty());
@@ -138,7 +138,7 @@ impl Movie for Mp4Movie {
             None => Err(io::ErrorKind::BrokenPipe.into()),
         };
         written.map_err(|error| {
-            // It closed its end: wait for its last words.
+            // ffmpeg closed its input: wait for its final error message.
             let _ = self.ffmpeg.0.wait();
             self.failed(&error.to_string())
         })
