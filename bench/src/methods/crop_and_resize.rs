@@ -1,8 +1,8 @@
-//! Crops and resizes foreign pictures for scoring, by the paper's rules for smaller and cropped predictions.
+//! Crops and resizes imported pictures for scoring, by the paper's rules for smaller and cropped predictions.
 //!
-//! Scores are taken at the target's full resolution. A smaller prediction of the same aspect is resized up, by a named
-//! kernel; a cropped one is compared with the equally cropped target, and its record says so. Nothing is padded or
-//! reduced.
+//! Scores are computed at the target's full resolution. A smaller prediction of the same aspect is enlarged by a named
+//! kernel; a cropped one is compared with the equally cropped target, which its record states. Nothing is padded or
+//! downsized.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -15,18 +15,18 @@ use super::method::{MethodError, PicturePrediction};
 use crate::io::pictures::{self, PictureReading, ReadError, to_rgb8};
 use crate::scoring::Region;
 
-/// The part of the target that a method's pictures show.
+/// The part of the target that a method's pictures cover.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub(super) enum CropRule {
     #[default]
     Whole,
-    /// `x:y:w:h`: always this part, pixels of the target.
+    /// `x:y:w:h`: a fixed part, pixels of the target.
     Fixed(Region),
-    /// `center:W:H`: the largest part of this aspect in the middle.
+    /// `center:W:H`: the largest centred part with this aspect.
     Center(u32, u32),
-    /// `center`: the largest part in the middle of the picture's own aspect.
+    /// `center`: the largest centred part with the picture's own aspect.
     CenterOfOwnAspect,
-    /// `sidecar`: as a file beside each picture says.
+    /// `sidecar`: given in a file next to each picture.
     Sidecar,
 }
 
@@ -42,7 +42,7 @@ impl FitRules {
     pub(super) const OPTIONS: [&'static str; 6] =
         ["resize", "crop", "alpha", "color", "orientation", "exr"];
 
-    /// Parses [`Self::OPTIONS`]. Errors name no method.
+    /// Parses [`Self::OPTIONS`]. Errors do not name the method.
     pub(super) fn parse<'a>(option: impl Fn(&str) -> Option<&'a str>) -> Result<Self, String> {
         let kernel = parsed("resize", &option)?;
         if kernel == Some(ResizeKernel::Area) {
@@ -69,7 +69,7 @@ impl FitRules {
         self.crop
     }
 
-    /// Whether the region depends on the picture or on a file beside it.
+    /// Whether the region depends on the picture or on a sidecar file.
     pub(super) fn needs_file(&self) -> bool {
         matches!(self.crop, CropRule::CenterOfOwnAspect | CropRule::Sidecar)
     }
@@ -100,8 +100,8 @@ impl FitRules {
         settings
     }
 
-    /// The part of a target that a picture of size `own` shows; `None` for all of it. `sidecar` is the region from the
-    /// file beside it. Errors name no file.
+    /// The part of a target that a picture of size `own` covers; `None` for all of it. `sidecar` is the region from its
+    /// sidecar file. Errors do not name the file.
     pub(super) fn region(
         &self,
         target: (u32, u32),
@@ -125,8 +125,8 @@ impl FitRules {
         Ok((region != Region::whole(target)).then_some(region))
     }
 
-    /// Reads a picture and resizes it to what it shows, 8 bit. A picture whose header has a wrong size is not decoded:
-    /// a small file may hold more pixels than memory.
+    /// Reads a picture as 8 bit and resizes it to the part that it covers. A picture whose header has a wrong size is
+    /// not decoded: a small file may hold more pixels than fit in memory.
     pub(super) fn read(
         &self,
         path: &Path,
@@ -140,7 +140,7 @@ impl FitRules {
         }
         let read = pictures::read_as(path, &self.reading).map_err(unreadable)?;
         let fitted = self.fit(read.picture, region, target).map_err(named)?;
-        // What was asked for needs no word.
+        // No note for conversions that were requested.
         let given: Vec<String> = self
             .reading
             .rules
@@ -152,7 +152,7 @@ impl FitRules {
         Ok(PicturePrediction { notes, ..fitted })
     }
 
-    /// Resizes a picture to what it shows, 8 bit. Errors name no file.
+    /// Resizes a picture to the part that it covers, 8 bit. Errors do not name the file.
     fn fit(
         &self,
         picture: Picture,
@@ -179,7 +179,7 @@ impl FitRules {
         })
     }
 
-    /// The kernel that resizes the picture; `None` if its size is right already.
+    /// The kernel to resize the picture with; `None` if it already has the right size.
     fn kernel_for(
         &self,
         (w, h): (u32, u32),
@@ -197,7 +197,7 @@ impl FitRules {
         if w > to_w || h > to_h {
             return Err(format!("{sizes}: larger pictures are never reduced"));
         }
-        // The same aspect if rounding to whole pixels of the smaller picture explains the difference.
+        // The aspect is the same if rounding the smaller picture to whole pixels explains the difference.
         let height = f64::from(w) * f64::from(to_h) / f64::from(to_w);
         let width = f64::from(h) * f64::from(to_w) / f64::from(to_h);
         if (height - f64::from(h)).abs() >= 1.0 && (width - f64::from(w)).abs() >= 1.0 {
@@ -298,7 +298,7 @@ mod tests {
         let resized = fit(Some("bicubic"), 32, 24).unwrap();
         assert_eq!(resized.picture.dimensions(), (96, 72));
         assert_eq!(resized.resized_from, Some((32, 24)));
-        // 72 / 96 · 50 is 37.5: both neighbours are that aspect, rounded.
+        // 72 / 96 · 50 is 37.5: both neighbours are that aspect after rounding.
         for height in [37, 38] {
             fit(Some("lanczos"), 50, height).unwrap();
         }

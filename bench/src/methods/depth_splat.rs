@@ -1,4 +1,4 @@
-//! The dataset's own depth, splatted: the quality of SHARP's representation with perfect depth and no learning.
+//! Splats the dataset's own depth: the quality of SHARP's representation with perfect depth and no learning.
 
 use std::collections::BTreeMap;
 
@@ -19,11 +19,11 @@ use crate::io::pictures::planes;
 
 /// SHARP's initializer and composer on ground-truth depth, rendered by our renderer.
 ///
-/// The source's depth fills both layers, nearest-resized like the release resizes everything to a square of
-/// [`Self::resolution`] pixels; the photograph is resized bilinearly with aligned corners. Pooling and the global
-/// minimum run over valid pixels only; blocks without one are dropped. Deltas are zero. Gaussians are placed by the
-/// affine map E_t E_s⁻¹ K_s⁻¹ with the dataset's own intrinsics, composited over black in linear light, encoded to
-/// sRGB and rounded to 8 bit.
+/// The source's depth fills both layers, nearest-resized to a square of [`Self::resolution`] pixels, as the release
+/// resizes everything; the photograph is resized bilinearly with aligned corners. Pooling and the global minimum use
+/// valid pixels only; blocks without one are dropped. Deltas are zero. Gaussians are placed by the affine map E_t E_s⁻¹
+/// K_s⁻¹ with the dataset's own intrinsics, composited over black in linear light, encoded to sRGB and rounded to 8
+/// bit.
 ///
 /// Extras: `dropped_blocks` (blocks of both layers without valid depth).
 #[derive(Debug, Clone)]
@@ -34,10 +34,10 @@ pub struct DepthSplat {
 }
 
 impl DepthSplat {
-    /// Reads `resolution=N`.
+    /// Parses `resolution=N`.
     ///
     /// # Errors
-    /// When it is not an even number from 2 to 8192.
+    /// If it is not an even number from 2 to 8192.
     pub fn from_spec(spec: &MethodSpec) -> Result<Self, SpecError> {
         let resolution = match spec.option("resolution") {
             None => Grid::RELEASE.width,

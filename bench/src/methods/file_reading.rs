@@ -1,5 +1,4 @@
-//! How a Gaussian file is read: the form of its numbers, and its space relative to the source's camera. Each part is a
-//! setting.
+//! Settings for reading a Gaussian file: the form of its numbers, and its space relative to the source's camera.
 
 use std::path::Path;
 
@@ -11,28 +10,29 @@ use sharp::render::Rule;
 use super::placement_file;
 use crate::pairs::PosedCamera;
 
-/// The coordinates that the means of a file are in.
+/// Coordinate space of a file's means.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum FileSpace {
-    /// The source camera's.
+    /// The source camera's space.
     Camera,
-    /// The target camera's. Each pair then has its own file.
+    /// The target camera's space; each pair has its own file.
     Target,
-    /// The dataset's world.
+    /// The dataset's world space.
     World,
     /// SHARP's normalised space of the source.
     Normalized,
 }
 
-/// Directions of a file's x, y and z axes, each one of `r` or `l`, `u` or `d`, `f` or `b` (right, left, up, down, forward,
-/// backward). OpenCV's are `rdf`, OpenGL's `rub`. In the world they are relative to the dataset's axes, taken as `rdf`.
+/// Directions of a file's x, y and z axes, each one of `r` or `l`, `u` or `d`, `f` or `b` (right, left, up, down,
+/// forward, backward). OpenCV's are `rdf`, OpenGL's `rub`. In world space they are relative to the dataset's axes,
+/// taken as `rdf`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Axes([u8; 3]);
 
 impl Axes {
     pub const OPENCV: Self = Self(*b"rdf");
 
-    /// `opencv`, `opengl` or three letters.
+    /// Parses `opencv`, `opengl` or three letters.
     pub fn parse(text: &str) -> Option<Self> {
         let letters = match text {
             "opencv" => *b"rdf",
@@ -50,7 +50,7 @@ impl Axes {
         is_frame.then_some(Self(letters))
     }
 
-    /// Matrix from these axes to OpenCV's; it mirrors if the axes are left-handed.
+    /// Matrix from these axes to OpenCV's; its determinant is −1 if the axes are left-handed.
     fn matrix(self) -> DMat3 {
         let direction = |letter: u8| match letter {
             b'l' => DVec3::NEG_X,
@@ -64,7 +64,7 @@ impl Axes {
         DMat3::from_cols(x, y, z)
     }
 
-    /// Reads axes that are flips of OpenCV's: the signs of x, y and z. The error says which there are.
+    /// Parses axes that are flips of OpenCV's, as the signs of x, y and z. The error lists the possible ones.
     pub fn parse_flip(text: &str) -> Result<[f32; 3], String> {
         let matrix = Self::parse(text).map_or(DMat3::ZERO, Self::matrix);
         let signs = [matrix.x_axis.x, matrix.y_axis.y, matrix.z_axis.z];
@@ -74,7 +74,7 @@ impl Axes {
         }
     }
 
-    /// All 48 of them.
+    /// All 48 systems of axes.
     pub fn every() -> impl Iterator<Item = Self> {
         let letters = || *b"rldufb";
         let all = letters()
@@ -92,18 +92,18 @@ impl Axes {
     }
 }
 
-/// Space of the Gaussians in a file.
+/// The space of the Gaussians in a file.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Placement {
     pub space: FileSpace,
     pub axes: Axes,
-    /// The file's unit, metres.
+    /// Unit of the file in metres.
     pub scale: f64,
     /// Map from the file's coordinates, in OpenCV's axes and metres, to its space.
     pub transform: Option<DAffine3>,
-    /// How far the source's camera sees everything moved right and down, pixels.
+    /// Shift (right, down) of everything as seen by the source's camera, pixels.
     pub shift: [f64; 2],
-    /// The focal lengths across and down with which its points were unprojected, as multiples of the source's.
+    /// Horizontal and vertical focal length used to unproject the file's points, as multiples of the source's.
     pub focal: [f64; 2],
 }
 
@@ -120,17 +120,17 @@ impl Default for Placement {
     }
 }
 
-/// Reading of a file.
+/// All settings for reading a file.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct FileReading {
     pub stored: StoredForm,
     pub placement: Placement,
-    /// How the Gaussians are drawn; `None` is what the file states, or as SHARP's.
+    /// Rendering rule; `None` for the one that the file states, or else SHARP's.
     pub rule: Option<Rule>,
 }
 
 impl Placement {
-    /// In the order of [`FileReading::PLACEMENT_KEYS`].
+    /// Values in the order of [`FileReading::PLACEMENT_KEYS`].
     fn values(&self) -> [String; 6] {
         let space = match self.space {
             FileSpace::Camera => "camera",
@@ -144,7 +144,7 @@ impl Placement {
             space.to_owned(),
             self.axes.name(),
             self.scale.to_string(),
-            // Its numbers, by columns: a file may change, and is not there later.
+            // The matrix by columns, not the file's name: the file may change or disappear.
             self.transform.map_or_else(
                 || "none".to_owned(),
                 |map| map.to_cols_array().map(|v| v.to_string()).join(":"),
@@ -157,8 +157,8 @@ impl Placement {
         ]
     }
 
-    /// Map from the file's coordinates to the source's camera; for [`FileSpace::Target`] to the target's, which `source`
-    /// then is.
+    /// Map from the file's coordinates to the source's camera. For [`FileSpace::Target`], pass the target's camera as
+    /// `source`.
     pub fn camera_from_file(&self, source: &PosedCamera) -> DAffine3 {
         let Intrinsics { fx, fy, .. } = source.intrinsics;
         let own = DAffine3::from_mat3(self.axes.matrix() * self.scale);
@@ -170,7 +170,7 @@ impl Placement {
             }
         };
         let [x, y] = self.shift;
-        // A pixel is a direction: it moves points in proportion to their depth.
+        // A pixel is a direction, so the shift grows in proportion to depth.
         let shifted = DMat3::from_cols(DVec3::X, DVec3::Y, DVec3::new(x / fx, y / fy, 1.0));
         let widened = DMat3::from_diagonal(DVec3::new(self.focal[0], self.focal[1], 1.0));
         let space_from_file = self.transform.unwrap_or(DAffine3::IDENTITY) * own;
@@ -178,7 +178,7 @@ impl Placement {
     }
 }
 
-/// `none`, the twelve numbers of a map by columns, or a file of it.
+/// Parses `none`, the twelve numbers of a matrix by columns, or the name of a file with one.
 fn transform(text: &str) -> Result<Option<DAffine3>, String> {
     match twelve(text) {
         None if text == "none" => Ok(None),
@@ -203,7 +203,7 @@ impl FileReading {
 
     pub(super) const RULE_KEY: &'static str = "rendering";
 
-    /// For arrays in memory: decoded values in the source camera's space.
+    /// The reading of arrays in memory: decoded values in the source camera's space.
     pub fn of_arrays() -> Self {
         Self {
             stored: StoredForm::default().of_arrays(),
@@ -217,7 +217,7 @@ impl FileReading {
         keys.chain([Self::RULE_KEY])
     }
 
-    /// Sets one of [`Self::keys`] and ignores other keys. The error lists the allowed values.
+    /// Sets one of [`Self::keys`]; ignores other keys. The error lists the allowed values.
     pub fn set(&mut self, key: &str, value: &str) -> Result<(), String> {
         let needed = |what: &str| format!("{key}={value}: {what} is needed");
         let number = |text: &str| text.parse::<f64>().ok().filter(|v| v.is_finite());
@@ -268,12 +268,12 @@ impl FileReading {
         Ok(())
     }
 
-    /// Settings other than the defaults, as [`Self::set`] takes them.
+    /// Settings that differ from the defaults, in the form of [`Self::set`].
     pub fn settings(&self) -> Vec<(&'static str, String)> {
         self.changes_from(&Self::default())
     }
 
-    /// Settings that differ from `other`, as [`Self::set`] takes them.
+    /// Settings that differ from `other`, in the form of [`Self::set`].
     pub fn changes_from(&self, other: &Self) -> Vec<(&'static str, String)> {
         let before = other.stored.settings();
         let stored = self.stored.settings().into_iter();

@@ -1,19 +1,19 @@
-//! Where a method's files lie in its folder: a template of a pair's names.
+//! Templates for the location of a method's files.
 
 use std::collections::BTreeSet;
 use std::path::{Component, Path, PathBuf};
 
 use crate::pairs::pair_id::{PairName, path_of};
 
-/// A path below the method's folder with the names of a pair in braces, such as `{scene}/point_cloud.ply`.
+/// A path below the method's folder with placeholders for the names of a pair, such as `{scene}/point_cloud.ply`.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) struct FileTemplate(String);
 
-/// Names of a pair; `pair` is its id.
+/// Placeholders; `pair` is the pair's id.
 const NAMES: [&str; 5] = ["dataset", "scene", "source", "target", "pair"];
 
 impl FileTemplate {
-    /// Reads a template. The error lists what is needed.
+    /// Parses a template. The error lists the placeholders.
     pub(super) fn parse(text: &str) -> Result<Self, String> {
         let needed = || {
             let names = NAMES.map(|name| format!("{{{name}}}"));
@@ -32,7 +32,7 @@ impl FileTemplate {
         }
     }
 
-    /// Whether it holds any of some names.
+    /// Whether the template contains any of these placeholders.
     pub(super) fn names(&self, names: &[&str]) -> bool {
         let is_there = |name: &&str| self.0.contains(&format!("{{{name}}}"));
         names.iter().any(is_there)
@@ -42,13 +42,13 @@ impl FileTemplate {
         &self.0
     }
 
-    /// The file of a pair in `folder`, or of a source where the id is of one: with names as they are, or else as they are
-    /// encoded in ids. Whether it exists is not asked.
+    /// Possible paths in `folder` of the file of a pair, or of a source if `id` is one: first with plain names, then
+    /// with names encoded as in ids. Does not check that the files exist.
     pub(super) fn candidates(&self, folder: &Path, id: &str) -> Vec<PathBuf> {
         let encoded = path_of(id);
         let plain = match id.contains("__") {
             true => PairName::decode(id),
-            // The source stands for a target that no template of sources names.
+            // Placeholder for the target, which no template of source files names.
             false => PairName::decode(&format!("{id}__x")),
         };
         let mut of_parts = encoded.splitn(3, '/');
@@ -74,7 +74,7 @@ impl FileTemplate {
     fn filled(&self, values: [&str; 5]) -> PathBuf {
         let mut out = String::new();
         let mut rest = self.0.as_str();
-        // Braces within a name are none of the template's.
+        // Braces within a name are not placeholders.
         while let Some((before, after)) = rest.split_once('{') {
             let (name, after) = after.split_once('}').unwrap_or((after, ""));
             let value = NAMES.iter().position(|known| *known == name);
@@ -87,14 +87,14 @@ impl FileTemplate {
     }
 }
 
-/// Whether a path stays below the folder that it is joined to.
+/// Whether a relative path stays below the folder it is joined to.
 fn is_below(path: &Path) -> bool {
     let mut parts = path.components();
     parts.clone().next().is_some() && parts.all(|part| matches!(part, Component::Normal(_)))
 }
 
-/// The template that finds the most of the pairs' files in a folder, in words; `None` if none finds any. `extensions` are
-/// those of the method's files.
+/// A message with the template that finds the most of the pairs' files in a folder; `None` if none finds any.
+/// `extensions` are those of the method's files.
 pub(super) fn suggestion(
     folder: &Path,
     ids: &BTreeSet<String>,
@@ -150,7 +150,7 @@ mod tests {
         let pair = FileTemplate::parse("{pair}.png").unwrap();
         let found = pair.candidates(folder, "d/s/a__b");
         assert_eq!(found[0], Path::new("dir/d/s/a__b.png"));
-        // A scene may not lead out of the folder.
+        // A scene's name must not lead out of the folder.
         let out = FileTemplate::parse("{scene}/x.ply").unwrap();
         let found = out.candidates(folder, "d/%2E%2E%2Fother/a");
         assert_eq!(found, [Path::new("dir/%2E%2E%2Fother/x.ply")]);

@@ -1,4 +1,4 @@
-//! Gaussians that someone else's method predicted, one file per source view, rendered by us.
+//! Gaussians predicted by an external method, one file per source view, rendered by this harness.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::iter;
@@ -25,25 +25,25 @@ use crate::io::{fingerprints, gaussian_files};
 use crate::pairs::pair_id::path_of;
 use crate::rendering::pose_alignment;
 
-/// Principal points that differ by less are not told apart, pixels.
+/// Principal points that differ by less count as equal, pixels.
 const LEAST_SHIFT: f64 = 0.75;
 
-/// Extras that count Gaussians which the renderer drops, and the reasons in words.
+/// Extras that count Gaussians dropped by the renderer, and the reasons as text.
 pub const UNUSABLE: [(&str, &str); 2] = [
     ("not_finite", "hold values that are not finite"),
     ("zero_quaternions", "have a quaternion of zero"),
 ];
 
-/// Reads `DIR/<dataset>/<scene>/<source>.ply` or another of [`EXTENSIONS`] (percent-encoded like pair ids), or a folder of
-/// that name that holds an unpacked SOG, or with `space=world` where that is missing, `DIR/<dataset>/<scene>.ply`; with
-/// `space=target` `DIR/<pair_id>.ply`. With `file=` it is the file that a template of `{dataset} {scene} {source} {target}
-/// {pair}` names.
+/// Reads `DIR/<dataset>/<scene>/<source>.ply` or another of [`EXTENSIONS`] (percent-encoded like pair ids), or a folder
+/// of that name with an unpacked SOG. With `space=world`, falls back to `DIR/<dataset>/<scene>.ply`; with
+/// `space=target`, reads `DIR/<pair_id>.ply`. `file=` overrides the path with a template of `{dataset} {scene} {source}
+/// {target} {pair}`.
 ///
-/// Unless [`FileReading`]'s settings say otherwise the Gaussians lie in the source's camera space, metres, OpenCV axes: what
-/// `sharp predict` and `sharp-bench predict` write. Whatever camera a file stores is ignored; the dataset's poses and
-/// intrinsics place and render them. Colours of a PLY that does not say how they are encoded need `color_space=`. Gaussians
-/// that are not finite or have a quaternion of zero are dropped, counted in the extras `not_finite` and `zero_quaternions`,
-/// and warned about; so are stored numbers that speak against the reading.
+/// Unless [`FileReading`]'s settings say otherwise, the Gaussians are in the source's camera space, metres, OpenCV
+/// axes: the output of `sharp predict` and `sharp-bench predict`. Any camera stored in a file is ignored; the dataset's
+/// poses and intrinsics place and render the Gaussians. Colours of a PLY that does not state their encoding need
+/// `color_space=`. Gaussians that are not finite or have a zero quaternion are dropped, counted in the extras
+/// `not_finite` and `zero_quaternions`, and warned about; so are stored numbers that contradict the reading.
 #[derive(Debug)]
 pub struct GaussianFiles {
     label: String,
@@ -51,16 +51,16 @@ pub struct GaussianFiles {
     depth: TrueDepth,
     /// Whether `align=pose` was given.
     aligned: bool,
-    /// The views it was trained on, if `train=` names them.
+    /// The views that the method was trained on, if `train=` names them.
     train: Option<TrainingViews>,
     several_views: bool,
-    /// As given.
+    /// The settings as given.
     reading: FileReading,
-    /// Where the transforms of scenes lie, if each has its own.
+    /// Template of the scenes' transform files, if each has its own.
     transform: Option<FileTemplate>,
-    /// Where files lie, if not as by default.
+    /// Template of the files, if not the default.
     file: Option<FileTemplate>,
-    /// Whether `axes=` is among the settings: SPZ files need it.
+    /// Whether `axes=` was given; SPZ files need it.
     has_axes: bool,
 }
 
@@ -91,7 +91,7 @@ impl GaussianFiles {
             None | Some("source") => None,
             Some(text) => Some(TrainingViews::read(text).map_err(|reason| spec.refused(reason))?),
         };
-        // One file for all sources of a scene was made of more than one of them, unless somebody says otherwise.
+        // A file shared by all sources of a scene was made from more than one of them, unless the user says otherwise.
         let is_of_scene = reading.placement.space == FileSpace::World
             && match &file {
                 Some(template) => !template.names(&["source", "target", "pair"]),
@@ -111,7 +111,7 @@ impl GaussianFiles {
         })
     }
 
-    /// What names the file of a pair: its source, or the pair itself where each target has a file.
+    /// The id that names a pair's file: the source's, or the pair's if each target has a file.
     fn file_id<'p>(&self, pair_id: &'p str) -> &'p str {
         match self.needs_target() {
             true => pair_id,
@@ -119,7 +119,7 @@ impl GaussianFiles {
         }
     }
 
-    /// The file of a scene's transform, if each has its own.
+    /// The scene's transform file, if each scene has its own.
     fn transform_of(&self, id: &str) -> Result<Option<PathBuf>, MethodError> {
         let Some(template) = &self.transform else {
             return Ok(None);
@@ -136,7 +136,7 @@ impl GaussianFiles {
         found.cloned().map(Some).ok_or_else(absent)
     }
 
-    /// The file that [`Self::file_id`] names.
+    /// The file for the id of [`Self::file_id`].
     fn find(&self, id: &str) -> Result<PathBuf, MethodError> {
         if let Some(template) = &self.file {
             let named = template.candidates(&self.dir, id);
@@ -174,7 +174,7 @@ impl GaussianFiles {
     }
 }
 
-/// Bytes of a file, or of the files in a folder.
+/// Size of a file, or of the files in a folder, bytes.
 fn size(path: &Path) -> u64 {
     let of_file = |path: &Path| std::fs::metadata(path).map_or(0, |about| about.len());
     let inside = std::fs::read_dir(path).map(|entries| {
@@ -184,7 +184,8 @@ fn size(path: &Path) -> u64 {
     inside.unwrap_or_else(|_| of_file(path))
 }
 
-/// Says that a file was made for another principal point than the dataset's: SHARP takes the middle of the photograph.
+/// A warning if a file was made for another principal point than the dataset's; SHARP assumes the middle of the
+/// photograph.
 fn other_principal_point(stored: &Intrinsics, own: &Intrinsics) -> Option<String> {
     let is_same_size = (stored.width, stored.height) == (own.width, own.height);
     let by = [stored.cx - own.cx, stored.cy - own.cy].map(|by| (by * 1000.0).round() / 1000.0);
@@ -197,12 +198,12 @@ fn other_principal_point(stored: &Intrinsics, own: &Intrinsics) -> Option<String
     })
 }
 
-/// The part of a pair's id that names its source: ids encode underscores that would form a second separator.
+/// The source's part of a pair's id. Ids encode underscores, so the first `__` is the separator.
 fn source_id(pair_id: &str) -> &str {
     pair_id.split("__").next().unwrap_or(pair_id)
 }
 
-/// Whether a folder holds `<dataset>/<scene>.ply` or another of [`EXTENSIONS`].
+/// Whether a folder contains `<dataset>/<scene>.ply` or another of [`EXTENSIONS`].
 fn holds_files_of_scenes(dir: &Path) -> bool {
     let entries = |folder: &Path| std::fs::read_dir(folder).into_iter().flatten().flatten();
     let mut files = entries(dir).flat_map(|dataset| entries(&dataset.path()));
@@ -213,7 +214,7 @@ fn holds_files_of_scenes(dir: &Path) -> bool {
     })
 }
 
-/// Files and folders of this name with any extension, sorted.
+/// Files and folders with this stem and any extension, sorted.
 fn beside(stem: &Path) -> Vec<PathBuf> {
     let (Some(folder), Some(name)) = (stem.parent(), stem.file_name()) else {
         return Vec::new();
@@ -253,7 +254,7 @@ impl Method for GaussianFiles {
             let align = ("align".to_owned(), pose_alignment::procedure());
             identity.settings.extend([align]);
         }
-        // Where a file lies is no part of it: its bytes are hashed.
+        // The file's location is not included, because its bytes are hashed.
         identity
     }
 
@@ -378,7 +379,7 @@ impl PredictGaussians for GaussianFiles {
             first_layer: None,
             extras,
             rule: (rule != Rule::SHARP).then_some(rule),
-            // What lies in a target's space is not sought in others.
+            // Files in a target's space are not tried in other spaces.
             reading: (placement.space != FileSpace::Target).then_some(FileReading {
                 stored,
                 placement,
@@ -387,7 +388,7 @@ impl PredictGaussians for GaussianFiles {
             rule_note,
             warnings: doubts
                 .into_iter()
-                // A turn about z is what the axes then say.
+                // A rotation about z is then explained by the axes.
                 .filter(|d| d.about != StoredQuaternions::KEY || placement.axes == Axes::OPENCV)
                 .filter(|d| d.about != AXES)
                 .map(|doubt| {

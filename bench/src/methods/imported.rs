@@ -1,4 +1,4 @@
-//! Pictures that someone else's method made: `DIR/<pair_id>.png|jpg|exr|webp|tif|bmp`.
+//! Pictures made by an external method: `DIR/<pair_id>.png|jpg|exr|webp|tif|bmp`.
 
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
@@ -19,19 +19,20 @@ use crate::scoring::Region;
 
 /// Reads a folder of predicted pictures.
 ///
-/// The sub-folders follow the pair id: `DIR/dataset/scene/source__target.png`, or `file=` is a template of `{dataset}
-/// {scene} {source} {target} {pair}`. `alpha=`, `color=`, `orientation=` and
-/// `exr=` say how a picture is read that is not opaque, upright sRGB ([`PictureReading`](crate::io::pictures::PictureReading)); every picture is quantised to 8 bit by rounding like every other prediction.
+/// Subfolders follow the pair id: `DIR/dataset/scene/source__target.png`; `file=` overrides this with a template of
+/// `{dataset} {scene} {source} {target} {pair}`. `alpha=`, `color=`, `orientation=` and `exr=` set how to read pictures
+/// that are not opaque, upright sRGB ([`PictureReading`](crate::io::pictures::PictureReading)); every picture is
+/// rounded to 8 bit, like every other prediction.
 ///
-/// A picture whose size is not the target's is an error unless `resize=KERNEL` names how a smaller one of the same
-/// aspect is resized up, or `crop=` says which part of the target it shows: `x:y:w:h` in pixels of the target,
+/// A picture whose size is not the target's is an error unless `resize=KERNEL` sets how a smaller one of the same
+/// aspect is enlarged, or `crop=` sets the part of the target that it covers: `x:y:w:h` in pixels of the target,
 /// `center:W:H` for the largest part of that aspect in the middle, `center` for the picture's own aspect, `sidecar` for
 /// `DIR/<pair_id>.json` with `{"crop": [x, y, width, height]}`.
 #[derive(Debug, Clone)]
 pub struct Imported {
     label: String,
     dir: PathBuf,
-    /// Where pictures lie, if not as by default.
+    /// Template of the pictures' paths, if not the default.
     file: Option<FileTemplate>,
     fit: FitRules,
 }
@@ -47,7 +48,7 @@ impl Imported {
         "png", "jpg", "jpeg", "exr", "webp", "tif", "tiff", "bmp", "jfif",
     ];
 
-    /// Reads the options.
+    /// Parses the options.
     pub fn from_spec(spec: &MethodSpec) -> Result<Self, SpecError> {
         let fit = FitRules::parse(|key| spec.option(key));
         Ok(Self {
@@ -62,7 +63,7 @@ impl Imported {
         })
     }
 
-    /// The same rules for a subfolder.
+    /// The same method reading from the subfolder `name`.
     pub(super) fn in_folder(&self, name: &str) -> Self {
         Self {
             dir: self.dir.join(name),
@@ -107,7 +108,8 @@ impl Imported {
         }
     }
 
-    /// Appends the extension instead of replacing one: a view's name may hold a dot.
+    /// Path of the sidecar file. Appends the extension instead of replacing one, because a view's name may contain a
+    /// dot.
     fn sidecar_path(&self, pair_id: &str) -> PathBuf {
         self.dir.join(format!("{}.json", path_of(pair_id)))
     }
@@ -126,7 +128,7 @@ impl Imported {
         })
     }
 
-    /// The part of the target that the picture of a pair shows.
+    /// The part of the target that a pair's picture covers.
     fn region_of(
         &self,
         path: &Path,
@@ -151,8 +153,8 @@ impl Method for Imported {
         &self.label
     }
 
-    /// The folder is not part of it: the bytes of each picture are hashed instead, so a moved
-    /// folder does not undo finished work.
+    /// Excludes the folder: the bytes of each picture are hashed instead, so that moving the folder keeps finished work
+    /// valid.
     fn identity(&self) -> MethodIdentity {
         MethodIdentity {
             kind: "imported".to_owned(),

@@ -22,11 +22,11 @@ use crate::scoring::ScaleChooser;
 #[derive(Debug, Clone, Copy)]
 pub struct MethodKind {
     pub name: &'static str,
-    /// Options besides `label`, in groups.
+    /// Groups of options; `label` is implied.
     pub options: &'static [&'static [&'static str]],
-    /// What its predictions are.
+    /// What the method predicts.
     pub summary: &'static str,
-    /// Its options in words.
+    /// Description of its options.
     pub settings: &'static str,
     build: fn(&MethodSpec, Option<&Arc<ScaleChooser>>) -> Built,
 }
@@ -112,11 +112,12 @@ pub const KINDS: [MethodKind; 8] = [
     },
 ];
 
-/// A method with its spec; `None` for a method made by a program.
+/// A method with its spec; `None` for a method passed in as code.
 pub type BuiltMethod = (Option<MethodSpec>, Box<dyn Method>);
 
-/// Builds the methods; labels must be unique. A method whose targets are aligned comes with itself without that, unless it is
-/// among them: its score means little alone. `chooser` picks the scale of methods that predict several.
+/// Builds the methods; labels must be unique. For each method with aligned targets, adds the same method without
+/// alignment unless it is already listed, because an aligned score means little alone. `chooser` picks the scale for
+/// methods that predict several.
 pub fn build(
     specs: &[MethodSpec],
     chooser: Option<&Arc<ScaleChooser>>,

@@ -1,6 +1,6 @@
 //! The interface of methods: input and output.
 //!
-//! A method sees the source and the *camera* of the target. It has no access to the target's photograph:
+//! A method sees the source view and the target's *camera*. It has no access to the target's photograph:
 //!
 //! ```compile_fail,E0599
 //! use sharp_bench::methods::{MethodError, PicturePrediction, SourceView, TargetCamera};
@@ -10,7 +10,7 @@
 //! }
 //! ```
 //!
-//! It has access to the source's:
+//! It has access to the source's photograph:
 //!
 //! ```
 //! use sharp_bench::methods::{MethodError, PicturePrediction, SourceView, TargetCamera};
@@ -40,7 +40,7 @@ use super::spec::MethodSpec;
 use crate::pairs::PosedCamera;
 use crate::scoring::{Region, ScaleChooser};
 
-/// The view that a method starts from.
+/// The source view, a method's input.
 #[derive(Debug, Clone, Copy)]
 pub struct SourceView<'a> {
     name: &'a str,
@@ -50,7 +50,8 @@ pub struct SourceView<'a> {
 }
 
 impl<'a> SourceView<'a> {
-    /// A view. `name` is `dataset/scene/source`; `depth` is given only to methods with the [`Privilege`] to see it.
+    /// Creates a view. `name` is `dataset/scene/source`; `depth` is given only to methods with the [`Privilege`] to see
+    /// it.
     pub fn new(
         name: &'a str,
         camera: &'a PosedCamera,
@@ -74,7 +75,7 @@ impl<'a> SourceView<'a> {
         self.camera
     }
 
-    /// Pixels, principal point with centres at (i + 0.5, j + 0.5).
+    /// Intrinsics in pixels; pixel (i, j) has its centre at (i + 0.5, j + 0.5).
     pub fn intrinsics(&self) -> &'a Intrinsics {
         &self.camera.intrinsics
     }
@@ -84,14 +85,14 @@ impl<'a> SourceView<'a> {
         self.image
     }
 
-    /// Ground-truth z-depth in metres, 0 where there is none; for methods with the [`Privilege`] to see it, where the
-    /// dataset has some.
+    /// Ground-truth z-depth in metres, 0 where unknown. `None` unless the method has the [`Privilege`] to see it and
+    /// the dataset provides it.
     pub fn depth(&self) -> Option<&'a DepthMap> {
         self.depth
     }
 }
 
-/// The target's camera: all that a method learns of the target.
+/// The target's camera, the only thing a method knows about the target.
 #[derive(Debug, Clone, Copy)]
 pub struct TargetCamera<'a> {
     pair_id: &'a str,
@@ -112,7 +113,7 @@ impl<'a> TargetCamera<'a> {
         self.camera
     }
 
-    /// Pixels; the prediction has its width and height.
+    /// Intrinsics in pixels; the prediction must have this width and height.
     pub fn intrinsics(&self) -> &'a Intrinsics {
         &self.camera.intrinsics
     }
@@ -130,15 +131,15 @@ impl<'a> TargetCamera<'a> {
 
 #[derive(Debug, Clone, PartialEq)]
 pub struct PicturePrediction {
-    /// sRGB, of the target's size, or of [`Self::region`]'s.
+    /// sRGB picture of the target's size, or of [`Self::region`]'s.
     pub picture: Picture,
-    /// The part of the target that the picture shows; `None` for all of it.
+    /// The part of the target that the picture covers; `None` for all of it.
     pub region: Option<Region>,
-    /// Size before it was resized to what it shows, pixels.
+    /// Size before resizing, pixels; `None` if not resized.
     pub resized_from: Option<(u32, u32)>,
-    /// What the method reports about it; each becomes a column.
+    /// Extra values that the method reports; each becomes a column.
     pub extras: BTreeMap<String, f64>,
-    /// Conversions of its file that were not asked for, one sentence each with the setting.
+    /// Implicit conversions of the file, one sentence each that names the setting.
     pub notes: Vec<String>,
 }
 
@@ -163,9 +164,9 @@ pub struct Candidate {
 
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum GaussianSpace {
-    /// The source's normalised space: the picture's edges at ±1, z in metres. Placed by E_t E_s⁻¹ K_s⁻¹.
+    /// The source's normalised space: the picture's edges are at ±1, z is in metres. Placed by E_t E_s⁻¹ K_s⁻¹.
     Normalized,
-    /// A space that this map takes to the source camera's, metres.
+    /// A space that this map transforms to the source camera's, metres.
     Camera(DAffine3),
 }
 
@@ -174,32 +175,32 @@ impl GaussianSpace {
     pub const CAMERA: Self = Self::Camera(DAffine3::IDENTITY);
 }
 
-/// Gaussians that a method predicted from a source, for all targets.
+/// Gaussians predicted from a source for all targets.
 #[derive(Debug, Clone, PartialEq)]
 pub struct GaussianPrediction {
-    /// Colours in what the rule blends.
+    /// Gaussians with colours in the space that the rule blends.
     pub gaussians: Gaussians,
-    /// How they are drawn; `None` is as the run draws SHARP's.
+    /// Rendering rule; `None` for SHARP's under the run's settings.
     pub rule: Option<Rule>,
     pub space: GaussianSpace,
-    /// The network's first depth layer, metres: what is aligned to the truth where the scale is a [`Privilege`].
+    /// The network's first depth layer, metres; it is aligned to the true depth for methods with that [`Privilege`].
     pub first_layer: Option<DepthMap>,
-    /// What the method reports about them; each becomes a column.
+    /// Extra values that the method reports; each becomes a column.
     pub extras: BTreeMap<String, f64>,
-    /// How they were read, if they come from someone else's file.
+    /// How the Gaussians were read, if from an external file.
     pub reading: Option<FileReading>,
     /// Warnings about that reading, by topic.
     pub warnings: BTreeMap<String, String>,
-    /// Why they are drawn so, where nobody said it.
+    /// Why this rendering rule was chosen, if nobody stated it.
     pub rule_note: Option<String>,
 }
 
-/// What a method's predictions depend on besides the pair, printed as `kind(key=value,…)`.
+/// Everything besides the pair that a method's predictions depend on, printed as `kind(key=value,…)`.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub struct MethodIdentity {
-    /// As in `--method KIND`.
+    /// The kind in `--method KIND`.
     pub kind: String,
-    /// Weights by their sha256, options by their value. Paths are not among them: a moved file is the same file.
+    /// SHA-256 of weights, and values of options. Paths are excluded, so that moved files stay valid.
     pub settings: BTreeMap<String, String>,
 }
 
@@ -228,7 +229,7 @@ impl fmt::Display for MethodIdentity {
     }
 }
 
-/// Why a method failed on a pair. It becomes a recorded failure; the other pairs continue.
+/// Why a method failed on a pair. The failure is recorded, and the run continues with the other pairs.
 #[derive(Debug, Clone, thiserror::Error)]
 pub enum MethodError {
     #[error("{view}: {reason}")]
@@ -237,7 +238,7 @@ pub enum MethodError {
     File { path: PathBuf, reason: String },
     #[error("'{run}': {reason}")]
     Program { run: String, reason: String },
-    /// The network, the Gaussian file, or another part of the method.
+    /// An error in the network, a Gaussian file, or another part of the method.
     #[error("{0}")]
     Model(String),
 }
@@ -266,14 +267,14 @@ impl From<DatasetError> for MethodError {
 
 /// A way to predict a target view from a source view.
 pub trait Method: Send + Sync {
-    /// Fills the `method` column.
+    /// Value of the `method` column.
     fn label(&self) -> &str;
 
     /// Everything about the instance that a prediction depends on.
     fn identity(&self) -> MethodIdentity;
 
-    /// Hash of the code that predicts, so that another version of it predicts again; see
-    /// [`fingerprints`](crate::io::fingerprints). Methods of others put a version into their identity instead.
+    /// Hash of the predicting code, so that changed code predicts again; see [`fingerprints`](crate::io::fingerprints).
+    /// External methods put a version into their identity instead.
     fn sources(&self) -> &'static str {
         ""
     }
@@ -282,31 +283,31 @@ pub trait Method: Send + Sync {
         Privilege::NONE
     }
 
-    /// Whether a pair's source and target are among the views it was trained on; `None` if nobody said which those are.
+    /// Whether a pair's source and target are among the views that the method was trained on; `None` if unknown.
     fn trained_on(&self, _pair_id: &str) -> Option<[bool; 2]> {
         None
     }
 
-    /// Warnings about the method's options, one sentence each, without its label.
+    /// Warnings about the method's options, one sentence each, without the label.
     fn notes(&self) -> Vec<String> {
         Vec::new()
     }
 
-    /// Files besides the two views that this pair's prediction depends on.
+    /// Files that the prediction for this pair depends on, besides the two views.
     fn input_files(&self, _pair_id: &str) -> Result<Vec<PathBuf>, MethodError> {
         Ok(Vec::new())
     }
 
-    /// Looks for the files of some pairs, by id, before the first of them is predicted.
+    /// Checks for the files of the pairs with these ids, before the first prediction.
     ///
     /// # Errors
-    /// When none of them is where it is looked for, but some would be elsewhere; says where.
+    /// If none of the files is where it is expected, but some are elsewhere; the error says where.
     fn check_files(&self, _pair_ids: &BTreeSet<String>) -> Result<(), String> {
         Ok(())
     }
 
-    /// Called once before the first prediction of a run, with the folder for logs, which need not exist, and the one
-    /// for [`scratch_folder`](crate::io::atomic_files::scratch_folder)s.
+    /// Called once before the first prediction of a run. `logs` is the folder for logs, which need not exist;
+    /// `scratch_in` is the folder for [`scratch_folder`](crate::io::atomic_files::scratch_folder)s.
     fn begin(&self, _logs: &Path, _scratch_in: &Path) {}
 
     fn approach(&self) -> Approach<'_>;
@@ -315,14 +316,14 @@ pub trait Method: Send + Sync {
 pub enum Approach<'a> {
     Pictures(&'a dyn PredictPicture),
     Gaussians(&'a dyn PredictGaussians),
-    /// Pictures at several scales of the scene, of which the best is scored.
+    /// Pictures at several scales of the scene; the best is scored.
     Scales(&'a dyn PredictScales),
-    /// The truth itself, which is not handed over: a self-test of the whole path.
+    /// The ground truth itself, which the method does not see: a self-test of the whole pipeline.
     Target,
 }
 
 pub trait PredictPicture: Sync {
-    /// Predicts the picture of a camera.
+    /// Predicts the picture seen by the target's camera.
     fn predict(
         &self,
         source: &SourceView,
@@ -332,13 +333,13 @@ pub trait PredictPicture: Sync {
 
 /// Predicts Gaussians.
 pub trait PredictGaussians: Sync {
-    /// Whether each target has Gaussians of its own. By default those of a source serve all its targets, which the
-    /// method is not told.
+    /// Whether each target has its own Gaussians. By default a source's Gaussians serve all targets, which the method
+    /// does not see.
     fn needs_target(&self) -> bool {
         false
     }
 
-    /// Predicts the Gaussians of a source; `target` is given where it is needed.
+    /// Predicts the Gaussians of a source; `target` is given only if [`Self::needs_target`].
     fn predict(
         &self,
         source: &SourceView,
@@ -348,17 +349,17 @@ pub trait PredictGaussians: Sync {
 
 /// Predicts pictures at several scales of the scene.
 pub trait PredictScales: Sync {
-    /// Predicts the picture of a camera at every scale.
+    /// Predicts the target's picture at every scale.
     ///
     /// # Errors
-    /// When one is missing or unusable, or they show different parts of the target.
+    /// If a picture is missing or unusable, or the pictures cover different parts of the target.
     fn predict(
         &self,
         source: &SourceView,
         target: &TargetCamera,
     ) -> Result<Vec<Candidate>, MethodError>;
 
-    /// Picks the best by comparing with the target.
+    /// Picks the best scale by comparing with the target.
     fn chooser(&self) -> &ScaleChooser;
 }
 
@@ -374,7 +375,7 @@ impl<F> Closure<F>
 where
     F: Fn(&SourceView, &TargetCamera) -> Result<PicturePrediction, MethodError> + Send + Sync,
 {
-    /// A function as a method. Its code cannot be hashed; change `version` to predict again.
+    /// Wraps a function. Its code cannot be hashed; change `version` to predict again.
     pub fn new(label: impl Into<String>, version: impl Into<String>, predict: F) -> Self {
         Self {
             label: label.into(),
@@ -384,7 +385,7 @@ where
         }
     }
 
-    /// A method of this crate, whose code is hashed.
+    /// Wraps a method of this crate, whose code is hashed.
     pub(super) fn built_in(
         spec: &MethodSpec,
         identity: MethodIdentity,

@@ -1,15 +1,15 @@
-//! Methods predict a target view from a source view.
+//! Methods that predict a target view from a source view.
 //!
 //! * [`method`]: the traits, with their input and output.
 //! * [`spec`]: an instance on the command line, `KIND[:key=value,…]`; [`kinds`]: builds instances from specs.
 //! * [`trivial`]: `target`, `copy` and `mean`, the ends of the scale.
 //! * [`depth_splat`]: the dataset's depth, splatted by SHARP's own initializer and composer.
 //! * [`sharp`]: the SHARP network.
-//! * [`gaussians`]: Gaussians that someone else's method predicted; [`file_reading`]: how their files are read.
-//!   `file_template`: where they lie; `placement_file`: where their Gaussians do.
-//! * [`imported`]: pictures that someone else's method made; `crop_and_resize`: rules for cropped and smaller
-//!   ones; [`scale_sweep`]: pictures at several scales.
-//! * [`command`]: someone's program, asked pair by pair.
+//! * [`gaussians`]: Gaussians of an external method; [`file_reading`]: how their files are read. `file_template`: paths
+//!   of the files; `placement_file`: transforms of their Gaussians.
+//! * [`imported`]: pictures of an external method; `crop_and_resize`: rules for cropped and smaller ones;
+//!   [`scale_sweep`]: pictures at several scales.
+//! * [`command`]: an external program, queried pair by pair.
 
 pub mod command;
 mod crop_and_resize;
@@ -39,5 +39,5 @@ pub use privilege::{Privilege, TrueDepth};
 pub use scale_sweep::sweep_scales;
 pub use spec::{MethodSpec, SpecError};
 
-/// Limit of the names that a method reports about its predictions: each is a column of tables.
+/// Maximum number of extras that a method may report; each becomes a table column.
 pub const MOST_EXTRAS: usize = 32;

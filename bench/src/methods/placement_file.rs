@@ -1,11 +1,12 @@
-//! The map from a file's coordinates to its space, from JSON: nerfstudio's `dataparser_transforms.json`, or a matrix.
+//! Reads the map from a file's coordinates to its space from JSON: nerfstudio's `dataparser_transforms.json`, or a
+//! matrix.
 
 use std::path::Path;
 
 use glam::{DAffine3, DMat3, DVec3};
 use serde::Deserialize;
 
-/// Columns of equal length at right angles may differ from that by so much, as a share.
+/// Relative tolerance for columns to count as equally long and orthogonal.
 const SIMILARITY: f64 = 1e-3;
 
 #[derive(Deserialize)]
@@ -13,15 +14,15 @@ const SIMILARITY: f64 = 1e-3;
 enum File {
     /// `x_file = scale · (transform · [x_world; 1])`.
     Nerfstudio {
-        /// Three rows of four, or four.
+        /// Three or four rows.
         transform: Vec<[f64; 4]>,
         scale: f64,
     },
-    /// From the file's coordinates to the space's.
+    /// Map from the file's coordinates to its space.
     Matrix([[f64; 4]; 4]),
 }
 
-/// Reads the map from a file's coordinates to its space. The error names no file.
+/// Reads the map from a file's coordinates to its space. Errors do not name the file.
 pub(super) fn read(path: &Path) -> Result<DAffine3, String> {
     let text = sharp::files::read_text(path).map_err(|error| error.to_string())?;
     let needed = |_| {
@@ -49,7 +50,7 @@ pub(super) fn read(path: &Path) -> Result<DAffine3, String> {
     })
 }
 
-/// Refuses what is no rotation, scale and shift: Gaussians would be sheared, and a mirrored scene is none of a camera.
+/// Accepts only a rotation with scale and translation: others would shear Gaussians or mirror the scene.
 pub(super) fn check(map: &DAffine3) -> Result<(), String> {
     let [x, y, z] = [map.matrix3.x_axis, map.matrix3.y_axis, map.matrix3.z_axis];
     let determinant = map.matrix3.determinant();
@@ -83,7 +84,7 @@ mod tests {
     #[test]
     fn nerfstudios_transform_is_undone_and_a_matrix_is_taken_as_it_is() {
         let given = r#"{"transform": [[0,-1,0,1],[1,0,0,2],[0,0,1,3]], "scale": 0.5}"#;
-        // x_world = (2, 4, 6) goes to (-4 + 1, 2 + 2, 6 + 3) / 2.
+        // x_world = (2, 4, 6) maps to (-4 + 1, 2 + 2, 6 + 3) / 2.
         let found = of(given)
             .unwrap()
             .transform_point3(DVec3::new(-1.5, 2.0, 4.5));

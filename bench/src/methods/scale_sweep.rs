@@ -1,4 +1,4 @@
-//! Pictures of someone else's method at several scales of the scene, of which the best is scored.
+//! Pictures of an external method at several scales of the scene; the best scale is scored.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -13,8 +13,8 @@ use crate::scoring::ScaleChooser;
 
 /// Reads `DIR/<scale>/<pair_id>.png` for every scale and keeps the best.
 ///
-/// A pair of which one scale's picture is missing is a failure: the best of fewer is another number. Equally good scales
-/// go to the one named first.
+/// A pair with a missing picture at any scale is a failure, because the best of fewer scales is not comparable. Ties go
+/// to the scale named first.
 ///
 /// Extras: `best_scale`, `scales_tried`, and those of [`Imported`].
 #[derive(Debug)]
@@ -26,10 +26,10 @@ pub struct ScaleSweep {
 }
 
 impl ScaleSweep {
-    /// Reads `scales=A+B+…`, each the name of a folder.
+    /// Parses `scales=A+B+…`, each the name of a folder.
     ///
     /// # Errors
-    /// When a scale is no positive number, is given twice or has no folder.
+    /// If a scale is not a positive number, is given twice or has no folder.
     pub(super) fn from_spec(
         spec: &MethodSpec,
         chooser: Arc<ScaleChooser>,
@@ -59,7 +59,7 @@ impl ScaleSweep {
     }
 }
 
-/// The scales of a sweep from the names of its folders. The error names no method.
+/// Parses the scales of a sweep from its folder names. Errors do not name the method.
 pub fn sweep_scales(names: &[String]) -> Result<Vec<(String, f64)>, String> {
     let mut scales: Vec<(String, f64)> = Vec::new();
     for name in names {

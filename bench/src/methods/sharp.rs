@@ -1,4 +1,4 @@
-//! SHARP itself: our network on the source photograph, our renderer for the target.
+//! SHARP itself: our network predicts from the source photograph, our renderer draws the target.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -21,14 +21,14 @@ use crate::io::hash::{FileStamp, HashedFile};
 
 /// The SHARP network.
 ///
-/// The photograph is taken as the dataset gives it. The disparity factor is the dataset's focal length over the width
-/// (f_x / W). `depth=privileged` is [`TrueDepth::DepthScale`]; a source without depth is a failure then.
+/// Uses the photograph as the dataset provides it. The disparity factor is the dataset's focal length over the width
+/// (f_x / W). `depth=privileged` is [`TrueDepth::DepthScale`]; then a source without depth is a failure.
 pub struct Sharp {
     label: String,
     network: NetworkSpec,
     identity: NetworkIdentity,
     depth: TrueDepth,
-    /// Read while the network runs.
+    /// Hashed while the network runs.
     checkpoint: HashedFile,
     predictor: OnceLock<Result<Predictor, String>>,
 }
@@ -37,14 +37,14 @@ impl Sharp {
     pub const OPTIONS: [&'static str; 5] =
         ["checkpoint", "config", "depth", "device", "allow_unused"];
 
-    /// The setting of the identity that says what was noticed when its file was read.
+    /// Key of the identity with remarks on reading the checkpoint.
     pub const NOTE: &'static str = "note";
 
-    /// Reads the options; the weights are loaded at the first prediction.
+    /// Parses the options; the weights are loaded at the first prediction.
     ///
     /// # Errors
-    /// When the checkpoint is not found or is not the one recorded, the device is not there, or an option's value is
-    /// not known.
+    /// If the checkpoint is missing or is not the recorded one, the device does not exist, or an option has an unknown
+    /// value.
     pub fn from_spec(spec: &MethodSpec) -> Result<Self, SpecError> {
         let depth = spec.depth(TrueDepth::DepthScale)?;
         let refused = |error: &dyn std::fmt::Display| spec.refused(error);
@@ -53,7 +53,7 @@ impl Sharp {
             .unwrap_or("cpu")
             .parse()
             .map_err(|error: ModelError| spec.error(error.to_string()))?;
-        // A device that is not there is said before a checkpoint is looked for.
+        // Report a missing device before searching for a checkpoint.
         device.open(Algorithm::Winograd).map_err(|e| refused(&e))?;
         let checkpoint = spec.option("checkpoint").map(Path::new);
         let named = named_network(checkpoint, spec.option("config"));
@@ -67,8 +67,8 @@ impl Sharp {
             ..named.map_err(|error| refused(&error))?
         };
         let sharp = Self::new(&spec.label, network, depth).map_err(|error| refused(&error))?;
-        // The official checkpoint, found rather than named, has to be the one that was used before. A cache that cannot
-        // be written is no reason against it.
+        // The official checkpoint, if found rather than named, must be the one used before. An unwritable cache is not
+        // an error.
         if let (None, Some(record)) = (checkpoint, record_file()) {
             let Self {
                 network, identity, ..
@@ -78,17 +78,17 @@ impl Sharp {
                 Err(error) => return Err(refused(&error)),
             }
         }
-        // What does not fit ends a run before its first pair.
+        // Fail on a mismatch before the first pair.
         let complete = CheckpointSource::open(&sharp.network.checkpoint)
             .and_then(|source| source.check(&sharp.network.config, &sharp.network.allow_unused));
         complete.map_err(|error| refused(&error))?;
         Ok(sharp)
     }
 
-    /// A network under a label; its weights are loaded at the first prediction.
+    /// Creates a method from a network; the weights are loaded at the first prediction.
     ///
     /// # Errors
-    /// When its checkpoint cannot be read, or its device is not there.
+    /// If the checkpoint cannot be read, or the device does not exist.
     pub fn new(label: &str, network: NetworkSpec, depth: TrueDepth) -> Result<Self, MethodError> {
         let stamp = FileStamp::of(&network.checkpoint);
         let stamp = stamp.map_err(|error| MethodError::Model(error.to_string()))?;
@@ -220,7 +220,7 @@ mod tests {
             Sharp::from_spec(&text.parse().unwrap()).unwrap()
         };
         let plain = sharp("");
-        // The device that was found, not what was asked for.
+        // The device that was found, not the requested one.
         let engine = &plain.identity().settings["engine"];
         assert!(engine.starts_with("cpu-"), "{engine}");
         let more = sharp(",allow_unused='ema.,aux.'");

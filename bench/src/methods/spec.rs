@@ -1,4 +1,4 @@
-//! Method instances on the command line: `KIND[:key=value,…]`.
+//! Parses method instances of the command line: `KIND[:key=value,…]`.
 
 use std::collections::BTreeMap;
 use std::fmt;
@@ -14,30 +14,30 @@ use super::privilege::TrueDepth;
 pub enum SpecError {
     #[error("method '{spec}': unknown kind; {known}")]
     UnknownKind { spec: String, known: String },
-    /// An option that is not understood.
+    /// An invalid option.
     #[error("method '{spec}': {reason}")]
     Malformed { spec: String, reason: String },
-    /// A file, folder or device that an option names.
+    /// An option names an unusable file, folder or device.
     #[error("method '{spec}': {reason}")]
     Refused { spec: String, reason: String },
 }
 
-/// One instance: a kind, a label (the kind's name unless `label=` is given) and options.
+/// One instance: a kind, a label (by default the kind's name) and options.
 ///
-/// Values that hold a comma are quoted with `'…'` or `"…"`.
+/// Values that contain a comma are quoted with `'…'` or `"…"`.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[schemars(with = "String")]
 #[serde(into = "String", try_from = "String")]
 pub struct MethodSpec {
     /// `target`, `copy`, `depth-splat`, ….
     pub kind: String,
-    /// Fills the `method` column; unique within a run.
+    /// Value of the `method` column; unique within a run.
     pub label: String,
     pub options: BTreeMap<String, String>,
 }
 
 impl SpecError {
-    /// Without the spec that it is about.
+    /// The reason without the spec.
     pub fn reason(self) -> String {
         match self {
             Self::UnknownKind { .. } => self.to_string(),
@@ -61,7 +61,7 @@ impl MethodSpec {
         }
     }
 
-    /// Refuses options that the kind does not know.
+    /// Fails on options that the kind does not have.
     pub fn expect_options(&self, known: &[&str]) -> Result<(), SpecError> {
         match self.options.keys().find(|k| !known.contains(&k.as_str())) {
             None => Ok(()),
@@ -81,7 +81,7 @@ impl MethodSpec {
         self.options.get(key).map(String::as_str)
     }
 
-    /// `depth=none|privileged`: without depth, or with what this kind of method can know of it.
+    /// Parses `depth=none|privileged`; `privileged` is the use of depth that this kind offers.
     pub(super) fn depth(&self, privileged: TrueDepth) -> Result<TrueDepth, SpecError> {
         match self.option("depth") {
             None | Some("none") => Ok(TrueDepth::None),
@@ -90,7 +90,7 @@ impl MethodSpec {
         }
     }
 
-    /// The same without `align=`, as another method.
+    /// A copy without `align=`, under another label.
     pub(super) fn unaligned(&self) -> Self {
         let mut other = self.clone();
         other.options.remove("align");
@@ -141,7 +141,7 @@ impl FromStr for MethodSpec {
     }
 }
 
-/// In the form that is parsed: the label unless it is the kind's name, then the options by key.
+/// The canonical spec: the label unless it is the kind's name, then the options by key.
 impl fmt::Display for MethodSpec {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(&self.kind)?;
@@ -180,7 +180,7 @@ impl TryFrom<String> for MethodSpec {
     }
 }
 
-/// Labels become file names and table rows. The error names no method.
+/// Checks a label, which becomes a file name and a table row. Errors do not name the method.
 pub fn check_label(label: &str) -> Result<(), String> {
     if label.is_empty() {
         return Err("the label is empty".into());

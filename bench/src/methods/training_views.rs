@@ -8,20 +8,21 @@ use crate::io::hash::sha256_hex;
 use crate::pairs::dataset::name_matcher;
 use crate::pairs::pair_id::PairName;
 
-/// Names `VIEW`, `SCENE/VIEW` or `DATASET/SCENE/VIEW`, with or without a picture's extension; `*` and `?` are wildcards.
+/// Patterns `VIEW`, `SCENE/VIEW` or `DATASET/SCENE/VIEW`, with or without a picture's extension; `*` and `?` are
+/// wildcards.
 #[derive(Debug)]
 pub(super) struct TrainingViews {
     patterns: Vec<GlobMatcher>,
     sha256: String,
 }
 
-/// Whether `train=` names a list of views, not a pattern.
+/// Whether `train=` names a list file rather than a pattern.
 pub fn is_training_list(text: &str) -> bool {
     text.to_ascii_lowercase().ends_with(".txt")
 }
 
 impl TrainingViews {
-    /// Reads `train=`: a list (a `.txt` file, one name a line) or a single pattern.
+    /// Parses `train=`: a list (a `.txt` file, one pattern per line) or a single pattern.
     pub(super) fn read(text: &str) -> Result<Self, String> {
         let list = match is_training_list(text) {
             true => sharp::files::read_text(Path::new(text))
@@ -42,12 +43,12 @@ impl TrainingViews {
         }
     }
 
-    /// For the identity of a method.
+    /// Short hash for the identity of a method.
     pub(super) fn hash(&self) -> &str {
         &self.sha256[..16]
     }
 
-    /// Whether source and target of a pair are among them.
+    /// Whether a pair's source and target are among these views; `None` for an invalid id.
     pub(super) fn hold(&self, pair_id: &str) -> Option<[bool; 2]> {
         let name = PairName::decode(pair_id).ok()?;
         let views = [&name.source, &name.target];

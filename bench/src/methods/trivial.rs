@@ -1,4 +1,4 @@
-//! Methods that predict nothing: the ends of every metric's scale.
+//! Methods without prediction, which mark the ends of every metric's scale.
 
 use image::{Rgb, RgbImage};
 
@@ -9,7 +9,7 @@ use super::method::{
 use super::spec::MethodSpec;
 use crate::io::fingerprints;
 
-/// Returns the ground truth. It must be perfect under every metric: a self-test of the whole path.
+/// Returns the ground truth, which must be perfect under every metric: a self-test of the whole pipeline.
 #[derive(Debug, Clone)]
 pub struct Target {
     pub label: String,
@@ -33,7 +33,7 @@ impl Method for Target {
     }
 }
 
-/// The source photograph, unmoved: what a method must beat to have moved the camera at all.
+/// Returns the source photograph unmoved: a method that moves the camera at all must beat it.
 pub(super) fn copy(spec: &MethodSpec) -> Box<dyn Method> {
     let identity = MethodIdentity::new("copy", []);
     Box::new(Closure::built_in(
@@ -80,7 +80,7 @@ fn mean_color(image: &RgbImage) -> Rgb<u8> {
         }
     }
     let n = u64::from(image.width()) * u64::from(image.height());
-    // A mean of bytes is a byte; no picture here is without pixels.
+    // A mean of bytes fits into a byte, and no picture here is empty.
     Rgb(sums.map(|sum| ((sum + n / 2) / n.max(1)) as u8))
 }
 

@@ -1,8 +1,9 @@
-//! Other people's evaluations by name, and what each fixes of a run.
+//! Published evaluation procedures by name, and the settings of a run that each fixes.
 //!
-//! Every preset keeps the rules of its code, those that mislead included, and says where this harness does otherwise.
+//! Every preset follows the rules of the original code, including misleading ones, and states where this harness
+//! differs.
 //!
-//! * `table`: the presets; `request`: a configuration opened, its protocol followed.
+//! * `table`: the presets; `request`: applies a protocol and opens a configuration.
 
 mod request;
 mod table;
@@ -30,35 +31,35 @@ pub struct Protocol {
     /// Repository and commit, or the paper.
     pub source: &'static str,
     pub pairs: PairRule,
-    /// The size at which pictures are seen and compared, as a dataset's `frame=`; `None`: as the dataset has them.
+    /// Size at which pictures are predicted and compared, as a dataset's `frame=`; `None` for the dataset's size.
     pub frame: Option<&'static str>,
-    /// Over what pictures that are not opaque are composited, as a dataset's `alpha=`; `None` if its data has none.
+    /// Background for pictures that are not opaque, as a dataset's `alpha=`; `None` if the protocol's data is opaque.
     pub alpha: Option<&'static str>,
     pub border: Border,
     pub quantised: Quantised,
-    /// Keys; none where the code publishes no metrics.
+    /// Metric keys; empty if the code publishes no metrics.
     pub metrics: &'static [&'static str],
     pub aggregation: Aggregation,
     pub mask: PairMask,
-    /// How failed targets are treated.
+    /// Treatment of failed targets.
     pub failures: &'static str,
-    /// Misleading rules, followed as they are.
+    /// Misleading rules that are followed nevertheless.
     pub traps: &'static [&'static str],
-    /// Where this harness differs.
+    /// Differences between this harness and the original.
     pub departures: &'static [&'static str],
 }
 
-/// Where the pairs come from.
+/// Origin of the pairs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(tag = "kind", content = "rule", rename_all = "snake_case")]
 pub enum PairRule {
     /// Built by the rules of SHARP's paper.
     Paper,
-    /// A published list, handed in with `--pairs` after `pairs import`.
+    /// A published list, given with `--pairs` after `pairs import`.
     List(&'static str),
-    /// Only targets are fixed; whoever runs it chooses the sources, with `--pairs`.
+    /// Only targets are fixed; the user chooses the sources with `--pairs`.
     NoSource(&'static str),
-    /// Why it cannot be run here.
+    /// Cannot be run here, for this reason.
     Refused(&'static str),
 }
 
@@ -66,14 +67,14 @@ pub enum PairRule {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Quantised {
-    /// Scored as floats there, as 8 bit here.
+    /// The original scores floats; this harness scores 8 bit.
     Float,
     Round,
     Truncate,
     Unpublished,
 }
 
-/// Why a request cannot follow a protocol.
+/// Why a request does not fit a protocol.
 #[derive(Debug, thiserror::Error)]
 pub enum ProtocolError {
     #[error("no protocol '{name}'; {}", nearest_of(name, &names()))]
@@ -101,6 +102,8 @@ fn names() -> Vec<&'static str> {
 }
 
 impl Protocol {
+    /// Looks up a protocol.
+    ///
     /// # Errors
     /// [`ProtocolError::Unknown`].
     pub fn named(name: &str) -> Result<&'static Self, ProtocolError> {
@@ -110,11 +113,11 @@ impl Protocol {
         })
     }
 
-    /// The configuration under this protocol: datasets at its size, its metrics, its rounding. Following twice changes
-    /// nothing.
+    /// Applies the protocol to a configuration: frame size of the datasets, metrics, rounding. Applying it twice
+    /// changes nothing.
     ///
     /// # Errors
-    /// When something that is asked for contradicts the protocol, or the protocol needs something that is not.
+    /// If the request contradicts the protocol, or does not include something that it needs.
     pub fn follow(&self, config: &RunConfig) -> Result<RunConfig, ConfigError> {
         self.check_pairs(&config.pairs)?;
         let mut followed = config.clone();
@@ -146,7 +149,7 @@ impl Protocol {
         }
     }
 
-    /// Where this harness differs, including what follows from the protocol's fields.
+    /// Differences between this harness and the original, including those implied by the protocol's fields.
     pub fn departures(&self) -> Vec<String> {
         let of_pairs = match self.pairs {
             PairRule::NoSource(rule) => Some(format!(
@@ -226,7 +229,7 @@ impl Protocol {
         Ok(())
     }
 
-    /// Refuses a choice of metrics that lacks some of the protocol's.
+    /// Fails if a choice of metrics does not include all of the protocol's.
     fn check_metrics(&self, asked: Option<&Selection>) -> Result<(), ProtocolError> {
         let own = Selection::parse(&self.metrics.join(","));
         let (Some(asked), Ok(own)) = (asked, own) else {
@@ -268,7 +271,7 @@ mod tests {
     use super::*;
     use crate::config::MetricConfig;
 
-    /// With a pair list.
+    /// A configuration with a pair list.
     fn asked(dataset: &str) -> RunConfig {
         RunConfig {
             datasets: vec![dataset.parse().unwrap()],
@@ -304,7 +307,7 @@ mod tests {
             let refused = matches!(protocol.pairs, PairRule::Refused(_));
             let followed = protocol.follow(&asked("synthetic"));
             assert_eq!(followed.is_err(), refused, "{}", protocol.name);
-            // A folder's run.toml has been followed once.
+            // The run.toml of a run folder already follows the protocol.
             let twice = followed
                 .ok()
                 .map(|once| (protocol.follow(&once).unwrap(), once));
@@ -417,7 +420,7 @@ mod tests {
         }
         let error = Protocol::named("nerf").unwrap_err().to_string();
         assert!(error.contains("unisharp"), "{error}");
-        // Further columns contradict nothing.
+        // Additional columns contradict nothing.
         let more = RunConfig {
             metrics: metrics("dists,psnr,ssim-gauss11-valid-sample,lpips-vgg"),
             ..plain

@@ -1,4 +1,4 @@
-//! Opens what a configuration asks for.
+//! Opens everything that a configuration names.
 
 use std::path::Path;
 
@@ -12,11 +12,11 @@ use crate::pairs::{OpenDataset, PairOrigin};
 use crate::scoring::ScoringRules;
 
 impl Request {
-    /// Follows the protocol, opens the datasets and builds the methods of a configuration. The pairs are those of the
-    /// plan in the folder `plan`, if given.
+    /// Applies the protocol, opens the datasets and builds the methods of a configuration. With `plan`, a planned run
+    /// folder, the pairs are those of the plan.
     ///
     /// # Errors
-    /// When the configuration contradicts its protocol or itself, or names something that is not there.
+    /// If the configuration contradicts its protocol or itself, or names something that does not exist.
     pub fn of(config: &RunConfig, plan: Option<&Path>) -> Result<Self, ConfigError> {
         let usage = |reason: &str| Err(ConfigError::Usage(reason.to_owned()));
         let backend = config.backend()?;

@@ -1,4 +1,4 @@
-//! The presets. Facts are those of the code at the commits named, read and not copied.
+//! The presets. Facts are taken from reading the original code at the named commits; no code is copied.
 
 use super::{Border, PairMask, PairRule, Protocol, Quantised};
 use crate::evaluate::Aggregation;
@@ -67,7 +67,7 @@ const MVSPLAT: Protocol = Protocol {
     ..PIXELSPLAT
 };
 
-/// By name.
+/// Presets, sorted by name.
 pub const PROTOCOLS: [Protocol; 15] = [
     Protocol {
         name: "sharp",

@@ -1,28 +1,28 @@
-//! The log of a program: its standard error. A long log loses its middle.
+//! The log of a program's standard error. The middle of a long log is cut out.
 
 use std::fs::{self, File, OpenOptions};
 use std::io::{self, Read, Seek, SeekFrom, Write};
 use std::path::Path;
 
-/// Bytes kept of a long log's beginning, and of its end.
+/// Bytes kept of the beginning and of the end of a long log.
 const KEPT: u64 = 2 << 20;
 
-/// Size at which a log is cut; well above what is kept, so that cuts are rare.
+/// Size at which a log is cut; well above the kept size, so that cuts are rare.
 const LONGEST: u64 = 4 * KEPT;
 
-/// A file that is appended to, of at most [`LONGEST`] bytes.
+/// An append-only log file of at most [`LONGEST`] bytes.
 #[derive(Debug)]
 pub(super) struct ProgramLog {
     file: File,
     len: u64,
-    /// Bytes left out since this was opened.
+    /// Bytes cut out since the log was opened.
     cut: u64,
-    /// Length of the line that reports them, which follows the beginning.
+    /// Length of the line that reports the cut, which follows the beginning.
     note: u64,
 }
 
 impl ProgramLog {
-    /// Opens a log, creating it with its folder where there is none.
+    /// Opens a log, creating it and its folder if needed.
     pub(super) fn open(path: &Path) -> io::Result<Self> {
         if let Some(folder) = path.parent() {
             fs::create_dir_all(folder)?;
@@ -50,7 +50,7 @@ impl ProgramLog {
         let mut end = Vec::new();
         self.file.seek(SeekFrom::Start(self.len - KEPT))?;
         (&self.file).take(KEPT).read_to_end(&mut end)?;
-        // From the start of a line, unless lines are endless.
+        // Start at a line, unless lines are too long.
         let start = end.iter().take(1 << 16).position(|byte| *byte == b'\n');
         let end = &end[start.map_or(0, |at| at + 1)..];
         self.cut += self.len - KEPT - self.note - end.len() as u64;
@@ -91,7 +91,7 @@ mod tests {
             + 1;
         assert_eq!(after as u64, KEPT / 100);
         assert!((kept.len() - after) as u64 >= KEPT / 100 - 1);
-        // What is neither kept nor in the note was left out; the line that the beginning ends in is kept in part.
+        // Everything neither kept nor in the note was cut; the last line of the beginning is kept in part.
         let note = text.lines().find(|line| line.starts_with("==")).unwrap();
         let cut = lines * 100 - (text.len() - note.len() - 2) as u64;
         assert_eq!(note, format!("== at least {cut} bytes left out here =="));

@@ -1,8 +1,9 @@
-//! Someone's program as a method: one long-lived process, one line of JSON for a pair, one for its answer.
+//! An external program as a method: one long-lived process that receives one line of JSON per pair and answers with
+//! one.
 //!
 //! * `protocol`: requests and answers.
-//! * `words`: the files that its command line names.
-//! * `process`: starting it, reading lines with a deadline, ending it; `log`: its standard error, within bounds.
+//! * `words`: the files that the command line names.
+//! * `process`: starting, reading lines with a deadline, stopping; `log`: standard error, bounded.
 
 mod log;
 mod process;
@@ -34,18 +35,17 @@ use crate::io::rendering_files::write_png;
 
 /// Runs a program for all pairs of a run.
 ///
-/// The program is started by the shell at the first pair and gets the following ones on its standard input; it is
-/// started anew for the next pair after it crashed, was silent for too long or said something that is no answer. Each
-/// of these is a recorded failure of that pair alone; but a program that ends three times before it has
-/// answered anything is not started again.
+/// The shell starts the program at the first pair; further pairs are sent to its standard input. After a crash, a
+/// timeout or an invalid answer it is restarted for the next pair, and the failure is recorded for the current pair
+/// alone. A program that ends three times before any answer is not started again.
 ///
-/// The files that the command line names, and those of `files=`, are part of its identity by their hash; whatever else
-/// changes predictions (an environment, a folder) belongs into `version=`.
+/// The files that the command line names, and those of `files=`, are part of the identity by their hashes; anything
+/// else that changes predictions (an environment, a folder) belongs in `version=`.
 #[derive(Debug)]
 pub struct Command {
     label: String,
     run: String,
-    /// The folder where it starts; empty for this process's own. Not part of the identity, unlike the files.
+    /// Working directory; empty for that of this process. Unlike the files, not part of the identity.
     folder: PathBuf,
     version: String,
     /// Files named by the command line and by `files=`.
@@ -54,7 +54,7 @@ pub struct Command {
     timeout: Duration,
     fit: FitRules,
     depth: TrueDepth,
-    /// Folders for the log and for scratch folders, once a run has begun.
+    /// Path of the log, and folder for scratch folders; set when a run begins.
     places: OnceLock<(PathBuf, PathBuf)>,
     state: Mutex<State>,
 }
@@ -64,23 +64,23 @@ struct State {
     process: Option<Process>,
     log: Option<Arc<Mutex<ProgramLog>>>,
     scratch: Option<TempDir>,
-    /// sha256 of the picture and depth in the scratch folder, and the stamps of these files.
+    /// SHA-256 of the picture and depth in the scratch folder, and the stamps of these files.
     source: Option<(String, Vec<Option<FileStamp>>)>,
     has_answered: bool,
-    /// Starts that ended before any answer.
+    /// Number of starts that ended before any answer.
     vain_starts: usize,
-    /// Why it is not started again.
+    /// Why the program is not started again.
     given_up: Option<String>,
 }
 
-/// Starts without any answer before a program is given up.
+/// Number of starts without any answer after which a program is given up.
 const STARTS: usize = 3;
 
 impl Command {
-    /// Default of `timeout=`, s. The program's start is included.
+    /// Default of `timeout=`, seconds. Includes the program's start.
     const TIMEOUT_SECS: u64 = 600;
 
-    /// Reads the options; the program is started at the first prediction.
+    /// Parses the options; the program is started at the first prediction.
     pub fn from_spec(spec: &MethodSpec) -> Result<Self, SpecError> {
         let run = spec.option("run").unwrap_or_default().trim().to_owned();
         if run.is_empty() {
@@ -157,7 +157,7 @@ impl Command {
         Ok(state.log.clone())
     }
 
-    /// The program's answer for a pair whose prediction is to be written to `write_to`.
+    /// Asks the program for a prediction that it should write to `write_to`.
     fn ask(
         &self,
         state: &mut State,
@@ -192,7 +192,7 @@ impl Command {
                 },
                 Err(Trouble::Ended) => {
                     let ended = process.stop();
-                    // Programs that end well after a pair are welcome: the next pair starts another.
+                    // A program may end successfully after a pair; the next pair starts another.
                     if !fresh && ended.succeeded() {
                         continue;
                     }
@@ -220,7 +220,7 @@ impl Command {
     }
 }
 
-/// Warnings about files that may change unnoticed.
+/// Warnings about files that may change undetected.
 fn notes_of(files: &NamedFiles) -> Vec<String> {
     let absent = files.absent.iter().map(|word| {
         format!(
@@ -237,7 +237,7 @@ fn notes_of(files: &NamedFiles) -> Vec<String> {
     absent.chain(unseen).collect()
 }
 
-/// The files that a pattern matches, below its first part without a wildcard.
+/// The files that match a pattern, searched below its longest prefix without wildcards.
 fn matching(pattern: &str) -> Result<Vec<PathBuf>, String> {
     let matcher = globset::GlobBuilder::new(pattern)
         .literal_separator(true)
@@ -268,7 +268,7 @@ fn matching(pattern: &str) -> Result<Vec<PathBuf>, String> {
         let entries = std::fs::read_dir(folder)
             .map_err(|error| format!("files={pattern}: {}: {error}", folder.display()))?;
         for entry in entries.flatten() {
-            // A link to a folder may lead back.
+            // A link to a folder could form a cycle.
             if entry.file_type().is_ok_and(|kind| !kind.is_symlink()) || entry.path().is_file() {
                 open.push(path.join(entry.file_name()));
             }
@@ -281,7 +281,7 @@ fn matching(pattern: &str) -> Result<Vec<PathBuf>, String> {
 }
 
 impl State {
-    /// Writes the source into a scratch folder.
+    /// Writes the source's picture and depth into a scratch folder.
     fn source_files(
         &mut self,
         source: &SourceView,
@@ -309,7 +309,7 @@ impl State {
                 .map(|path| FileStamp::of(path).ok())
                 .collect()
         };
-        // A program may have worked in place on what it was given.
+        // The program may have modified its input files.
         if self.source.as_ref() != Some(&(hash.clone(), stamps())) {
             let written = write_png(&files.picture, source.image());
             written.map_err(|error| MethodError::file(&files.picture, error))?;
@@ -333,7 +333,7 @@ impl Method for Command {
         settings.insert("version".to_owned(), self.version.clone());
         if !self.files.is_empty() {
             let mut hash = StableHasher::default();
-            // Whatever the files are called, and wherever they lie.
+            // Independent of the files' names and locations.
             let mut hashes: Vec<&str> = self.files.iter().map(HashedFile::sha256).collect();
             hashes.sort_unstable();
             for one in hashes {
@@ -358,7 +358,7 @@ impl Method for Command {
     }
 
     fn begin(&self, logs: &Path, scratch_in: &Path) {
-        // A second run of the same instance continues the first one's log.
+        // A second run of the same instance appends to the first one's log.
         let log = logs.join(format!("{}.log", self.label));
         let _ = self.places.set((log, scratch_in.to_owned()));
     }
@@ -389,7 +389,7 @@ impl PredictPicture for Command {
         let scratch_in = self.places.get().map_or(&elsewhere, |(_, folder)| folder);
         let files = state.source_files(source, scratch_in)?;
         let write_to = files.picture.with_file_name("prediction.png");
-        // What an earlier pair left must not pass for this one's.
+        // A file left by an earlier pair must not be taken for this one's.
         if let Err(error) = std::fs::remove_file(&write_to)
             && error.kind() != std::io::ErrorKind::NotFound
         {
@@ -457,7 +457,7 @@ mod tests {
         };
         let command = with("weights/**/*.bin").unwrap();
         assert_ne!(content(&command), after);
-        // A folder in the command line is warned about until its files are named.
+        // A folder in the command line causes a warning until its files are named.
         let text = format!("{text},run='x {}/weights/a'", dir.path().display());
         let text = text.replace(&format!("run='python3 {} --fast',", script.display()), "");
         let command = Command::from_spec(&text.parse().unwrap()).unwrap();

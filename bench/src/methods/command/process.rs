@@ -1,7 +1,7 @@
-//! The method's process: started by the shell, asked line by line, and always ended.
+//! The process of a method: started by the shell, queried line by line, and always terminated.
 //!
-//! By hand: crates for process groups (`process-wrap`) wrap what std's `process_group` does already and leave out
-//! deadlines for lines and the case that this process is killed, which is most of this file.
+//! Hand-written because crates for process groups (`process-wrap`) wrap what std's `process_group` already does, and
+//! lack deadlines for lines and handling of this process being killed, which make up most of this file.
 
 use std::io::{self, BufRead, BufReader, Read, Write};
 use std::path::Path;
@@ -14,16 +14,16 @@ use std::time::{Duration, Instant};
 use super::log::ProgramLog;
 use super::protocol::{VERSION, excerpt, no_answer};
 
-/// Longest line that is an answer, bytes.
+/// Maximum length of an answer line, bytes.
 const LONGEST_LINE: u64 = 1 << 20;
 
-/// Lines read ahead. A program that writes more than it is asked for has to wait.
+/// Number of lines buffered. A program that writes more than requested has to wait.
 const LINES_AHEAD: usize = 2;
 
-/// Time that a program has to end after its input has ended.
+/// Time that a program has to exit after its input is closed.
 const GRACE: Duration = Duration::from_secs(5);
 
-/// Time to wait for the remaining output of a program that ended.
+/// Time to wait for the remaining output of a program that exited.
 const LAST_OUTPUT: Duration = Duration::from_millis(500);
 
 /// Polling interval while waiting for an answer: a program may have exited while its child keeps the pipe open.
@@ -50,7 +50,7 @@ pub(super) struct Process {
     watchdog: Child,
     stdin: Option<ChildStdin>,
     heard: Receiver<Heard>,
-    /// The last non-empty line of its standard error.
+    /// The last non-empty line of the program's standard error.
     last_words: Arc<Mutex<String>>,
     stderr: Option<JoinHandle<()>>,
 }
@@ -62,12 +62,12 @@ pub(super) struct Ended {
 }
 
 impl Ended {
-    /// Whether it ended by itself with exit code 0.
+    /// Whether the program exited by itself with code 0.
     pub(super) fn succeeded(&self) -> bool {
         self.status.is_some_and(|status| status.success())
     }
 
-    /// One line: what happened, the exit status, the last line of standard error.
+    /// One line with `what` happened, the exit status, and the last line of standard error.
     pub(super) fn describe(&self, what: &str) -> String {
         let mut text = what.to_owned();
         if let Some(status) = self.status {
@@ -81,7 +81,7 @@ impl Ended {
 }
 
 impl Process {
-    /// Starts a command line by the shell and appends its standard error to a log. Errors name no method.
+    /// Starts a command line through the shell and appends its standard error to a log. Errors do not name the method.
     pub(super) fn start(
         run: &str,
         folder: &Path,
@@ -123,7 +123,7 @@ impl Process {
         })
     }
 
-    /// Sends a line and waits for the next one.
+    /// Sends a line and waits for an answer line.
     pub(super) fn ask(&mut self, line: &str, timeout: Duration) -> Result<String, Trouble> {
         match self.heard.try_recv() {
             Ok(heard) => return Err(unasked(&heard)),
@@ -163,23 +163,23 @@ impl Process {
         }
     }
 
-    /// True once the program has ended. It stays a zombie, so that its id, which is that of its group, is nobody else's.
+    /// Whether the program has exited. It stays a zombie, so that its id, which is also its group's, is not reused.
     fn has_ended(&mut self) -> bool {
         #[cfg(unix)]
         {
-            // SAFETY: `siginfo_t` is a plain C struct, for which all zeros is a value.
+            // SAFETY: `siginfo_t` is a plain C struct, for which all zeros is a valid value.
             let mut info: libc::siginfo_t = unsafe { std::mem::zeroed() };
             let how = libc::WEXITED | libc::WNOHANG | libc::WNOWAIT;
-            // SAFETY: `info` lives through the call, which writes to nothing else.
+            // SAFETY: `info` outlives the call, which writes to nothing else.
             let result = unsafe { libc::waitid(libc::P_PID, self.child.id(), &raw mut info, how) };
-            // SAFETY: the field that every form of the union has; 0 as long as there is nothing to tell.
+            // SAFETY: every variant of the union has this field; it is 0 while the child has not exited.
             result != 0 || unsafe { info.si_pid() } != 0
         }
         #[cfg(not(unix))]
         matches!(self.child.try_wait(), Ok(Some(_)))
     }
 
-    /// Closes its input, waits for [`GRACE`], then kills it.
+    /// Closes the program's input, waits for [`GRACE`], then kills it.
     pub(super) fn stop(mut self) -> Ended {
         self.end(GRACE)
     }
@@ -189,7 +189,7 @@ impl Process {
     }
 
     fn end(&mut self, grace: Duration) -> Ended {
-        // A program that is ended at once must not see its input end first and go on to act on it.
+        // A program to be killed at once must not see its input end first and act on that.
         if !grace.is_zero() {
             self.stdin = None;
         }
@@ -199,10 +199,10 @@ impl Process {
             thread::sleep(Duration::from_millis(5));
             has_ended = self.has_ended();
         }
-        // What it started ends with it, also where it ended by itself.
+        // Also terminate its child processes, even if it exited by itself.
         kill_group(&mut self.child);
         let status = self.child.wait().ok();
-        // How it ended is only said where it did so by itself.
+        // Report the exit status only if the program exited by itself.
         let status = status.filter(|_| has_ended);
         #[cfg(unix)]
         dismiss(&mut self.watchdog);
@@ -222,7 +222,7 @@ impl Process {
 
 impl Drop for Process {
     fn drop(&mut self) {
-        // `end` took the log's thread with it if it ran.
+        // `stderr` is still present unless `end` has already run.
         if self.stderr.is_some() {
             self.end(GRACE);
         }
@@ -254,13 +254,13 @@ fn shell(run: &str) -> Command {
         .env("SHARP_BENCH_PROTOCOL", VERSION.to_string());
     #[cfg(unix)]
     {
-        // A group of its own, so that whatever it starts can be ended with it.
+        // Its own process group, so that its children can be terminated with it.
         std::os::unix::process::CommandExt::process_group(&mut command, 0);
     }
     command
 }
 
-/// Starts a process that kills a process group once this process is gone: only then does its input end without a line.
+/// Starts a process that kills a process group when this process dies: only then does its input end without a line.
 #[cfg(unix)]
 fn watchdog(group: u32) -> io::Result<Child> {
     use std::os::unix::process::CommandExt;
@@ -270,7 +270,7 @@ fn watchdog(group: u32) -> io::Result<Child> {
         .stdin(Stdio::piped())
         .stdout(Stdio::null())
         .stderr(Stdio::null())
-        // So that what a terminal sends to us does not end it first.
+        // Its own group, so that terminal signals to us do not end it first.
         .process_group(0)
         .spawn()
 }
@@ -283,19 +283,19 @@ fn dismiss(watchdog: &mut Child) {
     let _ = watchdog.wait();
 }
 
-/// Ends the program and everything it started.
+/// Kills the program and everything it started.
 fn kill_group(child: &mut Child) {
     #[cfg(unix)]
     if let Ok(group) = libc::pid_t::try_from(child.id()) {
-        // SAFETY: a system call without pointers. The child has not been waited for, so that its id, which is its
-        // group's, cannot belong to anyone else.
+        // SAFETY: a system call without pointers. The child has not been waited for, so its id, which is its group's,
+        // cannot have been reused.
         unsafe { libc::kill(-group, libc::SIGKILL) };
     }
-    // Where there are no groups, or it left its own.
+    // Fallback without process groups, or if the program left its group.
     let _ = child.kill();
 }
 
-/// Passes lines on until the output ends or nobody listens.
+/// Forwards lines until the output ends or the receiver is gone.
 fn listen(stdout: ChildStdout, say: &SyncSender<Heard>) {
     let mut stdout = BufReader::new(stdout);
     loop {
@@ -317,7 +317,7 @@ fn listen(stdout: ChildStdout, say: &SyncSender<Heard>) {
     }
 }
 
-/// A full disk must not stop the program.
+/// Appends to the log, ignoring errors: a full disk must not stop the program.
 fn write_to(log: Option<&Mutex<ProgramLog>>, bytes: &[u8]) {
     if let Some(log) = log {
         let mut log = log.lock().unwrap_or_else(PoisonError::into_inner);
@@ -395,7 +395,7 @@ mod tests {
     fn what_it_started_ends_with_it() {
         let dir = tempfile::tempdir().unwrap();
         let mark = dir.path().join("mark");
-        // A grandchild that would leave a mark later.
+        // A grandchild that would create a file later.
         let run = format!("(sleep 1; touch {}) & echo x; wait", mark.display());
         let mut process = Process::start(&run, Path::new(""), None).unwrap();
         while process.heard.try_recv().is_err() {
@@ -411,7 +411,7 @@ mod tests {
     fn children_of_a_program_that_ended_by_itself_end_too() {
         let dir = tempfile::tempdir().unwrap();
         let pid = dir.path().join("pid");
-        // The child holds the output open, and the program ends without an answer.
+        // The child keeps the output open, and the program exits without an answer.
         let run = format!("sleep 1000 & echo $! > {}; read x", pid.display());
         let mut process = Process::start(&run, Path::new(""), None).unwrap();
         assert_eq!(

@@ -4,8 +4,8 @@
 //! `source_picture` is a PNG, `pair` is the `pair.json` of `pairs export`, `write_to` is the path for its PNG.
 //! With `depth=privileged` there is also `source_depth`, the source's true z-depth as `.npy`.
 //!
-//! Answer: `{"pair_id":…}` when the picture lies there, and on request `"picture":PATH` when it lies elsewhere (.png,
-//! .jpg, .exr, .npy), `"extras":{NAME:NUMBER}` for columns of the scores; `{"pair_id":…,"error":REASON}` when the
+//! Answer: `{"pair_id":…}` if the picture was written there; optional keys are `"picture":PATH` if it is elsewhere
+//! (.png, .jpg, .exr, .npy), `"extras":{NAME:NUMBER}` for columns of the scores; `{"pair_id":…,"error":REASON}` if the
 //! program could not predict this pair and is ready for the next.
 
 use std::collections::BTreeMap;
@@ -16,16 +16,16 @@ use serde::{Deserialize, Serialize};
 use crate::methods::{MOST_EXTRAS, SourceView, TargetCamera};
 use crate::pairs::description::PairDescription;
 
-/// The source as files, by absolute path.
+/// The source's files, by absolute path.
 #[derive(Debug)]
 pub(super) struct SourceFiles {
-    /// PNG.
+    /// PNG file.
     pub(super) picture: PathBuf,
-    /// NumPy array, float32 metres `[H, W]`, 0 where there is none.
+    /// NumPy array, float32 metres `[H, W]`, 0 where unknown.
     pub(super) depth: Option<PathBuf>,
 }
 
-/// Version of the protocol; also in the program's environment as `SHARP_BENCH_PROTOCOL`.
+/// Protocol version; also passed to the program as `SHARP_BENCH_PROTOCOL`.
 pub(super) const VERSION: u32 = 1;
 
 #[derive(Debug, Serialize)]
@@ -74,7 +74,7 @@ pub(super) struct Answer {
 }
 
 impl Answer {
-    /// Parses the answer for `pair_id`. The error names no method.
+    /// Parses the answer for `pair_id`. Errors do not name the method.
     pub(super) fn parse(line: &str, pair_id: &str) -> Result<Self, String> {
         let answer: Self =
             serde_json::from_str(line).map_err(|error| format!("{}: {error}", no_answer(line)))?;

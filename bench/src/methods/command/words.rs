@@ -1,16 +1,16 @@
-//! Finds the files that a shell command names.
+//! Finds the files named in a shell command.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Component, Path, PathBuf};
 
-/// What a command line names.
+/// Files named in a command line.
 #[derive(Debug, Default, PartialEq, Eq)]
 pub(super) struct NamedFiles {
     /// Existing files, including matches of patterns and sources of Python modules (`-m`).
     pub(super) found: Vec<PathBuf>,
     /// Words that look like files but do not exist.
     pub(super) absent: Vec<String>,
-    /// Words that may name further files, which are not hashed: folders, command substitutions, braces.
+    /// Words that may stand for further, unhashed files: folders, command substitutions, braces.
     pub(super) unseen: Vec<String>,
 }
 
@@ -38,7 +38,8 @@ const ENDINGS: [&str; 19] = [
 ];
 
 /// Looks up every word, including values after `--option=` and `NAME=`, with quotes and variables resolved, relative to
-/// `folder` and to folders that `cd` enters. What only the shell can resolve (`$(…)`, braces) is listed as unseen.
+/// `folder` and to folders that `cd` enters. Words that only the shell can resolve (`$(…)`, braces) are listed as
+/// unseen.
 pub(super) fn named_files(
     line: &str,
     folder: &Path,
@@ -64,7 +65,7 @@ pub(super) fn named_files(
             }
             continue;
         }
-        // An assignment comes before the command.
+        // Assignments precede the command.
         is_first &= is_assignment(&text);
         if std::mem::replace(&mut is_module, text == "-m") {
             let module = folder.join(text.replace('.', "/"));
@@ -83,7 +84,7 @@ pub(super) fn named_files(
         let is_there = |path: &PathBuf| path.exists();
         match paths.clone().find(is_there) {
             Some(path) if path.is_file() => named.found.push(path),
-            // `.` and `..` are where programs are started, and not what they read.
+            // `.` and `..` are working directories, not inputs.
             Some(path) if !is_first && candidates.iter().all(|text| has_name(text)) => {
                 if holds_files(&path) {
                     named.unseen.push(path.display().to_string());
@@ -117,11 +118,11 @@ pub(super) fn named_files(
     named
 }
 
-/// Adds the Python modules beside a script that it imports, and what those import.
+/// Adds the Python modules next to a script that it imports, and their imports.
 fn add_imports(found: &mut Vec<PathBuf>) {
     let is_script = |path: &&PathBuf| path.extension().is_some_and(|e| e == "py");
     let mut open: Vec<PathBuf> = found.iter().filter(is_script).cloned().collect();
-    // Modules are sought beside the script, and those of packages beside each other.
+    // Modules are searched for next to the script; modules of packages, next to each other.
     let mut roots: BTreeSet<PathBuf> = open.iter().map(|path| folder_of(path)).collect();
     while let Some(path) = open.pop() {
         let text = std::fs::read_to_string(&path).unwrap_or_default();
@@ -146,7 +147,7 @@ fn folder_of(path: &Path) -> PathBuf {
     path.parent().unwrap_or(Path::new("")).to_owned()
 }
 
-/// The modules of the `import` and `from` lines of a Python source, those of packages with each of their parents.
+/// The modules in the `import` and `from` lines of a Python source, including every parent package.
 fn imported(text: &str) -> BTreeSet<String> {
     let mut names = BTreeSet::new();
     for line in text.lines().map(str::trim_start) {
@@ -217,16 +218,16 @@ fn looks_like_a_file(text: &str) -> bool {
 enum Word {
     Text {
         text: String,
-        /// False if one of its variables has no value.
+        /// False if one of the word's variables has no value.
         is_whole: bool,
-        /// Whether it contains a command substitution.
+        /// Whether the word contains a command substitution.
         is_opaque: bool,
     },
-    /// The end of a command: `&&`, `|`, `;`, a line end.
+    /// The end of a command: `&&`, `|`, `;`, a newline.
     Operator,
 }
 
-/// Splits a command line as a POSIX shell does, without command substitution and patterns.
+/// Splits a command line as a POSIX shell does, without expanding command substitutions and patterns.
 fn words(line: &str, variable: &dyn Fn(&str) -> Option<String>) -> Vec<Word> {
     let mut found = Vec::new();
     let (mut text, mut is_open, mut is_whole) = (String::new(), false, true);
