@@ -1,4 +1,4 @@
-//! Why a dataset has no pair to evaluate, or pairs chosen by depth that is too sparse, and the settings that help.
+//! Explains why a dataset has no pair to evaluate, or pairs chosen by depth that is too sparse, and suggests settings.
 
 use sharp_datasets::DatasetSpec;
 
@@ -6,12 +6,12 @@ use crate::io::counts::counted;
 use crate::pairs::PairOptions;
 use crate::pairs::build::{PairCounts, Problem, SPARSE_COVERAGE};
 
-/// Settings for datasets whose own depth is sparse.
+/// Suggested settings for datasets with sparse depth.
 const DENSE: &str = "overlap=given with --overlap-depth DIR (dense depth by anyone, scaled to the dataset's: the paper's \
                      way), overlap=sharp-release (the same by SHARP's checkpoint) or overlap=sparse:8 (the dataset's \
                      depth, agreement within 8 pixels)";
 
-/// Counts of a dataset's pairs, in a line.
+/// A line with the counts of a dataset's pairs.
 pub fn counted_pairs(dataset: &str, counts: &PairCounts) -> String {
     format!(
         "{dataset}: {}, {}, {}, {}; without depth {}, too little overlap {}, too near {}, too far {}; {} qualify, {} selected",
@@ -28,8 +28,8 @@ pub fn counted_pairs(dataset: &str, counts: &PairCounts) -> String {
     )
 }
 
-/// Sentences on a dataset of which views are left out, no pair is selected, or whose depth is too sparse for the choices
-/// made. `broken` are the views that are left out.
+/// Advice if views are left out, no pair is selected, or depth is too sparse for the options. `broken` are the views
+/// left out.
 pub(super) fn advice(
     dataset: &DatasetSpec,
     counts: &PairCounts,
@@ -37,7 +37,7 @@ pub(super) fn advice(
     options: &PairOptions,
 ) -> Vec<String> {
     let left_out = left_out(&dataset.name, counts, broken);
-    // Where all are broken, nothing else helps.
+    // If all views are broken, nothing else helps.
     let is_all = counts.selected == 0 && counts.with_depth == 0 && left_out.is_some();
     let pairs = match is_all {
         true => None,
@@ -83,7 +83,8 @@ fn of_pairs(dataset: &DatasetSpec, counts: &PairCounts, options: &PairOptions) -
     Some(format!("{}: {why}", counted_pairs(name, counts)))
 }
 
-/// The sentence on views that are left out because their files cannot be read, and their pairs; `None` without any.
+/// A sentence on views that are left out because their files cannot be read, and on their pairs; `None` if there are
+/// none.
 fn left_out(name: &str, counts: &PairCounts, broken: &[&Problem]) -> Option<String> {
     let first =
         |problem: &&Problem| format!("{}/{} ({})", problem.scene, problem.view, problem.reason);
@@ -102,7 +103,7 @@ fn left_out(name: &str, counts: &PairCounts, broken: &[&Problem]) -> Option<Stri
     })
 }
 
-/// Most views that are named.
+/// Maximum number of views named.
 const NAMED: usize = 3;
 
 fn sparseness(counts: &PairCounts) -> String {
@@ -115,7 +116,7 @@ fn sparseness(counts: &PairCounts) -> String {
     )
 }
 
-/// No view has depth: which side is missing it, and where depth could come from.
+/// A sentence for datasets without depth: which side is missing it, and where depth could come from.
 fn without_depth(dataset: &DatasetSpec, options: &PairOptions) -> String {
     let (format, split) = (dataset.entry.format, dataset.setting("split"));
     if options.depth.is_ground_truth() && format == "scannetpp" && split.starts_with("nvs_test") {
@@ -140,7 +141,7 @@ fn without_depth(dataset: &DatasetSpec, options: &PairOptions) -> String {
 mod tests {
     use super::*;
 
-    /// Advice on a dataset of 90 pairs in 10 views of which so many have depth, so many of them sparse.
+    /// Advice on a dataset of 90 pairs from 10 views, with these counts of views with depth and with sparse depth.
     fn said(spec: &str, options: &str, counts: PairCounts) -> Option<String> {
         let counts = PairCounts {
             scenes: 1,

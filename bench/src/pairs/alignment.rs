@@ -8,19 +8,19 @@ use sharp_datasets::DepthMap;
 use super::PairError;
 use super::valid_depth::{is_valid_depth, median_of};
 
-/// A scale and its evidence.
+/// A scale and the number of pixels behind it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct MedianScale {
     pub scale: f64,
-    /// Pixels at which both depths were valid.
+    /// Number of pixels at which both depths are valid.
     pub pixels: usize,
 }
 
 /// The median of `ground_truth / prediction` over the pixels at which both are finite and positive.
 ///
-/// It is the median of ratios, not the ratio of medians; an even count gives the mean of the two
-/// middle ratios. If the sizes differ, the prediction is sampled bilinearly where the ground truth's
-/// pixel centres fall; sparse ground truth is never resampled.
+/// This is the median of ratios, not the ratio of medians; for an even count, the mean of the two middle ratios. If the
+/// sizes differ, the prediction is sampled bilinearly at the ground truth's pixel centres; sparse ground truth is never
+/// resampled.
 ///
 /// # Errors
 /// [`PairError::NoValidDepth`] if no pixel qualifies.
@@ -64,8 +64,7 @@ pub fn median_scale(
     Ok(MedianScale { scale, pixels })
 }
 
-/// Bilinear sample at continuous coordinates, the border repeated; `None` if a pixel with a share in
-/// it is invalid.
+/// Bilinear sample at continuous coordinates, with the border repeated; `None` if a contributing pixel is invalid.
 fn sample(map: &DepthMap, u: f64, v: f64) -> Option<f64> {
     let (width, height) = map.dimensions();
     if width == 0 || height == 0 {
@@ -105,7 +104,8 @@ mod tests {
     fn a_prediction_of_another_size_is_sampled_at_the_ground_truths_centres() {
         // A plane in x: centres of a 4-pixel row at 1, 3, 5, 7 of 8; the gt's 8 centres at 0.5, 1.5 …
         let prediction = map(4, 1, &[1.0, 3.0, 5.0, 7.0]);
-        // Inside, the bilinear sample is the plane itself, so the ratio is exactly 2; sparse elsewhere.
+        // Inside, the bilinear sample is the plane itself, so the ratio is exactly 2; elsewhere the ground truth is
+        // sparse.
         let gt = map(8, 1, &[0.0, 3.0, 5.0, 7.0, 9.0, 11.0, 13.0, f32::NAN]);
         let found = median_scale(&gt, &prediction).unwrap();
         assert_eq!(

@@ -1,5 +1,5 @@
-//! Sensitivity of the pairs to the open choices: each choice is changed by itself. The choices are those of
-//! [`PairOptions`], and the readings of the datasets.
+//! Sensitivity of the pairs to the open choices: changes one choice at a time. The choices are those of [`PairOptions`]
+//! and alternative settings of the datasets' readers.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -12,13 +12,13 @@ use super::dataset::OpenDataset;
 use super::options::PairOptions;
 use super::overlap_cache::OverlapCache;
 
-/// Subject of the only choices that concern stereo datasets too.
+/// Subject of the only choices that also apply to stereo datasets.
 const OF_ALL: &str = "sampling";
 
-/// Subject of other readings of a dataset.
+/// Subject of alternative reader settings.
 const READING: &str = "dataset reading";
 
-/// Changes by subject: texts of [`PairOptions`] between blanks.
+/// Changes by subject, as texts of [`PairOptions`] separated by blanks.
 const ALTERNATIVES: [(&str, &str); 10] = [
     ("threshold", "threshold=0.5 threshold=0.7 at-threshold=in"),
     (
@@ -44,42 +44,42 @@ const ALTERNATIVES: [(&str, &str); 10] = [
     (OF_ALL, "limit=all sampling=per-scene sampling=first seed=1"),
 ];
 
-/// Pairs of a dataset under some options.
+/// Number of pairs of a dataset under some options.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize)]
 pub struct Count {
     pub qualified: usize,
     pub selected: usize,
-    /// Selected here and under the base options.
+    /// Number of pairs selected both here and under the base options.
     pub shared: usize,
 }
 
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct Alternative {
     pub about: &'static str,
-    /// The change, `key=value`; empty for the base itself.
+    /// The change, `key=value`; empty for the base.
     pub change: String,
     #[serde(rename = "datasets")]
     pub counts: BTreeMap<String, Count>,
-    /// By dataset, why its pairs cannot be counted under this choice.
+    /// Why pairs cannot be counted under this choice, by dataset.
     pub unavailable: BTreeMap<String, String>,
 }
 
-/// A dataset under another of its settings.
+/// A dataset read with one setting changed.
 #[derive(Debug, Clone)]
 pub struct OtherReading {
     pub dataset: String,
-    /// The setting, `key=value`.
+    /// The changed setting, `key=value`.
     pub change: String,
     /// All settings of the reader, as in [`BuildContext::settings`].
     pub settings: String,
-    /// What is found then, or why it cannot be opened.
+    /// The scenes found, or why the dataset cannot be opened.
     pub scenes: Result<Vec<Scene>, String>,
 }
 
-/// Counts pairs under the base options (the first answer), under each alternative that differs from them and makes
-/// sense with them, and under other readings of the datasets. A choice that does not concern stereo pairs is not counted
-/// for datasets that have no others. Overlaps are measured once for each way of measuring: with the context's cache, or
-/// in memory. `advance(done, all)` is called after each.
+/// Counts pairs under the base options (first result), under each applicable alternative that differs from them, and
+/// under other readings of the datasets. Choices that do not apply to stereo pairs are skipped for datasets that have
+/// only those. Overlaps are measured once per way of measuring and stored in the context's cache, or else in memory.
+/// Calls `advance(done, all)` after each count.
 pub fn alternatives(
     scenes: &[Scene],
     base: &PairOptions,
@@ -110,7 +110,7 @@ pub fn alternatives(
     let options: Vec<(&str, &str, PairOptions)> = changed
         .filter(|(about, _)| *about == OF_ALL || !of_multi_view.is_empty())
         .filter_map(|(about, change)| Some((about, change, base.with(change).ok()?)))
-        // Another source of depth needs other files.
+        // Another source of depth would need other files.
         .filter(|(_, change, options)| {
             options != base && (!change.starts_with("overlap=") || base.depth.is_ground_truth())
         })
@@ -172,7 +172,7 @@ fn counts_of_reading(
     };
     let build = build_pairs(scenes, base, &context).map_err(|error| error.to_string())?;
     let mut counts = counts(&build, selected);
-    // No scene is no pair.
+    // A dataset without scenes has no pairs.
     counts.entry(reading.dataset.clone()).or_default();
     Ok(counts)
 }
@@ -205,11 +205,11 @@ fn counts(build: &PairBuild, base: &BTreeSet<&str>) -> BTreeMap<String, Count> {
     counts
 }
 
-/// Settings that are not readings of the paper: permission to open files, and treatment of pictures that are not of their
-/// camera's size.
+/// Settings that do not affect the interpretation of the paper: permission to open files, and treatment of pictures
+/// that do not match their camera's size.
 const NO_READINGS: [&str; 2] = ["outside", "camera-size"];
 
-/// Each dataset under every other choice of its settings, opened as far as its files allow.
+/// Each dataset under every alternative setting of its reader, as far as its files can be opened.
 pub fn other_readings(
     datasets: &[OpenDataset],
     only_scenes: Option<&str>,
@@ -321,7 +321,7 @@ mod tests {
 
     #[test]
     fn depth_is_read_once_for_each_way_of_measuring() {
-        // Files that are there: a scene that cannot be hashed is never kept.
+        // Use files that exist, because a scene that cannot be hashed is not cached.
         let dir = tempfile::tempdir().unwrap();
         let views = row("d", "s", 0.3, &[Depth::Wall(2.0); 10]);
         for view in &views.scene.views {
@@ -332,7 +332,7 @@ mod tests {
         let base = PairOptions::default();
         let rows = alternatives(scenes, &base, &[], &BuildContext::default(), &|_, _| {}).unwrap();
         assert!(rows.len() > 25);
-        // The base, five tests, two lookups, two denominators, a stride and two resolutions.
+        // The base, five tests, two lookups, two denominators, one stride and two resolutions.
         assert_eq!(views.reads.load(Ordering::Relaxed), 13 * 10);
     }
 }

@@ -1,4 +1,4 @@
-//! Datasets as they were opened, with the pair options given for each.
+//! Opened datasets, with the pair options given for each.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -13,22 +13,22 @@ use sharp_datasets::left_out::{LeftOutScenes, by_reason};
 use super::error::PairError;
 use crate::pairs::DatasetConfig;
 
-/// Name of the mean over several datasets; no dataset can have it.
+/// Label of the mean over several datasets; reserved as a dataset name.
 pub const ALL_DATASETS: &str = "all";
 
 #[derive(Debug, Clone)]
 pub struct OpenDataset {
     pub name: String,
-    /// As asked for.
+    /// The configuration as given.
     pub config: DatasetConfig,
-    /// The reader and its settings, whatever the folder: what decides which views the same files mean.
+    /// The reader and its settings, without the folder: everything that determines how files are interpreted.
     pub settings: String,
-    /// Readings of the paper that the settings stand for.
+    /// The settings that interpret the paper.
     pub readings: Vec<DatasetReading>,
-    /// In which units its files are read.
+    /// Units of the dataset's files.
     pub units: Units,
     pub scenes: Vec<Scene>,
-    /// Scenes that are there and are not among those.
+    /// Scenes that exist but are not in `scenes`.
     pub left_out: Vec<LeftOutScenes>,
 }
 
@@ -36,19 +36,19 @@ pub struct OpenDataset {
 pub struct DatasetReading {
     pub key: String,
     pub value: String,
-    /// Whether the value is known to differ from what the paper did.
+    /// Whether the value is known to differ from the paper's.
     pub proxy: bool,
-    /// Whether the paper leaves open which of several values it used.
+    /// Whether the paper does not say which of several values it used.
     #[serde(default)]
     pub open: bool,
 }
 
 impl OpenDataset {
     /// Opens datasets; names must be unique, because they are columns. `scenes` is a pattern with `*` and `?` that
-    /// scene ids have to match. A scene that cannot be read is among [`Self::left_out`].
+    /// scene ids must match. A scene that cannot be read is added to [`Self::left_out`].
     ///
     /// # Errors
-    /// When a dataset or all of its scenes cannot be read, a name occurs twice, or no scene matches.
+    /// If a dataset or all of its scenes cannot be read, a name occurs twice, or no scene matches.
     pub fn open_all(
         configs: &[DatasetConfig],
         scenes: Option<&str>,
@@ -77,11 +77,10 @@ impl OpenDataset {
         Ok(open)
     }
 
-    /// Opens a dataset as a run recorded it: by the readings that were in force then, should a default be another one
-    /// now.
+    /// Opens a dataset with the settings recorded by a run, even if a default has changed since.
     ///
     /// # Errors
-    /// As [`Self::open_all`]; that no scene matches is none.
+    /// As [`Self::open_all`], except that no matching scene is not an error.
     pub fn open_recorded(
         config: &DatasetConfig,
         recorded: &[DatasetReading],
@@ -104,7 +103,7 @@ impl OpenDataset {
             found.choose(|id| glob.is_match(id), &format!("--scenes {pattern}"));
         }
         let left_out = by_reason(&found.left_out);
-        // Where none is left and something is broken, that is why.
+        // If nothing is left and something is broken, report that as the reason.
         let scenes = match found.scenes.is_empty() {
             true => found.all()?,
             false => found.scenes,
@@ -154,18 +153,19 @@ impl OpenDataset {
         (!path.as_os_str().is_empty()).then_some(path)
     }
 
-    /// The scenes that are broken or incomplete.
+    /// Scenes left out because they are broken or incomplete.
     pub fn broken(&self) -> impl Iterator<Item = &LeftOutScenes> {
         self.left_out.iter().filter(|group| !group.by_choice)
     }
 
-    /// Number of views that are left out because of their files.
+    /// Number of views left out because of their files.
     pub fn unreadable_views(&self) -> usize {
         let groups = self.scenes.iter().flat_map(|scene| &scene.left_out);
         groups.map(|group| group.views.len()).sum()
     }
 
-    /// Why a scene was not read, by its own id or that of a folder above it; `None` if it was, or is not there.
+    /// Why a scene was not read, looked up by its id or that of a parent folder; `None` if it was read or does not
+    /// exist.
     pub fn leaves_out(&self, scene: &str) -> Option<&LeftOutScenes> {
         let holds = |id: &String| {
             let rest = scene.strip_prefix(id.as_str());
@@ -176,7 +176,7 @@ impl OpenDataset {
         groups.find(|group| group.scenes.iter().any(holds))
     }
 
-    /// What its files leave in doubt, one line for all scenes of which it is true.
+    /// Doubts about the dataset's files, one line for all scenes that share it.
     pub fn warnings(&self) -> Vec<String> {
         let mut scenes: BTreeMap<String, Vec<String>> = BTreeMap::new();
         for scene in &self.scenes {
@@ -199,7 +199,7 @@ impl OpenDataset {
             .collect()
     }
 
-    /// What the reader said about its scenes, warnings included, for the manifest.
+    /// The reader's notes on its scenes, including warnings, for the manifest.
     pub fn notes(&self) -> Vec<String> {
         let of_scene = |scene: &Scene| {
             let left_out = scene.left_out.iter().map(ToString::to_string);
@@ -212,7 +212,7 @@ impl OpenDataset {
         self.scenes.iter().flat_map(of_scene).collect()
     }
 
-    /// The settings in force, `key=value` by commas.
+    /// The settings in force, as comma-separated `key=value`.
     pub fn readings_text(&self) -> String {
         let readings = self.readings.iter();
         let texts: Vec<String> = readings.map(|r| format!("{}={}", r.key, r.value)).collect();
@@ -220,13 +220,14 @@ impl OpenDataset {
     }
 }
 
-/// All scenes of some datasets, in their order.
+/// All scenes of some datasets, in order.
 pub fn scenes_of(datasets: &[OpenDataset]) -> Vec<Scene> {
     let scenes = datasets.iter().flat_map(|dataset| &dataset.scenes);
     scenes.cloned().collect()
 }
 
-/// Names may hold any character, also those that are special in shell patterns: only `*` and `?` are here.
+/// A matcher for `*` and `?`. All other characters are literal, even those that are special in shell patterns, because
+/// names may contain them.
 pub(crate) fn name_matcher(pattern: &str) -> Result<GlobMatcher, String> {
     let plain: String = pattern
         .chars()
@@ -294,12 +295,12 @@ mod tests {
         let open =
             |readings: &[DatasetReading]| OpenDataset::open_recorded(&config, readings, None);
         let now = open(&[]).unwrap();
-        // The default of earlier versions, a value and a key that none had.
+        // An earlier version's default; then an unknown value and an unknown key.
         let then = open(&[recorded("rectification", "any")]).unwrap();
         let odd = open(&[recorded("rectification", "none"), recorded("left", "im1")]).unwrap();
         let counts = [&now, &then, &odd].map(|open| (open.scenes.len(), open.left_out.len()));
         assert_eq!(counts, [(1, 1), (2, 0), (1, 1)]);
-        // What was asked for is the same, and with it the identity of results.
+        // The given settings are the same, and so is the identity of results.
         assert_eq!(now.settings, then.settings);
     }
 
@@ -317,7 +318,7 @@ mod tests {
         );
         let view = &framed.scenes[0].views[0];
         assert_eq!(view.content.image().unwrap().dimensions(), (24, 24));
-        // What a manifest records opens the same.
+        // A recorded manifest opens the same dataset.
         let recorded = framed.config.without_pairs();
         let again = OpenDataset::open_recorded(&recorded, &framed.readings, None).unwrap();
         assert_eq!(again.settings, framed.settings);

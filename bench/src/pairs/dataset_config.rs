@@ -1,4 +1,4 @@
-//! Datasets as named on a command line or in a file.
+//! Dataset specs of a command line or a file.
 
 use std::collections::BTreeMap;
 use std::fmt;
@@ -11,27 +11,28 @@ use sharp_datasets::{DatasetError, DatasetSpec};
 use crate::pairs::PairError;
 use crate::pairs::frame::Frame;
 
-/// Starts a key of a dataset that is a pair option, so that it cannot collide with a setting of the reader.
+/// Prefix of pair options among a dataset's keys, which avoids collisions with reader settings.
 const PAIR_OPTION: &str = "pairs.";
 
-/// Starts the setting of a dataset that is a [`Frame`].
+/// Prefix of the setting with a dataset's [`Frame`].
 const FRAME: &str = "frame=";
 
-/// `[NAME:]FORMAT=PATH[,key=value…]`, where a key is a setting of the reader, `frame`, or `pairs.` and a pair option.
+/// A dataset spec `[NAME:]FORMAT=PATH[,key=value…]`, where a key is a reader setting, `frame`, or `pairs.` followed by
+/// a pair option.
 #[derive(Debug, Clone, Serialize, Deserialize, schemars::JsonSchema)]
 #[schemars(with = "String")]
 #[serde(into = "String", try_from = "String")]
 pub struct DatasetConfig {
     pub spec: DatasetSpec,
-    /// The size at which its views are seen; their own without it.
+    /// Size to which views are resized; `None` keeps their own.
     pub frame: Option<Frame>,
     pub pairs: PairOverrides,
 }
 
-/// Pair options of one dataset, in place of the common ones.
+/// Pair options of one dataset, which override the common ones.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct PairOverrides {
-    /// Texts of [`PairOptions`](crate::pairs::PairOptions), by their keys.
+    /// Values of [`PairOptions`](crate::pairs::PairOptions) by key, as text.
     pub options: BTreeMap<String, String>,
     pub overlap_depth: Option<PathBuf>,
     pub overlap_checkpoint: Option<PathBuf>,
@@ -39,7 +40,7 @@ pub struct PairOverrides {
 }
 
 impl PairOverrides {
-    /// `key=value` by commas, as [`PairOptions::with`](crate::pairs::PairOptions::with) takes it.
+    /// Comma-separated `key=value`, as [`PairOptions::with`](crate::pairs::PairOptions::with) takes it.
     pub fn options_text(&self) -> String {
         self.options().join(",")
     }
@@ -51,7 +52,7 @@ impl PairOverrides {
             .collect()
     }
 
-    /// `key=value`, in a fixed order.
+    /// All overrides as `key=value`, in a fixed order.
     fn entries(&self) -> Vec<String> {
         let mut entries = self.options();
         let files = [
@@ -71,7 +72,7 @@ impl PairOverrides {
 }
 
 impl DatasetConfig {
-    /// Without what decides its pairs alone: what its views are.
+    /// A copy without pair options, which describes the views alone.
     #[must_use]
     pub fn without_pairs(&self) -> Self {
         Self {
@@ -81,7 +82,7 @@ impl DatasetConfig {
     }
 }
 
-/// Parses a spec for clap. Errors leave the spec out, because clap quotes it.
+/// Parses a spec for clap. The error omits the spec, because clap quotes it.
 pub(crate) fn clap_dataset(text: &str) -> Result<DatasetConfig, String> {
     text.parse().map_err(|error| match error {
         PairError::DatasetSpec { reason, .. }

@@ -1,4 +1,4 @@
-//! One pair for a foreign method: `pair.json`.
+//! Description of a pair for an external method: `pair.json`.
 
 use std::collections::BTreeMap;
 
@@ -9,10 +9,10 @@ use sharp_datasets::View;
 
 use super::pair_id::{PairName, path_of};
 
-/// Changes whenever a reader of an earlier `pair.json` would misunderstand it.
+/// Format version; increased whenever a reader of an earlier `pair.json` would misinterpret it.
 pub const FORMAT: u32 = 1;
 
-/// A pair: both cameras, the motion between them, and the expected output. It holds nothing of the target's content.
+/// A pair: both cameras, the motion between them, and the expected output. Contains nothing of the target's content.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct PairDescription {
     pub format: u32,
@@ -29,9 +29,9 @@ pub struct PairDescription {
     pub k_t: [f64; 9],
     /// 4×4 row by row: X_target = target_from_source · X_source, metres.
     pub target_from_source: [f64; 16],
-    /// Where the prediction is looked for, and of which size.
+    /// Location and size of the expected prediction.
     pub prediction: ExpectedPrediction,
-    /// The same for methods without metric scale, which render several scales of which the best is scored.
+    /// Cameras for methods without metric scale, which render several scales; the best is scored.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub scales: Vec<ScaledCamera>,
     pub conventions: BTreeMap<&'static str, &'static str>,
@@ -47,24 +47,24 @@ pub struct ViewDescription {
 /// One camera of a scale sweep.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct ScaledCamera {
-    /// As `imported:scales=` names it.
+    /// Name of the scale, as in `imported:scales=`.
     pub scale: String,
-    /// The motion with its translation times the scale, in the method's own units of length.
+    /// The motion with its translation multiplied by the scale, in the method's own units of length.
     pub target_from_source: [f64; 16],
-    /// Where the prediction of this scale is looked for.
+    /// File of the prediction at this scale.
     pub file: String,
 }
 
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct ExpectedPrediction {
-    /// Relative to the folder that is named by `imported:dir=`; `.jpg`, `.jpeg` and `.exr` are accepted too.
+    /// Relative to the folder in `imported:dir=`; `.jpg`, `.jpeg` and `.exr` are also accepted.
     pub file: String,
     pub width: u32,
     pub height: u32,
 }
 
 impl PairDescription {
-    /// What a foreign method needs to know of a pair.
+    /// Describes a pair from its cameras.
     pub fn new(pair_id: &str, source: &PosedCamera, target: &PosedCamera) -> Self {
         let (dataset, scene) = match PairName::decode(pair_id) {
             Ok(name) => (name.dataset, name.scene),
@@ -90,7 +90,7 @@ impl PairDescription {
         }
     }
 
-    /// The same with cameras for a sweep over scales, each given as it names its folder.
+    /// Adds cameras for a sweep over scales, each given as folder name and scale.
     #[must_use]
     pub fn with_scales(mut self, scales: &[(String, f64)]) -> Self {
         let camera = |(name, scale): &(String, f64)| {
@@ -109,7 +109,7 @@ impl PairDescription {
     }
 }
 
-/// The camera of a view: all that a method may know of its target.
+/// The camera of a view; of the target, all that a method may know.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PosedCamera {
     pub id: String,
@@ -155,7 +155,7 @@ pub(crate) fn row_major(matrix: DMat3) -> [f64; 9] {
     matrix.transpose().to_cols_array()
 }
 
-/// The conventions of every camera and picture that is exported.
+/// Conventions of all exported cameras and pictures.
 pub(crate) fn conventions() -> BTreeMap<&'static str, &'static str> {
     BTreeMap::from([
         (
@@ -208,7 +208,7 @@ mod tests {
             ("synthetic", "a")
         );
         assert_eq!(described.prediction.file, "synthetic/a/x__y.png");
-        // A point in front of the source, through the numbers of the description alone.
+        // A point in front of the source, transformed with the numbers of the description alone.
         let point = [0.1, -0.2, 3.0, 1.0];
         let m = described.target_from_source;
         let moved: Vec<f64> = (0..3)

@@ -45,7 +45,7 @@ pub enum PairError {
     Recipe(String),
     #[error(transparent)]
     Network(#[from] NetworkError),
-    /// A signal or the time budget ended it.
+    /// Stopped by a signal or the time budget.
     #[error(
         "the pair list was not finished; overlaps measured so far are kept where there is a cache, and the same \
          command continues from there"

@@ -1,10 +1,10 @@
-//! A dataset seen at another protocol's resolution: every view resized and cropped before anything else sees it, its
-//! camera with it.
+//! Views of a dataset at another protocol's resolution: pictures are resized and cropped, and cameras adjusted, before
+//! any other processing.
 //!
 //! Text form, the setting `frame=RULE:SIZE:KERNEL` of a dataset:
-//! * `cover:256x256:lanczos`: scaled by one factor (sides rounded) until the size is covered, then its middle;
-//! * `cover8:256x256:lanczos`: the same with the width rounded to a multiple of 8, as LVSM does;
-//! * `stretch:384x256:lanczos`: each side by its own factor;
+//! * `cover:256x256:lanczos`: scaled by one factor (sides rounded) to cover the size, then centre-cropped;
+//! * `cover8:256x256:lanczos`: as `cover`, with the width rounded to a multiple of 8, as in LVSM;
+//! * `stretch:384x256:lanczos`: each side scaled by its own factor;
 //! * `width:1600:bicubic`: wider pictures reduced to that width, height rounded down.
 
 use std::fmt;
@@ -21,15 +21,15 @@ use sharp_metrics::{Picture, ResizeKernel, resize};
 
 use crate::io::pictures::to_rgb8;
 
-/// Rule that resizes and crops pictures to a protocol's size.
+/// A rule for resizing and cropping pictures to a protocol's size.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Frame {
     pub rule: FrameRule,
-    /// 8 bit in, 8 bit out.
+    /// A kernel with 8-bit input and output.
     pub kernel: ResizeKernel,
 }
 
-/// Sizes are width and height, pixels.
+/// Rules; sizes are width and height, pixels.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum FrameRule {
     Cover(u32, u32),
@@ -38,24 +38,24 @@ pub enum FrameRule {
     AtMostWidth(u32),
 }
 
-/// Resize and crop of pictures of one size.
+/// Resize and crop parameters for pictures of one size.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 struct Fit {
     resized: (u32, u32),
-    /// Top left corner and size of what is kept.
+    /// Top left corner and size of the crop.
     corner: (u32, u32),
     size: (u32, u32),
 }
 
 impl Frame {
-    /// The kernels that keep 8 bit.
+    /// Kernels that keep 8 bit.
     const KERNELS: [ResizeKernel; 3] = [
         ResizeKernel::Lanczos,
         ResizeKernel::Bicubic,
         ResizeKernel::Area,
     ];
 
-    /// What it may be, for help and errors.
+    /// The accepted forms, for help and errors.
     pub fn forms() -> String {
         let kernels = Self::KERNELS.map(|kernel| kernel.name()).join("|");
         format!(
@@ -63,7 +63,7 @@ impl Frame {
         )
     }
 
-    /// The error is the bare reason.
+    /// Resize and crop parameters for a picture of this size. Errors do not name the view.
     fn fit(&self, (w, h): (u32, u32)) -> Result<Fit, String> {
         let fit = |resized, size: (u32, u32)| {
             let (rw, rh): (u32, u32) = resized;
@@ -111,7 +111,7 @@ impl Frame {
         })
     }
 
-    /// The view as the protocol sees it. The error is the bare reason.
+    /// The resized and cropped view. Errors do not name the view.
     pub fn apply(&self, view: &View) -> Result<View, String> {
         let before = view.intrinsics;
         let fit = self.fit((before.width, before.height))?;
@@ -176,18 +176,18 @@ impl FromStr for Frame {
 #[derive(Debug)]
 struct Framed {
     whole: Arc<dyn ViewContent>,
-    /// Width and height before.
+    /// Original width and height.
     from: (u32, u32),
     kernel: ResizeKernel,
     fit: Fit,
 }
 
 impl Framed {
-    /// The first pixel and one past the last that the pixels of a kept row or column cover before the resize.
+    /// The range (first, one past the last) of original pixels that row or column `at` of the crop covers.
     fn covered(at: u32, corner: u32, from: u32, resized: u32) -> (u32, u32) {
         let place = |at: u32| f64::from(at) * f64::from(from) / f64::from(resized);
         let (first, end) = (place(at + corner), place(at + corner + 1));
-        // A border that falls on a pixel's edge by less than rounding belongs to it.
+        // A border within rounding of a pixel's edge counts as on the edge.
         let end = (end - 1e-9).ceil() as u32;
         ((first + 1e-9).floor() as u32, end.min(from))
     }
@@ -220,7 +220,7 @@ impl ViewContent for Framed {
         Ok(cropped.to_image())
     }
 
-    /// A pixel is valid where all are that it covers.
+    /// A pixel is valid if all original pixels that it covers are.
     fn valid_pixels(&self) -> Result<Option<GrayImage>, DatasetError> {
         let Some(valid) = self.whole.valid_pixels()? else {
             return Ok(None);
@@ -234,7 +234,7 @@ impl ViewContent for Framed {
         })))
     }
 
-    /// The depth at each pixel's centre; depths are never blended.
+    /// The depth at each pixel's centre, without interpolation.
     fn depth(&self) -> Result<Option<DepthMap>, DatasetError> {
         let Some(depth) = self.whole.depth()? else {
             return Ok(None);
@@ -352,14 +352,14 @@ mod tests {
         let (before, after) = (view.intrinsics, framed.intrinsics);
         assert_eq!((after.width, after.height), (32, 32));
         assert!((after.fx - before.fx / 2.0).abs() < 1e-12);
-        // 48 columns of which 8 are cut on the left.
+        // 48 columns, 8 of which are cut off on the left.
         assert!((after.cx - (before.cx / 2.0 - 8.0)).abs() < 1e-12);
         let (image, depth) = (
             view.content.image().unwrap(),
             view.content.depth().unwrap().unwrap(),
         );
         let small = framed.content.image().unwrap();
-        // The mean of two by two, rounded.
+        // The mean of 2 × 2 pixels, rounded.
         for (x, y) in [(0, 0), (17, 30)] {
             let sum: u32 = [(0, 0), (1, 0), (0, 1), (1, 1)]
                 .map(|(i, j)| u32::from(image.get_pixel(2 * (x + 8) + i, 2 * y + j).0[1]))

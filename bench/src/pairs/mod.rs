@@ -1,23 +1,23 @@
-//! Choice of the pairs to evaluate, and its geometry.
+//! Selection of the pairs to evaluate, and the geometry behind it.
 //!
-//! The paper fixes stereo left to right, sets of ten views, overlap above 60 % and at most 512 pairs
-//! a dataset; everything it leaves open is an option of [`PairOptions`], printed with the result.
+//! The paper fixes stereo left to right, sets of ten views, overlap above 60 % and at most 512 pairs per dataset;
+//! everything it leaves open is an option of [`PairOptions`], printed with the result.
 //!
 //! * [`sets`]: views into sets of ten.
-//! * [`depth`]: depth maps with their cameras, and the sources of depth.
-//! * [`overlap`]: share of one view that another sees; [`overlap_cache`]: earlier measurements.
+//! * [`depth`]: depth maps with their cameras, and sources of depth.
+//! * [`overlap`]: share of one view visible in another; [`overlap_cache`]: cached measurements.
 //! * [`options`]: every open choice, with its default and its text form.
-//! * [`pair_id`]: `dataset/scene/source__target`, encoded so that it can be decoded.
-//! * [`DatasetConfig`]: a dataset as named, with the pair options given for it; [`dataset`]: opened; [`frame`]: at another
-//!   size.
+//! * [`pair_id`]: `dataset/scene/source__target`, in a decodable encoding.
+//! * [`DatasetConfig`]: a dataset spec with its pair options; [`dataset`]: an opened dataset; [`frame`]: views at
+//!   another size.
 //! * [`build`]: pairs from scenes; [`recipe`]: the choices and files behind a list; [`advice`]: why there is no pair.
 //! * [`description`]: one pair in JSON, and the cameras of its views.
 //! * [`provenance`]: origin of a list, for manifests.
 //! * [`ambiguity`]: sensitivity of the pairs to the open choices.
 //! * [`sampling`]: sampling of qualified pairs.
-//! * [`scene_checks`]: contradictions in scenes, before a run begins.
+//! * [`scene_checks`]: contradictions in scenes, checked before a run begins.
 //! * [`pair_list`]: pairs as a file that can be published, verified and compared.
-//! * [`foreign`]: other people's lists.
+//! * [`foreign`]: published lists in other formats.
 //! * [`alignment`]: the global scale between predicted and ground-truth depth.
 //! * [`valid_depth`]: valid depths, their median and share.
 

@@ -1,9 +1,9 @@
-//! Cache of measured overlaps, by content.
+//! Content-addressed cache of measured overlaps.
 //!
-//! A scene's table is named by a hash of everything that its numbers depend on: the sources of this program, the
-//! reader's settings, every view's camera and the bytes of its files, the source of depth, and the options of
-//! measuring. Sets, thresholds and sampling are not part of the name, so that one table serves them all; it grows with the
-//! views that are asked for.
+//! A scene's table is keyed by a hash of everything that its numbers depend on: the sources of this program, the
+//! reader's settings, every view's camera and the bytes of its files, the source of depth, and the measuring options.
+//! Sets, thresholds and sampling are not part of the key, so one table serves all of them; it grows with the requested
+//! views.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::io::ErrorKind;
@@ -21,15 +21,15 @@ use crate::io::fingerprints;
 use crate::io::hash::sha256_hex;
 use crate::io::view_hashes::{ViewHashes, lock};
 
-/// Changes with the form of the files.
+/// Format version of the files.
 const FORMAT: u32 = 3;
 
-/// The two overlaps of views a < b, by index into the scene.
+/// Both overlaps of views a < b, by index in the scene.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub(super) struct Overlaps {
-    /// Share of a's pixels that b sees.
+    /// Share of a's pixels visible in b.
     pub(super) a_in_b: f64,
-    /// Share of b's pixels that a sees.
+    /// Share of b's pixels visible in a.
     pub(super) b_in_a: f64,
 }
 
@@ -42,14 +42,14 @@ pub(super) struct DepthFacts {
     pub(super) coverage: f64,
 }
 
-/// Facts about a scene, for one set of measuring options.
+/// Measurements of a scene under one set of measuring options.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub(super) struct SceneOverlaps {
-    /// `None` for a view without valid depth.
+    /// Facts by view; `None` for a view without valid depth.
     pub(super) depths: BTreeMap<usize, Option<DepthFacts>>,
-    /// By a, then by b, of views a < b with valid depth.
+    /// Overlaps by a, then by b, for views a < b with valid depth.
     couples: BTreeMap<usize, BTreeMap<usize, Option<Overlaps>>>,
-    /// Views whose depth could not be read. Never stored: the file may be mended.
+    /// Views whose depth could not be read. Not stored, because the file may be fixed later.
     #[serde(skip)]
     pub(super) failed: BTreeSet<usize>,
 }
@@ -63,12 +63,12 @@ impl SceneOverlaps {
         self.couples.get(&a.min(b))?.get(&a.max(b))
     }
 
-    /// Whether nothing has to be measured to know these two views' overlaps.
+    /// Whether the overlaps of these two views are known without measuring.
     pub(super) fn knows(&self, a: usize, b: usize) -> bool {
         self.couple(a, b).is_some() || self.has_none(a) || self.has_none(b)
     }
 
-    /// The share of the target that the source sees, and of the source that the target sees; `None` without depth.
+    /// The share of the target visible in the source, and of the source visible in the target; `None` without depth.
     pub(super) fn overlaps(&self, source: usize, target: usize) -> Option<(f64, f64)> {
         let found = (*self.couple(source, target)?)?;
         Some(match target < source {
@@ -77,7 +77,7 @@ impl SceneOverlaps {
         })
     }
 
-    /// Whether the view is known to have no depth that could be used.
+    /// Whether the view is known to have no usable depth.
     pub(super) fn has_none(&self, view: usize) -> bool {
         self.failed.contains(&view) || self.depths.get(&view) == Some(&None)
     }
@@ -86,7 +86,7 @@ impl SceneOverlaps {
         Some(sha256_hex(&serde_json::to_vec(self).ok()?))
     }
 
-    /// Whether it is of a scene of so many views.
+    /// Whether the indices are valid for a scene of this many views.
     fn fits(&self, views: usize) -> bool {
         let couples = self.couples.iter();
         let mut couples = couples.flat_map(|(a, of_a)| of_a.keys().map(move |b| (*a, *b)));
@@ -94,18 +94,18 @@ impl SceneOverlaps {
     }
 }
 
-/// A table as a file.
+/// The file of a table.
 #[derive(Serialize, Deserialize)]
 struct TableFile {
     format: u32,
     key: String,
-    /// sha256 of the content's JSON, so that a damaged file is noticed.
+    /// SHA-256 of the content's JSON, to detect damaged files.
     sha256: String,
     content: SceneOverlaps,
 }
 
-/// Tables of scenes, in memory and, where it has a folder, in files. A file that cannot be used is as good as none,
-/// and so is one that cannot be written; both are said.
+/// Tables of scenes, in memory and optionally in files. Files that cannot be read or written are skipped with a
+/// warning.
 #[derive(Debug, Default)]
 pub struct OverlapCache {
     folder: Option<PathBuf>,
@@ -115,12 +115,12 @@ pub struct OverlapCache {
 }
 
 impl OverlapCache {
-    /// Forgets everything at its end.
+    /// A cache without files.
     pub fn in_memory() -> Self {
         Self::default()
     }
 
-    /// Keeps files in a folder, which need not exist.
+    /// A cache with files in a folder, which need not exist.
     pub fn in_folder(folder: impl Into<PathBuf>) -> Self {
         Self {
             folder: Some(folder.into()),
@@ -133,12 +133,12 @@ impl OverlapCache {
         Some(sharp_metrics::weights::user_cache()?.join("overlap"))
     }
 
-    /// What could not be read or written, once each, and forgets it.
+    /// Returns and clears the warnings about files that could not be read or written.
     pub fn take_warnings(&self) -> Vec<String> {
         std::mem::take(&mut *lock(&self.warnings))
     }
 
-    /// The name of a scene's table. `None` if a file cannot be hashed: then nothing is stored.
+    /// Key of a scene's table; `None` if a file cannot be hashed, in which case nothing is stored.
     pub(super) fn key(
         &self,
         scene: &Scene,
@@ -166,7 +166,7 @@ impl OverlapCache {
         Some(sha256_hex(text.as_bytes()))
     }
 
-    /// What is known under a name; nothing if there is no file or it cannot be used.
+    /// The table of a key; empty if there is no usable file.
     pub(super) fn load(&self, key: &str, views: usize) -> SceneOverlaps {
         if let Some(table) = lock(&self.tables).get(key) {
             return table.clone();
@@ -186,7 +186,7 @@ impl OverlapCache {
         }
     }
 
-    /// Keeps what is known under a name.
+    /// Stores the table of a key.
     pub(super) fn store(&self, key: &str, table: &SceneOverlaps) {
         let table = SceneOverlaps {
             failed: BTreeSet::new(),

@@ -1,19 +1,18 @@
 //! The name of a pair: `dataset/scene/source__target`.
 //!
-//! Each of the four parts is percent-encoded from its UTF-8 bytes. Kept as they are: ASCII letters and
-//! digits, `-`, `.`, `_` and `~` (RFC 3986's unreserved characters); everything else, a `/` within a
-//! scene's id included, becomes `%XX` with upper-case digits. Two further rules make the id decodable
-//! and a safe relative path:
-//! * a `_` that begins or ends its part, or stands next to another `_`, is encoded, so that the only
-//!   `__` is the one between source and target;
+//! Each of the four parts is percent-encoded from its UTF-8 bytes. ASCII letters and digits, `-`, `.`, `_` and `~` (RFC
+//! 3986's unreserved characters) are kept; everything else, including a `/` within a scene's id, becomes `%XX` with
+//! upper-case digits. Two further rules make the id decodable and a safe relative path:
+//! * a `_` that begins or ends its part, or is next to another `_`, is encoded, so that the only `__` is the one
+//!   between source and target;
 //! * a `.` that begins or ends its part is encoded, so that no part is `.`, `..` or hidden.
 //!
-//! Any percent-decoder (Python's `urllib.parse.unquote`) undoes it after splitting at `/` and `__`.
+//! Any percent-decoder (Python's `urllib.parse.unquote`) can decode it after splitting at `/` and `__`.
 
 use super::PairError;
 use crate::io::hash::sha256_hex;
 
-/// The four names that a pair id consists of.
+/// The four names in a pair id.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct PairName {
     pub dataset: String,
@@ -33,11 +32,10 @@ impl PairName {
         )
     }
 
-    /// Reads an id back.
+    /// Decodes an id.
     ///
     /// # Errors
-    /// [`PairError::PairId`] unless the text is exactly what [`Self::encode`] writes, so that one
-    /// pair has one id.
+    /// [`PairError::PairId`] unless the text is exactly what [`Self::encode`] writes, so that each pair has one id.
     pub fn decode(id: &str) -> Result<Self, PairError> {
         let wrong = |reason: &str| PairError::PairId {
             text: id.to_owned(),
@@ -63,12 +61,12 @@ impl PairName {
     }
 }
 
-/// Longest name of a file or folder made from an id, bytes: file systems allow 255, extensions and the names of files
-/// that are being written included.
+/// Maximum length of a file or folder name made from an id, bytes. File systems allow 255, including extensions and
+/// affixes of partial files.
 const LONGEST: usize = 180;
 
-/// An id (of a pair, or `dataset/scene/view`) as a relative path without extension. It is the id itself unless a part of
-/// it is too long for a file's name: that is cut, and ends with `~` and the first 16 digits of the part's sha256.
+/// Converts an id (of a pair, or `dataset/scene/view`) to a relative path without extension. The path equals the id,
+/// except that parts too long for a file name are cut, and end with `~` and the first 16 digits of the part's SHA-256.
 pub fn path_of(id: &str) -> String {
     let parts: Vec<String> = id.split('/').map(short).collect();
     parts.join("/")
@@ -86,12 +84,12 @@ fn short(part: &str) -> String {
     format!("{}~{hash}", &part[..end])
 }
 
-/// `dataset/scene`, encoded as in pair ids: a folder of things that belong to views.
+/// Path `dataset/scene`, encoded as in pair ids, for a folder of files that belong to views.
 pub fn scene_path(dataset: &str, scene: &str) -> String {
     path_of(&format!("{}/{}", encode_part(dataset), encode_part(scene)))
 }
 
-/// A view's name, encoded as in pair ids: the stem of a file that belongs to it.
+/// A view's name, encoded as in pair ids, for the stem of a file that belongs to it.
 pub fn view_name(view: &str) -> String {
     short(&encode_part(view))
 }

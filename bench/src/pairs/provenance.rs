@@ -1,4 +1,4 @@
-//! Origin of a pair list: recorded when it is built, read from the file next to it later.
+//! Origin of a pair list: recorded when it is built, and later read from a file next to it.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -19,7 +19,7 @@ pub struct PairProvenance {
     pub overlap_depth: String,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub overlap_depth_maps: Option<DepthMaps>,
-    /// sha256 of the checkpoint whose depth decided overlap.
+    /// SHA-256 of the checkpoint that predicted depth for overlap.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub overlap_checkpoint: Option<String>,
 }
@@ -31,19 +31,19 @@ pub struct DepthMaps {
 }
 
 impl PairProvenance {
-    /// The choices that are known to differ from the paper's on a dataset of a format, of which `selected` pairs were
-    /// selected, as `key=value`.
+    /// The choices, as `key=value`, that are known to differ from the paper's for a dataset of this format with
+    /// `selected` selected pairs.
     pub fn proxies(&self, format: &str, selected: usize) -> Vec<String> {
         let kind = entry(format).map_or(PaperOverlap::Dense, |entry| entry.paper_overlap);
         self.options.proxies_on(kind, selected)
     }
 }
 
-/// `FILE.json` next to a list `FILE`: the list holds the pairs, this file the choices behind them.
+/// `FILE.json` next to a list `FILE`: records the choices behind the list's pairs.
 #[derive(Debug, Serialize, Deserialize)]
 pub struct ListCompanion {
     schema: u32,
-    /// sha256 of the list that it belongs to.
+    /// SHA-256 of the list it belongs to.
     pub sha256: String,
     pub choices: BTreeMap<String, PairProvenance>,
     pub datasets: Vec<String>,
@@ -67,7 +67,7 @@ impl ListCompanion {
         }
     }
 
-    /// Where the companion of a list lies.
+    /// Path of a list's companion.
     pub fn path(list: &Path) -> PathBuf {
         let mut name = list.as_os_str().to_owned();
         name.push(".json");
@@ -78,7 +78,7 @@ impl ListCompanion {
         write_json(&Self::path(list), self)
     }
 
-    /// The companion of exactly this list; a list may well have none.
+    /// The companion of exactly this list; `None` if there is none.
     pub fn of(list: &PairList) -> Option<Self> {
         let companion = Self::read(&Self::path(&list.path))?;
         (companion.schema == SCHEMA && companion.sha256 == list.sha256).then_some(companion)
@@ -88,7 +88,7 @@ impl ListCompanion {
         serde_json::from_slice(&sharp::files::read(path).ok()?).ok()
     }
 
-    /// Removes that of an earlier list in the place of one that has none. A file of somebody else stays.
+    /// Removes the companion of an overwritten list. Keeps other files of that name.
     pub fn remove(list: &Path) -> Result<(), FileError> {
         let path = Self::path(list);
         match Self::read(&path) {

@@ -1,4 +1,4 @@
-//! Recipe of a pair list: the open choices, and the files that they need.
+//! The recipe of a pair list: the open choices, and the files they need.
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -21,24 +21,24 @@ use crate::io::checkpoint::named_network;
 use crate::io::observer::Observer;
 use crate::pairs::PairOverrides;
 
-/// The open choices of a dataset's pairs and the files that they need.
+/// The open choices behind a dataset's pairs, and the files they need.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct PairRecipe {
     pub options: PairOptions,
-    /// Depth maps by anyone, `DIR/<dataset>/<scene>/<view>.npy|npz|exr|pfm|png`.
+    /// User-supplied depth maps, `DIR/<dataset>/<scene>/<view>.npy|npz|exr|pfm|png`.
     pub overlap_depth: Option<PathBuf>,
-    /// The checkpoint of `overlap=sharp-release`; found where the release keeps it without this.
+    /// Checkpoint of `overlap=sharp-release`; by default the locally stored file of the release.
     pub overlap_checkpoint: Option<PathBuf>,
-    /// Its architecture, `FILE.json#NAME`, where it is not the release's.
+    /// Architecture of the checkpoint, `FILE.json#NAME`; by default the release's.
     pub overlap_config: Option<String>,
 }
 
-/// A built list with how it came about.
+/// A built list with its provenance.
 #[derive(Debug, Clone)]
 pub struct BuiltList {
     pub build: PairBuild,
     pub provenance: BTreeMap<String, PairProvenance>,
-    /// A sentence for each dataset without a selected pair, or whose depth is too sparse for the choices made.
+    /// A sentence for each dataset without a selected pair, or with depth that is too sparse for the choices.
     pub advice: Vec<String>,
 }
 
@@ -59,7 +59,7 @@ impl OpenDepth {
 }
 
 impl PairRecipe {
-    /// The choices with the dataset's own depth.
+    /// A recipe that uses the dataset's own depth.
     pub fn new(options: PairOptions) -> Self {
         Self {
             options,
@@ -67,10 +67,10 @@ impl PairRecipe {
         }
     }
 
-    /// Checks that choices and files go together. Depth maps alone mean `overlap=given`.
+    /// Checks that choices and files are consistent. Depth maps alone imply `overlap=given`.
     ///
     /// # Errors
-    /// [`PairError::Recipe`] names the option that is missing or not taken.
+    /// [`PairError::Recipe`] names the option that is missing or not applicable.
     pub fn checked(mut self) -> Result<Self, PairError> {
         if self.overlap_depth.is_some() && self.options.depth == OverlapDepth::GroundTruth {
             self.options.depth = OverlapDepth::Given;
@@ -89,7 +89,7 @@ impl PairRecipe {
         Ok(self)
     }
 
-    /// The recipe of a dataset: this one, changed by the dataset's own pair options.
+    /// The recipe of a dataset: this one, with the dataset's own pair options applied.
     pub fn of(&self, dataset: &OpenDataset) -> Result<Self, PairError> {
         let own = &dataset.config.pairs;
         let named = |error: PairError| PairError::DatasetSpec {
@@ -98,7 +98,7 @@ impl PairRecipe {
         };
         let options = self.options.with(&own.options_text()).map_err(named)?;
         let mut common = self.clone();
-        // Files of the common choice are left to the datasets that it holds for.
+        // Drop files of the common choice that this dataset's choice does not use.
         if own.options.contains_key("overlap") {
             common
                 .overlap_depth
@@ -116,10 +116,10 @@ impl PairRecipe {
         recipe.checked().map_err(named)
     }
 
-    /// Builds the list of opened datasets, each by its own recipe. Files that cannot be read are warnings.
+    /// Builds the list of opened datasets, each by its own recipe. Files that cannot be read cause warnings.
     ///
     /// # Errors
-    /// When choices do not go together, or depth that was asked for is not there.
+    /// If choices are inconsistent, or requested depth does not exist.
     pub fn build(
         &self,
         datasets: &[OpenDataset],
@@ -194,7 +194,8 @@ impl PairRecipe {
         })
     }
 
-    /// How the count changes over the open choices and the datasets' other readings; overlap from one source of depth.
+    /// The number of pairs under each open choice and each alternative reading of the datasets; the source of depth
+    /// does not change.
     pub fn ambiguity(
         &self,
         datasets: &[OpenDataset],
@@ -254,12 +255,12 @@ impl PairRecipe {
 }
 
 impl BuiltList {
-    /// The pairs as a list that will be written to `path`.
+    /// Converts to a list to be written to `path`.
     pub fn list(&self, path: impl Into<PathBuf>) -> PairList {
         PairList::new(path, self.build.pairs.clone())
     }
 
-    /// Whose depth decided overlap, where it is the same for all datasets.
+    /// Source of the depth used for overlap, if it is the same for all datasets.
     pub fn common_depth(&self) -> Option<&str> {
         let mut depths = self
             .provenance
@@ -305,14 +306,14 @@ fn warn(cache: Option<&OverlapCache>, observer: &dyn Observer) {
 pub enum PairOrigin {
     /// Built from the datasets.
     Built {
-        /// The choices; a dataset may change them by its own.
+        /// The common choices; a dataset may override them.
         recipe: Box<PairRecipe>,
-        /// Where measured overlaps are kept.
+        /// Cache of measured overlaps.
         cache: Option<OverlapCache>,
     },
-    /// A list that was handed in.
+    /// An existing list.
     Given(PathBuf),
-    /// That of a plan, this run folder's.
+    /// The list of a plan in this run folder.
     Planned(PathBuf),
 }
 

@@ -10,15 +10,15 @@ use super::pair_list::ResolvedPair;
 /// Rule for drawing pairs when there are more than the limit.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum SamplingRule {
-    /// Uniformly without replacement: the list, sorted bytewise by pair id, is shuffled by
-    /// [`SplitMix64::shuffle`] and its first entries are taken.
+    /// Uniformly without replacement: the list is sorted bytewise by pair id and shuffled by [`SplitMix64::shuffle`];
+    /// the first entries are taken.
     Uniform,
-    /// One pair of each scene in turn, scenes in bytewise order, until the limit; within a scene as
-    /// for `Uniform`, all scenes drawing from one generator one after the other.
+    /// Round-robin over scenes in bytewise order, one pair each, until the limit; within a scene as for `Uniform`. All
+    /// scenes draw consecutively from one generator.
     PerScene,
-    /// One pair of each of ten bins of baseline in turn, nearest bin first, until the limit: bins of equal width from the
-    /// least baseline to the greatest; within a bin as for `Uniform`, all bins drawing from one generator one after the
-    /// other.
+    /// Round-robin over ten bins of baseline, nearest first, one pair each, until the limit. Bins have equal width from
+    /// the smallest to the largest baseline; within a bin as for `Uniform`. All bins draw consecutively from one
+    /// generator.
     #[value(name = "stratified:baseline")]
     StratifiedBaseline,
     /// The first ones by pair id.
@@ -27,7 +27,7 @@ pub enum SamplingRule {
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct SamplingOptions {
-    /// Pairs of a dataset at most; `None` for all.
+    /// Maximum number of pairs per dataset; `None` for all.
     pub limit: Option<usize>,
     pub rule: SamplingRule,
     /// Seed of the draw, the same for every dataset.
@@ -45,8 +45,8 @@ impl Default for SamplingOptions {
     }
 }
 
-/// Chooses among the pairs of one dataset. `pairs` holds the scene of each and its baseline in metres, pairs being sorted
-/// bytewise by id; the answer says for each whether it was drawn.
+/// Draws pairs of one dataset. `pairs` holds the scene and the baseline in metres of each pair, sorted bytewise by id;
+/// returns whether each was drawn.
 pub fn sample(pairs: &[(&str, f64)], options: &SamplingOptions) -> Vec<bool> {
     let n = pairs.len();
     let limit = options.limit.unwrap_or(n);
@@ -79,15 +79,15 @@ pub fn sample(pairs: &[(&str, f64)], options: &SamplingOptions) -> Vec<bool> {
     selected
 }
 
-/// At most so many of a list's pairs: one of each dataset in turn, in it one of each scene in turn, scenes and their pairs
-/// shuffled. Those of a smaller limit are among those of a larger one.
+/// At most `limit` pairs of a list: round-robin over datasets, and within each over scenes, with scenes and their pairs
+/// shuffled. A smaller limit gives a subset of a larger one.
 pub fn spread<'a>(pairs: &[ResolvedPair<'a>], limit: usize) -> Vec<ResolvedPair<'a>> {
     let names = pairs.iter().map(|p| (&*p.pair.dataset, &*p.pair.scene));
     let chosen = spread_positions(&names.collect::<Vec<_>>(), limit);
     chosen.into_iter().map(|i| pairs[i]).collect()
 }
 
-/// Ascending positions among pairs of these datasets and scenes.
+/// Ascending indices of the chosen pairs, given the dataset and scene of each.
 fn spread_positions(names: &[(&str, &str)], limit: usize) -> Vec<usize> {
     let in_dataset = |members: Vec<usize>| {
         let mut generator = SplitMix64::new(0);
@@ -106,20 +106,20 @@ fn spread_positions(names: &[(&str, &str)], limit: usize) -> Vec<usize> {
     chosen
 }
 
-/// Bins that baselines are divided into.
+/// Number of baseline bins.
 const STRATA: usize = 10;
 
-/// The bin of each pair's baseline; the greatest baseline belongs to the last bin.
+/// Bin of each pair's baseline; the largest baseline is in the last bin.
 fn strata<'a>(pairs: &'a [(&str, f64)]) -> impl Iterator<Item = usize> + 'a {
     let all = || pairs.iter().map(|(_, metres)| *metres);
     let least = all().fold(f64::INFINITY, f64::min);
     let span = all().fold(f64::NEG_INFINITY, f64::max) - least;
-    // Of equal baselines, or none that is a number, all are in the first bin.
+    // If all baselines are equal or NaN, all are in the first bin.
     let bin = move |metres: f64| ((metres - least) / span * STRATA as f64) as usize;
     all().map(move |metres| bin(metres).min(STRATA - 1))
 }
 
-/// Positions by key, keys ascending.
+/// Indices grouped by key, keys ascending.
 fn grouped<K: Ord>(keys: impl Iterator<Item = K>) -> Vec<Vec<usize>> {
     let mut groups: BTreeMap<K, Vec<usize>> = BTreeMap::new();
     for (i, key) in keys.enumerate() {
@@ -128,7 +128,7 @@ fn grouped<K: Ord>(keys: impl Iterator<Item = K>) -> Vec<Vec<usize>> {
     groups.into_values().collect()
 }
 
-/// The first of each group, then the second of each, and so on.
+/// Interleaves groups: the first of each, then the second of each, and so on.
 fn in_turn(groups: &[Vec<usize>]) -> Vec<usize> {
     let rounds = groups.iter().map(Vec::len).max().unwrap_or(0);
     let round = |round| groups.iter().filter_map(move |group| group.get(round));

@@ -1,4 +1,4 @@
-//! The quick check of scenes at the start of a run, cached by the content of the views it looks at.
+//! Quick check of scenes at the start of a run, cached by the content of the checked views.
 
 use std::path::PathBuf;
 
@@ -15,9 +15,9 @@ use crate::io::hash::sha256_hex;
 use crate::io::observer::Observer;
 use crate::io::view_hashes::ViewHashes;
 
-/// Most scenes of a dataset that are looked at, evenly spaced.
+/// Maximum number of scenes checked per dataset, evenly spaced.
 const SCENES: usize = 64;
-/// Most scenes of a dataset that a warning names.
+/// Maximum number of scenes that a warning names.
 const NAMED: usize = 3;
 
 /// Checks scenes for contradictions, with cached results. Cache files that cannot be read or written are ignored.
@@ -27,7 +27,7 @@ pub struct SceneChecks {
     hashes: ViewHashes,
 }
 
-/// Contradictions found in a scene, as a file.
+/// The cache file of the contradictions found in a scene.
 #[derive(Serialize, Deserialize)]
 struct Found {
     key: String,
@@ -35,7 +35,7 @@ struct Found {
 }
 
 impl SceneChecks {
-    /// Caches results beside measured overlaps, in a folder that need not exist; `None` caches nothing.
+    /// Caches results next to measured overlaps, in a folder that need not exist; `None` disables caching.
     pub fn new(overlaps: Option<PathBuf>) -> Self {
         Self {
             folder: overlaps.map(|folder| folder.join("checks")),
@@ -43,7 +43,7 @@ impl SceneChecks {
         }
     }
 
-    /// Warns of what scenes of a dataset contradict, and adds it to their notes.
+    /// Warns of contradictions in scenes of a dataset, and adds them to the scenes' notes.
     pub fn look_at(&self, dataset: &mut OpenDataset, observer: &dyn Observer) {
         let OpenDataset {
             scenes, settings, ..
@@ -79,7 +79,7 @@ impl SceneChecks {
             .into_iter()
             .map(|i| &scene.views[i])
             .collect();
-        // Procedural scenes are what they say.
+        // Procedural scenes cannot contradict themselves.
         if views.iter().all(|view| view.content.files().is_empty()) {
             return Vec::new();
         }
@@ -101,14 +101,14 @@ impl SceneChecks {
                 contradictions,
             };
             let bytes = serde_json::to_vec(&found).unwrap_or_default();
-            // Without the file it is only looked at again.
+            // If writing fails, the scene is checked again next time.
             let _ = write_atomic(&path, &bytes);
             return found.contradictions;
         }
         contradictions
     }
 
-    /// `None` if a file cannot be hashed.
+    /// Cache key of a scene; `None` if a file cannot be hashed.
     fn key(
         &self,
         scene: &Scene,

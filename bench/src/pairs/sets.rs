@@ -1,4 +1,4 @@
-//! Views of a scene into sets; pairs are only formed within a set.
+//! Groups the views of a scene into sets; pairs are formed only within a set.
 
 use clap::ValueEnum;
 use sharp::random::SplitMix64;
@@ -8,10 +8,10 @@ use sharp::random::SplitMix64;
 pub enum Grouping {
     /// Views 0–9, 10–19, …
     Consecutive,
-    /// View i joins set `i mod ⌈n / size⌉`: every set spans the whole sequence. Sets differ in size by
-    /// at most one, so that there is no remainder.
+    /// View i is in set `i mod ⌈n / size⌉`, so every set spans the whole sequence. Set sizes differ by at most one, so
+    /// there is no remainder.
     Strided,
-    /// A seeded shuffle of the views, then consecutive; the same seed for every scene.
+    /// A seeded shuffle of the views, then consecutive; every scene uses the same seed.
     #[value(skip)]
     Random {
         seed: u64,
@@ -19,10 +19,10 @@ pub enum Grouping {
     Whole,
 }
 
-/// Treatment of a set smaller than the others.
+/// Treatment of a last, smaller set.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum Remainder {
-    /// It stays a set if it has at least two views.
+    /// It remains a set if it has at least two views.
     Keep,
     Drop,
 }
@@ -30,10 +30,10 @@ pub enum Remainder {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct SetOptions {
     pub grouping: Grouping,
-    /// Views in a set, ≥ 2; without meaning for [`Grouping::Whole`].
+    /// Views per set, ≥ 2; ignored for [`Grouping::Whole`].
     pub size: usize,
     pub remainder: Remainder,
-    /// At most this many sets of a scene, the first ones.
+    /// Maximum number of sets per scene; the first ones are kept.
     pub max_sets: Option<usize>,
 }
 
@@ -67,7 +67,7 @@ pub fn view_sets(n: usize, options: &SetOptions) -> Vec<Vec<usize>> {
             order.chunks(size).map(<[usize]>::to_vec).collect()
         }
     };
-    // Strided sets are as equal as they can be and Whole has one; neither leaves a remainder.
+    // Strided sets are as equal as possible, and Whole has one set; neither leaves a remainder.
     let chunked = matches!(
         options.grouping,
         Grouping::Consecutive | Grouping::Random { .. }

@@ -2,7 +2,7 @@
 
 use sharp_datasets::DepthMap;
 
-/// True for a depth that means something: finite and positive.
+/// Whether a depth is valid: finite and positive.
 pub fn is_valid_depth(depth: f32) -> bool {
     depth > 0.0 && depth < f32::INFINITY
 }
@@ -18,7 +18,7 @@ pub fn coverage(depth: &DepthMap) -> f64 {
     }
 }
 
-/// The median; the mean of the two middle values of an even count; `None` of nothing.
+/// The median; for an even count, the mean of the two middle values; `None` if empty.
 pub(crate) fn median_of<T: Copy + Into<f64>>(mut values: Vec<T>) -> Option<f64> {
     if values.is_empty() {
         return None;

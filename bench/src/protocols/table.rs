@@ -67,7 +67,7 @@ const MVSPLAT: Protocol = Protocol {
     ..PIXELSPLAT
 };
 
-/// Presets, sorted by name.
+/// All presets; see [`Protocol::named`].
 pub const PROTOCOLS: [Protocol; 15] = [
     Protocol {
         name: "sharp",

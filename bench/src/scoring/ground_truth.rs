@@ -1,4 +1,4 @@
-//! The photograph that predictions are scored against.
+//! Target photographs, which predictions are scored against.
 
 use std::borrow::Cow;
 
@@ -10,7 +10,7 @@ use sharp_metrics::{
 use super::Region;
 use super::rules::Border;
 
-/// A target's photograph and which of its pixels count.
+/// A target's photograph with a mask of the pixels that count.
 #[derive(Debug, Clone, PartialEq)]
 pub struct GroundTruth {
     image: RgbImage,
@@ -20,14 +20,14 @@ pub struct GroundTruth {
 /// Masks of a pair.
 #[derive(Debug, Default)]
 pub(crate) struct PairMasks {
-    /// For metrics `@frustum`.
+    /// Mask of the metrics `@frustum`.
     pub(crate) frustum: Option<Mask>,
-    /// For metrics `@mask`; without it, the pixels that the dataset does not exclude.
+    /// Mask of the metrics `@mask`; if `None`, the pixels that the dataset does not exclude.
     pub(crate) given: Option<Mask>,
     pub(crate) border: Border,
 }
 
-/// Pixels that are 255; `None` where all are.
+/// Mask of the pixels that are 255; `None` if all are.
 pub(crate) fn valid_mask(valid: &GrayImage) -> Option<Mask> {
     let excludes = valid.iter().any(|level| *level < 255);
     let inside = valid.iter().map(|level| *level == 255).collect();
@@ -35,19 +35,18 @@ pub(crate) fn valid_mask(valid: &GrayImage) -> Option<Mask> {
 }
 
 impl GroundTruth {
-    /// An 8-bit sRGB photograph of which all pixels count.
+    /// An 8-bit sRGB photograph whose pixels all count.
     pub fn whole(image: RgbImage) -> Self {
         Self { image, valid: None }
     }
 
-    /// A photograph of which only the pixels count where `valid`, of the same size, is 255: the dataset excludes the
+    /// A photograph in which only those pixels count whose `valid`, of the same size, is 255; the dataset excludes the
     /// others (anonymised faces, for instance).
     pub fn of(image: RgbImage, valid: Option<&GrayImage>) -> Self {
         let valid = valid.and_then(valid_mask);
         Self { image, valid }
     }
 
-    /// The photograph.
     pub fn image(&self) -> &RgbImage {
         &self.image
     }
@@ -62,13 +61,14 @@ impl GroundTruth {
         self.image.dimensions()
     }
 
-    /// Share of a region's pixels that count, 0..1; `None` if the dataset excludes none of the photograph.
+    /// Share of a region's pixels that count, 0..1; `None` if the dataset excludes no pixels.
     pub fn valid_share(&self, region: Option<Region>) -> Option<f64> {
         let region = region.unwrap_or(Region::whole(self.dimensions()));
         share(&*region.crop_mask(self.valid.as_ref()?)?)
     }
 
-    /// Bytes that [`score`](Self::score) copies of a prediction: a crop, and floats if pixels are excluded.
+    /// Memory that [`score`](Self::score) needs for copies of a prediction, bytes: a crop, and floats if pixels are
+    /// excluded.
     pub(crate) fn copied_bytes(&self) -> u64 {
         let pixels = u64::from(self.image.width()) * u64::from(self.image.height());
         pixels
@@ -78,12 +78,12 @@ impl GroundTruth {
             }
     }
 
-    /// Scores pictures, each of a region or of the whole target. Pictures of one region share each network's pass over
-    /// the target. An error concerns one picture and names neither file nor pair.
+    /// Scores pictures, each covering a region or the whole target. Pictures of the same region share each network's
+    /// pass over the target. Errors are per picture and name neither file nor pair.
     ///
-    /// Pixels that the dataset excludes do not count: both pictures take the mean colour of the region's valid target
-    /// pixels there, and PSNR is that of the valid pixels. Metrics `@mask` see the pictures as they are, and count inside
-    /// the mask that is given, or else the pixels that are not excluded.
+    /// Excluded pixels do not count: in both pictures they are filled with the mean colour of the region's valid target
+    /// pixels, and PSNR is computed over valid pixels only. Metrics `@mask` use the unfilled pictures, inside the given
+    /// mask or else the pixels that are not excluded.
     pub(crate) fn score(
         &self,
         scorer: &Scorer,
@@ -123,7 +123,7 @@ impl GroundTruth {
             let reason = "nothing is left inside the cropped border".to_owned();
             return vec![Err(reason); pictures.len()];
         };
-        // A picture of another size stays whole; the scorer says so, with both sizes.
+        // A picture of the wrong size is passed on uncropped; the scorer reports both sizes.
         let pictures: Vec<Cow<'_, Picture>> = pictures
             .iter()
             .map(|picture| match compared.within(&region) {
@@ -177,7 +177,7 @@ impl GroundTruth {
         results
     }
 
-    /// The maps of SSIM and LPIPS of a picture, by the same rules.
+    /// Maps of SSIM and LPIPS for a picture, by the rules of [`score`](Self::score).
     pub(crate) fn maps(
         &self,
         scorer: &Scorer,
@@ -189,7 +189,7 @@ impl GroundTruth {
         Ok(examined.map_err(|error| error.to_string())?.maps)
     }
 
-    /// Prepares a part of the target.
+    /// Prepares the part of the target inside `region`.
     fn shown(&self, region: Region) -> Result<Shown<'_>, String> {
         let size = self.dimensions();
         if !region.fits(size) {
@@ -218,12 +218,13 @@ impl GroundTruth {
 /// The part of the target that a picture is compared with.
 struct Shown<'a> {
     truth: Picture,
-    /// The pixels that count, and the colour that both pictures take in all others.
+    /// The pixels that count, and the fill colour of the others in both pictures.
     excluding: Option<(Cow<'a, Mask>, [f32; 3])>,
 }
 
 impl Shown<'_> {
-    /// A picture as it is compared. One of another size is left to the scorer, which reports both sizes.
+    /// The picture in the form in which it is compared. One of the wrong size is unchanged; the scorer reports both
+    /// sizes.
     fn seen<'p>(&self, picture: &'p Picture) -> Cow<'p, Picture> {
         match &self.excluding {
             Some((valid, colour)) if picture.dimensions() == self.truth.dimensions() => {
@@ -246,14 +247,14 @@ fn scored(
         .collect()
 }
 
-/// The share of pixels inside.
+/// Share of the mask's pixels that are inside; `None` if it is empty.
 fn share(mask: &Mask) -> Option<f64> {
     let inside = mask.values().iter().filter(|inside| **inside).count();
     let all = mask.values().len();
     (all > 0).then(|| inside as f64 / all as f64)
 }
 
-/// The mean over valid pixels, 0..1 a channel; `None` of none.
+/// Mean colour over valid pixels, 0..1 per channel; `None` if there are none.
 fn mean_colour(picture: &Picture, valid: &Mask) -> Option<[f32; 3]> {
     let width = picture.dimensions().0 as usize;
     let (mut sum, mut count) = ([0.0; 3], 0_u64);
@@ -268,7 +269,7 @@ fn mean_colour(picture: &Picture, valid: &Mask) -> Option<[f32; 3]> {
     (count > 0).then(|| sum.map(|sum: f64| (sum / count as f64) as f32))
 }
 
-/// The picture with one colour where pixels do not count.
+/// Fills the pixels that do not count with one colour.
 fn filled(picture: &Picture, valid: &Mask, colour: [f32; 3]) -> Picture {
     let (width, height) = picture.dimensions();
     Picture::RgbF32(Rgb32FImage::from_fn(width, height, |x, y| {
@@ -281,7 +282,7 @@ fn filled(picture: &Picture, valid: &Mask, colour: [f32; 3]) -> Picture {
     }))
 }
 
-/// PSNR counts the valid pixels only.
+/// Replaces PSNR by its value over the valid pixels.
 fn over_valid(
     key: MetricKey,
     score: &mut Result<f64, Unavailable>,
@@ -314,7 +315,7 @@ mod tests {
         RgbImage::from_fn(40, 30, |x, y| Rgb([0, 1, 2].map(|c| noise(seed + c, x, y))))
     }
 
-    /// A block of 12 × 10 pixels does not count.
+    /// Excludes a block of 12 × 10 pixels.
     fn valid() -> GrayImage {
         GrayImage::from_fn(40, 30, |x, y| {
             let excluded = (8..20).contains(&x) && (5..15).contains(&y);
@@ -364,13 +365,13 @@ mod tests {
             }
         }
         assert_eq!(scores(&truth, &other), before);
-        // Nor what the target itself shows there.
+        // The target's own excluded pixels do not matter either.
         assert_eq!(
             scores(&GroundTruth::of(black, Some(&valid)), &other),
             before
         );
         assert_ne!(scores(&GroundTruth::whole(picture(1)), &other), before);
-        // The target is equal to itself whatever it is filled with.
+        // The target equals itself, whatever the fill colour.
         let perfect = scores(&truth, truth.image());
         assert_eq!(perfect[0], f64::INFINITY);
         let close = |score: &f64| *score > 80.0 - 1e-9 || (score - 1.0).abs() < 1e-4;

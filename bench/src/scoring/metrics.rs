@@ -1,4 +1,4 @@
-//! The metrics of a run, with the weights that decide their values.
+//! The metrics of a run, with the weights that determine their values.
 
 use sharp_metrics::{
     Backbone, MetricInfo, MetricKey, MetricRegion, Scorer, ScorerOptions, Selection, Weights,
@@ -9,38 +9,38 @@ use super::rules::ScoringRules;
 use crate::io::fingerprints;
 use crate::io::hash::StableHasher;
 
-/// Metrics with everything that decides their values.
+/// Metrics with everything that determines their values.
 #[derive(Debug)]
 pub struct Scoring {
     /// Computes all of [`Self::metrics`].
     pub scorer: Scorer,
-    /// The columns, in the order given.
+    /// The columns, in the order of the selection.
     pub metrics: Vec<ScoredMetric>,
-    /// Which pixels they compare.
+    /// Rules that select the compared pixels.
     pub rules: ScoringRules,
 }
 
-/// One column.
+/// A metric column.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ScoredMetric {
-    /// Its convention.
     pub key: MetricKey,
-    /// What it is, with its weights.
+    /// Description of the metric, including its weights.
     pub info: MetricInfo,
-    /// Hash of convention, weights, arithmetic and code: values of two identities never share a column of a folder.
+    /// Hash of convention, weights, arithmetic and code. Values with different identities never share a column of a run
+    /// folder.
     pub identity: String,
 }
 
 impl Scoring {
-    /// Prepares the metrics of a selection.
+    /// Loads the metrics of a selection.
     ///
     /// # Errors
-    /// When a weights file cannot be read or is not what it should be.
+    /// If a weights file cannot be read or has the wrong content.
     pub fn new(selection: &Selection, weights: &Weights) -> Result<Self, WeightsError> {
         Self::with_options(selection, weights, ScorerOptions::default())
     }
 
-    /// As [`new`](Self::new), with a choice of kernels.
+    /// As [`new`](Self::new), with options for the scorer.
     ///
     /// # Errors
     /// As [`new`](Self::new).
@@ -75,7 +75,7 @@ impl Scoring {
         })
     }
 
-    /// The same metrics on the pixels that other rules say; the networks are shared.
+    /// The same metrics under other rules; shares the networks.
     #[must_use]
     pub fn under(&self, rules: ScoringRules) -> Self {
         let of = |metric: &ScoredMetric| {
@@ -104,12 +104,12 @@ impl Scoring {
         }
     }
 
-    /// The keys as text, in order.
+    /// The metric keys as text, in order.
     pub fn keys(&self) -> Vec<String> {
         self.metrics.iter().map(|m| m.key.to_string()).collect()
     }
 
-    /// Whether a metric needs the mask of a region.
+    /// Whether any metric is restricted to this region.
     pub fn needs(&self, region: MetricRegion) -> bool {
         self.metrics
             .iter()

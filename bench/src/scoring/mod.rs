@@ -1,9 +1,10 @@
-//! Predictions against the truth. Besides the method `target`, this is the only module that sees a target's photograph.
+//! Scores predictions against ground truth. Apart from the method `target`, this is the only module that sees a
+//! target's photograph.
 //!
-//! * [`ground_truth`]: a target's photograph and which of its pixels count.
-//! * [`metrics`]: the metrics of a run with their weights; several predictions of one target scored together.
+//! * [`ground_truth`]: a target's photograph and the pixels that count.
+//! * [`metrics`]: the metrics of a run with their weights; scores several predictions of one target together.
 //! * [`region`]: parts of a picture, for methods that crop.
-//! * [`rules`]: what a protocol may change besides the metrics.
+//! * [`rules`]: settings other than metrics that a protocol may change.
 //! * [`scale_sweep`]: the best of several scales.
 
 pub mod ground_truth;

@@ -1,4 +1,4 @@
-//! Parts of a picture: what a method that crops is scored on.
+//! Rectangular parts of a picture, for methods that crop.
 //!
 //! The paper scores a cropped prediction "against correspondingly cropped ground-truth images". A region is a
 //! rectangle of the target's pixels; nothing is resampled when a picture is cropped to one.
@@ -11,7 +11,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use sharp_metrics::{Mask, Picture};
 
-/// A rectangle of a picture's pixels; never empty if it comes from this module.
+/// A rectangle of pixels; never empty if made by this module.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub struct Region {
     /// Leftmost column.
@@ -25,7 +25,7 @@ pub struct Region {
 }
 
 impl Region {
-    /// All of a picture of this size.
+    /// The whole of a picture of this size.
     pub fn whole((width, height): (u32, u32)) -> Self {
         Self {
             x: 0,
@@ -35,8 +35,8 @@ impl Region {
         }
     }
 
-    /// The largest rectangle of the aspect `width : height` in the middle of a picture: sides rounded to the nearest
-    /// pixel, an odd remainder on the right and below. `None` for a side of 0 in either.
+    /// The largest centred rectangle with the aspect `width : height`; sides are rounded to the nearest pixel, and an
+    /// odd remainder is on the right and below. `None` if any side is 0.
     pub fn centered((aspect_w, aspect_h): (u32, u32), (width, height): (u32, u32)) -> Option<Self> {
         if [aspect_w, aspect_h, width, height].contains(&0) {
             return None;
@@ -65,7 +65,7 @@ impl Region {
         self.width as usize * self.height as usize
     }
 
-    /// Whether it has a pixel and lies inside a picture of this size.
+    /// Whether the region is not empty and lies inside a picture of this size.
     pub fn fits(&self, (width, height): (u32, u32)) -> bool {
         let inside = |start: u32, length: u32, side: u32| {
             length > 0 && start.checked_add(length).is_some_and(|end| end <= side)
@@ -73,7 +73,7 @@ impl Region {
         inside(self.x, self.width, width) && inside(self.y, self.height, height)
     }
 
-    /// What two regions share; `None` if that is nothing.
+    /// The common part of two regions; `None` if there is none.
     pub fn intersection(&self, other: &Self) -> Option<Self> {
         let overlap = |a: u32, a_len: u32, b: u32, b_len: u32| {
             let start = a.max(b);
@@ -90,7 +90,7 @@ impl Region {
         })
     }
 
-    /// This region, seen from the corner of another that holds it.
+    /// This region relative to the corner of `outer`; `None` if it is not inside.
     pub fn within(&self, outer: &Self) -> Option<Self> {
         let moved = Self {
             x: self.x.checked_sub(outer.x)?,
@@ -100,13 +100,13 @@ impl Region {
         moved.fits(outer.size()).then_some(moved)
     }
 
-    /// Its share of a picture's pixels, 0..1.
+    /// Share of a picture's pixels in this region, 0..1.
     pub fn share_of(&self, (width, height): (u32, u32)) -> f64 {
         let area = |w: u32, h: u32| f64::from(w) * f64::from(h);
         area(self.width, self.height) / area(width, height)
     }
 
-    /// The part of a picture; the picture itself where that is all of it. The region has to fit.
+    /// Crops a picture, without copying if the region is the whole picture. The region must fit.
     pub fn crop<'a>(&self, picture: &'a Picture) -> Cow<'a, Picture> {
         if *self == Self::whole(picture.dimensions()) {
             return Cow::Borrowed(picture);
@@ -120,7 +120,7 @@ impl Region {
         })
     }
 
-    /// The part of a mask. The region has to fit.
+    /// Crops a mask. The region must fit.
     pub fn crop_mask<'a>(&self, mask: &'a Mask) -> Option<Cow<'a, Mask>> {
         if *self == Self::whole(mask.dimensions()) {
             return Some(Cow::Borrowed(mask));
@@ -139,7 +139,7 @@ impl Region {
 }
 
 impl fmt::Display for Region {
-    /// `640x480 at 0,16`.
+    /// Formats as `640x480 at 0,16`.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self {
             x,
@@ -171,7 +171,7 @@ mod tests {
         assert_eq!(centered((1, 1), (640, 480)), region(80, 0, 480, 480));
         assert_eq!(centered((16, 9), (640, 480)), region(0, 60, 640, 360));
         assert_eq!(centered((4, 3), (640, 480)), region(0, 0, 640, 480));
-        // 7 rows of 10 are left over: 3 above, 4 below.
+        // 7 rows of 10 remain: 3 above, 4 below.
         assert_eq!(centered((10, 3), (10, 10)), region(0, 3, 10, 3));
         assert_eq!(centered((1, 1000), (10, 10)), region(4, 0, 1, 10));
         assert_eq!(Region::centered((0, 1), (10, 10)), None);

@@ -1,4 +1,4 @@
-//! Scoring rules that a protocol may change, besides the metrics.
+//! Scoring rules other than metrics that a protocol may change.
 
 use std::fmt;
 
@@ -7,35 +7,35 @@ use serde::{Deserialize, Serialize};
 
 use super::Region;
 
-/// Which pixels are compared; part of the identity of every number that it changes.
+/// Selection of the compared pixels; part of the identity of every value that it changes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
 pub struct ScoringRules {
-    /// What `@mask` means.
+    /// Meaning of `@mask`.
     pub mask: PairMask,
-    /// What is left out at the border.
+    /// Treatment of the border.
     pub border: Border,
 }
 
-/// The mask of a pair that metrics `@mask` count inside.
+/// The mask of a pair that metrics `@mask` use.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum PairMask {
     /// The target's pixels that the dataset does not exclude.
     #[default]
     NotExcluded,
-    /// Target pixels with depth whose point projects into the source; nothing tests for occlusion. Fewer than
-    /// [`LEAST_PIXELS`] are none.
+    /// Target pixels with depth whose point projects into the source, without an occlusion test. A mask of fewer than
+    /// [`LEAST_PIXELS`] is discarded.
     SourceBounds,
 }
 
-/// Pixels inside [`PairMask::SourceBounds`] without which there is no number: UniSHARP's rule.
+/// Minimum number of pixels inside [`PairMask::SourceBounds`] for a value: UniSHARP's rule.
 pub const LEAST_PIXELS: usize = 8;
 
-/// The part of pictures near their border that is not compared.
+/// The border that is excluded from comparison.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Border {
-    /// None.
+    /// No border.
     #[default]
     Kept,
     /// A twentieth of each side: from ⌈side / 20⌉ to ⌊19 side / 20⌋, as Flash3D crops.
@@ -43,7 +43,7 @@ pub enum Border {
 }
 
 impl Border {
-    /// What is compared of a picture of this size.
+    /// The compared part of a picture of this size.
     pub fn kept(self, (width, height): (u32, u32)) -> Region {
         let cut = |side: u32| {
             let start = side.div_ceil(20);

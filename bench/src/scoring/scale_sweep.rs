@@ -1,8 +1,8 @@
-//! The best of several scales: what the paper does for methods that know no metric scale (LVSM, SVC).
+//! Chooses the best of several scales, as the paper does for methods without metric scale (LVSM, SVC).
 //!
 //! "For each pair, we apply a linear scale sweep to find the best scale that minimizes the DISTS score": the method
-//! rendered each pair at several scales of the scene, and the picture nearest to the target under DISTS is scored. The
-//! choice looks at the target; reports say so beside the numbers.
+//! renders each pair at several scales of the scene, and the picture closest to the target under DISTS is scored. This
+//! choice uses the target; reports state it next to the numbers.
 
 use sharp_metrics::{MetricKey, Picture, Scorer, ScorerOptions, Selection, Weights, WeightsError};
 
@@ -10,7 +10,7 @@ use super::ground_truth::{GroundTruth, PairMasks};
 use super::metrics::Scoring;
 use super::region::Region;
 
-/// Chooses among the pictures of several scales.
+/// Chooses among pictures at several scales.
 #[derive(Debug)]
 pub struct ScaleChooser {
     scorer: Scorer,
@@ -21,7 +21,7 @@ impl ScaleChooser {
     /// The paper's chooser: DISTS. `None` if the weights of its network are missing.
     ///
     /// # Errors
-    /// When a weights file cannot be read or is not what it should be.
+    /// If a weights file cannot be read or has the wrong content.
     pub fn dists(weights: &Weights, options: ScorerOptions) -> Result<Option<Self>, WeightsError> {
         let selection = Selection::of(&[MetricKey::DISTS]);
         let scoring = Scoring::with_options(&selection, weights, options)?;
@@ -39,13 +39,13 @@ impl ScaleChooser {
         }))
     }
 
-    /// What chooses, with its weights: part of a method's identity.
+    /// Metric and weights used for choosing; part of a method's identity.
     pub fn identity(&self) -> &str {
         &self.identity
     }
 
-    /// The position of the best picture, each given with its scale and the part of the target that it shows; equally good
-    /// ones go to the first. The error is the bare reason.
+    /// Index of the best picture. Each candidate is a scale, a picture and the part of the target that it covers; ties
+    /// go to the first. Errors name no file or pair.
     pub(crate) fn best(
         &self,
         truth: &GroundTruth,

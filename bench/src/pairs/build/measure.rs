@@ -1,4 +1,4 @@
-//! Overlaps within a set of views, holding no more depth maps than memory allows.
+//! Measures overlaps within a set of views, with a bound on the depth maps in memory.
 
 use std::cell::Cell;
 use std::collections::{BTreeMap, BTreeSet};
@@ -15,10 +15,10 @@ use crate::pairs::overlap::{OverlapOptions, overlap};
 use crate::pairs::overlap_cache::{DepthFacts, Overlaps, SceneOverlaps};
 use crate::pairs::valid_depth::coverage;
 
-/// While a view's depth is read, so many maps of its size are in memory at most: the file's bytes unpacked, as 64-bit
-/// numbers two maps' worth, and the map made of them. Later there are two: the stored map and the undistorted one, or
-/// that and the values its median is chosen from. Not counted: a scan, which all views share; a prediction and its
-/// ratios to sparse depth, where overlap is measured by one.
+/// Peak memory while reading a view's depth, in maps of its size: the unpacked bytes of the file, which are two maps'
+/// worth as 64-bit numbers, and the resulting map. Later there are two: the stored and the undistorted map, or the map
+/// and the values for its median. Not counted: a scan shared by all views; a prediction and its ratios to sparse depth,
+/// if overlap uses one.
 const COPIES_WHILE_READING: u64 = 3;
 
 /// A view whose depth could not be read, and why.
@@ -26,7 +26,7 @@ pub(super) type DepthFailure = (usize, PairError);
 
 type HeldDepths = BTreeMap<usize, PosedDepth>;
 
-/// Measures the overlaps of a scene that are not known yet.
+/// Measures those overlaps of a scene that are not known yet.
 pub(super) struct Measuring<'a> {
     scene: &'a Scene,
     options: &'a PairOptions,
@@ -55,8 +55,8 @@ impl<'a> Measuring<'a> {
         self.learnt.get()
     }
 
-    /// Measures every two views of a set whose baseline qualifies, as far as they are not known.
-    /// Depth is loaded in blocks of which two fit into memory; usually that is one block, and each view is read once.
+    /// Measures all unknown overlaps between two views of a set whose baseline qualifies. Depth is loaded in blocks,
+    /// two of which fit into memory; usually one block suffices, and each view is read once.
     pub(super) fn measure(&self, set: &[usize], known: &mut SceneOverlaps) -> Vec<DepthFailure> {
         let mut failures = Vec::new();
         let block = self.views_in_memory(set) / 2;
@@ -84,7 +84,7 @@ impl<'a> Measuring<'a> {
         failures
     }
 
-    /// Finds out which views have depth, as far as that is not known.
+    /// Determines which views have depth, if not known.
     pub(super) fn find_depth(
         &self,
         views: &[usize],
@@ -99,7 +99,7 @@ impl<'a> Measuring<'a> {
         failures
     }
 
-    /// Couples a < b, one view of each block, whose overlaps are not known.
+    /// Couples (a, b), a < b, with one view from each block and unknown overlap.
     fn unknown_couples(
         &self,
         first: &[usize],
@@ -119,7 +119,7 @@ impl<'a> Measuring<'a> {
             .collect()
     }
 
-    /// How many depth maps of a set may be held at once; at least two.
+    /// Number of depth maps of a set that fit into memory; at least two.
     fn views_in_memory(&self, set: &[usize]) -> usize {
         let bytes = |view: &View| {
             let longer = u64::from(view.intrinsics.width.max(view.intrinsics.height));
@@ -130,7 +130,7 @@ impl<'a> Measuring<'a> {
         self.fitting(set, bytes).max(2)
     }
 
-    /// How many depth maps may be read at the same time; at least one.
+    /// Number of depth maps that may be read at the same time; at least one.
     fn views_at_once(&self, views: &[usize]) -> usize {
         self.fitting(views, |view| COPIES_WHILE_READING * full_bytes(view))
             .max(1)
@@ -142,8 +142,7 @@ impl<'a> Measuring<'a> {
         usize::try_from(self.context.depth_memory_bytes / largest).unwrap_or(usize::MAX)
     }
 
-    /// Adds the depth of views that have any, reduced as the options say, to those held; notes what is known
-    /// of it, and errors.
+    /// Loads the depth of views into `held`, reduced as the options require, and records facts about it, and errors.
     fn load(
         &self,
         mut views: Vec<usize>,
@@ -152,7 +151,7 @@ impl<'a> Measuring<'a> {
         failures: &mut Vec<DepthFailure>,
     ) {
         views.retain(|i| !held.contains_key(i) && !known.has_none(*i));
-        // The progress that the context holds does not go to other threads.
+        // The progress callback in the context must stay on this thread.
         let (scene, source, max_side) = (self.scene, self.context.depth, self.how.max_side);
         let stop = self.context.stop;
         let load_one = |&i: &usize| -> Result<Option<(DepthFacts, PosedDepth)>, PairError> {
@@ -199,7 +198,7 @@ impl<'a> Measuring<'a> {
         }
     }
 
-    /// Measures the couples of which both views are held.
+    /// Measures couples whose views are both held.
     fn between(
         &self,
         couples: &[(usize, usize)],

@@ -1,4 +1,4 @@
-//! Scenes into pairs.
+//! Builds pairs from scenes.
 
 mod measure;
 pub(super) mod scene;
@@ -27,20 +27,20 @@ pub struct Pair {
     pub set: Option<u32>,
     pub source: String,
     pub target: String,
-    /// The source's photograph, relative to the dataset's folder, `/` between levels; empty for a
-    /// procedural view.
+    /// File of the source's photograph relative to the dataset's folder, with `/` as separator; empty for a procedural
+    /// view.
     pub source_file: String,
     pub target_file: String,
-    /// sha256 of the source's photograph; empty if it could not be read.
+    /// SHA-256 of the source's photograph; empty if it could not be read.
     pub source_sha256: String,
-    /// sha256 of the target's photograph; empty if it could not be read.
+    /// SHA-256 of the target's photograph; empty if it could not be read.
     pub target_sha256: String,
     /// Distance of the two camera centres, metres.
     pub baseline_m: f64,
     /// Angle between the two cameras, degrees.
     pub rotation_deg: f64,
-    /// Median depth of the target, metres. Where the target of a stereo pair has no depth, that of the source: both views of a
-    /// rectified pair have their z-depth along the same axis. `None` without either.
+    /// Median depth of the target, metres. If the target of a stereo pair has no depth, that of the source, because
+    /// both views of a rectified pair share the depth axis. `None` if neither has depth.
     pub median_depth_m: Option<f64>,
     /// Share of the target's pixels that the source sees; `None` without depth.
     pub overlap: Option<f64>,
@@ -49,28 +49,27 @@ pub struct Pair {
     pub selected: bool,
 }
 
-/// Inputs of pair building besides scenes and options; of these, only the depth that overlap is measured on
-/// can change a pair.
+/// Inputs of pair building other than scenes and options. Of these, only the depth used for overlap can change a pair.
 #[derive(Clone)]
 pub struct BuildContext<'a> {
     pub depth: &'a dyn DepthSource,
-    /// Folder of each dataset instance by name, to which file names become relative.
+    /// Folder of each dataset by name; file names are made relative to it.
     pub roots: BTreeMap<String, PathBuf>,
-    /// Depth maps held at once take no more memory than this, as long as two of them fit.
+    /// Memory limit for depth maps held at once, bytes; at least two maps are always held.
     pub depth_memory_bytes: u64,
     pub cache: Option<&'a OverlapCache>,
-    /// Settings of each dataset's reader by name, as stable text: depth depends on them.
+    /// Reader settings of each dataset by name, as stable text, because depth depends on them.
     pub settings: BTreeMap<String, String>,
-    /// Whether rows get the sha256 of their photographs; for counting they need none.
+    /// Whether to hash photographs; not needed for counting.
     pub hash_photographs: bool,
-    /// Told after each scene: scenes done, scenes in all.
+    /// Called after each scene with the number of scenes done and in total.
     pub progress: &'a dyn Fn(usize, usize),
-    /// Whether to stop; asked from any thread, before each depth map, overlap and photograph.
+    /// Whether to stop; called from any thread, before each depth map, overlap and photograph.
     pub stop: &'a (dyn Fn() -> bool + Sync),
 }
 
 impl Default for BuildContext<'_> {
-    /// Ground-truth depth in at most 2 GiB, file names as they are, photographs hashed, no cache, no progress.
+    /// Ground-truth depth in at most 2 GiB, file names unchanged, photographs hashed, no cache, no progress.
     fn default() -> Self {
         Self {
             depth: &GroundTruthDepth,
@@ -85,25 +84,25 @@ impl Default for BuildContext<'_> {
     }
 }
 
-/// The pairs of some scenes, and counts of the others.
+/// The pairs of some scenes, with counts and problems.
 #[derive(Debug, Clone, Default)]
 pub struct PairBuild {
     /// Qualified pairs, sorted bytewise by id.
     pub pairs: Vec<Pair>,
     pub summaries: BTreeMap<String, PairCounts>,
-    /// Files that could not be read, each once.
+    /// Files that could not be read, without repetition.
     pub problems: Vec<Problem>,
 }
 
 impl PairBuild {
-    /// Adds the pairs of other datasets; [`Self::finish`] brings all into order.
+    /// Adds the pairs of other datasets; call [`Self::finish`] afterwards to sort.
     pub(super) fn append(&mut self, other: Self) {
         self.pairs.extend(other.pairs);
         self.summaries.extend(other.summaries);
         self.problems.extend(other.problems);
     }
 
-    /// The views that are left out, with the first reason for each.
+    /// The views left out, with the first reason for each.
     pub fn left_out(&self) -> impl Iterator<Item = &Problem> {
         let mut seen = BTreeSet::new();
         let needed = self.problems.iter().filter(|problem| problem.is_left_out);
@@ -119,27 +118,28 @@ impl PairBuild {
     }
 }
 
-/// Depth at a smaller share of a view's pixels is called sparse: projected points then rarely meet a pixel with depth.
+/// Below this share of pixels with depth, a view's depth counts as sparse, because projected points rarely hit a pixel
+/// with depth.
 pub const SPARSE_COVERAGE: f64 = 0.3;
 
-/// Counts of a dataset's pairs, step by step.
+/// Counts of a dataset's pairs after each step of the selection.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize)]
 pub struct PairCounts {
     pub scenes: usize,
     pub views: usize,
-    /// Of the multi-view scenes' views, those known to have depth.
+    /// Views of multi-view scenes known to have depth.
     pub with_depth: usize,
-    /// Of these, with depth at less than [`SPARSE_COVERAGE`] of their pixels.
+    /// Views among `with_depth` with depth at less than [`SPARSE_COVERAGE`] of their pixels.
     pub with_sparse_depth: usize,
     pub sets: usize,
     /// Ordered pairs within the sets.
     pub considered: usize,
-    /// Of these, nearer to each other than the minimal baseline.
+    /// Considered pairs closer than the minimum baseline.
     pub too_near: usize,
-    /// Of these, farther from each other than the maximal baseline.
+    /// Considered pairs farther apart than the maximum baseline.
     pub too_far: usize,
     pub without_depth: usize,
-    /// Of those considered, left out because files of a view cannot be read.
+    /// Considered pairs left out because files of a view cannot be read.
     pub unreadable: usize,
     pub too_little_overlap: usize,
     pub qualified: usize,
@@ -147,7 +147,7 @@ pub struct PairCounts {
 }
 
 impl PairCounts {
-    /// Whether most views that have depth have it at few of their pixels.
+    /// Whether most views with depth have it at few of their pixels.
     pub fn is_sparse(&self) -> bool {
         2 * self.with_sparse_depth > self.with_depth
     }
@@ -159,20 +159,20 @@ pub struct Problem {
     pub dataset: String,
     pub scene: String,
     pub view: String,
-    /// Names the file.
+    /// The reason, which names the file.
     pub reason: String,
-    /// Whether pairs need it, and the view has none. Depth may be missing in stereo pairs, and in others by
-    /// [`MissingDepth::Accept`](super::options::MissingDepth::Accept).
+    /// Whether the view is left out because its pairs need the file. Depth is optional for stereo pairs, and for others
+    /// with [`MissingDepth::Accept`](super::options::MissingDepth::Accept).
     pub is_left_out: bool,
 }
 
-/// Makes the pairs of all scenes.
+/// Builds the pairs of all scenes.
 ///
-/// A file that cannot be read is a [`Problem`], not an error: the other scenes continue.
+/// A file that cannot be read is a [`Problem`], not an error; other scenes are still processed.
 ///
 /// # Errors
-/// [`PairError::Options`]; [`PairError::Stopped`] when asked to; [`PairError::DuplicatePair`] if two scenes share dataset and id, or
-/// two views of a scene their id.
+/// [`PairError::Options`]; [`PairError::Stopped`] if asked to stop; [`PairError::DuplicatePair`] if two scenes share
+/// dataset and id, or two views of a scene their id.
 pub fn build_pairs(
     scenes: &[Scene],
     options: &PairOptions,

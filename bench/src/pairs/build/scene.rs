@@ -1,4 +1,4 @@
-//! The pairs of one scene.
+//! Builds the pairs of one scene.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
@@ -16,7 +16,7 @@ use crate::pairs::overlap_cache::SceneOverlaps;
 use crate::pairs::pair_id::PairName;
 use crate::pairs::sets::view_sets;
 
-/// Work on one scene of a [`PairBuild`].
+/// The part of a [`PairBuild`] for one scene.
 pub(super) struct SceneWork<'a> {
     scene: &'a Scene,
     options: &'a PairOptions,
@@ -24,14 +24,14 @@ pub(super) struct SceneWork<'a> {
     build: &'a mut PairBuild,
     known: SceneOverlaps,
     key: Option<String>,
-    /// Whether the cache is out of date, and when it was last written.
+    /// Whether the cache needs writing, and when it was last written.
     unkept: bool,
     kept: Instant,
     /// Problems already reported, by view.
     noted: BTreeSet<(usize, String)>,
 }
 
-/// Interval between cache writes; a kill loses at most this much measuring.
+/// Interval between cache writes, the most work that a kill can lose.
 const KEEP_EVERY: Duration = Duration::from_secs(5);
 
 impl<'a> SceneWork<'a> {
@@ -63,7 +63,7 @@ impl<'a> SceneWork<'a> {
         }
     }
 
-    /// Measures what is missing and reports unreadable depth.
+    /// Runs `work` to measure what is missing, and reports unreadable depth.
     fn measuring(&mut self, work: impl Fn(&Measuring, &mut SceneOverlaps) -> Vec<DepthFailure>) {
         let measuring = Measuring::new(self.scene, self.options, self.context);
         let needed = self.scene.pairing == Pairing::MultiView
@@ -72,13 +72,13 @@ impl<'a> SceneWork<'a> {
             self.problem(view, &error, needed);
         }
         self.unkept |= measuring.has_learnt();
-        // The table is written as a whole: after every set it would grow with the square of a long scene.
+        // The table is written as a whole: writing it after every set would take quadratic time in a long scene.
         if self.kept.elapsed() > KEEP_EVERY {
             self.keep();
         }
     }
 
-    /// Brings the cache up to date.
+    /// Writes new measurements to the cache.
     pub(super) fn keep(&mut self) {
         if let (Some(cache), Some(key), true) = (self.context.cache, &self.key, self.unkept) {
             cache.store(key, &self.known);
@@ -94,7 +94,7 @@ impl<'a> SceneWork<'a> {
             .or_default()
     }
 
-    /// The pairs from one view to others, whatever their overlap.
+    /// Builds the pairs from one view to others, regardless of overlap.
     pub(super) fn one_to_others(&mut self, source: usize, targets: &[usize]) {
         let views = self.scene.views.len();
         let counts = self.counts();
@@ -114,7 +114,7 @@ impl<'a> SceneWork<'a> {
         }
     }
 
-    /// The pairs within the sets of a multi-view scene.
+    /// Builds the pairs within the sets of a multi-view scene.
     pub(super) fn multi_view(&mut self) {
         let scene = self.scene;
         let views = self.views_in_sets();
@@ -146,7 +146,7 @@ impl<'a> SceneWork<'a> {
         self.count_depth();
     }
 
-    /// Notes how many views have depth, and of how many it is sparse.
+    /// Counts the views with depth and with sparse depth.
     fn count_depth(&mut self) {
         let known: Vec<f64> = (0..self.scene.views.len())
             .filter_map(|i| Some(self.known.depths.get(&i)?.as_ref()?.coverage))
@@ -156,7 +156,7 @@ impl<'a> SceneWork<'a> {
         counts.with_sparse_depth += known.iter().filter(|c| **c < SPARSE_COVERAGE).count();
     }
 
-    /// Views that take part in forming sets.
+    /// Views that sets are formed from.
     fn views_in_sets(&mut self) -> Vec<usize> {
         let all: Vec<usize> = (0..self.scene.views.len()).collect();
         if self.options.missing_depth != MissingDepth::LeaveOut {
@@ -189,7 +189,7 @@ impl<'a> SceneWork<'a> {
         enough
     }
 
-    /// Whether the distance of two views is one that is asked for; counted where it is not.
+    /// Whether the distance of two views is in the requested range; counts it if not.
     fn is_in_range(&mut self, source: usize, target: usize) -> bool {
         let metres = self.baseline(source, target);
         let options = self.options;
@@ -206,7 +206,7 @@ impl<'a> SceneWork<'a> {
         baseline_m(pose(a), pose(b))
     }
 
-    /// Turns qualified `(source, target, set)` into rows, but for those whose photographs cannot be read.
+    /// Adds rows for qualified `(source, target, set)`, except those whose photographs cannot be read.
     fn add(&mut self, qualified: &[(usize, usize, Option<u32>)]) {
         let mut used: BTreeSet<usize> = qualified.iter().flat_map(|&(s, t, _)| [s, t]).collect();
         used.retain(|_| self.context.hash_photographs);
@@ -273,7 +273,7 @@ impl<'a> SceneWork<'a> {
     }
 }
 
-/// Two views of a scene as a row that is not selected; nothing of it is measured, and no photograph read.
+/// An unselected row for two views of a scene; measures nothing and reads no photograph.
 pub(in crate::pairs) fn row(
     scene: &Scene,
     source: usize,
@@ -308,7 +308,7 @@ pub(in crate::pairs) fn row(
     }
 }
 
-/// The photograph's file relative to the dataset's folder, with `/` between levels.
+/// File of the photograph relative to the dataset's folder, with `/` as separator.
 fn relative_file(view: &View, root: Option<&Path>) -> String {
     let Some(file) = view.content.image_file() else {
         return String::new();

@@ -1,4 +1,4 @@
-//! Depth that a SHARP checkpoint predicts: its first layer.
+//! Depth predicted by a SHARP checkpoint: its first layer.
 
 use std::path::Path;
 use std::sync::OnceLock;
@@ -13,8 +13,8 @@ use crate::pairs::PairError;
 
 /// The first depth layer of a SHARP network, resized to the picture by nearest value.
 ///
-/// Predicted like the release: the photograph resized to the network's square, the disparity factor from the dataset's
-/// focal length over the width. The network runs once per view, on the CPU.
+/// Predicted as in the release: the photograph is resized to the network's square, and the disparity factor is the
+/// dataset's focal length over the width. Runs once per view, on the CPU.
 pub struct FirstLayerDepth {
     network: NetworkSpec,
     checkpoint_sha256: String,
@@ -23,8 +23,8 @@ pub struct FirstLayerDepth {
 }
 
 impl FirstLayerDepth {
-    /// The network of a checkpoint; its weights are loaded when the first depth is asked for. `name` is what records
-    /// call it, before the checkpoint's sha256.
+    /// Creates a source from a checkpoint; its weights are loaded on first use. `name` precedes the checkpoint's
+    /// SHA-256 in records.
     pub fn new(
         checkpoint: &Path,
         config: ModelConfig,
@@ -80,7 +80,7 @@ impl DepthSource for FirstLayerDepth {
         )
     }
 
-    /// One network at a time: it uses every core and gigabytes by itself.
+    /// One prediction at a time: the network uses every core and gigabytes of memory by itself.
     fn in_parallel(&self) -> bool {
         false
     }
@@ -113,7 +113,7 @@ mod tests {
         assert!(depth.iter().all(|z| is_valid_depth(*z)));
         assert!(source.name().starts_with("tiny(checkpoint sha256 "));
 
-        // Scaled, its median ratio to the truth is 1, and pairs are built on it.
+        // After scaling, its median ratio to the truth is 1, and pairs can be built from it.
         let scaled = ScaledToGroundTruth(source);
         let metric = scaled.depth(&scenes[0], view).unwrap().unwrap();
         let truth = view.content.depth().unwrap().unwrap();

@@ -1,4 +1,4 @@
-//! Depth maps that someone else predicted: `--overlap-depth DIR`.
+//! User-supplied depth maps: `--overlap-depth DIR`.
 
 use std::path::{Path, PathBuf};
 
@@ -12,17 +12,17 @@ use crate::pairs::PairError;
 use crate::pairs::pair_id::{scene_path, view_name};
 use crate::pairs::valid_depth::is_valid_depth;
 
-/// Extensions of maps.
+/// Extensions of depth maps.
 const EXTENSIONS: [&str; 5] = ["npy", "npz", "exr", "pfm", "png"];
 
-/// Metres of one level of a 16-bit PNG.
+/// Unit of a 16-bit PNG, metres.
 const PNG_UNIT_M: f64 = 0.001;
 
 /// Reads `DIR/<dataset>/<scene>/<view>.npy|npz|exr|pfm|png`, each part percent-encoded as in pair ids.
 ///
-/// z-depth (neither disparity nor ray length) of the pictures as they are scored, which is what `cameras export`
-/// writes: floats in metres, 16-bit PNG in millimetres; values that are not finite or not positive mean no depth. A map
-/// of another size but the same aspect is resized to the picture by nearest value.
+/// The maps are z-depth (neither disparity nor ray length) of the pictures as scored, as written by `cameras export`:
+/// floats in metres, or 16-bit PNG in millimetres. Values that are not finite or not positive mean no depth. A map of
+/// another size with the same aspect is resized to the picture by nearest value.
 #[derive(Debug, Clone)]
 pub struct GivenDepth {
     dir: PathBuf,
@@ -38,7 +38,7 @@ impl GivenDepth {
         })
     }
 
-    /// How many of the scenes' views have a map, and one sha256 over all those maps and their names.
+    /// Number of the scenes' views that have a map, and one SHA-256 over all those maps and their names.
     ///
     /// # Errors
     /// [`PairError::Depth`] for a view with two maps, [`PairError::File`] for one that cannot be read.
@@ -62,14 +62,14 @@ impl GivenDepth {
     }
 }
 
-/// The depth map of that name and any extension. A PNG next to a map of floats is a picture of it and is ignored.
+/// The depth map with this stem and any extension. A PNG next to a float map is ignored as a visualisation of it.
 ///
 /// # Errors
-/// [`PairError::Depth`] where there are two.
+/// [`PairError::Depth`] if there are two.
 pub fn find_map(stem: &Path) -> Result<Option<PathBuf>, PairError> {
     let found: Vec<PathBuf> = EXTENSIONS
         .iter()
-        // Not with the extension replaced: a view's name may hold a dot.
+        // Do not replace an extension, because a view's name may contain a dot.
         .map(|extension| PathBuf::from(format!("{}.{extension}", stem.display())))
         .filter(|path| path.is_file())
         .collect();
@@ -84,7 +84,7 @@ pub fn find_map(stem: &Path) -> Result<Option<PathBuf>, PairError> {
     }
 }
 
-/// A file's z-depth in metres, at its own resolution; 0 where it is unknown.
+/// A file's z-depth in metres, at its own resolution; 0 where unknown.
 ///
 /// # Errors
 /// Names the file.
@@ -121,7 +121,7 @@ impl DepthSource for GivenDepth {
         let map = read_metres(&file)?;
         let (w, h) = map.dimensions();
         let (to_w, to_h) = (view.intrinsics.width, view.intrinsics.height);
-        // The other side, as this one's ratio would have it, may be off by a pixel of rounding.
+        // The other side may differ from the exact aspect by one pixel of rounding.
         let other = f64::from(w) * f64::from(to_h) / f64::from(to_w);
         if (w, h) != (to_w, to_h) && (other - f64::from(h)).abs() > 1.0 {
             return Err(PairError::DepthSize {
@@ -177,7 +177,7 @@ mod tests {
             &[Depth::Wall(2.0), Depth::Wall(2.0), Depth::Absent],
         )
         .scene;
-        // A quarter of the size, in someone's own unit, with a hole.
+        // A quarter of the size, in an arbitrary unit, with a hole.
         let mut map = FloatMap::from_pixel(50, 5, Luma([0.5]));
         map.put_pixel(0, 0, Luma([f32::NAN]));
         write(dir.path(), "v0.npy", &map);
@@ -199,7 +199,7 @@ mod tests {
         let metric = scaled.depth(&scene, &scene.views[0]).unwrap().unwrap();
         assert_eq!(metric.get_pixel(99, 9).0, [2.0]);
         assert_eq!(scaled.name(), "given,median-scaled-to-ground-truth");
-        // Without depth of its own, a view has no scale.
+        // A view without its own depth has no scale.
         assert!(scaled.depth(&scene, &scene.views[2]).unwrap().is_none());
         assert!(GroundTruthDepth.files(&scene, &scene.views[0]).is_empty());
         assert_eq!(

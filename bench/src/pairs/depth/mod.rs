@@ -1,6 +1,6 @@
-//! Depth maps with their cameras, and the sources of depth.
+//! Depth maps with their cameras, and sources of depth.
 //!
-//! * [`given`]: maps that someone else predicted.
+//! * [`given`]: user-supplied maps.
 //! * [`first_layer`]: predictions of a SHARP checkpoint.
 
 pub mod first_layer;
@@ -17,20 +17,20 @@ use super::PairError;
 use super::alignment::median_scale;
 use super::valid_depth::{is_valid_depth, median_of};
 
-/// Source of the depth that decides overlap.
+/// Source of the depth used for overlap.
 pub trait DepthSource: Sync {
-    /// Depth of a scene's view at its image's size; `None` if there is none.
+    /// Depth of a view at its image's size; `None` if there is none.
     fn depth(&self, scene: &Scene, view: &View) -> Result<Option<DepthMap>, PairError>;
 
-    /// Stable text for the record of a run (`ground-truth`, …).
+    /// Stable name for the record of a run (`ground-truth`, …).
     fn name(&self) -> String;
 
-    /// Files besides the dataset's own that a view's depth comes from.
+    /// Files outside the dataset that a view's depth is read from.
     fn files(&self, _scene: &Scene, _view: &View) -> Vec<PathBuf> {
         Vec::new()
     }
 
-    /// False if one view after the other has to be asked for.
+    /// False if views must be requested one after the other.
     fn in_parallel(&self) -> bool {
         true
     }
@@ -91,12 +91,12 @@ pub struct PosedDepth {
 }
 
 impl PosedDepth {
-    /// Joins a view's camera with depth of its image's size.
+    /// Combines a view's camera with depth of its image's size.
     pub fn of_view(view: &View, depth: DepthMap) -> Result<Self, PairError> {
         Self::new(&view.id, view.intrinsics, view.camera_from_world, depth)
     }
 
-    /// Joins the two. `what` names the view in an error.
+    /// Combines a camera with depth of its image's size. `what` names the view in errors.
     pub fn new(
         what: &str,
         intrinsics: Intrinsics,
@@ -131,8 +131,8 @@ impl PosedDepth {
         &self.depth
     }
 
-    /// The same view with its longer side reduced to `max_side` pixels by taking the nearest pixel;
-    /// unchanged if it is no longer than that.
+    /// The same view with its longer side reduced to `max_side` pixels by nearest-pixel sampling; unchanged if it is
+    /// not longer.
     #[must_use]
     pub fn reduced(self, max_side: u32) -> Self {
         let (w, h) = self.depth.dimensions();
@@ -159,8 +159,7 @@ impl PosedDepth {
     }
 }
 
-/// Median of the valid depths, metres; `None` if there is none. An even count gives the mean of the
-/// two middle values.
+/// Median of the valid depths, metres; `None` if there are none. For an even count, the mean of the two middle values.
 pub fn median_depth_m(depth: &DepthMap) -> Option<f64> {
     let valid = depth.iter().copied().filter(|d| is_valid_depth(*d));
     median_of(valid.collect())
@@ -178,7 +177,7 @@ mod tests {
         assert_eq!(median_depth_m(&depth), Some(2.0));
         let even = DepthMap::from_vec(2, 1, vec![1.0, 2.0]).unwrap();
         assert_eq!(median_depth_m(&even), Some(1.5));
-        // Between neighbouring floats there is none; the mean is not rounded to one.
+        // There is no float between the neighbouring values; the mean is in f64 and not rounded to one of them.
         let next = 1.0_f32.next_up();
         let even = DepthMap::from_vec(2, 2, vec![next, 0.5, 1.0, 9.0]).unwrap();
         assert_eq!(median_depth_m(&even), Some(0.5 + 0.5 * f64::from(next)));

@@ -1,4 +1,4 @@
-//! Parsers of each form, line by line. Errors hold the line (from 1) and the reason; the caller adds the file.
+//! Parsers for each list format, line by line. Errors give the line (from 1) and the reason; the caller adds the file.
 
 use std::fmt;
 
@@ -9,12 +9,12 @@ use super::{Context, ForeignCounts, FrameName, ListForm, TargetSlot};
 
 pub(super) type Wrong = (u64, String);
 
-/// Views of one scene, as a list names them.
+/// Views of one scene as named in a list.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Entry {
-    /// On which line it begins.
+    /// Line on which the entry begins.
     line: u64,
-    /// `None` if the list is of one scene.
+    /// Scene; `None` if the list is for a single scene.
     scene: Option<String>,
     inputs: Vec<FrameName>,
     targets: Vec<FrameName>,
@@ -42,7 +42,7 @@ struct MineLine {
     tgt_img_obj_random: MineFrame,
 }
 
-/// Its cameras are not read: poses come from the dataset.
+/// One frame; its cameras are ignored because poses are taken from the dataset.
 #[derive(Deserialize)]
 struct MineFrame {
     frame_ts: String,
@@ -57,7 +57,7 @@ struct SevaSplit {
     test_ids: Vec<FrameName>,
 }
 
-/// Positions, or a word for none.
+/// A list of positions, with an explanatory error for null.
 fn positions<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Vec<FrameName>, D::Error> {
     let places: Option<Vec<u32>> = Option::deserialize(deserializer)?;
     let places = places.ok_or_else(|| {
@@ -68,10 +68,10 @@ fn positions<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Vec<FrameName
     Ok(places.into_iter().map(FrameName::Position).collect())
 }
 
-/// A pair as the list names it.
+/// A pair as named in a list.
 pub(super) struct NamedPair {
     pub(super) line: u64,
-    /// `None` if the list is of one scene.
+    /// Scene; `None` if the list is for a single scene.
     pub(super) scene: Option<String>,
     pub(super) source: FrameName,
     pub(super) target: FrameName,
@@ -109,7 +109,7 @@ impl<'de> Deserialize<'de> for Index {
     }
 }
 
-/// A scene's name never leads out of a folder.
+/// Checks that a scene's name cannot lead out of a folder.
 fn checked_key(key: &str) -> Result<&str, String> {
     let is_absolute = key.starts_with(['/', '\\']) || key.get(1..2) == Some(":");
     let leads_out = key.split(['/', '\\']).any(|part| part == "..");
@@ -119,7 +119,7 @@ fn checked_key(key: &str) -> Result<&str, String> {
     }
 }
 
-/// The lines of a text that are not blank, each with its number.
+/// The non-blank lines of a text with their numbers.
 fn lines(bytes: &[u8]) -> Result<Vec<(u64, &str)>, Wrong> {
     let text = std::str::from_utf8(bytes).map_err(|error| {
         let before = bytes[..error.valid_up_to()].iter();
@@ -137,8 +137,10 @@ fn json<'de, T: Deserialize<'de>>(bytes: &'de [u8], first: u64) -> Result<T, Wro
     })
 }
 
+/// Parses a list.
+///
 /// # Errors
-/// The first thing that is wrong.
+/// The line and reason of the first mistake.
 pub(super) fn parse(form: ListForm, bytes: &[u8]) -> Result<Vec<Entry>, Wrong> {
     let entries = match form {
         ListForm::Index => {
@@ -186,8 +188,8 @@ pub(super) fn counts(entries: &[Entry]) -> ForeignCounts {
 }
 
 impl Entry {
-    /// Its pairs, in its order: where a form has several inputs, each target with the one that `context` chooses; where it has
-    /// three kinds of targets, only that of `slot`.
+    /// The pairs in order. If the format has several inputs, `context` chooses one for each target; if it has three
+    /// kinds of targets, only those of `slot` are returned.
     pub(super) fn pairs(
         &self,
         form: ListForm,
@@ -278,7 +280,7 @@ fn mine_line(number: u64, line: MineLine) -> Result<Entry, Wrong> {
 
 fn manifest_line(number: u64, line: &str) -> Result<Entry, String> {
     let fields: Vec<&str> = line.split('|').collect();
-    // Where the first of four is a chunk of scenes, the second names the scene.
+    // If the first of four fields is a chunk of scenes, the second is the scene.
     let (scene, source, targets) = match fields[..] {
         [chunk, scene, source, targets] if chunk.ends_with(".torch") => (scene, source, targets),
         [scene, source, targets] | [scene, _, source, targets] => (scene, source, targets),

@@ -1,6 +1,6 @@
-//! Other people's pair lists, read and matched with a dataset that a reader here has.
+//! Published pair lists, matched with datasets that can be read here.
 //!
-//! * `forms`: parsers of each form.
+//! * `forms`: a parser per format.
 
 mod forms;
 #[cfg(test)]
@@ -65,7 +65,7 @@ pub enum TargetSlot {
     Random,
 }
 
-/// A list of theirs.
+/// A published pair list.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ForeignList {
     path: PathBuf,
@@ -73,40 +73,42 @@ pub struct ForeignList {
     entries: Vec<Entry>,
 }
 
-/// A view as a list names it.
+/// A view as named in a list.
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord)]
 pub(in crate::pairs) enum FrameName {
-    /// Counted from 0 in the scene's frames.
+    /// Index in the scene's frames, from 0.
     Position(u32),
-    /// A file's stem, a file's name, a frame's number or a time stamp.
+    /// A file's stem or name, a frame's number or a time stamp.
     Name(String),
 }
 
-/// Counts of a list.
+/// Counts for a list.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 pub struct ForeignCounts {
-    /// Scenes or lines.
+    /// Number of scenes or lines.
     pub entries: usize,
-    /// Of these, with a target.
+    /// Entries with at least one target.
     pub with_pairs: usize,
     pub targets: usize,
-    /// Of these, views that are inputs, too.
+    /// Targets that are also inputs.
     pub targets_that_are_inputs: usize,
 }
 
-/// A list of theirs as rows of ours.
+/// A published list converted to pairs.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ImportedPairs {
     pub pairs: Vec<Pair>,
-    /// Scenes of the list that the datasets do not have, each once.
+    /// Scenes of the list that no dataset has, each once.
     pub absent: Vec<String>,
-    /// How often the list names a pair again.
+    /// Number of repeated pairs in the list.
     pub repeated: usize,
 }
 
 impl ForeignList {
+    /// Reads a list.
+    ///
     /// # Errors
-    /// [`PairError::File`]; [`PairError::List`] with the line of the first thing that is wrong.
+    /// [`PairError::File`]; [`PairError::List`] with the line of the first mistake.
     pub fn read(path: &Path, form: ListForm) -> Result<Self, PairError> {
         let bytes = sharp::files::read(path).map_err(FileError::new(path, "read"))?;
         let entries = forms::parse(form, &bytes);
@@ -126,11 +128,11 @@ impl ForeignList {
         forms::counts(&self.entries)
     }
 
-    /// The list's pairs among the scenes of datasets. A scene is found by its id, or by the end of it after a `/`; pairs
-    /// that occur several times come once. All are selected; overlaps and depths are not measured.
+    /// Finds the list's pairs in the scenes of datasets. A scene matches by its id, or by the end of its id after a
+    /// `/`; repeated pairs are added once. All pairs are selected; overlaps and depths are not measured.
     ///
     /// # Errors
-    /// [`PairError::List`] where the list names a view that its scene lacks, several scenes match, or no pair is left.
+    /// [`PairError::List`] if a named view does not exist in its scene, several scenes match, or no pair is left.
     pub fn import(
         &self,
         context: Context,
@@ -227,13 +229,13 @@ impl ForeignList {
 }
 
 impl ImportedPairs {
-    /// As a list that will be written to `path`.
+    /// Converts to a list to be written to `path`.
     pub fn list(self, path: &Path) -> PairList {
         PairList::new(path, self.pairs)
     }
 }
 
-/// The view's place in its scene. The error is the bare reason.
+/// Index of the view in its scene. Errors do not name the list.
 fn found(scene: &Scene, frame: &FrameName) -> Result<usize, String> {
     let count = scene.views.len();
     match frame {

@@ -1,4 +1,4 @@
-//! The keys of the text form: one table for reading, writing and help.
+//! The keys of the text form, in one table for reading, writing and help.
 
 use clap::ValueEnum;
 
@@ -7,7 +7,7 @@ use crate::pairs::overlap::{Denominator, DepthLookup, OverlapTest};
 use crate::pairs::sampling::SamplingRule;
 use crate::pairs::sets::{Grouping, Remainder};
 
-/// A choice that can be written as text and read back. Errors are the bare reason.
+/// A choice with a text form. Errors do not name the key.
 pub(super) trait OptionValue {
     /// The accepted values, for help and errors.
     fn values(&self) -> String;
@@ -40,7 +40,7 @@ pub(super) const MEANINGS: [&str; 20] = [
 ];
 
 impl PairOptions {
-    /// Every choice by its key, in the order of the text form.
+    /// Every choice with its key, in the order of the text form.
     pub(super) fn choices(&mut self) -> [(&'static str, &mut dyn OptionValue); MEANINGS.len()] {
         [
             ("sets", &mut self.sets.grouping),
@@ -72,7 +72,7 @@ fn number<T: std::str::FromStr>(text: &str) -> Result<T, String> {
     number.map_err(|_| "not a number that fits".to_owned())
 }
 
-/// The names of the values that have one, by commas.
+/// Comma-separated names of an enum's values.
 fn words<T: ValueEnum>() -> String {
     let words: Vec<String> = T::value_variants().iter().map(word_of).collect();
     words.join(", ")
@@ -106,7 +106,7 @@ macro_rules! numbers {
     };
 }
 
-/// Limits, with the word for none.
+/// Optional limits, with the word for no limit.
 macro_rules! limits {
     ($($type:ty, $none:literal;)+) => {
         $(impl OptionValue for Option<$type> {
@@ -149,7 +149,7 @@ macro_rules! enums {
 }
 
 numbers! { usize u32 u64 f64 }
-// Counts of sets and pairs, the side of a map in pixels, metres.
+// Number of sets or pairs, the side of a map in pixels, metres.
 limits! { usize, "all"; u32, "full"; f64, "none"; }
 enums! { Remainder PairOrder MissingDepth Denominator OverlapDirection SamplingRule }
 

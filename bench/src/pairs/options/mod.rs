@@ -1,9 +1,9 @@
 //! Every choice that the paper leaves open, with its default and a text form.
 //!
-//! The text is one line of `key=value` joined by commas, in a fixed order; it is what the command line
-//! accepts (any subset, in any order), what is printed beside a result and what manifests store.
+//! The text is one line of comma-separated `key=value`, in a fixed order. The command line accepts any subset in any
+//! order; results and manifests show all of it.
 //!
-//! * `keys`: the table behind reading, writing and `pairs --help-all`.
+//! * `keys`: the table for reading, writing and `pairs --help-all`.
 //! * [`paper`]: values that are known to differ from the paper's.
 
 mod keys;
@@ -25,31 +25,31 @@ use super::overlap::{DepthLookup, OverlapOptions, OverlapTest};
 use super::sampling::SamplingOptions;
 use super::sets::SetOptions;
 
-/// Direction of pairs between two views.
+/// Directions of the pairs between two views.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum PairOrder {
     Both,
-    /// Only from the earlier view, in natural order, to the later one.
+    /// Only from the earlier view, in natural order of ids, to the later one.
     Once,
 }
 
 /// Treatment of views without depth.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum MissingDepth {
-    /// They count when sets are formed, but join no pair.
+    /// They count when sets are formed, but are in no pair.
     Reject,
     /// Their pairs qualify without an overlap.
     Accept,
-    /// They are left out before sets are formed.
+    /// They are excluded before sets are formed.
     LeaveOut,
 }
 
 /// The overlap that is compared with the threshold.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum OverlapDirection {
-    /// The share of the target's pixels that the source sees: what view synthesis needs.
+    /// The share of the target's pixels visible in the source, which view synthesis needs.
     TargetInSource,
-    /// The share of the source's pixels that the target sees.
+    /// The share of the source's pixels visible in the target.
     SourceInTarget,
     Min,
     Mean,
@@ -57,7 +57,7 @@ pub enum OverlapDirection {
 }
 
 impl OverlapDirection {
-    /// The number that is compared with the threshold.
+    /// The value that is compared with the threshold.
     pub fn of(self, target_in_source: f64, source_in_target: f64) -> f64 {
         match self {
             Self::TargetInSource => target_in_source,
@@ -69,18 +69,18 @@ impl OverlapDirection {
     }
 }
 
-/// Depth that decides overlap.
+/// Source of the depth that determines overlap.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum OverlapDepth {
     /// The dataset's own, pixel by pixel.
     GroundTruth,
-    /// The dataset's own where it is sparse: a point is seen if depth measured within `radius` pixels of where it lands
-    /// agrees.
+    /// The dataset's own, if sparse: a point counts as seen if a measured depth within `radius` pixels of its
+    /// projection agrees.
     #[value(skip)]
     Sparse { radius: u32 },
-    /// Maps by anyone, scaled to the dataset's own by the median of ratios: the paper's way on ETH3D.
+    /// User-supplied maps, scaled to the dataset's own by the median of ratios: the paper's way on ETH3D.
     Given,
-    /// The same as they are, in metres.
+    /// User-supplied maps in metres, not scaled.
     GivenMetric,
     /// The first depth layer of SHARP's official checkpoint, scaled like [`Self::Given`].
     SharpRelease,
@@ -91,7 +91,7 @@ impl OverlapDepth {
         self == Self::GroundTruth
     }
 
-    /// Whether depth maps by anyone decide overlap.
+    /// Whether user-supplied depth maps determine overlap.
     pub fn takes_maps(self) -> bool {
         matches!(self, Self::Given | Self::GivenMetric)
     }
@@ -108,8 +108,8 @@ impl fmt::Display for OverlapDepth {
 
 /// How pairs are made from scenes. [`PairOptions::help`] lists the keys of the text form with values and defaults.
 ///
-/// Sets, depth and overlap concern multi-view scenes; a stereo scene's one pair has its overlap measured
-/// and always qualifies. `min-baseline` and what follows concern both.
+/// Sets, depth and overlap concern multi-view scenes; the single pair of a stereo scene has its overlap measured but
+/// always qualifies. `min-baseline` and the keys after it concern both.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, schemars::JsonSchema)]
 #[schemars(with = "BTreeMap<String, String>")]
 #[serde(
@@ -126,7 +126,7 @@ pub struct PairOptions {
     pub threshold: f64,
     pub threshold_qualifies: bool,
     pub min_baseline_m: f64,
-    /// `None`: any.
+    /// `None` for no limit.
     pub max_baseline_m: Option<f64>,
     pub sampling: SamplingOptions,
 }
@@ -150,21 +150,21 @@ impl Default for PairOptions {
 }
 
 impl PairOptions {
-    /// Whether a pair of these two overlaps qualifies.
+    /// Whether a pair with these overlaps qualifies.
     pub fn overlap_qualifies(&self, target_in_source: f64, source_in_target: f64) -> bool {
         let overlap = self.direction.of(target_in_source, source_in_target);
         overlap > self.threshold || (self.threshold_qualifies && overlap == self.threshold)
     }
 
-    /// Whether a pair whose cameras are so many metres apart qualifies.
+    /// Whether a pair with this distance between its cameras qualifies.
     pub fn baseline_qualifies(&self, metres: f64) -> bool {
         metres >= self.min_baseline_m && self.max_baseline_m.is_none_or(|most| metres <= most)
     }
 
-    /// These options with some changed; `text` is as for parsing.
+    /// A copy with some options changed; `text` is in the form that is parsed.
     ///
     /// # Errors
-    /// [`PairError::Options`] if a change cannot be read or contradicts the rest.
+    /// [`PairError::Options`] if a change cannot be parsed or contradicts the other options.
     pub fn with(&self, text: &str) -> Result<Self, PairError> {
         let mut options = self.clone();
         let mut seen = Vec::new();
@@ -182,7 +182,7 @@ impl PairOptions {
         Ok(options)
     }
 
-    /// How overlap is measured, with what the source of depth asks for.
+    /// Options for measuring overlap, including those implied by the source of depth.
     pub fn measuring(&self) -> OverlapOptions {
         let mut options = self.overlap;
         if let OverlapDepth::Sparse { radius } = self.depth {
@@ -191,10 +191,10 @@ impl PairOptions {
         options
     }
 
-    /// Checks what the types leave open.
+    /// Checks constraints that the types do not express.
     ///
     /// # Errors
-    /// [`PairError::Options`] names the key and what it may be.
+    /// [`PairError::Options`] names the key and its valid values.
     pub fn validate(&self) -> Result<(), PairError> {
         let wrong =
             |key: &str, what: &str| Err(PairError::Options(format!("{key} has to be {what}")));
@@ -259,7 +259,7 @@ impl PairOptions {
         choices.map(|(key, choice)| (key, choice.text())).collect()
     }
 
-    /// Every key with the values that it takes, its default and its meaning; two lines each, indented by two blanks.
+    /// Help on every key: its values, default and meaning, in two lines each, indented by two blanks.
     pub fn help() -> String {
         let mut options = Self::default();
         let choices = options.choices().into_iter().zip(MEANINGS);
@@ -285,7 +285,7 @@ impl fmt::Display for PairOptions {
 impl FromStr for PairOptions {
     type Err = PairError;
 
-    /// Defaults, changed by the given keys; the empty text is all defaults. A repeated key is an error.
+    /// The defaults with the given keys changed; an empty text gives the defaults. A repeated key is an error.
     fn from_str(text: &str) -> Result<Self, PairError> {
         Self::default().with(text)
     }

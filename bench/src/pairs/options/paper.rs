@@ -1,14 +1,14 @@
-//! Values that are known to differ from the paper's. Choices that the paper leaves open are not among them.
+//! Values that are known to differ from the paper's, excluding choices that the paper leaves open.
 //!
-//! It states: sets of ten views, depth overlap above 60 %, predicted depth scaled to the dataset's where that is sparse,
-//! min(512, all) pairs, and for stereo datasets every left frame to its right one.
+//! The paper states: sets of ten views, depth overlap above 60 %, predicted depth scaled to the dataset's where that is
+//! sparse, min(512, all) pairs, and for stereo datasets every left frame to its right one.
 
 pub use sharp_datasets::entry::PaperOverlap;
 
 use super::{MissingDepth, OverlapDepth, PairOptions};
 use crate::pairs::sets::Grouping;
 
-/// Mark of readings that are known to differ from the paper, wherever they are shown.
+/// Mark shown with all settings that are known to differ from the paper.
 pub const PROXY: &str = "proxy: differs from the paper";
 
 fn is_papers(kind: PaperOverlap, depth: OverlapDepth) -> bool {
@@ -19,14 +19,14 @@ fn is_papers(kind: PaperOverlap, depth: OverlapDepth) -> bool {
     }
 }
 
-/// Pairs of a dataset that the paper evaluates at most.
+/// The paper's maximum number of pairs per dataset.
 const LIMIT: usize = 512;
 
-/// Keys whose values are known to differ from the paper on some kinds of datasets, of which so many pairs were selected; in
-/// the order of the text form.
+/// Keys whose values are known to differ from the paper for some kinds of datasets, given the number of selected pairs;
+/// in the order of the text form.
 fn differing(options: &PairOptions, kinds: &[PaperOverlap], pairs: usize) -> Vec<&'static str> {
     let stereo = kinds.iter().all(|kind| *kind == PaperOverlap::Stereo);
-    // A limit that nothing was cut by is as good as any other.
+    // A limit that cut nothing is equivalent to the paper's.
     let cut_otherwise = match options.sampling.limit {
         Some(limit) if limit < LIMIT => pairs >= limit,
         Some(LIMIT) => false,
@@ -59,13 +59,13 @@ fn differing(options: &PairOptions, kinds: &[PaperOverlap], pairs: usize) -> Vec
 }
 
 impl PairOptions {
-    /// `key=value` of every value that is known to differ from what the paper did with such a dataset, of which so many
-    /// pairs were selected.
+    /// `key=value` of every value that is known to differ from the paper's for this kind of dataset, given the number
+    /// of selected pairs.
     pub fn proxies_on(&self, kind: PaperOverlap, pairs: usize) -> Vec<String> {
         self.named(&differing(self, &[kind], pairs))
     }
 
-    /// `key=value` of every value that is known to differ from what the paper did with any of its multi-view datasets.
+    /// `key=value` of every value that is known to differ from the paper's for any of its multi-view datasets.
     pub fn proxies(&self) -> Vec<String> {
         self.named(&differing(
             self,

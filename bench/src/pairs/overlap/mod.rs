@@ -1,9 +1,8 @@
-//! Share of one view that another sees.
+//! Share of one view that is visible in another.
 //!
-//! The paper selects pairs by "depth overlap" above 60 % and does not define it. Here it is directed:
-//! the pixels of one view are lifted by their depth and projected into the other, where each either is
-//! seen or not. All arithmetic is f64 and the result a count, so that it depends neither on threads
-//! nor on summation order.
+//! The paper selects pairs by "depth overlap" above 60 % without defining it. Here it is directed: the pixels of one
+//! view are lifted by their depth and projected into the other, where each is either seen or not. All arithmetic is f64
+//! and the result is a count, so it depends neither on threads nor on summation order.
 
 use clap::ValueEnum;
 use glam::{DAffine3, DVec3};
@@ -13,24 +12,24 @@ use rayon::prelude::*;
 use super::depth::PosedDepth;
 use super::valid_depth::is_valid_depth;
 
-/// When a projected pixel counts as seen. In every case it has to land in front of the other camera
-/// and inside its image.
+/// Condition for a projected pixel to count as seen, in addition to lying in front of the other camera and inside its
+/// image.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum OverlapTest {
     Frustum,
-    /// The depth found there differs by at most `relative · z` from the projected z.
+    /// The depth at that position differs by at most `relative · z` from the projected z.
     Consistent {
         /// Tolerance as a share of z.
         relative: f64,
     },
-    /// The depth found there differs by less than `absolute_m + relative · z`, and z exceeds
-    /// `min_depth_m`. [`Self::MAP_ANYTHING`] has the values of MapAnything's covisibility.
+    /// The depth at that position differs by less than `absolute_m + relative · z`, and z exceeds `min_depth_m`.
+    /// [`Self::MAP_ANYTHING`] has the values of MapAnything's covisibility.
     AbsoluteRelative {
         /// Tolerance, metres.
         absolute_m: f64,
         /// Tolerance as a share of z.
         relative: f64,
-        /// Nearer points are not seen, metres.
+        /// Minimum depth to count as seen, metres.
         min_depth_m: f64,
     },
 }
@@ -49,23 +48,23 @@ impl OverlapTest {
 pub enum DepthLookup {
     /// The pixel that contains the position.
     Nearest,
-    /// Between the four surrounding centres, the outermost row and column repeated; not seen unless
-    /// all four are valid.
+    /// Interpolation between the four surrounding centres, with the border repeated; not seen unless all four are
+    /// valid.
     Bilinear,
-    /// Any valid pixel at most this many rows and columns from the one that contains the position: for sparse depth,
-    /// where a single pixel rarely has any. Seen if one of them agrees.
+    /// Any valid pixel at most this many rows and columns from the one that contains the position; seen if one of them
+    /// agrees. For sparse depth, where a single pixel rarely has a value.
     #[value(skip)]
     Window { radius: u32 },
 }
 
-/// Denominator for a count of seen pixels.
+/// Denominator of the share of seen pixels.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum Denominator {
-    /// Pixels with valid depth of the view whose pixels are projected.
+    /// Pixels with valid depth in the projected view.
     Valid,
-    /// All pixels of that view.
+    /// All pixels of the projected view.
     All,
-    /// Pixels with valid depth of the view projected into; the share may exceed 1.
+    /// Pixels with valid depth in the other view; the share may exceed 1.
     ValidOther,
 }
 
@@ -74,9 +73,9 @@ pub struct OverlapOptions {
     pub test: OverlapTest,
     pub lookup: DepthLookup,
     pub denominator: Denominator,
-    /// Every `stride`-th pixel of every `stride`-th row is projected, from `stride / 2` on; ≥ 1.
+    /// Projects every `stride`-th pixel of every `stride`-th row, starting at `stride / 2`; ≥ 1.
     pub stride: u32,
-    /// Depth maps are first reduced to this longer side; see [`PosedDepth::reduced`].
+    /// Longer side that depth maps are first reduced to; see [`PosedDepth::reduced`].
     pub max_side: Option<u32>,
 }
 
@@ -107,7 +106,7 @@ pub struct OverlapCounts {
 }
 
 impl OverlapCounts {
-    /// The share of pixels seen; `None` when there is nothing to divide by.
+    /// The share of pixels seen; `None` if the denominator is 0.
     pub fn share(&self, denominator: Denominator) -> Option<f64> {
         let by = match denominator {
             Denominator::Valid => self.valid,
@@ -120,8 +119,8 @@ impl OverlapCounts {
 
 /// Projects the pixels of `view` into `other` and counts those that `other` sees.
 ///
-/// The overlap of an ordered pair (source, target) in the sense of the default is
-/// `overlap(target, source)`. [`OverlapOptions::max_side`] is the caller's business.
+/// The overlap of an ordered pair (source, target) in the sense of the default is `overlap(target, source)`. The caller
+/// applies [`OverlapOptions::max_side`].
 pub fn overlap(view: &PosedDepth, other: &PosedDepth, options: &OverlapOptions) -> OverlapCounts {
     let projection = Projection::new(view, other);
     let step = options.stride.max(1) as usize;
@@ -256,8 +255,8 @@ fn is_seen(point: DVec3, other: &PosedDepth, options: &OverlapOptions) -> bool {
     }
 }
 
-/// Depth between the four surrounding pixel centres, the border repeated; `None` unless all four are
-/// valid. `u` and `v` lie inside the image.
+/// Depth interpolated between the four surrounding pixel centres, with the border repeated; `None` unless all four are
+/// valid. `u` and `v` must lie inside the image.
 fn sample_bilinear(view: &PosedDepth, u: f64, v: f64) -> Option<f64> {
     let (width, height) = view.depth().dimensions();
     let taps = |at: f64, n: u32| {

@@ -34,7 +34,7 @@ pub(super) fn to_csv(pairs: &[Pair]) -> String {
         .collect()
 }
 
-/// RFC 4180: quotes around a field only where it needs them.
+/// Quotes a field only if needed (RFC 4180).
 fn quoted(field: &str) -> String {
     if field.contains([',', '"', '\n', '\r']) {
         format!("\"{}\"", field.replace('"', "\"\""))

@@ -12,27 +12,27 @@ pub struct ListDiff {
     pub equal: usize,
     pub only_first: Vec<String>,
     pub only_second: Vec<String>,
-    /// Pairs of both lists whose rows differ.
+    /// Pairs in both lists whose rows differ.
     pub changed: Vec<ChangedPair>,
 }
 
-/// A pair of which two lists hold different values.
+/// A pair with different values in two lists.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct ChangedPair {
     pub pair_id: String,
-    /// By column: the value in the first list and in the second.
+    /// Values in the first and second list, by column.
     pub columns: BTreeMap<&'static str, [String; 2]>,
 }
 
 impl ListDiff {
-    /// Whether the lists hold the same pairs with the same values.
+    /// Whether the lists have the same pairs with the same values.
     pub fn is_empty(&self) -> bool {
         self.only_first.is_empty() && self.only_second.is_empty() && self.changed.is_empty()
     }
 }
 
 impl PairList {
-    /// What differs between two lists; the order of rows does not count.
+    /// Compares two lists, ignoring the order of rows.
     pub fn diff(&self, other: &Self) -> ListDiff {
         let index = |list: &Self| -> BTreeMap<String, [String; COLUMNS.len()]> {
             let rows = list.pairs.iter();

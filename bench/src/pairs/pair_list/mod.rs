@@ -1,9 +1,9 @@
-//! Pairs as a file that can be published, verified against someone's files and compared.
+//! Pairs as a file that can be published, verified against local files and compared.
 //!
-//! CSV with one header line, `\n` at line ends, rows sorted bytewise by `pair_id`, numbers in the
-//! shortest form that reads back to the same value, an empty field where a value is unknown,
-//! `selected` as `true` or `false`. The sha256 of a list is that of the file, whose bytes are kept: a copy of a list that
-//! someone's editor gave a byte order mark, other line ends or another order is that very file.
+//! CSV with one header line, `\n` line endings, rows sorted bytewise by `pair_id`, numbers in the shortest form that
+//! parses back to the same value, an empty field for an unknown value, `selected` as `true` or `false`. The SHA-256 of
+//! a list is that of the file as read: if an editor added a byte order mark or changed line endings or the order of
+//! rows, the bytes of that file are kept.
 
 mod csv_form;
 mod diff;
@@ -16,7 +16,7 @@ use sharp_datasets::{Scene, View};
 
 pub use self::csv_form::COLUMNS;
 
-/// Start of our lists.
+/// Start of a pair list's first line.
 pub const LIST_MARK: &str = "pair_id,dataset,";
 
 use self::csv_form::{parse_row, to_csv};
@@ -28,20 +28,20 @@ use super::dataset::OpenDataset;
 use crate::io::atomic_files::{FileError, write_atomic};
 use crate::io::hash::sha256_hex;
 
-/// A list of pairs and where each came from.
+/// A list of pairs with its file.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PairList {
     pub path: PathBuf,
     /// The rows in file order.
     pub pairs: Vec<Pair>,
-    /// sha256 of the file, 64 lower-case hexadecimal digits.
+    /// SHA-256 of the file, 64 lower-case hexadecimal digits.
     pub sha256: String,
     lines: Vec<u64>,
     bytes: Vec<u8>,
 }
 
 impl PairList {
-    /// A list of pairs that were just made, for [`Self::write`].
+    /// Creates a list of new pairs, to be written with [`Self::write`].
     pub fn new(path: impl Into<PathBuf>, mut pairs: Vec<Pair>) -> Self {
         pairs.sort_by(|a, b| a.pair_id.cmp(&b.pair_id));
         let bytes = to_csv(&pairs).into_bytes();
@@ -57,17 +57,17 @@ impl PairList {
     /// Reads and checks a list.
     ///
     /// # Errors
-    /// [`PairError::File`]; [`PairError::List`] with the line of the first thing that is wrong: a
-    /// missing column, an unreadable number, an id that disagrees with its row, a pair given twice.
+    /// [`PairError::File`]; [`PairError::List`] with the line of the first mistake: a missing column, an invalid
+    /// number, an id that contradicts its row, a repeated pair.
     pub fn read(path: &Path) -> Result<Self, PairError> {
         let bytes = sharp::files::read(path).map_err(FileError::new(path, "read"))?;
         Self::parse(path, &bytes)
     }
 
-    /// As [`Self::read`], from bytes; `path` is for errors only.
+    /// As [`Self::read`], from bytes; `path` is only used in errors.
     ///
     /// # Errors
-    /// As [`Self::read`], without the first.
+    /// As [`Self::read`], except [`PairError::File`].
     pub fn parse(path: &Path, bytes: &[u8]) -> Result<Self, PairError> {
         let wrong = |line: u64, reason: String| PairError::List {
             path: path.to_owned(),
@@ -113,7 +113,8 @@ impl PairList {
         }
     }
 
-    /// The pairs of this list and a newer one. A pair of both is as the newer one says, and selected where either does.
+    /// The union of this list and a newer one. For a pair in both, the row is the newer one's; it is selected if either
+    /// row is.
     #[must_use]
     pub fn joined(&self, newer: &Self) -> Self {
         let by_id = |list: &Self| -> BTreeMap<String, Pair> {
@@ -128,7 +129,7 @@ impl PairList {
             same.is_some_and(|new| new.selected || !pair.selected)
         };
         if joined.values().all(covered) {
-            // Nothing is added to the newer list: its bytes stay as they were handed in.
+            // The older list adds nothing, so keep the newer list's bytes.
             return newer.clone();
         }
         for (id, mut pair) in new_pairs {
@@ -138,28 +139,28 @@ impl PairList {
         Self::new("pairs.csv", joined.into_values().collect())
     }
 
-    /// The file as it was read or made: what [`Self::sha256`] is of.
+    /// The bytes of the file, which [`Self::sha256`] is computed from.
     pub fn bytes(&self) -> &[u8] {
         &self.bytes
     }
 
-    /// Writes the list to its path: whole or not at all.
+    /// Writes the list to its path atomically.
     pub fn write(&self) -> Result<(), PairError> {
         Ok(write_atomic(&self.path, &self.bytes)?)
     }
 
-    /// Finds the views of the pairs. Pairs that are not selected are resolved too.
+    /// Finds the views of the pairs, including pairs that are not selected.
     ///
     /// # Errors
-    /// [`PairError::List`] naming the line and what is absent from the scenes.
+    /// [`PairError::List`] names the line and what is missing from the scenes.
     pub fn resolve<'a>(&'a self, scenes: &'a [Scene]) -> Result<Vec<ResolvedPair<'a>>, PairError> {
         self.resolve_readable(scenes, &[])
     }
 
-    /// As [`Self::resolve`], without the pairs of scenes and views that could not be read.
+    /// As [`Self::resolve`], but skips pairs of scenes and views that could not be read.
     ///
     /// # Errors
-    /// As [`Self::resolve`]; also for a scene that a setting of its dataset rules out.
+    /// As [`Self::resolve`]; also for a scene that is excluded by a setting of its dataset.
     pub fn resolve_readable<'a>(
         &'a self,
         scenes: &'a [Scene],

@@ -1,4 +1,4 @@
-//! Checking a list against someone's files.
+//! Verifies a list against local files.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -10,32 +10,32 @@ use sharp_datasets::{Scene, View};
 use super::{PairList, absent_scene};
 use crate::pairs::build::Pair;
 
-/// Poses that agree to this are the same, metres: far below any calibration, far above rounding.
+/// Tolerance for baselines to count as equal, metres: far below any calibration error, far above rounding.
 const SAME_BASELINE_M: f64 = 1e-9;
 
-/// Tolerance of rotations, degrees. The angle comes from an arc cosine or sine of rounded numbers.
+/// Tolerance for rotations, degrees. The angle is an arc cosine or sine of rounded numbers.
 const SAME_ROTATION_DEG: f64 = 1e-6;
 
-/// A list's photographs and cameras against someone's files.
+/// Result of comparing a list's photographs and cameras with local files.
 #[derive(Debug, Clone, PartialEq, Default, Serialize)]
 pub struct Verification {
-    /// Different photographs that the list names.
+    /// Distinct photographs in the list.
     pub photographs: usize,
-    /// Of these, read and equal to the list's.
+    /// Photographs read and equal to the list's.
     pub equal: usize,
-    /// Of these, without a hash in the list.
+    /// Photographs without a hash in the list.
     #[serde(rename = "without_hash")]
     pub unhashed: usize,
     pub different: Vec<HashMismatch>,
     pub unreadable: Vec<Unreadable>,
     /// Datasets, scenes and views that are missing, each once.
     pub absent: Vec<String>,
-    /// Pairs whose cameras are elsewhere than in the list.
+    /// Pairs whose cameras differ from the list.
     pub moved: Vec<MovedCamera>,
 }
 
 impl Verification {
-    /// Whether every photograph with a hash is the list's and every camera is where it was.
+    /// Whether every hashed photograph and every camera matches the list.
     pub fn is_good(&self) -> bool {
         self.different.is_empty()
             && self.unreadable.is_empty()
@@ -44,7 +44,7 @@ impl Verification {
     }
 }
 
-/// A photograph other than the one that a list was made from.
+/// A photograph that differs from the list's.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct HashMismatch {
     pub dataset: String,
@@ -61,10 +61,10 @@ pub struct Unreadable {
     pub reason: String,
 }
 
-/// A pair whose cameras are elsewhere than in the list: the list's value, then that of the files.
+/// A pair whose cameras differ from the list: the list's value, then that of the files.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct MovedCamera {
-    /// In the list's file.
+    /// Line in the list's file.
     pub line: u64,
     pub pair_id: String,
     pub baseline_m: [f64; 2],
@@ -72,8 +72,8 @@ pub struct MovedCamera {
 }
 
 impl PairList {
-    /// Compares photographs, by sha256, and cameras, by baseline and rotation, with the list's, and says what is not
-    /// there. Every problem is found, not only the first.
+    /// Compares photographs (by SHA-256) and cameras (by baseline and rotation) with the list's, and reports missing
+    /// ones. Collects every problem, not just the first.
     pub fn verify(&self, scenes: &[Scene]) -> Verification {
         let mut report = Verification::default();
         let mut absent = BTreeSet::new();
@@ -121,7 +121,7 @@ impl PairList {
 
 struct Photograph<'a> {
     view: &'a View,
-    /// What the list says; more than one where its rows disagree.
+    /// Hashes in the list; more than one if its rows disagree.
     hashes: BTreeSet<&'a str>,
 }
 
