@@ -36,7 +36,7 @@ pub fn model_weights(salt: &str, name: &str, shape: &[usize]) -> Vec<f32> {
         .map(|i| {
             let k = (splitmix64(h.wrapping_add(i)) >> 40) as i32;
             let centred = (k - (1 << 23)) as f32 / (1 << 23) as f32;
-            // Two roundings: a fused multiply-add would give other bits.
+            // Rounds twice: a fused multiply-add would give different bits.
             let scaled = centred * scale;
             scaled + offset
         })
