@@ -147,7 +147,7 @@ impl Intrinsics {
     }
 
     /// Matrix from camera space to SHARP's normalised space: x/z and y/z span [−1, 1] from edge to edge of the image; z
-    /// stays metric. This is the 3×3 part of K⁻¹ in the paper's `P = K_t E_t E_s⁻¹ K_s⁻¹`.
+    /// stays metric. This is the 3×3 part of K in the paper's `P = K_t E_t E_s⁻¹ K_s⁻¹`.
     pub fn ndc_from_camera(&self) -> DMat3 {
         let (w, h) = (f64::from(self.width), f64::from(self.height));
         DMat3::from_cols_array_2d(&[
@@ -283,7 +283,7 @@ pub fn baseline_m(a_from_world: &RigidTransform, b_from_world: &RigidTransform) 
 }
 
 /// Affine map from a source photograph's normalised space directly to the target's camera space: `E_t E_s⁻¹ K_s⁻¹` of
-/// the paper's `P = K_t E_t E_s⁻¹ K_s⁻¹` (K_s⁻¹ inverts [`Intrinsics::ndc_from_camera`]). Applied to Gaussians
+/// the paper's `P = K_t E_t E_s⁻¹ K_s⁻¹` (K_s is [`Intrinsics::ndc_from_camera`]). Applied to Gaussians
 /// predicted from the source, it needs no SVD and loses no precision.
 pub fn target_camera_from_source_ndc(
     source: &Intrinsics,
