@@ -1,11 +1,11 @@
-// Pass `emit`: in depth order, one pair of (tile, Gaussian) for each tile that a Gaussian reaches.
-// `count_tiles` comes first, so that a scan tells everyone where to write: no atomics.
+// Pass `emit`: in depth order, writes one (tile, Gaussian) pair for each tile that a Gaussian reaches.
+// `count_tiles` runs first; a scan of its counts gives every thread its place to write, without atomics.
 // CPU twin: sharp/src/render/emit.rs.
 
 @group(0) @binding(0) var<uniform> frame: Frame;
 @group(0) @binding(1) var<storage, read> order: array<u32>;
 @group(0) @binding(2) var<storage, read> footprints: array<vec2<u32>>;
-// How many pairs, later where they start; one entry more than there are Gaussians.
+// Number of pairs per Gaussian, later their start offsets; one entry more than there are Gaussians.
 @group(0) @binding(3) var<storage, read_write> places: array<u32>;
 @group(0) @binding(4) var<storage, read_write> tiles: array<u32>;
 @group(0) @binding(5) var<storage, read_write> members: array<u32>;

@@ -1,12 +1,12 @@
-// Pass `harmonics`: the colours of the Gaussians as a camera sees them.
+// Pass `harmonics`: view-dependent colours of the Gaussians.
 // CPU twin: sharp/src/render/harmonics.rs.
 
 @group(0) @binding(0) var<uniform> view: View;
-// Mean and opacity.
+// Mean (xyz) and opacity (w).
 @group(0) @binding(1) var<storage, read> means: array<vec4<f32>>;
-// The constant part.
+// Constant term of the colour.
 @group(0) @binding(2) var<storage, read> colors: array<vec4<f32>>;
-// Three numbers for each coefficient, `view.stored` coefficients for each Gaussian.
+// Three values (RGB) per coefficient, `view.stored` coefficients per Gaussian.
 @group(0) @binding(3) var<storage, read> coefficients: array<f32>;
 @group(0) @binding(4) var<storage, read_write> seen: array<vec4<f32>>;
 
@@ -32,7 +32,7 @@ fn harmonics(
     seen[k] = vec4<f32>(max(color, vec3<f32>(0.0)), 0.0);
 }
 
-// Without the constant one.
+// Basis functions without the constant one.
 fn basis_at(d: vec3<f32>) -> array<f32, 24> {
     let x = d.x;
     let y = d.y;

@@ -1,4 +1,4 @@
-//! The renderer's passes as WGSL: what the wgpu backend runs, and the pages with a viewer in a browser.
+//! The renderer's passes in WGSL, used by the wgpu backend and by the browser viewer of the report pages.
 
 macro_rules! shader {
     ($($file:literal),*) => {
@@ -6,7 +6,7 @@ macro_rules! shader {
     };
 }
 
-/// Each pass: its file's name and its text with the shared pieces before it.
+/// Name and text of each pass; the text includes the shared files.
 pub const PASSES: [(&str, &str); 7] = [
     ("project", shader!("shared/view.wgsl", "project.wgsl")),
     ("scan", shader!("shared/view.wgsl", "scan.wgsl")),

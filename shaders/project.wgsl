@@ -1,21 +1,21 @@
-// Pass `project`: every Gaussian to its splat, its box of pixels and its depth key.
+// Pass `project`: computes every Gaussian's splat, pixel bounding box and depth key.
 // CPU twin: sharp/src/render/project.rs.
 
 @group(0) @binding(0) var<uniform> view: View;
-// Mean and opacity.
+// Mean (xyz) and opacity (w).
 @group(0) @binding(1) var<storage, read> means: array<vec4<f32>>;
 // (w, x, y, z), not normalised.
 @group(0) @binding(2) var<storage, read> quaternions: array<vec4<f32>>;
-// Standard deviations; w is 1 where every attribute is finite, else 0.
+// Standard deviations (xyz); w is 1 if every attribute is finite, else 0.
 @group(0) @binding(3) var<storage, read> scales: array<vec4<f32>>;
-// Mean in pixels, then p and q of the conic's factor.
+// Mean in pixels (xy), then p and q of the conic's factor (zw).
 @group(0) @binding(4) var<storage, read_write> splats: array<vec4<f32>>;
-// r of the factor, opacity, z.
+// r of the conic's factor, opacity, z.
 @group(0) @binding(5) var<storage, read_write> details: array<vec4<f32>>;
-// x0 | x1 << 16, y0 | y1 << 16, pixels, both included; x0 > x1 where nothing is reached.
+// x0 | x1 << 16, y0 | y1 << 16, in pixels, inclusive; x0 > x1 if no pixel is reached.
 @group(0) @binding(6) var<storage, read_write> footprints: array<vec2<u32>>;
 @group(0) @binding(7) var<storage, read_write> keys: array<u32>;
-// How many were dropped, by reason.
+// Number of dropped Gaussians, by reason.
 @group(0) @binding(8) var<storage, read_write> dropped: array<atomic<u32>>;
 
 const NOT_FINITE: u32 = 0u;
@@ -28,11 +28,11 @@ const OUTSIDE: u32 = 6u;
 const DRAWN: u32 = 7u;
 
 const MAX_EXTENT: f32 = 3.33;
-// Side of the tiles that bound the support, pixels.
+// Side of the tiles that bound the support, in pixels.
 const SUPPORT_TILE: f32 = 16.0;
 
-// Factor of the opacity that makes up for the low-pass. The determinants, without it and with it, are
-// in units of `unit` to the power of four.
+// Opacity factor that compensates for the low-pass filter. The determinants, without and with the filter, are in units
+// of `unit` to the power of four.
 fn compensation(sharp: f32, blurred: f32, unit: f32) -> f32 {
     if view.compensation == 0u {
         return 1.0;
@@ -47,29 +47,29 @@ fn compensation(sharp: f32, blurred: f32, unit: f32) -> f32 {
     return sqrt(max(sharp / blurred, select(0.0, 2.5e-5, view.compensation == 2u)));
 }
 
-// By its bits: a compiler may assume that arithmetic never yields a NaN.
+// Tests the bits, because a compiler may assume that arithmetic never yields NaN.
 fn is_finite(x: f32) -> bool {
     return (bitcast<u32>(x) & 0x7f800000u) != 0x7f800000u;
 }
 
-// A sum of two f32 that stands for one number of twice the digits.
+// An unevaluated sum of two f32, with twice the precision of one.
 struct Sum {
     high: f32,
     low: f32,
 }
 
-// The upper half of the digits, so that products of halves are exact. Not left to fma, which
-// need not be fused.
+// Upper half of the significand's bits, so that products of halves are exact. fma is not used, because it need not be
+// fused.
 fn upper(x: f32) -> f32 {
     return bitcast<f32>(bitcast<u32>(x) & 0xfffff000u);
 }
 
-// The same number, to a compiler any number: some simplify (a + b) - a to b.
+// Identity that the compiler cannot see through: some compilers simplify (a + b) - a to b.
 fn opaque(x: f32) -> f32 {
     return bitcast<f32>(bitcast<u32>(x) ^ view.zero);
 }
 
-// Adds a * b, where b carries the rest `b_rest`.
+// Adds a * (b + b_rest) to `sum`.
 fn add_product(sum: Sum, a: f32, b: f32, b_rest: f32) -> Sum {
     let product = a * b;
     let a_high = upper(a);
@@ -83,7 +83,7 @@ fn add_product(sum: Sum, a: f32, b: f32, b_rest: f32) -> Sum {
     return Sum(high, sum.low + (lost + (rounding + a * b_rest)));
 }
 
-// z of the centre, as the host rounds it from f64: the order of near-equal depths depends on it.
+// z of the centre, rounded as the host rounds it from f64: the order of near-equal depths depends on it.
 fn depth_of(mean: vec3<f32>) -> f32 {
     var sum = Sum(0.0, 0.0);
     sum = add_product(sum, mean.x, view.row2.x, view.row2_rest.x);
@@ -117,7 +117,7 @@ fn project_one(k: u32) -> u32 {
     if scale.w == 0.0 {
         return NOT_FINITE;
     }
-    // Divided by the largest entry first, so that squares neither overflow nor vanish.
+    // Normalised by the largest entry first, so that squares neither overflow nor underflow.
     let raw = quaternions[k];
     let magnitude = max(max(abs(raw.x), abs(raw.y)), max(abs(raw.z), abs(raw.w)));
     if magnitude == 0.0 {
@@ -158,14 +158,14 @@ fn project_one(k: u32) -> u32 {
     let wide_v = vec3<f32>(dot(gy, r0), dot(gy, r1), dot(gy, r2)) * scale.xyz;
     let largest = max(abs(wide_u), abs(wide_v));
     let unit = max(largest.x, max(largest.y, largest.z));
-    // In units of the largest entry, for the same reason as above.
+    // In units of the largest entry, to avoid overflow and underflow as above.
     let eps = view.eps2d / unit / unit;
     let u = wide_u / unit;
     let v = wide_v / unit;
     let uu = dot(u, u);
     let vv = dot(v, v);
     let minors = cross(u, v);
-    // Cauchy-Binet: no cancellation.
+    // By the Cauchy-Binet formula, which has no cancellation.
     let sharp = dot(minors, minors);
     let determinant = sharp + eps * (uu + vv) + eps * eps;
     let root = sqrt(determinant);
@@ -173,7 +173,7 @@ fn project_one(k: u32) -> u32 {
     let d = sqrt(vv + eps);
     let factor = TO_LOG2 / unit * vec3<f32>(d / root, -dot(u, v) / (d * root), 1.0 / d);
     let opacity = mean.w * compensation(sharp, determinant, unit);
-    // The opacity is at least 1/255 where this is used.
+    // The opacity is at least 1/255 wherever this value is used.
     let extent = sqrt(2.0 * log(max(255.0 * opacity, 1.0)));
     let reach = vec2<f32>(a, d) * (unit * extent);
     let drawable = determinant > 0.0 && unit > 0.0 && is_finite(factor.x) && is_finite(factor.y)
@@ -193,12 +193,12 @@ fn project_one(k: u32) -> u32 {
     splats[k] = vec4<f32>(center, factor.xy);
     details[k] = vec4<f32>(factor.z, opacity, z, 0.0);
     keys[k] = bitcast<u32>(z);
-    // Wider than rounding in `raster` could make reach 1/255.
+    // Conservative: wider than rounding in `raster` can extend the 1/255 contour.
     let wide = reach * 1.0001 + vec2<f32>(0.01) + abs(center) * 1e-6;
     var first = max(ceil(center - 0.5 - wide), vec2<f32>(0.0));
     var last = min(floor(center - 0.5 + wide), size - 1.0);
     if view.tiled == 1u {
-        // Inria's radius: three standard deviations along the longer axis, whole pixels.
+        // Inria's radius: three standard deviations along the longer axis, in whole pixels.
         let variance = vec2<f32>(a, d) * unit * vec2<f32>(a, d) * unit;
         let half = 0.5 * (variance.x - variance.y);
         let across = dot(u, v) * unit * unit;

@@ -1,21 +1,21 @@
-// Pass `radix`: one digit of a stable sort of keys and their values, least significant first.
+// Pass `radix`: one digit of a stable, least-significant-first sort of keys and their values.
 // CPU twin: sharp/src/render/radix.rs.
 //
-// `radix_histogram` counts how often each digit occurs in each block of keys; scanned, the counts
-// say where each block puts its keys. `radix_scatter` moves them there; equal digits keep their
-// order. A round ranks 256 keys at once: each sets its bit in the mask of its digit, and its rank
-// is the number of bits below its own. Setting bits commutes, so timing cannot change the result.
+// `radix_histogram` counts how often each digit occurs in each block of keys; the scanned counts are the offsets at
+// which each block writes its keys. `radix_scatter` moves the keys; equal digits keep their order. Each round ranks 256
+// keys at once: each key sets its bit in the mask of its digit, and its rank is the number of lower bits set. Setting
+// bits is commutative, so timing cannot change the result.
 
 @group(0) @binding(0) var<uniform> params: RadixParams;
 @group(0) @binding(1) var<storage, read> keys: array<u32>;
-// Digit by digit, block by block: counts, later places.
+// Digit by digit, block by block: counts, later offsets.
 @group(0) @binding(2) var<storage, read_write> histogram: array<u32>;
 @group(0) @binding(3) var<storage, read> values: array<u32>;
 @group(0) @binding(4) var<storage, read_write> keys_out: array<u32>;
 @group(0) @binding(5) var<storage, read_write> values_out: array<u32>;
 
 var<workgroup> counts: array<atomic<u32>, 256>;
-// Eight words a digit.
+// Eight words per digit.
 var<workgroup> masks: array<atomic<u32>, 2048>;
 var<workgroup> next: array<u32, 256>;
 
@@ -31,7 +31,7 @@ fn radix_histogram(
     for (var round = 0u; round < ROUNDS; round++) {
         let i = (block * ROUNDS + round) * DIGITS + local;
         if i < params.count {
-            // The order of these additions does not show in the sum.
+            // The sum does not depend on the order of these additions.
             atomicAdd(&counts[digit_of(keys[i], params.shift)], 1u);
         }
     }

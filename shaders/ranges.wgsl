@@ -1,5 +1,5 @@
-// Pass `ranges`: where each tile's list starts and ends among the sorted pairs. Tiles without a
-// pair keep the zeros that the host put there.
+// Pass `ranges`: start and end of each tile's list in the sorted pairs. Tiles without pairs keep the zeros written by
+// the host.
 // CPU twin: sharp/src/render/ranges.rs.
 
 @group(0) @binding(0) var<uniform> frame: Frame;

@@ -1,8 +1,8 @@
-// Pass `raster`: blends each tile's list into its pixels; one thread owns eight pixels of a column.
+// Pass `raster`: blends each tile's list into its pixels; each thread processes eight pixels of a column.
 // CPU twin: sharp/src/render/raster.rs.
 //
-// Eight pixels share what it costs to fetch a Gaussian. A pixel's sums run over its list in order
-// and see no other pixel, so its bits depend neither on its neighbours nor on the tile's size.
+// Eight pixels share the cost of fetching a Gaussian. A pixel's sums follow the order of its list and involve no other
+// pixel, so its bits depend neither on its neighbours nor on the tile's size.
 
 @group(0) @binding(0) var<uniform> frame: Frame;
 @group(0) @binding(1) var<storage, read> ranges: array<vec2<u32>>;
@@ -10,31 +10,31 @@
 @group(0) @binding(3) var<storage, read> splats: array<vec4<f32>>;
 @group(0) @binding(4) var<storage, read> details: array<vec4<f32>>;
 @group(0) @binding(5) var<storage, read> colors: array<vec4<f32>>;
-// RGB, premultiplied, and alpha; rows of the sub-frame in whole tiles.
+// Premultiplied RGB and alpha; rows of the sub-frame, padded to whole tiles.
 @group(0) @binding(6) var<storage, read_write> picture: array<vec4<f32>>;
 @group(0) @binding(7) var<storage, read_write> depths: array<f32>;
 
-// Pixels of a thread, down a column.
+// Pixels of a column per thread.
 const STRIP: u32 = 8u;
 
-// Four pixels, one above the other.
+// Four vertically adjacent pixels.
 struct Four {
     red: vec4<f32>,
     green: vec4<f32>,
     blue: vec4<f32>,
     depth: vec4<f32>,
-    // What still passes; 0 in a pixel that is done, which keeps its transmittance in `done`.
+    // Remaining transmittance; 0 for a finished pixel, whose final transmittance is in `done`.
     transmittance: vec4<f32>,
     done: vec4<f32>,
 }
 
-// The pixels before the first Gaussian.
+// State of the pixels before the first Gaussian.
 fn untouched() -> Four {
     let zero = vec4<f32>(0.0);
     return Four(zero, zero, zero, zero, vec4<f32>(1.0), zero);
 }
 
-// The pixels after one more Gaussian, whose centre lies at `d` from theirs.
+// State of the pixels after one more Gaussian, whose centre is at offset `d`.
 fn blended(
     before: Four,
     dx: f32,
@@ -51,7 +51,7 @@ fn blended(
     let left = fma(-alpha, before.transmittance, before.transmittance);
     let goes_on = left > vec4<f32>(TRANSMITTANCE_STOP);
     let adds = hit & goes_on;
-    // A pixel that would fall to the stop is done, without this Gaussian.
+    // A pixel whose transmittance would fall below the stop threshold is finished, without this Gaussian.
     let stops = hit & !goes_on;
     let zero = vec4<f32>(0.0);
     let weight = select(zero, alpha * before.transmittance, adds);
@@ -79,7 +79,7 @@ fn raster(
     @builtin(workgroup_id) group: vec3<u32>,
     @builtin(local_invocation_id) local: vec3<u32>,
 ) {
-    // First pixel of the strip within the sub-frame.
+    // First pixel of the strip, relative to the sub-frame.
     let within = (group.xy * vec2<u32>(8u, 4u) + local.xy) * vec2<u32>(1u, STRIP);
     let tile = within >> vec2<u32>(frame.shift);
     if tile.y >= frame.tiles.y {

@@ -1,8 +1,8 @@
 // Pass `scan`: exclusive prefix sums of u32 counts, in place, block by block.
 // CPU twin: sharp/src/render/scan.rs.
 //
-// `scan_blocks` leaves each block's total in `sums`; the host scans those in turn and `add_sums`
-// brings them back. No atomics: the result cannot depend on timing.
+// `scan_blocks` writes each block's total to `sums`; the host scans those in turn, and `add_sums` adds them back. There
+// are no atomics, so the result cannot depend on timing.
 
 struct ScanParams {
     count: u32,

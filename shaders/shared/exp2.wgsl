@@ -1,5 +1,5 @@
-// 2^x for x <= 0, no less than 2^-126, by the CPU's polynomial: the built-in may be off by many
-// units.
+// 2^x for x <= 0, at least 2^-126, by the same polynomial as on the CPU: the built-in may be off by many units in the
+// last place.
 fn exp2_exact(exponent: vec4<f32>) -> vec4<f32> {
     let x = max(exponent, vec4<f32>(-126.0));
     let whole = round(x);

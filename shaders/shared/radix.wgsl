@@ -1,10 +1,10 @@
-// What the two halves of a radix pass agree on: 8 bits a pass, blocks of 4096 keys.
+// Shared by both halves of a radix pass: 8 bits per pass, blocks of 4096 keys.
 
 struct RadixParams {
     count: u32,
     shift: u32,
     blocks: u32,
-    // 1 in a first pass, whose values are the indices themselves.
+    // 1 in the first pass, whose values are the indices themselves.
     identity: u32,
 }
 

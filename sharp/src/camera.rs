@@ -1,11 +1,11 @@
 //! Pinhole intrinsics, rigid poses and the affine maps between camera spaces.
 //!
-//! All of it is f64 on glam: poses of real datasets lie kilometres from their origin, and a
-//! projection is compared with OpenCV's to 1e-9 px. f32 begins at the renderer.
+//! All types use f64 (glam): poses of real datasets can be kilometres from their origin, and projections are compared
+//! with OpenCV's to 1e-9 px. Only the renderer uses f32.
 
 use glam::{DAffine3, DMat3, DMat4, DVec2, DVec3};
 
-/// A fault in a camera.
+/// An invalid camera.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum CameraError {
     /// An entry is NaN or infinite.
@@ -19,13 +19,13 @@ pub enum CameraError {
         width: u32,
         height: u32,
     },
-    /// More pixels than [`Intrinsics::MAX_PIXELS`].
+    /// The image has more than [`Intrinsics::MAX_PIXELS`] pixels.
     #[error(
         "a picture of {width}x{height} is larger than any that is read or drawn (at most {} pixels)",
         Intrinsics::MAX_PIXELS
     )]
     TooLarge { width: u32, height: u32 },
-    /// The 3×3 part is further from a rotation than [`RigidTransform::ORTHONORMALITY_TOLERANCE`].
+    /// The 3×3 part deviates from a rotation by more than [`RigidTransform::ORTHONORMALITY_TOLERANCE`].
     #[error(
         "pose is not rigid: |R Rᵀ - I| is {deviation:.3e} and det R is {determinant:.6} \
          (a scaled, mirrored or transposed matrix?)"
@@ -41,29 +41,29 @@ pub enum CameraError {
 }
 
 /// Pinhole intrinsics of one image, in pixels, without skew.
-///
-/// Pixel (i, j) has its centre at (i + 0.5, j + 0.5), so a camera whose axis meets the middle of
+/// Pixel (i, j) has its centre at (i + 0.5, j + 0.5), so a camera whose axis passes through the centre of the image has
+/// `cx = width / 2`.
 /// the image has `cx = width / 2`.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Intrinsics {
-    /// Horizontal focal length, pixels, > 0.
+    /// Horizontal focal length in pixels, > 0.
     pub fx: f64,
-    /// Vertical focal length, pixels, > 0.
+    /// Vertical focal length in pixels, > 0.
     pub fy: f64,
-    /// Principal point, pixels from the left edge of the image.
+    /// Principal point, in pixels from the left edge of the image.
     pub cx: f64,
-    /// Principal point, pixels from the top edge of the image.
+    /// Principal point, in pixels from the top edge of the image.
     pub cy: f64,
     pub width: u32,
     pub height: u32,
 }
 
 impl Intrinsics {
-    /// The most pixels that a camera may have, 2²⁸ (16384×16384): beyond every photograph, and few
-    /// enough that a mistyped or hostile size is an error before it takes all memory.
+    /// Maximum number of pixels of a camera, 2²⁸ (16384×16384): larger than any photograph, but small enough that a
+    /// mistyped or hostile size is rejected before it exhausts memory.
     pub const MAX_PIXELS: u64 = 1 << 28;
 
-    /// Checks and builds intrinsics.
+    /// Creates intrinsics after checking them.
     ///
     /// # Errors
     /// [`CameraError::NotFinite`], [`CameraError::DegenerateIntrinsics`], [`CameraError::TooLarge`].
@@ -105,7 +105,7 @@ impl Intrinsics {
         ])
     }
 
-    /// Projects a camera-space point (metres) to pixels; `None` unless it lies in front (z > 0).
+    /// Projects a camera-space point (metres) to pixels; `None` if it is not in front of the camera (z > 0).
     pub fn project(&self, point: DVec3) -> Option<DVec2> {
         (point.z > 0.0).then(|| {
             DVec2::new(
@@ -115,7 +115,7 @@ impl Intrinsics {
         })
     }
 
-    /// Lifts pixel coordinates at z-depth `depth` (metres) to a camera-space point.
+    /// Unprojects pixel coordinates at z-depth `depth` (metres) to a camera-space point.
     pub fn unproject(&self, pixel: DVec2, depth: f64) -> DVec3 {
         DVec3::new(
             (pixel.x - self.cx) / self.fx * depth,
@@ -124,7 +124,7 @@ impl Intrinsics {
         )
     }
 
-    /// Whether continuous pixel coordinates lie inside the image, `[0, width) × [0, height)`.
+    /// True if continuous pixel coordinates lie inside the image, `[0, width) × [0, height)`.
     pub fn contains(&self, pixel: DVec2) -> bool {
         pixel.x >= 0.0
             && pixel.y >= 0.0
@@ -146,9 +146,8 @@ impl Intrinsics {
         }
     }
 
-    /// The map from camera space to SHARP's normalised space: x/z and y/z run over [−1, 1] from
-    /// edge to edge of the image, z stays metric. This is the 3×3 part of K in the paper's
-    /// `P = K_t E_t E_s⁻¹ K_s⁻¹`.
+    /// Matrix from camera space to SHARP's normalised space: x/z and y/z span [−1, 1] from edge to edge of the image; z
+    /// stays metric. This is the 3×3 part of K in the paper's `P = K_t E_t E_s⁻¹ K_s⁻¹`.
     pub fn ndc_from_camera(&self) -> DMat3 {
         let (w, h) = (f64::from(self.width), f64::from(self.height));
         DMat3::from_cols_array_2d(&[
@@ -166,7 +165,7 @@ impl Intrinsics {
 pub struct RigidTransform {
     /// Orthonormal, determinant +1.
     pub rotation: DMat3,
-    /// Metres, in the space that the transform leads to.
+    /// In metres, in the destination space.
     pub translation: DVec3,
 }
 
@@ -177,15 +176,15 @@ impl RigidTransform {
         translation: DVec3::ZERO,
     };
 
-    /// How far R Rᵀ may be from the identity, entry by entry, before a matrix is refused. Poses
-    /// in text files are rounded; a transposed or scaled matrix is off by far more.
+    /// Maximum deviation of each entry of R Rᵀ from the identity. Poses in text files are rounded; a transposed or
+    /// scaled matrix deviates by far more.
     pub const ORTHONORMALITY_TOLERANCE: f64 = 1e-2;
 
-    /// Takes a 3×3 matrix that ought to be a rotation, and projects it onto the nearest one.
+    /// Creates a pose from a 3×3 matrix that is approximately a rotation, by projecting it onto the nearest one.
     ///
     /// # Errors
-    /// [`CameraError::NotFinite`]; [`CameraError::NotRigid`] when the matrix is further than
-    /// [`Self::ORTHONORMALITY_TOLERANCE`] from orthonormal or mirrors space.
+    /// [`CameraError::NotFinite`]; [`CameraError::NotRigid`] if the matrix deviates from orthonormal by more than
+    /// [`Self::ORTHONORMALITY_TOLERANCE`] or mirrors space.
     pub fn new(rotation: DMat3, translation: DVec3) -> Result<Self, CameraError> {
         if !rotation.is_finite() || !translation.is_finite() {
             return Err(CameraError::NotFinite { what: "pose" });
@@ -204,10 +203,10 @@ impl RigidTransform {
         })
     }
 
-    /// Reads a row-major 4×4 matrix.
+    /// Creates a pose from a row-major 4×4 matrix.
     ///
     /// # Errors
-    /// As [`Self::new`]; [`CameraError::NotAffine`] when the last row is not (0, 0, 0, 1).
+    /// As for [`Self::new`]; [`CameraError::NotAffine`] if the last row is not (0, 0, 0, 1).
     pub fn from_row_major(m: &[f64; 16]) -> Result<Self, CameraError> {
         let affine = affine_from_row_major(m)?;
         Self::new(affine.matrix3, affine.translation)
@@ -217,7 +216,7 @@ impl RigidTransform {
         self.rotation * point + self.translation
     }
 
-    /// The opposite direction: `a_from_b` becomes `b_from_a`.
+    /// The inverse: `a_from_b` becomes `b_from_a`.
     pub fn inverse(&self) -> Self {
         let rotation = self.rotation.transpose();
         Self {
@@ -234,12 +233,12 @@ impl RigidTransform {
         }
     }
 
-    /// The centre of the camera in world space, for a `camera_from_world` pose.
+    /// Centre of the camera in world space, for a `camera_from_world` pose.
     pub fn camera_center(&self) -> DVec3 {
         -(self.rotation.transpose() * self.translation)
     }
 
-    /// The angle of the rotation, degrees in [0, 180]. Accurate near 0, where the trace is not.
+    /// Angle of the rotation, in degrees in [0, 180]. Accurate near 0, unlike the formula with the trace.
     pub fn rotation_deg(&self) -> f64 {
         let r = &self.rotation;
         let axis = DVec3::new(
@@ -255,13 +254,13 @@ impl RigidTransform {
         DAffine3::from_mat3_translation(self.rotation, self.translation)
     }
 
-    /// As 16 numbers, row by row.
+    /// The 4×4 matrix in row-major order.
     pub fn to_row_major(&self) -> [f64; 16] {
         DMat4::from(self.to_affine()).transpose().to_cols_array()
     }
 }
 
-/// Reads a row-major 4×4 matrix as an affine map, which need not be rigid.
+/// Creates an affine map, which need not be rigid, from a row-major 4×4 matrix.
 ///
 /// # Errors
 /// [`CameraError::NotFinite`], [`CameraError::NotAffine`].
@@ -276,16 +275,16 @@ pub fn affine_from_row_major(m: &[f64; 16]) -> Result<DAffine3, CameraError> {
     Ok(DAffine3::from_mat4(matrix))
 }
 
-/// Distance between two cameras' centres, metres: the paper's baseline.
+/// Distance between the centres of two cameras in metres: the paper's baseline.
 pub fn baseline_m(a_from_world: &RigidTransform, b_from_world: &RigidTransform) -> f64 {
     a_from_world
         .camera_center()
         .distance(b_from_world.camera_center())
 }
 
-/// Places Gaussians predicted from a source photograph: the affine map from the source's normalised
-/// space straight into the target's camera space, `E_t E_s⁻¹ K_s⁻¹` of the
-/// paper's `P = K_t E_t E_s⁻¹ K_s⁻¹` (K_s as [`Intrinsics::ndc_from_camera`]). No SVD, no loss.
+/// Affine map from a source photograph's normalised space directly to the target's camera space: `E_t E_s⁻¹ K_s⁻¹` of
+/// the paper's `P = K_t E_t E_s⁻¹ K_s⁻¹` (K_s is [`Intrinsics::ndc_from_camera`]). Applied to Gaussians
+/// predicted from the source, it needs no SVD and loses no precision.
 pub fn target_camera_from_source_ndc(
     source: &Intrinsics,
     target_from_source: &RigidTransform,
@@ -304,7 +303,7 @@ fn deviation_from_identity(m: DMat3) -> f64 {
         .fold(0.0, |largest, v| v.abs().max(largest))
 }
 
-/// The orthogonal polar factor by Newton's iteration; quadratic, so a few steps reach f64's limit.
+/// Orthogonal polar factor by Newton's iteration; it converges quadratically, so a few steps reach f64 precision.
 fn nearest_rotation(m: DMat3) -> DMat3 {
     let mut r = m;
     for _ in 0..12 {

@@ -1,4 +1,4 @@
-//! sRGB ↔ linear light (IEC 61966-2-1, as the SHARP release computes it) and 8-bit quantisation.
+//! sRGB ↔ linear light (IEC 61966-2-1, computed as in the SHARP release) and 8-bit quantisation.
 
 /// Linear light of an sRGB-encoded value: `x / 12.92` up to 0.04045, else `((x + 0.055) / 1.055)^2.4`.
 /// Values outside 0..1 follow the same two branches.
@@ -10,7 +10,7 @@ pub fn linear_from_srgb(x: f32) -> f32 {
     }
 }
 
-/// Derivative of [`linear_from_srgb`], whose branches meet with nearly one slope.
+/// Derivative of [`linear_from_srgb`]; nearly continuous where the branches meet.
 #[cfg(feature = "render")]
 pub(crate) fn linear_from_srgb_slope(x: f64) -> f64 {
     if x <= 0.040_45 {
@@ -30,13 +30,13 @@ pub fn srgb_from_linear(x: f32) -> f32 {
     }
 }
 
-/// Rule that turns a 0..1 value into one of 256 levels.
+/// Rule to quantise a value in 0..1 to one of 256 levels.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Quantization {
-    /// To the nearest level: what scoring uses.
+    /// To the nearest level, as in scoring.
     #[default]
     Round,
-    /// Towards zero: what the release's video writer does.
+    /// Towards zero, as in the release's video writer.
     Truncate,
 }
 
@@ -49,7 +49,7 @@ impl std::fmt::Display for Quantization {
     }
 }
 
-/// The 8-bit level of a 0..1 value; clamps first, NaN becomes 0.
+/// The 8-bit level of a value in 0..1; clamped first, NaN becomes 0.
 pub fn quantize(x: f32, rule: Quantization) -> u8 {
     let level = x.clamp(0.0, 1.0) * 255.0;
     // `as` saturates and maps NaN to 0.

@@ -1,8 +1,8 @@
-//! Base Gaussians plus the network's deltas: the Gaussians a prediction consists of.
+//! Combines base Gaussians and the network's deltas into the predicted Gaussians.
 //!
-//! Each attribute is refined in the space of an activation function, so that any real delta gives
-//! a legal value. The activations are evaluated in f64 and rounded once, because
-//! `log(1 − exp(−t))` loses digits in f32 exactly where most depths lie.
+//! Each attribute is refined in the space of an activation function, so that any real delta gives a valid value. The
+//! activations are evaluated in f64 and rounded once, because `log(1 − exp(−t))` loses digits in f32 exactly where most
+//! depths are.
 
 #[cfg(feature = "render")]
 mod backward;
@@ -14,19 +14,19 @@ use crate::color::linear_from_srgb;
 use crate::gaussians::{Gaussians, Harmonics};
 use crate::initializer::BaseGaussians;
 
-/// Factors of the deltas, as in the release; those not listed are 1.
+/// Factors of the deltas, as in the release; the others are 1.
 const XY_FACTOR: f32 = 1e-3;
 const INVERSE_DEPTH_FACTOR: f32 = 1e-3;
 const COLOR_FACTOR: f32 = 0.1;
-/// Largest multiple of the base scale; the smallest is 0.
+/// Maximum multiple of the base scale; the minimum is 0.
 const MAX_SCALE: f64 = 10.0;
-/// Steepness of the scale's logistic curve, chosen so that its slope is 1 where its value is 1.
+/// Steepness of the scale's logistic curve, chosen so that it has slope 1 where its value is 1.
 const SCALE_SLOPE: f64 = MAX_SCALE / (MAX_SCALE - 1.0);
 
-/// Deltas a Gaussian: x, y, inverse depth; three scales; quaternion w, x, y, z; r, g, b; opacity.
+/// Number of deltas per Gaussian: x, y, inverse depth; three scales; quaternion w, x, y, z; r, g, b; opacity.
 pub const ATTRIBUTES: usize = 14;
 
-/// A slice of deltas that does not fit the base Gaussians.
+/// The number of deltas does not match the base Gaussians.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("{found} deltas for {expected} ({ATTRIBUTES} for each base Gaussian)")]
 pub struct DeltaLength {
@@ -35,12 +35,12 @@ pub struct DeltaLength {
     pub found: usize,
 }
 
-/// Refines base Gaussians by `deltas` (`[14, layers, rows, columns]`; `None` stands for zeros).
+/// Refines base Gaussians with `deltas` (`[14, layers, rows, columns]`; `None` means zeros).
 ///
-/// The result runs layer by layer, row by row; blocks without valid depth are left out. Its space
-/// is normalised in x and y (x/z and y/z over [−1, 1] across the image) and metric in z; scales
-/// share it, colours are linear RGB. Quaternions are not normalised. With zero deltas a Gaussian
-/// does not lie exactly at its base depth: z is `1 / (inverse + 1e-3)`, as in the release.
+/// Gaussians are ordered by layer, then row by row; blocks without valid depth are omitted. Means and scales are
+/// normalised in x and y (x/z and y/z over [−1, 1] across the image) and metric in z; colours are linear RGB.
+/// Quaternions are not normalised. With zero deltas, a Gaussian is not exactly at its base depth: z is `1 / (inverse +
+/// 1e-3)`, as in the release.
 ///
 /// # Errors
 /// [`DeltaLength`].
@@ -100,8 +100,8 @@ fn check_deltas(base: &BaseGaussians, deltas: &[f32]) -> Result<(), DeltaLength>
     Err(DeltaLength { expected, found })
 }
 
-/// The multiple of the base scale as a function of its delta: a logistic curve between 0 and
-/// [`MAX_SCALE`] that has value 1 and slope 1 at 0.
+/// Multiple of the base scale as a function of its delta: a logistic curve between 0 and [`MAX_SCALE`] with value 1 and
+/// slope 1 at 0.
 fn scale_factor(delta: f32) -> f32 {
     (MAX_SCALE * sigmoid(scale_logit(f64::from(delta)))) as f32
 }
@@ -119,11 +119,11 @@ fn logit(p: f64) -> f64 {
 }
 
 fn softplus(x: f64) -> f64 {
-    // The identity above 20 is part of the function's definition in the release.
+    // As defined in the release, the function is the identity above 20.
     if x > 20.0 { x } else { x.exp().ln_1p() }
 }
 
-/// `softplus⁻¹`, of at least 1e-6.
+/// `softplus⁻¹(max(t, 1e-6))`.
 fn inverse_softplus(t: f64) -> f64 {
     let t = t.max(1e-6);
     t + (-(-t).exp_m1()).ln()

@@ -1,13 +1,13 @@
-//! Files that someone names: whatever they are, reading them ends.
+//! Reading of user-supplied files. Only regular files are accepted, so that reading terminates.
 
 use std::fs::{self, File};
 use std::io;
 use std::path::Path;
 
-/// Reads a file whole. Pipes and devices, which may never end, are refused.
+/// Reads a whole file. Pipes and devices are refused, because they may never end.
 ///
 /// # Errors
-/// The system's; one that says that it is no regular file.
+/// Any I/O error; also if it is not a regular file.
 pub fn read(path: &Path) -> io::Result<Vec<u8>> {
     let kind = fs::metadata(path)?.file_type();
     match kind.is_file() || kind.is_dir() {
@@ -16,21 +16,21 @@ pub fn read(path: &Path) -> io::Result<Vec<u8>> {
     }
 }
 
-/// Like [`read`], as text.
+/// Like [`read`], as UTF-8 text.
 ///
 /// # Errors
-/// As [`read`], and for bytes that are not UTF-8.
+/// As for [`read`]; also if the bytes are not UTF-8.
 pub fn read_text(path: &Path) -> io::Result<String> {
     String::from_utf8(read(path)?)
         .map_err(|error| io::Error::new(io::ErrorKind::InvalidData, error))
 }
 
-/// Opens a regular file, and nothing else: neither a pipe nor a device.
+/// Opens a regular file; pipes and devices are refused.
 ///
 /// # Errors
-/// The system's; one that says that it is no regular file.
+/// Any I/O error; also if it is not a regular file.
 pub fn open_regular(path: &Path) -> io::Result<File> {
-    // Asked before opening: opening a pipe waits for its writer.
+    // Checked before opening, because opening a pipe waits for its writer.
     match fs::metadata(path)?.is_file() {
         true => File::open(path),
         false => Err(io::Error::other("not a regular file")),

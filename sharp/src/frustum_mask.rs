@@ -1,5 +1,5 @@
-//! The paper's view-frustum mask: which target pixels lie inside the source's (slightly widened) field
-//! of view. The paper uses it in training losses; the harness also in masked metrics.
+//! The paper's view-frustum mask: target pixels inside the source's slightly widened field of view. The paper uses it
+//! in training losses; the harness also uses it in masked metrics.
 
 use glam::{DMat3, DVec3};
 use image::{ImageBuffer, Luma};
@@ -7,34 +7,34 @@ use rayon::prelude::*;
 
 use crate::camera::{Intrinsics, RigidTransform};
 
-/// z-depth in metres; what is neither positive nor infinite is invalid.
+/// z-depth in metres; values that are neither positive nor infinite are invalid.
 type DepthMap = ImageBuffer<Luma<f32>, Vec<f32>>;
 
-/// 1 inside, 0 outside; of the target's size.
+/// 1 inside, 0 outside; has the size of the target.
 pub type FrustumMask = ImageBuffer<Luma<u8>, Vec<u8>>;
 
 /// Treatment of infinite depth (sky).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum InfiniteDepth {
-    /// No depth: outside.
+    /// Invalid depth: outside the mask.
     #[default]
     Invalid,
-    /// A point infinitely far: only the rotation between the views acts on its ray.
+    /// A point at infinity: only the rotation between the views affects its ray.
     Direction,
 }
 
 /// Options of the mask.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct FrustumMaskOptions {
-    /// Half the width and height of the source's field of view in normalised coordinates, in which the
-    /// image's edges lie at ±1; the bound belongs to the mask.
+    /// Half the width and height of the source's widened field of view, in normalised coordinates with the image's
+    /// edges at ±1; inclusive.
     pub margin: f64,
-    /// What an infinite depth means.
+    /// Treatment of infinite depth.
     pub infinite_depth: InfiniteDepth,
 }
 
 impl Default for FrustumMaskOptions {
-    /// The paper's 1.05; infinite depth is no depth.
+    /// The paper's margin of 1.05; infinite depth is invalid.
     fn default() -> Self {
         Self {
             margin: 1.05,
@@ -43,11 +43,11 @@ impl Default for FrustumMaskOptions {
     }
 }
 
-/// Lifts every pixel of the `target` camera by its `depth`, projects it into the `source` and keeps it
-/// where |x| and |y| stay within the margin.
+/// Unprojects every pixel of the `target` camera with its `depth`, projects the point into the `source`, and keeps the
+/// pixel if |x| and |y| are within the margin.
 ///
-/// The paper's formula holds for points behind the source camera too; here they are outside (z > 0),
-/// and so are pixels without valid depth. Nothing tests for occlusion.
+/// The paper's formula also accepts points behind the source camera; here they are outside (z > 0 is required), as are
+/// pixels without valid depth. There is no test for occlusion.
 pub fn frustum_mask(
     depth: &DepthMap,
     target: &Intrinsics,
@@ -61,8 +61,8 @@ pub fn frustum_mask(
     warp.mask(depth, options.infinite_depth, |p| p.z > 0.0 && within(p))
 }
 
-/// The mask of the pixels whose centre lands at 0 ≤ u < width and 0 ≤ v < height of the source, both counted from the
-/// centre of its first pixel: the mask of UniSHARP's evaluation.
+/// Mask of the pixels whose centre projects to 0 ≤ u < width and 0 ≤ v < height in the source, with u and v measured
+/// from the centre of the source's first pixel. This is the mask of UniSHARP's evaluation.
 pub fn source_bounds_mask(
     depth: &DepthMap,
     target: &Intrinsics,
@@ -77,7 +77,7 @@ pub fn source_bounds_mask(
     })
 }
 
-/// From a target pixel with depth to the projection of its point by the source.
+/// Maps a target pixel with depth to its projection in the source.
 struct Warp {
     rotation: DMat3,
     translation: DVec3,
@@ -91,7 +91,7 @@ impl Warp {
         }
     }
 
-    /// 1 where `inside` holds of what a pixel is brought to.
+    /// 1 for pixels whose projection satisfies `inside`.
     fn mask(
         &self,
         depth: &DepthMap,

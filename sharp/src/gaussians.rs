@@ -1,6 +1,6 @@
-//! The container of 3D Gaussians that predictor, files and renderer share.
+//! The container of 3D Gaussians shared by predictor, files and renderer.
 
-/// Arrays of a Gaussian container that differ in length.
+/// The arrays of a Gaussian container differ in length.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error(
     "Gaussian attributes differ in length: {means} means, {quaternions} quaternions, \
@@ -12,49 +12,48 @@ pub struct LengthMismatch {
     pub scales: usize,
     pub opacities: usize,
     pub colors: usize,
-    /// Gaussians for which there are coefficients of view-dependent colour; that of the means where
-    /// colours do not depend on the view.
+    /// Number of Gaussians with coefficients of view-dependent colour; equals that of the means if colours do not
+    /// depend on the view.
     pub harmonics: usize,
 }
 
-/// View-dependent colour: the spherical harmonics beyond the constant one, which
-/// [`Gaussians::colors`] hold.
+/// View-dependent colour: the spherical harmonics without the constant term, which is stored in [`Gaussians::colors`].
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Harmonics {
-    /// 0 to [`Self::MAX_DEGREE`]; 0 where colours do not depend on the view.
+    /// 0 to [`Self::MAX_DEGREE`]; 0 if colours do not depend on the view.
     pub degree: usize,
-    /// `[N, (degree + 1)² − 1, 3]`: of harmonic `k = l² + l + m`, `k` ≥ 1, in RGB and in the axes
-    /// of the means.
+    /// `[N, (degree + 1)² − 1, 3]`: RGB coefficients of the harmonics `k = l² + l + m`, `k` ≥ 1, in the coordinate
+    /// system of the means.
     pub coefficients: Vec<[f32; 3]>,
 }
 
 impl Harmonics {
     pub const MAX_DEGREE: usize = 4;
 
-    /// Coefficients a Gaussian has at a degree, the constant one left out.
+    /// Number of coefficients per Gaussian at a degree, without the constant one.
     pub fn coefficients_of(degree: usize) -> usize {
         (degree + 1).pow(2) - 1
     }
 
-    /// Coefficients a Gaussian has, the constant one left out.
+    /// Number of coefficients per Gaussian, without the constant one.
     pub fn per_gaussian(&self) -> usize {
         Self::coefficients_of(self.degree)
     }
 
-    /// Those of Gaussian `k`.
+    /// Coefficients of Gaussian `k`.
     ///
     /// # Panics
-    /// When `k` is out of bounds.
+    /// If `k` is out of bounds.
     pub fn of(&self, k: usize) -> &[[f32; 3]] {
         let each = self.per_gaussian();
         &self.coefficients[k * each..(k + 1) * each]
     }
 }
 
-/// N Gaussians, one array an attribute; index k is the same Gaussian in each.
+/// N Gaussians as one array per attribute; index k is the same Gaussian in each.
 ///
-/// The space of means and scales is whatever the producer says: SHARP's normalised space right
-/// after the composer, metric camera space after unprojection.
+/// The space of means and scales depends on the producer: SHARP's normalised space after the composer, metric camera
+/// space after unprojection.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Gaussians {
     /// Centres `[N, 3]`.
@@ -65,14 +64,14 @@ pub struct Gaussians {
     pub scales: Vec<[f32; 3]>,
     /// Opacities `[N]` in 0..1.
     pub opacities: Vec<f32>,
-    /// RGB `[N, 3]`, nominally 0..1, in the space in which they are blended (linear light for
-    /// SHARP); where colours depend on the view, their constant part.
+    /// RGB `[N, 3]`, nominally 0..1, in the blending colour space (linear light for SHARP). If colours depend on the
+    /// view, this is the constant term.
     pub colors: Vec<[f32; 3]>,
     pub harmonics: Harmonics,
 }
 
 impl Gaussians {
-    /// Checks that all attributes have one length.
+    /// Creates a container after checking that all attributes have the same length.
     ///
     /// # Errors
     /// [`LengthMismatch`] with every length.
@@ -95,7 +94,7 @@ impl Gaussians {
         Ok(new)
     }
 
-    /// What [`Self::new`] checks, for containers built field by field.
+    /// The check of [`Self::new`], for containers built field by field.
     ///
     /// # Errors
     /// [`LengthMismatch`] with every length.
@@ -134,10 +133,10 @@ impl Gaussians {
         self.means.is_empty()
     }
 
-    /// Whether every attribute of Gaussian `k` is finite. The renderer drops the others.
+    /// True if every attribute of Gaussian `k` is finite. The renderer drops all others.
     ///
     /// # Panics
-    /// When `k` is not below [`Self::len`].
+    /// If `k` is not below [`Self::len`].
     pub fn is_finite(&self, k: usize) -> bool {
         self.means[k].iter().all(|v| v.is_finite())
             && self.quaternions[k].iter().all(|v| v.is_finite())
@@ -147,7 +146,7 @@ impl Gaussians {
             && self.harmonics.of(k).iter().flatten().all(|v| v.is_finite())
     }
 
-    /// The same scene in axes that point the other way where `signs` is −1; mirrored if their product is.
+    /// Negates the axes for which `signs` is −1. The scene is mirrored if the product of the signs is −1.
     pub fn flipped(mut self, signs: [f32; 3]) -> Self {
         let [x, y, z] = signs;
         for mean in &mut self.means {
@@ -157,7 +156,7 @@ impl Gaussians {
             let [qw, qx, qy, qz] = *quaternion;
             *quaternion = [qw, qx * y * z, qy * x * z, qz * x * y];
         }
-        // Each harmonic is odd or even in each axis. In the order of their numbers, from 1 on.
+        // Each harmonic is odd or even in each axis. Listed in order of their index, starting at 1.
         let parity = [
             [y, z, x].as_slice(),
             &[x * y, y * z, 1.0, x * z, 1.0],
@@ -180,7 +179,7 @@ impl Gaussians {
         self.subset(&kept)
     }
 
-    /// Those at some places, in the order of these.
+    /// The Gaussians at the indices `places`, in that order.
     pub fn subset(&self, places: &[usize]) -> Self {
         Self {
             means: places.iter().map(|&k| self.means[k]).collect(),

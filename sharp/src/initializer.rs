@@ -1,8 +1,8 @@
 //! Base Gaussians from an image and its depth layers, before any learned refinement.
 //!
-//! Depth is normalised so that its nearest point lies at 1 and nothing beyond 100; every block of
-//! `stride × stride` pixels of every layer becomes one Gaussian at the block's nearest depth. The
-//! network refines these, and the `depth-splat` method renders them as they are.
+//! Depth is normalised so that its nearest point is at 1, and clamped to 100. Every block of `stride × stride` pixels
+//! of every layer becomes one Gaussian at the block's nearest depth. The network refines these; the `depth-splat`
+//! method renders them unchanged.
 
 #[cfg(feature = "render")]
 mod backward;
@@ -10,39 +10,39 @@ mod backward;
 #[cfg(feature = "render")]
 pub use backward::{BaseGradient, backward};
 
-/// The farthest normalised depth; a point farther away than this many times the nearest is drawn in.
+/// Maximum normalised depth; points farther than this multiple of the nearest depth are clamped.
 pub const MAX_NORMALIZED_DEPTH: f32 = 100.0;
 
-/// Why base Gaussians cannot be built.
+/// Errors of building base Gaussians.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum InitializerError {
-    /// A slice does not have the length its shape asks for.
+    /// A slice does not have the length required by its shape.
     #[error("{what} has {found} values instead of {expected}")]
     Length {
         what: &'static str,
         expected: usize,
         found: usize,
     },
-    /// A side is zero or not a multiple of the stride, or there is no layer.
+    /// A side is zero or not a multiple of the stride, or there are no layers.
     #[error("a grid of {0:?} is empty or not a whole number of blocks")]
     Grid(Grid),
-    /// Depth of a predictor that is NaN, infinite or not positive.
+    /// A predictor's depth is NaN, infinite or not positive.
     #[error("{count} of {total} depth values are not finite and positive")]
     InvalidDepth { count: usize, total: usize },
     #[error("no valid depth: none of {total} values is finite and positive")]
     NoValidDepth { total: usize },
 }
 
-/// The shape of image, depth layers and Gaussian grid.
+/// Dimensions of image, depth layers and grid of Gaussians.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Grid {
-    /// Depth layers; the release has 2.
+    /// Number of depth layers; 2 in the release.
     pub layers: usize,
-    /// Width of image and depth in pixels; the release resizes everything to 1536.
+    /// Width of image and depth in pixels; the release resizes every image to 1536.
     pub width: usize,
     /// Height of image and depth in pixels.
     pub height: usize,
-    /// Pixels along a block's side; the release has 2.
+    /// Side of a block in pixels; 2 in the release.
     pub stride: usize,
 }
 
@@ -55,12 +55,12 @@ impl Grid {
         stride: 2,
     };
 
-    /// Blocks along x.
+    /// Number of blocks along x.
     pub fn columns(&self) -> usize {
         self.width / self.stride
     }
 
-    /// Blocks along y.
+    /// Number of blocks along y.
     pub fn rows(&self) -> usize {
         self.height / self.stride
     }
@@ -69,13 +69,12 @@ impl Grid {
         self.width * self.height
     }
 
-    /// Blocks of one layer.
+    /// Number of blocks per layer.
     pub fn blocks(&self) -> usize {
         self.columns() * self.rows()
     }
 
-    /// Standard deviation of a Gaussian at depth 1. The width alone sets it, also of pictures that
-    /// are not square.
+    /// Standard deviation of a Gaussian at depth 1. Depends on the width only, even if the picture is not square.
     fn size_at_unit_depth(&self) -> f32 {
         2.0 * self.stride as f32 / self.width as f32
     }
@@ -125,28 +124,27 @@ fn check_length(
 /// Treatment of depth values that are not finite and positive.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum InvalidDepth {
-    /// A predictor never yields them: they are an error.
+    /// An error: predictors never produce such values.
     Refuse,
-    /// Measured depth has holes: minimum and pooling run over valid pixels only, and blocks
-    /// without a valid pixel are left out.
+    /// For measured depth, which has holes: minimum and pooling use valid pixels only, and blocks without valid pixels
+    /// are omitted.
     Skip,
 }
 
-/// Depth scaled so that its nearest valid value, over all layers, is 1.
+/// Depth scaled so that its nearest valid value over all layers is 1.
 #[derive(Debug, Clone, PartialEq)]
 pub struct NormalizedDepth {
-    /// `min(depth · factor, 100)`, `[layers, height, width]`; 0 where depth is invalid.
+    /// `min(depth · factor, 100)`, `[layers, height, width]`; 0 for invalid depth.
     pub depth: Vec<f32>,
-    /// `1 / (nearest + 1e-6)`, per metre.
+    /// `1 / (nearest + 1e-6)`, in 1/m.
     pub factor: f32,
 }
 
 impl NormalizedDepth {
-    /// Normalises metric depth `[layers, height, width]`, metres.
+    /// Normalises metric depth `[layers, height, width]` in metres.
     ///
     /// # Errors
-    /// [`InitializerError::InvalidDepth`] under [`InvalidDepth::Refuse`],
-    /// [`InitializerError::NoValidDepth`].
+    /// [`InitializerError::InvalidDepth`] with [`InvalidDepth::Refuse`]; [`InitializerError::NoValidDepth`].
     pub fn new(depth: &[f32], invalid: InvalidDepth) -> Result<Self, InitializerError> {
         let total = depth.len();
         let (mut nearest, mut valid) = (f32::INFINITY, 0);
@@ -175,13 +173,13 @@ impl NormalizedDepth {
         })
     }
 
-    /// What lengths in the normalised space are multiplied by to be metres again, `1 / factor`.
+    /// Factor from lengths in the normalised space to metres, `1 / factor`.
     pub fn global_scale(&self) -> f32 {
         1.0 / self.factor
     }
 
-    /// The input of the network's refinement: `2 · (r, g, b, 1/depth…) − 1`,
-    /// `[3 + layers, height, width]`, from the same `image` (`[3, height, width]`, sRGB 0..1).
+    /// Input of the refinement network: `2 · (r, g, b, 1/depth…) − 1`, `[3 + layers, height, width]`. `image` is `[3,
+    /// height, width]`, sRGB in 0..1.
     pub fn feature_input(&self, image: &[f32]) -> Vec<f32> {
         let colors = image.iter().map(|&c| 2.0 * c - 1.0);
         let inverse = self.depth.iter().map(|&d| 2.0 * (1.0 / d) - 1.0);
@@ -193,38 +191,38 @@ fn is_valid(depth: f32) -> bool {
     depth.is_finite() && depth > 0.0
 }
 
-/// One Gaussian a block and layer, in the normalised space: x/z and y/z over [−1, 1] across the
-/// image, nearest depth 1.
+/// One Gaussian per block and layer, in the normalised space: x/z and y/z over [−1, 1] across the image, nearest depth
+/// 1.
 #[derive(Debug, Clone, PartialEq)]
 pub struct BaseGaussians {
-    /// Shape of what they were made from.
+    /// Dimensions of the inputs.
     pub grid: Grid,
     /// x/z of the block centres `[columns]`.
     pub x: Vec<f32>,
     /// y/z of the block centres `[rows]`.
     pub y: Vec<f32>,
-    /// Inverse normalised depth `[layers, rows, columns]` in 0.01..1; 0 marks a block without a
-    /// valid pixel, which the composer leaves out.
+    /// Inverse normalised depth `[layers, rows, columns]` in 0.01..1; 0 for a block without valid pixels, which the
+    /// composer omits.
     pub inverse_depth: Vec<f32>,
-    /// Isotropic standard deviation `[layers, rows, columns]`; 0 for a block without a valid pixel.
+    /// Isotropic standard deviation `[layers, rows, columns]`; 0 for a block without valid pixels.
     pub scales: Vec<f32>,
-    /// sRGB-encoded block means `[3, rows, columns]`, shared by the layers.
+    /// sRGB-encoded block means `[3, rows, columns]`, shared by all layers.
     pub colors: Vec<f32>,
-    /// `min(1 / layers, ½)`, shared by all.
+    /// `min(1 / layers, ½)`, shared by all Gaussians.
     pub opacity: f32,
     /// Metres per normalised unit.
     pub global_scale: f32,
 }
 
 impl BaseGaussians {
-    /// Builds base Gaussians from `image` (`[3, height, width]`, sRGB-encoded 0..1) and metric
-    /// `depth` (`[layers, height, width]`, metres).
+    /// Builds base Gaussians from `image` (`[3, height, width]`, sRGB-encoded in 0..1) and metric `depth` (`[layers,
+    /// height, width]`, in metres).
     ///
-    /// Colours are means over all pixels of a block, because a picture has no invalid ones.
+    /// Colours are means over all pixels of a block, because pictures have no invalid pixels.
     ///
     /// # Errors
-    /// [`InitializerError`]: shapes that do not fit, invalid depth under [`InvalidDepth::Refuse`],
-    /// no valid depth at all.
+    /// [`InitializerError`]: inconsistent shapes, invalid depth with [`InvalidDepth::Refuse`], or no valid depth at
+    /// all.
     pub fn new(
         image: &[f32],
         depth: &[f32],
@@ -236,7 +234,7 @@ impl BaseGaussians {
         Self::from_normalized(image, &normalized, grid)
     }
 
-    /// As [`Self::new`], from depth that is normalised already.
+    /// Like [`Self::new`], for depth that is already normalised.
     ///
     /// # Errors
     /// [`InitializerError::Grid`], [`InitializerError::Length`].
@@ -247,7 +245,7 @@ impl BaseGaussians {
     ) -> Result<Self, InitializerError> {
         grid.check(image, &normalized.depth)?;
         let inverse_depth = pool(&normalized.depth, grid, |block| {
-            // Largest inverse depth = nearest surface; 0 stands for "nothing valid here".
+            // The largest inverse depth is the nearest surface; 0 means that the block has no valid pixel.
             block
                 .filter(|&d| d > 0.0)
                 .fold(0.0, |largest, d| f32::max(largest, 1.0 / d))
@@ -276,7 +274,7 @@ impl BaseGaussians {
         })
     }
 
-    /// How many blocks, over all layers, have no valid depth and yield no Gaussian.
+    /// Number of blocks, over all layers, that have no valid depth and therefore no Gaussian.
     pub fn dropped(&self) -> usize {
         self.inverse_depth.iter().filter(|&&v| v == 0.0).count()
     }

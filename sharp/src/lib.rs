@@ -10,18 +10,18 @@
 //! # Contents
 //! * [`camera`]: intrinsics, rigid poses, affine view transforms.
 //! * [`color`]: sRGB ↔ linear light, 8-bit quantisation.
-//! * [`files`]: files that someone names, read so that reading ends.
-//! * `frustum_mask` (feature `render`): which pixels of a view another camera has in its field of view.
-//! * `gaussian_files` (feature `gaussian-files`): Gaussians in files of any format that is read.
-//! * `image_file` (feature `image-file`): the one decoder of photographs.
-//! * [`gaussians`]: the container that all stages share.
-//! * [`resize`]: the network's bilinear rule, nearest for depth.
-//! * [`initializer`], [`composer`]: image and depth layers to Gaussians, with or without deltas.
-//!   Their derivatives come with feature `render`, whose types they share.
+//! * [`files`]: reading of user-supplied regular files.
+//! * `frustum_mask` (feature `render`): mask of a view's pixels that are in another camera's field of view.
+//! * `gaussian_files` (feature `gaussian-files`): reading of Gaussians in any supported format.
+//! * `image_file` (feature `image-file`): decoding of photographs.
+//! * [`gaussians`]: the container shared by all stages.
+//! * [`resize`]: bilinear resampling as in the network; nearest for depth.
+//! * [`initializer`], [`composer`]: image and depth layers to Gaussians, with or without deltas. Their derivatives
+//!   require feature `render`, whose types they share.
 //! * `model` (feature `model`): the network, from photograph to prediction.
-//! * [`unprojection`]: from normalised to metric space, as the release does it.
-//! * [`ply`]: Gaussian scenes as files, and PLY files of any kind.
-//! * [`random`]: the generator behind every seeded choice.
+//! * [`unprojection`]: from normalised to metric space, as in the release.
+//! * [`ply`]: PLY files of Gaussian scenes, and of any other kind.
+//! * [`random`]: the random generator for every seeded choice.
 //! * [`render`]: Gaussians to pictures (feature `render`).
 
 pub mod camera;

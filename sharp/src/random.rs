@@ -1,5 +1,4 @@
-//! A generator small enough to be written again in any language, so that a published selection can
-//! be checked by anyone.
+//! A generator simple enough to be reimplemented in any language, so that anyone can verify a published selection.
 
 /// splitmix64 (Steele, Lea, Flood: "Fast splittable pseudorandom number generators", 2014).
 #[derive(Debug, Clone)]
@@ -22,8 +21,7 @@ impl SplitMix64 {
         low + (high - low) * unit(self.next_u64())
     }
 
-    /// Uniform in `0..n`, n > 0: the first draw `r ≥ 2⁶⁴ mod n`, taken modulo n, so that no value is
-    /// favoured.
+    /// Uniform in `0..n`, n > 0: the first draw `r ≥ 2⁶⁴ mod n`, taken modulo n, which avoids bias.
     pub fn below(&mut self, n: u64) -> u64 {
         let surplus = (u64::MAX % n + 1) % n;
         loop {
@@ -34,8 +32,8 @@ impl SplitMix64 {
         }
     }
 
-    /// Fisher–Yates from the front: position i receives a uniform choice among positions i and
-    /// after. The first k entries are thus a uniform sample of size k.
+    /// Fisher–Yates from the front: position i receives a uniform choice among positions i and later. The first k
+    /// entries are thus a uniform sample of size k.
     pub fn shuffle<T>(&mut self, items: &mut [T]) {
         for i in 0..items.len() {
             let left = items.len() - i;
@@ -44,7 +42,7 @@ impl SplitMix64 {
     }
 }
 
-/// splitmix64's finaliser: every input bit reaches every output bit.
+/// splitmix64's finaliser: every input bit affects every output bit.
 pub fn mix(mut z: u64) -> u64 {
     z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
     z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);

@@ -1,6 +1,6 @@
-//! Resampling of planar f32 images: the network's bilinear rule, and nearest for depth.
+//! Resampling of planar f32 images: bilinear as in the network, and nearest for depth.
 //!
-//! An image here is a slice of `channels` planes, each row by row: `[channels, height, width]`.
+//! An image is a slice of `channels` planes, each row by row: `[channels, height, width]`.
 
 /// One output coordinate of a linear resize: two source positions and the weight of the second.
 #[derive(Debug, Clone, Copy)]
@@ -10,8 +10,8 @@ struct Tap {
     weight: f32,
 }
 
-/// Source positions with the corner pixels' centres aligned, `src = dst · (in − 1) / (out − 1)`.
-/// Scale and position are f32, as the release has them: f64 would shift results by up to 1e-5.
+/// Source positions with the centres of the corner pixels aligned, `src = dst · (in − 1) / (out − 1)`. Scale and
+/// position are f32 as in the release; f64 would change results by up to 1e-5.
 fn align_corners_taps(input: usize, output: usize) -> Vec<Tap> {
     let scale = if output > 1 {
         (input - 1) as f32 / (output - 1) as f32
@@ -31,13 +31,13 @@ fn align_corners_taps(input: usize, output: usize) -> Vec<Tap> {
         .collect()
 }
 
-/// Bilinear resize with aligned corners and without antialiasing: what the release does to a
-/// photograph before the network, upwards and downwards.
+/// Bilinear resize with aligned corners and without antialiasing, as the release applies it to photographs before the
+/// network, for both upscaling and downscaling.
 ///
-/// `planes` is `[channels, height, width]`; the result `[channels, out_height, out_width]`.
+/// `planes` is `[channels, height, width]`; the result is `[channels, out_height, out_width]`.
 ///
 /// # Panics
-/// When `planes` does not hold a whole number of `height × width` planes or either side is 0.
+/// If the length of `planes` is not a multiple of `height × width`, or either side is 0.
 pub fn bilinear_align_corners(
     planes: &[f32],
     (width, height): (usize, usize),
@@ -68,12 +68,11 @@ pub fn bilinear_align_corners(
     out
 }
 
-/// Nearest resize of one plane `[height, width]`: each output pixel takes the source pixel that
-/// its centre falls into, `floor((dst + ½) · in / out)`, in integers. Depth is resized like this,
-/// because a mean of two depths lies on neither surface.
+/// Nearest resize of one plane `[height, width]`: each output pixel takes the source pixel that contains its centre,
+/// `floor((dst + ½) · in / out)` in integers. Used for depth, because the mean of two depths lies on neither surface.
 ///
 /// # Panics
-/// When `plane` is not `height × width` or either side is 0.
+/// If the length of `plane` is not `height × width`, or either side is 0.
 pub fn nearest<T: Copy>(
     plane: &[T],
     (width, height): (usize, usize),

@@ -1,20 +1,19 @@
-//! From the predictor's normalised space to metric camera space, with rotations and scales
-//! recovered from the stretched covariances: the form in which the release writes its PLY files.
+//! Conversion from the predictor's normalised space to metric camera space. Rotations and scales are recovered from the
+//! stretched covariances, as in the release's PLY files.
 //!
-//! The harness itself places Gaussians by
-//! [`target_camera_from_source_ndc`](crate::camera::target_camera_from_source_ndc), which needs no
-//! decomposition.
+//! The harness itself places Gaussians with
+//! [`target_camera_from_source_ndc`](crate::camera::target_camera_from_source_ndc), which needs no decomposition.
 
 use glam::{DMat3, DVec3, Mat3, Quat, Vec3};
 
 use crate::camera::{CameraError, Intrinsics};
 use crate::gaussians::Gaussians;
 
-/// The intrinsics that the release assumes for a photograph: one focal length and a principal
-/// point exactly in the middle, whatever the camera's calibration says.
+/// Intrinsics that the release assumes for a photograph: one focal length and a principal point exactly in the centre,
+/// whatever the camera's calibration.
 ///
 /// # Errors
-/// [`CameraError`] for a focal length that is not finite and positive, or an empty image.
+/// [`CameraError`] if the focal length is not finite and positive, or the image is empty.
 pub fn release_intrinsics(
     focal_px: f64,
     width: u32,
@@ -24,12 +23,12 @@ pub fn release_intrinsics(
     Intrinsics::new((focal_px, focal_px), center, (width, height))
 }
 
-/// Moves Gaussians from normalised space into the metric space of the camera with `intrinsics`.
+/// Converts Gaussians from normalised space to the metric space of the camera with `intrinsics`.
 ///
-/// Means and covariances are transformed in f32, as in the release; each covariance is decomposed
-/// in f64 into a rotation and standard deviations in **descending** order, so an axis does not
-/// keep its index. Colours and opacities pass through. Signs of the axes are not determined by a
-/// covariance: compare covariances, not quaternions. Gaussians that are not finite stay so.
+/// Means and covariances are transformed in f32, as in the release; each covariance is decomposed in f64 into a
+/// rotation and standard deviations in **descending** order, so an axis may change its index. Colours and opacities are
+/// unchanged. The signs of the axes are ambiguous, so compare covariances, not quaternions. Non-finite Gaussians stay
+/// non-finite.
 pub fn unproject(gaussians: &Gaussians, intrinsics: &Intrinsics) -> Gaussians {
     let camera_from_ndc = intrinsics.ndc_from_camera().inverse().as_mat3();
     let mut out = gaussians.clone();
@@ -58,17 +57,17 @@ fn rotation_and_scales(covariance: DMat3) -> ([f32; 4], [f32; 3]) {
     let [w, x, y, z] = quaternion(vectors);
     (
         [w, x, y, z].map(|v| v as f32),
-        // Rounding can push the smallest eigenvalue of a flat Gaussian below 0.
+        // Rounding can make the smallest eigenvalue of a flat Gaussian slightly negative.
         values.to_array().map(|v| v.abs().sqrt() as f32),
     )
 }
 
-/// Eigenvalues by descending magnitude and a matrix of eigenvectors in the same order, a proper
-/// rotation, of a symmetric matrix: cyclic Jacobi rotations.
+/// Eigenvalues by descending magnitude and a matrix of eigenvectors in the same order (a proper rotation) of a
+/// symmetric matrix, by cyclic Jacobi rotations.
 fn eigen_descending(symmetric: DMat3) -> (DVec3, DMat3) {
     let mut a = symmetric.to_cols_array_2d();
     let mut v = DMat3::IDENTITY.to_cols_array_2d();
-    // Quadratic convergence: five sweeps reach f64's limit; a matrix with NaN ends here as well.
+    // Converges quadratically: five sweeps reach f64 precision. A matrix with NaN also terminates.
     for _ in 0..16 {
         let off_diagonal = a[0][1].abs() + a[0][2].abs() + a[1][2].abs();
         let diagonal = a[0][0].abs() + a[1][1].abs() + a[2][2].abs();
@@ -89,7 +88,7 @@ fn eigen_descending(symmetric: DMat3) -> (DVec3, DMat3) {
     (DVec3::from_array(order.map(|i| a[i][i])), vectors)
 }
 
-/// One Jacobi rotation that makes entry (p, q) of `a` vanish; `v` holds eigenvectors by column.
+/// Applies the Jacobi rotation that zeroes entry (p, q) of `a`; the columns of `v` accumulate eigenvectors.
 fn rotate_away(a: &mut [[f64; 3]; 3], v: &mut [[f64; 3]; 3], p: usize, q: usize) {
     if a[p][q] == 0.0 {
         return;
@@ -109,7 +108,7 @@ fn rotate_away(a: &mut [[f64; 3]; 3], v: &mut [[f64; 3]; 3], p: usize, q: usize)
     a[q][p] = 0.0;
 }
 
-/// (w, x, y, z) of a rotation, from its largest component: w may be negative only where another
+/// Quaternion (w, x, y, z) of a rotation, computed from its largest component; w may be negative only if another
 /// component is larger.
 fn quaternion(rotation: DMat3) -> [f64; 4] {
     let m = |row: usize, column: usize| rotation.col(column)[row];

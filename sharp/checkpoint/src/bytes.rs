@@ -1,4 +1,4 @@
-//! Bytes of a file, read where they are asked for.
+//! Random access to the bytes of a file.
 
 use std::fs::File;
 use std::io::{self, Read, Seek, SeekFrom};
@@ -13,16 +13,16 @@ use crate::hash::hex;
 
 /// A source of bytes for a table of contents and for tensors.
 pub(crate) trait Bytes {
-    /// Length when it was opened.
+    /// Length of the file when it was opened.
     fn len(&self) -> usize;
 
-    /// Fills `out` from byte `at` on.
+    /// Fills `out` with the bytes from offset `at`.
     ///
     /// # Errors
-    /// [`Fault::Io`], also where the file has become shorter since it was opened.
+    /// [`Fault::Io`], including when the file has become shorter since it was opened.
     fn read_into(&self, at: usize, out: &mut [u8]) -> Result<(), Fault>;
 
-    /// The bytes of a range that lies within [`Self::len`].
+    /// Returns the bytes of `range`, which must lie within [`Self::len`].
     ///
     /// # Errors
     /// As [`Self::read_into`].
@@ -32,7 +32,7 @@ pub(crate) trait Bytes {
         Ok(bytes)
     }
 
-    /// At most `len` bytes from the start.
+    /// Returns the first `len` bytes, or all if there are fewer.
     ///
     /// # Errors
     /// As [`Self::read_into`].
@@ -41,7 +41,8 @@ pub(crate) trait Bytes {
     }
 }
 
-/// An open file. It is read and not mapped: a map of a file that someone cuts off ends the process.
+/// An open file. It is read rather than memory-mapped: if someone truncates a mapped file, accessing it kills the
+/// process.
 #[derive(Debug)]
 pub(crate) struct OpenFile {
     file: Mutex<File>,
@@ -49,7 +50,7 @@ pub(crate) struct OpenFile {
 }
 
 impl OpenFile {
-    /// Opens a regular file: a pipe or a device may never end.
+    /// Opens a regular file. Pipes and devices are refused, because they may never end.
     pub(crate) fn open(path: &Path) -> io::Result<Self> {
         let meta = path.metadata()?;
         if meta.is_dir() {
@@ -66,7 +67,7 @@ impl OpenFile {
         })
     }
 
-    /// SHA-256 of the whole file as it is now.
+    /// SHA-256 of the whole current file.
     pub(crate) fn sha256(&self) -> io::Result<String> {
         let mut file = self.file.lock().unwrap_or_else(PoisonError::into_inner);
         file.rewind()?;

@@ -1,4 +1,4 @@
-//! One type for every checkpoint format.
+//! Reading of every supported checkpoint format.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -11,10 +11,10 @@ use crate::tensor::{DType, TensorLayout};
 use crate::zip::{Directory, ZipEntry};
 use crate::{legacy, pickle, safetensors, zip};
 
-/// An opened checkpoint: a file and the checked table of its tensors.
+/// An open checkpoint: a file and the validated table of its tensors.
 ///
-/// Opening reads the table of contents only. A file that is changed meanwhile gives other values, or an error where it
-/// became shorter.
+/// Opening reads the table of contents only. If the file is modified afterwards, reads return the new values, or an
+/// error if it became shorter.
 #[derive(Debug)]
 pub struct Checkpoint {
     path: PathBuf,
@@ -25,15 +25,15 @@ pub struct Checkpoint {
 }
 
 impl Checkpoint {
-    /// Opens a file of PyTorch's (a zip of a pickle and raw storages since 1.6, bare pickles
-    /// before) or of safetensors, told apart by content.
+    /// Opens a PyTorch file (since 1.6 a zip of a pickle and raw storages, before that bare pickles) or a safetensors
+    /// file. The format is detected from the content.
     ///
-    /// If the pickled object holds no tensors itself but one dict that does (`state_dict`,
-    /// `model`, …), that one is taken.
+    /// If the pickled object holds no tensors itself but contains exactly one dict that does (`state_dict`, `model`,
+    /// …), that dict is used.
     ///
     /// # Errors
-    /// [`CheckpointError`]: unreadable, malformed, asking for code to be run, or without a
-    /// single state dict to choose.
+    /// [`CheckpointError`] if the file is unreadable or malformed, if it requests code execution, or if it does not
+    /// contain exactly one candidate state dict.
     pub fn open(path: impl AsRef<Path>) -> Result<Self, CheckpointError> {
         let path = path.as_ref();
         let file = OpenFile::open(path).map_err(|error| Fault::Io(error).at(path))?;
@@ -51,7 +51,7 @@ impl Checkpoint {
         &self.path
     }
 
-    /// Free text of a safetensors header; empty for pickles.
+    /// Metadata of a safetensors header; empty for pickles.
     pub fn metadata(&self) -> &BTreeMap<String, String> {
         &self.metadata
     }
@@ -61,7 +61,7 @@ impl Checkpoint {
         self.tensors.keys().map(String::as_str)
     }
 
-    /// Keys of the state dict whose values are no tensors, sorted bytewise.
+    /// Keys of the state dict whose values are not tensors, sorted bytewise.
     pub fn others(&self) -> &[String] {
         &self.others
     }
@@ -70,7 +70,7 @@ impl Checkpoint {
         self.tensors.contains_key(name)
     }
 
-    /// The tensor's shape in PyTorch's axis order.
+    /// Shape of a tensor in PyTorch's axis order.
     ///
     /// # Errors
     /// [`CheckpointError::NoTensor`].
@@ -78,7 +78,7 @@ impl Checkpoint {
         Ok(&self.layout(name)?.shape)
     }
 
-    /// The stored element type.
+    /// Stored element type of a tensor.
     ///
     /// # Errors
     /// [`CheckpointError::NoTensor`].
@@ -86,8 +86,8 @@ impl Checkpoint {
         Ok(self.layout(name)?.dtype)
     }
 
-    /// The tensor's elements as f32 in C order. Half types are widened exactly, doubles and
-    /// integers rounded to the nearest f32.
+    /// Elements of a tensor as f32 in C order. Half-precision types are widened exactly; doubles and integers are
+    /// rounded to the nearest f32.
     ///
     /// # Errors
     /// [`CheckpointError::NoTensor`]; [`CheckpointError::Io`].
@@ -96,7 +96,7 @@ impl Checkpoint {
         values.map_err(|fault| fault.at(&self.path))
     }
 
-    /// The tensor's elements in their stored type, little-endian, in C order.
+    /// Elements of a tensor in their stored type, little-endian, in C order.
     ///
     /// # Errors
     /// [`CheckpointError::NoTensor`]; [`CheckpointError::Io`].
@@ -105,7 +105,7 @@ impl Checkpoint {
         bytes.map_err(|fault| fault.at(&self.path))
     }
 
-    /// SHA-256 of the whole file, in lower-case hexadecimal. Reads it all.
+    /// SHA-256 of the whole file, in lower-case hexadecimal. Reads the entire file.
     ///
     /// # Errors
     /// [`CheckpointError::Io`].
@@ -144,7 +144,7 @@ fn read(file: &(impl Bytes + ?Sized)) -> Result<Read, Fault> {
     }
 }
 
-/// Names the likely kind of a file that is not a checkpoint, by its first bytes.
+/// Guesses the kind of a file that is not a checkpoint from its first bytes.
 fn guess(start: &[u8]) -> &'static str {
     let text = start.trim_ascii_start();
     if start.is_empty() {

@@ -1,5 +1,4 @@
-//! Completeness in both directions: every expected tensor is there in its shape, and every
-//! tensor there is expected.
+//! Two-way completeness check: every expected tensor is present with its shape, and every tensor present is expected.
 
 use std::collections::BTreeMap;
 use std::fmt;
@@ -10,13 +9,13 @@ use crate::checkpoint::Checkpoint;
 /// A tensor that a model needs.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Expected {
-    /// Its full name in the state dict.
+    /// Full name in the state dict.
     pub name: String,
-    /// Its shape in PyTorch's axis order.
+    /// Shape in PyTorch's axis order.
     pub shape: Vec<usize>,
 }
 
-/// A tensor of another shape than expected.
+/// A tensor whose shape differs from the expected one.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Misshaped {
     pub name: String,
@@ -26,7 +25,7 @@ pub struct Misshaped {
     pub found: Vec<usize>,
 }
 
-/// Everything in which a checkpoint and a model differ, each list sorted by name.
+/// All differences between a checkpoint and a model; each list is sorted by name.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub struct Incomplete {
     pub path: PathBuf,
@@ -34,7 +33,7 @@ pub struct Incomplete {
     pub missing: Vec<Expected>,
     /// In the file, but neither expected nor allowed to be unused.
     pub surplus: Vec<String>,
-    /// In the file in another shape.
+    /// In the file, but with another shape.
     pub misshaped: Vec<Misshaped>,
 }
 
@@ -62,7 +61,7 @@ impl fmt::Display for Incomplete {
     }
 }
 
-/// The first few of some tensors, so that another network's checkpoint gives a line and not a thousand.
+/// Lists only the first few tensors, so that another network's checkpoint produces one line, not a thousand.
 fn list(
     f: &mut fmt::Formatter<'_>,
     what: &str,
@@ -80,12 +79,12 @@ fn list(
 }
 
 impl Checkpoint {
-    /// Compares the file with what a model needs. Entries that are no tensors count as surplus.
+    /// Compares the file with what a model needs. Entries that are not tensors count as surplus.
     ///
-    /// `allow_unused`: prefixes of names that may be in the file without being expected.
+    /// `allow_unused`: prefixes of names that the file may contain without being expected.
     ///
     /// # Errors
-    /// One [`Incomplete`] with every missing, surplus and mis-shaped tensor.
+    /// One [`Incomplete`] with all missing, surplus and misshaped tensors.
     pub fn check(
         &self,
         expected: &[Expected],

@@ -12,7 +12,7 @@ use crate::checkpoint::Checkpoint;
 use crate::error::CheckpointError;
 use crate::tensor::DType;
 
-/// A tensor to be written.
+/// A tensor to write.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct OutTensor {
     pub name: String,
@@ -20,15 +20,15 @@ pub struct OutTensor {
     pub shape: Vec<usize>,
 }
 
-/// Writes a safetensors file, one tensor at a time, through a temporary file beside it that is
-/// renamed when complete. The same input gives the same bytes: tensors are ordered by element
-/// size (largest first, so that all are aligned), then by name.
+/// Writes a safetensors file, one tensor at a time, to a temporary file in the same folder that is renamed once
+/// complete. The same input gives the same bytes: tensors are ordered by element size (largest first, so that all are
+/// aligned), then by name.
 ///
-/// `data(tensor)` yields the elements, little-endian, in C order.
+/// `data(tensor)` returns the elements, little-endian, in C order.
 ///
 /// # Errors
-/// Whatever `data` fails with; [`CheckpointError::Io`]; [`CheckpointError::Malformed`] when
-/// two tensors share a name or the data does not fill the shape.
+/// Any error of `data`; [`CheckpointError::Io`]; [`CheckpointError::Malformed`] if two tensors share a name or the data
+/// does not fill the shape.
 pub fn write_safetensors<'a>(
     path: &Path,
     metadata: &BTreeMap<String, String>,
@@ -101,7 +101,7 @@ pub fn write_safetensors<'a>(
         fs::rename(&partial, path).map_err(io)
     })();
     if written.is_err() {
-        // The error at hand says more than a failure to clean up would.
+        // The original error is more informative than a failure to clean up.
         let _ = fs::remove_file(&partial);
     }
     written
@@ -114,12 +114,12 @@ fn partial_path(path: &Path) -> PathBuf {
 }
 
 impl Checkpoint {
-    /// Writes the tensors for which `keep(name)` holds as a safetensors file, in their stored
-    /// types, with `source_sha256`, the hash of this file, in its header. A header that
-    /// already names its source keeps that name, so that converting twice loses nothing.
+    /// Writes the tensors for which `keep(name)` is true to a safetensors file, in their stored types. The header
+    /// records this file's hash as `source_sha256`; if the metadata already contains that key, it is kept, so that
+    /// converting twice preserves the original source.
     ///
     /// # Errors
-    /// As [`write_safetensors`].
+    /// As for [`write_safetensors`].
     pub fn convert(&self, out: &Path, keep: impl Fn(&str) -> bool) -> Result<(), CheckpointError> {
         let mut metadata = self.metadata().clone();
         if !metadata.contains_key("source_sha256") {

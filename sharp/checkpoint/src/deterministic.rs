@@ -1,4 +1,4 @@
-//! Weights as a pure function of names: no checkpoint is needed to compare implementations.
+//! Weights as a pure function of tensor names, so that implementations can be compared without a checkpoint.
 //!
 //! Element `i` (C order of PyTorch's layout) of a tensor depends on `splitmix64(h + i)`, where
 //! `h` is the FNV-1a hash of `salt + name`. Two rules turn the 24 upper bits into a value:
@@ -23,11 +23,10 @@ pub fn splitmix64(s: u64) -> u64 {
     z ^ (z >> 31)
 }
 
-/// The weights of a SHARP network: tensor `name` of `shape`, salted.
+/// Weights of the SHARP network for the tensor `name` with `shape`; `salt` selects one of several sets.
 ///
-/// Offset and scale follow from the name and the number of axes, such that activations stay
-/// of order one through the whole network: norms near 1, LayerScale near 0.3, biases within
-/// 0.05, matrices and filters uniform with unit gain.
+/// Offset and scale depend on the name and the number of axes, chosen so that activations stay of order one through the
+/// whole network: norms near 1, LayerScale near 0.3, biases within 0.05, matrices and filters uniform with unit gain.
 pub fn model_weights(salt: &str, name: &str, shape: &[usize]) -> Vec<f32> {
     let (offset, scale) = model_rule(name, shape);
     let (offset, scale) = (offset as f32, scale as f32);
@@ -37,14 +36,14 @@ pub fn model_weights(salt: &str, name: &str, shape: &[usize]) -> Vec<f32> {
         .map(|i| {
             let k = (splitmix64(h.wrapping_add(i)) >> 40) as i32;
             let centred = (k - (1 << 23)) as f32 / (1 << 23) as f32;
-            // Two roundings: a fused multiply-add would give other bits.
+            // Rounds twice: a fused multiply-add would give different bits.
             let scaled = centred * scale;
             scaled + offset
         })
         .collect()
 }
 
-/// Offset and scale of a tensor of the network.
+/// Offset and scale for a tensor of the network.
 fn model_rule(name: &str, shape: &[usize]) -> (f64, f64) {
     let gain = |fan_in: usize| (3.0 / fan_in as f64).sqrt();
     let second = shape.get(1).copied().unwrap_or(1);
@@ -58,7 +57,7 @@ fn model_rule(name: &str, shape: &[usize]) -> (f64, f64) {
         1 => (0.0, 0.05),
         3 => (0.0, 0.5),
         4 => {
-            // 2x2 filters are transposed convolutions, all but the image's entry.
+            // All 2x2 filters are transposed convolutions, except for the image encoder's input layer.
             let transposed = shape[2..] == [2, 2] && !name.ends_with("image_encoder.conv.weight");
             let fan_in = if transposed {
                 shape[0]
@@ -71,8 +70,8 @@ fn model_rule(name: &str, shape: &[usize]) -> (f64, f64) {
     }
 }
 
-/// The weights of a metric's backbone: `name` is `<arch>.features.<key>` with torchvision's
-/// keys, for example `vgg16.features.28.bias`.
+/// Weights of a metric's backbone. `name` is `<arch>.features.<key>` with torchvision's keys, for example
+/// `vgg16.features.28.bias`.
 ///
 /// Filters are uniform with the gain of a ReLU network, biases within 0.05.
 pub fn backbone_weights(salt: &str, name: &str, shape: &[usize]) -> Vec<f32> {

@@ -1,4 +1,5 @@
-//! Fetching one large file over HTTP: resumed after a break, its size checked before anything is transferred.
+//! HTTP download of one large file. Interrupted transfers are resumed, and the size is checked before any data is
+//! transferred.
 
 use std::fs::{self, OpenOptions};
 use std::io::{self, Read, Write};
@@ -6,24 +7,24 @@ use std::ops::RangeInclusive;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-/// Why a file was not fetched.
+/// Errors of a download.
 #[derive(Debug, thiserror::Error)]
 pub enum DownloadError {
-    /// A file or folder here cannot be written or read.
+    /// A local file or folder cannot be read or written.
     #[error("{}: {source}", path.display())]
     Io { path: PathBuf, source: io::Error },
-    /// The server could not be reached, or the transfer broke again and again.
+    /// The server could not be reached, or the transfer failed repeatedly.
     #[error("{address}: {reason}")]
     Transfer {
         address: String,
         /// The last failure.
         reason: String,
     },
-    /// The server sent something else.
+    /// The server sent something other than the expected file.
     #[error("{address}: {reason}")]
     Unexpected {
         address: String,
-        /// What was sent and what was expected.
+        /// Description of what was sent and what was expected.
         reason: String,
     },
 }
@@ -31,9 +32,9 @@ pub enum DownloadError {
 /// Progress of a transfer.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Progress {
-    /// Bytes there, those of earlier attempts included.
+    /// Bytes received so far, including those of earlier attempts.
     pub done: u64,
-    /// Bytes of the whole file, as the server says.
+    /// Total size of the file as announced by the server.
     pub total: u64,
 }
 
@@ -41,23 +42,24 @@ pub struct Progress {
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Download {
     pub address: String,
-    /// Sizes that it may have, bytes. A server that announces another one is not listened to.
+    /// Accepted sizes in bytes. The download is refused if the server announces any other size.
     pub sizes: RangeInclusive<u64>,
     /// The published size in words, for messages.
     pub size_text: String,
 }
 
-/// Attempts that may fail one after the other without a single new byte.
+/// Maximum number of consecutive attempts that transfer no new byte.
 pub const ATTEMPTS: usize = 3;
 
 impl Download {
-    /// Brings the whole file to `part`.
+    /// Downloads the whole file to `part`.
     ///
-    /// A transfer that was broken off, now or by an earlier call, is resumed as often as that brings something, unless
-    /// the server says that its file has changed meanwhile. Proxies are taken from the usual environment variables.
+    /// A transfer interrupted during this or an earlier call is resumed as long as each attempt makes progress, unless
+    /// the server reports that its file has changed in the meantime. Proxies are configured by the usual environment
+    /// variables.
     ///
     /// # Errors
-    /// [`DownloadError`] with the address and the reason. What arrived of a broken transfer stays in `part`.
+    /// [`DownloadError`] with the address and the reason. The bytes received so far stay in `part`.
     pub fn fetch(
         &self,
         part: &Path,
@@ -83,7 +85,7 @@ impl Download {
         }
     }
 
-    /// One request, from byte `start` on.
+    /// Performs one request, starting at byte `start`.
     fn attempt(
         &self,
         part: &Path,
@@ -108,7 +110,7 @@ impl Download {
             Some(value.to_str().ok()?.to_owned())
         };
         let status = response.status().as_u16();
-        // Nothing is left to send: the part is the whole file.
+        // The partial file is already complete.
         let whole = format!("bytes */{start}");
         if status == 416
             && self.sizes.contains(&start)
@@ -120,7 +122,7 @@ impl Download {
             return Err(self.broken(format!("the server answered with status {status}")));
         }
         if status == 416 {
-            // What is there is of no use; the next call starts anew.
+            // The partial file is unusable; the next call starts over.
             remove(part)?;
             remove(&tag_file(part))?;
         }
@@ -158,7 +160,7 @@ impl Download {
             .truncate(!resumed)
             .open(part)
             .map_err(|source| io_error(part, source))?;
-        // Never more than announced, whatever is sent.
+        // Reads no more than the announced size, whatever is sent.
         let mut body = response.into_body().into_reader().take(announced);
         let mut buffer = vec![0; 1 << 16];
         let mut done = start;
@@ -195,14 +197,14 @@ impl Download {
     }
 }
 
-/// The file that keeps the server's version tag of the partial file `part`.
+/// Path of the file that stores the server's version tag for the partial file `part`.
 fn tag_file(part: &Path) -> PathBuf {
     let mut name = part.as_os_str().to_owned();
     name.push(".etag");
     name.into()
 }
 
-/// Only strong tags promise equal bytes.
+/// Stores the tag if it is strong: only strong tags guarantee identical bytes.
 fn remember_tag(part: &Path, tag: Option<String>) -> Result<(), DownloadError> {
     let file = tag_file(part);
     match tag.filter(|tag| tag.starts_with('"')) {
@@ -211,7 +213,7 @@ fn remember_tag(part: &Path, tag: Option<String>) -> Result<(), DownloadError> {
     }
 }
 
-/// Removes a file, which may be absent.
+/// Removes a file if it exists.
 ///
 /// # Errors
 /// [`DownloadError::Io`].

@@ -1,10 +1,10 @@
-//! Why a checkpoint was refused: always the file and one reason.
+//! Errors of opening and reading checkpoints: always the file and one reason.
 
 use std::path::{Path, PathBuf};
 
 use crate::pickle::MAX_LEN;
 
-/// A checkpoint that cannot be read or lacks what was asked for.
+/// A checkpoint cannot be read, or does not contain what was requested.
 #[derive(Debug, thiserror::Error)]
 pub enum CheckpointError {
     #[error("{}: {source}", path.display())]
@@ -12,18 +12,18 @@ pub enum CheckpointError {
         path: PathBuf,
         source: std::io::Error,
     },
-    /// The file contradicts its format, or itself.
+    /// The file violates its format or is inconsistent.
     #[error("{}: {reason}", path.display())]
     Malformed { path: PathBuf, reason: String },
-    /// The pickle asks for something that a state dict does not need. It is not called.
+    /// The pickle refers to a function or class that a state dict does not need. It is not called.
     #[error("{}: the pickle refers to '{global}', which is not part of a plain state dict; \
              save the state dict alone (torch.save(model.state_dict(), …))", path.display())]
     ForbiddenGlobal {
         path: PathBuf,
-        /// Module and name as the pickle spells them.
+        /// Module and name as written in the pickle.
         global: String,
     },
-    /// The file holds several state dicts, or none where it was asked for one.
+    /// The file contains several state dicts, or none.
     #[error("{}: {reason}", path.display())]
     StateDict {
         path: PathBuf,
@@ -34,12 +34,12 @@ pub enum CheckpointError {
     NoTensor { path: PathBuf, name: String },
 }
 
-/// An error before the file's name is attached to it.
+/// An error without the file's name, which the caller adds.
 #[derive(Debug)]
 pub(crate) enum Fault {
     Io(std::io::Error),
     Malformed(String),
-    /// A pickle goes on beyond these many bytes, which are all that were read of it.
+    /// The pickle continues beyond this many bytes, which is all that was read of it.
     CutOff(usize),
     ForbiddenGlobal(String),
     StateDict(String),
@@ -61,7 +61,7 @@ impl Fault {
     }
 }
 
-/// `Err(Fault::Malformed(format!(…)))`.
+/// Shorthand for `Err(Fault::Malformed(format!(…)))`.
 macro_rules! malformed {
     ($($arg:tt)*) => {
         Err($crate::error::Fault::Malformed(format!($($arg)*)))

@@ -8,7 +8,7 @@ use sha2::{Digest, Sha256};
 use crate::bytes::OpenFile;
 use crate::error::CheckpointError;
 
-/// The digits of a finished digest.
+/// Hexadecimal digits of a finished digest.
 pub fn hex(digest: impl AsRef<[u8]>) -> String {
     digest
         .as_ref()
@@ -20,12 +20,12 @@ pub fn hex(digest: impl AsRef<[u8]>) -> String {
         })
 }
 
-/// The hash of bytes in memory.
+/// SHA-256 of bytes in memory.
 pub fn sha256_hex(bytes: &[u8]) -> String {
     hex(Sha256::digest(bytes))
 }
 
-/// The hash of a regular file, read in pieces.
+/// SHA-256 of a regular file, read in pieces.
 ///
 /// # Errors
 /// [`CheckpointError::Io`].

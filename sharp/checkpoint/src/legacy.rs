@@ -1,8 +1,8 @@
-//! PyTorch's format before 1.6: five pickles in a row, then the storages one after another.
+//! PyTorch's format before 1.6: five consecutive pickles, followed by the storages.
 //!
-//! The pickles: a magic number, the protocol version, facts about the writer's machine, the
-//! object, and the storages' keys in the order in which their bytes follow. Each storage is
-//! its element count (8 bytes) and its elements. torchvision's and LPIPS' files are such.
+//! The pickles are a magic number, the protocol version, information about the machine that wrote the file, the object,
+//! and the keys of the storages in file order. Each storage is its element count (8 bytes) followed by its elements.
+//! The files of torchvision and LPIPS use this format.
 
 use std::collections::BTreeMap;
 use std::ops::Range;
@@ -16,12 +16,12 @@ use crate::pickle::value::{Heap, Value};
 /// 0x1950a86a20f9469cfc6c, little-endian.
 const MAGIC: [u8; 10] = [0x6c, 0xfc, 0x9c, 0x46, 0xf9, 0x20, 0x6a, 0xa8, 0x50, 0x19];
 const PROTOCOL: i64 = 1001;
-/// The most bytes that the pickles before the storages may take.
+/// Maximum total size of the pickles before the storages.
 const MAX_PICKLES: usize = 64 << 20;
 
 /// Reads the table of contents.
 pub(crate) fn read(file: &(impl Bytes + ?Sized)) -> Result<NamedTensors, Fault> {
-    // How long the pickles are shows when they are run.
+    // The length of the pickles is only known once they have been run.
     let mut len = 1 << 17;
     loop {
         match contents(file, &file.start(len)?) {
@@ -31,7 +31,7 @@ pub(crate) fn read(file: &(impl Bytes + ?Sized)) -> Result<NamedTensors, Fault> 
     }
 }
 
-/// The table of contents of a file that starts so.
+/// Reads the table of contents from the first bytes of the file, `start`.
 fn contents(file: &(impl Bytes + ?Sized), start: &[u8]) -> Result<NamedTensors, Fault> {
     let mut heap = Heap::default();
     let mut values = [Value::None; 5];
@@ -62,7 +62,7 @@ fn contents(file: &(impl Bytes + ?Sized), start: &[u8]) -> Result<NamedTensors, 
     })
 }
 
-/// Walks over the storages that follow the pickles.
+/// Locates the storages that follow the pickles.
 fn storages<'a>(
     file: &(impl Bytes + ?Sized),
     mut at: usize,

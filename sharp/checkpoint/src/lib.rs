@@ -1,22 +1,21 @@
 //! Checkpoints: PyTorch's `.pt` / `.pth` (zip files and the older bare pickles) and `.safetensors`.
 //!
-//! The table of contents is read and checked against the file's length; a tensor is read only when
-//! it is asked for. Pickles are run by an interpreter that knows only what a state dict needs:
-//! nothing is called, and other names in the file are ignored unless a tensor needs them.
-//! Nothing allocates more than a small multiple of the file's own length.
+//! The table of contents is read and checked against the file's length; tensor data is read on demand. Pickles are run
+//! by an interpreter that supports only what a state dict needs: nothing is called, and unknown names are ignored
+//! unless a tensor depends on them. No allocation exceeds a small multiple of the file's length.
 //!
 //! # Contents
-//! * [`checkpoint`]: [`Checkpoint`], the one type for all formats.
-//! * [`completeness`]: every tensor expected is there, every tensor there is expected.
+//! * [`checkpoint`]: [`Checkpoint`], the type for all formats.
+//! * [`completeness`]: two-way comparison of a checkpoint's tensors with those of a model.
 //! * [`convert`]: writing safetensors.
 //! * [`deterministic`]: weights as a pure function of names, for tests and golden data.
-//! * `download`: fetching a file, resumed and bounded (feature `download`).
-//! * [`error`]: why a file was refused.
+//! * `download`: resumable, size-checked download of a file (feature `download`).
+//! * [`error`]: errors of opening and reading checkpoints.
 //! * [`hash`]: SHA-256 as text.
 //! * [`tensor`]: element types and strided layouts.
 //!
-//! Private: `prefix` (names without what wrappers add), `zip` and `legacy` (PyTorch's two containers), `pickle` (the interpreter),
-//! `safetensors`, `bytes` (reading parts of a file).
+//! Private: `prefix` (strips prefixes that wrappers add to names), `zip` and `legacy` (PyTorch's two containers),
+//! `pickle` (the interpreter), `safetensors`, `bytes` (random access to a file).
 
 mod bytes;
 pub mod checkpoint;

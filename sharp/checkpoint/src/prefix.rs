@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use crate::checkpoint::Checkpoint;
 
-/// Parts of names that PyTorch's own wrappers add (DataParallel, compile, FSDP, activation checkpoints).
+/// Name components added by PyTorch's own wrappers (DataParallel, compile, FSDP, activation checkpoints).
 const WRAPPERS: [&str; 4] = [
     "module",
     "_orig_mod",
@@ -13,11 +13,11 @@ const WRAPPERS: [&str; 4] = [
 ];
 
 impl Checkpoint {
-    /// Leaves out what stands before a network's own names and what wrappers put into them. `roots` are the first parts of
-    /// the network's names, of which none is a wrapper's. Returns what was left out (`module._orig_mod.`), if anything.
+    /// Removes wrapper prefixes and wrapper components from all tensor names. `roots` are the first components of the
+    /// network's own names, none of which is a wrapper's. Returns what was removed (`module._orig_mod.`), if anything.
     ///
     /// # Errors
-    /// The different prefixes, sorted, where its names have several.
+    /// The different prefixes, sorted, if the names have more than one.
     pub fn without_prefix(
         &mut self,
         roots: &BTreeSet<String>,
@@ -49,7 +49,7 @@ impl Checkpoint {
         if prefixes.contains("") && inner.is_empty() {
             return Ok(None);
         }
-        // Two names that would become one are two networks.
+        // If two names would become the same, the file contains two networks.
         if prefixes.len() > 1 || own.len() < count {
             return Err(prefixes.into_iter().collect());
         }

@@ -1,4 +1,4 @@
-//! The header of a safetensors file: JSON after an 8-byte length, then the data.
+//! Header of a safetensors file: an 8-byte length, JSON, then the data.
 
 use std::collections::BTreeMap;
 use std::fmt;
@@ -10,10 +10,10 @@ use crate::bytes::Bytes;
 use crate::error::{Fault, malformed};
 use crate::tensor::{DType, TensorLayout};
 
-/// The longest header that is parsed.
+/// Maximum length of a header.
 const MAX_HEADER: u64 = 32 << 20;
 
-/// NamedTensors layouts and the free text of the header.
+/// Tensor layouts and metadata of the header.
 #[derive(Debug)]
 pub(crate) struct Contents {
     pub(crate) tensors: BTreeMap<String, TensorLayout>,
@@ -63,7 +63,7 @@ impl<'de> Deserialize<'de> for SafetensorsHeader {
     }
 }
 
-/// Whether the first bytes and the length fit a safetensors file.
+/// True if the first bytes and the length are consistent with a safetensors file.
 pub(crate) fn looks_like(start: &[u8], file_len: usize) -> bool {
     match start.split_first_chunk::<8>() {
         Some((len, rest)) => {
@@ -74,8 +74,8 @@ pub(crate) fn looks_like(start: &[u8], file_len: usize) -> bool {
     }
 }
 
-/// Parses the header and checks every tensor against the file's length. As the format
-/// demands, the tensors must fill the data without gaps or overlaps.
+/// Parses the header and checks every tensor against the file's length. As the format requires, the tensors must fill
+/// the data without gaps or overlaps.
 pub(crate) fn read(file: &(impl Bytes + ?Sized)) -> Result<Contents, Fault> {
     let start = file.start(8)?;
     let Ok(len) = <[u8; 8]>::try_from(start) else {

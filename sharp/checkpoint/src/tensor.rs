@@ -1,4 +1,4 @@
-//! Element types, strided layouts, and reading one tensor.
+//! Element types, strided layouts, and reading of a single tensor.
 
 use std::fmt;
 use std::ops::Range;
@@ -8,7 +8,7 @@ use half::{bf16, f16};
 use crate::bytes::Bytes;
 use crate::error::{Fault, malformed};
 
-/// The most axes a tensor may have. A hostile file could otherwise make every shape long.
+/// Maximum number of axes of a tensor, which bounds the shapes that a hostile file can declare.
 pub(crate) const MAX_RANK: usize = 32;
 
 /// Element type of a stored tensor. All are little-endian in every format.
@@ -16,7 +16,7 @@ pub(crate) const MAX_RANK: usize = 32;
 pub enum DType {
     F32,
     F16,
-    /// The upper half of a single.
+    /// The upper half of an IEEE single.
     BF16,
     F64,
     I64,
@@ -29,7 +29,7 @@ pub enum DType {
 }
 
 impl DType {
-    /// Bytes an element takes.
+    /// Bytes per element.
     pub fn size(self) -> usize {
         match self {
             Self::F64 | Self::I64 => 8,
@@ -39,7 +39,7 @@ impl DType {
         }
     }
 
-    /// The spelling of safetensors headers: `F32`, `BF16`, `BOOL`, …
+    /// Name as in safetensors headers: `F32`, `BF16`, `BOOL`, …
     pub fn name(self) -> &'static str {
         match self {
             Self::F32 => "F32",
@@ -78,25 +78,25 @@ impl fmt::Display for DType {
     }
 }
 
-/// Place of a tensor in the file. Built only by [`TensorLayout::new`], which checks every bound.
+/// Location of a tensor in the file. Built only by [`TensorLayout::new`] and [`TensorLayout::contiguous`], which check
+/// every bound.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) struct TensorLayout {
     pub(crate) dtype: DType,
     pub(crate) shape: Vec<usize>,
     /// In elements, one per axis.
     strides: Vec<usize>,
-    /// Bytes of the file from the tensor's first element to the end of its storage.
+    /// Byte range in the file from the tensor's first element to the end of its storage.
     bytes: Range<usize>,
     numel: usize,
 }
 
 impl TensorLayout {
-    /// A view into a storage.
+    /// Creates a view into a storage.
     ///
-    /// `storage` is the byte range of the whole storage in a file of `file_len` bytes, `offset`
-    /// the first element in it. The tensor may overlap itself (stride 0), but may not have more
-    /// elements than the file has bytes: no real state dict does, and it bounds what reading
-    /// it can allocate.
+    /// `storage` is the byte range of the whole storage in a file of `file_len` bytes, `offset` the index of the first
+    /// element in it. The tensor may overlap itself (stride 0), but may not have more elements than the file has bytes:
+    /// real state dicts never do, and this bounds the allocation when reading.
     pub(crate) fn new(
         dtype: DType,
         shape: Vec<usize>,
@@ -115,7 +115,7 @@ impl TensorLayout {
             return malformed!("a storage at bytes {storage:?} of a file of {file_len}");
         }
         let numel = shape.iter().try_fold(1_usize, |n, &s| n.checked_mul(s));
-        // An empty axis makes the product zero only if nothing before it overflowed.
+        // An empty axis makes the product zero only if no earlier product overflowed.
         let numel = if shape.contains(&0) { Some(0) } else { numel };
         let Some(numel) = numel.filter(|&n| n <= file_len) else {
             return malformed!("shape {shape:?} has more elements than the file has bytes");
@@ -129,7 +129,7 @@ impl TensorLayout {
             });
         let fits = match last {
             Some(last) if numel > 0 => last < available,
-            // An empty tensor reads nothing, but its offset must still be sane.
+            // An empty tensor reads nothing, but its offset must still be valid.
             _ => numel == 0 && offset <= available,
         };
         if !fits {
@@ -147,7 +147,7 @@ impl TensorLayout {
         })
     }
 
-    /// A contiguous tensor that fills `bytes` of the file exactly.
+    /// Creates a contiguous tensor that fills `bytes` of the file exactly.
     pub(crate) fn contiguous(
         dtype: DType,
         shape: Vec<usize>,
@@ -171,7 +171,7 @@ impl TensorLayout {
         Ok(layout)
     }
 
-    /// Whether elements follow each other in C order. Axes of length 1 may have any stride.
+    /// True if elements are contiguous in C order. Axes of length 1 may have any stride.
     fn is_contiguous(&self) -> bool {
         let mut step = 1;
         for (&n, &stride) in self.shape.iter().zip(&self.strides).rev() {
@@ -185,7 +185,7 @@ impl TensorLayout {
         true
     }
 
-    /// The elements in C order, little-endian.
+    /// Elements in C order, little-endian.
     pub(crate) fn bytes(&self, file: &(impl Bytes + ?Sized)) -> Result<Vec<u8>, Fault> {
         let size = self.dtype.size();
         if self.numel == 0 {
@@ -213,7 +213,7 @@ impl TensorLayout {
                 let at = (base + i * step) * size;
                 out.extend_from_slice(&source[at..at + size]);
             }
-            // Odometer: the last axis runs fastest.
+            // Odometer: the last axis changes fastest.
             let mut axis = outer.len();
             loop {
                 if axis == 0 {
@@ -229,7 +229,7 @@ impl TensorLayout {
         }
     }
 
-    /// The elements in C order as f32.
+    /// Elements in C order as f32.
     pub(crate) fn f32(&self, file: &(impl Bytes + ?Sized)) -> Result<Vec<f32>, Fault> {
         if self.dtype == DType::F32 && self.is_contiguous() && cfg!(target_endian = "little") {
             let mut values = vec![0.0_f32; self.numel];

@@ -1,8 +1,8 @@
-//! The part of the zip format that PyTorch writes: stored entries, found by the central
-//! directory, with 64-bit sizes where needed.
+//! The subset of the zip format that PyTorch writes: stored entries, located through the central directory, with 64-bit
+//! sizes if needed.
 //!
-//! Our own, because the `zip` crate reads entries as streams, guesses at damaged directories and
-//! lets the last of equal names win; here every contradiction is refused.
+//! Implemented here because the `zip` crate reads entries as streams, guesses at damaged directories and lets the last
+//! of several equal names win. This implementation rejects every inconsistency.
 
 use std::collections::BTreeMap;
 use std::ops::Range;
@@ -15,25 +15,25 @@ const END_64: &[u8] = b"PK\x06\x06";
 const END_64_LOCATOR: &[u8] = b"PK\x06\x07";
 const CENTRAL: &[u8] = b"PK\x01\x02";
 const LOCAL: &[u8] = b"PK\x03\x04";
-/// Length of an end record without its comment, which takes at most 65 535 bytes more.
+/// Length of an end record without its comment, which may take up to 65 535 more bytes.
 const END_LEN: usize = 22;
 const LOCATOR_LEN: usize = 20;
 const CENTRAL_LEN: usize = 46;
 const LOCAL_LEN: usize = 30;
 
-/// Place of an entry's data.
+/// Location of an entry's data.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) enum ZipEntry {
-    /// Uncompressed, at these bytes of the file.
+    /// Uncompressed, at this byte range of the file.
     Stored(Range<usize>),
-    /// Something else than stored: why it cannot be read.
+    /// Not stored; the reason that it cannot be read.
     Unreadable(String),
 }
 
-/// Name → data of every entry.
+/// Maps names to the data of their entries.
 pub(crate) type Directory = BTreeMap<String, ZipEntry>;
 
-/// A little-endian field of a record whose length was checked.
+/// Reads a little-endian field of a record whose length was already checked.
 fn u16_at(b: &[u8], at: usize) -> u64 {
     u64::from(b[at]) | u64::from(b[at + 1]) << 8
 }
@@ -46,7 +46,7 @@ fn u64_at(b: &[u8], at: usize) -> u64 {
     u32_at(b, at) | u32_at(b, at + 4) << 32
 }
 
-/// `len` bytes at `start`, or an error that says what was looked for.
+/// Reads `len` bytes at `start`; `what` names them in the error.
 fn slice(file: &(impl Bytes + ?Sized), start: u64, len: u64, what: &str) -> Result<Vec<u8>, Fault> {
     let end = start.checked_add(len);
     match end.filter(|&end| end <= file.len() as u64) {
@@ -90,7 +90,7 @@ pub(crate) fn read(file: &(impl Bytes + ?Sized)) -> Result<Directory, Fault> {
     Ok(entries)
 }
 
-/// ZipEntry count, size and start of the central directory.
+/// Entry count, size and start of the central directory.
 fn locate(file: &(impl Bytes + ?Sized)) -> Result<(u64, u64, u64), Fault> {
     let tail = file.get(file.len().saturating_sub(END_LEN + 0xFFFF + LOCATOR_LEN)..file.len())?;
     let Some(last) = tail.len().checked_sub(END_LEN) else {
@@ -121,7 +121,7 @@ fn locate(file: &(impl Bytes + ?Sized)) -> Result<(u64, u64, u64), Fault> {
     Ok((u64_at(&end, 32), u64_at(&end, 40), u64_at(&end, 48)))
 }
 
-/// Resolves one central record to the bytes of its data.
+/// Resolves one central record to the byte range of its data.
 fn entry(
     file: &(impl Bytes + ?Sized),
     record: &[u8],
@@ -132,7 +132,7 @@ fn entry(
     let mut packed = u32_at(record, 20);
     let mut size = u32_at(record, 24);
     let mut start = u32_at(record, 42);
-    // The 64-bit field holds, in this order, those values that are saturated above.
+    // The 64-bit field contains, in this order, only the values that are saturated above.
     let wide = wide_field(extra);
     let mut at = 0;
     for value in [&mut size, &mut packed, &mut start] {
@@ -168,7 +168,7 @@ fn entry(
     }
 }
 
-/// The payload of the 64-bit extra field, empty if there is none.
+/// Payload of the 64-bit extra field; empty if absent.
 fn wide_field(mut extra: &[u8]) -> &[u8] {
     while extra.len() >= 4 {
         let (id, len) = (u16_at(extra, 0), u16_at(extra, 2) as usize);
@@ -187,7 +187,7 @@ fn wide_field(mut extra: &[u8]) -> &[u8] {
 pub(crate) mod tests {
     use super::*;
 
-    /// A writer of stored archives, for tests of this crate. `wide` uses 64-bit fields.
+    /// Writes stored archives for this crate's tests. `wide` uses 64-bit fields.
     pub(crate) fn archive(entries: &[(&str, &[u8])], wide: bool) -> Vec<u8> {
         let mut out = Vec::new();
         let mut central = Vec::new();
@@ -203,7 +203,7 @@ pub(crate) mod tests {
             out.extend(size32.to_le_bytes());
             out.extend(size32.to_le_bytes());
             out.extend((name.len() as u16).to_le_bytes());
-            // Padding in the local header only, as PyTorch does to align the data.
+            // Padding in the local header only; PyTorch uses it to align the data.
             out.extend(6_u16.to_le_bytes());
             out.extend(name.as_bytes());
             out.extend(*b"FB\x02\x00ZZ");

@@ -1,8 +1,8 @@
 //! Rates of the kernels at the shapes of the network and of the metrics' backbones.
 //!
-//! `cargo bench -p sharp-kernels`. Times are CPU time of the process, all threads together;
-//! rates are floating-point operations per second of CPU time, counted as the direct sum has
-//! them, so that Winograd may exceed the machine's peak.
+//! `cargo bench -p sharp-kernels`. Times are CPU time of the process, summed over threads. Rates are floating-point
+//! operations per second of CPU time, where operations are counted as in the direct sum, so that Winograd may exceed
+//! the machine's peak.
 
 use std::hint::black_box;
 use std::time::Duration;
@@ -91,7 +91,7 @@ fn short(group: &mut Group<'_>) {
         .measurement_time(Duration::from_secs(2));
 }
 
-/// What a kernel has to do, as [`Format`] counts it.
+/// Floating-point operations of a kernel, as [`Format`] counts them.
 fn flop(multiply_adds: usize) -> Throughput {
     Throughput::Elements(2 * multiply_adds as u64)
 }

@@ -1,11 +1,11 @@
-//! GELU of a slice, on its own: where it is not fused into a product, for its gradient.
+//! GELU over a slice, for callers that do not fuse it into a matrix product, and its gradient.
 
 use rayon::prelude::*;
 
 use crate::math;
 use crate::simd::{Simd, per_instruction_set};
 
-/// Values that one task works on.
+/// Number of values per task.
 const CHUNK: usize = 1 << 14;
 
 /// `x Φ(x)` of every value, absolute error below 3e-7.
@@ -16,10 +16,10 @@ pub fn gelu(simd: Simd, x: &[f32]) -> Vec<f32> {
     out
 }
 
-/// Gradient of the input of [`gelu`] from that of its output.
+/// Gradient with respect to the input of [`gelu`], given the gradient with respect to its output.
 ///
 /// # Panics
-/// When lengths differ.
+/// If the lengths differ.
 pub fn gelu_gradient(simd: Simd, x: &[f32], upstream: &[f32]) -> Vec<f32> {
     assert_eq!(x.len(), upstream.len(), "upstream");
     let mut out = upstream.to_vec();

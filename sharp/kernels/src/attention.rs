@@ -1,4 +1,4 @@
-//! Multi-head self-attention, exact softmax, without ever storing all scores.
+//! Multi-head self-attention with exact softmax; the full score matrix is never stored.
 
 use std::ops::Range;
 
@@ -12,7 +12,7 @@ use crate::workspace::{SharedOut, run_tasks};
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct AttentionShape {
-    /// Independent sequences.
+    /// Number of independent sequences.
     pub batch: usize,
     pub tokens: usize,
     pub heads: usize,
@@ -20,25 +20,25 @@ pub struct AttentionShape {
 }
 
 impl AttentionShape {
-    /// Channels of a token, all heads.
+    /// Channels of a token, over all heads.
     pub fn dim(&self) -> usize {
         self.heads * self.head_dim
     }
 }
 
-/// Tiles of rows that are worked on at a time: their scores fit the second cache.
+/// Tiles of rows processed at a time, chosen so that their scores fit in the L2 cache.
 const TILES: usize = 3;
 
-/// Lanes of the reductions, whatever the instruction set has.
+/// Lanes of the reductions, the same for every instruction set.
 const LANES: usize = 16;
 
 /// `softmax(scale · Q Kᵀ) V` for every sequence and head.
 ///
-/// `qkv` is `[batch][tokens][3][heads][head_dim]` (queries, keys, values side by side, as one
-/// linear layer makes them), `out` is `[batch][tokens][heads][head_dim]`.
+/// `qkv` is `[batch][tokens][3][heads][head_dim]` (queries, keys and values side by side, as one linear layer produces
+/// them), `out` is `[batch][tokens][heads][head_dim]`.
 ///
 /// # Panics
-/// When a length is wrong.
+/// If a length is wrong.
 pub fn attention(simd: Simd, qkv: &[f32], out: &mut [f32], shape: AttentionShape, scale: f32) {
     let AttentionShape {
         batch,
@@ -62,7 +62,7 @@ pub fn attention(simd: Simd, qkv: &[f32], out: &mut [f32], shape: AttentionShape
     run_tasks(batch * heads, parts.len(), |task, scratch| {
         let (sequence, head) = (task / heads, task % heads);
         let first = sequence * tokens;
-        // Channel `c` of token `t`: 0 for queries, 1 for keys, 2 for values.
+        // Offset of a token's channels in `qkv`; `which` is 0 for queries, 1 for keys, 2 for values.
         let at = |which: usize, t: usize| (first + t) * 3 * dim + which * dim + head * head_dim;
         let mut split = parts.split(scratch);
         split.keys.fill(0.0);
@@ -84,15 +84,15 @@ pub fn attention(simd: Simd, qkv: &[f32], out: &mut [f32], shape: AttentionShape
     });
 }
 
-/// Sizes of a task's scratch.
+/// Buffer sizes of a task.
 struct Parts {
     tokens: usize,
     head_dim: usize,
     /// Tokens, padded to whole panels.
     columns: usize,
-    /// Rows worked on at a time.
+    /// Rows processed at a time.
     rows: usize,
-    /// Distance of query rows, and of weight rows in each run of k.
+    /// Distance between query rows, and between weight rows within each run of k.
     query_stride: usize,
     weight_stride: usize,
     keys: usize,
@@ -100,7 +100,7 @@ struct Parts {
     zeros: usize,
 }
 
-/// A task's scratch.
+/// Scratch buffers of a task.
 struct Split<'a> {
     keys: &'a mut [f32],
     values: &'a mut [f32],
@@ -166,10 +166,10 @@ impl Parts {
 }
 
 impl Split<'_> {
-    /// The output of some tokens, `rows`.
+    /// Computes the output for the tokens `rows`.
     ///
     /// # Safety
-    /// `head_dim` elements at `offset(row)` in `out` must be the caller's own.
+    /// No other thread may access the `head_dim` elements at `offset(row)` in `out`.
     #[allow(clippy::too_many_arguments, reason = "the inputs of a kernel")]
     unsafe fn rows<'q>(
         &mut self,
@@ -205,7 +205,7 @@ impl Split<'_> {
             out_stride: parts.columns,
         };
         for (k, queries) in self.queries.chunks_exact(run).enumerate() {
-            // SAFETY: the scores are this task's own.
+            // SAFETY: the scores belong to this task only.
             unsafe { scores.multiply(queries, k * KC, &|row| row * parts.columns) };
         }
         softmax(
@@ -235,16 +235,16 @@ impl Split<'_> {
             out_stride,
         };
         for (k, weights) in self.weights.chunks_exact(run).enumerate() {
-            // SAFETY: passed on.
+            // SAFETY: the caller upholds this function's contract.
             unsafe { block.multiply(weights, k * KC, offset) };
         }
     }
 }
 
 per_instruction_set! {
-    /// Softmax of `scale` times each row of scores: `rows` rows of `tokens`, `stride` apart.
-    /// The weights are written in runs of [`KC`] columns, as a product's left side lies:
-    /// rows `out_stride`, runs `run` apart.
+    /// Softmax of `scale` times each row of scores: `rows` rows of `tokens` elements, `stride` apart. The weights are
+    /// written in runs of [`KC`] columns, the layout of a product's left operand: rows are `out_stride` apart, runs are
+    /// `run` apart.
     fn softmax(
         scores: &mut [f32],
         stride: usize,
@@ -308,8 +308,8 @@ fn softmax_body<const FMA: bool>(
     }
 }
 
-/// `exp(scale · (score - top))`. Below -80 nothing is left, and still smaller weights would be
-/// subnormal, which is slow. Comparing rather than `max` keeps NaN.
+/// `exp(scale · (score - top))`. Weights below `exp(-80)` are negligible, and smaller ones would be subnormal, which is
+/// slow. Uses a comparison rather than `max` so that NaN propagates.
 #[inline(always)]
 fn weight<const FMA: bool>(score: f32, top: f32, scale: f32) -> f32 {
     let x = scale * (score - top);

@@ -1,17 +1,17 @@
 //! CPU kernels over plain `f32` slices, for the network and for the metrics' backbones.
 //!
-//! Images are NHWC with N = 1 (`[row][column][channel]`), weights come in PyTorch's layouts and
-//! are packed once. No tensor library is known here.
+//! Images are NHWC with N = 1 (`[row][column][channel]`); weights are passed in PyTorch's layouts and packed once. The
+//! crate depends on no tensor library.
 //!
-//! Every kernel gives bit-identical results for any number of threads, and every image kernel
-//! for any way of cutting the image into strips of rows. Between instruction sets the last
-//! bits differ; [`Simd`] says which one is in use, and any supported one can be forced.
+//! Every kernel gives bit-identical results for any number of threads, and every image kernel for any partition of the
+//! image into strips of rows. The last bits differ between instruction sets; [`Simd`] identifies the one in use, and
+//! any supported one can be forced.
 //!
-//! Shapes are the caller's responsibility: a slice of the wrong length is a bug, and panics.
+//! Shapes are the caller's responsibility: a slice of the wrong length panics.
 //!
 //! # Contents
 //! * [`simd`]: instruction sets.
-//! * [`rows`]: strips of an image; [`RowOp`], what all image kernels have in common.
+//! * [`rows`]: strips of an image; [`RowOp`], the interface shared by all image kernels.
 //! * [`gemm`]: matrix products with packed weights and fused epilogues.
 //! * [`conv`]: convolutions: direct, Winograd, transposed.
 //! * [`pool`]: max pooling and the L2 pooling of DISTS.
@@ -19,7 +19,7 @@
 //! * [`attention`](mod@attention): multi-head self-attention.
 //! * [`activation`]: GELU of a slice.
 //!
-//! Private: `math` (exp, GELU for vectors), `workspace` (reused scratch memory, work over threads).
+//! Private: `math` (vectorised exp and GELU), `workspace` (reused scratch memory, distribution of tasks over threads).
 
 pub mod activation;
 pub mod attention;

@@ -1,12 +1,12 @@
 //! Elementary functions written so that the compiler vectorises them.
 
-/// `a * b + c`, fused where `FMA` says that it is an instruction.
+/// `a * b + c`, fused if `FMA` is true (the target has the instruction).
 #[inline(always)]
 pub(crate) fn fma<const FMA: bool>(a: f32, b: f32, c: f32) -> f32 {
     if FMA { a.mul_add(b, c) } else { a * b + c }
 }
 
-/// `max(x, 0)`, but NaN stays NaN: what goes wrong must not come out as a plausible zero.
+/// `max(x, 0)`, but NaN stays NaN, so that an error never becomes a plausible zero.
 #[inline(always)]
 pub(crate) fn relu(x: f32) -> f32 {
     if x < 0.0 { 0.0 } else { x }
@@ -15,7 +15,7 @@ pub(crate) fn relu(x: f32) -> f32 {
 /// The exponential, within 2 units in the last place for -87 ≤ x ≤ 88, clamped beyond.
 #[inline(always)]
 pub(crate) fn exp<const FMA: bool>(x: f32) -> f32 {
-    /// Adding this leaves the nearest integer in the low bits.
+    /// Adding this constant leaves the nearest integer in the low bits.
     const ROUND: f32 = 12_582_912.0;
     // ln 2 in two parts: the first has few enough bits for n * LN2_HI to be exact.
     const LN2_HI: f32 = 0.693_359_4;
@@ -24,7 +24,7 @@ pub(crate) fn exp<const FMA: bool>(x: f32) -> f32 {
     let t = fma::<FMA>(x, std::f32::consts::LOG2_E, ROUND);
     let n = t - ROUND;
     let r = fma::<FMA>(n, -LN2_LO, fma::<FMA>(n, -LN2_HI, x));
-    // Taylor's series to the seventh power; |r| ≤ 0.347 leaves a remainder below 6e-9.
+    // Taylor series to the seventh power; |r| ≤ 0.347 leaves a remainder below 6e-9.
     let mut p = 1.0 / 5040.0;
     p = fma::<FMA>(p, r, 1.0 / 720.0);
     p = fma::<FMA>(p, r, 1.0 / 120.0);
@@ -39,7 +39,7 @@ pub(crate) fn exp<const FMA: bool>(x: f32) -> f32 {
 /// GELU with the error function, `x Φ(x)`, absolute error below 3e-7.
 #[inline(always)]
 pub(crate) fn gelu<const FMA: bool>(x: f32) -> f32 {
-    // x Φ(x) = max(x, 0) - |x| erfc(|x| / √2) / 2 cancels nowhere.
+    // x Φ(x) = max(x, 0) - |x| erfc(|x| / √2) / 2 has no cancellation.
     fma::<FMA>(-0.5 * x.abs(), tail::<FMA>(x, bell::<FMA>(x)), x.max(0.0))
 }
 
@@ -56,16 +56,14 @@ pub(crate) fn gelu_slope<const FMA: bool>(x: f32) -> f32 {
 /// exp(-x²/2).
 #[inline(always)]
 fn bell<const FMA: bool>(x: f32) -> f32 {
-    // Nothing is left of it at -60; products of still smaller values would be subnormal, which
-    // costs a hundred times the time.
+    // exp(-60) is negligible, and products of smaller values would be subnormal, which is a hundred times slower.
     exp::<FMA>((-0.5 * x * x).max(-60.0))
 }
 
 /// erfc(|x| / √2), given exp(-x²/2).
 #[inline(always)]
 fn tail<const FMA: bool>(x: f32, bell: f32) -> f32 {
-    // erfc(z) = t P(t) exp(-z²) with t = 1 / (1 + 0.4 z): minimax fit over 0 ≤ z ≤ 10, whose
-    // absolute error is 8e-10.
+    // erfc(z) = t P(t) exp(-z²) with t = 1 / (1 + 0.4 z): minimax fit over 0 ≤ z ≤ 10 with an absolute error of 8e-10.
     const P: [f32; 8] = [
         0.224_961_86,
         0.236_721_02,

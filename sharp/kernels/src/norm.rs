@@ -9,7 +9,7 @@ use rayon::prelude::*;
 use crate::math::{fma, relu};
 use crate::simd::{Simd, per_instruction_set};
 
-/// Lanes of the sums over a token, whatever the instruction set has.
+/// Lanes of the sums over a token, the same for every instruction set.
 const LANES: usize = 16;
 
 /// Normalises every row of `x` (`[rows][dim]`, `dim` the length of `gamma`) to mean 0 and
@@ -17,7 +17,7 @@ const LANES: usize = 16;
 /// `(x - mean) / sqrt(variance + eps) · gamma + beta`, population variance.
 ///
 /// # Panics
-/// When a length is wrong.
+/// If a length is wrong.
 pub fn layer_norm(simd: Simd, x: &[f32], gamma: &[f32], beta: &[f32], eps: f32, out: &mut [f32]) {
     const ROWS_PER_TASK: usize = 16;
     let dim = gamma.len();
@@ -60,7 +60,7 @@ fn normalise_rows_body<const FMA: bool>(
         for (sum, v) in sums.iter_mut().zip(tail) {
             *sum += v;
         }
-        // The mean in two parts, lest its rounding be multiplied where the variance is small.
+        // The mean is split into two parts; otherwise its rounding error would be amplified when the variance is small.
         let exact = total(&sums) / dim as f64;
         let mean = exact as f32;
         let rest = (exact - f64::from(mean)) as f32;
@@ -91,8 +91,8 @@ fn total(lanes: &[f32; LANES]) -> f64 {
     sum
 }
 
-/// Group normalisation of an NHWC image: each group of neighbouring channels is brought to
-/// mean 0 and variance 1 over all pixels, then channels are scaled and shifted.
+/// Group normalisation of an NHWC image: each group of neighbouring channels is normalised to mean 0 and variance 1
+/// over all pixels, then each channel is scaled and shifted.
 #[derive(Debug, Clone)]
 pub struct GroupNorm {
     groups: usize,
@@ -101,14 +101,14 @@ pub struct GroupNorm {
     eps: f32,
 }
 
-/// Pixels whose sums are made by one task: a constant, so that sums do not depend on threads.
+/// Pixels summed by one task. A constant, so that results do not depend on the number of threads.
 const PIXELS_PER_TASK: usize = 4096;
 
 impl GroupNorm {
-    /// `groups` groups of the channels that `gamma` and `beta` are given for.
+    /// Creates a normalisation with `groups` groups; `gamma` and `beta` have one element per channel.
     ///
     /// # Panics
-    /// When the groups do not divide the channels, or lengths differ.
+    /// If the number of channels is not a multiple of `groups`, or the lengths differ.
     pub fn new(groups: usize, gamma: &[f32], beta: &[f32], eps: f32) -> Self {
         assert!(
             groups > 0 && gamma.len().is_multiple_of(groups) && !gamma.is_empty(),
@@ -124,12 +124,12 @@ impl GroupNorm {
         }
     }
 
-    /// Normalises `x` (`[pixels][channels]`) to `out`, rectified if `relu`.
+    /// Normalises `x` (`[pixels][channels]`) into `out`, then applies ReLU if `relu`.
     ///
-    /// Sums are made in f64: over the millions of values of a group, f32 would lose digits.
+    /// Sums are accumulated in f64: over the millions of values of a group, f32 would lose digits.
     ///
     /// # Panics
-    /// When a length is wrong.
+    /// If a length is wrong.
     pub fn run(&self, simd: Simd, x: &[f32], relu: bool, out: &mut [f32]) {
         let channels = self.gamma.len();
         assert!(x.len().is_multiple_of(channels), "pixels of {channels}");
@@ -140,7 +140,7 @@ impl GroupNorm {
             .for_each(|(out, x)| apply(simd, x, &affine, relu, out));
     }
 
-    /// What normalisation comes down to for this image.
+    /// The per-channel affine map that is equivalent to normalising this image.
     fn affine(&self, simd: Simd, x: &[f32]) -> Affine {
         let channels = self.gamma.len();
         let parts: Vec<Vec<[f64; 2]>> = x
@@ -179,8 +179,7 @@ impl GroupNorm {
     }
 }
 
-/// `(x - mean) · scale + shift` for every channel. The shift takes up what rounding the mean
-/// has lost.
+/// `(x - mean) · scale + shift` for every channel. `shift` also compensates the rounding of `mean`.
 #[derive(Default)]
 struct Affine {
     mean: Vec<f32>,
@@ -195,7 +194,7 @@ per_instruction_set! {
 
 #[inline(always)]
 fn moments_body<const FMA: bool>(x: &[f32], sums: &mut [[f64; 2]]) {
-    // Two lines of memory of each pixel at a time.
+    // Two cache lines of each pixel at a time.
     const WIDE: usize = 2 * LANES;
     let channels = sums.len();
     for first in (0..channels).step_by(WIDE) {
@@ -206,7 +205,7 @@ fn moments_body<const FMA: bool>(x: &[f32], sums: &mut [[f64; 2]]) {
                 let mut v = [0.0_f32; WIDE];
                 v.copy_from_slice(&pixel[first..first + WIDE]);
                 for l in 0..WIDE {
-                    // The square is exact in f64, so that fusing would change nothing.
+                    // The square is exact in f64, so fusing would change nothing.
                     let v = f64::from(v[l]);
                     sum[l] += v;
                     square[l] += v * v;
@@ -229,7 +228,7 @@ fn moments_body<const FMA: bool>(x: &[f32], sums: &mut [[f64; 2]]) {
 }
 
 per_instruction_set! {
-    /// Applies an [`Affine`] to some pixels.
+    /// Applies an [`Affine`] to a run of pixels.
     fn apply(x: &[f32], affine: &Affine, rectified: bool, out: &mut [f32]) = apply_body
 }
 

@@ -19,11 +19,11 @@ pub struct MaxPool {
 impl MaxPool {
     /// Windows of `size` × `size`, every `stride` pixels.
     ///
-    /// `ceil`: whether a last window that reaches beyond the image counts, with what it covers
-    /// (PyTorch's `ceil_mode`); it must still start inside.
+    /// `ceil`: if true, a last window that extends beyond the image is kept and pools only the pixels it covers
+    /// (PyTorch's `ceil_mode`). It must still start inside the image.
     ///
     /// # Panics
-    /// When `size` or `stride` is zero.
+    /// If `size` or `stride` is zero.
     pub fn new(simd: Simd, size: usize, stride: usize, ceil: bool) -> Self {
         assert!(size > 0 && stride > 0, "windows of {size}, every {stride}");
         Self {
@@ -39,7 +39,7 @@ impl MaxPool {
         let Some(room) = (side + beyond).checked_sub(self.size) else {
             return 0;
         };
-        // A window that starts beyond the image does not count.
+        // Windows that start beyond the image are dropped.
         (room / self.stride + 1).min(side.div_ceil(self.stride))
     }
 }
@@ -85,8 +85,8 @@ impl RowOp for MaxPool {
 }
 
 per_instruction_set! {
-    /// Takes the maximum of the windows' parts in one input row, and of `output` unless this
-    /// row is the `first`.
+    /// Takes the maximum over one input row's part of the windows, combined with the existing `output` unless this is
+    /// the `first` row.
     fn max_row(
         input: &[f32],
         output: &mut [f32],
@@ -114,7 +114,7 @@ fn max_row_body<const FMA: bool>(
                 output.copy_from_slice(pixel);
             } else {
                 for (max, v) in output.iter_mut().zip(pixel) {
-                    // NaN stays NaN, as it must not be lost on the way to a score.
+                    // Propagates NaN, which must not be lost on the way to a score.
                     *max = if *max >= *v || max.is_nan() { *max } else { *v };
                 }
             }
@@ -122,10 +122,10 @@ fn max_row_body<const FMA: bool>(
     }
 }
 
-/// The L2 pooling of DISTS: the root of the squares' local mean under a 3×3 Hann window
-/// (`[1 2 1]ᵀ [1 2 1] / 16`), every second pixel, zeros around the image.
+/// L2 pooling of DISTS: the root of the local mean of squares under a 3×3 Hann window (`[1 2 1]ᵀ [1 2 1] / 16`), with
+/// stride 2 and zero padding.
 ///
-/// `sqrt(Σ w x² + 1e-12)`; the output's sides are the input's halves, rounded up.
+/// `sqrt(Σ w x² + 1e-12)`. Each side of the output is half the input's, rounded up.
 #[derive(Debug, Clone, Copy)]
 pub struct L2Pool {
     simd: Simd,
@@ -170,7 +170,7 @@ impl RowOp for L2Pool {
 }
 
 per_instruction_set! {
-    /// One output row from three input rows, `None` beyond the image.
+    /// Computes one output row from three input rows; rows beyond the image are `None`.
     fn l2_row(rows: [Option<&[f32]>; 3], output: &mut [f32], channels: usize) = l2_row_body
 }
 

@@ -1,16 +1,16 @@
-//! Strips of an image, and what all kernels on them have in common.
+//! Strips of an image, and the interface shared by all kernels that process them.
 
 use std::ops::Range;
 
-/// Some rows of an NHWC image that lie in memory. The rest of the image exists, but is not
-/// needed: borders are padded only where the image ends.
+/// Some consecutive rows of an NHWC image. The window may cover only part of the image; padding applies at the image's
+/// borders, not at the window's.
 #[derive(Debug, Clone)]
 pub struct RowWindow<'a> {
-    /// The first of the rows, as many as there are.
+    /// The first rows of the window.
     head: &'a [f32],
-    /// The rows after them.
+    /// The remaining rows.
     tail: &'a [f32],
-    /// Where `tail` begins.
+    /// Image row at which `tail` begins.
     split: usize,
     rows: Range<usize>,
     height: usize,
@@ -21,7 +21,7 @@ pub struct RowWindow<'a> {
 impl<'a> RowWindow<'a> {
     /// `data` holds `rows` of an image of `height` × `width` × `channels`.
     ///
-    /// # Panics
+    /// If `data` has another length, or the rows lie outside the image.
     /// When `data` has another length, or the rows lie outside the image.
     pub fn new(
         data: &'a [f32],
@@ -33,12 +33,11 @@ impl<'a> RowWindow<'a> {
         Self::in_two(&[], data, rows, height, width, channels)
     }
 
-    /// As [`new`](Self::new), with the rows in two places: all of `head` lie above those of
-    /// `tail`, so that rows kept from before need not be moved beside new ones.
+    /// Like [`new`](Self::new), with the rows in two slices: all rows of `head` lie above those of `tail`. This way
+    /// rows kept from a previous strip need not be moved next to the new ones.
     ///
     /// # Panics
-    /// When the two together have another length, `head` holds part of a row, or the rows lie
-    /// outside the image.
+    /// If the total length is wrong, `head` ends within a row, or the rows lie outside the image.
     pub fn in_two(
         head: &'a [f32],
         tail: &'a [f32],
@@ -74,12 +73,12 @@ impl<'a> RowWindow<'a> {
     /// A whole image.
     ///
     /// # Panics
-    /// When `data` has another length than `height` × `width` × `channels`.
+    /// If the length of `data` is not `height` × `width` × `channels`.
     pub fn whole(data: &'a [f32], height: usize, width: usize, channels: usize) -> Self {
         Self::new(data, 0..height, height, width, channels)
     }
 
-    /// The rows that are there.
+    /// Range of image rows in the window.
     pub fn rows(&self) -> Range<usize> {
         self.rows.clone()
     }
@@ -100,7 +99,7 @@ impl<'a> RowWindow<'a> {
     /// Row `y` of the image, `[width][channels]`.
     ///
     /// # Panics
-    /// When that row is not in the window.
+    /// If the row is not in the window.
     pub fn row(&self, y: usize) -> &'a [f32] {
         assert!(self.rows.contains(&y), "row {y} of {:?}", self.rows);
         let len = self.width * self.channels;
@@ -112,7 +111,7 @@ impl<'a> RowWindow<'a> {
         &rows[(y - first) * len..][..len]
     }
 
-    /// Panics unless the window holds `rows`.
+    /// Panics unless the window contains `rows`.
     pub(crate) fn expect_rows(&self, rows: &Range<usize>) {
         assert!(
             rows.is_empty() || (self.rows.start <= rows.start && rows.end <= self.rows.end),
@@ -122,33 +121,30 @@ impl<'a> RowWindow<'a> {
     }
 }
 
-/// A kernel that computes any rows of its output from the rows of the input that they need.
+/// A kernel that can compute any range of its output rows from the input rows they depend on.
 ///
-/// The rows come out bit for bit the same however the image is cut into strips.
+/// Results are bit-identical however the image is cut into strips.
 pub trait RowOp: Send + Sync {
-    /// Height and width of the output for an input of `height` × `width`; zero where the input
-    /// is too small for one window.
+    /// Height and width of the output for an input of `height` × `width`; zero if the input is smaller than one window.
     fn out_size(&self, height: usize, width: usize) -> (usize, usize);
 
     fn out_channels(&self, in_channels: usize) -> usize;
 
-    /// The input rows that the output rows `out` need, for an image of `in_height` rows.
-    /// Clamped to the image.
+    /// Input rows that the output rows `out` depend on, for an image of `in_height` rows. Clamped to the image.
     ///
-    /// Winograd convolutions work on blocks of four output rows that start at multiples of
-    /// four, and need the input of whole blocks: cut strips at multiples of four, and no row
-    /// is computed twice.
+    /// Winograd convolutions work on blocks of four output rows that start at multiples of four, and need the input of
+    /// whole blocks. Cut strips at multiples of four to avoid computing rows twice.
     fn in_rows(&self, out: Range<usize>, in_height: usize) -> Range<usize>;
 
-    /// Writes the output rows `out` as `[row][column][channel]` to `output`.
+    /// Writes the output rows `out` to `output` as `[row][column][channel]`.
     ///
     /// # Panics
-    /// When the window lacks one of [`Self::in_rows`], when `out` reaches beyond the output's
-    /// height, or when a length or channel count is wrong.
+    /// If the window does not contain [`Self::in_rows`], `out` exceeds the output's height, or a length or channel
+    /// count is wrong.
     fn run_rows(&self, input: &RowWindow<'_>, out: Range<usize>, output: &mut [f32]);
 }
 
-/// Checks what every [`RowOp::run_rows`] demands; returns the output's width.
+/// Checks the preconditions of every [`RowOp::run_rows`]; returns the output's width.
 pub(crate) fn expect(
     op: &impl RowOp,
     input: &RowWindow<'_>,
@@ -166,8 +162,7 @@ pub(crate) fn expect(
     width
 }
 
-/// Input rows of a window operation: `size` rows per output row, every `stride`, after
-/// `padding` rows of border.
+/// Input rows of a window operation: `size` rows per output row, every `stride` rows, with `padding` rows of border.
 pub(crate) fn window_rows(
     out: Range<usize>,
     in_height: usize,

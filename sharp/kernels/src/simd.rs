@@ -6,12 +6,12 @@ use std::sync::OnceLock;
 
 use serde::{Deserialize, Serialize};
 
-/// An instruction set that kernels are written for. Results are bit-identical within one, not
-/// across.
+/// An instruction set that kernels are written for. Results are bit-identical within one instruction set, but not
+/// across them.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum InstructionSet {
-    /// Whatever the compiler makes of plain Rust for the target's baseline.
+    /// Plain Rust, compiled for the target's baseline.
     Portable,
     /// AVX2 with FMA, 8 lanes.
     Avx2,
@@ -24,7 +24,7 @@ pub enum InstructionSet {
 pub struct UnknownInstructionSet(String);
 
 impl InstructionSet {
-    /// All of them, slowest first.
+    /// All instruction sets, slowest first.
     pub const ALL: [Self; 3] = [Self::Portable, Self::Avx2, Self::Avx512];
 
     /// `portable`, `avx2` or `avx512`.
@@ -52,14 +52,14 @@ impl FromStr for InstructionSet {
     }
 }
 
-/// Proof that this machine has an [`InstructionSet`]: kernels take it by value and rely on it.
+/// Proof that this machine supports an [`InstructionSet`]: kernels take it by value and rely on it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Simd(InstructionSet);
 
-/// The instruction set of this process, fixed by the first query or pin.
+/// The instruction set of this process, fixed by the first call of `detect` or `pin`.
 static IN_USE: OnceLock<Simd> = OnceLock::new();
 
-/// Why a process cannot be pinned to an instruction set.
+/// Reason that a process cannot be pinned to an instruction set.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum PinError {
     #[error(
@@ -75,8 +75,8 @@ pub enum PinError {
 }
 
 impl Simd {
-    /// What the process is pinned to, else the fastest of this machine. The answer never changes:
-    /// after the first call, another set can no longer be [pinned](Self::pin).
+    /// The pinned instruction set, or else the fastest one of this machine. The result never changes: after the first
+    /// call, no other set can be [pinned](Self::pin).
     pub fn detect() -> Self {
         let fastest = || {
             let sets = InstructionSet::ALL.into_iter().rev();
@@ -85,11 +85,11 @@ impl Simd {
         *IN_USE.get_or_init(|| fastest().unwrap_or(Self(InstructionSet::Portable)))
     }
 
-    /// Makes [`detect`](Self::detect) answer with this set for the rest of the process, so that
-    /// unlike machines compute the same bits. To be called before anything is computed.
+    /// Makes [`detect`](Self::detect) return this set for the rest of the process, so that different machines compute
+    /// the same bits. Call it before computing anything.
     ///
     /// # Errors
-    /// When the machine does not have the set, or another one is in use already.
+    /// If the machine does not support the set, or another one is already in use.
     pub fn pin(wanted: InstructionSet) -> Result<Self, PinError> {
         let simd = Self::new(wanted).ok_or(PinError::Unsupported { wanted })?;
         let in_use = IN_USE.get_or_init(|| simd).0;
@@ -100,7 +100,7 @@ impl Simd {
         }
     }
 
-    /// That set, if this machine has it.
+    /// Returns the token for `set`, if this machine supports it.
     pub fn new(set: InstructionSet) -> Option<Self> {
         let supported = match set {
             InstructionSet::Portable => true,
@@ -122,7 +122,7 @@ impl Simd {
         supported.then_some(Self(set))
     }
 
-    /// All sets of this machine, slowest first.
+    /// All sets that this machine supports, slowest first.
     pub fn available() -> Vec<Self> {
         InstructionSet::ALL
             .into_iter()
@@ -135,10 +135,10 @@ impl Simd {
     }
 }
 
-/// Defines a function that runs a body compiled for the instruction set of its first argument.
+/// Defines a function that runs a body compiled for the instruction set given by its first argument.
 ///
-/// `= body` calls `body::<FMA>`, whose parameter says whether fused multiply-add is an instruction
-/// there; `= avx512, avx2, portable` names a body for each. Bodies must be `#[inline(always)]`.
+/// `= body` calls `body::<FMA>`, where `FMA` is true if the set has a fused multiply-add; `= avx512, avx2, portable`
+/// names a body for each set. Bodies must be `#[inline(always)]`.
 #[macro_export]
 macro_rules! per_instruction_set {
     ($(#[$doc:meta])* $vis:vis fn $name:ident($($arg:ident: $ty:ty),* $(,)?) = $body:ident) => {
@@ -167,7 +167,7 @@ macro_rules! per_instruction_set {
                     $avx2($($arg),*)
                 }
                 match simd.instruction_set() {
-                    // SAFETY: a `Simd` of this set exists only where the machine has it.
+                    // SAFETY: a `Simd` of this set exists only if the machine supports it.
                     $crate::InstructionSet::Avx512 => return unsafe { avx512($($arg),*) },
                     // SAFETY: as above.
                     $crate::InstructionSet::Avx2 => return unsafe { avx2($($arg),*) },

@@ -25,7 +25,7 @@ impl Aligned {
         new
     }
 
-    /// Makes room for at least `len` elements; what is there stays.
+    /// Grows to at least `len` elements; existing content is kept.
     pub(crate) fn grow(&mut self, len: usize) {
         if len > self.len {
             self.lines.resize(len.div_ceil(16), Line::zeroed());
@@ -48,12 +48,12 @@ impl std::ops::DerefMut for Aligned {
     }
 }
 
-/// Runs `task(index, scratch)` for every index below `count` on the current rayon pool,
-/// each time with `scratch_len` floats of arbitrary content, aligned to cache lines.
+/// Runs `task(index, scratch)` for every index below `count` on the current rayon pool. `scratch` has `scratch_len`
+/// floats of arbitrary content, aligned to cache lines.
 ///
-/// Which thread runs which task varies; tasks must write to places of their own. Scratch memory is
-/// kept for the next call: it grows to the largest need, some hundred kilobytes to a few megabytes a
-/// thread, for each call that runs beside others.
+/// The assignment of tasks to threads varies, so tasks must write to disjoint memory. Scratch memory is kept for the
+/// next call. It grows to the largest need, from some hundred kilobytes to a few megabytes per thread, and is
+/// multiplied by the number of concurrent calls.
 pub(crate) fn run_tasks(count: usize, scratch_len: usize, task: impl Fn(usize, &mut [f32]) + Sync) {
     static IDLE: Mutex<Vec<Aligned>> = Mutex::new(Vec::new());
     let idle = || IDLE.lock().unwrap_or_else(PoisonError::into_inner);
@@ -77,7 +77,7 @@ pub(crate) fn run_tasks(count: usize, scratch_len: usize, task: impl Fn(usize, &
     idle().push(scratch);
 }
 
-/// A slice that several tasks write to, each to elements of its own.
+/// A slice that several tasks write to, each to its own elements.
 #[derive(Clone, Copy)]
 pub(crate) struct SharedOut<'a> {
     start: *mut f32,
@@ -85,8 +85,8 @@ pub(crate) struct SharedOut<'a> {
     _life: std::marker::PhantomData<&'a mut [f32]>,
 }
 
-// SAFETY: access goes through `slice` and `pointer`, whose callers promise that no two threads
-// touch the same elements.
+// SAFETY: access is through `slice` and `pointer`, whose callers guarantee that no two threads access the same
+// elements.
 unsafe impl Send for SharedOut<'_> {}
 // SAFETY: as above.
 unsafe impl Sync for SharedOut<'_> {}
@@ -100,7 +100,7 @@ impl<'a> SharedOut<'a> {
         }
     }
 
-    /// A pointer to element `start`, from which `len` elements are in bounds.
+    /// Pointer to element `start`, after checking that `len` elements from there are in bounds.
     #[inline(always)]
     pub(crate) fn pointer(&self, start: usize, len: usize) -> *mut f32 {
         assert!(start <= self.len && len <= self.len - start);
@@ -111,12 +111,12 @@ impl<'a> SharedOut<'a> {
     /// Elements `start..start + len`.
     ///
     /// # Safety
-    /// While the result lives, nobody else may read or write these elements.
+    /// While the result lives, no other code may read or write these elements.
     #[allow(clippy::mut_from_ref, reason = "disjointness is the caller's promise")]
     #[inline(always)]
     pub(crate) unsafe fn slice(&self, start: usize, len: usize) -> &'a mut [f32] {
         let start = self.pointer(start, len);
-        // SAFETY: in bounds; unaliased by the caller's promise.
+        // SAFETY: in bounds; unaliased by the caller's contract.
         unsafe { std::slice::from_raw_parts_mut(start, len) }
     }
 }

@@ -1,4 +1,4 @@
-//! The derivative of [`compose`](super::compose) with respect to deltas and base.
+//! Derivative of [`compose`](super::compose) with respect to deltas and base Gaussians.
 
 use super::{
     ATTRIBUTES, COLOR_FACTOR, DeltaLength, INVERSE_DEPTH_FACTOR, MAX_SCALE, SCALE_SLOPE, XY_FACTOR,
@@ -8,17 +8,17 @@ use crate::color::linear_from_srgb_slope;
 use crate::initializer::{BaseGaussians, BaseGradient};
 use crate::render::{GaussianGradient, narrow};
 
-/// Gradient of a loss with respect to what [`compose`](super::compose) takes. The base's colours come
-/// from the picture and its opacity from a constant: they have none.
+/// Gradient of a loss with respect to the inputs of [`compose`](super::compose). The base's colours (from the picture)
+/// and opacity (a constant) have no gradient.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ComposerGradient {
-    /// `[14, layers, rows, columns]`; zeros for blocks that are left out.
+    /// `[14, layers, rows, columns]`; zero for omitted blocks.
     pub deltas: Vec<f32>,
-    /// Of the base that the deltas refine; zeros for blocks that are left out.
+    /// Gradient of the base Gaussians; zero for omitted blocks.
     pub base: BaseGradient,
 }
 
-/// Why a composer's gradient cannot be computed.
+/// Errors of [`backward`].
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum ComposerGradientError {
     #[error(transparent)]
@@ -27,14 +27,14 @@ pub enum ComposerGradientError {
     Gradients { expected: usize, found: usize },
 }
 
-/// Gradient from that of the composed Gaussians, in their order (`gaussians`, in the composer's
-/// space; `view_depth` is not read, because the mean's gradient contains it).
+/// Computes the gradient from `gaussians`, the gradient of the composed Gaussians in their order and in the composer's
+/// space. `view_depth` is ignored, because the gradient of the mean already includes it.
 ///
-/// The derivative of the forward definition in real numbers, computed in f64; what f32 cannot hold
-/// becomes its largest value.
+/// This is the derivative of the forward definition in real numbers, computed in f64; values out of the range of f32
+/// saturate.
 ///
 /// # Errors
-/// [`ComposerGradientError`]: lengths that do not fit `base`.
+/// [`ComposerGradientError`] if lengths do not match `base`.
 pub fn backward(
     base: &BaseGaussians,
     deltas: &[f32],
@@ -81,7 +81,7 @@ pub fn backward(
     Ok(out)
 }
 
-/// Inputs of one Gaussian.
+/// Inputs of a single Gaussian.
 struct Block {
     x: f64,
     y: f64,
@@ -111,7 +111,7 @@ impl Block {
             self.y + f64::from(XY_FACTOR) * self.deltas[1],
             1.0,
         ];
-        // Of the mean and the scales before `global_scale`.
+        // With respect to the mean and the scales before multiplication by `global_scale`.
         let mean = gradient.mean.map(|g| f64::from(g) * self.global_scale);
         let scales = gradient.scales.map(|g| f64::from(g) * self.global_scale);
 
@@ -124,7 +124,7 @@ impl Block {
             deltas[3 + c] =
                 scales[c] * size_per_z * z * MAX_SCALE * SCALE_SLOPE * sigmoid_slope(share);
         }
-        // Both mean and scales are proportional to z before, and to `global_scale` after.
+        // Both mean and scales are proportional to z before it, and to `global_scale` after it.
         let global_scale = (of_z + of_size * size_per_z) * z / self.global_scale;
         of_z += of_size * size_per_z;
         deltas[0] = f64::from(XY_FACTOR) * mean[0] * z;
@@ -153,7 +153,7 @@ impl Block {
     }
 }
 
-/// Computed from both sides, so that it does not vanish before f64 does.
+/// Uses both sides, so that the slope does not underflow before f64 does.
 fn sigmoid_slope(x: f64) -> f64 {
     sigmoid(x) * sigmoid(-x)
 }
@@ -162,7 +162,7 @@ fn softplus_slope(x: f64) -> f64 {
     if x > 20.0 { 1.0 } else { sigmoid(x) }
 }
 
-/// 0 under the clamp of [`inverse_softplus`].
+/// 0 below the clamp of [`inverse_softplus`].
 fn inverse_softplus_slope(t: f64) -> f64 {
     if t < 1e-6 { 0.0 } else { -1.0 / (-t).exp_m1() }
 }

@@ -1,7 +1,8 @@
-//! Gaussian scenes from files of any format that is read, told apart by content: PLY, PlayCanvas' compressed PLY,
-//! SPZ 1 to 4, SOG 1 and 2 (archive or folder), and .splat, which has no mark but its name.
+//! Reading of Gaussian scenes in any supported format: PLY, PlayCanvas' compressed PLY, SPZ 1 to 4, SOG 1 and 2
+//! (archive or folder), and .splat. Formats are detected from the content, except .splat, which is recognised by its
+//! name only.
 //!
-//! A reader's memory stays within a multiple of the file, whatever its header claims.
+//! A reader's memory is bounded by a multiple of the file's size, whatever its header claims.
 
 mod rule;
 mod sog;
@@ -18,13 +19,13 @@ use crate::ply::{self, GaussianScene, PlyError, PlyReason, StoredForm, Suspicion
 pub use rule::MarkedRule;
 pub use spz::{LARGEST_SPZ_SCALE, to_bytes as to_spz_bytes};
 
-/// Topic of the [`Suspicion`] that a file does not tell its axes.
+/// Topic of the [`Suspicion`] that a file does not state its axes.
 pub const AXES: &str = "axes";
 
-/// Turns Gaussians from axes that are OpenCV's but for these signs, which settles the doubt about a file's axes.
+/// Flips the axes of Gaussians by the given signs to obtain OpenCV axes, and removes the doubt about the file's axes.
 ///
 /// # Errors
-/// That doubt, where no signs are given.
+/// The doubt about the axes, if no signs are given.
 pub fn turn(
     gaussians: &mut Gaussians,
     doubts: &mut Vec<Suspicion>,
@@ -40,18 +41,17 @@ pub fn turn(
     Ok(())
 }
 
-/// Most bytes or pixels that a byte of a file may unfold to. Real files stay below 20.
+/// Maximum number of bytes or pixels that one byte of a file may decompress to. Real files stay below 20.
 const MOST_EXPANSION: usize = 256;
 
-/// Advice for converting another format.
+/// Advice on converting unsupported formats.
 const CONVERT: &str = "convert it with `npx @playcanvas/splat-transform IN OUT.ply`";
 
-/// Reads a scene from a file, or from a folder that holds a SOG's `meta.json`. `reading` is how numbers are read where
-/// that is not as the format stores them, how colours are encoded where the file does not say, and what they are
-/// blended in.
+/// Reads a scene from a file, or from a folder that contains a SOG's `meta.json`. `reading` overrides the format's own
+/// number encodings, and sets the colour encoding for files that do not state it and the blending colour space.
 ///
 /// # Errors
-/// [`PlyError`] with the path and the reason; [`PlyReason::Foreign`] for a format that is known and not read.
+/// [`PlyError`] with the path and the reason; [`PlyReason::Foreign`] for a recognised but unsupported format.
 pub fn load(path: &Path, reading: impl Into<StoredForm>) -> Result<GaussianScene, PlyError> {
     let given = reading.into();
     let name = path.file_name().unwrap_or_default().to_string_lossy();
@@ -68,7 +68,7 @@ pub fn load(path: &Path, reading: impl Into<StoredForm>) -> Result<GaussianScene
     read().map_err(|reason| PlyError::new(path, reason))
 }
 
-/// Like [`load`], from the bytes of a file of this name.
+/// Like [`load`], for the bytes of a file called `name`.
 ///
 /// # Errors
 /// [`PlyReason`].
@@ -95,7 +95,7 @@ pub fn from_bytes(
     }
 }
 
-/// Names a format that is not read, by its first bytes and its name, with advice.
+/// Recognises an unsupported format by its first bytes and its name; returns its name with advice.
 pub fn foreign_format(bytes: &[u8], name: &str) -> Option<String> {
     let name = name.to_ascii_lowercase();
     let is = |end: &str| name.ends_with(end);
@@ -112,7 +112,7 @@ pub fn foreign_format(bytes: &[u8], name: &str) -> Option<String> {
     Some(format!("{format}, which is not read; {CONVERT}"))
 }
 
-/// Why a packed stream cannot be read, in words that do not depend on who unpacks it.
+/// Reason that a compressed stream cannot be read, worded independently of the decompressor.
 fn unfolding(error: &std::io::Error) -> String {
     let why = match error.kind() {
         std::io::ErrorKind::UnexpectedEof => "it ends early: truncated?",
@@ -121,7 +121,7 @@ fn unfolding(error: &std::io::Error) -> String {
     format!("it cannot be unpacked ({why})")
 }
 
-/// Reads as many bytes as are expected, of a stream that `packed` bytes of the file hold.
+/// Decompresses exactly `expected` bytes from a stream that takes `packed` bytes in the file.
 fn unfold(stream: impl Read, expected: usize, packed: usize) -> Result<Vec<u8>, String> {
     if expected / MOST_EXPANSION > packed {
         return Err(format!(

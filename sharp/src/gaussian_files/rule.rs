@@ -1,13 +1,13 @@
-//! The rule of rendering that a file was made for, from its marks.
+//! Detection of the rendering rule that a file was made for, from its marks.
 
 use crate::ply::{FileMarks, Generator, SplatRenderMode};
 use crate::render::Rule;
 
-/// A rule with the reason for it.
+/// A rendering rule and the reason for choosing it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct MarkedRule {
     pub rule: Rule,
-    /// Whether the file says so; else it is only likely.
+    /// True if the file states the rule, false if it is only likely.
     pub is_stated: bool,
     pub why: &'static str,
 }

@@ -1,4 +1,4 @@
-//! PlayCanvas' SOG: lossless WebP pictures whose pixels are attributes, and `meta.json`, which says how.
+//! PlayCanvas' SOG: lossless WebP pictures whose pixels are attributes, and a `meta.json` that describes them.
 
 use std::collections::BTreeMap;
 use std::io::{Cursor, Read};
@@ -14,7 +14,7 @@ use crate::ply::{
     StoredOpacity, StoredScales, completed, degree_of,
 };
 
-/// Entries of the palette of view-dependent colours in a row of its picture.
+/// Palette entries of view-dependent colours per row of their picture.
 const PALETTE_COLUMNS: usize = 64;
 
 fn damaged(what: impl Into<String>) -> PlyReason {
@@ -24,7 +24,7 @@ fn damaged(what: impl Into<String>) -> PlyReason {
     }
 }
 
-/// Reads the files of a folder that `meta.json` names.
+/// Reads the files in a folder that its `meta.json` lists.
 pub(super) fn from_folder(folder: &Path) -> Result<Decoded, PlyReason> {
     read(|name| crate::files::read(&folder.join(name)).map_err(|error| error.to_string()))
 }
@@ -64,7 +64,7 @@ fn read(mut file: impl FnMut(&str) -> Result<Vec<u8>, String>) -> Result<Decoded
     for attribute in names.into_iter().filter(|name| meta.get(name).is_some()) {
         let listed = meta[attribute]["files"].as_array();
         for name in listed.into_iter().flatten().filter_map(Value::as_str) {
-            // Nothing outside the folder is read.
+            // Only files directly in the folder are read.
             if name.contains(['/', '\\']) || name == ".." {
                 return Err(damaged(format!("meta.json names the file {name:?}")));
             }
@@ -76,7 +76,7 @@ fn read(mut file: impl FnMut(&str) -> Result<Vec<u8>, String>) -> Result<Decoded
 
 struct Sog {
     meta: Value,
-    /// By name.
+    /// Contents by file name.
     files: BTreeMap<String, Vec<u8>>,
 }
 
@@ -149,7 +149,7 @@ impl Sog {
         Ok(out)
     }
 
-    /// Each Gaussian names an entry of a palette.
+    /// Reads view-dependent colours, which are stored as one palette index per Gaussian.
     fn harmonics(&self, count: usize, is_first: bool, out: &mut Decoded) -> Result<(), PlyReason> {
         let levels = Levels::of(&self.meta["shN"], is_first).ok_or_else(|| missing("shN"))?;
         let palette = self.pixels("shN", 0, 0)?;
@@ -195,14 +195,14 @@ impl Sog {
         match self.meta["model"].as_str() {
             Some("antialiased") => marks.antialiased = Some(true),
             Some("2dgs") => marks.set_mode(SplatRenderMode::Flat),
-            // As spark writes.
+            // Written by spark.
             _ if self.meta["antialias"] == true => marks.antialiased = Some(true),
             _ => {}
         }
         marks
     }
 
-    /// Decodes one of an attribute's files, which has at least `count` pixels.
+    /// Decodes one of an attribute's files, which must have at least `count` pixels.
     fn pixels(
         &self,
         attribute: &'static str,
@@ -217,7 +217,7 @@ impl Sog {
         let decoder = WebPDecoder::new(Cursor::new(bytes)).map_err(broken)?;
         let (width, height) = decoder.dimensions();
         let area = (width as usize).saturating_mul(height as usize);
-        // One colour throughout takes hardly any bytes: all files together bound each.
+        // A file of a single colour takes hardly any bytes, so the bound is based on the size of all files together.
         let held: usize = self.files.values().map(Vec::len).sum();
         if area / MOST_EXPANSION > held {
             return Err(picture(format!(
@@ -242,7 +242,7 @@ fn missing(attribute: &str) -> PlyReason {
 
 struct Pixels {
     width: usize,
-    /// Row after row.
+    /// Pixels row by row.
     pixels: Vec<[u8; 4]>,
 }
 
@@ -252,7 +252,7 @@ impl Pixels {
     }
 }
 
-/// Least and most along each axis; a single number holds for all.
+/// Minimum and maximum along each axis; a single number applies to all axes.
 struct Range {
     least: Vec<f64>,
     most: Vec<f64>,
@@ -272,18 +272,18 @@ impl Range {
     }
 
     fn at(&self, axis: usize, share: f64) -> f64 {
-        // An axis that is not there has no width.
+        // A missing axis has zero width.
         let least = self.least.get(axis).copied().unwrap_or_default();
         let most = self.most.get(axis).copied().unwrap_or_default();
         least + (most - least) * share
     }
 }
 
-/// What a byte stands for.
+/// Meaning of a byte.
 enum Levels {
-    /// Version 1.
+    /// Version 1: linear within a range.
     Range(Range),
-    /// Version 2: of each byte.
+    /// Version 2: one value per byte.
     Codebook(Box<[f32; 256]>),
 }
 
@@ -305,8 +305,8 @@ impl Levels {
     }
 }
 
-/// The last byte names the largest of w, x, y, z, which is positive; the others are in order. Other last bytes stand for
-/// no rotation.
+/// The last byte identifies the largest of w, x, y, z, which is positive; the others follow in order. Other values of
+/// the last byte are interpreted as no rotation.
 fn rotation_of([a, b, c, last]: [u8; 4]) -> [f32; 4] {
     let Some(largest) = last.checked_sub(252).map(usize::from) else {
         return [1.0, 0.0, 0.0, 0.0];

@@ -1,8 +1,9 @@
-//! `.splat`: 32 bytes a Gaussian, without a header and without view-dependent colour.
+//! `.splat`: 32 bytes per Gaussian, without a header and without view-dependent colour.
 
 use crate::ply::{Decoded, PlyReason, StoredColors, StoredForm, StoredOpacity, StoredScales};
 
-/// Position and standard deviations as f32, colour and opacity as bytes, the quaternion w, x, y, z as bytes of −1..1.
+/// Bytes per Gaussian: position and standard deviations as f32, colour and opacity as bytes, the quaternion w, x, y, z
+/// as bytes for −1..1.
 const ROW: usize = 32;
 
 pub(super) fn decode(bytes: &[u8]) -> Result<Decoded, PlyReason> {

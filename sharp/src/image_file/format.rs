@@ -1,4 +1,4 @@
-//! Recognises a file's format by its first bytes, and checks that the file is complete.
+//! Detection of a file's format from its first bytes, and checks that the file is complete.
 
 use image::ImageFormat;
 
@@ -7,7 +7,7 @@ use crate::camera::Intrinsics;
 
 const PNG: &[u8] = b"\x89PNG\r\n\x1a\n";
 
-/// The format of a picture that is read.
+/// Format of a picture, if it is supported.
 pub(super) fn of(bytes: &[u8]) -> Result<ImageFormat, ImageFileError> {
     let text = String::from_utf8_lossy(&bytes[..bytes.len().min(32)]).to_ascii_lowercase();
     let text = text.trim_start();
@@ -50,9 +50,9 @@ pub(super) fn of(bytes: &[u8]) -> Result<ImageFormat, ImageFileError> {
     Err(ImageFileError::Format(what))
 }
 
-/// Refuses a file that ends too early, where that shows without decoding it.
+/// Rejects a truncated file, if this can be detected without decoding.
 pub(super) fn check_complete(bytes: &[u8], format: ImageFormat) -> Result<(), ImageFileError> {
-    // RIFF counts what follows its first eight bytes, BMP the whole file (0 in some).
+    // RIFF stores the number of bytes after the first eight, BMP the size of the whole file (0 in some files).
     let promised = |at: usize| {
         let length = bytes.get(at..)?.first_chunk::<4>()?;
         Some(u32::from_le_bytes(*length) as usize)
@@ -66,7 +66,7 @@ pub(super) fn check_complete(bytes: &[u8], format: ImageFormat) -> Result<(), Im
         }
         ImageFormat::WebP => promised(4).map_or(0, |length| length.saturating_add(8)),
         ImageFormat::Bmp => promised(2).unwrap_or(0),
-        // Its strips lie anywhere; the decoder misses those that are not there.
+        // TIFF strips can be anywhere in the file; the decoder detects missing ones.
         _ => 0,
     };
     match needed <= bytes.len() {
@@ -78,14 +78,14 @@ pub(super) fn check_complete(bytes: &[u8], format: ImageFormat) -> Result<(), Im
     }
 }
 
-/// The least share of a byte that a pixel takes in a file, from the start of the file.
+/// Lower bound on the bytes per pixel in a file, from the start of the file.
 fn least_bytes_per_pixel(start: &[u8], format: ImageFormat) -> f64 {
-    /// Deflate expands at most so many times.
+    /// Maximum expansion factor of Deflate.
     const DEFLATE: f64 = 1032.0;
     match format {
-        // One bit a block of 8×8 pixels.
+        // One bit per block of 8×8 pixels.
         ImageFormat::Jpeg => 1.0 / 64.0 / 8.0,
-        // A lossless WebP of one colour has no data.
+        // A lossless WebP of a single colour has no data.
         ImageFormat::WebP => 0.0,
         ImageFormat::Png => png_bits(start) / 8.0 / DEFLATE,
         _ => 1.0 / 8.0 / DEFLATE,
@@ -94,7 +94,7 @@ fn least_bytes_per_pixel(start: &[u8], format: ImageFormat) -> f64 {
 
 /// Bits per pixel of a PNG before compression.
 fn png_bits(start: &[u8]) -> f64 {
-    // After signature, length, name, width and height.
+    // After the signature, chunk length, chunk name, width and height.
     let (Some(depth), Some(kind)) = (start.get(24), start.get(25)) else {
         return 1.0;
     };
@@ -102,13 +102,13 @@ fn png_bits(start: &[u8]) -> f64 {
         2 => 3.0,
         4 => 2.0,
         6 => 4.0,
-        // Gray or an index into a palette.
+        // Grey or palette index.
         _ => 1.0,
     };
     (f64::from(*depth) * channels).max(1.0)
 }
 
-/// Refuses a size that no file of this length can hold. `start` is the file's first bytes.
+/// Rejects a size that no file of this length can contain. `start` is the file's first bytes.
 pub(super) fn check_size(
     (width, height): (u32, u32),
     file_bytes: u64,

@@ -1,19 +1,19 @@
-//! The marker segments of a JPEG stream, walked to see that it ends where it should.
+//! Walks the marker segments of a JPEG stream to check that the stream is complete.
 
 use std::io::{BufRead, Read};
 
 /// Checks that a JPEG stream runs from its start marker to its end marker.
 ///
-/// Only the structure is looked at: segments are skipped by their length (so the end marker of an
-/// embedded thumbnail does not count), entropy-coded data is passed over to the next marker.
+/// Only the structure is checked: segments are skipped by their length (so the end marker of an embedded thumbnail does
+/// not count), and entropy-coded data is skipped up to the next marker.
 ///
 /// # Errors
-/// The reason, when the stream ends early or a segment makes no sense.
+/// The reason, if the stream ends early or a segment is malformed.
 pub(super) fn check_complete(bytes: &[u8]) -> Result<(), String> {
     const TRUNCATED: &str = "the JPEG stream ends before its end marker (truncated?)";
     let mut at = 2;
     loop {
-        // A marker is FF and a code; any number of FF may come before the code.
+        // A marker is FF and a code; the code may be preceded by any number of FF.
         if bytes.get(at).ok_or(TRUNCATED)? != &0xFF {
             return Err(format!("no JPEG marker where one is due, at byte {at}"));
         }
@@ -24,7 +24,7 @@ pub(super) fn check_complete(bytes: &[u8]) -> Result<(), String> {
         at += 1;
         match code {
             0xD9 => return Ok(()),
-            // Without a payload.
+            // Markers without a payload.
             0x01 | 0xD0..=0xD8 => continue,
             _ => {}
         }
@@ -40,10 +40,11 @@ pub(super) fn check_complete(bytes: &[u8]) -> Result<(), String> {
     }
 }
 
-/// The segments before the pixels, all that a header takes; up to where the file ends or makes no sense.
+/// The segments before the pixels, which contain all header information; shorter if the file ends early or is
+/// malformed.
 ///
 /// # Errors
-/// The reader's.
+/// Any error of the reader.
 pub(super) fn head(file: &mut impl BufRead) -> std::io::Result<Vec<u8>> {
     let mut head = Vec::new();
     let take = |file: &mut dyn BufRead, bytes: u64, head: &mut Vec<u8>| {
@@ -52,7 +53,7 @@ pub(super) fn head(file: &mut impl BufRead) -> std::io::Result<Vec<u8>> {
     take(file, 2, &mut head)?;
     while take(file, 4, &mut head)? {
         let [.., 0xFF, code @ 0xC0..=0xFE, l0, l1] = head[..] else {
-            // Filled up with FF, or damaged: the decoder sees to it.
+            // Fill bytes or damage; left to the decoder.
             file.read_to_end(&mut head)?;
             break;
         };
@@ -64,8 +65,8 @@ pub(super) fn head(file: &mut impl BufRead) -> std::io::Result<Vec<u8>> {
     Ok(head)
 }
 
-/// The position of the first marker after entropy-coded data: an FF that is not followed by 00 (a
-/// stuffed byte) or a restart marker.
+/// Position of the first marker after entropy-coded data: an FF that is not followed by 00 (a stuffed byte) or a
+/// restart marker.
 fn end_of_scan(bytes: &[u8], mut at: usize) -> Option<usize> {
     loop {
         at += bytes.get(at..)?.iter().position(|&b| b == 0xFF)?;

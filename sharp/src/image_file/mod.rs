@@ -1,9 +1,9 @@
-//! Decodes every picture that is scored, predicted from or used as a mask: PNG, JPEG, WebP, TIFF and BMP, recognised by
-//! their first bytes, decoded only when complete.
+//! Decoding of every picture that is scored, used as input, or used as a mask: PNG, JPEG, WebP, TIFF and BMP,
+//! recognised by their first bytes and decoded only if complete.
 //!
-//! Decoders of JPEG fill what is missing with grey, and a half grey picture must neither be scored
-//! nor predicted from; so a file's structure is checked before its pixels are decoded. Alpha, orientation
-//! and colour profiles are found ([`Header`], [`Picture`]) and handled by [`PictureRules`]; nothing is dropped unasked.
+//! JPEG decoders fill missing data with grey, and a half-grey picture must neither be scored nor used as input, so a
+//! file's structure is checked before its pixels are decoded. Alpha, orientation and colour profiles are detected
+//! ([`Header`], [`Picture`]) and handled as [`PictureRules`] require; nothing is dropped silently.
 //!
 //! * `format`: recognition, completeness, and limits of size.
 //! * `profile`: colour profiles, converted to sRGB.
@@ -29,13 +29,13 @@ use crate::camera::Intrinsics;
 pub use profile::{MatrixProfile, Profile};
 pub use rules::{AlphaRule, ColorRule, ExrTransfer, OrientationRule, PictureRules, parsed};
 
-/// Why a file was not decoded.
+/// Errors of decoding a picture file.
 #[derive(Debug, thiserror::Error)]
 pub enum ImageFileError {
-    /// Of no format that is read; says what it is instead, where that shows.
+    /// The format is not supported; names the detected format, if known.
     #[error("{0}")]
     Format(&'static str),
-    /// Ends before it should, damaged, or against its format's rules.
+    /// The file is truncated, damaged, or violates its format.
     #[error("{0}")]
     Damaged(String),
     #[error("the picture is {width}x{height}, without a pixel")]
@@ -46,7 +46,7 @@ pub enum ImageFileError {
         height: u32,
         file_bytes: u64,
     },
-    /// More pixels than a camera may have.
+    /// The picture has more pixels than a camera may have.
     #[error(
         "the picture is {width}x{height}, larger than any that is read (at most {} pixels)",
         Intrinsics::MAX_PIXELS
@@ -76,21 +76,21 @@ impl From<std::io::Error> for ImageFileError {
     }
 }
 
-/// Facts from a file's header.
+/// Information from a file's header.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Header {
-    /// What the file is, whatever its name says: `PNG`, `JPEG`, `WebP`, `TIFF`, `BMP`.
+    /// Actual format, regardless of the file's name: `PNG`, `JPEG`, `WebP`, `TIFF`, `BMP`.
     pub format: &'static str,
-    /// Width and height as stored, pixels.
+    /// Width and height in pixels, as stored.
     pub size: (u32, u32),
     pub color: ColorType,
-    /// EXIF orientation, 1 to 8; 1 is upright, also where there is none.
+    /// EXIF orientation, 1 to 8; 1 is upright, and the default if absent.
     pub orientation: u8,
     pub profile: Profile,
 }
 
 impl Header {
-    /// The size once the picture is turned as its EXIF orientation says.
+    /// Size after applying the EXIF orientation.
     pub fn upright_size(&self) -> (u32, u32) {
         match self.orientation {
             5..=8 => (self.size.1, self.size.0),
@@ -104,7 +104,7 @@ impl Header {
 pub enum Alpha {
     None,
     Opaque,
-    /// The share of pixels that are not opaque, percent.
+    /// Percentage of pixels that are not opaque.
     Varying(f64),
 }
 
@@ -115,12 +115,13 @@ pub struct Picture {
     pub image: DynamicImage,
     pub header: Header,
     pub alpha: Alpha,
-    /// Whether it was turned by its EXIF orientation.
+    /// True if the EXIF orientation was applied.
     pub turned: bool,
 }
 
 impl Picture {
-    /// What a reader of scores has to know, a sentence each that names the setting; empty for opaque, upright sRGB.
+    /// Notes for readers of scores, one sentence each that names the setting; empty for an opaque, upright sRGB
+    /// picture.
     pub fn notes(&self, rules: &PictureRules) -> Vec<String> {
         let mut notes = Vec::new();
         let orientation = self.header.orientation;
@@ -157,7 +158,7 @@ impl Picture {
     }
 }
 
-/// Decodes a picture under rules; palettes are expanded, CMYK becomes RGB. `fit` is the size that it should have.
+/// Decodes a picture according to `rules`; palettes are expanded, CMYK becomes RGB. `fit` is the expected size.
 ///
 /// # Errors
 /// [`ImageFileError`].
@@ -210,7 +211,7 @@ pub fn read(
     })
 }
 
-/// Like [`read`], to 8-bit RGB: grey is replicated, 16 bits become 8 by v / 257, rounded.
+/// Like [`read`], but converts to 8-bit RGB: grey is replicated; 16 bits become 8 by v / 257, rounded.
 ///
 /// # Errors
 /// [`ImageFileError`].
@@ -222,7 +223,7 @@ pub fn read_rgb8(
     Ok(read(bytes, rules, fit)?.image.into_rgb8())
 }
 
-/// Checks that a file does not end too early: without decoding it, but for TIFF, whose pixels lie anywhere.
+/// Checks that a file is complete, without decoding it (except TIFF, whose pixels can be anywhere in the file).
 ///
 /// # Errors
 /// [`ImageFileError`].
@@ -237,13 +238,13 @@ pub fn check_complete(bytes: &[u8]) -> Result<(), ImageFileError> {
 /// Reads a file's header without decoding its pixels.
 ///
 /// # Errors
-/// [`ImageFileError`], as far as the header shows.
+/// [`ImageFileError`], as far as the header reveals it.
 pub fn header(mut file: impl BufRead + Seek) -> Result<Header, ImageFileError> {
     dimensions(&mut file)?;
     file.rewind()?;
     let start = start_of(&mut file)?;
     match format::of(&start)? {
-        // Its decoder takes the whole file to itself.
+        // The JPEG decoder takes ownership of the whole file.
         format @ ImageFormat::Jpeg => {
             Ok(open(Cursor::new(jpeg_markers::head(&mut file)?), format)?.1)
         }
@@ -251,10 +252,10 @@ pub fn header(mut file: impl BufRead + Seek) -> Result<Header, ImageFileError> {
     }
 }
 
-/// Width and height as stored, from a file's header, which is all that is read of it.
+/// Width and height as stored; reads only the file's header.
 ///
 /// # Errors
-/// [`ImageFileError`], as far as the header shows.
+/// [`ImageFileError`], as far as the header reveals it.
 pub fn dimensions(mut file: impl BufRead + Seek) -> Result<(u32, u32), ImageFileError> {
     let file_bytes = file.seek(std::io::SeekFrom::End(0))?;
     file.rewind()?;
@@ -287,13 +288,13 @@ fn open<'a>(
         _ => BTreeMap::new(),
     };
     let mut reader = ImageReader::with_format(file, format);
-    // The size was checked against the file's, which is tighter than any fixed limit.
+    // The size was checked against the file's length, which is a tighter limit than any fixed one.
     reader.no_limits();
     let mut decoder = reader.into_decoder()?;
     let icc = decoder.icc_profile().ok().flatten();
     let exif = decoder.exif_metadata().ok().flatten();
     let exif = exif.and_then(|bytes| exif::Reader::new().read_raw(bytes).ok());
-    // Of Adobe's colours, as cameras mark them where no profile is embedded.
+    // The EXIF mark of Adobe RGB, which cameras set if no profile is embedded.
     let is_adobe_rgb = exif
         .as_ref()
         .and_then(|exif| exif.get_field(Tag::InteroperabilityIndex, In::PRIMARY))
@@ -355,7 +356,7 @@ fn without_alpha(image: DynamicImage) -> DynamicImage {
     }
 }
 
-/// Over black (0) or white (1), in encoded values, rounded to the picture's own levels.
+/// Composites over black (0) or white (1) in encoded values, rounded to the picture's own levels.
 fn composited(image: DynamicImage, background: f64) -> DynamicImage {
     let level = |color: f64, alpha: f64, highest: f64| {
         let alpha = alpha / highest;

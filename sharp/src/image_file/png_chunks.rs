@@ -1,15 +1,14 @@
-//! The chunks of a PNG file, walked to see that it is whole before anything is decoded.
+//! Walks the chunks of a PNG file to check that it is complete before anything is decoded.
 
 use std::collections::BTreeMap;
 use std::io::{BufRead, ErrorKind, Read, Seek, SeekFrom};
 
 use flate2::Crc;
 
-/// Checks every checksum up to the end chunk, and the length of the palette. Bytes after the end
-/// chunk are ignored.
+/// Checks every checksum up to the end chunk, and the length of the palette. Bytes after the end chunk are ignored.
 ///
 /// # Errors
-/// The reason, when the file ends early, a checksum is wrong, or the palette is not a list of colours.
+/// The reason, if the file ends early, a checksum is wrong, or the palette is not a list of colours.
 pub(super) fn check_complete(bytes: &[u8]) -> Result<(), String> {
     const SIGNATURE_LENGTH: usize = 8;
     let mut rest = bytes.get(SIGNATURE_LENGTH..).unwrap_or_default();
@@ -27,7 +26,7 @@ pub(super) fn check_complete(bytes: &[u8]) -> Result<(), String> {
                 "the checksum (CRC) of its {name} chunk is wrong: the file is damaged"
             ));
         }
-        // A palette is triples; the decoder takes that for granted.
+        // A palette consists of RGB triples; the decoder relies on it.
         if name == "PLTE" && (!length.is_multiple_of(3) || !(3..=768).contains(&length)) {
             return Err(format!(
                 "its palette has {length} bytes, which is not a list of colours"
@@ -40,7 +39,7 @@ pub(super) fn check_complete(bytes: &[u8]) -> Result<(), String> {
     }
 }
 
-/// The gAMA and cHRM chunks, where they alone speak of colours and say that these are not sRGB.
+/// The gAMA and cHRM chunks, if they contradict sRGB and no other chunk describes colours.
 pub(super) fn against_srgb(chunks: &BTreeMap<[u8; 4], Vec<u8>>) -> Option<String> {
     const SRGB: [u32; 8] = [
         31_270, 32_900, 64_000, 33_000, 30_000, 60_000, 15_000, 6_000,
@@ -55,7 +54,7 @@ pub(super) fn against_srgb(chunks: &BTreeMap<[u8; 4], Vec<u8>>) -> Option<String
         let (words, _) = chunks.get(name).map_or(&[][..], Vec::as_slice).as_chunks();
         words.iter().map(|word| u32::from_be_bytes(*word)).collect()
     };
-    // Within 5 %, as libpng has it; 0 is no gamma.
+    // Within 5 %, as in libpng; a gamma of 0 is ignored.
     let gamma = values(b"gAMA").first().copied();
     let gamma = gamma.filter(|gamma| !matches!(gamma, 0 | 43_182..=47_728));
     let gamma = gamma.map(|gamma| format!("gAMA {}", f64::from(gamma) / 1e5));
@@ -66,10 +65,10 @@ pub(super) fn against_srgb(chunks: &BTreeMap<[u8; 4], Vec<u8>>) -> Option<String
     (!both.is_empty()).then(|| both.join(" and "))
 }
 
-/// The chunks before the pixels by name, of each at most 32 bytes; the file is left at its start.
+/// The chunks before the pixels by name, at most 32 bytes of each. The file is rewound to its start.
 ///
 /// # Errors
-/// The reader's; of a file that ends early those before.
+/// Any error of the reader. If the file ends early, the chunks before the end are returned.
 pub(super) fn before_pixels(
     file: &mut (impl BufRead + Seek),
 ) -> std::io::Result<BTreeMap<[u8; 4], Vec<u8>>> {

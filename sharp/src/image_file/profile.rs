@@ -1,7 +1,7 @@
-//! Colour profiles: which one a picture has, and its colours in sRGB.
+//! Colour profiles: detection, and conversion of colours to sRGB.
 //!
-//! Profiles are parsed by `moxcms`. The conversion is our own, so that it gives the same bytes on every processor:
-//! curves and matrix in f64, colorimetric, clipped to sRGB.
+//! Profiles are parsed by `moxcms`. The conversion is implemented here, so that it gives the same bytes on every
+//! processor: curves and matrix in f64, colorimetric, clipped to sRGB.
 
 use std::sync::LazyLock;
 
@@ -12,16 +12,16 @@ use moxcms::{ColorProfile, DataColorSpace, ProfileText, ToneReprCurve};
 /// Colour information of a file.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Profile {
-    /// sRGB, or nothing is said.
+    /// sRGB, or no colour information.
     Srgb,
-    /// Others, by primaries and curves.
+    /// A profile defined by primaries and curves.
     Matrix {
         name: String,
         to_srgb: MatrixProfile,
     },
-    /// PNG chunks that contradict sRGB, but which programs ignore.
+    /// PNG chunks that contradict sRGB but are ignored by most programs.
     Ignored { chunks: String },
-    /// A profile that cannot be converted here, with the reason.
+    /// A profile that cannot be converted, with the reason.
     Other { name: String, reason: &'static str },
 }
 
@@ -34,11 +34,11 @@ pub struct MatrixProfile {
 
 /// Samples of a curve: exact for 8 bit, interpolated for 16.
 const SAMPLES: usize = 255 * 16 + 1;
-/// Levels of 255 by which a profile may differ from sRGB and still count as sRGB: files round its curves and primaries.
+/// Tolerance, in levels of 255, within which a profile counts as sRGB: files round its curves and primaries.
 const SRGB_LEVELS: f64 = 2.0;
 
 impl Profile {
-    /// The name of a profile that is not sRGB.
+    /// Name of a profile other than sRGB.
     pub fn name(&self) -> Option<&str> {
         match self {
             Self::Srgb | Self::Ignored { .. } => None,
@@ -46,7 +46,7 @@ impl Profile {
         }
     }
 
-    /// What says that the colours are not sRGB and is ignored; goes on after "it has".
+    /// Description of ignored information that contradicts sRGB; continues a sentence after "it has".
     pub fn ignored(&self) -> Option<String> {
         match self {
             Self::Ignored { chunks } => Some(format!(
@@ -57,7 +57,7 @@ impl Profile {
         }
     }
 
-    /// An embedded ICC profile.
+    /// Parses an embedded ICC profile.
     pub(super) fn of_icc(bytes: &[u8]) -> Self {
         let other = |name: &str, reason| Self::Other {
             name: name.to_owned(),
@@ -86,9 +86,9 @@ impl Profile {
         Self::of_parts(name, [r, g, b], matrix)
     }
 
-    /// The four bytes of a PNG's cICP chunk: primaries, transfer, matrix, range.
+    /// Parses the four bytes of a PNG's cICP chunk: primaries, transfer, matrix, range.
     pub(super) fn of_cicp([primaries, transfer, _, full_range]: [u8; 4]) -> Self {
-        // The curves of sRGB.
+        // Code of the sRGB transfer curve.
         const SRGB: u8 = 13;
         let (name, profile) = match (primaries, transfer, full_range) {
             (1, SRGB, 1) => return Self::Srgb,
@@ -157,7 +157,7 @@ fn srgb_from(profile: &ColorProfile) -> DMat3 {
     xyz_from_rgb(&ColorProfile::new_srgb()).inverse() * xyz_from_rgb(profile)
 }
 
-/// Linear light of an encoded value in 0..1; `None` for a curve of unknown form.
+/// Linear light of an encoded value in 0..1; `None` if the form of the curve is unknown.
 fn value(curve: &ToneReprCurve, x: f64) -> Option<f64> {
     let linear = match curve {
         ToneReprCurve::Lut(table) => match table.as_slice() {
@@ -172,7 +172,7 @@ fn value(curve: &ToneReprCurve, x: f64) -> Option<f64> {
         },
         ToneReprCurve::Parametric(p) => {
             let p: Vec<f64> = p.iter().map(|p| f64::from(*p)).collect();
-            // The full form: (a x + b)^g + e, and c x + f below d.
+            // General form: (a x + b)^g + e, and c x + f below d.
             let [g, a, b, c, d, e, f] = match *p.as_slice() {
                 [g] => [g, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0],
                 [g, a, b] => [g, a, b, 0.0, -b / a, 0.0, 0.0],
@@ -203,7 +203,7 @@ fn description(profile: &ColorProfile) -> Option<String> {
     (!text.trim().is_empty()).then(|| text.trim().to_owned())
 }
 
-/// Encoded sRGB of linear light, clipped to 0..1.
+/// sRGB encoding of linear light, clipped to 0..1.
 fn encoded(linear: f64) -> f64 {
     let linear = linear.clamp(0.0, 1.0);
     match linear <= 0.003_130_8 {
@@ -224,7 +224,7 @@ impl MatrixProfile {
         (self.matrix * DVec3::from_array(linear)).to_array()
     }
 
-    /// The largest change of a channel over a lattice of colours, levels of 255.
+    /// Maximum change of a channel over a lattice of colours, in levels of 255.
     fn difference(&self) -> f64 {
         const SIDE: u32 = 9;
         let lattice = (0..SIDE.pow(3)).map(|i| [i / SIDE / SIDE, i / SIDE % SIDE, i % SIDE]);
@@ -236,7 +236,7 @@ impl MatrixProfile {
         changes.fold(0.0, f64::max)
     }
 
-    /// Colours in sRGB; alpha and bit depth stay, grey becomes RGB.
+    /// Converts colours to sRGB; alpha and bit depth are preserved, grey becomes RGB.
     pub(super) fn convert(&self, image: DynamicImage) -> DynamicImage {
         let is_deep = image.color().bytes_per_pixel() / image.color().channel_count() > 1;
         let deep = |linear: f64| (encoded(linear) * 65535.0).round() as u16;
@@ -267,9 +267,9 @@ impl MatrixProfile {
     }
 }
 
-/// The 8-bit level nearest to linear light once encoded: equals `encoded` and rounding, without a power per pixel.
+/// Nearest 8-bit level of linear light once encoded: the same as rounding `encoded`, without a power per pixel.
 fn level_of(linear: f64) -> u8 {
-    /// Where each level ends.
+    /// Upper bound of each level.
     static ENDS: LazyLock<[f64; 255]> = LazyLock::new(|| {
         std::array::from_fn(|level| match (level as f64 + 0.5) / 255.0 {
             edge if edge <= 0.040_45 => edge / 12.92,

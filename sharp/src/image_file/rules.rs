@@ -3,7 +3,7 @@
 use std::fmt;
 use std::str::FromStr;
 
-/// An enum of named values with `FromStr` and `Display`.
+/// Defines an enum of named values with `FromStr` and `Display`.
 macro_rules! choices {
     ($(#[$doc:meta])* $name:ident { $($(#[$value_doc:meta])* $value:ident = $text:literal,)+ }) => {
         $(#[$doc])*
@@ -40,38 +40,38 @@ macro_rules! choices {
 
 choices! {
     #[derive(Default)]
-    /// What becomes of alpha. A picture that is opaque everywhere is read under each of them.
+    /// Treatment of alpha. Has no effect on pictures that are opaque everywhere.
     AlphaRule {
-        /// A picture that is not opaque is an error.
+        /// A picture that is not fully opaque is an error.
         #[default]
         Refuse = "refuse",
         /// Composited over black, in encoded values: `round(colour · alpha)`.
         Black = "black",
         /// Composited over white, in encoded values: `round(colour · alpha + 255 · (1 − alpha))`.
         White = "white",
-        /// Colours are taken as they are stored.
+        /// Alpha is ignored; colours are used as stored.
         Drop = "drop",
     }
 }
 
 choices! {
     #[derive(Default)]
-    /// What becomes of colours that a profile (ICC, cICP or the EXIF mark of Adobe RGB) says are not sRGB.
+    /// Treatment of colours that a profile (ICC, cICP or the EXIF mark of Adobe RGB) declares not to be sRGB.
     ColorRule {
-        /// Converted to sRGB by the profile's primaries and curves; colours outside sRGB are clipped. A profile of
-        /// another kind is an error.
+        /// Converted to sRGB using the profile's primaries and curves; colours outside sRGB are clipped. Other kinds of
+        /// profiles are an error.
         #[default]
         Convert = "convert",
-        /// Taken for sRGB.
+        /// Interpreted as sRGB.
         AsStored = "as-stored",
     }
 }
 
 choices! {
     #[derive(Default)]
-    /// Whether a picture is turned as its EXIF orientation says.
+    /// Treatment of the EXIF orientation.
     OrientationRule {
-        /// As stored if that fits the camera; upright if only upright fits, or if there is no camera.
+        /// As stored if that matches the camera's size; upright if only that matches, or if there is no camera.
         #[default]
         Auto = "auto",
         Stored = "stored",
@@ -80,9 +80,9 @@ choices! {
 }
 
 choices! {
-    /// What the values of an EXR are that does not say it.
+    /// Interpretation of EXR values if the file does not state it.
     ExrTransfer {
-        /// Light: clamped to 0..1 and encoded. What most programs write.
+        /// Linear light: clamped to 0..1 and encoded. Written by most programs.
         Linear = "linear",
         /// sRGB-encoded.
         Srgb = "srgb",
@@ -98,14 +98,14 @@ pub struct PictureRules {
 }
 
 impl PictureRules {
-    /// For what is no photograph, as depth maps and masks: the levels as stored.
+    /// For data that is not a photograph, such as depth maps and masks: levels as stored.
     pub const AS_STORED: Self = Self {
         alpha: AlphaRule::Drop,
         color: ColorRule::AsStored,
         orientation: OrientationRule::Stored,
     };
 
-    /// Reads `alpha`, `color` and `orientation` where they are given; errors are the bare reason.
+    /// Reads `alpha`, `color` and `orientation` where given. Errors contain the reason only.
     pub fn parse<'a>(option: impl Fn(&str) -> Option<&'a str>) -> Result<Self, String> {
         Ok(Self {
             alpha: parsed("alpha", &option)?.unwrap_or_default(),
@@ -114,7 +114,7 @@ impl PictureRules {
         })
     }
 
-    /// The rules that are not the default, by the keys of [`Self::parse`].
+    /// Rules that differ from the default, by the keys of [`Self::parse`].
     pub fn given(&self) -> impl Iterator<Item = (&'static str, &'static str)> + use<> {
         let named = |rules: &Self| {
             [
@@ -129,7 +129,7 @@ impl PictureRules {
             .filter(move |rule| !asked.contains(rule))
     }
 
-    /// Whether a picture of a stored size is turned, where a camera of the size `fit` is to have it.
+    /// True if a picture is to be turned by its EXIF orientation; `fit` is the size of its camera, if known.
     pub fn turns(&self, header: &super::Header, fit: Option<(u32, u32)>) -> bool {
         let upright = header.orientation != 1;
         match (self.orientation, fit) {
@@ -142,10 +142,10 @@ impl PictureRules {
     }
 }
 
-/// An option's value; the error is the bare reason.
+/// Parses an option's value.
 ///
 /// # Errors
-/// Names the option.
+/// The reason, which names the option.
 pub fn parsed<'a, T: FromStr<Err: fmt::Display>>(
     key: &str,
     option: impl Fn(&str) -> Option<&'a str>,

@@ -1,31 +1,29 @@
-//! The derivative of normalisation, pooling and feature input with respect to metric depth.
+//! Derivative of normalisation, pooling and feature input with respect to metric depth.
 
 use super::{
     Grid, InitializerError, MAX_NORMALIZED_DEPTH, NormalizedDepth, check_length, is_valid,
 };
 use crate::render::narrow;
 
-/// Gradient of a loss with respect to what of [`BaseGaussians`](super::BaseGaussians) depends on depth.
+/// Gradient of a loss with respect to the depth-dependent parts of [`BaseGaussians`](super::BaseGaussians).
 #[derive(Debug, Clone, PartialEq)]
 pub struct BaseGradient {
-    /// Of the pooled inverse depth as such, `[layers, rows, columns]`.
+    /// With respect to the pooled inverse depth, `[layers, rows, columns]`, not counting its effect on the scales.
     pub inverse_depth: Vec<f32>,
-    /// Of the base scales, `[layers, rows, columns]`.
+    /// With respect to the base scales, `[layers, rows, columns]`.
     pub scales: Vec<f32>,
-    /// Of the metres per normalised unit.
+    /// With respect to the metres per normalised unit.
     pub global_scale: f64,
 }
 
-/// Gradient with respect to metric depth `[layers, height, width]`, per metre, from that of the base
-/// Gaussians and of the inverse-depth planes of
-/// [`NormalizedDepth::feature_input`] (`features`, `[layers, height, width]`); `normalized` is what
-/// was made of `depth`.
+/// Gradient with respect to metric depth, `[layers, height, width]`, in 1/m. It is computed from the gradient of the
+/// base Gaussians and that of the inverse-depth planes of [`NormalizedDepth::feature_input`] (`features`, `[layers,
+/// height, width]`); `normalized` is the result of normalising `depth`.
 ///
-/// Subgradients are torch's: a block's value belongs to the first of its nearest pixels, row by
-/// row; a pixel beyond [`MAX_NORMALIZED_DEPTH`] gets nothing, one on it
-/// does. The factor's share is divided evenly among all nearest pixels, as by torch's `amin`; the
-/// release's `min` gives it to one of them, and its two layers begin as copies of each other. Zero
-/// for invalid depth.
+/// Subgradients match torch's: a block's value belongs to the first of its nearest pixels, row by row. Pixels beyond
+/// [`MAX_NORMALIZED_DEPTH`] get no gradient, but those exactly on it do. The gradient of the factor is divided evenly
+/// among all nearest pixels, as in torch's `amin`; the release's `min` assigns it to one of them, and its two layers
+/// start as copies of each other. The gradient is zero for invalid depth.
 ///
 /// # Errors
 /// [`InitializerError::Grid`], [`InitializerError::Length`].
@@ -53,7 +51,7 @@ pub fn backward(
     ))
 }
 
-/// Adds to the gradient of inverse normalised depth what the pooled values pass to their pixels.
+/// Adds the gradient of the pooled values to that of the inverse normalised depth.
 fn through_pooling(
     inverse: &mut [f64],
     normalized: &NormalizedDepth,
@@ -68,7 +66,7 @@ fn through_pooling(
         let mut nearest: Option<(usize, f32)> = None;
         for pixel in (0..stride).flat_map(|dy| corner + dy * width..corner + dy * width + stride) {
             let depth = normalized.depth[pixel];
-            // Compared as the forward pass does: two depths may have one inverse.
+            // Uses the same comparison as the forward pass, because different depths may have the same inverse.
             if depth > 0.0 && nearest.is_none_or(|(_, largest)| 1.0 / depth > largest) {
                 nearest = Some((pixel, 1.0 / depth));
             }
@@ -91,7 +89,7 @@ fn through_normalization(
     let nearest = valid().fold(f32::INFINITY, f32::min);
     let ties = valid().filter(|&d| d == nearest).count() as f64;
     let factor = 1.0 / (f64::from(nearest) + 1e-6);
-    // Of depth times factor, nothing beyond the clamp.
+    // Gradient of depth times factor; zero beyond the clamp.
     let scaled = |pixel: usize| {
         let inside =
             is_valid(depth[pixel]) && depth[pixel] * normalized.factor <= MAX_NORMALIZED_DEPTH;

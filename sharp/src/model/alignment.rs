@@ -1,5 +1,5 @@
-//! A map of factors that brings predicted depth to known depth: a small U-Net. It was trained
-//! along with the network; a prediction does not need it.
+//! A small U-Net that predicts a map of factors from predicted to known depth. It was trained along with the network;
+//! prediction does not need it.
 
 use candle_core::{Result, Tensor};
 use candle_nn::Module;
@@ -9,13 +9,13 @@ use super::layers::{Conv, GroupNorm};
 use super::ops::{avg_pool, double_nearest};
 use super::params::Params;
 
-/// Groups of every normalisation here.
+/// Groups of every normalisation in this network.
 const GROUPS: usize = 4;
 
-/// Nearest depth that the network sees, metres.
+/// Minimum depth passed to the network, in metres.
 const MIN_DEPTH: f32 = 1e-4;
 
-/// `relu(norm(x))`, then a convolution, twice, beside a shortcut.
+/// `relu(norm(x))` followed by a convolution, twice, plus a shortcut.
 pub(super) struct NormResidualBlock {
     norm0: GroupNorm,
     conv2: Conv,
@@ -38,12 +38,12 @@ impl NormResidualBlock {
         }
     }
 
-    /// The first normalisation of `x`.
+    /// First normalisation of `x`.
     pub(super) fn normalized(&self, x: &Tensor) -> Result<Tensor> {
         self.norm0.forward(x)
     }
 
-    /// What the block makes of `x` and its [`normalized`](Self::normalized) form.
+    /// Output of the block for `x` and its [`normalized`](Self::normalized) form.
     pub(super) fn refined(&self, x: &Tensor, normal: Tensor) -> Result<Tensor> {
         let inner = self.conv2.forward(&normal)?;
         drop(normal);
@@ -88,7 +88,7 @@ impl DepthAlignment {
             pair(p, width(k), width(k + 1))
         };
         let up = |k: usize| {
-            // All but the first step see their predecessor beside the encoder's map.
+            // Every step but the first also receives its predecessor's output, concatenated to the encoder's map.
             let input = width(steps - k) * if k == 0 { 1 } else { 2 };
             let p = decoder.pp("convs_up").pp(k);
             pair(p, input, width(steps - k - 1))
@@ -107,8 +107,8 @@ impl DepthAlignment {
     }
 }
 
-/// The logarithm `[1, R, R, 1]` of the factors, from depth `[1, R, R, 2]`, metres: that of the first
-/// predicted layer and the known one.
+/// Computes the logarithm of the factors, `[1, R, R, 1]`, from depth `[1, R, R, 2]` in metres: the first predicted
+/// layer and the known depth.
 impl Module for DepthAlignment {
     fn forward(&self, depths: &Tensor) -> Result<Tensor> {
         let inverse = depths.maximum(MIN_DEPTH)?.recip()?;

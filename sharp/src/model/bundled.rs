@@ -1,5 +1,5 @@
-//! The small network that comes with these sources: its sizes are compiled in, its weights are the file
-//! `sharp/mini/mini.safetensors`, which travels beside programs.
+//! The small network bundled with the source code: its configuration is compiled in; its weights are in the file
+//! `sharp/mini/mini.safetensors`, which is distributed with the programs.
 
 use std::path::Path;
 
@@ -7,16 +7,16 @@ use super::inventory::inventory;
 use super::params::Parameter;
 use super::{ModelConfig, ModelError};
 
-/// Its name in place of a checkpoint's path.
+/// Name used in place of a checkpoint's path.
 pub const NAME: &str = "mini";
 
-/// Name of the file of its weights.
+/// File name of its weights.
 pub const FILE: &str = "mini.safetensors";
 
-/// Its sizes.
+/// Its configuration.
 ///
 /// # Errors
-/// When they are damaged.
+/// If the compiled-in configuration is invalid.
 pub fn config() -> Result<ModelConfig, ModelError> {
     let text = include_str!("../../mini/mini.json");
     let config: ModelConfig = serde_json::from_str(text)
@@ -25,21 +25,21 @@ pub fn config() -> Result<ModelConfig, ModelError> {
     Ok(config)
 }
 
-/// sha256 of the file of its weights, 64 lower-case hexadecimal digits.
+/// SHA-256 of the weights file, 64 lower-case hexadecimal digits.
 pub fn weights_sha256() -> &'static str {
     let line = include_str!("../../mini/mini.sha256");
     line.split(' ').next().unwrap_or_default()
 }
 
-/// The folder of its weights in this repository.
+/// Folder of the weights file in this repository.
 pub fn source_folder() -> &'static Path {
     Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/mini"))
 }
 
-/// A short description.
+/// A one-line description.
 ///
 /// # Errors
-/// As [`config`].
+/// As for [`config`].
 pub fn description() -> Result<String, ModelError> {
     let count: usize = inventory(&config()?)?.iter().map(Parameter::len).sum();
     let millions = count as f64 / 1e6;

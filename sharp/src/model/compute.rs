@@ -1,4 +1,4 @@
-//! Devices that run the network, and the operations that it runs by.
+//! Devices on which the network runs, and the implementations of its operations.
 
 use candle_core::Device;
 use sharp_kernels::{Algorithm, Conv2d, ConvSpec, Simd};
@@ -7,12 +7,12 @@ use super::ModelError;
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum DeviceChoice {
-    /// The first GPU that this build supports and that answers, else the CPU.
+    /// The first available GPU that this build supports, else the CPU.
     #[default]
     Auto,
-    /// Our kernels.
+    /// This project's CPU kernels.
     Cpu,
-    /// Candle's own operations on the CPU: a reference for the kernels, slower and larger.
+    /// Candle's own operations on the CPU: a reference for the kernels; slower, and needs more memory.
     CandleCpu,
     /// The first CUDA device; needs a build with feature `cuda`.
     Cuda,
@@ -29,10 +29,10 @@ impl DeviceChoice {
         ("metal", Self::Metal),
     ];
 
-    /// Opens the device; `convolution` matters for our kernels.
+    /// Opens the device; `convolution` only affects this project's kernels.
     ///
     /// # Errors
-    /// [`ModelError::Device`] when a GPU was asked for by name and is not there.
+    /// [`ModelError::Device`] if an explicitly requested GPU is not available.
     pub fn open(self, convolution: Algorithm) -> Result<Compute, ModelError> {
         let cuda = || Device::new_cuda(0);
         let metal = || Device::new_metal(0);
@@ -70,20 +70,20 @@ impl std::str::FromStr for DeviceChoice {
     }
 }
 
-/// A device with the operations that run on it.
+/// A device and the implementation of operations on it.
 #[derive(Debug, Clone)]
 pub struct Compute {
     pub(super) device: Device,
-    /// Our kernels in place of candle's operations, on the CPU.
+    /// Kernels that replace candle's operations; CPU only.
     pub(super) kernels: Option<Kernels>,
 }
 
-/// Our kernels and how they compute.
+/// This project's kernels and their settings.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Kernels {
     pub(super) simd: Simd,
     pub(super) convolution: Algorithm,
-    /// Gradients are wanted: nothing is computed in the memory of its inputs.
+    /// True if gradients are needed, so that operations must not overwrite their inputs.
     pub(super) learning: bool,
 }
 
@@ -94,7 +94,7 @@ impl Kernels {
 }
 
 impl Compute {
-    /// Our kernels for this CPU; `convolution` is for 3×3 kernels.
+    /// Kernels for this CPU; `convolution` applies to 3×3 convolutions.
     pub fn cpu(convolution: Algorithm) -> Self {
         Self {
             device: Device::Cpu,
@@ -106,7 +106,7 @@ impl Compute {
         }
     }
 
-    /// The same for training.
+    /// Configures the device for training.
     pub(super) fn learning(mut self) -> Self {
         if let Some(kernels) = &mut self.kernels {
             kernels.learning = true;
@@ -126,7 +126,7 @@ impl Compute {
         &self.device
     }
 
-    /// For records: `cpu-avx2`, `cpu-avx2-exact` ([`Algorithm::Direct`]), `candle-cpu`, `candle-cuda…`.
+    /// Name for records: `cpu-avx2`, `cpu-avx2-exact` ([`Algorithm::Direct`]), `candle-cpu`, `candle-cuda…`.
     pub fn name(&self) -> String {
         match &self.kernels {
             Some(kernels) => {

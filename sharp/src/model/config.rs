@@ -1,4 +1,4 @@
-//! Sizes of a network as data: the release is one preset, files describe others.
+//! Sizes of a network as data: the release is a preset; other networks are described in files.
 
 use std::path::Path;
 
@@ -7,15 +7,15 @@ use serde::{Deserialize, Serialize};
 use super::ModelError;
 use crate::initializer::Grid;
 
-/// Depth layers and layers of Gaussians.
+/// Number of depth layers, and of layers of Gaussians.
 pub const LAYERS: usize = 2;
 
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct VitConfig {
-    /// Channels of its input, 3.
+    /// Channels of the input, 3.
     pub in_chans: usize,
-    /// Width of a token.
+    /// Channels of a token.
     pub embed_dim: usize,
     pub depth: usize,
     /// Attention heads, each `embed_dim / num_heads` wide.
@@ -23,17 +23,16 @@ pub struct VitConfig {
     /// Initial LayerScale in training; unused at inference.
     #[serde(default)]
     pub init_values: f64,
-    /// Side of the square input, pixels.
+    /// Side of the square input in pixels.
     pub img_size: usize,
-    /// Side of a token's square, pixels.
+    /// Side of a token's patch in pixels.
     pub patch_size: usize,
-    /// Added to the variance of every normalisation of tokens. The release's is 1e-6, not the 1e-5 of most
-    /// transformers.
+    /// Added to the variance in every layer normalisation. The release uses 1e-6, not the 1e-5 of most transformers.
     #[serde(default = "release_norm_eps")]
     pub norm_eps: f32,
-    /// Outputs of the classification head, which is never used.
+    /// Outputs of the unused classification head.
     pub num_classes: usize,
-    /// Pooling of the classification head, which is never used.
+    /// Pooling of the unused classification head.
     #[serde(default)]
     pub global_pool: String,
 }
@@ -49,31 +48,30 @@ impl VitConfig {
 #[serde(deny_unknown_fields)]
 pub struct ModelConfig {
     pub preset: String,
-    /// Both transformers: one sees patches, one the whole image.
+    /// Configuration of both transformers: one processes patches, the other the whole image.
     pub vit: VitConfig,
-    /// Patch encoder blocks whose output is tapped (0-based); only the first two are used.
+    /// Patch encoder blocks (0-based) whose output is tapped; only the first two are used.
     pub hook_ids: [usize; 4],
-    /// Channels of the projected maps, finest first; the first serves both tapped maps.
+    /// Channels of the projected maps, finest first; the first applies to both tapped maps.
     pub encoder_dims: [usize; 4],
-    /// Overlapping patches (5×5 + 3×3 + 1) or not (4×4 + 2×2 + 1).
+    /// True for overlapping patches (5×5 + 3×3 + 1), false for disjoint ones (4×4 + 2×2 + 1).
     pub use_patch_overlap: bool,
     /// Channels of the depth decoder, level by level.
     pub monodepth_dims_decoder: [usize; 5],
     /// Channels of the Gaussian decoder, level by level.
     pub gaussian_dims_decoder: [usize; 5],
-    /// Channels that the texture and geometry heads put out.
+    /// Output channels of the texture and geometry heads.
     pub gaussian_dim_out: usize,
-    /// Groups of the heads' normalisation.
+    /// Groups of the heads' normalisations.
     pub gaussian_norm_num_groups: usize,
     /// Channels of the alignment network's finest level.
     pub alignment_base_width: usize,
-    /// Levels below it.
+    /// Number of levels below it.
     pub alignment_steps: usize,
-    /// Side that every image is resized to, four times the transformers' input.
+    /// Side to which every image is resized, four times the transformers' input.
     pub internal_resolution: usize,
-    /// Pixels along a Gaussian's block: 2 yields the paper's 2×768² Gaussians, 4 its 2×384², 8 its
-    /// 2×192². The skip convolution's kernel has this size, so weights of another stride are
-    /// refused.
+    /// Side in pixels of the block that one Gaussian covers: 2 gives the paper's 2×768² Gaussians, 4 its 2×384², 8 its
+    /// 2×192². The skip convolution's kernel has this size, so weights trained with another stride are refused.
     #[serde(default = "release_stride")]
     pub gaussian_stride: usize,
 }
@@ -123,12 +121,12 @@ impl ModelConfig {
         }
     }
 
-    /// Reads `FILE` or `FILE#NAME`: a JSON object with the fields of this type, or an object of
-    /// such objects of which `NAME` picks one (it may be left out where there is only one).
+    /// Reads `FILE` or `FILE#NAME`: a JSON object with the fields of this type, or an object of named configurations
+    /// from which `NAME` selects one (optional if there is only one).
     ///
     /// # Errors
-    /// [`ModelError::File`] when the file cannot be read or holds no such configuration,
-    /// [`ModelError::Config`] when it describes an impossible network.
+    /// [`ModelError::File`] if the file cannot be read or does not contain that configuration, [`ModelError::Config`]
+    /// if it describes an impossible network.
     pub fn load(file_and_name: &str) -> Result<Self, ModelError> {
         let (file, name) = match file_and_name.rsplit_once('#') {
             Some((file, name)) => (file, Some(name)),
@@ -141,8 +139,8 @@ impl ModelConfig {
         Ok(config)
     }
 
-    /// All configurations of a file that [`Self::load`] could read, by name (empty if there is one without); none of any
-    /// other file.
+    /// All configurations in a file that [`Self::load`] accepts, with their names (empty for an unnamed one). Returns
+    /// an empty list for any other file.
     pub fn all_of(path: &Path) -> Vec<(String, Self)> {
         let Ok(text) = crate::files::read_text(path) else {
             return Vec::new();
@@ -184,10 +182,10 @@ impl ModelConfig {
         serde_json::from_value(chosen.clone()).map_err(|e| e.to_string())
     }
 
-    /// Checks that the sizes fit together.
+    /// Checks that the sizes are consistent.
     ///
     /// # Errors
-    /// [`ModelError::Config`] with the first contradiction.
+    /// [`ModelError::Config`] with the first inconsistency.
     pub fn validate(&self) -> Result<(), ModelError> {
         let vit = &self.vit;
         let sizes = [
@@ -280,7 +278,7 @@ impl ModelConfig {
         }
     }
 
-    /// Shape of image, depth and Gaussians.
+    /// Dimensions of the grids of image, depth and Gaussians.
     pub fn grid(&self) -> Grid {
         Grid {
             layers: LAYERS,

@@ -23,7 +23,7 @@ impl ResidualBlock {
         }
     }
 
-    /// Declares the parameters of a block that is in the checkpoint but never runs.
+    /// Declares the parameters of a block that is in the checkpoint but never used.
     fn unused(p: &Params<'_>, dim: usize) {
         for conv in [1, 3] {
             let conv = p.pp("residual").pp(conv);
@@ -39,7 +39,7 @@ impl Module for ResidualBlock {
     }
 }
 
-/// Adds a map to the coarser one's result, refines, doubles the resolution.
+/// Adds a map to the output of the next coarser level, refines it, and doubles the resolution.
 pub(super) struct FusionBlock {
     resnet1: Option<ResidualBlock>,
     resnet2: ResidualBlock,
@@ -48,7 +48,7 @@ pub(super) struct FusionBlock {
 }
 
 impl FusionBlock {
-    /// `skip`: whether a finer map is added; `upsample`: whether the resolution doubles.
+    /// `skip`: true if a finer map is added; `upsample`: true if the resolution is doubled.
     pub(super) fn new(p: &Params<'_>, dim: usize, skip: bool, upsample: bool) -> Self {
         let resnet1 = p.pp("resnet1");
         if !skip {
@@ -62,8 +62,8 @@ impl FusionBlock {
         }
     }
 
-    /// `x` (of the coarser level, if any) and the level's own `map` have one size; the result's sides are doubled where
-    /// the block does so. Without `x`, the map itself is refined.
+    /// `x` (output of the coarser level, if any) and the level's own `map` have the same size; the output's sides are
+    /// doubled if the block upsamples. Without `x`, the map itself is refined.
     pub(super) fn forward(&self, x: Option<Tensor>, map: &Tensor) -> candle_core::Result<Tensor> {
         let mut x = match (&self.resnet1, x) {
             (Some(resnet1), Some(x)) => {
@@ -79,16 +79,16 @@ impl FusionBlock {
     }
 }
 
-/// The decoder; depth and Gaussians have one each.
+/// The decoder; there is one for depth and one for Gaussians.
 pub(super) struct MultiresConvDecoder {
-    /// Brings each map to the decoder's width: 1×1 at the finest level, 3×3 at the others, nothing
-    /// where the finest has that width already.
+    /// Projects each map to the decoder's width: 1×1 at the finest level, 3×3 at the others; `None` if the finest map
+    /// already has that width.
     convs: Vec<Option<Conv>>,
     fusions: Vec<FusionBlock>,
 }
 
 impl MultiresConvDecoder {
-    /// `inputs` are the maps' channels, finest first; `dim` the decoder's.
+    /// `inputs` are the channels of the maps, finest first; `dim` is the decoder's width.
     pub(super) fn new(p: &Params<'_>, inputs: [usize; 5], dim: usize) -> Self {
         let (convs, fusions) = (p.pp("convs"), p.pp("fusions"));
         let conv = |level: usize| {
@@ -107,7 +107,8 @@ impl MultiresConvDecoder {
         }
     }
 
-    /// Five maps, finest first, each twice as fine as the next. The result has the finest resolution.
+    /// `maps` are five maps, finest first, each with twice the resolution of the next. The output has the finest
+    /// resolution.
     pub(super) fn forward(
         &self,
         maps: &[Tensor; 5],

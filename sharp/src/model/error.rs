@@ -8,18 +8,18 @@ use crate::composer::{ComposerGradientError, DeltaLength};
 use crate::image_file::ImageFileError;
 use crate::initializer::InitializerError;
 
-/// An error of configuration, weights, input or computation.
+/// An error in configuration, weights, input or computation.
 #[derive(Debug, thiserror::Error)]
 pub enum ModelError {
     #[error("tensor operation: {0}")]
     Tensor(#[source] candle_core::Error),
-    /// A configuration that does not describe a network.
+    /// The configuration is invalid.
     #[error("configuration {0}")]
     Config(String),
-    /// A file that cannot be read or written, or does not hold what it should.
+    /// A file cannot be read or written, or has unexpected content.
     #[error("{}: {reason}", path.display())]
     File { path: PathBuf, reason: String },
-    /// A photograph that is not a complete PNG or JPEG.
+    /// A photograph is not a complete PNG or JPEG.
     #[error("{}: not an image that can be read: {reason}", path.display())]
     Photograph {
         path: PathBuf,
@@ -28,36 +28,36 @@ pub enum ModelError {
     },
     #[error(transparent)]
     Checkpoint(#[from] CheckpointError),
-    /// A checkpoint that does not fit the configuration, with everything in which it differs.
+    /// The checkpoint does not fit the configuration; lists all differences.
     #[error(transparent)]
     Incomplete(#[from] Incomplete),
-    /// A source that gives a parameter another number of values than it has.
+    /// A weight source returned the wrong number of values for a parameter.
     #[error("parameter {name} has {expected} values, its source gives {found}")]
     Weights {
         name: String,
         expected: usize,
         found: usize,
     },
-    /// The picture is not usable.
+    /// The picture cannot be used.
     #[error("{0}")]
     Image(String),
-    /// The network's depth cannot be turned into Gaussians.
+    /// The network's depth cannot be converted to Gaussians.
     #[error("predicted depth: {0}")]
     Depth(#[from] InitializerError),
-    /// The network's deltas do not fit its base Gaussians.
+    /// The number of deltas does not match the base Gaussians.
     #[error(transparent)]
     Deltas(#[from] DeltaLength),
-    /// The gradient of a pass does not fit what it made.
+    /// The gradient of a pass does not match the pass's outputs.
     #[error(transparent)]
     Gradient(#[from] ComposerGradientError),
     #[error("{0}")]
     Device(String),
-    /// An observer's own reason to stop.
+    /// The observer stopped the prediction; its reason.
     #[error("{0}")]
     Stopped(String),
 }
 
-/// An error of ours that candle passed on is itself again.
+/// Unwraps a [`ModelError`] that was passed through candle.
 impl From<candle_core::Error> for ModelError {
     fn from(error: candle_core::Error) -> Self {
         use candle_core::Error::WrappedContext;

@@ -1,4 +1,4 @@
-//! Encoder maps, image and depth to the deltas that refine base Gaussians.
+//! Decoder from encoder maps, image and depth to the deltas that refine base Gaussians.
 
 use candle_core::Tensor;
 use candle_nn::Module;
@@ -12,19 +12,19 @@ use super::ops::avg_pool;
 use super::params::Params;
 use super::{ModelConfig, ModelError};
 
-/// Attributes whose deltas come from the geometry head: x, y, inverse depth.
+/// Number of attributes predicted by the geometry head: x, y, inverse depth.
 const GEOMETRY: usize = 3;
-/// The others: scales, quaternion, colour, opacity.
+/// Number of attributes predicted by the texture head: scales, quaternion, colour, opacity.
 const TEXTURE: usize = 11;
 
-/// The decoder (`feature_model` in the checkpoint).
+/// Feature decoder (`feature_model` in the checkpoint).
 pub(super) struct GaussianDecoder {
     decoder: MultiresConvDecoder,
     skip: Conv,
     fusion: FusionBlock,
     texture_head: AttributeHead,
     geometry_head: AttributeHead,
-    /// Pixels of the decoder's finest map along a Gaussian's block.
+    /// Side, in pixels of the decoder's finest map, of the block that one Gaussian covers.
     pooling: usize,
 }
 
@@ -40,14 +40,14 @@ impl GaussianDecoder {
             fusion: FusionBlock::new(&p.pp("fusion"), dim, true, false),
             texture_head: AttributeHead::new(&p.pp("texture_head"), config),
             geometry_head: AttributeHead::new(&p.pp("geometry_head"), config),
-            // The finest map has half the internal resolution. Coarser Gaussians see its means:
-            // our choice, the release only knows stride 2, where nothing is pooled.
+            // The finest map has half the internal resolution. Coarser Gaussians use its block means. This is our
+            // choice: the release only supports stride 2, which needs no pooling.
             pooling: stride / 2,
         }
     }
 
-    /// `maps` of the encoder and `input` (`[1, R, R, 5]`: image and inverse depth in −1..1) to texture
-    /// and geometry features, a pixel a block of Gaussians.
+    /// Maps the encoder's `maps` and `input` (`[1, R, R, 5]`: image and inverse depth in −1..1) to texture and geometry
+    /// features, one pixel per Gaussian of a layer.
     pub(super) fn forward(
         &self,
         maps: [Tensor; 5],
@@ -73,7 +73,7 @@ impl GaussianDecoder {
     }
 }
 
-/// Two residual blocks and a projection, ReLU at the end.
+/// Two residual blocks and a projection, with a final ReLU.
 struct AttributeHead {
     blocks: [NormResidualBlock; 2],
     conv3: Conv,
@@ -92,7 +92,7 @@ impl AttributeHead {
         }
     }
 
-    /// The result is ≥ 0.
+    /// Outputs are ≥ 0.
     fn forward(
         &self,
         x: &Tensor,
@@ -114,7 +114,7 @@ impl AttributeHead {
     }
 }
 
-/// Two projections to deltas (`prediction_head` in the checkpoint).
+/// Two projections from features to deltas (`prediction_head` in the checkpoint).
 pub(super) struct PredictionHead {
     geometry: Conv,
     texture: Conv,
@@ -133,8 +133,9 @@ impl PredictionHead {
         }
     }
 
-    /// Features to the deltas of geometry (`3 · 2` channels) and of texture (`11 · 2` channels); their planes one after
-    /// the other are what [`compose`](crate::composer::compose) takes. A channel's layer varies fastest.
+    /// Maps features to the deltas of geometry (`3 · 2` channels) and texture (`11 · 2` channels). The planes of
+    /// geometry followed by those of texture are the input of [`compose`](crate::composer::compose). The layer is the
+    /// fastest-varying index of the channels.
     pub(super) fn forward(
         &self,
         [texture, geometry]: [Tensor; 2],

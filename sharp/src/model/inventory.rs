@@ -1,4 +1,4 @@
-//! Everything that a network has, and whether a checkpoint holds it.
+//! List of a network's parameters, and checks of a checkpoint against it.
 
 use std::cell::RefCell;
 use std::collections::BTreeSet;
@@ -11,7 +11,7 @@ use super::params::{Parameter, Params, WeightSource, Weights};
 use super::synth::Synth;
 use super::{Algorithm, Compute, ModelConfig, ModelError};
 
-/// Everything the network of `config` has, in order of construction.
+/// All parameters of the network of `config`, in order of construction.
 ///
 /// # Errors
 /// [`ModelError::Config`] for an impossible configuration.
@@ -23,7 +23,7 @@ pub fn inventory(config: &ModelConfig) -> Result<Vec<Parameter>, ModelError> {
     Ok(list.into_inner())
 }
 
-/// A checkpoint file as a network's source.
+/// A checkpoint file as a source of weights.
 #[derive(Debug)]
 pub struct CheckpointSource {
     file: Checkpoint,
@@ -31,11 +31,11 @@ pub struct CheckpointSource {
 }
 
 impl CheckpointSource {
-    /// Opens a `.pt` or `.safetensors` file. What wrappers put before or into all names (`module.`, `_orig_mod.`, `model.`)
-    /// is left out.
+    /// Opens a `.pt` or `.safetensors` file. Prefixes and components that wrappers add to all names (`module.`,
+    /// `_orig_mod.`, `model.`) are removed.
     ///
     /// # Errors
-    /// [`ModelError::Checkpoint`]; [`ModelError::Config`] where its names have several such prefixes.
+    /// [`ModelError::Checkpoint`]; [`ModelError::Config`] if the names have several different prefixes.
     pub fn open(path: &Path) -> Result<Self, ModelError> {
         let mut file = Checkpoint::open(path)?;
         let left_out = file.without_prefix(&roots()?).map_err(|prefixes| {
@@ -49,12 +49,12 @@ impl CheckpointSource {
         Ok(Self { file, left_out })
     }
 
-    /// What all of its names had before the network's own ones, or within them, and was left out: `module._orig_mod.`.
+    /// Wrapper prefix or components that were removed from all names, e.g. `module._orig_mod.`.
     pub fn left_out(&self) -> Option<&str> {
         self.left_out.as_deref()
     }
 
-    /// Of the whole file, 64 hexadecimal digits.
+    /// SHA-256 of the whole file, 64 hexadecimal digits.
     ///
     /// # Errors
     /// [`ModelError::Checkpoint`].
@@ -62,13 +62,13 @@ impl CheckpointSource {
         Ok(self.file.sha256()?)
     }
 
-    /// Checks that the file holds every parameter of `config` that inference uses, in its shape,
-    /// and nothing that the network does not know but for names that begin with one of
-    /// `allow_unused`. What inference never uses ([`Parameter::used`]) may be absent.
+    /// Checks that the file contains every parameter of `config` used at inference, with its shape, and no unknown
+    /// tensor except those whose names begin with one of `allow_unused`. Parameters not used at inference
+    /// ([`Parameter::used`]) may be absent.
     ///
     /// # Errors
-    /// [`ModelError::Config`] for an impossible configuration or one of another Gaussian stride than the weights';
-    /// [`ModelError::Incomplete`] with everything else that differs.
+    /// [`ModelError::Config`] for an impossible configuration or one whose Gaussian stride differs from the weights';
+    /// [`ModelError::Incomplete`] with all other differences.
     pub fn check(&self, config: &ModelConfig, allow_unused: &[String]) -> Result<(), ModelError> {
         config.validate()?;
         if let Some(stride) = self.stride()
@@ -84,7 +84,8 @@ impl CheckpointSource {
         Ok(self.file.check(&self.expected(config, "")?, allow_unused)?)
     }
 
-    /// As [`Self::check`] for the parameters whose names begin with `prefix`, whatever else the file holds.
+    /// Like [`Self::check`], but only for parameters whose names begin with `prefix`; all other tensors in the file are
+    /// ignored.
     ///
     /// # Errors
     /// [`ModelError::Config`], [`ModelError::Incomplete`].
@@ -106,8 +107,8 @@ impl CheckpointSource {
         Ok(expected.collect())
     }
 
-    /// The Gaussian stride of the weights: the kernel of the convolution that takes image and depth to the Gaussians'
-    /// grid. `None` if the file has no such convolution.
+    /// Gaussian stride of the weights, i.e. the kernel size of the convolution that maps image and depth to the grid of
+    /// Gaussians. `None` if the file has no such convolution.
     fn stride(&self) -> Option<usize> {
         match *self.file.shape(SKIP_CONVOLUTION).ok()? {
             [_, _, rows, columns] if rows == columns => Some(rows),
@@ -124,7 +125,7 @@ impl WeightSource for CheckpointSource {
     }
 }
 
-/// The first parts of the names of every network's parameters, which its sizes do not change.
+/// First components of the names of a network's parameters, which are the same for all sizes.
 fn roots() -> Result<BTreeSet<String>, ModelError> {
     let parameters = inventory(&ModelConfig::release())?;
     let roots = parameters.iter().filter_map(|p| p.name.split('.').next());

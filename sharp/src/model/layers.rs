@@ -8,7 +8,7 @@ use super::compute::Kernels;
 use super::ops;
 use super::params::{Params, Weight};
 
-/// A convolution: 3×3 with one pixel of padding, 1×1, or blocks that do not overlap.
+/// A convolution: 3×3 with one pixel of padding, 1×1, or disjoint blocks.
 pub(super) struct Conv {
     weight: Weight,
     bias: Option<Weight>,
@@ -22,12 +22,12 @@ impl Conv {
         Self::new(p, (input, output), (3, 1, 1), bias)
     }
 
-    /// 1×1.
+    /// 1×1 convolution.
     pub(super) fn point(p: &Params<'_>, input: usize, output: usize, bias: bool) -> Self {
         Self::new(p, (input, output), (1, 1, 0), bias)
     }
 
-    /// `size × size` with that stride.
+    /// `size × size` convolution with stride `size`.
     pub(super) fn blocks(p: &Params<'_>, input: usize, output: usize, size: usize) -> Self {
         Self::new(p, (input, output), (size, size, 0), true)
     }
@@ -57,19 +57,19 @@ impl Conv {
         }
     }
 
-    /// The same, of the rectified input.
+    /// Applies ReLU to the input first.
     pub(super) fn after_relu(mut self) -> Self {
         self.operation.relu_input = true;
         self
     }
 
-    /// The same, its result rectified.
+    /// Applies ReLU to the result.
     pub(super) fn then_relu(mut self) -> Self {
         self.operation.relu = true;
         self
     }
 
-    /// The result plus `residual`.
+    /// Adds `residual` to the result.
     pub(super) fn forward_plus(&self, x: &Tensor, residual: &Tensor) -> Result<Tensor> {
         self.run(x, Some(residual))
     }
@@ -88,7 +88,7 @@ impl Module for Conv {
     }
 }
 
-/// A transposed 2×2 convolution with stride 2: every pixel becomes a block of four.
+/// A transposed 2×2 convolution with stride 2: every pixel becomes a 2×2 block.
 pub(super) struct Deconv {
     weight: Weight,
     bias: Option<Weight>,
@@ -112,7 +112,7 @@ impl Module for Deconv {
     }
 }
 
-/// Normalisation over groups of channels and all pixels, then a learned scale and shift.
+/// Normalisation over groups of channels and all pixels, with a learned scale and shift.
 pub(super) struct GroupNorm {
     weight: Weight,
     bias: Weight,
@@ -134,7 +134,7 @@ impl GroupNorm {
         }
     }
 
-    /// The same, its result rectified.
+    /// Applies ReLU to the result.
     pub(super) fn then_relu(self) -> Self {
         Self { relu: true, ..self }
     }

@@ -1,25 +1,25 @@
 //! The SHARP network: one photograph to refined Gaussians.
 //!
-//! Modules and their parameters are named as in the official checkpoint, so that it loads without
-//! renaming. Images are f32 tensors `[1, height, width, channels]`, those that are taken and given
-//! are planes `[channels, height, width]`.
+//! Modules and their parameters are named as in the official checkpoint, so that it loads without renaming. Internally,
+//! images are f32 tensors `[1, height, width, channels]`; public inputs and outputs are planes `[channels, height,
+//! width]`.
 //!
 //! # Contents, in the order of computation
 //! * [`config`]: sizes of a network, the release's preset, configurations in files.
-//! * [`bundled`]: the small network that comes with these sources.
-//! * [`params`], [`synth`]: where weights come from; [`inventory`]: which there have to be.
+//! * [`bundled`]: the small network bundled with the source code.
+//! * [`params`], [`synth`]: sources of weights; [`inventory`]: the parameters that a source must provide.
 //! * [`preprocess`]: a photograph, its orientation and focal length.
-//! * [`Compute`]: where the network runs; `ops`: its operations, by candle on any device or, on the CPU, by our
-//!   kernels as candle's custom operations; [`FrozenConvolution`], [`max_pool`]: those of networks that judge pictures;
-//!   [`pull`]: gradients; `layers`: operations with parameters.
-//! * `pyramid`, `vit`: patches at three scales through two transformers, merged to five maps.
-//! * `decoder`, `monodepth`: the maps to two layers of disparity.
-//! * `alignment`: a scale map towards known depth.
-//! * `gaussian_decoder`: maps, image and depth to deltas.
-//! * `network`: the modules; [`NetworkSpec`]: which one to open; [`predictor`]: all of it, with [`initializer`](crate::initializer) and
-//!   [`composer`](crate::composer).
-//! * [`training`]: passes that gradients can go back through.
-//! * [`recording`]: every stage written down, or compared with what another implementation wrote.
+//! * [`Compute`]: the device; `ops`: operations, by candle on any device or by this project's kernels (as candle custom
+//!   ops) on the CPU; [`FrozenConvolution`], [`max_pool`]: operations of networks that evaluate pictures; [`pull`]:
+//!   gradients; `layers`: operations with parameters.
+//! * `pyramid`, `vit`: patches at three scales through two transformers, merged into five maps.
+//! * `decoder`, `monodepth`: from the maps to two layers of disparity.
+//! * `alignment`: a scale map from predicted to known depth.
+//! * `gaussian_decoder`: from maps, image and depth to deltas.
+//! * `network`: all modules; [`NetworkSpec`]: which network to open; [`predictor`]: the complete prediction, with
+//!   [`initializer`](crate::initializer) and [`composer`](crate::composer).
+//! * [`training`]: forward passes with gradients.
+//! * [`recording`]: recordings of all stages of a prediction, and comparison with those of another implementation.
 
 mod alignment;
 pub mod bundled;

@@ -20,8 +20,8 @@ pub(super) struct Monodepth {
 /// Outputs of the depth network that the rest of the network uses.
 pub(super) struct MonodepthOutput {
     pub(super) features: [Tensor; 5],
-    /// `[1, R, R, 2]`: inverse depth for a focal length of one image width, 0 where it is negative. The layers are not
-    /// sorted.
+    /// `[1, R, R, 2]`: inverse depth for a focal length of one image width; negative values are replaced by 0. The
+    /// layers are not sorted.
     pub(super) disparity: Tensor,
 }
 
@@ -53,7 +53,7 @@ impl Monodepth {
     }
 }
 
-/// Doubles the resolution and reduces to one channel a layer.
+/// Doubles the resolution and reduces to one channel per layer.
 struct DisparityHead {
     conv0: Conv,
     deconv1: Deconv,
@@ -71,7 +71,7 @@ impl DisparityHead {
         }
     }
 
-    /// Assigned rather than shadowed: a map is a gigabyte, and gone when the next is there.
+    /// `x` is reassigned rather than shadowed, so that each map (a gigabyte) is freed once the next one exists.
     fn forward(
         &self,
         mut x: Tensor,

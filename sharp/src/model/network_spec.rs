@@ -8,30 +8,30 @@ use sharp_checkpoint::hash::sha256_hex;
 use super::inventory::CheckpointSource;
 use super::{Algorithm, DeviceChoice, ModelConfig, ModelError};
 
-/// A network to [open](super::Predictor::open).
+/// Description of a network to [open](super::Predictor::open).
 #[derive(Debug, Clone)]
 pub struct NetworkSpec {
-    /// `.pt` or `.safetensors`.
+    /// Path of a `.pt` or `.safetensors` file.
     pub checkpoint: PathBuf,
     pub config: ModelConfig,
-    /// Name prefixes of tensors that the checkpoint may hold besides the network's.
+    /// Name prefixes of extra tensors that the checkpoint may contain.
     pub allow_unused: Vec<String>,
     pub device: DeviceChoice,
-    /// Of 3×3 kernels; matters on the CPU alone.
+    /// Algorithm for 3×3 convolutions; only used on the CPU.
     pub convolution: Algorithm,
-    /// How its file was read beyond what was asked for, for people.
+    /// Human-readable notes on how the file was interpreted.
     pub notes: Vec<String>,
 }
 
-/// Everything besides its input that a prediction depends on.
+/// Everything other than its input that a prediction depends on.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct NetworkIdentity {
     pub checkpoint_sha256: String,
-    /// The configuration's own name, for people; the hash decides.
+    /// Name of the configuration, for display; the hash identifies it.
     pub preset: String,
-    /// Of the configuration's values, whatever file they stand in.
+    /// SHA-256 of the configuration's values, independent of the file they were read from.
     pub config_sha256: String,
-    /// [`Compute::name`](super::Compute::name) of the device found, not of the one asked for.
+    /// [`Compute::name`](super::Compute::name) of the device actually used, not of the one requested.
     pub engine: String,
 }
 
@@ -48,7 +48,7 @@ impl NetworkSpec {
         }
     }
 
-    /// Reads the whole checkpoint for its hash: seconds for the release's.
+    /// Computes the identity. Hashes the whole checkpoint, which takes seconds for the release's.
     ///
     /// # Errors
     /// [`ModelError::Checkpoint`], [`ModelError::Device`].
@@ -57,7 +57,7 @@ impl NetworkSpec {
             engine: self.device.open(self.convolution)?.name(),
             checkpoint_sha256: CheckpointSource::open(&self.checkpoint)?.sha256()?,
             preset: self.config.preset.clone(),
-            // Debug output of numbers, texts and lists of them is unambiguous and cannot fail.
+            // Debug output of numbers, strings and lists of them is unambiguous and cannot fail.
             config_sha256: sha256_hex(format!("{:?}", self.config).as_bytes()),
         })
     }

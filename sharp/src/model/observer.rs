@@ -1,11 +1,11 @@
-//! Watching the network's stages as they are computed.
+//! Observation of the network's stages as they are computed.
 
 use candle_core::Tensor;
 
 use super::ModelError;
 use super::ops::to_planes;
 
-/// The value of a stage, wherever it lies. Reading it costs a copy.
+/// The value of a stage, on the host or on a device. Reading it makes a copy.
 #[derive(Clone, Copy)]
 pub struct StageValue<'a>(StageData<'a>);
 
@@ -14,14 +14,14 @@ enum StageData<'a> {
     /// Values in C order with their shape.
     Host(&'a [usize], &'a [f32]),
     Tensor(&'a Tensor),
-    /// `[1, height, width, channels]`; rectified where it says so.
+    /// Image `[1, height, width, channels]`; if the flag is set, negative values are read as 0.
     Image(&'a Tensor, bool),
     /// Class token and tokens of square images, `[images, 1 + side², channels]`.
     Tokens(&'a Tensor),
 }
 
 impl<'a> StageValue<'a> {
-    /// Values in C order with their shape.
+    /// A value on the host: its shape, and its elements in C order.
     pub fn host(shape: &'a [usize], values: &'a [f32]) -> Self {
         Self(StageData::Host(shape, values))
     }
@@ -30,17 +30,17 @@ impl<'a> StageValue<'a> {
         Self(StageData::Tensor(tensor))
     }
 
-    /// Of an image `[1, height, width, channels]`.
+    /// A value that is an image `[1, height, width, channels]`.
     pub(super) fn image(tensor: &'a Tensor) -> Self {
         Self(StageData::Image(tensor, false))
     }
 
-    /// The same, with negative values as 0.
+    /// A value that is an image `[1, height, width, channels]`, with negative values read as 0.
     pub(super) fn rectified(tensor: &'a Tensor) -> Self {
         Self(StageData::Image(tensor, true))
     }
 
-    /// The images that tokens `[images, 1 + side², channels]` are, their class tokens left out.
+    /// A value that is the images made up by tokens `[images, 1 + side², channels]`, without their class tokens.
     pub(super) fn tokens(tensor: &'a Tensor) -> Self {
         Self(StageData::Tokens(tensor))
     }
@@ -65,7 +65,7 @@ impl<'a> StageValue<'a> {
         })
     }
 
-    /// The values in C order.
+    /// Elements in C order.
     ///
     /// # Errors
     /// [`ModelError::Tensor`].
@@ -89,13 +89,13 @@ impl<'a> StageValue<'a> {
     }
 }
 
-/// Called with every named stage of a prediction, in order of computation. Stages are named as in
-/// the official recordings: `patch_encoder.block5`, `depth_decoder.fusion0`.
+/// Receives every named stage of a prediction, in order of computation. Stages are named as in the official recordings:
+/// `patch_encoder.block5`, `depth_decoder.fusion0`.
 pub trait StageObserver {
-    /// Called once a stage. An error stops the prediction.
+    /// Called once per stage. An error stops the prediction.
     ///
     /// # Errors
-    /// The observer's own.
+    /// Any error of the observer.
     fn stage(&mut self, name: &str, value: StageValue<'_>) -> Result<(), ModelError>;
 }
 
@@ -108,15 +108,14 @@ impl StageObserver for Silent {
     }
 }
 
-/// Reports progress to a callback: the part just computed and the share (0..1) of all arithmetic
-/// done so far.
+/// Reports progress to a callback: the part just computed, and the fraction (0..1) of all arithmetic completed.
 pub struct StageProgress<F> {
     blocks: usize,
     callback: F,
 }
 
 impl<F: FnMut(&'static str, f64)> StageProgress<F> {
-    /// For a network whose transformers have `blocks` blocks.
+    /// Creates an observer for a network whose transformers have `blocks` blocks.
     pub fn new(blocks: usize, callback: F) -> Self {
         Self { blocks, callback }
     }
@@ -138,7 +137,7 @@ impl<F: FnMut(&'static str, f64)> StageObserver for StageProgress<F> {
 /// The patch encoder's share of the release's 21.5 TFLOP.
 const PATCH_ENCODER: f64 = 0.62;
 
-/// Stage, the part it ends, and the share of all arithmetic that is done then.
+/// Stage, the part that it completes, and the fraction of all arithmetic completed at that point.
 const MILESTONES: [(&str, &str, f64); 13] = [
     ("image_encoder.out", "image encoder", 0.64),
     ("encoder.feature4", "projections", 0.65),

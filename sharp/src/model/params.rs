@@ -1,8 +1,8 @@
 //! Parameters of a network and the source of their values.
 //!
-//! Modules declare their parameters by name and shape while they are built, and fetch the values
-//! when they run. On the CPU each layer's weights are read just before their one use in a
-//! prediction and dropped after it, so that a network of 2.8 GB takes a few megabytes of weights.
+//! Modules declare their parameters by name and shape during construction, and fetch the values when they run. On the
+//! CPU, each layer's weights are read just before use and dropped afterwards, so that a network of 2.8 GB needs only a
+//! few megabytes of memory for weights.
 
 use std::cell::RefCell;
 use std::collections::BTreeMap;
@@ -15,23 +15,23 @@ use candle_nn::{Init, VarBuilder};
 use super::ModelError;
 use super::compute::{Compute, Kernels};
 
-/// Gives the values of parameters.
+/// A source of parameter values.
 pub trait WeightSource: Send + Sync {
-    /// The values of the parameter called `name` of `shape`, in C order of PyTorch's layout.
+    /// Values of the parameter `name` with `shape`, in C order of PyTorch's layout.
     ///
     /// # Errors
-    /// [`ModelError`] when they cannot be read.
+    /// [`ModelError`] if they cannot be read.
     fn values(&self, name: &str, shape: &[usize]) -> Result<Vec<f32>, ModelError>;
 }
 
 /// One parameter of a network.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Parameter {
-    /// As in the checkpoint.
+    /// Name in the checkpoint.
     pub name: String,
-    /// As PyTorch lays it out.
+    /// Shape in PyTorch's layout.
     pub shape: Vec<usize>,
-    /// False for what is in the checkpoint but never used at inference.
+    /// False for parameters that are in the checkpoint but not used at inference.
     pub used: bool,
 }
 
@@ -45,18 +45,18 @@ impl Parameter {
     }
 }
 
-/// A source as the backend of a [`VarBuilder`]. On the CPU, values are read whenever a layer asks for them; on a GPU
-/// they stay.
+/// A source as the backend of a [`VarBuilder`]. On the CPU, values are read each time a layer requests them; on a GPU
+/// they are cached.
 #[derive(Clone)]
 pub(super) struct Weights {
     source: Arc<dyn WeightSource>,
     trains: Arc<dyn Fn(&str) -> bool + Send + Sync>,
-    /// What was read and is kept, by name: variables, and tensors on a GPU.
+    /// Cached tensors by name: variables, and on a GPU all tensors.
     held: Arc<Mutex<BTreeMap<String, Tensor>>>,
 }
 
 impl Weights {
-    /// `trains` tells by name which parameters are variables.
+    /// `trains` returns true for the names of parameters that are variables.
     pub(super) fn new(
         source: impl WeightSource + 'static,
         trains: impl Fn(&str) -> bool + Send + Sync + 'static,
@@ -68,7 +68,7 @@ impl Weights {
         }
     }
 
-    /// The variables that layers have asked for, by name.
+    /// Variables that layers have requested, by name.
     pub(super) fn variables(&self) -> BTreeMap<String, Tensor> {
         let held = self.held().clone().into_iter();
         held.filter(|(_, tensor)| tensor.is_variable()).collect()
@@ -124,7 +124,7 @@ impl SimpleBackend for Weights {
     }
 }
 
-/// A parameter of a layer, which is read when the layer runs.
+/// A parameter of a layer, fetched when the layer runs.
 pub(super) struct Weight {
     module: VarBuilder<'static>,
     name: &'static str,
@@ -137,7 +137,7 @@ impl Weight {
     }
 }
 
-/// A place in the tree of modules under construction; collects what they declare.
+/// A node in the module tree under construction; collects the parameters that modules declare.
 #[derive(Clone)]
 pub(super) struct Params<'a> {
     module: VarBuilder<'static>,
@@ -164,7 +164,7 @@ impl<'a> Params<'a> {
         self.module.device()
     }
 
-    /// The module `name` below this one.
+    /// The child module `name`.
     pub(super) fn pp(&self, name: impl ToString) -> Self {
         Self {
             module: self.module.pp(name),

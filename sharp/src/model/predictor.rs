@@ -1,4 +1,4 @@
-//! The whole network: an image and its focal length to Gaussians.
+//! The complete prediction: from an image and its focal length to Gaussians.
 
 use std::cell::RefCell;
 
@@ -18,7 +18,7 @@ use crate::gaussians::Gaussians;
 use crate::initializer::{BaseGaussians, InvalidDepth, NormalizedDepth};
 use crate::resize::bilinear_align_corners;
 
-/// An image as planes, sRGB-encoded.
+/// An sRGB-encoded image as planes.
 #[derive(Debug, Clone, Copy)]
 pub struct Planes<'a> {
     /// `[3, height, width]` in 0..1.
@@ -27,7 +27,7 @@ pub struct Planes<'a> {
     pub height: usize,
 }
 
-/// Planes `[3, height, width]` of interleaved RGB.
+/// Converts interleaved RGB to planes `[3, height, width]`.
 pub fn planes_of<T: Copy>(rgb: &[T], value: impl Fn(T) -> f32) -> Vec<f32> {
     let mut out = Vec::with_capacity(rgb.len());
     for channel in 0..3 {
@@ -39,17 +39,17 @@ pub fn planes_of<T: Copy>(rgb: &[T], value: impl Fn(T) -> f32) -> Vec<f32> {
 /// The network's outputs for an image.
 #[derive(Debug, Clone)]
 pub struct NetworkOutput {
-    /// Layer by layer, row by row, in normalised space: x/z and y/z over [−1, 1] across the image,
-    /// z in metres.
+    /// Gaussians by layer, then row by row, in normalised space: x/z and y/z over [−1, 1] across the image, z in
+    /// metres.
     pub gaussians: Gaussians,
-    /// Depth layers `[2, R, R]`, metres.
+    /// Depth layers `[2, R, R]` in metres.
     pub depth: Vec<f32>,
     /// R, the internal resolution.
     pub resolution: usize,
 }
 
 impl NetworkOutput {
-    /// The nearer of the two depth layers, `[R, R]`, metres.
+    /// The nearer of the two depth layers, `[R, R]`, in metres.
     pub fn first_layer(&self) -> &[f32] {
         &self.depth[..self.resolution * self.resolution]
     }
@@ -62,11 +62,11 @@ pub struct Predictor {
     compute: Compute,
 }
 
-/// Range of disparity before it becomes depth.
+/// Range to which disparity is clamped before conversion to depth.
 pub(super) const DISPARITY: (f32, f32) = (1e-4, 1e4);
 
 impl Predictor {
-    /// Builds the network over any source of weights.
+    /// Builds the network with any source of weights.
     ///
     /// # Errors
     /// [`ModelError::Config`].
@@ -85,12 +85,12 @@ impl Predictor {
         })
     }
 
-    /// Opens the network of `spec`; see [`CheckpointSource::check`] for what must be in its file.
-    /// Values are read from it when they are needed, so it must not change meanwhile.
+    /// Opens the network of `spec`; see [`CheckpointSource::check`] for what its file must contain. Values are read
+    /// from the file on demand, so it must not change in the meantime.
     ///
     /// # Errors
-    /// [`ModelError::Checkpoint`], [`ModelError::Incomplete`] with everything that does not fit,
-    /// [`ModelError::Config`]; [`ModelError::Device`] when the device is not there.
+    /// [`ModelError::Checkpoint`], [`ModelError::Incomplete`] with all differences, [`ModelError::Config`];
+    /// [`ModelError::Device`] if the device is not available.
     pub fn open(spec: &NetworkSpec) -> Result<Self, ModelError> {
         let compute = spec.device.open(spec.convolution)?;
         let checkpoint = CheckpointSource::open(&spec.checkpoint)?;
@@ -98,10 +98,10 @@ impl Predictor {
         Self::from_source(&spec.config, checkpoint, compute)
     }
 
-    /// [`Self::predict`] from a decoded picture, unobserved.
+    /// [`Self::predict`] for a decoded picture, without an observer.
     ///
     /// # Errors
-    /// As [`Self::predict`].
+    /// As for [`Self::predict`].
     pub fn predict_rgb8(
         &self,
         image: &RgbImage,
@@ -125,13 +125,12 @@ impl Predictor {
 
     /// Predicts Gaussians.
     ///
-    /// `disparity_factor` is the focal length over the width, both in pixels of the original
-    /// image: it alone sets the metric scale.
+    /// `disparity_factor` is the focal length divided by the width, both in pixels of the original image. It alone
+    /// determines the metric scale.
     ///
     /// # Errors
-    /// [`ModelError::Image`] for an image of the wrong size, values that are not finite or a factor
-    /// that is not positive; [`ModelError::Depth`] when the network's depth is not finite;
-    /// [`ModelError::Tensor`]; whatever the observer returns.
+    /// [`ModelError::Image`] for an image of the wrong size, non-finite values or a factor that is not positive;
+    /// [`ModelError::Depth`] if the network's depth is not finite; [`ModelError::Tensor`]; any error of the observer.
     pub fn predict(
         &self,
         image: Planes<'_>,
@@ -184,7 +183,7 @@ impl Predictor {
         })
     }
 
-    /// Base Gaussians and the decoder's input `[5, R, R]`.
+    /// Base Gaussians, and the decoder's input `[5, R, R]`.
     fn base(
         &self,
         image: &[f32],
@@ -204,10 +203,10 @@ impl Predictor {
         Ok((base, normalized.feature_input(image)))
     }
 
-    /// The alignment network's factors `[R, R]` for a predicted and a known depth map `[R, R]`.
+    /// Factors `[R, R]` of the alignment network for a predicted and a known depth map, both `[R, R]`.
     ///
     /// # Errors
-    /// [`ModelError::Image`] when a map is not `[R, R]`, [`ModelError::Tensor`].
+    /// [`ModelError::Image`] if a map is not `[R, R]`; [`ModelError::Tensor`].
     pub fn alignment_map(&self, predicted: &[f32], known: &[f32]) -> Result<Vec<f32>, ModelError> {
         let pixels = self.config.grid().pixels();
         if [predicted.len(), known.len()] != [pixels; 2] {
@@ -253,12 +252,12 @@ pub(super) fn check_input(image: Planes<'_>, disparity_factor: f32) -> Result<()
     Ok(())
 }
 
-/// `factor / clamp(disparity)`, metres. NaN stays NaN.
+/// `factor / clamp(disparity)` in metres. NaN is preserved.
 pub(super) fn metric_depth(disparity: f32, factor: f32) -> f32 {
     factor / disparity.clamp(DISPARITY.0, DISPARITY.1)
 }
 
-/// Shows base Gaussians in the shapes of the recordings.
+/// Passes base Gaussians to the observer, in the shapes of the recordings.
 fn observe_base(base: &BaseGaussians, observer: &mut dyn StageObserver) -> Result<(), ModelError> {
     let (layers, rows, columns) = (base.grid.layers, base.grid.rows(), base.grid.columns());
     let shape = [1, 1, layers, rows, columns];
@@ -282,7 +281,7 @@ fn observe_base(base: &BaseGaussians, observer: &mut dyn StageObserver) -> Resul
     see("opacities", &[1], &[base.opacity])
 }
 
-/// Shows Gaussians under `space.…`.
+/// Passes Gaussians to the observer as stages named `space.…`.
 pub(super) fn observe_gaussians(
     space: &str,
     gaussians: &Gaussians,

@@ -10,23 +10,23 @@ use super::params::Params;
 use super::vit::Vit;
 use super::{ModelConfig, ModelError};
 
-/// Patches along a side of a pyramid level, and the tokens that neighbours share on each side.
+/// Tiling of a pyramid level into patches, and the number of tokens cut at borders between neighbours.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 struct Tiling {
-    /// Side of the level's image, pixels.
+    /// Side of the level's image in pixels.
     size: usize,
-    /// Side of a patch, pixels.
+    /// Side of a patch in pixels.
     patch: usize,
-    /// Patches along a side.
+    /// Number of patches along a side.
     steps: usize,
-    /// Pixels from one patch to the next.
+    /// Distance between neighbouring patches in pixels.
     stride: usize,
     /// Tokens cut from every side that has a neighbour.
     padding: usize,
 }
 
 impl Tiling {
-    /// Patches that overlap by `numerator / 8` of their side.
+    /// Tiling with patches that overlap by `numerator / 8` of their side.
     fn new(size: usize, patch: usize, tokens: usize, numerator: usize) -> Self {
         let stride = patch * (8 - numerator) / 8;
         Self {
@@ -38,7 +38,7 @@ impl Tiling {
         }
     }
 
-    /// Appends the patches of `image` `[3, size, size]`, row by row, each `[3, patch, patch]`.
+    /// Appends the patches of `image` (`[3, size, size]`) row by row, each `[3, patch, patch]`.
     fn split(&self, image: &[f32], patches: &mut Vec<f32>) {
         for (row, column) in (0..self.steps).flat_map(|r| (0..self.steps).map(move |c| (r, c))) {
             for plane in image.chunks_exact(self.size * self.size) {
@@ -50,10 +50,10 @@ impl Tiling {
         }
     }
 
-    /// Which token, counted through those of all images, lies at each pixel of the patches' common map: those of the
-    /// patches from image `first` on, `tokens` along a side behind a class token.
+    /// For each pixel of the merged map, the index of its token, counted over the tokens of all images. The level's
+    /// patches start at image `first`; each has `tokens` tokens along a side, preceded by a class token.
     fn places(&self, first: usize, tokens: usize) -> Vec<u32> {
-        // Patch and token of each row or column.
+        // Patch and token index of each row or column.
         let at = |patch: usize| {
             let start = if patch > 0 { self.padding } else { 0 };
             let is_last = patch + 1 == self.steps;
@@ -71,7 +71,7 @@ impl Tiling {
     }
 }
 
-/// A projection to other channels and `n` doublings of the resolution.
+/// A projection to another number of channels, followed by `n` doublings of the resolution.
 struct Upsample {
     project: Conv,
     double: Vec<Deconv>,
@@ -98,7 +98,7 @@ impl Module for Upsample {
     }
 }
 
-/// Both transformers with merging and projections.
+/// Both transformers, with merging and projections.
 pub(super) struct Encoder {
     patch_encoder: Vit,
     image_encoder: Vit,
@@ -121,7 +121,7 @@ impl Encoder {
         let [d0, d1, d2, d3] = config.encoder_dims;
         let size = config.internal_resolution;
         let tokens = vit.tokens_per_side();
-        // A quarter at full size and a half at half size.
+        // An overlap of a quarter at full size and of a half at half size.
         let overlaps = if config.use_patch_overlap {
             [2, 4]
         } else {
@@ -147,8 +147,8 @@ impl Encoder {
         }
     }
 
-    /// `image` is `[3, R, R]` in −1..1. Five maps, finest first; for the release
-    /// 256×768², 256×384², 512×192², 1024×96², 1024×48².
+    /// `image` is `[3, R, R]` in −1..1. Returns five maps, finest first; for the release 256×768², 256×384², 512×192²,
+    /// 1024×96², 1024×48².
     pub(super) fn forward(
         &self,
         image: &[f32],
@@ -210,17 +210,17 @@ impl Encoder {
     }
 }
 
-/// Means of 2×2 blocks of planes `[…, side, side]`.
+/// Downsamples planes `[…, side, side]` by averaging 2×2 blocks.
 fn half_size(planes: &[f32], side: usize) -> Vec<f32> {
     sample(planes, side, 2, 0)
 }
 
-/// Means of the central 2×2 pixels of 4×4 blocks: bilinear sampling without a filter.
+/// Downsamples by averaging the central 2×2 pixels of 4×4 blocks, i.e. bilinear sampling without antialiasing.
 fn quarter_size(planes: &[f32], side: usize) -> Vec<f32> {
     sample(planes, side, 4, 1)
 }
 
-/// Means of the 2×2 pixels from `offset` in every `step × step` block.
+/// Averages the 2×2 pixels at `offset` in every `step × step` block.
 fn sample(planes: &[f32], side: usize, step: usize, offset: usize) -> Vec<f32> {
     let mut out = Vec::with_capacity(planes.len() / (step * step));
     for rows in planes.chunks_exact(step * side) {

@@ -1,5 +1,4 @@
-//! Deterministic weights as a network's source: two implementations are compared without a
-//! checkpoint.
+//! Deterministic weights as a network's source, to compare implementations without a checkpoint.
 
 use std::borrow::Cow;
 use std::collections::BTreeMap;
@@ -12,10 +11,10 @@ use super::inventory::inventory;
 use super::params::WeightSource;
 use super::{ModelConfig, ModelError};
 
-/// Makes every parameter up from its name, see [`sharp_checkpoint::deterministic`].
+/// Derives every parameter from its name, see [`sharp_checkpoint::deterministic`].
 #[derive(Debug, Clone, Default)]
 pub struct Synth {
-    /// Put before every name.
+    /// Prepended to every name.
     pub salt: String,
 }
 
@@ -25,11 +24,11 @@ impl WeightSource for Synth {
     }
 }
 
-/// Writes deterministic weights of all parameters of `config` as a safetensors file, one tensor in
-/// memory at a time.
+/// Writes deterministic weights of all parameters of `config` to a safetensors file, with one tensor in memory at a
+/// time.
 ///
 /// # Errors
-/// [`ModelError::Config`], [`ModelError::Checkpoint`] when `path` cannot be written.
+/// [`ModelError::Config`]; [`ModelError::Checkpoint`] if `path` cannot be written.
 pub fn write(config: &ModelConfig, salt: &str, path: &Path) -> Result<(), ModelError> {
     let tensors: Vec<OutTensor> = inventory(config)?
         .into_iter()

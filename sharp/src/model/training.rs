@@ -1,4 +1,4 @@
-//! The network in training: a pass forward that gradients can go back through.
+//! The network in training: forward passes with gradients.
 
 use std::cell::RefCell;
 use std::collections::BTreeMap;
@@ -23,7 +23,7 @@ use crate::initializer::{self, BaseGaussians, InvalidDepth, NormalizedDepth};
 use crate::render::GaussianGradient;
 use crate::resize::bilinear_align_corners;
 
-/// A network whose weights change from pass to pass.
+/// A network whose weights change between passes.
 pub struct TrainableNetwork {
     config: ModelConfig,
     parameters: Vec<Parameter>,
@@ -34,33 +34,33 @@ pub struct TrainableNetwork {
 #[derive(Debug, Clone, Copy)]
 pub struct TrainingInput<'a> {
     pub image: Planes<'a>,
-    /// Focal length over width, both in pixels of the original image.
+    /// Focal length divided by width, both in pixels of the original image.
     pub disparity_factor: f32,
-    /// True depth of the image, `[R, R]`, metres, to which the alignment network brings the predicted
-    /// one; without it the factors are 1. Infinite for the sky; where it is 0, unknown, the network
-    /// sees the predicted depth in its place.
+    /// True depth of the image, `[R, R]` in metres, to which the alignment network scales the predicted depth; without
+    /// it the factors are 1. Infinite in the sky. Where it is 0 (unknown), the network receives the predicted depth
+    /// instead.
     pub known_depth: Option<&'a [f32]>,
-    /// Whether disparity that lies at or below its range lets gradients pass that would raise it. A network
-    /// that begins with random weights may otherwise lose all of its depth at once, and never
-    /// learns again; the release has a clamp to the same end, which it does not use.
+    /// If true, disparity at or below its lower bound still passes gradients that would raise it. Otherwise a randomly
+    /// initialised network may lose all of its depth at once and never recover; the release has a clamp for this
+    /// purpose, which it does not use.
     pub zeros_return: bool,
-    /// Leaves out what refines Gaussians, for losses that see the depth alone: deltas are 0.
+    /// Skips the refinement of Gaussians, for losses that depend on depth alone: deltas are 0.
     pub depth_only: bool,
 }
 
-/// Outputs of a pass, with what gradients go back through. R is the internal resolution.
+/// Outputs of a pass, with the graph for the backward pass. R is the internal resolution.
 pub struct TrainingPass {
-    /// In the composer's space: x/z and y/z over [−1, 1] across the image, z in metres.
+    /// Gaussians in the composer's space: x/z and y/z over [−1, 1] across the image, z in metres.
     pub gaussians: Gaussians,
-    /// What the deltas refined.
+    /// Base Gaussians that the deltas refined.
     pub base: BaseGaussians,
-    /// Aligned depth layers `[2, R, R]`, metres.
+    /// Aligned depth layers `[2, R, R]` in metres.
     pub depth: Vec<f32>,
-    /// The alignment's factors `[R, R]`.
+    /// Factors of the alignment, `[R, R]`.
     pub factors: Vec<f32>,
     /// Raw outputs of the prediction heads `[14, 2, rows, columns]`.
     pub deltas: Vec<f32>,
-    /// The aligned depth over its nearest.
+    /// Aligned depth divided by its minimum.
     normalized: NormalizedDepth,
     disparity_factor: f32,
     zeros_return: bool,
@@ -71,39 +71,40 @@ pub struct TrainingPass {
     compute: Compute,
 }
 
-/// Alignment of predicted depth.
+/// Graph of the alignment of predicted depth.
 struct AlignmentGraph {
     predicted: Tensor,
     factors: Tensor,
     depth: Tensor,
 }
 
-/// What makes deltas of features, image and depth. It begins anew, so that gradients of features go back through the
-/// encoder once.
+/// Graph from features, image and depth to deltas. It starts at new leaves, so that gradients of the features pass
+/// through the encoder only once.
 struct DeltasGraph {
     features: [Tensor; 5],
     seen: Tensor,
-    /// Of geometry and texture.
+    /// Deltas of geometry and texture.
     deltas: [Tensor; 2],
 }
 
-/// Gradient of a loss with respect to what a [`TrainingPass`] made.
+/// Gradient of a loss with respect to the outputs of a [`TrainingPass`].
 #[derive(Debug, Clone, PartialEq)]
 pub struct PassGradient {
-    /// Of [`TrainingPass::gaussians`], in their order.
+    /// With respect to [`TrainingPass::gaussians`], in their order.
     pub gaussians: Vec<GaussianGradient>,
-    /// Of the inverse depth of [`TrainingPass::base`] as such, `[2, rows, columns]`.
+    /// With respect to the inverse depth of [`TrainingPass::base`], `[2, rows, columns]`, not counting its effect
+    /// through the Gaussians.
     pub inverse_depth: Vec<f32>,
-    /// Of [`TrainingPass::depth`] as such, `[2, R, R]`.
+    /// With respect to [`TrainingPass::depth`], `[2, R, R]`, not counting its effect through other outputs.
     pub depth: Vec<f32>,
-    /// Of [`TrainingPass::factors`] as such, `[R, R]`.
+    /// With respect to [`TrainingPass::factors`], `[R, R]`, not counting their effect through other outputs.
     pub factors: Vec<f32>,
-    /// Of [`TrainingPass::deltas`] as such.
+    /// With respect to [`TrainingPass::deltas`], not counting their effect through other outputs.
     pub deltas: Vec<f32>,
 }
 
 impl TrainableNetwork {
-    /// For passes on `compute`.
+    /// Creates a network for passes on `compute`.
     ///
     /// # Errors
     /// [`ModelError::Config`].
@@ -115,17 +116,17 @@ impl TrainableNetwork {
         })
     }
 
-    /// Every parameter of the network, in the order of its modules.
+    /// All parameters of the network, in the order of its modules.
     pub fn parameters(&self) -> &[Parameter] {
         &self.parameters
     }
 
-    /// One pass. `weights` are asked for while it runs. Gradients are kept for the parameters that
-    /// `trainable` names.
+    /// Runs one pass. `weights` are fetched while it runs. Gradients are tracked for the parameters for which
+    /// `trainable` returns true.
     ///
     /// # Errors
-    /// As [`Predictor::predict`](super::Predictor::predict); [`ModelError::Image`] for known depth of
-    /// the wrong size.
+    /// As for [`Predictor::predict`](super::Predictor::predict); [`ModelError::Image`] if the known depth has the wrong
+    /// size.
     pub fn forward(
         &self,
         weights: impl WeightSource + 'static,
@@ -202,7 +203,7 @@ impl TrainableNetwork {
         })
     }
 
-    /// The alignment's factors.
+    /// Computes the factors of the alignment.
     fn align(
         &self,
         network: &DepthAlignment,
@@ -239,7 +240,7 @@ impl TrainableNetwork {
     }
 }
 
-/// Where a graph begins anew: gradients arrive here if `tensor` has a use for them.
+/// Starts a new graph at `tensor`: a variable that receives its gradient, if `tensor` is tracked.
 fn leaf(tensor: &Tensor) -> candle_core::Result<Tensor> {
     Ok(match tensor.track_op() {
         true => Var::from_tensor(tensor)?.into_inner(),
@@ -248,7 +249,7 @@ fn leaf(tensor: &Tensor) -> candle_core::Result<Tensor> {
 }
 
 impl TrainingPass {
-    /// Zeros of the sizes of what the pass made.
+    /// A zero gradient with the sizes of this pass's outputs.
     pub fn zero_gradient(&self) -> PassGradient {
         PassGradient {
             gaussians: vec![GaussianGradient::default(); self.gaussians.len()],
@@ -259,10 +260,11 @@ impl TrainingPass {
         }
     }
 
-    /// Gradients of the trainable parameters, by name, as PyTorch lays them out; of those that nothing depends on there is none.
+    /// Gradients of the trainable parameters, by name, in PyTorch's layout. Parameters that no output depends on are
+    /// omitted.
     ///
     /// # Errors
-    /// [`ModelError::Image`] when a part of `upstream` is not of its size, [`ModelError::Tensor`].
+    /// [`ModelError::Image`] if a part of `upstream` has the wrong size; [`ModelError::Tensor`].
     pub fn backward(
         self,
         upstream: &PassGradient,
@@ -375,7 +377,7 @@ impl TrainingPass {
     }
 }
 
-/// Channels of the two heads' outputs.
+/// Output channels of the two heads.
 const DELTA_CHANNELS: [usize; 2] = [3 * LAYERS, 11 * LAYERS];
 
 #[cfg(test)]

@@ -1,4 +1,4 @@
-//! The vision transformer that sees patches and the whole image.
+//! The vision transformer, used for patches and for the whole image.
 
 use candle_core::{Device, Tensor};
 
@@ -9,8 +9,8 @@ use super::observer::{StageObserver, StageValue};
 use super::ops::{Linear, attention, gather, layer_norm};
 use super::params::{Params, Weight};
 
-/// Images whose intermediate values are in memory at a time. For the release none of them is larger than 32 MiB, up to which
-/// glibc lends the same memory again; fresh pages cost a twentieth of a prediction.
+/// Number of images whose intermediate values are in memory at a time. For the release none of them exceeds 32 MiB, the
+/// limit up to which glibc reuses freed memory; fresh pages would cost a twentieth of a prediction.
 const IMAGES_AT_ONCE: usize = 3;
 
 /// Weight and bias of a linear layer or a normalisation.
@@ -27,7 +27,7 @@ impl Affine {
         }
     }
 
-    /// As a linear layer, its outputs multiplied by `scale`.
+    /// Builds a linear layer whose outputs are multiplied by `scale`.
     fn linear(
         &self,
         kernels: Option<Kernels>,
@@ -47,7 +47,7 @@ impl Affine {
     }
 }
 
-/// Pre-norm blocks over a class token and one token a patch.
+/// Pre-norm blocks over a class token and one token per patch.
 pub(super) struct Vit {
     patch_embed: Affine,
     cls_token: Weight,
@@ -70,27 +70,27 @@ struct VitBlock {
     ls2: Weight,
 }
 
-/// Sizes, and the one constant of the arithmetic.
+/// Sizes, and the epsilon of the normalisations.
 #[derive(Debug, Clone, Copy)]
 struct Shape {
     kernels: Option<Kernels>,
-    /// Side of an image, pixels.
+    /// Side of an image in pixels.
     image: usize,
-    /// Side of a token's square, pixels.
+    /// Side of a token's patch in pixels.
     patch: usize,
-    /// Tokens along a side.
+    /// Number of tokens along a side.
     side: usize,
     dim: usize,
     heads: usize,
-    /// Added to the variance by normalisations.
+    /// Added to the variance in normalisations.
     norm_eps: f32,
 }
 
 /// Outputs of a transformer.
 pub(super) struct Features {
-    /// Images of tokens of the tapped blocks, not normalised, in the order of blocks.
+    /// Images made of the tokens of the tapped blocks, not normalised, in block order.
     pub(super) taps: Vec<Tensor>,
-    /// `[images, 1 + side², dim]`, a class token before each image's.
+    /// `[images, 1 + side², dim]`; each image's tokens follow its class token.
     pub(super) last: Tensor,
 }
 
@@ -123,8 +123,8 @@ impl Vit {
         }
     }
 
-    /// `images` is `[images, 3, size, size]` in −1..1; stages are called `name.…`. Each of `taps` is a block
-    /// with the places of [`gather`].
+    /// `images` is `[images, 3, size, size]` in −1..1; stages are named `name.…`. Each of `taps` is a block and the
+    /// `places` argument of [`gather`].
     pub(super) fn forward(
         &self,
         images: &[f32],
@@ -169,8 +169,7 @@ impl Vit {
         Ok(Features { taps: tapped, last })
     }
 
-    /// Squares of pixels as rows `[images · side², 3 · patch²]`, in the order of the embedding's
-    /// weights.
+    /// Patches of pixels as rows `[images · side², 3 · patch²]`, in the order of the embedding's weights.
     fn squares(&self, images: &[f32]) -> Vec<f32> {
         let Shape {
             image: size,
@@ -207,7 +206,7 @@ impl VitBlock {
         }
     }
 
-    /// `[images, tokens, dim]` to the same shape.
+    /// Preserves the shape `[images, tokens, dim]`.
     fn forward(&self, x: Tensor, shape: Shape) -> candle_core::Result<Tensor> {
         let Shape {
             kernels,
@@ -239,7 +238,7 @@ impl VitBlock {
             parts.map(|first| run(x.narrow(0, first, IMAGES_AT_ONCE.min(count - first))?));
         let parts = parts.collect::<candle_core::Result<Vec<_>>>()?;
         match kernels {
-            // The parts are views of `x`, in which they were computed.
+            // The parts are views of `x` and were updated in place.
             Some(_) => Ok(x),
             None => Tensor::cat(&parts, 0),
         }

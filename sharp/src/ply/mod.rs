@@ -1,9 +1,9 @@
-//! Gaussian scenes, and PLY files of them: the SHARP release's own form, the plain form that
-//! third-party viewers read, PlayCanvas' compressed one, and a reader for all and for other programs'
-//! files. [`table`] reads PLY files of any kind; `gaussian_files` reads other formats, too.
+//! Gaussian scenes and their PLY files: the SHARP release's form, the plain form for third-party viewers, PlayCanvas'
+//! compressed form, and a reader for all of these and for files of other programs. [`table`] reads PLY files of any
+//! kind; `gaussian_files` also reads other formats.
 //!
-//! Stored values are encoded: scales as natural logarithms, opacities as logits, colours as the
-//! constant term of spherical harmonics, `(c − ½) / √(1 / 4π)`. [`StoredForm`] says where a file's are stored otherwise.
+//! Stored values are encoded: scales as natural logarithms, opacities as logits, colours as the constant term of
+//! spherical harmonics, `(c − ½) / √(1 / 4π)`. [`StoredForm`] describes files with other encodings.
 
 mod compressed;
 mod marks;
@@ -40,41 +40,41 @@ pub use write::{PlyForm, to_bytes};
 /// √(1 / 4π), the value of the constant spherical harmonic.
 pub(crate) const SH_CONSTANT: f32 = 0.282_094_79;
 
-/// Properties of a vertex, in the order in which they are written.
+/// Vertex properties, in the order in which they are written.
 const VERTEX: [&str; 14] = [
     "x", "y", "z", "f_dc_0", "f_dc_1", "f_dc_2", "opacity", "scale_0", "scale_1", "scale_2",
     "rot_0", "rot_1", "rot_2", "rot_3",
 ];
 
-/// Gaussians with the other contents of their file.
+/// Gaussians and the other contents of their file.
 #[derive(Debug, Clone, PartialEq)]
 pub struct GaussianScene {
-    /// In the space of the file, for SHARP's the camera's, metres; colours in the reading's blending space, and harmonics
-    /// only if that is sRGB.
+    /// In the space of the file; for SHARP, that is camera space in metres. Colours are in the reading's blending
+    /// colour space; harmonics are only kept if that is sRGB.
     pub gaussians: Gaussians,
-    /// The camera the scene was predicted from; `None` for a file without one.
+    /// Camera from which the scene was predicted, if stored in the file.
     pub intrinsics: Option<Intrinsics>,
-    /// Row-major 4×4 `camera_from_world`; `None` for a file without one.
+    /// Row-major 4×4 `camera_from_world`, if stored in the file.
     pub extrinsics: Option<[f32; 16]>,
-    /// How the file read says that its colours are stored, if it does; the writer always stores sRGB.
+    /// Colour encoding stated by the file, if any; the writer always stores sRGB.
     pub color_space: Option<ColorSpace>,
-    /// The writing program's format version; the release writes 1.5.0.
+    /// Format version of the writing program; the release writes 1.5.0.
     pub version: Option<[u8; 3]>,
-    /// How many coefficients of view-dependent colour (`f_rest_*`) a Gaussian has in the file: 9, 24, 45 or
-    /// 72 for degrees 1 to 4.
+    /// Number of coefficients of view-dependent colour (`f_rest_*`) per Gaussian in the file: 9, 24, 45 or 72 for
+    /// degrees 1 to 4.
     pub color_coefficients: usize,
-    /// Whether one of those is not zero, so that colours depend on where one looks from.
+    /// True if any of these coefficients is not zero, so that colours depend on the view.
     pub is_view_dependent: bool,
-    /// What the file says about how it was made to be drawn.
+    /// The file's information about how it is meant to be rendered.
     pub marks: FileMarks,
-    /// How the numbers were read.
+    /// The encodings with which the numbers were read.
     pub reading: StoredForm,
-    /// What speaks against that.
+    /// Doubts about these encodings.
     pub doubts: Vec<Suspicion>,
 }
 
 impl GaussianScene {
-    /// A scene as the predictor yields it.
+    /// A scene as produced by the predictor.
     pub fn new(gaussians: Gaussians, intrinsics: Intrinsics) -> Self {
         Self {
             gaussians,
@@ -93,8 +93,8 @@ impl GaussianScene {
         }
     }
 
-    /// The stored camera, or the release's default for files without one: 640 × 480 pixels, focal
-    /// length 512 px, principal point in the middle.
+    /// The stored camera, or the release's default for files without one: 640 × 480 pixels, focal length 512 px,
+    /// principal point in the centre.
     pub fn intrinsics_or_default(&self) -> Intrinsics {
         self.intrinsics.unwrap_or(Intrinsics {
             fx: 512.0,
@@ -115,7 +115,7 @@ impl GaussianScene {
     }
 }
 
-/// A file that cannot be read or written as a Gaussian scene.
+/// An error in reading or writing a Gaussian scene.
 #[derive(Debug, thiserror::Error)]
 #[error("{}: {reason}", path.display())]
 pub struct PlyError {
@@ -133,7 +133,7 @@ impl PlyError {
     }
 }
 
-/// Errors of a PLY file.
+/// Reasons that a file cannot be read as a Gaussian scene.
 #[derive(Debug, thiserror::Error)]
 pub enum PlyReason {
     #[error(transparent)]
@@ -142,32 +142,32 @@ pub enum PlyReason {
     Table(#[from] TableError),
     #[error("no Gaussians: there is no element `vertex`")]
     NoVertices,
-    /// The vertices are not Gaussians: these properties are missing.
+    /// The vertices are not Gaussians: the listed properties are missing.
     #[error("no Gaussians: element `vertex` has no {}", .0.join(", "))]
     Missing(Vec<&'static str>),
-    /// An extra element of the release with the wrong number of values or an unknown code.
+    /// One of the release's extra elements has the wrong number of values or an unknown code.
     #[error("element `{element}`: {what}")]
     Extra { element: &'static str, what: String },
     #[error("stored camera: {0}")]
     Camera(#[from] CameraError),
-    /// Read as the other, colours would be far off.
+    /// The file does not state its colour encoding; the wrong choice would distort colours.
     #[error(
         "the file does not say whether its colours are linear or sRGB-encoded: say color_space=linear, as the SHARP \
          release assumes, or color_space=srgb, as 3D Gaussian Splatting trains them"
     )]
     ColorSpaceUnknown,
-    /// It is of another format that is known.
+    /// The file is in another, recognised format.
     #[error("not a file of Gaussians but {0}")]
     Foreign(String),
     #[error("it is empty: nothing was written, or its download failed")]
     Empty,
-    /// It is of no format that is known.
+    /// The format is not recognised.
     #[error("of no known format of Gaussians (PLY, SPZ, SOG, .splat)")]
     Unknown,
-    /// Damage to a file of another format than PLY.
+    /// A file in a format other than PLY is damaged.
     #[error("{format}: {what}")]
     Damaged { format: &'static str, what: String },
-    /// The vertices are Gaussians of a form that is not read.
+    /// The vertices are Gaussians in an unsupported form.
     #[error("{0}")]
     OtherForm(&'static str),
     #[error("{0} properties f_rest_*: their numbers have to run from 0 to 8, 23, 44 or 71")]
@@ -181,7 +181,7 @@ pub enum PlyReason {
          term alone"
     )]
     LinearHarmonics,
-    /// They were made for another rule of rendering.
+    /// The Gaussians were made for another rendering rule.
     #[error("made for {0}; `marks=ignore` draws it as any other file")]
     OtherRule(String),
     #[error(
@@ -198,7 +198,7 @@ pub enum PlyReason {
         count: usize,
         each: usize,
     },
-    /// A value that the reading does not allow.
+    /// A value is impossible in the given encoding.
     #[error("{what} is {value}: {advice}")]
     Impossible {
         what: &'static str,

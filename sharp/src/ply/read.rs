@@ -1,4 +1,4 @@
-//! Tables to a scene.
+//! Conversion of PLY tables to a scene.
 
 use std::collections::BTreeMap;
 
@@ -11,32 +11,32 @@ use super::{ColorSpace, GaussianScene, PlyReason, VERTEX};
 use crate::camera::Intrinsics;
 use crate::gaussians::Gaussians;
 
-/// Numbers of a file of any format, before they are turned into what they stand for.
+/// Numbers of a file in any format, before decoding.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Decoded {
-    /// As stored, whatever `form` says that they are; harmonics as they are.
+    /// Stored values, encoded as `form` describes; harmonics are not encoded.
     pub(crate) stored: Gaussians,
-    /// The format's own form.
+    /// The encodings of the format itself.
     pub(crate) form: StoredForm,
     pub(crate) marks: FileMarks,
-    /// Mip-Splatting's filter of each Gaussian; empty without one.
+    /// Mip-Splatting's filter of each Gaussian; empty if absent.
     pub(crate) filter_3d: Vec<f32>,
-    /// Encoding of colours that the file states.
+    /// Colour encoding stated by the file.
     pub(crate) stated: Option<ColorSpace>,
     pub(crate) intrinsics: Option<Intrinsics>,
     pub(crate) extrinsics: Option<[f32; 16]>,
     pub(crate) version: Option<[u8; 3]>,
-    /// Properties `f_rest_*`, or as many numbers a Gaussian in another format.
+    /// Number of `f_rest_*` properties, or their equivalent per Gaussian in another format.
     pub(crate) color_coefficients: usize,
     pub(crate) is_view_dependent: bool,
     pub(crate) doubts: Vec<Suspicion>,
 }
 
 impl Decoded {
-    /// The scene, read as `given`.
+    /// Decodes the scene, with `given` overriding the format's encodings.
     ///
     /// # Errors
-    /// [`PlyReason`], where the file cannot be read so.
+    /// [`PlyReason`], if the file cannot be read this way.
     pub(crate) fn scene(mut self, given: &StoredForm) -> Result<GaussianScene, PlyReason> {
         if given.marks != Some(Marks::Ignore) {
             self.marks.check_rule(given)?;
@@ -85,15 +85,15 @@ impl Decoded {
     }
 }
 
-/// Widens each Gaussian by Mip-Splatting's 3-D filter, a standard deviation, and lowers its opacity so that what it
-/// covers stays. Gaussians beyond the end of `filter` are left as they are.
+/// Widens each Gaussian by Mip-Splatting's 3-D filter (a standard deviation) and lowers its opacity to preserve its
+/// total contribution. Gaussians beyond the end of `filter` are unchanged.
 fn fold_filter(gaussians: &mut Gaussians, filter: &[f32]) {
     let rows = gaussians.scales.iter_mut().zip(&mut gaussians.opacities);
     for ((scales, opacity), &filter) in rows.zip(filter) {
         let filter = f64::from(filter);
         let widened = scales.map(|s| f64::from(s).hypot(filter));
         let shares = scales.iter().zip(widened);
-        // Without any width there is nothing to share out.
+        // Avoids division by zero for a zero width.
         let share: f64 = shares
             .map(|(s, w)| if w > 0.0 { f64::from(*s) / w } else { 1.0 })
             .product();
@@ -102,18 +102,17 @@ fn fold_filter(gaussians: &mut Gaussians, filter: &[f32]) {
     }
 }
 
-/// Reads a PLY file's bytes.
+/// Parses the bytes of a PLY file.
 ///
-/// Properties and elements may come in any order, in text or binary of either byte order. Needed
-/// are `x y z f_dc_0..2 opacity scale_0..2 rot_0..3` of element `vertex`, or PlayCanvas' compressed
-/// elements. Older forms of the release's extra elements are understood: an `intrinsic` of four
-/// values (fx, fy, width, height) and an `extrinsic` of twelve (3×4, its 3×3 part transposed).
-/// `given` is how numbers are read where that is not as 3D Gaussian Splatting stores them, and how
-/// colours are encoded where the file does not say.
+/// Properties and elements may come in any order, in text or binary of either byte order. Required are `x y z f_dc_0..2
+/// opacity scale_0..2 rot_0..3` of element `vertex`, or PlayCanvas' compressed elements. Older forms of the release's
+/// extra elements are supported: an `intrinsic` of four values (fx, fy, width, height) and an `extrinsic` of twelve
+/// (3×4, with its 3×3 part transposed). `given` overrides the encodings of 3D Gaussian Splatting, and sets the colour
+/// encoding for files that do not state it.
 ///
 /// # Errors
-/// [`PlyReason`]; [`PlyReason::ColorSpaceUnknown`] where neither says;
-/// [`PlyReason::OtherForm`] and [`PlyReason::OtherRule`] for files whose numbers would be misread.
+/// [`PlyReason`]; [`PlyReason::ColorSpaceUnknown`] if neither the file nor `given` states the encoding;
+/// [`PlyReason::OtherForm`] and [`PlyReason::OtherRule`] for files whose numbers would be misinterpreted.
 pub fn from_bytes(bytes: &[u8], given: impl Into<StoredForm>) -> Result<GaussianScene, PlyReason> {
     let given: StoredForm = given.into();
     let (header, mut body) = Header::parse(bytes)?;
@@ -169,7 +168,7 @@ pub fn from_bytes(bytes: &[u8], given: impl Into<StoredForm>) -> Result<Gaussian
     decoded.scene(&given)
 }
 
-/// Refuses values that a reading which was asked for cannot have.
+/// Rejects stored values that are impossible in an explicitly requested encoding.
 ///
 /// # Errors
 /// [`PlyReason::Impossible`].
@@ -200,9 +199,10 @@ pub fn check_stored(stored: &Gaussians, reading: &StoredForm) -> Result<(), PlyR
     Ok(())
 }
 
-/// The reason to refuse rows that are longer than the header says: bytes that are left over share out evenly.
+/// Rejects files whose rows are longer than the header states, which is the case if the surplus bytes are a multiple of
+/// the rows.
 fn longer_rows(surplus: usize, count: usize) -> Option<PlyReason> {
-    // A few bytes share out among a few rows by chance.
+    // With few rows, a small surplus may be a multiple by chance.
     let is_padding = count >= 20 && surplus > 0 && surplus.is_multiple_of(count);
     is_padding.then(|| PlyReason::LongerRows {
         surplus,
@@ -211,7 +211,7 @@ fn longer_rows(surplus: usize, count: usize) -> Option<PlyReason> {
     })
 }
 
-/// Elements of the release that are read besides the vertices, each with one property of its name.
+/// Elements of the release that are read besides the vertices; each has one property of the same name.
 const EXTRAS: [&str; 5] = [
     "extrinsic",
     "intrinsic",
@@ -226,7 +226,7 @@ fn extra<'a>(extras: &'a Extras<'_>, name: &str) -> Option<&'a [f64]> {
     extras.get(name).map(Vec::as_slice)
 }
 
-/// Properties of colours that are not coefficients.
+/// Properties of colours that are not spherical-harmonics coefficients.
 const RGB: [&str; 3] = ["red", "green", "blue"];
 
 fn gaussians(
@@ -260,7 +260,7 @@ fn gaussians(
     }
     let marks = FileMarks::of_ply(header, element, None);
     if given.marks != Some(Marks::Ignore) {
-        // Before the rows, which may be many.
+        // Checked before reading the rows, of which there may be many.
         marks.check_rule(given)?;
     }
     let columns = columns.map(Option::unwrap_or_default);
@@ -292,7 +292,7 @@ fn gaussians(
             .extend(filter.map(|index| row.number(index) as f32));
         out.is_view_dependent |= rest.iter().any(|&index| row.number(index) != 0.0);
         if keeps_harmonics {
-            // All coefficients of red come first.
+            // All coefficients of red come first, then green, then blue.
             let of =
                 |k: usize| [0, 1, 2].map(|channel| row.number(rest[channel * each + k]) as f32);
             stored.harmonics.coefficients.extend((0..each).map(of));
@@ -302,7 +302,7 @@ fn gaussians(
     Ok(out)
 }
 
-/// Columns of `f_rest_*`, by their numbers.
+/// Columns of `f_rest_*`, in order of their numbers.
 fn rest_columns(element: &Element, blending: ColorSpace) -> Result<Vec<usize>, PlyReason> {
     let numbered = element.properties.iter().filter_map(|property| {
         let number: usize = property.name.strip_prefix("f_rest_")?.parse().ok()?;
@@ -320,7 +320,7 @@ fn rest_columns(element: &Element, blending: ColorSpace) -> Result<Vec<usize>, P
     Ok(numbered.into_iter().map(|(_, column)| column).collect())
 }
 
-/// Degree of spherical harmonics with so many coefficients beyond the constant ones.
+/// Degree of the spherical harmonics with this many coefficients beyond the constant ones.
 pub(crate) fn degree_of(coefficients: usize) -> Option<usize> {
     (0..=crate::gaussians::Harmonics::MAX_DEGREE)
         .find(|degree| 3 * ((degree + 1).pow(2) - 1) == coefficients)
@@ -353,7 +353,7 @@ fn intrinsics(extras: &Extras<'_>) -> Result<Option<Intrinsics>, PlyReason> {
         return Ok(None);
     };
     let (focal, center, size) = match *values {
-        // Legacy: no principal point, so the middle of the image.
+        // Legacy form without a principal point: uses the image's centre.
         [fx, fy, width, height] => ((fx, fy), (width / 2.0, height / 2.0), [width, height]),
         [fx, _, cx, _, fy, cy, _, _, _] => {
             let size = match extra(extras, "image_size") {
@@ -364,7 +364,7 @@ fn intrinsics(extras: &Extras<'_>) -> Result<Option<Intrinsics>, PlyReason> {
                         what: format!("{} values instead of 2", other.len()),
                     });
                 }
-                // The release's writer puts the principal point into the middle.
+                // The release's writer puts the principal point in the centre of the image.
                 None => [2.0 * cx, 2.0 * cy],
             };
             ((fx, fy), (cx, cy), size)
@@ -376,7 +376,7 @@ fn intrinsics(extras: &Extras<'_>) -> Result<Option<Intrinsics>, PlyReason> {
             });
         }
     };
-    // `as` saturates and maps NaN to 0, which the camera then refuses.
+    // `as` saturates and maps NaN to 0, which the camera then rejects.
     let [width, height] = size.map(|v| v.round() as u32);
     Ok(Some(Intrinsics::new(focal, center, (width, height))?))
 }

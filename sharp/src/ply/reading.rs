@@ -1,10 +1,10 @@
-//! Forms of stored numbers, for programs that store them differently from 3D Gaussian Splatting.
+//! Encodings of stored numbers, for programs that use others than 3D Gaussian Splatting.
 
 use super::SH_CONSTANT;
 use crate::color::{linear_from_srgb, srgb_from_linear};
 use crate::gaussians::Gaussians;
 
-/// A value that a setting does not have.
+/// Error: a setting does not have this value.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("{key}={value}: {} is needed", known.join(" or "))]
 pub struct UnknownReading {
@@ -13,7 +13,7 @@ pub struct UnknownReading {
     pub known: &'static [&'static str],
 }
 
-/// An enum whose variants are written as the values of a setting.
+/// Defines an enum whose variants are the values of a setting.
 macro_rules! setting {
     ($(#[$about:meta])* $name:ident, $key:literal: $($(#[$of:meta])* $variant:ident = $text:literal),+ $(,)?) => {
         $(#[$about])*
@@ -26,7 +26,7 @@ macro_rules! setting {
             /// All values, the default first.
             pub const ALL: &'static [Self] = &[$(Self::$variant),+];
 
-            /// As in the setting.
+            /// The value as written in the setting.
             pub fn name(self) -> &'static str {
                 match self { $(Self::$variant => $text),+ }
             }
@@ -59,23 +59,23 @@ macro_rules! setting {
 pub(crate) use setting;
 
 setting!(
-    /// Encoding of colours, in a file or where Gaussians are blended.
+    /// Encoding of colours, in a file or for blending.
     ColorSpace, "color_space":
-    /// Linear light, code 1: what the release assumes of a file that does not say.
+    /// Linear light, code 1. The release assumes it for files that do not state their encoding.
     Linear = "linear",
-    /// sRGB-encoded, code 0: what the release writes, for viewers that blend encoded values, and what 3D Gaussian
-    /// Splatting optimises without saying so.
+    /// sRGB-encoded, code 0. The release writes it for viewers that blend encoded values, and 3D Gaussian Splatting
+    /// optimises it without stating so.
     Srgb = "srgb",
 );
 impl Default for ColorSpace {
-    /// What SHARP blends in.
+    /// The colour space in which SHARP blends.
     fn default() -> Self {
         Self::Linear
     }
 }
 
 setting!(
-    /// Opacities.
+    /// Encoding of opacities.
     StoredOpacity, "opacity":
     /// ln(o / (1 − o)).
     Logit = "logit",
@@ -85,26 +85,26 @@ setting!(
     Byte = "byte",
 );
 setting!(
-    /// Standard deviations.
+    /// Encoding of standard deviations.
     StoredScales, "scales":
     /// Natural logarithms.
     Log = "log",
-    /// As they are.
+    /// Not encoded.
     Linear = "linear",
     /// Natural logarithms of variances.
     LogVariance = "log-variance",
 );
 setting!(
-    /// Order and direction of quaternions.
+    /// Component order and direction of quaternions.
     StoredQuaternions, "quaternions":
     Wxyz = "wxyz",
     Xyzw = "xyzw",
-    /// The inverse rotations.
+    /// Of the inverse rotations.
     WxyzInverse = "wxyz-inverse",
     XyzwInverse = "xyzw-inverse",
 );
 setting!(
-    /// Colours.
+    /// Encoding of colours.
     StoredColors, "colors":
     /// The constant coefficient of spherical harmonics, (c − ½) / √(1 / 4π).
     Dc = "dc",
@@ -112,35 +112,35 @@ setting!(
     DcUncentered = "dc-uncentered",
     /// 0..1.
     Rgb01 = "rgb01",
-    /// 0..255; of a PLY without `f_dc_*` its `red green blue`.
+    /// 0..255; in a PLY without `f_dc_*`, its `red green blue`.
     Rgb255 = "rgb255",
-    /// ln(c / (1 − c)), as nerfstudio exports models of degree 0.
+    /// ln(c / (1 − c)), as in nerfstudio's exports of models of degree 0.
     Logit = "logit",
 );
 setting!(
-    /// Order of the colours' channels.
+    /// Order of the colour channels.
     StoredChannels, "channels":
     Rgb = "rgb",
     Bgr = "bgr",
 );
 setting!(
-    /// Coefficients of view-dependent colour.
+    /// Treatment of coefficients of view-dependent colour.
     Harmonics, "harmonics":
-    /// Files with some that are not zero are refused.
+    /// Files with non-zero coefficients are rejected.
     Refuse = "refuse",
-    /// The constant term alone is drawn.
+    /// Only the constant term is drawn.
     Drop = "drop",
 );
 setting!(
-    /// Marks of another rendering rule: antialiasing, flat Gaussians, a filter that is not folded in.
+    /// Treatment of marks of another rendering rule: antialiasing, flat Gaussians, a filter that is not folded in.
     Marks, "marks":
-    /// Such files are refused.
+    /// Files with such marks are rejected.
     Refuse = "refuse",
-    /// Drawn as if they were not there.
+    /// The marks are ignored.
     Ignore = "ignore",
 );
 
-/// Form of a file's numbers; `None` is the format's own. Given values are not checked.
+/// Encodings of a file's numbers; `None` means the format's own. Given values are not checked.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct StoredForm {
     pub color_space: Option<ColorSpace>,
@@ -151,12 +151,12 @@ pub struct StoredForm {
     pub channels: Option<StoredChannels>,
     pub harmonics: Option<Harmonics>,
     pub marks: Option<Marks>,
-    /// What decoded colours are encoded in: the rule of rendering decides it, so that it is none of the settings. In
-    /// linear light colours that depend on the view cannot be read; sRGB-encoded they are read, and a file that does not
-    /// state its colours' encoding is taken as 3D Gaussian Splatting trains it.
+    /// Encoding of the decoded colours. It is determined by the rendering rule and is therefore not one of the
+    /// settings. With linear light, view-dependent colours cannot be read. With sRGB they can, and files that do not
+    /// state their colour encoding are assumed to use that of 3D Gaussian Splatting.
     pub blending: ColorSpace,
-    /// Whether someone named the rule of rendering: marks of another are then no reason to refuse a file. None of the settings
-    /// either.
+    /// True if a rendering rule was explicitly chosen; marks of another rule are then no reason to reject a file. Not
+    /// one of the settings either.
     pub is_ruled: bool,
 }
 
@@ -170,7 +170,7 @@ impl From<Option<ColorSpace>> for StoredForm {
 }
 
 impl StoredForm {
-    /// Whether files with marks of other rules than SHARP's are read.
+    /// True if files with marks of rules other than SHARP's are accepted.
     pub(crate) fn takes_other_rules(&self) -> bool {
         self.is_ruled || self.blending == ColorSpace::Srgb
     }
@@ -187,10 +187,10 @@ impl StoredForm {
         Marks::KEY,
     ];
 
-    /// Sets one of [`Self::KEYS`]; false for another key.
+    /// Sets one of [`Self::KEYS`]; returns false for any other key.
     ///
     /// # Errors
-    /// [`UnknownReading`] for a value that the setting does not have.
+    /// [`UnknownReading`] if the setting does not have this value.
     pub fn set(&mut self, key: &str, value: &str) -> Result<bool, UnknownReading> {
         match key {
             ColorSpace::KEY => self.color_space = Some(value.parse()?),
@@ -206,7 +206,7 @@ impl StoredForm {
         Ok(true)
     }
 
-    /// What is set, by key.
+    /// The settings that were given, by key.
     pub fn settings(&self) -> Vec<(&'static str, &'static str)> {
         let all = [
             self.color_space.map(ColorSpace::name),
@@ -224,7 +224,7 @@ impl StoredForm {
             .collect()
     }
 
-    /// As a PLY has it.
+    /// The encodings of a PLY.
     pub fn ply() -> Self {
         Self {
             opacity: Some(StoredOpacity::Logit),
@@ -234,7 +234,7 @@ impl StoredForm {
         }
     }
 
-    /// As a format has it, where nothing is set.
+    /// Fills unset settings with the encodings of `format`.
     pub fn or_of(self, format: &Self) -> Self {
         Self {
             opacity: self.opacity.or(format.opacity),
@@ -244,7 +244,7 @@ impl StoredForm {
         }
     }
 
-    /// As arrays of decoded values have it (standard deviations, opacities 0..1, linear colours), where nothing is set.
+    /// Fills unset settings with those of decoded arrays (standard deviations, opacities in 0..1, linear colours).
     pub fn of_arrays(self) -> Self {
         Self {
             opacity: self.opacity.or(Some(StoredOpacity::Linear)),
@@ -263,12 +263,12 @@ impl StoredForm {
         }
     }
 
-    /// Turns stored numbers into what they stand for. Settings that are `None` leave them as they are.
+    /// Decodes stored numbers. Settings that are `None` leave their values unchanged.
     pub fn decode(&self, gaussians: &mut Gaussians) {
         self.convert(gaussians, false);
     }
 
-    /// What [`Self::decode`] made the Gaussians of, but for rounding.
+    /// Inverse of [`Self::decode`], up to rounding.
     pub fn encode(&self, gaussians: &mut Gaussians) {
         self.convert(gaussians, true);
     }

@@ -1,23 +1,24 @@
-//! Signs of a wrong reading in stored numbers alone.
+//! Detection of wrong encodings from the stored numbers alone.
 //!
-//! The bounds are measured: none fires on real files of seven programs, each fires on files that were written wrongly.
-//! Columns of one value are fresh initialisations and fewer than [`LEAST`] Gaussians say nothing. A quaternion's order
-//! cannot be told from numbers: files of real scenes have any of the four components as the largest.
+//! The thresholds are empirical: none fires on real files of seven programs, and each fires on incorrectly written
+//! files. Columns with a single value are ignored as fresh initialisations, and files with fewer than [`LEAST`]
+//! Gaussians are not judged. The component order of quaternions cannot be detected from numbers: in files of real
+//! scenes, any of the four components may be the largest.
 
 use super::reading::{
     StoredColors, StoredForm, StoredOpacity, StoredQuaternions, StoredScales, logistic,
 };
 use crate::gaussians::Gaussians;
 
-/// Fewer Gaussians are not judged.
+/// Minimum number of Gaussians to judge.
 const LEAST: usize = 20;
 
-/// A doubt about how a file is read.
+/// A doubt about the encoding of a file.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Suspicion {
-    /// What it is about: one of a kind is enough to say. The setting that mends it, where numbers alone suggest one.
+    /// Topic, used to report only one doubt of each kind. The setting that would fix it, if numbers alone suggest one.
     pub about: &'static str,
-    /// Why, and the setting that mends it.
+    /// The reason, and the setting that would fix it.
     pub text: String,
 }
 
@@ -30,8 +31,8 @@ impl Suspicion {
     }
 }
 
-/// Doubts about numbers as they are stored, of settings that were not given. `format` is the whole reading, with what
-/// the format has where nothing was given.
+/// Doubts about stored numbers, for settings that were not given. `format` is the complete set of encodings, with the
+/// format's own where nothing was given.
 pub fn suspicions(stored: &Gaussians, given: &StoredForm, format: &StoredForm) -> Vec<Suspicion> {
     let finite: Vec<usize> = (0..stored.len()).filter(|&k| stored.is_finite(k)).collect();
     if finite.len() < LEAST {
@@ -67,7 +68,7 @@ pub fn suspicions(stored: &Gaussians, given: &StoredForm, format: &StoredForm) -
         && format.scales == Some(StoredScales::Log)
         && scales.least >= 0.0
         && scales.median.exp() > 0.05 * extent
-        // Of a scene in millimetres logarithms are that large.
+        // In a scene measured in millimetres, the logarithms are this large.
         && (scales.median < 1.0 || scales.median.exp() > extent)
     {
         found.push(Suspicion::new(
@@ -121,17 +122,17 @@ pub fn suspicions(stored: &Gaussians, given: &StoredForm, format: &StoredForm) -
     found
 }
 
-/// Smallest, middle and largest of some values.
+/// Minimum, median and maximum of some values.
 struct Range {
     least: f32,
     median: f32,
     most: f32,
-    /// Between the 1 % and the 99 % quantile.
+    /// Difference between the 1 % and the 99 % quantile.
     spread: f32,
 }
 
 impl Range {
-    /// Of at least one value.
+    /// Requires at least one value.
     fn of(mut values: Vec<f32>) -> Self {
         values.sort_unstable_by(f32::total_cmp);
         let at = |q: f64| values[((values.len() - 1) as f64 * q).round() as usize];
@@ -143,12 +144,13 @@ impl Range {
         }
     }
 
-    /// All within 0..1, and far enough apart to be colours: coefficients as close are those of one shade.
+    /// True if all values are in 0..1 and spread enough to be colours: coefficients this close together would be a
+    /// single shade.
     fn is_unit(&self) -> bool {
         self.least >= 0.0 && self.most <= 1.0 && self.spread >= 0.5
     }
 
-    /// A suspicion where all are at least 0 and some are far above 1.
+    /// A suspicion, if all values are at least 0 and some are far above 1.
     fn as_bytes(&self, what: &str, about: &'static str) -> Option<Suspicion> {
         let Self { least, most, .. } = self;
         (*least >= 0.0 && *most > 20.0).then(|| {
@@ -159,8 +161,8 @@ impl Range {
         })
     }
 
-    /// All within 0..1. Of a single value, the one that is a round number is taken for what was meant: the stored one, or
-    /// its logistic.
+    /// True if all values are in 0..1. If there is only a single value, whichever is a round number is assumed to be
+    /// meant: the stored one, or its logistic.
     fn is_activated(&self) -> bool {
         let is_round = |value: f32| (value * 1000.0 - (value * 1000.0).round()).abs() < 1e-3;
         let inside = self.least >= 0.0 && self.most <= 1.0;
@@ -169,7 +171,8 @@ impl Range {
     }
 }
 
-/// A standard deviation that no scene has: half of them are wider than all of it, or one is beyond a million.
+/// A standard deviation that is implausible in any scene, if half of them are wider than the whole scene or one exceeds
+/// a million.
 pub fn enormous_scale(gaussians: &Gaussians) -> Option<f32> {
     let finite: Vec<usize> = (0..gaussians.len())
         .filter(|&k| gaussians.is_finite(k))
@@ -187,7 +190,7 @@ pub fn enormous_scale(gaussians: &Gaussians) -> Option<f32> {
     }
 }
 
-/// Whether a rotation would show: deviations that differ by more than a twentieth.
+/// True if a rotation would be visible, i.e. the standard deviations differ by more than a twentieth.
 fn is_stretched(stored: [f32; 3], format: &StoredForm) -> bool {
     let [x, y, z] = match format.scales {
         Some(StoredScales::Log) => stored.map(f32::exp),
@@ -196,7 +199,7 @@ fn is_stretched(stored: [f32; 3], format: &StoredForm) -> bool {
     x.max(y).max(z) > 1.05 * x.min(y).min(z)
 }
 
-/// Diagonal of the box that holds the middle 90 % of the centres along each axis.
+/// Diagonal of the box that contains the middle 90 % of the centres along each axis.
 fn extent(stored: &Gaussians, finite: &[usize]) -> f32 {
     let axes = [0, 1, 2].map(|axis| {
         let mut along: Vec<f32> = finite.iter().map(|&k| stored.means[k][axis]).collect();

@@ -1,7 +1,7 @@
-//! PLY files as tables of numbers, whatever they stand for: a header that describes the elements,
-//! then the rows of each element in the header's order.
+//! PLY files as tables of numbers, independent of their meaning: a header that describes the elements, then the rows of
+//! each element in the header's order.
 //!
-//! All numbers are read as f64, which holds every PLY type exactly.
+//! All numbers are read as f64, which represents every PLY type exactly.
 
 /// Encoding of the rows after the header.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -54,7 +54,7 @@ impl Scalar {
 pub struct Property {
     pub name: String,
     pub scalar: Scalar,
-    /// Type of the stored length; `None` for a single number.
+    /// Type of the stored list length; `None` for a single number.
     pub list_length: Option<Scalar>,
 }
 
@@ -62,7 +62,7 @@ pub struct Property {
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Element {
     pub name: String,
-    /// Rows according to the header. [`Body::rows`] checks it against the size of the file.
+    /// Number of rows according to the header. [`Body::rows`] checks it against the size of the file.
     pub count: usize,
     pub properties: Vec<Property>,
 }
@@ -88,13 +88,13 @@ impl Element {
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Header {
     pub encoding: Encoding,
-    /// In the order in which their rows follow.
+    /// In the order in which their rows are stored.
     pub elements: Vec<Element>,
     /// `comment` and `obj_info` lines without their keyword.
     pub comments: Vec<String>,
 }
 
-/// Errors of any PLY file.
+/// Errors of reading a PLY file.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum TableError {
     #[error("not a PLY file")]
@@ -112,19 +112,19 @@ pub enum TableError {
         element: String,
         /// Counted from 0.
         row: usize,
-        /// At most 40 bytes of it.
+        /// At most 40 bytes.
         word: String,
     },
 }
 
-/// Longest header accepted; real ones have some 2 KiB.
+/// Maximum length of a header; real ones have about 2 KiB.
 const MAX_HEADER_BYTES: usize = 1 << 16;
 
 impl Header {
-    /// Reads the header of a file and returns the rest as the body.
+    /// Parses the header of a file and returns the rest as the body.
     ///
     /// # Errors
-    /// [`TableError::NotPly`] or [`TableError::Header`], which also covers a header of more than 64 KiB.
+    /// [`TableError::NotPly`]; [`TableError::Header`], also for a header of more than 64 KiB.
     pub fn parse(bytes: &[u8]) -> Result<(Self, Body<'_>), TableError> {
         let searched = &bytes[..bytes.len().min(MAX_HEADER_BYTES)];
         let mut encoding = None;
@@ -210,7 +210,7 @@ fn property(words: &[&str]) -> Option<Property> {
     })
 }
 
-/// Names a header line, shortened to what an error message can hold.
+/// Describes an unknown header line, shortened to fit in an error message.
 fn unknown(line: &str) -> String {
     let line = line.trim();
     match line.char_indices().nth(60) {
@@ -229,30 +229,30 @@ pub struct Body<'a> {
 #[derive(Debug, Clone, Copy)]
 pub struct TableRow<'a> {
     values: &'a [f64],
-    /// Where in `values` each property begins, and the end of the last.
+    /// Start of each property in `values`, and the end of the last one.
     starts: &'a [usize],
 }
 
 impl<'a> TableRow<'a> {
-    /// The values of a property: one, or as many as a list has.
+    /// Values of a property: one, or all elements of a list.
     pub fn property(self, index: usize) -> &'a [f64] {
         &self.values[self.starts[index]..self.starts[index + 1]]
     }
 
-    /// The value of a property that is a single number; the first one of a list.
+    /// Value of a single-number property; the first one of a list.
     pub fn number(self, index: usize) -> f64 {
         self.values[self.starts[index]]
     }
 }
 
 impl<'a> Body<'a> {
-    /// What no row was read of yet.
+    /// The bytes that have not been read yet.
     pub fn rest(&self) -> &'a [u8] {
         self.bytes
     }
 
-    /// Bytes beyond those of all rows that a binary header announces; `None` of text, of lists, whose length is in
-    /// their rows, and of a file that is too short.
+    /// Bytes in excess of the rows that a binary header announces. `None` for text, for lists (whose length is stored
+    /// in their rows), and for a file that is too short.
     pub fn surplus(&self, header: &Header) -> Option<usize> {
         let binary = self.encoding != Encoding::Ascii;
         let size = header.elements.iter().try_fold(0_usize, |sum, element| {
@@ -264,14 +264,14 @@ impl<'a> Body<'a> {
         self.bytes.len().checked_sub(size.filter(|_| binary)?)
     }
 
-    /// Reads the rows of `element`, the next of the header's elements, and hands each to `visit`.
+    /// Reads the rows of `element`, which must be the next of the header's elements, and passes each to `visit`.
     ///
-    /// A count that the rest of the file cannot hold is refused before the first row, so `visit` may
-    /// collect: memory stays within a small multiple of the file. Rows without properties take no
-    /// bytes and are passed over, however many the header claims.
+    /// A count that exceeds what the rest of the file can contain is rejected before the first row, so that `visit` may
+    /// collect: memory is bounded by a small multiple of the file's size. Rows without properties take no bytes and are
+    /// skipped, however many the header claims.
     ///
     /// # Errors
-    /// [`TableError::Truncated`], [`TableError::NotANumber`], or what `visit` returns.
+    /// [`TableError::Truncated`], [`TableError::NotANumber`], or any error of `visit`.
     pub fn rows<E: From<TableError>>(
         &mut self,
         element: &Element,
@@ -281,7 +281,7 @@ impl<'a> Body<'a> {
             element: element.name.clone(),
             count: element.count,
         };
-        // The fewest bytes of a row: a list has its length, a number in text a digit and a blank.
+        // Minimum bytes per row: a list has its length, a number in text a digit and a separator.
         let least: usize = element
             .properties
             .iter()
@@ -293,7 +293,7 @@ impl<'a> Body<'a> {
         if least == 0 {
             return Ok(());
         }
-        // The last number of a text file may lack its blank.
+        // The last number of a text file may have no separator after it.
         if element.count > (self.bytes.len() + 1) / least {
             return Err(truncated().into());
         }
@@ -312,7 +312,7 @@ impl<'a> Body<'a> {
                     Some(scalar) => number(scalar)?.max(0.0) as u64,
                     None => 1,
                 };
-                // Each number consumes bytes, so a false length ends with the file.
+                // Each number consumes bytes, so a wrong length stops at the end of the file.
                 for _ in 0..length {
                     values.push(number(property.scalar)?);
                 }

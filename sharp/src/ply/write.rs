@@ -1,23 +1,22 @@
-//! A scene to bytes.
+//! Encoding of a scene as PLY.
 
 use super::marks::{Generator, SplatRenderMode};
 use super::{ColorSpace, GaussianScene, SH_CONSTANT, VERTEX};
 use crate::color::srgb_from_linear;
 
-/// Elements of a written file.
+/// Layout of a written file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum PlyForm {
-    /// As the release writes: camera, size, quantiles of disparity, colour space and version
-    /// follow the Gaussians. Some third-party viewers stumble over these. There is no place for
-    /// view-dependent colour.
+    /// As in the release: the Gaussians are followed by camera, size, quantiles of disparity, colour space and version.
+    /// Some third-party viewers fail on these. View-dependent colour cannot be stored.
     #[default]
     Release,
-    /// The Gaussians only, in the layout of 3D Gaussian Splatting, with the colour space of SHARP's
-    /// in a comment, and the marks of other programs where there are some.
+    /// Only the Gaussians, in the layout of 3D Gaussian Splatting. The colour space of SHARP's scenes is stored in a
+    /// comment, as are any marks of other programs.
     Plain,
 }
 
-/// Marks files of [`PlyForm::Plain`], whose colours the reader would take for linear otherwise.
+/// Marks files of [`PlyForm::Plain`], whose colours the reader would otherwise assume to be linear.
 pub(super) const SRGB_COMMENT: &str = "color_space srgb";
 
 /// The release's version of the format.
@@ -27,10 +26,10 @@ const IDENTITY: [f32; 16] = [
     1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0,
 ];
 
-/// The scene as a binary little-endian PLY file.
+/// Encodes the scene as a binary little-endian PLY file.
 ///
-/// Nothing is clamped: an opacity of exactly 1 becomes +∞, of 0 −∞. The disparity quantiles are
-/// those of 1/z over all Gaussians where that is a number.
+/// Nothing is clamped: an opacity of exactly 1 becomes +∞, one of 0 becomes −∞. The disparity quantiles are those of
+/// 1/z over all Gaussians for which it is a number.
 pub fn to_bytes(scene: &GaussianScene, form: PlyForm) -> Vec<u8> {
     let n = scene.gaussians.len();
     let mut out = header(scene, form).into_bytes();
@@ -90,7 +89,7 @@ fn header(scene: &GaussianScene, form: PlyForm) -> String {
     text + "end_header\n"
 }
 
-/// Comments that keep a file's marks, so that it is drawn alike again.
+/// Comments that preserve a file's marks, so that it is rendered in the same way when read again.
 pub(super) fn comments(scene: &GaussianScene) -> Vec<&'static str> {
     let marks = &scene.marks;
     let generator = match marks.generator {
@@ -107,12 +106,12 @@ pub(super) fn comments(scene: &GaussianScene) -> Vec<&'static str> {
     generator.into_iter().chain(mode).collect()
 }
 
-/// Normals tell files of Inria's program from those of gsplat.
+/// Normals distinguish files of Inria's program from those of gsplat.
 fn has_normals(scene: &GaussianScene, form: PlyForm) -> bool {
     form == PlyForm::Plain && scene.marks.generator == Some(Generator::InriaLike)
 }
 
-/// Properties `f_rest_*`.
+/// Number of `f_rest_*` properties.
 fn coefficients(scene: &GaussianScene, form: PlyForm) -> usize {
     match form {
         PlyForm::Plain => 3 * scene.gaussians.harmonics.per_gaussian(),
@@ -120,7 +119,7 @@ fn coefficients(scene: &GaussianScene, form: PlyForm) -> usize {
     }
 }
 
-/// A colour as it is stored.
+/// Encodes a colour for storage.
 pub(crate) fn srgb(color: f32, blending: ColorSpace) -> f32 {
     match blending {
         ColorSpace::Linear => srgb_from_linear(color),

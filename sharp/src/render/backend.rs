@@ -1,4 +1,4 @@
-//! A choice of backend, as a user or a record writes it.
+//! Choice of a rendering backend, in the notation of users and records.
 
 use super::{CpuRenderer, RenderError, Renderer};
 use std::fmt;
@@ -7,13 +7,13 @@ use std::str::FromStr;
 /// Rendering backend. Written `cpu`, `wgpu`, `wgpu:NAME` or `auto`.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub enum Backend {
-    /// [`CpuRenderer`]. The default, and what scores are made with unless someone asks otherwise.
+    /// [`CpuRenderer`]. The default, also for scoring unless requested otherwise.
     #[default]
     Cpu,
-    /// `GpuRenderer` on the first hardware adapter, or on the first adapter whose description
-    /// contains the name in any case. Only a name finds a software adapter.
+    /// `GpuRenderer` on the first hardware adapter, or on the first adapter whose description contains the name
+    /// (case-insensitive). Software adapters are only selected by name.
     Wgpu(Option<String>),
-    /// The first hardware adapter if there is one that opens, else the CPU.
+    /// The first hardware adapter if one opens, else the CPU.
     Auto,
 }
 
@@ -21,8 +21,8 @@ impl Backend {
     /// Opens the backend.
     ///
     /// # Errors
-    /// [`RenderError::NoAdapter`] where no adapter fits or the build has no GPU backend;
-    /// [`RenderError::Device`] where it does not open. `cpu` and `auto` do not fail.
+    /// [`RenderError::NoAdapter`] if no adapter matches or the build has no GPU backend; [`RenderError::Device`] if the
+    /// adapter does not open. `cpu` and `auto` never fail.
     pub fn open(&self) -> Result<Box<dyn Renderer>, RenderError> {
         match self {
             Self::Cpu => Ok(Box::new(CpuRenderer::new())),

@@ -1,11 +1,11 @@
-//! Inverse depth as a picture, in the turbo colours.
+//! Inverse depth as a picture, in the turbo colormap.
 
 use super::RenderOutput;
 use image::{ImageBuffer, Luma, RgbImage};
 use std::ops::RangeInclusive;
 
-/// Mikhailov's turbo table (256 sRGB colours, the same in matplotlib and OpenCV) as Chebyshev series
-/// over 0..1 for red, green and blue; each entry is met to one level of 255.
+/// Mikhailov's turbo table (256 sRGB colours, the same in matplotlib and OpenCV) as Chebyshev series over 0..1 for red,
+/// green and blue. Each entry is reproduced to within one level of 255.
 const TURBO: [[f64; 18]; 3] = [
     [
         0.505162, 0.309517, -0.120497, -0.232494, -0.046918, 0.096729, -0.016355, -0.035512,
@@ -24,10 +24,10 @@ const TURBO: [[f64; 18]; 3] = [
     ],
 ];
 
-/// The turbo colour of a value in 0..1, from dark blue over green to dark red; 8-bit sRGB. Values
-/// outside take the colour of the nearer end, NaN that of 0. As in the table, 256 steps.
+/// Turbo colour of a value in 0..1, from dark blue through green to dark red; 8-bit sRGB. Values outside the range take
+/// the colour of the nearer end, NaN that of 0. Quantised to 256 steps, like the table.
 pub fn turbo(value: f32) -> [u8; 3] {
-    // A float-to-integer cast saturates, and makes 0 of a NaN.
+    // A float-to-integer cast saturates, and converts NaN to 0.
     let entry = (value * 256.0) as u8;
     let x = f64::from(entry) / 255.0 * 2.0 - 1.0;
     TURBO.map(|series| {
@@ -41,7 +41,7 @@ pub fn turbo(value: f32) -> [u8; 3] {
 }
 
 impl RenderOutput {
-    /// Inverse expected z-depth `alpha / Σ w z`, 1/m; 0 where nothing was drawn.
+    /// Inverse expected z-depth `alpha / Σ w z`, in 1/m; 0 where nothing was drawn.
     pub fn inverse_depth(&self) -> ImageBuffer<Luma<f32>, Vec<f32>> {
         let mut picture = self.expected_depth();
         for depth in picture.iter_mut() {
@@ -50,8 +50,8 @@ impl RenderOutput {
         picture
     }
 
-    /// Inverse depth in turbo colours: the end of `range_m` (metres, > 0) is dark blue, its start
-    /// dark red, what lies beyond takes the end's colour; black where nothing was drawn.
+    /// Inverse depth in turbo colours: the end of `range_m` (metres, > 0) is dark blue, its start dark red. Depths
+    /// outside the range take the colour of the nearer end; pixels where nothing was drawn are black.
     pub fn inverse_depth_colors(&self, range_m: RangeInclusive<f32>) -> RgbImage {
         let (most, least) = (range_m.start().recip(), range_m.end().recip());
         let inverse = self.inverse_depth();

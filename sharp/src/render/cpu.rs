@@ -1,4 +1,4 @@
-//! The backend without a GPU: the passes on rayon's threads, sixteen pixels a lane group.
+//! The CPU backend: the passes run on rayon's threads, with sixteen pixels per lane group.
 
 use super::emit::{BIN, BinGrid, BinLists, count, emit};
 use super::project::{Footprint, Projected, Splat, project};
@@ -10,7 +10,7 @@ use crate::gaussians::Gaussians;
 use rayon::prelude::*;
 use std::sync::{Mutex, PoisonError};
 
-/// Renders on the threads of the current rayon pool. Keeps its buffers between frames.
+/// Renders on the threads of the current rayon pool. Reuses its buffers between frames.
 ///
 /// The picture has the same bytes for any number of threads, any tile size and any SIMD level.
 #[derive(Debug)]
@@ -22,14 +22,14 @@ pub struct CpuRenderer {
     bins: Mutex<Vec<BinScratch>>,
 }
 
-/// Pairs of (Gaussian, bin) that exist at a time, 8 bytes each; a scene with more is rendered in
-/// several rounds of bins.
+/// Maximum number of (Gaussian, bin) pairs in memory at a time, 8 bytes each; a scene with more is rendered in several
+/// rounds of bins.
 const PAIR_LIMIT: u64 = 1 << 25;
 
-/// Buffers of a thread for one bin.
+/// Per-thread buffers for one bin.
 #[derive(Debug, Default)]
 pub(super) struct BinScratch {
-    /// Of the bin's Gaussians, front to back.
+    /// Sort keys of the bin's Gaussians, front to back.
     pub(super) keys: Vec<u64>,
     sorting: Vec<u64>,
     pub(super) lists: TileLists,
@@ -37,8 +37,7 @@ pub(super) struct BinScratch {
 }
 
 impl BinScratch {
-    /// Collects a bin's Gaussians, front to back, relative to the bin's first pixel, which it
-    /// returns.
+    /// Collects a bin's Gaussians, front to back, relative to the bin's first pixel. Returns that pixel.
     pub(super) fn load(
         &mut self,
         (grid, bin): (BinGrid, usize),
@@ -61,12 +60,12 @@ impl Default for CpuRenderer {
 }
 
 impl CpuRenderer {
-    /// A renderer with the best instruction set of this machine.
+    /// Creates a renderer with the best instruction set of this machine.
     pub fn new() -> Self {
         Self::with_simd(Simd::detect())
     }
 
-    /// A renderer that uses the given instruction set.
+    /// Creates a renderer with the given instruction set.
     pub fn with_simd(simd: Simd) -> Self {
         Self {
             simd,
@@ -77,14 +76,14 @@ impl CpuRenderer {
         }
     }
 
-    /// The same renderer with another tile size than 4×4.
+    /// Sets a tile size other than 4×4.
     #[must_use]
     pub fn with_tile_size(self, tile: TileSize) -> Self {
         Self { tile, ..self }
     }
 
-    /// The same renderer with at most `pairs` (Gaussian, bin) pairs in memory at a time, 8 bytes
-    /// each, or as many as one bin of 64×64 pixels has. Changes memory and time, not the picture.
+    /// Limits the (Gaussian, bin) pairs in memory at a time to `pairs`, 8 bytes each, or to those of one bin of 64×64
+    /// pixels if that is more. Affects memory and time, not the picture.
     #[must_use]
     pub fn with_pair_limit(self, pairs: u64) -> Self {
         Self {
@@ -124,7 +123,7 @@ impl LoadedScene for CpuScene<'_> {
 }
 
 impl CpuRenderer {
-    /// All passes, for a checked scene and view.
+    /// Runs all passes for a validated scene and view.
     fn draw(&mut self, scene: &Gaussians, view: &RenderView) -> RenderOutput {
         let (width, height) = (view.intrinsics.width, view.intrinsics.height);
         let grid = BinGrid::new(width, height);
@@ -175,7 +174,7 @@ impl CpuRenderer {
     }
 }
 
-/// Hands every bin its own rows of the output.
+/// Splits the output into the rows of each bin.
 fn cut(out: &mut RenderOutput, grid: BinGrid) -> Vec<BinPixels<'_>> {
     let mut areas: Vec<BinPixels<'_>> = std::iter::repeat_with(BinPixels::default)
         .take(grid.len())

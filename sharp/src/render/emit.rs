@@ -1,18 +1,18 @@
 //! Pass `emit`: the list of Gaussians that reach each bin of 64×64 pixels.
 //!
-//! Lists are emitted in source order, which for a predicted scene is the order of the screen, and
-//! carry their sort key: `z` bits above, index below. Chunks of Gaussians emit into lists of their
-//! own, so that no two threads write to one place and the result knows nothing of threads.
+//! Lists are emitted in source order, which for a predicted scene is the order of the screen, and contain sort keys:
+//! `z` bits above, index below. Chunks of Gaussians emit into separate lists, so that no two threads write to the same
+//! memory and the result does not depend on the number of threads.
 
 use super::project::Footprint;
 use super::scan::scan;
 use rayon::prelude::*;
 use std::ops::Range;
 
-/// Side of a bin, pixels: the unit of work of the passes behind this one.
+/// Side of a bin in pixels; bins are the unit of work of the following passes.
 pub(super) const BIN: usize = 64;
 
-/// Gaussians a task takes at once.
+/// Gaussians per task.
 const CHUNK: usize = 32_768;
 
 /// Division of the image into bins, row by row.
@@ -34,7 +34,7 @@ impl BinGrid {
         self.columns * self.rows
     }
 
-    /// Indices of the bins that a footprint touches.
+    /// Indices of the bins that a footprint overlaps.
     fn touched(self, f: Footprint) -> impl Iterator<Item = usize> {
         let (x0, x1) = (usize::from(f.x0) / BIN, usize::from(f.x1) / BIN);
         let (y0, y1) = (usize::from(f.y0) / BIN, usize::from(f.y1) / BIN);
@@ -45,7 +45,7 @@ impl BinGrid {
 /// Number of Gaussians of each chunk that reach each bin.
 pub(super) struct Counts(Vec<Vec<u32>>);
 
-/// Counts, on the threads of the current pool.
+/// Counts the Gaussians per bin, on the threads of the current pool.
 pub(super) fn count(grid: BinGrid, footprints: &[Footprint]) -> Counts {
     Counts(
         footprints
@@ -64,7 +64,7 @@ pub(super) fn count(grid: BinGrid, footprints: &[Footprint]) -> Counts {
 }
 
 impl Counts {
-    /// Cuts the bins into runs that emit at most `limit` pairs each, or consist of one bin.
+    /// Splits the bins into runs that emit at most `limit` pairs each, or consist of a single bin.
     pub(super) fn groups(&self, grid: BinGrid, limit: u64) -> Vec<Range<usize>> {
         let mut groups = Vec::new();
         let (mut start, mut pairs) = (0, 0);
@@ -83,14 +83,14 @@ impl Counts {
     }
 }
 
-/// The lists of a run of bins, chunk by chunk.
+/// Lists of a run of bins, chunk by chunk.
 pub(super) struct BinLists {
     bins: Range<usize>,
     chunks: Vec<ChunkLists>,
 }
 
 struct ChunkLists {
-    /// Where each bin's list starts, and where the last one ends.
+    /// Start of each bin's list, and the end of the last one.
     starts: Vec<u32>,
     pairs: Vec<u64>,
 }
@@ -130,7 +130,7 @@ pub(super) fn emit(
             let total = starts.last().map_or(0, |end| *end as usize);
             let mut pairs = vec![0_u64; total];
             for (offset, f) in chunk.iter().enumerate().filter(|(_, f)| !f.is_empty()) {
-                // Fits: the scene was checked to hold at most u32::MAX Gaussians.
+                // Cannot overflow: the scene was checked to contain at most u32::MAX Gaussians.
                 let key = key(f.z, (index * CHUNK + offset) as u32);
                 for bin in grid.touched(*f).filter(|bin| bins.contains(bin)) {
                     let next = &mut next[bin - bins.start];

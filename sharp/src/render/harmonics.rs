@@ -1,23 +1,23 @@
-//! Pass `harmonics`: the colours of the Gaussians as a camera sees them.
+//! Pass `harmonics`: view-dependent colours of the Gaussians.
 //!
-//! `max(0, c0 + Σ Y_k(d) c_k)` with d from the camera's centre to the Gaussian's, in the axes of the
-//! means. The basis is real, with the signs of Condon and Shortley, in the order k = l² + l + m.
+//! `max(0, c0 + Σ Y_k(d) c_k)`, where d is the direction from the camera's centre to the Gaussian's, in the coordinate
+//! system of the means. The basis is real, with Condon–Shortley signs, in the order k = l² + l + m.
 
 use super::RenderView;
 use crate::gaussians::Gaussians;
 use crate::ply::ColorSpace;
 
-/// The direction of view and what of the harmonics is drawn.
+/// Viewpoint and degree for evaluating the harmonics.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct ViewColors {
-    /// The camera's centre among the means.
+    /// Camera centre in the coordinate system of the means.
     pub(super) eye: [f64; 3],
-    /// At most the scene's.
+    /// Degree to evaluate; at most the scene's.
     pub(super) degree: usize,
 }
 
 impl ViewColors {
-    /// `None` where colours are drawn as the scene has them.
+    /// `None` if the scene's colours are drawn unchanged.
     pub(super) fn new(scene_degree: usize, view: &RenderView) -> Option<Self> {
         let degree = scene_degree.min(view.rule.degree);
         (degree > 0 || view.rule.blending == ColorSpace::Srgb).then(|| Self {

@@ -1,33 +1,31 @@
-//! Gaussians to pictures: one definition with the choices of a [`Rule`], computed alike by every
-//! backend. [`Rule::SHARP`] is the SHARP release, gsplat 1.5.3's classic mode.
+//! Gaussians to pictures: one definition, parameterised by a [`Rule`] and implemented identically by every backend.
+//! [`Rule::SHARP`] is the SHARP release's, i.e. gsplat 1.5.3's classic mode.
 //!
 //! # The definition
-//! Per Gaussian: `p = L μ + t`, dropped unless `near ≤ z ≤ far`; the covariance goes through the
-//! view's linear part and the Jacobian of the projection at a clamped point; the low-pass is added
-//! to the diagonal, and the opacity may make up for it. Colours depend on the direction from the
-//! camera through [harmonics](crate::gaussians::Harmonics). Per pixel, centre (i + 0.5, j + 0.5),
-//! front to back by the z of the centres (f32, ties by index): `α = min(alpha_max, o·exp(−σ))`,
-//! skipped below 1/255, stopped before `T` would fall to 1e-4. Colours are premultiplied, without a
-//! background; depth is `Σ w z`. Non-finite Gaussians are dropped and counted.
+//! Per Gaussian: `p = L μ + t`, dropped unless `near ≤ z ≤ far`. The covariance is transformed by the view's linear
+//! part and by the Jacobian of the projection at a clamped point; the low-pass is added to its diagonal, and the
+//! opacity may be scaled to compensate. Colours depend on the direction from the camera through
+//! [harmonics](crate::gaussians::Harmonics).
+//!
+//! Per pixel, with centre (i + 0.5, j + 0.5), Gaussians are blended front to back by the z of their centres (f32, ties
+//! by index): `α = min(alpha_max, o·exp(−σ))`, skipped below 1/255, stopped before `T` would fall to 1e-4. Colours are
+//! premultiplied, without a background; depth is `Σ w z`. Non-finite Gaussians are dropped and counted.
 //!
 //! # Contents
-//! * [`RenderView`]: where the camera stands, and by which [`Rule`] it is rendered.
-//! * [`Backend`]: a choice among them; [`Renderer`]: what every backend does, [`LoadedScene`] for
-//!   many views of one scene; [`CpuRenderer`]: the one without a GPU; `GpuRenderer` and
-//!   `GpuAdapter` (feature `gpu`): the one on wgpu.
-//! * [`CpuRenderer::backward`]: the derivative by SHARP's rule, for training;
-//!   [`covariances`] with theirs.
-//! * [`RenderOutput`]: colour, alpha, depth, [`Dropped`] by reason; its methods are the
-//!   post step: [`Background`], sRGB, 8 bit, expected depth.
+//! * [`RenderView`]: the camera and the [`Rule`] of a picture.
+//! * [`Backend`]: choice of a backend; [`Renderer`]: the interface of every backend; [`LoadedScene`]: many views of one
+//!   scene; [`CpuRenderer`]: the CPU backend; `GpuRenderer` and `GpuAdapter` (feature `gpu`): the wgpu backend.
+//! * [`CpuRenderer::backward`]: derivative with SHARP's rule, for training; [`covariances`] and their derivative.
+//! * [`RenderOutput`]: colour, alpha, depth, [`Dropped`] by reason; its methods are the post step: [`Background`],
+//!   sRGB, 8 bit, expected depth.
 //! * [`trajectory`]: the release's camera paths; [`release_screen`]: its half-pixel shift and sizes;
 //!   [`turbo`]: colours for inverse depth.
 //!
 //! # Passes
-//! `project` (→ `harmonics`) → `scan` → `radix` (front to back) → `emit` → `radix` (by tile) → `ranges` →
-//! `raster`: each a file here and a file of WGSL under `shaders/`, by the same name, and tests hold
-//! one against the other. The CPU emits into bins of 64×64 pixels first and sorts within each.
-//! `post` exists once, on the host: encoding and quantisation must give every backend the same
-//! levels, which WGSL's `pow` does not promise, and scoring wants the f32 picture anyway.
+//! `project` (→ `harmonics`) → `scan` → `radix` (front to back) → `emit` → `radix` (by tile) → `ranges` → `raster`.
+//! Each pass is a file here and a WGSL file of the same name under `shaders/`; tests compare the two. The CPU first
+//! emits into bins of 64×64 pixels and sorts within each. `post` exists only on the host: every backend must encode and
+//! quantise to the same levels, which WGSL's `pow` does not guarantee, and scoring needs the f32 picture anyway.
 
 mod backend;
 mod backward;

@@ -10,22 +10,22 @@ use crate::ply::ColorSpace;
 pub struct RenderOutput {
     pub width: u32,
     pub height: u32,
-    /// Of the colours, as the rule has it.
+    /// Colour space of `rgb`, set by the rule.
     pub blending: ColorSpace,
     /// RGB, premultiplied by alpha: `Σ w c`.
     pub rgb: Vec<[f32; 3]>,
     /// Coverage `1 − T`, in 0..0.9999.
     pub alpha: Vec<f32>,
-    /// Accumulated z-depth `Σ w z`, metres; see [`Self::expected_depth`].
+    /// Accumulated z-depth `Σ w z` in metres; see [`Self::expected_depth`].
     pub depth_acc: Vec<f32>,
-    /// How many Gaussians passed every test of the projection.
+    /// Number of Gaussians that passed every test of the projection.
     pub drawn: u64,
-    /// How many did not, and why.
+    /// Number of Gaussians that were not drawn, by reason.
     pub dropped: Dropped,
 }
 
 impl RenderOutput {
-    /// A view without Gaussians.
+    /// Output of a view without Gaussians.
     pub(super) fn empty(view: &RenderView) -> Self {
         let (width, height) = (view.intrinsics.width, view.intrinsics.height);
         let pixels = width as usize * height as usize;
@@ -47,18 +47,18 @@ impl RenderOutput {
 pub struct Dropped {
     /// An attribute is NaN or infinite.
     pub not_finite: u64,
-    /// The quaternion is zero and names no rotation.
+    /// The quaternion is zero and so defines no rotation.
     pub zero_quaternion: u64,
-    /// The centre lies nearer than the near plane, or behind the camera.
+    /// The centre is in front of the near plane or behind the camera.
     pub near: u64,
-    /// The centre lies beyond the far plane.
+    /// The centre is beyond the far plane.
     pub far: u64,
-    /// The 2D covariance has no positive determinant (a flat Gaussian seen edge-on, a scale of
-    /// zero), or leaves the range of floating point.
+    /// The 2D covariance has no positive determinant (a flat Gaussian seen edge-on, a zero scale), or exceeds the range
+    /// of floating point.
     pub degenerate: u64,
     /// The opacity is below 1/255.
     pub transparent: u64,
-    /// The box that could reach 1/255 lies outside the image.
+    /// The box of pixels that could reach 1/255 lies outside the image.
     pub outside: u64,
 }
 
@@ -73,7 +73,7 @@ impl Dropped {
             + self.outside
     }
 
-    /// Those that point at a broken scene rather than at where the camera looks.
+    /// Number of Gaussians dropped because of invalid attributes rather than the camera's position.
     pub fn invalid(&self) -> u64 {
         self.not_finite + self.zero_quaternion
     }

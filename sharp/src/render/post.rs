@@ -9,19 +9,19 @@ use rayon::prelude::*;
 /// Colour behind the Gaussians.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub enum Background {
-    /// Adds nothing. The release's and the scored default.
+    /// Adds nothing. The default of the release and of scoring.
     #[default]
     Black,
     /// Adds `1 − alpha` to each channel.
     White,
-    /// Adds `(1 − alpha) · colour`; RGB in the space of blending.
+    /// Adds `(1 − alpha) · colour`; RGB in the blending colour space.
     Color([f32; 3]),
-    /// A colour by its sRGB levels, in any space of blending.
+    /// A colour given by its sRGB levels, regardless of the blending colour space.
     Levels([u8; 3]),
 }
 
 impl Background {
-    /// RGB in a space of blending.
+    /// RGB in the given blending colour space.
     pub fn in_space(self, space: ColorSpace) -> [f32; 3] {
         match self {
             Self::Black => [0.0; 3],
@@ -35,7 +35,7 @@ impl Background {
     }
 }
 
-/// As it is read; the form in records.
+/// The notation that is parsed, and used in records.
 impl std::fmt::Display for Background {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         match self {
@@ -47,7 +47,7 @@ impl std::fmt::Display for Background {
     }
 }
 
-/// `black`, `white`, `#RRGGBB` in sRGB, or `R,G,B` in the space of blending.
+/// `black`, `white`, `#RRGGBB` in sRGB, or `R,G,B` in the blending colour space.
 impl std::str::FromStr for Background {
     type Err = &'static str;
 
@@ -77,17 +77,17 @@ impl std::str::FromStr for Background {
     }
 }
 
-/// The smallest alpha by which an accumulated depth is divided (the release's).
+/// Minimum alpha by which an accumulated depth is divided (as in the release).
 const ALPHA_FLOOR: f32 = 1e-8;
 
 impl RenderOutput {
-    /// RGB over a background, in the space of blending; not clamped.
+    /// RGB over a background, in the blending colour space; not clamped.
     pub fn composited(&self, background: Background) -> ImageBuffer<Rgb<f32>, Vec<f32>> {
         self.picture(background, |x| x)
     }
 
-    /// The sRGB picture over a background: linear light encoded after compositing, not clamped;
-    /// encoded values clamped to 0..1.
+    /// sRGB picture over a background. Linear light is encoded after compositing and not clamped; values that are
+    /// already encoded are clamped to 0..1.
     pub fn srgb(&self, background: Background) -> ImageBuffer<Rgb<f32>, Vec<f32>> {
         self.picture(background, self.encoding())
     }
@@ -99,14 +99,14 @@ impl RenderOutput {
         }
     }
 
-    /// [`Self::srgb`] in 8 bit: [`Quantization::Round`] is what scoring uses,
-    /// [`Quantization::Truncate`] what the release's video writer does.
+    /// [`Self::srgb`] quantised to 8 bit. Scoring uses [`Quantization::Round`], the release's video writer
+    /// [`Quantization::Truncate`].
     pub fn srgb8(&self, background: Background, rule: Quantization) -> RgbImage {
         let encode = self.encoding();
         self.picture(background, |x| quantize(encode(x), rule))
     }
 
-    /// Expected z-depth `Σ w z / max(alpha, 1e-8)`, metres; 0 where nothing was drawn.
+    /// Expected z-depth `Σ w z / max(alpha, 1e-8)` in metres; 0 where nothing was drawn.
     pub fn expected_depth(&self) -> ImageBuffer<Luma<f32>, Vec<f32>> {
         let depth = self
             .depth_acc
@@ -142,7 +142,7 @@ impl RenderOutput {
     }
 }
 
-/// Samples that already have the picture's length; another length yields an empty picture.
+/// Wraps samples as a picture; empty if their number does not match the size.
 fn in_shape<P: image::Pixel>(
     width: u32,
     height: u32,

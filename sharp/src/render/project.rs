@@ -1,9 +1,8 @@
-//! Pass `project`: every Gaussian to a [`Splat`] and the [`Footprint`] it can reach.
+//! Pass `project`: computes each Gaussian's [`Splat`] and the [`Footprint`] it can reach.
 //!
-//! The arithmetic is f64 without fused operations, so that each instruction set gives the same
-//! bits. The determinant is Cauchy–Binet's, `|u × v|²` of the two rows of `J L R diag(s)`: it
-//! never cancels, where `ac − b²` loses needles; the conic is kept as its Cholesky factor, which
-//! cannot turn negative.
+//! The arithmetic is f64 without fused operations, so that every instruction set gives the same bits. The determinant
+//! is computed by Cauchy–Binet as `|u × v|²` of the two rows of `J L R diag(s)`, which avoids the cancellation of `ac −
+//! b²` for needle-like Gaussians. The conic is stored as its Cholesky factor, so that it stays positive.
 
 use super::harmonics::ViewColors;
 use super::simd::{Simd, per_instruction_set};
@@ -12,33 +11,33 @@ use crate::gaussians::Gaussians;
 use rayon::prelude::*;
 use std::f64::consts::{LN_2, LOG2_E};
 
-/// A projected Gaussian, at the index of its source.
+/// A projected Gaussian, stored at the index of its source.
 ///
 /// `σ · log2 e = (p dx + q dy)² + (r dy)²` with `(dx, dy) = mean − pixel centre`.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub(super) struct Splat {
-    /// Mean in pixels. f64, so that a tile far from the origin sees it unrounded.
+    /// Mean in pixels; f64, so that subtracting a distant tile's origin is exact.
     pub(super) mean: [f64; 2],
-    /// Cholesky factor of the conic, in units that make the exponent one of 2.
+    /// Cholesky factor of the conic, scaled so that the exponent is one of 2.
     pub(super) p: f32,
     pub(super) q: f32,
     pub(super) r: f32,
     pub(super) opacity: f32,
-    /// Alpha is below 1/255 at any larger exponent of 2.
+    /// Alpha is below 1/255 if the exponent of 2 is larger than this.
     pub(super) cut: f32,
     pub(super) color: [f32; 3],
 }
 
-/// The pixels where a Gaussian can reach 1/255, and its depth: all that sorting into tiles needs.
+/// Pixels where a Gaussian can reach 1/255, and its depth: everything that sorting into tiles needs.
 ///
-/// Pixels from `x0` to `x1` and `y0` to `y1`, both included; empty when `x0 > x1`.
+/// Pixels from `x0` to `x1` and `y0` to `y1`, inclusive; empty if `x0 > x1`.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Footprint {
     pub(super) x0: u16,
     pub(super) x1: u16,
     pub(super) y0: u16,
     pub(super) y1: u16,
-    /// Depth of the centre: computed in f64, rounded once; the sort key.
+    /// Depth of the centre, computed in f64 and rounded once; the sort key.
     pub(super) z: f32,
 }
 
@@ -65,23 +64,23 @@ pub(super) struct Projected {
     pub(super) dropped: Dropped,
 }
 
-/// Gaussians a task takes at once; a multiple of [`BLOCK`].
+/// Gaussians per task; a multiple of [`BLOCK`].
 const CHUNK: usize = 8192;
-/// Gaussians between transposition and write-back; their columns fit the first-level cache.
+/// Gaussians per block of transposed columns, chosen to fit in the L1 cache.
 const BLOCK: usize = 128;
 
-/// An opacity or an alpha below this leaves no trace.
+/// Opacities and alphas below this are not drawn.
 pub(super) const ALPHA_MIN: f32 = 1.0 / 255.0;
-/// Largest extent of a Gaussian in gsplat, standard deviations; above `sqrt(2 ln 255) = 3.329`.
+/// Maximum extent of a Gaussian in gsplat, in standard deviations; above `sqrt(2 ln 255) = 3.329`.
 const MAX_EXTENT: f64 = 3.33;
-/// Largest distance beyond the field of view at which the Jacobian is taken, in half fields of view.
+/// Maximum distance beyond the field of view at which the Jacobian is evaluated, in half fields of view.
 const JACOBIAN_MARGIN: f64 = 0.3;
-/// Side of the tiles that bound the support, pixels.
+/// Side of the tiles that bound the support, in pixels.
 const SUPPORT_TILE: f64 = 16.0;
-/// Widens the box beyond what rounding in `raster` could make reach 1/255: relative, and pixels.
+/// Margin of the box beyond what rounding in `raster` could extend the 1/255 contour: relative, and in pixels.
 const BOX_MARGIN: (f64, f64) = (1e-4, 1e-4);
 
-/// Widens the exponent at which `raster` stops looking, for its rounding and that of `log2`.
+/// Margin of the exponent at which `raster` stops, for its rounding and that of `log2`.
 const CUT_MARGIN: f32 = 1e-3;
 
 /// Runs the pass on the threads of the current pool.
@@ -125,18 +124,18 @@ pub(super) fn project(simd: Simd, scene: &Gaussians, view: &RenderView, out: &mu
     out.dropped = dropped;
 }
 
-/// The view in the form that the inner loops want, here in f64 and on the GPU in f32.
+/// The view in the form used by the inner loops; f64 here, f32 on the GPU.
 pub(super) struct ViewConstants {
     pub(super) linear: [[f64; 3]; 3],
     pub(super) offset: [f64; 3],
     pub(super) focal: [f64; 2],
     pub(super) center: [f64; 2],
     pub(super) size: [f64; 2],
-    /// Bounds of x/z and of y/z, low and high, at which the Jacobian is taken.
+    /// Bounds on x/z and y/z at which the Jacobian is evaluated, low and high.
     pub(super) bounds: [[f64; 2]; 2],
     pub(super) eps2d: f64,
     pub(super) compensation: Compensation,
-    /// The least depth that is drawn.
+    /// Minimum depth that is drawn.
     pub(super) near: f32,
     pub(super) far: f32,
     pub(super) support: Support,
@@ -185,7 +184,7 @@ impl ViewConstants {
     }
 }
 
-/// Columns of one block, so that the loop over them runs in lanes.
+/// Columns of one block (structure of arrays), so that the loop over them vectorises.
 struct Columns {
     mean: [[f64; BLOCK]; 3],
     quaternion: [[f64; BLOCK]; 4],
@@ -198,10 +197,10 @@ struct Columns {
     z: [f32; BLOCK],
     cut: [f32; BLOCK],
     norm: [f64; BLOCK],
-    /// Of the 2D covariance with and without the low-pass.
+    /// Determinants of the 2D covariance with and without the low-pass.
     determinant: [f64; BLOCK],
     sharp_determinant: [f64; BLOCK],
-    /// Standard deviations of the 2D covariance in x and y, and its third entry.
+    /// Standard deviations of the 2D covariance in x and y, and its off-diagonal entry.
     deviation: [[f64; BLOCK]; 2],
     covariance: [f64; BLOCK],
 }
@@ -289,7 +288,7 @@ fn block(
             p: c.factor[0][i],
             q: c.factor[1][i],
             r: c.factor[2][i],
-            // Exact where nothing compensates.
+            // Exact if there is no compensation.
             opacity: c.opacity[i] as f32,
             cut: c.cut[i],
             color: match colors {
@@ -301,7 +300,7 @@ fn block(
     }
 }
 
-/// A positive determinant, and a factor that f32 can hold. Written so that a NaN fails.
+/// True if the determinant is positive and f32 can represent the factor. NaN gives false.
 fn is_drawable(c: &Columns, i: usize) -> bool {
     let finite = c.factor.iter().all(|column| column[i].is_finite())
         && c.center.iter().all(|column| column[i].is_finite())
@@ -309,7 +308,7 @@ fn is_drawable(c: &Columns, i: usize) -> bool {
     c.determinant[i] > 0.0 && finite
 }
 
-/// The pixels whose centres lie within reach, clipped to the image and to the rule's tiles.
+/// Pixels whose centres are within reach, clipped to the image and to the rule's tiles.
 fn footprint(c: &Columns, i: usize, constants: &ViewConstants) -> Footprint {
     let radius = match constants.support {
         Support::Exact => None,
@@ -324,7 +323,7 @@ fn footprint(c: &Columns, i: usize, constants: &ViewConstants) -> Footprint {
             first = first.max(tile(at - radius));
             last = last.min(tile(at + radius + SUPPORT_TILE - 1.0) - 1.0);
         }
-        // Both lie in 0..65535 where the range is not empty.
+        // Both are in 0..65535 if the range is not empty.
         (first <= last).then_some((first as u16, last as u16))
     };
     match (range(0), range(1)) {
@@ -339,7 +338,7 @@ fn footprint(c: &Columns, i: usize, constants: &ViewConstants) -> Footprint {
     }
 }
 
-/// Inria's: three standard deviations along the longer axis, whole pixels.
+/// Inria's radius: three standard deviations along the longer axis, in whole pixels.
 fn tile_radius(c: &Columns, i: usize) -> f64 {
     let [a, d] = [0, 1].map(|axis: usize| c.deviation[axis][i].powi(2));
     let (half, b) = (0.5 * (a - d), c.covariance[i]);
@@ -356,7 +355,7 @@ fn transpose<const D: usize>(rows: &[[f32; D]], columns: &mut [[f64; BLOCK]; D])
     }
 }
 
-/// The projection proper: no branches, so that the loop becomes vector code.
+/// The projection itself, without branches so that the loop vectorises.
 #[inline(always)]
 fn columns(k: &ViewConstants, c: &mut Columns, n: usize) {
     let [l0, l1, l2] = k.linear;
@@ -372,7 +371,7 @@ fn columns(k: &ViewConstants, c: &mut Columns, n: usize) {
         c.center[1][i] = k.focal[1] * slope_y + k.center[1];
         c.z[i] = z as f32;
 
-        // J L, with J at the clamped slopes.
+        // J L, with J evaluated at the clamped slopes.
         let at_x = slope_x.max(k.bounds[0][0]).min(k.bounds[0][1]);
         let at_y = slope_y.max(k.bounds[1][0]).min(k.bounds[1][1]);
         let (jx, jy) = (k.focal[0] * inverse_z, k.focal[1] * inverse_z);
@@ -421,12 +420,12 @@ fn columns(k: &ViewConstants, c: &mut Columns, n: usize) {
     }
 }
 
-/// Multiplies opacities by what makes up for the low-pass.
+/// Scales opacities to compensate for the low-pass.
 #[inline(always)]
 fn compensate(by: Compensation, c: &mut Columns, n: usize) {
-    /// The f32 of 0.005².
+    /// 0.005² rounded to f32.
     const FLOOR: f64 = 2.5e-5_f32 as f64;
-    /// The f32 of Mip-Splatting's 1e-6.
+    /// Mip-Splatting's 1e-6 rounded to f32.
     const LEAST: f64 = 1e-6_f32 as f64;
     if by == Compensation::None {
         return;
@@ -443,12 +442,12 @@ fn compensate(by: Compensation, c: &mut Columns, n: usize) {
     }
 }
 
-/// Where alpha falls to 1/255.
+/// Computes the extent at which alpha falls to 1/255.
 #[inline(always)]
 fn reach(c: &mut Columns, n: usize) {
     for i in 0..n.min(BLOCK) {
         let (a, d) = (c.deviation[0][i], c.deviation[1][i]);
-        // Where o exp(-extent²/2) falls to 1/255.
+        // Extent at which o exp(-extent²/2) falls to 1/255.
         let cut = log2(255.0 * c.opacity[i]);
         c.cut[i] = cut as f32 + CUT_MARGIN;
         let extent = (2.0 * LN_2 * cut.max(0.0)).sqrt();
@@ -466,16 +465,16 @@ fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
     a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 
-/// log2 of a positive normal number to 1e-9, in operations that vectorise; anything for others.
+/// log2 of a positive normal number to 1e-9, in operations that vectorise; unspecified for other inputs.
 #[inline(always)]
 pub(super) fn log2(x: f64) -> f64 {
     let bits = x.to_bits();
-    // The exponent that brings the mantissa into sqrt(1/2)..sqrt(2).
+    // The exponent that puts the mantissa in sqrt(1/2)..sqrt(2).
     let shifted = bits.wrapping_sub(std::f64::consts::FRAC_1_SQRT_2.to_bits());
     let mantissa = f64::from_bits(
         (shifted & 0x000f_ffff_ffff_ffff).wrapping_add(std::f64::consts::FRAC_1_SQRT_2.to_bits()),
     );
-    // 2^52 + 2^51 with the exponent's bits below: an integer-to-float conversion by subtraction.
+    // 2^52 + 2^51 with the exponent's bits below: converts integer to float by subtraction.
     const MAGIC: f64 = 6_755_399_441_055_744.0;
     let biased = f64::from_bits(((shifted >> 52) ^ 0x800).wrapping_add(MAGIC.to_bits())) - MAGIC;
     let exponent = biased - 2048.0;

@@ -1,18 +1,17 @@
-//! Pass `radix`: front to back by the depth of the centres, ties by ascending index.
+//! Pass `radix`: sorts front to back by the depth of the centres, ties by ascending index.
 //!
-//! A stable sort of keys that come in the order of their indices: least significant digit first,
-//! 8 bits a pass, counting and then moving.
+//! A stable radix sort, least significant digit first, 8 bits per pass, of keys that are initially in index order.
 
 const DIGITS: usize = 256;
-/// Digits of a key: those of the depth. The index below them is in order already.
+/// Number of digits of the depth. The index in the low half is already sorted.
 const PASSES: usize = 4;
 
 fn digit(key: u64, pass: usize) -> usize {
     (key >> (32 + 8 * pass)) as usize % DIGITS
 }
 
-/// Sorts keys made by [`super::emit::key`] by depth; those of equal depth keep their order.
-/// `scratch` is memory to keep between calls.
+/// Sorts keys made by [`super::emit::key`] by depth; keys of equal depth keep their order. `scratch` is reusable
+/// memory.
 pub(super) fn sort(keys: &mut Vec<u64>, scratch: &mut Vec<u64>) {
     let mut histograms = [[0_u32; DIGITS]; PASSES];
     for key in &*keys {
@@ -22,7 +21,7 @@ pub(super) fn sort(keys: &mut Vec<u64>, scratch: &mut Vec<u64>) {
     }
     scratch.resize(keys.len(), 0);
     for (pass, places) in histograms.iter_mut().enumerate() {
-        // Depths near each other share their upper digits.
+        // Similar depths share their upper digits, so passes without effect are skipped.
         let Some(first) = keys.first() else { return };
         if places[digit(*first, pass)] as usize == keys.len() {
             continue;

@@ -1,14 +1,14 @@
-//! Pass `ranges`: where each tile's list starts and ends, and the lists.
+//! Pass `ranges`: start and end of each tile's list, and the lists themselves.
 //!
-//! The GPU sorts pairs of (tile, Gaussian) by tile and looks for the boundaries; within a bin it is
-//! cheaper to count, scan and fill, which gives the same lists in the same order.
+//! The GPU sorts (tile, Gaussian) pairs by tile and finds the boundaries. Within a bin it is cheaper to count, scan and
+//! fill, which gives the same lists in the same order.
 
 use super::emit::BIN;
 use super::project::{Footprint, Splat};
 use super::scan::scan;
 
-/// A Gaussian as one bin sees it: the mean is relative to the bin's corner, so that a pixel's
-/// distance from it keeps its digits anywhere in the image, and does not depend on the tile size.
+/// A Gaussian relative to one bin: the mean is relative to the bin's corner, so that a pixel's distance from it has the
+/// same precision anywhere in the image, and does not depend on the tile size.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct LocalSplat<S = f32> {
     pub(super) mean: [S; 2],
@@ -20,17 +20,17 @@ pub(super) struct LocalSplat<S = f32> {
     pub(super) color: [S; 3],
     /// First and last pixel within the bin: x0, x1, y0, y1.
     pub(super) reach: [u8; 4],
-    /// Of the splat: see [`Splat::cut`].
+    /// See [`Splat::cut`].
     pub(super) cut: f32,
-    /// Covers so little of its box that each row of tiles is worth its own columns.
+    /// True if the ellipse covers so little of its box that computing the tile columns of each row pays off.
     pub(super) slanted: bool,
 }
 
-/// Share of the box that the ellipse covers, squared and without π/4, below which it is slanted.
+/// A Gaussian is slanted if the share of the box that the ellipse covers, squared and without π/4, is below this.
 const SLANTED: f32 = 0.5;
 
 impl LocalSplat {
-    /// True when some pixel of the block of `side` pixels at `(x, y)` may see the splat.
+    /// True if the splat may reach some pixel of the block of `side` pixels at `(x, y)`.
     pub(super) fn reaches(&self, (x, y): (usize, usize), side: usize) -> bool {
         let [x0, x1, y0, y1] = self.reach.map(usize::from);
         let boxed = x0 < x + side && x1 >= x && y0 < y + side && y1 >= y;
@@ -47,7 +47,7 @@ impl LocalSplat {
         (y0, y1)
     }
 
-    /// First and last tile of a tile row; none when the first is beyond the last.
+    /// First and last tile of a tile row; empty if the first is beyond the last.
     fn tile_columns(&self, row: usize, shift: u32) -> (usize, usize) {
         if self.slanted {
             let (x0, x1) = self.columns(row << shift, 1 << shift);
@@ -61,10 +61,10 @@ impl LocalSplat {
         (x0, x1)
     }
 
-    /// First and last pixel column within reach on any of the `rows` rows from `y`.
+    /// First and last pixel column within reach on any of the `rows` rows starting at `y`.
     ///
-    /// On one row, `|p dx + q dy| ≤ sqrt(cut − (r dy)²)`; either end of that interval is extreme
-    /// over a range of dy at its own stationary point or at the end of the range nearest to it.
+    /// On one row, `|p dx + q dy| ≤ sqrt(cut − (r dy)²)`. Over a range of dy, each end of that interval is extreme at
+    /// its own stationary point or at the nearest end of the range.
     fn columns(&self, y: usize, rows: usize) -> (usize, usize) {
         let (p, q, r) = (self.p, self.q, self.r);
         let tip = self.cut.sqrt() / r;
@@ -75,13 +75,13 @@ impl LocalSplat {
         let (at_most, at_least) = (stationary.clamp(low, high), (-stationary).clamp(low, high));
         let most = half(at_most) - q * at_most / p;
         let least = -half(at_least) - q * at_least / p;
-        // Rounding here and in `raster` is relative to what was added up.
+        // Rounding here and in `raster` is relative to the sum of the magnitudes added.
         let middle = self.mean[0] - 0.5;
         let margin = |dx: f32| 1e-2 + 1e-5 * (dx.abs() + middle.abs() + 2.0 * half(0.0));
         let first = (middle - most - margin(most)).ceil();
         let last = (middle - least + margin(least)).floor();
         let [x0, x1, ..] = self.reach.map(usize::from);
-        // Negative and NaN become 0; a NaN's last is mended so that it widens.
+        // Negative values and NaN become 0; a NaN in `last` is replaced so that the range widens.
         let last = if last.is_nan() { BIN as f32 } else { last };
         if last < 0.0 {
             return (1, 0);
@@ -90,24 +90,24 @@ impl LocalSplat {
     }
 }
 
-/// The lists of one bin; buffers that a thread uses for bin after bin.
+/// Lists of one bin; the buffers are reused for bin after bin.
 #[derive(Debug, Default)]
 pub(super) struct TileLists {
     /// The bin's Gaussians, front to back.
     pub(super) splats: Vec<LocalSplat>,
-    /// Where each tile's list starts in `members`, row by row over `rows`, and the last one's end.
+    /// Start of each tile's list in `members`, row by row over `rows`, and the end of the last one.
     starts: Vec<u32>,
     next: Vec<u32>,
     members: Vec<u32>,
-    /// Members of each tile in the whole bin.
+    /// Number of members of each tile of the whole bin.
     counts: Vec<u32>,
 }
 
-/// Most members listed at once: a bin with more is rasterised in bands of tile rows.
+/// Maximum number of members listed at once: a bin with more is rasterised in bands of tile rows.
 const MEMBER_LIMIT: u64 = 1 << 22;
 
 impl TileLists {
-    /// Takes a bin's ordered keys.
+    /// Loads a bin's sorted keys.
     pub(super) fn load(
         &mut self,
         keys: &[u64],
@@ -150,7 +150,7 @@ impl TileLists {
         }));
     }
 
-    /// Lists the tiles of `tile` pixels and hands them over, band by band: `each(lists, rows)`.
+    /// Builds the lists for tiles of `tile` pixels and passes them on band by band: `each(lists, rows)`.
     pub(super) fn for_each_band(&mut self, tile: usize, mut each: impl FnMut(Band<'_>)) {
         let side = BIN / tile;
         let shift = tile.trailing_zeros();
@@ -229,7 +229,7 @@ impl<'a> Band<'a> {
         self.tile
     }
 
-    /// Each tile's first pixel within the bin, (x, y), and its members, front to back.
+    /// First pixel (x, y) of each tile within the bin, and the tile's members, front to back.
     pub(super) fn tiles(self) -> impl Iterator<Item = ((usize, usize), &'a [u32])> {
         let side = BIN / self.tile;
         self.starts.windows(2).enumerate().map(move |(at, ends)| {

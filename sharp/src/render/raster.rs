@@ -1,8 +1,8 @@
 //! Pass `raster`: blends each tile's list into its pixels, sixteen pixels at a time.
 //!
-//! A pixel adds its Gaussians in list order, alone in its lane: neither the tile size nor what was
-//! skipped around it can change its bits. Skipping is safe because footprint and `cut` are wider
-//! than anything that could reach 1/255.
+//! Each lane accumulates one pixel's Gaussians in list order, independently of all others, so neither the tile size nor
+//! skipped Gaussians can change its bits. Skipping is safe because footprint and `cut` are conservative bounds of where
+//! 1/255 can be reached.
 
 use super::Rule;
 use super::project::ALPHA_MIN;
@@ -11,15 +11,15 @@ use super::ranges::{Band, LocalSplat};
 use super::simd::{Avx2, Avx512};
 use super::simd::{Lanes, Portable, per_instruction_set};
 
-/// Side of the square of pixels that the lanes hold.
+/// Side of the square of pixels processed in one set of lanes.
 pub(super) const BLOCK: usize = 4;
 
-/// No Gaussian covers a pixel more than this by SHARP's rule, of which the derivative is.
+/// Maximum alpha of one Gaussian in a pixel by SHARP's rule, which is the rule of the derivative.
 pub(super) const ALPHA_MAX: f32 = Rule::SHARP.alpha_max;
-/// A pixel is done before its transmittance would fall to this.
+/// A pixel is finished before its transmittance would fall to this.
 pub(super) const TRANSMITTANCE_STOP: f32 = 1e-4;
 
-/// The part of the output that one bin owns: its rows of pixels.
+/// Part of the output that belongs to one bin: its rows of pixels.
 #[derive(Default)]
 pub(super) struct BinPixels<'a> {
     pub(super) rgb: Vec<&'a mut [[f32; 3]]>,
@@ -28,7 +28,7 @@ pub(super) struct BinPixels<'a> {
 }
 
 per_instruction_set! {
-    /// Rasterises the tiles of one band of a bin; no Gaussian covers more than `alpha_max`.
+    /// Rasterises the tiles of one band of a bin; the alpha of each Gaussian is limited to `alpha_max`.
     pub(super) fn raster(
         lists: Band<'_>,
         alpha_max: f32,
@@ -67,7 +67,7 @@ fn band<L: Lanes<Scalar = f32>>(
     }
 }
 
-/// The members that may touch the block `at` a first pixel.
+/// Members that may reach the block whose first pixel is `at`.
 #[inline(always)]
 pub(super) fn reaching(
     splats: &[LocalSplat],
@@ -86,11 +86,11 @@ pub(super) fn reaching(
 /// Accumulated values of a block: red, green, blue, depth, transmittance.
 type Pixels = [[f32; 16]; 5];
 
-/// The centres of a block's pixels, x and y.
+/// Centres of a block's pixels, x and y.
 #[inline(always)]
 pub(super) fn centers<L: Lanes>((x, y): (usize, usize)) -> [L; 2] {
     let center = |first: usize, within: fn(usize) -> usize| {
-        // Below 64 and a half: exact.
+        // At most 63.5: exact.
         L::from_array(&std::array::from_fn(|lane| {
             L::Scalar::from((first + within(lane)) as f32 + 0.5)
         }))
@@ -101,12 +101,12 @@ pub(super) fn centers<L: Lanes>((x, y): (usize, usize)) -> [L; 2] {
     ]
 }
 
-/// Coverage of a block by a Gaussian: the definition of α that forward and backward share.
+/// Coverage of a block by a Gaussian: the definition of α shared by forward and backward.
 pub(super) struct Coverage<L> {
     /// Mean minus pixel centre.
     pub(super) dx: L,
     pub(super) dy: L,
-    /// `p dx + q dy` and `r dy`, whose squares add up to the exponent of 2.
+    /// `p dx + q dy` and `r dy`; the sum of their squares is the exponent of 2.
     pub(super) across: L,
     pub(super) along: L,
 }
@@ -136,20 +136,20 @@ impl<L: Lanes> Coverage<L> {
     }
 }
 
-/// Effect of a Gaussian on a block's light.
+/// Effect of a Gaussian on a block's transmittance.
 pub(super) struct Absorption<L: Lanes> {
     hit: L::Mask,
-    /// The light behind it.
+    /// Transmittance behind the Gaussian.
     left: L,
-    /// Pixels that it adds to.
+    /// Pixels to which the Gaussian contributes.
     pub(super) adds: L::Mask,
 }
 
-/// The light that is left of a block's pixels, front to back.
+/// Remaining transmittance of a block's pixels, front to back.
 pub(super) struct Transmittance<L> {
-    /// Zero in pixels that are done.
+    /// Zero in finished pixels.
     pub(super) left: L,
-    /// What pixels that are done have kept.
+    /// Final transmittance of finished pixels.
     done: L,
     alpha_min: L,
     stop: L,
@@ -166,7 +166,7 @@ impl<L: Lanes> Transmittance<L> {
         }
     }
 
-    /// The pixels that a Gaussian of coverage `alpha` adds to.
+    /// Determines the pixels to which a Gaussian of coverage `alpha` contributes.
     #[inline(always)]
     pub(super) fn absorb(&self, alpha: L) -> Absorption<L> {
         let hit = self.alpha_min.le(alpha);
@@ -178,10 +178,10 @@ impl<L: Lanes> Transmittance<L> {
         }
     }
 
-    /// Takes its light; false when every pixel is done.
+    /// Applies an absorption; returns false once every pixel is finished.
     #[inline(always)]
     pub(super) fn take(&mut self, absorption: &Absorption<L>) -> bool {
-        // A pixel that would fall to the stop is done, without this Gaussian.
+        // A pixel whose transmittance would fall below the stop threshold is finished, without this Gaussian.
         let stops = absorption.left.not_gt_where(self.stop, absorption.hit);
         if L::any(stops) {
             self.done = self.done.add(self.left.masked(stops));
@@ -195,7 +195,7 @@ impl<L: Lanes> Transmittance<L> {
         true
     }
 
-    /// What reaches the background.
+    /// Transmittance that reaches the background.
     #[inline(always)]
     pub(super) fn end(&self) -> L {
         self.left.add(self.done)

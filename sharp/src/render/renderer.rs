@@ -5,7 +5,7 @@ use crate::gaussians::{Gaussians, LengthMismatch};
 
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum RenderError {
-    /// The view holds a NaN, an infinity or an impossible parameter.
+    /// The view contains a NaN, an infinity or an impossible parameter.
     #[error("cannot render this view: {0}")]
     View(String),
     /// The image is empty or a side exceeds [`RenderView::MAX_SIDE`].
@@ -14,28 +14,27 @@ pub enum RenderError {
         RenderView::MAX_SIDE
     )]
     Size { width: u32, height: u32 },
-    /// More Gaussians than an index of 32 bits can name.
+    /// The scene has more Gaussians than a 32-bit index allows.
     #[error("cannot render {0} Gaussians, at most {max} fit", max = u32::MAX)]
     TooMany(usize),
     #[error(transparent)]
     Scene(#[from] LengthMismatch),
     #[error("{0}")]
     NoAdapter(String),
-    /// A GPU could not be opened or refused its work. The CPU can take over.
+    /// A GPU could not be opened or failed to do its work. The CPU can be used instead.
     #[error("{adapter}: {what}")]
     Device { adapter: String, what: String },
-    /// A GPU went away: driver reset, timeout, unplugged. Its renderer is of no more use; the CPU
-    /// can take over.
+    /// A GPU was lost: driver reset, timeout, or unplugged. The renderer is unusable; the CPU can be used instead.
     #[error("{adapter} was lost: {what}")]
     DeviceLost { adapter: String, what: String },
-    /// A GPU has no room for the scene or the picture. The CPU can take over.
+    /// A GPU has insufficient memory for the scene or the picture. The CPU can be used instead.
     #[error("{adapter} is out of memory: {what}")]
     OutOfMemory { adapter: String, what: String },
 }
 
 impl RenderError {
-    /// Whether it is the GPU that failed, not the request: the same scene and view may be
-    /// rendered on the CPU, or again later.
+    /// True if the GPU failed rather than the request: the same scene and view may be rendered on the CPU, or again
+    /// later.
     pub fn is_device_fault(&self) -> bool {
         matches!(
             self,
@@ -44,12 +43,12 @@ impl RenderError {
     }
 }
 
-/// A backend of the one definition.
+/// A rendering backend; all backends implement the same definition.
 pub trait Renderer: Send {
-    /// Which backend and which variant of it, for records: `cpu-avx512`, `wgpu:<adapter>`.
+    /// Backend and variant, for records: `cpu-avx512`, `wgpu:<adapter>`.
     fn name(&self) -> String;
 
-    /// Makes a scene ready to be rendered from many views: checked, and on a GPU uploaded.
+    /// Prepares a scene for rendering from many views: checks it and, on a GPU, uploads it.
     ///
     /// # Errors
     /// [`RenderError::Scene`], [`RenderError::TooMany`], and those of the device.
@@ -70,10 +69,10 @@ pub trait Renderer: Send {
         self.load(scene)?.render(view)
     }
 
-    /// Renders several views of one scene, loaded once, and hands each picture over as it is done.
+    /// Renders several views of one scene, loaded once, and passes on each picture as it is finished.
     ///
     /// # Errors
-    /// The first view that fails ends the batch.
+    /// The first error ends the batch.
     fn render_views(
         &mut self,
         scene: &Gaussians,
@@ -88,7 +87,7 @@ pub trait Renderer: Send {
     }
 }
 
-/// A scene that a [`Renderer`] has ready.
+/// A scene prepared by a [`Renderer`].
 pub trait LoadedScene {
     /// Renders one view.
     ///
@@ -97,15 +96,15 @@ pub trait LoadedScene {
     fn render(&mut self, view: &RenderView) -> Result<RenderOutput, RenderError>;
 }
 
-/// Side of the tiles that own a list of Gaussians. A matter of speed: the picture's bytes do not
-/// depend on it.
+/// Side of the tiles that have their own list of Gaussians. Affects speed only: the picture's bytes do not depend on
+/// it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum TileSize {
-    /// 4×4 pixels, the CPU's: what its lanes hold.
+    /// 4×4 pixels, the CPU's default: one set of lanes.
     Px4,
-    /// 8×8 pixels, the GPU's.
+    /// 8×8 pixels, the GPU's default.
     Px8,
-    /// 16×16 pixels, gsplat's.
+    /// 16×16 pixels, as in gsplat.
     Px16,
     /// 32×32 pixels.
     Px32,
@@ -122,7 +121,7 @@ impl TileSize {
     }
 }
 
-/// Checks a scene's lengths, which a struct literal can get wrong, and its size.
+/// Checks a scene's size and the consistency of its lengths, which a struct literal can get wrong.
 pub(super) fn check_scene(scene: &Gaussians) -> Result<(), RenderError> {
     scene.check_lengths()?;
     match u32::try_from(scene.len()) {

@@ -1,8 +1,7 @@
-//! Conventions of rendering, by name: the choices in which renderers of 3D Gaussians differ.
+//! Named rendering conventions: the choices in which renderers of 3D Gaussians differ.
 //!
-//! All of them share the rest of the definition (see [`super`]). What o' = o · compensation below
-//! 1/255 does is no choice: whether it is dropped early or skipped in every pixel, the picture is
-//! the same.
+//! Everything else in the definition is common to all of them (see [`super`]). Handling of o' = o · compensation below
+//! 1/255 is not a choice: whether such a Gaussian is dropped early or skipped in every pixel, the picture is the same.
 
 use crate::gaussians::Harmonics;
 use crate::ply::{ColorSpace, setting};
@@ -10,8 +9,8 @@ use std::fmt;
 use std::str::FromStr;
 
 setting!(
-    /// Factor of the opacity that makes up for the widening by the low-pass, from the determinants
-    /// of the 2D covariance without (d0) and with it (d1).
+    /// Opacity factor that compensates for the widening by the low-pass, computed from the determinants of the 2D
+    /// covariance without (d0) and with it (d1).
     Compensation, "compensation":
     /// 1.
     None = "none",
@@ -19,12 +18,12 @@ setting!(
     Root = "root",
     /// √max(0.005², d0/d1).
     FlooredRoot = "floored-root",
-    /// √(d0/(d1 + 1e-6) + 1e-6), and 0 where d0 or d1 is at most 1e-6.
+    /// √(d0/(d1 + 1e-6) + 1e-6), and 0 if d0 or d1 is at most 1e-6.
     MipSplatting = "mip-splatting",
 );
 
 impl Compensation {
-    /// As the shaders know it.
+    /// Code used by the shaders.
     pub(super) fn code(self) -> u32 {
         match self {
             Self::None => 0,
@@ -36,19 +35,19 @@ impl Compensation {
 }
 
 setting!(
-    /// Fate of a centre exactly on the near plane.
+    /// Treatment of a centre exactly on the near plane.
     NearPlane, "near-plane":
     /// Drawn.
     Included = "included",
-    /// Left out.
+    /// Dropped.
     Excluded = "excluded",
 );
 setting!(
-    /// Bounds of x/z and y/z at which the Jacobian is taken.
+    /// Bounds on x/z and y/z at which the Jacobian is evaluated.
     JacobianClamp, "jacobian-clamp":
-    /// The picture's edges and 0.15 of its sides beyond.
+    /// The picture's edges, extended by 0.15 of its sides.
     Image = "image",
-    /// 1.3 half fields of view to either side of the axis, wherever the principal point is.
+    /// 1.3 half fields of view to either side of the axis, regardless of the principal point.
     Symmetric = "symmetric",
     /// No bounds.
     None = "none",
@@ -57,20 +56,20 @@ setting!(
     /// Use of the camera's principal point.
     PrincipalPoint, "principal-point":
     Used = "used",
-    /// The picture's middle stands in for it.
+    /// The picture's centre is used instead.
     Ignored = "ignored",
 );
 setting!(
     /// Pixels that a Gaussian may cover.
     Support, "support":
-    /// All where its alpha reaches 1/255.
+    /// All pixels where its alpha reaches 1/255.
     Exact = "exact",
-    /// Of those the ones in the tiles of 16×16 pixels that the square of ⌈3σ⌉ around its
-    /// centre touches, as Inria's rasteriser counts them; σ is the larger one.
+    /// Only those pixels that are also in tiles of 16×16 pixels overlapped by the square of ⌈3σ⌉ around its centre, as
+    /// in Inria's rasteriser; σ is the larger standard deviation.
     Tiles = "tiles",
 );
 
-/// Defines the record, and reads and writes its fields by key.
+/// Defines the struct, and reads and writes its fields by key.
 macro_rules! record {
     ($(#[$about:meta])* $name:ident { $($(#[$of:meta])* $field:ident: $kind:ty = $key:literal,)+ }) => {
         $(#[$about])*
@@ -81,7 +80,7 @@ macro_rules! record {
             /// Keys of the choices, in the order in which they are written.
             pub const KEYS: &[&str] = &[$($key),+];
 
-            /// The choices as they are written, in the order of [`Self::KEYS`].
+            /// Values of the choices as text, in the order of [`Self::KEYS`].
             fn values(&self) -> Vec<String> {
                 vec![$(self.$field.to_string()),+]
             }
@@ -103,25 +102,25 @@ macro_rules! record {
 }
 
 record! {
-    /// A convention of rendering. Written `NAME`, or `NAME,key=value,…` with what differs from it.
+    /// A rendering convention. Written `NAME`, or `NAME,key=value,…` with the choices that differ from it.
     Rule {
         /// Added to both diagonal entries of the 2D covariance, px², ≥ 0.
         low_pass: f32 = "low-pass",
         compensation: Compensation = "compensation",
-        /// No Gaussian covers a pixel more than this, 0..1.
+        /// Maximum alpha of one Gaussian in a pixel, 0..1.
         alpha_max: f32 = "alpha-max",
-        /// Gaussians whose centre has z below this are dropped, > 0; in the unit of the scene.
+        /// Gaussians whose centre has z below this are dropped; > 0, in the unit of the scene.
         near: f32 = "near",
         near_plane: NearPlane = "near-plane",
-        /// Gaussians whose centre has z beyond this are dropped. Equality survives.
+        /// Gaussians whose centre has z above this are dropped; z equal to it is kept.
         far: f32 = "far",
         jacobian_clamp: JacobianClamp = "jacobian-clamp",
         principal_point: PrincipalPoint = "principal-point",
         support: Support = "support",
-        /// Space of the colours that are blended, and of the background. Linear light is encoded
-        /// after blending; encoded values are cut below 0 before it and are the picture.
+        /// Colour space in which colours and background are blended. Linear light is encoded after blending. Encoded
+        /// values are clamped below at 0 before blending, and the blended result is the picture.
         blending: ColorSpace = "blending",
-        /// Largest degree of harmonics that is drawn; further coefficients are left out.
+        /// Maximum degree of harmonics drawn; higher coefficients are ignored.
         degree: usize = "degree",
     }
 }
@@ -143,8 +142,8 @@ pub enum RuleError {
 }
 
 impl Rule {
-    /// SHARP's release: gsplat 1.5.3's classic mode without its low-pass, in linear light, with
-    /// colours that do not depend on the view.
+    /// SHARP's release: gsplat 1.5.3's classic mode without its low-pass, in linear light, with view-independent
+    /// colours.
     pub const SHARP: Self = Self {
         low_pass: 0.0,
         compensation: Compensation::None,
@@ -158,7 +157,7 @@ impl Rule {
         blending: ColorSpace::Linear,
         degree: 0,
     };
-    /// Inria's main rasteriser, which knows the fields of view alone.
+    /// Inria's main rasteriser, which uses only the fields of view.
     pub const INRIA: Self = Self {
         low_pass: 0.3,
         alpha_max: 0.99,
@@ -172,7 +171,7 @@ impl Rule {
         degree: 3,
         ..Self::SHARP
     };
-    /// Forks of it that use the principal point.
+    /// Forks of Inria's rasteriser that use the principal point.
     pub const INRIA_GENERAL: Self = Self {
         principal_point: PrincipalPoint::Used,
         ..Self::INRIA
@@ -194,7 +193,7 @@ impl Rule {
         compensation: Compensation::FlooredRoot,
         ..Self::GSPLAT_CLASSIC
     };
-    /// Without its 3D filter, which belongs to the scene.
+    /// Mip-Splatting without its 3D filter, which is part of the scene.
     pub const MIP_SPLATTING: Self = Self {
         low_pass: 0.1,
         compensation: Compensation::MipSplatting,
@@ -207,7 +206,7 @@ impl Rule {
         ..Self::GSPLAT_1_5_3_CLASSIC
     };
 
-    /// The rules that have a name.
+    /// The named rules.
     pub const NAMED: [(&str, Self); 10] = [
         ("sharp", Self::SHARP),
         ("inria", Self::INRIA),
@@ -238,8 +237,8 @@ impl Rule {
         Self::NAMED.map(|(name, _)| name).to_vec()
     }
 
-    /// Whether it is SHARP's but for low-pass and planes, as the derivative and the page in a
-    /// browser have it.
+    /// True if the rule equals SHARP's except for low-pass and planes, as the derivative and the browser viewer
+    /// require.
     pub fn is_like_sharp(&self) -> bool {
         let Self {
             low_pass,
@@ -257,7 +256,7 @@ impl Rule {
     }
 
     /// # Errors
-    /// [`RuleError::Impossible`] with the choice that no picture has.
+    /// [`RuleError::Impossible`] with the choice that is out of range.
     pub fn check(&self) -> Result<(), RuleError> {
         let Self {
             low_pass,
@@ -288,7 +287,7 @@ impl Default for Rule {
     }
 }
 
-/// By the name from which the fewest choices differ, the first of equals.
+/// Written relative to the named rule with the fewest differing choices, the first if several tie.
 impl fmt::Display for Rule {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let values = self.values();

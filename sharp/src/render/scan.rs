@@ -1,7 +1,7 @@
-//! Pass `scan`: exclusive prefix sums of counts, which say where each part of a list starts.
+//! Pass `scan`: exclusive prefix sums of counts, used as the start of each part of a list.
 
-/// Appends to `starts`, which it clears first, where each of the `counts` starts, and the end of
-/// the last one: one entry more than there are counts.
+/// Clears `starts` and fills it with the start of each of the `counts`, followed by the end of the last one: one entry
+/// more than there are counts.
 pub(super) fn scan(counts: &[u32], starts: &mut Vec<u32>) {
     starts.clear();
     starts.reserve(counts.len() + 1);

@@ -1,29 +1,28 @@
-//! Camera paths: the release's four, and a camera shifted by hand.
+//! Camera paths: the release's four, and a manually shifted camera.
 //!
-//! All paths stay close to the photograph's own camera, which stands at the origin of the scene
-//! and looks along +z. How far they go depends on how near the scene is.
+//! All paths stay close to the photograph's own camera, which is at the origin of the scene and looks along +z. Their
+//! extent is proportional to the near depth of the scene.
 
 use crate::camera::{Intrinsics, RigidTransform};
 use crate::gaussians::Gaussians;
 use glam::{DAffine3, DMat3, DVec3};
 use std::f64::consts::TAU;
 
-/// The release's paths. Both ends are included, so that the last frame of a closed path equals its
-/// first.
+/// The release's paths. Both ends are included, so that the last frame of a closed path equals the first.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum TrajectoryKind {
-    /// Sideways as a sine, forward and back as half a cosine. The release's default.
+    /// Sideways along a sine, forward and back along half a cosine. The release's default.
     RotateForward,
-    /// A circle across the viewing direction.
+    /// A circle perpendicular to the viewing direction.
     Rotate,
     /// From left to right along a line.
     Swipe,
-    /// Left and right for the first half, up and down for the second.
+    /// Left and right in the first half, up and down in the second.
     Shake,
 }
 
 impl TrajectoryKind {
-    /// All of them, in the release's order.
+    /// All kinds, in the release's order.
     pub const ALL: [Self; 4] = [Self::Swipe, Self::Shake, Self::Rotate, Self::RotateForward];
 
     /// `rotate_forward`, `rotate`, `swipe` or `shake`.
@@ -37,44 +36,41 @@ impl TrajectoryKind {
     }
 }
 
-/// Largest shift in x and y, as a share of the near depth times the picture's diagonal over the
-/// focal length.
+/// Maximum shift in x and y, as a fraction of the near depth times the picture's diagonal over the focal length.
 const MAX_DISPARITY: f64 = 0.08;
-/// Largest shift in z, as a share of the near depth.
+/// Maximum shift in z, as a fraction of the near depth.
 const MAX_ZOOM: f64 = 0.15;
 
-/// A path, once, of the release's size; the camera looks at the point in focus on the photograph's
-/// axis.
+/// One pass of a path at the release's amplitude. The camera looks at the focus point on the photograph's axis.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Trajectory {
     pub kind: TrajectoryKind,
-    /// Frames, > 0.
+    /// Number of frames, > 0.
     pub steps: usize,
 }
 
-/// Depth range of a scene: quantiles of the z of all centres in front of the camera, metres.
+/// Depth range of a scene: quantiles of the z of all centres in front of the camera, in metres.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct DepthRange {
     /// The 0.001 quantile.
     pub near: f64,
-    /// The 0.1 quantile, at least 2 m: what the camera turns around.
+    /// The 0.1 quantile, at least 2 m; the distance of the point around which the camera turns.
     pub focus: f64,
     /// The 0.999 quantile.
     pub far: f64,
 }
 
 impl DepthRange {
-    /// Nearest that the release lets the focus be, metres.
+    /// Minimum focus distance of the release, in metres.
     pub const MIN_FOCUS: f64 = 2.0;
 
-    /// Measures a scene in the photograph's camera space; `None` when nothing finite lies in
-    /// front of it.
+    /// Measures a scene in the photograph's camera space; `None` if no finite centre lies in front of the camera.
     pub fn of(scene: &Gaussians) -> Option<Self> {
         Self::seen_from(scene, &DAffine3::IDENTITY)
     }
 
-    /// Measures a scene in any space from the photograph's camera; `None` when nothing finite
-    /// lies in front of it.
+    /// Measures a scene given in any space, from the photograph's camera; `None` if no finite centre lies in front of
+    /// the camera.
     pub fn seen_from(scene: &Gaussians, camera_from_scene: &DAffine3) -> Option<Self> {
         let mut depths: Vec<f32> = scene
             .means
@@ -107,7 +103,7 @@ impl DepthRange {
 }
 
 impl Trajectory {
-    /// Where the camera stands in each frame, in the photograph's camera space, metres.
+    /// Camera position in each frame, in the photograph's camera space, in metres.
     pub fn eyes(&self, camera: &Intrinsics, depth: &DepthRange) -> Vec<DVec3> {
         let (w, h) = (f64::from(camera.width), f64::from(camera.height));
         let diagonal = (w / camera.fx).hypot(h / camera.fx);
@@ -149,7 +145,7 @@ impl Trajectory {
     }
 }
 
-/// A camera at `offset_m` from the photograph's, looking the same way.
+/// Pose of a camera at `offset_m` from the photograph's, looking in the same direction.
 pub fn shifted(offset_m: DVec3) -> RigidTransform {
     RigidTransform {
         rotation: DMat3::IDENTITY,
@@ -157,9 +153,8 @@ pub fn shifted(offset_m: DVec3) -> RigidTransform {
     }
 }
 
-/// `camera_from_world` of a camera at `eye` that looks at `target`, upright: y points down in
-/// world and camera alike. Looking straight up or down leaves the horizon undefined; the world's
-/// x axis then stays to the right.
+/// `camera_from_world` of a camera at `eye` that looks at `target`, upright: y points down in both world and camera.
+/// Looking straight up or down leaves the horizon undefined; the world's x axis then points to the right.
 pub fn looking(eye: DVec3, target: DVec3) -> RigidTransform {
     let front = (target - eye).normalize_or(DVec3::Z);
     let right = front.cross(DVec3::NEG_Y).normalize_or(DVec3::X);
@@ -171,7 +166,7 @@ pub fn looking(eye: DVec3, target: DVec3) -> RigidTransform {
     }
 }
 
-/// Point `index` of `count` spread evenly from `first` to `last`, both included.
+/// Element `index` of `count` values spaced evenly from `first` to `last`, both included.
 fn linspace(first: f64, last: f64, index: usize, count: usize) -> f64 {
     if count < 2 {
         return first;

@@ -1,28 +1,28 @@
-//! The camera of one picture and the convention by which it is rendered.
+//! Camera of one picture and the rule by which it is rendered.
 
 use super::project::ViewConstants;
 use super::{RenderError, Rule, Support};
 use crate::camera::Intrinsics;
 use glam::DAffine3;
 
-/// Everything about a picture that is not the scene.
+/// Everything that defines a picture apart from the scene.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct RenderView {
-    /// From the space of the Gaussians to camera space (OpenCV axes, metres). Any affine map: a
-    /// rigid `camera_from_world`, or the paper's `E_t E_s⁻¹ K_s⁻¹` out of the normalised space of
-    /// a source photograph ([`crate::camera::target_camera_from_source_ndc`]).
+    /// Maps the space of the Gaussians to camera space (OpenCV axes, metres). Any affine map: a rigid
+    /// `camera_from_world`, or the paper's `E_t E_s⁻¹ K_s⁻¹` from the normalised space of a source photograph
+    /// ([`crate::camera::target_camera_from_source_ndc`]).
     pub camera_from_scene: DAffine3,
-    /// Of the picture to render; pixel centres lie at + 0.5.
+    /// Intrinsics of the picture to render; pixel centres are at + 0.5.
     pub intrinsics: Intrinsics,
     pub rule: Rule,
 }
 
-/// Fields of `View` in `shaders/shared/view.wgsl` that follow from a rule.
+/// Fields of `View` in `shaders/shared/view.wgsl` that depend on a rule.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ShaderConstants {
-    /// Pixels.
+    /// Principal point in pixels.
     pub center: [f64; 2],
-    /// Of x/z and y/z, low and high, where the Jacobian is taken.
+    /// Bounds on x/z and y/z, low and high, at which the Jacobian is evaluated.
     pub bounds: [[f64; 2]; 2],
     pub near: f32,
     pub compensation: u32,
@@ -32,14 +32,14 @@ pub struct ShaderConstants {
 impl RenderView {
     /// Low-pass of `sharp render` and `sharp predict`: no low-pass filter. The default.
     pub const EPS2D_RELEASE: f32 = 0.0;
-    /// `low_pass_filter_eps` of the release's predictor configuration, which nothing passes on.
+    /// `low_pass_filter_eps` in the release's predictor configuration, which no code uses.
     pub const EPS2D_CONFIG: f32 = 0.01;
-    /// The default of gsplat and of every web viewer; a visibly different image.
+    /// Default of gsplat and of every web viewer; gives a visibly different image.
     pub const EPS2D_GSPLAT: f32 = 0.3;
-    /// Largest width and height, pixels.
+    /// Maximum width and height in pixels.
     pub const MAX_SIDE: u32 = 65_535;
 
-    /// A view by SHARP's rule.
+    /// Creates a view with SHARP's rule.
     pub fn new(camera_from_scene: DAffine3, intrinsics: Intrinsics) -> Self {
         Self {
             camera_from_scene,
@@ -48,14 +48,14 @@ impl RenderView {
         }
     }
 
-    /// The same view with another low-pass, px².
+    /// Sets the low-pass, in px².
     #[must_use]
     pub fn with_low_pass(mut self, low_pass: f32) -> Self {
         self.rule.low_pass = low_pass;
         self
     }
 
-    /// What the shaders are told of the view besides its map, focal lengths and size.
+    /// Values passed to the shaders besides the map, focal lengths and size.
     pub fn shader_constants(&self) -> ShaderConstants {
         let view = ViewConstants::new(self);
         ShaderConstants {
@@ -67,7 +67,7 @@ impl RenderView {
         }
     }
 
-    /// The fields are public; a renderer trusts them only after this.
+    /// Checks the fields, which are public; renderers rely on them only after this.
     pub(super) fn check(&self) -> Result<(), RenderError> {
         let Intrinsics {
             fx,

@@ -1,6 +1,6 @@
-//! The perceptual loss with its gradient, of pictures of 128² and 256² pixels.
+//! The perceptual loss and its gradient, for pictures of 128² and 256² pixels.
 //!
-//! `cargo bench -p sharp-train`, with `RAYON_NUM_THREADS=1` for the time of one core
+//! `cargo bench -p sharp-train`; set `RAYON_NUM_THREADS=1` to time a single core.
 
 #![allow(clippy::expect_used, reason = "a benchmark may end so")]
 

@@ -1,4 +1,4 @@
-//! A training as one TOML file. Everything that a file leaves out is as in the paper.
+//! Training configuration as one TOML file. The defaults are the paper's values.
 //!
 //! ```toml
 //! network.file = "mini.json#mini"     # or "release", or a table `network.inline`
@@ -26,7 +26,7 @@ use crate::parts::TrainedParts;
 use crate::position::Stage;
 use crate::schedule::Schedule;
 
-/// Why a training cannot be configured.
+/// Errors of a training configuration.
 #[derive(Debug, thiserror::Error)]
 pub enum ConfigError {
     #[error("{}: {source}", path.display())]
@@ -34,14 +34,14 @@ pub enum ConfigError {
         path: PathBuf,
         source: std::io::Error,
     },
-    /// What is no TOML, or has a key or a value of another kind than asked for.
+    /// Invalid TOML, an unknown key, or a value of the wrong type.
     #[error("{}: line {line}: {reason}", path.display())]
     Parse {
         path: PathBuf,
         line: usize,
         reason: String,
     },
-    /// An impossible value.
+    /// A value out of range.
     #[error("{}: `{key}` {reason}", path.display())]
     Value {
         path: PathBuf,
@@ -50,26 +50,26 @@ pub enum ConfigError {
     },
 }
 
-/// Everything that decides a training, and how often it is looked at.
+/// Everything that determines a training, and how often it is monitored.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct TrainingConfig {
-    /// `"release"`, `"mini"` (the bundled one), `{ file = "FILE#NAME" }` (JSON, from the working
-    /// directory) or `{ inline = { … } }`.
+    /// `"release"`, `"mini"` (the bundled network), `{ file = "FILE#NAME" }` (JSON, relative to the working directory)
+    /// or `{ inline = { … } }`.
     #[serde(deserialize_with = "network")]
     pub network: ModelConfig,
-    /// A checkpoint of this network, of any picture size, that the training begins with in place of random weights. The
-    /// harness also takes `"mini"`, the bundled network, here and below.
+    /// Checkpoint of this network, for any picture size, that initialises the weights instead of random values. The
+    /// harness also accepts `"mini"`, the bundled network, for this field and the next.
     pub initial: Option<PathBuf>,
-    /// A checkpoint whose depth network the training begins with; everything else is random.
+    /// Checkpoint that initialises the depth network only; all other weights are random.
     pub initial_depth: Option<PathBuf>,
     pub trained: TrainedParts,
-    /// Whether depth is brought to the true one before it is used (paper, depth adjustment).
+    /// True if predicted depth is aligned with the true depth before use (paper, depth adjustment).
     pub aligned: bool,
-    /// Whether disparity that has become zero may grow again; see
+    /// True if disparity that has become zero may recover; see
     /// [`TrainingInput`](sharp::model::training::TrainingInput). Not in the paper, whose network is pretrained.
     pub zeros_return: bool,
-    /// λ of each loss.
+    /// Weight λ of each loss.
     pub losses: LossWeights,
     pub loss_options: LossOptions,
     pub adam: Adam,
@@ -78,58 +78,59 @@ pub struct TrainingConfig {
     pub intervals: Intervals,
 }
 
-/// One stage.
+/// Configuration of one stage.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct StageConfig {
-    /// 0 leaves the stage out.
+    /// Number of steps; 0 skips the stage.
     pub steps: u64,
-    /// Samples whose gradients are averaged in a step.
+    /// Number of samples whose gradients are averaged in a step.
     #[serde(default = "one")]
     pub batch: usize,
-    /// Of every choice that is made by chance.
+    /// Seed of all random choices.
     #[serde(default)]
     pub seed: u64,
     #[serde(default)]
     pub schedule: Schedule,
-    /// Largest norm of the gradient over all parameters; `inf` does not clip. Not in the paper.
+    /// Maximum norm of the gradient over all parameters; `inf` disables clipping. Not in the paper.
     #[serde(default = "clip_norm")]
     pub clip_norm: f64,
-    /// Width and height of the pictures, pixels.
+    /// Width and height of the pictures in pixels.
     #[serde(default = "side")]
     pub side: u32,
     #[serde(default)]
     pub data: TrainingData,
-    /// Largest distance of a pair's cameras in datasets, and of the second stage's pseudo-novel cameras, metres.
+    /// Maximum distance, in metres, between the cameras of a pair from a dataset, and to the second stage's
+    /// pseudo-novel cameras.
     #[serde(default = "max_baseline_m")]
     pub max_baseline_m: f64,
 }
 
-/// Training data.
+/// Source of training data.
 #[derive(Debug, Clone, PartialEq, Eq, Default, Deserialize)]
 #[serde(deny_unknown_fields, rename_all = "snake_case")]
 pub enum TrainingData {
-    /// Scenes made from seeds; of these the second stage sees the pictures alone.
+    /// Scenes generated from seeds; the second stage uses only their pictures.
     #[default]
     Procedural,
-    /// Datasets with depth, each as `[NAME:]FORMAT=PATH[,key=value…]`; for the first stage.
+    /// Datasets with depth, each given as `[NAME:]FORMAT=PATH[,key=value…]`; for the first stage.
     Datasets(Vec<String>),
     /// A folder of PNG and JPEG files; for the second stage.
     Photographs(PathBuf),
 }
 
-/// Steps from one to the next; no result depends on them.
+/// Intervals in steps; they do not affect results.
 #[derive(Debug, Clone, PartialEq, Eq, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Intervals {
-    /// 0 for never.
+    /// 0 to disable.
     pub validation: u64,
     pub checkpoint: u64,
-    /// Checkpoints that are kept, the newest first.
+    /// Number of checkpoints kept, newest first.
     pub kept_checkpoints: usize,
 }
 
-/// The paper's resolution.
+/// Resolution in the paper.
 fn side() -> u32 {
     1536
 }
@@ -142,7 +143,7 @@ fn one() -> usize {
     1
 }
 
-/// Largest baseline of the paper's synthetic data.
+/// Maximum baseline of the paper's synthetic data.
 fn max_baseline_m() -> f64 {
     0.6
 }
@@ -158,7 +159,7 @@ impl Default for Intervals {
 }
 
 impl Default for TrainingConfig {
-    /// The paper's 128 and 32 GPUs see one sample each.
+    /// One sample per GPU, on the paper's 128 and 32 GPUs.
     fn default() -> Self {
         let stage = |steps, batch| StageConfig {
             steps,
@@ -187,7 +188,7 @@ impl Default for TrainingConfig {
     }
 }
 
-/// A network as named in a file.
+/// A network as given in a file.
 #[derive(Deserialize)]
 #[serde(rename_all = "snake_case")]
 enum NetworkChoice {
@@ -208,7 +209,7 @@ fn network<'de, D: Deserializer<'de>>(deserializer: D) -> Result<ModelConfig, D:
 }
 
 impl TrainingConfig {
-    /// Reads and checks a file.
+    /// Reads and validates a file.
     ///
     /// # Errors
     /// [`ConfigError`].
@@ -220,10 +221,10 @@ impl TrainingConfig {
         Self::parse(&text, path)
     }
 
-    /// Checks the text of a file.
+    /// Parses and validates the text of the file `path`.
     ///
     /// # Errors
-    /// [`ConfigError::Parse`] and [`ConfigError::Value`], which name the file.
+    /// [`ConfigError::Parse`] and [`ConfigError::Value`], both with the file's path.
     pub fn parse(text: &str, path: &Path) -> Result<Self, ConfigError> {
         let config: Self = toml::from_str(text).map_err(|error| ConfigError::Parse {
             path: path.to_owned(),
@@ -232,7 +233,8 @@ impl TrainingConfig {
                 .map_or(1, |at| 1 + text[..at.start].matches('\n').count()),
             reason: error.message().replace('\n', ", "),
         })?;
-        // The paper's 60 000 steps at 1536 pixels are nobody's wish after a first stage of their own.
+        // If a first stage is configured, the second must be given too: its default of 60 000 steps at 1536 pixels
+        // would be unintended.
         let named: toml::Table = toml::from_str(text).unwrap_or_default();
         let [first, second] = ["stage1", "stage2"].map(|stage| named.contains_key(stage));
         let missing = (first != second).then(|| {
@@ -261,17 +263,17 @@ impl TrainingConfig {
         }
     }
 
-    /// Of all that results depend on: a training is resumed only under the configuration it began with.
+    /// Hash of all settings that affect results. A training can only be resumed with the configuration it started with.
     pub fn sha256(&self) -> String {
         let decides = Self {
             intervals: Intervals::default(),
             ..self.clone()
         };
-        // Debug output of numbers, texts and lists of them is unambiguous and cannot fail.
+        // Debug output of numbers, strings and lists of them is unambiguous and cannot fail.
         sha256_hex(format!("{decides:?}").as_bytes())
     }
 
-    /// The first value that cannot be, by its key.
+    /// The first invalid value: its key, and the reason.
     fn first_fault(&self) -> Option<(String, String)> {
         let Adam {
             betas,

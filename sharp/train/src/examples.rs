@@ -1,4 +1,4 @@
-//! Training examples of a stage, as configured.
+//! Training examples of a stage, according to its configuration.
 
 use std::path::Path;
 
@@ -12,16 +12,16 @@ use crate::data::{
 use crate::position::Stage;
 use crate::self_supervision::SelfSupervisedSamples;
 
-/// A stage's examples.
+/// Examples of a stage.
 pub(crate) struct Examples {
-    /// They take turns.
+    /// Used in turn.
     sources: Vec<Box<dyn Source<Sample>>>,
-    /// What of the data is not learnt from, each with its reason.
+    /// Excluded parts of the data, each with its reason.
     pub left_out: Vec<String>,
 }
 
 impl Examples {
-    /// `teacher` are the weights that make the second stage's views.
+    /// `teacher` is the file of weights that generate the second stage's views.
     pub(crate) fn open(
         config: &TrainingConfig,
         stage: Stage,

@@ -9,27 +9,25 @@ use sharp::model::{ModelConfig, ModelError};
 use sharp::random::{SplitMix64, mix, unit};
 use sharp::resize::bilinear_align_corners;
 
-/// Random weights of a network that has seen nothing.
+/// Random weights of an untrained network.
 ///
-/// * Convolutions and linear layers: normal with variance 1 / fan-in, biases 0; 2 / fan-in for what
-///   sees rectified features, 1 / (2 fan-in) for what sees the sum of two maps, at the end of a fusion. So
-///   features stay of order 1 from the encoder to the heads; larger ones would make every step of the
-///   optimiser a leap of the depth. The last convolution of a residual branch is divided by four, so
-///   that the branches do not add up. The four taps of a transposed convolution are equal, so that it
-///   begins as nearest doubling, without a pattern.
-/// * Normalisation: 1 and 0. LayerScale: the configuration's `vit.init_values`. Class token: deviation
-///   0.02. Positions: sines and cosines of column and row, because where in a picture something
-///   stands says most about how far it is.
-/// * Prediction heads: 0, so that the Gaussians are the base Gaussians. Alignment: last weight 0, so that
-///   its factors are 1. Both as in the release.
-/// * Both channels of the depth head are equal (paper, section on the depth decoder), with a bias of
-///   0.3, because a rectified output that starts at 0 never learns.
+/// * Convolutions and linear layers: normal with variance 1 / fan-in, zero biases; 2 / fan-in for inputs after a ReLU,
+///   1 / (2 fan-in) for inputs that are the sum of two maps (at the end of a fusion). Features thus stay of order 1
+///   from the encoder to the heads; if they were larger, every optimiser step would change depth abruptly. The last
+///   convolution of a residual branch is divided by four, so that the branches do not accumulate. The four taps of a
+///   transposed convolution are equal, so that it starts as nearest-neighbour doubling, without a pattern.
+/// * Normalisation: 1 and 0. LayerScale: the configuration's `vit.init_values`. Class token: standard deviation 0.02.
+///   Positions: sines and cosines of column and row, because the position in a picture is the best predictor of depth.
+/// * Prediction heads: 0, so that the Gaussians are the base Gaussians. Alignment: last weight 0, so that its factors
+///   are 1. Both as in the release.
+/// * Both channels of the depth head are equal (paper, section on the depth decoder), with a bias of 0.3, because a
+///   ReLU output that starts at 0 never learns.
 pub(crate) struct Untrained {
     seed: u64,
     layer_scale: f32,
 }
 
-/// Disparity before training: inverse depth for a focal length of one image width.
+/// Initial disparity: inverse depth for a focal length of one image width.
 const FIRST_DISPARITY: f32 = 0.3;
 
 impl Untrained {
@@ -54,9 +52,8 @@ impl Untrained {
     }
 }
 
-/// Positions `[tokens, channels]` of the class token, zeros, and of a square of patches, by row. A
-/// channel is the sine or the cosine of the column or the row, of wave lengths from four times the
-/// square's side down to two patches.
+/// Position embeddings `[tokens, channels]`: zeros for the class token, then a square of patches, by row. A channel is
+/// the sine or cosine of the column or row, with wavelengths from four times the square's side down to two patches.
 fn positions(tokens: usize, channels: usize) -> Vec<f32> {
     let side = ((tokens - 1) as f64).sqrt().round().max(1.0);
     let waves = (channels / 4).max(1);
@@ -111,7 +108,7 @@ impl WeightSource for Untrained {
             return constant(1.0);
         }
         let transposed = shape[2..] == [2, 2] && contains(&["deconv", "upsample", "head.1."]);
-        // Of a transposed convolution, each output pixel sees one weight of each input.
+        // In a transposed convolution, each output pixel depends on one weight per input channel.
         let fan_in = match transposed {
             true => shape[0],
             false => shape[1..].iter().product(),
@@ -143,13 +140,13 @@ impl WeightSource for Untrained {
     }
 }
 
-/// A checkpoint, also one of the same network for pictures of another size: the positions of its tokens are
-/// resampled as the network resamples pictures. Nothing else depends on the size.
+/// Weights of a checkpoint, which may be of the same network for another picture size: its position embeddings are then
+/// resampled with the network's resampling of pictures. Nothing else depends on the size.
 pub(crate) struct Pretrained(CheckpointSource);
 
 impl Pretrained {
     /// # Errors
-    /// [`ModelError::Checkpoint`], [`ModelError::Incomplete`] for another network.
+    /// [`ModelError::Checkpoint`]; [`ModelError::Incomplete`] for another network.
     pub(crate) fn open(file: &Path, config: &ModelConfig) -> Result<Self, ModelError> {
         let weights = CheckpointSource::open(file)?;
         weights.check(&sizes_there(&weights, config), &[])?;
@@ -170,8 +167,8 @@ impl WeightSource for Pretrained {
 
 const POSITIONS: &str = "monodepth_model.monodepth_predictor.encoder.patch_encoder.pos_embed";
 
-/// The configuration for pictures of the size that a checkpoint was trained on; unchanged if its positions are not
-/// those of a square of tokens with this configuration's channels.
+/// The configuration with the picture size that a checkpoint was trained on. Unchanged if the checkpoint's position
+/// embeddings do not form a square of tokens with this configuration's channels.
 fn sizes_there(weights: &CheckpointSource, config: &ModelConfig) -> ModelConfig {
     let mut there = config.clone();
     let values = weights.values(POSITIONS, &[]).unwrap_or_default().len();
@@ -183,12 +180,13 @@ fn sizes_there(weights: &CheckpointSource, config: &ModelConfig) -> ModelConfig 
     there
 }
 
-/// Tokens along a side, of all with the class token.
+/// Tokens along a side, given the total including the class token.
 fn side(tokens: usize) -> usize {
     tokens.saturating_sub(1).isqrt()
 }
 
-/// Positions `[1, tokens, channels]` of any number of tokens to another; the class token, the first, keeps its own.
+/// Resamples position embeddings `[1, tokens, channels]` to another number of tokens; that of the class token, the
+/// first, is kept.
 fn resample_positions(values: &[f32], tokens: usize, channels: usize) -> Vec<f32> {
     let (class, grid) = values.split_at(channels);
     let [from, to] = [values.len() / channels, tokens].map(side);
@@ -200,19 +198,20 @@ fn resample_positions(values: &[f32], tokens: usize, channels: usize) -> Vec<f32
     class.iter().copied().chain(rest).collect()
 }
 
-/// The depth network of a checkpoint; what makes Gaussians of it is untrained. Both layers begin as the
-/// checkpoint's first (paper, section on the depth decoder): a training of depth alone has no loss of the second.
+/// The depth network of a checkpoint, combined with an untrained Gaussian decoder. Both layers start as the
+/// checkpoint's first one (paper, section on the depth decoder), because a training of depth alone has no loss for the
+/// second.
 pub(crate) struct TrainedDepth {
     depth: Pretrained,
     rest: Untrained,
 }
 
-/// Names of the depth network's parameters begin with it.
+/// Name prefix of the depth network's parameters.
 const DEPTH: &str = "monodepth_model.";
 
 impl TrainedDepth {
     /// # Errors
-    /// [`ModelError::Checkpoint`], [`ModelError::Incomplete`] for another depth network.
+    /// [`ModelError::Checkpoint`]; [`ModelError::Incomplete`] for another depth network.
     pub(crate) fn open(file: &Path, config: &ModelConfig, seed: u64) -> Result<Self, ModelError> {
         let depth = CheckpointSource::open(file)?;
         depth.check_part(&sizes_there(&depth, config), DEPTH)?;

@@ -1,18 +1,18 @@
-//! Training of SHARP: losses with their derivatives, data, optimiser, both stages of the paper.
+//! Training of SHARP: losses with their derivatives, data, optimiser, and both stages of the paper.
 //!
-//! Knows no harness: whoever runs a training hands in how it is validated.
+//! Independent of the harness: the caller of a training provides its validation.
 //!
 //! # Contents
-//! * [`data`]: what is learnt from; `self_supervision`: the second stage's part of it;
-//!   `examples`: as a configuration says.
-//! * [`losses`]: what is minimised; `objective`: all of it on one example.
+//! * [`data`]: training data; `self_supervision`: the data of the second stage; `examples`: data according to a
+//!   configuration.
+//! * [`losses`]: the individual losses; `objective`: all losses of one example.
 //! * `initial`: weights before the first step.
-//! * [`config`]: a training as one TOML file; [`parts`]: which of the network's parts learn.
-//! * [`position`]: where a training stands.
-//! * [`optimizer`], [`schedule`]: Adam, the clipped gradient, the learning rate.
-//! * [`checkpoint`]: a training's state as a file, the files that are kept, weights alone.
-//! * [`log`]: every step as a row; `stopped`: what a step that went wrong was given.
-//! * [`trainer`]: from the first step to the last.
+//! * [`config`]: a training as one TOML file; [`parts`]: the trained parts of the network.
+//! * [`position`]: stage and step of a training.
+//! * [`optimizer`], [`schedule`]: Adam, gradient clipping, the learning rate.
+//! * [`checkpoint`]: saved states of a training, and exported weights.
+//! * [`log`]: a row per step; `stopped`: the inputs of a failed step.
+//! * [`trainer`]: the training loop.
 
 pub mod checkpoint;
 pub mod config;

@@ -1,6 +1,5 @@
-//! Every step of a training as a row, and what was measured in between: `log.csv` holds what follows
-//! from configuration and seed, and is the same after a kill and a resumption as without; `timing.csv`
-//! holds what does not.
+//! Log of a training: one row per step, and the validation results. `log.csv` contains what depends only on
+//! configuration and seed, and is identical with and without an interruption; `timing.csv` contains the rest.
 
 use std::fs::{File, OpenOptions};
 use std::io::{self, Write};
@@ -9,33 +8,33 @@ use std::path::{Path, PathBuf};
 use crate::losses::TERMS;
 use crate::position::{Position, Stage};
 
-/// Why a log cannot be kept.
+/// Errors of the log.
 #[derive(Debug, thiserror::Error)]
 pub enum LogError {
     #[error("{}: {source}", path.display())]
     Io { path: PathBuf, source: io::Error },
-    /// A file that is not the log of this training.
+    /// The file is not the log of this training.
     #[error("{}: {reason}", path.display())]
     Other { path: PathBuf, reason: String },
 }
 
-/// One step's line of the log.
+/// A row of the log.
 #[derive(Debug, Clone, Copy)]
 pub struct StepRecord {
-    /// After the step.
+    /// Position after the step.
     pub position: Position,
     pub learning_rate: f64,
-    /// Losses before their weights, in the order of [`TERMS`].
+    /// Losses before weighting, in the order of [`TERMS`].
     pub terms: [f64; TERMS.len()],
-    /// What was minimised.
+    /// Weighted sum, which was minimised.
     pub total: f64,
-    /// Before clipping.
+    /// Norm before clipping.
     pub gradient_norm: f64,
-    /// That the step took.
+    /// Duration of the step.
     pub seconds: f64,
 }
 
-/// The files of a training that is under way.
+/// Log files of a running training.
 #[derive(Debug)]
 pub struct TrainingLog {
     after: Position,
@@ -45,12 +44,11 @@ pub struct TrainingLog {
 }
 
 impl TrainingLog {
-    /// Opens the files in a folder, or begins them, for a training that continues after the step at
-    /// `after`: later rows are cut off.
+    /// Opens or creates the files in a folder, for a training that continues after the step at `after`; later rows are
+    /// removed.
     ///
     /// # Errors
-    /// [`LogError::Io`]; [`LogError::Other`] for a file that is no such log, or one that does not reach
-    /// up to `after`.
+    /// [`LogError::Io`]; [`LogError::Other`] if a file is not such a log or ends before `after`.
     pub fn open(folder: &Path, after: Position) -> Result<Self, LogError> {
         let header = format!(
             "stage,step,learning_rate,{},total,gradient_norm\n",
@@ -69,12 +67,12 @@ impl TrainingLog {
         })
     }
 
-    /// Whether the weights that it was opened after were measured.
+    /// True if the weights at the position of opening were already validated.
     pub fn is_validated(&self) -> bool {
         self.after == self.validation.last
     }
 
-    /// Adds what was measured of the weights at `position`, on disk when this returns.
+    /// Appends validation results for the weights at `position`; they are on disk when this returns.
     ///
     /// # Errors
     /// [`LogError::Io`].
@@ -91,7 +89,7 @@ impl TrainingLog {
             .append(&measured.iter().map(row).collect::<String>())
     }
 
-    /// Adds a step, on disk when this returns. Numbers are the shortest that read back as they are.
+    /// Appends a step; it is on disk when this returns. Numbers are written in the shortest form that round-trips.
     ///
     /// # Errors
     /// [`LogError::Io`].
@@ -112,12 +110,12 @@ impl TrainingLog {
     }
 }
 
-/// A CSV file that grows, whose rows begin with stage and step.
+/// A CSV file that is appended to; its rows start with stage and step.
 #[derive(Debug)]
 struct Rows {
     path: PathBuf,
     file: File,
-    /// Where the last row stands that was kept.
+    /// Position of the last row that was kept.
     last: Position,
 }
 
@@ -131,7 +129,7 @@ impl Rows {
         let (file, text) = opened?;
         let last = Position::START;
         let mut rows = Self { path, file, last };
-        // A header that a kill cut short is written again.
+        // Rewrites a header that was only partially written when the process was killed.
         if header.starts_with(&text) && text != header {
             rows.cut(0)?;
             rows.append(header)?;
@@ -155,7 +153,8 @@ impl Rows {
         Ok(rows)
     }
 
-    /// Steps whose rows are lost cannot be made up for. A stage that has not begun has none.
+    /// Fails if rows up to `after` are missing, because they cannot be recomputed. A stage that has not started has
+    /// none.
     fn reaching(self, after: Position) -> Result<Self, LogError> {
         match after.step == 0 || self.last == after {
             true => Ok(self),

@@ -1,8 +1,8 @@
-//! The objective of one example: every loss of the paper on one pass of the network, and the gradient
-//! with respect to the network's outputs.
+//! The objective of one example: all of the paper's losses for one pass of the network, and their gradient with respect
+//! to the network's outputs.
 //!
-//! Pixel gradients of a view are gathered and taken through the renderer at once, so that nothing of a
-//! view is kept when the next is rendered (the paper's graph surgery, carried to all losses).
+//! Pixel gradients of a view are accumulated and propagated through the renderer at once, so that no data of a view is
+//! kept while the next is rendered (the paper's graph surgery, applied to all losses).
 
 use glam::DVec3;
 use image::RgbImage;
@@ -24,23 +24,23 @@ use crate::losses::{
     linear_from_srgb_gradient,
 };
 
-/// Inputs of the network, and the truth that its Gaussians are compared with.
+/// Inputs of the network, and the ground truth for its Gaussians.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Example<'a> {
     pub source: &'a TrainingView,
     pub target: &'a TrainingView,
-    /// Places the crop of the perceptual loss.
+    /// Determines the position of the perceptual loss's crop.
     pub seed: u64,
 }
 
-/// Losses of an example.
+/// Losses of an example and their gradient.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Cost {
-    /// Before their weights, in the order of [`TERMS`]; 0 for what has no weight.
+    /// Losses before weighting, in the order of [`TERMS`]; 0 for losses without a weight.
     pub terms: [f64; TERMS.len()],
     /// Weighted sum.
     pub total: f64,
-    /// Of the total.
+    /// Gradient of the total.
     pub gradient: PassGradient,
 }
 
@@ -52,7 +52,7 @@ pub enum ObjectiveError {
     Perceptual(#[from] PerceptualError),
 }
 
-/// The weighted losses.
+/// The weighted sum of all losses.
 pub(crate) struct Objective {
     weights: LossWeights,
     options: LossOptions,
@@ -60,7 +60,7 @@ pub(crate) struct Objective {
 }
 
 impl Objective {
-    /// Reads the perceptual loss's network, which is for `compute`, where that loss has a weight.
+    /// Loads the perceptual loss's network on `compute`, if that loss has a weight.
     ///
     /// # Errors
     /// [`PerceptualError`].
@@ -80,12 +80,12 @@ impl Objective {
         })
     }
 
-    /// The perceptual loss's network, for a log.
+    /// Name of the perceptual loss's network, for a log.
     pub(crate) fn perceptual_network(&self) -> Option<&'static str> {
         self.perceptual.as_ref().map(Perceptual::network)
     }
 
-    /// Whether no loss looks at Gaussians or their pictures.
+    /// True if no loss depends on Gaussians or their pictures.
     pub(crate) fn is_of_depth_alone(&self) -> bool {
         let LossWeights {
             color,
@@ -99,7 +99,7 @@ impl Objective {
         [color, alpha, percep, grad, delta, splat] == [0.0; 6]
     }
 
-    /// The losses of a pass on `example.source`'s picture.
+    /// Losses of a pass on the picture of `example.source`.
     ///
     /// # Errors
     /// [`ObjectiveError`].
@@ -150,7 +150,7 @@ impl Objective {
         Ok(sum)
     }
 
-    /// Losses of a rendered picture: of the input view, or, with its mask, of the novel one.
+    /// Losses of a rendered picture: the input view, or (with a mask) the novel view.
     fn on_picture(
         &self,
         sum: &mut Cost,
@@ -210,7 +210,7 @@ impl Objective {
         Ok(())
     }
 
-    /// Losses of the depth layers and of the alignment's factors.
+    /// Losses of the depth layers and the alignment's factors.
     fn on_depth(&self, sum: &mut Cost, pass: &TrainingPass, source: &TrainingView) {
         let (weights, options) = (&self.weights, &self.options);
         let side = pass.base.grid.width;
@@ -242,7 +242,7 @@ impl Objective {
         }
     }
 
-    /// Losses of the Gaussians themselves.
+    /// Losses of the Gaussians.
     fn on_gaussians(
         &self,
         sum: &mut Cost,
@@ -269,7 +269,7 @@ impl Objective {
             }
         }
         if weights.delta > 0.0 {
-            // The planes of x and of y come first.
+            // The planes of x and y come first.
             let planes = 2 * base.inverse_depth.len();
             let loss = losses::delta(&pass.deltas[..planes]);
             sum.add(6, loss.value, weights.delta);
@@ -281,7 +281,7 @@ impl Objective {
                 SplatView::Input => input,
                 SplatView::Novel => novel,
             };
-            // A novel camera may have passed some.
+            // Some Gaussians may be behind the novel camera.
             let means = &pass.gaussians.means;
             let depth = |k: usize| {
                 let mean = DVec3::from_array(means[k].map(f64::from));
@@ -311,13 +311,13 @@ impl Cost {
     }
 }
 
-/// The source's depth at the network's resolution, `[side, side]`, as a pass takes it.
+/// Depth of the source at the network's resolution, `[side, side]`, as the input of a pass.
 pub(crate) fn known_depth(view: &TrainingView, side: usize) -> Vec<f32> {
     let (width, height) = view.depth.dimensions();
     nearest(&view.depth, (width as usize, height as usize), (side, side))
 }
 
-/// A picture's pixels in 0..1.
+/// Pixels of a picture in 0..1.
 fn srgb(image: &RgbImage) -> Vec<[f32; 3]> {
     let level = |v: u8| f32::from(v) / 255.0;
     image.pixels().map(|pixel| pixel.0.map(level)).collect()

@@ -1,30 +1,30 @@
-//! Adam, and the gradient's norm over all parameters.
+//! Adam, and clipping of the gradient's norm over all parameters.
 
 use rayon::prelude::*;
 use serde::Deserialize;
 
-/// Values that are summed or updated at once; sums do not depend on the number of threads.
+/// Values summed or updated per task; sums do not depend on the number of threads.
 const CHUNK: usize = 1 << 14;
 
 /// A parameter of the network in training.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ParameterState {
-    /// As in the network's checkpoints.
+    /// Name in the network's checkpoints.
     pub name: String,
-    /// As PyTorch lays it out.
+    /// Shape in PyTorch's layout.
     pub shape: Vec<usize>,
-    /// In C order.
+    /// Values in C order.
     pub values: Vec<f32>,
-    /// `None` for a parameter that is frozen.
+    /// `None` for a frozen parameter.
     pub moments: Option<Moments>,
 }
 
-/// Adam's running means, each as long as the values.
+/// Adam's running means, each with the length of the values.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Moments {
-    /// Of the gradient.
+    /// Mean of the gradient.
     pub first: Vec<f32>,
-    /// Of its square.
+    /// Mean of its square.
     pub second: Vec<f32>,
 }
 
@@ -37,7 +37,7 @@ impl Moments {
     }
 }
 
-/// Gradients that do not fit the parameters.
+/// The gradients do not match the parameters.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum OptimizerError {
     #[error("{found} gradients for {expected} trained parameters")]
@@ -50,15 +50,15 @@ pub enum OptimizerError {
     },
 }
 
-/// Adam (Kingma and Ba, 2015) as torch has it: ε is added after the bias correction of the root,
-/// and weight decay to the gradient. The paper names Adam alone; the defaults are torch's.
+/// Adam (Kingma and Ba, 2015) as in torch: ε is added to the root after its bias correction, and weight decay to the
+/// gradient. The paper only names Adam; the defaults are torch's.
 #[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Adam {
-    /// Share that stays of the first moment and of the second.
+    /// Decay rates of the first and second moments.
     pub betas: [f64; 2],
     pub epsilon: f64,
-    /// Times the parameter, added to its gradient.
+    /// Multiplied by the parameter and added to its gradient.
     pub weight_decay: f64,
 }
 
@@ -73,13 +73,13 @@ impl Default for Adam {
 }
 
 impl Adam {
-    /// Updates every parameter that is not frozen. `gradients` has one for each of these, in their
-    /// order; `step` counts the updates of the moments from 1, this one included.
+    /// Updates every parameter that is not frozen. `gradients` has one element for each of these, in their order;
+    /// `step` counts the updates of the moments from 1, including this one.
     ///
     /// Computed in f64 and rounded once, on the threads of the current pool.
     ///
     /// # Errors
-    /// [`OptimizerError`], before anything is changed.
+    /// [`OptimizerError`]; in that case nothing was changed.
     pub fn update(
         &self,
         weights: &mut [ParameterState],
@@ -143,9 +143,8 @@ fn check(weights: &[ParameterState], gradients: &[Vec<f32>]) -> Result<(), Optim
     Ok(())
 }
 
-/// Scales gradients down to `limit` where their Euclidean norm over all of them is above, by
-/// `limit / (norm + 1e-6)` as torch does. Gives the norm before; where that is not finite, the
-/// gradients stay as they are, and they must not be used.
+/// If the Euclidean norm over all gradients exceeds `limit`, scales them by `limit / (norm + 1e-6)`, as in torch.
+/// Returns the norm before scaling. If it is not finite, the gradients are left unchanged and must not be used.
 pub fn clip_norm(gradients: &mut [Vec<f32>], limit: f64) -> f64 {
     let square = |chunk: &[f32]| chunk.iter().map(|&g| f64::from(g).powi(2)).sum::<f64>();
     let mut total = 0.0;

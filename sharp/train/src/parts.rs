@@ -1,18 +1,17 @@
-//! The parts of the network that are trained (paper, implementation details; the release's
-//! `set_requires_grad_`).
+//! The trained parts of the network (paper, implementation details; `set_requires_grad_` in the release).
 
 use serde::Deserialize;
 
-/// True for a part that learns. By default as in the paper: all but the patch encoder and the
-/// encoders' normalisation, 340 M of 702 M parameters.
+/// True for each part that is trained. The default is the paper's: all but the patch encoder and the encoders'
+/// normalisations, 340 M of 702 M parameters.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct TrainedParts {
-    /// The transformer that sees patches, with the upsamplers of its features.
+    /// The patch transformer and the upsamplers of its features.
     pub patch_encoder: bool,
-    /// The transformer that sees the whole image, with what upsamples and fuses its features.
+    /// The whole-image transformer, and the layers that upsample and fuse its features.
     pub image_encoder: bool,
-    /// LayerNorms of the encoders that learn.
+    /// LayerNorms of the encoders that are trained.
     pub encoder_norms: bool,
     /// Decoder and head of the disparity.
     pub depth_decoder: bool,
@@ -35,8 +34,8 @@ impl Default for TrainedParts {
 }
 
 impl TrainedParts {
-    /// Whether a parameter of the network, by its name, learns. What is no parameter does not, and
-    /// neither do the transformers' classification heads, which nothing uses.
+    /// True if the parameter called `name` is trained. False for names that are not parameters, and for the
+    /// transformers' unused classification heads.
     pub fn contain(&self, name: &str) -> bool {
         let mut path = name.split('.');
         let mut next = || path.next().unwrap_or_default();

@@ -1,13 +1,13 @@
-//! Position within a training.
+//! Stage and step of a training.
 
 use std::fmt;
 
-/// The paper's two stages, in their order.
+/// The paper's two stages, in order.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Stage {
-    /// Scenes with true depth.
+    /// Training on scenes with true depth.
     Supervised,
-    /// Photographs without depth, against pseudo-novel views (SSFT).
+    /// Self-supervised fine-tuning (SSFT): photographs without depth, with pseudo-novel views.
     SelfSupervised,
 }
 
@@ -22,22 +22,22 @@ impl Stage {
         }
     }
 
-    /// The stage of a [`Self::number`].
+    /// Inverse of [`Self::number`].
     pub fn from_number(number: u64) -> Option<Self> {
         Self::ALL.into_iter().find(|stage| stage.number() == number)
     }
 }
 
-/// Ordered in time.
+/// Ordered by time.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Position {
     pub stage: Stage,
-    /// Steps made in this stage.
+    /// Steps completed in this stage.
     pub step: u64,
 }
 
 impl Position {
-    /// Before the first step.
+    /// Position before the first step.
     pub const START: Self = Self {
         stage: Stage::Supervised,
         step: 0,

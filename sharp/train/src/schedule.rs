@@ -1,16 +1,16 @@
-//! The learning rate: linear warm-up, then half a cosine.
+//! Learning-rate schedule: linear warm-up, then half a cosine.
 
 use serde::Deserialize;
 
-/// The paper's schedule; the default has its values.
+/// The paper's schedule; the defaults are its values.
 #[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Schedule {
-    /// At the end of the warm-up.
+    /// Learning rate at the end of the warm-up.
     pub peak: f64,
-    /// At the last step.
+    /// Learning rate at the last step.
     pub last: f64,
-    /// Steps from 0 to the peak; with 0 the first step has nearly the peak.
+    /// Number of steps from 0 to the peak; with 0, the first step is already close to the peak.
     pub warmup_steps: u64,
 }
 
@@ -25,8 +25,7 @@ impl Default for Schedule {
 }
 
 impl Schedule {
-    /// Rate of step `step` of `steps`, counted from 1: that of step 0 would be 0. The last rate
-    /// stays beyond the last step.
+    /// Learning rate at `step` of `steps`, counted from 1 (it would be 0 at step 0). Constant after the last step.
     pub fn learning_rate(&self, step: u64, steps: u64) -> f64 {
         let warmup = self.warmup_steps;
         if step < warmup {

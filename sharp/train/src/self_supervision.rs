@@ -1,13 +1,14 @@
-//! The second stage's examples (paper, self-supervised fine-tuning): a photograph without depth becomes
-//! the novel view of a picture that the network itself has made of it.
+//! Examples of the second stage (paper, self-supervised fine-tuning): a photograph without depth serves as the novel
+//! view of a picture that the network itself generated from it.
 //!
-//! The teacher is the network at the end of the first stage. It predicts the Gaussians of a photograph,
-//! which are rendered from a camera nearby; that rendering is then the input, and the photograph, whose
-//! pixels are real, what the novel view is held against. What the paper leaves open is decided so:
-//! cameras lie anywhere in a disc around the photograph's, of the configured radius but at most 0.26 of the median
-//! depth; they look at a point in that depth, at most a tenth of it to each side of the photograph's axis; pixels of
-//! the rendering with an alpha below 0.99 count in no loss; its expected depth is the depth of the input, the
-//! teacher's first layer that of the photograph.
+//! The teacher is the network at the end of the first stage. It predicts the Gaussians of a photograph, which are
+//! rendered from a nearby camera. That rendering becomes the input, and the photograph, whose pixels are real, the
+//! ground truth for the novel view.
+//!
+//! Choices that the paper leaves open: cameras are distributed over a disc around the photograph's camera, with the
+//! configured radius but at most 0.26 of the median depth. They look at a point at that depth, at most a tenth of it to
+//! each side of the photograph's axis. Pixels of the rendering with an alpha below 0.99 are excluded from all losses.
+//! Its expected depth is the depth of the input; the teacher's first layer is that of the photograph.
 
 use std::path::Path;
 
@@ -24,14 +25,14 @@ use sharp::resize::nearest;
 
 use crate::data::{DataError, Photograph, Sample, Source, TrainingView, draws};
 
-/// Farthest of the pseudo-novel cameras as a part of the distance that they look at.
+/// Maximum distance of the pseudo-novel cameras, as a fraction of the distance to the point they look at.
 const PART_OF_DISTANCE: f64 = 0.26;
-/// Largest offset of the point they look at, sideways and vertically, as a fraction of its distance.
+/// Maximum offset of that point, horizontally and vertically, as a fraction of its distance.
 const PART_ASIDE: f64 = 0.1;
-/// Least alpha of a pixel that counts.
+/// Minimum alpha of a pixel that is used.
 const COVERED: f32 = 0.99;
 
-/// Examples out of photographs.
+/// Examples generated from photographs.
 pub(crate) struct SelfSupervisedSamples {
     photographs: Box<dyn Source<Photograph>>,
     teacher: Predictor,
@@ -43,7 +44,7 @@ impl SelfSupervisedSamples {
     /// `teacher` is the file of weights at the end of the first stage.
     ///
     /// # Errors
-    /// Those of the file.
+    /// If the file cannot be read.
     pub(crate) fn new(
         photographs: Box<dyn Source<Photograph>>,
         teacher: &Path,
@@ -118,7 +119,7 @@ impl Source<Sample> for SelfSupervisedSamples {
 /// Separates these random choices from those of the photographs.
 const SPREAD: u64 = 0x5353_4654;
 
-/// Anywhere in the disc, evenly.
+/// A point uniformly distributed in the disc.
 fn eye(random: &mut SplitMix64, radius: f64) -> DVec3 {
     loop {
         let (x, y) = (random.between(-1.0, 1.0), random.between(-1.0, 1.0));

@@ -1,4 +1,4 @@
-//! The example that a step failed on, for someone who wants to know why.
+//! Saves the example on which a step failed, for diagnosis.
 
 use std::fs;
 use std::io;
@@ -10,7 +10,7 @@ use serde_json::json;
 use crate::data::Sample;
 use crate::losses::TERMS;
 
-/// Writes pictures, depth (f32, little endian, row by row), masks, cameras and losses, where there are any, into a
+/// Writes pictures, depth (f32, little-endian, row by row), masks, cameras and losses, as far as available, to a
 /// folder.
 pub(crate) fn save(
     folder: &Path,
@@ -40,7 +40,7 @@ pub(crate) fn save(
         });
         views.insert(role.to_owned(), camera);
     }
-    // JSON knows no NaN: what is not finite is written as text.
+    // JSON has no NaN: non-finite values are written as text.
     let losses = TERMS.iter().zip(terms.into_iter().flatten());
     let losses: serde_json::Map<_, _> = losses
         .map(|(term, value)| ((*term).to_owned(), json!(value.to_string())))

@@ -1,11 +1,11 @@
-//! A training from its first step to its last, in a folder that it can be taken up from.
+//! The training loop, resumable from its folder.
 //!
 //! | in the folder | |
 //! |---|---|
 //! | `log.csv`, `timing.csv` | every step |
-//! | `validation.csv` | what the caller measured, by step |
+//! | `validation.csv` | the caller's validation results, by step |
 //! | `checkpoints/` | states to resume from |
-//! | `stage1.safetensors`, `validated.safetensors`, `weights.safetensors` | weights after the first stage (where a second follows), at the last validation, after the last step |
+//! | `stage1.safetensors`, `validated.safetensors`, `weights.safetensors` | weights after the first stage (if a second follows), at the last validation, after the last step |
 //! | `stopped-…/` | the example whose loss or gradient was not finite |
 
 mod error;
@@ -38,16 +38,16 @@ use crate::optimizer::{ParameterState, clip_norm};
 use crate::position::{Position, Stage};
 use crate::stopped;
 
-/// A caller's view and control of a training.
+/// Callbacks to monitor and control a training.
 pub trait Watcher {
     /// Called after every step.
     fn stepped(&mut self, record: &StepRecord, steps: u64);
 
-    /// Measures weights that lie in a file; called at the configured interval and after the last step.
-    /// Each value is named.
+    /// Evaluates the weights in a file; called at the configured interval and after the last step. Returns named
+    /// values.
     ///
     /// # Errors
-    /// Whatever keeps it from measuring, as text: it ends the training, which can be taken up again.
+    /// The reason, if validation fails. It ends the training, which can be resumed.
     fn validate(
         &mut self,
         weights: &Path,
@@ -55,10 +55,10 @@ pub trait Watcher {
         position: Position,
     ) -> Result<Vec<(String, f64)>, String>;
 
-    /// Told what of its data a stage leaves out; the training continues.
+    /// Receives warnings about excluded data; the training continues.
     fn warn(&mut self, text: &str);
 
-    /// Asked before every step; true ends the training after a checkpoint.
+    /// Called before every step; returning true ends the training after a checkpoint.
     fn stop(&self) -> bool;
 }
 
@@ -66,11 +66,11 @@ pub trait Watcher {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Ended {
     Complete,
-    /// By the watcher; it can be taken up.
+    /// Stopped by the watcher; can be resumed.
     Stopped(Position),
 }
 
-/// A training under way.
+/// A running training.
 pub struct Trainer {
     config: TrainingConfig,
     folder: PathBuf,
@@ -93,20 +93,20 @@ impl WeightSource for Snapshot {
 }
 
 impl Trainer {
-    /// Begins a training in a folder, or takes up the one that is there from its latest checkpoint. `initial` is where the
-    /// weights to begin with lie, if not where the configuration says. The networks run on `compute`, each kind of which
-    /// has other last bits.
+    /// Starts a training in a folder, or resumes the one there from its latest checkpoint. `initial` overrides the
+    /// configuration's file of initial weights. The networks run on `compute`; different kinds of devices differ in the
+    /// last bits.
     ///
     /// # Errors
-    /// [`TrainingError`]: a folder that cannot be written, a checkpoint of another configuration,
-    /// initial weights that do not fit.
+    /// [`TrainingError`]: a folder that cannot be written, a checkpoint of another configuration, or initial weights
+    /// that do not fit.
     pub fn open(
         config: TrainingConfig,
         initial: Option<&Path>,
         folder: &Path,
         compute: Compute,
     ) -> Result<Self, TrainingError> {
-        // Not only when the first stage is over.
+        // Checked here rather than only after the first stage.
         if let (1.., TrainingData::Photographs(folder)) = (config.stage2.steps, &config.stage2.data)
         {
             FolderPhotographs::open(folder, config.stage2.seed, (1, 1))?;
@@ -154,17 +154,17 @@ impl Trainer {
         })
     }
 
-    /// Where it stands.
+    /// Current position.
     pub fn position(&self) -> Position {
         self.state.position
     }
 
-    /// The perceptual loss's network, for a log.
+    /// Name of the perceptual loss's network, for a log.
     pub fn perceptual_network(&self) -> Option<&'static str> {
         self.objective.perceptual_network()
     }
 
-    /// Values that learn, and all that the network uses.
+    /// Number of trained values, and of all values that the network uses.
     pub fn parameter_counts(&self) -> (usize, usize) {
         let weights = &self.state.weights;
         let learning = weights.iter().filter(|weights| weights.moments.is_some());
@@ -172,16 +172,16 @@ impl Trainer {
         (learning.fold(0, count), weights.iter().fold(0, count))
     }
 
-    /// Trains to the end of the last stage, or until the watcher stops it.
+    /// Trains to the end of the last stage, or until the watcher stops the training.
     ///
     /// # Errors
-    /// [`TrainingError`]. What was checkpointed stays.
+    /// [`TrainingError`]. Checkpoints written so far are kept.
     pub fn run(&mut self, watcher: &mut dyn Watcher) -> Result<Ended, TrainingError> {
         let mut log = TrainingLog::open(&self.folder, self.position())?;
         for stage in Stage::ALL {
             let Position { stage: at, step } = self.position();
             let is_first = stage == Stage::Supervised;
-            // The first stage leaves weights behind also where it has no steps: the second's teacher.
+            // The first stage exports weights even if it has no steps, because they are the second stage's teacher.
             if at > stage || (self.config.stage(stage).steps == 0 && !is_first) {
                 continue;
             }
@@ -209,7 +209,7 @@ impl Trainer {
         let batch = settings.batch as u64;
         let is_due = |interval, step: u64| step == settings.steps || step.is_multiple_of(interval);
         let validates = |step| intervals.validation > 0 && is_due(intervals.validation, step);
-        // One that failed or was killed is made up for.
+        // Repeats a validation that failed or was interrupted.
         if first > 0 && validates(first) && !log.is_validated() {
             self.validate(log, watcher)?;
         }
@@ -224,7 +224,7 @@ impl Trainer {
                 }
                 let position = Position { stage, step };
                 let stepped = self.step(position, &settings, &mut samples, log, watcher);
-                // A picture that cannot be read costs no step.
+                // A picture that cannot be read is skipped without counting as a step.
                 if matches!(stepped, Err(TrainingError::Data(_))) {
                     self.checkpoint()?;
                 }
@@ -243,7 +243,7 @@ impl Trainer {
         Ok(Ended::Complete)
     }
 
-    /// One step, which leads to `position`.
+    /// Runs one step, which ends at `position`.
     fn step(
         &mut self,
         position: Position,
@@ -301,7 +301,7 @@ impl Trainer {
         Ok(())
     }
 
-    /// Saves the example that a step failed on, and the state before the step.
+    /// Saves the example on which a step failed, and the state before the step.
     fn not_finite(
         &self,
         position: Position,
@@ -313,7 +313,7 @@ impl Trainer {
         let name = format!("stopped-stage{}-step{step}", stage.number());
         let folder = self.folder.join(name);
         match self.checkpoint() {
-            // No training could resume from such a state.
+            // Training could not resume from such a state.
             Ok(()) | Err(TrainingError::State(StateError::Value { .. })) => {}
             Err(error) => return Err(error),
         }
@@ -329,7 +329,7 @@ impl Trainer {
         })
     }
 
-    /// What one example costs, and its gradient.
+    /// Losses of one example, and their gradient.
     fn example(&self, sample: &Sample, seed: u64) -> Result<StepSum, TrainingError> {
         let source = &sample.source;
         let side = self.config.network.internal_resolution;
@@ -343,7 +343,7 @@ impl Trainer {
                 height: source.image.height() as usize,
             },
             disparity_factor: (source.intrinsics.fx / f64::from(source.intrinsics.width)) as f32,
-            // Without its network there is no alignment.
+            // Without known depth, the network performs no alignment.
             known_depth: self.config.aligned.then_some(&known),
             zeros_return: self.config.zeros_return,
             depth_only: self.objective.is_of_depth_alone(),
@@ -370,7 +370,7 @@ impl Trainer {
         })
     }
 
-    /// The weights after the first stage, which teach in the second.
+    /// Path of the weights after the first stage, which are the second stage's teacher.
     fn teacher(&self) -> PathBuf {
         self.folder.join(format!("{FIRST_STAGE}.safetensors"))
     }
@@ -382,7 +382,7 @@ impl Trainer {
             .save(&self.state, &self.config_sha256, kept)?)
     }
 
-    /// Writes the weights as they stand, as a checkpoint that a [`Predictor`](sharp::model::Predictor) opens.
+    /// Writes the current weights as a checkpoint for [`Predictor`](sharp::model::Predictor).
     ///
     /// # Errors
     /// [`TrainingError::State`].
@@ -391,7 +391,7 @@ impl Trainer {
         Ok(self.state.export(path, precision, &about)?)
     }
 
-    /// Writes `NAME.safetensors` into the folder, f32.
+    /// Writes the weights to `NAME.safetensors` in the folder, as f32.
     fn export_named(&self, name: &str) -> Result<PathBuf, TrainingError> {
         let path = self.folder.join(format!("{name}.safetensors"));
         self.export(&path, Precision::F32)?;
@@ -411,12 +411,12 @@ impl Trainer {
     }
 }
 
-/// Name of the weights that teach in the second stage.
+/// Name of the second stage's teacher weights.
 const FIRST_STAGE: &str = "stage1";
-/// Examples that wait while a step computes.
+/// Number of examples prefetched while a step computes.
 const SAMPLES_AHEAD: usize = 3;
-/// Examples of a batch that are computed side by side. Much of a pass has too little work for several
-/// threads, and two of them fill what one leaves idle; more would only take memory.
+/// Number of examples of a batch computed concurrently. Much of a pass is too small for several threads, and two passes
+/// fill each other's idle time; more would only need more memory.
 const EXAMPLES_AT_ONCE: usize = 2;
 
 #[cfg(test)]

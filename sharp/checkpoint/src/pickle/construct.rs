@@ -1,16 +1,16 @@
-//! The known constructors: from arguments to values.
+//! The supported constructors: from arguments to values.
 
 use crate::error::{Fault, malformed};
 
 use super::value::{Global, Heap, Storage, Tensor, Value};
 
-/// The most pairs that ordered dicts may copy from lists, all together.
+/// Maximum number of pairs that all ordered dicts together may copy from lists.
 const MAX_COPIED: usize = 1 << 20;
-/// The longest key of a storage: PyTorch uses counters or addresses.
+/// Maximum length of a storage's key: PyTorch uses counters or addresses.
 const MAX_KEY_LEN: usize = 128;
 
 impl<'a> Heap<'a> {
-    /// The value of calling `function` with the tuple `args`.
+    /// Evaluates a call of `function` with the tuple `args`.
     pub(super) fn construct(
         &mut self,
         function: Value<'a>,
@@ -60,12 +60,12 @@ impl<'a> Heap<'a> {
         }
     }
 
-    /// Key-value pairs of a list of two-item lists or tuples, as Python 2 pickled ordered dicts.
+    /// Key-value pairs of a list of two-item lists or tuples, which is how Python 2 pickled ordered dicts.
     fn pairs(&mut self, list: Value<'a>) -> Result<Vec<(Value<'a>, Value<'a>)>, Fault> {
         let Some(items) = self.items(list) else {
             return malformed!("pickle: an ordered dict of {}", list.kind());
         };
-        // The only place where one opcode copies more than it consumes.
+        // This is the only place where one opcode copies more than it consumes.
         let copied = self.copied + items.len();
         if copied > MAX_COPIED {
             return malformed!("pickle: one list is made into ordered dicts again and again");
@@ -86,8 +86,8 @@ impl<'a> Heap<'a> {
         Value::Dict(self.dicts.len() as u32 - 1)
     }
 
-    /// The storage that a persistent id `('storage', class, key, location, numel[, view])` names.
-    /// The location (`cpu`, `cuda:0`) says where it was, which does not matter here.
+    /// The storage denoted by a persistent id `('storage', class, key, location, numel[, view])`. The location (`cpu`,
+    /// `cuda:0`) is the device it was saved from and is ignored.
     pub(super) fn persistent(&mut self, id: Value<'a>) -> Result<Value<'a>, Fault> {
         if let Some(&[Value::Str("storage"), class @ Value::Foreign(_), ..]) = self.items(id) {
             return Ok(class);

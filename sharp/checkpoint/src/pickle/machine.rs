@@ -6,12 +6,12 @@ use crate::error::{Fault, malformed};
 
 use super::value::{Global, Heap, Value};
 
-/// The longest pickle that is run. SHARP's 1038 tensors take 0.3 MB.
+/// Maximum length of a pickle. SHARP's 1038 tensors take 0.3 MB.
 pub(crate) const MAX_LEN: usize = 32 << 20;
-/// The most opcodes that are run; a tensor takes about 45, each allocates some tens of bytes.
+/// Maximum number of opcodes; a tensor takes about 45, each of which allocates some tens of bytes.
 const MAX_STEPS: usize = 1 << 19;
 
-/// Runs one pickle from the start of `bytes`; returns its object and its length in bytes.
+/// Runs the pickle at the start of `bytes`; returns its object and its length in bytes.
 pub(crate) fn load<'a>(bytes: &'a [u8], heap: &mut Heap<'a>) -> Result<(Value<'a>, usize), Fault> {
     let mut machine = Machine {
         bytes: &bytes[..bytes.len().min(MAX_LEN)],
@@ -33,7 +33,7 @@ struct Machine<'a, 'h> {
     bytes: &'a [u8],
     at: usize,
     stack: Vec<Value<'a>>,
-    /// Heights of the stack at each open mark; nothing below the last may be popped.
+    /// Stack height at each open mark; nothing below the last one may be popped.
     marks: Vec<usize>,
     /// Looked up by number only, never iterated.
     memo: HashMap<u32, Value<'a>>,
@@ -41,11 +41,11 @@ struct Machine<'a, 'h> {
 }
 
 impl<'a> Machine<'a, '_> {
-    /// Runs one opcode; the value when it is the last one.
+    /// Runs one opcode; returns the result if it was the last one.
     fn step(&mut self) -> Result<Option<Value<'a>>, Fault> {
         let [op] = self.array()?;
         match op {
-            // PROTO, FRAME: nothing to do; the length of a frame is not trusted.
+            // PROTO, FRAME: no effect; the length of a frame is not trusted.
             0x80 => {
                 let [version] = self.array()?;
                 if version > 5 {
@@ -97,7 +97,7 @@ impl<'a> Machine<'a, '_> {
                 self.array::<8>()?;
                 self.stack.push(Value::Float);
             }
-            // Strings: the new kinds, then those of Python 2.
+            // Strings: the current opcodes, then those of Python 2.
             0x8c | b'U' => {
                 let [len] = self.array()?;
                 self.string(len.into())?;
@@ -143,7 +143,7 @@ impl<'a> Machine<'a, '_> {
                 let id = self.heap.lists.len() as u32 - 1;
                 self.stack.push(Value::List(id));
             }
-            // Sets: as a list of their items, which nothing looks at.
+            // Sets are represented as a list of their items, which is never read.
             0x8f => {
                 self.heap.lists.push(Vec::new());
                 let id = self.heap.lists.len() as u32 - 1;
@@ -191,7 +191,7 @@ impl<'a> Machine<'a, '_> {
                 let id = u32::from_le_bytes(self.array()?);
                 self.remember(id)?;
             }
-            // MEMOIZE numbers by the size of the memo.
+            // MEMOIZE uses the size of the memo as the index.
             0x94 => self.remember(self.memo.len() as u32)?,
             b'h' => {
                 let [id] = self.array()?;
@@ -201,9 +201,9 @@ impl<'a> Machine<'a, '_> {
                 let id = u32::from_le_bytes(self.array()?);
                 self.recall(id)?;
             }
-            // Objects of classes; only those of unknown ones are made so.
+            // Instances of classes; only unknown classes are instantiated this way.
             0x81 | 0x92 => {
-                // Its arguments, and of the second its keyword arguments.
+                // The arguments; the second opcode also has keyword arguments.
                 self.pop()?;
                 if op == 0x92 {
                     self.pop()?;
@@ -277,7 +277,7 @@ impl<'a> Machine<'a, '_> {
 
     fn line(&mut self) -> Result<&'a str, Fault> {
         let rest = &self.bytes[self.at..];
-        // Names are short; a missing line end must not make every opcode scan the whole file.
+        // Names are short. Without this limit, a missing line end would make every opcode scan the whole file.
         let limit = rest.len().min(1024);
         let Some(len) = rest[..limit].iter().position(|&b| b == b'\n') else {
             return match limit == rest.len() {
@@ -321,7 +321,7 @@ impl<'a> Machine<'a, '_> {
         Ok(())
     }
 
-    /// An object of a class, which is not made: its class stands for it.
+    /// Handles the creation of an object of a class. No object is created; the class takes its place.
     fn object(&mut self, class: Value<'a>) -> Result<(), Fault> {
         if !matches!(class, Value::Foreign(_)) {
             return malformed!("pickle: an object of {}", class.kind());
@@ -359,7 +359,7 @@ impl<'a> Machine<'a, '_> {
         Ok(self.stack.split_off(start))
     }
 
-    /// Replaces the stack from `start` by a tuple of it.
+    /// Replaces the stack from `start` with a tuple of those values.
     fn tuple(&mut self, start: usize) -> Result<(), Fault> {
         let first = self.heap.tuples.len() as u32;
         self.heap.tuples.extend(self.stack.drain(start..));

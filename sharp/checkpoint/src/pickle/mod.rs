@@ -1,14 +1,14 @@
-//! A pickle interpreter that knows just what a state dict of PyTorch needs.
+//! A pickle interpreter that supports only what a PyTorch state dict needs.
 //!
-//! Values live in flat arenas and refer to each other by number, so that neither deep nesting
-//! nor cycles can overflow the stack, and an opcode costs a bounded amount of memory. Nothing
-//! is ever called: the handful of constructors a state dict names are recognised, everything
-//! else is a name in place of what it would make. Tensors that need one are not there.
+//! Values are stored in flat arenas and refer to each other by index, so that neither deep nesting nor cycles can
+//! overflow the stack, and each opcode uses a bounded amount of memory. Nothing is ever called: the few constructors
+//! used by state dicts are recognised, and any other call yields a placeholder with the function's name. Tensors that
+//! depend on a placeholder are omitted.
 //!
 //! * [`machine`]: the opcodes.
-//! * [`value`]: what is on the stack, and the arenas.
-//! * [`construct`]: the constructors that are known.
-//! * [`state_dict`]: from the pickled object to named tensors.
+//! * [`value`]: values on the stack, and the arenas.
+//! * [`construct`]: the supported constructors.
+//! * [`state_dict`]: conversion of the pickled object to named tensors.
 
 mod construct;
 mod machine;

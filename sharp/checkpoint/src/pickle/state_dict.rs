@@ -1,4 +1,4 @@
-//! From a pickled object to named tensors.
+//! Conversion of a pickled object to named tensors.
 
 use std::collections::BTreeMap;
 use std::ops::Range;
@@ -8,18 +8,17 @@ use crate::tensor::TensorLayout;
 
 use super::value::{Heap, Storage, Value};
 
-/// The named tensors of a state dict, and what else lay among them.
+/// The named tensors of a state dict, and the keys of its other entries.
 #[derive(Debug, Default)]
 pub(crate) struct NamedTensors {
     pub(crate) tensors: BTreeMap<String, TensorLayout>,
-    /// Keys whose values are no tensors.
+    /// Keys whose values are not tensors.
     pub(crate) others: Vec<String>,
 }
 
-/// Picks the state dict out of `root`: the object itself if it holds tensors, else the only dict
-/// in it that does.
+/// Selects the state dict in `root`: the object itself if it contains tensors, else the only dict within it that does.
 ///
-/// `place` says where a storage's bytes lie in the file of `file_len` bytes.
+/// `place` returns the byte range of a storage in the file of `file_len` bytes.
 pub(crate) fn resolve<'a>(
     heap: &Heap<'a>,
     root: Value<'a>,
@@ -64,7 +63,7 @@ fn about(fault: Fault, name: &str) -> Fault {
     }
 }
 
-/// The string-keyed entries of a dict, the last of equal keys; sorted.
+/// The string-keyed entries of a dict, sorted; for equal keys the last one wins.
 fn entries<'a>(heap: &Heap<'a>, value: Value<'a>) -> Option<BTreeMap<&'a str, Value<'a>>> {
     let Value::Dict(id) = value else {
         return None;
@@ -85,7 +84,7 @@ fn has_tensors(entries: &BTreeMap<&str, Value<'_>>) -> bool {
     entries.values().any(|v| matches!(v, Value::Tensor(_)))
 }
 
-/// Dicts within dicts that a state dict is sought in.
+/// Maximum nesting depth at which a state dict is searched for.
 const MAX_DEPTH: usize = 4;
 
 fn only_nested<'a>(
@@ -93,7 +92,7 @@ fn only_nested<'a>(
     top: BTreeMap<&'a str, Value<'a>>,
     depth: usize,
 ) -> Result<BTreeMap<&'a str, Value<'a>>, Fault> {
-    // Every dict is looked at once, however often the pickle refers to it.
+    // Every dict is visited once, however often the pickle refers to it.
     let mut seen = BTreeMap::new();
     let mut nested: Vec<&'a str> = Vec::new();
     for (&key, &value) in &top {
@@ -117,7 +116,7 @@ fn only_nested<'a>(
         [] if top.is_empty() => Ok(top),
         [] => {
             let mut dicts = top.values().filter_map(|&value| entries(heap, value));
-            // One that holds nothing but other dicts.
+            // A dict that contains nothing but one other dict.
             if let (true, Some(inner), None) = (depth > 0, dicts.next(), dicts.next()) {
                 return only_nested(heap, inner, depth - 1);
             }
@@ -133,7 +132,7 @@ fn only_nested<'a>(
     }
 }
 
-/// The first few of many keys, for a message.
+/// Formats the first few of many keys for a message.
 fn list<'a>(keys: impl Iterator<Item = &'a str> + Clone) -> String {
     const SHOWN: usize = 12;
     let mut text: Vec<String> = keys

@@ -1,27 +1,27 @@
-//! Values of the interpreter and the arenas that hold them.
+//! Values of the interpreter and the arenas that store them.
 
 use std::ops::Range;
 
 use crate::tensor::DType;
 
-/// A constructor that a state dict may name.
+/// A constructor that state dicts use.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Global {
     OrderedDict,
     /// `torch._utils._rebuild_tensor`: storage, offset, shape, strides.
     RebuildTensor,
-    /// `torch._utils._rebuild_tensor_v2`: the same, then what autograd needs.
+    /// `torch._utils._rebuild_tensor_v2`: the same arguments, followed by those for autograd.
     RebuildTensorV2,
-    /// `torch._utils._rebuild_parameter`: a tensor that was trained.
+    /// `torch._utils._rebuild_parameter`: a trainable tensor.
     RebuildParameter,
     /// `torch.Size`: a tuple.
     Size,
-    /// `torch.FloatStorage` and its sisters.
+    /// `torch.FloatStorage` and the storages of other types.
     Storage(DType),
 }
 
 impl Global {
-    /// The constructor of that module and name, if it is one of the known.
+    /// The constructor with that module and name, if it is supported.
     pub(super) fn find(module: &str, name: &str) -> Option<Self> {
         Some(match (module, name) {
             ("collections", "OrderedDict") => Self::OrderedDict,
@@ -47,13 +47,13 @@ impl Global {
     }
 }
 
-/// A value. Containers are numbers into [`Heap`].
+/// A value. Containers are indices into [`Heap`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) enum Value<'a> {
     None,
     Bool(bool),
     Int(i64),
-    /// An integer of more than 8 bytes, little-endian two's complement.
+    /// An integer longer than 8 bytes, little-endian two's complement.
     Long(&'a [u8]),
     Float,
     Str(&'a str),
@@ -63,7 +63,7 @@ pub(crate) enum Value<'a> {
     List(u32),
     Dict(u32),
     Global(Global),
-    /// A class or function that is not known, or what it would make: number of its name in [`Heap::foreign`].
+    /// An unknown class or function, or the result of calling it: index of its name in [`Heap::foreign`].
     Foreign(u32),
     Storage(u32),
     Tensor(u32),
@@ -88,7 +88,7 @@ impl Value<'_> {
     }
 }
 
-/// A storage as its persistent id describes it; where its bytes are, the container knows.
+/// A storage as described by its persistent id. The container knows the location of its bytes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct Storage<'a> {
     pub(crate) key: &'a str,
@@ -96,34 +96,34 @@ pub(crate) struct Storage<'a> {
     pub(crate) numel: u64,
 }
 
-/// A tensor as the pickle describes it; nothing is checked yet but the kinds of its parts.
+/// A tensor as described by the pickle; only the types of its parts have been checked.
 #[derive(Debug, Clone)]
 pub(crate) struct Tensor {
-    /// Number of its [`Storage`].
+    /// Index of its [`Storage`].
     pub(crate) storage: u32,
-    /// First element in the storage.
+    /// Offset of the first element in the storage.
     pub(crate) offset: i64,
     pub(crate) shape: Range<u32>,
     pub(crate) strides: Range<u32>,
 }
 
-/// Everything the values refer to.
+/// Arenas for everything that values refer to.
 #[derive(Debug, Default)]
 pub(crate) struct Heap<'a> {
     pub(crate) tuples: Vec<Value<'a>>,
     pub(crate) lists: Vec<Vec<Value<'a>>>,
-    /// Pairs in the order of assignment; of equal keys the last one counts.
+    /// Pairs in the order of assignment; for equal keys the last one wins.
     pub(crate) dicts: Vec<Vec<(Value<'a>, Value<'a>)>>,
     pub(crate) storages: Vec<Storage<'a>>,
     pub(crate) tensors: Vec<Tensor>,
-    /// Module and name of what is not known.
+    /// Module and name of unknown classes and functions.
     pub(crate) foreign: Vec<String>,
-    /// Pairs that ordered dicts have copied from lists so far.
+    /// Number of pairs that ordered dicts have copied from lists so far.
     pub(super) copied: usize,
 }
 
 impl<'a> Heap<'a> {
-    /// The items of a tuple or a list.
+    /// Items of a tuple or a list.
     pub(super) fn items(&self, value: Value<'a>) -> Option<&[Value<'a>]> {
         match value {
             Value::Tuple(start, end) => Some(&self.tuples[start as usize..end as usize]),

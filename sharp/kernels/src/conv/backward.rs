@@ -1,6 +1,6 @@
-//! Gradients of convolutions: with respect to their weights, and to their input.
+//! Gradients of convolutions with respect to their weights, biases and inputs.
 //!
-//! For as much padding as keeps the image's size; that of weights for stride 1 only.
+//! The padding must preserve the image's size (up to the stride). Weight gradients support stride 1 only.
 
 use std::borrow::Cow;
 use std::ops::Range;
@@ -14,25 +14,26 @@ use crate::rows::{RowOp, RowWindow};
 use crate::simd::Simd;
 use crate::workspace::SharedOut;
 
-/// Pixels whose products are summed by one task: a constant, so that sums do not depend on threads.
+/// Pixels whose products one task sums. A constant, so that results do not depend on the number of threads.
 const PIXELS_PER_TASK: usize = 4096;
 
-/// An image as it went into a convolution.
+/// Input image of a convolution.
 #[derive(Debug, Clone, Copy)]
 pub struct ConvInput<'a> {
     /// `[height][width][channels]`.
     pub data: &'a [f32],
     pub height: usize,
     pub width: usize,
-    /// Whether the convolution rectified it.
+    /// True if the convolution applied ReLU to its input.
     pub relu: bool,
 }
 
-/// Gradient of the weights, in their layout `[out][in][kernel][kernel]`, from that of the output
-/// (`[rows][columns][out]`, before any rectification). Sums over 4096 pixels are made in f32, sums of those in f64.
+/// Gradient with respect to the weights, in their layout `[out][in][kernel][kernel]`, from the output's gradient
+/// `upstream` (`[rows][columns][out]`, before any ReLU). Sums over 4096 pixels are accumulated in f32, and those
+/// partial sums in f64.
 ///
 /// # Panics
-/// When a length is wrong, or the convolution changes the image's size.
+/// If a length is wrong, or the convolution changes the image's size.
 pub fn weight_gradient(
     simd: Simd,
     spec: ConvSpec,
@@ -67,10 +68,10 @@ pub fn weight_gradient(
     out
 }
 
-/// The contribution of some output rows to the weights' gradient, `[tap][in][out]`.
+/// Contribution of some output rows to the weight gradient, `[tap][in][out]`.
 ///
-/// A product over pixels: with zeros around the image, the input under a tap is the input shifted by
-/// a constant, so channels lie as rows in memory and each tap reads them from another place.
+/// Computed as a matrix product over pixels. With zeros around the image, the input under a tap is the input shifted by
+/// a constant, so channels are stored as rows and each tap reads them from a different offset.
 fn part_of_weight_gradient(
     simd: Simd,
     spec: ConvSpec,
@@ -92,7 +93,7 @@ fn part_of_weight_gradient(
             continue;
         }
         let pixels = &input.data[row * input.width * c..][..input.width * c];
-        // A row stays in the first cache while its channels are picked out.
+        // A row stays in the L1 cache while its channels are extracted.
         for channel in 0..c {
             let out = &mut planes[channel * plane + y * width + pad..][..input.width];
             let values = pixels[channel..].iter().step_by(c);
@@ -121,12 +122,12 @@ fn part_of_weight_gradient(
         dst.copy_from_slice(&planes[channel * plane + shift..][ks]);
     };
     let shared = SharedOut::new(&mut out);
-    // SAFETY: rows follow each other.
+    // SAFETY: rows are contiguous and do not overlap.
     unsafe { product(&packed, m, Epilogue::None, shared, copy, |row| row * n) };
     out
 }
 
-/// Gradient of the bias `[out]`: sums over the pixels of the output's, in f64.
+/// Gradient with respect to the bias, `[out]`: sums of the output's gradient over the pixels, in f64.
 pub fn bias_gradient(upstream: &[f32], channels: usize) -> Vec<f32> {
     let parts: Vec<Vec<f64>> = upstream
         .par_chunks(PIXELS_PER_TASK * channels)
@@ -144,8 +145,9 @@ pub fn bias_gradient(upstream: &[f32], channels: usize) -> Vec<f32> {
     (0..channels).map(of).collect()
 }
 
-/// The gradient with respect to the input, with weights packed for it: a convolution too, with input and output channels
-/// exchanged and the kernel's taps in reverse; after a stride its input has zeros between.
+/// Gradient with respect to the input, with weights packed for it. It is itself a convolution, with input and output
+/// channels exchanged and the kernel's taps reversed. If the forward stride exceeds 1, zeros are inserted between the
+/// pixels of the upstream gradient.
 #[derive(Debug, Clone)]
 pub struct InputGradient {
     conv: Conv2d,
@@ -153,10 +155,11 @@ pub struct InputGradient {
 }
 
 impl InputGradient {
-    /// Of the convolution of shape `spec` by `weight`; `algorithm` is for this one.
+    /// Prepares the input gradient of the convolution `spec` with weights `weight`. `algorithm` is used for this
+    /// backward convolution.
     ///
     /// # Panics
-    /// When the length is wrong, or the convolution changes an image's size by other than its stride.
+    /// If the length is wrong, or the convolution changes an image's size other than by its stride.
     pub fn new(simd: Simd, spec: ConvSpec, weight: &[f32], algorithm: Algorithm) -> Self {
         assert!(spec.kernel == 2 * spec.padding + 1, "{spec:?}");
         assert_eq!(weight.len(), spec.weight_len(), "weights of {spec:?}");
@@ -180,10 +183,10 @@ impl InputGradient {
         }
     }
 
-    /// From the output's gradient to that of an input of `height` and `width`, in its layout.
+    /// Maps the output's gradient to the gradient of an input of `height` × `width`, in the input's layout.
     ///
     /// # Panics
-    /// When the gradient's length is wrong.
+    /// If the gradient's length is wrong.
     pub fn run(&self, upstream: &[f32], height: usize, width: usize) -> Vec<f32> {
         let ConvSpec {
             in_channels: channels,
@@ -213,10 +216,10 @@ fn keeps_size(spec: &ConvSpec) -> bool {
     spec.stride == 1 && spec.kernel == 2 * spec.padding + 1
 }
 
-/// Zeroes a gradient where a rectified value was not positive.
+/// Zeroes the gradient wherever the rectified value is not positive.
 ///
 /// # Panics
-/// When lengths differ.
+/// If the lengths differ.
 pub fn keep_where_positive(gradient: &mut [f32], value: &[f32]) {
     const CHUNK: usize = 1 << 16;
     assert_eq!(gradient.len(), value.len(), "value");

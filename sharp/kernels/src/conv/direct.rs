@@ -1,7 +1,7 @@
-//! Convolution as a product: output pixels by (kernel row, kernel column, input channel).
+//! Convolution as a matrix product: output pixels by (kernel row, kernel column, input channel).
 //!
-//! The matrix of patches is never stored: each task copies the runs it needs. In NHWC a whole
-//! kernel row of a patch is one run of memory.
+//! The matrix of patches is never stored; each task copies the runs it needs. In NHWC, a whole kernel row of a patch is
+//! contiguous.
 
 use std::ops::Range;
 
@@ -18,7 +18,7 @@ pub(super) struct Direct {
     weight: PackedMatrix,
 }
 
-/// The epilogue that a convolution's options ask for.
+/// Epilogue that corresponds to the options of a convolution.
 pub(super) fn epilogue<'a>(options: &ConvOptions<'a>) -> Epilogue<'a> {
     match (options.residual, options.relu) {
         (None, false) => Epilogue::None,
@@ -61,7 +61,7 @@ impl Direct {
         };
         let (pixels, epilogue) = (out.len() * width, epilogue(&options));
         let shared = SharedOut::new(output);
-        // SAFETY: pixels follow each other.
+        // SAFETY: pixels are contiguous and do not overlap.
         unsafe {
             product(&self.weight, pixels, epilogue, shared, copy, |pixel| {
                 pixel * n

@@ -1,7 +1,7 @@
-//! Convolutions of NHWC images, with any rows computed from the rows they need.
+//! Convolutions of NHWC images; any range of output rows can be computed from the input rows it needs.
 //!
 //! * [`Conv2d`]: square kernels, any stride and padding; direct or Winograd.
-//! * [`TransposedConv2x2`]: doubling of both sides.
+//! * [`TransposedConv2x2`]: doubles both sides.
 //! * [`backward`](mod@backward): gradients.
 //!
 //! Private: `direct` (an implicit matrix product), `winograd` and its `transform`.
@@ -31,7 +31,7 @@ pub struct ConvSpec {
     pub out_channels: usize,
     pub kernel: usize,
     pub stride: usize,
-    /// Rows and columns of zeros around the image.
+    /// Rows and columns of zeros on each side of the image.
     pub padding: usize,
 }
 
@@ -53,12 +53,11 @@ impl ConvSpec {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Algorithm {
-    /// The sum of products itself.
+    /// Direct sum of products.
     Direct,
-    /// Winograd's F(4×4, 3×3), with a quarter of the multiplications, for 3×3 kernels of
-    /// stride 1 and padding 1 with at least 16 input channels, in multiples of 16;
-    /// [`Self::Direct`] elsewhere. Rounding errors are about five times those of the direct sum
-    /// (relative L2 below 5e-6, typically 6e-7).
+    /// Winograd's F(4×4, 3×3), with a quarter of the multiplications, for 3×3 kernels of stride 1 and padding 1 whose
+    /// input channels are a multiple of 16. Other convolutions fall back to [`Self::Direct`]. Rounding errors are about
+    /// five times those of the direct sum (relative L2 below 5e-6, typically 6e-7).
     Winograd,
 }
 
@@ -74,11 +73,11 @@ impl fmt::Display for Algorithm {
 /// Operations fused into a convolution.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct ConvOptions<'a> {
-    /// The input is rectified as it is read.
+    /// Applies ReLU to the input as it is read.
     pub relu_input: bool,
-    /// Added to the result: rows as the output has them.
+    /// Added to the result; same layout as the output.
     pub residual: Option<&'a [f32]>,
-    /// The result is rectified, after the residual.
+    /// Applies ReLU to the result, after the residual is added.
     pub relu: bool,
 }
 
@@ -99,10 +98,10 @@ enum Plan {
 impl Conv2d {
     /// Packs weights `[out][in][kernel][kernel]` (PyTorch's layout) and a bias `[out]`.
     ///
-    /// `relu`: whether [`RowOp::run_rows`] rectifies the result.
+    /// `relu`: true if [`RowOp::run_rows`] should apply ReLU to the result.
     ///
     /// # Panics
-    /// When a length is wrong, or the stride or a channel count is zero.
+    /// If a length is wrong, or the stride or a channel count is zero.
     pub fn new(
         simd: Simd,
         spec: ConvSpec,
@@ -124,12 +123,12 @@ impl Conv2d {
         Self { spec, relu, plan }
     }
 
-    /// The shape it was made for.
+    /// Shape of the convolution.
     pub fn spec(&self) -> ConvSpec {
         self.spec
     }
 
-    /// How it is computed, which may be [`Algorithm::Direct`] although Winograd was asked for.
+    /// Algorithm in use; may be [`Algorithm::Direct`] even if Winograd was requested.
     pub fn algorithm(&self) -> Algorithm {
         match self.plan {
             Plan::Direct(_) => Algorithm::Direct,
@@ -137,11 +136,11 @@ impl Conv2d {
         }
     }
 
-    /// As [`RowOp::run_rows`], with other things fused in; `options.relu` counts, not the
-    /// one given to [`Self::new`].
+    /// Like [`RowOp::run_rows`], with other operations fused in. `options.relu` overrides the `relu` passed to
+    /// [`Self::new`].
     ///
     /// # Panics
-    /// As [`RowOp::run_rows`], or when the residual's length is not the output's.
+    /// As for [`RowOp::run_rows`], or if the residual's length differs from the output's.
     pub fn run_rows_with(
         &self,
         input: &RowWindow<'_>,

@@ -1,16 +1,16 @@
 //! The transforms of Winograd's F(4×4, 3×3): 6×6 input tiles, 3×3 filters, 4×4 outputs.
 //!
-//! Toom–Cook over the points 0, ±5/8, ±3/2 and ∞: half the rounding error of the usual points
-//! 0, ±1, ±2, ∞, for a few multiplications more. All constants are dyadic, hence exact in f32.
+//! Toom–Cook over the points 0, ±5/8, ±3/2 and ∞: half the rounding error of the usual points 0, ±1, ±2, ∞, for
+//! slightly more multiplications. All constants are dyadic, hence exact in f32.
 
 use crate::gemm::micro::KC;
 use crate::math::{fma, relu as rectify};
 use crate::simd::per_instruction_set;
 use crate::workspace::SharedOut;
 
-/// Channels that are transformed together.
+/// Number of channels transformed together.
 pub(super) const LANES: usize = 16;
-/// Places of a transformed tile.
+/// Number of elements of a transformed tile.
 pub(super) const PLACES: usize = 36;
 
 const A: f64 = 5.0 / 8.0;
@@ -24,7 +24,7 @@ const B3: f32 = (B * B * B) as f32;
 const SUM: f32 = (A * A + B * B) as f32;
 const PRODUCT: f32 = (A * A * B * B) as f32;
 
-/// Channels in step; aligned, because accesses that cross cache lines cost twice.
+/// Channels processed in lockstep; aligned, because accesses that cross cache lines cost twice as much.
 #[derive(Clone, Copy)]
 #[repr(C, align(64))]
 struct ChannelLanes([f32; LANES]);
@@ -98,21 +98,20 @@ fn output_1d<const FMA: bool>(m: [&[f32; LANES]; 6]) -> [ChannelLanes; 4] {
     out
 }
 
-/// Memory layout of the transformed tiles of a task: places outermost, then runs of [`KC`] channels,
-/// then tiles.
+/// Memory layout of the transformed tiles of a task: places outermost, then runs of [`KC`] channels, then tiles.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct InputLayout {
-    /// Distance of tiles.
+    /// Distance between tiles.
     pub(super) tile: usize,
-    /// Distance of runs.
+    /// Distance between runs.
     pub(super) run: usize,
-    /// Distance of places.
+    /// Distance between places.
     pub(super) place: usize,
 }
 
 per_instruction_set! {
-    /// Transforms one input tile: 36 pixels, row by row, of equally many channels (a multiple
-    /// of [`LANES`]); `index` is the tile's number in `out`.
+    /// Transforms one input tile: 36 pixels, row by row, each with the same number of channels (a multiple of
+    /// [`LANES`]). `index` is the tile's index in `out`.
     pub(super) fn input(
         pixels: &[&[f32]; PLACES],
         relu: bool,
@@ -163,25 +162,24 @@ fn input_body<const FMA: bool>(
     }
 }
 
-/// Inputs of the output transform besides the products.
+/// Inputs of the output transform other than the products.
 pub(super) struct OutputTile<'a> {
     /// Padded to a multiple of [`LANES`].
     pub(super) bias: &'a [f32],
     pub(super) channels: usize,
-    /// Where each pixel of the 4×4 block starts in the output; `usize::MAX` if it is not
-    /// part of it.
+    /// Offset in the output of each pixel of the 4×4 block; [`OUTSIDE`] for pixels beyond the output.
     pub(super) at: [usize; 16],
     pub(super) residual: Option<&'a [f32]>,
     pub(super) relu: bool,
     pub(super) out: SharedOut<'a>,
 }
 
-/// A pixel outside the output.
+/// Marks a pixel outside the output.
 pub(super) const OUTSIDE: usize = usize::MAX;
 
 per_instruction_set! {
-    /// Transforms the products of one tile, which start at `start` in `products` and whose
-    /// places are `place` apart, and writes its pixels. The pixels must be the caller's own.
+    /// Transforms the products of one tile, which start at `start` in `products` with places `place` apart, and writes
+    /// its pixels. No other thread may access those pixels.
     pub(super) fn output(
         products: &[f32],
         start: usize,
@@ -258,7 +256,7 @@ fn output_body<const FMA: bool>(
 fn lanes_at(products: &[f32], at: usize) -> &[f32; LANES] {
     match products[at..].first_chunk() {
         Some(lanes) => lanes,
-        // Out of bounds is a bug of the caller's layout, as for any index.
+        // As for any index, out of bounds is a bug in the caller's layout.
         None => unreachable!("products end at {}", products.len()),
     }
 }

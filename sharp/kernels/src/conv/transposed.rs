@@ -1,4 +1,4 @@
-//! Transposed convolution 2×2 of stride 2: every input pixel becomes a 2×2 block.
+//! Transposed 2×2 convolution of stride 2: every input pixel becomes a 2×2 block.
 
 use std::ops::Range;
 
@@ -9,13 +9,13 @@ use crate::workspace::SharedOut;
 
 /// `out[2y + i][2x + j][o] = bias[o] + Σ_c in[y][x][c] · w[c][o][i][j]`.
 ///
-/// Kernel and stride agree, so blocks do not overlap: two matrix products, one for the even
-/// and one for the odd output rows, whose rows are pairs of neighbouring output pixels.
+/// Kernel size and stride are equal, so blocks do not overlap. Computed as two matrix products, one for the even and
+/// one for the odd output rows; each row of a product is a pair of neighbouring output pixels.
 #[derive(Debug, Clone)]
 pub struct TransposedConv2x2 {
     in_channels: usize,
     out_channels: usize,
-    /// For the even and the odd output rows: `[in][2 columns][out]`.
+    /// Weights for the even and the odd output rows: `[in][2 columns][out]`.
     weights: [PackedMatrix; 2],
 }
 
@@ -23,7 +23,7 @@ impl TransposedConv2x2 {
     /// Packs weights `[in][out][2][2]` (PyTorch's layout) and a bias `[out]`.
     ///
     /// # Panics
-    /// When a length is wrong.
+    /// If a length is wrong.
     pub fn new(
         simd: Simd,
         in_channels: usize,
@@ -77,7 +77,7 @@ impl RowOp for TransposedConv2x2 {
         let n = 2 * self.out_channels;
         let shared = SharedOut::new(output);
         for (i, weight) in self.weights.iter().enumerate() {
-            // The output rows of this parity come from these input rows.
+            // Input rows that contribute to the output rows of this parity.
             let first = (out.start + 1 - i) / 2;
             let rows = (out.end + 1 - i) / 2 - first;
             let copy = |pixel: usize, ks: Range<usize>, dst: &mut [f32]| {
@@ -88,7 +88,8 @@ impl RowOp for TransposedConv2x2 {
                 let y = 2 * (first + pixel / width) + i - out.start;
                 (y * width + pixel % width) * n
             };
-            // SAFETY: pixels are pairs of output pixels, and the two products write to different rows.
+            // SAFETY: each product row is one pair of output pixels, and the two products write to different output
+            // rows.
             unsafe { product(weight, rows * width, Epilogue::None, shared, copy, offset) };
         }
     }

@@ -14,7 +14,7 @@ use crate::workspace::{Aligned, SharedOut, run_tasks};
 /// Side of a tile of output pixels.
 const SIDE: usize = 4;
 
-/// Output rows of the whole tiles that `out` touches; the tile grid starts at row 0.
+/// Output rows of all tiles that overlap `out`; the tile grid starts at row 0.
 pub(super) fn whole_tiles(out: Range<usize>) -> Range<usize> {
     if out.is_empty() {
         return 0..0;
@@ -27,10 +27,10 @@ pub(super) struct Winograd {
     simd: Simd,
     in_channels: usize,
     out_channels: usize,
-    /// One matrix of input by output channels per place of a transformed tile; the output
-    /// channels are padded to whole panels and whole [`LANES`].
+    /// One matrix of input by output channels per place of a transformed tile. The output channels are padded to whole
+    /// panels and a multiple of [`LANES`].
     filters: Vec<PackedMatrix>,
-    /// Padded likewise.
+    /// Padded like the output channels of `filters`.
     bias: Aligned,
 }
 
@@ -81,8 +81,8 @@ impl Winograd {
         }
     }
 
-    /// Tiles per task: as many as keep the transformed tiles in the second cache, but more
-    /// where the filters are large and would be read from memory again and again.
+    /// Tiles per task: as many as fit in the L2 cache once transformed, but more if the filters are large, since each
+    /// task reads them from memory again.
     fn tiles_per_task(&self) -> usize {
         let tiles: usize = if self.in_channels * self.out_channels > 256 * 256 {
             56
@@ -111,8 +111,8 @@ impl Winograd {
             run,
             place: c.div_ceil(KC) * run,
         };
-        // One line more than needed, so that equal channels of all places do not fall into the
-        // same cache set.
+        // One cache line more than needed, so that the same channel of different places does not map to the same cache
+        // set.
         let product_stride = self.bias.len();
         let product_place = most * product_stride + LANES;
 
@@ -156,7 +156,7 @@ impl Winograd {
                     at,
                     residual: options.residual,
                     relu: options.relu,
-                    // Tasks have tiles, hence pixels, of their own.
+                    // Tasks own disjoint tiles, hence disjoint pixels.
                     out: shared,
                 };
                 let start = index * product_stride;
@@ -165,7 +165,7 @@ impl Winograd {
         });
     }
 
-    /// The 36 products of `tiles` transformed tiles.
+    /// Computes the 36 products of `tiles` transformed tiles.
     fn multiply(
         &self,
         transformed: &[f32],
@@ -187,14 +187,14 @@ impl Winograd {
             };
             for k0 in (0..self.in_channels).step_by(KC) {
                 let a = &transformed[place * layout.place + k0 / KC * layout.run..][..layout.run];
-                // SAFETY: the products belong to this task alone.
+                // SAFETY: the products belong to this task only.
                 unsafe { block.multiply(a, k0, &|row| row * n) };
             }
         }
     }
 }
 
-/// The 6×6 pixels under the tile whose first output pixel is (`y`, `x`), `zeros` beyond the
+/// The 6×6 input pixels under the tile whose first output pixel is (`y`, `x`); `zeros` stands in for pixels beyond the
 /// image.
 fn pixels<'a>(input: &RowWindow<'a>, y: usize, x: usize, zeros: &'a [f32]) -> [&'a [f32]; PLACES] {
     let c = input.channels();

@@ -9,9 +9,9 @@ use crate::math::{gelu, relu};
 use crate::simd::per_instruction_set;
 use crate::workspace::SharedOut;
 
-/// The most rows of a tile of any level.
+/// Maximum number of rows of a tile, over all instruction sets.
 const MAX_ROWS: usize = 16;
-/// The most tiles of rows of a block, at any level.
+/// Maximum number of row tiles of a block, over all instruction sets.
 const MAX_TILES: usize = MOST_ROWS / 4;
 
 /// One task's share of a product: some rows of `A`, some panels of `B`.
@@ -22,21 +22,21 @@ pub(crate) struct ProductBlock<'a> {
     pub(crate) panels: Range<usize>,
     pub(crate) epilogue: Epilogue<'a>,
     pub(crate) out: SharedOut<'a>,
-    /// Distance of rows in `out`, where they follow each other.
+    /// Distance between rows in `out`, used where they are equally spaced.
     pub(crate) out_stride: usize,
 }
 
-/// Floats of scratch that [`ProductBlock::run`] needs for `rows` rows and runs of `k`.
+/// Scratch size, in floats, that [`ProductBlock::run`] needs for `rows` rows and runs of `k`.
 pub(crate) fn scratch_len(tile: &MicroTile, rows: usize, k: usize) -> usize {
     rows.next_multiple_of(tile.mr) * stride_for(k.min(KC))
 }
 
 impl ProductBlock<'_> {
-    /// Computes the block. `copy(row, k, dst)` writes columns `k` of row `row` of `A` to
-    /// `dst`; `offset(row)` says where the row starts in the output (and in the residual).
+    /// Computes the block. `copy(row, k, dst)` writes columns `k` of row `row` of `A` to `dst`; `offset(row)` returns
+    /// where the row starts in the output (and in the residual).
     ///
     /// # Safety
-    /// While this runs, nobody else may touch the columns of `panels` of those output rows.
+    /// While this runs, no other thread may access the columns of `panels` in those output rows.
     pub(crate) unsafe fn run(
         &self,
         scratch: &mut [f32],
@@ -50,13 +50,12 @@ impl ProductBlock<'_> {
             for (i, row) in self.rows.clone().enumerate() {
                 copy(row, k0..k1, &mut scratch[i * stride..][..k1 - k0]);
             }
-            // SAFETY: passed on.
+            // SAFETY: the caller upholds this function's contract.
             unsafe { self.multiply(scratch, k0, &offset) };
         }
     }
 
-    /// Multiplies the run of k that starts at `k0`, whose part of `A` lies in `a`, with rows
-    /// `stride_for` apart.
+    /// Multiplies the run of k that starts at `k0`. Its part of `A` is in `a`, with rows [`stride_for`] apart.
     ///
     /// # Safety
     /// As [`Self::run`].
@@ -68,10 +67,10 @@ impl ProductBlock<'_> {
         let stride = stride_for(self.b.k.min(KC));
         let kc = KC.min(self.b.k - k0);
         let last = k0 + kc == self.b.k;
-        // Later runs of k continue from what the earlier ones left in the output.
+        // Later runs of k accumulate onto the output of the earlier ones.
         let load = k0 > 0 || matches!(self.epilogue, Epilogue::Add);
         assert!(a.len() >= self.rows.len().next_multiple_of(mr) * stride);
-        // Where each tile's first row starts, if its rows follow each other as they should.
+        // Offset of each tile's first row, if the tile's rows are equally spaced by `out_stride`.
         let mut starts = [None; MAX_TILES];
         let tiles = self.rows.len().div_ceil(mr);
         for (t, start) in starts[..tiles].iter_mut().enumerate() {
@@ -97,9 +96,9 @@ impl ProductBlock<'_> {
                     } else {
                         (bias.as_ptr(), 0)
                     };
-                    // SAFETY: `a` has `mr` rows of `kc` floats by the assertion above; `b` and
-                    // `bias` are whole panels; the tile at `c` is in bounds, and ours by the
-                    // caller's promise; a `Simd` proves that the machine has the level.
+                    // SAFETY: `a` has `mr` rows of `kc` floats by the assertion above; `b` and `bias` are whole panels;
+                    // the tile at `c` is in bounds, and exclusively ours by the caller's contract; a `Simd` proves that
+                    // the machine supports the instruction set.
                     unsafe { kernel(kc, a, b.as_ptr(), c, self.out_stride, init, init_stride) };
                     if last {
                         let at: [usize; MAX_ROWS] =
@@ -122,7 +121,7 @@ impl ProductBlock<'_> {
                     cols,
                 };
                 if load {
-                    // SAFETY: these elements are ours by the caller's promise.
+                    // SAFETY: these elements are exclusively ours by the caller's contract.
                     unsafe { part.gather(&self.out, &mut spare, nr) };
                 }
                 let c = spare.as_mut_ptr();
@@ -131,7 +130,7 @@ impl ProductBlock<'_> {
                 } else {
                     (bias.as_ptr(), 0)
                 };
-                // SAFETY: as above, with a whole tile of our own as output.
+                // SAFETY: as above; the output is a whole tile owned by this function.
                 unsafe { kernel(kc, a, b.as_ptr(), c, nr, init, init_stride) };
                 if last {
                     self.finish(c, nr, &part, bias);
@@ -150,19 +149,19 @@ impl ProductBlock<'_> {
     }
 }
 
-/// The rows and columns of a tile that exist.
+/// The part of a tile that lies within the output.
 struct Part<'a> {
-    /// Where each row's first column is in the output.
+    /// Offset in the output of each row's first column.
     at: &'a [usize],
     cols: usize,
 }
 
 impl Part<'_> {
     /// # Safety
-    /// Nobody else may touch these elements of `out`.
+    /// No other thread may access these elements of `out`.
     unsafe fn gather(&self, out: &SharedOut<'_>, tile: &mut [f32], nr: usize) {
         for (&at, tile) in self.at.iter().zip(tile.chunks_exact_mut(nr)) {
-            // SAFETY: passed on.
+            // SAFETY: the caller upholds this function's contract.
             tile[..self.cols].copy_from_slice(unsafe { out.slice(at, self.cols) });
         }
     }
@@ -171,14 +170,14 @@ impl Part<'_> {
     /// As [`Self::gather`].
     unsafe fn scatter(&self, tile: &[f32], nr: usize, out: &SharedOut<'_>) {
         for (&at, tile) in self.at.iter().zip(tile.chunks_exact(nr)) {
-            // SAFETY: passed on.
+            // SAFETY: the caller upholds this function's contract.
             unsafe { out.slice(at, self.cols) }.copy_from_slice(&tile[..self.cols]);
         }
     }
 }
 
 per_instruction_set! {
-    /// Applies the epilogue to the tile at `c`, while it is in the cache.
+    /// Applies the epilogue to the tile at `c` while it is in cache.
     fn finish(
         c: *mut f32,
         c_stride: usize,

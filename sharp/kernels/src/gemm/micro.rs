@@ -1,19 +1,19 @@
-//! The innermost kernels: a tile of `mr` × `nr` products, one per instruction set.
+//! Microkernels: a tile of `mr` × `nr` products, one kernel per instruction set.
 //!
-//! `A` lies row by row, `STRIDE` floats apart; `B` is packed, `nr` columns per step of k. The
-//! row distance is a constant so that every row is reached from one pointer, and is a multiple
-//! of a cache line plus one line, so that the rows of a tile fall into different cache sets.
+//! `A` is stored row by row, `STRIDE` floats apart; `B` is packed, `nr` columns per step of k. The row distance is a
+//! constant so that every row is addressed from one pointer. It is a multiple of a cache line plus one line, so that
+//! the rows of a tile map to different cache sets.
 
 use crate::simd::{InstructionSet, Simd};
 
-/// The longest run of k that is summed in one go. Longer sums are made of such runs, which
-/// also keeps the rounding error of long sums down.
+/// Longest run of k that is summed at once. Longer sums are split into runs of this length, which also limits their
+/// rounding error.
 pub(crate) const KC: usize = 512;
 
-/// The distances between rows of `A` that kernels exist for.
+/// Row distances of `A` for which kernels exist.
 const STRIDES: [usize; 4] = [64 + 16, 128 + 16, 256 + 16, KC + 16];
 
-/// The smallest row distance for runs of `k`.
+/// Smallest supported row distance for runs of `k`.
 pub(crate) fn stride_for(k: usize) -> usize {
     STRIDES[index_for(k)]
 }
@@ -27,17 +27,17 @@ fn index_for(k: usize) -> usize {
     }
 }
 
-/// `c = a b + init` for a whole tile: the sum over k is made first, so that the sum of several
-/// runs is a sum of short sums. Arguments: the number of steps `k`; `a`, `b`; `c` and
-/// the distance of its rows; `init` and the distance of its rows, 0 to use one row for all.
+/// `c = a b + init` for a whole tile. The sum over k is completed before `init` is added, so that a sum over several
+/// runs is a sum of short sums. Arguments: the number of steps `k`; `a`, `b`; `c` and the distance between its rows;
+/// `init` and the distance between its rows (0 to use one row for all).
 ///
 /// # Safety
-/// `a` must be readable for `mr` rows of `k`, `b` for `k * nr`, `init` and `c` readable and
-/// writable for their `mr` rows of `nr`; `init` may be `c`. The machine must have the level.
+/// `a` must be readable for `mr` rows of `k`, `b` for `k * nr`, and `init` for `mr` rows of `nr`; `c` must be writable
+/// for `mr` rows of `nr`. `init` may alias `c`. The machine must support the instruction set.
 pub(crate) type Micro =
     unsafe fn(usize, *const f32, *const f32, *mut f32, usize, *const f32, usize);
 
-/// Shape of a level's tile, and its kernels.
+/// Tile shape and kernels of an instruction set.
 #[derive(Clone, Copy)]
 pub(crate) struct MicroTile {
     pub(crate) mr: usize,
@@ -46,11 +46,11 @@ pub(crate) struct MicroTile {
 }
 
 impl MicroTile {
-    /// The largest `mr * nr` of all levels.
+    /// Largest `mr * nr` of all instruction sets.
     pub(crate) const MAX: usize = 14 * 32;
 
     pub(crate) fn of(simd: Simd) -> Self {
-        /// One kernel a row distance.
+        /// One kernel per row distance.
         macro_rules! kernels {
             ($kernel:path) => {{
                 use $kernel as kernel;
@@ -72,7 +72,7 @@ impl MicroTile {
         Self { mr, nr, kernels }
     }
 
-    /// The kernel for rows of `A` that are `stride_for(k)` apart.
+    /// Kernel for rows of `A` that are `stride_for(k)` apart.
     pub(crate) fn kernel(&self, k: usize) -> Micro {
         self.kernels[index_for(k)]
     }
@@ -119,12 +119,12 @@ unsafe fn portable<const STRIDE: usize>(
 mod x86 {
     use std::arch::x86_64::*;
 
-    /// How many steps ahead `B` is fetched: the next panel follows this one, so that fetching
-    /// beyond the end is of use. Worth a tenth of the time where `B` comes from the last cache.
+    /// Number of steps by which `B` is prefetched. Prefetching beyond the end is useful because the next panel follows
+    /// this one. Saves a tenth of the time if `B` is read from the last-level cache.
     const AHEAD: usize = 32;
 
-    /// A kernel of `$rows` rows by two vectors of `$lanes`: two accumulators a row, two vectors of
-    /// `B`, one broadcast of `A`.
+    /// Defines a kernel of `$rows` rows by two vectors of `$lanes`: per row, two accumulators and one broadcast of `A`;
+    /// two vectors of `B` are shared by all rows.
     macro_rules! kernel {
         ($name:ident, $features:literal, $rows:literal x $lanes:literal, $zero:ident,
          $load:ident, $splat:ident, $fma:ident, $add:ident, $store:ident) => {
@@ -142,7 +142,7 @@ mod x86 {
             ) {
                 const WIDTH: usize = 2 * $lanes;
                 let mut acc = [[$zero(); 2]; $rows];
-                // The output is touched at the very end; its lines can arrive meanwhile.
+                // Prefetch the output, which is only accessed at the very end.
                 for r in 0..$rows {
                     for line in (0..WIDTH).step_by(16) {
                         _mm_prefetch::<_MM_HINT_T0>(c.wrapping_add(r * c_stride + line).cast());

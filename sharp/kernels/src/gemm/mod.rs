@@ -18,31 +18,31 @@ use micro::MicroTile;
 
 use crate::workspace::{SharedOut, run_tasks};
 
-/// Operation on a product `A B + bias` before it is stored.
+/// Operation applied to a product `A B + bias` before it is stored.
 #[derive(Debug, Clone, Copy)]
 pub enum Epilogue<'a> {
     None,
     /// `max(·, 0)`.
     Relu,
-    /// `x Φ(x)`, with the error function (not its tanh approximation).
+    /// Exact GELU, `x Φ(x)`, with the error function (not the tanh approximation).
     Gelu,
-    /// The output's previous content is added: `C += A B + bias`.
+    /// Adds the output's previous content: `C += A B + bias`.
     Add,
-    /// Another array of the output's layout is added.
+    /// Adds another array with the output's layout.
     Residual(&'a [f32]),
-    /// As [`Self::Residual`], then `max(·, 0)`.
+    /// [`Self::Residual`], then `max(·, 0)`.
     ResidualRelu(&'a [f32]),
 }
 
-/// Rows of a task: their runs of k fill a good part of a second cache of 1 MiB, and the weights
-/// are read once for all of them.
+/// Maximum rows of a task. Their runs of k fill a good part of a 1 MiB L2 cache, and the weights are read once for all
+/// of them.
 pub(crate) const MOST_ROWS: usize = 296;
-/// Columns of a task: each task copies the rows it needs, which should not be done too often.
+/// Maximum columns of a task. Each task copies the rows it needs, so fewer columns would repeat that copy more often.
 const MOST_COLUMNS: usize = 2048;
-/// Columns of a task that are worth splitting off to keep all threads busy.
+/// Minimum columns of a task when splitting to keep all threads busy.
 const FEWEST_COLUMNS: usize = 128;
 
-/// Division of a product into tasks of equal numbers of whole tiles. It affects only speed.
+/// Partition of a product into equally sized tasks of whole tiles. It affects only speed.
 struct Tasks {
     rows: TaskCut,
     panels: TaskCut,
@@ -50,7 +50,7 @@ struct Tasks {
     m: usize,
 }
 
-/// A number of things, cut into equal shares.
+/// A count split into equal shares.
 struct TaskCut {
     total: usize,
     share: usize,
@@ -109,11 +109,11 @@ impl Tasks {
 
 /// `C = epilogue(A B + bias)`: `a` is `[m][k]`, `b` `k` × `n`, `c` `[m][n]`.
 ///
-/// Sums run over k in order, in runs of 512, so that the result depends neither on `m` nor on
-/// the number of threads. Relative L2 error against exact arithmetic below 1e-6.
+/// Sums over k are accumulated in order, in runs of 512, so that the result depends neither on `m` nor on the number of
+/// threads. Relative L2 error against exact arithmetic is below 1e-6.
 ///
 /// # Panics
-/// When a length is wrong.
+/// If a length is wrong.
 pub fn matmul(a: &[f32], b: &PackedMatrix, c: &mut [f32], m: usize, epilogue: Epilogue<'_>) {
     let (k, n) = (b.k(), b.n());
     assert_eq!(a.len(), m * k, "A is {m} x {k}");
@@ -122,15 +122,15 @@ pub fn matmul(a: &[f32], b: &PackedMatrix, c: &mut [f32], m: usize, epilogue: Ep
         assert_eq!(r.len(), c.len(), "the residual is {m} x {n}");
     }
     let copy = |row: usize, ks, dst: &mut [f32]| dst.copy_from_slice(&a[row * k..][ks]);
-    // SAFETY: rows follow each other.
+    // SAFETY: rows are contiguous and do not overlap.
     unsafe { product(b, m, epilogue, SharedOut::new(c), copy, |row| row * n) };
 }
 
-/// The product of `m` rows with packed weights, in tasks on all threads. `copy` and `offset` as in
+/// Product of `m` rows with packed weights, split into tasks over all threads. `copy` and `offset` are as in
 /// [`ProductBlock::run`].
 ///
 /// # Safety
-/// The rows' places in the output do not overlap, and nobody else touches them while this runs.
+/// Rows must not overlap in the output, and no other thread may access them while this runs.
 pub(crate) unsafe fn product(
     b: &PackedMatrix,
     m: usize,
@@ -152,7 +152,7 @@ pub(crate) unsafe fn product(
             out,
             out_stride: b.n(),
         };
-        // SAFETY: every task has rows or panels of its own.
+        // SAFETY: every task owns disjoint rows or panels.
         unsafe { block.run(scratch, &copy, &offset) };
     });
 }

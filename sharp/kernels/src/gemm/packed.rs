@@ -6,8 +6,8 @@ use crate::workspace::Aligned;
 
 /// A `k` × `n` matrix (the weights), packed for one instruction set, with a bias per column.
 ///
-/// Laid out in runs of at most `KC` rows, each run in panels of `nr` columns, each panel row by row.
-/// Columns are padded with zeros to whole panels.
+/// Split into runs of at most `KC` rows, each run into panels of `nr` columns, each panel stored row by row. Columns
+/// are zero-padded to whole panels.
 #[derive(Debug, Clone)]
 pub struct PackedMatrix {
     simd: Simd,
@@ -22,7 +22,7 @@ impl PackedMatrix {
     /// them), and its bias `[n]`.
     ///
     /// # Panics
-    /// When a length is wrong or a side is zero.
+    /// If a length is wrong or a dimension is zero.
     pub fn from_out_in(
         simd: Simd,
         weight: &[f32],
@@ -49,7 +49,7 @@ impl PackedMatrix {
         })
     }
 
-    /// Lets `fill(data, nr)` pack the elements.
+    /// Allocates the matrix; `fill(data, nr)` packs the elements.
     fn with(
         simd: Simd,
         k: usize,
@@ -76,12 +76,12 @@ impl PackedMatrix {
         }
     }
 
-    /// Rows: inputs of the layer.
+    /// Rows: the layer's inputs.
     pub fn k(&self) -> usize {
         self.k
     }
 
-    /// Columns: outputs of the layer.
+    /// Columns: the layer's outputs.
     pub fn n(&self) -> usize {
         self.n
     }
@@ -101,14 +101,14 @@ impl PackedMatrix {
     }
 }
 
-/// A packed matrix that lies in somebody's buffer.
+/// A packed matrix in a borrowed buffer.
 #[derive(Clone, Copy)]
 pub(crate) struct PackedView<'a> {
     pub(crate) simd: Simd,
     pub(crate) k: usize,
     pub(crate) n: usize,
     pub(crate) data: &'a [f32],
-    /// Padded as the columns are.
+    /// Padded like the columns.
     pub(crate) bias: &'a [f32],
 }
 
@@ -122,7 +122,7 @@ impl PackedView<'_> {
     }
 }
 
-/// Packs into `data`, which must hold zeros or padding where no column is.
+/// Packs into `data`. Elements of padding columns must already be zero, or be ignored by the caller.
 #[inline(always)]
 pub(crate) fn pack_into(
     data: &mut [f32],

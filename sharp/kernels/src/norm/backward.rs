@@ -6,14 +6,14 @@ use super::{GroupNorm, PIXELS_PER_TASK};
 use crate::math::fma;
 use crate::simd::{Simd, per_instruction_set};
 
-/// Gradients of a normalisation.
+/// Gradients of a group normalisation.
 #[derive(Debug, Clone, PartialEq)]
 pub struct NormGradient {
-    /// Of the input, in its layout.
+    /// Gradient of the input, in its layout.
     pub input: Vec<f32>,
-    /// Of the scales, `[channels]`.
+    /// Gradient of the scales, `[channels]`.
     pub gamma: Vec<f32>,
-    /// Of the shifts, `[channels]`.
+    /// Gradient of the shifts, `[channels]`.
     pub beta: Vec<f32>,
 }
 
@@ -21,14 +21,14 @@ pub struct NormGradient {
 type Sums = [f64; 4];
 
 impl GroupNorm {
-    /// Gradients from that of the (not rectified) output for the input `x`, both
-    /// `[pixels][channels]`. Sums are made in f64.
+    /// Computes all gradients from `upstream`, the gradient of the output before ReLU, and the input `x`; both are
+    /// `[pixels][channels]`. Sums are accumulated in f64.
     ///
-    /// With x̂ = (x − μ)/s over the N values of a group, the input's is
-    /// `(γ g − mean(γ g) − x̂ · mean(γ g x̂)) / s`.
+    /// With x̂ = (x − μ)/s over the N values of a group, the gradient of the input is `(γ g − mean(γ g) − x̂ · mean(γ g
+    /// x̂)) / s`.
     ///
     /// # Panics
-    /// When a length is wrong.
+    /// If a length is wrong.
     pub fn backward(&self, simd: Simd, x: &[f32], upstream: &[f32]) -> NormGradient {
         let channels = self.gamma.len();
         assert!(x.len().is_multiple_of(channels), "pixels of {channels}");
@@ -96,7 +96,7 @@ impl GroupNorm {
     }
 }
 
-/// The input's gradient: `of_upstream · g + of_input · x + constant`, channel by channel.
+/// Gradient of the input as a per-channel linear map: `of_upstream · g + of_input · x + constant`.
 struct Linear {
     of_upstream: Vec<f32>,
     of_input: Vec<f32>,
@@ -104,7 +104,7 @@ struct Linear {
 }
 
 per_instruction_set! {
-    /// Applies a [`Linear`] to some pixels.
+    /// Applies a [`Linear`] to a run of pixels.
     fn apply(x: &[f32], g: &[f32], linear: &Linear, out: &mut [f32]) = apply_body
 }
 
@@ -126,7 +126,7 @@ fn apply_body<const FMA: bool>(x: &[f32], g: &[f32], linear: &Linear, out: &mut 
 }
 
 per_instruction_set! {
-    /// Adds the [`Sums`] of some pixels.
+    /// Accumulates the [`Sums`] over a run of pixels.
     fn add_sums(x: &[f32], g: &[f32], sums: &mut [Sums]) = add_sums_body
 }
 
@@ -148,7 +148,7 @@ fn add_sums_body<const FMA: bool>(x: &[f32], g: &[f32], sums: &mut [Sums]) {
                 gs[..lanes].copy_from_slice(&g[first..first + lanes]);
             }
             for l in 0..WIDE {
-                // Products of two f32 are exact in f64, so that fusing would change nothing.
+                // Products of two f32 are exact in f64, so fusing would change nothing.
                 let (x, g) = (f64::from(xs[l]), f64::from(gs[l]));
                 totals[0][l] += x;
                 totals[1][l] += x * x;

@@ -1,5 +1,5 @@
-//! Niantic's SPZ: one gzip stream up to version 3, a Zstandard stream an attribute in version 4. Attributes follow each
-//! other, each for all Gaussians.
+//! Niantic's SPZ: one gzip stream up to version 3, one Zstandard stream per attribute in version 4. Attributes are
+//! stored one after another, each for all Gaussians.
 
 mod write;
 
@@ -18,13 +18,13 @@ use crate::ply::{
 
 pub use write::to_bytes;
 
-/// Largest standard deviation that the format holds, e^(255/16 − 10).
+/// Largest standard deviation that the format can store, e^(255/16 − 10).
 pub const LARGEST_SPZ_SCALE: f32 = 378.98;
 
 const MAGIC: [u8; 4] = *b"NGSP";
-/// Of versions 1 to 3.
+/// Header size of versions 1 to 3.
 const HEADER: usize = 16;
-/// Of version 4.
+/// Header size of version 4.
 const WIDE_HEADER: usize = 32;
 /// Flag of files made for an antialiased rasteriser.
 const ANTIALIASED: u8 = 1;
@@ -72,7 +72,7 @@ impl Header {
         }
     }
 
-    /// Bytes of a Gaussian in each block: position, opacity, colour, scale, rotation, view-dependent colour.
+    /// Bytes per Gaussian in each block: position, opacity, colour, scale, rotation, view-dependent colour.
     fn blocks(&self) -> [usize; 6] {
         let position = if self.version == 1 { 6 } else { 9 };
         let rotation = if self.version < 3 { 3 } else { 4 };
@@ -81,7 +81,7 @@ impl Header {
     }
 }
 
-/// Reads a file that begins as gzip or SPZ 4 do.
+/// Reads a file that starts like gzip or SPZ 4.
 pub(super) fn decode(bytes: &[u8]) -> Result<Decoded, PlyReason> {
     let (header, blocks) = match bytes.starts_with(&MAGIC) {
         true => zstd_blocks(bytes)?,
@@ -96,7 +96,7 @@ pub(super) fn decode(bytes: &[u8]) -> Result<Decoded, PlyReason> {
             ..StoredForm::default()
         },
         marks: FileMarks {
-            // Unset it says nothing: most programs never set it.
+            // An unset flag carries no information: most programs never set it.
             antialiased: (header.flags & ANTIALIASED != 0).then_some(true),
             ..FileMarks::default()
         },
@@ -159,7 +159,7 @@ pub(super) fn decode(bytes: &[u8]) -> Result<Decoded, PlyReason> {
     Ok(out)
 }
 
-/// The two uppermost bits name the largest of x, y, z, w, which is positive; of the others follow sign and magnitude.
+/// The two highest bits identify the largest of x, y, z, w, which is positive; the others follow as sign and magnitude.
 fn rotation_of(packed: u32) -> [f32; 4] {
     let largest = (packed >> 30) as usize;
     let mut xyzw = [0.0_f64; 4];

@@ -1,4 +1,4 @@
-//! A scene to bytes of SPZ 3.
+//! Encoding of a scene as SPZ 3.
 
 use std::io::{self, Write};
 
@@ -8,17 +8,17 @@ use flate2::write::GzEncoder;
 use super::{ANTIALIASED, COLOR_SCALE, MAGIC};
 use crate::ply::{GaussianScene, SH_CONSTANT, srgb, unit_quaternion};
 
-/// Bits behind the binary point of positions, where these are small enough.
+/// Fractional bits of positions, if these are small enough.
 const FRACTIONAL_BITS: i32 = 12;
 
-/// The scene, whose axes are OpenCV's (x right, y down, z forward), as SPZ 3 in the axes that the format asks for (right,
-/// up, back).
+/// Encodes the scene, whose axes are OpenCV's (x right, y down, z forward), as SPZ 3 with the axes that the format
+/// requires (right, up, back).
 ///
-/// What the format cannot hold is clamped: scales to e^−10..e^5.9, coefficients of view-dependent colour to −1..0.99. All
-/// of their eight bits are used. Positions far away take bits from the fraction, so that none wraps.
+/// Values out of range are clamped: scales to e^−10..e^5.9, coefficients of view-dependent colour to −1..0.99, of which
+/// all eight bits are stored. If positions are large, fewer fractional bits are used so that none wraps.
 ///
 /// # Errors
-/// None that memory does not give.
+/// Does not fail except for lack of memory.
 pub fn to_bytes(scene: &GaussianScene) -> io::Result<Vec<u8>> {
     let g = scene.gaussians.clone().flipped([1.0, -1.0, -1.0]);
     let g = g.filtered(|k| g.is_finite(k));
@@ -44,7 +44,7 @@ pub fn to_bytes(scene: &GaussianScene) -> io::Result<Vec<u8>> {
         let word = (f64::from(*value) * step).round() as i32;
         out.write_all(&word.to_le_bytes()[..3])?;
     }
-    // A float becomes a byte by saturation.
+    // The conversion from float to byte saturates.
     let mut put = |values: &mut dyn Iterator<Item = f32>| -> io::Result<()> {
         let bytes: Vec<u8> = values.map(|v| v.round() as u8).collect();
         out.write_all(&bytes)
@@ -73,7 +73,7 @@ pub fn to_bytes(scene: &GaussianScene) -> io::Result<Vec<u8>> {
 
 fn packed_rotation(quaternion: [f32; 4]) -> u32 {
     let ([w, x, y, z], largest) = unit_quaternion(quaternion);
-    // From the order w, x, y, z to x, y, z, w.
+    // Converts the index from w, x, y, z to x, y, z, w order.
     let largest = (largest + 3) % 4;
     let mut packed = largest as u32;
     for (place, value) in [x, y, z, w].into_iter().enumerate() {

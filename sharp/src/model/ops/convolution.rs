@@ -1,4 +1,4 @@
-//! Convolutions and their transpose.
+//! Convolutions and transposed convolutions.
 
 use std::borrow::Cow;
 use std::sync::Arc;
@@ -15,15 +15,15 @@ use super::custom::{Back, Operation, Pass, View, apply};
 use super::{joined, parted, rectified};
 use crate::model::compute::Kernels;
 
-/// A convolution with what is fused into it.
+/// A convolution and the operations fused into it.
 #[derive(Clone)]
 pub(in crate::model) struct Convolution {
     pub(in crate::model) spec: ConvSpec,
-    /// The input is rectified first.
+    /// Applies ReLU to the input first.
     pub(in crate::model) relu_input: bool,
-    /// The result is rectified, last.
+    /// Applies ReLU to the result, after everything else.
     pub(in crate::model) relu: bool,
-    /// Weights that never change, ready for both directions.
+    /// Constant weights, packed for both directions.
     pub(in crate::model) packed: Option<Arc<(Conv2d, InputGradient)>>,
 }
 
@@ -86,7 +86,7 @@ impl Operation for Convolution {
                 y.permute((0, 2, 3, 1))?.contiguous()?
             }
         };
-        // Candle's convolutions have no gradient of every stride.
+        // Candle does not support gradients of convolutions for every stride, so the result is subsampled instead.
         let mut y = every(&y, stride)?;
         for term in bias.iter().chain(inputs.get(2)) {
             y = y.broadcast_add(term)?;
@@ -132,7 +132,7 @@ fn split<'a>(spec: &ConvSpec, weights: View<'a>) -> (&'a [f32], Option<&'a [f32]
     (weight, (!bias.is_empty()).then_some(bias))
 }
 
-/// Every pixel whose row and column are multiples of `step`.
+/// Keeps the pixels whose row and column are multiples of `step`.
 pub(super) fn every(x: &Tensor, step: usize) -> Result<Tensor> {
     if step == 1 {
         return Ok(x.clone());
@@ -148,7 +148,7 @@ pub(super) fn every(x: &Tensor, step: usize) -> Result<Tensor> {
         .reshape((1, rows, columns, channels))
 }
 
-/// Gradients of a convolution's input, of its weights with biases behind them, and of what is added to its result.
+/// Gradients of a convolution's input, of its weights followed by its biases, and of the residual added to its result.
 pub(super) fn gradients(
     kernels: Kernels,
     spec: ConvSpec,
@@ -185,7 +185,7 @@ pub(super) fn gradients(
     vec![of_input, of_weights, of_residual]
 }
 
-/// The transposed 2×2 convolution of stride 2; `weight` is `[in, out, 2, 2]`.
+/// Transposed 2×2 convolution of stride 2; `weight` is `[in, out, 2, 2]`.
 pub(in crate::model) fn deconvolution(
     kernels: Option<Kernels>,
     x: &Tensor,
@@ -205,7 +205,7 @@ fn blocks_as_pixels(x: &Tensor, size: usize) -> Result<Tensor> {
         .reshape((1, h / size, w / size, size * size * c))
 }
 
-/// 1×1.
+/// Spec of a 1×1 convolution.
 pub(super) fn point(in_channels: usize, out_channels: usize) -> ConvSpec {
     ConvSpec {
         in_channels,
@@ -224,7 +224,7 @@ struct Deconvolution {
 impl Operation for Deconvolution {
     const NAME: &'static str = "sharp-deconvolution";
 
-    /// As a product for each pixel, whose results are the pixels of its block.
+    /// Computed as a matrix product per pixel, whose outputs are the pixels of its block.
     fn by_candle(&self, inputs: &[Tensor]) -> Result<Tensor> {
         let Self { input, output } = *self;
         let (weight, bias) = parted(&inputs[1], &[input, output, 2, 2])?;
@@ -249,7 +249,8 @@ impl Operation for Deconvolution {
         (out, vec![1, rows, columns, output])
     }
 
-    /// Through the convolution of blocks that this one transposes: of pixels with the values of a block as channels.
+    /// Computed by the block convolution that this one transposes, written as a 1×1 convolution of pixels with a
+    /// block's values as channels.
     fn back(&self, kernels: Kernels, pass: &Pass<'_>) -> Option<Vec<Option<Back>>> {
         let x = pass.inputs[0].values;
         let (height, width, input) = pass.inputs[0].image();

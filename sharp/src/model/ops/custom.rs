@@ -1,4 +1,4 @@
-//! Operations with kernels of ours, as custom operations of candle's.
+//! This project's kernels as candle custom operations.
 
 use std::borrow::Cow;
 
@@ -15,13 +15,13 @@ use crate::model::compute::{Compute, Kernels};
 pub(super) trait Operation: Send + Sync + 'static {
     const NAME: &'static str;
 
-    /// By candle, on any device.
+    /// Evaluates with candle, on any device.
     fn by_candle(&self, inputs: &[Tensor]) -> Result<Tensor>;
 
-    /// By our kernels: the output and its shape.
+    /// Evaluates with this project's kernels; returns the output and its shape.
     fn by_kernels(&self, kernels: Kernels, inputs: &[View<'_>]) -> (Vec<f32>, Vec<usize>);
 
-    /// The gradients of the inputs by our kernels, where that pays; without, they go back through
+    /// Gradients of the inputs computed by this project's kernels. `None` (the default) uses candle's gradients of
     /// [`Self::by_candle`].
     fn back(&self, _: Kernels, _: &Pass<'_>) -> Option<Vec<Option<Back>>> {
         None
@@ -37,13 +37,13 @@ pub(super) fn apply(
         let inputs: Vec<Tensor> = inputs.iter().copied().cloned().collect();
         return operation.by_candle(&inputs);
     };
-    // A custom operation has three inputs; those that are not there are empty.
+    // A custom operation always has three inputs; unused ones are empty.
     let nothing = Tensor::zeros(0, DType::F32, &Device::Cpu)?;
     let [a, b, c] = [0, 1, 2].map(|k| inputs.get(k).copied().unwrap_or(&nothing));
     a.apply_op3(b, c, Custom { operation, kernels })
 }
 
-/// The values of a contiguous f32 tensor on the CPU.
+/// Values of a contiguous f32 tensor on the CPU.
 #[derive(Clone, Copy)]
 pub(super) struct View<'a> {
     pub(super) values: &'a [f32],
@@ -82,24 +82,24 @@ impl<'a> View<'a> {
     }
 }
 
-/// What goes back to an input: its own gradient, or the output's as it is.
+/// Gradient of an input: its own, or the output's gradient unchanged.
 pub(super) enum Back {
     Values(Vec<f32>),
     Upstream,
 }
 
-/// An operation's tensors on the way back.
+/// Tensors of an operation in the backward pass.
 pub(super) struct Pass<'a> {
     pub(super) inputs: &'a [View<'a>],
     pub(super) output: View<'a>,
-    /// The output's gradient.
+    /// Gradient of the output.
     pub(super) upstream: &'a [f32],
-    /// Inputs whose gradient is wanted.
+    /// True for inputs whose gradient is needed.
     wanted: &'a [bool],
 }
 
 impl Pass<'_> {
-    /// The gradient before the output was rectified, if it was.
+    /// Gradient with respect to the output before its ReLU, if it has one.
     pub(super) fn upstream(&self, rectified: bool) -> Cow<'_, [f32]> {
         let mut upstream = Cow::Borrowed(self.upstream);
         if rectified {
@@ -206,10 +206,10 @@ impl<O: Operation> CustomOp3 for Custom<O> {
     }
 }
 
-/// Gradients of Σ output · upstream for all variables that the outputs are made of, if there are any.
+/// Gradients of Σ output · upstream with respect to all variables that the outputs depend on; `None` if there are none.
 ///
 /// # Errors
-/// Shapes that differ, and those of the device.
+/// If shapes differ, or the device fails.
 pub fn pull(compute: &Compute, outputs: &[(Tensor, Tensor)]) -> Result<Option<GradStore>> {
     let tracked = outputs.iter().filter(|(output, _)| output.track_op());
     let parts =
@@ -221,7 +221,7 @@ pub fn pull(compute: &Compute, outputs: &[(Tensor, Tensor)]) -> Result<Option<Gr
     Tensor::stack(&parts, 0)?.sum_all()?.backward().map(Some)
 }
 
-/// `Σ x·w`, a scalar: its gradient with respect to `x` is `w`, and it has none with respect to `w`.
+/// `Σ x·w`, a scalar. Its gradient with respect to `x` is `w`; there is no gradient with respect to `w`.
 struct Inner;
 
 impl Operation for Inner {

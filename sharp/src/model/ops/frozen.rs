@@ -1,4 +1,4 @@
-//! Layers of networks that judge pictures and do not learn.
+//! Layers of frozen networks that evaluate pictures.
 
 use std::sync::Arc;
 
@@ -10,24 +10,24 @@ use super::convolution::{Convolution, every};
 use super::custom::{Back, Operation, Pass, View, apply};
 use crate::model::compute::{Compute, Kernels};
 
-/// A convolution whose weights never change; kernels keep them packed in both directions.
+/// A convolution with constant weights; the kernels keep them packed in both directions.
 pub struct FrozenConvolution {
     operation: Convolution,
-    /// With biases behind them.
+    /// Weights followed by biases.
     weights: Tensor,
     dilation: usize,
     kernels: Option<Kernels>,
 }
 
 impl FrozenConvolution {
-    /// `weight` is `[out, in, kernel, kernel]`; an odd kernel is padded to keep an image's size but for the stride. With
-    /// `dilation`, pixels between the taps of the kernel, the stride is 1.
+    /// `weight` is `[out, in, kernel, kernel]`. An odd kernel is padded to preserve an image's size up to the stride.
+    /// With `dilation` (the distance between the kernel's taps in pixels), the stride must be 1.
     ///
     /// # Errors
-    /// Those of the device.
+    /// If the device fails.
     ///
     /// # Panics
-    /// When a length is wrong.
+    /// If a length is wrong.
     pub fn new(
         compute: &Compute,
         [out_channels, in_channels, kernel]: [usize; 3],
@@ -60,16 +60,16 @@ impl FrozenConvolution {
         })
     }
 
-    /// Of an image, plus `residual`, rectified if `relu`.
+    /// Convolves an image, adds `residual`, and applies ReLU if `relu`.
     ///
     /// # Errors
-    /// Shapes that do not fit, and those of the device.
+    /// If shapes do not fit, or the device fails.
     pub fn forward(&self, x: &Tensor, residual: Option<&Tensor>, relu: bool) -> Result<Tensor> {
         if self.dilation == 1 {
             return self.dense(x, residual, relu);
         }
-        // Pixels whose coordinates differ by other than multiples of the dilation never mix: their images are laid side
-        // by side, zeros between, and convolved as one.
+        // Pixels whose coordinates differ by non-multiples of the dilation never interact. They form `dilation²`
+        // separate images, which are placed side by side with zeros between them and convolved as one.
         let (_, height, width, _) = x.dims4()?;
         let residual = residual.map(|residual| self.apart(residual)).transpose()?;
         let y = self.dense(&self.apart(x)?, residual.as_ref(), relu)?;
@@ -87,7 +87,7 @@ impl FrozenConvolution {
             .contiguous()
     }
 
-    /// Each of the `dilation²` images with a line of zeros, at least, behind each side.
+    /// Each of the `dilation²` images, with at least one line of zeros after each side.
     fn apart(&self, x: &Tensor) -> Result<Tensor> {
         let (_, height, width, channels) = x.dims4()?;
         let d = self.dilation;
@@ -110,11 +110,11 @@ impl FrozenConvolution {
     }
 }
 
-/// Maxima of `side × side` pixels, every second pixel, of a rectified image with `padding` zeros around; a gradient goes
-/// to the first of equal ones. Without padding a last odd row or column is left out.
+/// Maxima of `side × side` windows with stride 2, for a non-negative image with `padding` zeros around it. The gradient
+/// goes to the first of equal values. Without padding, a last odd row or column is dropped.
 ///
 /// # Errors
-/// Those of the device.
+/// If the device fails.
 pub fn max_pool(compute: &Compute, x: &Tensor, side: usize, padding: usize) -> Result<Tensor> {
     let x = x.pad_with_zeros(1, padding, padding)?;
     let x = x.pad_with_zeros(2, padding, padding)?;
@@ -131,7 +131,7 @@ impl Operation for Maxima {
     fn by_candle(&self, inputs: &[Tensor]) -> Result<Tensor> {
         let x = &inputs[0];
         let (_, height, width, _) = x.dims4()?;
-        // From the first window's pixel to the last's.
+        // Number of rows and columns between the first window's first pixel and the last window's, inclusive.
         let [rows, columns] = [height, width].map(|side| (side - self.side) / 2 * 2 + 1);
         let tap = |tap: usize| {
             let rows = x.narrow(1, tap / self.side, rows)?;

@@ -2,8 +2,8 @@
 
 use candle_core::{Device, Result, Tensor};
 
-/// A square image of tokens `[images, tokens, channels]`: each pixel is the token at its place, counted through the
-/// tokens of all images.
+/// Square image made of tokens `[images, tokens, channels]`. Each pixel is the token at the index in `places`, counted
+/// over the tokens of all images.
 pub(in crate::model) fn gather(tokens: &Tensor, places: &Tensor) -> Result<Tensor> {
     let side = places.elem_count().isqrt();
     let channels = tokens.dim(2)?;
@@ -11,13 +11,13 @@ pub(in crate::model) fn gather(tokens: &Tensor, places: &Tensor) -> Result<Tenso
     pixels.reshape((1, side, side, channels))
 }
 
-/// Means of `size × size` blocks.
+/// Average pooling over `size × size` blocks.
 pub(in crate::model) fn avg_pool(x: &Tensor, size: usize) -> Result<Tensor> {
     let pooled = x.permute((0, 3, 1, 2))?.contiguous()?.avg_pool2d(size)?;
     pooled.permute((0, 2, 3, 1))?.contiguous()
 }
 
-/// Every pixel four times.
+/// Nearest-neighbour upsampling by 2: every pixel is repeated four times.
 pub(in crate::model) fn double_nearest(x: &Tensor) -> Result<Tensor> {
     let (_, h, w, c) = x.dims4()?;
     let row = Tensor::cat(&[x, x], 3)?.reshape((h, 2 * w * c))?;

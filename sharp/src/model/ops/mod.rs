@@ -1,4 +1,4 @@
-//! The operations of the network's layers: by candle on any device, or by our kernels, as candle's custom operations, on
+//! Operations of the network's layers: by candle on any device, or by this project's kernels (as candle custom ops) on
 //! the CPU.
 //!
 //! Images are `[1, height, width, channels]`, tokens `[images, tokens, channels]`, on every device.
@@ -19,7 +19,7 @@ pub(super) use tokens::{Linear, attention};
 
 use candle_core::{Result, Tensor};
 
-/// Weights with biases behind them: an operation has three inputs at most.
+/// Concatenates weights and biases, because an operation has at most three inputs.
 fn joined(weight: &Tensor, bias: Option<&Tensor>) -> Result<Tensor> {
     match bias {
         Some(bias) => Tensor::cat(&[&weight.flatten_all()?, bias], 0),
@@ -27,7 +27,7 @@ fn joined(weight: &Tensor, bias: Option<&Tensor>) -> Result<Tensor> {
     }
 }
 
-/// Weights of `shape`, and the biases behind them, if any.
+/// Splits the output of [`joined`] into weights of `shape` and biases, if any.
 fn parted(weights: &Tensor, shape: &[usize]) -> Result<(Tensor, Option<Tensor>)> {
     let (count, all) = (shape.iter().product(), weights.elem_count());
     let weight = weights.narrow(0, 0, count)?.reshape(shape)?;
@@ -35,7 +35,7 @@ fn parted(weights: &Tensor, shape: &[usize]) -> Result<(Tensor, Option<Tensor>)>
     Ok((weight, bias.transpose()?))
 }
 
-/// Unlike candle's, this passes no gradient at 0; NaN stays NaN.
+/// ReLU. Unlike candle's, it has gradient 0 at 0, and keeps NaN.
 fn rectified(x: &Tensor) -> Result<Tensor> {
     x.le(0.0)?.where_cond(&x.zeros_like()?, x)
 }

@@ -1,4 +1,4 @@
-//! Normalisations, each followed by scales and shifts.
+//! Normalisations with scales and shifts.
 
 use candle_core::{D, DType, Result, Tensor};
 use sharp_kernels::NormGradient;
@@ -7,7 +7,7 @@ use super::custom::{Back, Operation, Pass, View, apply};
 use super::rectified;
 use crate::model::compute::Kernels;
 
-/// Normalisation over groups of channels and all pixels of an image; rectified if `relu`.
+/// Normalisation over groups of channels and all pixels of an image, followed by ReLU if `relu`.
 pub(in crate::model) fn group_norm(
     kernels: Option<Kernels>,
     x: &Tensor,
@@ -34,7 +34,7 @@ impl GroupNorm {
 impl Operation for GroupNorm {
     const NAME: &'static str = "sharp-group-norm";
 
-    /// In f64 where the device has it: over the millions of values of a group, sums in f32 would be off by 1e-5.
+    /// Uses f64 if the device supports it: over the millions of values of a group, f32 sums would be off by 1e-5.
     fn by_candle(&self, inputs: &[Tensor]) -> Result<Tensor> {
         let (_, h, w, c) = inputs[0].dims4()?;
         let x = inputs[0].reshape((h * w, self.groups, c / self.groups))?;
@@ -69,7 +69,7 @@ impl Operation for GroupNorm {
     }
 }
 
-/// Normalisation of every token.
+/// Normalises every token.
 pub(in crate::model) fn layer_norm(
     kernels: Option<Kernels>,
     x: &Tensor,

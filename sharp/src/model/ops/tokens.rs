@@ -14,11 +14,11 @@ use super::custom::{Back, Operation, Pass, View, apply};
 use super::{joined, parted};
 use crate::model::compute::Kernels;
 
-/// A linear layer whose weights are ready for use.
+/// A linear layer with prepared weights.
 pub(in crate::model) struct Linear {
     kernels: Option<Kernels>,
     product: Product,
-    /// With biases behind them; left out where they are packed and nothing learns.
+    /// Weights followed by biases; `None` if they are packed and not trained.
     weights: Option<Tensor>,
 }
 
@@ -55,7 +55,7 @@ impl Linear {
         apply(self.kernels, self.product.clone(), &inputs)
     }
 
-    /// Followed by GELU.
+    /// Applies the layer, then GELU.
     pub(in crate::model) fn forward_gelu(&self, x: &Tensor) -> Result<Tensor> {
         if self.weights.is_some() {
             return apply(self.kernels, Gelu, &[&self.forward(x)?]);
@@ -79,13 +79,14 @@ impl Linear {
     }
 }
 
-/// `[…, in]` to `[…, out]`; after the input come weights with biases behind them, then what is added to the result.
+/// `[…, in]` to `[…, out]`. The inputs are the tensor, the weights followed by biases, and the tensor added to the
+/// result.
 #[derive(Clone)]
 struct Product {
-    /// Of the weights, `[out, in]`.
+    /// Shape of the weights, `[out, in]`.
     shape: [usize; 2],
     packed: Option<Arc<PackedMatrix>>,
-    /// Followed by GELU; on packed weights alone.
+    /// Applies GELU to the result; only with packed weights.
     gelu: bool,
 }
 
@@ -140,7 +141,7 @@ impl Operation for Product {
     }
 }
 
-/// Adds the product of the second tensor to the first.
+/// Adds the product of the second tensor to the first, in place.
 impl InplaceOp2 for Product {
     fn name(&self) -> &'static str {
         "sharp-add-linear"
@@ -164,7 +165,7 @@ impl InplaceOp2 for Product {
     }
 }
 
-/// GELU with the error function.
+/// Exact GELU, with the error function.
 struct Gelu;
 
 impl Operation for Gelu {
@@ -187,7 +188,7 @@ impl Operation for Gelu {
     }
 }
 
-/// Softmax attention of `[images, tokens, (queries, keys, values) · dim]`, without masks.
+/// Unmasked softmax attention of `[images, tokens, (queries, keys, values) · dim]`.
 pub(in crate::model) fn attention(
     kernels: Option<Kernels>,
     qkv: &Tensor,

@@ -1,4 +1,4 @@
-//! The focal length that a file states, and whether what else it states agrees.
+//! The focal length stated in a file, and consistency checks with the file's other metadata.
 
 use std::io::Cursor;
 
@@ -7,23 +7,23 @@ use exif::{Context, Exif, In, Tag, Value};
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum FocalSource {
     Given,
-    /// The file's equivalent for 35 mm film, millimetres.
+    /// The 35 mm equivalent stated in the file, in millimetres.
     Equivalent35mm(f64),
-    /// The file's focal length, millimetres; below 10 it is taken for a phone's and multiplied by
-    /// 8.4, as the release does.
+    /// The physical focal length stated in the file, in millimetres. Below 10 it is assumed to be a phone's and
+    /// multiplied by 8.4, as in the release.
     Lens(f64),
-    /// Nothing known: 30 mm on 35 mm film. This silently sets the metric scale.
+    /// Nothing stated: assumes 30 mm (35 mm equivalent). This silently determines the metric scale.
     Default,
 }
 
-/// Focal length of the default: millimetres on 35 mm film.
+/// Default focal length: millimetres, 35 mm equivalent.
 const DEFAULT_FOCAL_MM: f64 = 30.0;
-/// By what share two statements of a file may differ: converters crop a few rows, and millimetres are rounded.
+/// Relative tolerance between two statements in a file: converters crop a few rows, and millimetres are rounded.
 const TOLERANCE: f64 = 0.1;
-/// By what share a picture's sides may differ from those that its file states.
+/// Relative tolerance between a picture's sides and those stated in its file.
 const SIDE_TOLERANCE: f64 = 0.02;
 
-/// Long over short side of the photographs that cameras take: 1:1, 7:6, 5:4, 4:3, 3:2, 16:9, 65:24.
+/// Aspect ratios (long side over short side) of cameras: 1:1, 7:6, 5:4, 4:3, 3:2, 16:9, 65:24.
 const SHAPES: [f64; 7] = [
     1.0,
     7.0 / 6.0,
@@ -34,7 +34,7 @@ const SHAPES: [f64; 7] = [
     65.0 / 24.0,
 ];
 
-/// Pixels of `focal_mm` on 35 mm film, by the diagonal, for an image of `width × height`.
+/// Converts a 35 mm equivalent focal length to pixels, by the diagonal, for an image of `width × height`.
 pub fn focal_px_from_35mm(focal_mm: f64, width: usize, height: usize) -> f64 {
     px_from_35mm(focal_mm, (width as f64, height as f64))
 }
@@ -43,17 +43,17 @@ fn px_from_35mm(focal_mm: f64, (width, height): (f64, f64)) -> f64 {
     focal_mm * width.hypot(height) / 36.0_f64.hypot(24.0)
 }
 
-/// The focal length of a photograph by its file.
+/// Focal length of a photograph according to its file.
 #[derive(Debug)]
 pub(super) struct Focal {
     pub(super) px: f64,
     pub(super) source: FocalSource,
-    /// Why it may be another, with its value.
+    /// Reasons that the true value may differ, with that value.
     pub(super) warnings: Vec<String>,
 }
 
 impl Focal {
-    /// `size` is that of the upright picture.
+    /// `size` is that of the picture after orientation.
     pub(super) fn of_file(bytes: &[u8], size: (usize, usize)) -> Self {
         let exif = exif::Reader::new()
             .read_from_container(&mut Cursor::new(bytes))
@@ -94,14 +94,15 @@ fn source(exif: &Exif) -> FocalSource {
     match number(exif, Tag::FocalLengthIn35mmFilm) {
         Some(mm) if mm >= 1.0 => FocalSource::Equivalent35mm(mm),
         _ => match number(exif, Tag::FocalLength) {
-            // 0 is as good as no entry; the release would continue with it.
+            // 0 is treated as missing; the release would use it.
             Some(mm) if mm.is_finite() && mm > 0.0 => FocalSource::Lens(mm),
             _ => FocalSource::Default,
         },
     }
 }
 
-/// The size of the photograph as taken, in the picture's orientation; a height that is not stated follows the picture's.
+/// Size of the photograph as taken, in the picture's orientation. A missing height is derived from the picture's aspect
+/// ratio.
 fn stated_size(exif: &Exif, (width, height): (f64, f64)) -> Option<(f64, f64)> {
     let side = |tag| number(exif, tag).filter(|v| *v >= 1.0);
     let (x, y) = match (side(Tag::PixelXDimension), side(Tag::PixelYDimension)) {
@@ -115,7 +116,7 @@ fn stated_size(exif: &Exif, (width, height): (f64, f64)) -> Option<(f64, f64)> {
     })
 }
 
-/// A picture of a shape that no camera takes, whose file does not say the photograph's own.
+/// Warns if the picture has an aspect ratio that no camera produces and its file does not state the original size.
 fn shape((width, height): (f64, f64), px: f64) -> Option<String> {
     let (long, short) = (width.max(height), width.min(height));
     let fits = |shape: f64| (long - short * shape).abs() <= (0.01 * long).max(1.0);
@@ -127,7 +128,8 @@ fn shape((width, height): (f64, f64), px: f64) -> Option<String> {
     })
 }
 
-/// A picture that is smaller than its file says was resized, which changes nothing here, or cropped.
+/// Warns if the picture was cropped. A picture smaller than its file states was either resized, which has no effect
+/// here, or cropped.
 fn crop(stated: (f64, f64), size: (f64, f64), mm: f64, px: f64) -> Option<String> {
     let is_larger = |a: f64, b: f64| a > b * (1.0 + SIDE_TOLERANCE);
     let factors = (stated.0 / size.0, stated.1 / size.1);
@@ -136,7 +138,7 @@ fn crop(stated: (f64, f64), size: (f64, f64), mm: f64, px: f64) -> Option<String
     if !(is_other_shape || is_smaller) {
         return None;
     }
-    // What was cut from one side only was not resized on the other.
+    // If only one side was cut, the other side shows that the picture was not resized.
     let whole = px_from_35mm(mm, stated) / factors.0.min(factors.1).max(1.0);
     let cropped = px_from_35mm(mm, stated);
     let sizes = format!(
@@ -159,7 +161,7 @@ fn crop(stated: (f64, f64), size: (f64, f64), mm: f64, px: f64) -> Option<String
     })
 }
 
-/// The focal length by the sensor's own pixels, where that is another.
+/// Warns if the sensor's pixel pitch implies a different focal length.
 fn sensor(exif: &Exif, stated: (f64, f64), size: (f64, f64), px: f64) -> Option<String> {
     let positive = |tag| number(exif, tag).filter(|v| v.is_finite() && *v > 0.0);
     let (per_unit, lens_mm) = (
@@ -184,7 +186,7 @@ fn sensor(exif: &Exif, stated: (f64, f64), size: (f64, f64), px: f64) -> Option<
     })
 }
 
-/// The first number that a tag holds; the main directory goes before the Exif one.
+/// First number of a tag; the main directory takes precedence over the Exif one.
 fn number(exif: &Exif, tag: Tag) -> Option<f64> {
     let field = [Context::Tiff, Context::Exif]
         .iter()

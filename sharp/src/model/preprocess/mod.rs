@@ -1,6 +1,6 @@
-//! A photograph from a file: pixels, orientation, focal length.
+//! Loading of a photograph: pixels, orientation, focal length.
 //!
-//! Read by [`image_file`], as the release reads them but where its way loses the picture:
+//! Read by [`image_file`], in the same way as the release except where the release garbles the picture:
 //!
 //! | picture | here | release |
 //! |---|---|---|
@@ -10,8 +10,8 @@
 //! | CMYK | converted to RGB by (1 − ink)(1 − black) | cyan, magenta and yellow as red, green and blue |
 //! | a colour profile | converted to sRGB, with a warning | taken for sRGB |
 //!
-//! HEIC, which the release reads, is not. As there, grey is repeated in all three channels, and alpha is dropped, not
-//! composited, with a warning.
+//! HEIC, which the release supports, is not supported. As in the release, grey is repeated in all three channels, and
+//! alpha is dropped rather than composited, with a warning.
 
 mod focal;
 
@@ -26,11 +26,11 @@ pub use focal::{FocalSource, focal_px_from_35mm};
 
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PhotoOptions {
-    /// Focal length in pixels of the (upright) image, instead of what the file says.
+    /// Focal length in pixels of the (upright) image; overrides the file's.
     pub focal_px: Option<f64>,
-    /// Larger images are refused before they are decoded.
+    /// Images with more pixels are refused before they are decoded.
     pub max_pixels: u64,
-    /// Alpha is dropped unless another rule is set; mirrored orientations are never applied, as in the release.
+    /// Alpha is dropped unless another rule is set. Mirrored orientations are never applied, as in the release.
     pub rules: PictureRules,
 }
 
@@ -59,7 +59,7 @@ pub struct Photo {
 }
 
 impl Photo {
-    /// For [`Predictor::predict`](super::Predictor::predict).
+    /// Input for [`Predictor::predict`](super::Predictor::predict).
     pub fn planes(&self) -> Planes<'_> {
         Planes {
             values: &self.values,
@@ -68,8 +68,8 @@ impl Photo {
         }
     }
 
-    /// Focal length over width: what turns disparity into metres. The width counts alone, also
-    /// for upright pictures.
+    /// Focal length divided by width: the factor from disparity to metres. Always uses the width, also for portrait
+    /// pictures.
     pub fn disparity_factor(&self) -> f32 {
         (self.focal_px / self.width as f64) as f32
     }
@@ -78,8 +78,8 @@ impl Photo {
 /// Reads a photograph.
 ///
 /// # Errors
-/// [`ModelError::Photograph`] when it cannot be decoded whole; [`ModelError::File`] when it cannot
-/// be read, is below 2×2 or above the limit of pixels, or has a focal length that is not positive.
+/// [`ModelError::Photograph`] if it cannot be decoded completely; [`ModelError::File`] if it cannot be read, is smaller
+/// than 2×2, exceeds the pixel limit, or has a focal length that is not positive.
 pub fn load_photo(path: &Path, options: &PhotoOptions) -> Result<Photo, ModelError> {
     let bytes = crate::files::read(path).map_err(|e| ModelError::file(path, e))?;
     photo_from_bytes(path, &bytes, options)
@@ -122,7 +122,7 @@ fn photo_from_bytes(
             header.orientation
         );
     } else if picture.turned {
-        // What every photograph of a phone has, and the release does.
+        // Not worth a warning: phones always rotate this way, and the release handles it.
         warnings.remove(0);
     }
     let image = picture.image;

@@ -1,4 +1,4 @@
-//! A network against a recording, stage by stage.
+//! Stage-by-stage comparison of a network with a recording.
 
 use std::collections::BTreeSet;
 
@@ -11,46 +11,46 @@ use crate::model::{ModelError, config::LAYERS};
 /// Difference between one stage and its recording.
 #[derive(Debug, Clone, PartialEq)]
 pub struct StageComparison {
-    /// Name as in the recording.
+    /// Stage name in the recording.
     pub stage: String,
-    /// Largest difference over the stage's absmax; infinite where a value is not finite or the
-    /// shapes differ.
+    /// Largest absolute difference divided by the stage's absmax; infinite if a value is not finite or the shapes
+    /// differ.
     pub rel_error: f64,
     pub values: usize,
-    /// Why nothing was compared, if so.
+    /// Reason that nothing was compared, if so.
     pub note: Option<String>,
 }
 
-/// All stages of a recording: those computed in order of computation, then those that were not, infinitely far off.
+/// All stages of a recording: first those computed, in order of computation, then those missing, with infinite error.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct RecordingComparison {
     pub stages: Vec<StageComparison>,
 }
 
 impl RecordingComparison {
-    /// The first stage, in order of computation, that is further off than `tolerance`.
+    /// The first stage, in order of computation, whose error exceeds `tolerance`.
     pub fn first_divergence(&self, tolerance: f64) -> Option<&StageComparison> {
-        // Not `> tolerance`, so that NaN diverges.
+        // Not `> tolerance`, so that NaN counts as divergence.
         let within = |s: &&StageComparison| s.rel_error <= tolerance;
         self.stages.iter().find(|s| !within(s))
     }
 
-    /// True when every recorded stage was computed and lies within `tolerance`.
+    /// True if every recorded stage was computed with an error of at most `tolerance`.
     pub fn passes(&self, tolerance: f64) -> bool {
         self.first_divergence(tolerance).is_none()
     }
 }
 
-/// Depends on the decomposition's signs: covariances are compared instead.
+/// Ambiguous because of the signs in the decomposition; covariances are compared instead.
 const GAUGE: &str = "world.quaternions";
-/// The recording's known depth: what the alignment network is given, not what it yields.
+/// The recording's known depth, an input of the alignment network rather than an output.
 const KNOWN_DEPTH: &str = "alignment.gt_depth";
 
-/// Predicts from `image` and compares every stage recorded under `prefix`. The alignment network,
-/// where recorded, runs on the recording's own known depth.
+/// Predicts from `image` and compares every stage recorded under `prefix`. If the alignment network was recorded, it is
+/// run on the recording's own known depth.
 ///
 /// # Errors
-/// [`ModelError`] of the prediction, of a recording whose parts do not fit together, or of one without that prefix.
+/// [`ModelError`] of the prediction, or if the recording is inconsistent or has no such prefix.
 pub fn compare(
     predictor: &Predictor,
     image: Planes<'_>,
@@ -143,7 +143,7 @@ impl StageObserver for Comparer<'_> {
     }
 }
 
-/// Largest |a − b|, infinite if one is not a number, and how many pairs there were.
+/// Largest |a − b|, infinite if either is NaN, and the number of pairs.
 fn largest_difference(pairs: impl Iterator<Item = (f32, f32)>) -> (f64, usize) {
     pairs.fold((0.0, 0), |(largest, n), (a, b)| {
         let difference = (f64::from(a) - f64::from(b)).abs();

@@ -25,16 +25,16 @@ pub struct RecordedInput {
 #[derive(Debug, Clone, PartialEq)]
 pub struct RecordedStage {
     pub shape: Vec<usize>,
-    /// Largest magnitude in the whole.
+    /// Largest magnitude over the whole stage.
     pub absmax: f64,
     pub values: RecordedValues,
 }
 
 #[derive(Debug, Clone, PartialEq)]
 pub enum RecordedValues {
-    /// All, in C order.
+    /// All values, in C order.
     Whole(Vec<f32>),
-    /// Some: positions in C order, below the number of values, and what is there.
+    /// A sample: valid positions in C order, and the values there.
     Sampled(Vec<usize>, Vec<f32>),
 }
 
@@ -42,8 +42,7 @@ impl Recording {
     /// Opens a recording.
     ///
     /// # Errors
-    /// [`ModelError::Checkpoint`] for a file that is not safetensors, [`ModelError::File`] for
-    /// one without stages.
+    /// [`ModelError::Checkpoint`] if the file is not safetensors, [`ModelError::File`] if it contains no stages.
     pub fn open(path: &Path) -> Result<Self, ModelError> {
         let recording = Self {
             file: Checkpoint::open(path)?,
@@ -54,7 +53,7 @@ impl Recording {
         Ok(recording)
     }
 
-    /// Prefixes, one an image, sorted.
+    /// Prefixes, one per image, sorted.
     pub fn prefixes(&self) -> Vec<&str> {
         let prefix = |name: &'_ str| {
             let (prefix, rest) = name.split_once('/')?;
@@ -77,7 +76,7 @@ impl Recording {
             .collect()
     }
 
-    /// What the stages under `prefix` were computed from, where the file says so.
+    /// Input from which the stages under `prefix` were computed, if recorded in the file.
     pub fn input(&self, prefix: &str) -> Option<RecordedInput> {
         let metadata = self.file.metadata();
         let from_json = |text: &String| {
@@ -101,11 +100,11 @@ impl Recording {
         metadata.get("inputs").map_or_else(flat, from_json)
     }
 
-    /// The prefix for an image: the only one, or the one whose recorded image has the file's name,
-    /// or whose name the file's begins with.
+    /// Prefix for an image file: the only prefix, or the one whose recorded image name equals the file's name or is a
+    /// prefix of it.
     ///
     /// # Errors
-    /// [`ModelError::File`] with the prefixes there are when none or several fit.
+    /// [`ModelError::File`], listing the available prefixes, if none or several match.
     pub fn prefix_for(&self, image: &Path) -> Result<&str, ModelError> {
         let prefixes = self.prefixes();
         if let [only] = prefixes[..] {
@@ -132,8 +131,7 @@ impl Recording {
     /// Reads a stage.
     ///
     /// # Errors
-    /// [`ModelError::Checkpoint`] when it is not there, [`ModelError::File`] when its parts do not
-    /// fit together.
+    /// [`ModelError::Checkpoint`] if the stage is missing, [`ModelError::File`] if its parts are inconsistent.
     pub fn stage(&self, prefix: &str, stage: &str) -> Result<RecordedStage, ModelError> {
         let key = format!("{prefix}/{stage}");
         let bad = |what: &str| self.error(format!("stage {key}: {what}"));

@@ -1,9 +1,9 @@
-//! Recordings: every stage of a prediction in a file, whole or at sampled positions, and the
-//! comparison of a network with one.
+//! Recordings: files with every stage of a prediction, complete or sampled, and the comparison of a network with a
+//! recording.
 //!
-//! A recording is a safetensors file with keys `<prefix>/<stage>` (whole, f32) or
-//! `<prefix>/<stage>.values` and `.indices` (512 positions), always with `.shape` and `.stats`
-//! (f64: mean, population standard deviation, absmax, min, max). The prefix stands for an image.
+//! A recording is a safetensors file with keys `<prefix>/<stage>` (complete, f32) or `<prefix>/<stage>.values` and
+//! `.indices` (512 positions), always with `.shape` and `.stats` (f64: mean, population standard deviation, absmax,
+//! min, max). Each prefix identifies an image.
 
 mod compare;
 mod file;
@@ -19,10 +19,10 @@ pub use compare::{RecordingComparison, StageComparison, compare};
 pub use file::{RecordedInput, RecordedStage, RecordedValues, Recording};
 pub use write::{RecordOptions, record};
 
-/// Positions at which a large stage is sampled.
+/// Number of positions at which a large stage is sampled.
 const SAMPLES: usize = 512;
 
-/// Runs the whole of the release's prediction, to metric space, under an observer.
+/// Runs the release's complete prediction, up to metric space, with an observer.
 fn observe(
     predictor: &Predictor,
     image: Planes<'_>,

@@ -14,11 +14,11 @@ use crate::model::predictor::{Planes, Predictor};
 
 #[derive(Debug, Clone)]
 pub struct RecordOptions {
-    /// Prefix of the stages: a name for the image.
+    /// Prefix of the stages, which identifies the image.
     pub prefix: String,
-    /// Stages of up to this many values are written whole, larger ones at 512 positions.
+    /// Stages with at most this many values are written completely, larger ones at 512 positions.
     pub whole_up_to: usize,
-    /// More to say in the file's header, as the checkpoint's hash.
+    /// Additional metadata for the file's header, such as the checkpoint's hash.
     pub metadata: BTreeMap<String, String>,
 }
 
@@ -32,11 +32,10 @@ impl Default for RecordOptions {
     }
 }
 
-/// Predicts from `image` and writes every stage to `out`, as
-/// [`compare`](super::compare()) reads it.
+/// Predicts from `image` and writes every stage to `out`, in the format that [`compare`](super::compare()) reads.
 ///
 /// # Errors
-/// [`ModelError`] of the prediction; [`ModelError::Checkpoint`] when `out` cannot be written.
+/// [`ModelError`] of the prediction; [`ModelError::Checkpoint`] if `out` cannot be written.
 pub fn record(
     predictor: &Predictor,
     image: Planes<'_>,
@@ -77,7 +76,7 @@ pub fn record(
 
 struct Recorder<'a> {
     options: &'a RecordOptions,
-    /// Type, shape and bytes of what will be written.
+    /// Type, shape and bytes of each tensor to write.
     tensors: BTreeMap<String, (DType, Vec<usize>, Vec<u8>)>,
 }
 
@@ -113,7 +112,7 @@ impl StageObserver for Recorder<'_> {
     }
 }
 
-/// Positions at which a stage of `count` values is sampled: a function of its name.
+/// Positions at which a stage of `count` values is sampled; they depend only on its name.
 fn sample_indices(stage: &str, count: usize) -> Vec<usize> {
     let start = fnv1a64(&["idx:", stage]);
     (0..SAMPLES as u64)

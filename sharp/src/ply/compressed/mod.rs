@@ -1,5 +1,5 @@
-//! PlayCanvas' compressed PLY: 16 bytes a Gaussian, quantised within the bounds of its chunk of 256, and a byte for
-//! each coefficient of view-dependent colour.
+//! PlayCanvas' compressed PLY: 16 bytes per Gaussian, quantised within the bounds of its chunk of 256 Gaussians, plus
+//! one byte per coefficient of view-dependent colour.
 
 mod write;
 
@@ -13,10 +13,11 @@ pub use write::to_compressed_bytes;
 #[cfg(feature = "gaussian-files")]
 pub(crate) use write::unit_quaternion;
 
-/// Gaussians of a chunk.
+/// Gaussians per chunk.
 const CHUNK: usize = 256;
 
-/// Bounds of a chunk: least and most of the position, of the logarithmic scale, and in the newer form of the colour.
+/// Bounds of a chunk: minimum and maximum of the position, of the logarithmic scale, and in the newer form of the
+/// colour.
 const BOUNDS: [&str; 18] = [
     "min_x",
     "min_y",
@@ -37,7 +38,7 @@ const BOUNDS: [&str; 18] = [
     "max_g",
     "max_b",
 ];
-/// Without colours.
+/// Number of bounds in the older form, without colours.
 const OLDER_BOUNDS: usize = 12;
 
 const PACKED: [&str; 4] = [
@@ -52,7 +53,7 @@ pub(super) fn is_compressed(header: &Header) -> bool {
     elements.any(|e| e.name == "chunk" || e.number(PACKED[0]).is_some())
 }
 
-/// Reads the rows. Displayed colours stand for coefficients, and an opacity of 0 or 1 is exact.
+/// Reads the rows. Display colours are converted to coefficients; an opacity of 0 or 1 is exact.
 pub(super) fn decode(header: &Header, mut body: Body<'_>) -> Result<Decoded, PlyReason> {
     let mut chunks: Vec<[f32; 18]> = Vec::new();
     let mut packed: Vec<[u32; 4]> = Vec::new();
@@ -65,7 +66,7 @@ pub(super) fn decode(header: &Header, mut body: Body<'_>) -> Result<Decoded, Ply
                 let older = columns(element, &BOUNDS[..OLDER_BOUNDS])?;
                 let newer = columns(element, &BOUNDS[OLDER_BOUNDS..]).unwrap_or_default();
                 body.rows::<TableError>(element, |row| {
-                    // The older form's colours are 0..1.
+                    // In the older form, colours range over 0..1.
                     let mut bounds = [0.0; 18];
                     bounds[15..].fill(1.0);
                     for (bound, column) in bounds.iter_mut().zip(older.iter().chain(&newer)) {
@@ -163,7 +164,7 @@ fn columns(element: &Element, names: &[&'static str]) -> Result<Vec<usize>, PlyR
     Ok(found.filter_map(|(_, column)| column).collect())
 }
 
-/// 0..1 along x, y and z.
+/// Fractions 0..1 along x, y and z.
 fn shares_11_10_11(packed: u32) -> [f64; 3] {
     [
         f64::from(packed >> 21) / 2047.0,
@@ -172,7 +173,7 @@ fn shares_11_10_11(packed: u32) -> [f64; 3] {
     ]
 }
 
-/// The two uppermost bits name the largest of w, x, y, z, which is positive; the others follow.
+/// The two highest bits identify the largest of w, x, y, z, which is positive; the others follow.
 fn rotation_of(packed: u32) -> [f32; 4] {
     let largest = (packed >> 30) as usize;
     let mut quaternion = [0.0_f64; 4];
@@ -186,7 +187,8 @@ fn rotation_of(packed: u32) -> [f32; 4] {
     completed(quaternion, largest)
 }
 
-/// The unit quaternion with this component positive, whatever it is, and the others as they are.
+/// Unit quaternion whose component `largest` is recomputed as the positive value that normalises it; the others are
+/// kept.
 pub(crate) fn completed(mut quaternion: [f64; 4], largest: usize) -> [f32; 4] {
     quaternion[largest] = 0.0;
     let sum: f64 = quaternion.iter().map(|v| v * v).sum();
@@ -194,7 +196,7 @@ pub(crate) fn completed(mut quaternion: [f64; 4], largest: usize) -> [f32; 4] {
     quaternion.map(|v| v as f32)
 }
 
-/// −4..4; the ends are exact, others lie in the middle of their step.
+/// Maps a byte to −4..4; the ends are exact, other values are at the centre of their step.
 fn coefficient_of(byte: u8) -> f32 {
     let share = match byte {
         0 => 0.0,

@@ -1,17 +1,17 @@
-//! A scene to bytes of a compressed PLY.
+//! Encoding of a scene as compressed PLY.
 
 use super::{BOUNDS, CHUNK, PACKED};
 use crate::gaussians::Gaussians;
 use crate::ply::GaussianScene;
 use crate::ply::write::{comments, srgb};
 
-/// Logarithmic scales beyond ± this are clamped.
+/// Logarithmic scales are clamped to ± this.
 const MOST_SCALE: f32 = 20.0;
 
-/// The scene as a compressed PLY, in an order in which neighbours share a chunk.
+/// Encodes the scene as a compressed PLY, ordered so that neighbouring Gaussians share a chunk.
 ///
-/// Coefficients of view-dependent colour are clamped to ±4 and scales to e^±20. Gaussians that are not finite are left
-/// out: they have no place in the bounds of a chunk.
+/// Coefficients of view-dependent colour are clamped to ±4, and scales to e^±20. Non-finite Gaussians are omitted,
+/// because they would invalidate the bounds of their chunk.
 pub fn to_compressed_bytes(scene: &GaussianScene) -> Vec<u8> {
     let g = &scene.gaussians;
     let order = morton_order(g);
@@ -69,7 +69,7 @@ pub fn to_compressed_bytes(scene: &GaussianScene) -> Vec<u8> {
     for k in (0..n).filter(|_| each > 0) {
         let row = g.harmonics.of(k);
         for channel in 0..3 {
-            // A float becomes a byte by saturation.
+            // The conversion from float to byte saturates.
             let byte = |c: &[f32; 3]| ((c[channel] / 8.0 + 0.5) * 256.0).floor() as u8;
             out.extend(row.iter().map(byte));
         }
@@ -77,7 +77,7 @@ pub fn to_compressed_bytes(scene: &GaussianScene) -> Vec<u8> {
     out
 }
 
-/// Least and most along each axis.
+/// Minimum and maximum along each axis.
 struct Bounds {
     least: [f32; 3],
     most: [f32; 3],
@@ -98,13 +98,13 @@ impl Bounds {
         bounds
     }
 
-    /// Places between least and most, from 0 to `levels`.
+    /// Quantises values between minimum and maximum to 0..=`levels`.
     fn quantised(&self, row: [f32; 3], levels: [f64; 3]) -> [u32; 3] {
         [0, 1, 2].map(|axis| {
             let least = f64::from(self.least[axis]);
             let range = f64::from(self.most[axis]) - least;
             let share = (f64::from(row[axis]) - least) / range;
-            // Not a number where the range is empty, which becomes 0.
+            // NaN if the range is empty, which the cast converts to 0.
             (share * levels[axis]).round() as u32
         })
     }
@@ -127,7 +127,8 @@ fn packed_rotation(quaternion: [f32; 4]) -> u32 {
     packed
 }
 
-/// The quaternion of unit length whose largest component is positive, and which that is; no rotation for zero.
+/// Normalised quaternion with its largest component positive, and that component's index. A zero quaternion gives no
+/// rotation.
 pub(crate) fn unit_quaternion(quaternion: [f32; 4]) -> ([f64; 4], usize) {
     let wide = quaternion.map(f64::from);
     let norm = wide.iter().map(|v| v * v).sum::<f64>().sqrt();
@@ -142,7 +143,7 @@ pub(crate) fn unit_quaternion(quaternion: [f32; 4]) -> ([f64; 4], usize) {
     (wide.map(|v| v / scale), largest)
 }
 
-/// Finite Gaussians along a curve that keeps neighbours together.
+/// Indices of finite Gaussians along a space-filling curve.
 fn morton_order(g: &Gaussians) -> Vec<usize> {
     let mut order: Vec<usize> = (0..g.len()).filter(|&k| g.is_finite(k)).collect();
     let bounds = Bounds::of(order.iter().map(|&k| g.means[k]));

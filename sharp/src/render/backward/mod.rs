@@ -1,8 +1,7 @@
-//! From the gradient of a picture to that of its Gaussians: the derivative of exactly the forward
-//! definition by SHARP's rule, clamps, skips, stop and low-pass included. Order and culling are
-//! constants.
+//! Gradient of a picture propagated to its Gaussians: the exact derivative of the forward definition with SHARP's rule,
+//! including clamps, skips, stop and low-pass. Depth order and culling are treated as constants.
 //!
-//! Passes carry the forward's names: `raster` sums over pixels, `project` applies the chain rule.
+//! Passes have the same names as in the forward direction: `raster` sums over pixels, `project` applies the chain rule.
 
 mod project;
 mod raster;
@@ -19,37 +18,38 @@ use project::{Projection, ScreenGradient, ShapeGradient};
 use raster::{SplatSums, Steps, Upstream};
 use rayon::prelude::*;
 
-/// Gradient of a loss with respect to what [`RenderOutput`](super::RenderOutput) holds, row-major like it.
+/// Gradient of a loss with respect to the contents of [`RenderOutput`](super::RenderOutput), in the same row-major
+/// layout.
 #[derive(Debug, Clone, Copy)]
 pub struct PictureGradient<'a> {
-    /// Pixels of a row.
+    /// Pixels per row.
     pub width: usize,
-    /// Of [`RenderOutput::rgb`](super::RenderOutput::rgb).
+    /// Gradient with respect to [`RenderOutput::rgb`](super::RenderOutput::rgb).
     pub rgb_linear: &'a [[f32; 3]],
-    /// Of [`RenderOutput::alpha`](super::RenderOutput::alpha).
+    /// Gradient with respect to [`RenderOutput::alpha`](super::RenderOutput::alpha).
     pub alpha: &'a [f32],
-    /// Of [`RenderOutput::depth_acc`](super::RenderOutput::depth_acc).
+    /// Gradient with respect to [`RenderOutput::depth_acc`](super::RenderOutput::depth_acc).
     pub depth_acc: &'a [f32],
 }
 
-/// Gradient of a loss with respect to one Gaussian; zeros for one that was not drawn.
+/// Gradient of a loss with respect to one Gaussian; zero if it was not drawn.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct GaussianGradient {
     pub mean: [f32; 3],
-    /// Of the quaternion as it is, w first; perpendicular to it.
+    /// Gradient with respect to the stored (unnormalised) quaternion, w first; perpendicular to it.
     pub quaternion: [f32; 4],
     pub scales: [f32; 3],
     pub opacity: f32,
-    /// Of linear RGB.
+    /// Gradient with respect to linear RGB.
     pub color: [f32; 3],
-    /// Of the centre's z in the view where it enters the accumulated depth; the gradient of the
-    /// mean contains it.
+    /// Gradient with respect to the centre's z in the view, through the accumulated depth. The gradient of the mean
+    /// already includes it.
     pub view_depth: f32,
 }
 
-/// (Gaussian, bin) pairs whose sums exist at a time, 44 bytes each.
+/// Maximum number of (Gaussian, bin) pairs whose sums are in memory at a time, 44 bytes each.
 const PAIR_LIMIT: u64 = 1 << 22;
-/// Gaussians a task takes at once.
+/// Gaussians per task.
 const CHUNK: usize = 4096;
 
 impl PictureGradient<'_> {
@@ -57,7 +57,7 @@ impl PictureGradient<'_> {
         self.alpha.len() / self.width.max(1)
     }
 
-    /// The 4×4 pixels from `[x, y]`.
+    /// Gradient at the 4×4 pixels whose first one is `[x, y]`.
     fn block(&self, [x, y]: [usize; 2]) -> Upstream<f32> {
         let mut out = [[0.0; 16]; 5];
         let (columns, rows) = (self.width - x, self.height() - y);
@@ -95,19 +95,19 @@ impl PictureGradient<'_> {
     }
 }
 
-/// A bin's sums: each Gaussian's index and what it collected.
+/// Sums of a bin: the index of each Gaussian and its accumulated sums.
 type BinSums = Vec<(u32, SplatSums)>;
 
 impl CpuRenderer {
-    /// Gradient of a loss with respect to the scene, from its gradient with respect to the picture
-    /// that [`render`](super::Renderer::render) gives for the same scene and view.
+    /// Gradient of a loss with respect to the scene, given its gradient with respect to the picture that
+    /// [`render`](super::Renderer::render) returns for the same scene and view.
     ///
-    /// Gaussians that are not finite, and those that the forward pass dropped, get zeros. The same
-    /// bytes for any number of threads.
+    /// The gradient is zero for non-finite Gaussians and those that the forward pass dropped. Results are bit-identical
+    /// for any number of threads.
     ///
     /// # Errors
-    /// [`RenderError::View`] also where the gradient is not of the picture's size, and for another
-    /// rule than SHARP's, of which low-pass, near and far may differ.
+    /// As for rendering; [`RenderError::View`] also if the gradient's size differs from the picture's, or if the rule
+    /// differs from SHARP's in anything but low-pass, near and far.
     pub fn backward(
         &mut self,
         scene: &Gaussians,
@@ -149,7 +149,7 @@ impl CpuRenderer {
                     sums
                 })
                 .collect();
-            // In the order of the bins, whoever computed them.
+            // In bin order, regardless of which thread computed them.
             for (index, sums) in sums.iter().flatten() {
                 totals[*index as usize].add(sums);
             }
@@ -170,7 +170,7 @@ impl SplatSums<f64> {
         }
     }
 
-    /// The gradient of what the projection yields, for a splat with this conic.
+    /// Gradient of the projection's outputs, for a splat with the conic factor `[p, q, r]`.
     fn on_screen(&self, [p, q, r]: [f64; 3]) -> ScreenGradient {
         ScreenGradient {
             center: [p * self.across, q * self.across + r * self.along],
@@ -209,7 +209,7 @@ impl GaussianGradient {
     }
 }
 
-/// Rounds to f32; what f32 cannot hold becomes its largest value, which clipping can handle.
+/// Rounds to f32; values out of range saturate to the largest finite f32, which clipping can handle.
 pub(crate) fn narrow(x: f64) -> f32 {
     (x as f32).clamp(f32::MIN, f32::MAX)
 }
@@ -233,7 +233,7 @@ fn projection(k: &ViewConstants, scene: &Gaussians, index: usize) -> Projection 
     )
 }
 
-/// Pass `project`, backward, on the threads of the current pool.
+/// Backward of pass `project`, on the threads of the current pool.
 fn through_projection(
     scene: &Gaussians,
     view: &RenderView,
@@ -243,7 +243,7 @@ fn through_projection(
     let constants = ViewConstants::new(view);
     let one = |(k, sums): (usize, &SplatSums<f64>)| {
         let mut out = GaussianGradient::default();
-        // Also for those that were dropped, whose splat means nothing.
+        // Includes dropped Gaussians, whose splat is meaningless.
         if *sums == SplatSums::default() {
             return out;
         }
@@ -259,11 +259,11 @@ fn through_projection(
     totals.map(one).collect()
 }
 
-/// Entries uu, uv, vv of each Gaussian's 2D covariance in a view, px², without the low-pass. They mean
-/// something where the centre lies before the camera.
+/// Entries uu, uv, vv of each Gaussian's 2D covariance in a view, in px², without the low-pass. Only meaningful if the
+/// centre lies in front of the camera.
 ///
 /// # Errors
-/// Those of [`CpuRenderer::backward`].
+/// As for [`CpuRenderer::backward`].
 pub fn covariances(scene: &Gaussians, view: &RenderView) -> Result<Vec<[f64; 3]>, RenderError> {
     check_scene(scene)?;
     view.check()?;
@@ -275,11 +275,11 @@ pub fn covariances(scene: &Gaussians, view: &RenderView) -> Result<Vec<[f64; 3]>
         .collect())
 }
 
-/// Adds to `out` what the gradient of [`covariances`] means for the scene. uv stands twice in the
-/// matrix and once here.
+/// Adds to `out` the scene gradient that corresponds to a gradient of [`covariances`]. uv occurs twice in the matrix
+/// but once here.
 ///
 /// # Errors
-/// Those of [`CpuRenderer::backward`]; [`RenderError::View`] also where a length is not the scene's.
+/// As for [`CpuRenderer::backward`]; [`RenderError::View`] also if a length differs from the scene's.
 pub fn backward_covariances(
     scene: &Gaussians,
     view: &RenderView,

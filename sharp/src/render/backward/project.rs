@@ -1,24 +1,24 @@
-//! Backward of pass `project`, and the 2D covariance with its own gradient: f64 throughout.
+//! Backward of pass `project`, and the 2D covariance with its gradient; f64 throughout.
 
 use super::super::project::ViewConstants;
 use std::f64::consts::LOG2_E;
 
 type Vec3 = [f64; 3];
 
-/// One Gaussian's way to the screen, with everything that its derivatives need.
+/// Projection of one Gaussian to the screen, with all intermediate values that its derivatives need.
 ///
 /// `u` and `v` are the rows of `J L R diag(s)`, so that the 2D covariance is
 /// `[u·u + eps, u·v; u·v, v·v + eps]`.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Projection {
-    /// Of the unit quaternion, by columns.
+    /// Columns of the rotation matrix of the unit quaternion.
     rotation: [Vec3; 3],
     unit: [f64; 4],
     norm: f64,
     scales: Vec3,
     slope: [f64; 2],
     inverse_z: f64,
-    /// Whether the Jacobian is taken at the centre's own slope.
+    /// Per axis, true if the Jacobian is evaluated at the centre's own slope, i.e. was not clamped.
     free: [bool; 2],
     /// Rows of `J L`.
     rows: [Vec3; 2],
@@ -28,20 +28,20 @@ pub(super) struct Projection {
     normal: Vec3,
 }
 
-/// Gradients of what the projection hands on.
+/// Gradients with respect to the outputs of the projection.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct ScreenGradient {
-    /// Of the centre, pixels.
+    /// With respect to the centre in pixels.
     pub(super) center: [f64; 2],
-    /// Of p, q, r of the conic's Cholesky factor.
+    /// With respect to p, q, r of the conic's Cholesky factor.
     pub(super) factor: Vec3,
-    /// Of the entries uu, uv, vv of the 2D covariance without eps.
+    /// With respect to the entries uu, uv, vv of the 2D covariance without eps.
     pub(super) covariance: Vec3,
-    /// Of the depth in the view.
+    /// With respect to the depth in the view.
     pub(super) z: f64,
 }
 
-/// Gradients of a Gaussian's geometry.
+/// Gradients with respect to a Gaussian's geometry.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct ShapeGradient {
     pub(super) mean: Vec3,
@@ -80,7 +80,7 @@ impl Projection {
         }
     }
 
-    /// Entries uu, uv, vv of the 2D covariance, px², without eps.
+    /// Entries uu, uv, vv of the 2D covariance, in px², without eps.
     pub(super) fn covariance(&self) -> Vec3 {
         [
             dot(self.u, self.u),
@@ -95,8 +95,7 @@ impl Projection {
         dot(self.normal, self.normal) + eps * (uu + vv) + eps * eps
     }
 
-    /// Cholesky factor of the conic, as a splat holds it, and its derivative pulled back:
-    /// gradients of uu, uv, vv and of the squared length of the normal.
+    /// Pulls the gradient of the conic's Cholesky factor back to uu, uv, vv and to the squared length of the normal.
     fn pull_factor(&self, eps: f64, of: Vec3) -> (Vec3, f64) {
         let [_, uv, vv] = self.covariance();
         let kappa = (0.5 * LOG2_E).sqrt();
@@ -113,10 +112,10 @@ impl Projection {
         (of_covariance, of_determinant)
     }
 
-    /// The chain rule from the screen to mean, quaternion and scales.
+    /// Applies the chain rule from the screen to mean, quaternion and scales.
     pub(super) fn pull(&self, k: &ViewConstants, of: &ScreenGradient) -> ShapeGradient {
         let (mut of_covariance, mut of_square) = ([0.0; 3], 0.0);
-        // A covariance without area is not drawn: nothing came through its factor.
+        // A covariance without area is not drawn, so its factor has no gradient.
         if of.factor != [0.0; 3] {
             (of_covariance, of_square) = self.pull_factor(k.eps2d, of.factor);
         }
@@ -157,7 +156,7 @@ impl Projection {
         out
     }
 
-    /// From the rotation's columns to the quaternion, through its normalisation.
+    /// Pulls the gradient of the rotation's columns back to the quaternion, through its normalisation.
     fn pull_rotation(&self, of: &[Vec3; 3]) -> [f64; 4] {
         let [w, x, y, z] = self.unit;
         let [[m00, m10, m20], [m01, m11, m21], [m02, m12, m22]] = *of;
@@ -172,7 +171,7 @@ impl Projection {
     }
 }
 
-/// The columns of the rotation of a unit quaternion (w, x, y, z).
+/// Columns of the rotation matrix of a unit quaternion (w, x, y, z).
 fn columns_of_rotation([w, x, y, z]: [f64; 4]) -> [Vec3; 3] {
     [
         [

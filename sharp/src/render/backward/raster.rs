@@ -1,11 +1,11 @@
-//! Backward of pass `raster`: what each Gaussian of a bin contributes to the gradient.
+//! Backward of pass `raster`: contribution of each Gaussian of a bin to the gradient.
 //!
-//! Every block goes front to back once more, keeping α and T, and then back to front with the sum
-//! of what lies behind. With `q = ∂L/∂C·c + ∂L/∂D z` of each Gaussian and `w = α T`,
+//! Every block is traversed front to back once more, keeping α and T, and then back to front with the sum over the
+//! Gaussians behind. With `q = ∂L/∂C·c + ∂L/∂D z` of each Gaussian and `w = α T`,
 //!
 //! `∂L/∂α = T q − (Σ_behind w q + T_end ∂L/∂T_end) / (1 − α)`, `∂L/∂T_end = −∂L/∂A`.
 //!
-//! Nothing passes through an α that was clamped, skipped or lay behind the stop.
+//! The gradient is zero through an α that was clamped, skipped, or behind the stop.
 
 use super::super::ranges::{Band, LocalSplat};
 use super::super::raster::{ALPHA_MAX, BLOCK, Coverage, Transmittance, centers, reaching};
@@ -19,26 +19,26 @@ use std::f64::consts::LN_2;
 /// Sums over the pixels of one splat.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub(super) struct SplatSums<S = f32> {
-    /// Of `α ∂α`: the opacity's gradient times the opacity.
+    /// Sum of `α ∂α`: the opacity's gradient times the opacity.
     pub(super) opacity: S,
     pub(super) color: [S; 3],
     pub(super) z: S,
-    /// Of `a = ∂/∂(p dx + q dy)`, `b = ∂/∂(r dy)`.
+    /// Sums of `a = ∂/∂(p dx + q dy)` and `b = ∂/∂(r dy)`.
     pub(super) across: S,
     pub(super) along: S,
-    /// Of `a dx`, `a dy`, `b dy`: the gradients of p, q, r.
+    /// Sums of `a dx`, `a dy`, `b dy`: the gradients of p, q, r.
     pub(super) factor: [S; 3],
 }
 
-/// Members that add to some pixel of a block, with α (0 where it adds nothing) and T; memory that
-/// is kept between blocks.
+/// Members that contribute to some pixel of a block, with α (0 in pixels without contribution) and T. The memory is
+/// reused between blocks.
 pub(super) type Steps<S = f32> = Vec<(u32, [S; 16], [S; 16])>;
 
-/// The gradient of a picture at the pixels of a block: red, green, blue, alpha, depth; 0 outside.
+/// Gradient of a picture at the pixels of a block: red, green, blue, alpha, depth; 0 outside the image.
 pub(super) type Upstream<S> = [[S; 16]; 5];
 
 per_instruction_set! {
-    /// Adds the contributions of the tiles of one band of the bin with its first pixel at `corner`.
+    /// Adds the contributions of the tiles of one band of the bin whose first pixel is `corner`.
     pub(super) fn raster(
         lists: Band<'_>,
         corner: [usize; 2],
@@ -78,7 +78,7 @@ fn band<L: Lanes<Scalar = f32>>(
     }
 }
 
-/// Adds one block's contributions; `out` has a place for each of `splats`.
+/// Adds one block's contributions; `out` has one element per element of `splats`.
 #[inline(always)]
 pub(super) fn block<L: Lanes>(
     splats: &[LocalSplat<L::Scalar>],

@@ -1,8 +1,8 @@
-//! The adapters of this machine.
+//! GPU adapters of this machine.
 
 use std::fmt;
 
-/// A GPU, or a software renderer behind the same interface.
+/// A GPU, or a software renderer with the same interface.
 #[derive(Clone)]
 pub struct GpuAdapter {
     pub(super) adapter: wgpu::Adapter,
@@ -12,16 +12,16 @@ pub struct GpuAdapter {
 /// Kind of an adapter, best first.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum AdapterKind {
-    /// A GPU with memory of its own.
+    /// A GPU with its own memory.
     Discrete,
     /// A GPU that shares the processor's memory.
     Integrated,
-    /// A part of a GPU, handed to a virtual machine.
+    /// A partition of a GPU, assigned to a virtual machine.
     Virtual,
-    /// The driver does not say.
+    /// Not reported by the driver.
     Other,
-    /// The processor: lavapipe, WARP, SwiftShader. Many times slower than
-    /// [`CpuRenderer`](super::super::CpuRenderer), and so never chosen unless named.
+    /// A software renderer: lavapipe, WARP, SwiftShader. Many times slower than
+    /// [`CpuRenderer`](super::super::CpuRenderer), and therefore only selected by name.
     Software,
 }
 
@@ -38,7 +38,7 @@ impl fmt::Display for AdapterKind {
 }
 
 impl GpuAdapter {
-    /// All adapters of this machine: discrete ones first, software last.
+    /// All adapters of this machine: discrete GPUs first, software last.
     pub fn all() -> Vec<Self> {
         let instance = wgpu::Instance::new(wgpu::InstanceDescriptor::new_without_display_handle());
         let found = pollster::block_on(instance.enumerate_adapters(wgpu::Backends::PRIMARY));
@@ -53,20 +53,20 @@ impl GpuAdapter {
         adapters
     }
 
-    /// The first adapter that is real hardware. A software adapter has to be named: the CPU
-    /// backend is many times faster.
+    /// The first hardware adapter. Software adapters must be selected by name, because the CPU backend is many times
+    /// faster.
     pub fn best() -> Option<Self> {
         Self::all().into_iter().find(|a| !a.is_software())
     }
 
-    /// The first adapter whose description (its `Display`) contains `text`, in any case.
+    /// The first adapter whose description (its `Display`) contains `text`, case-insensitive.
     pub fn find(text: &str) -> Option<Self> {
         let text = text.to_lowercase();
         let fits = |a: &Self| a.to_string().to_lowercase().contains(&text);
         Self::all().into_iter().find(fits)
     }
 
-    /// As the driver calls it: `NVIDIA H200`, `llvmpipe (LLVM 15.0.6, 256 bits)`.
+    /// Name reported by the driver: `NVIDIA H200`, `llvmpipe (LLVM 15.0.6, 256 bits)`.
     pub fn name(&self) -> &str {
         &self.info.name
     }
@@ -81,24 +81,24 @@ impl GpuAdapter {
         }
     }
 
-    /// The driver and its version, as it gives them; empty if it does not.
+    /// Name and version of the driver as reported; empty if not reported.
     pub fn driver(&self) -> String {
         let text = format!("{} {}", self.info.driver, self.info.driver_info);
         text.trim().to_owned()
     }
 
-    /// The interface it is driven through: `vulkan`, `metal` or `dx12`.
+    /// Graphics API of the adapter: `vulkan`, `metal` or `dx12`.
     pub fn interface(&self) -> &'static str {
         self.info.backend.to_str()
     }
 
-    /// True for lavapipe, WARP, SwiftShader and their kind.
+    /// True for lavapipe, WARP, SwiftShader and the like.
     pub fn is_software(&self) -> bool {
         self.kind() == AdapterKind::Software
     }
 }
 
-/// Name, interface and driver, as records keep them.
+/// Name, API and driver, in the form used in records.
 impl fmt::Display for GpuAdapter {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{} ({}", self.name(), self.interface())?;

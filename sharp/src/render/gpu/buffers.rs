@@ -1,4 +1,4 @@
-//! Buffers and dispatches in one line each.
+//! Helpers to create buffers and dispatch passes.
 
 use super::device::Gpu;
 use super::memory::GpuBuffer;
@@ -9,20 +9,20 @@ impl Gpu {
         self.memory
             .count(self.device.create_buffer(&wgpu::BufferDescriptor {
                 label: Some(label),
-                // A binding may not be empty.
+                // Bindings must not be empty.
                 size: bytes.max(16).next_multiple_of(4),
                 usage,
                 mapped_at_creation: false,
             }))
     }
 
-    /// Storage of `bytes` bytes, zeroed.
+    /// Creates a zeroed storage buffer of `bytes` bytes.
     pub(super) fn storage(&self, label: &str, bytes: u64) -> GpuBuffer {
         let usage = BufferUsages::STORAGE | BufferUsages::COPY_DST | BufferUsages::COPY_SRC;
         self.buffer(label, bytes, usage)
     }
 
-    /// Storage filled with `data`.
+    /// Creates a storage buffer filled with `data`.
     pub(super) fn filled<T: bytemuck::NoUninit>(&self, label: &str, data: &[T]) -> GpuBuffer {
         let bytes: &[u8] = bytemuck::cast_slice(data);
         let buffer = self.storage(label, bytes.len() as u64);
@@ -38,7 +38,7 @@ impl Gpu {
         buffer
     }
 
-    /// A buffer of `bytes` bytes that the host can map.
+    /// Creates a buffer of `bytes` bytes that the host can map.
     pub(super) fn staging(&self, bytes: u64) -> GpuBuffer {
         let usage = BufferUsages::MAP_READ | BufferUsages::COPY_DST;
         self.buffer("staging", bytes, usage)
@@ -61,7 +61,7 @@ impl Gpu {
             .create_command_encoder(&wgpu::CommandEncoderDescriptor { label: None })
     }
 
-    /// Dispatches at least `groups` workgroups, over two axes where one cannot hold them.
+    /// Dispatches at least `groups` workgroups, over two axes if one cannot hold them.
     pub(super) fn run(
         &self,
         encoder: &mut CommandEncoder,
@@ -85,7 +85,7 @@ impl Gpu {
             .iter()
             .enumerate()
             .map(|(binding, buffer)| wgpu::BindGroupEntry {
-                // A handful.
+                // Only a few bindings, so this cannot overflow.
                 binding: binding as u32,
                 resource: buffer.as_entire_binding(),
             })

@@ -1,23 +1,22 @@
-//! An open device, its faults, and the way back to the host.
+//! An open device, its error state, and transfers to the host.
 
 use super::super::RenderError;
 use super::GpuAdapter;
 use super::memory::{GpuBuffer, Memory};
 use std::sync::{Arc, Mutex, PoisonError, mpsc};
 
-/// Limit of a sub-frame's largest binding even where the adapter grants more: keeps a picture
-/// of any size to about half a gigabyte of device memory.
+/// Limit of a sub-frame's largest binding even if the adapter allows more: limits device memory to about half a
+/// gigabyte for a picture of any size.
 const WINDOW: u64 = 128 << 20;
 
-/// A device and its queue. wgpu reports faults by callback; [`Self::check`] turns the worst one
-/// into an error.
+/// A device and its queue. wgpu reports errors by callback; [`Self::check`] returns the most severe one.
 pub(super) struct Gpu {
     pub(super) device: wgpu::Device,
     pub(super) queue: wgpu::Queue,
     pub(super) adapter: String,
-    /// Largest binding that may be made, bytes.
+    /// Maximum size of a binding, in bytes.
     pub(super) binding_limit: u64,
-    /// Most workgroups along an axis.
+    /// Maximum number of workgroups along an axis.
     pub(super) groups_limit: u32,
     pub(super) memory: Arc<Memory>,
     fault: Arc<Mutex<Option<DeviceFault>>>,
@@ -69,7 +68,7 @@ impl Gpu {
             let fault = Arc::clone(&fault);
             move |found: DeviceFault| {
                 let mut fault = fault.lock().unwrap_or_else(PoisonError::into_inner);
-                // The first of the worst kind: later ones are mostly its consequences.
+                // Keeps the first error of the most severe kind: later ones are usually consequences of it.
                 if fault.as_ref().is_none_or(|known| {
                     std::mem::discriminant(known) != std::mem::discriminant(&found)
                         && *known < found
@@ -96,12 +95,12 @@ impl Gpu {
         })
     }
 
-    /// Bytes that the largest binding of a sub-frame may take.
+    /// Maximum size of a sub-frame's largest binding, in bytes.
     pub(super) fn window(&self) -> u64 {
         self.binding_limit.min(WINDOW)
     }
 
-    /// The worst fault since the device was opened.
+    /// Fails with the most severe error since the device was opened, if any.
     pub(super) fn check(&self) -> Result<(), RenderError> {
         let fault = self.fault.lock().unwrap_or_else(PoisonError::into_inner);
         match &*fault {
@@ -110,7 +109,7 @@ impl Gpu {
         }
     }
 
-    /// What a call said that failed, unless a callback knows more.
+    /// Error for a failed call: the one reported by a callback if there is one, else `what`.
     fn error(&self, what: &dyn std::error::Error) -> RenderError {
         let said = DeviceFault::Other(what.to_string()).at(&self.adapter);
         self.check().err().unwrap_or(said)
@@ -120,8 +119,7 @@ impl Gpu {
         DeviceFault::Memory(what).at(&self.adapter)
     }
 
-    /// Submits the commands, waits, and hands `read` the first bytes, as many as given, of each
-    /// staging buffer.
+    /// Submits the commands, waits, and passes the first bytes of each staging buffer (as many as given) to `read`.
     pub(super) fn finish(
         &self,
         encoder: wgpu::CommandEncoder,

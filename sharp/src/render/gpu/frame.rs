@@ -1,4 +1,4 @@
-//! A frame: projection and depth order once, then sub-frame after sub-frame.
+//! A frame: projection and depth order once, then one sub-frame after another.
 
 use super::super::harmonics::ViewColors;
 use super::super::project::ViewConstants;
@@ -12,14 +12,14 @@ use super::scene::GpuScene;
 use super::sort::{PAIR_BYTES, SortBuffers};
 use super::subframe::{LEAST_TILE, SubFrame};
 
-/// Threads in a workgroup of the passes over Gaussians and pairs.
+/// Threads per workgroup of the passes over Gaussians and pairs.
 const GROUP: u32 = 256;
-/// Pixels across and down a workgroup of `raster`.
+/// Width and height of a `raster` workgroup in pixels.
 const RASTER_GROUP: (u32, u32) = (8, 32);
-/// Bytes of a pixel in the larger of the two output bindings.
+/// Bytes per pixel in the larger of the two output bindings.
 pub(super) const PIXEL_BYTES: u64 = 16;
 
-/// Buffers for sub-frames: kept between them and between frames, and only ever enlarged.
+/// Buffers for sub-frames; kept between sub-frames and frames, and only ever enlarged.
 pub(super) struct Work {
     pub(super) pairs: SortBuffers,
     pub(super) targets: Targets,
@@ -34,7 +34,7 @@ impl Work {
     }
 }
 
-/// A sub-frame's ranges and pixels, and the staging buffers that bring the pixels to the host.
+/// Ranges and pixels of a sub-frame, and the staging buffers that transfer the pixels to the host.
 pub(super) struct Targets {
     pub(super) ranges: GpuBuffer,
     picture: GpuBuffer,
@@ -60,7 +60,7 @@ impl Targets {
         let (tiles, pixels) = (part.count(), part.pixels());
         if tiles > self.tiles || pixels > self.pixels {
             let (tiles, pixels) = (tiles.max(self.tiles), pixels.max(self.pixels));
-            // The old buffers go first.
+            // Frees the old buffers first.
             *self = Self::new(gpu, 0, 0);
             *self = Self::new(gpu, tiles, pixels);
         }
@@ -72,8 +72,8 @@ pub(super) struct Frame<'a> {
     pub(super) passes: &'a Passes,
     pub(super) scene: &'a GpuScene,
     pub(super) view: &'a RenderView,
-    /// Side of a tile, pixels: a power of two from [`LEAST_TILE`], and no larger than those that
-    /// bound the support, where they do: a list holds for all pixels of its tile.
+    /// Side of a tile in pixels: a power of two of at least [`LEAST_TILE`]. If tiles bound the support, it is no larger
+    /// than those, because a list applies to all pixels of its tile.
     pub(super) tile: u32,
 }
 
@@ -98,7 +98,7 @@ impl Frame<'_> {
                 continue;
             }
             let count = self.count_pairs(order, part)?;
-            // A single tile may take more than the window: at most one pair a Gaussian.
+            // A single tile may exceed the window: it has at most one pair per Gaussian.
             let most = if halves.is_some() {
                 gpu.window() / PAIR_BYTES
             } else {
@@ -107,7 +107,7 @@ impl Frame<'_> {
             if count > most.min(u64::from(u32::MAX)) {
                 waiting.extend(halves.ok_or_else(|| self.no_tile(part))?);
             } else if count > 0 {
-                // Fits: just compared.
+                // Fits, by the comparison above.
                 let lists = (order, colors);
                 self.draw(lists, (part, count as u32), work, &mut out)?;
             }
@@ -123,8 +123,8 @@ impl Frame<'_> {
         ))
     }
 
-    /// Projects and sorts by depth; returns the half of the buffers with the order and colours
-    /// where they are not the scene's, and fills in the counts.
+    /// Projects and sorts by depth, and fills in the counts. Returns the half of the buffers that contains the order,
+    /// and the colours if they differ from the scene's.
     fn begin(&self, out: &mut RenderOutput) -> Result<(usize, Option<GpuBuffer>), RenderError> {
         let Self {
             gpu, passes, scene, ..
@@ -150,7 +150,7 @@ impl Frame<'_> {
         self.gpu.uniform("view", &view)
     }
 
-    /// Pass `harmonics`; `None` where colours are drawn as the scene has them.
+    /// Runs pass `harmonics`; `None` if the scene's colours are drawn unchanged.
     fn colors(&self, encoder: &mut wgpu::CommandEncoder) -> Option<GpuBuffer> {
         let (gpu, scene) = (self.gpu, self.scene);
         ViewColors::new(scene.degree, self.view)?;
@@ -170,7 +170,7 @@ impl Frame<'_> {
         Some(colors)
     }
 
-    /// Pass `project`; returns the counts of what was dropped.
+    /// Runs pass `project`; returns the buffer with the counts of dropped Gaussians.
     pub(super) fn project(&self, encoder: &mut wgpu::CommandEncoder) -> GpuBuffer {
         let (gpu, scene) = (self.gpu, self.scene);
         let dropped = gpu.storage("dropped", size_of::<DroppedCounts>() as u64);
@@ -199,11 +199,11 @@ impl Frame<'_> {
         self.gpu.uniform("frame", &uniform)
     }
 
-    /// Leaves in `scene.places` where each Gaussian's pairs start, and returns how many there are.
+    /// Writes the start of each Gaussian's pairs to `scene.places`, and returns the total number of pairs.
     ///
-    /// The sum of a block of the scan cannot wrap: its 1024 Gaussians have at most one pair a tile,
-    /// and a sub-frame, as a binding holds its pixels, fewer than 2²² tiles. The starts can, where
-    /// the total exceeds 32 bits; such a sub-frame is cut, not drawn.
+    /// The sum of a scan block cannot wrap: its 1024 Gaussians have at most one pair per tile, and a sub-frame has
+    /// fewer than 2²² tiles, because its pixels fit in one binding. The starts can wrap if the total exceeds 32 bits;
+    /// such a sub-frame is split, not drawn.
     pub(super) fn count_pairs(
         &self,
         order: &GpuBuffer,
@@ -233,7 +233,7 @@ impl Frame<'_> {
         Ok(total)
     }
 
-    /// Emits, sorts by tile and finds the ranges; returns the half of the buffers with the lists.
+    /// Emits pairs, sorts them by tile and finds the ranges; returns the half of the buffers that contains the lists.
     pub(super) fn list(
         &self,
         encoder: &mut wgpu::CommandEncoder,
@@ -273,7 +273,7 @@ impl Frame<'_> {
         half
     }
 
-    /// Lists, rasterises, and copies the pixels home.
+    /// Builds the lists, rasterises, and copies the pixels to the host.
     fn draw(
         &self,
         (order, colors): (&GpuBuffer, &GpuBuffer),
@@ -311,8 +311,8 @@ impl Frame<'_> {
     }
 }
 
-/// The side of the GPU's tiles for a wanted one.
+/// Side of the GPU's tiles for a requested side.
 pub(super) fn tile_side(wanted: usize) -> u32 {
-    // 32 at most.
+    // `wanted` is at most 32.
     (wanted as u32).max(LEAST_TILE)
 }

@@ -1,4 +1,4 @@
-//! Structures shared by host and shaders, byte for byte. A test compares names and offsets with the WGSL.
+//! Structures shared by host and shaders, byte for byte. A test compares names and offsets with those in the WGSL.
 
 use super::super::harmonics::ViewColors;
 use super::super::project::ViewConstants;
@@ -8,8 +8,7 @@ use super::subframe::SubFrame;
 use crate::gaussians::Harmonics;
 use bytemuck::{Pod, Zeroable};
 
-/// Defines a struct as the shaders see it. `TWIN` is its name in WGSL, `FIELDS` what the test
-/// compares.
+/// Defines a struct with the layout that the shaders expect. `TWIN` is its name in WGSL; `FIELDS` is for the test.
 macro_rules! shared {
     ($(#[$doc:meta])* $name:ident = $twin:literal { $($field:ident: $kind:ty),* $(,)? }) => {
         $(#[$doc])*
@@ -78,7 +77,7 @@ impl ViewUniform {
             zero: 0,
             compensation: view.compensation.code(),
             tiled: u32::from(view.support == Support::Tiles),
-            // 4 and 24 at most.
+            // At most 4 and 24.
             degree: degree as u32,
             stored: stored as u32,
             padding: 0,
@@ -100,7 +99,7 @@ shared! {
 }
 
 impl FrameUniform {
-    /// `count` is the number of Gaussians in the scene, `pairs` that of pairs in the sub-frame.
+    /// `count` is the number of Gaussians in the scene, `pairs` the number of pairs in the sub-frame.
     pub(super) fn new(part: SubFrame, (count, pairs): (u32, u32), alpha_max: f32) -> Self {
         Self {
             first: part.first.into(),
@@ -131,7 +130,7 @@ shared! {
     }
 }
 
-/// Numbers of Gaussians that `project` dropped, in the order of the reasons in `project.wgsl`.
+/// Counts of Gaussians dropped by `project`, in the order of the reasons in `project.wgsl`.
 pub(super) type DroppedCounts = [u32; 8];
 
 pub(super) fn dropped(counts: DroppedCounts) -> Dropped {

@@ -1,10 +1,10 @@
-//! Buffers on the device, counted while they live.
+//! Tracking of the memory of device buffers.
 
 use std::ops::Deref;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-/// Bytes of the buffers of one device.
+/// Current and peak bytes of the buffers of one device.
 #[derive(Debug, Default)]
 pub(super) struct Memory {
     now: AtomicU64,
@@ -12,12 +12,12 @@ pub(super) struct Memory {
 }
 
 impl Memory {
-    /// The most that was ever alive together.
+    /// Maximum total size of simultaneously allocated buffers, in bytes.
     pub(super) fn peak(&self) -> u64 {
         self.peak.load(Ordering::Relaxed)
     }
 
-    /// Counts a buffer from here on.
+    /// Tracks a buffer until it is dropped.
     pub(super) fn count(self: &Arc<Self>, buffer: wgpu::Buffer) -> GpuBuffer {
         let now = self.now.fetch_add(buffer.size(), Ordering::Relaxed) + buffer.size();
         self.peak.fetch_max(now, Ordering::Relaxed);
@@ -28,7 +28,7 @@ impl Memory {
     }
 }
 
-/// A buffer of a [`Memory`].
+/// A buffer tracked by a [`Memory`].
 pub(super) struct GpuBuffer {
     buffer: wgpu::Buffer,
     memory: Arc<Memory>,

@@ -1,12 +1,12 @@
-//! The backend on wgpu: the same passes as WGSL compute shaders, one file each under `shaders/`.
+//! The wgpu backend: the same passes as WGSL compute shaders, one file each under `shaders/`.
 //!
-//! Depth order is made once a frame; binning and rasterising run per sub-frame, a rectangle of
-//! tiles whose buffers fit the adapter's binding limit and 128 MiB. A sub-frame with too many pairs
-//! is cut in half, so nothing is ever truncated. No pass depends on timing: the same adapter and
-//! driver give the same bytes, whatever the limits.
+//! The depth order is computed once per frame; binning and rasterising run per sub-frame, a rectangle of tiles whose
+//! buffers fit both the adapter's binding limit and 128 MiB. A sub-frame with too many pairs is split in half, so
+//! nothing is ever truncated. No pass depends on timing: the same adapter and driver give the same bytes, whatever the
+//! limits.
 //!
-//! No pass uses subgroup operations: ranking by masks in workgroup memory needs none, and one
-//! variant is one set of bytes to vouch for.
+//! No pass uses subgroup operations: ranking by masks in workgroup memory does not need them, and a single variant
+//! means only one result to verify.
 
 mod adapter;
 mod buffers;
@@ -32,10 +32,10 @@ use frame::{Frame, Work, tile_side};
 use passes::Passes;
 use scene::GpuScene;
 
-/// Renders on a GPU. Keeps its buffers between frames.
+/// Renders on a GPU. Reuses its buffers between frames.
 ///
-/// Differs from the CPU by rounding only: on the same order of depths colour and alpha agree to
-/// about 1e-5, and a threshold that falls the other way moves a pixel by at most 1/255.
+/// Differs from the CPU only by rounding: for the same depth order, colour and alpha agree to about 1e-5. If a
+/// threshold decides differently, a pixel changes by at most 1/255.
 pub struct GpuRenderer {
     gpu: Gpu,
     passes: Passes,
@@ -44,10 +44,10 @@ pub struct GpuRenderer {
 }
 
 impl GpuRenderer {
-    /// Opens a device on an adapter, with the largest limits that it grants.
+    /// Opens a device on an adapter, with the largest limits that it supports.
     ///
     /// # Errors
-    /// [`RenderError::Device`] when the device cannot be opened.
+    /// [`RenderError::Device`] if the device cannot be opened.
     pub fn new(adapter: &GpuAdapter) -> Result<Self, RenderError> {
         let gpu = Gpu::open(adapter)?;
         let passes = Passes::new(&gpu.device);
@@ -60,15 +60,15 @@ impl GpuRenderer {
         })
     }
 
-    /// The same renderer with no buffer binding above `bytes`: smaller sub-frames, less memory,
-    /// the same picture. A scene needs 16 bytes a Gaussian in one binding.
+    /// Limits buffer bindings to `bytes`: smaller sub-frames, less memory, the same picture. A scene needs 16 bytes per
+    /// Gaussian in one binding.
     #[must_use]
     pub fn with_binding_limit(mut self, bytes: u64) -> Self {
         self.gpu.binding_limit = self.gpu.binding_limit.min(bytes);
         self
     }
 
-    /// The same renderer with another tile size than 8×8, the least there is on a GPU.
+    /// Sets a tile size other than 8×8, the minimum on a GPU.
     #[must_use]
     pub fn with_tile_size(self, tile: TileSize) -> Self {
         Self {
@@ -77,8 +77,7 @@ impl GpuRenderer {
         }
     }
 
-    /// The most bytes that this renderer's buffers ever took on the device together, those that
-    /// the host maps included.
+    /// Peak total size of this renderer's device buffers in bytes, including those mapped by the host.
     pub fn peak_bytes(&self) -> u64 {
         self.gpu.memory.peak()
     }
@@ -90,7 +89,7 @@ impl Renderer for GpuRenderer {
     }
 
     /// # Errors
-    /// After a fault of the device the renderer is not usable any more: open another one.
+    /// After a device fault the renderer is unusable; open another one.
     fn load<'a>(
         &'a mut self,
         scene: &'a Gaussians,

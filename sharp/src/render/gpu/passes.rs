@@ -1,4 +1,4 @@
-//! The compute pipelines, one for each entry point under `shaders/`.
+//! The compute pipelines, one per entry point under `shaders/`.
 
 use sharp_shaders::PASSES;
 use wgpu::ComputePipeline;

@@ -1,11 +1,11 @@
-//! A sub-frame's pixels into the picture.
+//! Copies a sub-frame's pixels into the picture.
 
 use super::super::RenderOutput;
 use super::subframe::SubFrame;
 use rayon::prelude::*;
 
-/// Copies what the device wrote: colour and alpha, four floats a pixel, where `which` is 0, else
-/// depth, one float. Rows of the sub-frame are in whole tiles.
+/// Copies data read from the device: colour and alpha (four floats per pixel) if `which` is 0, else depth (one float).
+/// Rows of the sub-frame are padded to whole tiles.
 pub(super) fn copy_home(part: SubFrame, which: usize, bytes: &[u8], out: &mut RenderOutput) {
     let (x0, y0) = part.corner();
     let (stride, height) = part.size();

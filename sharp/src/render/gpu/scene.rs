@@ -6,8 +6,8 @@ use super::memory::GpuBuffer;
 use super::sort::{Scan, SortBuffers};
 use crate::gaussians::Gaussians;
 
-/// Gaussians on the device, with the buffers that a frame fills: 124 bytes a Gaussian, and 12 for
-/// each coefficient of its harmonics.
+/// Gaussians on the device, with the buffers that a frame fills: 124 bytes per Gaussian, plus 12 for each harmonics
+/// coefficient.
 pub(super) struct GpuScene {
     pub(super) count: u32,
     pub(super) means_opacities: GpuBuffer,
@@ -15,7 +15,7 @@ pub(super) struct GpuScene {
     pub(super) scales: GpuBuffer,
     pub(super) colors: GpuBuffer,
     pub(super) coefficients: GpuBuffer,
-    /// Of the harmonics.
+    /// Degree of the harmonics.
     pub(super) degree: usize,
     pub(super) splats: GpuBuffer,
     pub(super) details: GpuBuffer,
@@ -50,7 +50,7 @@ impl GpuScene {
             .collect();
         let colors: Vec<[f32; 4]> = scene.colors.iter().map(|c| wide(*c, 0.0)).collect();
         let uploaded = Self {
-            // Checked against u32::MAX with the rest of the scene.
+            // Already checked against u32::MAX with the rest of the scene.
             count: n as u32,
             means_opacities: gpu.filled("means", &means),
             quaternions: gpu.filled("quaternions", &scene.quaternions),
@@ -65,7 +65,7 @@ impl GpuScene {
             places: gpu.storage("places", (n + 1) * 4),
             scan: Scan::new(gpu, n + 1),
         };
-        // Waits, so that wgpu lets go of its copies of the data.
+        // Waits, so that wgpu frees its copies of the data.
         gpu.finish(gpu.encoder(), &[], |_, _| ())?;
         Ok(uploaded)
     }

@@ -1,4 +1,4 @@
-//! Stable radix sort of (key, value) pairs and the prefix sums it stands on.
+//! Stable radix sort of (key, value) pairs, and the prefix sums it is based on.
 
 use super::device::Gpu;
 use super::layout::{RadixParams, ScanParams};
@@ -7,18 +7,18 @@ use super::passes::Passes;
 use bytemuck::Zeroable;
 use wgpu::CommandEncoder;
 
-/// Keys in a block of the radix passes.
+/// Keys per block of the radix passes.
 const RADIX_BLOCK: u32 = 4096;
-/// Entries in a block of the scan.
+/// Entries per block of the scan.
 const SCAN_BLOCK: u32 = 1024;
 
-/// Buffers of a scan besides its data: the sums of its blocks, of their blocks, ….
+/// Buffers of a scan other than its data: the sums of its blocks, the sums of their blocks, ….
 pub(super) struct Scan {
     levels: Vec<GpuBuffer>,
 }
 
 impl Scan {
-    /// For up to `entries` entries.
+    /// Creates buffers for up to `entries` entries.
     pub(super) fn new(gpu: &Gpu, entries: u64) -> Self {
         let mut levels = Vec::new();
         let mut blocks = entries;
@@ -44,8 +44,8 @@ impl Scan {
         self.join(gpu, passes, encoder, (0, data), count);
     }
 
-    /// [`Self::scan`] that copies the sums of the blocks to the host on the way: a staging buffer
-    /// and its length in bytes. Their total, unlike the last prefix sum, need not fit 32 bits.
+    /// Like [`Self::scan`], but also copies the sums of the blocks to the host; returns a staging buffer and its length
+    /// in bytes. Their total, unlike the last prefix sum, need not fit in 32 bits.
     pub(super) fn scan_and_stage(
         &self,
         gpu: &Gpu,
@@ -61,7 +61,7 @@ impl Scan {
         (staged, bytes)
     }
 
-    /// Scans each block by itself and leaves its sum at `level`.
+    /// Scans each block by itself and writes its sum at `level`.
     fn blocks(
         &self,
         gpu: &Gpu,
@@ -76,7 +76,7 @@ impl Scan {
         gpu.run(encoder, &passes.scan_blocks, &buffers, groups);
     }
 
-    /// Adds to each block the sums of those before it.
+    /// Adds to each block the sums of the preceding ones.
     fn join(
         &self,
         gpu: &Gpu,
@@ -104,7 +104,7 @@ fn scan_params(count: u32) -> ScanParams {
     }
 }
 
-/// Keys and values, twice: a pass reads one half and writes the other.
+/// Keys and values, double-buffered: a pass reads one half and writes the other.
 pub(super) struct SortBuffers {
     pub(super) keys: [GpuBuffer; 2],
     pub(super) values: [GpuBuffer; 2],
@@ -113,7 +113,7 @@ pub(super) struct SortBuffers {
     capacity: u64,
 }
 
-/// Bytes a pair takes in all buffers together, but for a thousandth.
+/// Bytes per pair over all buffers, to within a thousandth.
 pub(super) const PAIR_BYTES: u64 = 16;
 
 impl SortBuffers {
@@ -129,20 +129,19 @@ impl SortBuffers {
         }
     }
 
-    /// Makes room for `count` pairs, and some more where the window allows, so that the next
-    /// sub-frame fits as well.
+    /// Makes room for `count` pairs, plus some headroom if the window allows, so that the next sub-frame fits as well.
     pub(super) fn grow(&mut self, gpu: &Gpu, count: u32) {
         let count = u64::from(count);
         if count > self.capacity {
             let roomy = (count * 5 / 4).min(gpu.window() / PAIR_BYTES);
-            // The old buffers go first.
+            // Frees the old buffers first.
             *self = Self::new(gpu, 0);
             *self = Self::new(gpu, roomy.max(count));
         }
     }
 
-    /// Sorts by the low `bits` bits of the keys in half 0, 8 bits a pass; returns the half that
-    /// holds the result. With `identity` the values start out as the indices.
+    /// Sorts by the low `bits` bits of the keys in half 0, 8 bits per pass; returns the half that contains the result.
+    /// With `identity`, the values are initialised to the indices.
     pub(super) fn sort(
         &self,
         gpu: &Gpu,

@@ -1,20 +1,20 @@
-//! Rectangles of tiles that are binned and rasterised at once.
+//! Rectangles of tiles that are binned and rasterised together.
 
-/// Side of the squares that `raster` owns, pixels: no tile is smaller.
+/// Minimum side of a tile in pixels: the side of the squares that `raster` processes.
 pub(super) const LEAST_TILE: u32 = 8;
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct SubFrame {
     /// Column and row of the first tile.
     pub(super) first: (u32, u32),
-    /// Columns and rows.
+    /// Number of columns and rows of tiles.
     pub(super) tiles: (u32, u32),
-    /// A tile's side, pixels.
+    /// Side of a tile in pixels.
     pub(super) side: u32,
 }
 
 impl SubFrame {
-    /// All tiles of a picture.
+    /// The sub-frame of all tiles of a picture.
     pub(super) fn whole(width: u32, height: u32, side: u32) -> Self {
         Self {
             first: (0, 0),
@@ -23,7 +23,7 @@ impl SubFrame {
         }
     }
 
-    /// The longer side cut in half; `None` for a single tile.
+    /// Splits the longer side in half; `None` for a single tile.
     pub(super) fn halves(self) -> Option<[Self; 2]> {
         let (x, y) = self.tiles;
         if x * y == 1 {
@@ -46,7 +46,7 @@ impl SubFrame {
         self.tiles.0 * self.tiles.1
     }
 
-    /// Width and height in whole tiles, pixels.
+    /// Width and height in pixels, in whole tiles.
     pub(super) fn size(self) -> (u32, u32) {
         (self.tiles.0 * self.side, self.tiles.1 * self.side)
     }

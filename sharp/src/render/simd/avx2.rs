@@ -6,11 +6,11 @@ use std::arch::x86_64::*;
 #[derive(Clone, Copy)]
 pub(in crate::render) struct Avx2([__m256; 2]);
 
-/// An expression on the registers `i` = 0 and 1. Not a closure, which might not be inlined.
+/// Evaluates an expression on the registers `i` = 0 and 1. Not a closure, which might not be inlined.
 macro_rules! both {
     (|$i:ident| $each:expr) => {{
-        // SAFETY: runs only where `per_instruction_set` compiled and detected the instruction set; pointers
-        // are to sixteen floats.
+        // SAFETY: runs only where `per_instruction_set` detected the instruction set and compiled for it; pointers are
+        // to sixteen floats.
         unsafe {
             [
                 {

@@ -8,8 +8,8 @@ pub(in crate::render) struct Avx512(__m512);
 
 macro_rules! sound {
     ($intrinsics:expr) => {{
-        // SAFETY: runs only where `per_instruction_set` compiled and detected the instruction set; pointers
-        // are to sixteen floats.
+        // SAFETY: runs only where `per_instruction_set` detected the instruction set and compiled for it; pointers are
+        // to sixteen floats.
         unsafe { $intrinsics }
     }};
 }

@@ -1,9 +1,8 @@
 //! Sixteen f32 lanes on three instruction sets, chosen at run time.
 //!
-//! Each performs the same IEEE operations in the same order (fused where the code says
-//! `mul_add`), so all of them give the same bits. The portable one is meant for processors whose
-//! baseline has a fused multiply-add (every 64-bit ARM); on x86 it stands in for processors older
-//! than AVX2 and is slow there.
+//! All of them perform the same IEEE operations in the same order (fused where the code uses `mul_add`), and so give
+//! the same bits. The portable one is meant for processors whose baseline has a fused multiply-add (every 64-bit ARM);
+//! on x86 it is a slow fallback for processors older than AVX2.
 
 #[cfg(target_arch = "x86_64")]
 mod avx2;
@@ -16,12 +15,12 @@ pub(super) use avx2::Avx2;
 #[cfg(target_arch = "x86_64")]
 pub(super) use avx512::Avx512;
 pub(super) use portable::Portable;
-// The network's kernels and this renderer detect, and are pinned, together.
+// The network's kernels and this renderer share detection and pinning of the instruction set.
 pub(super) use sharp_kernels::{Simd, per_instruction_set};
 
-/// A number of a lane: f32, and f64 where tests look at what rounding hides.
+/// Element type of a lane: f32, or f64 for tests that examine effects below f32 rounding.
 pub(super) trait Scalar: Copy + Default + From<f32> + std::ops::AddAssign {
-    /// Rounded to this type.
+    /// Rounds to this type.
     fn of(x: f64) -> Self;
 }
 
@@ -33,10 +32,10 @@ impl Scalar for f32 {
 
 /// Sixteen values, one for each pixel of a 4×4 block.
 ///
-/// Implementations on intrinsics may only run inside a function compiled for their instruction
-/// set, which [`per_instruction_set`] sees to.
+/// Implementations with intrinsics may only run inside a function compiled for their instruction set, which
+/// [`per_instruction_set`] ensures.
 pub(super) trait Lanes: Copy {
-    /// One truth value a lane.
+    /// One boolean per lane.
     type Mask: Copy;
     type Scalar: Scalar;
 
@@ -53,20 +52,20 @@ pub(super) trait Lanes: Copy {
     fn neg_mul_add(self, b: Self, c: Self) -> Self;
     fn min(self, other: Self) -> Self;
     fn max(self, other: Self) -> Self;
-    /// Adds the low nine bits of `n`'s representation to the exponent: times 2ⁿ for an integer
-    /// that was made by adding 1.5 · 2²³.
+    /// Adds the low nine bits of `n`'s representation to the exponent, i.e. multiplies by 2ⁿ for an integer that was
+    /// made by adding 1.5 · 2²³.
     fn scaled_by_low_bits(self, n: Self) -> Self;
     fn le(self, other: Self) -> Self::Mask;
-    /// Lanes of `mask` where `self > other`.
+    /// Lanes of `mask` in which `self > other`.
     fn gt_where(self, other: Self, mask: Self::Mask) -> Self::Mask;
-    /// Lanes of `mask` where not `self > other`.
+    /// Lanes of `mask` in which not `self > other`.
     fn not_gt_where(self, other: Self, mask: Self::Mask) -> Self::Mask;
-    /// The value where the mask holds, else zero.
+    /// The value where the mask is set, else zero.
     fn masked(self, mask: Self::Mask) -> Self;
-    /// `a` where the mask holds, else `b`.
+    /// `a` where the mask is set, else `b`.
     fn select(mask: Self::Mask, a: Self, b: Self) -> Self;
     fn any(mask: Self::Mask) -> bool;
-    /// The sum of the lanes: halves are added until one value is left.
+    /// Sum of the lanes, by adding halves until one value is left.
     fn sum(self) -> Self::Scalar;
 
     #[inline(always)]
@@ -74,7 +73,7 @@ pub(super) trait Lanes: Copy {
         Self::splat(Self::Scalar::default())
     }
 
-    /// 2^self for −126 ≤ self ≤ 127 and at least 2⁻¹²⁶ below, to 1.2e-7 relative; exactly 1 at 0.
+    /// 2^self for −126 ≤ self ≤ 127, with a relative error of 1.2e-7; at least 2⁻¹²⁶ below that range; exactly 1 at 0.
     #[inline(always)]
     fn exp2(self) -> Self {
         const ROUND: f32 = 12_582_912.0; // 1.5 · 2²³

@@ -1,4 +1,4 @@
-//! Arrays of sixteen; compilers turn the loops into whatever the target has.
+//! Arrays of sixteen floats; compilers turn the loops into the target's vector instructions.
 
 use super::Lanes;
 

@@ -1,4 +1,4 @@
-//! The states of one training that are kept.
+//! The folder of a training's saved states.
 
 use std::fs::{self, File};
 use std::io;
@@ -9,7 +9,7 @@ use sharp_checkpoint::CheckpointError;
 use super::{StateError, TrainingState};
 use crate::position::{Position, Stage};
 
-/// A folder with files `stage1-step00001000.safetensors`; other files in it are left alone.
+/// A folder of files named `stage1-step00001000.safetensors`; other files in it are ignored.
 #[derive(Debug, Clone)]
 pub struct CheckpointFolder(PathBuf);
 
@@ -18,17 +18,17 @@ impl CheckpointFolder {
         Self(path.into())
     }
 
-    /// The file of a state.
+    /// Path of the state at `position`.
     pub fn file(&self, position: Position) -> PathBuf {
         let Position { stage, step } = position;
         let name = format!("stage{}-step{step:08}.safetensors", stage.number());
         self.0.join(name)
     }
 
-    /// What there is, the earliest first; nothing where there is no folder.
+    /// Positions of the saved states, earliest first; empty if the folder does not exist.
     ///
     /// # Errors
-    /// [`StateError::File`] where the folder cannot be read.
+    /// [`StateError::File`] if the folder cannot be read.
     pub fn positions(&self) -> Result<Vec<Position>, StateError> {
         let entries = match fs::read_dir(&self.0) {
             Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(Vec::new()),
@@ -38,14 +38,14 @@ impl CheckpointFolder {
         for entry in entries {
             let name = entry.map_err(|error| self.fault(error))?.file_name();
             let position = name.to_str().and_then(position);
-            // What is spelt otherwise is not ours.
+            // Ignores files whose names are not in canonical form.
             found.extend(position.filter(|at| self.file(*at) == self.0.join(&name)));
         }
         found.sort_unstable();
         Ok(found)
     }
 
-    /// Writes a state, and then removes all but the latest `kept`.
+    /// Writes a state, then removes all but the latest `kept`.
     ///
     /// # Errors
     /// [`StateError::File`].
@@ -72,7 +72,7 @@ impl CheckpointFolder {
     }
 }
 
-/// Makes a rename survive a power cut, where folders can be synced.
+/// Syncs the folder, if the platform supports it, so that a rename survives a power failure.
 fn sync(folder: &Path) -> io::Result<()> {
     match cfg!(unix) {
         true => File::open(folder)?.sync_all(),

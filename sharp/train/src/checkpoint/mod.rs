@@ -1,6 +1,6 @@
-//! A training's state as one safetensors file, and a network's weights alone.
+//! A training's state as one safetensors file, and export of a network's weights.
 //!
-//! Nothing random is kept: every choice follows from the seed and the position.
+//! No random state is stored: every random choice depends only on the seed and the position.
 
 mod folder;
 
@@ -20,7 +20,7 @@ use crate::optimizer::{Moments, ParameterState};
 use crate::parts::TrainedParts;
 use crate::position::{Position, Stage};
 
-/// Keys of the header.
+/// Keys of the file's header.
 const STAGE: &str = "stage";
 const STEP: &str = "step";
 const CONFIG: &str = "config_sha256";
@@ -29,7 +29,7 @@ const VALUES: &str = "values.";
 const FIRST: &str = "first_moment.";
 const SECOND: &str = "second_moment.";
 
-/// Why a state cannot be written or resumed from.
+/// Errors of writing or resuming from a state.
 #[derive(Debug, thiserror::Error)]
 pub enum StateError {
     #[error(transparent)]
@@ -48,7 +48,7 @@ pub enum StateError {
         expected: String,
         found: String,
     },
-    /// A tensor with NaN, infinity, a negative mean of squares, or what f16 cannot hold.
+    /// A tensor contains NaN, an infinity, a negative second moment, or a value out of range for f16.
     #[error("{}: tensor '{name}' has a value of {value}", path.display())]
     Value {
         path: PathBuf,
@@ -57,27 +57,27 @@ pub enum StateError {
     },
 }
 
-/// Precision of stored weights.
+/// Precision of exported weights.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Precision {
     F32,
-    /// Rounded to nearest.
+    /// Rounded to the nearest value.
     F16,
 }
 
-/// Everything that the next step starts from.
+/// The complete state from which the next step starts.
 #[derive(Debug, Clone, PartialEq)]
 pub struct TrainingState {
     pub position: Position,
-    /// All that the network uses, frozen or not, in the order of its construction.
+    /// All parameters that the network uses, frozen or not, in order of construction.
     pub weights: Vec<ParameterState>,
 }
 
 impl TrainingState {
-    /// Before the first step: weights from `source`, moments of zero for what learns.
+    /// The state before the first step: weights from `source`, zero moments for trained parameters.
     ///
     /// # Errors
-    /// Those of `source`; [`ModelError::Weights`] where it gives another number of values.
+    /// Any error of `source`; [`ModelError::Weights`] if it returns the wrong number of values.
     pub fn new(
         inventory: &[Parameter],
         parts: &TrainedParts,
@@ -107,7 +107,7 @@ impl TrainingState {
         })
     }
 
-    /// That all weights, which `path` holds, are finite.
+    /// Checks that all weights, which were read from `path`, are finite.
     ///
     /// # Errors
     /// [`StateError::Value`].
@@ -116,7 +116,7 @@ impl TrainingState {
         weights.try_for_each(|weights| check_values(path, VALUES, &weights.name, &weights.values))
     }
 
-    /// Goes to the start of a stage. The optimiser starts anew, too: its moments become zero.
+    /// Moves to the start of a stage and resets the optimiser: its moments become zero.
     pub fn begin(&mut self, stage: Stage) {
         self.position = Position { stage, step: 0 };
         for weights in &mut self.weights {
@@ -126,10 +126,10 @@ impl TrainingState {
         }
     }
 
-    /// Writes the whole state, at once or not at all.
+    /// Writes the whole state atomically.
     ///
     /// # Errors
-    /// [`StateError::File`]; [`StateError::Value`] for values that no training can resume from.
+    /// [`StateError::File`]; [`StateError::Value`] for values from which training cannot resume.
     pub fn save(&self, path: &Path, config_sha256: &str) -> Result<(), StateError> {
         let Position { stage, step } = self.position;
         let metadata = [
@@ -155,11 +155,11 @@ impl TrainingState {
         Ok(write(path, &metadata, &tensors, Precision::F32)?)
     }
 
-    /// Reads what [`Self::save`] wrote for the network of `inventory`, of which `parts` learn.
+    /// Reads a state written by [`Self::save`], for the network of `inventory` whose `parts` are trained.
     ///
     /// # Errors
-    /// [`StateError`]: a broken file, another configuration, other tensors than those of the
-    /// network and its moments, values that no training can resume from.
+    /// [`StateError`]: a damaged file, another configuration, tensors that do not match the network and its moments, or
+    /// values from which training cannot resume.
     pub fn load(
         path: &Path,
         config_sha256: &str,
@@ -215,11 +215,11 @@ impl TrainingState {
         })
     }
 
-    /// Writes the network's weights alone, as a checkpoint that a
-    /// [`Predictor`](sharp::model::Predictor) opens; `metadata` is free text.
+    /// Writes only the network's weights, as a checkpoint for [`Predictor`](sharp::model::Predictor); `metadata` is
+    /// free text.
     ///
     /// # Errors
-    /// [`StateError::Value`] for what is not finite in `precision`; [`StateError::File`].
+    /// [`StateError::Value`] for values that are not finite in `precision`; [`StateError::File`].
     pub fn export(
         &self,
         path: &Path,
@@ -251,7 +251,7 @@ impl TrainingState {
     }
 }
 
-/// Refuses values that a training cannot resume from: not finite, or a negative mean of squares.
+/// Rejects values from which training cannot resume: non-finite ones and negative second moments.
 fn check_values(path: &Path, kind: &str, name: &str, values: &[f32]) -> Result<(), StateError> {
     let is_good = |value: &f32| value.is_finite() && (kind != SECOND || *value >= 0.0);
     match values.iter().find(|value| !is_good(value)) {
@@ -264,7 +264,7 @@ fn check_values(path: &Path, kind: &str, name: &str, values: &[f32]) -> Result<(
     }
 }
 
-/// Position of the training whose state a file is.
+/// Position stored in a state file.
 fn position_of(file: &Checkpoint) -> Result<Position, StateError> {
     let number = |key: &'static str| {
         let number = header(file, key)?.parse::<u64>().ok();
@@ -288,7 +288,7 @@ fn not_a_state(file: &Checkpoint, key: &'static str) -> StateError {
     StateError::NotAState { path, key }
 }
 
-/// Shape and values by name.
+/// Shapes and values by name.
 type Tensors<'a> = BTreeMap<String, (&'a [usize], &'a [f32])>;
 
 fn write(

@@ -9,7 +9,7 @@ use sharp_datasets::DatasetError;
 use sharp_datasets::synthetic::TRAINING_SEEDS;
 use sharp_metrics::PictureError;
 
-/// Why there is no training data, or not this sample.
+/// Errors of opening training data or reading a sample.
 #[derive(Debug, thiserror::Error)]
 pub enum DataError {
     #[error(transparent)]
@@ -22,7 +22,7 @@ pub enum DataError {
     Render(#[from] RenderError),
     #[error(transparent)]
     Camera(#[from] CameraError),
-    /// A view for whose picture the dataset has no depth.
+    /// The dataset has no depth for a view's picture.
     #[error("{}: no depth belongs to this picture", image.display())]
     NoDepth { image: PathBuf },
     #[error(
@@ -32,12 +32,12 @@ pub enum DataError {
     NoPair {
         dataset: String,
         limit_m: f64,
-        /// Of the dataset, each with its reason.
+        /// Excluded parts of the dataset, each with its reason.
         left_out: Vec<String>,
     },
     #[error("{}: no PNG or JPEG picture lies in this folder", folder.display())]
     NoPicture { folder: PathBuf },
-    /// Some of the scenes are kept for evaluation.
+    /// Some of the scenes are reserved for evaluation.
     #[error(
         "{dataset}: networks are trained on seeds {} to {} alone, all others are held out",
         TRAINING_SEEDS.start(),

@@ -1,14 +1,13 @@
 //! Training data: pairs of views with depth, and photographs without.
 //!
-//! Sample k of a training follows from the training's seed and k alone, so that a resumed training
-//! continues with the same samples.
+//! Sample k depends only on the training's seed and k, so that a resumed training continues with the same samples.
 //!
 //! * [`Sample`], [`TrainingView`], [`Photograph`], [`Source`]: the interface to training.
-//! * [`ProceduralSamples`]: scenes made on the fly from seeds.
-//! * [`PosedSamples`]: anyone's posed pictures with depth, by the readers of `sharp-datasets`.
-//! * [`FolderPhotographs`], [`ProceduralPhotographs`]: pictures alone.
-//! * [`Prefetcher`]: samples made in the background, in order.
-//! * [`DataError`]: why data cannot be used.
+//! * [`ProceduralSamples`]: scenes generated on the fly from seeds.
+//! * [`PosedSamples`]: posed pictures with depth, read by `sharp-datasets`.
+//! * [`FolderPhotographs`], [`ProceduralPhotographs`]: pictures without depth.
+//! * [`Prefetcher`]: samples prepared in the background, in order.
+//! * [`DataError`]: errors of training data.
 
 mod error;
 mod photographs;
@@ -30,8 +29,7 @@ pub use prefetch::Prefetcher;
 pub use procedural::{ProceduralSamples, shares_training_seeds};
 pub use view::TrainingView;
 
-/// A pair of views of one scene: the network is given the source's picture, its Gaussians are
-/// compared with both.
+/// Two views of a scene: the network receives the source's picture, and its Gaussians are compared with both views.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Sample {
     /// `SCENE/SOURCE__TARGET`.
@@ -40,7 +38,7 @@ pub struct Sample {
     pub target: TrainingView,
 }
 
-/// A picture of which neither depth nor another view is known.
+/// A picture without depth or other views.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Photograph {
     /// `SCENE/VIEW`, or the file's name.
@@ -50,12 +48,12 @@ pub struct Photograph {
     pub intrinsics: Intrinsics,
 }
 
-/// An endless row of samples.
+/// An infinite sequence of samples.
 pub trait Source<T>: Send {
-    /// Sample k: the same one whenever it is asked for.
+    /// Returns sample k, which is the same on every call.
     ///
     /// # Errors
-    /// [`DataError::Sample`], which names the sample.
+    /// [`DataError::Sample`], with the sample's index.
     fn get(&self, k: u64) -> Result<T, DataError>;
 }
 
@@ -65,7 +63,7 @@ impl<T, S: Source<T> + ?Sized> Source<T> for Box<S> {
     }
 }
 
-/// The random numbers that sample k is drawn with.
+/// Random generator for sample k.
 pub(crate) fn draws(seed: u64, k: u64) -> SplitMix64 {
     SplitMix64::new(mix(mix(seed).wrapping_add(k)))
 }

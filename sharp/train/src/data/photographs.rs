@@ -12,10 +12,10 @@ use super::procedural::scene;
 use super::view::resized;
 use super::{DataError, Photograph, Source, draws};
 
-/// Endings of the files that are taken, in lower case.
+/// Accepted file extensions, in lower case.
 const ENDINGS: [&str; 3] = ["png", "jpg", "jpeg"];
 
-/// The PNG and JPEG files of a folder. Photograph k is a random one of them.
+/// PNG and JPEG files of a folder. Photograph k is a random one of them.
 #[derive(Debug, Clone)]
 pub struct FolderPhotographs {
     seed: u64,
@@ -24,10 +24,10 @@ pub struct FolderPhotographs {
 }
 
 impl FolderPhotographs {
-    /// Lists a folder; pictures will have so many pixels (width, height).
+    /// Lists a folder; pictures are resized to `size` (width, height) in pixels.
     ///
     /// # Errors
-    /// [`DataError::Dataset`] when the folder cannot be read, [`DataError::NoPicture`].
+    /// [`DataError::Dataset`] if the folder cannot be read; [`DataError::NoPicture`].
     pub fn open(folder: &Path, seed: u64, size: (u32, u32)) -> Result<Self, DataError> {
         let named = |path: &PathBuf| {
             let ending = path.extension().unwrap_or_default().to_ascii_lowercase();
@@ -43,7 +43,7 @@ impl FolderPhotographs {
         }
     }
 
-    /// Reads one file, upright; the focal length is the file's, or else 30 mm on 35 mm film.
+    /// Reads a file and turns it upright. The focal length is the file's, or 30 mm (35 mm equivalent) if it has none.
     fn read(&self, id: &str, path: &Path) -> Result<Photograph, DataError> {
         let photo = load_photo(path, &PhotoOptions::default())?;
         let (width, height) = (photo.width as u32, photo.height as u32);
@@ -67,7 +67,7 @@ impl Source<Photograph> for FolderPhotographs {
     }
 }
 
-/// A photograph's planes as an 8-bit picture: exact for a file of 8 bits.
+/// Converts a photograph's planes to an 8-bit picture; exact for an 8-bit file.
 fn eight_bit(photo: &Photo, (width, height): (u32, u32)) -> RgbImage {
     let plane = photo.width * photo.height;
     RgbImage::from_fn(width, height, |x, y| {
@@ -77,18 +77,18 @@ fn eight_bit(photo: &Photo, (width, height): (u32, u32)) -> RgbImage {
     })
 }
 
-/// Pictures of the procedural training scenes: photograph k is any of a random scene's views.
+/// Pictures of the procedural training scenes: photograph k is a random view of a random scene.
 #[derive(Debug, Clone)]
 pub struct ProceduralPhotographs {
     seed: u64,
     size: (u32, u32),
 }
 
-/// Separates the scenes of photographs from those of a first stage with the same seed.
+/// Separates the scenes used as photographs from those of a first stage with the same seed.
 const APART: u64 = 0x5048_4f54;
 
 impl ProceduralPhotographs {
-    /// For a training of this seed, with pictures of so many pixels (width, height).
+    /// Creates a source with the given seed and picture size (width, height) in pixels.
     pub fn new(seed: u64, size: (u32, u32)) -> Self {
         Self { seed, size }
     }

@@ -1,4 +1,4 @@
-//! Samples of posed pictures with depth, by the readers of `sharp-datasets`.
+//! Samples from posed pictures with depth, read by `sharp-datasets`.
 
 use sharp::camera::baseline_m;
 use sharp_datasets::left_out::Why;
@@ -11,27 +11,26 @@ use super::{DataError, Sample, Source, draws};
 
 /// Pairs of views of a dataset's scenes.
 ///
-/// Sample k has a random view as its source, all views that have a partner being equally likely, and
-/// a random one of its partners as its target: views of the same scene that stand at most so far
-/// from it and differ in pose. Views without depth are neither.
+/// The source of sample k is a random view, uniform over all views that have a partner. The target is a random partner:
+/// a view of the same scene, within the maximum baseline and with a different pose. Views without depth are never used.
 #[derive(Debug)]
 pub struct PosedSamples {
     seed: u64,
     size: (u32, u32),
     max_baseline_m: f64,
     scenes: Vec<Scene>,
-    /// Scene and view of every possible source.
+    /// Scene and view index of every possible source.
     sources: Vec<(usize, usize)>,
     left_out: Vec<String>,
 }
 
 impl PosedSamples {
-    /// Opens a dataset, of which cameras are read and no pixels; pictures will have so many pixels
-    /// (width, height). A scene that cannot be read costs no other.
+    /// Opens a dataset, reading its cameras but no pixels; pictures are resized to `size` (width, height) in pixels. A
+    /// scene that cannot be read does not affect the others.
     ///
     /// # Errors
-    /// [`DataError::Dataset`] for a dataset that cannot be read; [`DataError::HeldOut`] for
-    /// procedural scenes beyond the training seeds; [`DataError::NoPair`].
+    /// [`DataError::Dataset`] if the dataset cannot be read; [`DataError::HeldOut`] for procedural scenes outside the
+    /// training seeds; [`DataError::NoPair`].
     pub fn open(
         spec: &DatasetSpec,
         seed: u64,
@@ -49,7 +48,7 @@ impl PosedSamples {
             Why::Choice(_) => None,
         });
         let mut left_out: Vec<String> = faults.collect();
-        // Where none is left and something is broken, that is why.
+        // If no scene is left because of errors, report those.
         let mut scenes = match found.scenes.is_empty() {
             true => found.all()?,
             false => found.scenes,
@@ -88,12 +87,12 @@ impl PosedSamples {
         }
     }
 
-    /// What of the dataset is not learnt from, each with its reason.
+    /// Excluded parts of the dataset, each with its reason.
     pub fn left_out(&self) -> &[String] {
         &self.left_out
     }
 
-    /// The views that may be the target of a source.
+    /// Possible targets for a source.
     fn partners<'a>(&self, scene: &'a Scene, view: usize) -> impl Iterator<Item = &'a View> {
         let limit_m = self.max_baseline_m;
         let source = scene.views[view].camera_from_world;
@@ -104,7 +103,7 @@ impl PosedSamples {
     }
 }
 
-/// Procedural views always have; they are no files.
+/// Procedural views are not files and always have depth.
 fn has_depth(view: &View) -> bool {
     let mut files = view.content.files_by_role().into_iter();
     view.content.image_file().is_none() || files.any(|(role, _)| role == FileRole::Depth)

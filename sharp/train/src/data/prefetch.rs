@@ -1,26 +1,25 @@
-//! Samples made in the background while the training computes.
+//! Samples prepared in the background while the training computes.
 
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::thread::JoinHandle;
 
 use super::{DataError, Source};
 
-/// Samples first, first + 1, … of a source, made in order on a thread of their own, some of them
-/// ahead of the one that is asked for. What comes does not depend on timing. Dropped, it finishes at
-/// most the sample that it is at.
+/// Samples first, first + 1, … of a source, prepared in order on a separate thread ahead of their use. The results do
+/// not depend on timing. When dropped, the thread finishes at most its current sample.
 #[derive(Debug)]
 pub struct Prefetcher<T> {
-    /// `None` only while it is dropped.
+    /// `None` only while being dropped.
     made: Option<Receiver<Result<T, DataError>>>,
     maker: Option<JoinHandle<()>>,
 }
 
 impl<T: Send + 'static> Prefetcher<T> {
-    /// Starts with sample `first`; up to `ahead` samples, at least 1, wait to be fetched. The thread
-    /// leaves the others of the processor to the training, also where a source could use them.
+    /// Starts with sample `first`; up to `ahead` samples (at least 1) are buffered. The source is confined to a single
+    /// thread, even if it could use several, to leave the others to the training.
     ///
     /// # Errors
-    /// [`DataError::Start`] when the system gives no thread.
+    /// [`DataError::Start`] if the thread cannot be started.
     pub fn start(
         source: impl Source<T> + 'static,
         first: u64,
@@ -29,7 +28,7 @@ impl<T: Send + 'static> Prefetcher<T> {
         let failed = |e: &dyn std::fmt::Display| DataError::Start(e.to_string());
         let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build();
         let pool = pool.map_err(|e| failed(&e))?;
-        // One more is made while these wait.
+        // One more sample is in preparation while these wait.
         let (sender, made) = sync_channel(ahead.max(1));
         let maker = std::thread::Builder::new()
             .name("training data".to_owned())
@@ -41,10 +40,10 @@ impl<T: Send + 'static> Prefetcher<T> {
         })
     }
 
-    /// The next sample, as soon as it is made. After an error comes the sample that follows it.
+    /// Waits for the next sample. After an error, the next call returns the sample that follows.
     ///
     /// # Errors
-    /// The source's; [`DataError::Stopped`] when it panicked.
+    /// Any error of the source; [`DataError::Stopped`] if it panicked.
     pub fn fetch(&mut self) -> Result<T, DataError> {
         let made = self.made.as_ref();
         made.and_then(|made| made.recv().ok())
@@ -52,7 +51,7 @@ impl<T: Send + 'static> Prefetcher<T> {
     }
 }
 
-/// Makes samples until nobody asks for more.
+/// Prepares samples until the receiver is dropped.
 fn make<T>(source: &impl Source<T>, first: u64, sender: &SyncSender<Result<T, DataError>>) {
     for k in first.. {
         if sender.send(source.get(k)).is_err() {
@@ -63,7 +62,7 @@ fn make<T>(source: &impl Source<T>, first: u64, sender: &SyncSender<Result<T, Da
 
 impl<T> Drop for Prefetcher<T> {
     fn drop(&mut self) {
-        // The thread ends at its next attempt to hand on a sample; if it panicked, it said so.
+        // The thread ends at its next attempt to send a sample; if it panicked, it has already reported so.
         drop(self.made.take());
         if let Some(maker) = self.maker.take() {
             let _ = maker.join();

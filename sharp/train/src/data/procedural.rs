@@ -1,4 +1,4 @@
-//! Samples of procedural scenes, made when they are asked for.
+//! Samples of procedural scenes, rendered on demand.
 
 use sharp::random::SplitMix64;
 use sharp_datasets::synthetic::{SyntheticOptions, SyntheticScene, TRAINING_SEEDS, seeds_of};
@@ -9,9 +9,9 @@ use super::{DataError, Sample, Source, draws};
 
 /// Pairs of views of varied procedural scenes.
 ///
-/// Sample k uses a random training seed. Half the time the source is the central one of eleven cameras, otherwise any
-/// of them; the target is any other. (The paper renders eleven views per scene without saying which are paired: this
-/// mixes both readings equally.) Only these two views are rendered.
+/// Sample k uses a random training seed. With probability one half the source is the central one of eleven cameras,
+/// otherwise any of them; the target is any other. (The paper renders eleven views per scene without saying which are
+/// paired; this gives both interpretations equal weight.) Only these two views are rendered.
 #[derive(Debug, Clone)]
 pub struct ProceduralSamples {
     seed: u64,
@@ -19,7 +19,7 @@ pub struct ProceduralSamples {
 }
 
 impl ProceduralSamples {
-    /// For a training of this seed, with pictures of so many pixels (width, height).
+    /// Creates a source with the given seed and picture size (width, height) in pixels.
     pub fn new(seed: u64, size: (u32, u32)) -> Self {
         Self { seed, size }
     }
@@ -39,7 +39,7 @@ impl Source<Sample> for ProceduralSamples {
     }
 }
 
-/// Source and target among so many cameras, of which the first is the central one.
+/// Source and target among `count` cameras, of which the first is the central one.
 pub(super) fn cameras(random: &mut SplitMix64, count: u64) -> (u64, u64) {
     let source = match random.below(2) {
         0 => 0,
@@ -69,7 +69,7 @@ pub(super) fn scene(
     Ok((id, scene.views().to_vec()))
 }
 
-/// Two views of a scene, read at the size of training.
+/// Reads two views of a scene at the training's picture size.
 pub(super) fn pair(
     scene: &str,
     source: &View,
@@ -82,11 +82,10 @@ pub(super) fn pair(
     Ok(Sample { id, source, target })
 }
 
-/// Whether one of a dataset's scenes is procedural and of a seed that networks are trained on: it is
-/// not held out.
+/// True if a dataset contains a procedural scene whose seed is used for training, i.e. is not held out.
 ///
 /// # Errors
-/// [`DatasetError::Spec`] when the dataset is procedural and its seeds are none.
+/// [`DatasetError::Spec`] if the dataset is procedural but its seeds are invalid.
 pub fn shares_training_seeds(spec: &DatasetSpec) -> Result<bool, DatasetError> {
     let seeds = seeds_of(spec)?;
     Ok(seeds.is_some_and(|seeds| {

@@ -1,4 +1,4 @@
-//! One view at the size of training.
+//! A view at the training's picture size.
 
 use image::{DynamicImage, ImageBuffer, Luma, RgbImage};
 use sharp::camera::{Intrinsics, RigidTransform};
@@ -9,32 +9,30 @@ use sharp_metrics::{ResizeKernel, resize};
 
 use super::DataError;
 
-/// A posed picture with its depth, all of one size.
+/// A posed picture with its depth; all arrays have the same size.
 #[derive(Debug, Clone, PartialEq)]
 pub struct TrainingView {
-    /// sRGB.
+    /// sRGB-encoded.
     pub image: RgbImage,
     pub intrinsics: Intrinsics,
     pub camera_from_world: RigidTransform,
-    /// z-depth, metres; 0 where it is unknown, +∞ where the sky is seen.
+    /// z-depth in metres; 0 if unknown, +∞ in the sky.
     pub depth: ImageBuffer<Luma<f32>, Vec<f32>>,
-    /// Pixels whose colours count, row by row; all where there is none.
+    /// Pixels whose colours are used, row by row; `None` if all are.
     pub valid: Option<Vec<bool>>,
 }
 
 impl TrainingView {
-    /// Reads a view and brings it to width and height: pictures by OpenCV's area kernel, depth by
-    /// the nearest pixel. Sides may be scaled differently, as the network's input is. A pixel into which an excluded one
-    /// would run does not count.
+    /// Reads a view and resizes it: pictures with OpenCV's area kernel, depth by the nearest pixel. The aspect ratio
+    /// may change, as for the network's input. A pixel that would mix in an excluded one is excluded.
     ///
     /// # Errors
-    /// [`DataError::Dataset`]; [`DataError::NoDepth`]; [`DataError::Picture`] for a size without a
-    /// pixel.
+    /// [`DataError::Dataset`]; [`DataError::NoDepth`]; [`DataError::Picture`] for an empty size.
     pub(super) fn read(view: &View, size: (u32, u32)) -> Result<Self, DataError> {
         let file = view.content.image_file();
         let depth = view.content.depth()?;
         let mut depth = depth.ok_or_else(|| DataError::no_depth(file))?;
-        // What a procedural camera sees no surface in is the sky.
+        // Where a procedural camera sees no surface, it sees the sky.
         if file.is_none() {
             for z in depth.iter_mut().filter(|z| **z == 0.0) {
                 *z = f32::INFINITY;
@@ -61,10 +59,10 @@ impl TrainingView {
     }
 }
 
-/// An 8-bit picture at another size: by OpenCV's area kernel, or bilinear with antialiasing where a side grows.
+/// Resizes an 8-bit picture: with OpenCV's area kernel, or bilinear with antialiasing if a side grows.
 ///
 /// # Errors
-/// [`DataError::Picture`] for a size without a pixel.
+/// [`DataError::Picture`] for an empty size.
 pub(super) fn resized(image: RgbImage, (width, height): (u32, u32)) -> Result<RgbImage, DataError> {
     let kernel = match width > image.width() || height > image.height() {
         true => ResizeKernel::BilinearAntialias,

@@ -1,9 +1,9 @@
-//! Losses of the scale map of depth alignment (paper, in place of the C-VAE's KL term).
+//! Losses of the scale map of depth alignment (paper; they replace the C-VAE's KL term).
 
 use super::map::Grid;
 use super::{Loss, LossOptions, ScalePooling, sign, sum_over};
 
-/// Levels of ∇scale: reduced by 2 to 64.
+/// Number of levels of ∇scale: reduced by factors of 2 to 64.
 const LEVELS: i32 = 6;
 
 /// E_p |S − 1|.
@@ -15,11 +15,11 @@ pub fn scale(scale: &[f32]) -> Loss<f32> {
     })
 }
 
-/// Σ_k E_p |∇ S↓k| over k = 1..6, S reduced by 2^k; `scale` in rows of `width`. A level that has no
-/// pixel any more counts nothing.
+/// Σ_k E_p |∇ S↓k| over k = 1..6, where S↓k is S reduced by 2^k; `scale` is in rows of `width`. Levels without pixels
+/// contribute nothing.
 ///
 /// # Panics
-/// When `scale` is no number of rows.
+/// If the length of `scale` is not a multiple of `width`.
 pub fn scale_gradient(scale: &[f32], width: usize, options: &LossOptions) -> Loss<f32> {
     let full = Grid::forward(scale.len(), width);
     let mut levels: Vec<(Grid, Loss<f64>)> = Vec::new();
@@ -43,7 +43,7 @@ pub fn scale_gradient(scale: &[f32], width: usize, options: &LossOptions) -> Los
         finer = grid;
     }
     let value = levels.iter().map(|(_, level)| level.value).sum();
-    // From the coarsest on, what stands above each pixel.
+    // From the coarsest level on, the gradient accumulated above each pixel.
     let mut coarser: Option<(Grid, Vec<f64>)> = None;
     for (grid, mut level) in levels.into_iter().rev() {
         if let Some((above, of)) = &coarser {
@@ -77,7 +77,7 @@ fn reduced(map: &[f64], finer: Grid, grid: Grid, pooling: ScalePooling) -> Vec<f
     sum_over(grid.width * grid.height, |p| (0.0, one(p))).gradient
 }
 
-/// Gradient for pixel `p` of the `finer` map, from the gradient `of` the map `above` that was reduced from it.
+/// Gradient for pixel `p` of the `finer` map, from the gradient `of` of the reduced map `above`.
 fn pulled(of: &[f64], above: Grid, finer: Grid, p: usize, pooling: ScalePooling) -> f64 {
     let (x, y) = (p % finer.width, p / finer.width);
     if x / 2 >= above.width || y / 2 >= above.height {

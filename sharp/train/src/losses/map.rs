@@ -1,8 +1,8 @@
-//! Differences of a map, and what a gradient of theirs is for the map.
+//! Finite differences of a map, and their adjoint for gradients.
 
 use super::{Difference, GradientNorm, sign};
 
-/// The grid of a map, row-major; several layers may lie one behind the other.
+/// Grid of a map in row-major order; several layers may follow one another.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Grid {
     pub(super) width: usize,
@@ -11,7 +11,7 @@ pub(super) struct Grid {
 }
 
 impl Grid {
-    /// A map of `len` values in rows of `width`.
+    /// Grid of a map of `len` values in rows of `width`, with forward differences.
     pub(super) fn forward(len: usize, width: usize) -> Self {
         assert!(
             width > 0 && len.is_multiple_of(width),
@@ -24,13 +24,13 @@ impl Grid {
         }
     }
 
-    /// Column and row of a value within its layer, the steps between neighbours, and the sides.
+    /// Per axis: the position of a value within its layer, the step to its neighbours, and the side.
     fn axes(&self, index: usize) -> [(usize, usize, usize); 2] {
         let (x, y) = (index % self.width, index / self.width % self.height);
         [(x, 1, self.width), (y, self.width, self.height)]
     }
 
-    /// Which of its neighbours a pixel at `at` is compared with: how far back, how far on, and the factor.
+    /// Stencil of a pixel at `at`: distance to the previous neighbour, to the next one, and the factor.
     fn reach(&self, at: usize, side: usize) -> (usize, usize, f64) {
         let on = usize::from(at + 1 < side);
         match self.difference {
@@ -47,11 +47,12 @@ impl Grid {
         })
     }
 
-    /// The gradient with respect to the map's value at `index`, from that of [`at`](Self::at) everywhere.
+    /// Gradient with respect to the map's value at `index`, given the gradient with respect to [`at`](Self::at) at
+    /// every index.
     pub(super) fn pull(&self, of: impl Fn(usize) -> [f64; 2], index: usize) -> f64 {
         let mut sum = 0.0;
         for (axis, (at, step, side)) in self.axes(index).into_iter().enumerate() {
-            // Of this pixel and its two neighbours, those whose difference looks here.
+            // Of this pixel and its two neighbours, those whose difference involves this pixel.
             for from in at.saturating_sub(1)..side.min(at + 2) {
                 let (back, on, factor) = self.reach(from, side);
                 let sign = f64::from(i8::from(from + on == at) - i8::from(from - back == at));
@@ -65,7 +66,7 @@ impl Grid {
 }
 
 impl GradientNorm {
-    /// The norm of a gradient of a map, and its derivative.
+    /// Norm of a gradient vector, and its derivative.
     pub(super) fn of(self, [x, y]: [f64; 2]) -> (f64, [f64; 2]) {
         match self {
             Self::Absolute => (x.abs() + y.abs(), [sign(x), sign(y)]),

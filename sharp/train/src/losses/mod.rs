@@ -1,17 +1,17 @@
-//! The losses of the paper, each with its analytic derivative: pure functions of plain slices.
+//! The paper's losses with their analytic derivatives, as pure functions of slices.
 //!
-//! Means run over all pixels of a picture or over all Gaussians. Sums are f64, over fixed chunks added in order, so that
-//! no number of threads changes a bit. Where a loss has a kink, its derivative there is 0. A slice of the wrong length is
-//! a bug, and panics.
+//! Means are over all pixels of a picture or all Gaussians. Sums are f64, over fixed chunks added in order, so that
+//! results are bit-identical for any number of threads. At a kink, the derivative is 0. A slice of the wrong length
+//! panics.
 //!
 //! # Contents
-//! * [`LossWeights`], [`LossOptions`]: what is published, what is open.
+//! * [`LossWeights`], [`LossOptions`]: the published weights, and choices that the paper leaves open.
 //! * `pictures`: [`color`], [`alpha`], [`depth`]; [`linear_from_srgb_gradient`].
 //! * `regularizers`: [`tv`], [`grad`], [`delta`], [`splat`].
 //! * `alignment`: [`scale`], [`scale_gradient`].
-//! * [`perceptual`]: features of a frozen network, and the operator of graph surgery.
+//! * [`perceptual`]: features of a frozen network, and the paper's graph surgery.
 //!
-//! Private: `map` (differences of a map and their adjoint).
+//! Private: `map` (finite differences and their adjoint).
 
 mod alignment;
 mod map;
@@ -33,18 +33,18 @@ pub use regularizers::{GradOutput, delta, grad, splat, tv};
 
 use rayon::prelude::*;
 
-/// A loss and its gradient with respect to one of its arguments, without λ.
+/// A loss and its gradient with respect to one of its arguments, without the weight λ.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Loss<G> {
     pub value: f64,
-    /// One for each element of the argument.
+    /// One element per element of the argument.
     pub gradient: Vec<G>,
 }
 
-/// Elements that a task takes at once: a constant, so that sums do not depend on threads.
+/// Elements per task. A constant, so that results do not depend on the number of threads.
 const CHUNK: usize = 8192;
 
-/// Sums over `0..count`: each index gives its value and what stands in the gradient there.
+/// Sums over `0..count`: each index returns its value and its element of the gradient.
 fn sum_over<G: Clone + Default + Send>(
     count: usize,
     each: impl Fn(usize) -> (f64, G) + Sync,
@@ -69,7 +69,7 @@ fn sum_over<G: Clone + Default + Send>(
     }
 }
 
-/// The derivative of |x|, with 0 at 0.
+/// Derivative of |x|, with 0 at 0.
 fn sign(x: f64) -> f64 {
     f64::from(i8::from(x > 0.0) - i8::from(x < 0.0))
 }

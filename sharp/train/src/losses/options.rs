@@ -1,4 +1,4 @@
-//! The loss weights that the paper publishes, and options for what it leaves open.
+//! The published loss weights, and options for choices that the paper leaves open.
 
 use super::perceptual::PerceptualOptions;
 use serde::{Deserialize, Serialize};
@@ -17,7 +17,7 @@ pub const TERMS: [&str; 10] = [
     "scale_gradient",
 ];
 
-/// λ of each loss; the default is the published (paper, implementation details).
+/// Weight λ of each loss; the defaults are the published values (paper, implementation details).
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct LossWeights {
@@ -30,7 +30,7 @@ pub struct LossWeights {
     pub delta: f64,
     pub splat: f64,
     pub scale: f64,
-    /// Of ∇scale.
+    /// Weight of ∇scale.
     pub scale_gradient: f64,
 }
 
@@ -80,7 +80,7 @@ impl LossWeights {
         ]
     }
 
-    /// The first weight that cannot be, by its key in a configuration.
+    /// The first invalid weight: its key in a configuration, and the reason.
     pub(crate) fn first_fault(&self) -> Option<(String, String)> {
         let values = self.values();
         if values == [0.0; TERMS.len()] {
@@ -99,42 +99,42 @@ fn is_weight(value: f64) -> bool {
     value >= 0.0 && value.is_finite()
 }
 
-/// Choices that the paper leaves open. Those of a view are made by whoever adds the losses up; all
-/// others are read by the losses themselves.
+/// Choices that the paper leaves open. The options about views are applied by the caller that sums the losses; all
+/// others by the losses themselves.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct LossOptions {
-    /// Over the channels of a pixel, in `color`.
+    /// Reduction over the channels of a pixel in `color`.
     pub color_channels: Channels,
-    /// Of `alpha`: the equation sums both views, the prose has the input view.
+    /// Views of `alpha`: the equation sums both views, the text mentions the input view.
     pub alpha_views: AlphaViews,
-    /// Smallest alpha whose logarithm is taken; without gradient below.
+    /// Minimum alpha in the logarithm; no gradient below.
     pub alpha_floor: f64,
-    /// Of `depth`.
+    /// Units of `depth`.
     pub depth_units: InverseDepthUnits,
-    /// What the mask of the novel view ([`sharp::frustum_mask`]) does with sky.
+    /// Treatment of sky in the mask of the novel view ([`sharp::frustum_mask`]).
     pub mask_sky: MaskSky,
-    /// What `color` and `alpha` of masked pictures are divided by.
+    /// Divisor of `color` and `alpha` for masked pictures.
     pub mask_normalization: MaskNormalization,
-    /// Of `grad`: whether only the opacity gets a gradient, not the depth.
+    /// True if the gradient of `grad` flows to the opacity only, not to the depth.
     pub grad_stops_at_depth: bool,
-    /// Of `grad`, on the grid of the Gaussians.
+    /// Differences of `grad`, on the grid of the Gaussians.
     pub grad_difference: Difference,
-    /// Of `grad`, whose thresholds are meant for values in 0.01..1.
+    /// Units of `grad`, whose thresholds are meant for values in 0.01..1.
     pub grad_units: InverseDepthUnits,
-    /// What of a 2D covariance `splat` bounds.
+    /// Measure of a 2D covariance that `splat` bounds.
     pub splat_variance: SplatVariance,
-    /// In which view `splat` projects.
+    /// View in which `splat` projects.
     pub splat_view: SplatView,
-    /// Width of the picture, pixels, in whose px² `splat` counts, whatever width is rendered.
+    /// Picture width in pixels that defines the px² of `splat`, whatever width is rendered.
     pub splat_width: f64,
-    /// How ∇scale halves its map.
+    /// Reduction of the map by two in ∇scale.
     pub scale_pooling: ScalePooling,
-    /// |∇| of ∇scale.
+    /// Norm |∇| of ∇scale.
     pub scale_norm: GradientNorm,
-    /// Whether ∇scale counts differences per pixel of the full map: level k divided by 2^k.
+    /// True if ∇scale measures differences per pixel of the full map, i.e. divides level k by 2^k.
     pub scale_per_full_pixel: bool,
-    /// Of the perceptual loss.
+    /// Options of the perceptual loss.
     pub percep: PerceptualOptions,
 }
 
@@ -162,7 +162,7 @@ impl Default for LossOptions {
 }
 
 impl LossOptions {
-    /// The first invalid option, by its key in a configuration.
+    /// The first invalid option: its key in a configuration, and the reason.
     pub(crate) fn first_fault(&self) -> Option<(String, String)> {
         let percep = &self.percep;
         let checks = [
@@ -218,20 +218,20 @@ pub enum SplatView {
     Novel,
 }
 
-/// The unit of inverse depths.
+/// Unit of inverse depths.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum InverseDepthUnits {
     /// 1/m.
     Metric,
-    /// The network's own: 1 at the nearest point.
+    /// The network's normalised unit: 1 at the nearest point.
     Normalized,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum MaskSky {
-    /// A point infinitely far: only the rotation between the views acts on its ray.
+    /// A point at infinity: only the rotation between the views affects its ray.
     Direction,
     LeftOut,
 }
@@ -240,33 +240,33 @@ pub enum MaskSky {
 #[serde(rename_all = "snake_case")]
 pub enum MaskNormalization {
     AllPixels,
-    /// Those that the mask keeps; a mask that keeps none gives zero.
+    /// The number of pixels in the mask; an empty mask gives zero.
     MaskedPixels,
 }
 
-/// Differentiation of a map; zero across its edges.
+/// Finite differences of a map; zero across its edges.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Difference {
-    /// To the next pixel.
+    /// Difference to the next pixel.
     Forward,
-    /// Half of that between both neighbours; an edge pixel stands for its missing neighbour.
+    /// Half the difference between both neighbours; at an edge, the pixel itself replaces the missing neighbour.
     Central,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum SplatVariance {
-    /// Both, added.
+    /// The sum of both losses.
     Eigenvalues,
-    /// Their mean.
+    /// The mean of both losses.
     Mean,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum ScalePooling {
-    /// Of 2×2 pixels; a last odd row or column is left out.
+    /// Mean of 2×2 pixels; a last odd row or column is dropped.
     Average,
     /// The first of 2×2 pixels.
     First,

@@ -4,7 +4,7 @@ use super::{Channels, InverseDepthUnits, Loss, LossOptions, MaskNormalization, s
 use rayon::prelude::*;
 
 impl LossOptions {
-    /// What each kept pixel of a picture counts.
+    /// Weight of each kept pixel of a picture.
     fn share(&self, pixels: usize, mask: Option<&[bool]>) -> f64 {
         let counted = match (self.mask_normalization, mask) {
             (MaskNormalization::MaskedPixels, Some(mask)) => mask.iter().filter(|m| **m).count(),
@@ -14,10 +14,10 @@ impl LossOptions {
     }
 }
 
-/// E_p |Î − I| over channels, with respect to Î: sRGB-encoded pictures, where `mask` holds.
+/// E_p |Î − I| over channels of sRGB-encoded pictures, restricted to `mask`; gradient with respect to Î.
 ///
 /// # Panics
-/// When lengths differ.
+/// If lengths differ.
 pub fn color(
     predicted: &[[f32; 3]],
     target: &[[f32; 3]],
@@ -45,10 +45,10 @@ pub fn color(
     })
 }
 
-/// E_p of the cross-entropy between the rendered alpha (0..1) and 1, −log Â, where `mask` holds.
+/// E_p of the cross-entropy between the rendered alpha (0..1) and 1, i.e. −log Â, restricted to `mask`.
 ///
 /// # Panics
-/// When lengths differ.
+/// If lengths differ.
 pub fn alpha(alpha: &[f32], mask: Option<&[bool]>, options: &LossOptions) -> Loss<f32> {
     assert!(
         mask.is_none_or(|mask| mask.len() == alpha.len()),
@@ -67,13 +67,13 @@ pub fn alpha(alpha: &[f32], mask: Option<&[bool]>, options: &LossOptions) -> Los
     })
 }
 
-/// E_p |1/D̄₁ − 1/D| with respect to D̄₁, the predicted first layer after alignment; metres.
+/// E_p |1/D̄₁ − 1/D|; gradient with respect to D̄₁, the predicted first layer after alignment. Depths are in metres.
 ///
-/// True depth of +∞ has the inverse 0; 0 is unknown, and such pixels count as equal. `nearest`
-/// is the depth, metres, that [`InverseDepthUnits::Normalized`] brings to 1.
+/// A true depth of +∞ has inverse 0. A true depth of 0 is unknown, and contributes a difference of zero. `nearest` is
+/// the depth in metres that [`InverseDepthUnits::Normalized`] maps to 1.
 ///
 /// # Panics
-/// When lengths differ.
+/// If lengths differ.
 pub fn depth(predicted: &[f32], truth: &[f32], nearest: f64, options: &LossOptions) -> Loss<f32> {
     assert_eq!(truth.len(), predicted.len(), "pixels of the true depth");
     let unit = match options.depth_units {
@@ -93,12 +93,12 @@ pub fn depth(predicted: &[f32], truth: &[f32], nearest: f64, options: &LossOptio
     })
 }
 
-/// From the gradient with respect to an sRGB-encoded picture to that with respect to the linear one
-/// which [`sharp::color::srgb_from_linear`] encoded: its slope is finite for every linear value,
-/// 12.92 below 0.0031308, negative values included.
+/// Converts the gradient with respect to an sRGB-encoded picture to one with respect to its linear values, which
+/// [`sharp::color::srgb_from_linear`] encoded. The slope is finite everywhere: 12.92 below 0.0031308, including
+/// negative values.
 ///
 /// # Panics
-/// When lengths differ.
+/// If lengths differ.
 pub fn linear_from_srgb_gradient(linear: &[[f32; 3]], gradient: &[[f32; 3]]) -> Vec<[f32; 3]> {
     assert_eq!(gradient.len(), linear.len(), "pixels of the gradient");
     let slope = |x: f32| {

@@ -1,4 +1,4 @@
-//! Losses that keep geometry and Gaussians plausible (paper, objectives: tv, grad, delta, splat).
+//! Losses that regularise geometry and Gaussians (paper, objectives: tv, grad, delta, splat).
 
 use super::map::Grid;
 use super::{GradientNorm, InverseDepthUnits, Loss, LossOptions, SplatVariance, sign, sum_over};
@@ -10,11 +10,11 @@ const MOST_DELTA: f64 = 400.0;
 /// Bounds of [`splat`], px².
 const VARIANCES: [f64; 2] = [0.1, 100.0];
 
-/// E_p(|∂x 1/D̄₂| + |∂y 1/D̄₂|) with respect to D̄₂, the second layer after alignment: metres, rows of
-/// `width`.
+/// E_p(|∂x 1/D̄₂| + |∂y 1/D̄₂|); gradient with respect to D̄₂, the second layer after alignment, in metres and in rows
+/// of `width`.
 ///
 /// # Panics
-/// When `depth` is no number of rows.
+/// If the length of `depth` is not a multiple of `width`.
 pub fn tv(depth: &[f32], width: usize) -> Loss<f32> {
     let grid = Grid::forward(depth.len(), width);
     let share = 1.0 / depth.len().max(1) as f64;
@@ -30,20 +30,20 @@ pub fn tv(depth: &[f32], width: usize) -> Loss<f32> {
 /// Output of [`grad`].
 #[derive(Debug, Clone, PartialEq)]
 pub struct GradOutput {
-    /// With respect to the opacities.
+    /// Loss, and gradient with respect to the opacities.
     pub opacity: Loss<f32>,
-    /// With respect to the inverse depths; `None` under [`LossOptions::grad_stops_at_depth`].
+    /// Gradient with respect to the inverse depths; `None` if [`LossOptions::grad_stops_at_depth`].
     pub inverse_depth: Option<Vec<f32>>,
 }
 
-/// E_i[α_i (1 − exp(−max(0, |∇(1/D̄)| − ε)/σ))], σ = ε = 0.01: opacity is to vanish at edges of depth.
+/// E_i[α_i (1 − exp(−max(0, |∇(1/D̄)| − ε)/σ))], σ = ε = 0.01: penalises opacity at depth edges.
 ///
-/// `opacity` is final (0..1) and `inverse_depth` normalised, as
-/// [`BaseGaussians`](sharp::initializer::BaseGaussians) holds it; both `[layers, rows, columns]` with
-/// `size` = \[rows, columns\]. `nearest`: metres per unit of normalised depth.
+/// `opacity` is final (0..1). `inverse_depth` is normalised, as in
+/// [`BaseGaussians`](sharp::initializer::BaseGaussians). Both are `[layers, rows, columns]` with `size` = \[rows,
+/// columns\]. `nearest` is the number of metres per unit of normalised depth.
 ///
 /// # Panics
-/// When lengths differ or are no number of layers.
+/// If lengths differ or are not a multiple of a layer.
 pub fn grad(
     opacity: &[f32],
     inverse_depth: &[f32],
@@ -69,7 +69,7 @@ pub fn grad(
     };
     let share = 1.0 / count as f64;
     let inverse = |i: usize| unit * f64::from(inverse_depth[i]);
-    // How much of an edge index `i` lies on, 0..1, and the derivative by ∂x and ∂y.
+    // Edge strength at index `i`, 0..1, and its derivative with respect to ∂x and ∂y.
     let edge = |i: usize| {
         let (norm, direction) = GradientNorm::Absolute.of(grid.at(inverse, i));
         let beyond = norm - DEPTH_MARGIN;
@@ -94,8 +94,8 @@ pub fn grad(
     }
 }
 
-/// E_i[max(|Δx| − δ, 0) + max(|Δy| − δ, 0)], δ = 400, with respect to the raw outputs: all Δx, then all
-/// Δy, the first two planes of the network's.
+/// E_i[max(|Δx| − δ, 0) + max(|Δy| − δ, 0)], δ = 400; gradient with respect to the raw outputs. `raw` is all Δx
+/// followed by all Δy, the first two planes of the network's output.
 pub fn delta(raw: &[f32]) -> Loss<f32> {
     let share = 2.0 / raw.len().max(1) as f64;
     sum_over(raw.len(), |i| {
@@ -109,10 +109,10 @@ pub fn delta(raw: &[f32]) -> Loss<f32> {
     })
 }
 
-/// E_i[max(v − 100, 0) + max(0.1 − v, 0)] with v the variances of each Gaussian's 2D covariance,
-/// px² of [`LossOptions::splat_width`]; with respect to its entries uu, uv, vv as
-/// [`covariances`](sharp::render::covariances) gives them for a picture of `width` pixels. uv stands
-/// twice in the matrix and once here. All centres must lie before the camera.
+/// E_i[max(v − 100, 0) + max(0.1 − v, 0)], with v the variances of each Gaussian's 2D covariance in the px² of
+/// [`LossOptions::splat_width`]. The gradient is with respect to the entries uu, uv, vv, as returned by
+/// [`covariances`](sharp::render::covariances) for a picture of `width` pixels; uv occurs twice in the matrix but once
+/// here. All centres must be in front of the camera.
 pub fn splat(covariances: &[[f64; 3]], width: u32, options: &LossOptions) -> Loss<[f64; 3]> {
     let unit = (options.splat_width / f64::from(width)).powi(2);
     let share = 1.0 / covariances.len().max(1) as f64;
@@ -131,7 +131,7 @@ pub fn splat(covariances: &[[f64; 3]], width: u32, options: &LossOptions) -> Los
                 (value, [0.5 * slope, 0.0, 0.5 * slope])
             }
             SplatVariance::Eigenvalues => {
-                // mean ± radius; a circle's are alike, and neither side is the larger's.
+                // mean ± radius. For a circle both eigenvalues are equal, and the gradient does not favour either axis.
                 let radius = half.hypot(uv);
                 let (cos, sin) = if radius > 0.0 {
                     (half / radius, uv / radius)

@@ -10,7 +10,7 @@ use crate::objective::ObjectiveError;
 use crate::optimizer::OptimizerError;
 use crate::position::Position;
 
-/// Why a training cannot continue.
+/// Errors that end a training.
 #[derive(Debug, thiserror::Error)]
 pub enum TrainingError {
     #[error(transparent)]
@@ -32,7 +32,7 @@ pub enum TrainingError {
         path: PathBuf,
         source: std::io::Error,
     },
-    /// Predicted depth that is NaN or infinite, or a loss or a gradient.
+    /// Predicted depth, a loss or a gradient is NaN or infinite.
     #[error(
         "{position}: {what} of an example is not finite; its views are in {}. Look at them, or begin anew with a \
          smaller learning rate",

@@ -5,7 +5,7 @@ use crate::losses::TERMS;
 pub(super) struct StepSum {
     pub(super) terms: [f64; TERMS.len()],
     pub(super) total: f64,
-    /// One for each parameter that learns.
+    /// One element per trained parameter.
     pub(super) gradients: Vec<Vec<f32>>,
 }
 
@@ -24,7 +24,7 @@ impl StepSum {
         gradients.zip(added).for_each(|(sum, g)| *sum += g);
     }
 
-    /// What is not finite, in words.
+    /// Description of the first quantity that is not finite.
     pub(super) fn not_finite(&self) -> Option<&'static str> {
         if !self.total.is_finite() {
             return Some("the loss");

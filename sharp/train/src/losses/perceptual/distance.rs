@@ -6,11 +6,11 @@ use std::borrow::Cow;
 use rayon::prelude::*;
 use sharp_kernels::{Epilogue, PackedMatrix, Simd, matmul};
 
-/// Weights of the terms.
+/// Weights of the two terms.
 pub(super) struct Terms<'a> {
     pub(super) features: f64,
     pub(super) gram: f64,
-    /// By which the features of each pixel are multiplied first.
+    /// Per-pixel weight that multiplies the features first.
     pub(super) weight: Option<&'a [f32]>,
 }
 
@@ -57,9 +57,9 @@ impl Terms<'_> {
     }
 }
 
-/// `Fᵀ F`, not divided.
+/// `Fᵀ F`, without normalisation.
 fn gram(map: &[f32], channels: usize) -> Vec<f32> {
-    /// Channels that a task transposes at once: a line of the cache.
+    /// Channels that a task transposes at once: one cache line.
     const LINE: usize = 16;
     let pixels = map.len() / channels;
     let mut transposed = vec![0.0; map.len()];

@@ -4,12 +4,12 @@ use candle_core::{Result, Tensor};
 use sharp::model::{Compute, FrozenConvolution, max_pool};
 
 pub(super) enum Layer {
-    /// Rectified.
+    /// Followed by ReLU.
     Convolution(FrozenConvolution),
-    /// Side of the windows, and of the padding.
+    /// Side of the windows, and width of the padding.
     MaxPool(usize, usize),
-    /// ResNet's block: 1×1, 3×3 and 1×1 convolutions, added to the input, which a 1×1 convolution fits
-    /// where its shape changes; rectified after each and at the end (He et al. 2016, figure 5).
+    /// ResNet's block: 1×1, 3×3 and 1×1 convolutions, added to the input, which is projected by a 1×1 convolution if
+    /// its shape changes. ReLU after each convolution and at the end (He et al. 2016, figure 5).
     Bottleneck {
         convs: Box<[FrozenConvolution; 3]>,
         shortcut: Option<FrozenConvolution>,
@@ -17,7 +17,7 @@ pub(super) enum Layer {
 }
 
 impl Layer {
-    /// Of an image `[1, height, width, channels]`.
+    /// Applies the layer to an image `[1, height, width, channels]`.
     pub(super) fn forward(&self, compute: &Compute, x: &Tensor) -> Result<Tensor> {
         match self {
             Self::Convolution(conv) => conv.forward(x, None, true),

@@ -1,13 +1,13 @@
-//! The perceptual loss with its Gram term (paper, perceptual loss), over the features of a frozen network.
+//! The perceptual loss with its Gram term (paper, perceptual loss), based on features of a frozen network.
 //!
-//! [`Perceptual::compare`] is also the operator of the paper's graph surgery: it takes a rendered
-//! picture, not its graph, and gives value and gradient. What it needs in between is freed when it
-//! returns, so that memory does not grow with the number of views.
+//! [`Perceptual::compare`] also implements the paper's graph surgery: its input is a rendered picture rather than its
+//! graph, and it returns value and gradient. Intermediate results are freed on return, so that memory does not grow
+//! with the number of views.
 //!
 //! # Contents
-//! * [`Perceptual`], [`PerceptualOptions`]; `layers`: what networks are made of.
-//! * `vgg`, `resnet`: the two networks; `distance`: the two terms of one layer; `picture`: crop, mask
-//!   and normalisation.
+//! * [`Perceptual`], [`PerceptualOptions`]; `layers`: the layers of both networks.
+//! * `vgg`, `resnet`: the two networks; `distance`: the two terms at one layer; `picture`: crop, mask and
+//!   normalisation.
 
 mod distance;
 mod layers;
@@ -28,7 +28,7 @@ use sharp_checkpoint::{CheckpointError, Incomplete};
 use sharp_metrics::{Weights, WeightsError};
 use std::path::PathBuf;
 
-/// Views that the loss is computed on: the equation has the novel one, the paper's remark on memory both.
+/// Views on which the loss is computed: the equation uses the novel one, the paper's remark on memory both.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum PerceptualViews {
@@ -36,30 +36,30 @@ pub enum PerceptualViews {
     Both,
 }
 
-/// Use of the novel view's mask.
+/// How the novel view's mask is applied.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum PerceptualMask {
-    /// Both pictures are black outside.
+    /// Both pictures are set to black outside the mask.
     Pictures,
-    /// Both layers are multiplied by the mask, averaged over what each of their pixels covers.
+    /// The features of both pictures are multiplied by the mask, averaged over the area of each feature pixel.
     Features,
 }
 
-/// Options of the comparison; the weights within the loss are the published ones.
+/// Options of the comparison; the defaults of the loss's inner weights are the published values.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct PerceptualOptions {
     pub views: PerceptualViews,
     pub mask: PerceptualMask,
-    /// Weight k of the features' term.
+    /// Weight k of the feature term.
     pub features: f64,
-    /// Weight j of the Gram matrices' term.
+    /// Weight j of the Gram term.
     pub gram: f64,
-    /// Side, pixels, of the random square that is compared in place of the whole picture.
+    /// Side in pixels of a random square that is compared instead of the whole picture.
     pub crop: Option<usize>,
-    /// Weights of the encoder that LaMa takes, `ade20k-resnet50dilated-ppm_deepsup/encoder_epoch_20.pth`;
-    /// without it VGG16 with the published weights.
+    /// Weights of LaMa's encoder, `ade20k-resnet50dilated-ppm_deepsup/encoder_epoch_20.pth`. `None` uses VGG16 with the
+    /// published weights.
     pub resnet50dilated: Option<PathBuf>,
 }
 
@@ -76,7 +76,7 @@ impl Default for PerceptualOptions {
     }
 }
 
-/// Why there is no perceptual loss.
+/// Errors of the perceptual loss.
 #[derive(Debug, thiserror::Error)]
 pub enum PerceptualError {
     #[error(transparent)]
@@ -102,14 +102,14 @@ pub enum PerceptualError {
     },
 }
 
-/// A frozen network: layers in four groups, each of which ends where pictures are compared.
+/// A frozen network: layers in four groups; features are compared at the end of each group.
 struct Network {
     name: &'static str,
     smallest: usize,
     groups: [Vec<Layer>; 4],
 }
 
-/// The loss with its network, whose weights are packed once.
+/// The perceptual loss, with the packed weights of its network.
 pub struct Perceptual {
     options: PerceptualOptions,
     compute: Compute,
@@ -117,10 +117,10 @@ pub struct Perceptual {
 }
 
 impl Perceptual {
-    /// Reads the weights that the options name, for a network on `compute`.
+    /// Reads the weights selected by the options, for a network on `compute`.
     ///
     /// # Errors
-    /// [`PerceptualError`], but for `TooSmall`.
+    /// [`PerceptualError`], except `TooSmall`.
     pub fn new(options: PerceptualOptions, compute: Compute) -> Result<Self, PerceptualError> {
         let network = match &options.resnet50dilated {
             Some(file) => resnet::network(&compute, file)?,
@@ -133,21 +133,21 @@ impl Perceptual {
         })
     }
 
-    /// The network, its weights and the layers compared, for a log.
+    /// Name of the network, its weights and the layers compared, for a log.
     pub fn network(&self) -> &'static str {
         self.network.name
     }
 
-    /// The loss between two sRGB-encoded pictures in rows of `width`, with respect to the first, where
-    /// `mask` holds.
+    /// Loss between two sRGB-encoded pictures in rows of `width`, and its gradient with respect to the first,
+    /// restricted to `mask`.
     ///
-    /// `seed` places the crop. The same bytes for any number of threads.
+    /// `seed` determines the position of the crop. Results are bit-identical for any number of threads.
     ///
     /// # Errors
-    /// [`PerceptualError::TooSmall`], and those of the device.
+    /// [`PerceptualError::TooSmall`]; also if the device fails.
     ///
     /// # Panics
-    /// When lengths differ or are no number of rows.
+    /// If lengths differ or are not a multiple of `width`.
     pub fn compare(
         &self,
         predicted: &[[f32; 3]],
@@ -188,7 +188,7 @@ impl Perceptual {
         let picture = Var::from_tensor(&input(predicted)?)?;
         let (mut x, mut y) = (picture.as_tensor().clone(), input(target)?);
         let mut value = 0.0;
-        // The end of each group, and the gradient there.
+        // Input and output of each group's end, with the gradient there.
         let mut pulled = Vec::new();
         for layers in &self.network.groups {
             for layer in layers {

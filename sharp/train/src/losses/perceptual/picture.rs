@@ -1,23 +1,23 @@
-//! From pictures to a network's input, and gradients back.
+//! Conversion of pictures to a network's input, and of gradients back.
 
 use sharp::random::SplitMix64;
 
-/// Mean and standard deviation of ImageNet's pictures, by which both networks' inputs are normalised.
+/// Mean and standard deviation of ImageNet, which normalise both networks' inputs.
 const MEAN: [f32; 3] = [0.485, 0.456, 0.406];
 const DEVIATION: [f32; 3] = [0.229, 0.224, 0.225];
 
-/// The part of a picture that is compared.
+/// Region of a picture that is compared.
 pub(super) struct Region {
-    /// Rows and columns of the whole.
+    /// Rows and columns of the whole picture.
     whole: [usize; 2],
-    /// Row and column of its first pixel.
+    /// Row and column of the region's first pixel.
     from: [usize; 2],
-    /// Rows and columns.
+    /// Rows and columns of the region.
     pub(super) size: [usize; 2],
 }
 
 impl Region {
-    /// A square of side `crop` at random, as much of it as fits; without `crop` all.
+    /// A random square of side `crop`, limited to the picture; without `crop`, the whole picture.
     pub(super) fn new(whole: [usize; 2], crop: Option<usize>, seed: u64) -> Self {
         let size = whole.map(|side| crop.map_or(side, |crop| crop.min(side)));
         let mut random = SplitMix64::new(seed);
@@ -28,7 +28,7 @@ impl Region {
         Self { whole, from, size }
     }
 
-    /// Its row `y` among the pixels of the whole.
+    /// Indices of the region's row `y` in the whole picture.
     fn row(&self, y: usize) -> std::ops::Range<usize> {
         let start = (self.from[0] + y) * self.whole[1] + self.from[1];
         start..start + self.size[1]
@@ -39,7 +39,7 @@ impl Region {
         rows.copied().collect()
     }
 
-    /// The inverse of [`cut`](Self::cut), with zeros around.
+    /// Inverse of [`cut`](Self::cut), with zeros outside the region.
     pub(super) fn paste<T: Copy + Default>(&self, part: &[T]) -> Vec<T> {
         let mut out = vec![T::default(); self.whole[0] * self.whole[1]];
         for (y, row) in part.chunks_exact(self.size[1]).enumerate() {
@@ -49,7 +49,7 @@ impl Region {
     }
 }
 
-/// The input of a network, black where `mask` does not hold.
+/// Input of a network; black outside `mask`.
 pub(super) fn normalized(picture: &[[f32; 3]], mask: Option<&[bool]>) -> Vec<f32> {
     let pixel = |(p, rgb): (usize, &[f32; 3])| {
         let kept = mask.is_none_or(|mask| mask[p]);
@@ -58,7 +58,7 @@ pub(super) fn normalized(picture: &[[f32; 3]], mask: Option<&[bool]>) -> Vec<f32
     picture.iter().enumerate().flat_map(pixel).collect()
 }
 
-/// From the gradient with respect to a network's input to that with respect to the picture.
+/// Converts the gradient with respect to a network's input to one with respect to the picture.
 pub(super) fn denormalized(gradient: &[f32], mask: Option<&[bool]>) -> Vec<[f32; 3]> {
     let (pixels, _) = gradient.as_chunks::<3>();
     let pixel = |(p, of): (usize, &[f32; 3])| {
@@ -68,7 +68,7 @@ pub(super) fn denormalized(gradient: &[f32], mask: Option<&[bool]>) -> Vec<[f32;
     pixels.iter().enumerate().map(pixel).collect()
 }
 
-/// A mask at the size of a layer: the share of kept pixels among those that each of its pixels covers.
+/// Resizes a mask to a layer: for each of the layer's pixels, the fraction of kept pixels in its area.
 pub(super) fn shrunk(mask: &[bool], from: [usize; 2], to: [usize; 2]) -> Vec<f32> {
     let covers = |axis: usize, i: usize| {
         let start = i * from[axis] / to[axis];

@@ -1,9 +1,9 @@
-//! The encoder that LaMa's loss takes: ResNet-50 trained for segmentation on ADE20K
-//! (`resnet50dilated` of CSAIL's semantic-segmentation-pytorch), in evaluation mode.
+//! The encoder of LaMa's loss: ResNet-50 trained for segmentation on ADE20K (`resnet50dilated` of CSAIL's
+//! semantic-segmentation-pytorch), in evaluation mode.
 //!
-//! Three 3×3 convolutions instead of one of 7×7, the first of stride 2; max pooling; stages of 3, 4,
-//! 6 and 3 blocks with 256 to 2048 channels. The last two stages keep their size: their first 3×3
-//! convolution has dilation 1 and 2, the others 2 and 4. Pictures are compared after each stage.
+//! Three 3×3 convolutions replace the 7×7 one, the first with stride 2; then max pooling and stages of 3, 4, 6 and 3
+//! blocks with 256 to 2048 channels. The last two stages preserve resolution: their first 3×3 convolution has dilation
+//! 1 and 2, the others 2 and 4. Features are compared after each stage.
 
 use super::layers::Layer;
 use super::{Network, PerceptualError};
@@ -11,10 +11,10 @@ use sharp::model::{Compute, FrozenConvolution};
 use sharp_checkpoint::{Checkpoint, Expected};
 use std::path::Path;
 
-/// Added to the variances of batch normalisation (PyTorch's default).
+/// Added to the variance in batch normalisation (PyTorch's default).
 const EPSILON: f64 = 1e-5;
 
-/// A convolution of the file and the batch normalisation after it.
+/// A convolution in the file, with the batch normalisation that follows it.
 #[derive(Debug, Clone)]
 struct Spec {
     conv: String,
@@ -39,7 +39,7 @@ impl Spec {
     }
 }
 
-/// A block: three convolutions and the shortcut's.
+/// A block: three convolutions, and that of the shortcut.
 struct BlockSpec {
     convs: [Spec; 3],
     shortcut: Option<Spec>,
@@ -61,7 +61,7 @@ fn stem() -> [Spec; 3] {
     [first, conv(2, 64, 64), conv(3, 128, 64)]
 }
 
-/// The blocks of stage 0 to 3.
+/// Blocks of stages 0 to 3.
 fn stage(stage: usize) -> Vec<BlockSpec> {
     let (narrow, before) = (64 << stage, if stage == 0 { 128 } else { 128 << stage });
     let wide = 4 * narrow;
@@ -146,7 +146,7 @@ pub(super) fn network(compute: &Compute, file: &Path) -> Result<Network, Percept
     })
 }
 
-/// A convolution with its batch normalisation folded in.
+/// Loads a convolution, with its batch normalisation folded in.
 fn conv(
     compute: &Compute,
     file: &Checkpoint,

@@ -5,8 +5,8 @@ use super::{Network, PerceptualError};
 use sharp::model::{Compute, FrozenConvolution};
 use sharp_metrics::{Backbone, Weights};
 
-/// torchvision's indices of the convolutions up to each layer compared: relu1_2, relu2_2, relu3_3,
-/// relu4_3. The groups after the first begin with max pooling of 2×2.
+/// torchvision's indices of the convolutions up to each compared layer: relu1_2, relu2_2, relu3_3, relu4_3. Every group
+/// except the first starts with 2×2 max pooling.
 const GROUPS: [&[usize]; 4] = [&[0, 2], &[5, 7], &[10, 12, 14], &[17, 19, 21]];
 
 pub(super) fn network(compute: &Compute, weights: &Weights) -> Result<Network, PerceptualError> {
