@@ -2,12 +2,13 @@
 //!
 //! * [`panels`]: axes, legend and the grid of panels; [`curves`]: bin means with their bands; [`bins`]: binning along
 //!   an axis; [`scale`]: round tick steps and number formatting.
-//! * [`canvas`]: a drawing and its output files; [`png`]: the PNG encoder; [`text`]: text in the bundled font.
+//! * [`canvas`]: a drawing; [`figure`]: its output files; [`png`]: the PNG encoder; [`text`]: text in the bundled font.
 //! * [`style`]: size and colours of figures; [`palette`]: colours and markers; [`ink`]: one colour.
 
 pub mod bins;
 pub mod canvas;
 pub mod curves;
+pub mod figure;
 pub mod ink;
 pub mod palette;
 pub mod panels;
@@ -17,7 +18,7 @@ pub mod scale;
 pub mod style;
 pub mod text;
 
-pub use canvas::Figure;
+pub use figure::Figure;
 
 /// Why a figure cannot be made: the drawing library or an encoder failed, there is nothing to draw, or there is no
 /// room.

@@ -4,7 +4,8 @@ use std::collections::BTreeSet;
 
 use crate::PlotError;
 
-use super::canvas::{Anchor, Figure, Lettering, Point, Surface};
+use super::canvas::{Anchor, Lettering, Point, Surface};
+use super::figure::Figure;
 use super::ink::{GRID, INK, Ink, MUTED, PAPER};
 use super::palette::{Style, stroke};
 use super::scale::{Scale, Step, finite_range, log_ticks};

@@ -4,8 +4,8 @@ use rayon::prelude::*;
 
 use crate::clusters::Clusters;
 use crate::distributions::{normal_quantile, normal_tail};
-use crate::inference::Resampling;
 use crate::numeric::root;
+use crate::resampling::Resampling;
 
 /// Means of resampled clusters, corrected for bias and acceleration (Efron, "Better bootstrap confidence intervals", JASA
 /// 1987). Whole clusters are drawn with replacement, as many as there are.

@@ -1,15 +1,12 @@
 //! Chooses and applies the inference method for a sample.
 
-use std::num::NonZeroU32;
-use std::ops::Range;
-
-use sharp::random::{SplitMix64, mix};
 use thiserror::Error;
 
 use crate::bootstrap::Bootstrap;
 use crate::clusters::Clusters;
 use crate::distributions::{detectable_shift, t_critical, t_two_sided};
 use crate::jackknife::Jackknife;
+use crate::resampling::Resampling;
 use crate::sign_flip::SignFlip;
 
 /// The level of every test and interval.
@@ -18,41 +15,6 @@ pub const ALPHA: f64 = 0.05;
 pub const POWER: f64 = 0.8;
 /// Minimum effective clusters at which a dataset counts as large.
 pub const MANY_CLUSTERS: f64 = 30.0;
-
-/// Number of resamples, and their seed.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Resampling {
-    /// Each resample has its own random stream, so results do not depend on the number of threads.
-    pub seed: u64,
-    pub count: NonZeroU32,
-}
-
-impl Default for Resampling {
-    fn default() -> Self {
-        Self {
-            seed: 0,
-            count: const { NonZeroU32::new(10_000).unwrap() },
-        }
-    }
-}
-
-impl Resampling {
-    pub(crate) fn indices(self) -> Range<u32> {
-        0..self.count.get()
-    }
-
-    /// The indices that resample `k` of `n` clusters draws: `n` draws with replacement.
-    pub fn drawn(self, k: u32, n: usize) -> impl Iterator<Item = usize> {
-        let mut random = self.stream(2 * u64::from(k));
-        // The high half of a product; the bias towards any cluster is at most n/2⁶⁴.
-        (0..n).map(move |_| ((u128::from(random.next_u64()) * n as u128) >> 64) as usize)
-    }
-
-    /// The SplitMix64 generator seeded with `mix(seed ^ mix(index))`, where `mix` is its finaliser.
-    pub(crate) fn stream(self, index: u64) -> SplitMix64 {
-        SplitMix64::new(mix(self.seed ^ mix(index)))
-    }
-}
 
 /// The method used for the interval and p.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -190,26 +152,4 @@ fn p_without_spread(datasets: &[&Clusters]) -> Result<f64, NoInference> {
     }
     let clusters: usize = moved().map(|d| d.n_clusters()).sum();
     Ok(0.5_f64.powf(clusters as f64 - 1.0).min(1.0))
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn streams_stay_what_they_are() {
-        let resampling = Resampling {
-            seed: 7,
-            ..Default::default()
-        };
-        let mut stream = resampling.stream(3);
-        let first: [u64; 3] = std::array::from_fn(|_| stream.next_u64());
-        // From a Python implementation of the documented rule.
-        let known = [
-            0x0A29_F358_F443_2DB7,
-            0x88FF_1F47_9CDD_BDF0,
-            0x109C_2917_EDD3_A475,
-        ];
-        assert_eq!(first, known);
-    }
 }

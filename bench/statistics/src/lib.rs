@@ -61,14 +61,14 @@ pub mod distributions;
 mod inference;
 mod jackknife;
 mod numeric;
+mod resampling;
 mod sign_flip;
 
 pub use bootstrap::Bootstrap;
 pub use clusters::Clusters;
 pub use decision::{Verdict, holm, verdict};
-pub use inference::{
-    ALPHA, Inference, MANY_CLUSTERS, NoInference, POWER, Procedure, Resampling, infer,
-};
+pub use inference::{ALPHA, Inference, MANY_CLUSTERS, NoInference, POWER, Procedure, infer};
 pub use jackknife::Jackknife;
 pub use numeric::{mean, sample_std};
+pub use resampling::Resampling;
 pub use sign_flip::SignFlip;

@@ -3,7 +3,7 @@
 use rayon::prelude::*;
 
 use crate::clusters::Clusters;
-use crate::inference::Resampling;
+use crate::resampling::Resampling;
 
 /// With more clusters than this, sign patterns are sampled instead of enumerated (2¹³ patterns).
 pub(crate) const MOST_ENUMERATED: usize = 14;
