@@ -1,13 +1,13 @@
-//! Measures one metric: CPU seconds, wall seconds, peak memory and what `memory_bytes` counts of it, as a line of JSON.
+//! Measures one metric and prints a line of JSON: CPU seconds, wall seconds, peak memory, and the part of it that
+//! `memory_bytes` predicts.
 //!
 //! ```text
 //! measure KEY WIDTH HEIGHT [predictions=N] [apart] [repeat=N] [turns] [threads=N] [strip=N] [simd=NAME] [direct]
-//! ```
-//! The pictures are synthetic, the weights deterministic: what is measured does not depend on values.
-//! Several predictions of one target are scored together, or with `apart` one after the other.
-//! Preparing the weights and the pictures is not counted as time. With `turns` a first call is not
-//! counted either, and then every line of standard input is answered by a measurement:
-//! `benches/compare.py` takes turns with PyTorch and scikit-image. The peak of memory comes from
+//! The pictures are synthetic and the weights deterministic, since the measurement does not depend on values. Several
+//! predictions of one target are scored together, or one after the other with `apart`. Preparation of weights and
+//! pictures is not timed. With `turns`, a first call is not timed either, and then each line of standard input triggers
+//! one measurement, which lets `benches/compare.py` alternate with PyTorch and scikit-image. Peak memory is read from
+//! Linux's `/proc` and is 0 on other systems.
 //! Linux's `/proc` and is 0 elsewhere.
 
 #![allow(clippy::print_stdout, reason = "an example that prints its result")]
@@ -125,7 +125,7 @@ impl Work {
     }
 }
 
-/// Waves and noise in 8 bits.
+/// Waves and noise, 8 bit.
 fn texture(width: u32, height: u32, seed: u32) -> Picture {
     Picture::from(RgbImage::from_fn(width, height, |x, y| {
         let noise = (x * 1973 + y * 9277 + seed * 26_699).wrapping_mul(2_654_435_761) >> 27;

@@ -1,8 +1,8 @@
 //! DISTS (Ding et al. 2020): channel means (structure) and covariances (texture) of features.
 //!
-//! Six taps: the picture itself and five VGG16 layers behind L2 pooling. Features are f32; their
-//! sums over the picture, from which means, variances and covariances follow, are f64: in f32 the
-//! covariance, a difference of nearly equal numbers, is off in the third digit.
+//! There are six taps: the picture itself and five VGG16 layers with L2 pooling. Features are f32. Their sums over the
+//! picture, from which means, variances and covariances are computed, are f64: in f32 the covariance, a difference of
+//! nearly equal numbers, would be off in the third digit.
 
 use std::sync::Arc;
 
@@ -16,17 +16,17 @@ use crate::unavailable::Unavailable;
 /// Number of taps: the picture and five layers.
 pub(crate) const TAPS: usize = 6;
 
-/// A DISTS score and what it is made of: `1 − Σ structure − Σ texture`.
+/// A DISTS score, `1 − Σ structure − Σ texture`, split into its terms.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Similarity {
-    /// Weighted agreement of means at each tap.
+    /// Weighted similarity of means at each tap.
     pub(crate) structure: [f64; TAPS],
-    /// Weighted agreement of covariances at each tap.
+    /// Weighted similarity of covariances at each tap.
     pub(crate) texture: [f64; TAPS],
 }
 
 impl Similarity {
-    /// The score; a tiny negative number is possible for identical pictures.
+    /// The score; may be slightly negative for identical pictures.
     pub(crate) fn score(&self) -> f64 {
         1.0 - (self.structure.iter().sum::<f64>() + self.texture.iter().sum::<f64>())
     }
@@ -36,16 +36,17 @@ impl Similarity {
 #[derive(Debug)]
 pub(crate) struct Dists {
     network: Arc<Extractor>,
-    /// Weights of the structure and texture terms, of all taps' channels; they sum to 1 together.
+    /// Weights of the structure terms for all taps' channels; with those of the texture terms they sum to 1.
     alpha: Vec<f64>,
     beta: Vec<f64>,
 }
 
-/// Sums over pixels of each channel: a, b, a², b², a b, one after the other.
+/// Number of sums per channel over the pixels: a, b, a², b², a b, in this order.
 const MOMENTS: usize = 5;
 
 impl Dists {
-    /// `network` is VGG16 with L2 pooling; the weights are of the 1475 channels of all taps.
+    /// `network` is VGG16 with L2 pooling; `alpha` and `beta` have one weight for each of the 1475 channels of all
+    /// taps.
     pub(crate) fn new(network: Arc<Extractor>, alpha: &[f32], beta: &[f32]) -> Self {
         let all = alpha.iter().chain(beta);
         let sum: f64 = all.map(|&w| f64::from(w)).sum();
@@ -61,8 +62,8 @@ impl Dists {
         &self.network
     }
 
-    /// Compares predictions with their target at their own resolution, from one pass of the
-    /// network over each picture. The target is the first of `pictures`, which are of one size.
+    /// Compares predictions with their target at full resolution, with one pass of the network over each picture. The
+    /// target is the first of `pictures`, which must all have the same size.
     pub(crate) fn compare(
         &self,
         pictures: &[&Picture],
@@ -131,10 +132,10 @@ impl Dists {
     }
 }
 
-/// Keeps the quotients of near-zero moments near 1.
+/// Stabilises quotients of near-zero moments near 1.
 const C: f64 = 1e-6;
 
-/// Moments of the pictures' own values, 0..1.
+/// Moments of the pictures' own values, in 0..1.
 fn picture_moments([a, b]: [&Picture; 2]) -> Vec<f64> {
     let (width, height) = a.dimensions();
     let rows: Vec<[f64; 3 * MOMENTS]> = (0..height as usize)

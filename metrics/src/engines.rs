@@ -1,4 +1,4 @@
-//! The learned metrics of a selection. Each network passes once over each picture.
+//! The learned metrics of a selection. Each network runs once on each picture.
 
 use std::borrow::Cow;
 use std::collections::BTreeMap;
@@ -21,17 +21,17 @@ use crate::weights::{
     Backbone, Weights, WeightsError, WeightsUsed, dists_weights, linear_weights, linear_weights_v0,
 };
 
-/// The networks that a selection needs and that have weights.
+/// The networks that a selection needs and for which weights are available.
 #[derive(Debug)]
 pub(crate) struct Engines {
     lpips: BTreeMap<LpipsNet, Lpips>,
     dists: Option<Dists>,
     pub(crate) used: Vec<WeightsUsed>,
-    /// Picture rows taken at once, if set.
+    /// Picture rows processed at once, if set.
     strip: Option<usize>,
 }
 
-/// The input range and ε of a variant. Each input range takes its own pass of the network.
+/// Input range and ε of a variant. Each input range requires a separate pass of the network.
 fn convention(variant: LpipsVariant) -> (InputRange, Epsilon) {
     match variant {
         LpipsVariant::Official | LpipsVariant::BoxPaste => (InputRange::Signed, Epsilon::Outside),
@@ -87,7 +87,7 @@ impl Engines {
         Ok(engines)
     }
 
-    /// The published LPIPS of the box around a mask, the prediction replaced by the target outside the mask.
+    /// Published LPIPS in the bounding box of a mask, with the prediction replaced by the target outside the mask.
     pub(crate) fn box_pasted(
         &self,
         net: LpipsNet,
@@ -105,7 +105,7 @@ impl Engines {
         Ok(distance.layers.iter().sum())
     }
 
-    /// LPIPS of version 0.0, with the network of version 0.1's; `None` if that is not loaded.
+    /// LPIPS of version 0.0, using the network loaded for version 0.1; `None` if that is not loaded.
     pub(crate) fn lpips_v0(
         &self,
         net: LpipsNet,
@@ -125,14 +125,14 @@ impl Engines {
         Some(found.map(|found| found[0][0].layers.iter().sum()))
     }
 
-    /// Approximate bytes that [`run`](Self::run) takes besides pictures and networks.
+    /// Approximate memory in bytes that [`run`](Self::run) uses in addition to pictures and networks.
     pub(crate) fn memory(&self, size: (u32, u32), predictions: usize, keys: &[MetricKey]) -> usize {
         let size = (size.0 as usize, size.1 as usize);
         let of = |network: &Extractor| network.memory(size, predictions + 1, self.strip);
         let lpips = self.lpips.values().map(|engine| of(engine.network()));
         let dists = self.dists.iter().map(|engine| of(engine.network()));
         let rows = lpips.chain(dists).max().unwrap_or(0);
-        // Local distances of masked keys: at most those of a tap at full resolution and of some that halve it each.
+        // Local distances of masked keys: at most those of one tap at full resolution, plus taps that each halve it.
         let maps = keys.iter().filter(|key| {
             key.is_masked() && matches!(key.metric(), Metric::Lpips(_, variant) if variant != LpipsVariant::BoxPaste)
         });
@@ -140,8 +140,9 @@ impl Engines {
         rows + maps.count() * predictions * map
     }
 
-    /// Runs the learned metrics among `keys` that are of whole pictures: the results of each prediction. The target is the
-    /// first of `pictures`, which are of one size. Maps are kept if asked for and for masked keys.
+    /// Runs the learned metrics among `keys` that apply to whole pictures; returns the results of each prediction. The
+    /// target is the first of `pictures`, which must all have the same size. Maps are kept if requested and for masked
+    /// keys.
     pub(crate) fn run(
         &self,
         pictures: &[&Picture],
@@ -201,7 +202,7 @@ impl Engines {
                 pictures.iter().map(|p| to_shorter_side_256(p)).collect();
             let unchanged = matches!(resized[0], Cow::Borrowed(_));
             if unchanged && wanted(Metric::Dists) {
-                // Nothing to reduce: the same value.
+                // Nothing was reduced, so the value is the same.
                 for learned in &mut learned {
                     if let Some(full) = learned.dists.get(&Resolution::Full).cloned() {
                         learned.dists.insert(Resolution::Side256, full);
@@ -219,7 +220,7 @@ impl Engines {
     }
 }
 
-/// One result for each of `count`; a failure is repeated for all.
+/// One result for each of `count` predictions; an error is repeated for all.
 fn spread<T: Clone>(
     found: Result<Vec<T>, Unavailable>,
     count: usize,
@@ -238,12 +239,12 @@ pub(crate) struct Learned {
     dists: BTreeMap<Resolution, Result<Similarity, Unavailable>>,
 }
 
-/// At which resolution DISTS compares.
+/// Resolution at which DISTS compares.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) enum Resolution {
-    /// The pictures' own.
+    /// Full resolution.
     Full,
-    /// Shorter side at most 256.
+    /// Reduced to a shorter side of at most 256.
     Side256,
 }
 
@@ -260,7 +261,7 @@ impl Learned {
         found(self.dists.get(&resolution), Backbone::Vgg16)
     }
 
-    /// The mean of an LPIPS's spatial map inside a mask; the distance was run with maps.
+    /// Mean of an LPIPS's spatial map inside a mask; `distance` must have been computed with maps.
     pub(crate) fn masked(&self, distance: &Distance, mask: &Mask) -> Result<f64, Unavailable> {
         let count = mask.count();
         if count == 0 {
@@ -274,7 +275,7 @@ impl Learned {
         Ok(rows.iter().sum::<f64>() / count as f64)
     }
 
-    /// An LPIPS's spatial map; the distance was run with maps.
+    /// Spatial map of an LPIPS; `distance` must have been computed with maps.
     pub(crate) fn map(&self, distance: &Distance) -> ScoreMap {
         let (width, height) = self.size;
         let mut values = ImageBuffer::new(width, height);

@@ -1,7 +1,7 @@
-//! Keys of metrics: one for every number that must not be confused with another.
+//! Keys of metrics: a separate key for every number that must not be confused with another.
 //!
-//! Public code computes at least eight different values under the name SSIM alone. Two numbers of
-//! different keys never share a column.
+//! Public code computes at least eight different values under the name SSIM alone. Numbers with different keys never
+//! share a column.
 
 use std::fmt;
 use std::str::FromStr;
@@ -23,7 +23,7 @@ pub enum Family {
 impl Family {
     pub const ALL: [Self; 4] = [Self::Psnr, Self::Ssim, Self::Lpips, Self::Dists];
 
-    /// The lower-case name: `psnr`, `ssim`, `lpips`, `dists`.
+    /// Lower-case name: `psnr`, `ssim`, `lpips`, `dists`.
     pub fn name(self) -> &'static str {
         match self {
             Self::Psnr => "psnr",
@@ -66,18 +66,18 @@ pub enum LpipsVariant {
     Official,
     /// Pictures left in 0..1: 3D Gaussian Splatting's evaluation with VGG, nerfstudio's surface models with AlexNet.
     Unscaled,
-    /// ε = 1e-8 under the root, as torchmetrics does.
+    /// ε = 1e-8 under the root, as in torchmetrics.
     TorchmetricsEps,
-    /// As published, over the box around the mask, the prediction replaced by the target outside the mask: UniSHARP's
-    /// masked form.
+    /// The published LPIPS in the bounding box of the mask, with the prediction replaced by the target outside the
+    /// mask: UniSHARP's masked variant.
     BoxPaste,
-    /// At each layer the mean over the positions that no pixel outside the mask has reached, ε = 1e-8 added to the
-    /// norm: the masked form of ScanNet++'s toolbox.
+    /// At each layer, the mean over positions not influenced by any pixel outside the mask, with ε = 1e-8 added to the
+    /// norm: the masked variant of ScanNet++'s toolbox.
     LayerMask,
 }
 
 impl LpipsVariant {
-    /// What follows the version in a key.
+    /// Suffix after the version in a key.
     fn suffix(self) -> &'static str {
         match self {
             Self::Official => "",
@@ -89,24 +89,24 @@ impl LpipsVariant {
     }
 }
 
-/// A metric, before the choice of the pixels that count.
+/// A metric without the region of pixels on which it is evaluated.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Metric {
     /// Peak signal-to-noise ratio of one picture, dB.
     Psnr,
-    /// The same with a mean squared error of at least 1e-8: at most 80 dB.
+    /// PSNR with a mean squared error of at least 1e-8, i.e. at most 80 dB.
     PsnrFloored,
     Ssim(SsimVariant),
     /// LPIPS with the linear weights of version 0.1.
     Lpips(LpipsNet, LpipsVariant),
-    /// DISTS at the pictures' own resolution.
+    /// DISTS at full resolution.
     Dists,
-    /// DISTS after the shorter side was reduced to 256.
+    /// DISTS after reducing the shorter side to 256.
     DistsResize256,
 }
 
 impl Metric {
-    /// Every metric, in no particular order.
+    /// Every metric, in unspecified order.
     fn all() -> Vec<Self> {
         use LpipsVariant::{BoxPaste, LayerMask, Official, TorchmetricsEps, Unscaled};
         let mut metrics = vec![Self::Psnr, Self::PsnrFloored];
@@ -124,7 +124,7 @@ impl Metric {
         metrics
     }
 
-    /// Whether the metric is defined only with a mask.
+    /// True if the metric is only defined with a mask.
     fn needs_mask(self) -> bool {
         match self {
             Self::Ssim(variant) => variant == SsimVariant::Gauss11ValidWholeWindow,
@@ -141,9 +141,9 @@ impl Metric {
 #[serde(rename_all = "lowercase")]
 pub enum MetricRegion {
     Whole,
-    /// Those inside the view-frustum mask of a pair of views: suffix `@frustum`.
+    /// Pixels inside the view-frustum mask of a pair of views: suffix `@frustum`.
     Frustum,
-    /// Those inside a mask that was handed in, or that a run's dataset or protocol has: suffix `@mask`.
+    /// Pixels inside a mask given by the caller, or by a run's dataset or protocol: suffix `@mask`.
     #[serde(rename = "mask")]
     Given,
 }
@@ -151,7 +151,7 @@ pub enum MetricRegion {
 impl MetricRegion {
     pub const ALL: [Self; 3] = [Self::Whole, Self::Frustum, Self::Given];
 
-    /// What keys end in: nothing, `@frustum` or `@mask`.
+    /// Suffix of keys: empty, `@frustum` or `@mask`.
     pub fn suffix(self) -> &'static str {
         match self {
             Self::Whole => "",
@@ -160,7 +160,7 @@ impl MetricRegion {
         }
     }
 
-    /// The text before a region's suffix, and the region.
+    /// Splits off a region's suffix; returns the text before it and the region.
     pub(crate) fn split(text: &str) -> (&str, Self) {
         for region in [Self::Frustum, Self::Given] {
             if let Some(base) = text.strip_suffix(region.suffix()) {
@@ -171,11 +171,10 @@ impl MetricRegion {
     }
 }
 
-/// Names one number: a metric with everything that changes its value.
+/// Identifies one number: a metric with everything that affects its value.
 ///
-/// `Display` gives the canonical key, such as `ssim[gauss11,valid]` or
-/// `lpips[vgg,v0.1,unscaled]@frustum`; `FromStr` takes that and the [`alias`](Self::alias).
-/// Ordered by region, then as in the table of keys.
+/// `Display` gives the canonical key, such as `ssim[gauss11,valid]` or `lpips[vgg,v0.1,unscaled]@frustum`; `FromStr`
+/// accepts that and the [`alias`](Self::alias). Ordered by region, then as in the table of keys.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(try_from = "String", into = "String")]
 pub struct MetricKey {
@@ -183,7 +182,7 @@ pub struct MetricKey {
     metric: Metric,
 }
 
-/// Why a text is not a key.
+/// Errors of parsing a key.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum IdentityError {
     #[error(
@@ -255,7 +254,8 @@ impl MetricKey {
         }
     }
 
-    /// The same metric over a region; `None` for DISTS over a mask, and for masked-only metrics over the whole picture.
+    /// The same metric over a region; `None` if undefined: DISTS over a mask, or a mask-only metric over the whole
+    /// picture.
     pub fn inside(self, region: MetricRegion) -> Option<Self> {
         let exists = match region {
             MetricRegion::Whole => !self.metric.needs_mask(),
@@ -272,7 +272,7 @@ impl MetricKey {
         Self::all_inside(MetricRegion::Whole)
     }
 
-    /// Every key of a region, in order.
+    /// Every key for a region, in order.
     pub fn all_inside(region: MetricRegion) -> Vec<Self> {
         let keys = Metric::all().into_iter().map(Self::whole);
         let mut keys: Vec<_> = keys.filter_map(|key| key.inside(region)).collect();
@@ -280,7 +280,7 @@ impl MetricKey {
         keys
     }
 
-    /// Keys that exist only inside a given mask.
+    /// Every key for a given mask, including those that exist only there.
     fn with_mask_only() -> Vec<Self> {
         let mut keys = Self::all_inside(MetricRegion::Given);
         keys.retain(|key| key.metric.needs_mask());
@@ -291,12 +291,12 @@ impl MetricKey {
         self.metric
     }
 
-    /// Which pixels count.
+    /// The pixels that are evaluated.
     pub fn region(self) -> MetricRegion {
         self.region
     }
 
-    /// Whether only pixels inside a mask count.
+    /// True if only pixels inside a mask are evaluated.
     pub fn is_masked(self) -> bool {
         self.region != MetricRegion::Whole
     }
@@ -310,8 +310,7 @@ impl MetricKey {
         }
     }
 
-    /// A short column heading that still tells variants apart: `PSNR`,
-    /// `SSIM gauss11 valid`, `LPIPS alex`, `DISTS`.
+    /// Short column heading that still distinguishes variants: `PSNR`, `SSIM gauss11 valid`, `LPIPS alex`, `DISTS`.
     pub fn label(self) -> String {
         let base = match self.metric {
             Metric::Psnr => "PSNR".to_owned(),
@@ -331,8 +330,8 @@ impl MetricKey {
         base + suffix
     }
 
-    /// The key without brackets, for command lines and file names: `ssim-gauss11-valid`,
-    /// `lpips-alex`, `lpips-vgg-eps-tm`, `dists-resize256`, `psnr@frustum`.
+    /// Key without brackets, for command lines and file names: `ssim-gauss11-valid`, `lpips-alex`, `lpips-vgg-eps-tm`,
+    /// `dists-resize256`, `psnr@frustum`.
     pub fn alias(self) -> String {
         let base = self
             .canonical_base()

@@ -1,4 +1,4 @@
-//! The description of a metric column: one value that tables, manifests, help and papers all print.
+//! Description of a metric column, shared by tables, manifests, help and papers.
 
 use std::fmt;
 
@@ -9,10 +9,10 @@ use crate::identity::{Family, LpipsNet, LpipsVariant, Metric, MetricKey, MetricR
 use crate::ssim::SsimVariant;
 use crate::weights::{Backbone, WeightsSource, WeightsUsed};
 
-/// Everything about one metric column. Nothing about its values has to be parsed out of a sentence.
+/// All properties of one metric column as separate fields, so that none has to be parsed from a sentence.
 ///
-/// As JSON, fields in this order; `backbone` and `own_weights` are absent for PSNR and SSIM, each
-/// of the backbone's fields but its name where it is unknown:
+/// In JSON, fields are in this order. `backbone` and `own_weights` are absent for PSNR and SSIM; each field of the
+/// backbone except its name is absent if unknown:
 /// ```json
 /// {
 ///   "key": "lpips[vgg,v0.1]@mask",
@@ -42,14 +42,14 @@ use crate::weights::{Backbone, WeightsSource, WeightsUsed};
 /// ```
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub struct MetricInfo {
-    /// Columns with equal keys hold comparable numbers.
+    /// Key of the metric; columns with equal keys contain comparable numbers.
     #[schemars(with = "String")]
     pub key: MetricKey,
-    /// The key without brackets; see [`MetricKey::alias`].
+    /// Key without brackets; see [`MetricKey::alias`].
     pub alias: String,
     #[schemars(with = "String")]
     pub family: Family,
-    /// Which pixels count.
+    /// The pixels that are evaluated.
     #[schemars(with = "String")]
     pub region: MetricRegion,
     /// Short name for tables and plots; see [`MetricKey::label`].
@@ -57,20 +57,20 @@ pub struct MetricInfo {
     /// `dB` for PSNR, empty for the others.
     pub unit: String,
     pub direction: Direction,
-    /// Decimals that a table shows.
+    /// Number of decimals shown in tables.
     pub decimals: usize,
-    /// How the number is computed, in a few sentences, and which public code computes the same.
+    /// A few sentences on how the number is computed, and on public code that computes the same.
     pub convention: String,
-    /// The range of values that the metric works on.
+    /// Range of values on which the metric operates.
     pub input_range: String,
-    /// What happens to the pictures' resolution.
+    /// Resizing applied to the pictures.
     pub resize: String,
     /// Precision of the arithmetic.
     pub precision: String,
     /// The network whose features the metric compares.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub backbone: Option<BackboneInfo>,
-    /// The metric's own learned weights, which ship with the crate.
+    /// The metric's own learned weights, which are included in the crate.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub own_weights: Option<OwnWeights>,
 }
@@ -83,36 +83,36 @@ pub enum Direction {
     Lower,
 }
 
-/// The network behind a learned metric and, where they are at hand, its weights.
+/// The network behind a learned metric, and its weights if available.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub struct BackboneInfo {
     #[schemars(with = "String")]
     pub name: Backbone,
-    /// sha256 over the convolutions' names and values: the same for a full file and a features-only
-    /// copy. `None` without weights.
+    /// SHA-256 over the convolutions' names and values: the same for a full file and a features-only copy. `None`
+    /// without weights.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub features_sha256: Option<String>,
-    /// sha256 of the file that the weights were published in.
+    /// SHA-256 of the file in which the weights were published.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub file_sha256: Option<String>,
-    /// Salt of weights that no file holds; see [`Weights::deterministic`](crate::Weights::deterministic).
+    /// Salt of weights that are not read from a file; see [`Weights::deterministic`](crate::Weights::deterministic).
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub deterministic: Option<String>,
 }
 
-/// The learned weights of a metric itself, as its authors published them.
+/// Learned weights of the metric itself, as published by its authors.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub struct OwnWeights {
-    /// Package of the Python Package Index, with its version.
+    /// Package on the Python Package Index, with its version.
     pub package: String,
     /// File in the package.
     pub file: String,
-    /// sha256 of that file; the values in this crate are the same.
+    /// SHA-256 of that file; this crate contains the same values.
     pub sha256: String,
 }
 
 impl MetricInfo {
-    /// The metric of a key, with the network weights among `used`.
+    /// Describes the metric of a key, with its network's weights if they are among `used`.
     pub fn new(key: MetricKey, used: &[WeightsUsed]) -> Self {
         const NETWORK: &str = "features f32, everything after them f64";
         let metric = key.metric();
@@ -198,8 +198,8 @@ impl BackboneInfo {
 }
 
 impl BackboneInfo {
-    /// Whether the features differ from the published ones, so that values are comparable to no one else's; false
-    /// without weights.
+    /// True if the features differ from the published ones, so that values are not comparable with published numbers;
+    /// false without weights.
     pub fn is_unpublished(&self) -> bool {
         let found = self.features_sha256.as_deref();
         found.is_some_and(|sha256| sha256 != self.name.published_features())
@@ -245,7 +245,7 @@ fn own_weights(metric: Metric) -> Option<OwnWeights> {
     })
 }
 
-/// One sentence on how a metric is computed. Equivalent public code is named only for the published features.
+/// Sentences on how a metric is computed. Equivalent public code is only mentioned for the published features.
 fn convention(key: MetricKey, unpublished: bool) -> String {
     let same = |text: &'static str| if unpublished { UNPUBLISHED } else { text };
     let base = match key.metric() {
@@ -386,7 +386,7 @@ fn lpips_net(net: LpipsNet) -> &'static str {
     }
 }
 
-/// A variant in words, and public code that computes the same.
+/// Description of a variant, and public code that computes the same.
 fn lpips_variant(variant: LpipsVariant) -> (&'static str, &'static str) {
     match variant {
         LpipsVariant::Official => (
@@ -435,8 +435,8 @@ const DISTS_256: &str = "Pictures whose shorter side exceeds 256 are first reduc
      256 (bilinear with antialiasing on 8-bit values, as PIL does).";
 const DISTS_256_SAME: &str = "Same as the reference script's prepare_image with resize=True.";
 
-/// Names of the parts that [`Scorer::examine`](crate::Scorer::examine) splits a metric into, in their order: layers of the
-/// network, for DISTS the picture itself before them. Empty for metrics that are not split.
+/// Names of the terms into which [`Scorer::examine`](crate::Scorer::examine) splits a metric, in order: layers of the
+/// network, preceded by the picture itself for DISTS. Empty for metrics that are not split.
 pub fn term_names(metric: Metric) -> &'static [&'static str] {
     match metric {
         Metric::Psnr | Metric::PsnrFloored | Metric::Ssim(_) => &[],

@@ -1,22 +1,21 @@
 //! Image metrics of view synthesis: PSNR, SSIM, LPIPS and DISTS.
 //!
-//! A number means nothing without its identity: every variant that public code computes under the
-//! same name has a [`MetricKey`] of its own, and a variant that cannot be computed is
-//! [`Unavailable`] with the reason, never zero and never replaced by another one. Knows no dataset
-//! and no camera.
+//! A number is meaningless without its identity: every variant that public code computes under the same name has its
+//! own [`MetricKey`], and a variant that cannot be computed is [`Unavailable`] with the reason, never zero and never
+//! replaced by another one. The crate is independent of datasets and cameras.
 //!
 //! # Contents
-//! * [`identity`]: the keys.
-//! * [`info`]: what a key means, and everything else that decides a number, as one value.
+//! * [`identity`]: keys of metrics.
+//! * [`info`]: description of a key, with everything else that affects a number.
 //! * [`selection`]: lists of keys as typed on a command line.
-//! * [`picture`]: pictures and masks as the metrics take them.
+//! * [`picture`]: pictures and masks, the inputs of metrics.
 //! * [`mod@resize`]: the resizing functions of torch, PIL and OpenCV, by name.
-//! * [`scorer`]: all selected metrics of predictions and their target; `unavailable`: why there is no value.
-//! * [`options`]: where and how the networks are computed.
+//! * [`scorer`]: all selected metrics of predictions and their target; `unavailable`: reasons for missing values.
+//! * [`options`]: device and kernels of the networks.
 //! * [`mod@psnr`], `ssim`, `lpips`, `dists`: the metrics themselves; `maps`: their local values.
-//! * `engines`: the learned metrics that a scorer needs, each pass of a network made once.
-//! * `backbone`: the networks behind them, streamed in row strips.
-//! * [`weights`]: which network weights a metric needs and where they come from.
+//! * `engines`: the learned metrics of a scorer, with a single pass of each network.
+//! * `backbone`: the networks, streamed in strips of rows.
+//! * [`weights`]: the network weights that a metric needs, and their sources.
 
 mod backbone;
 mod dists;

@@ -1,8 +1,8 @@
-//! LPIPS, version 0.1 (Zhang et al. 2018): how far two pictures' network features lie apart.
+//! LPIPS, version 0.1 (Zhang et al. 2018): distance between the network features of two pictures.
 //!
-//! At each position of each tapped layer both feature vectors are brought to unit length, their
-//! squared difference is weighed per channel; the mean over positions is the layer's term, the sum
-//! of the terms the distance. Features are f32, everything after them f64.
+//! At each position of each tapped layer, both feature vectors are normalised to unit length, and their squared
+//! difference is weighted per channel. The mean over positions is the layer's term; the sum of the terms is the
+//! distance. Features are f32, everything after them f64.
 
 use std::sync::Arc;
 
@@ -14,14 +14,14 @@ use crate::picture::{Mask, Normalization, Picture};
 use crate::simd::with_widest_vectors;
 use crate::unavailable::Unavailable;
 
-/// Where ε enters the division by a feature vector's length.
+/// How ε enters the division by a feature vector's length.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) enum Epsilon {
     /// `f / (√Σf² + 1e-10)`, as published.
     Outside,
-    /// `f / (√Σf² + 1e-8)`, as ScanNet++'s toolbox computes it.
+    /// `f / (√Σf² + 1e-8)`, as in ScanNet++'s toolbox.
     LargerOutside,
-    /// `f / √(1e-8 + Σf²)`, as torchmetrics computes it.
+    /// `f / √(1e-8 + Σf²)`, as in torchmetrics.
     Inside,
 }
 
@@ -42,7 +42,7 @@ pub(crate) enum InputRange {
     Signed,
     /// 0..1.
     Unit,
-    /// −1..1, handed to the network without its normalisation: LPIPS v0.0.
+    /// −1..1, passed to the network without its own normalisation: LPIPS v0.0.
     Raw,
 }
 
@@ -62,22 +62,22 @@ impl InputRange {
     }
 }
 
-/// A distance and what it is made of.
+/// A distance and its terms.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Distance {
     /// The term of each tapped layer; their sum is the distance.
     pub(crate) layers: Vec<f64>,
-    /// Each layer's local distances, if asked for.
+    /// Local distances of each layer, if requested.
     pub(crate) maps: Vec<TapMap>,
 }
 
-/// Half the side, rounded down, of the square of pixels that VGG16's convolutions before each of its taps see around one
-/// position of the tap before.
+/// For each tap of VGG16, the radius of the receptive field, in positions of the preceding tap, of the convolutions in
+/// between: half the side of the square, rounded down.
 const VGG_REACH: [usize; 5] = [2, 2, 3, 3, 3];
 
 impl Distance {
-    /// The sum over VGG16's layers of the mean over the positions that see no pixel outside the mask; what lies beyond the
-    /// picture's border is inside. Needs maps.
+    /// Sum over VGG16's layers of the mean over positions that are not influenced by any pixel outside the mask. Pixels
+    /// beyond the picture's border count as inside. Requires maps.
     pub(crate) fn inside_layers(&self, mask: &Mask) -> Result<f64, Unavailable> {
         let mut reached = mask.clone();
         let mut distance = 0.0;
@@ -100,12 +100,12 @@ impl Distance {
 #[derive(Debug)]
 pub(crate) struct Lpips {
     network: Arc<Extractor>,
-    /// For each tap the weight of each channel.
+    /// Weight of each channel, for each tap.
     linear: Vec<Vec<f64>>,
 }
 
 impl Lpips {
-    /// `linear` has the weights of each tap's channels.
+    /// `linear` contains the weights of each tap's channels.
     pub(crate) fn new(network: Arc<Extractor>, linear: &[Vec<f32>]) -> Self {
         let widen = |weights: &Vec<f32>| weights.iter().map(|&w| f64::from(w)).collect();
         Self {
@@ -118,9 +118,9 @@ impl Lpips {
         &self.network
     }
 
-    /// The distances of predictions from their target, from one pass of the network over each
-    /// picture: for each prediction one distance for each of `epsilons`. The target is the first
-    /// of `pictures`, which are of one size.
+    /// Distances of predictions from their target, with one pass of the network over each picture. For each prediction,
+    /// returns one distance per element of `epsilons`. The target is the first of `pictures`, which must all have the
+    /// same size.
     pub(crate) fn distances(
         &self,
         pictures: &[&Picture],
@@ -185,7 +185,7 @@ impl Lpips {
     }
 }
 
-/// The squared length of the feature vector at each position of a row.
+/// Squared length of the feature vector at each position of a row.
 fn squared_lengths(row: &[f32], channels: usize, out: &mut [f64]) {
     with_widest_vectors!(squared_lengths_body(row, channels, out):
         fn(row: &[f32], channels: usize, out: &mut [f64]));
@@ -198,7 +198,7 @@ fn squared_lengths_body(row: &[f32], channels: usize, out: &mut [f64]) {
     }
 }
 
-/// Every network's taps have a multiple of 64 channels.
+/// The taps of every network have a multiple of 64 channels.
 #[inline(always)]
 fn squared_length(vector: &[[f32; 8]]) -> f64 {
     let mut sum = [0.0_f64; 8];
@@ -210,7 +210,7 @@ fn squared_length(vector: &[[f32; 8]]) -> f64 {
     sum.iter().sum()
 }
 
-/// The weighted squared distance from the target at each position of a row. The target's squared lengths are known.
+/// Weighted squared distance from the target at each position of a row. The target's squared lengths are already known.
 fn distance_row(
     a: &[f32],
     target: &[f32],

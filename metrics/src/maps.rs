@@ -1,15 +1,15 @@
-//! A metric's local values: where two pictures differ.
+//! Local values of a metric, which show where two pictures differ.
 
 use image::{ImageBuffer, Luma};
 use rayon::prelude::*;
 
-/// A metric's value at each pixel.
+/// Value of a metric at each pixel.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ScoreMap {
-    /// The metric's local values, one a pixel.
+    /// Local values of the metric, one per pixel.
     pub values: ImageBuffer<Luma<f32>, Vec<f32>>,
-    /// Column and row of the picture that the first value belongs to; 0 unless the metric has no
-    /// value near the border.
+    /// Column and row of the picture to which the first value belongs; 0 unless the metric has no values near the
+    /// border.
     pub origin: u32,
 }
 
@@ -21,7 +21,7 @@ pub(crate) struct TapMap {
     pub(crate) values: Vec<f32>,
 }
 
-/// An output pixel between two input pixels: the first, the second, the second's weight.
+/// Position of an output pixel between two input pixels: the first, the second, and the second's weight.
 type Position = (usize, usize, f64);
 
 /// Bilinear positions with pixel centres at halves (PyTorch's `align_corners=False`).
@@ -36,7 +36,7 @@ fn positions(inputs: usize, outputs: usize) -> Vec<Position> {
         .collect()
 }
 
-/// Applies `each` to every row of the sum of the maps at `width` × `height`; results in row order.
+/// Sums the maps at `width` × `height` and applies `each` to every row of the sum; results are in row order.
 pub(crate) fn summed_rows<T: Send>(
     maps: &[TapMap],
     (width, height): (usize, usize),

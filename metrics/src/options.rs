@@ -8,35 +8,34 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use sharp_kernels::{Algorithm, InstructionSet, Simd};
 
-/// Options of the networks' computation. All but `strip_rows` change values, in the last digits of f32.
+/// Options of the networks' computation. All except `strip_rows` affect values, in the last digits of f32.
 #[derive(Debug, Clone, Copy)]
 pub struct ScorerOptions {
-    /// The device. `simd` and `algorithm` apply to the CPU's kernels only.
+    /// The device. `simd` and `algorithm` only apply to the CPU kernels.
     pub device: Device,
-    /// Instruction set; by default the fastest of the machine.
+    /// Instruction set; the default is the machine's fastest.
     pub simd: Simd,
-    /// Winograd (the default) or direct convolution, which takes longer and rounds less.
+    /// Winograd (the default) or direct convolution, which is slower but has smaller rounding errors.
     pub algorithm: Algorithm,
-    /// Picture rows taken at once; by default as many as fit into a fixed amount of memory.
+    /// Picture rows processed at once; the default is as many as fit into a fixed amount of memory.
     pub strip_rows: Option<NonZeroUsize>,
 }
 
-/// What the networks' features depend on besides weights and pictures, for records. The number of
-/// threads changes no bit, nor does the height of strips on the CPU's kernels.
+/// Everything that affects the networks' features besides weights and pictures, for records. The number of threads has
+/// no effect on any bit, nor (with the CPU kernels) does the height of strips.
 ///
-/// Features of different devices differ in the last digits of f32, and so do those of different
-/// instruction sets and algorithms. As JSON `{"device": "cpu", "instruction_set": "avx512",
-/// "algorithm": "winograd"}` or `{"device": "cuda"}`; shown as `avx512, winograd` or `candle on
-/// cuda`.
+/// Features from different devices, instruction sets or algorithms differ in the last digits of f32. In JSON,
+/// `{"device": "cpu", "instruction_set": "avx512", "algorithm": "winograd"}` or `{"device": "cuda"}`; displayed as
+/// `avx512, winograd` or `candle on cuda`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub struct Arithmetic {
     #[schemars(with = "String")]
     pub device: Device,
-    /// Of the CPU's kernels; `None` on other devices.
+    /// Instruction set of the CPU kernels; `None` on other devices.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schemars(with = "Option<String>")]
     pub instruction_set: Option<InstructionSet>,
-    /// Of the CPU's kernels; `None` on other devices.
+    /// Algorithm of the CPU kernels; `None` on other devices.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schemars(with = "Option<String>")]
     pub algorithm: Option<Algorithm>,
@@ -74,20 +73,20 @@ impl Default for ScorerOptions {
     }
 }
 
-/// What computes the networks. Everything after their features is the same code in f64 on the CPU.
+/// Device that computes the networks. Everything after their features is the same f64 code on the CPU.
 ///
-/// The classes round differently in the last digits of f32, so a record says which one a number comes from.
+/// Devices differ in the last digits of f32, so a record states the one used.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum Device {
-    /// Our kernels on the CPU: the fastest there, and what all published tolerances were tested with.
+    /// This project's CPU kernels: the fastest on a CPU, and the ones with which all published tolerances were tested.
     #[default]
     Cpu,
-    /// candle's tensors on the CPU: slow; it tests the code that GPUs run.
+    /// candle's tensors on the CPU: slow; tests the code that GPUs run.
     CandleCpu,
-    /// candle's tensors on the first NVIDIA GPU (feature `cuda`). Untested on a real one.
+    /// candle's tensors on the first NVIDIA GPU (feature `cuda`). Not tested on real hardware.
     Cuda,
-    /// candle's tensors on an Apple GPU (feature `metal`). Untested on a real one.
+    /// candle's tensors on an Apple GPU (feature `metal`). Not tested on real hardware.
     Metal,
 }
 
@@ -98,7 +97,7 @@ pub struct UnknownDevice(String);
 impl Device {
     pub const ALL: [Self; 4] = [Self::Cpu, Self::CandleCpu, Self::Cuda, Self::Metal];
 
-    /// On the command line: `cpu`, `candle-cpu`, `cuda`, `metal`.
+    /// Name on the command line: `cpu`, `candle-cpu`, `cuda`, `metal`.
     pub fn name(self) -> &'static str {
         match self {
             Self::Cpu => "cpu",
@@ -108,7 +107,7 @@ impl Device {
         }
     }
 
-    /// Whether this build supports it, present or not.
+    /// True if this build supports the device, whether or not it is present.
     pub fn is_built(self) -> bool {
         match self {
             Self::Cpu => true,
@@ -118,7 +117,7 @@ impl Device {
         }
     }
 
-    /// Opens the tensors' device.
+    /// Opens the device for tensors.
     #[cfg(feature = "tensors")]
     pub(crate) fn open(self) -> Result<candle_core::Device, String> {
         if !self.is_built() {

@@ -1,17 +1,17 @@
-//! Pictures and masks as the metrics take them.
+//! Pictures and masks, the inputs of metrics.
 
 use image::{GrayImage, ImageBuffer, Rgb, Rgb32FImage, RgbImage};
 
-/// A three-channel sRGB-encoded picture with values that stand for 0..1.
+/// A three-channel, sRGB-encoded picture with values in 0..1.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Picture {
-    /// 8-bit levels; level v stands for v / 255.
+    /// 8-bit levels; level v represents v / 255.
     Rgb8(RgbImage),
     /// Floating-point values in 0..1.
     RgbF32(Rgb32FImage),
 }
 
-/// A fault in the pixels of a picture.
+/// Invalid pixels or an invalid size of a picture.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum PictureError {
     #[error(
@@ -20,9 +20,9 @@ pub enum PictureError {
     AreaEnlarges,
     #[error("the picture is {width}x{height}: it has no pixel")]
     Empty {
-        /// Width, pixels.
+        /// Width in pixels.
         width: u32,
-        /// Height, pixels.
+        /// Height in pixels.
         height: u32,
     },
     #[error("{value} at x {x}, y {y}, channel {channel}: pixels must be finite")]
@@ -51,14 +51,14 @@ pub enum PictureError {
 }
 
 impl Picture {
-    /// A gray 8-bit picture, replicated to three channels.
+    /// Converts a grey 8-bit picture by replicating it to three channels.
     pub fn from_gray8(gray: &GrayImage) -> Self {
         Self::Rgb8(ImageBuffer::from_fn(gray.width(), gray.height(), |x, y| {
             Rgb([gray.get_pixel(x, y).0[0]; 3])
         }))
     }
 
-    /// Width and height, pixels.
+    /// Width and height in pixels.
     pub fn dimensions(&self) -> (u32, u32) {
         match self {
             Self::Rgb8(picture) => picture.dimensions(),
@@ -66,10 +66,10 @@ impl Picture {
         }
     }
 
-    /// The value of a pixel's channel in 0..1; 8-bit levels are divided by 255 in f64.
+    /// Value of a pixel's channel in 0..1; 8-bit levels are divided by 255 in f64.
     ///
     /// # Panics
-    /// If the position lies outside the picture.
+    /// If the position is outside the picture.
     pub fn value(&self, x: u32, y: u32, channel: usize) -> f64 {
         match self {
             Self::Rgb8(picture) => f64::from(picture.get_pixel(x, y).0[channel]) / 255.0,
@@ -77,8 +77,8 @@ impl Picture {
         }
     }
 
-    /// The part inside a box (left, top, right, bottom), with `other`'s pixels where a mask is false. The pictures and
-    /// the mask are of one size.
+    /// Crops to a box (left, top, right, bottom) and replaces pixels where the mask is false with those of `other`.
+    /// Both pictures and the mask must have the same size.
     pub(crate) fn pasted(&self, other: &Self, mask: &Mask, [l, t, r, b]: [u32; 4]) -> Self {
         let inside = |x: u32, y: u32| mask.row((y + t) as usize)[(x + l) as usize];
         match (self, other) {
@@ -94,10 +94,10 @@ impl Picture {
         }
     }
 
-    /// Checks that there are pixels and that all of them are finite and in 0..1.
+    /// Checks that the picture is not empty and that all values are finite and in 0..1.
     ///
     /// # Errors
-    /// [`PictureError`] with the position of the first offender.
+    /// [`PictureError`] with the position of the first invalid value.
     pub fn check(&self) -> Result<(), PictureError> {
         let (width, height) = self.dimensions();
         if width == 0 || height == 0 {
@@ -133,7 +133,7 @@ impl Picture {
         })
     }
 
-    /// Writes the pixels of row `y` from column `x` on as interleaved values in 0..1 into `out`.
+    /// Writes the pixels of row `y`, starting at column `x`, to `out` as interleaved values in 0..1.
     pub(crate) fn row_f64(&self, x: usize, y: usize, out: &mut [f64]) {
         let n = out.len();
         let start = 3 * (y * self.dimensions().0 as usize + x);
@@ -154,13 +154,13 @@ impl Picture {
     }
 }
 
-/// A network's normalisation of each channel before its first layer: `factor × value + offset` of a value
-/// in 0..1, computed in f64 and rounded once.
+/// A network's per-channel normalisation of its input: `factor × value + offset` of a value in 0..1, computed in f64
+/// and rounded once.
 #[derive(Debug, Clone)]
 pub(crate) struct Normalization {
     factor: [f64; 3],
     offset: [f64; 3],
-    /// The result for every 8-bit level.
+    /// Result for every 8-bit level.
     levels: [[f32; 3]; 256],
 }
 
@@ -178,7 +178,7 @@ impl Normalization {
         }
     }
 
-    /// Writes row `y` of a picture as the network takes it (3 × width).
+    /// Writes row `y` of a picture as the network's input (3 × width values).
     pub(crate) fn row(&self, picture: &Picture, y: usize, out: &mut [f32]) {
         let n = out.len();
         let (out, _) = out.as_chunks_mut::<3>();
@@ -200,7 +200,7 @@ impl Normalization {
     }
 }
 
-/// v / 255 in f64. Dividing each pixel would cost more than the rest of a metric.
+/// v / 255 in f64. A division per pixel would cost more than the rest of a metric.
 const LEVELS: [f64; 256] = {
     let mut levels = [0.0; 256];
     let mut v = 0;
@@ -232,7 +232,7 @@ pub struct Mask {
 }
 
 impl Mask {
-    /// A mask from its values, row-major; `None` unless there are width × height of them.
+    /// Creates a mask from row-major values; `None` unless there are width × height of them.
     pub fn new(width: u32, height: u32, inside: Vec<bool>) -> Option<Self> {
         (inside.len() as u64 == u64::from(width) * u64::from(height)).then_some(Self {
             width,
@@ -241,7 +241,7 @@ impl Mask {
         })
     }
 
-    /// A mask from an 8-bit picture: levels of 128 and more are inside.
+    /// Creates a mask from an 8-bit picture: levels of 128 and above are inside.
     pub fn from_gray8(gray: &GrayImage) -> Self {
         Self {
             width: gray.width(),
@@ -250,12 +250,12 @@ impl Mask {
         }
     }
 
-    /// Width and height, pixels.
+    /// Width and height in pixels.
     pub fn dimensions(&self) -> (u32, u32) {
         (self.width, self.height)
     }
 
-    /// One value a pixel, row-major, top row first.
+    /// One value per pixel, row-major, top row first.
     pub fn values(&self) -> &[bool] {
         &self.inside
     }
@@ -265,11 +265,11 @@ impl Mask {
         self.inside.iter().filter(|&&inside| inside).count()
     }
 
-    /// Pixels whose surrounding square of 2 × `radius` + 1 pixels lies inside the mask. `beyond`: whether pixels beyond
-    /// the picture's border count as inside.
+    /// Pixels whose surrounding square of 2 × `radius` + 1 pixels is inside the mask. If `beyond`, pixels beyond the
+    /// picture's border count as inside.
     pub(crate) fn eroded(&self, radius: usize, beyond: bool) -> Self {
         let (width, height) = (self.width as usize, self.height as usize);
-        // One axis, then the other: a pixel stays if no run of pixels outside ends within its reach.
+        // One axis after the other: a pixel is kept if no pixel outside the mask is within its radius.
         let along = |values: &[bool], n: usize, stride: usize, lines: usize, step: usize| {
             let mut out = vec![false; values.len()];
             for line in 0..lines {
@@ -293,7 +293,7 @@ impl Mask {
         }
     }
 
-    /// Half the size, rounded down. A pixel is inside if its four pixels are.
+    /// Half the size, rounded down. A pixel is inside if all four of its source pixels are.
     pub(crate) fn halved(&self) -> Self {
         let (width, height) = (self.width / 2, self.height / 2);
         let rows = (0..height as usize).flat_map(|y| {
@@ -309,8 +309,8 @@ impl Mask {
         }
     }
 
-    /// Left, top, right and bottom (the last two exclusive) of the smallest box around the pixels inside; `None` if
-    /// there are none.
+    /// Left, top, right and bottom (the last two exclusive) of the bounding box of the pixels inside; `None` if there
+    /// are none.
     pub(crate) fn bounds(&self) -> Option<[u32; 4]> {
         let rows = (0..self.height).filter(|&y| self.row(y as usize).contains(&true));
         let (top, bottom) = (rows.clone().min()?, rows.max()? + 1);
@@ -323,7 +323,7 @@ impl Mask {
         Some([left, top, right, bottom])
     }
 
-    /// The values of row `y`.
+    /// Values of row `y`.
     pub(crate) fn row(&self, y: usize) -> &[bool] {
         let width = self.width as usize;
         &self.inside[y * width..][..width]

@@ -5,19 +5,19 @@ use rayon::prelude::*;
 use crate::picture::{Mask, Picture};
 use crate::unavailable::Unavailable;
 
-/// A PSNR (dB) limited to 80: that of a mean squared error of at least 1e-8.
+/// Limits a PSNR (dB) to 80, which corresponds to a mean squared error of at least 1e-8.
 pub fn floored(psnr: f64) -> f64 {
     psnr.min(80.0)
 }
 
-/// −10 log₁₀ of the mean squared error over all pixels and channels, range 1, dB; infinity for
-/// identical pictures. With a mask only the pixels inside count.
+/// PSNR in dB: −10 log₁₀ of the mean squared error over all pixels and channels, for values in 0..1; infinite for
+/// identical pictures. With a mask, only pixels inside it are evaluated.
 ///
-/// The squared error of two 8-bit pictures is an exact integer; otherwise rows are summed in f64
-/// and added in order. The pictures (and the mask) are of one size.
+/// For two 8-bit pictures, the squared error is an exact integer; otherwise rows are summed in f64 and added in order.
+/// The pictures (and the mask) must have the same size.
 ///
 /// # Errors
-/// When the mask is empty.
+/// If the mask is empty.
 pub fn psnr(
     prediction: &Picture,
     target: &Picture,
@@ -39,7 +39,7 @@ pub fn psnr(
         }
         _ => squared_error(prediction, target, mask) / samples,
     };
-    // The subtraction keeps identical pictures at +inf and black against white at 0, not -0.
+    // The subtraction gives +inf for identical pictures, and 0 rather than -0 for black against white.
     Ok(0.0 - 10.0 * mse.log10())
 }
 
@@ -66,7 +66,7 @@ fn squared_error_8bit(a: &[u8], b: &[u8], width: usize, mask: Option<&Mask>) -> 
         .sum()
 }
 
-/// At most 66,000 levels, so that the sum of their squared differences fits.
+/// At most 66,000 levels, so that the sum of squared differences does not overflow.
 fn sum_of_squares(a: &[u8], b: &[u8]) -> u32 {
     a.iter()
         .zip(b)

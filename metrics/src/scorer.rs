@@ -1,4 +1,4 @@
-//! All selected metrics of predictions and their target.
+//! Evaluation of all selected metrics for predictions and their target.
 
 use std::sync::Arc;
 
@@ -13,8 +13,7 @@ use crate::unavailable::{ScoreError, Unavailable};
 use crate::weights::{Backbone, Weights, WeightsError, WeightsUsed};
 use crate::{dists::Similarity, lpips::Distance, psnr, ssim};
 
-/// Computes a selection of metrics. A prediction's scores depend on nothing but itself, its target
-/// and the mask.
+/// Computes a selection of metrics. A prediction's scores depend only on the prediction, its target and the mask.
 #[derive(Debug)]
 pub struct Scorer {
     keys: Vec<MetricKey>,
@@ -22,30 +21,30 @@ pub struct Scorer {
     options: ScorerOptions,
 }
 
-/// The contribution of each layer to the value of a learned metric.
+/// Contribution of each layer to the value of a learned metric.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Terms {
-    /// The value of LPIPS is the sum of these, one a layer.
+    /// The value of LPIPS is the sum of these, one per layer.
     Lpips {
         /// Mean weighted distance of each layer.
         layers: Vec<f64>,
     },
     /// The value of DISTS is 1 minus the sum of these, one each for the picture and five layers.
     Dists {
-        /// Weighted agreement of means.
+        /// Weighted similarity of means.
         structure: [f64; 6],
-        /// Weighted agreement of covariances.
+        /// Weighted similarity of covariances.
         texture: [f64; 6],
     },
 }
 
-/// Scores with what they are made of; see [`Scorer::examine`].
+/// Scores and their terms; see [`Scorer::examine`].
 #[derive(Debug, Clone, PartialEq)]
 pub struct Examined {
     pub scores: Scores,
-    /// What LPIPS and DISTS are made of.
+    /// Terms of LPIPS and DISTS.
     pub terms: AllTerms,
-    /// Where SSIM and LPIPS find differences; empty unless wanted.
+    /// Local values of SSIM and LPIPS; empty unless requested.
     pub maps: Maps,
 }
 
@@ -57,19 +56,19 @@ pub type Maps = Vec<(MetricKey, Result<ScoreMap, Unavailable>)>;
 pub type AllTerms = Vec<(MetricKey, Result<Terms, Unavailable>)>;
 
 impl Scorer {
-    /// Prepares a selection of metrics with the weights there are.
+    /// Prepares a selection of metrics with the available weights.
     ///
     /// # Errors
-    /// When a weights file that a selected metric needs was given but cannot be used. Weights that
-    /// were not given make their metrics [`Unavailable`].
+    /// If a weights file that a selected metric needs was given but cannot be used. Metrics whose weights were not
+    /// given are [`Unavailable`].
     pub fn new(selection: &Selection, weights: &Weights) -> Result<Self, WeightsError> {
         Self::with_options(selection, weights, ScorerOptions::default())
     }
 
-    /// As [`new`](Self::new), with a choice of kernels.
+    /// Like [`new`](Self::new), with a choice of kernels.
     ///
     /// # Errors
-    /// As [`new`](Self::new).
+    /// As for [`new`](Self::new).
     pub fn with_options(
         selection: &Selection,
         weights: &Weights,
@@ -84,7 +83,7 @@ impl Scorer {
         })
     }
 
-    /// The same for some of the metrics, in this scorer's order; the networks are shared.
+    /// A scorer for some of the metrics, in this scorer's order; shares the networks.
     #[must_use]
     pub fn restricted(&self, keys: &[MetricKey]) -> Self {
         let kept = self.keys.iter().copied();
@@ -95,11 +94,11 @@ impl Scorer {
         }
     }
 
-    /// LPIPS of version 0.0, which is no column: for telling where a number is from. `None` unless a metric of that network
-    /// is selected and has weights.
+    /// LPIPS of version 0.0, which is not a column; used to identify the origin of a number. `None` unless a metric
+    /// with that network is selected and its weights are available.
     ///
     /// # Errors
-    /// Why it has no value for these pictures, which are of one size.
+    /// The reason that there is no value for these pictures, which must have the same size.
     pub fn lpips_v0(
         &self,
         net: LpipsNet,
@@ -114,12 +113,12 @@ impl Scorer {
         &self.keys
     }
 
-    /// How the networks are computed.
+    /// Options of the networks' computation.
     pub fn options(&self) -> ScorerOptions {
         self.options
     }
 
-    /// What each metric is, with the weights in use; in the order of the selection.
+    /// Description of each metric, with the weights in use, in the order of the selection.
     pub fn info(&self) -> Vec<MetricInfo> {
         let keys = self.keys.iter();
         keys.map(|&key| MetricInfo::new(key, &self.engines.used))
@@ -131,7 +130,8 @@ impl Scorer {
         &self.engines.used
     }
 
-    /// The metrics whose network's weights are missing, each with it; they have no value for any picture.
+    /// The metrics for whose network no weights are available, each with that network; they have no value for any
+    /// picture.
     pub fn missing_weights(&self) -> impl Iterator<Item = (MetricKey, Backbone)> + '_ {
         let used = |backbone| self.weights().iter().any(|used| used.backbone == backbone);
         let needed = self.keys.iter();
@@ -139,12 +139,12 @@ impl Scorer {
         needed.filter(move |&(_, backbone)| !used(backbone))
     }
 
-    /// Scores a prediction against its target: 0..1 or 8-bit values, sRGB-encoded, of one size.
-    /// `mask` is used by the masked keys only; which mask it is, their suffix must say.
+    /// Scores a prediction against its target. Both are sRGB-encoded, with values in 0..1 or 8-bit levels, and of the
+    /// same size. `mask` is only used by the masked keys, whose suffix identifies the kind of mask.
     ///
     /// # Errors
-    /// When the pictures cannot be compared at all; a metric that has no value for these pictures
-    /// is an entry with the reason instead.
+    /// If the pictures cannot be compared at all. A metric without a value for these pictures is an entry with the
+    /// reason instead.
     pub fn score(
         &self,
         prediction: &Picture,
@@ -154,13 +154,12 @@ impl Scorer {
         self.score_all(target, &[prediction], mask).swap_remove(0)
     }
 
-    /// Scores several predictions of one target, in their order. The networks see the target once:
-    /// k predictions take k + 1 passes of each instead of 2 k. Every score has the same bits as
-    /// that of [`score`](Self::score).
+    /// Scores several predictions of one target, in order. The networks process the target once: k predictions take k +
+    /// 1 passes of each network instead of 2 k. Every score is bit-identical to that of [`score`](Self::score).
     ///
-    /// A prediction that cannot be compared is an error of its own and changes no other's scores;
-    /// a target or mask that cannot be used is the error of all. Memory grows with the number of
-    /// predictions; see [`memory_bytes`](Self::memory_bytes).
+    /// A prediction that cannot be compared gives an error of its own and does not affect the other scores; a target or
+    /// mask that cannot be used gives an error for all. Memory grows with the number of predictions; see
+    /// [`memory_bytes`](Self::memory_bytes).
     pub fn score_all(
         &self,
         target: &Picture,
@@ -191,18 +190,18 @@ impl Scorer {
         results
     }
 
-    /// What [`score_all`](Self::score_all) takes for predictions of a size, besides the pictures and the networks' weights:
-    /// the rows that the networks hold of each picture, and the local distances of masked metrics. About, bytes; nothing
-    /// for what another device holds.
+    /// Approximate memory in bytes that [`score_all`](Self::score_all) uses for predictions of a size, in addition to
+    /// the pictures and the networks' weights: the rows that the networks buffer for each picture, and the local
+    /// distances of masked metrics. Device memory is not included.
     pub fn memory_bytes(&self, size: (u32, u32), predictions: usize) -> u64 {
         self.engines.memory(size, predictions, &self.keys) as u64
     }
 
-    /// [`score`](Self::score), the terms of LPIPS and DISTS and, if wanted, the maps of SSIM and
-    /// LPIPS at the price of one; terms and maps over the whole picture.
+    /// [`score`](Self::score), together with the terms of LPIPS and DISTS and, if requested, the maps of SSIM and
+    /// LPIPS, for the cost of scoring alone. Terms and maps cover the whole picture.
     ///
     /// # Errors
-    /// As [`score`](Self::score).
+    /// As for [`score`](Self::score).
     pub fn examine(
         &self,
         prediction: &Picture,
@@ -299,7 +298,7 @@ fn terms_of(keys: &[MetricKey], learned: &Learned) -> AllTerms {
     keys.iter().filter_map(terms).collect()
 }
 
-/// Refuses a prediction that cannot be compared with a sound target.
+/// Rejects a prediction or mask that cannot be compared with a valid target.
 fn check(prediction: &Picture, target: &Picture, mask: Option<&Mask>) -> Result<(), ScoreError> {
     prediction.check().map_err(ScoreError::Prediction)?;
     let (prediction, target) = (prediction.dimensions(), target.dimensions());

@@ -6,30 +6,30 @@ use crate::identity::{Family, IdentityError, MetricKey, MetricRegion};
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Selected {
     pub key: MetricKey,
-    /// Whether it was asked for by key, alias or family name. Such a metric must be computed or
-    /// the request has failed; one that came with `paper` or `all` may be listed as unavailable.
+    /// True if the metric was requested by key, alias or family name. Such a metric must be computed, or else the
+    /// request fails; one that was included by `paper` or `all` may be listed as unavailable.
     pub explicit: bool,
 }
 
-/// Metrics in the order in which they were asked for, each once.
+/// Metrics in the order in which they were requested, without duplicates.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Selection {
     entries: Vec<Selected>,
 }
 
-/// Why a list of metrics was not understood.
+/// Errors of parsing a list of metrics.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum SelectionError {
     #[error("the list of metrics is empty; try 'paper', 'all', 'psnr' or 'lpips-vgg,dists'")]
     Empty,
-    /// One of the names is no key, family or group.
+    /// One of the names is not a key, family or group.
     #[error("{0}; names: psnr ssim lpips dists; groups: paper all ssim-all lpips-all dists-all")]
     Name(#[from] IdentityError),
 }
 
 impl Selection {
-    /// The metrics of the paper in their default variants: DISTS, LPIPS with AlexNet, PSNR, SSIM
-    /// with a Gaussian window. The default.
+    /// The paper's metrics in their default variants: DISTS, LPIPS with AlexNet, PSNR, SSIM with a Gaussian window. The
+    /// default.
     pub fn paper() -> Self {
         Self::group(&PAPER)
     }
@@ -39,21 +39,20 @@ impl Selection {
         Self::group(&MetricKey::all())
     }
 
-    /// Exactly these metrics, each asked for by name.
+    /// Exactly these metrics, each counted as requested by name.
     pub fn of(keys: &[MetricKey]) -> Self {
         let mut selection = Self { entries: vec![] };
         selection.extend(keys.iter().copied(), true);
         selection
     }
 
-    /// Reads a comma-separated list of keys (`ssim[gauss11,valid]`), aliases (`lpips-vgg`), family
-    /// names (`ssim`: its default variant; `ssim-all`: all of them), `paper` and `all`.
+    /// Parses a comma-separated list of keys (`ssim[gauss11,valid]`), aliases (`lpips-vgg`), family names (`ssim`: its
+    /// default variant; `ssim-all`: all variants), `paper` and `all`.
     ///
-    /// The suffix `@frustum` or `@mask` on a group selects the masked form of its members that have
-    /// one.
+    /// The suffix `@frustum` or `@mask` on a group selects the masked variants of its members, where they exist.
     ///
     /// # Errors
-    /// [`SelectionError`] when the list is empty or a name in it unknown or refused.
+    /// [`SelectionError`] if the list is empty, or a name in it is unknown or rejected.
     pub fn parse(list: &str) -> Result<Self, SelectionError> {
         let mut selection = Self { entries: vec![] };
         for name in split_outside_brackets(list) {
@@ -78,25 +77,25 @@ impl Selection {
         Ok(selection)
     }
 
-    /// The metrics in the order in which they were asked for.
+    /// The metrics in the order in which they were requested.
     pub fn entries(&self) -> &[Selected] {
         &self.entries
     }
 
-    /// The keys in the order in which they were asked for.
+    /// The keys in the order in which they were requested.
     pub fn keys(&self) -> impl Iterator<Item = MetricKey> + '_ {
         self.entries.iter().map(|entry| entry.key)
     }
 
-    /// Whether the metric was asked for by name.
+    /// True if the metric was requested by name.
     pub fn is_explicit(&self, key: MetricKey) -> bool {
         self.entries
             .iter()
             .any(|entry| entry.key == key && entry.explicit)
     }
 
-    /// This selection, each metric over the whole picture followed by its form inside a region where
-    /// there is one.
+    /// This selection, in which each metric over the whole picture is followed by its variant for `region`, if it
+    /// exists.
     #[must_use]
     pub fn with_region(&self, region: MetricRegion) -> Self {
         let mut selection = Self { entries: vec![] };
@@ -153,7 +152,7 @@ fn family(family: Family, region: MetricRegion) -> Vec<MetricKey> {
     keys
 }
 
-/// The non-empty, trimmed parts between commas; commas inside brackets belong to a key.
+/// Non-empty, trimmed parts between commas; commas inside brackets are part of a key.
 fn split_outside_brackets(list: &str) -> Vec<&str> {
     let mut depth = 0_i32;
     list.split(|c| {

@@ -1,7 +1,7 @@
 //! Element-wise loops compiled for several vector widths.
 
-/// Runs a function compiled for the instruction set that the process uses. Only `*`, `+`, `-`, `/`
-/// are used and never fused, so every version gives the same bits.
+/// Runs a function compiled for the process's instruction set. Only `*`, `+`, `-`, `/` are used and never fused, so
+/// every version gives the same bits.
 macro_rules! with_widest_vectors {
     ($body:ident($($arg:expr),*) : fn($($name:ident: $type:ty),*)) => {{
         #[cfg(target_arch = "x86_64")]
@@ -11,7 +11,7 @@ macro_rules! with_widest_vectors {
             #[target_feature(enable = "avx2")]
             fn avx2($($name: $type),*) { $body($($name),*) }
             match sharp_kernels::Simd::detect().instruction_set() {
-                // SAFETY: a `Simd` of this set exists only where the machine has it.
+                // SAFETY: a `Simd` of this set exists only if the machine supports it.
                 sharp_kernels::InstructionSet::Avx512 => unsafe { avx512($($arg),*) },
                 // SAFETY: as above.
                 sharp_kernels::InstructionSet::Avx2 => unsafe { avx2($($arg),*) },

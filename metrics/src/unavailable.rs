@@ -1,10 +1,10 @@
-//! Why a metric has no value.
+//! Reasons that a metric has no value.
 
 use crate::options::Device;
 use crate::picture::PictureError;
 use crate::weights::Backbone;
 
-/// Why a metric has no value for a pair.
+/// Reason that a metric has no value for a pair.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum Unavailable {
     /// The network's weights were not given.
@@ -13,26 +13,26 @@ pub enum Unavailable {
          file of yours with `--weights {backbone}=FILE`"
     )]
     NoWeights { backbone: Backbone },
-    /// The picture is smaller than the metric's window or network allows.
+    /// The picture is smaller than the metric's window or network requires.
     #[error("the pictures are {width}x{height}; sides of at least {smallest} are needed")]
     TooSmall {
-        /// Width, pixels.
+        /// Width in pixels.
         width: u32,
-        /// Height, pixels.
+        /// Height in pixels.
         height: u32,
-        /// Smallest side that works, pixels.
+        /// Minimum side in pixels.
         smallest: u32,
     },
-    /// The key counts pixels inside the view-frustum mask and there is none.
+    /// The key requires a view-frustum mask, but there is none.
     #[error("needs the view-frustum mask of the pair, which takes the target's depth")]
     NoFrustumMask,
-    /// The key counts pixels inside a mask to be handed in, and none was.
+    /// The key requires a mask from the caller, but none was given.
     #[error("needs a mask (`sharp-bench metrics --mask FILE|DIR`)")]
     NoMask,
-    /// The mask leaves no pixel for which the metric has a value.
+    /// The mask contains no pixel for which the metric has a value.
     #[error("the mask leaves no pixel to score")]
     EmptyMask,
-    /// Both pictures are constant and the range was to be taken from them.
+    /// Both pictures are constant, but the variant derives the data range from them.
     #[error("both pictures are constant, so their data range is zero and the value undefined")]
     NoRange,
     /// The device failed on this pair, usually for lack of memory.
@@ -40,7 +40,7 @@ pub enum Unavailable {
     Device { device: Device, reason: String },
 }
 
-/// Why a pair cannot be scored at all.
+/// Reason that a pair cannot be scored at all.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum ScoreError {
     /// The two pictures differ in size; nothing is ever resized silently.
@@ -52,16 +52,16 @@ pub enum ScoreError {
         prediction: (u32, u32),
         target: (u32, u32),
     },
-    /// The mask is not of the pictures' size.
+    /// The mask's size differs from the pictures'.
     #[error("the mask is {}x{} but the pictures are {}x{}", mask.0, mask.1, target.0, target.1)]
     MaskSizeMismatch {
         mask: (u32, u32),
         target: (u32, u32),
     },
-    /// The prediction has pixels that no metric takes.
+    /// The prediction has invalid pixels or an invalid size.
     #[error("prediction: {0}")]
     Prediction(PictureError),
-    /// The target has pixels that no metric takes.
+    /// The target has invalid pixels or an invalid size.
     #[error("target: {0}")]
     Target(PictureError),
 }

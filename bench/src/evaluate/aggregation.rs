@@ -8,8 +8,8 @@ use serde::{Deserialize, Serialize};
 
 use super::record::Record;
 
-/// How scores are averaged. Part of a number's identity: a scene with many pairs weighs more under one rule than under
-/// another.
+/// How scores are averaged. Part of a value's identity, because the rule determines the weight of a scene with many
+/// pairs.
 #[derive(
     Debug,
     Clone,
@@ -27,7 +27,7 @@ use super::record::Record;
 )]
 #[serde(rename_all = "lowercase")]
 pub enum Aggregation {
-    /// The mean over all pairs, as the SHARP paper says.
+    /// The mean over all pairs, as stated in the SHARP paper.
     #[default]
     Pairs,
     /// The mean over scenes of the mean over a scene's pairs.
@@ -39,10 +39,10 @@ pub enum Aggregation {
 impl Aggregation {
     pub const ALL: [Self; 3] = [Self::Pairs, Self::Scenes, Self::Sources];
 
-    /// The mean of `values`, `None` if there are none. Groups are summed in the order given, then averaged by name, so
-    /// that the result does not depend on threads. One infinite value makes the mean infinite.
+    /// The mean of `values`; `None` if there are none. Groups are summed in the given order, then averaged by name, so
+    /// the result does not depend on threads. One infinite value makes the mean infinite.
     pub fn of<'a>(self, values: impl IntoIterator<Item = (&'a Record, f64)>) -> Option<f64> {
-        // Sum and count.
+        // Sum and count by group.
         let mut groups: BTreeMap<[&str; 3], (f64, usize)> = BTreeMap::new();
         for (record, value) in values {
             let key: [&str; 3] = match self {

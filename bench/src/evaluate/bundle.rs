@@ -1,9 +1,10 @@
-//! The scores of a run in one file, small enough to be sent, published or committed as a baseline.
+//! The scores of a run in a single file, small enough to send, publish or commit as a baseline.
 //!
-//! A ZIP archive: `bundle.json` (version and digest), `manifest.json`, `pairs.csv` (the evaluated pairs alone),
-//! `units.jsonl` (the status of each unit), `missing.json`, and `scores.bin`, a column per metric of the manifest: all
-//! first bytes of its numbers (f64, big endian), then all second bytes, and so on, which compresses better than number by
-//! number. It has no pictures, timings, or values that methods report. Equal results give equal bytes.
+//! A ZIP archive: `bundle.json` (version and digest), `manifest.json`, `pairs.csv` (only the evaluated pairs),
+//! `units.jsonl` (the status of each unit), `missing.json`, and `scores.bin`, with one column per metric of the
+//! manifest: the first bytes of all its numbers (f64, big endian), then all second bytes, and so on, which compresses
+//! better than number by number. It excludes pictures, timings, and values that methods report. Equal results give
+//! equal bytes.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::io::{Cursor, Read, Write};
@@ -22,30 +23,30 @@ use crate::io::atomic_files::{FileError, write_atomic};
 use crate::io::hash::StableHasher;
 use crate::pairs::PairList;
 
-/// Version of the layout. Older ones stay readable.
+/// Version of the layout. Older versions remain readable.
 const FORMAT: u32 = 2;
 
-/// Bytes that a member of text may unpack to: a hundred times those of the paper's whole evaluation.
+/// Maximum unpacked size of a text member, bytes: a hundred times that of the paper's whole evaluation.
 const MAX_MEMBER: u64 = 1 << 28;
 
-/// Marks a missing score: a NaN that no arithmetic produces.
+/// Marks a missing score: a NaN that arithmetic does not produce.
 const ABSENT: u64 = u64::MAX;
 
-/// `bundle.json`, which can be read on its own.
+/// `bundle.json`, which can be read by itself.
 #[derive(Debug, Serialize, Deserialize)]
 pub(crate) struct Head {
     format: u32,
-    /// Hash of the manifest and the records; of format 1, of the records alone.
+    /// Hash of the manifest and the records; in format 1, of the records alone.
     pub(crate) digest: String,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(crate) occasion: Option<Occasion>,
 }
 
-/// What only the author of a run knows about it.
+/// Facts about a run that only its author knows.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Occasion {
     pub label: String,
-    /// A version of their code, such as a git hash.
+    /// Version of the author's code, such as a git hash.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub commit: Option<String>,
     /// `YYYY-MM-DD`, or `YYYY-MM-DDTHH:MM`.
@@ -60,12 +61,12 @@ pub struct Bundle {
     pub occasion: Option<Occasion>,
 }
 
-/// A unit without its scores and without what the pair list says.
+/// A unit without its scores and without the columns of the pair list.
 #[derive(Serialize, Deserialize)]
 struct UnitLine {
-    /// Position in `pairs.csv`.
+    /// Index in `pairs.csv`.
     pair: usize,
-    /// Position in the manifest.
+    /// Index in the manifest.
     method: usize,
     cluster: String,
     #[serde(flatten)]
@@ -84,11 +85,11 @@ struct UnitLine {
     files: Option<PairFiles>,
 }
 
-/// Writes the results of a run folder, or of another bundle, into a file.
+/// Writes the results of a run folder, or of another bundle, to a file.
 ///
 /// # Errors
-/// When the run cannot be read or the file not be written; also where there is a file that is no bundle, or one with an
-/// [`Occasion`], which belongs to a history.
+/// If the run cannot be read or the file cannot be written; also if the file exists and is not a bundle, or is one with
+/// an [`Occasion`], which belongs to a history.
 pub fn write_bundle(run: &Path, out: &Path) -> Result<Results, EvaluateError> {
     let is_other = |there: Result<Bundle, _>| there.map_or(true, |there| there.occasion.is_some());
     if out.exists() && is_other(read_file(out)) {
@@ -104,10 +105,10 @@ pub fn write_bundle(run: &Path, out: &Path) -> Result<Results, EvaluateError> {
 }
 
 impl Results {
-    /// Reads a folder, also one whose run has not ended, or a bundle.
+    /// Reads a bundle, or a folder, even of an unfinished run.
     ///
     /// # Errors
-    /// When it is neither a folder nor a bundle, has another format, or its pair list or plan has lost pairs.
+    /// If `run` is neither a folder nor a bundle, has another format, or pairs are missing from its pair list or plan.
     pub fn read(run: &Path) -> Result<Self, EvaluateError> {
         match run.exists() && !run.is_dir() {
             true => Ok(read_file(run)?.results),
@@ -117,10 +118,10 @@ impl Results {
 }
 
 impl Bundle {
-    /// Reads a file of [`write_bundle`], or makes one of a run folder.
+    /// Reads a file written by [`write_bundle`], or creates a bundle from a run folder.
     ///
     /// # Errors
-    /// When it is neither, or of a later version.
+    /// If `run` is neither, or of a later version.
     pub fn read(run: &Path) -> Result<Self, EvaluateError> {
         if run.exists() && !run.is_dir() {
             return read_file(run);
@@ -150,10 +151,10 @@ impl Bundle {
         })
     }
 
-    /// The file.
+    /// Contents of the bundle's file.
     ///
     /// # Errors
-    /// When the results speak of pairs or methods that are not listed.
+    /// If the results refer to pairs or methods that are not listed.
     pub fn bytes(&self) -> std::io::Result<Vec<u8>> {
         let Results {
             manifest,
@@ -222,11 +223,11 @@ impl Bundle {
         Ok(archive.finish()?.into_inner())
     }
 
-    /// Hash of pairs with their photographs, manifest and records: equal for two runs of the same thing, wherever its
-    /// files lay.
+    /// Hash of pairs with their photographs, manifest and records: equal for two runs of the same evaluation, wherever
+    /// its files were.
     ///
     /// # Errors
-    /// Those of the encoder, which only writes to memory here.
+    /// Errors of the encoder, which only writes to memory here.
     pub fn content_sha256(&self) -> serde_json::Result<String> {
         let mut manifest = self.results.manifest.clone();
         for dataset in &mut manifest.datasets {
@@ -255,7 +256,7 @@ fn unavailable(record: &Record) -> BTreeMap<String, String> {
         .collect()
 }
 
-/// Digest of manifest and records, as defined by the bundle's format.
+/// Digest of manifest and records, as the bundle's format defines it.
 fn digest(format: u32, manifest: &Manifest, records: &[Record]) -> serde_json::Result<String> {
     let mut hasher = StableHasher::default();
     if format > 1 {
@@ -319,7 +320,7 @@ fn unreadable(path: &Path, reason: String) -> EvaluateError {
     }
 }
 
-/// Reads `bundle.json` alone, even if the rest is damaged.
+/// Reads only `bundle.json`, which works even if the rest is damaged.
 pub(crate) fn read_head(path: &Path) -> Result<Head, EvaluateError> {
     Members::open(path)?.head()
 }

@@ -8,7 +8,7 @@ use sharp_metrics::MetricInfo;
 use super::error::EvaluateError;
 use super::manifest::{AGGREGATION, DatasetRecord, Manifest};
 
-/// Why two manifests are compared. An index into [`Row`].
+/// Why two manifests are compared; indexes a [`Row`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Purpose {
     /// `run` or `score` adds to a folder.
@@ -17,30 +17,30 @@ pub(super) enum Purpose {
     Read,
     /// `merge` copies the units into one folder.
     Merged,
-    /// A shard works off a plan.
+    /// A shard executes a plan.
     Shard,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Effect {
     Allowed,
-    /// The new meaning of a name counts; tables no longer show earlier results under it.
+    /// The name's new meaning applies; tables no longer show earlier results under it.
     Replaced,
     Refused,
 }
 use Effect::{Allowed, Refused, Replaced};
 
-/// The effect for each [`Purpose`]. These constants are the whole table.
+/// The effect for each [`Purpose`]. The constants below form the whole table.
 type Row = [Effect; 4];
-/// Decides every number.
+/// Facts that affect every value.
 const RULE: Row = [Refused, Refused, Refused, Refused];
-/// Scoring conventions. They are part of each metric's identity too, so adding them to a folder replaces scores.
+/// Scoring conventions. They are also part of each metric's identity, so a change within a folder replaces scores.
 const CONVENTION: Row = [Allowed, Refused, Refused, Refused];
-/// What the name of a dataset or method stands for.
+/// The meaning of a dataset's or method's name.
 const NAME: Row = [Replaced, Refused, Refused, Refused];
-/// Changes scores only in digits that no table shows.
+/// Facts that change scores only in digits that no table shows.
 const MACHINE: Row = [Refused, Allowed, Refused, Refused];
-/// Code of a method or reader, weights or code of a metric.
+/// Code of a method or reader; weights or code of a metric.
 const CODE: Row = [Replaced, Allowed, Refused, Refused];
 const UNPLANNED: Row = [Allowed, Allowed, Allowed, Refused];
 
@@ -48,11 +48,11 @@ const UNPLANNED: Row = [Allowed, Allowed, Allowed, Refused];
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) struct ManifestDifference {
     row: Row,
-    /// What differs; a whole sentence if there are no values.
+    /// What differs; a complete sentence if there are no values.
     what: String,
-    /// Before and now.
+    /// Old and new value.
     values: Option<[String; 2]>,
-    /// Follows the sentence.
+    /// Advice that follows the sentence.
     advice: &'static str,
 }
 
@@ -69,7 +69,7 @@ impl ManifestDifference {
         }
     }
 
-    /// A sentence; `one` and `other` say where each value comes from.
+    /// A sentence; `one` and `other` say where each value is from.
     pub(super) fn between(&self, one: &str, other: &str) -> String {
         let what = &self.what;
         match &self.values {
@@ -97,7 +97,7 @@ pub(super) fn refusal(
     refused.next()
 }
 
-/// All differences that affect numbers, and what only `now` has.
+/// All differences that affect values, including what only `now` has.
 pub(super) fn differences(before: &Manifest, now: &Manifest) -> Vec<ManifestDifference> {
     let mut found = Found(Vec::new());
     let both = [before, now];
@@ -113,7 +113,7 @@ pub(super) fn differences(before: &Manifest, now: &Manifest) -> Vec<ManifestDiff
     let aggregations = both.map(|manifest| manifest.aggregation.to_string());
     found.compare(RULE, "the aggregation", aggregations);
     for (name, text) in now.scoring.iter().filter(|(name, _)| *name != AGGREGATION) {
-        // A version that did not state a convention yet had the same one.
+        // A version that did not yet state a convention used the same one.
         let stated = before.scoring.get(name).unwrap_or(text);
         found.compare(CONVENTION, name, [stated.clone(), text.clone()]);
     }
@@ -220,7 +220,7 @@ impl Found {
     }
 }
 
-/// Each item of `now` with its namesake in `before`.
+/// Pairs each item of `now` with the item of the same name in `before`.
 fn by_name<'m, T, N: PartialEq>(
     before: &'m [T],
     now: &'m [T],
@@ -243,8 +243,8 @@ fn metric_facts(info: &MetricInfo) -> [(&'static str, String); 4] {
     ]
 }
 
-/// The first setting that both manifests state differently, else both specs. Settings that only one states are ignored:
-/// another version may state more.
+/// The first setting with different values in both manifests, else both specs. Settings that only one manifest has are
+/// ignored, because versions may record more or fewer.
 fn readings(before: &DatasetRecord, now: &DatasetRecord) -> [String; 2] {
     let mut differing = before.readings.iter().filter_map(|old| {
         let new = now.readings.iter().find(|new| new.key == old.key)?;
@@ -255,11 +255,11 @@ fn readings(before: &DatasetRecord, now: &DatasetRecord) -> [String; 2] {
     differing.next().unwrap_or_else(specs)
 }
 
-/// The manifest of a folder after `new` was added to it, and a sentence for each earlier result that tables no longer
-/// show because its name now means something else.
+/// The manifest of a folder after adding `new`, and a sentence for each earlier result that tables no longer show
+/// because its name has a new meaning.
 ///
 /// # Errors
-/// When results of both would not share a table: the folder's renderer, kernels, protocol, … are others.
+/// If both results cannot share a table, because the folder's renderer, kernels, protocol, … differ.
 pub(super) fn extended(
     before: Manifest,
     new: Manifest,
@@ -278,7 +278,7 @@ pub(super) fn extended(
         });
     }
     let replaced = of(Replaced).map(ManifestDifference::replaced).collect();
-    // Whatever computed the networks of columns that stay.
+    // Keep the record of the networks if the remaining columns were computed with them.
     let metric_networks = match new.has_networks() {
         true => new.metric_networks,
         false => before.metric_networks,
@@ -314,10 +314,10 @@ pub(super) fn extended(
     Ok((merged, replaced))
 }
 
-/// One manifest for results that are shown together.
+/// Combines two manifests for results that are shown together.
 ///
 /// # Errors
-/// The first difference that columns of one name, or names of one meaning, cannot have.
+/// The first difference that prevents results from sharing columns or names.
 pub(super) fn joined(one: Manifest, other: Manifest) -> Result<Manifest, String> {
     if let Some(difference) = refusal(&one, &other, Purpose::Read) {
         return Err(difference.to_string());
@@ -357,7 +357,7 @@ pub(super) fn joined(one: Manifest, other: Manifest) -> Result<Manifest, String>
     })
 }
 
-/// The items of `all`, then new names; `meet` combines two items of one name.
+/// The items of `all`, then those of `new` with other names; `meet` combines two items of the same name.
 fn union<T, N: PartialEq>(
     mut all: Vec<T>,
     new: Vec<T>,
@@ -379,7 +379,7 @@ mod tests {
     use crate::evaluate::test_records::manifest;
     use crate::methods::TrueDepth;
 
-    /// What each purpose makes of the only difference.
+    /// The effect of the only difference for each purpose.
     fn effects(change: impl Fn(&mut Manifest)) -> [Effect; 4] {
         let before = manifest("psnr");
         let mut now = before.clone();
@@ -410,7 +410,7 @@ mod tests {
             effects(|now| now.renderer.backend = "wgpu".to_owned()),
             MACHINE
         );
-        // A reader of another version, the same settings.
+        // Another version of a reader with the same settings.
         assert_eq!(effects(|now| now.datasets[0].identity.clear()), CODE);
         assert_eq!(effects(|now| now.methods[0].sources.clear()), CODE);
         assert_eq!(effects(|now| now.metrics[0].identity.clear()), CODE);

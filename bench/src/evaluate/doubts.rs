@@ -1,4 +1,4 @@
-//! Warnings about a method, from single records and from all of them together.
+//! Warnings about a method, derived from single records and from all of them together.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -10,26 +10,27 @@ use crate::methods::{TrueDepth, UNUSABLE};
 
 /// Ratio of rendered to true depth beyond which the unit is probably not metres.
 const UNLIKELY_SCALE: f64 = 10.0;
-/// Outliers are sought among at least this many sources. With fewer, other readings are tried for most of them anyway.
+/// Minimum number of sources for outlier detection. With fewer, other readings are tried for most of them anyway.
 const FEWEST_SOURCES: usize = 4;
-/// Least gap between wrong sources and the others, dB: explaining half of a photograph's variance against none of it.
+/// Minimum gap between wrong sources and the others, dB: the difference between explaining half of a photograph's
+/// variance and none of it.
 const LEAST_GAP: f64 = 6.0;
-/// The gap must be at least this many times the distance from the worst to the median of the others, which is rare by
-/// chance.
+/// Minimum ratio of the gap to the distance between the worst and the median of the others, which is rare by chance.
 const GAP_SIGNIFICANCE: f64 = 2.0;
-/// Across scenes only sources below this count as outliers, dB: the PSNR of a plain picture in the mean colour, at a
-/// contrast of 45 levels.
+/// Across scenes, only sources below this PSNR count as outliers, dB: the PSNR of a uniform picture in the mean colour
+/// at a contrast of 45 levels.
 const UNLIKE_ANY_SCENE: f64 = 15.0;
-/// A sentence lists at most this many sources and counts the others.
+/// A sentence names at most this many sources and counts the rest.
 const MOST_NAMED: usize = 8;
 
-/// Topic of a record's note on the rule by which its Gaussians were drawn, which is no warning.
+/// Topic of a record's note on the rendering rule, which is not a warning.
 pub(super) const RULE: &str = "rule";
 
-/// Extras of methods that say what they were trained on: 1 where the pair's source, or its target, is among those views.
+/// Extras of methods that state their training views: 1 if the pair's source (first) or target (second) is among those
+/// views.
 pub(super) const TRAINED_ON: [&str; 2] = ["source_trained_on", "target_trained_on"];
 
-/// Notes on the rules by which a method's Gaussians were drawn, where nobody named one.
+/// Notes on the rendering rules of a method's Gaussians that nobody stated.
 pub fn rule_notes<'a>(records: impl Iterator<Item = &'a Record>) -> Vec<String> {
     let notes: BTreeSet<&String> = records.filter_map(|r| r.warnings.get(RULE)).collect();
     notes.into_iter().cloned().collect()
@@ -66,18 +67,18 @@ pub fn doubts(record: &Record, depth: TrueDepth) -> BTreeMap<&str, String> {
     doubts
 }
 
-/// Names sources that are rendered much worse than the others of their scene, or than the others of their dataset and
-/// worse than a plain colour. Other readings are tried on only three sources of a dataset; this finds wrong files among
-/// the rest.
+/// Names sources whose rendering is much worse than that of the others in their scene, or worse than that of the others
+/// in their dataset and than a uniform picture. Other readings are tried for only three sources of a dataset; this
+/// finds wrong files among the rest.
 fn outlying_sources<'a>(
     records: impl Iterator<Item = &'a Record> + Clone,
     kind: &str,
 ) -> Option<String> {
-    // These make their Gaussians of the photograph itself.
+    // These methods derive their Gaussians from the photograph itself.
     if ["sharp", "depth-splat"].contains(&kind) {
         return None;
     }
-    // These show their photograph, however low their PSNR.
+    // These sources show their photograph, however low their PSNR.
     let blurred = records
         .clone()
         .filter(|r| r.extras.contains_key(SOURCE_BLUR));
@@ -114,7 +115,7 @@ fn outlying_sources<'a>(
     ))
 }
 
-/// Splits a group into outliers, at most half of it and none above `most`, and the others; `None` if there is no gap.
+/// Splits a group into outliers (at most half of it, none above `most`) and the others; `None` if there is no gap.
 fn apart<'a>(group: &BTreeMap<&'a str, f64>, most: f64) -> Option<[Vec<(&'a str, f64)>; 2]> {
     let mut sources: Vec<(&str, f64)> = group.iter().map(|(name, v)| (*name, *v)).collect();
     sources.sort_by(|a, b| a.1.total_cmp(&b.1));
@@ -130,7 +131,7 @@ fn apart<'a>(group: &BTreeMap<&'a str, f64>, most: f64) -> Option<[Vec<(&'a str,
     })
 }
 
-/// Findings that need all records of a method: see `outlying_sources` and `changed_pictures`.
+/// Findings from all records of a method: see `outlying_sources` and `changed_pictures`.
 pub(super) fn joint_doubts<'a>(
     records: impl Iterator<Item = &'a Record> + Clone,
     kind: &str,
@@ -148,7 +149,7 @@ pub(super) fn joint_doubts<'a>(
     found
 }
 
-/// Names targets that a method was trained on, or says that it was told of no view of these pairs.
+/// Names targets that a method was trained on, or reports that none of its stated training views is in these pairs.
 fn trained_targets<'a>(records: impl Iterator<Item = &'a Record>) -> Option<String> {
     let of_views = |record: &'a Record| {
         let [source, target] = TRAINED_ON.map(|name| record.extras.get(name).map(|v| *v > 0.0));
@@ -172,7 +173,7 @@ fn trained_targets<'a>(records: impl Iterator<Item = &'a Record>) -> Option<Stri
     })
 }
 
-/// Names in their order, of many the first.
+/// The names in order, shortened if there are many.
 fn listed(names: BTreeSet<&str>) -> String {
     let more = match names.len().saturating_sub(MOST_NAMED) {
         0 => String::new(),
@@ -182,7 +183,7 @@ fn listed(names: BTreeSet<&str>) -> String {
     first.join(", ") + &more
 }
 
-/// The first warning of each kind among a method's records, and `joint_doubts`.
+/// The first warning per topic among a method's records, followed by `joint_doubts`.
 pub fn doubts_of<'a>(
     records: impl Iterator<Item = &'a Record> + Clone,
     kind: &str,
@@ -217,7 +218,7 @@ mod tests {
         assert_eq!(outlying_sources(records.iter(), "gaussians"), None);
     }
 
-    /// A record a source; names are `SCENE/VIEW`.
+    /// One record per source; names are `SCENE/VIEW`.
     fn records(sources: &[(&str, f64)]) -> Vec<Record> {
         sources
             .iter()
@@ -235,7 +236,7 @@ mod tests {
     fn shown(sources: &[(&str, f64)]) -> Option<String> {
         let records = records(sources);
         let found = outlying_sources(records.iter(), "gaussians");
-        // Not where the program itself made them of the photograph, and in no order.
+        // Not for methods that derive Gaussians from the photograph; independent of order.
         assert_eq!(outlying_sources(records.iter(), "depth-splat"), None);
         assert_eq!(outlying_sources(records.iter().rev(), "gaussians"), found);
         found
@@ -258,7 +259,7 @@ mod tests {
                      d/s/view_03, d/s/view_04, d/s/view_06, d/s/view_07; ";
         assert!(said.starts_with(start), "{said}");
         assert!(said.contains("`gaussians info FILE`"), "{said}");
-        // A neighbour's file.
+        // The file of a neighbouring view.
         let one = [33.9, 33.1, 20.4, 34.0, 33.5];
         let names = ["s/a", "s/b", "s/c", "s/d", "s/e"];
         let one: Vec<(&str, f64)> = names.into_iter().zip(one).collect();
@@ -267,7 +268,7 @@ mod tests {
             said.starts_with("1 of 5") && said.contains(": d/s/c; "),
             "{said}"
         );
-        // One source a scene: only what shows less than a plain colour.
+        // With one source per scene, only those worse than a uniform picture count.
         let mut scenes = [("a/v", 22.0), ("b/v", 24.0), ("c/v", 9.0), ("e/v", 27.0)];
         assert!(shown(&scenes).unwrap().contains(": d/c/v; "));
         scenes[2].1 = 15.5;
@@ -285,8 +286,8 @@ mod tests {
         assert!(said.contains("d/t/view_07; "), "{said}");
     }
 
-    /// Measured: the small network and `depth-splat` on the procedural scene, the network on held-out scenes, and what other
-    /// right Gaussians may look like.
+    /// Measured values: the small network and `depth-splat` on the procedural scene, the network on held-out scenes,
+    /// and plausible values of other correct Gaussians.
     #[test]
     fn sources_that_differ_by_nature_are_not() {
         let of = |values: &[f64]| {
@@ -304,17 +305,17 @@ mod tests {
             &[
                 21.93, 22.49, 23.0, 24.1, 24.8, 25.9, 27.0, 28.1, 29.3, 31.21,
             ],
-            // One flat view that is easy, and a gradual decline.
+            // One easy, flat view, and a gradual decline.
             &[24.0, 24.5, 25.0, 25.5, 40.0],
             &[8.0, 12.0, 16.0, 20.0, 24.0, 28.0],
-            // Too few to tell.
+            // Too few sources to decide.
             &[9.0, 25.0, 26.0],
-            // Most of them lie below: what is right there?
+            // Most are low, so it is unclear which are right.
             &[9.0, 9.5, 10.0, 25.0],
         ] {
             assert_eq!(of(values), None, "{values:?}");
         }
-        // A scene of leaves beside one of walls.
+        // A scene of leaves next to one of walls.
         let names = ["a/0", "a/1", "a/2", "a/3", "b/0", "b/1", "b/2", "b/3"];
         let values = [31.0, 31.5, 32.0, 32.2, 22.0, 22.1, 22.6, 23.0];
         let two: Vec<(&str, f64)> = names.into_iter().zip(values).collect();

@@ -10,19 +10,19 @@ use crate::io::atomic_files::FileError;
 use crate::methods::SpecError;
 use crate::pairs::PairError;
 
-/// Why an evaluation stopped before its end. What was finished is kept.
+/// Why an evaluation stopped early. Finished units are kept.
 #[derive(Debug, thiserror::Error)]
 pub enum EvaluateError {
     #[error(transparent)]
     Folder(#[from] FileError),
     #[error(transparent)]
     Pairs(#[from] PairError),
-    /// A dataset of a run cannot be opened again.
+    /// A dataset of a run cannot be reopened.
     #[error("{spec}, from which the run has its pictures: {reason}{from}")]
     RunDataset {
         spec: String,
         reason: Box<PairError>,
-        /// What its path is relative to; empty for an absolute one.
+        /// What the path is relative to; empty for an absolute path.
         from: String,
     },
     #[error(
@@ -35,16 +35,16 @@ pub enum EvaluateError {
     Weights(#[from] WeightsError),
     #[error(transparent)]
     Renderer(#[from] RenderError),
-    /// Two methods have one label.
+    /// Two methods have the same label.
     #[error("the label '{0}' is taken; give one of them label=NAME")]
     RepeatedLabel(String),
-    /// The method chose the pairs that it would be judged on.
+    /// The method's own depth selected the pairs.
     #[error(
         "the pairs were chosen by the depth of the checkpoint that method '{method}' is evaluated with; choose them by \
          other depth, such as --overlap-depth DIR"
     )]
     ChosenByMethod { method: String },
-    /// The renderer's device failed: the unit stays undone, and the same run continues from there.
+    /// The renderer's device failed. The unit is not recorded, and the same run resumes from there.
     #[error("{method} on {pair_id}: {reason}; finished units are kept, the same command continues")]
     Device {
         pair_id: String,
@@ -58,7 +58,7 @@ pub enum EvaluateError {
     )]
     OtherMachine {
         folder: PathBuf,
-        /// What differs, with both values.
+        /// The difference, with both values.
         difference: String,
     },
     #[error(
@@ -73,7 +73,7 @@ pub enum EvaluateError {
     /// A file that was expected to be a bundle.
     #[error("{}: not a bundle of scores: {reason}", path.display())]
     Bundle { path: PathBuf, reason: String },
-    /// Folders whose results cannot stand side by side.
+    /// Results of two folders cannot be shown together.
     #[error("{} and {} cannot be joined: {difference}", a.display(), b.display())]
     Conflict {
         a: PathBuf,
@@ -82,11 +82,11 @@ pub enum EvaluateError {
     },
     #[error(transparent)]
     Shard(#[from] ShardError),
-    /// The folder does not hold what the command needs.
+    /// The folder is missing something that the command needs.
     #[error("{}: {reason}", folder.display())]
     NotKept {
         folder: PathBuf,
-        /// What is missing, and what to do.
+        /// What is missing, and what to do about it.
         reason: String,
     },
 }

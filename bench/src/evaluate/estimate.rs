@@ -1,4 +1,4 @@
-//! Estimated cost of an evaluation, measured on a few of its pairs.
+//! Estimates the cost of an evaluation by measuring a few of its pairs.
 
 use std::path::Path;
 use std::time::Instant;
@@ -20,19 +20,19 @@ use crate::io::machine::{peak_bytes, reset_peak};
 use crate::io::observer::Quiet;
 use crate::pairs::pair_list::ResolvedPair;
 
-/// Sources that are measured.
+/// Number of sources measured.
 const SOURCES: usize = 3;
 
 impl Evaluation {
-    /// Evaluates a few pairs in a temporary folder and extrapolates the cost of all of them.
+    /// Evaluates a few pairs in a temporary folder and extrapolates to the cost of all.
     ///
     /// # Errors
-    /// When there is no room for temporary files, or the renderer's device fails.
+    /// If there is no space for temporary files, or the renderer's device fails.
     pub fn estimate(&self, options: RunOptions) -> Result<Estimate, EvaluateError> {
         let pairs = self.pairs()?;
         let same_source = |a: &ResolvedPair, b: &ResolvedPair| std::ptr::eq(a.source, b.source);
         let groups: Vec<&[ResolvedPair]> = pairs.chunk_by(same_source).collect();
-        // Evenly over the sources, which are sorted by dataset and scene.
+        // Spread evenly over the sources, which are sorted by dataset and scene.
         let count = groups.len().min(SOURCES);
         let chosen: Vec<&[ResolvedPair]> = (0..count)
             .map(|i| groups[(2 * i + 1) * groups.len() / (2 * count)])
@@ -47,7 +47,7 @@ impl Evaluation {
         let keys = Keys::new(&self.datasets, &RendererRecord::of(&self.renderer));
         let mut failures = 0;
         let mut stage = |stages: Stages| -> Result<StageCost, EvaluateError> {
-            // Everything is kept, so that the second pairs find the predictions of the first.
+            // Keep everything, so that the second pairs reuse the predictions of the first.
             let kept = RunOptions {
                 stages,
                 keep_gaussians: true,
@@ -113,7 +113,7 @@ impl Evaluation {
     }
 }
 
-/// Bytes of the files below a folder; 0 if it does not exist.
+/// Total size of the files below a folder, bytes; 0 if it does not exist.
 fn size(path: &Path) -> u64 {
     let Ok(entries) = std::fs::read_dir(path) else {
         return std::fs::metadata(path).map_or(0, |file| file.len());

@@ -1,19 +1,19 @@
 //! The run folder.
 //!
 //! ```text
-//! RUN/manifest.json                         what was run
-//! RUN/run.toml                              what was asked for, by the options' names
-//! RUN/plan.json                             which pairs by which methods; of `run --plan-only` also its cost
+//! RUN/manifest.json                         facts about the run
+//! RUN/run.toml                              the configuration, by option names
+//! RUN/plan.json                             planned pairs by method; with `run --plan-only` also the cost
 //! RUN/pairs.csv                             the pair list
-//! RUN/units/ab/abcdef….json                 one file a unit, named by its slot
+//! RUN/units/ab/abcdef….json                 one file per unit, named by its slot
 //! RUN/predictions/METHOD/<pair_id>.png      kept pictures (and .exr with --keep float)
 //! RUN/gaussians/<predict key>.safetensors   kept predictions of sources (--keep-gaussians)
-//! RUN/common-region/…                       units scored on what all methods predict (--common-region)
+//! RUN/common-region/…                       units scored on the region common to all methods (--common-region)
 //! RUN/scores.csv                            a table of the units
-//! RUN/timings.csv                           seconds, beside the scores
-//! RUN/.lock                                 held while a process writes here, or shared by those that do shards
-//! RUN/.scratch-…                            what lives as long as that process
-//! RUN/logs/METHOD.log                       standard error of a program that predicts; logs/I-of-N/ of shards
+//! RUN/timings.csv                           seconds, separate from the scores
+//! RUN/.lock                                 held by the writing process, or shared by those that run shards
+//! RUN/.scratch-…                            temporary files of that process
+//! RUN/logs/METHOD.log                       standard error of an external program; logs/I-of-N/ for shards
 //! ```
 
 use std::fs::{self, File, OpenOptions, TryLockError};
@@ -43,20 +43,20 @@ pub struct RunFolder {
 }
 
 impl RunFolder {
-    /// Opens or creates a run folder for writing and removes half-written files of a killed process. Refuses a folder
-    /// that is neither empty nor a run, so that a mistyped path never mixes results with other files.
+    /// Opens or creates a run folder for writing and removes partial files of a killed process. Fails for a folder that
+    /// is neither empty nor a run, so that a mistyped path never mixes results with other files.
     ///
     /// # Errors
     /// Names the folder and why it cannot be used.
     pub fn create(root: &Path) -> Result<Self, FileError> {
         fs::create_dir_all(root).map_err(FileError::new(root, "create"))?;
         let entries = fs::read_dir(root).map_err(FileError::new(root, "read"))?;
-        // Names with a dot are ours: the lock, and what a killed process left half written.
+        // Dot files are ours: the lock, and partial files of a killed process.
         let foreign = entries
             .filter_map(Result::ok)
             .any(|entry| !entry.file_name().to_string_lossy().starts_with('.'));
         let started = ["manifest.json", "units"].map(|name| root.join(name));
-        // A run that was killed before its first unit has the lock alone to show for it.
+        // A run that was killed before its first unit leaves only the lock.
         let is_ours = || {
             let lock = root.join(".lock");
             lock.is_file() && read(&lock).is_ok_and(|text| text.starts_with(MARK.as_bytes()))
@@ -83,11 +83,11 @@ impl RunFolder {
         })
     }
 
-    /// Opens a planned run for writing units while other processes do the same. Units are written atomically, and a
-    /// unit done twice gets the same values.
+    /// Opens a planned run for writing units concurrently with other processes. Units are written atomically, and a
+    /// unit computed twice gets the same values.
     ///
     /// # Errors
-    /// When it holds no manifest, or one process has it for itself.
+    /// If there is no manifest, or a process holds the exclusive lock.
     pub(super) fn join(root: &Path) -> Result<Self, FileError> {
         let folder = Self::open(root)?;
         let (lock, _) = lock(root, File::try_lock_shared)?;
@@ -97,7 +97,7 @@ impl RunFolder {
         })
     }
 
-    /// Removes half-written files older than a day; younger ones may belong to a running process.
+    /// Removes partial files older than a day; newer ones may belong to a running process.
     pub(super) fn remove_old_leftovers(&self) {
         remove_leftovers(&self.root, &WRITTEN, Duration::from_secs(24 * 3600));
     }
@@ -105,7 +105,7 @@ impl RunFolder {
     /// Opens an existing run folder for reading.
     ///
     /// # Errors
-    /// When it holds no manifest.
+    /// If there is no manifest.
     pub fn open(root: &Path) -> Result<Self, FileError> {
         let manifest = root.join("manifest.json");
         fs::metadata(&manifest).map_err(FileError::new(&manifest, "read"))?;
@@ -115,7 +115,7 @@ impl RunFolder {
         })
     }
 
-    /// The same folder without the lock, for reading.
+    /// The same folder for reading, without the lock.
     pub(super) fn unlocked(&self) -> Self {
         Self {
             root: self.root.clone(),
@@ -159,7 +159,7 @@ impl RunFolder {
         self.root.join("gaussians")
     }
 
-    /// The file of a method's picture of a pair; `extension` is `png` or `exr`.
+    /// File of a method's picture for a pair; `extension` is `png` or `exr`.
     pub fn prediction_path(&self, method: &str, pair_id: &str, extension: &str) -> PathBuf {
         self.root
             .join("predictions")
@@ -170,7 +170,7 @@ impl RunFolder {
     /// Reads `manifest.json`; `None` if there is none yet.
     ///
     /// # Errors
-    /// When it cannot be read, is not a manifest, or is of another format.
+    /// If it cannot be read, is not a manifest, or has another format.
     pub fn manifest(&self) -> Result<Option<Manifest>, EvaluateError> {
         #[derive(Deserialize)]
         struct Format {
@@ -204,15 +204,15 @@ impl RunFolder {
     /// Writes `manifest.json`.
     ///
     /// # Errors
-    /// Names the file and what the system said.
+    /// Names the file and the system's error.
     pub fn write_manifest(&self, manifest: &Manifest) -> Result<(), FileError> {
         write_json(&self.root.join("manifest.json"), manifest)
     }
 
-    /// Reads `plan.json`; an empty plan where there is none.
+    /// Reads `plan.json`; an empty plan if there is none.
     ///
     /// # Errors
-    /// Names the file and what is wrong with it.
+    /// Names the file and the mistake.
     pub fn plan(&self) -> Result<RunPlan, FileError> {
         let path = self.root.join("plan.json");
         match read(&path) {
@@ -226,12 +226,12 @@ impl RunFolder {
     /// Writes `plan.json`.
     ///
     /// # Errors
-    /// Names the file and what the system said.
+    /// Names the file and the system's error.
     pub fn write_plan(&self, plan: &RunPlan) -> Result<(), FileError> {
         write_json(&self.root.join("plan.json"), plan)
     }
 
-    /// The configuration of the latest `run` into it.
+    /// Path of the configuration of the latest `run` into this folder.
     pub fn config_path(&self) -> PathBuf {
         self.root.join("run.toml")
     }
@@ -258,11 +258,10 @@ impl RunFolder {
             .join(format!("{stem}.json"))
     }
 
-    /// The stored result of a unit; `None` if it is missing, damaged or another unit's, and then the unit is done
-    /// again.
+    /// The stored result of a unit; `None` if it is missing, damaged or another unit's, so that the unit is redone.
     ///
     /// # Errors
-    /// When a file exists but the system cannot read it.
+    /// If a file exists but cannot be read.
     pub fn load(&self, slot: &Slot) -> Result<Option<Unit>, FileError> {
         let path = self.unit_path(slot);
         let bytes = match read(&path) {
@@ -276,17 +275,17 @@ impl RunFolder {
     /// Stores a unit's result.
     ///
     /// # Errors
-    /// Names the file and what the system said.
+    /// Names the file and the system's error.
     pub fn save(&self, unit: Unit) -> Result<Unit, FileError> {
         let unit = unit.sealed();
         write_json(&self.unit_path(&unit.slot), &unit)?;
         Ok(unit)
     }
 
-    /// All undamaged units in the order of their slots, and the damaged files.
+    /// All undamaged units in the order of their slots, and the paths of damaged files.
     ///
     /// # Errors
-    /// When the folder or a file cannot be read.
+    /// If the folder or a file cannot be read.
     pub fn units(&self) -> Result<(Vec<Unit>, Vec<PathBuf>), FileError> {
         let root = self.root.join("units");
         let (mut units, mut damaged) = (Vec::new(), Vec::new());
@@ -314,7 +313,7 @@ impl RunFolder {
         for folder in entries(&self.root.join("units"))? {
             let files = entries(&folder)?.into_iter();
             let changed = files.map(|path| fs::metadata(path).and_then(|file| file.modified()));
-            // What is gone since, or no time to be had: no unit of the count.
+            // Skip files that have been removed meanwhile or have no modification time.
             times.extend(changed.flatten());
         }
         Ok(times)
@@ -326,7 +325,7 @@ impl RunFolder {
         self.has_file(unit, "png", sha256)
     }
 
-    /// The same for the kept linear picture.
+    /// Whether the kept linear picture still has the recorded bytes.
     pub(super) fn has_float(&self, unit: &Unit) -> bool {
         let sha256 = unit.picture.as_ref().and_then(|p| p.float_sha256.as_ref());
         self.has_file(unit, "exr", sha256)
@@ -337,10 +336,10 @@ impl RunFolder {
         sha256.is_some_and(|sha256| file_sha256(&path).is_ok_and(|found| found == *sha256))
     }
 
-    /// Removes `scores.csv` and `timings.csv` before results change. A folder without them is a run that has not ended.
+    /// Removes `scores.csv` and `timings.csv` before results change. A folder without them is an unfinished run.
     ///
     /// # Errors
-    /// Names the file and what the system said.
+    /// Names the file and the system's error.
     pub(super) fn remove_tables(&self) -> Result<(), FileError> {
         for path in [self.scores_path(), self.timings_path()] {
             match fs::remove_file(&path) {
@@ -386,7 +385,7 @@ const MARK: &str = "sharp-bench run\n";
 /// Subfolders that runs write into.
 const WRITTEN: [&str; 4] = ["units", "predictions", "gaussians", "common-region"];
 
-/// Opens the lock file and locks it by `take`. The flag is false on file systems without locks.
+/// Opens the lock file and locks it with `take`. The flag is false on file systems without locks.
 pub(crate) fn lock(
     root: &Path,
     take: fn(&File) -> Result<(), TryLockError>,
@@ -394,7 +393,7 @@ pub(crate) fn lock(
     let path = root.join(".lock");
     let mut options = OpenOptions::new();
     options.write(true).create(true).truncate(false);
-    // A planted link would make another file, elsewhere; a planted pipe would wait for a reader.
+    // Otherwise a planted link would create a file elsewhere, and a planted pipe would wait for a reader.
     #[cfg(unix)]
     std::os::unix::fs::OpenOptionsExt::custom_flags(
         &mut options,

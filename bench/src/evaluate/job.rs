@@ -1,4 +1,4 @@
-//! The input of the pipeline, and its counts.
+//! The pipeline's input and its counts.
 
 use std::collections::BTreeSet;
 use std::time::Duration;
@@ -14,24 +14,24 @@ use crate::pairs::pair_list::ResolvedPair;
 use crate::rendering::SharedRenderer;
 use crate::scoring::Scoring;
 
-/// Stages of a run to do.
+/// Stages of a run to execute.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, clap::ValueEnum)]
 pub enum Stages {
-    /// All of them
+    /// All stages
     #[default]
     All,
-    /// Predictions of sources alone; they and predicted pictures are kept
+    /// Predict sources only; keeps predictions and predicted pictures
     Predict,
-    /// Pictures from kept predictions; they are kept
+    /// Render pictures from kept predictions and keep them
     Render,
-    /// Both of these, for a machine that has the network's device and shall not score
+    /// Predict and render without scoring, for a machine that has the network's device
     Pictures,
-    /// Scores of kept pictures
+    /// Score kept pictures
     Score,
 }
 
 impl Stages {
-    /// Whether units have their scores afterwards.
+    /// Whether units have scores afterwards.
     pub fn scores(self) -> bool {
         matches!(self, Self::All | Self::Score)
     }
@@ -45,8 +45,8 @@ pub struct RunOptions {
     pub stages: Stages,
     pub keep: Keep,
     pub keep_gaussians: bool,
-    /// Memory limit, bytes. Gaussians beyond their share wait on disk, and a pair's predictions are made and scored in
-    /// parts, at least one picture at a time. Memory of the networks is not counted.
+    /// Memory limit, bytes. Gaussians beyond their share are stored on disk, and a pair's predictions are made and
+    /// scored in parts, of at least one picture each. Excludes the memory of the networks.
     pub memory_limit_bytes: u64,
 }
 
@@ -78,35 +78,35 @@ impl RunOptions {
 }
 
 pub(super) struct Job<'a> {
-    /// By id.
+    /// Pairs sorted by id.
     pub(super) pairs: Vec<ResolvedPair<'a>>,
-    /// Sources on which other readings of their Gaussians are tried.
+    /// Sources for which other readings of their Gaussians are tried.
     pub(super) checked: BTreeSet<String>,
-    /// Of a sample of pairs, the other pairs whose targets their pictures might show.
+    /// For a sample of pairs, other pairs whose targets their pictures might show.
     pub(super) others: OtherPairs<'a>,
     pub(super) methods: &'a [Box<dyn Method>],
     pub(super) scoring: &'a Scoring,
     pub(super) renderer: &'a SharedRenderer,
     pub(super) keys: &'a Keys,
     pub(super) options: RunOptions,
-    /// Monotonic time; only differences matter. Tests plant their own.
+    /// Monotonic clock; only differences matter. Tests replace it.
     pub(super) clock: fn() -> Duration,
-    /// Each shard has its own logs.
+    /// The executed shard, which has its own logs.
     pub(super) shard: Shard,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize)]
 pub struct UnitCounts {
     pub units: usize,
-    /// Units that were complete before.
+    /// Units that were already complete.
     pub reused: usize,
-    /// Predictions made: per source for methods that make Gaussians, else per pair.
+    /// Number of predictions: one per source for methods that make Gaussians, else one per pair.
     pub predicted: usize,
     pub rendered: usize,
     pub scored: usize,
     pub failed: usize,
     pub waiting: usize,
-    /// Units not reached or not scored when the run was stopped.
+    /// Units not reached or not scored before the run was stopped.
     pub left: usize,
 }
 

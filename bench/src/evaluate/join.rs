@@ -1,4 +1,4 @@
-//! Combines folders: keeps equal units once and all different ones, and refuses contradictions with the reason.
+//! Combines folders: keeps equal units once and all different ones; contradictions are an error with the reason.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -23,7 +23,7 @@ pub struct Named {
     pub path: PathBuf,
 }
 
-/// Why a folder cannot have that name.
+/// Why a folder cannot have this name.
 #[derive(Debug, thiserror::Error)]
 #[error("the name '{}' holds a control character", .0.escape_debug())]
 pub struct NameError(String);
@@ -55,12 +55,12 @@ impl std::str::FromStr for Named {
 /// Reads folders or bundles as one set of results.
 ///
 /// # Errors
-/// When one cannot be read, or two of them contradict each other.
+/// If one cannot be read, or two of them contradict each other.
 pub fn join(folders: &[Named]) -> Result<Results, EvaluateError> {
     join_under(folders, None)
 }
 
-/// Like [`join`], with one aggregation for all of them if it is given.
+/// Like [`join`], but averages all of them by `aggregation`, if given.
 ///
 /// # Errors
 /// As [`join`].
@@ -84,7 +84,7 @@ pub fn join_under(
 /// Like [`join`], for results in memory.
 ///
 /// # Errors
-/// When two of them contradict each other.
+/// If two of them contradict each other.
 pub fn join_results(
     read: impl IntoIterator<Item = (Named, Results)>,
 ) -> Result<Results, EvaluateError> {
@@ -145,7 +145,7 @@ fn rename(results: &mut Results, name: &str) {
     }
 }
 
-/// The error is the first difference.
+/// Joins two results. The error is the first contradiction.
 fn joined_results(a: Results, b: Results) -> Result<Results, String> {
     let manifest = joined(a.manifest, b.manifest)?;
     let mut records: BTreeMap<(String, String), Record> = BTreeMap::new();
@@ -174,7 +174,7 @@ fn joined_results(a: Results, b: Results) -> Result<Results, String> {
         let at = |record: &Record| order.get(record.method.as_str()).copied();
         a.pair_id.cmp(&b.pair_id).then_with(|| at(a).cmp(&at(b)))
     });
-    // What one folder lacks, the other may have.
+    // What is missing in one folder may be in the other.
     let mut missing = a.missing;
     missing.extend(b.missing);
     for record in &records {
@@ -194,7 +194,7 @@ fn joined_results(a: Results, b: Results) -> Result<Results, String> {
     })
 }
 
-/// Joins two records of one unit. The error names the difference.
+/// Joins two records of the same unit. The error names the contradiction.
 fn joined_records(mut a: Record, b: Record) -> Result<Record, String> {
     let bits = |v: Option<f64>| v.map(f64::to_bits);
     let facts = [
@@ -228,21 +228,21 @@ fn joined_records(mut a: Record, b: Record) -> Result<Record, String> {
     Ok(a)
 }
 
-/// Joins folders into `out`, or rewrites the tables of a single one.
+/// Joins folders into `out`, or rewrites the tables of a single folder.
 ///
 /// # Errors
-/// When a folder cannot be read or written, or two of them contradict each other.
+/// If a folder cannot be read or written, or two of them contradict each other.
 pub fn merge(folders: &[PathBuf], out: Option<&Path>) -> Result<Results, EvaluateError> {
     let out = match (folders, out) {
         ([folder], None) => {
             let results = Results::read(folder)?;
-            // Shards may be at work; their units count from when they are written.
+            // Shards may be running; their units count as soon as they are written.
             let folder = RunFolder::join(folder)?;
             folder.remove_old_leftovers();
             if results.missing.is_empty() {
                 return write_tables(&folder);
             }
-            // Without tables: it has not ended.
+            // An unfinished run has no tables.
             folder.remove_tables()?;
             return Ok(results);
         }
@@ -301,7 +301,7 @@ pub fn merge(folders: &[PathBuf], out: Option<&Path>) -> Result<Results, Evaluat
     write_tables(&target)
 }
 
-/// Copies a unit with its pictures, and keeps scores of a copy that is there already.
+/// Copies a unit with its pictures; keeps the scores of an existing copy.
 fn copy_unit(from: &RunFolder, to: &RunFolder, mut unit: Unit) -> Result<(), EvaluateError> {
     if let Some(before) = to.load(&unit.slot)? {
         for (key, score) in before.scores {

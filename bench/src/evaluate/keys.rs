@@ -1,12 +1,13 @@
-//! The keys of a unit's stages: each a hash over only what can change that stage's result.
+//! Keys of a unit's stages: each hashes exactly what can change that stage's result.
 //!
-//! * *predict*: the method's identity and code, the source's photograph and camera, its depth where the method may see it,
+//! * *predict*: the method's identity and code, the source's photograph and camera, its depth if the method may see it,
 //!   the files that the method reads, and for methods that make pictures the target's camera.
 //! * *picture*: the prediction; for Gaussians also the target's camera, the renderer with its code, and the true depth
-//!   that they are scaled to.
-//! * *score*, one a metric: the picture's pixels and region, the truth with its mask, the metric with its code.
+//!   if they are scaled to it.
+//! * *score*, one per metric: the picture's pixels and region, the ground truth with its mask, the metric with its
+//!   code.
 //!
-//! A file that cannot be read hashes to the error: the unit fails anyway, with the reason.
+//! A file that cannot be read is hashed as its error: the unit fails anyway, with that reason.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -27,7 +28,7 @@ use crate::pairs::pair_list::ResolvedPair;
 use crate::scoring::Region;
 use crate::scoring::metrics::ScoredMetric;
 
-/// Computes keys; files are hashed once.
+/// Computes keys; hashes each file once.
 pub(super) struct Keys {
     hashes: ViewHashes,
     /// `dataset_identity` by dataset.
@@ -41,7 +42,7 @@ pub(super) struct PictureKeys {
     pub(super) picture: String,
 }
 
-/// Hash of reader and settings, without the path.
+/// Hash of a dataset's reader and settings, without the path.
 pub(super) fn dataset_identity(dataset: &OpenDataset) -> String {
     StableHasher::default()
         .add("settings", &dataset.settings)
@@ -130,7 +131,7 @@ impl Keys {
             Approach::Gaussians(_) | Approach::Pictures(_) => {
                 predict.add("target camera", &camera(planned.target));
             }
-            // These look at the truth.
+            // These methods use the ground truth.
             Approach::Scales(_) | Approach::Target => {
                 predict.add("target", &self.view(planned.target));
             }
@@ -198,8 +199,8 @@ impl Keys {
         (!files.is_empty()).then_some(hash)
     }
 
-    /// Compares the files of stored units with those on disk. Skips failed units, and datasets and methods that are not
-    /// given.
+    /// Compares the input files of stored units with those on disk. Skips failed units, and datasets and methods that
+    /// are not given.
     ///
     /// # Errors
     /// [`EvaluateError::NotKept`] for the first unit made from other files; `fix` completes the sentence.
@@ -259,7 +260,7 @@ impl Keys {
         Ok(())
     }
 
-    /// The reason why a pair's keys no longer hold: a file, of the pair or of `method`, changed after it was hashed.
+    /// The reason if a pair's keys are out of date because a file of the pair or of `method` changed after hashing.
     pub(super) fn changed(
         &self,
         method: Option<&dyn Method>,

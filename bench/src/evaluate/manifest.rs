@@ -1,4 +1,4 @@
-//! `manifest.json`: what all results of a folder share.
+//! `manifest.json`: facts common to all results of a folder.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt;
@@ -26,8 +26,8 @@ use crate::scoring::{Scoring, ScoringRules};
 /// Version of a run folder's layout: manifest, units and plan.
 pub const FORMAT: u32 = 2;
 
-/// Everything that the results of a folder share. Holds no time, and no path besides those that the user gave, so that
-/// two runs of the same thing have the same manifest.
+/// Facts common to all results of a folder. Contains no times, and only paths that the user gave, so two identical runs
+/// have the same manifest.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Manifest {
     /// [`FORMAT`] of the writer.
@@ -43,42 +43,42 @@ pub struct Manifest {
     pub kernels: InstructionSet,
     /// How the networks behind the metrics are computed.
     pub metric_networks: Arithmetic,
-    /// The conventions that turn predictions into scored pictures, in words.
+    /// The conventions that turn predictions into scored pictures, as text.
     pub scoring: BTreeMap<String, String>,
-    /// Whether all methods of a pair are scored on the part of the target that all of them predict.
+    /// Whether all methods of a pair are scored on the region that all of them predict.
     #[serde(default)]
     pub common_region: bool,
     /// How the tables average scores.
     #[serde(default)]
     pub aggregation: Aggregation,
-    /// Which pixels are compared.
+    /// Selection of the compared pixels.
     #[serde(default)]
     pub rules: ScoringRules,
-    /// The evaluation that it follows (`--protocol`).
+    /// The protocol that the run follows (`--protocol`).
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub protocol: Option<ProtocolRecord>,
-    /// In the order given.
+    /// Datasets, in the order given.
     pub datasets: Vec<DatasetRecord>,
-    /// The pair lists.
+    /// Pair counts and lists.
     pub pairs: PairsRecord,
-    /// In the order of the tables.
+    /// Methods, in the order of the tables.
     pub methods: Vec<MethodRecord>,
-    /// In the order of the columns.
+    /// Metrics, in the order of the columns.
     pub metrics: Vec<MetricRecord>,
 }
 
-/// Someone else's evaluation that a run follows, and where it does not.
+/// A published evaluation that a run follows, and the differences from it.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub struct ProtocolRecord {
-    /// As in `--protocol`.
+    /// Name, as in `--protocol`.
     pub name: String,
-    /// Repository and commit that its rules are from.
+    /// Repository and commit of its rules.
     pub source: String,
-    /// How that evaluation treats failed targets. Here they are recorded failures, and tables state their coverage.
+    /// How the original treats failed targets. Here failures are recorded, and tables state their coverage.
     pub failures: String,
-    /// Misleading rules, followed as they are.
+    /// Misleading rules that are followed nevertheless.
     pub traps: Vec<String>,
-    /// Where this harness differs.
+    /// Differences between this harness and the original.
     pub departures: Vec<String>,
 }
 
@@ -87,15 +87,15 @@ pub struct ProtocolRecord {
 pub struct RendererRecord {
     /// The exact backend: `cpu-avx512`, or `wgpu:<adapter, driver>`.
     pub backend: String,
-    /// Nearest depth that is drawn, metres.
+    /// Minimum depth drawn, metres.
     pub near: f64,
-    /// Farthest depth that is drawn, metres.
+    /// Maximum depth drawn, metres.
     pub far: f64,
-    /// Added to the diagonal of projected covariances, pixels², where a method's Gaussians have no rule of their own.
+    /// Added to the diagonal of projected covariances, pixels², for Gaussians without their own rendering rule.
     pub eps2d: f64,
-    /// Behind the Gaussians: `black`, `white`, `#rrggbb` in sRGB, or RGB in the space that the rule blends in.
+    /// Background: `black`, `white`, `#rrggbb` in sRGB, or RGB in the space in which the rule blends.
     pub background: String,
-    /// From 0..1 to 8 bit: `round` or `truncate`.
+    /// Rounding from 0..1 to 8 bit: `round` or `truncate`.
     #[serde(default = "rounded")]
     pub quantization: String,
 }
@@ -115,7 +115,7 @@ impl RendererRecord {
             backend: renderer.name().to_owned(),
             near: 0.01,
             far: 1e10,
-            // The decimals that were asked for, not the nearest single.
+            // The decimal as given, not the nearest f32.
             eps2d: eps2d.to_string().parse().unwrap_or(f64::from(eps2d)),
             background: background.to_string(),
             quantization: quantization.to_string(),
@@ -124,7 +124,7 @@ impl RendererRecord {
 }
 
 impl RendererRecord {
-    /// Every setting besides the backend, with its name.
+    /// Every setting except the backend, with its name.
     pub(super) fn settings(&self) -> [(&'static str, String); 5] {
         [
             ("nearest depth", self.near.to_string()),
@@ -156,34 +156,34 @@ impl fmt::Display for RendererRecord {
 /// One dataset instance.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct DatasetRecord {
-    /// Its column group in the tables.
+    /// Column group in the tables.
     pub name: String,
-    /// As given, without pair options. `None` in digests of bundles, and if this version cannot parse it.
+    /// The spec as given, without pair options. `None` in digests of bundles, and if this version cannot parse it.
     #[serde(with = "spec_text")]
     #[schemars(with = "String")]
     pub spec: Option<DatasetConfig>,
-    /// The reader.
+    /// Format that the reader handles.
     pub format: String,
-    /// Hash of reader and settings; the path is not part of it.
+    /// Hash of reader and settings, without the path.
     pub identity: String,
     /// The pattern of `--scenes`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub only_scenes: Option<String>,
-    /// Evaluated scenes.
+    /// Number of evaluated scenes.
     pub scenes: usize,
-    /// Their views.
+    /// Number of views in these scenes.
     pub views: usize,
-    /// Width and height of the smallest and the largest view, pixels; one entry if all are alike.
+    /// Width and height of the smallest and the largest view, pixels; one entry if all are equal.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub view_sizes: Vec<(u32, u32)>,
-    /// The settings in force.
+    /// The reader settings in force.
     pub readings: Vec<DatasetReading>,
-    /// What the reader assumed, and the frames that it left out.
+    /// The reader's assumptions, and the frames that it left out.
     pub notes: Vec<String>,
     /// Scenes that exist but were not evaluated.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub left_out: Vec<LeftOutScenes>,
-    /// Views without pairs because their files cannot be read; the notes name them.
+    /// Number of views without pairs because their files cannot be read; the notes name them.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub unreadable_views: usize,
 }
@@ -194,7 +194,7 @@ fn is_zero(count: &usize) -> bool {
 }
 
 impl DatasetRecord {
-    /// `720×496 pixels`, or a range; `None` if the manifest does not say.
+    /// `720×496 pixels`, or a range; `None` if the manifest does not record it.
     pub fn sizes(&self) -> Option<String> {
         let sizes = self
             .view_sizes
@@ -204,7 +204,7 @@ impl DatasetRecord {
         (!sizes.is_empty()).then(|| format!("{} pixels", sizes.join(" to ")))
     }
 
-    /// The spec in its printed form; empty for `None`.
+    /// The spec as text; empty for `None`.
     pub fn spec_text(&self) -> String {
         self.spec
             .as_ref()
@@ -212,10 +212,10 @@ impl DatasetRecord {
             .unwrap_or_default()
     }
 
-    /// Opens the dataset again with the readings recorded here.
+    /// Reopens the dataset with the recorded settings.
     ///
     /// # Errors
-    /// When it cannot be opened from this working directory.
+    /// If it cannot be opened from this working directory.
     pub fn open(&self, scenes: Option<&str>) -> Result<OpenDataset, EvaluateError> {
         let Some(config) = &self.spec else {
             return Err(EvaluateError::NoDatasetSpec(self.name.clone()));
@@ -237,7 +237,7 @@ impl DatasetRecord {
     }
 }
 
-/// Serialises a spec as its text, `None` as an empty one.
+/// Serialises a spec as text, and `None` as an empty text.
 mod spec_text {
     use serde::{Deserialize, Deserializer, Serializer};
 
@@ -259,24 +259,24 @@ mod spec_text {
 /// The pairs of a folder.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct PairsRecord {
-    /// sha256 of `pairs.csv`.
+    /// SHA-256 of `pairs.csv`.
     pub sha256: String,
-    /// Rows of `pairs.csv`.
+    /// Number of rows in `pairs.csv`.
     pub listed: usize,
-    /// Pairs of the plan.
+    /// Number of planned pairs.
     pub evaluated: usize,
-    /// The lists that `pairs.csv` was made of.
+    /// The lists that `pairs.csv` was combined from.
     pub lists: Vec<ListRecord>,
 }
 
 /// A pair list and its origin.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct ListRecord {
-    /// sha256 of the list.
+    /// SHA-256 of the list.
     pub sha256: String,
-    /// Rows of the list.
+    /// Number of rows in the list.
     pub listed: usize,
-    /// Evaluated pairs of it.
+    /// Number of evaluated pairs from the list.
     pub evaluated: usize,
     /// The limit of the run (`--limit`); `None` for all selected pairs.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -298,31 +298,31 @@ pub enum ListOrigin {
 /// One method instance.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub struct MethodRecord {
-    /// Its row in the tables.
+    /// Row label in the tables.
     pub label: String,
-    /// As given; `None` for methods made by a program and in digests of bundles.
+    /// The spec as given; `None` for methods passed in as code and in digests of bundles.
     #[serde(with = "spec_text")]
     #[schemars(with = "String")]
     pub spec: Option<MethodSpec>,
-    /// What its predictions depend on.
+    /// Everything that the method's predictions depend on.
     pub identity: MethodIdentity,
     #[serde(flatten)]
     pub privilege: Privilege,
-    /// Hash of the code that makes its pictures.
+    /// Hash of the code that makes the method's pictures.
     pub sources: String,
     /// Warnings about the method's options, one sentence each.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub notes: Vec<String>,
-    /// How its files of Gaussians were drawn, where nobody named a rule.
+    /// Rendering rules used for the method's files of Gaussians, if nobody stated one.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub drawn: Vec<String>,
-    /// Warnings about its predictions, each kind once.
+    /// Warnings about the method's predictions, each kind once.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub warnings: Vec<String>,
 }
 
 impl MethodRecord {
-    /// Only pictures of one hash share a table.
+    /// Hash of the method; only pictures with the same hash share a table.
     pub(super) fn hash(&self) -> String {
         StableHasher::default()
             .add("identity", &self.identity.to_string())
@@ -338,20 +338,20 @@ pub struct MetricRecord {
     /// Convention, weights and precision.
     #[serde(flatten)]
     pub info: MetricInfo,
-    /// Hash of all that and of the code that computes it.
+    /// Hash of `info` and of the code that computes the metric.
     pub identity: String,
 }
 
 impl Manifest {
-    /// Changes how the tables average scores.
+    /// Sets how the tables average scores.
     pub fn aggregate(&mut self, aggregation: Aggregation) {
         self.aggregation = aggregation;
         let text = aggregation_convention(aggregation);
         self.scoring.insert(AGGREGATION.to_owned(), text);
     }
 
-    /// For bundles of format 1, scored before colour profiles were converted. Pictures in sRGB score the same, so
-    /// today's convention is stated, and a note on each dataset says which pictures differ.
+    /// Updates bundles of format 1, which were scored before colour profiles were converted. Pictures in sRGB score the
+    /// same, so today's convention is stated, and a note on each dataset says which pictures differ.
     pub(super) fn restate_target_convention(&mut self) {
         self.scoring
             .insert(TARGET.to_owned(), TARGET_CONVENTION.to_owned());
@@ -362,7 +362,7 @@ impl Manifest {
         }
     }
 
-    /// Whether a unit counts: its method and dataset must still mean the same.
+    /// Returns a predicate for units that count: their method and dataset must still have the same identity.
     pub(super) fn counted_slots(&self) -> impl Fn(&Slot) -> bool + '_ {
         let methods = self.methods.iter();
         let methods: BTreeMap<&str, String> = methods
@@ -375,8 +375,8 @@ impl Manifest {
         }
     }
 
-    /// Refuses a metric whose direction, unit, label or decimals are not those of its key: an edited manifest must not
-    /// decide what counts as better.
+    /// Rejects a metric whose direction, unit, label or decimals differ from those of its key: an edited manifest must
+    /// not change what counts as better.
     pub(super) fn check_metrics(&self) -> Result<(), String> {
         for MetricRecord { info, .. } in &self.metrics {
             let own = MetricInfo::new(info.key, &[]);
@@ -419,7 +419,7 @@ impl Manifest {
             .collect()
     }
 
-    /// Whether networks are behind any of its metrics.
+    /// Whether any metric uses a network.
     pub(super) fn has_networks(&self) -> bool {
         self.metrics.iter().any(|m| m.info.backbone.is_some())
     }
@@ -445,7 +445,7 @@ fn aggregation_convention(aggregation: Aggregation) -> String {
     format!("{aggregation}; a mean that holds inf is inf")
 }
 
-/// The conventions from prediction to score, in words. `renderings` is how renderings are rounded to 8 bit.
+/// The conventions from prediction to score, as text. `renderings` is the rounding of renderings to 8 bit.
 pub(super) fn scoring_conventions(
     renderings: Quantization,
     rules: ScoringRules,

@@ -1,4 +1,4 @@
-//! The evaluation core: requests, stages, and the run folder that keeps results.
+//! The evaluation core: requests, stages, and the run folder with the results.
 //!
 //! ```
 //! use sharp_bench::evaluate::{EvaluateError, Request, RunOptions, prepare};
@@ -13,17 +13,18 @@
 //! }
 //! ```
 //!
-//! * [`mod@prepare`]: from a request to an evaluation; [`pipeline`]: works off a [`job`]'s units, which `predict` makes and
-//!   `score` scores; `estimate`: its cost; [`mod@speed`]: times of inference and rendering.
-//! * [`plan`]: pairs by methods; [`shard`]: a process's part of a plan; `run`: runs a plan or a shard; [`status`]: progress.
-//! * `keys`: inputs of each stage, hashed; [`gaussians`]: predictions of sources, kept, rendered and compared with their
-//!   photographs; `picture_check`: compares pictures with the photographs that they predict; [`doubts`]: what a method's
-//!   records say against it.
-//! * [`record`]: one result; [`mod@unit`]: a result with its keys, as stored; [`folder`]: the run folder; [`manifest`]: facts
-//!   that all its results share; `differences`: which of them may differ where results meet.
+//! * [`mod@prepare`]: from a request to an evaluation; [`pipeline`]: processes the units of a [`job`] through `predict`
+//!   and `score`; `estimate`: its cost; [`mod@speed`]: times of inference and rendering.
+//! * [`plan`]: planned pairs and methods; [`shard`]: a process's part of a plan; `run`: runs a plan or a shard;
+//!   [`status`]: progress.
+//! * `keys`: hashed inputs of each stage; [`gaussians`]: predictions of sources, stored, rendered and compared with
+//!   their photographs; `picture_check`: compares pictures with the photographs that they predict; [`doubts`]: warnings
+//!   from a method's records.
+//! * [`record`]: one result; [`mod@unit`]: a result with its keys, as stored; [`folder`]: the run folder; [`manifest`]:
+//!   facts common to all results of a folder; `differences`: which facts may differ between combined results.
 //! * [`aggregation`]: means over pairs.
-//! * [`results`]: a folder as records and tables; [`bundle`]: results in one file; [`mod@join`]: several folders as one;
-//!   [`mod@rescore`]: scores kept predictions again; [`readings`]: scores them under other readings of a protocol.
+//! * [`results`]: a folder as records and tables; [`bundle`]: results in one file; [`mod@join`]: combines folders;
+//!   [`mod@rescore`]: rescores kept predictions; [`readings`]: scores them under other readings of a protocol.
 
 pub mod aggregation;
 pub mod bundle;

@@ -1,9 +1,9 @@
-//! Detects pictures that are stored in another way than they are read, such as mirrored ones, by comparing them with
-//! their target's photograph.
+//! Detects pictures that are stored differently from how they are read, such as mirrored ones, by comparing them with
+//! the target's photograph.
 //!
-//! Poor predictions are proper: a change has to bring a picture significantly nearer to its photograph, and nearly all
-//! pictures of a dataset. Shifts are not tried, because parallax that a method ignores moves all pictures of a stereo dataset
-//! alike. No score depends on it.
+//! Poor predictions must not raise false alarms, so a change has to bring a picture significantly closer to its
+//! photograph, and for nearly all pictures of a dataset. Shifts are not tried, because parallax that a method ignores
+//! moves all pictures of a stereo dataset alike. Scores do not depend on this check.
 
 use std::collections::BTreeMap;
 
@@ -15,25 +15,25 @@ use super::gaussians::likeness::Likeness;
 use super::record::{Record, Status};
 use crate::scoring::Region;
 
-/// Topic of a record's warning that its picture was probably altered. Shown only if most pictures agree.
+/// Topic of a record's warning that its picture was probably altered; shown only if most pictures agree.
 pub(super) const CHANGED: &str = "changed picture";
 
-/// Largest compared width, pixels.
+/// Maximum width compared, pixels.
 const WIDTH: u32 = 160;
-/// Least gain of undoing a mirroring or turn, dB.
+/// Minimum gain from undoing a mirroring or rotation, dB.
 const LEAST_GAIN: f64 = 1.0;
-/// The same for exchanged channels, which hardly change brightness.
+/// Minimum gain for exchanged channels, which hardly change brightness, dB.
 const LEAST_GAIN_OF_CHANNELS: f64 = 0.25;
-/// The same for another transfer: linear light stored as sRGB loses far more, other exposures less.
+/// Minimum gain for another transfer function, dB: linear light stored as sRGB loses far more, other exposures less.
 const LEAST_GAIN_OF_TRANSFER: f64 = 3.0;
-/// The same for another range of levels, which other exposures resemble.
+/// Minimum gain for another range of levels, which other exposures resemble, dB.
 const LEAST_GAIN_OF_RANGE: f64 = 1.5;
-/// Below this correlation with the photograph, red and blue are exchanged (by the difference of the two) or the picture
-/// is a negative. Poor predictions have 0.4 to 0.8; a tint does not matter.
+/// Below this correlation with the photograph, red and blue are exchanged (for their difference) or the picture is a
+/// negative. Poor predictions have 0.4 to 0.8; a tint does not matter.
 const OPPOSED: f64 = -0.4;
-/// Least explained share of the photograph's variance once a change is undone; poor predictions reach a quarter.
+/// Minimum share of the photograph's variance explained after undoing a change; poor predictions reach a quarter.
 const EXPLAINED: f64 = 0.2;
-/// Fewest pictures of a dataset, and the share that must agree.
+/// Minimum number of pictures in a dataset, and the share that must agree.
 const AGREEMENT: (usize, f64) = (3, 0.8);
 
 const LINEAR: &str = "hold linear light where sRGB is read (exr=linear reads that of EXR files)";
@@ -43,13 +43,13 @@ const HALVED: &str =
     "have half their contrast, as if values from 0 to 1 had been stored as values from −1 to 1";
 const CLIPPED: &str = "have their darker half cut off, as if values from −1 to 1 had been stored as values from 0 to 1";
 
-/// Whether this kind of method reads pictures that others stored.
+/// Whether this kind of method reads pictures stored by other programs.
 pub(super) fn is_checked(kind: &str) -> bool {
     ["imported", "command"].contains(&kind)
 }
 
-/// Sets the record's warning [`CHANGED`] if undoing a change brings the picture significantly nearer to the photograph,
-/// or to the part that it shows.
+/// Sets the record's warning [`CHANGED`] if undoing a change brings the picture significantly closer to the photograph,
+/// or to the part that it covers.
 pub(super) fn note_change(record: &mut Record, photograph: &RgbImage, picture: &RgbImage) {
     let part = record.crop.map(|crop| crop.region);
     let part = part.unwrap_or(Region::whole(photograph.dimensions()));
@@ -82,12 +82,13 @@ fn likely_change(photograph: &RgbImage, picture: &RgbImage) -> Option<&'static s
     let encoded = |transfer: fn(f32) -> f32| {
         let level = |v: u8| quantize(transfer(f32::from(v) / 255.0), Quantization::Round);
         let changed = mapped(&shown, |color| color.map(level));
-        // Levels by rank, which do not depend on where they are: another exposure fits them up to brightness and contrast.
+        // Levels sorted by rank are independent of position: another exposure would fit them by brightness and
+        // contrast.
         let by_rank = |of: &RgbImage| Likeness::of(&ranked(&seen), whole, &ranked(of));
         let fit = nearer(&changed, LEAST_GAIN_OF_TRANSFER);
         fit.filter(|_| by_rank(&changed).is_nearer_than_exposed(&by_rank(&shown)))
     };
-    // Black says nothing of a range: it may be a hole, or cut off.
+    // Ignore black, which gives no evidence of a range: it may be a hole, or clipped.
     let lit = |of: &dyn Fn(u8) -> u8| {
         let mut lit = shown.clone();
         for (own, seen) in lit.iter_mut().zip(seen.iter()) {
@@ -96,7 +97,7 @@ fn likely_change(photograph: &RgbImage, picture: &RgbImage) -> Option<&'static s
         fit(&lit)
     };
     let ranged = |undo: fn(f32) -> f32, is_bound: bool| {
-        // Out of 0..255 it saturates.
+        // The conversion saturates outside 0..255.
         let (before, after) = (lit(&|v| v), lit(&|v| undo(f32::from(v)).round() as u8));
         let is_right = after.explained() >= EXPLAINED
             && after.gain_over(&before) >= LEAST_GAIN_OF_RANGE
@@ -153,7 +154,7 @@ fn inverted(picture: &RgbImage) -> RgbImage {
     mapped(picture, |color| color.map(|level| 255 - level))
 }
 
-/// The levels of each channel in ascending order.
+/// Sorts the levels of each channel in ascending order.
 fn ranked(picture: &RgbImage) -> RgbImage {
     let mut ranked = picture.clone();
     for channel in 0..3 {
@@ -165,7 +166,7 @@ fn ranked(picture: &RgbImage) -> RgbImage {
     ranked
 }
 
-/// A sentence for each dataset of which nearly all pictures were probably changed in one way.
+/// A sentence for each dataset whose pictures were nearly all changed in the same way.
 pub(super) fn changed_pictures<'a>(records: impl Iterator<Item = &'a Record>) -> Vec<String> {
     let mut by_dataset: BTreeMap<&str, Vec<Option<&String>>> = BTreeMap::new();
     for record in records.filter(|record| record.status == Status::Ok) {
@@ -191,7 +192,7 @@ mod tests {
     use super::super::record::tests::record;
     use super::*;
 
-    /// Coloured blobs; `by` moves them and `noise` is added.
+    /// Coloured blobs, shifted by `by`, with `noise` added.
     fn picture(by: f64, noise: u32) -> RgbImage {
         RgbImage::from_fn(96, 96, |x, y| {
             let (u, v) = ((f64::from(x) + by) / 9.0, f64::from(y) / 13.0);
@@ -268,7 +269,7 @@ mod tests {
         ] {
             assert_eq!(told(&poor), None, "{what}");
         }
-        // A grey photograph says nothing about channels.
+        // A grey photograph gives no evidence on channels.
         let seen = grey(&picture(0.0, 0));
         assert_eq!(likely_change(&seen, &tint_of(&seen)), None);
     }

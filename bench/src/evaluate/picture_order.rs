@@ -1,8 +1,8 @@
-//! Detects pictures that lie under the names of other pairs, by comparing some of them with those pairs' targets.
+//! Detects pictures stored under the names of other pairs, by comparing some of them with those pairs' targets.
 //!
-//! Poor predictions are proper, and so is one that shows too little motion: a picture has to show another target
-//! significantly better than its own, and better than the source's photograph does, and most of those that are compared
-//! have to. No score depends on it.
+//! Poor predictions must not raise false alarms, nor pictures with too little motion: a picture has to show another
+//! target significantly better than its own, and better than the source's photograph does, for most of the compared
+//! pictures. Scores do not depend on this check.
 
 use std::collections::BTreeMap;
 
@@ -15,27 +15,28 @@ use super::record::Record;
 use crate::pairs::pair_list::ResolvedPair;
 use crate::scoring::Region;
 
-/// Topic of a record's finding on whose target its picture shows. Shown only if most pictures agree.
+/// Topic of a record's finding about which target its picture shows; shown only if most pictures agree.
 pub(super) const ORDER: &str = "order of pictures";
 const OWN: &str = "its own target";
 const BEFORE: &str = "the target of the pair before theirs";
 const AFTER: &str = "the target of the pair after theirs";
 const ELSEWHERE: &str = "the target of another pair";
 
-/// Pairs of a dataset whose pictures are compared, evenly spaced, and other targets that each is compared with.
+/// Number of pairs per dataset whose pictures are compared, evenly spaced, and number of other targets for each.
 const SAMPLED: usize = 8;
 const OTHERS: usize = 12;
-/// Fewest pictures of a dataset that have to show other targets.
+/// Minimum number of pictures in a dataset that must show other targets.
 const FEWEST: usize = 3;
 /// Width at which pictures are compared, pixels.
 const WIDTH: u32 = 160;
-/// Least gain of another target, dB.
+/// Minimum gain of another target, dB.
 const LEAST_GAIN: f64 = 2.0;
 
-/// By pair, the other pairs with whose targets its picture is compared.
+/// For each pair, the other pairs with whose targets its picture is compared.
 pub(super) type OtherPairs<'a> = BTreeMap<String, Vec<(&'static str, ResolvedPair<'a>)>>;
 
-/// Chooses the pairs whose pictures are compared. `pairs` must be all pairs of the plan, so that shards choose alike.
+/// Chooses the pairs whose pictures are compared. `pairs` must be all pairs of the plan, so that all shards choose the
+/// same.
 pub(super) fn compared_pairs<'a>(pairs: &[ResolvedPair<'a>]) -> OtherPairs<'a> {
     let mut datasets: BTreeMap<&str, Vec<ResolvedPair<'a>>> = BTreeMap::new();
     for planned in pairs {
@@ -75,7 +76,7 @@ fn spread(count: usize, most: usize) -> impl Iterator<Item = usize> {
     (0..n).map(move |k| k * count / n)
 }
 
-/// Photographs as they are compared, by dataset, scene and view.
+/// Reduced photographs by dataset, scene and view.
 #[derive(Default)]
 pub(super) struct Thumbnails(BTreeMap<[String; 3], Option<RgbImage>>);
 
@@ -94,7 +95,7 @@ fn small(picture: &RgbImage) -> RgbImage {
     thumbnail(picture, to, (height * to / width).max(1))
 }
 
-/// Sets the record's finding [`ORDER`] where its picture, which shows all of the target, is compared with others.
+/// Sets the record's finding [`ORDER`] if its picture is in the sample and covers the whole target.
 pub(super) fn note_order(
     record: &mut Record,
     planned: &ResolvedPair<'_>,
@@ -140,7 +141,7 @@ pub(super) fn note_order(
     record.warnings.insert(ORDER.to_owned(), found.to_owned());
 }
 
-/// A sentence for each dataset of which most pictures that were compared show other targets.
+/// A sentence for each dataset in which most compared pictures show other targets.
 pub(super) fn misplaced_pictures<'a>(records: impl Iterator<Item = &'a Record>) -> Vec<String> {
     let mut by_dataset: BTreeMap<&str, BTreeMap<&str, usize>> = BTreeMap::new();
     for record in records {

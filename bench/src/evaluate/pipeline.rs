@@ -1,4 +1,4 @@
-//! Works off a plan: one thread predicts and renders a pair while the other scores the pair before.
+//! Executes a plan: one thread predicts and renders a pair while another scores the previous pair.
 
 use std::collections::BTreeSet;
 use std::sync::Arc;
@@ -22,11 +22,11 @@ struct PreparedPair<'a> {
     made: UnitCounts,
 }
 
-/// Works off a plan into a folder. Finished units are kept and recorded failures tried again. A pair that fails is
-/// recorded, and the others continue.
+/// Executes a plan in a folder. Finished units are reused and recorded failures retried. A failed pair is recorded, and
+/// the run continues.
 ///
-/// While a pair is scored, the next one is predicted, and one step ahead only: the pictures of at most two pairs are in
-/// memory, or of two parts of a pair where memory is too small for all methods' pictures. No value depends on it.
+/// While a pair is scored, only the next one is predicted: at most the pictures of two pairs are in memory, or of two
+/// parts of a pair if not all methods' pictures fit. Results do not depend on this.
 pub(super) fn run(
     job: &Job,
     folder: &RunFolder,
@@ -36,7 +36,7 @@ pub(super) fn run(
     for method in job.methods {
         method.begin(&logs, folder.root());
     }
-    // A channel without room: who predicts waits until who scores is ready for it.
+    // A channel without buffer: the predicting thread waits until the scoring thread is ready.
     let (sender, pairs) = sync_channel(0);
     let units = job.pairs.len() * job.methods.len();
     let memory = MemoryShares::of(job.options.memory_limit_bytes);
@@ -101,7 +101,7 @@ pub(super) fn run(
     })
 }
 
-/// Prepares the pairs in order and sends them, until an error, the end of the receiver or a stop.
+/// Prepares the pairs in order and sends them, until an error, a stop or the receiver's end.
 fn prepare_all<'a>(
     job: &Job<'a>,
     folder: &RunFolder,
@@ -136,7 +136,7 @@ fn prepare_all<'a>(
                 units,
                 made: std::mem::take(&mut pair.made),
             });
-            // An error here: who scores has stopped, and says why itself.
+            // On a send error, the scoring thread has stopped and reports the reason itself.
             if sender.send(prepared).is_err() || failed {
                 return;
             }

@@ -8,29 +8,29 @@ use serde::{Deserialize, Serialize};
 use super::manifest::FORMAT;
 use super::unit::UnitProgress;
 
-/// `plan.json`: which pairs by which methods. A folder that several runs added to has several blocks.
+/// `plan.json`: the planned pairs and methods. A folder that several runs added to has several blocks.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct RunPlan {
     /// [`FORMAT`] of the writer.
     pub format: u32,
-    /// All pairs of a block are evaluated by all its methods.
+    /// Blocks; all pairs of a block are evaluated by all of its methods.
     pub blocks: Vec<PlanBlock>,
-    /// The estimated cost of all of it, of plans for shards.
+    /// Estimated cost of the whole plan; only in plans for shards.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub estimate: Option<Estimate>,
 }
 
-/// Pairs by methods.
+/// A set of pairs evaluated by a set of methods.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub struct PlanBlock {
-    /// Ids in order.
+    /// Pair ids in order.
     pub pairs: Vec<String>,
-    /// Labels in order.
+    /// Method labels in order.
     pub methods: Vec<String>,
 }
 
 impl RunPlan {
-    /// Adds a block, once.
+    /// Adds a block, unless it is already there.
     #[must_use]
     pub fn with(mut self, block: PlanBlock) -> Self {
         self.format = FORMAT;
@@ -40,7 +40,7 @@ impl RunPlan {
         self
     }
 
-    /// Every planned pair with each method.
+    /// All planned units, as pair id and method.
     pub fn units(&self) -> BTreeSet<(&str, &str)> {
         let mut units = BTreeSet::new();
         for PlanBlock { pairs, methods } in &self.blocks {
@@ -61,57 +61,57 @@ impl RunPlan {
     }
 }
 
-/// The estimated cost of a whole evaluation, finished units included.
+/// Estimated cost of a whole evaluation, including finished units.
 ///
 /// Linear in sources and pairs: if a method predicts Gaussians, only the first pair of a source pays for the
-/// prediction. Rescoring by `common_region` is not counted; [`wall_secs`](StageCost::wall_secs) alone counts the time of
+/// prediction. Excludes rescoring by `common_region`. Only [`wall_secs`](StageCost::wall_secs) includes the time of
 /// `command` programs.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Estimate {
-    /// Pairs by methods.
+    /// Number of units (pairs times methods).
     pub units: usize,
-    /// Different source views.
+    /// Number of distinct source views.
     pub sources: usize,
-    /// Pairs of the plan.
+    /// Number of planned pairs.
     pub pairs: usize,
-    /// Pairs that were measured.
+    /// Number of measured pairs.
     pub measured_pairs: usize,
-    /// Measured units that failed.
+    /// Number of measured units that failed.
     pub measured_failures: usize,
-    /// All stages together; disk space is what stays in the run folder.
+    /// All stages together; disk space is that remaining in the run folder.
     #[serde(flatten)]
     pub total: StageCost,
-    /// Predicted Gaussians and pictures. Disk space is what separate stages keep of them.
+    /// Predicting Gaussians and pictures; disk space is that used if stages run separately.
     pub predict: StageCost,
-    /// Renderings.
+    /// Rendering.
     pub render: StageCost,
-    /// Metrics.
+    /// Scoring.
     pub score: StageCost,
 }
 
 /// Estimated cost of a stage.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize, JsonSchema)]
 pub struct StageCost {
-    /// Time of all cores together, s.
+    /// Time summed over all cores, seconds.
     pub cpu_secs: f64,
-    /// Wall time on this machine, s.
+    /// Wall time on this machine, seconds.
     pub wall_secs: f64,
-    /// `None` if the system does not say.
+    /// Peak memory, bytes; `None` if the system does not report it.
     pub peak_bytes: Option<u64>,
-    /// Bytes of the files that it writes.
+    /// Size of the written files, bytes.
     pub disk_bytes: u64,
 }
 
 /// Progress of an evaluation in a folder.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize)]
 pub struct RunStatus {
-    /// Units of the plan.
+    /// Planned units.
     pub units: usize,
     /// Units with all their scores.
     pub done: usize,
     /// Units with a picture but not all scores.
     pub unscored: usize,
-    /// Recorded failures; a run tries them again.
+    /// Recorded failures; a run retries them.
     pub failed: usize,
     /// Units without a result.
     pub missing: usize,

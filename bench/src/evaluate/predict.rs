@@ -1,4 +1,4 @@
-//! Makes a pair's units: takes finished ones from the folder, predicts and renders the others.
+//! Prepares a pair's units: takes finished ones from the folder, and predicts and renders the others.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -37,15 +37,15 @@ use crate::pairs::PosedCamera;
 use crate::pairs::pair_list::ResolvedPair;
 use crate::scoring::ground_truth::valid_mask;
 
-/// A unit between the predicting and the scoring thread.
+/// A unit passed from the predicting to the scoring thread.
 pub(super) enum Prepared {
-    /// Nothing is left to do, or it failed.
+    /// Complete or failed.
     Done(Box<Unit>, Reuse),
-    /// To be scored.
+    /// Not yet scored.
     Unscored(Box<Unscored>),
-    /// It needs another stage.
+    /// Waiting for another stage.
     Waiting,
-    /// The run was stopped before.
+    /// Not reached before the run was stopped.
     Left,
 }
 
@@ -55,14 +55,14 @@ pub(super) enum Reuse {
     New,
 }
 
-/// What the pairs of a source share. They come together because pairs are sorted.
+/// State shared by the pairs of a source, which are consecutive because pairs are sorted.
 pub(super) struct Sources<'a> {
     gaussians: GaussianStore,
     photograph: Option<(&'a View, RgbImage)>,
     depth: Option<(&'a View, Option<DepthMap>)>,
-    /// By the key of the prediction.
+    /// Depth scale, with the key of its prediction.
     scale: Option<(String, Result<f64, String>)>,
-    /// By the key of the prediction.
+    /// Source check, with the key of its prediction.
     check: Option<(String, SourceFacts)>,
 }
 
@@ -110,11 +110,11 @@ enum Failure {
     Pair(String),
     /// Ends the run.
     Run(EvaluateError),
-    /// A kept prediction that this stage needs is missing.
+    /// A kept prediction that this stage needs does not exist.
     Waiting,
 }
 
-/// Refuses a picture of another size, and values that rounding to 8 bit would hide.
+/// Rejects pictures of the wrong size, and values that rounding to 8 bit would hide.
 fn check(prediction: &PicturePrediction, target: (u32, u32)) -> Result<(), MethodError> {
     let refused = |reason: String| MethodError::Model(format!("the prediction {reason}"));
     let checked = prediction.picture.check();
@@ -148,7 +148,7 @@ struct Made {
     inference: Option<String>,
 }
 
-/// The predicting thread's work on a pair.
+/// The predicting thread's work on one pair.
 pub(super) struct PairWork<'j, 'a> {
     job: &'j Job<'a>,
     observer: &'j dyn Observer,
@@ -260,7 +260,7 @@ impl<'j, 'a> PairWork<'j, 'a> {
         }
     }
 
-    /// A stored unit, updated with what the pair list now says of its pair.
+    /// A stored unit, updated with the current pair list's data.
     fn refreshed(&self, method: &dyn Method, mut unit: Unit) -> Result<Unit, EvaluateError> {
         let now = empty_record(&self.truth.planned, &unit.slot.method);
         let refreshed = Record {
@@ -272,7 +272,7 @@ impl<'j, 'a> PairWork<'j, 'a> {
             files: self.job.keys.pair_files(method, &self.truth.planned),
             ..unit.record.clone()
         };
-        // Scores by metrics that this run does not compute would stay those of the files before.
+        // Scores by metrics that this run does not compute would remain those of the old files.
         if refreshed.files != unit.record.files {
             unit.scores.clear();
         }
@@ -283,8 +283,8 @@ impl<'j, 'a> PairWork<'j, 'a> {
         Ok(self.folder.save(unit)?)
     }
 
-    /// Records the picture and keeps it, if asked to, before it is scored: a run that is killed while scoring predicts
-    /// nothing again.
+    /// Records the picture and, if requested, stores it before scoring, so that a run killed while scoring need not
+    /// predict again.
     fn keep(&self, unit: &mut Unit, made: Made) -> Result<RgbImage, EvaluateError> {
         let prediction = made.prediction;
         let picture = match prediction.picture {
@@ -300,7 +300,7 @@ impl<'j, 'a> PairWork<'j, 'a> {
         unit.record.extras = prediction.extras;
         unit.record.warnings = made.warnings;
         for note in prediction.notes {
-            // Of each kind, which its first words tell, a table shows one.
+            // Tables show one note of each kind, identified by its first words.
             let about = note.split(' ').take(4).collect::<Vec<_>>().join(" ");
             let id = &self.truth.planned.pair.pair_id;
             unit.record
@@ -398,7 +398,7 @@ impl<'j, 'a> PairWork<'j, 'a> {
         Ok(Some(made))
     }
 
-    /// The same for a method that makes Gaussians.
+    /// Makes the picture of a method that predicts Gaussians; `None` if this stage ends before pictures.
     fn splat(
         &mut self,
         method: &dyn Method,
@@ -423,7 +423,7 @@ impl<'j, 'a> PairWork<'j, 'a> {
         let prediction = if stages == Stages::Render {
             sources.gaussians.get(&keys.predict, name, None)
         } else {
-            // The photograph is only read where a prediction is made.
+            // The photograph is read only if a prediction is made.
             let photograph = std::cell::RefCell::new(&mut sources.photograph);
             let predict = || {
                 predicted.set(1);
@@ -435,7 +435,7 @@ impl<'j, 'a> PairWork<'j, 'a> {
                 let source = SourceView::new(name, &self.source, image, seen);
                 let (made, secs) = self.timed(|| gaussians.predict(&source, target.as_ref()));
                 let made = made?;
-                // Before it is kept for other targets.
+                // Check before the prediction is stored for other targets.
                 match self.job.keys.changed(Some(method), &self.truth.planned) {
                     Some(reason) => Err(MethodError::Model(reason)),
                     None => Ok((made, secs)),
@@ -514,7 +514,7 @@ impl<'j, 'a> PairWork<'j, 'a> {
         }))
     }
 
-    /// The value of a step, and its wall time, s.
+    /// The value of a step, and its wall time in seconds.
     fn timed<T>(&self, step: impl FnOnce() -> T) -> (T, f64) {
         let started = (self.job.clock)();
         let value = step();
@@ -535,19 +535,19 @@ impl<'j, 'a> PairWork<'j, 'a> {
         let planned = self.truth.planned;
         let absurd = absurd_coverage(prediction, &self.source);
         if let Some((_, text)) = &absurd {
-            // At once: it is about how long the rendering takes.
+            // Warn immediately, because the warning is about the duration of the rendering.
             self.observer
                 .warn(&format!("method '{}': {text}", method.label()));
         }
         let is_chosen = self.job.checked.contains(name);
         let needs_depth = is_chosen && prediction.reading.is_some();
         let depth = match method.privilege().depth {
-            // Depth that cannot be read is not this method's.
+            // Unreadable depth is not this method's failure.
             TrueDepth::None if needs_depth => sources.depth(planned.source).ok().flatten().cloned(),
             _ => None,
         };
         let photograph = sources.photograph(planned.source)?;
-        // A mask that cannot be read fails the pairs whose target it belongs to.
+        // An unreadable mask is a failure of the pairs with that target.
         let valid = planned.source.content.valid_pixels().ok().flatten();
         let valid = valid.as_ref().and_then(valid_mask);
         let source = CheckedSource {
@@ -564,7 +564,7 @@ impl<'j, 'a> PairWork<'j, 'a> {
         Ok(facts)
     }
 
-    /// A lost or exhausted device is not the pair's fault: the run ends, and a restart tries the unit again.
+    /// A lost or exhausted device is not the pair's fault: the run ends, and a restart retries the unit.
     fn render_failure(&self, method: &dyn Method, error: &RenderError) -> Failure {
         if error.is_device_fault() {
             Failure::Run(EvaluateError::Device {

@@ -40,30 +40,30 @@ use crate::scoring::Scoring;
 /// Input of [`prepare`].
 pub struct Request {
     pub datasets: Vec<OpenDataset>,
-    /// Checks the scenes for contradictions first; `None` does not.
+    /// Checks scenes for contradictions first; `None` skips the check.
     pub checks: Option<SceneChecks>,
     /// The pattern of `--scenes`, for the record.
     pub only_scenes: Option<String>,
     pub pairs: PairOrigin,
     /// Evaluate at most this many of the selected pairs, spread over datasets and scenes.
     pub limit: Option<usize>,
-    /// Methods with their specs for the record. Labels are unique.
+    /// Methods, with their specs for the record. Labels must be unique.
     pub methods: Vec<BuiltMethod>,
     pub scoring: Scoring,
-    /// Whether all methods of a pair are scored on the part of the target that all of them predict.
+    /// Whether to score all methods of a pair on the region that all of them predict.
     pub common_region: bool,
     /// How tables average scores.
     pub aggregation: Aggregation,
-    /// The evaluation that it follows, for the record.
+    /// The protocol that the run follows, for the record.
     pub protocol: Option<ProtocolRecord>,
     pub backend: Backend,
     pub rendering: RenderSettings,
-    /// The configuration behind the request, kept in the run folder; `None` if a program made the request.
+    /// The configuration behind the request, stored in the run folder; `None` for a request made by code.
     pub config: Option<RunConfig>,
 }
 
 impl Request {
-    /// Everything else by default: all pairs by the paper's rules, rendered on the CPU.
+    /// A request with defaults: all pairs by the paper's rules, rendered on the CPU.
     pub fn new(
         datasets: Vec<OpenDataset>,
         methods: Vec<Box<dyn Method>>,
@@ -114,10 +114,10 @@ pub struct Evaluation {
     pub(super) clock: fn() -> Duration,
 }
 
-/// Checks scenes and methods, and builds or reads the pair list. Writes nothing but the cache of overlaps.
+/// Checks scenes and methods, and builds or reads the pair list. Writes only to the cache of overlaps.
 ///
 /// # Errors
-/// When a part of the request cannot be used, or no pair is left.
+/// If a part of the request is invalid, or no pair is left.
 pub fn prepare(mut request: Request, observer: &dyn Observer) -> Result<Evaluation, EvaluateError> {
     let mut labels = BTreeSet::new();
     for (_, method) in &request.methods {
@@ -139,7 +139,7 @@ pub fn prepare(mut request: Request, observer: &dyn Observer) -> Result<Evaluati
     let (list, origin, choices) = match request.pairs {
         PairOrigin::Built { recipe, cache } => {
             let built = recipe.build(&request.datasets, cache.as_ref(), observer)?;
-            // The manifest and the report say what the pairs are short of.
+            // The manifest and the report show which files the pairs are missing.
             for problem in built.build.left_out() {
                 let mut scenes = request.datasets.iter_mut().flat_map(|d| &mut d.scenes);
                 let is_of = |scene: &&mut Scene| {
@@ -171,7 +171,7 @@ pub fn prepare(mut request: Request, observer: &dyn Observer) -> Result<Evaluati
             let choices = companion.map(|companion| companion.choices);
             (list, ListOrigin::Given, choices.unwrap_or_default())
         }
-        // Each shard checks its own part of it.
+        // Each shard checks its own part of the list.
         PairOrigin::Planned(root) => {
             let folder = RunFolder::open(&root)?;
             if let Some(planned) = folder.manifest()? {
@@ -229,7 +229,7 @@ pub fn prepare(mut request: Request, observer: &dyn Observer) -> Result<Evaluati
     Ok(evaluation)
 }
 
-/// Refuses to evaluate a method on pairs that its own checkpoint chose.
+/// Fails if a method is to be evaluated on pairs chosen by its own checkpoint.
 fn check_independence(
     choices: &BTreeMap<String, PairProvenance>,
     methods: &[Box<dyn Method>],
@@ -250,8 +250,8 @@ fn check_independence(
     Ok(())
 }
 
-/// Warns of a list made from other photographs, and refuses one made from other poses: its baselines and rotations, by
-/// which results are sorted and plotted, would be wrong.
+/// Warns of a list made from other photographs. Fails for one made from other poses, because the baselines and
+/// rotations used for sorting and plotting would be wrong.
 fn check_files(
     list: &PairList,
     scenes: &[Scene],
@@ -322,7 +322,7 @@ impl Evaluation {
     /// The manifest that a run into a new folder would write.
     ///
     /// # Errors
-    /// When a pair of the list is not in the datasets.
+    /// If a listed pair is not in the datasets.
     pub fn manifest(&self) -> Result<Manifest, EvaluateError> {
         let dataset = |dataset: &OpenDataset| DatasetRecord {
             name: dataset.name.clone(),
@@ -381,10 +381,10 @@ impl Evaluation {
         })
     }
 
-    /// How far a folder is with this evaluation; without a folder, everything is missing.
+    /// Progress of this evaluation in a folder; without a folder, everything is missing.
     ///
     /// # Errors
-    /// When the folder cannot be read.
+    /// If the folder cannot be read.
     pub fn status(&self, root: Option<&Path>) -> Result<RunStatus, EvaluateError> {
         let pairs = self.pairs()?;
         let mut standing = RunStatus::default();
@@ -401,7 +401,7 @@ impl Evaluation {
                 let lacks_scores =
                     |unit: &Unit| !missing(unit, &self.scoring, &keys, planned).is_empty();
                 standing.add(match unit {
-                    // One that failed has no picture.
+                    // A failed unit has no picture.
                     Some(unit) if unit.is_failure() || unit.picture_key == key => {
                         unit.progress(lacks_scores(&unit))
                     }
@@ -413,7 +413,7 @@ impl Evaluation {
     }
 }
 
-/// The smallest and the largest view by their number of pixels.
+/// The smallest and the largest view by number of pixels.
 fn view_sizes(dataset: &OpenDataset) -> Vec<(u32, u32)> {
     let views = dataset.scenes.iter().flat_map(|scene| &scene.views);
     let sizes = views.map(|view| (view.intrinsics.width, view.intrinsics.height));

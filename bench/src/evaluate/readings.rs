@@ -1,5 +1,5 @@
-//! Scores kept predictions under other readings of the protocol than their run's. Predicts and renders nothing, and
-//! leaves the folder unchanged.
+//! Scores kept predictions under readings of the protocol that differ from the run's. Predicts and renders nothing, and
+//! does not change the folder.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
@@ -23,20 +23,20 @@ use crate::pairs::dataset::scenes_of;
 use crate::scoring::rules::{Border, ScoringRules};
 use crate::scoring::{Region, Scoring};
 
-/// Least alpha by which a colour is divided, as in UniSHARP's trainer.
+/// Minimum alpha for dividing a colour by it, as in UniSHARP's trainer.
 const LEAST_ALPHA: f32 = 1e-4;
 
-/// How a prediction becomes the scored picture.
+/// How a prediction is converted to the scored picture.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum PictureReading {
-    /// As the run scored it.
+    /// As scored by the run.
     AsScored,
     /// Floats, not rounded to 8 bit.
     Unrounded,
     /// 8 bit by truncation.
     Truncated,
-    /// Linear colour divided by alpha, so that partly covered pixels take the colour of what covers them; rounded to 8
-    /// bit.
+    /// Linear colour divided by alpha, so that partly covered pixels take the colour of the covering surface; rounded
+    /// to 8 bit.
     AlphaDivided,
     /// As scored, without the border ([`Border::Twentieth`]).
     BorderCropped,
@@ -51,7 +51,7 @@ impl PictureReading {
         Self::BorderCropped,
     ];
 
-    /// The name in tables and files.
+    /// Name in tables and files.
     pub fn name(self) -> &'static str {
         match self {
             Self::AsScored => "as scored",
@@ -62,31 +62,31 @@ impl PictureReading {
         }
     }
 
-    /// Whether it needs the linear picture that `run --keep float` keeps.
+    /// Whether this reading needs the linear picture that `run --keep float` keeps.
     fn needs_float(self) -> bool {
         matches!(self, Self::Unrounded | Self::Truncated | Self::AlphaDivided)
     }
 }
 
-/// The predictions of a method under all readings.
+/// A method's predictions scored under all readings.
 #[derive(Debug, Clone, Default)]
 pub struct Readings {
     /// Units with a kept picture.
     pub records: Vec<Record>,
     /// Number of units by dataset.
     pub units: BTreeMap<String, usize>,
-    /// A score per record, by reading and metric. Metrics without any score are left out.
+    /// One score per record, by reading and metric. Metrics without any score are left out.
     pub scores: BTreeMap<(PictureReading, MetricKey), Vec<Option<f64>>>,
-    /// Why scores are missing, each reason with the number of pairs.
+    /// Reasons for missing scores, with the number of pairs for each.
     pub absent: BTreeMap<(String, String), usize>,
-    /// Scores of the run that the kept pictures no longer give.
+    /// Number of the run's scores that the kept pictures no longer reproduce.
     pub changed: usize,
 }
 
-/// Scores the kept predictions of a method under every reading for which the needed pictures are kept.
+/// Scores a method's kept predictions under every reading whose pictures were kept.
 ///
 /// # Errors
-/// When the folder or its datasets cannot be read, or it is a bundle, which has no pictures.
+/// If the folder or its datasets cannot be read, or `root` is a bundle, which has no pictures.
 pub fn score_readings(
     root: &Path,
     method: &str,
@@ -265,7 +265,7 @@ impl Readings {
     }
 }
 
-/// Converts a kept rendering by another reading.
+/// Converts a kept rendering under another reading.
 fn from_linear(
     linear: &LinearPicture,
     reading: PictureReading,

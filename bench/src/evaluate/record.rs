@@ -1,6 +1,6 @@
 //! One result of a run: a pair, predicted by a method, scored or failed.
 //!
-//! Runs write records, reports read them; nothing is averaged in between.
+//! Runs write records and reports read them; no averages are stored.
 
 use std::collections::BTreeMap;
 
@@ -15,9 +15,9 @@ use crate::scoring::Region;
 pub enum Status {
     /// Predicted and scored.
     Ok,
-    /// Something failed; the reason names the file or stage. The unit counts as missing.
+    /// A stage failed; the reason names the file or stage. The unit counts as missing.
     Failed {
-        /// One line.
+        /// The reason, in one line.
         reason: String,
     },
 }
@@ -34,13 +34,13 @@ pub enum Score {
     ),
     /// The metric could not be computed for this pair.
     Unavailable {
-        /// Why, in one line.
+        /// The reason, in one line.
         unavailable: String,
     },
 }
 
 impl Score {
-    /// The number, if there is one.
+    /// The number; `None` if unavailable.
     pub fn value(&self) -> Option<f64> {
         match self {
             Self::Value(v) => Some(*v),
@@ -49,14 +49,14 @@ impl Score {
     }
 }
 
-/// A unit as tables, plots and comparisons need it.
+/// The result of a unit, as used by tables, plots and comparisons.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Record {
     /// `dataset/scene/source__target`, each part percent-encoded.
     pub pair_id: String,
-    /// Name of the dataset instance: a column group of the tables.
+    /// Name of the dataset instance, a column group of the tables.
     pub dataset: String,
-    /// The scene.
+    /// Id of the scene.
     pub scene: String,
     /// The physical scene; see `sharp_datasets::Scene::cluster`.
     pub cluster: String,
@@ -64,15 +64,16 @@ pub struct Record {
     pub source: String,
     /// Id of the target view.
     pub target: String,
-    /// Label of the method instance: a row of the tables.
+    /// Label of the method instance, a row of the tables.
     pub method: String,
     /// Distance of the two camera centres, metres.
     pub baseline_m: f64,
     /// Angle between the two cameras, degrees.
     pub rotation_deg: f64,
-    /// Median ground-truth depth of the target view, metres; of a stereo pair whose target has none, that of its source.
+    /// Median ground-truth depth of the target view, metres; for a stereo pair whose target has no depth, that of its
+    /// source.
     pub median_depth_m: Option<f64>,
-    /// Share of the target's valid-depth pixels that the source sees, 0..1.
+    /// Share of the target's valid-depth pixels visible in the source, 0..1.
     pub overlap: Option<f64>,
     /// Whether the unit succeeded.
     #[serde(flatten)]
@@ -82,37 +83,37 @@ pub struct Record {
     /// The scored part of the target; `None` for all of it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub crop: Option<Crop>,
-    /// Share of the scored pixels that count, 0..1, if a mask excludes some.
+    /// Share of the scored pixels that count, 0..1; `None` if no mask excludes any.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub valid_share: Option<f64>,
-    /// Width and height of the prediction before it was resized up, pixels.
+    /// Width and height of the prediction before enlargement, pixels; `None` if not resized.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub resized_from: Option<(u32, u32)>,
-    /// The scale that was chosen among several.
+    /// The scale chosen among several.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub scale: Option<ChosenScale>,
     /// Hashes of the pair's files; `None` if unreadable, or in results of older versions.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub files: Option<PairFiles>,
-    /// What the method reports about this prediction (`mean_alpha`, `hole_share`, …).
+    /// Extra values reported by the method (`mean_alpha`, `hole_share`, …).
     pub extras: BTreeMap<String, f64>,
-    /// Warnings about its prediction, by topic.
+    /// Warnings about the prediction, by topic.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub warnings: BTreeMap<String, String>,
 }
 
-/// Hashes of a pair's files, 16 hexadecimal digits each. Results are shown together only if the hashes of a view, and
-/// of a method's Gaussians of a source, agree.
+/// Hashes of a pair's files, 16 hexadecimal digits each. Results are shown together only if the hashes of each view,
+/// and of a method's Gaussians for each source, agree.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub struct PairFiles {
     /// The source's camera, photograph, mask and depth.
     pub source: String,
-    /// The same of the target.
+    /// The target's camera, photograph, mask and depth.
     pub target: String,
-    /// The pictures that the method read for this pair, if they were made elsewhere.
+    /// The pictures that the method read for this pair, if from external files.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub pictures: Option<String>,
-    /// The Gaussians that the method read for this source, if they were made elsewhere.
+    /// The Gaussians that the method read for this source, if from an external file.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub gaussians: Option<GaussiansRead>,
 }
@@ -120,18 +121,18 @@ pub struct PairFiles {
 /// A file of Gaussians.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub struct GaussiansRead {
-    /// The last three parts of its path, by `/`.
+    /// The last three parts of the path, separated by `/`.
     pub file: String,
-    /// 16 hexadecimal digits over its bytes.
+    /// Hash of the file's bytes, 16 hexadecimal digits.
     pub hash: String,
 }
 
 /// A part of a target.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Crop {
-    /// Pixels of the target.
+    /// The region, in pixels of the target.
     pub region: Region,
-    /// Its share of the target's pixels, 0..1.
+    /// Share of the target's pixels in the region, 0..1.
     pub share: f64,
 }
 
@@ -174,7 +175,7 @@ pub(crate) fn file_difference<'a>(records: impl IntoIterator<Item = &'a Record>)
                 ));
             }
         }
-        // One file may be that of a source or of all sources of a scene.
+        // A file may belong to one source or to all sources of a scene.
         let Record {
             method, dataset, ..
         } = record;
@@ -191,8 +192,8 @@ pub(crate) fn file_difference<'a>(records: impl IntoIterator<Item = &'a Record>)
 }
 
 impl Record {
-    /// Every number besides the scores by the name of its column: what the method reports, and the parts of
-    /// [`Self::crop`], [`Self::valid_share`], [`Self::resized_from`] and [`Self::scale`].
+    /// All numbers other than scores by column name: the method's extras, and the parts of [`Self::crop`],
+    /// [`Self::valid_share`], [`Self::resized_from`] and [`Self::scale`].
     pub fn reported(&self) -> BTreeMap<&str, f64> {
         let mut columns: BTreeMap<&str, f64> = self
             .extras
@@ -225,7 +226,8 @@ impl Record {
     }
 }
 
-/// JSON has no infinity: finite numbers as numbers, the others as `"inf"`, `"-inf"`, `"nan"`.
+/// Serialises finite numbers as numbers, and others as `"inf"`, `"-inf"` or `"nan"`, which JSON numbers cannot
+/// represent.
 pub mod finite_or_text {
     use serde::{Deserialize, Deserializer, Serializer, de};
 
@@ -237,7 +239,7 @@ pub mod finite_or_text {
         Text(String),
     }
 
-    /// The text that stands for a number that is not finite; `None` for a finite one.
+    /// The text for a number that is not finite; `None` for a finite one.
     pub fn text(value: f64) -> Option<&'static str> {
         if value.is_finite() {
             None
@@ -253,7 +255,7 @@ pub mod finite_or_text {
     /// For `#[serde(with = …)]`.
     ///
     /// # Errors
-    /// The serializer's own.
+    /// Errors of the serializer.
     pub fn serialize<S: Serializer>(value: &f64, serializer: S) -> Result<S::Ok, S::Error> {
         match text(*value) {
             None => serializer.serialize_f64(*value),
@@ -264,7 +266,7 @@ pub mod finite_or_text {
     /// For `#[serde(with = …)]`.
     ///
     /// # Errors
-    /// When the value is neither a number nor one of the three texts.
+    /// If the value is neither a number nor one of the three texts.
     pub fn deserialize<'de, D: Deserializer<'de>>(deserializer: D) -> Result<f64, D::Error> {
         match Form::deserialize(deserializer)? {
             Form::Number(v) => Ok(v),

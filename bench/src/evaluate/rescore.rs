@@ -1,4 +1,4 @@
-//! Scores kept predictions again, by more metrics or on another region. Predicts and renders nothing.
+//! Rescores kept predictions with more metrics or on another region. Predicts and renders nothing.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
@@ -26,17 +26,17 @@ use crate::pairs::pair_list::ResolvedPair;
 use crate::pairs::{OpenDataset, PairList};
 use crate::scoring::{Region, Scoring};
 
-/// Scores a folder's kept predictions by metrics that they lack.
+/// Scores a folder's kept predictions with the metrics that are missing.
 ///
 /// # Errors
-/// When the folder or its datasets cannot be read, or its networks were computed on another device.
+/// If the folder or its datasets cannot be read, or its networks were computed on another device.
 pub fn rescore(
     root: &Path,
     scoring: &Scoring,
     memory_limit_bytes: u64,
     observer: &dyn Observer,
 ) -> Result<(UnitCounts, Results), EvaluateError> {
-    // Reading first: a mistyped path is not created.
+    // Read first, so that a mistyped path is not created.
     Results::read(root)?;
     let folder = RunFolder::create(root)?;
     let current = Current::read(&folder)?;
@@ -79,11 +79,11 @@ pub fn rescore(
     Ok((counts, results))
 }
 
-/// The same for a shard of a plan, beside other processes. Needs the datasets but no method; writes units, but neither
-/// manifest nor tables.
+/// As [`rescore`], for a shard of a plan, concurrently with other processes. Needs the datasets but no method; writes
+/// units, but neither manifest nor tables.
 ///
 /// # Errors
-/// When metrics or what computes them are not those of the plan; as [`rescore`].
+/// If the metrics, or the device and code that compute them, are not the plan's; as [`rescore`].
 pub fn score_shard(
     root: &Path,
     scoring: &Scoring,
@@ -126,16 +126,17 @@ pub fn score_shard(
         memory: MemoryShares::of(memory_limit_bytes),
     };
     let mut counts = work.score(list, observer)?;
-    // Nothing was predicted of these.
+    // Units without a prediction.
     counts.units += of_shard - there;
     counts.waiting += of_shard - there;
     Ok(counts)
 }
 
-/// Advice for kept pictures whose input files have changed: an old prediction is not scored against a new photograph.
+/// Advice for kept pictures whose input files have changed: an old prediction must not be scored against a new
+/// photograph.
 const EVALUATE_AGAIN: &str = "`run` with the same options evaluates it again";
 
-/// The manifest with the metrics of `scoring`.
+/// The manifest with its metrics replaced by those of `scoring`.
 fn under(manifest: &Manifest, scoring: &Scoring) -> Manifest {
     let options = scoring.scorer.options();
     Manifest {
@@ -241,7 +242,7 @@ impl Kept<'_> {
             }
         }
         observer.end();
-        // Those whose scenes or views are left out.
+        // Units whose scenes or views are left out.
         let unread = units.into_values().flatten().count();
         counts.units += unread;
         counts.failed += unread;
@@ -275,8 +276,8 @@ fn kept_picture(folder: &RunFolder, unit: &Unit) -> Option<RgbImage> {
     read_rgb8(&path).ok()
 }
 
-/// Scores units on the part of each target that all methods of the folder predict; a method that failed on a pair does
-/// not count. The results depend on the set of methods, so they are kept in a subfolder instead of the units.
+/// Scores units on the region of each target that all methods of the folder predict, ignoring methods that failed on
+/// the pair. The results depend on the set of methods, so they are stored in a subfolder.
 pub(super) fn score_common_region(
     folder: &RunFolder,
     pairs: &[ResolvedPair],
@@ -310,7 +311,7 @@ pub(super) fn score_common_region(
             .iter()
             .filter(|unit| unit.record.status == Status::Ok)
             .filter_map(|unit| unit.record.crop.map(|crop| crop.region));
-        // Regions without a common pixel give an empty one, which no prediction can be cut to.
+        // Disjoint regions give an empty region, which no prediction can be cropped to.
         let nothing = Region {
             width: 0,
             height: 0,
@@ -353,7 +354,7 @@ pub(super) fn score_common_region(
     Ok(())
 }
 
-/// Keeps the scored part of a picture for reports.
+/// Stores the scored part of a picture for reports.
 fn keep_cut(folder: &RunFolder, item: &mut Unscored) -> Result<(), EvaluateError> {
     let Slot {
         method, pair_id, ..
@@ -372,7 +373,7 @@ enum Cut {
     Picture(Box<Unscored>),
 }
 
-/// A unit cropped to a region. `size` is the target's.
+/// Crops a unit to a region. `size` is the target's.
 fn cut(folder: &RunFolder, unit: &Unit, common: Region, size: (u32, u32)) -> Cut {
     let mut unit = unit.clone();
     if unit.record.status != Status::Ok {

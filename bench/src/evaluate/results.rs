@@ -1,4 +1,4 @@
-//! The results of a folder: a pure function of its units, its manifest and its pair list.
+//! The results of a folder, computed only from its units, manifest and pair list.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
@@ -19,15 +19,15 @@ use crate::pairs::{Pair, PairList};
 /// The results of a run folder.
 #[derive(Debug, Clone)]
 pub struct Results {
-    /// What was run.
+    /// Facts about the run.
     pub manifest: Manifest,
     /// One per unit, by pair id, then in the order of the methods.
     pub records: Vec<Record>,
     /// Pair id and method of planned units without a result.
     pub missing: BTreeSet<(String, String)>,
-    /// Where the kept pictures are.
+    /// Folders of kept pictures.
     pub pictures: Vec<PictureFolder>,
-    /// Damaged files; their units are among the missing.
+    /// Damaged files; their units count as missing.
     pub damaged: Vec<PathBuf>,
 }
 
@@ -36,20 +36,19 @@ pub struct Results {
 pub struct PictureFolder {
     /// The run folder.
     pub folder: RunFolder,
-    /// Labels in the folder, by labels in the results.
+    /// Label in the folder by label in the results.
     pub labels: BTreeMap<String, String>,
-    /// sha256 of each kept file, by pair id and the method's label in the folder.
+    /// SHA-256 of each kept file, by pair id and the method's label in the folder.
     pub sha256: BTreeMap<(String, String), String>,
-    /// The same of kept linear renderings.
+    /// SHA-256 of each kept linear rendering, with the same keys.
     pub float_sha256: BTreeMap<(String, String), String>,
 }
 
 /// A kept picture.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct KeptPicture {
-    /// The file.
     pub path: PathBuf,
-    /// Whether it still has the bytes that were scored.
+    /// Whether the file still has the bytes that were scored.
     pub is_scored: bool,
 }
 
@@ -62,7 +61,7 @@ pub(super) struct Current {
 }
 
 impl Current {
-    /// The units of a folder that still count; see `Manifest::counted_slots`.
+    /// The units of a folder that count; see `Manifest::counted_slots`.
     pub(super) fn read(folder: &RunFolder) -> Result<Self, EvaluateError> {
         let Some(manifest) = folder.manifest()? else {
             let path = folder.root().join("manifest.json");
@@ -98,8 +97,8 @@ impl Current {
         })
     }
 
-    /// Refuses a pair list or plan that has lost rows since the manifest was written, and a list that contradicts the
-    /// units.
+    /// Checks that pair list and plan have not lost rows since the manifest was written, and that the list does not
+    /// contradict the units.
     fn check_list(&self, folder: &RunFolder, list: &PairList) -> Result<(), EvaluateError> {
         let said = &self.manifest.pairs;
         check_rows(folder, said, &folder.plan()?, list)?;
@@ -131,7 +130,7 @@ impl Current {
         let metrics = self.manifest.metric_identities();
         let pairs: BTreeMap<&str, &Pair> = pairs.iter().map(|p| (p.pair_id.as_str(), p)).collect();
         let done = || self.units.iter().filter(|unit| unit.is_done());
-        // Each name is a column, and a program may have sent others with every answer.
+        // Each name becomes a column, and a program may have sent different names with each answer.
         let mut names: BTreeMap<&str, BTreeSet<&str>> = BTreeMap::new();
         for Unit { slot, record, .. } in done() {
             let of_method = names.entry(&slot.method).or_default();
@@ -160,7 +159,7 @@ impl Current {
     }
 }
 
-/// Refuses a pair list or plan that has lost rows since the manifest was written.
+/// Checks that pair list and plan have not lost rows since the manifest was written.
 pub(super) fn check_rows(
     folder: &RunFolder,
     said: &PairsRecord,
@@ -198,7 +197,7 @@ fn changed(folder: &RunFolder, what: &str) -> EvaluateError {
     }
 }
 
-/// The folder of the units that tables show.
+/// The folder of the units shown in tables.
 pub(super) fn units_folder(folder: &RunFolder, manifest: &Manifest) -> RunFolder {
     match manifest.common_region {
         true => folder.common_region(),
@@ -207,10 +206,10 @@ pub(super) fn units_folder(folder: &RunFolder, manifest: &Manifest) -> RunFolder
 }
 
 impl Results {
-    /// Reads a folder, also one whose run has not ended.
+    /// Reads a folder, even of an unfinished run.
     ///
     /// # Errors
-    /// When it is no run folder, has another format, or its pair list or plan has lost pairs.
+    /// If it is not a run folder, has another format, or its pair list or plan has lost pairs.
     pub(super) fn of_folder(root: &Path) -> Result<Self, EvaluateError> {
         let folder = RunFolder::open(root)?;
         let current = Current::read(&folder)?;
@@ -254,7 +253,7 @@ impl Results {
         })
     }
 
-    /// Warnings that need all results of a method; see `joint_doubts`.
+    /// Warnings that depend on all results of a method; see `joint_doubts`.
     pub fn warnings(&self) -> Vec<String> {
         let of = |method: &MethodRecord| {
             let own = self.records.iter().filter(|r| r.method == method.label);
@@ -271,12 +270,12 @@ impl Results {
         failed.count()
     }
 
-    /// The kept picture of a record. Of several folders' pictures, one that was scored is preferred.
+    /// The kept picture of a record; if several folders have one, prefers one with the scored bytes.
     pub fn kept_picture(&self, record: &Record) -> Option<KeptPicture> {
         self.kept(record, "png", |pictures| &pictures.sha256)
     }
 
-    /// The same of the rendering kept as floats: linear RGB and alpha.
+    /// The rendering of a record kept as floats (linear RGB and alpha); as [`Self::kept_picture`].
     pub fn kept_rendering(&self, record: &Record) -> Option<KeptPicture> {
         self.kept(record, "exr", |pictures| &pictures.float_sha256)
     }
@@ -290,7 +289,7 @@ impl Results {
         let kept = self.pictures.iter().filter_map(|pictures| {
             let label = pictures.labels.get(&record.method)?;
             let unit = (record.pair_id.clone(), label.clone());
-            // Ids are only looked up: what no unit speaks of is no picture of ours, wherever it leads.
+            // Ids are only looked up: a picture without a unit is not ours, wherever its path leads.
             let sha256 = hashes(pictures).get(&unit)?;
             let path = pictures.folder.prediction_path(label, &unit.0, extension);
             path.is_file().then(|| KeptPicture {
@@ -304,10 +303,10 @@ impl Results {
     }
 }
 
-/// Times of a method's successful predictions, by pair; empty for a bundle, which holds no times.
+/// Times of a method's successful predictions by pair; empty for a bundle, which has no times.
 ///
 /// # Errors
-/// When the folder cannot be read.
+/// If the folder cannot be read.
 pub fn timings(root: &Path, method: &str) -> Result<BTreeMap<String, Timing>, EvaluateError> {
     if !root.is_dir() {
         return Ok(BTreeMap::new());
@@ -320,7 +319,7 @@ pub fn timings(root: &Path, method: &str) -> Result<BTreeMap<String, Timing>, Ev
 /// Writes `scores.csv` and `timings.csv` of a folder from its units.
 ///
 /// # Errors
-/// When the folder cannot be read or written.
+/// If the folder cannot be read or written.
 pub(super) fn write_tables(folder: &RunFolder) -> Result<Results, EvaluateError> {
     let current = Current::read(folder)?;
     let mut results = Results::of(folder, &current)?;
@@ -362,16 +361,16 @@ pub const FIXED_COLUMNS: [&str; 11] = [
     "status",
 ];
 
-/// The shortest text that parses to the same number; also `inf`, `-inf` and `nan`.
+/// The shortest text that parses to the same number, including `inf`, `-inf` and `nan`.
 pub fn number(value: f64) -> String {
     finite_or_text::text(value).map_or_else(|| value.to_string(), str::to_owned)
 }
 
 /// The table as CSV: [`FIXED_COLUMNS`], then a column per metric key in the given order, then the records' extras
-/// (`mean_alpha`, …) by name, and last the reason of a failure. Unavailable scores and unknown values are empty cells.
+/// (`mean_alpha`, …) by name, and last the reason for a failure. Unavailable scores and unknown values are empty cells.
 ///
 /// # Errors
-/// When the CSV writer fails, which it does not in memory.
+/// If the CSV writer fails, which it does not in memory.
 pub fn scores_csv(records: &[Record], metric_keys: &[String]) -> Result<Vec<u8>, csv::Error> {
     let extras: BTreeSet<&str> = records
         .iter()
@@ -422,7 +421,7 @@ pub fn scores_csv(records: &[Record], metric_keys: &[String]) -> Result<Vec<u8>,
     out.into_inner().map_err(|error| error.into_error().into())
 }
 
-/// Wall seconds of each unit; see [`Timing`].
+/// Wall seconds of each unit as CSV; see [`Timing`].
 fn timings_csv<'a>(units: impl Iterator<Item = &'a Unit>) -> Result<Vec<u8>, csv::Error> {
     let mut out = csv::Writer::from_writer(Vec::new());
     out.write_record([

@@ -30,17 +30,17 @@ use crate::pairs::pair_list::ResolvedPair;
 pub struct Finished {
     pub folder: RunFolder,
     pub counts: UnitCounts,
-    /// All results of the folder, earlier runs included.
+    /// All results of the folder, including those of earlier runs.
     pub results: Results,
     pub scenes: Vec<Scene>,
 }
 
 impl Evaluation {
-    /// Evaluates into a folder, which may hold results of other methods, pairs, metrics and datasets. These stay
-    /// visible, and finished units are not done again.
+    /// Evaluates into a folder, which may have results of other methods, pairs, metrics and datasets. These remain
+    /// visible, and finished units are reused.
     ///
     /// # Errors
-    /// When the folder cannot be used, or the renderer's device fails; finished units are kept.
+    /// If the folder cannot be used, or the renderer's device fails; finished units are kept.
     pub fn run(
         self,
         out: &Path,
@@ -75,7 +75,7 @@ impl Evaluation {
         }
         let results = match counts.left {
             0 => write_tables(&folder)?,
-            // Without tables: it has not ended.
+            // An unfinished run has no tables.
             _ => Results::read(out)?,
         };
         if counts.left == 0 {
@@ -95,7 +95,7 @@ impl Evaluation {
     /// Writes the plan of a run for shards, with its estimated cost.
     ///
     /// # Errors
-    /// When the folder holds another run, or the evaluation needs all units at once; as [`Self::estimate`].
+    /// If the folder has another run, or the evaluation needs all units at once; as [`Self::estimate`].
     pub fn plan(
         &self,
         out: &Path,
@@ -127,10 +127,12 @@ impl Evaluation {
         Ok(estimate)
     }
 
-    /// Works off a shard of a folder's plan, beside other processes. Writes units, but neither manifest nor tables.
+    /// Executes a shard of a folder's plan, concurrently with other processes. Writes units, but neither manifest nor
+    /// tables.
     ///
     /// # Errors
-    /// When the evaluation, the files that it reads or what computes it are not those of the plan; as [`Self::run`].
+    /// If the evaluation, its input files, or the machine and code that compute it differ from the plan; as
+    /// [`Self::run`].
     pub fn run_shard(
         &self,
         root: &Path,
@@ -176,7 +178,7 @@ impl Evaluation {
             ));
         }
         self.check_files(root, &pairs)?;
-        // Stale; `merge` writes them again once all shards are done.
+        // Stale; `merge` rewrites them once all shards finish.
         folder.remove_tables()?;
         let keys = Keys::new(&self.datasets, &RendererRecord::of(&self.renderer));
         let missing = (own.len() - pairs.len()) * self.methods.len();
@@ -190,7 +192,7 @@ impl Evaluation {
         Ok(counts)
     }
 
-    /// Refuses photographs and cameras other than the plan's.
+    /// Checks that photographs and cameras are the plan's.
     fn check_files(&self, root: &Path, pairs: &[ResolvedPair<'_>]) -> Result<(), EvaluateError> {
         let pairs = pairs.iter().map(|planned| planned.pair.clone()).collect();
         let found = PairList::new(root.join("pairs.csv"), pairs).verify(&self.scenes);
@@ -219,7 +221,7 @@ impl Evaluation {
         }
     }
 
-    /// Writes manifest, pair list and plan, combined with those in the folder.
+    /// Writes manifest, pair list and plan, combined with those already in the folder.
     fn begin(
         &self,
         folder: &RunFolder,
@@ -234,7 +236,7 @@ impl Evaluation {
         if let Some(before) = folder.manifest()? {
             let (extended, replaced) = extended(before, manifest, out)?;
             manifest = extended;
-            // Units of this run are brought up to date; those of others have to be of the same files.
+            // Units of this run are updated; units of other runs must have been made from the same files.
             let own = RunPlan::default().with(block);
             let own = own.units();
             let (units, _) = folder.units()?;
@@ -265,7 +267,7 @@ impl Evaluation {
         folder.write_plan(plan)?;
         if let Some(config) = &self.config {
             let mut config = config.clone();
-            // The folder's own copy of the list, unless it holds pairs of other runs, too.
+            // Refer to the folder's own copy of the list, unless it also has pairs of other runs.
             if config.pairs.pairs.is_some() && list.sha256 == self.list.sha256 {
                 config.pairs.pairs = Some(folder.pairs_path());
             }

@@ -22,7 +22,7 @@ use crate::scoring::metrics::ScoredMetric;
 use crate::scoring::rules::{LEAST_PIXELS, PairMask};
 use crate::scoring::{GroundTruth, Region, Scoring, ScoringRules};
 
-/// The target's photograph and masks, read on first use.
+/// The ground truth of a pair: the target's photograph and masks, read on first use.
 pub(super) struct PairTruth<'a> {
     pub(super) planned: ResolvedPair<'a>,
     truth: OnceLock<Result<GroundTruth, String>>,
@@ -36,7 +36,7 @@ impl<'a> PairTruth<'a> {
         }
     }
 
-    /// The target's photograph. The error is a reason without the pair.
+    /// The target's photograph. Errors do not name the pair.
     pub(super) fn get(&self) -> Result<&GroundTruth, String> {
         let content = &self.planned.target.content;
         let read = || {
@@ -47,7 +47,7 @@ impl<'a> PairTruth<'a> {
         self.truth.get_or_init(read).as_ref().map_err(Clone::clone)
     }
 
-    /// The masks that the metrics need; none if the target has no depth.
+    /// The masks that the metrics need; empty if the target has no depth.
     pub(super) fn masks(&self, scoring: &Scoring) -> Result<PairMasks, String> {
         let ScoringRules { mask, border } = scoring.rules;
         let mut masks = PairMasks {
@@ -79,7 +79,7 @@ impl<'a> PairTruth<'a> {
         if with_given {
             let bounds = mask(&|depth| source_bounds_mask(depth, seen, seer, pose));
             let size = (target.intrinsics.width, target.intrinsics.height);
-            // Without depth, and of too few pixels, nothing is inside.
+            // Without depth or with too few pixels, the mask is empty.
             let enough = bounds.filter(|mask| mask.count() >= LEAST_PIXELS);
             let nothing = || Mask::new(size.0, size.1, vec![false; Region::whole(size).area()]);
             masks.given = enough.or_else(nothing);
@@ -88,7 +88,7 @@ impl<'a> PairTruth<'a> {
     }
 }
 
-/// A unit with a picture that lacks scores.
+/// A unit with a picture but missing scores.
 pub(super) struct Unscored {
     pub(super) unit: Unit,
     pub(super) picture: RgbImage,
@@ -115,14 +115,15 @@ pub(super) fn missing<'s>(
         .collect()
 }
 
-/// Shares of the memory limit, bytes. The rest is for the metrics' networks, the target, and a picture being rendered.
+/// Shares of the memory limit, bytes. The rest is for the metrics' networks, the target, and the picture being
+/// rendered.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct MemoryShares {
-    /// Gaussians of a source.
+    /// For Gaussians of a source.
     pub(super) gaussians: u64,
-    /// Predicted pictures.
+    /// For predicted pictures.
     pictures: u64,
-    /// Working memory of the metrics.
+    /// For working memory of the metrics.
     metrics: u64,
 }
 
@@ -136,14 +137,14 @@ impl MemoryShares {
         }
     }
 
-    /// How many predictions of a target are passed to [`score_pair`] at once, at least 1. Meanwhile as many more are
-    /// made.
+    /// Number of predictions of a target that are passed to [`score_pair`] at once, at least 1. The same number is
+    /// prepared meanwhile.
     pub(super) fn pictures_of(self, target: &View) -> usize {
         let picture = 3 * u64::from(target.intrinsics.width) * u64::from(target.intrinsics.height);
         (self.pictures / (2 * picture).max(1)).max(1) as usize
     }
 
-    /// How many of `most` predictions are compared at once, at least 1.
+    /// How many of at most `most` predictions to compare at once, at least 1.
     fn compared(self, truth: &GroundTruth, scorer: &Scorer, most: usize) -> usize {
         let fits = |count: &usize| {
             let copies = *count as u64 * truth.copied_bytes();
@@ -153,7 +154,7 @@ impl MemoryShares {
     }
 }
 
-/// Computes and saves the missing scores of a pair's units. Units that lack the same metrics share each network's pass
+/// Computes and saves the missing scores of a pair's units. Units that need the same metrics share each network's pass
 /// over the target, as far as memory allows.
 pub(super) fn score_pair(
     truth: &PairTruth,
@@ -251,7 +252,7 @@ fn stored(
     })
 }
 
-/// A record of a pair without a result yet.
+/// A record for a pair without a result.
 pub(super) fn empty_record(planned: &ResolvedPair, method: &str) -> Record {
     let ResolvedPair {
         pair,
@@ -283,7 +284,7 @@ pub(super) fn empty_record(planned: &ResolvedPair, method: &str) -> Record {
     }
 }
 
-/// The crop to record; `None` if all of the target is scored.
+/// The crop to record; `None` if the whole target is scored.
 pub(super) fn crop(region: Option<Region>, target: (u32, u32)) -> Option<Crop> {
     let region = region.filter(|region| *region != Region::whole(target))?;
     Some(Crop {

@@ -1,15 +1,15 @@
-//! A process's share of a plan, as given or as its scheduler says.
+//! A process's share of a plan, given explicitly or by its scheduler.
 
 use std::cmp::Reverse;
 use std::collections::BTreeSet;
 use std::str::FromStr;
 
-/// One of `count` shares of a plan. The shares are disjoint and cover it.
+/// One of `count` shares of a plan. The shares are disjoint and complete.
 ///
-/// Units are done one by one, so that a plan can be continued with another number of shards.
+/// Units are independent, so a plan can be continued with another number of shards.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Shard {
-    /// From 1.
+    /// Index, from 1.
     index: usize,
     count: usize,
 }
@@ -17,11 +17,13 @@ pub struct Shard {
 const MAX_SHARDS: usize = 1_000_000;
 
 impl Shard {
-    /// The only one.
+    /// The single share of an undivided plan.
     pub const WHOLE: Self = Self { index: 1, count: 1 };
 
+    /// Creates a share.
+    ///
     /// # Errors
-    /// When `index` is not from 1 to `count`.
+    /// If `index` is not in 1..=`count`.
     pub fn new(index: usize, count: usize) -> Result<Self, ShardError> {
         match (1..=count).contains(&index) && count <= MAX_SHARDS {
             true => Ok(Self { index, count }),
@@ -29,14 +31,14 @@ impl Shard {
         }
     }
 
-    /// This share of a list that is sorted by pair id. The pairs of a source stay together, since they share its
-    /// prediction; the largest groups are dealt first, each to the smallest share.
+    /// This share of a list sorted by pair id. Pairs of a source stay together, because they share its prediction;
+    /// groups are assigned to the smallest share, largest groups first.
     pub(super) fn of<T>(self, list: Vec<T>, pair_id: impl Fn(&T) -> &str) -> Vec<T> {
         let mut shares = self.deal(list, pair_id);
         shares.swap_remove(self.index - 1)
     }
 
-    /// All shares of a list.
+    /// Divides a list into all shares.
     pub(super) fn deal<T>(self, list: Vec<T>, pair_id: impl Fn(&T) -> &str) -> Vec<Vec<T>> {
         let mut groups: Vec<std::ops::Range<usize>> = Vec::new();
         for at in 0..list.len() {
@@ -49,9 +51,9 @@ impl Shard {
                 _ => groups.push(at..at + 1),
             }
         }
-        // Stable: equal ones stay in the order of their ids.
+        // The sort is stable, so equal groups stay in the order of their ids.
         groups.sort_by_key(|group| Reverse(group.len()));
-        // The least load first, of equal ones the lowest number.
+        // The smallest load first; ties go to the lowest number.
         let mut loads: BTreeSet<(usize, usize)> = (0..self.count).map(|share| (0, share)).collect();
         let mut share_of = vec![0; list.len()];
         for group in groups {
@@ -70,7 +72,7 @@ impl Shard {
     }
 }
 
-/// The part of a pair's id that names its source. Ids encode underscores that would form a second separator.
+/// The source's part of a pair's id. Ids encode underscores, so the first `__` is the separator.
 fn source(pair_id: &str) -> &str {
     pair_id.split("__").next().unwrap_or(pair_id)
 }
@@ -106,7 +108,7 @@ pub enum ShardError {
 impl FromStr for Shard {
     type Err = ShardError;
 
-    /// `3/8`; `auto`, where the scheduler tells number and count; `auto/8`, where it tells the number.
+    /// Parses `3/8`, `auto` if the scheduler provides number and count, or `auto/8` if it provides the number.
     fn from_str(text: &str) -> Result<Self, ShardError> {
         let form = || ShardError::Form(text.to_owned());
         let number = |text: &str| text.parse().map_err(|_| form());
@@ -146,7 +148,7 @@ fn of_array(
         return match count {
             Some(count) => Shard::new(index, count),
             None if size.is_some() && size == last => Shard::new(index, size.unwrap_or(index)),
-            // 2,5 of 8: nobody says that they are of 8.
+            // For 2,5 of 8, the total of 8 is not in the environment.
             None => Err(ShardError::Count(
                 "this Slurm array is not 1-N without gaps, so that nobody says how many shards there are: give --shard \
                  auto/N",
@@ -161,7 +163,7 @@ fn of_array(
     let count = count.or(size).ok_or(ShardError::Count(
         "this job does not say how many indices it has: give --shard auto/N",
     ))?;
-    // These count from 0.
+    // These schedulers count from 0.
     Shard::new(index.saturating_add(1), count)
 }
 
@@ -189,7 +191,7 @@ mod tests {
         };
         assert_eq!(array(None, &slurm("3", "8", "8")).as_deref(), Ok("3/8"));
         assert_eq!(array(Some(8), &slurm("5", "2", "5")).as_deref(), Ok("5/8"));
-        // Shards 2 and 5 of an unknown number, and an array that counts from 0.
+        // Shards 2 and 5 of an unknown total, and an array that counts from 0.
         assert!(matches!(
             array(None, &slurm("5", "2", "5")),
             Err(ShardError::Count(_))
@@ -253,7 +255,7 @@ mod tests {
             let loads: Vec<usize> = shares.iter().map(Vec::len).collect();
             let total: usize = loads.iter().sum();
             prop_assert_eq!(total, sizes.iter().sum::<usize>());
-            // Dealt by size, none has more than its fair part and one group.
+            // Assigned by size, no share exceeds its fair part by more than one group.
             let largest = sizes.iter().max().copied().unwrap_or(0);
             let most = loads.iter().max().copied().unwrap_or(0);
             prop_assert!(most <= total / count + largest);

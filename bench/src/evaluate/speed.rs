@@ -1,4 +1,4 @@
-//! Measures inference and rendering separately.
+//! Measures the times of inference and rendering separately.
 
 use std::collections::BTreeSet;
 use std::time::Instant;
@@ -27,38 +27,38 @@ pub struct SpeedOptions {
     pub repeat: usize,
 }
 
-/// A method on a dataset.
+/// Times of a method on a dataset.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Speed {
     pub dataset: String,
     pub method: String,
-    /// Widths and heights of its targets, pixels.
+    /// Widths and heights of the targets, pixels.
     pub sizes: BTreeSet<(u32, u32)>,
     pub pairs: usize,
-    /// From the source picture in memory to Gaussians in memory, or to the picture of methods that make pictures, s,
-    /// per round. Empty for methods that read files made elsewhere.
+    /// Seconds per round from the source picture in memory to Gaussians in memory, or to the picture for methods that
+    /// make pictures. Empty for methods that read external files.
     pub inference_secs: Vec<f64>,
-    /// From Gaussians in memory until the renderer is ready, s: the upload on a GPU.
+    /// Seconds from Gaussians in memory until the renderer is ready (the upload on a GPU).
     pub load_secs: Vec<f64>,
-    /// From there to the 8-bit picture in memory, s. Empty for methods that make pictures.
+    /// Seconds from there to the 8-bit picture in memory. Empty for methods that make pictures.
     pub render_secs: Vec<f64>,
-    /// What explains the times of rendering, per pair.
+    /// Numbers that explain the rendering times, per pair.
     pub splats: Vec<Splats>,
-    /// Largest resident size of the process meanwhile, bytes; `None` if the system does not say.
+    /// Peak resident size of the process during measurement, bytes; `None` if the system does not report it.
     pub peak_bytes: Option<u64>,
     /// `pair: reason` of pairs that could not be measured.
     pub failures: Vec<String>,
 }
 
-/// The Gaussians of a prediction, as a target sees them.
+/// The Gaussians of a prediction as seen by a target.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Splats {
     pub count: u64,
-    /// Gaussians that reach the picture.
+    /// Number of Gaussians that reach the picture.
     pub visible: u64,
-    /// Sum over visible Gaussians of the 16 × 16 pixel tiles that they touch: what is sorted and blended.
+    /// Sum over visible Gaussians of the 16 × 16 pixel tiles that they touch, which determines sorting and blending.
     pub tiles: u64,
-    /// Tiles of the picture.
+    /// Number of tiles of the picture.
     pub picture_tiles: u64,
 }
 
@@ -69,11 +69,11 @@ enum Round {
 }
 
 impl Evaluation {
-    /// Measures every method on the pairs of each dataset. `target` and the scale sweep are left out: they are no
-    /// methods.
+    /// Measures every method on the pairs of each dataset, except `target` and the scale sweep, which are not methods
+    /// with a cost.
     ///
     /// # Errors
-    /// When the renderer's device fails. A pair that fails otherwise is counted and the others continue.
+    /// If the renderer's device fails. Other failures of a pair are counted, and the measurement continues.
     pub fn speed(
         &self,
         options: SpeedOptions,
@@ -161,7 +161,7 @@ impl Evaluation {
         Ok(speed)
     }
 
-    /// Renders a prediction into the target, and counts what is drawn.
+    /// Renders a prediction into the target, and counts the drawn Gaussians.
     fn rendered(
         &self,
         prediction: &GaussianPrediction,
@@ -207,7 +207,7 @@ impl Evaluation {
     }
 }
 
-/// Predicts a pair in rounds. Reading its files is not counted.
+/// Predicts a pair repeatedly. Reading its files is not timed.
 fn infer(
     method: &dyn Method,
     planned: &ResolvedPair<'_>,

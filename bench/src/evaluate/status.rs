@@ -1,4 +1,4 @@
-//! Progress of a run, read from its folder while other processes write.
+//! Progress of a run, read from its folder while other processes may be writing.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
@@ -17,13 +17,13 @@ use crate::pairs::PairList;
 
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct RunProgress {
-    /// All of them.
+    /// Progress of all methods together.
     pub all: RunStatus,
     /// By method, in the order of the plan.
     pub methods: Vec<(String, RunStatus)>,
-    /// Units finished in the last minutes of work, and the seconds they took.
+    /// Number of units finished in the last minutes of work, and the seconds they took.
     pub pace: Option<(usize, f64)>,
-    /// The cost estimated by the plan.
+    /// The cost as estimated by the plan.
     pub estimate: Option<Estimate>,
     /// Damaged files; their units count as missing.
     pub damaged: usize,
@@ -38,7 +38,7 @@ impl RunProgress {
     /// Reads a folder.
     ///
     /// # Errors
-    /// When it is none, or cannot be read.
+    /// If it is not a run folder, or cannot be read.
     pub fn read(root: &Path) -> Result<Self, EvaluateError> {
         let folder = RunFolder::open(root)?;
         let (plan, current) = read(&folder)?;
@@ -82,22 +82,22 @@ impl RunProgress {
         })
     }
 
-    /// Units that are missing or unscored. Recorded failures do not count, although a run tries them again.
+    /// Number of missing or unscored units. Excludes recorded failures, although a run retries them.
     pub fn open(&self) -> usize {
         self.all.missing + self.all.unscored
     }
 
-    /// Seconds until the end at the present pace.
+    /// Estimated seconds until the end at the current pace.
     pub fn secs_left(&self) -> Option<f64> {
         let (units, secs) = self.pace?;
         Some(self.open() as f64 * secs / units as f64)
     }
 }
 
-/// The shards of `count` that have units without a result, or with `retry_failed` also failed ones.
+/// The shards of `count` with units without a result or, with `retry_failed`, with failed ones.
 ///
 /// # Errors
-/// As [`RunProgress::read`], and when there cannot be so many.
+/// As [`RunProgress::read`], and if `count` is out of range.
 pub fn unfinished_shards(
     root: &Path,
     count: usize,
@@ -131,12 +131,12 @@ fn read(folder: &RunFolder) -> Result<(RunPlan, Current), EvaluateError> {
     Ok((plan, current))
 }
 
-/// Units finished within [`WINDOW`] before the last one, and the seconds they took; `None` if the last one is older
-/// than that.
+/// Number of units finished within [`WINDOW`] before the last one, and the seconds they took; `None` if the last one is
+/// older than that.
 fn pace(mut times: Vec<SystemTime>) -> Option<(usize, f64)> {
     times.sort();
     let last = *times.last()?;
-    // A clock that was set back is no reason to say nothing.
+    // Tolerate a clock that was set back.
     let since = last.elapsed().unwrap_or_default();
     let first = *times
         .iter()
@@ -156,7 +156,7 @@ mod tests {
         let ago = |secs: u64| now - Duration::from_secs(secs);
         assert_eq!(pace(vec![]), None);
         assert_eq!(pace(vec![ago(5)]), None);
-        // An old burst does not count; the first unit of the window only starts the clock.
+        // An old burst does not count; the first unit in the window only starts the clock.
         let times = vec![ago(9000), ago(8999), ago(100), ago(50), ago(0)];
         assert_eq!(pace(times), Some((2, 100.0)));
         assert_eq!(pace(vec![ago(9000), ago(8000)]), None);

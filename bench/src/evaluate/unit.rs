@@ -1,7 +1,7 @@
-//! The unit of a run: one pair predicted by one method, with the keys of its stages.
+//! A unit of a run: one pair predicted by one method, with the keys of its stages.
 //!
-//! A unit's *slot* says which unit it is: pair, method with its identity, dataset with its settings. Its *keys* say what
-//! its stages were computed from, so that a stage whose inputs changed, and only that, is done again.
+//! A unit's *slot* identifies it: pair, method with its identity, dataset with its settings. Its *keys* hash the inputs
+//! of its stages, so that only stages whose inputs changed are redone.
 
 use std::collections::BTreeMap;
 
@@ -19,19 +19,19 @@ use crate::pairs::pair_id::PairName;
 pub struct Unit {
     /// [`super::manifest::FORMAT`] of the writer.
     pub format: u32,
-    /// sha256 over all other fields.
+    /// SHA-256 over all other fields.
     pub checksum: String,
-    /// Which unit it is.
+    /// The unit's identity.
     pub slot: Slot,
     /// Hash of everything that prediction and rendering depend on.
     pub picture_key: String,
-    /// The pair, how it ended, and what was reported; its scores are in [`Self::scores`].
+    /// The pair, the outcome, and reported values; its scores are in [`Self::scores`].
     pub record: Record,
-    /// The picture that is scored; `None` for a failure.
+    /// The scored picture; `None` for a failure.
     pub picture: Option<ScoredPicture>,
-    /// By metric key.
+    /// Scores by metric key.
     pub scores: BTreeMap<String, StoredScore>,
-    /// How long it took. Kept beside the scores, never part of them.
+    /// Times; stored with the scores, but never part of them.
     pub timing: Timing,
 }
 
@@ -62,14 +62,14 @@ impl Slot {
     }
 }
 
-/// The 8-bit picture that the scores are of.
+/// The 8-bit picture that was scored.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub struct ScoredPicture {
-    /// sha256 of its size and pixels.
+    /// SHA-256 of its size and pixels.
     pub sha256: String,
-    /// sha256 of the PNG in the run folder; `None` if none was kept.
+    /// SHA-256 of the PNG in the run folder; `None` if none was kept.
     pub file_sha256: Option<String>,
-    /// sha256 of the EXR beside it (linear RGB and alpha), where one was kept.
+    /// SHA-256 of the EXR next to it (linear RGB and alpha); `None` if none was kept.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub float_sha256: Option<String>,
 }
@@ -77,38 +77,38 @@ pub struct ScoredPicture {
 /// A score with the key of its inputs.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct StoredScore {
-    /// Hash of metric, picture, truth and region.
+    /// Hash of metric, picture, ground truth and region.
     pub key: String,
     /// Hash of the metric's convention, weights and code.
     pub metric_identity: String,
     pub score: Score,
 }
 
-/// Times of a unit, and the machine.
+/// Times of a unit, and the machine it ran on.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize, JsonSchema)]
 pub struct Timing {
-    /// Wall time of inference, without reading files, while an earlier pair was being scored. For methods that make
-    /// Gaussians it is the whole inference of the source, for every target and method that uses it; else that of the
-    /// pair.
+    /// Wall time of inference without reading files, while an earlier pair was being scored. For methods that make
+    /// Gaussians, the time of the whole inference of the source, recorded for every target and method that uses it;
+    /// else that of the pair.
     pub predict_secs: f64,
     /// Wall time of placing and rendering the Gaussians; 0 for methods that make pictures.
     #[serde(default)]
     pub render_secs: f64,
-    /// Equal for units that share an inference; `None` if each has its own.
+    /// Key of the inference, equal for units that share it; `None` if each unit has its own.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub inference: Option<String>,
     /// The unit's share of the wall time of the pair's metrics, while the next pair was being predicted.
     pub score_secs: f64,
-    /// Processor and threads that predicted it, if known.
+    /// Processor and number of threads of the prediction, if known.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub machine: Option<String>,
-    /// Peak memory of the process when the prediction was done, bytes; without programs that it started.
+    /// Peak memory of the process at the end of the prediction, bytes; excludes programs that it started.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub peak_bytes: Option<u64>,
 }
 
 impl Timing {
-    /// Time from the source's photograph in memory to the picture, s.
+    /// Time from the source's photograph in memory to the picture, seconds.
     pub fn synthesis_secs(&self) -> f64 {
         self.predict_secs + self.render_secs
     }
@@ -126,7 +126,7 @@ impl Unit {
         self.checksum == self.computed_checksum()
     }
 
-    /// Whether the record is the slot's, and the slot's names cannot lead out of the folder.
+    /// Whether the record matches the slot, and the slot's names cannot lead out of the folder.
     pub(super) fn is_consistent(&self) -> bool {
         let Record {
             pair_id,
@@ -144,7 +144,7 @@ impl Unit {
             && check_label(method).is_ok()
     }
 
-    /// The unit before scoring, since failed scoring is tried again; `None` if there is no picture.
+    /// The unit as before scoring, because failed scoring is retried; `None` if there is no picture.
     pub(super) fn scorable(mut self) -> Option<Self> {
         self.picture.as_ref()?;
         self.record.status = Status::Ok;
@@ -156,11 +156,11 @@ impl Unit {
             checksum: String::new(),
             ..self.clone()
         };
-        // Plain values in ordered maps: it cannot fail, and equal units give equal bytes.
+        // Plain values in ordered maps: serialising cannot fail, and equal units give equal bytes.
         sha256_hex(&serde_json::to_vec(&open).unwrap_or_default())
     }
 
-    /// The record with the scores of `metrics`, given as key and identity. A score of another identity counts as
+    /// The record with the scores of `metrics`, given as key and identity. A score with another identity counts as
     /// missing.
     pub fn record_with(&self, metrics: &[(String, String)]) -> Record {
         let scores = metrics.iter().filter_map(|(key, identity)| {
@@ -171,7 +171,7 @@ impl Unit {
             scores: scores.collect(),
             ..self.record.clone()
         };
-        // Earlier versions kept any length.
+        // Earlier versions stored reasons of any length.
         if let Status::Failed { reason } = &mut record.status {
             *reason = reason_line(reason);
         }
@@ -179,10 +179,10 @@ impl Unit {
     }
 }
 
-/// How far a planned unit is.
+/// Progress of a planned unit.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum UnitProgress {
-    /// No result, or one of other files or another method.
+    /// No result, or one made from other files or by another method.
     Missing,
     Failed,
     Unscored,
@@ -190,7 +190,7 @@ pub(super) enum UnitProgress {
 }
 
 impl Unit {
-    /// `lacks_scores`: whether scores of wanted metrics are missing.
+    /// The unit's progress; `lacks_scores` says whether scores of requested metrics are missing.
     pub(super) fn progress(&self, lacks_scores: bool) -> UnitProgress {
         match (&self.record.status, lacks_scores) {
             (Status::Failed { .. }, _) => UnitProgress::Failed,
@@ -209,7 +209,7 @@ impl Unit {
     }
 }
 
-/// sha256 of a picture's size and pixels.
+/// SHA-256 of a picture's size and pixels.
 pub(super) fn picture_sha256(picture: &RgbImage) -> String {
     StableHasher::default()
         .add("size", &format!("{:?}", picture.dimensions()))

@@ -1,5 +1,4 @@
-//! The three networks as lists of layers (torchvision's `features`, whose indices name the
-//! tensors).
+//! Layers of the three networks (torchvision's `features`, whose indices are part of the tensor names).
 
 use sharp_checkpoint::Expected;
 
@@ -21,18 +20,18 @@ pub(crate) enum LayerSpec {
     /// Max pooling of size `kernel`, stride 2, without padding.
     MaxPool {
         kernel: usize,
-        /// Whether a window that reaches beyond the input counts.
+        /// True if a window that extends beyond the input is kept.
         ceil: bool,
     },
-    /// SqueezeNet's module: a 1×1 convolution, then a 1×1 and a padded 3×3 one side by side.
+    /// SqueezeNet's module: a 1×1 convolution, followed by a 1×1 and a padded 3×3 convolution in parallel.
     Fire {
         /// torchvision's index of the module.
         index: usize,
         squeeze: usize,
-        /// Output channels of each of the two side by side.
+        /// Output channels of each of the two parallel convolutions.
         expand: usize,
     },
-    /// Not a layer: a tap on the output of the one before.
+    /// Not a layer: taps the output of the preceding one.
     Tap,
 }
 
@@ -148,7 +147,7 @@ pub(crate) fn layer_specs(backbone: Backbone) -> &'static [LayerSpec] {
     }
 }
 
-/// Channels of each tap.
+/// Number of channels of each tap.
 pub(crate) fn tap_channels(backbone: Backbone) -> Vec<usize> {
     let mut channels = 3;
     let mut taps = Vec::new();
@@ -163,7 +162,7 @@ pub(crate) fn tap_channels(backbone: Backbone) -> Vec<usize> {
     taps
 }
 
-/// The smallest picture side that leaves a pixel after every pooling.
+/// Minimum side of a picture for which every pooling leaves a pixel.
 pub(crate) fn smallest_side(backbone: Backbone) -> usize {
     match backbone {
         Backbone::AlexNet => 31,
@@ -172,7 +171,7 @@ pub(crate) fn smallest_side(backbone: Backbone) -> usize {
     }
 }
 
-/// Every tensor that the features need, in order.
+/// All tensors of the features, in order.
 pub(crate) fn tensors(backbone: Backbone) -> Vec<Expected> {
     let mut channels = 3;
     let mut tensors = Vec::new();

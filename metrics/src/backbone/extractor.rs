@@ -1,4 +1,4 @@
-//! A network on our kernels or on a candle device.
+//! A network on this project's CPU kernels or on a candle device.
 
 use super::network::{Kernels, Network};
 use super::rows::MapSize;
@@ -9,7 +9,7 @@ use crate::options::Device;
 use crate::unavailable::Unavailable;
 use crate::weights::{Backbone, Tensors, WeightsError};
 
-/// A network with its weights, on our kernels or on a device of candle's.
+/// A network with its weights, on this project's CPU kernels or on a candle device.
 #[derive(Debug)]
 pub(crate) enum Extractor {
     Kernels(Network, Kernels),
@@ -18,7 +18,7 @@ pub(crate) enum Extractor {
 }
 
 impl Extractor {
-    /// Builds the network as it was trained; `kernels` count on the CPU only.
+    /// Builds the network as trained; `kernels` only applies on the CPU.
     pub(crate) fn new(
         backbone: Backbone,
         tensors: &Tensors,
@@ -43,7 +43,7 @@ impl Extractor {
         Err(refused(device.how_to_build()))
     }
 
-    /// The same network with DISTS's L2 pooling in place of max pooling; weights are shared.
+    /// The same network with DISTS's L2 pooling instead of max pooling; shares the weights.
     pub(crate) fn with_l2_pooling(&self) -> Result<Self, WeightsError> {
         match self {
             Self::Kernels(network, kernels) => {
@@ -68,7 +68,7 @@ impl Extractor {
         }
     }
 
-    /// Approximate bytes that [`stream`](Self::stream) takes on our kernels; memory on a device is not counted.
+    /// Approximate memory in bytes used by [`stream`](Self::stream) on the CPU kernels; device memory is not included.
     pub(crate) fn memory(
         &self,
         size: (usize, usize),
@@ -82,7 +82,7 @@ impl Extractor {
         }
     }
 
-    /// Runs the network over `pictures` pictures of `size`; see [`stream`].
+    /// Runs the network on `pictures` pictures of `size`; see [`stream`].
     pub(crate) fn stream(
         &self,
         size: (usize, usize),

@@ -1,12 +1,12 @@
-//! The networks whose features LPIPS and DISTS compare, run over pictures in row strips.
+//! The networks whose features LPIPS and DISTS compare, applied to pictures in strips of rows.
 //!
 //! # Contents
-//! * [`architecture`]: the three networks as lists of layers; names and shapes of their tensors.
-//! * [`extractor`]: a network on our kernels or on a device of candle's.
+//! * [`architecture`]: layers of the three networks; names and shapes of their tensors.
+//! * [`extractor`]: a network on this project's CPU kernels or on a candle device.
 //! * [`network`]: a network with its weights.
-//! * [`rows`]: rows of a feature map held for the next layer.
-//! * [`stream`]: pictures through a network, strip by strip, in lockstep.
-//! * `tensors`: the same by candle's tensors (feature `tensors`).
+//! * [`rows`]: rows of a feature map buffered for the next layer.
+//! * [`stream`]: runs pictures through a network strip by strip, in lockstep.
+//! * `tensors`: the same with candle's tensors (feature `tensors`).
 
 pub(crate) mod architecture;
 mod extractor;

@@ -9,24 +9,24 @@ use super::architecture::{LayerSpec, layer_specs, smallest_side};
 use super::rows::MapSize;
 use crate::weights::{Backbone, Tensors};
 
-/// The kernels that run a network.
+/// Instruction set and algorithm of the kernels that run a network.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Kernels {
     pub(crate) simd: Simd,
     pub(crate) algorithm: Algorithm,
 }
 
-/// A layer, with a tap after some of them.
+/// A layer, optionally followed by a tap.
 #[derive(Clone)]
 pub(crate) struct Layer {
     pub(crate) op: Arc<dyn RowOp>,
-    /// The tap on its output.
+    /// Index of the tap on its output.
     pub(crate) tap: Option<usize>,
-    /// Whether it is max pooling, which DISTS replaces.
+    /// True for max pooling, which DISTS replaces.
     pub(super) pools: bool,
 }
 
-/// Layers from the picture on.
+/// All layers, starting at the picture.
 #[derive(Clone)]
 pub(crate) struct Network {
     pub(crate) layers: Vec<Layer>,
@@ -40,7 +40,7 @@ impl std::fmt::Debug for Network {
 }
 
 impl Network {
-    /// Builds the network as it was trained.
+    /// Builds the network as trained.
     pub(crate) fn new(backbone: Backbone, tensors: &Tensors, kernels: Kernels) -> Self {
         let conv = |name: String, stride: usize, padding: usize| {
             let (shape, weights) = tensors.get(&format!("{name}.weight"));
@@ -91,7 +91,7 @@ impl Network {
                 LayerSpec::Tap => {}
             }
         }
-        // A fire module is two layers, every other step but a tap is one.
+        // A fire module counts as two layers, every other step except a tap as one.
         let mut layer = 0;
         let mut tap = 0;
         for step in layer_specs(backbone) {
@@ -110,7 +110,7 @@ impl Network {
         }
     }
 
-    /// The same network with DISTS's L2 pooling in place of max pooling; weights are shared.
+    /// The same network with DISTS's L2 pooling instead of max pooling; shares the weights.
     pub(crate) fn with_l2_pooling(&self, kernels: Kernels) -> Self {
         let mut network = self.clone();
         for layer in network.layers.iter_mut().filter(|layer| layer.pools) {
@@ -120,7 +120,7 @@ impl Network {
         network
     }
 
-    /// The smallest side of a picture that the network takes.
+    /// Minimum side of a picture that the network accepts.
     pub(crate) fn smallest_side(&self) -> usize {
         self.smallest_side
     }

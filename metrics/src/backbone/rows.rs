@@ -1,4 +1,4 @@
-//! Rows of a feature map held for the next layer.
+//! Rows of a feature map buffered for the next layer.
 
 use sharp_kernels::RowWindow;
 
@@ -15,16 +15,16 @@ impl MapSize {
     }
 }
 
-/// Memory blocks for new rows, passed from layer to layer. Their contents never matter.
+/// Memory blocks for new rows, passed from layer to layer. Their contents are irrelevant.
 #[derive(Debug, Default)]
 pub(crate) struct Blocks(Vec<Vec<f32>>);
 
 impl Blocks {
-    /// At least `len` values.
+    /// Returns a block of at least `len` values.
     fn take(&mut self, len: usize) -> Vec<f32> {
         let mut block = self.0.pop().unwrap_or_default();
         if block.len() < len {
-            // Not extended: that would copy values that do not matter.
+            // Reallocated rather than resized, which would copy irrelevant values.
             block = vec![0.0; len];
         }
         block
@@ -37,15 +37,15 @@ impl Blocks {
     }
 }
 
-/// Rows of a feature map that the next layer still needs: new ones in a borrowed block, and the few that it needs
+/// Rows of a feature map that the next layer still needs: new ones in a borrowed block, and the few that are needed
 /// again.
 #[derive(Debug)]
 pub(crate) struct Buffer {
     size: MapSize,
     first: usize,
-    /// From row `first` on: row-major, channels innermost.
+    /// Rows from `first` on; row-major, channels innermost.
     kept: Vec<f32>,
-    /// The rows after them, `fresh_len` values.
+    /// The rows that follow, `fresh_len` values.
     fresh: Vec<f32>,
     fresh_len: usize,
 }
@@ -65,13 +65,13 @@ impl Buffer {
         self.size
     }
 
-    /// One past the last row that has been pushed.
+    /// One past the last row that was pushed.
     pub(crate) fn end(&self) -> usize {
         self.first + (self.kept.len() + self.fresh_len) / self.size.row_len()
     }
 
-    /// Room for `count` rows after [`Self::end`], to be filled by the caller. Earlier rows must have been kept or
-    /// dropped.
+    /// Returns space for `count` rows starting at [`Self::end`], for the caller to fill. Rows pushed earlier must
+    /// already have been kept or dropped.
     pub(crate) fn push(&mut self, count: usize, blocks: &mut Blocks) -> &mut [f32] {
         self.fresh_len = count * self.size.row_len();
         self.fresh = blocks.take(self.fresh_len);
@@ -83,7 +83,7 @@ impl Buffer {
         &self.fresh[..self.fresh_len]
     }
 
-    /// Keeps the rows from `row` on and forgets those above; gives the block back.
+    /// Keeps the rows from `row` on, drops those above, and returns the block.
     pub(crate) fn keep_from(&mut self, row: usize, blocks: &mut Blocks) {
         let row = row.clamp(self.first, self.end());
         let gone = (row - self.first) * self.size.row_len();
@@ -97,7 +97,7 @@ impl Buffer {
         blocks.give_back(std::mem::take(&mut self.fresh));
     }
 
-    /// The rows that are held.
+    /// The buffered rows.
     pub(crate) fn window(&self) -> RowWindow<'_> {
         let MapSize {
             height,

@@ -1,21 +1,20 @@
-//! Pictures of one size through a network, strip by strip, in lockstep.
+//! Runs pictures of equal size through a network strip by strip, in lockstep.
 //!
-//! Each layer keeps just the rows that its next output rows need, so memory grows with the
-//! pictures' number and width and with the strip's height, but not with the pictures' height. Deep
-//! layers, which get few rows from a strip, wait for more: their weights are larger than any cache
-//! and should not be read for a handful of pixels. Every output row is computed once, from the same
-//! inputs by the same operations, whatever the strip's height and the number of pictures: the
-//! results are the same bits.
+//! Each layer buffers only the rows that its next output rows need, so memory grows with the number and width of the
+//! pictures and with the strip's height, but not with the pictures' height. Deep layers, which get few rows per strip,
+//! wait for more, because their weights exceed any cache and should not be read for a handful of pixels. Every output
+//! row is computed once, from the same inputs by the same operations, so results are bit-identical for any strip height
+//! and number of pictures.
 
 use std::ops::Range;
 
 use super::network::{Layer, Network};
 use super::rows::{Blocks, Buffer, MapSize};
 
-/// Rows of the features of all pictures at one tap.
+/// Feature rows of all pictures at one tap.
 #[derive(Clone, Copy)]
 pub(crate) struct Taps<'a> {
-    /// Which tap of the network, from 0.
+    /// Index of the tap in the network, from 0.
     pub(crate) tap: usize,
     /// Size of the whole feature map.
     pub(crate) size: MapSize,
@@ -23,34 +22,34 @@ pub(crate) struct Taps<'a> {
     pub(crate) rows: &'a [&'a [f32]],
 }
 
-/// Memory for new rows of one layer's input and output, if the strip's height is not given.
+/// Memory in bytes for new rows of one layer's input and output, if the strip's height is not given.
 const MEMORY: usize = 64 << 20;
 
-/// A layer with weights waits for so many pixels: fewer would not be worth reading the weights.
+/// Minimum number of pixels for which a layer with weights runs; fewer would not justify reading the weights.
 const BATCH_PIXELS: usize = 2048;
 
-/// Rows of a batch, at most.
+/// Maximum number of rows of a batch.
 const BATCH: usize = 16;
 
-/// Rows of a Winograd tile. A batch that ends inside a tile computes its other rows in vain.
+/// Rows per Winograd tile. A batch that ends within a tile wastes the tile's other rows.
 const TILE: usize = 4;
 
-/// Pictures that are computed at the same time. The others wait for their turn at every layer, so
-/// that scratch memory does not grow with the number of pictures.
+/// Number of pictures processed concurrently. At every layer, the others wait for their turn, so that scratch memory
+/// does not grow with the number of pictures.
 const LANES: usize = 2;
 
-/// Working memory that the pictures of a lane share in turn.
+/// Working memory shared in turn by the pictures of a lane.
 #[derive(Default)]
 struct Lane {
     blocks: Blocks,
 }
 
-/// Runs a network over `pictures` pictures of size `width` × `height`.
+/// Runs a network on `pictures` pictures of size `width` × `height`.
 ///
-/// `input(picture, row, values)` writes a row (channels innermost) as the network takes it. `each`
-/// gets the features of every tap, rows from top to bottom. `strip` is the number of picture rows
-/// taken at once, by default what fits into a fixed amount of memory. Returns the sizes of the
-/// taps, or `None` (and does nothing) if the pictures are too small.
+/// `input(picture, row, values)` writes a row as the network's input (channels innermost). `each` receives the features
+/// of every tap, rows from top to bottom. `strip` is the number of picture rows processed at once; the default is what
+/// fits into a fixed amount of memory. Returns the sizes of the taps, or `None` without doing anything if the pictures
+/// are too small.
 pub(crate) fn stream(
     network: &Network,
     (width, height): (usize, usize),
@@ -61,7 +60,7 @@ pub(crate) fn stream(
 ) -> Option<Vec<MapSize>> {
     let sizes = network.sizes(width, height)?;
     let strip = strip.unwrap_or_else(|| default_strip(&sizes, pictures));
-    // For each picture the rows held of it and of every layer's output.
+    // For each picture, the buffered rows of the picture and of every layer's output.
     let mut held: Vec<Vec<Buffer>> = (0..pictures)
         .map(|_| sizes.iter().map(|&size| Buffer::new(size)).collect())
         .collect();
@@ -75,7 +74,7 @@ pub(crate) fn stream(
             }
         });
         for (i, layer) in network.layers.iter().enumerate() {
-            // In lockstep: what the first picture is ready for, all of them are.
+            // In lockstep: the same rows are ready for all pictures as for the first.
             let rows = ready(layer, &held[0][i], &held[0][i + 1], strip);
             in_lanes(&mut held, &mut lanes, |_, buffers, lane| {
                 let (inputs, outputs) = buffers.split_at_mut(i + 1);
@@ -103,7 +102,7 @@ pub(crate) fn stream(
     Some(tapped.map(|(_, &size)| size).collect())
 }
 
-/// Does `work` for every picture, half of them in each lane.
+/// Calls `work` for every picture, half of them in each lane.
 fn in_lanes(
     pictures: &mut [Vec<Buffer>],
     [a, b]: &mut [Lane; LANES],
@@ -119,8 +118,8 @@ fn in_lanes(
     rayon::join(|| run(first, 0, a), || run(second, half, b));
 }
 
-/// The next output rows of a layer whose input is complete, in whole tiles if strips are; none if they are too few. At
-/// the picture's end, all that are left.
+/// The next output rows of a layer whose input is complete, in whole tiles if the strips are, and empty if there are
+/// too few. At the end of the picture, all remaining rows.
 fn ready(layer: &Layer, input: &Buffer, output: &Buffer, strip: usize) -> Range<usize> {
     let (first, MapSize { height, width, .. }) = (output.end(), output.size());
     let needs = |y: usize| layer.op.in_rows(y..y + 1, input.size().height);
@@ -137,7 +136,7 @@ fn ready(layer: &Layer, input: &Buffer, output: &Buffer, strip: usize) -> Range<
     first..end
 }
 
-/// Approximate bytes that [`stream`] takes for its rows; 0 if the pictures are too small.
+/// Approximate memory in bytes that [`stream`] uses for rows; 0 if the pictures are too small.
 pub(super) fn memory(
     network: &Network,
     (width, height): (usize, usize),
@@ -156,7 +155,7 @@ pub(super) fn memory(
             true => 1,
             false => batch(output.width, strip),
         };
-        // In the middle of the picture, where no window is cut.
+        // Evaluated in the middle of the picture, where no window is clipped.
         let middle = output.height / 2 / TILE * TILE;
         let window = middle..(middle + waits).min(output.height);
         let rows = layer.op.in_rows(window, input.height).len();
@@ -167,7 +166,7 @@ pub(super) fn memory(
     (pictures * held + (pictures + LANES) * block) * size_of::<f32>()
 }
 
-/// Rows that a layer of this width waits for.
+/// Number of rows that a layer of this width waits for.
 fn batch(width: usize, strip: usize) -> usize {
     let rows = BATCH_PIXELS.div_ceil(width).next_multiple_of(TILE);
     rows.min(BATCH).min(strip)
@@ -177,7 +176,7 @@ fn tile(strip: usize) -> usize {
     TILE.min(strip)
 }
 
-/// Computes the output `rows` of a layer for one picture and drops input that no later row needs.
+/// Computes the output `rows` of a layer for one picture, and drops input rows that are no longer needed.
 fn advance(
     layer: &Layer,
     input: &mut Buffer,
@@ -199,11 +198,11 @@ fn advance(
     input.keep_from(needed, &mut lane.blocks);
 }
 
-/// The picture rows whose new rows in any layer fit into [`MEMORY`], in whole tiles.
+/// Number of picture rows, in whole tiles, such that the new rows of any layer fit into [`MEMORY`].
 pub(super) fn default_strip(sizes: &[MapSize], pictures: usize) -> usize {
     let values = |size: &MapSize| (size.row_len() * size.height).div_ceil(sizes[0].height);
     let widest = sizes.iter().map(values).max().unwrap_or(1);
-    // A block for each picture's input, and one for the output that each lane works on.
+    // One block per picture for the input, and one per lane for the output.
     let bytes_per_row = (pictures + LANES) * size_of::<f32>() * widest;
     (MEMORY / bytes_per_row / TILE * TILE).max(TILE)
 }

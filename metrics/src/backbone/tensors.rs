@@ -1,9 +1,9 @@
-//! The networks on candle tensors, on a GPU or, as its reference, on the CPU.
+//! The networks on candle tensors, on a GPU or, for reference, on the CPU.
 //!
-//! Like [`stream`](super::stream()) on the kernels: row strips, each layer holding what its next rows need, so that
-//! memory does not grow with the picture's height. Each picture is a batch of its own: how a device sums may depend on
-//! the size of a batch, and a score must not depend on what else is scored. Features leave the device as f32; what
-//! follows them is the same code in f64 as for the kernels.
+//! Like [`stream`](super::stream()) on the CPU kernels, this works in strips of rows, and each layer buffers what its
+//! next rows need, so that memory does not grow with the picture's height. Each picture is a separate batch: a device's
+//! summation order may depend on the batch size, and a score must not depend on what else is scored. Features leave the
+//! device as f32; everything after them is the same f64 code as for the kernels.
 
 use std::ops::Range;
 
@@ -26,7 +26,7 @@ pub(crate) struct TensorNetwork {
 struct TensorLayer {
     op: Op,
     window: Window,
-    /// The tap on its output.
+    /// Index of the tap on its output.
     tap: Option<usize>,
 }
 
@@ -35,10 +35,10 @@ struct TensorLayer {
 enum Op {
     /// Convolution, bias, ReLU.
     Conv(ConvWeights),
-    /// SqueezeNet's 1×1 and 3×3 side by side, each with bias and ReLU.
+    /// SqueezeNet's parallel 1×1 and 3×3 convolutions, each with bias and ReLU.
     Expand(ConvWeights, ConvWeights),
     MaxPool,
-    /// DISTS's pooling: the root of the squares' mean under a 3×3 Hann window `[1, 1, 3, 3]`.
+    /// DISTS's pooling: the root of the mean of squares under a 3×3 Hann window `[1, 1, 3, 3]`.
     L2Pool(Tensor),
 }
 
@@ -50,13 +50,13 @@ struct ConvWeights {
     bias: Tensor,
 }
 
-/// The inputs of each output, the same along rows and columns.
+/// Window of inputs of each output, the same along rows and columns.
 #[derive(Debug, Clone, Copy)]
 struct Window {
     size: usize,
     stride: usize,
     padding: usize,
-    /// Whether a window that reaches beyond the input counts.
+    /// True if a window that extends beyond the input is kept.
     ceil: bool,
 }
 
@@ -74,7 +74,7 @@ impl Window {
         }
     }
 
-    /// The inputs of `out` among `side`, and how many zeros stand before and after them.
+    /// Range of inputs, out of `side`, for the outputs `out`, and the number of zeros to pad before and after.
     fn inputs(&self, out: &Range<usize>, side: usize) -> (Range<usize>, usize, usize) {
         let start = out.start * self.stride;
         let end = (out.end - 1) * self.stride + self.size;
@@ -97,7 +97,7 @@ impl ConvWeights {
         })
     }
 
-    /// Convolution and ReLU of a padded input, `[1, in, rows, columns]`.
+    /// Convolution, bias and ReLU of a padded input, `[1, in, rows, columns]`.
     fn apply(&self, x: &Tensor, stride: usize) -> Result<Tensor> {
         x.conv2d(&self.weight, 0, stride, 1, 1)?
             .broadcast_add(&self.bias)?
@@ -118,13 +118,14 @@ impl TensorLayer {
         }
     }
 
-    /// The output rows `out` of a map of `size` from its rows from `first` on, `[1, channels, rows, columns]`.
+    /// Output rows `out` of a map of `size`. `x` contains its input rows starting at `first`, `[1, channels, rows,
+    /// columns]`.
     fn rows(&self, x: &Tensor, first: usize, size: MapSize, out: &Range<usize>) -> Result<Tensor> {
         let columns = 0..self.window.out_side(size.width);
         let (rows, above, below) = self.window.inputs(out, size.height);
         let (_, left, right) = self.window.inputs(&columns, size.width);
         let held = x.narrow(2, rows.start - first, rows.len())?;
-        // Every pooled value is a ReLU's: a zero beyond the border is no more than what is inside.
+        // Zero padding does not affect max pooling, because its inputs are outputs of a ReLU.
         let x = held
             .pad_with_zeros(2, above, below)?
             .pad_with_zeros(3, left, right)?
@@ -153,7 +154,7 @@ impl TensorLayer {
 }
 
 impl TensorNetwork {
-    /// Builds the network as it was trained.
+    /// Builds the network as trained.
     pub(crate) fn new(backbone: Backbone, tensors: &Tensors, device: &Device) -> Result<Self> {
         let conv = |name: &str| ConvWeights::new(tensors, name, device);
         let mut layers: Vec<TensorLayer> = Vec::new();
@@ -215,7 +216,7 @@ impl TensorNetwork {
         })
     }
 
-    /// The same network with DISTS's L2 pooling in place of max pooling; weights are shared.
+    /// The same network with DISTS's L2 pooling instead of max pooling; shares the weights.
     pub(crate) fn with_l2_pooling(&self) -> Result<Self> {
         let hann = [1.0, 2.0, 1.0, 2.0, 4.0, 2.0, 1.0, 2.0, 1.0].map(|w: f32| w / 16.0);
         let hann = Tensor::from_slice(&hann, (1, 1, 3, 3), &self.device)?;
@@ -235,7 +236,7 @@ impl TensorNetwork {
         Ok(network)
     }
 
-    /// The smallest side of a picture that the network takes.
+    /// Minimum side of a picture that the network accepts.
     pub(crate) fn smallest_side(&self) -> usize {
         self.smallest_side
     }
@@ -258,7 +259,7 @@ impl TensorNetwork {
         std::iter::once(picture).chain(outputs).collect()
     }
 
-    /// As [`stream`](super::stream()); the pictures are large enough.
+    /// Like [`stream`](super::stream()), for pictures that are large enough.
     pub(crate) fn stream(
         &self,
         (width, height): (usize, usize),
@@ -268,7 +269,7 @@ impl TensorNetwork {
         mut each: impl FnMut(Taps),
     ) -> Result<Vec<MapSize>> {
         let sizes = self.sizes(width, height);
-        // As for a pair: how a device sums may depend on the strip's height too.
+        // Sized as for a pair, because a device's summation order may also depend on the strip's height.
         let strip = strip.unwrap_or_else(|| default_strip(&sizes, 2));
         let hold_none = |_| sizes.iter().map(|_| Held::default()).collect();
         let mut held: Vec<Vec<Held>> = (0..pictures).map(hold_none).collect();
@@ -287,7 +288,7 @@ impl TensorNetwork {
             }
             for (i, layer) in self.layers.iter().enumerate() {
                 let (from, to) = (sizes[i], sizes[i + 1]);
-                // In lockstep: what the first picture is ready for, all of them are.
+                // In lockstep: the same rows are ready for all pictures as for the first.
                 let out = layer.ready(from, to, &held[0][i], held[0][i + 1].end);
                 let mut tapped = Vec::new();
                 for held in &mut held {
@@ -330,7 +331,7 @@ impl TensorNetwork {
 }
 
 impl TensorLayer {
-    /// The next output rows whose input is complete; `end` is one past the last one made.
+    /// The next output rows whose input is complete; `end` is one past the last row already computed.
     fn ready(&self, from: MapSize, to: MapSize, held: &Held, end: usize) -> Range<usize> {
         let there = |y: &usize| self.window.inputs(&(*y..*y + 1), from.height).0.end <= held.end;
         let next = (end..to.height).take_while(there).last();
@@ -338,7 +339,7 @@ impl TensorLayer {
     }
 }
 
-/// Rows of a map that are held until the next layer has used them.
+/// Rows of a map that are buffered until the next layer has used them.
 #[derive(Default)]
 struct Held {
     first: usize,
@@ -361,7 +362,7 @@ impl Held {
     fn drop_before(&mut self, row: usize) -> Result<()> {
         let row = row.clamp(self.first, self.end);
         self.rows = match &self.rows {
-            // Contiguous, so that the rows before it are freed.
+            // Made contiguous, so that the dropped rows are freed.
             Some(rows) if row < self.end => Some(
                 rows.narrow(2, row - self.first, self.end - row)?
                     .contiguous()?,

@@ -1,17 +1,17 @@
-//! OpenCV's `resize` with `INTER_AREA` where both sides shrink or stay: each output pixel is the mean
-//! over the area that it covers, in f32, bytes rounded half to even.
+//! OpenCV's `resize` with `INTER_AREA`, if neither side grows: each output pixel is the mean over the area that it
+//! covers, in f32; bytes are rounded half to even.
 
 use rayon::prelude::*;
 
 use super::Size;
 
-/// A channel's value type and how OpenCV rounds to it.
+/// Value type of a channel, with OpenCV's rounding.
 pub(super) trait AreaSample: Copy + Default + Send + Sync {
     fn to_f32(self) -> f32;
 
     fn of(mean: f32) -> Self;
 
-    /// The mean of two by two pixels, for which OpenCV has its own code.
+    /// Mean of two by two pixels, for which OpenCV has special code.
     fn mean_of_four(of: [Self; 4]) -> Self;
 }
 
@@ -43,7 +43,7 @@ impl AreaSample for f32 {
     }
 }
 
-/// Interleaved RGB of size `to`, whose sides are not longer than those of `from`.
+/// Interleaved RGB of size `to`, whose sides must not exceed those of `from`.
 pub(super) fn shrink<T: AreaSample>(picture: &[T], from: Size, to: Size) -> Vec<T> {
     let mut out = vec![T::default(); 3 * to.width * to.height];
     let (scale_x, scale_y) = (scale(from.width, to.width), scale(from.height, to.height));
@@ -73,7 +73,7 @@ pub(super) fn shrink<T: AreaSample>(picture: &[T], from: Size, to: Size) -> Vec<
     out
 }
 
-/// Input pixels an output pixel, with the rounding that decides which of OpenCV's paths is taken.
+/// Input pixels per output pixel, rounded as in OpenCV, because this decides which of its code paths is used.
 fn scale(inputs: usize, outputs: usize) -> f64 {
     1.0 / (outputs as f64 / inputs as f64)
 }
@@ -105,8 +105,8 @@ fn cells<T: AreaSample>(
     }
 }
 
-/// For each output pixel, the input pixels under it with their shares of its width. As in OpenCV, shares are computed
-/// in f64, rounded to f32, and ignored below a thousandth of a pixel.
+/// For each output pixel, the input pixels that it covers with their shares of its width. As in OpenCV, shares are
+/// computed in f64, rounded to f32, and ignored below a thousandth of a pixel.
 fn shares(inputs: usize, outputs: usize, scale: f64) -> Vec<Vec<(usize, f32)>> {
     const NOTHING: f64 = 1e-3;
     (0..outputs)

@@ -1,4 +1,4 @@
-//! The kernels by name.
+//! Resizing kernels by name.
 
 use std::fmt;
 use std::str::FromStr;
@@ -11,22 +11,22 @@ use crate::picture::{Picture, PictureError};
 
 /// A resizing function of a library.
 ///
-/// Pixel centres lie at half integers in all of them (`align_corners=False`); each channel is
-/// resized by itself, in the encoding that it comes in (sRGB, not linear light).
+/// Pixel centres are at half integers in all of them (`align_corners=False`). Each channel is resized separately, in
+/// its given encoding (sRGB, not linear light).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub enum ResizeKernel {
-    /// `torch.nn.functional.interpolate(mode="bilinear", align_corners=False)`: four neighbours, no
-    /// filter when it reduces. 8-bit pictures are divided by 255 first and stay floats.
+    /// `torch.nn.functional.interpolate(mode="bilinear", align_corners=False)`: four neighbours, without a filter when
+    /// reducing. 8-bit pictures are first divided by 255 and stay floats.
     Bilinear,
-    /// The same with `antialias=True`: a triangle as wide as the reduction. The same as
-    /// [`Self::Bilinear`] when it enlarges, up to rounding.
+    /// [`Self::Bilinear`] with `antialias=True`: a triangle filter as wide as the reduction. When enlarging, the same
+    /// as [`Self::Bilinear`] up to rounding.
     BilinearAntialias,
     /// PIL's `Image.resize` with `BICUBIC` (a = −0.5, antialiased).
     Bicubic,
     /// PIL's `Image.resize` with `LANCZOS` (three lobes, antialiased).
     Lanczos,
-    /// OpenCV's `resize` with `INTER_AREA`: means over pixel areas. It does not enlarge, where OpenCV
-    /// makes a narrow kind of bilinear of it.
+    /// OpenCV's `resize` with `INTER_AREA`: means over pixel areas. Enlarging, for which OpenCV uses a variant of
+    /// bilinear, is not supported.
     Area,
 }
 
@@ -40,7 +40,7 @@ impl ResizeKernel {
         Self::Area,
     ];
 
-    /// The name on command lines and in reports.
+    /// Name on command lines and in reports.
     pub const fn name(self) -> &'static str {
         match self {
             Self::Bilinear => "bilinear",
@@ -51,7 +51,7 @@ impl ResizeKernel {
         }
     }
 
-    /// The call of the library that it is equal to and its arithmetic, for reports.
+    /// The equivalent library call and its arithmetic, for reports.
     pub const fn describe(self) -> &'static str {
         match self {
             Self::Bilinear => {
@@ -84,7 +84,7 @@ impl fmt::Display for ResizeKernel {
     }
 }
 
-/// A kernel of that name does not exist.
+/// Error: there is no kernel of that name.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("no resize kernel {0:?}: bilinear, bilinear-antialias, bicubic, lanczos and area exist")]
 pub struct ResizeKernelError(String);
@@ -100,18 +100,17 @@ impl FromStr for ResizeKernel {
     }
 }
 
-/// The picture at `width` × `height` pixels, as the kernel's library makes it.
+/// Resizes the picture to `width` × `height` pixels, exactly as the kernel's library does.
 ///
-/// * torch's kernels give floats (f32 in 0..1), also of 8-bit pictures;
-/// * PIL's and OpenCV's give 8 bits of 8 bits, equal to the last bit, and f32 of f32.
+/// * torch's kernels return floats (f32 in 0..1), even for 8-bit pictures;
+/// * PIL's and OpenCV's return 8 bits for 8 bits (bit-identical), and f32 for f32.
 ///
-/// Floats agree with the library to its own rounding (1e-6). Values that bicubic and Lanczos swing
-/// beyond 0..1 are clamped. A picture that has the size already is returned unchanged. The same
-/// bytes for any number of threads.
+/// Floats agree with the library up to its own rounding (1e-6). Values of bicubic and Lanczos outside 0..1 are clamped.
+/// A picture that already has the size is returned unchanged. Results are bit-identical for any number of threads.
 ///
 /// # Errors
-/// [`PictureError`] when the picture has no pixel or one that is not in 0..1, when `width` or
-/// `height` is 0, or when [`ResizeKernel::Area`] would have to enlarge a side.
+/// [`PictureError`] if the picture is empty or has a value outside 0..1, if `width` or `height` is 0, or if
+/// [`ResizeKernel::Area`] would have to enlarge a side.
 pub fn resize(
     picture: &Picture,
     width: u32,
@@ -164,7 +163,7 @@ fn with_pillow(picture: &Picture, from: Size, to: Size, filter: &pillow::Filter)
     }
 }
 
-/// Interleaved f32 in 0..1, as `torchvision`'s `to_tensor` makes them.
+/// Interleaved f32 in 0..1, as returned by `torchvision`'s `to_tensor`.
 fn floats(picture: &Picture) -> Vec<f32> {
     match picture {
         Picture::Rgb8(picture) => {
@@ -175,7 +174,7 @@ fn floats(picture: &Picture) -> Vec<f32> {
     }
 }
 
-/// Weights that sum to one but for rounding may leave 0..1 by an ulp, negative ones by more.
+/// Clamps to 0..1. Weights that sum to one up to rounding may exceed the range by an ulp, negative weights by more.
 fn unit_range(mut values: Vec<f32>, size: Size) -> ImageBuffer<Rgb<f32>, Vec<f32>> {
     for value in &mut values {
         *value = value.clamp(0.0, 1.0);
@@ -183,7 +182,7 @@ fn unit_range(mut values: Vec<f32>, size: Size) -> ImageBuffer<Rgb<f32>, Vec<f32
     buffer(values, size)
 }
 
-/// A picture of interleaved values, exactly `3 × width × height` of them.
+/// Wraps exactly `3 × width × height` interleaved values as a picture.
 pub(super) fn buffer<T>(values: Vec<T>, size: Size) -> ImageBuffer<Rgb<T>, Vec<T>>
 where
     T: image::Primitive,

@@ -1,15 +1,15 @@
-//! Resizing exactly as in the libraries that published numbers were made with.
+//! Resizing exactly as in the libraries used for published numbers.
 //!
-//! A prediction smaller than its ground truth is resized before it is scored, and the libraries
-//! disagree in the second decimal of a PSNR. So a [`ResizeKernel`] is one function of one library,
-//! not a family of filters, and its name belongs to the number.
+//! A prediction smaller than its ground truth is resized before it is scored, and the libraries disagree in the second
+//! decimal of a PSNR. Therefore a [`ResizeKernel`] is one function of one library, not a family of filters, and its
+//! name is part of the number's identity.
 //!
 //! # Contents
-//! * [`ResizeKernel`], [`resize`]: the kernels by name and the one entry point.
+//! * [`ResizeKernel`], [`resize`]: the kernels by name and the entry point.
 //! * `torch`: bilinear of `torch.nn.functional.interpolate`, with and without antialiasing.
 //! * `pillow`: bicubic, Lanczos (and the bilinear of `dists[resize256]`) of PIL.
-//! * `area`: OpenCV's `INTER_AREA`, which only reduces here.
-//! * `shorter_side`: the reduction of `dists[resize256]`.
+//! * `area`: OpenCV's `INTER_AREA`, for reduction only.
+//! * `shorter_side`: the reduction used by `dists[resize256]`.
 
 mod area;
 mod kernel;
@@ -20,7 +20,7 @@ mod torch;
 pub use kernel::{ResizeKernel, ResizeKernelError, resize};
 pub(crate) use shorter_side::to_shorter_side_256;
 
-/// Width and height of a picture of interleaved RGB, pixels.
+/// Width and height in pixels of a picture of interleaved RGB.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Size {
     pub(super) width: usize,

@@ -1,14 +1,13 @@
 //! PIL's `Image.resize` (version 13): antialiased by widening the filter, one side after the other.
 //!
-//! 8-bit pictures go through its fixed point (22-bit weights, rounded to 8 bits after each pass) and
-//! come out equal to the last bit; floats through its 32-bit path (mode `F`: f64 weights and sums,
-//! f32 after each pass).
+//! 8-bit pictures use its fixed-point arithmetic (22-bit weights, rounded to 8 bits after each pass) and are
+//! bit-identical; floats use its 32-bit path (mode `F`: f64 weights and sums, f32 after each pass).
 
 use rayon::prelude::*;
 
 use super::Size;
 
-/// A filter and how far it reaches at scale 1, pixels.
+/// A filter and its radius at scale 1, in pixels.
 pub(super) struct Filter {
     value: fn(f64) -> f64,
     support: f64,
@@ -26,7 +25,7 @@ pub(super) const BICUBIC: Filter = Filter {
     support: 2.0,
 };
 
-/// A sinc windowed by the middle lobe of one three times as wide.
+/// A sinc windowed by the central lobe of a sinc three times as wide.
 pub(super) const LANCZOS: Filter = Filter {
     value: lanczos,
     support: 3.0,
@@ -59,11 +58,11 @@ fn lanczos(x: f64) -> f64 {
     }
 }
 
-/// A channel's value type with PIL's arithmetic for it.
+/// Value type of a channel, with PIL's arithmetic for it.
 pub(super) trait PillowSample: Copy + Default + Send + Sync {
     type Weight: Send + Sync;
 
-    /// Converts a weight; weights sum to one.
+    /// Converts a weight; the weights sum to one.
     fn weight(value: f64) -> Self::Weight;
 
     fn sum<'a>(weights: &[Self::Weight], values: impl Iterator<Item = &'a Self>) -> Self
@@ -71,7 +70,7 @@ pub(super) trait PillowSample: Copy + Default + Send + Sync {
         Self: 'a;
 }
 
-/// Bits after the point of the fixed-point weights.
+/// Fractional bits of the fixed-point weights.
 const BITS: u32 = 22;
 
 impl PillowSample for u8 {
@@ -104,7 +103,7 @@ impl PillowSample for f32 {
     }
 }
 
-/// Interleaved RGB of size `to`. A side that stays as it is is not filtered.
+/// Interleaved RGB of size `to`. An unchanged side is not filtered.
 pub(super) fn resize<T: PillowSample>(
     picture: &[T],
     from: Size,
@@ -136,9 +135,9 @@ pub(super) fn resize<T: PillowSample>(
         })
 }
 
-/// Since version 13 PIL filters along y first where the height loses more than twice what the width
-/// does; bytes notice, because they are rounded between the passes. Pictures at most twice as tall as
-/// wide, resized in proportion, come out the same in every version.
+/// Since version 13, PIL filters along y first if the height shrinks by more than twice as many pixels as the width.
+/// This affects bytes, which are rounded between the passes. Pictures at most twice as tall as wide give the same
+/// result in every version if their aspect ratio is preserved.
 fn vertical_first(from: Size, to: Size) -> bool {
     let lost = |from: usize, to: usize| from as i64 - to as i64;
     let (rows, columns) = (lost(from.height, to.height), lost(from.width, to.width));
@@ -181,7 +180,7 @@ fn along_y<T: PillowSample>(
     out
 }
 
-/// For each output pixel, its first input pixel and the weights from there on.
+/// For each output pixel, its first input pixel and the weights starting there.
 fn taps<T: PillowSample>(
     inputs: usize,
     outputs: usize,

@@ -1,4 +1,4 @@
-//! Reduction to a shorter side of 256 pixels, equal to PIL's to the last bit.
+//! Reduction to a shorter side of 256 pixels, bit-identical to PIL's.
 
 use std::borrow::Cow;
 
@@ -9,11 +9,11 @@ use super::kernel::buffer;
 use super::pillow;
 use crate::picture::Picture;
 
-/// The side that `dists[resize256]` reduces to.
+/// The side to which `dists[resize256]` reduces.
 const SIDE: u32 = 256;
 
-/// The picture with its shorter side reduced to 256 (the longer one rounded down), 8 bits; itself
-/// if it is not larger. Floating-point pictures are rounded to 8 bits first, as PIL would need.
+/// Reduces the shorter side to 256 (the longer one is rounded down), 8 bit; unchanged if it is not larger.
+/// Floating-point pictures are first rounded to 8 bits, as PIL requires.
 pub(crate) fn to_shorter_side_256(picture: &Picture) -> Cow<'_, Picture> {
     let (width, height) = picture.dimensions();
     if width.min(height) <= SIDE {

@@ -1,7 +1,7 @@
 //! `torch.nn.functional.interpolate(mode="bilinear", align_corners=False)` of f32 tensors.
 //!
-//! Positions and weights are f32 as in torch: in f64 a wide picture would be sampled up to 2e-4
-//! pixels away from where torch samples it.
+//! Positions and weights are f32 as in torch: f64 would shift the sampling positions of a wide picture by up to 2e-4
+//! pixels.
 
 use rayon::prelude::*;
 
@@ -34,7 +34,7 @@ fn neighbours(inputs: usize, outputs: usize) -> Vec<LinearNeighbours> {
         .collect()
 }
 
-/// Without antialiasing: four neighbours, also when it reduces. `picture` is interleaved RGB.
+/// Without antialiasing: four neighbours, even when reducing. `picture` is interleaved RGB.
 pub(super) fn bilinear(picture: &[f32], from: Size, to: Size) -> Vec<f32> {
     let columns = neighbours(from.width, to.width);
     let rows = neighbours(from.height, to.height);
@@ -57,7 +57,7 @@ pub(super) fn bilinear(picture: &[f32], from: Size, to: Size) -> Vec<f32> {
     out
 }
 
-/// For each output coordinate, its first input coordinate and the weights from there on: a triangle as wide as the
+/// For each output coordinate, its first input coordinate and the weights starting there: a triangle as wide as the
 /// reduction, or two pixels wide when enlarging.
 fn triangles(inputs: usize, outputs: usize) -> Vec<(usize, Vec<f32>)> {
     let scale = inputs as f32 / outputs as f32;
@@ -80,7 +80,7 @@ fn triangles(inputs: usize, outputs: usize) -> Vec<(usize, Vec<f32>)> {
         .collect()
 }
 
-/// With antialiasing: first along x, then along y, f32 between. `picture` is interleaved RGB.
+/// With antialiasing: first along x, then along y, with f32 in between. `picture` is interleaved RGB.
 pub(super) fn bilinear_antialias(picture: &[f32], from: Size, to: Size) -> Vec<f32> {
     let columns = triangles(from.width, to.width);
     let mut narrow = vec![0.0; 3 * to.width * from.height];

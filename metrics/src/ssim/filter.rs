@@ -1,12 +1,12 @@
-//! The window along one axis at a time, and the similarity of what it gathered.
+//! The window filter along one axis at a time, and the similarity of the filtered quantities.
 
 use crate::simd::with_widest_vectors;
 
-/// Elements that the inner loops take at once; row buffers are padded to a multiple of it.
+/// Elements that the inner loops process at once; row buffers are padded to a multiple of it.
 const BLOCK: usize = 32;
-/// Filtered quantities: a, b, a² + b², a b, and where the covariance is bounded a².
+/// Number of filtered quantities: a, b, a² + b², a b, and a² if the covariance is bounded.
 pub(super) const QUANTITIES: usize = 5;
-/// The least variance of dm_pix: f32's ε squared.
+/// Minimum variance in dm_pix: f32's ε squared.
 const LEAST_VARIANCE: f64 = f32::EPSILON as f64 * f32::EPSILON as f64;
 
 /// Constants of the similarity.
@@ -16,20 +16,20 @@ pub(super) struct Constants {
     pub(super) c1: f64,
     /// (0.03 L)².
     pub(super) c2: f64,
-    /// Factor that turns population into sample covariance, or 1.
+    /// Factor from population to sample covariance, or 1.
     pub(super) covariance: f64,
-    /// Whether the covariance is bounded by the variances.
+    /// True if the covariance is bounded by the variances.
     pub(super) bounded: bool,
     /// Added to the denominator.
     pub(super) guard: f64,
 }
 
-/// Length of a row buffer that holds `n` elements.
+/// Length of a row buffer for `n` elements.
 pub(super) fn padded(n: usize) -> usize {
     n.next_multiple_of(BLOCK)
 }
 
-/// The window's sum over 2 × radius + 1 pixels along x, for every channel of every pixel.
+/// Weighted sum over 2 × radius + 1 pixels along x, for every channel of every pixel.
 pub(super) fn filter_along_x(input: &[f64], half: &[f64], channels: usize, out: &mut [f64]) {
     with_widest_vectors!(filter_along_x_body(input, half, channels, out):
         fn(input: &[f64], half: &[f64], channels: usize, out: &mut [f64]));
@@ -49,7 +49,7 @@ fn filter_along_x_body(input: &[f64], half: &[f64], channels: usize, out: &mut [
     }
 }
 
-/// Filters the quantities along y and forms the similarity from them.
+/// Filters the quantities along y and computes the similarity from them.
 pub(super) fn filter_along_y(rows: &[&[f64]], half: &[f64], constants: Constants, out: &mut [f64]) {
     with_widest_vectors!(filter_along_y_body(rows, half, constants, out):
         fn(rows: &[&[f64]], half: &[f64], constants: Constants, out: &mut [f64]));

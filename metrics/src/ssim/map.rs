@@ -1,4 +1,4 @@
-//! The map of local similarities, row by row, never held as a whole.
+//! The map of local similarities, computed row by row and never stored as a whole.
 
 use rayon::prelude::*;
 
@@ -8,13 +8,13 @@ use super::variant::{SsimCovariance, SsimSpec};
 use crate::picture::Picture;
 use crate::unavailable::Unavailable;
 
-/// Rows of the map that one task computes; each task filters 2 × radius rows more than that.
+/// Rows of the map per task; each task filters 2 × radius additional rows.
 const ROWS_PER_TASK: usize = 64;
-/// Values of a row that are computed at a time: the filtered rows under their windows stay in the
-/// second cache.
+/// Number of values of a row computed at a time, chosen so that the filtered rows under their windows stay in the L2
+/// cache.
 const VALUES_AT_A_TIME: usize = 512;
 
-/// Applies `each` to every row of the map (interleaved channels); results in row order.
+/// Applies `each` to every row of the map (interleaved channels); results are in row order.
 pub(super) fn map_rows<T: Send>(
     form: &SsimSpec,
     prediction: &Picture,
@@ -29,7 +29,7 @@ pub(super) fn map_rows<T: Send>(
             if (a == 0.0) == (b == 0.0) {
                 return Err(Unavailable::NoRange);
             }
-            // Contrast and structure are 0 / 0, but at most 1; the luminance before them is 0.
+            // Contrast and structure are 0 / 0 but at most 1, and the luminance factor is 0, so the product is 0.
             let zeros = vec![0.0; map_width * form.channels()];
             return Ok((0..map_height).map(|y| each(y, &zeros)).collect());
         }

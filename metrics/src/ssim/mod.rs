@@ -1,14 +1,14 @@
-//! Structural similarity in every variant that public code computes.
+//! Structural similarity (SSIM) in every variant that public code computes.
 //!
-//! Wang et al. 2004: (2 μₐμᵦ + C₁)(2 σₐᵦ + C₂) / ((μₐ² + μᵦ² + C₁)(σₐ² + σᵦ² + C₂)) per channel
-//! with C₁ = (0.01 L)², C₂ = (0.03 L)², averaged over pixels and channels. The variants differ in
-//! window, border, covariance and L. Everything is f64: in f32 the variances, a difference of
-//! nearly equal numbers on flat areas, are off in the fifth decimal.
+//! Wang et al. 2004: (2 μₐμᵦ + C₁)(2 σₐᵦ + C₂) / ((μₐ² + μᵦ² + C₁)(σₐ² + σᵦ² + C₂)) per channel, with C₁ = (0.01 L)²
+//! and C₂ = (0.03 L)², averaged over pixels and channels. The variants differ in window, border, covariance and L. All
+//! computations are f64: in f32, the variances (differences of nearly equal numbers in flat areas) would be off in the
+//! fifth decimal.
 //!
 //! # Contents
-//! * [`variant`]: the variants taken apart.
+//! * [`variant`]: the variants and the choices that define them.
 //! * [`map`]: the map of local similarities, row by row.
-//! * [`strip`]: the rows under the window as it walks down the picture.
+//! * [`strip`]: the rows under the window as it moves down the picture.
 //! * [`filter`]: the window along one axis, and the similarity.
 
 mod filter;
@@ -25,11 +25,11 @@ use map::map_rows;
 use variant::SsimSpec;
 pub use variant::{SsimBorder, SsimCovariance, SsimForm, SsimVariant, SsimWindow};
 
-/// The mean of the SSIM map; with a mask the mean over the windows whose centre is inside it, or where the form says so
-/// over those that lie inside as a whole. The pictures (and the mask) are of one size.
+/// Mean of the SSIM map. With a mask, the mean over windows whose centre is inside it or, if the variant requires it,
+/// over windows that are entirely inside. The pictures (and the mask) must have the same size.
 ///
 /// # Errors
-/// When the pictures are smaller than a window, or no window counts.
+/// If the pictures are smaller than a window, or no window qualifies.
 pub fn ssim(
     variant: SsimVariant,
     prediction: &Picture,
@@ -69,14 +69,14 @@ pub fn ssim(
     Ok(rows.iter().map(|(sum, _)| sum).sum::<f64>() / count as f64)
 }
 
-/// The mean of SSIM without its luminance, (2 σₐᵦ + C₂) / (σₐ² + σᵦ² + C₂), over the Gaussian windows inside the pictures:
-/// a factor of multi-scale SSIM.
+/// Mean of SSIM without its luminance factor, (2 σₐᵦ + C₂) / (σₐ² + σᵦ² + C₂), over the Gaussian windows inside the
+/// pictures: a factor of multi-scale SSIM.
 ///
 /// # Errors
-/// When the pictures are smaller than a window.
+/// If the pictures are smaller than a window.
 pub fn ssim_contrast(prediction: &Picture, target: &Picture) -> Result<f64, Unavailable> {
     let form = SsimSpec {
-        // C₁ leaves nothing of the means beside it: the luminance is 1.
+        // C₁ is so large that the means are negligible: the luminance factor is 1.
         k1: 1e50,
         ..SsimSpec::of(SsimVariant::Gauss11Valid)
     };
@@ -86,7 +86,7 @@ pub fn ssim_contrast(prediction: &Picture, target: &Picture) -> Result<f64, Unav
     Ok(means.iter().sum::<f64>() / means.len() as f64)
 }
 
-/// The SSIM map, mean over channels.
+/// The SSIM map, averaged over channels.
 pub(crate) fn ssim_map(
     variant: SsimVariant,
     prediction: &Picture,
@@ -109,7 +109,7 @@ pub(crate) fn ssim_map(
     })
 }
 
-/// A sum in a fixed order that vectors can follow: eight running sums, then those.
+/// Sum in a fixed order that vectorises: eight running sums, which are then added.
 fn sum_in_lanes(values: &[f64]) -> f64 {
     let mut lanes = [0.0; 8];
     let (chunks, rest) = values.as_chunks::<8>();

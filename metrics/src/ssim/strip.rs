@@ -1,4 +1,4 @@
-//! The rows under the window as it walks down the picture.
+//! The rows under the window as it moves down the picture.
 
 use std::ops::Range;
 
@@ -6,35 +6,34 @@ use super::filter::{Constants, QUANTITIES, filter_along_x, filter_along_y, padde
 use super::variant::{SsimBorder, SsimSpec};
 use crate::picture::Picture;
 
-/// The last 2 × radius + 1 rows of some columns, filtered along x, as one task walks down the
-/// picture.
+/// The last 2 × radius + 1 rows of some columns, filtered along x, as one task moves down the picture.
 ///
-/// Rows and columns are counted as of the picture continued by a radius above and on the left, if
-/// it is continued: row 0 is the first that the map's first row needs.
+/// If the picture is padded, rows and columns are counted from the padded origin, a radius above and to the left: row 0
+/// is the first row needed for the map's first row.
 pub(super) struct Strip<'a> {
     form: &'a SsimSpec,
     pictures: [&'a Picture; 2],
     height: usize,
-    /// The first column under the windows.
+    /// First column under the windows.
     first: usize,
-    /// Which of the columns under the windows, from that one on, lie inside the picture.
+    /// Columns under the windows, relative to `first`, that are inside the picture.
     inside: Range<usize>,
-    /// Values of a row of the map.
+    /// Number of values in a row of the map.
     values: usize,
-    /// Length of a filtered row: that, padded.
+    /// Length of a filtered row: `values`, padded.
     length: usize,
-    /// 2 × radius + 1 slots of as many rows as there are quantities.
+    /// 2 × radius + 1 slots, each with one row per quantity.
     ring: Vec<f64>,
-    /// The quantities of one row before filtering, border included.
+    /// The quantities of one row before filtering, including the border.
     quantities: [Vec<f64>; QUANTITIES],
-    /// A row as it comes from the picture.
+    /// A row as read from the picture.
     rgb: Vec<f64>,
     /// A row of the map.
     row: Vec<f64>,
 }
 
 impl<'a> Strip<'a> {
-    /// The windows whose values are the `columns` of the map.
+    /// Creates a strip for the windows whose values are the `columns` of the map.
     pub(super) fn new(
         form: &'a SsimSpec,
         a: &'a Picture,
@@ -70,7 +69,7 @@ impl<'a> Strip<'a> {
         slot * size..(slot + 1) * size
     }
 
-    /// Filters row `row` along x into its slot.
+    /// Filters row `row` along x and stores it in its slot.
     pub(super) fn push(&mut self, row: usize) {
         let slot = self.slot(row);
         let margin = self.form.margin();
@@ -126,7 +125,7 @@ impl<'a> Strip<'a> {
         }
     }
 
-    /// Filters along y and forms the map's row `y`; rows `y` to `y + 2 radius` have been pushed.
+    /// Filters along y and computes the map's row `y`; rows `y` to `y + 2 radius` must have been pushed.
     pub(super) fn map_row(&mut self, y: usize, constants: Constants) -> &[f64] {
         let (taps, size) = (
             2 * self.form.radius + 1,

@@ -1,9 +1,9 @@
-//! The variants, and each taken apart: window, border, covariance, channels and range.
+//! The SSIM variants and the choices that define them: window, border, covariance, channels and range.
 
 use super::filter::QUANTITIES;
 use crate::unavailable::Unavailable;
 
-/// A variant of SSIM: each name stands for one [`SsimForm`] that public code computes.
+/// A variant of SSIM: each corresponds to one [`SsimForm`] computed by public code.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum SsimVariant {
     Gauss11Valid,
@@ -17,23 +17,23 @@ pub enum SsimVariant {
     Gauss11ValidDataRange,
     Gauss11ValidBounded,
     Gauss11ZeroGuarded,
-    /// Has a value inside a mask only.
+    /// Only has a value inside a mask.
     Gauss11ValidWholeWindow,
 }
 
-/// The choices that define an SSIM.
+/// The choices that define an SSIM variant.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct SsimForm {
     pub window: SsimWindow,
     pub border: SsimBorder,
     pub covariance: SsimCovariance,
-    /// On luma 0.299 R + 0.587 G + 0.114 B instead of each channel.
+    /// Computed on luma 0.299 R + 0.587 G + 0.114 B instead of each channel.
     pub gray: bool,
-    /// The data range is the larger of the two pictures' maximum minus minimum, not 1.
+    /// The data range is the larger of the two pictures' maximum minus minimum, instead of 1.
     pub range_of_data: bool,
-    /// 1e-8 is added to the denominator, whose least value is 9e-8: dark flat areas lose a tenth.
+    /// 1e-8 is added to the denominator, whose minimum is 9e-8; lowers values in dark flat areas by a tenth.
     pub guarded: bool,
-    /// Inside a mask, only windows that lie in it entirely count, instead of all whose centre does.
+    /// Inside a mask, only windows entirely inside it are used, instead of all whose centre is.
     pub whole_windows: bool,
 }
 
@@ -46,24 +46,25 @@ pub enum SsimWindow {
     Uniform7,
 }
 
-/// Treatment of windows that reach beyond the picture.
+/// Treatment of windows that extend beyond the picture.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum SsimBorder {
-    /// Such windows do not count: the map is smaller than the picture by a radius on each side.
+    /// Such windows are skipped: the map is smaller than the picture by a radius on each side.
     Valid,
-    /// The picture goes on with zeros.
+    /// The picture is padded with zeros.
     Zero,
-    /// The picture is mirrored; the edge pixel is not repeated.
+    /// The picture is mirrored without repeating the edge pixel.
     Reflect,
 }
 
-/// Estimator of variances and covariances from the window's moments.
+/// Estimator of variances and covariances from the moments in the window.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum SsimCovariance {
     Population,
-    /// Times n / (n − 1) for the n pixels of the window.
+    /// Sample covariance: multiplied by n / (n − 1) for the n pixels of the window.
     Sample,
-    /// Population; variances of at least f32's ε squared, covariances of at most √(σₐ² σᵦ²): dm_pix.
+    /// Population covariance with variances of at least f32's ε squared and covariances of at most √(σₐ² σᵦ²), as in
+    /// dm_pix.
     Bounded,
 }
 
@@ -120,7 +121,7 @@ impl SsimVariant {
         form
     }
 
-    /// The text between the key's brackets: window, border, covariance and whatever else differs from the default.
+    /// Text between the key's brackets: window, border, covariance, and any other differences from the default.
     pub(crate) fn text(self) -> String {
         let form = self.form();
         let mut parts = match (form.window, form.covariance) {
@@ -148,11 +149,11 @@ impl SsimVariant {
     }
 }
 
-/// A form with its window's weights.
+/// A form with the weights of its window.
 pub(super) struct SsimSpec {
     pub(super) form: SsimForm,
     pub(super) radius: usize,
-    /// Weight of the pixels at distance `radius`, …, 1, 0 from the centre along one axis.
+    /// Weights of the pixels at distance `radius`, …, 1, 0 from the centre along one axis.
     pub(super) half: Vec<f64>,
     /// C₁ = (k₁ L)².
     pub(super) k1: f64,
@@ -179,7 +180,7 @@ impl SsimSpec {
         }
     }
 
-    /// Factor on variances and covariances.
+    /// Factor for variances and covariances.
     pub(super) fn covariance(&self) -> f64 {
         let side = (2 * self.radius + 1) as f64;
         match self.form.covariance {
@@ -188,7 +189,7 @@ impl SsimSpec {
         }
     }
 
-    /// Number of quantities gathered under the windows; see [`QUANTITIES`].
+    /// Number of quantities filtered under the windows; see [`QUANTITIES`].
     pub(super) fn quantities(&self) -> usize {
         match self.form.covariance {
             SsimCovariance::Bounded => QUANTITIES,
@@ -224,7 +225,7 @@ impl SsimSpec {
         })
     }
 
-    /// Pixels by which the picture is continued on each side.
+    /// Number of pixels by which the picture is padded on each side.
     pub(super) fn margin(&self) -> usize {
         match self.form.border {
             SsimBorder::Valid => 0,
@@ -232,8 +233,8 @@ impl SsimSpec {
         }
     }
 
-    /// Distance of the map's origin from the picture's, both axes: a value of the map belongs to
-    /// the pixel at its window's centre.
+    /// Offset of the map's origin from the picture's, along both axes: a value of the map belongs to the pixel at its
+    /// window's centre.
     pub(super) fn origin(&self) -> usize {
         match self.form.border {
             SsimBorder::Valid => self.radius,

@@ -1,4 +1,4 @@
-//! Weights inside the program: the metrics' own, and the network that is small enough.
+//! Weights compiled into the program: the metrics' own, and those of the one network that is small enough.
 
 use safetensors::SafeTensors;
 
@@ -6,7 +6,7 @@ use super::{Backbone, WeightsError};
 use crate::backbone::architecture::tap_channels;
 use crate::identity::LpipsNet;
 
-/// A file of weights that was compiled in.
+/// A weights file that is compiled in.
 pub(crate) struct Embedded {
     file: &'static str,
     bytes: &'static [u8],
@@ -21,7 +21,7 @@ macro_rules! embedded {
     };
 }
 
-/// torchvision's AlexNet, its convolutions.
+/// The convolutions of torchvision's AlexNet.
 pub(crate) const ALEXNET: Embedded = embedded!("alexnet.safetensors");
 const LPIPS_ALEX: Embedded = embedded!("lpips_v0.1_alex.safetensors");
 const LPIPS_VGG: Embedded = embedded!("lpips_v0.1_vgg.safetensors");
@@ -31,7 +31,7 @@ const LPIPS_VGG_V0: Embedded = embedded!("lpips_v0.0_vgg.safetensors");
 const LPIPS_SQUEEZE_V0: Embedded = embedded!("lpips_v0.0_squeeze.safetensors");
 const DISTS: Embedded = embedded!("dists.safetensors");
 
-/// LPIPS v0.1: for each tap the non-negative weight of each channel.
+/// LPIPS v0.1: the non-negative weight of each channel, for each tap.
 pub(crate) fn linear_weights(net: LpipsNet) -> Result<Vec<Vec<f32>>, WeightsError> {
     let file = match net {
         LpipsNet::Alex => LPIPS_ALEX,
@@ -59,7 +59,7 @@ fn linear(net: LpipsNet, file: &Embedded) -> Result<Vec<Vec<f32>>, WeightsError>
         .collect()
 }
 
-/// DISTS: weights of the structure and of the texture terms for all 1475 channels.
+/// DISTS: weights of the structure and texture terms for all 1475 channels.
 pub(crate) fn dists_weights() -> Result<[Vec<f32>; 2], WeightsError> {
     let channels = 3 + tap_channels(Backbone::Vgg16).iter().sum::<usize>();
     let weights = |name| DISTS.not_negative(name, channels);
@@ -67,7 +67,7 @@ pub(crate) fn dists_weights() -> Result<[Vec<f32>; 2], WeightsError> {
 }
 
 impl Embedded {
-    /// The values of a tensor.
+    /// Values of a tensor.
     pub(crate) fn values(&self, name: &str, count: usize) -> Result<Vec<f32>, WeightsError> {
         let tensors =
             SafeTensors::deserialize(self.bytes).map_err(|e| self.damaged(e.to_string()))?;
@@ -81,7 +81,7 @@ impl Embedded {
         Ok(values.iter().map(|&v| f32::from_le_bytes(v)).collect())
     }
 
-    /// The same, but refuses negative values, which could make a distance negative.
+    /// Values of a tensor; rejects negative ones, which could make a distance negative.
     fn not_negative(&self, name: &str, count: usize) -> Result<Vec<f32>, WeightsError> {
         let values = self.values(name, count)?;
         match values.iter().all(|value| *value >= 0.0) {

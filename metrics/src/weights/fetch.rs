@@ -1,5 +1,4 @@
-//! Fetching published weights: resumed after a break, checked by size and hash, reduced to the
-//! features.
+//! Download of published weights: resumable, verified by size and hash, and reduced to the features.
 
 use std::path::{Path, PathBuf};
 
@@ -9,16 +8,16 @@ use sharp_checkpoint::{Checkpoint, CheckpointError};
 
 use super::{Published, Weights, WeightsError};
 
-/// Why weights were not fetched.
+/// Errors of fetching weights.
 #[derive(Debug, thiserror::Error)]
 pub enum FetchError {
-    /// The network must not be used.
+    /// Network access is disabled.
     #[error("{address}: --offline was given")]
     Offline { address: String },
-    /// The transfer, or a file or folder of the cache.
+    /// The transfer failed, or a file or folder of the cache could not be accessed.
     #[error(transparent)]
     Download(#[from] DownloadError),
-    /// The server sent other bytes than those published.
+    /// The server sent a file that differs from the published one.
     #[error(
         "{address}: the file's sha256 is {found}, but should begin with {expected}; it was deleted"
     )]
@@ -27,21 +26,20 @@ pub enum FetchError {
         found: String,
         expected: String,
     },
-    /// What was fetched is no checkpoint.
+    /// The downloaded file is not a checkpoint.
     #[error(transparent)]
     Checkpoint(#[from] CheckpointError),
-    /// What was fetched is not this network.
+    /// The downloaded file is not this network.
     #[error(transparent)]
     Weights(#[from] WeightsError),
 }
 
-/// Fetches published weights into a cache folder and returns the copy that holds the features
-/// only. Does nothing if that copy is there and sound.
+/// Downloads published weights into a cache folder and returns the path of the features-only copy. Does nothing if that
+/// copy already exists and is valid.
 ///
-/// A transfer that was broken off, now or by an earlier call, is resumed. The size must be the
-/// published one before anything is transferred, the hash must begin with the published digits
-/// afterwards; what fails is deleted. The full hash of the original is kept inside the copy.
-/// Proxies are taken from the usual environment variables.
+/// A transfer that was interrupted during this or an earlier call is resumed. The size must equal the published one
+/// before anything is transferred, and the hash must start with the published digits afterwards; invalid files are
+/// deleted. The copy records the full hash of the original. Proxies are configured by the usual environment variables.
 ///
 /// # Errors
 /// [`FetchError`] with the address and the reason.

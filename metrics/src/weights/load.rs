@@ -1,4 +1,4 @@
-//! A network's tensors, complete and finite.
+//! Loading of a network's tensors; all must be present and finite.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -12,15 +12,15 @@ use super::embedded::ALEXNET;
 use super::{Backbone, Weights, WeightsError, WeightsSource, WeightsUsed};
 use crate::backbone::architecture;
 
-/// Shape and values, in C order, of tensors by name.
+/// Shape and values (in C order) of tensors by name.
 pub type NamedTensors = BTreeMap<String, (Vec<usize>, Vec<f32>)>;
 
-/// All tensors of a network's features, by their name below `features.`.
+/// All tensors of a network's features, by their name after `features.`.
 #[derive(Debug)]
 pub(crate) struct Tensors(NamedTensors);
 
 impl Tensors {
-    /// Shape and values of one of the network's tensors, all of which are there.
+    /// Shape and values of a tensor. All of the network's tensors are present.
     pub(crate) fn get(&self, name: &str) -> (&[usize], &[f32]) {
         let (shape, values) = &self.0[name];
         (shape, values)
@@ -38,7 +38,7 @@ impl Tensors {
     }
 }
 
-/// A network's tensors and where they came from.
+/// A network's tensors and their source.
 #[derive(Debug)]
 pub(crate) struct LoadedBackbone {
     pub(crate) tensors: Tensors,
@@ -46,7 +46,7 @@ pub(crate) struct LoadedBackbone {
 }
 
 impl Weights {
-    /// Reads the tensors of a network; `None` if there are no weights for it.
+    /// Reads the tensors of a network; `None` if no weights are configured for it.
     pub(crate) fn load(&self, backbone: Backbone) -> Result<Option<LoadedBackbone>, WeightsError> {
         let Some(source) = self.sources.get(&backbone) else {
             return Ok(None);
@@ -68,17 +68,17 @@ impl Weights {
         Ok(Some(LoadedBackbone { tensors, used }))
     }
 
-    /// The tensors of a network's features by their name below `features.` (`0.weight`, `0.bias`, …), for other
+    /// Tensors of a network's features by their name after `features.` (`0.weight`, `0.bias`, …), for use by other
     /// implementations; `None` without weights.
     ///
     /// # Errors
-    /// [`WeightsError`]: unreadable, of another network, or not finite.
+    /// [`WeightsError`] if they are unreadable, belong to another network, or are not finite.
     pub fn convolutions(&self, backbone: Backbone) -> Result<Option<NamedTensors>, WeightsError> {
         Ok(self.load(backbone)?.map(|loaded| loaded.tensors.0))
     }
 }
 
-/// The published convolutions that are part of this program: AlexNet's.
+/// The published convolutions that are compiled into this program: AlexNet's.
 fn built_in(backbone: Backbone) -> Result<Tensors, WeightsError> {
     let tensors = architecture::tensors(backbone).into_iter().map(|tensor| {
         let name = format!("features.{}", tensor.name);
@@ -97,10 +97,10 @@ fn deterministic(backbone: Backbone, salt: &str) -> Tensors {
     Tensors(tensors.collect())
 }
 
-/// Metadata under which `sharp_checkpoint` notes what a converted file was made from.
+/// Metadata key under which `sharp_checkpoint` records the source of a converted file.
 const SOURCE_SHA256: &str = "source_sha256";
 
-/// The tensors of a file, and the sha256 of the file that they were published in.
+/// Tensors of a file, and the SHA-256 of the file in which they were published.
 fn read(backbone: Backbone, path: &Path) -> Result<(Tensors, String), WeightsError> {
     let refused = |source| WeightsError::Checkpoint { backbone, source };
     let file = Checkpoint::open(path).map_err(refused)?;
@@ -139,7 +139,7 @@ fn read(backbone: Backbone, path: &Path) -> Result<(Tensors, String), WeightsErr
     Ok((Tensors(tensors), original))
 }
 
-/// The first difference of each kind and how many there are.
+/// The first difference of each kind, and the number of differences.
 fn in_one_line(incomplete: &Incomplete) -> String {
     let mut parts = Vec::new();
     if let Some(first) = incomplete.misshaped.first() {

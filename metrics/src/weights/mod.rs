@@ -1,9 +1,8 @@
-//! Weights of LPIPS and DISTS: which a metric needs, where they come from, what they are.
+//! Weights of LPIPS and DISTS: requirements of each metric, sources and identities.
 //!
-//! The metrics' own small weights ship with the crate, and so do the convolutions that torchvision
-//! published of AlexNet and VGG16 ([`Weights::at_hand`]). Files of the user's come before them:
-//! torchvision's `.pth`, or a `.safetensors` with the same names (with or without the leading
-//! `features.`); only the convolutions are read.
+//! The metrics' own small weights are included in the crate, as are torchvision's published convolutions of AlexNet and
+//! VGG16 ([`Weights::at_hand`]). User-supplied files take precedence: torchvision's `.pth`, or a `.safetensors` with
+//! the same names (with or without the leading `features.`). Only the convolutions are read.
 
 mod embedded;
 #[cfg(any(feature = "download", test))]
@@ -43,34 +42,34 @@ pub enum Backbone {
 #[error("unknown network '{0}'; known: alexnet vgg16 squeezenet1_1")]
 pub struct UnknownBackbone(String);
 
-/// Why weights cannot be used.
+/// Errors of loading weights.
 #[derive(Debug, thiserror::Error)]
 pub enum WeightsError {
     /// The file cannot be read as a checkpoint.
     #[error("weights of {backbone}: {source}")]
     Checkpoint {
         backbone: Backbone,
-        /// Why; names the file.
+        /// The reason; includes the file's name.
         source: CheckpointError,
     },
-    /// The file holds other tensors than the network has.
+    /// The tensors in the file are not those of the network.
     #[error("{}: not the weights of {backbone}: {reason}", path.display())]
     Mismatch {
         backbone: Backbone,
         path: PathBuf,
-        /// What is missing, surplus or of another shape.
+        /// The missing, surplus or misshaped tensors.
         reason: String,
     },
     /// A weight is NaN or infinite.
     #[error("{}: {tensor} holds a value that is not finite", path.display())]
     NotFinite { path: PathBuf, tensor: String },
-    /// The network cannot be put where it was to be computed.
+    /// The network cannot be loaded onto the requested device.
     #[error("the networks cannot be computed on {device}: {reason}")]
     Device { device: Device, reason: String },
-    /// The weights that ship with the crate are damaged.
+    /// The weights included in the crate are damaged.
     #[error("the built-in weights {file} are damaged: {reason}")]
     Embedded {
-        /// The file in the crate's source.
+        /// Path in the crate's source.
         file: &'static str,
         reason: String,
     },
@@ -97,10 +96,10 @@ impl Backbone {
         }
     }
 
-    /// sha256 of the published features, as [`WeightsUsed::features_sha256`] counts it.
+    /// SHA-256 of the published features, computed as for [`WeightsUsed::features_sha256`].
     ///
-    /// With these, AlexNet's and SqueezeNet's give the values that the documentation of lpips (0.722
-    /// for its first pair of examples) and of torchmetrics (0.1005) shows.
+    /// With these weights, AlexNet and SqueezeNet reproduce the values in the documentation of lpips (0.722 for its
+    /// first pair of examples) and torchmetrics (0.1005).
     pub fn published_features(self) -> &'static str {
         match self {
             Self::AlexNet => "8eed026b364dd02bdf76d6ca5a9bfaa0efb090d22a8b79ad51186269c08605c7",
@@ -111,7 +110,7 @@ impl Backbone {
         }
     }
 
-    /// The network of an LPIPS.
+    /// The network of an LPIPS variant.
     pub fn of_lpips(net: LpipsNet) -> Self {
         match net {
             LpipsNet::Alex => Self::AlexNet,
@@ -138,13 +137,13 @@ impl FromStr for Backbone {
     }
 }
 
-/// Source of a network's weights; displays as the file, as `built in` or as `deterministic:SALT`.
+/// Source of a network's weights; displayed as the file, `built in` or `deterministic:SALT`.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum WeightsSource {
     File(PathBuf),
-    /// The published ones, inside this program; AlexNet only.
+    /// The published weights compiled into this program; AlexNet only.
     BuiltIn,
-    /// A pure function of the tensors' names and this salt.
+    /// Deterministic weights, computed from the tensors' names and this salt.
     Deterministic(String),
 }
 
@@ -165,14 +164,13 @@ pub struct Weights {
 }
 
 impl Weights {
-    /// No weights: LPIPS and DISTS are unavailable.
+    /// No weights; LPIPS and DISTS are then unavailable.
     pub fn none() -> Self {
         Self::default()
     }
 
-    /// Weights that are a pure function of the tensors' names and `salt`, for all networks: what
-    /// the golden data and the cross-check use. Scores with them compare implementations, not
-    /// pictures.
+    /// Deterministic weights computed from the tensors' names and `salt`, for all networks; used by the golden data and
+    /// the cross-check. Scores with them are only meaningful to compare implementations, not pictures.
     pub fn deterministic(salt: &str) -> Self {
         let source = WeightsSource::Deterministic(salt.to_owned());
         Self {
@@ -180,7 +178,7 @@ impl Weights {
         }
     }
 
-    /// Takes a network's weights from a file: torchvision's `.pth` or a `.safetensors`.
+    /// Uses a network's weights from a file: torchvision's `.pth` or a `.safetensors`.
     #[must_use]
     pub fn with_file(mut self, backbone: Backbone, file: impl Into<PathBuf>) -> Self {
         self.sources
@@ -188,22 +186,20 @@ impl Weights {
         self
     }
 
-    /// Where a network's weights are, sound or not; `None` without any.
+    /// Source of a network's weights, whether valid or not; `None` if there is none.
     pub fn source(&self, backbone: Backbone) -> Option<&WeightsSource> {
         self.sources.get(&backbone)
     }
 }
 
-/// Weights that a scorer uses, for the record of a run.
+/// Weights used by a scorer, for the record of a run.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct WeightsUsed {
     pub backbone: Backbone,
     pub source: WeightsSource,
-    /// sha256 over the convolutions' names and f32 values: equal for torchvision's file and for a
-    /// copy that holds the features only.
+    /// SHA-256 over the convolutions' names and f32 values: the same for torchvision's file and a features-only copy.
     pub features_sha256: String,
-    /// sha256 of the file; of the file that it was made from where a features-only copy says so.
-    /// `None` without a file.
+    /// SHA-256 of the file, or of the original file if a features-only copy records it. `None` without a file.
     pub original_sha256: Option<String>,
 }
 

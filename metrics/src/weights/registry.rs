@@ -1,4 +1,4 @@
-//! Addresses of torchvision's published weights, and the places on this machine where they are looked for.
+//! Addresses of torchvision's published weights, and the local folders that are searched for weights.
 
 use std::borrow::Cow;
 use std::ops::RangeInclusive;
@@ -7,16 +7,16 @@ use std::sync::OnceLock;
 
 use super::{Backbone, Weights, WeightsSource};
 
-/// A published file of weights.
+/// A published weights file.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Published {
     pub backbone: Backbone,
-    /// Name of the file, which ends with the first digits of its sha256.
+    /// File name, which ends with the first digits of its SHA-256.
     pub file: Cow<'static, str>,
     pub address: Cow<'static, str>,
-    /// Size as published, in thousandths of a MiB.
+    /// Published size in thousandths of a MiB.
     pub size_milli_mib: u64,
-    /// First digits of the file's sha256.
+    /// First digits of the file's SHA-256.
     pub sha256_prefix: Cow<'static, str>,
     pub licence: &'static str,
 }
@@ -39,22 +39,22 @@ impl Published {
         }
     }
 
-    /// The numbers of bytes that round to the published size.
+    /// File sizes in bytes that round to the published size.
     pub fn sizes(&self) -> RangeInclusive<u64> {
         const MIB: u64 = 1 << 20;
-        // In units of a two-thousandth of a MiB the published size covers 2 s − 1 to 2 s + 1.
+        // In units of a two-thousandth of a MiB, the published size s covers 2 s − 1 to 2 s + 1.
         let (low, high) = (2 * self.size_milli_mib - 1, 2 * self.size_milli_mib + 1);
         (low * MIB).div_ceil(2000)..=high * MIB / 2000
     }
 
-    /// The copy that keeps the features only, in a cache folder.
+    /// Path of the features-only copy in a cache folder.
     pub fn cached(&self, cache: &Path) -> PathBuf {
         let stem = self.file.trim_end_matches(".pth");
         cache.join(format!("{stem}.features.safetensors"))
     }
 
-    /// The network's weights in a folder: as fetched here, as torchvision names its file, or under the
-    /// network's plain name.
+    /// The network's weights in a folder: named as fetched by this program, as torchvision names its file, or after the
+    /// network.
     fn in_folder(&self, folder: &Path) -> Option<PathBuf> {
         let plain = folder.join(format!("{}.safetensors", self.backbone));
         let files = [self.cached(folder), folder.join(&*self.file), plain];
@@ -62,8 +62,8 @@ impl Published {
     }
 }
 
-/// The address to fetch a published file from: the publisher's, or the same file name below
-/// `SHARP_BENCH_MIRROR`, if that is set.
+/// Address from which to download a published file: the publisher's, or the same file name under `SHARP_BENCH_MIRROR`,
+/// if that is set.
 pub fn mirrored(address: &str) -> String {
     let mirror = std::env::var("SHARP_BENCH_MIRROR").unwrap_or_default();
     match address.rsplit_once('/') {
@@ -74,15 +74,15 @@ pub fn mirrored(address: &str) -> String {
     }
 }
 
-/// The folder where fetched weights are kept: `SHARP_BENCH_WEIGHTS` if set, else
-/// `weights` in [`user_cache`]; `None` if there is no such folder.
+/// Folder of downloaded weights: `SHARP_BENCH_WEIGHTS` if set, else `weights` in [`user_cache`]; `None` if there is no
+/// such folder.
 pub fn cache_folder() -> Option<PathBuf> {
     let given = variable("SHARP_BENCH_WEIGHTS");
     given.or_else(|| user_cache().map(|cache| cache.join("weights")))
 }
 
-/// The folder for what can be fetched or computed again: `sharp-bench` in `XDG_CACHE_HOME` if that is
-/// set, else in the system's folder of caches; `None` if the environment names neither.
+/// Folder for data that can be downloaded or computed again: `sharp-bench` in `XDG_CACHE_HOME` if that is set, else in
+/// the system's cache folder; `None` if the environment defines neither.
 pub fn user_cache() -> Option<PathBuf> {
     let systems = || {
         if cfg!(windows) {
@@ -99,8 +99,8 @@ pub fn user_cache() -> Option<PathBuf> {
     Some(base.join("sharp-bench"))
 }
 
-/// The folder of torch's downloads, by its own rule on every system: `TORCH_HOME`, else `torch` in
-/// `XDG_CACHE_HOME`, else `~/.cache/torch`.
+/// Folder of torch's downloads, by torch's own rule on every system: `TORCH_HOME`, else `torch` in `XDG_CACHE_HOME`,
+/// else `~/.cache/torch`.
 pub fn torch_hub() -> Option<PathBuf> {
     torch_hub_by(variable)
 }
@@ -117,26 +117,25 @@ fn variable(name: &str) -> Option<PathBuf> {
     value.map(PathBuf::from)
 }
 
-/// The folder of bundled files, where this code runs inside another program.
+/// Folder of bundled files, if this code runs inside another program.
 static OWN_FOLDER: OnceLock<PathBuf> = OnceLock::new();
 
-/// Sets the folder of the files that are bundled with the program, in place of the executable's own: for a library inside
-/// another program. Only the first call has an effect; call it before any weights are looked for.
+/// Sets the folder of the program's bundled files, instead of the executable's own folder; for a library inside another
+/// program. Only the first call has an effect; call it before any weights are searched for.
 pub fn lies_in(folder: impl Into<PathBuf>) {
     OWN_FOLDER.get_or_init(|| folder.into());
 }
 
-/// The folder of the files that are bundled with the program: [as set](lies_in), else the executable's.
+/// Folder of the program's bundled files: [as set](lies_in), else the executable's.
 pub fn own_folder() -> Option<PathBuf> {
     let beside = || Some(std::env::current_exe().ok()?.parent()?.to_owned());
     OWN_FOLDER.get().cloned().or_else(beside)
 }
 
 impl Weights {
-    /// The weights on this machine, for each network from the first place that has them: the folder
-    /// that is fetched to ([`cache_folder`]); this program, which carries AlexNet's, and the folder
-    /// of its executable ([or another](lies_in)) or the sources that it was built from, where VGG16's
-    /// lie; torch's hub folder.
+    /// Locally available weights. For each network, the first source that has them is used: the download folder
+    /// ([`cache_folder`]); the program itself, which contains AlexNet's; the folder of its executable ([or
+    /// another](lies_in)) or of the sources it was built from, which contain VGG16's; torch's hub folder.
     pub fn at_hand() -> Self {
         let sources = Path::new(env!("CARGO_MANIFEST_DIR")).join("weights");
         let bundled = [own_folder(), Some(sources)].map(Option::unwrap_or_default);

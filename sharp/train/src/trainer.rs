@@ -224,7 +224,7 @@ impl Trainer {
                 }
                 let position = Position { stage, step };
                 let stepped = self.step(position, &settings, &mut samples, log, watcher);
-                // A picture that cannot be read is skipped without counting as a step.
+                // An unreadable picture ends the training, so save the steps made so far.
                 if matches!(stepped, Err(TrainingError::Data(_))) {
                     self.checkpoint()?;
                 }

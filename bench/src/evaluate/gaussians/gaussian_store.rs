@@ -1,4 +1,4 @@
-//! Keeps predicted Gaussians, so that all pairs of a source, and methods that share a network, use one prediction.
+//! Stores predicted Gaussians, so that all pairs of a source, and methods that share a network, use one prediction.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
@@ -10,21 +10,21 @@ use super::prediction_file::{read_prediction, write_prediction};
 use crate::io::atomic_files::{FileError, scratch_folder};
 use crate::methods::{GaussianPrediction, MethodError};
 
-/// Predictions by their key: in memory within a limit, beyond it on disk until the run is done.
+/// Predictions by key: in memory up to a limit, beyond it on disk until the run ends.
 pub(in crate::evaluate) struct GaussianStore {
-    /// Folder for predictions that outlive the run, if any.
+    /// Folder for predictions that are kept after the run, if any.
     kept: Option<PathBuf>,
     limit_bytes: u64,
     memory: BTreeMap<String, Timed>,
-    /// Keys in memory, the latest last.
+    /// Keys in memory, most recent last.
     order: Vec<String>,
     spill: Option<(TempDir, BTreeSet<String>)>,
     spill_in: PathBuf,
-    /// The source of the predictions in memory. Pairs are sorted, so those of one source come together.
+    /// Source of the predictions in memory. Pairs are sorted, so those of one source are consecutive.
     source: String,
 }
 
-/// A prediction and its wall time, s.
+/// A prediction and its wall time, seconds.
 pub(in crate::evaluate) type Timed = (Arc<GaussianPrediction>, f64);
 
 /// Why there is no prediction.
@@ -52,8 +52,8 @@ impl GaussianStore {
         }
     }
 
-    /// The prediction of a key. `predict` makes it if it is neither in memory nor on disk; without `predict` the result
-    /// is `None` then. The time is that of when it was made.
+    /// The prediction of a key. If it is neither in memory nor on disk, calls `predict`, or returns `None` without it.
+    /// The time is that of the original prediction.
     pub(in crate::evaluate) fn get(
         &mut self,
         key: &str,
@@ -93,7 +93,7 @@ impl GaussianStore {
         Ok(Some(timed))
     }
 
-    /// Moves the oldest predictions to disk until the rest fits the limit. The latest stays.
+    /// Moves the oldest predictions to disk until the rest fits the limit; always keeps the latest.
     fn shrink(&mut self) -> Result<(), FileError> {
         while self.order.len() > 1 && self.bytes() > self.limit_bytes {
             let key = self.order.remove(0);
@@ -181,7 +181,7 @@ mod tests {
             assert_eq!(calls.get(), 2, "limit {limit}");
             assert!(store.get("c", "s", None).unwrap().is_none());
             drop(store);
-            // What was spilled is removed.
+            // Spilled files are removed.
             assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 0);
         }
     }

@@ -1,31 +1,32 @@
-//! Compares pictures with a part of a photograph and tells whether one is significantly closer.
+//! Compares pictures with a part of a photograph and decides whether one is significantly closer.
 
 use image::RgbImage;
 use image::imageops::thumbnail;
 
 use crate::scoring::Region;
 
-/// Size of the reduced picture that `blur` compares, pixels.
+/// Size of the reduced pictures that `blur` compares, pixels.
 const COARSE: (u32, u32) = (16, 12);
-/// Least share of contrast that a blurred picture lacks. Pictures of other views lack none.
+/// Minimum share of contrast missing from a picture that counts as blurred. Pictures of other views have full contrast.
 const LEAST_BLUR: f64 = 0.4;
-/// Largest width and height that are compared, pixels.
+/// Maximum width and height compared, pixels.
 const SIDES: (u32, u32) = (160, 120);
-/// Least gain of another reading, dB. Another reading of a proper file changes its error by some hundredths.
+/// Minimum gain of another reading, dB. Another reading of a correct file changes its error by some hundredths.
 const MARGIN: f64 = 0.5;
-/// Standard errors of the gain that it has to exceed.
+/// Number of standard errors that the gain must exceed.
 const SIGNIFICANCE: f64 = 3.0;
-/// The same with free brightness and contrast, where the gain only has to agree.
+/// Number of standard errors with free brightness and contrast, where the gain only has to agree.
 const SIGNIFICANCE_FREE: f64 = 2.0;
-/// An error that is larger by this factor is hardly larger.
+/// Largest ratio of two errors that count as about equal.
 const HARDLY: f64 = 1.1;
-/// Least share of the photograph's variance that a picture must explain.
+/// Minimum share of the photograph's variance that a picture must explain.
 const EXPLAINED: f64 = 0.5;
-/// Mean squared error below which pictures count as equal, levels²: rounding against truncation to 8 bit.
+/// Mean squared error below which pictures count as equal, levels²: the difference between rounding and truncation to 8
+/// bit.
 const ROUNDING: f64 = 1.0;
 
-/// The part of a photograph with the most contrast, at full resolution: a smaller picture hides errors of half a pixel
-/// or of a small Gaussian's shape.
+/// The part of a photograph with the most contrast, at full resolution: a reduced picture would hide errors of half a
+/// pixel or of a small Gaussian's shape.
 pub(in crate::evaluate) fn window(photograph: &RgbImage) -> Region {
     let (width, height) = photograph.dimensions();
     let size = (width.min(SIDES.0), height.min(SIDES.1));
@@ -51,7 +52,7 @@ pub(in crate::evaluate) fn window(photograph: &RgbImage) -> Region {
     best.1
 }
 
-/// Sum of the green channel's steps at every fourth row and column. A step counts at most 64 levels, so that one sharp
+/// Sum of the green channel's steps at every fourth row and column. Each step is capped at 64 levels, so that one sharp
 /// edge does not decide.
 fn contrast(photograph: &RgbImage, region: Region) -> u64 {
     let level = |x: u32, y: u32| photograph.get_pixel(x, y).0[1];
@@ -69,7 +70,7 @@ fn contrast(photograph: &RgbImage, region: Region) -> u64 {
     sum
 }
 
-/// Moments of one channel, from which errors and regressions follow.
+/// Moments of one channel, from which errors and regressions are computed.
 #[derive(Debug, Clone, Copy, Default)]
 struct Sums {
     n: f64,
@@ -97,12 +98,12 @@ impl Sums {
         self.pp - 2.0 * self.pr + self.rr
     }
 
-    /// Variance of the photograph, summed.
+    /// Summed variance of the photograph.
     fn variance(self) -> f64 {
         self.pp - self.p * self.p / self.n
     }
 
-    /// Sum of squared differences from the best multiple of the rendering and a constant.
+    /// Sum of squared differences after fitting the rendering by a factor and a constant.
     fn residual(self) -> f64 {
         let covariance = self.pr - self.p * self.r / self.n;
         let of_rendering = self.rr - self.r * self.r / self.n;
@@ -140,12 +141,12 @@ impl Errors {
 
 #[derive(Debug, Clone, Default)]
 pub(in crate::evaluate) struct Likeness {
-    /// Per block of the picture, row by row.
+    /// Moments per block of the picture, row by row.
     blocks: Vec<[Sums; 3]>,
     total: [Sums; 3],
 }
 
-/// Blocks along each side.
+/// Number of blocks along each side.
 const BLOCKS: u32 = 6;
 
 impl Likeness {
@@ -178,7 +179,7 @@ impl Likeness {
         Self { blocks, total }
     }
 
-    /// Both parts as one.
+    /// Merges two comparisons.
     pub(in crate::evaluate) fn joined(&self, other: &Self) -> Self {
         let total = [&self.total, &other.total];
         Self {
@@ -187,12 +188,12 @@ impl Likeness {
         }
     }
 
-    /// By how many dB its squared error is smaller.
+    /// How many dB smaller its squared error is.
     pub(in crate::evaluate) fn gain_over(&self, other: &Self) -> f64 {
         10.0 * (other.error() / self.error()).log10()
     }
 
-    /// PSNR, dB, 100 at most.
+    /// PSNR, dB, at most 100.
     pub(in crate::evaluate) fn psnr(&self) -> f64 {
         let error: f64 = self.total.iter().map(|sums| sums.error()).sum();
         let mean = error / (3.0 * self.total[0].n);
@@ -204,22 +205,22 @@ impl Likeness {
         Errors::of(self.total).error
     }
 
-    /// The part's mean colour, levels.
+    /// Mean colour of the photograph's part, levels.
     pub(in crate::evaluate) fn mean_color(&self) -> [f64; 3] {
         self.total.map(|sums| sums.p / sums.n)
     }
 
-    /// Whether the picture is no closer to the photograph than a plain picture in its mean colour, and explains less
-    /// than a tenth of it at any brightness and contrast.
+    /// Whether the picture is no closer to the photograph than a uniform picture in its mean colour, and explains less
+    /// than a tenth of its variance at any brightness and contrast.
     pub(in crate::evaluate) fn is_unrelated(&self) -> bool {
         let Errors {
             error,
             residual,
             variance,
         } = Errors::of(self.total);
-        // Of a photograph of one colour nothing can be explained; 8 levels off is close.
+        // In a photograph of a single colour there is nothing to explain; a difference of 8 levels counts as close.
         let noise = 64.0 * 3.0 * self.total[0].n;
-        // The mean colour in whole levels is a little farther away than the mean.
+        // The mean colour rounded to whole levels is slightly farther away than the mean.
         error >= (0.99 * variance).max(noise) && residual > 0.9 * variance
     }
 
@@ -227,19 +228,19 @@ impl Likeness {
         self.explained() >= EXPLAINED
     }
 
-    /// Explained share of the photograph's variance, at the best brightness and contrast.
+    /// Share of the photograph's variance explained at the best brightness and contrast.
     pub(in crate::evaluate) fn explained(&self) -> f64 {
         let whole = Errors::of(self.total);
         1.0 - whole.residual / whole.variance
     }
 
-    /// Whether this picture explains its photograph, and is significantly closer to it than `other` to its own.
+    /// Whether this picture explains its photograph, and is significantly closer to it than `other` is to its own.
     pub(in crate::evaluate) fn is_better_than(&self, other: &Self) -> bool {
         self.explains() && self.is_closer_than(other)
     }
 
-    /// Whether this picture is significantly closer to its photograph than `other` to its own, in squared error and
-    /// with free brightness and contrast.
+    /// Whether this picture is significantly closer to its photograph than `other` is to its own, both in squared error
+    /// and with free brightness and contrast.
     pub(in crate::evaluate) fn is_closer_than(&self, other: &Self) -> bool {
         let share = |e: Errors| e.residual / e.variance;
         self.is_nearer_than(other) && self.gains(other, [share; 2], MARGIN / 2.0, SIGNIFICANCE_FREE)
@@ -260,13 +261,13 @@ impl Likeness {
         )
     }
 
-    /// Whether its squared error is hardly above that of `other` at the best brightness and contrast.
+    /// Whether its squared error is at most slightly above that of `other` at the best brightness and contrast.
     pub(in crate::evaluate) fn is_as_near_as_exposed(&self, other: &Self) -> bool {
         self.error() <= HARDLY * Errors::of(other.total).residual
     }
 
-    /// Whether the first error of this picture is smaller than the second of `other` by `margin` dB and `significance`
-    /// standard errors.
+    /// Whether the first error of this picture is smaller than the second error of `other` by `margin` dB and by
+    /// `significance` standard errors.
     fn gains(
         &self,
         other: &Self,
@@ -282,7 +283,7 @@ impl Likeness {
             10.0 * (others / own).log10()
         };
         let whole = gain(self.total, other.total);
-        // The jackknife: how much the gain depends on each block.
+        // Jackknife: how much the gain depends on each block.
         let without = |fit: &Self, block: usize| {
             std::array::from_fn(|c| fit.total[c].plus(fit.blocks[block][c], -1.0))
         };
@@ -295,7 +296,7 @@ impl Likeness {
         whole >= margin && whole >= significance * standard_error
     }
 
-    /// Correlation of the first channel, −1..1, pulled towards 0 where there is hardly any contrast.
+    /// Correlation of the first channel, −1..1, shrunk towards 0 if there is hardly any contrast.
     pub(in crate::evaluate) fn correlation(&self) -> f64 {
         let Sums {
             n,
@@ -310,8 +311,8 @@ impl Likeness {
     }
 }
 
-/// The share of contrast that a blurred picture of the photograph lacks; `None` if the picture is not blurred or shows
-/// something else.
+/// The share of the photograph's contrast that is missing from a blurred picture of it; `None` if the picture is not
+/// blurred or shows something else.
 pub(in crate::evaluate) fn blur(photograph: &RgbImage, picture: &RgbImage) -> Option<f64> {
     let whole = Region::whole(photograph.dimensions());
     let [seen, shown] = [photograph, picture].map(|all| contrast(all, whole) as f64);
@@ -353,7 +354,7 @@ mod tests {
         assert!(right.is_better_than(&fit(&shifted)));
         assert!(!fit(&shifted).is_better_than(&right));
         assert!(!fit(&photograph(2)).is_better_than(&right));
-        // A dim picture of the right thing is not explained by brightening it.
+        // A dimmed but otherwise right picture is not explained by brightening it.
         let dimmed = |by: f64| {
             RgbImage::from_fn(64, 48, |x, y| {
                 Rgb(photograph(1)

@@ -1,9 +1,9 @@
-//! Gaussians of a source: made once, kept, rendered, and compared with their photograph.
+//! Gaussians of a source: predicted once, stored, rendered, and compared with the source's photograph.
 //!
-//! * `gaussian_store`, `prediction_file`: kept in memory or on disk while their source's pairs are done.
-//! * `render`: placed, scaled and rendered for a target; `footprint`: tiles that they cover.
-//! * [`source_check`]: rendered into their own source and compared with its photograph; `rereading`: other readings of
-//!   their file; `registration`: shifts and zooms; `likeness`: how like two pictures are.
+//! * `gaussian_store`, `prediction_file`: storage in memory or on disk while pairs of their source are processed.
+//! * `render`: placing, scaling and rendering for a target; `footprint`: covered tiles.
+//! * [`source_check`]: renders Gaussians into their own source and compares with its photograph; `rereading`: other
+//!   readings of their file; `registration`: shifts and zooms; `likeness`: similarity of two pictures.
 
 pub(super) mod footprint;
 pub(super) mod gaussian_store;

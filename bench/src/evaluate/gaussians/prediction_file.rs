@@ -1,4 +1,4 @@
-//! Files of predicted Gaussians, for separate stages and for what does not fit into memory.
+//! Files of predicted Gaussians, for separate stages and for predictions that do not fit into memory.
 
 use std::collections::{BTreeMap, HashMap};
 use std::path::{Path, PathBuf};
@@ -22,18 +22,18 @@ pub(in crate::evaluate) enum PredictionFileError {
     File(#[from] FileError),
     #[error(transparent)]
     Gaussians(#[from] GaussianFileError),
-    /// Cut off or changed.
+    /// The file is truncated or was changed.
     #[error("{}: not a whole prediction", .0.display())]
     Damaged(PathBuf),
 }
 
-/// Everything but the arrays.
+/// Metadata of a prediction: everything but the arrays.
 #[derive(Serialize, Deserialize)]
 struct Said {
     /// Columns of the map to the source's camera; `None` for SHARP's normalised space.
     camera_from_gaussians: Option<[f64; 12]>,
     extras: BTreeMap<String, f64>,
-    /// Settings of the file that was read.
+    /// Settings with which the original file was read.
     reading: Option<BTreeMap<String, String>>,
     warnings: BTreeMap<String, String>,
     #[serde(default)]
@@ -42,8 +42,8 @@ struct Said {
     rule: Option<String>,
 }
 
-/// Writes a prediction with everything needed to render it: arrays (`colors_linear` are in the space of the rule's
-/// blending), its space, its rule, its depth layer, its reading, the method's extras, the seconds it took, and a checksum.
+/// Writes a prediction with everything needed to render it: arrays (`colors_linear` are in the space in which the rule
+/// blends), space, rule, depth layer, reading, the method's extras, the time taken in seconds, and a checksum.
 pub(in crate::evaluate) fn write_prediction(
     path: &Path,
     prediction: &GaussianPrediction,
@@ -90,10 +90,10 @@ pub(in crate::evaluate) fn write_prediction(
     write_arrays(path, &arrays, Some(metadata))
 }
 
-/// Reads a file of [`write_prediction`]: the prediction, and the seconds it took.
+/// Reads a file of [`write_prediction`]: the prediction, and the time taken in seconds.
 ///
 /// # Errors
-/// When the file cannot be read, or is not whole.
+/// If the file cannot be read or is damaged.
 pub(in crate::evaluate) fn read_prediction(
     path: &Path,
 ) -> Result<(GaussianPrediction, f64), PredictionFileError> {
@@ -154,7 +154,7 @@ pub(in crate::evaluate) fn read_prediction(
     Ok((prediction, secs))
 }
 
-/// The arrays of a prediction, in the order that they are hashed in.
+/// Arrays of a prediction, in hashing order.
 const ARRAYS: [&str; 7] = [
     "means",
     "quats_wxyz",

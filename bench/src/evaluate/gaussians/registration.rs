@@ -1,11 +1,11 @@
-//! Finds the shift and the zoom that align two pictures best. A rendering has to confirm them.
+//! Finds the shift and the zoom that best align two pictures, as candidates to be confirmed by rendering.
 
 use image::RgbImage;
 use image::imageops::thumbnail;
 
-/// Largest shift, pixels.
+/// Maximum shift, pixels.
 const REACH: i32 = 3;
-/// Largest width at which a zoom is sought, pixels.
+/// Maximum picture width for the zoom search, pixels.
 const WIDTH: u32 = 160;
 /// Zooms from exp(−n/50) to exp(n/50) are tried.
 const ZOOMS: i32 = 26;
@@ -18,7 +18,8 @@ pub(in crate::evaluate) fn shift(photograph: &RgbImage, picture: &RgbImage) -> [
     };
     let all = (-REACH..=REACH).flat_map(|x| (-REACH..=REACH).map(move |y| [x, y]));
     let best = least(all, error);
-    // The vertex of the parabola through three errors along each axis: between equal ones it is half a pixel away.
+    // The vertex of the parabola through three errors along each axis; between two equal errors it is half a pixel
+    // away.
     [0, 1].map(|axis| {
         let [before, at, after] = [-1, 0, 1].map(|step| {
             let mut near = best;
@@ -31,8 +32,8 @@ pub(in crate::evaluate) fn shift(photograph: &RgbImage, picture: &RgbImage) -> [
     })
 }
 
-/// The factors across and down by which `picture` must be enlarged about `center` (pixels) to match, of those that are a
-/// power of `along`; `None` if they are about 1.
+/// The horizontal and vertical factors by which `picture` must be enlarged about `center` (pixels) to match. Each is
+/// the same factor raised to the power `along`; `None` if they are about 1.
 pub(in crate::evaluate) fn zoom(
     photograph: &RgbImage,
     picture: &RgbImage,
@@ -68,8 +69,8 @@ fn least<T: Copy + Default>(all: impl Iterator<Item = T>, error: impl Fn(T) -> f
     best.map(|(at, _)| at).unwrap_or_default()
 }
 
-/// Mean squared difference of green. `from` maps the photograph's pixels into the picture; `None` if it misses for two
-/// thirds of them.
+/// Mean squared difference of the green channel. `from` maps the photograph's pixels into the picture; `None` if two
+/// thirds of them fall outside.
 fn error(photograph: &RgbImage, picture: &RgbImage, from: impl Fn(f64, f64) -> (f64, f64)) -> f64 {
     let level = |x: f64, y: f64| f64::from(picture.get_pixel(x as u32, y as u32).0[1]);
     let (right, bottom) = (
@@ -102,7 +103,7 @@ mod tests {
 
     use super::*;
 
-    /// Waves moved by `by` and enlarged by `zoom` about the middle.
+    /// Waves moved by `by` and enlarged by `zoom` about the centre.
     fn waves(by: [f64; 2], zoom: f64) -> RgbImage {
         RgbImage::from_fn(120, 90, |x, y| {
             let x = (f64::from(x) - by[0] - 59.5) / zoom;

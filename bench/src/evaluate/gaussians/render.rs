@@ -1,4 +1,4 @@
-//! The render stage: Gaussians of a source, seen from a target camera.
+//! The render stage: renders a source's Gaussians into a target camera.
 
 use std::collections::BTreeMap;
 
@@ -18,7 +18,7 @@ use crate::rendering::pose_alignment::fit_camera;
 use crate::rendering::shared::{HOLE_ALPHA, surface_depth};
 use crate::scoring::GroundTruth;
 
-/// Beyond this turn, degrees, and this share of the median depth a camera was moved far.
+/// A fitted camera that moved beyond this rotation, degrees, or this share of the median depth, causes a warning.
 const FAR_TURNED: f64 = 15.0;
 const FAR_MOVED: f64 = 0.25;
 
@@ -26,7 +26,7 @@ const FAR_MOVED: f64 = 0.25;
 /// is a reason without file or pair.
 ///
 /// # Errors
-/// See [`RenderError`]: a method without a depth layer is rendered into the source.
+/// [`RenderError`], because Gaussians without a depth layer are rendered into the source.
 pub(in crate::evaluate) fn depth_scale(
     prediction: &GaussianPrediction,
     truth: Option<&DepthMap>,
@@ -82,12 +82,12 @@ pub(in crate::evaluate) fn placed(
     }
 }
 
-/// Renders a prediction into the target, placed by the dataset's own cameras.
+/// Renders a prediction into the target, using the dataset's own cameras.
 ///
-/// With `fit` the target's camera is first moved to fit its photograph.
+/// With `fit`, first moves the target's camera to fit its photograph.
 ///
 /// Extras: those of the prediction, `mean_alpha` (mean coverage, 0..1), `hole_share` (share of pixels with alpha below
-/// [`HOLE_ALPHA`]), with a scale `median_scale`, and of a moved camera `pose_rotation_deg`, `pose_translation_m` and
+/// [`HOLE_ALPHA`]), `median_scale` if scaled, and for a fitted camera `pose_rotation_deg`, `pose_translation_m` and
 /// `pose_steps`.
 ///
 /// # Errors
@@ -101,7 +101,7 @@ pub(in crate::evaluate) fn render(
     fit: Option<&GroundTruth>,
 ) -> Result<(PicturePrediction, RenderOutput), RenderError> {
     let median_scale = scale;
-    // Gaussians of the camera's space are scaled themselves, which is one rounding less.
+    // Gaussians in the camera's space are scaled directly, which avoids one rounding.
     let (space, scale) = match (prediction.space, scale) {
         (GaussianSpace::Camera(map), Some(scale)) if map != DAffine3::IDENTITY => {
             let about_camera = DAffine3::from_scale(DVec3::splat(scale));
@@ -155,7 +155,7 @@ pub(in crate::evaluate) fn render(
     Ok((picture, output))
 }
 
-/// A warning where a moved camera went so far that the fit is hardly one.
+/// A warning if the fit moved the camera so far that it is hardly credible.
 pub(in crate::evaluate) fn far_moved(
     picture: &PicturePrediction,
     output: &RenderOutput,
@@ -173,8 +173,8 @@ pub(in crate::evaluate) fn far_moved(
     })
 }
 
-/// Gaussians scaled about the source camera. In normalised space x and y are ratios, so one factor on everything scales
-/// the depth.
+/// Scales Gaussians about the source camera. In normalised space x and y are ratios, so one factor on all coordinates
+/// scales the depth.
 fn scaled(gaussians: &Gaussians, scale: f64) -> Gaussians {
     let scale = scale as f32;
     let times = |v: &[f32; 3]| v.map(|x| x * scale);
@@ -189,7 +189,7 @@ fn scaled(gaussians: &Gaussians, scale: f64) -> Gaussians {
 mod tests {
     use super::*;
 
-    /// A wall 2 m in front of the camera, where it is 4 m away.
+    /// A wall rendered 2 m in front of the camera, whose true distance is 4 m.
     #[test]
     fn gaussians_without_a_depth_layer_are_scaled_by_the_depth_that_is_seen() {
         let source = PosedCamera {

@@ -16,29 +16,29 @@ use crate::pairs::PosedCamera;
 use crate::rendering::SharedRenderer;
 use crate::scoring::Region;
 
-/// A reading with more Gaussians over an average pixel is not tried: no photograph needs so many.
+/// Maximum average number of Gaussians per pixel for a reading to be tried; no photograph needs more.
 const MOST_LAYERS: f64 = 3000.0;
-/// From this gain in the source on, other views are rendered too, dB.
+/// Minimum gain in the source for rendering other views as well, dB.
 const WORTH_A_LOOK: f64 = 0.25;
-/// A loss that refutes a form of numbers in any case, dB.
+/// A loss that rules out a form of numbers in any case, dB.
 const MUCH: f64 = 1.0;
-/// Errors in other views may grow by at most this factor.
+/// Largest factor by which errors in other views may grow.
 const NOT_WORSE: f64 = 1.1;
-/// The same where Gaussians are shifted, which other views must confirm.
+/// Largest factor on errors in other views if Gaussians are shifted, because other views must confirm a shift.
 const BETTER: f64 = 0.97;
-/// From this gain in the source on, a shift needs no confirmation, dB: poor Gaussians hardly react to half a pixel in
+/// Gain in the source from which a shift needs no confirmation, dB: poor Gaussians hardly react to half a pixel in
 /// other views.
 const BEYOND_CHANCE: f64 = 2.0;
-/// Gain that suffices for another form of colours, dB: these may differ in brightness and contrast alone.
+/// Gain that suffices for another form of colours, dB, because such forms may differ in brightness and contrast only.
 const RECOLORED: f64 = 6.0;
-/// So many settings may be wrong at once.
+/// Maximum number of settings that may be wrong at once.
 const ROUNDS: usize = 3;
-/// Axes to try: OpenGL's (a turn about x), turns about y and z, mirrored ones such as Unity's, and z up.
+/// Axes to try: OpenGL's (a rotation about x), rotations about y and z, mirrored ones such as Unity's, and z up.
 const AXES: [&str; 7] = ["rdf", "rub", "ldb", "luf", "ldf", "ruf", "rfu"];
-/// Units to try of a world, metres: powers of ten, feet and inches.
+/// Units to try for a world space, metres: powers of ten, feet and inches.
 const UNITS_M: [f64; 8] = [0.001, 0.01, 0.1, 10.0, 100.0, 1000.0, 0.3048, 0.0254];
 
-/// The part of a source's photograph that readings are compared on.
+/// The part of a source's photograph on which readings are compared.
 #[derive(Clone, Copy)]
 pub(in crate::evaluate) struct Trial<'a> {
     pub(in crate::evaluate) source: &'a PosedCamera,
@@ -60,7 +60,7 @@ impl Trial<'_> {
         }
     }
 
-    /// Renders Gaussians into the part; `None` if none reach it, or too many.
+    /// Renders Gaussians into the part; `None` if none or too many reach it.
     pub(in crate::evaluate) fn fit(
         &self,
         gaussians: &Gaussians,
@@ -70,8 +70,8 @@ impl Trial<'_> {
         if seen.members.is_empty() || seen.layers > MOST_LAYERS {
             return Ok(None);
         }
-        // Of Gaussians at one depth the first covers the others: in a file's order that moves the whole picture, in none it
-        // does not.
+        // Among Gaussians at equal depth, the first covers the others. In a file's order this would shift the whole
+        // picture; in a shuffled order it does not.
         seen.members.sort_by_key(|&k| mix(k as u64));
         let seen = gaussians.subset(&seen.members);
         let intrinsics = self.intrinsics();
@@ -82,8 +82,8 @@ impl Trial<'_> {
         Ok(Some(Likeness::of(self.photograph, self.region, &picture)))
     }
 
-    /// Whether another form of the stored numbers remains possible: false if the numbers as read explain the part as
-    /// well or much better.
+    /// Whether another form of the stored numbers is still possible: false if the numbers as read explain the part
+    /// equally well or much better.
     pub(in crate::evaluate) fn allows(
         &self,
         other: &FileReading,
@@ -103,9 +103,9 @@ impl Trial<'_> {
     }
 
     /// The reading that explains the photograph best, if it is significantly better than `as_read`, in this part alone
-    /// or together with `neighbours`, other views of the scene. No reading may explain the neighbours worse, and they
-    /// decide among several: wrongly turned Gaussians may cover their own source better than right ones. `moves` are what
-    /// aligns the rendering; `is_lost` if it shows nothing, so that all axes are tried.
+    /// or together with `neighbours`, other views of the scene. A reading must not explain the neighbours worse, and
+    /// they decide between several, because wrongly rotated Gaussians may cover their own source better than right
+    /// ones. `moves` aligns the rendering; if `is_lost`, the rendering shows nothing and all axes are tried.
     pub(in crate::evaluate) fn best_reading(
         &self,
         gaussians: &Gaussians,
@@ -183,8 +183,8 @@ impl Trial<'_> {
                 };
                 let worse = elsewhere.error() > allowed * fit_elsewhere.error()
                     || is_shift && neighbours.is_empty();
-                // Between two forms of colours the source itself decides: other views are blurred by what is wrong with the
-                // geometry, which paler colours hide.
+                // Between two forms of colours the source itself decides: in other views, wrong geometry causes blur,
+                // which paler colours hide.
                 let is_least =
                     chosen.as_ref().is_none_or(|(other, its_fit, its_all)| {
                         match recolors && other.stored.colors != before.stored.colors {
@@ -224,13 +224,14 @@ impl Trial<'_> {
     }
 }
 
-/// The shift, pixels, and the factors across and down that align a rendering with its photograph.
+/// The shift, pixels, and the horizontal and vertical factors that align a rendering with its photograph.
 pub(in crate::evaluate) struct Moves {
     pub(in crate::evaluate) aside: [f64; 2],
     pub(in crate::evaluate) zooms: Vec<[f64; 2]>,
 }
 
-/// Other placements: each space with each axes, a world in each unit, shifted, and with other focal lengths.
+/// Alternative placements: each space with each system of axes, a world in each unit, shifted, and with other focal
+/// lengths.
 fn placements(current: Placement, moves: &Moves, is_lost: bool) -> Vec<Placement> {
     let mut all = Vec::new();
     let axes: Vec<Axes> = match is_lost {
@@ -244,7 +245,7 @@ fn placements(current: Placement, moves: &Moves, is_lost: bool) -> Vec<Placement
             ..current
         }));
     }
-    // About a camera, a scale changes nothing that it sees.
+    // A scale about the camera does not change what it sees.
     let units = UNITS_M.iter().filter(|_| current.space == FileSpace::World);
     all.extend(units.map(|unit| Placement {
         scale: current.scale * unit,
@@ -268,7 +269,7 @@ fn placements(current: Placement, moves: &Moves, is_lost: bool) -> Vec<Placement
     all
 }
 
-/// Other meanings that the stored numbers can have.
+/// Alternative interpretations of the stored numbers.
 fn numbers(current: &FileReading, stored: &Gaussians) -> Vec<FileReading> {
     let mut all = Vec::new();
     let mut add = |change: &dyn Fn(&mut FileReading)| {
@@ -287,7 +288,7 @@ fn numbers(current: &FileReading, stored: &Gaussians) -> Vec<FileReading> {
     for channels in StoredChannels::ALL {
         add(&|other| other.stored.channels = Some(*channels));
     }
-    // Values come back from their encoding with some rounding.
+    // Decoding and encoding again causes some rounding.
     let unit = -1e-4..=1.0001;
     let fits = |all: &[f32], most: f32| all.iter().all(|v| unit.contains(&(v / most)));
     if current.stored.opacity == Some(StoredOpacity::Logit) && fits(&stored.opacities, 1.0) {
@@ -327,12 +328,12 @@ fn numbers(current: &FileReading, stored: &Gaussians) -> Vec<FileReading> {
 
 pub(in crate::evaluate) struct Seen {
     pub(in crate::evaluate) members: Vec<usize>,
-    /// Gaussians over an average pixel.
+    /// Average number of Gaussians per pixel.
     pub(in crate::evaluate) layers: f64,
 }
 
 impl Seen {
-    /// Bounds each Gaussian by its centre and largest standard deviation, which overestimates it.
+    /// Bounds each Gaussian by its centre and largest standard deviation, which overestimates its extent.
     pub(in crate::evaluate) fn of(
         gaussians: &Gaussians,
         camera_from_file: DAffine3,
@@ -350,7 +351,7 @@ impl Seen {
                 continue;
             }
             let scale = gaussians.scales[index].into_iter().fold(0.0, f32::max);
-            // 3.33 standard deviations, half as much again for what lies aside of the axis.
+            // 3.33 standard deviations, and half as much again for perspective stretch off the axis.
             let reach = 5.0 * f64::from(scale) * stretch / p.z;
             let along = |middle: f64, reach: f64, side: f64| {
                 ((middle + reach).min(side) - (middle - reach).max(0.0)).max(0.0)

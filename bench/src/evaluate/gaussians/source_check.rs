@@ -1,10 +1,10 @@
-//! Compares Gaussians with the photograph that they were predicted from and, if they do not show it, tries other readings
-//! of their file.
+//! Renders Gaussians into the photograph that they were predicted from and, if they do not match it, tries other
+//! readings of their file.
 //!
-//! A wrong frame, unit, encoding or colour space gives bad scores without an error. Renderings
-//! from the source's own camera reveal it, except a scale about that camera, so the rendered depth is recorded too. Other
-//! readings of foreign files are tried (`add_doubts`) for three sources of each dataset, chosen by the list of pairs
-//! alone; this costs as much as some small pictures.
+//! A wrong frame, unit, encoding or colour space gives bad scores without an error. Rendering into the source's own
+//! camera reveals all of these except a scale about that camera, so the rendered depth is recorded too. Other readings
+//! of external files are tried (`add_doubts`) for three sources of each dataset, which the list of pairs alone
+//! determines; this costs as much as some small pictures.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -30,41 +30,42 @@ use crate::rendering::SharedRenderer;
 use crate::rendering::shared::surface_depth;
 use crate::scoring::Region;
 
-/// The extra that holds the PSNR of the source's photograph and its rendering, dB; 100 at most, so that it is a number.
+/// Extra with the PSNR between the source's photograph and its rendering, dB; at most 100, so that it is finite.
 pub const SOURCE_PSNR: &str = "source_psnr";
-/// The extra that holds the median depth of the rendering of the source, metres.
+/// Extra with the median depth of the source's rendering, metres.
 pub const SOURCE_DEPTH: &str = "source_depth_m";
 
-/// The extra of blurred renderings of the source: the share of the photograph's contrast that they lack, 0..1.
+/// Extra of blurred renderings of the source: the share of the photograph's contrast that is missing, 0..1.
 pub const SOURCE_BLUR: &str = "source_blur";
 
-/// No other reading is sought where the dataset excludes more of the photograph: it does not show the scene there.
+/// Minimum valid share of the photograph for trying other readings; the excluded part does not show the scene.
 const LEAST_VALID: f64 = 0.95;
-/// From this PSNR of the source's rendering on, no other reading is sought, dB.
+/// PSNR of the source's rendering above which no other reading is tried, dB.
 const RIGHT_DB: f64 = 38.0;
-/// In photographs with fewer pixels none is sought: they do not show a Gaussian's shape.
+/// Minimum number of pixels for trying other readings; smaller photographs do not show a Gaussian's shape.
 const FEWEST_PIXELS: usize = 1200;
-/// Rendered depth is inverse depth if the spread of true over rendered depth is this many times that of their product.
+/// Rendered depth counts as inverse depth if the spread of the ratio of true to rendered depth is this many times that
+/// of their product.
 const INVERSE_SIGNIFICANCE: f64 = 2.5;
-/// Smallest factor of depth that can be another unit: predictions without a unit are off by less.
+/// Smallest depth factor that may indicate another unit; predictions without a unit are off by less.
 const LEAST_FACTOR: f64 = 1.5;
-/// The logarithm of that factor must be this many times the spread of depth ratios, which errors of prediction cause.
+/// Minimum ratio of that factor's logarithm to the spread of depth ratios, which prediction errors cause.
 const FACTOR_SIGNIFICANCE: f64 = 10.0;
-/// With more Gaussians over an average pixel, rendering takes minutes. Photographs need tens or hundreds.
+/// Average number of Gaussians per pixel above which rendering takes minutes. Photographs need tens or hundreds.
 const ABSURD_LAYERS: f64 = 5000.0;
-/// That is absurd only if each covers this share of the picture: millions of small ones over a small picture are
-/// proper.
+/// Minimum average share of the picture covered by each Gaussian for a warning: millions of small ones over a small
+/// picture are fine.
 const ABSURD_SHARE: f64 = 0.02;
 
 pub(in crate::evaluate) struct CheckedSource<'a> {
     pub(in crate::evaluate) camera: &'a PosedCamera,
     pub(in crate::evaluate) photograph: &'a RgbImage,
-    /// Its pixels that count; `None` for all.
+    /// Pixels of the photograph that count; `None` for all.
     pub(in crate::evaluate) valid: Option<&'a Mask>,
-    /// True depth, if there is some and the method is not scaled to it.
+    /// True depth, if available and the method is not scaled to it.
     pub(in crate::evaluate) depth: Option<&'a DepthMap>,
     pub(in crate::evaluate) scene: &'a Scene,
-    /// Whether other readings are tried.
+    /// Whether to try other readings.
     pub(in crate::evaluate) is_chosen: bool,
 }
 
@@ -78,13 +79,13 @@ pub(in crate::evaluate) struct SourceFacts {
 struct SeenSource {
     picture: RgbImage,
     depth: DepthMap,
-    /// The same over the photograph's mean colour instead of the background.
+    /// The rendering over the photograph's mean colour instead of the background.
     over_mean: RgbImage,
 }
 
 /// Renders a prediction into its own source. Measures [`SOURCE_PSNR`], [`SOURCE_DEPTH`] and [`SOURCE_BLUR`], and warns
-/// of what contradicts the reading of its file; for chosen sources it also tries other readings. A setting suggested by
-/// the numbers alone is dropped if the photograph is explained without it.
+/// of contradictions with the reading of its file; for chosen sources it also tries other readings. A setting suggested
+/// by the numbers alone is dropped if the photograph is explained without it.
 ///
 /// # Errors
 /// See [`RenderError`].
@@ -162,8 +163,8 @@ pub(in crate::evaluate) fn check_source(
     Ok(facts)
 }
 
-/// Names (`dataset/scene/source`) of the sources on which other readings are tried: the first, middle and last of each
-/// dataset. `pairs` must be all pairs of the plan, so that shards choose alike.
+/// Names (`dataset/scene/source`) of the sources for which other readings are tried: the first, middle and last of each
+/// dataset. `pairs` must be all pairs of the plan, so that all shards choose the same.
 pub(in crate::evaluate) fn checked_sources(pairs: &[ResolvedPair<'_>]) -> BTreeSet<String> {
     let mut sources: BTreeMap<&str, BTreeSet<&str>> = BTreeMap::new();
     for ResolvedPair { pair, scene, .. } in pairs {
@@ -179,11 +180,11 @@ pub(in crate::evaluate) fn checked_sources(pairs: &[ResolvedPair<'_>]) -> BTreeS
 
 /// `dataset/scene/source` of a pair's id.
 pub(in crate::evaluate) fn source_of(pair_id: &str) -> &str {
-    // Ids encode underscores that would form a second separator.
+    // Ids encode underscores, so the first `__` is the separator.
     pair_id.split("__").next().unwrap_or(pair_id)
 }
 
-/// A warning, before rendering, that it will take very long.
+/// A warning that rendering will take very long.
 pub(in crate::evaluate) fn absurd_coverage(
     prediction: &GaussianPrediction,
     source: &PosedCamera,
@@ -207,8 +208,8 @@ pub(in crate::evaluate) fn absurd_coverage(
     Some(("coverage".to_owned(), text))
 }
 
-/// Warns if another reading or another view's photograph fits the source significantly better, if another unit fits its
-/// depth, or if nothing fits.
+/// Warns if another reading or another view's photograph matches significantly better, if another unit matches the
+/// depth, or if nothing matches.
 fn add_doubts(
     warnings: &mut BTreeMap<String, String>,
     prediction: &GaussianPrediction,
@@ -266,7 +267,7 @@ fn add_doubts(
             let settings: Vec<String> = settings.map(|(k, v)| format!("{k}={v}")).collect();
             let named = format!("`{}`", settings.join("` and `"));
             let text = format!("{shown}; with {named}: {:.2} dB", fit.psnr());
-            // What mends half of it is told once, with the other half.
+            // A setting that fixes only half of the problem is reported once, together with the other half.
             let half = settings
                 .iter()
                 .find(|s| prediction.warnings.contains_key(*s));
@@ -300,14 +301,14 @@ fn add_doubts(
     Ok(())
 }
 
-/// Whether Gaussians over the photograph's mean colour are no closer to the photograph than that colour alone. Right
+/// Whether Gaussians over the photograph's mean colour are no closer to the photograph than that colour alone. Correct
 /// ones are closer, even if blurred or sparse.
 fn shows_nothing(photograph: &RgbImage, over_mean: &RgbImage) -> bool {
     let whole = Region::whole(photograph.dimensions());
     Likeness::of(photograph, whole, over_mean).is_unrelated()
 }
 
-/// A view's neighbours in its scene and its mirror image in the scene's order, if their photographs have its size.
+/// A view's neighbours in its scene and its mirror image in the scene's order, if their photographs have the same size.
 fn other_views(
     source: &PosedCamera,
     scene: &Scene,
@@ -321,7 +322,7 @@ fn other_views(
     let others: BTreeSet<usize> = others.into_iter().flatten().filter(|&k| k != at).collect();
     let views = others.into_iter().filter_map(|k| scene.views.get(k));
     let read = views.filter_map(|view| {
-        // A photograph that cannot be read is its own pairs' failure.
+        // An unreadable photograph is reported by its own pairs.
         let photograph = view.content.image().ok()?;
         Some((PosedCamera::from(view), photograph))
     });
@@ -354,13 +355,13 @@ fn other_view<'a>(
     Ok(best)
 }
 
-/// A warning if rendered depth has another unit than true depth, or is its inverse, beyond what errors of prediction
+/// A warning if rendered depth has another unit than true depth, or is its inverse, beyond what prediction errors
 /// explain.
 fn depth_doubt(truth: &DepthMap, seen: &DepthMap, scale: f64, id: &str) -> Option<String> {
     if truth.dimensions() != seen.dimensions() {
         return None;
     }
-    // Some ten thousand pixels are enough.
+    // About ten thousand pixels are enough.
     let step = (truth.as_raw().len() / 10_000).max(1);
     let both = truth.pixels().zip(seen.pixels()).step_by(step);
     let both: Vec<[f64; 2]> = both
@@ -410,7 +411,7 @@ mod tests {
     use crate::methods::{GaussianSpace, TrueDepth};
 
     fn source() -> PosedCamera {
-        // Turned about the vertical and moved: world and camera space differ.
+        // Rotated about the vertical and moved, so that world and camera space differ.
         let (sin, cos) = 0.4_f64.sin_cos();
         PosedCamera {
             id: "s".to_owned(),
@@ -422,7 +423,8 @@ mod tests {
         }
     }
 
-    /// A wall of coloured Gaussians 2 m in front of the camera, one a pixel, in camera space, no two of them at one depth.
+    /// A wall of coloured Gaussians 2 m in front of the camera, one per pixel, in camera space, all at different
+    /// depths.
     fn wall() -> Gaussians {
         let k = source().intrinsics;
         let mut wall = Gaussians::default();
@@ -453,7 +455,7 @@ mod tests {
                 .iter()
                 .map(|m| point(m).as_vec3().to_array())
                 .collect(),
-            // Round, so that a rotation leaves them as they are.
+            // Spherical, so that a rotation does not change them.
             scales: vec![[0.03; 3]; gaussians.len()],
             ..gaussians.clone()
         }
@@ -467,7 +469,7 @@ mod tests {
         }
     }
 
-    /// The wall as the source's camera sees it.
+    /// The wall as seen by the source's camera.
     fn photograph() -> RgbImage {
         let (round, renderer) = (mapped(&wall(), DAffine3::IDENTITY), SharedRenderer::cpu());
         let truth = renderer.render(&round, DAffine3::IDENTITY, source().intrinsics, None);
@@ -478,7 +480,7 @@ mod tests {
         doubt_about_read(gaussians, FileReading::of_arrays())
     }
 
-    /// As [`doubt_about_read`], of Gaussians of the world.
+    /// As [`doubt_about_read`], for Gaussians in world space.
     fn doubt_about_world(gaussians: Gaussians, reading: FileReading) -> Option<String> {
         let map = reading.placement.camera_from_file(&source());
         doubt_in(
@@ -494,7 +496,7 @@ mod tests {
         doubt_beside(&photograph(), gaussians, reading, None)
     }
 
-    /// `suggested` is a setting that the numbers suggest.
+    /// `suggested` is a setting suggested by the numbers.
     fn doubt_beside(
         photograph: &RgbImage,
         gaussians: Gaussians,
@@ -600,7 +602,7 @@ mod tests {
         }
     }
 
-    /// Colours stored in another form than coefficients, as a PLY that is read without a setting has them.
+    /// Colours stored in a form other than coefficients, as in a PLY read without a setting.
     #[test]
     fn colours_of_another_form_are_named() {
         let mut reading = FileReading::of_arrays();
@@ -627,7 +629,7 @@ mod tests {
         let mut dc = FileReading::of_arrays();
         dc.stored.colors = Some(sharp::ply::StoredColors::Dc);
         let rgb01 = Some("colors=rgb01");
-        // A pastel wall, whose coefficients are all within 0..1.
+        // A pastel wall, whose coefficients are all in 0..1.
         let pastel = recolored(&round, |c| 0.5 + 0.28 * c);
         let seen = SharedRenderer::cpu();
         let shown = seen.render(&pastel, DAffine3::IDENTITY, source().intrinsics, None);
@@ -640,7 +642,7 @@ mod tests {
             said.contains("suggested: ") && said.contains("with `colors=rgb01`: "),
             "{said}"
         );
-        // Where two settings are needed, one sentence has both.
+        // If two settings are needed, one sentence has both.
         let bytes = recolored(&round, |c| 255.0 * srgb_from_linear(c));
         let arrays = FileReading::of_arrays();
         let said = doubt_beside(&photograph(), bytes, arrays, Some("colors=rgb255")).unwrap();
@@ -669,7 +671,7 @@ mod tests {
         assert!(said.contains("with `focal=1:1.2"), "{said}");
     }
 
-    /// Of no program that is known: x forward, y right, z down.
+    /// Axes of no known program: x forward, y right, z down.
     #[test]
     fn unusual_axes_and_units_of_a_world_are_named() {
         let round = mapped(&wall(), DAffine3::IDENTITY);
@@ -709,7 +711,7 @@ mod tests {
         let round = mapped(&wall(), DAffine3::IDENTITY);
         let said = |gaussians: Gaussians| doubt_about(gaussians).unwrap_or_default();
         let nothing = "hardly anything of it";
-        // One in forty, the rest stays black.
+        // One in forty; the rest stays black.
         let few = round.filtered(|k| k % 41 == 0);
         assert!(
             !said(few.clone()).contains(nothing),
@@ -720,14 +722,14 @@ mod tests {
         blurred.scales.fill([0.25; 3]);
         let text = said(blurred);
         assert!(!text.contains(nothing), "{text}");
-        // The same of encoded colours.
+        // The same with encoded colours.
         let mut encoded = FileReading::of_arrays();
         encoded.stored.blending = ColorSpace::Srgb;
         encoded.rule = Some(sharp::render::Rule::GSPLAT_1_5_3_CLASSIC);
         let text = doubt_about_read(recolored(&few, srgb_from_linear), encoded);
         let text = text.unwrap_or_default();
         assert!(!text.contains(nothing), "{text}");
-        // A plain wall, in the photograph's own colour too, and Gaussians that are not seen.
+        // A uniform wall, also in the photograph's own colour, and Gaussians that are not visible.
         let (seen, whole) = (photograph(), Region::whole((40, 32)));
         let own = Likeness::of(&seen, whole, &seen).mean_color();
         let own = own.map(|v| linear_from_srgb(v as f32 / 255.0));

@@ -1,8 +1,8 @@
-//! Differences by class of target pixel, which the depth of both views decides: visible in the source, hidden, outside the
-//! source, or close to a depth edge.
+//! Differences by class of target pixel, determined from the depth of both views: visible in the source, hidden,
+//! outside the source, or close to a depth edge.
 //!
-//! PSNR is that of a class's pixels, SSIM and LPIPS the mean of their maps over them: a window or a network's receptive
-//! field reaches across the border of a class. DISTS has no map and is left out.
+//! PSNR is computed over a class's pixels; SSIM and LPIPS are the means of their maps over those pixels, although a
+//! window or a network's receptive field extends across the border of a class. DISTS has no map and is left out.
 
 use std::collections::BTreeMap;
 
@@ -23,26 +23,26 @@ use crate::pairs::valid_depth::is_valid_depth;
 use crate::report::pictures::ReportPictures;
 use crate::scoring::{GroundTruth, Region, Scoring};
 
-/// Relative difference above which two depths are two surfaces, as for overlap.
+/// Relative difference above which two depths are different surfaces, as for overlap.
 const RELATIVE: f64 = 0.05;
-/// Pixels around a depth edge that belong to it.
+/// Distance from a depth edge up to which pixels belong to it, pixels.
 const EDGE_RADIUS: i64 = 3;
-/// A class with a smaller share of a pair's scored pixels has no scores there.
+/// Minimum share of a pair's scored pixels for a class to have scores.
 const LEAST_SHARE: f64 = 0.001;
 
-/// Class of a target pixel for a method that sees only the source. Each pixel has the first class that fits, in this
+/// Class of a target pixel for a method that sees only the source. Each pixel has the first matching class, in this
 /// order.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum PixelClass {
-    /// At most three pixels from one whose depth differs from a neighbour's by more than 5 % of the nearer.
+    /// Within three pixels of a pixel whose depth differs from a neighbour's by more than 5 % of the nearer depth.
     DepthEdge,
-    /// Without valid depth here; or where the source has none, or sees through this surface.
+    /// No valid depth here or in the source, or the source sees through this surface.
     Unknown,
     /// Behind the source camera, or outside its image.
     OutsideSource,
-    /// The source's depth there agrees within 5 %.
+    /// The source's depth at this point agrees within 5 %.
     Visible,
-    /// The source shows something nearer.
+    /// The source shows something nearer at this point.
     Disoccluded,
 }
 
@@ -55,7 +55,7 @@ impl PixelClass {
         Self::Unknown,
     ];
 
-    /// Name in tables.
+    /// Display name.
     pub fn name(self) -> &'static str {
         match self {
             Self::Visible => "visible in the source",
@@ -133,26 +133,26 @@ fn mark_edges(depth: &DepthMap, classes: &mut [PixelClass]) {
 /// Differences of two methods by class of pixel.
 #[derive(Debug, Default)]
 pub struct Anatomy {
-    /// By [`Division::Pixels`], with the share of pixels.
+    /// Strata of [`Division::Pixels`], with the share of pixels.
     pub strata: Vec<Stratum>,
-    /// What was left out and why, one line each.
+    /// What was left out, and why, one line each.
     pub notes: Vec<String>,
 }
 
-/// Scores of a class in a pair.
+/// Scores of one class in one pair.
 struct ClassScores<'a> {
     class: PixelClass,
     share: f64,
-    /// By position of the metric; `None` if the class has too few pixels.
+    /// Changes by index of the metric; `None` if the class has too few pixels.
     changes: Vec<Option<PairChange<'a>>>,
 }
 
 impl RunComparison {
-    /// Compares two methods by class of target pixel, on pairs with kept pictures in both runs. `scenes` give photographs,
-    /// cameras and depth.
+    /// Compares two methods by class of target pixel, on pairs with kept pictures in both runs. `scenes` provide
+    /// photographs, cameras and depth.
     ///
     /// # Errors
-    /// When the available weights differ from those of the runs.
+    /// If the available weights differ from those of the runs.
     pub fn anatomy(
         &self,
         against: &Against,
@@ -222,7 +222,7 @@ impl RunComparison {
         Ok(anatomy)
     }
 
-    /// Metrics of whole pictures that have a value at each pixel; the others are noted.
+    /// Metrics on whole pictures that have per-pixel values; adds a note on the others.
     fn mapped_metrics(&self, notes: &mut Vec<String>) -> Vec<MetricInfo> {
         let metrics = self.results.manifest.metrics.iter().map(|m| &m.info);
         let (mapped, others): (Vec<_>, Vec<_>) = metrics
@@ -239,7 +239,7 @@ impl RunComparison {
     }
 }
 
-/// Errors name no pair; the caller counts pairs by reason.
+/// Scores of one pair by class. Errors do not name the pair; the caller counts pairs by reason.
 fn of_pair<'a>(
     [a, b]: [&'a Record; 2],
     pictures: &ReportPictures<'_>,
@@ -309,7 +309,7 @@ fn posed(view: &View) -> Result<PosedDepth, String> {
     PosedDepth::of_view(view, depth).map_err(|error| error.to_string())
 }
 
-/// For each class, its scored pixels in a region.
+/// The scored pixels of each class in a region.
 fn masks(
     classes: &[PixelClass],
     image: &RgbImage,
@@ -328,7 +328,7 @@ fn masks(
     masks.ok_or_else(|| "its depth has not the size of its photograph".to_owned())
 }
 
-/// `None` if the map has no value in the mask.
+/// Mean of a map over a mask; `None` if it has no value there.
 fn mean_inside(map: &ScoreMap, mask: &Mask) -> Option<f64> {
     let width = mask.dimensions().0;
     let values = map.values.enumerate_pixels().filter(|(x, y, _)| {
@@ -359,7 +359,7 @@ mod tests {
         PosedDepth::new("v", intrinsics, camera_from_world, depth).unwrap()
     }
 
-    /// A wall at 10 m; before it, in columns `near` of the picture, a board at 5 m.
+    /// A wall at 10 m, with a board at 5 m in front of it in columns `near` of the picture.
     fn wall(near: std::ops::Range<u32>) -> DepthMap {
         DepthMap::from_fn(60, 9, |x, _| {
             Luma([if near.contains(&x) { 5.0 } else { 10.0 }])
@@ -368,18 +368,18 @@ mod tests {
 
     #[test]
     fn a_board_before_a_wall_hides_what_lies_behind_it() {
-        // The target stands 10 m to the right of the source (f 10 px): the wall moves 10 columns, the board 20. In the
-        // source the board is at 40..50, in the target at 20..30.
+        // The target is 10 m to the right of the source (f 10 px), so the wall moves by 10 columns and the board by 20.
+        // In the source the board is at 40..50, in the target at 20..30.
         let source = view(0.0, wall(40..50));
         let target = view(-10.0, wall(20..30));
         let found = classes(&target, &source);
         let row: Vec<PixelClass> = found[4 * 60..5 * 60].to_vec();
-        // Beside the board's edges (19|20 and 29|30), three pixels to each side of the pixels that touch.
+        // Around the board's edges (19|20 and 29|30): three pixels to each side of the adjacent pixels.
         for x in [16, 19, 20, 23, 26, 29, 30, 33] {
             assert_eq!(row[x], PixelClass::DepthEdge, "{x}");
         }
         assert_eq!(row[24], PixelClass::Visible);
-        // Wall of the target at x is at x + 10 in the source: behind the board there for 30..40.
+        // The target's wall at x is at x + 10 in the source, which is behind the board there for 30..40.
         assert_eq!(
             (row[34], row[39]),
             (PixelClass::Disoccluded, PixelClass::Disoccluded)
@@ -410,7 +410,7 @@ mod tests {
             PixelClass::Unknown
         );
         assert_eq!(class(&plain, &view(0.0, holed)), PixelClass::Unknown);
-        // The source sees through what the target says is there.
+        // The source sees through the target's surface.
         let far = DepthMap::from_pixel(60, 9, Luma([30.0]));
         assert_eq!(class(&plain, &view(0.0, far)), PixelClass::Unknown);
         let behind = DepthMap::from_pixel(60, 9, Luma([1.0]));

@@ -1,7 +1,7 @@
 //! Differences by part: the pairs of each dataset by scene, and by bins of camera motion.
 //!
-//! Descriptive: 95 % intervals are for each part alone, without correction for the number of parts. Significance is
-//! decided in the [rows](super::ScoreChange).
+//! Descriptive only: 95 % intervals are for each part alone, not corrected for the number of parts. For significance,
+//! see the [rows](super::ScoreChange).
 
 use std::collections::BTreeMap;
 
@@ -16,10 +16,10 @@ use crate::evaluate::record::Record;
 use crate::report::sweep::Motion;
 use sharp_plots::scale::Step;
 
-/// Most bins per quantity.
+/// Maximum number of bins per quantity.
 const BINS: usize = 5;
 
-/// How pairs or pixels are divided.
+/// How pairs or pixels are divided into parts.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Division {
@@ -38,7 +38,7 @@ impl Division {
             .chain(Motion::DIVIDING.map(Self::Motion))
     }
 
-    /// For headings.
+    /// Title for headings.
     pub fn title(self) -> &'static str {
         match self {
             Self::Scene => "scene",
@@ -47,7 +47,7 @@ impl Division {
         }
     }
 
-    /// `None` if it is unknown or not finite.
+    /// The divided quantity; `None` if unknown or not finite.
     fn value(self, record: &Record) -> Option<f64> {
         match self {
             Self::Scene | Self::Pixels => None,
@@ -56,8 +56,7 @@ impl Division {
     }
 }
 
-/// One metric of two methods on part of a dataset's pairs or pixels. Differences are B − A; values that are not finite are
-/// null.
+/// One metric of two methods on part of a dataset's pairs or pixels. Differences are B − A; non-finite values are null.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Stratum {
     pub dataset: String,
@@ -66,16 +65,16 @@ pub struct Stratum {
     pub method_a: String,
     pub method_b: String,
     pub by: Division,
-    /// The scene, the bin `low to high` (with its lower end), or the class of pixels.
+    /// The scene, the bin `low to high` (including its lower end), or the pixel class.
     pub stratum: String,
     /// Mean share of the class in a pair's scored pixels, 0..1; pairs without such pixels count as 0.
     pub pixel_share: Option<f64>,
     pub n_pairs: usize,
-    /// Physical scenes.
+    /// Number of physical scenes.
     pub n_scenes: usize,
-    /// Pairs with a worse score in B.
+    /// Number of pairs with a worse score in B.
     pub n_worse: usize,
-    /// Pairs with a better score in B.
+    /// Number of pairs with a better score in B.
     pub n_better: usize,
     pub mean_a: f64,
     pub mean_b: f64,
@@ -85,8 +84,8 @@ pub struct Stratum {
 }
 
 impl RunComparison {
-    /// The pairs of two methods by dataset and [`Division::of_pairs`]: scenes in the order of their pairs, bins ascending. A
-    /// quantity that is equal for all pairs of a dataset is left out.
+    /// The pairs of two methods by dataset and [`Division::of_pairs`]: scenes in the order of their pairs, bins
+    /// ascending. Leaves out a quantity that is the same for all pairs of a dataset.
     pub fn breakdown(&self, against: &Against, metric: &MetricInfo) -> Vec<Stratum> {
         let mut changes = self.sides(against).changes(metric);
         changes.sort_by(|a, b| a.a.pair_id.cmp(&b.a.pair_id));
@@ -141,7 +140,7 @@ impl RunComparison {
     }
 }
 
-/// The parts that are not empty.
+/// The non-empty parts, with their names.
 pub(super) fn parts<'c, 'a>(
     by: Division,
     changes: &[&'c PairChange<'a>],

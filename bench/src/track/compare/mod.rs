@@ -28,7 +28,7 @@ pub use crate::pairs::dataset::ALL_DATASETS as ALL;
 /// Why two runs cannot be compared.
 #[derive(Debug, thiserror::Error)]
 pub enum CompareError {
-    /// A run cannot be read, or the two were scored by different rules.
+    /// A run cannot be read, or the two were scored under different rules.
     #[error(transparent)]
     Evaluate(#[from] EvaluateError),
     /// The runs differ in more than their methods.
@@ -38,7 +38,7 @@ pub enum CompareError {
         b: PathBuf,
         difference: String,
     },
-    /// The methods to compare are not clear or not there.
+    /// The methods to compare are ambiguous or do not exist.
     #[error("{0}")]
     Methods(String),
     /// The available weights differ from those of the runs.
@@ -73,41 +73,41 @@ impl Practical {
     }
 }
 
-/// One metric of two methods on one dataset. Differences are B − A; unknown values and values that are not finite are
-/// null.
+/// One metric of two methods on one dataset. Differences are B − A; unknown and non-finite values are null.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct ScoreChange {
-    /// Its name, or [`ALL`].
+    /// The dataset's name, or [`ALL`].
     pub dataset: String,
-    /// Key without the region.
+    /// Metric key without the region.
     pub metric: String,
     pub region: MetricRegion,
     pub method_a: String,
     pub method_b: String,
-    /// Pairs with a score on both sides.
+    /// Number of pairs with a score on both sides.
     pub n_pairs: usize,
-    /// Physical scenes of these pairs.
+    /// Number of physical scenes of these pairs.
     pub n_scenes: usize,
-    /// Pairs with an infinite score on either side.
+    /// Number of pairs with an infinite score on either side.
     pub n_infinite: usize,
     pub mean_a: f64,
     pub mean_b: f64,
     pub difference: f64,
-    /// 95 % confidence.
+    /// 95 % confidence interval.
     pub ci_low: Option<f64>,
     pub ci_high: Option<f64>,
     pub p: Option<f64>,
-    /// Holm's correction over the datasets of a metric, [`ALL`] among them.
+    /// p after Holm's correction over the datasets of a metric, including [`ALL`].
     pub p_holm: Option<f64>,
-    /// The smallest difference that is found with 80 % power at the 5 % level.
+    /// Minimum detectable effect: the smallest difference that is found with 80 % power at the 5 % level.
     pub mde: Option<f64>,
-    /// Of B against A.
+    /// Outcome of B relative to A.
     #[serde(serialize_with = "word")]
     pub verdict: Verdict,
-    /// Planned pairs that lack the score on one side or both.
+    /// Number of planned pairs without the score on one side or both.
     #[serde(skip)]
     pub left_out: usize,
-    /// Number of the dataset's scenes minus that of its physical scenes, of which several can show one.
+    /// Number of the dataset's scenes minus the number of physical scenes, because several scenes may show the same
+    /// one.
     #[serde(skip)]
     pub merged_scenes: usize,
     /// p of the sign-flip test over scenes, for single datasets; exact for up to 14 scenes.
@@ -151,19 +151,19 @@ pub struct Against {
 /// A comparison of two runs.
 #[derive(Debug, Clone)]
 pub struct RunComparison {
-    /// Run folders or bundles.
+    /// Run folder or bundle.
     pub a: PathBuf,
     pub b: PathBuf,
     pub against: Vec<Against>,
-    /// By methods, metric and dataset, in the order of the runs.
+    /// Rows by methods, metric and dataset, in the order of the runs.
     pub rows: Vec<ScoreChange>,
-    /// Remarks that do not prevent the comparison, one line each.
+    /// Notes that do not prevent the comparison, one line each.
     pub notes: Vec<String>,
     /// Seed and number of resamples.
     pub resampling: Resampling,
-    /// Both runs as one.
+    /// The results of both runs, joined.
     pub results: Results,
-    /// Of A, then of B.
+    /// Manifests of A and B.
     pub manifests: [Manifest; 2],
 }
 
@@ -172,9 +172,9 @@ pub struct RunComparison {
 pub struct PairChange<'a> {
     pub a: &'a Record,
     pub b: &'a Record,
-    /// Of A, then of B.
+    /// Scores in A and B.
     pub scores: [f64; 2],
-    /// By how much B is worse, in the metric's unit; negative where it is better, zero where both are infinite alike.
+    /// How much worse B is, in the metric's unit; negative if better, zero if both scores are the same infinity.
     pub loss: f64,
 }
 
@@ -191,7 +191,8 @@ impl<'a> PairChange<'a> {
 }
 
 impl RunComparison {
-    /// The pairs with a score of a metric on both sides, largest loss first, ties by id. NaN is worse than any number.
+    /// The pairs with a score of a metric on both sides, largest loss first, ties by id. NaN counts as worse than any
+    /// number.
     pub fn changes(&self, against: &Against, metric: &MetricInfo) -> Vec<PairChange<'_>> {
         let mut changes = self.sides(against).changes(metric);
         order_by_loss(&mut changes);
@@ -207,7 +208,7 @@ impl RunComparison {
     }
 }
 
-/// Largest loss first; NaN comes before all, whatever its sign.
+/// Sorts by loss, largest first; NaN comes first, regardless of its sign.
 fn order_by_loss(changes: &mut [PairChange<'_>]) {
     let rank = |change: &PairChange<'_>| match change.loss.is_nan() {
         true => f64::NAN.abs(),
@@ -219,11 +220,11 @@ fn order_by_loss(changes: &mut [PairChange<'_>]) {
     });
 }
 
-/// Compares run B with run A. `methods` are pairs of labels `(in A, in B)`. Without any, methods of equal label are compared,
-/// or the only methods of both runs.
+/// Compares run B with run A. `methods` are pairs of labels `(in A, in B)`; if empty, methods with the same label are
+/// compared, or the only methods of both runs.
 ///
 /// # Errors
-/// When a run cannot be read, or both differ in anything but the methods: metrics, scoring rules, pairs, scored parts,
+/// If a run cannot be read, or both differ in anything but the methods: metrics, scoring rules, pairs, scored parts,
 /// renderer.
 pub fn compare(
     a: &Path,
@@ -239,10 +240,10 @@ pub fn compare(
     compare_results([(a, of_a), (b, of_b)], methods, practical)
 }
 
-/// Compares results in memory by the rules of [`compare`]; the paths are for errors.
+/// Compares results in memory by the rules of [`compare`]; the paths are only used in errors.
 ///
 /// # Errors
-/// When both differ in anything but the methods.
+/// If both differ in anything but the methods.
 pub fn compare_results(
     [(a, of_a), (b, of_b)]: [(&Path, Results); 2],
     methods: &[(String, String)],
@@ -261,7 +262,7 @@ pub fn compare_results(
         name: Some(name.to_owned()),
         path: path.to_owned(),
     };
-    // Refuses what is scored otherwise.
+    // Fails for results scored under other rules.
     let joined = join_results([(named("A", a), of_a), (named("B", b), of_b)]);
     let results = joined.map_err(|error| match error {
         EvaluateError::Conflict { difference, .. } => unlike(difference),
@@ -287,7 +288,7 @@ pub fn compare_results(
     Ok(comparison)
 }
 
-/// Rows of two methods, with notes. The error is a difference that makes them incomparable.
+/// Rows for two methods, with notes. The error is a difference that makes the methods incomparable.
 fn rows(
     comparison: &RunComparison,
     against: &Against,
@@ -340,8 +341,8 @@ fn rows(
     Ok((rows, notes))
 }
 
-/// CPU backends count as equal: they differ only in the class of kernels, which changes no visible digit of a score. All
-/// other settings are compared when the results are joined.
+/// The difference between rendering backends, if any. CPU backends count as equal: they differ only in the class of
+/// kernels, which changes no visible digit of a score. Joining the results compares all other settings.
 fn backend_difference([a, b]: &[Manifest; 2]) -> Option<String> {
     let kind = |manifest: &Manifest| match manifest.renderer.backend.starts_with("cpu-") {
         true => "cpu".to_owned(),
@@ -374,7 +375,7 @@ fn notes([a, b]: &[Manifest; 2]) -> Vec<String> {
     notes
 }
 
-/// Labels in the joined results by label in the run.
+/// Label in the joined results, by label in the run.
 fn side_labels((side, manifest): (&str, &Manifest)) -> BTreeMap<String, String> {
     let methods = &manifest.methods;
     let labels = methods.iter().map(|method| method.label.clone());
@@ -444,7 +445,7 @@ fn of_method<'a>(results: &'a Results, label: &str) -> BTreeMap<&'a str, &'a Rec
         .collect()
 }
 
-/// All planned pairs, whether done or not.
+/// Ids of all planned pairs, done or not.
 fn planned_pairs<'a>(results: &'a Results, label: &str) -> BTreeSet<&'a str> {
     let missing = results.missing.iter().filter(|(_, method)| method == label);
     let missing = missing.map(|(pair_id, _)| pair_id.as_str());
@@ -457,7 +458,7 @@ fn planned_pairs<'a>(results: &'a Results, label: &str) -> BTreeSet<&'a str> {
 fn pair_difference([a, b]: &[BTreeSet<&str>; 2]) -> Option<String> {
     let (only_a, only_b) = (a.difference(b).count(), b.difference(a).count());
     let first = a.symmetric_difference(b).next()?;
-    // A run keeps the whole list, whatever its limit.
+    // A run stores the whole list, whatever its limit.
     let hint = match (only_a, only_b) {
         (0, _) | (_, 0) => "; where one was run with --limit, run the other with the same",
         _ => "",

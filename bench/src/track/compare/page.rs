@@ -1,4 +1,4 @@
-//! A comparison as a folder: the report of both runs with the changes, by part and by pair.
+//! Writes a comparison to a folder: the report of both runs, with the changes by part and by pair.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -32,7 +32,7 @@ pub struct PairLine<'a> {
     pub a: f64,
     #[serde(with = "finite_or_text")]
     pub b: f64,
-    /// By how much B is worse.
+    /// How much worse B is.
     #[serde(with = "finite_or_text")]
     pub loss: f64,
 }
@@ -47,7 +47,7 @@ impl RunComparison {
             }
         }
         strata.extend(anatomy.iter().flat_map(|anatomy| anatomy.strata.clone()));
-        // Tables of one metric and division stand together.
+        // Keep the tables of one metric and division together.
         strata.sort_by(|one, other| {
             let key = |s: &Stratum| (s.method_a.clone(), s.method_b.clone(), self.place(s), s.by);
             key(one).cmp(&key(other))
@@ -55,7 +55,7 @@ impl RunComparison {
         strata
     }
 
-    /// Position of its metric in the runs.
+    /// Index of the stratum's metric in the runs.
     fn place(&self, stratum: &Stratum) -> Option<usize> {
         let mut metrics = self.results.manifest.metrics.iter();
         metrics.position(|metric| {
@@ -79,7 +79,8 @@ impl RunComparison {
         })
     }
 
-    /// The pairs of each method and metric, largest loss first: all, or this many of the largest losses and gains.
+    /// The pairs of each method and metric, largest loss first: all of them, or this many of the largest losses and of
+    /// the largest gains.
     pub fn pair_lines(&self, of_either_end: Option<usize>) -> Vec<PairLine<'_>> {
         let mut lines = Vec::new();
         for against in &self.against {
@@ -114,10 +115,10 @@ impl RunComparison {
     }
 
     /// Writes `index.html`, `report.md` and, as CSV, `tables/comparison.csv` (the rows), `tables/breakdown.csv` (the
-    /// strata) and `tables/pairs.csv`. `scenes` give the source and target pictures.
+    /// strata) and `tables/pairs.csv`. `scenes` provide the source and target pictures.
     ///
     /// # Errors
-    /// When a file cannot be written.
+    /// If a file cannot be written.
     pub fn write(
         &self,
         strata: &[Stratum],

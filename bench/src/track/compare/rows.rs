@@ -1,4 +1,4 @@
-//! The rows of a metric: one per dataset and one over all, and their samples.
+//! The rows of a metric, one per dataset and one over all, and their samples.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -8,7 +8,7 @@ use sharp_statistics::{Clusters, Resampling, holm, infer, verdict};
 use super::{ALL, PairChange, Practical, ScoreChange};
 use crate::evaluate::record::{Record, Score};
 
-/// The pairs as a sample of physical scenes.
+/// Groups pairs by physical scene, the unit of the sample.
 pub(super) fn clusters<'c, 'a: 'c>(changes: impl Iterator<Item = &'c PairChange<'a>>) -> Clusters {
     Clusters::new(changes.map(|change| (change.a.cluster.as_str(), change.scores)))
 }
@@ -43,8 +43,8 @@ impl<'a> Sides<'a> {
         scored.collect()
     }
 
-    /// One row per dataset with planned pairs, and one over all if there are several. Where a dataset has no scores on one side,
-    /// its row and the one over all have no numbers. `datasets` are names with numbers of planned pairs.
+    /// One row per dataset with planned pairs, and one over all if there are several. If a dataset has no scores on one
+    /// side, its row and the one over all have no numbers. `datasets` are names with numbers of planned pairs.
     pub(super) fn rows(
         &self,
         datasets: &[(&'a str, usize)],

@@ -1,4 +1,4 @@
-//! A comparison as tables: overall differences, and those by part.
+//! A comparison as tables: overall differences, and differences by part.
 
 use std::collections::BTreeMap;
 
@@ -26,7 +26,7 @@ const HEADS: [&str; 11] = [
     "B is",
 ];
 
-/// Most lost and most won pairs in [`RunComparison::extremes`].
+/// Maximum number of losses and of gains in [`RunComparison::extremes`].
 pub const EXTREMES: usize = 3;
 
 impl RunComparison {
@@ -105,7 +105,7 @@ impl RunComparison {
     }
 }
 
-/// Up to `count` of the largest losses and as many of the largest gains, in the order of [`RunComparison::changes`].
+/// Up to `count` of the largest losses and of the largest gains, in the order of [`RunComparison::changes`].
 pub(super) fn most_changed<'c, 'a>(
     changes: &'c [PairChange<'a>],
     count: usize,
@@ -139,7 +139,7 @@ pub(in crate::track) fn p_text(p: f64) -> String {
 }
 
 fn cells(row: &ScoreChange) -> Vec<GridCell> {
-    // One decimal more than single scores: means of many are compared.
+    // One more decimal than single scores, because means of many pairs are compared.
     let decimals = row.decimals + 1;
     let number = |value: f64| GridCell::rounded(value, decimals);
     let p = |value: Option<f64>| GridCell::optional(value, p_text);
@@ -181,7 +181,7 @@ fn stratum_cells(stratum: &Stratum, decimals: usize) -> Vec<GridCell> {
     .collect()
 }
 
-/// Remarks below the table on one of its rows.
+/// Footnotes on a row.
 fn remarks(row: &ScoreChange) -> Vec<String> {
     let mut remarks = Vec::new();
     let dataset = &row.dataset;

@@ -1,11 +1,11 @@
-//! Limits of a gate, as written on the command line and in `gate.toml`.
+//! Limits of a gate, as given on the command line and in `gate.toml`.
 //!
 //! ```text
-//! lpips > +0.005              on each dataset and over all: fires when B − A is above it, and significant
+//! lpips > +0.005              on each dataset and over all: fires if B − A is above it and significant
 //! psnr < -0.1 on eth3d        on one dataset; `on all` is the mean of the datasets
 //! psnr < -1 per scene         on the mean of each scene, significant or not
-//! |lpips| > 0.005             for the better, too
-//! seconds_per_pair > +10 %    of A, where both ran on one class of device; also peak_memory
+//! |lpips| > 0.005             also for improvements
+//! seconds_per_pair > +10 %    relative to A, if both ran on the same class of device; also peak_memory
 //! ```
 
 use std::collections::BTreeMap;
@@ -16,20 +16,22 @@ use serde::Deserialize;
 use sharp_metrics::identity::MetricRegion;
 use sharp_metrics::{Direction, Family, MetricInfo, MetricKey};
 
-/// The contents of `gate.toml`; limits of the command line are added to them.
+/// The contents of `gate.toml`; limits from the command line are added.
 #[derive(Debug, Clone, Default, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct GateConfig {
     pub fail_if: Vec<Limit>,
-    /// Most pairs per dataset that may lack a score that A has.
+    /// Maximum number of pairs per dataset that have a score in A but none in B.
     pub missing_pairs: usize,
     /// Difference that the runs must be able to detect, by metric.
     pub require_power: BTreeMap<MetricName, f64>,
 }
 
 impl GateConfig {
+    /// Parses `gate.toml`.
+    ///
     /// # Errors
-    /// What is wrong and on which line of the file.
+    /// The mistake and its line in the file.
     pub fn parse(text: &str) -> Result<Self, String> {
         toml::from_str(text).map_err(|error| {
             let line = error
@@ -40,11 +42,11 @@ impl GateConfig {
     }
 }
 
-/// A metric as a limit names it.
+/// A metric as named in a limit.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Deserialize)]
 #[serde(try_from = "String")]
 pub enum MetricName {
-    /// `lpips`: all variants that the runs have.
+    /// A family such as `lpips`: all of its variants in the runs.
     Family(Family, MetricRegion),
     Key(MetricKey),
 }
@@ -102,7 +104,7 @@ impl fmt::Display for MetricName {
 /// Part of the data that a limit applies to.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Scope {
-    /// Each dataset, and their mean.
+    /// Each dataset, and the mean over them.
     Everywhere,
     /// One dataset, or [`ALL`](crate::track::compare::ALL).
     On(String),
@@ -111,7 +113,7 @@ pub enum Scope {
 }
 
 impl Scope {
-    /// The dataset that it names.
+    /// The named dataset, if any.
     pub(super) fn dataset(&self) -> Option<&str> {
         match self {
             Self::On(name) | Self::PerScene(Some(name)) => Some(name),
@@ -120,7 +122,7 @@ impl Scope {
     }
 }
 
-/// A cost of predicting.
+/// A cost of prediction.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Resource {
     SecondsPerPair,
@@ -130,7 +132,7 @@ pub enum Resource {
 impl Resource {
     pub(super) const ALL: [Self; 2] = [Self::SecondsPerPair, Self::PeakMemory];
 
-    /// Least meaningful value in A: seconds or MiB.
+    /// Smallest meaningful value in A, seconds or MiB.
     pub(super) fn least(self) -> f64 {
         match self {
             Self::SecondsPerPair => 0.05,
@@ -152,9 +154,9 @@ impl Resource {
 pub enum Limit {
     Score {
         metric: MetricName,
-        /// 0 or more, in the metric's unit.
+        /// At least 0, in the metric's unit.
         bound: f64,
-        /// Whether improvements beyond the bound fire too.
+        /// Whether improvements beyond the bound also fire.
         either_way: bool,
         scope: Scope,
     },

@@ -1,4 +1,4 @@
-//! Limits on the cost of predictions, which are meaningless across different devices.
+//! Limits on the cost of predictions, which are only meaningful on the same device.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -7,7 +7,7 @@ use super::{Check, CheckState, GateConfig, fired};
 use crate::evaluate::unit::Timing;
 use crate::track::compare::{ALL, Against, RunComparison};
 
-/// Checks each limit on time and memory. `sides` are the timings of A and of B, by pair.
+/// Checks each limit on time and memory. `sides` are the timings of A and B, by pair.
 pub(super) fn costs_of(
     comparison: &RunComparison,
     config: &GateConfig,
@@ -79,7 +79,7 @@ fn device_difference(
     Some(format!("the {what} is {a} in A and {b} in B"))
 }
 
-/// Costs of A and of B: mean seconds per pair over common pairs, or peak MiB.
+/// Costs of A and B: mean seconds per pair over common pairs, or peak MiB.
 fn costs(cost: Resource, sides: &[BTreeMap<String, Timing>; 2]) -> Option<[f64; 2]> {
     let [a, b] = sides;
     let both = || a.iter().filter_map(|(pair, a)| Some([a, b.get(pair)?]));

@@ -15,13 +15,13 @@ use crate::io::counts::counted;
 use crate::track::compare::breakdown::Division;
 use crate::track::compare::{ALL, Against, RunComparison, ScoreChange};
 
-/// Most pairs shown that got worse.
+/// Maximum number of worsened pairs shown.
 const WORST: usize = 3;
 
-/// Judges a comparison of run B with run A, whose folders are `a` and `b`: coverage, each limit on scores, each on costs.
+/// Judges a comparison of run B with run A, whose folders are `a` and `b`: coverage, limits on scores, limits on costs.
 ///
 /// # Errors
-/// When a limit names a metric or a dataset that the runs do not have, or times cannot be read.
+/// If a limit names a metric or a dataset that the runs do not have, or times cannot be read.
 pub(super) fn judge(
     comparison: &RunComparison,
     config: &GateConfig,
@@ -54,13 +54,13 @@ pub(super) fn judge(
     })
 }
 
-/// A check, with its subject if that is a metric.
+/// A check, with its subject if it is on a metric.
 type Judged<'a> = (Check, Option<Subject<'a>>);
 
 struct Judge<'a> {
     comparison: &'a RunComparison,
     config: &'a GateConfig,
-    /// Metrics of both runs.
+    /// Metrics that both runs have.
     metrics: Vec<&'a MetricInfo>,
     datasets: Vec<&'a str>,
 }
@@ -76,7 +76,7 @@ struct Subject<'a> {
 }
 
 impl Subject<'_> {
-    /// Size of a difference for the worse.
+    /// Size of a change for the worse.
     fn loss(&self, difference: f64) -> f64 {
         match self.info.direction {
             _ if self.either_way => difference.abs(),
@@ -85,7 +85,7 @@ impl Subject<'_> {
         }
     }
 
-    /// Whether a difference exceeds the bound; NaN does.
+    /// Whether a difference exceeds the bound; true for NaN.
     fn is_beyond(&self, difference: f64) -> bool {
         difference.is_nan() || self.loss(difference) > self.bound
     }
@@ -95,15 +95,17 @@ impl Subject<'_> {
         Check::of(self.limit.to_string(), &key, self.against, dataset)
     }
 
-    /// One more than single scores have, because means of many are compared.
+    /// One more decimal than single scores, because means of many pairs are compared.
     fn decimals(&self) -> usize {
         self.info.decimals + 1
     }
 }
 
 impl<'a> Judge<'a> {
+    /// Checks that the limits fit the runs.
+    ///
     /// # Errors
-    /// When a limit names a metric or a dataset that the runs do not have.
+    /// If a limit names a metric or a dataset that the runs do not have.
     fn new(comparison: &'a RunComparison, config: &'a GateConfig) -> Result<Self, GateError> {
         let [a, b] = &comparison.manifests;
         let of_both = a.metrics.iter().map(|metric| &metric.info);
@@ -166,7 +168,7 @@ impl<'a> Judge<'a> {
         metrics.filter(move |info| name.names(info))
     }
 
-    /// Checks of all limits on scores.
+    /// Applies all limits on scores.
     fn scores(&self) -> Vec<Judged<'a>> {
         let mut judged = Vec::new();
         for limit in &self.config.fail_if {
@@ -199,7 +201,7 @@ impl<'a> Judge<'a> {
         judged
     }
 
-    /// Pairs of each dataset that have a score in A and none, or NaN, in B.
+    /// Checks, per dataset, for pairs that have a score in A but none, or NaN, in B.
     fn coverage(&self, against: &Against) -> Vec<Check> {
         let [a, b] = against.joined.each_ref().map(|label| {
             let records = self.comparison.results.records.iter();
@@ -242,7 +244,7 @@ impl<'a> Judge<'a> {
         checks
     }
 
-    /// A limit on means of datasets.
+    /// Applies a limit to the means of datasets.
     fn rows(&self, subject: Subject<'_>, dataset: Option<&str>) -> Vec<Check> {
         let Subject { against, info, .. } = subject;
         let is_one = self.datasets.len() == 1;
@@ -262,7 +264,7 @@ impl<'a> Judge<'a> {
             let rows = self.comparison.rows.iter().filter(of_metric);
             let mut rows = rows.filter(|row| row.no_inference != Some(NoInference::NoPairs));
             let Some(row) = rows.find(|row| row.dataset == place) else {
-                // Methods of a run need not share all datasets.
+                // Methods of a run need not have the same datasets.
                 let is_asked =
                     dataset.is_some() || self.has_scores(&against.joined[0], info, place);
                 return is_asked.then(|| unscored(check));
@@ -305,7 +307,7 @@ impl<'a> Judge<'a> {
         })
     }
 
-    /// Why a row cannot detect the difference that `require_power` asks for. Equal sides pass: there is nothing to detect.
+    /// Why a row cannot detect the difference in `require_power`. Equal sides pass, because there is nothing to detect.
     fn lacks_power(&self, info: &MetricInfo, row: &ScoreChange) -> Option<String> {
         let required = self.config.require_power.iter();
         let required = required.filter(|(name, _)| name.names(info));
@@ -329,7 +331,7 @@ impl<'a> Judge<'a> {
         }
     }
 
-    /// Checks of a limit on each scene: all that fired, or else the closest one.
+    /// Applies a limit to each scene: returns all fired checks, or else the closest one.
     fn scenes(&self, subject: Subject<'_>, dataset: Option<&str>) -> Vec<Check> {
         let place = dataset.unwrap_or(ALL);
         let strata = self.comparison.breakdown(subject.against, subject.info);
@@ -371,7 +373,7 @@ impl<'a> Judge<'a> {
         checks
     }
 
-    /// The pairs with the largest losses, for the first fired check on a metric or else the first check on one.
+    /// The pairs with the largest losses, for the first fired check on a metric, or else the first check on a metric.
     fn worst_pairs(&self, judged: &[Judged<'_>]) -> (Option<usize>, Vec<WorsePair>) {
         let on_metrics = judged.iter().enumerate();
         let mut on_metrics =

@@ -1,10 +1,10 @@
-//! Decides whether run B may replace run A: limits fire when a score is worse by more than allowed *and* chance is an
-//! unlikely reason, when single scenes are worse, when pairs lost their scores, or when predictions cost more.
+//! Decides whether run B may replace run A. Limits fire if a score is worse by more than allowed *and* chance is an
+//! unlikely cause, if single scenes are worse, if pairs lost their scores, or if predictions cost more.
 //!
-//! * [`config`]: limits as people write them; [`output`]: tables, JUnit XML and Markdown.
-//! * `judge`: the rules on a comparison: limits on scores and on coverage; `cost`: limits on time and memory.
+//! * [`config`]: limits and their text form; [`output`]: tables, JUnit XML and Markdown.
+//! * `judge`: applies limits on scores and coverage to a comparison; `cost`: limits on time and memory.
 //!
-//! Limits that cannot be judged never pass silently; `bench/docs/gate.md` has the table.
+//! Limits that cannot be judged never pass silently; see the table in `bench/docs/gate.md`.
 
 pub mod config;
 mod cost;
@@ -21,7 +21,7 @@ use crate::evaluate::EvaluateError;
 pub use config::{GateConfig, Limit};
 use judge::judge;
 
-/// Why a gate has no outcome.
+/// Why a gate cannot be evaluated.
 #[derive(Debug, thiserror::Error)]
 pub enum GateError {
     /// The runs cannot be compared.
@@ -30,7 +30,7 @@ pub enum GateError {
     /// The times of a run cannot be read.
     #[error(transparent)]
     Evaluate(#[from] EvaluateError),
-    /// There are no limits, or they name something the runs lack.
+    /// There are no limits, or one names something that the runs do not have.
     #[error("{0}")]
     Limits(String),
 }
@@ -43,15 +43,15 @@ pub enum CheckState {
     Passed,
     /// Beyond the limit, but not significant.
     NotSignificant,
-    /// A cost on devices that differ.
+    /// A cost measured on different devices.
     NotCompared,
-    /// Not decidable from these runs.
+    /// Cannot be decided from these runs.
     Inconclusive,
     Fired,
 }
 
 impl CheckState {
-    /// In words.
+    /// Display text.
     pub fn text(self) -> &'static str {
         match self {
             Self::Passed => "passed",
@@ -63,17 +63,17 @@ impl CheckState {
     }
 }
 
-/// A limit applied to one dataset or scene. Values that are unknown or not finite are null.
+/// A limit applied to one dataset or scene. Unknown and non-finite values are null.
 #[derive(Debug, Clone, Default, PartialEq, Serialize)]
 pub struct Check {
     pub state: CheckState,
     /// The limit as written; `missing_pairs > 0` for coverage.
     pub limit: String,
-    /// Key of a metric, or the name of a cost; `missing_pairs` for coverage.
+    /// Key of a metric, name of a cost, or `missing_pairs` for coverage.
     pub quantity: String,
     pub method_a: String,
     pub method_b: String,
-    /// Name, or `all`.
+    /// The dataset's name, or `all`.
     pub dataset: String,
     pub scene: Option<String>,
     pub a: Option<f64>,
@@ -83,9 +83,9 @@ pub struct Check {
     pub ci_low: Option<f64>,
     pub ci_high: Option<f64>,
     pub p_holm: Option<f64>,
-    /// The smallest difference that is found with 80 % power.
+    /// Minimum detectable effect with 80 % power.
     pub mde: Option<f64>,
-    /// Reason in one line; empty if the numbers suffice.
+    /// The reason in one line; empty if the numbers suffice.
     pub reason: String,
     /// Decimals in tables.
     #[serde(skip)]
@@ -98,7 +98,7 @@ pub struct WorsePair {
     pub pair_id: String,
     pub a: f64,
     pub b: f64,
-    /// In the metric's unit.
+    /// Loss in the metric's unit.
     pub loss: f64,
 }
 
@@ -107,19 +107,19 @@ pub struct WorsePair {
 pub struct GateReport {
     pub a: PathBuf,
     pub b: PathBuf,
-    /// Fired if any check has; else inconclusive if any is; else passed.
+    /// Fired if any check fired, else inconclusive if any check is, else passed.
     pub state: CheckState,
     pub checks: Vec<Check>,
     /// Index of the check that [`Self::worst`] belongs to: the first fired check on a metric, or else the first one on a metric.
     pub worst_of: Option<usize>,
     /// At most three pairs, worst first.
     pub worst: Vec<WorsePair>,
-    /// Remarks that do not affect the outcome.
+    /// Notes that do not affect the outcome.
     pub notes: Vec<String>,
 }
 
 impl Check {
-    /// A check of two methods on a dataset, before its outcome.
+    /// A check of two methods on a dataset, not yet judged.
     fn of(limit: String, quantity: &str, against: &Against, dataset: &str) -> Self {
         Self {
             limit,
@@ -139,7 +139,7 @@ impl Check {
         }
     }
 
-    /// With A, B and by how much they differ.
+    /// Sets the values of A and B and their difference.
     fn measured(self, a: f64, b: f64, difference: f64, decimals: usize) -> Self {
         Self {
             a: Some(a),
@@ -160,7 +160,7 @@ fn fired(is_beyond: bool) -> CheckState {
 }
 
 impl GateReport {
-    /// `failed: 2 of 9 checks fired`.
+    /// A summary such as `failed: 2 of 9 checks fired`.
     pub fn headline(&self) -> String {
         let count = |state| self.checks.iter().filter(|c| c.state == state).count();
         let of = self.checks.len();
@@ -182,7 +182,7 @@ impl GateReport {
         said
     }
 
-    /// A `compare` command that shows details.
+    /// The `compare` command that shows details.
     pub fn compare_command(&self) -> String {
         let methods: BTreeSet<_> = self
             .checks
@@ -206,10 +206,10 @@ fn shell_word(text: &str) -> String {
     }
 }
 
-/// Judges run B by run A. `methods` as for [`compare`].
+/// Judges run B relative to run A. `methods` as for [`compare`].
 ///
 /// # Errors
-/// When the runs cannot be compared, or a limit names a metric or a dataset that they do not have.
+/// If the runs cannot be compared, or a limit names a metric or a dataset that they do not have.
 pub fn gate(
     a: &Path,
     b: &Path,

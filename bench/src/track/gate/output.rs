@@ -1,4 +1,4 @@
-//! Output of a gate: tables, JUnit XML for a build server, Markdown for a comment on a pull request.
+//! Output of a gate: tables, JUnit XML for a build server, Markdown for a pull request comment.
 
 use std::fmt::Write as _;
 
@@ -9,7 +9,7 @@ use crate::report::tables::markdown::escape;
 use crate::report::tables::shown;
 use crate::track::compare::tables::p_text;
 
-/// Most rows of a comment; hosts cut long ones.
+/// Maximum number of rows in a comment, because hosts truncate long comments.
 const ROWS: usize = 40;
 
 impl Check {
@@ -25,7 +25,7 @@ impl Check {
         }
     }
 
-    /// A, B, B − A, interval and p.
+    /// Cells for A, B, B − A, interval and p.
     fn numbers(&self) -> [GridCell; 5] {
         let number = |value| GridCell::optional(value, |value| shown(value, self.decimals));
         let difference = match self.limit.ends_with('%') {
@@ -126,7 +126,7 @@ pub fn junit(report: &GateReport) -> String {
     out
 }
 
-/// `fired: 23.10 to 22.40, -0.70 (-0.90 .. -0.50), p 0.0010; reason`.
+/// One line such as `fired: 23.10 to 22.40, -0.70 (-0.90 .. -0.50), p 0.0010; reason`.
 fn said(check: &Check) -> String {
     let [a, b, difference, interval, p] = check.numbers().map(|cell| cell.text);
     let mut said = check.state.text().to_owned();
@@ -160,7 +160,7 @@ fn xml(text: &str) -> String {
     out
 }
 
-/// Outcome, checks with the most severe first, worst pairs, and the command that shows details.
+/// Outcome, checks with the most severe first, worst pairs, and the `compare` command that shows details.
 pub fn markdown(report: &GateReport) -> String {
     let mut checks: Vec<&Check> = report.checks.iter().collect();
     checks.sort_by_key(|check| std::cmp::Reverse(check.state));

@@ -11,10 +11,10 @@ use super::{History, Point};
 pub const COLUMNS: &str = "entry,label,commit,date,method,dataset,metric,n_pairs,n_planned,n_failed,n_scenes,mean,ci_low,ci_high,\
                            weights,identity,follows,broken,change,rule,against,difference,p";
 
-/// Comma-separated values with a header, series by series. Numbers round-trip; unknown values are empty.
+/// Comma-separated values with a header, one series after the other. Numbers round-trip; unknown values are empty.
 ///
 /// # Errors
-/// When the CSV writer fails, which it does not in memory.
+/// If the CSV writer fails, which it does not in memory.
 pub fn csv(history: &History) -> Result<Vec<u8>, ::csv::Error> {
     let rows = history.points().map(|point| row(history, point));
     tables::csv::csv(COLUMNS.split(','), rows)

@@ -1,10 +1,10 @@
 //! Runs over time.
 //!
-//! A history is a folder of entries `0001.zip`, `0002.zip`, …, each the [`Bundle`] of a run with its [`Occasion`]. Entries are
-//! never changed and are numbered in the order of adding. Adding the same results with the same label and commit again adds
-//! nothing.
+//! A history is a folder of entries `0001.zip`, `0002.zip`, …, each the [`Bundle`] of a run with its [`Occasion`].
+//! Entries are never changed and are numbered in the order of adding. Adding the same results again with the same label
+//! and commit has no effect.
 //!
-//! * [`add`] adds a run; [`read`] reads all, as [`Series`] of one method on one dataset under one metric.
+//! * [`add`] adds a run; [`read`] reads all runs as [`Series`], one per method, dataset and metric.
 //! * `trend` finds change points; [`csv`], [`text`] and [`page`] write the series for programs, terminals and browsers.
 
 pub mod csv;
@@ -27,30 +27,30 @@ use crate::io::calendar::{is_date, minute};
 use crate::io::text::visible_line;
 use trend::Trend;
 
-/// Most characters of a label or commit.
+/// Maximum length of a label or commit, characters.
 const LONGEST: usize = 120;
 
-/// Why a history cannot be read or added to.
+/// Why a history cannot be read or extended.
 #[derive(Debug, thiserror::Error)]
 pub enum HistoryError {
     /// The added run or an entry cannot be read.
     #[error(transparent)]
     Evaluate(#[from] EvaluateError),
-    /// The system refused to read or write a file.
+    /// A file cannot be read or written.
     #[error(transparent)]
     File(#[from] FileError),
-    /// A label, commit or date that no entry can have.
+    /// Invalid label, commit or date.
     #[error("{0}")]
     Occasion(String),
-    /// The folder holds other files, or no entry.
+    /// The folder has other files, or no entry.
     #[error("{}: {reason}", dir.display())]
     NoHistory { dir: PathBuf, reason: String },
 }
 
-/// One run of a history.
+/// One run in a history.
 #[derive(Debug)]
 struct Entry {
-    /// Counted from 1 in the order of adding.
+    /// Number, from 1 in the order of adding.
     number: u32,
     occasion: Occasion,
     bundle: Bundle,
@@ -59,7 +59,7 @@ struct Entry {
 /// Outcome of adding a run.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Added {
-    /// The entry that holds it.
+    /// File of the entry with the run.
     pub path: PathBuf,
     pub number: u32,
     pub occasion: Occasion,
@@ -69,24 +69,24 @@ pub struct Added {
     pub damaged: Vec<String>,
 }
 
-/// A history as it is.
+/// All entries and series of a history.
 #[derive(Debug, Clone)]
 pub struct History {
-    /// Ascending.
+    /// Entries with their numbers, ascending.
     pub entries: Vec<(u32, Occasion)>,
-    /// By metric, dataset and method, in the order in which entries first name them.
+    /// Series by metric, dataset and method, in the order in which they first appear.
     pub series: Vec<Series>,
     /// Why entries could not be read, one line each.
     pub damaged: Vec<String>,
 }
 
 impl History {
-    /// All points, series by series.
+    /// All points, one series after the other.
     pub fn points(&self) -> impl Iterator<Item = &Point> {
         self.series.iter().flat_map(|series| &series.points)
     }
 
-    /// Metadata of an entry; `None` if there is no entry of that number.
+    /// Metadata of an entry; `None` if there is no such entry.
     pub fn occasion(&self, number: u32) -> Option<&Occasion> {
         let at = self.entries.binary_search_by_key(&number, |(n, _)| *n);
         at.ok().map(|at| &self.entries[at].1)
@@ -104,7 +104,7 @@ impl History {
     }
 }
 
-/// Metadata of a run: the label is the name of its folder or file unless another is given, the date is now.
+/// Metadata of a run. The label defaults to the name of its folder or file, the date to now.
 ///
 /// # Errors
 /// [`HistoryError::Occasion`].
@@ -115,7 +115,7 @@ pub fn occasion(
     date: Option<&str>,
 ) -> Result<Occasion, HistoryError> {
     let name = || {
-        // Of `.`, too.
+        // Also gives `.` a name.
         let run = fs::canonicalize(run).unwrap_or_else(|_| run.to_owned());
         let name = if run.is_dir() {
             run.file_name()
@@ -155,11 +155,11 @@ fn check(occasion: &Occasion) -> Result<(), String> {
     }
 }
 
-/// Adds a run folder or a bundle, creating the history where there is none. Several processes may add at once.
+/// Adds a run folder or a bundle, creating the history if needed. Several processes may add concurrently.
 ///
 /// # Errors
-/// When the run cannot be read, the folder holds other files and no entry, or the entry cannot be written. An entry whose
-/// head is damaged is no error; it keeps its number.
+/// If the run cannot be read, the folder has other files and no entry, or the entry cannot be written. An entry with a
+/// damaged head is not an error; it keeps its number.
 pub fn add(dir: &Path, run: &Path, occasion: Occasion) -> Result<Added, HistoryError> {
     let mut bundle = Bundle::read(run)?;
     bundle.occasion = Some(occasion.clone());
@@ -184,7 +184,7 @@ pub fn add(dir: &Path, run: &Path, occasion: Occasion) -> Result<Added, HistoryE
             Err(error) if error.source.kind() == io::ErrorKind::NotFound => Default::default(),
             other => other?,
         };
-        // A mistyped path never mixes entries into other files.
+        // Do not mix entries with other files after a mistyped path.
         if let (true, Some(name)) = (numbers.is_empty(), foreign) {
             let reason =
                 format!("it holds {name} and no entry of a history; choose another folder");
@@ -212,7 +212,7 @@ pub fn add(dir: &Path, run: &Path, occasion: Occasion) -> Result<Added, HistoryE
         let mut file = PartialFile::create(&path)?;
         file.write_all(&bytes)
             .map_err(FileError::new(&path, "write"))?;
-        // Where another process was faster, its entry may be the same run.
+        // If another process was faster, its entry may be the same run.
         if file.commit_new()? {
             return Ok(Added {
                 path,
@@ -228,7 +228,7 @@ pub fn add(dir: &Path, run: &Path, occasion: Occasion) -> Result<Added, HistoryE
 /// Reads all entries. Damaged ones are listed in [`History::damaged`] and do not affect the others.
 ///
 /// # Errors
-/// When the folder cannot be read or holds no entry.
+/// If the folder cannot be read or has no entry.
 pub fn read(dir: &Path) -> Result<History, HistoryError> {
     let (numbers, _) = names(dir)?;
     if numbers.is_empty() {
@@ -258,8 +258,8 @@ fn entry_path(dir: &Path, number: u32) -> PathBuf {
     dir.join(format!("{number:04}.zip"))
 }
 
-/// The numbers of all names of the form of [`entry_path`], even if they are not files, and one other name, if any; names
-/// that begin with a dot are ignored.
+/// The numbers of all names in the form of [`entry_path`], even if they are not files, and one other name, if any.
+/// Ignores names that begin with a dot.
 fn names(dir: &Path) -> Result<(BTreeSet<u32>, Option<String>), FileError> {
     let entries = fs::read_dir(dir).map_err(FileError::new(dir, "read"))?;
     let (mut numbers, mut foreign) = (BTreeSet::new(), None);
@@ -278,7 +278,7 @@ fn names(dir: &Path) -> Result<(BTreeSet<u32>, Option<String>), FileError> {
     Ok((numbers, foreign))
 }
 
-/// The entry's file; a link is refused because its target may change.
+/// Path of an entry's file. Links are an error, because their target may change.
 fn entry_file(dir: &Path, number: u32) -> Result<PathBuf, FileError> {
     let path = entry_path(dir, number);
     let kind = fs::symlink_metadata(&path).map_err(FileError::new(&path, "read"))?;

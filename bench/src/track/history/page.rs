@@ -1,4 +1,4 @@
-//! A history as one page that opens from disk, loads nothing and runs no script.
+//! A history as a single page that opens from disk, loads nothing and runs no script.
 
 use askama::Template;
 
@@ -18,7 +18,7 @@ use sharp_statistics::Verdict;
 
 /// Font size of the labels below the axis, CSS pixels.
 const LABEL_SIZE: f64 = 11.5;
-/// Most entries whose labels fit below the axis.
+/// Maximum number of entries whose labels fit below the axis.
 const LABELLED: f64 = 9.0;
 /// Distance between the points of two methods at one entry, CSS pixels.
 const APART: f64 = 7.0;
@@ -28,9 +28,9 @@ const APART: f64 = 7.0;
 struct HistoryPage<'a> {
     title: &'a str,
     history: &'a History,
-    /// One a metric.
+    /// One figure per metric.
     figures: &'a [Figure],
-    /// Points with events, and their series.
+    /// Points with events, each with its series.
     events: &'a [(&'a Series, &'a Point)],
     changes: usize,
     /// Whether plots have several panels.
@@ -47,10 +47,10 @@ impl HistoryPage<'_> {
     }
 }
 
-/// The page under a title.
+/// Renders the page with a title.
 ///
 /// # Errors
-/// When the drawing library or the template refuses.
+/// If the drawing library or the template fails.
 pub fn html(history: &History, title: &str) -> Result<String, ReportError> {
     let of_metric = |one: &Series, other: &Series| one.metric.key == other.metric.key;
     let figures = history.series.chunk_by(of_metric);
@@ -79,7 +79,7 @@ pub fn html(history: &History, title: &str) -> Result<String, ReportError> {
     Ok(visible(&page.render()?).into_owned())
 }
 
-/// The series of one metric, a panel a dataset.
+/// Plots the series of one metric, one panel per dataset.
 fn plot(history: &History, series: &[Series]) -> Result<Figure, PlotError> {
     let methods = history.methods();
     let style_of = |series: &Series| {
@@ -134,14 +134,14 @@ fn points(series: &[Series]) -> impl Iterator<Item = &Point> {
     series.iter().flat_map(|series| &series.points)
 }
 
-/// Axis from half an entry before the first entry to half an entry after the last.
+/// Axis from half an entry before the first to half an entry after the last.
 fn horizontal(history: &History) -> PlotAxis {
     let number = |entry: Option<&(u32, Occasion)>| entry.map_or(1.0, |(n, _)| f64::from(*n));
     let (first, last) = (
         number(history.entries.first()),
         number(history.entries.last()),
     );
-    // Labels take the place of the axis's own.
+    // Entry labels replace the axis label.
     let label = match last - first < LABELLED {
         true => "",
         false => "entry",
@@ -154,7 +154,7 @@ fn vertical(series: &[Series]) -> PlotAxis {
     PlotAxis::around(&series[0].metric.axis_label(), values.flatten(), 0.1)
 }
 
-/// The entries' labels below their numbers, where there is room for them.
+/// Draws the entries' labels below their numbers, if there is room.
 fn labels(surface: &mut Surface, area: &PlotArea, history: &History) {
     let room = area.x.place(1.0) - area.x.place(0.0) - 6.0;
     if area.x.high - area.x.low > LABELLED {

@@ -1,4 +1,4 @@
-//! The series of a history in words, for terminal and page.
+//! The series of a history as text, for terminal and page.
 
 use crate::report::tables::grid::{GridCell, TextGrid};
 use crate::report::tables::shown;
@@ -39,7 +39,7 @@ impl History {
         self.series.iter().map(grid).collect()
     }
 
-    /// Label of an entry; empty if there is no entry of that number.
+    /// Label of an entry; empty if there is no such entry.
     pub fn label(&self, entry: u32) -> &str {
         self.occasion(entry).map_or("", |occasion| &occasion.label)
     }
@@ -127,7 +127,7 @@ impl Series {
         events
     }
 
-    /// One more than single scores have, because means of many are compared.
+    /// One more decimal than single scores, because means of many pairs are compared.
     fn decimals(&self) -> usize {
         self.metric.decimals + 1
     }

@@ -1,18 +1,18 @@
 //! Scores from entry to entry, and the entries that changed them.
 //!
-//! # Entries that are compared
-//! An entry continues a series from the latest earlier entry that it can be [compared](crate::track::compare) with on that
-//! dataset under that metric, with the same photographs. If that is not the entry before it, the series is broken there, and
-//! the reason is kept; an entry that is comparable with none starts a new part.
+//! # Comparable entries
+//! An entry continues a series from the latest earlier entry that it can be [compared](crate::track::compare) with on
+//! that dataset under that metric, with the same photographs. If that is not the previous entry, the series is broken
+//! at this point and the reason is recorded; an entry that is comparable with none starts a new part.
 //!
 //! # Change points
-//! Both rules are the test of `compare`, on the same pairs, at 0.05 after Holm's correction over the datasets that are compared:
+//! Both rules use the test of `compare` on the same pairs, at 0.05 after Holm's correction over the compared datasets:
 //! * [`Rule::Step`]: against the entry that it continues from;
-//! * [`Rule::Drift`]: where that finds nothing, against the last change point of its part, or where the part begins, so that a
-//!   change too slow for any one step is found once it has added up.
+//! * [`Rule::Drift`]: if that finds nothing, against the last change point of its part, or the start of the part, so
+//!   that a change too slow for any single step is found once it has accumulated.
 //!
-//! No correction is made over entries, metrics and methods: of scores that differ by chance alone, either rule marks one in
-//! twenty. Scores that are the same to the last bit are never a change.
+//! There is no correction over entries, metrics and methods: if scores differ by chance alone, either rule marks one in
+//! twenty. Bit-identical scores are never a change.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
@@ -29,51 +29,51 @@ use crate::pairs::pair_id::PairName;
 use crate::report::Column;
 use crate::track::compare::{CompareError, Practical, ScoreChange, compare_results};
 
-/// Hexadecimal digits of a weights' sha256 that are shown.
+/// Number of hexadecimal digits shown of the weights' SHA-256.
 const WEIGHTS_DIGITS: usize = 12;
 
-/// One method on one dataset under one metric, entry by entry.
+/// One method on one dataset under one metric, over all entries.
 #[derive(Debug, Clone)]
 pub struct Series {
-    /// Its label.
+    /// Label of the method.
     pub method: String,
     pub dataset: String,
     pub metric: Column,
-    /// One per entry that has a value, ascending.
+    /// One point per entry with a value, ascending.
     pub points: Vec<Point>,
 }
 
-/// A series at one entry. Values that are unknown or not finite are null.
+/// A series at one entry. Unknown and non-finite values are null.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Point {
     pub entry: u32,
     /// Label of the method.
     pub method: String,
     pub dataset: String,
-    /// Key with variant and region.
+    /// Metric key with variant and region.
     pub metric: String,
-    /// Pairs with a number.
+    /// Number of pairs with a score.
     pub n_pairs: usize,
-    /// Planned pairs.
+    /// Number of planned pairs.
     pub n_planned: usize,
-    /// Pairs with a failed prediction.
+    /// Number of pairs with a failed prediction.
     pub n_failed: usize,
-    /// Physical scenes of the pairs with a number.
+    /// Number of physical scenes of the pairs with a score.
     pub n_scenes: usize,
-    /// Mean over the pairs with a number; `None` if there are none.
+    /// Mean over the pairs with a score; `None` if there are none.
     pub mean: Option<f64>,
-    /// 95 % interval of the mean, with scenes as the sample.
+    /// 95 % confidence interval of the mean, with scenes as the sample.
     pub ci_low: Option<f64>,
     pub ci_high: Option<f64>,
-    /// First digits of the sha256 of the method's weights; empty without weights.
+    /// First digits of the SHA-256 of the method's weights; empty without weights.
     pub weights: String,
-    /// What the method's predictions depend on.
+    /// Everything that the method's predictions depend on.
     pub identity: String,
     /// The entry that this point is compared with; `None` at the start of a part of the series.
     pub follows: Option<u32>,
-    /// Why it is not comparable with the previous entry.
+    /// Why the point is not comparable with the previous entry.
     pub broken: Option<String>,
-    /// Set for a change point.
+    /// Set if this is a change point.
     pub change: Option<Mark>,
 }
 
@@ -86,9 +86,9 @@ pub struct Mark {
     pub rule: Rule,
     /// The entry that it differs from.
     pub against: u32,
-    /// Mean of this entry minus that one, over pairs with a number in both.
+    /// Mean difference of this entry minus `against`, over pairs with a score in both.
     pub difference: f64,
-    /// After Holm's correction.
+    /// p after Holm's correction.
     pub p: Option<f64>,
 }
 
@@ -99,15 +99,15 @@ pub enum Rule {
     Drift,
 }
 
-/// A series that entries are added to.
+/// A series under construction.
 #[derive(Debug)]
 struct Growing {
     series: Series,
-    /// In the order of their first entries.
+    /// Parts in the order of their first entries.
     parts: Vec<Stretch>,
 }
 
-/// Entries of a series that can be compared with each other.
+/// A part of a series whose entries can be compared with each other.
 #[derive(Debug)]
 struct Stretch {
     last: Arc<Entry>,
@@ -115,7 +115,7 @@ struct Stretch {
     reference: Arc<Entry>,
 }
 
-/// All series, updated entry by entry. Only entries that a later one may be compared with are kept.
+/// All series, updated entry by entry. Keeps only entries that a later one may be compared with.
 #[derive(Debug, Default)]
 pub(super) struct Trend(Vec<Growing>);
 
@@ -131,7 +131,7 @@ impl Trend {
         }
     }
 
-    /// By metric, dataset and method.
+    /// The finished series, by metric, dataset and method.
     pub(super) fn into_series(self) -> Vec<Series> {
         let place = |name: fn(&Series) -> &str| {
             let mut places = BTreeMap::new();
@@ -165,9 +165,9 @@ impl Trend {
             .map(|point| (self.series_of(&point, metric), point))
             .collect();
         let mut open: BTreeSet<usize> = points.keys().copied().collect();
-        // A point without a number changes nothing and breaks nothing.
+        // A point without a score neither changes nor breaks a series.
         open.retain(|at| points[at].n_pairs > 0);
-        // The part that each point continues, by position.
+        // Index of the part that each point continues.
         let mut continued: BTreeMap<usize, usize> = BTreeMap::new();
         let mut earlier: BTreeMap<u32, Arc<Entry>> = BTreeMap::new();
         for part in open.iter().flat_map(|at| &self.0[*at].parts) {
@@ -247,7 +247,7 @@ impl Trend {
             .collect()
     }
 
-    /// The index of a point's series, which is created if needed.
+    /// Index of a point's series, which is created if needed.
     fn series_of(&mut self, point: &Point, metric: &MetricRecord) -> usize {
         let known = self.0.iter().position(|Growing { series, .. }| {
             (&series.method, &series.dataset, &series.metric.key)
@@ -279,7 +279,7 @@ struct MethodMetric<'a> {
 #[derive(Default)]
 struct Compared {
     rows: Vec<ScoreChange>,
-    /// Why a dataset cannot be compared.
+    /// Why datasets cannot be compared, by name.
     broken: BTreeMap<String, String>,
 }
 
@@ -298,7 +298,7 @@ impl Compared {
 }
 
 impl MethodMetric<'_> {
-    /// The point of a dataset; `None` if the method has no pair of it.
+    /// The point of a dataset; `None` if the method has no pair in it.
     fn point(&self, entry: &Entry, dataset: &str) -> Option<Point> {
         let key = self.metric.info.key.to_string();
         let of_dataset = self.of(&entry.bundle.results, &[dataset]);
@@ -307,7 +307,7 @@ impl MethodMetric<'_> {
             let value = record.scores.get(&key).and_then(Score::value)?;
             Some((record.cluster.as_str(), [0.0, value]))
         });
-        // The mean is its difference from zero.
+        // Infer the mean as a difference from zero.
         let sample = Clusters::new(scores);
         let interval = infer(&[&sample], Resampling::default()).map(|found| found.interval);
         let (low, high) = interval.unwrap_or((f64::NAN, f64::NAN));
@@ -366,7 +366,7 @@ impl MethodMetric<'_> {
         }
     }
 
-    /// Compares entry `b` with `a` on datasets of both. A dataset that cannot be compared does not affect the others.
+    /// Compares entry `b` with `a` on common datasets. A dataset that cannot be compared does not affect the others.
     fn compare(&self, a: &Entry, b: &Entry, datasets: &[&str]) -> Compared {
         let compared = |datasets: &[&str]| -> Result<Vec<ScoreChange>, String> {
             if let Some(pair) = other_photographs(a, b, datasets) {
@@ -415,7 +415,7 @@ impl MethodMetric<'_> {
     }
 }
 
-/// The first pair of some datasets whose photographs changed.
+/// The first pair in these datasets whose photographs changed.
 fn other_photographs<'a>(a: &'a Entry, b: &Entry, datasets: &[&str]) -> Option<&'a str> {
     let (a, b) = (&a.bundle.pairs, &b.bundle.pairs);
     if a.sha256 == b.sha256 {

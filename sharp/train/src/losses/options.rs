@@ -257,9 +257,9 @@ pub enum Difference {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum SplatVariance {
-    /// The sum of both losses.
+    /// Each of the two eigenvalues; their losses are added.
     Eigenvalues,
-    /// The mean of both losses.
+    /// The mean of the two eigenvalues.
     Mean,
 }
 
