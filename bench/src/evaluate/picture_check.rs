@@ -28,6 +28,10 @@ const LEAST_GAIN_OF_CHANNELS: f64 = 0.25;
 const LEAST_GAIN_OF_TRANSFER: f64 = 3.0;
 /// Minimum gain for another range of levels, which other exposures resemble, dB.
 const LEAST_GAIN_OF_RANGE: f64 = 1.5;
+/// The same for the limited range, of which the ends of the levels say more.
+const LEAST_GAIN_OF_LIMITED: f64 = 0.25;
+/// Share of the levels below the dark end, and above the bright end: ringing of JPEG and of resampling goes beyond.
+const BEYOND_ENDS: f64 = 0.002;
 /// Below this correlation with the photograph, red and blue are exchanged (for their difference) or the picture is a
 /// negative. Poor predictions have 0.4 to 0.8; a tint does not matter.
 const OPPOSED: f64 = -0.4;
@@ -41,6 +45,7 @@ const TWICE: &str =
     "are encoded as sRGB twice (exr=srgb reads EXR files that hold sRGB values as they are)";
 const HALVED: &str =
     "have half their contrast, as if values from 0 to 1 had been stored as values from −1 to 1";
+const LIMITED: &str = "hold the limited range of video, 16 to 235, where 0 to 255 is read";
 const CLIPPED: &str = "have their darker half cut off, as if values from −1 to 1 had been stored as values from 0 to 1";
 
 /// Whether this kind of method reads pictures stored by other programs.
@@ -106,6 +111,14 @@ fn likely_change(photograph: &RgbImage, picture: &RgbImage) -> Option<&'static s
         is_right.then_some(after)
     };
     let is_upper_half = shown.iter().all(|level| *level >= 127);
+    // A blurred picture does not reach black and white, but only the limited range ends at 16 and at 235.
+    let ([black, white], [lowest, highest]) = (ends(photograph), ends(picture));
+    let is_limited =
+        black <= 4 && white >= 251 && (14..=20).contains(&lowest) && (231..=237).contains(&highest);
+    let full = mapped(&shown, |color| {
+        color.map(|v| ((f32::from(v) - 16.0) * 255.0 / 219.0).round() as u8)
+    });
+    let full = nearer(&full, LEAST_GAIN_OF_LIMITED).filter(|_| is_limited);
     let exchanged = nearer(
         &mapped(&shown, |[r, g, b]| [b, g, r]),
         LEAST_GAIN_OF_CHANNELS,
@@ -122,6 +135,7 @@ fn likely_change(photograph: &RgbImage, picture: &RgbImage) -> Option<&'static s
         (TWICE, encoded(linear_from_srgb)),
         (HALVED, ranged(|v| 2.0 * v - 255.0, is_upper_half)),
         (CLIPPED, ranged(|v| (v + 255.0) / 2.0, false)),
+        (LIMITED, full),
         (
             "are mirrored left to right",
             moved(&flip_horizontal(&shown)),
@@ -140,6 +154,23 @@ fn likely_change(photograph: &RgbImage, picture: &RgbImage) -> Option<&'static s
         .filter_map(|(change, fit)| Some((change, fit?.error())));
     let best = likely.min_by(|a, b| a.1.total_cmp(&b.1));
     best.map(|(change, _)| change)
+}
+
+/// The darkest and the brightest level, but for a few beyond them.
+fn ends(picture: &RgbImage) -> [u8; 2] {
+    let mut counts = [0_usize; 256];
+    picture
+        .iter()
+        .for_each(|level| counts[usize::from(*level)] += 1);
+    let beyond = (BEYOND_ENDS * picture.len() as f64) as usize;
+    let end = |level: &dyn Fn(u8) -> u8| {
+        let mut seen = 0;
+        (0..255).map(level).find(|level| {
+            seen += counts[usize::from(*level)];
+            seen > beyond
+        })
+    };
+    [end(&|k| k).unwrap_or(255), end(&|k| 255 - k).unwrap_or(0)]
 }
 
 fn mapped(picture: &RgbImage, of: impl Fn([u8; 3]) -> [u8; 3]) -> RgbImage {
@@ -244,6 +275,22 @@ mod tests {
             ("have rows and columns exchanged", transposed),
         ] {
             assert_eq!(told(&done(&proper)), Some(name));
+        }
+    }
+
+    #[test]
+    fn the_limited_range_of_video_is_told() {
+        let contrast = |p: &RgbImage| levels(p, |v| (1.5 * (v - 120.0) + 128.0).clamp(0.0, 255.0));
+        let photograph = contrast(&picture(0.0, 0));
+        let told = |shown: &RgbImage| likely_change(&photograph, shown);
+        let proper = contrast(&picture(1.0, 1));
+        let blurred = image::imageops::fast_blur(&proper, 3.0);
+        assert_eq!(
+            told(&levels(&proper, |v| 16.0 + v * 219.0 / 255.0)),
+            Some(LIMITED)
+        );
+        for poor in [proper.clone(), levels(&proper, |v| 30.0 + 0.8 * v), blurred] {
+            assert_eq!(told(&poor), None);
         }
     }
 
