@@ -1,12 +1,11 @@
-//! Booster: stereo pairs of transparent and mirroring objects, several illuminations a scene.
+//! Booster: stereo pairs of transparent and mirroring objects, with several illuminations per scene.
 //!
-//! A scene is a folder with `camera_00`, a second camera (`camera_02` in the balanced set,
-//! `camera_01` or `camera_02` in the unbalanced one) and `calib_00-0N.xml`. Every picture of the
-//! first camera that the second has too, one an illumination, makes one pair; all share one
-//! disparity map a camera. The test sets have none.
+//! A scene is a folder with `camera_00`, a second camera (`camera_02` in the balanced set, `camera_01` or `camera_02`
+//! in the unbalanced one) and `calib_00-0N.xml`. Each picture (one per illumination) that both cameras have forms one
+//! pair; all pairs share one disparity map per camera. The test sets have no disparity maps.
 //!
-//! Cameras come from the projection matrices of OpenCV's rectification, whose pixel centres are
-//! whole numbers, so 0.5 is added to each principal point. `baselineLR` is in millimetres.
+//! Cameras are read from the projection matrices of OpenCV's rectification. Its pixel centres are at integers, so 0.5
+//! is added to each principal point. `baselineLR` is in millimetres.
 
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
@@ -102,14 +101,14 @@ fn open(spec: &DatasetSpec) -> Result<FoundScenes, DatasetError> {
     spec.conclude(found, expected, search.unsearched)
 }
 
-/// Numbers that a scene's second camera may have.
+/// Possible numbers of a scene's second camera.
 const NUMBERS: [&str; 2] = ["02", "01"];
 
 fn calibration_of(number: &str) -> String {
     format!("calib_00-{number}.xml")
 }
 
-/// Looks at the folders above the scene, also those above the dataset's root.
+/// True if the folders above the scene, including those above the dataset's root, match `split` and `set`.
 fn is_wanted(folder: &Path, split: &str, set: &str) -> bool {
     let above: Vec<_> = folder
         .parent()
@@ -127,8 +126,7 @@ fn is_wanted(folder: &Path, split: &str, set: &str) -> bool {
     split_fits && set_fits
 }
 
-/// A scene for each picture of either camera. The error is that of a folder in which no picture can
-/// be told.
+/// Reads a scene for each pair of pictures. The error is that of a folder whose pictures cannot be determined.
 fn read_scenes(
     spec: &DatasetSpec,
     root: &Root,
@@ -203,7 +201,7 @@ impl BoosterRig {
     fn parse(storage: &FileStorage) -> Result<Self, FormatError> {
         let left = camera(storage, "proj_matL", "mtxL")?;
         let right = camera(storage, "proj_matR", "mtxR")?;
-        // The right camera's matrix holds −f·B in its fourth column.
+        // The fourth column of the right camera's matrix contains −f·B.
         let from_matrix = match storage.get("proj_matR") {
             Some(Node::Matrix {
                 rows: 3,
@@ -263,7 +261,7 @@ impl BoosterRig {
     }
 }
 
-/// fx, fy, cx, cy of the first matrix there is.
+/// fx, fy, cx, cy of the first of these matrices that exists.
 fn camera(
     storage: &FileStorage,
     projection: &str,

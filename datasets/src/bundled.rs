@@ -1,4 +1,4 @@
-//! The dataset that comes with the program: one Middlebury scene, in Middlebury's own layout.
+//! The dataset bundled with the program: one Middlebury scene, in Middlebury's own layout.
 
 use std::path::{Path, PathBuf};
 
@@ -35,13 +35,11 @@ const FILES: [BundledFile; 4] = [
     },
 ];
 
-/// Writes the bundled scene below `folder` and returns the path to give to the `middlebury`
-/// reader. Files that are there and whole are left alone, others are replaced; each is written
-/// beside its place and then moved, so that no file is ever incomplete.
+/// Writes the bundled scene to `folder` and returns the path for the `middlebury` reader. Intact existing files are
+/// kept, others are replaced; each is written to a temporary file and then renamed, so that no file is ever incomplete.
 ///
 /// # Errors
-/// [`DatasetError::Io`]; [`DatasetError::Malformed`] when what was written does not have the
-/// published sha256.
+/// [`DatasetError::Io`]; [`DatasetError::Malformed`] if a written file does not have the published SHA-256.
 pub fn extract(folder: &Path) -> Result<PathBuf, DatasetError> {
     let dataset = folder.join("middlebury");
     let scene = dataset.join(FOLDER);

@@ -1,4 +1,4 @@
-//! Pictures of another size than their camera is for: refused, or the camera scaled on request.
+//! Pictures whose size differs from their camera's: rejected, or the camera is scaled on request.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -10,7 +10,7 @@ use crate::format::picture;
 use crate::lens::Lens;
 use crate::{DatasetError, DatasetSpec, mask};
 
-/// What happens to pictures of another size than their camera's.
+/// Treatment of pictures whose size differs from their camera's.
 pub(crate) const CAMERA_SIZE: Setting = Setting::choice(
     "camera-size",
     "pictures of another size than their camera is for",
@@ -25,14 +25,14 @@ pub(crate) const CAMERA_SIZE: Setting = Setting::choice(
 
 type PixelSize = (u32, u32);
 
-/// Fits cameras to pictures as [`CAMERA_SIZE`] asks, and keeps count.
+/// Fits cameras to pictures as [`CAMERA_SIZE`] specifies, and counts the scaled ones.
 #[derive(Debug)]
 pub(crate) struct CameraSizes {
-    /// Where the cameras are from, for notes.
+    /// Source file of the cameras, for notes.
     file: PathBuf,
     scale: bool,
     rules: PictureRules,
-    /// From the camera's size to the picture's, and how often.
+    /// Number of cameras scaled, by the camera's size and the picture's.
     scaled: BTreeMap<(PixelSize, PixelSize), usize>,
 }
 
@@ -46,23 +46,23 @@ impl CameraSizes {
         }
     }
 
-    /// Sets the file that notes name.
+    /// Sets the file named in notes.
     pub(crate) fn cameras_from(&mut self, file: Option<&PathBuf>) {
         if let Some(file) = file {
             self.file.clone_from(file);
         }
     }
 
-    /// The camera of a picture: as it is, or scaled to the picture's size. Pixels are measured from
-    /// the picture's corner, so that focal lengths and principal point take each axis's factor;
-    /// distortion acts on coordinates without a unit and stays.
+    /// Camera of a picture, scaled to the picture's size if necessary. Pixels are measured from the picture's corner,
+    /// so focal lengths and principal point are multiplied by the factor of their axis; distortion acts on
+    /// dimensionless coordinates and is unchanged.
     ///
     /// # Errors
-    /// Names a picture whose scaled camera is invalid.
+    /// If the scaled camera is invalid; names the picture.
     pub(crate) fn fit(&mut self, lens: Lens, image: &Path) -> Result<Lens, DatasetError> {
         let k = lens.intrinsics();
         let from = (k.width, k.height);
-        // Decoding reports a picture that cannot be read.
+        // A picture that cannot be read is reported when it is decoded.
         let Some(header) = self.scale.then(|| picture::header(image).ok()).flatten() else {
             return Ok(lens);
         };
@@ -85,7 +85,7 @@ impl CameraSizes {
             .map_err(|source| DatasetError::camera(image, source))
     }
 
-    /// A note a pair of sizes.
+    /// One note per pair of sizes.
     pub(crate) fn notes(&self) -> Vec<String> {
         self.scaled
             .iter()
@@ -104,7 +104,7 @@ impl CameraSizes {
     }
 }
 
-/// Refuses a picture of another size than its camera; the error names [`CAMERA_SIZE`] where it would help.
+/// Rejects a picture whose size differs from its camera's; the error mentions [`CAMERA_SIZE`] if it would help.
 pub(crate) fn check_size(
     path: &Path,
     found: PixelSize,
@@ -120,14 +120,14 @@ pub(crate) fn check_size(
     })
 }
 
-/// Whether one factor leads from one size to the other, where both of the new sides were rounded
-/// to whole pixels in the same way: down, or to the nearest.
+/// True if a single factor maps one size to the other, with both new sides rounded to whole pixels in the same way:
+/// down, or to the nearest.
 fn is_same_ratio(from: PixelSize, to: PixelSize) -> bool {
     let ([w, h], [v, u]) = (
         [from.0, from.1].map(i128::from),
         [to.0, to.1].map(i128::from),
     );
-    // Of each axis: the factors that lead to that side form an interval; the two must meet.
+    // For each axis, the factors that give the new side form an interval; the two intervals must overlap.
     let down = v * h < (u + 1) * w && u * w < (v + 1) * h;
     let nearest = (2 * v - 1) * h <= (2 * u + 1) * w && (2 * u - 1) * w <= (2 * v + 1) * h;
     down || nearest

@@ -1,8 +1,8 @@
-//! Anyone's own pictures with a COLMAP model.
+//! The user's own pictures with a COLMAP model.
 //!
-//! COLMAP's conventions are ours: world-to-camera poses, pixel centres at half integers. The
-//! model's units, times `scale`, are metres. Pictures with lens distortion are resampled to a
-//! pinhole camera; an EXIF orientation is not applied, as COLMAP does not.
+//! COLMAP's conventions are the same as ours: world-to-camera poses, pixel centres at half integers. The model's units
+//! are converted to metres by `scale`. Pictures with lens distortion are resampled to a pinhole camera; EXIF
+//! orientations are ignored, as in COLMAP.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
@@ -67,7 +67,7 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
     ..DatasetEntry::OWN
 };
 
-/// Possible places of a model, relative to a scene's folder.
+/// Possible locations of a model, relative to a scene's folder.
 const MODELS: [&str; 6] = [
     "sparse/0",
     "sparse",
@@ -86,7 +86,7 @@ fn required_files(photo: &PhotographPath<'_>) -> Vec<RequiredFile> {
 
 fn open(spec: &DatasetSpec) -> Result<FoundScenes, DatasetError> {
     let root = Root::open(&spec.path)?.allowing_outside(spec.setting("outside") == "allow");
-    // Asked once, before any scene: a wrong value is no scene's fault.
+    // Parsed once, before any scene, because an invalid value is not a scene's fault.
     let units = (spec.positive("scale")?, spec.positive("depth-unit")?);
     let chosen = Some(spec.setting("model")).filter(|model| *model != "first");
     let places = chosen.map_or(MODELS.to_vec(), |model| vec![model]);
@@ -197,7 +197,7 @@ fn read_scene(
     scene.finish_with_views(root.id_of(folder), &hint)
 }
 
-/// Models of a scene's folder beside the one that was read, with their sizes and the setting that reads each.
+/// Other models in a scene's folder besides the one that was read, with their sizes and the setting that selects each.
 fn other_models(folder: &Path, read: &Path) -> Vec<String> {
     let mut models: Vec<PathBuf> = MODELS.iter().map(|place| folder.join(place)).collect();
     for place in ["sparse", "colmap/sparse"] {
@@ -222,7 +222,7 @@ fn pictures_of(count: Result<usize, DatasetError>) -> String {
     }
 }
 
-/// The triangulated points that each image sees.
+/// The triangulated points seen by each image.
 pub(crate) struct PointTracks {
     file: PathBuf,
     points: BTreeMap<u32, Vec<DVec3>>,
@@ -230,7 +230,7 @@ pub(crate) struct PointTracks {
 
 impl PointTracks {
     /// # Errors
-    /// Names the file, also when there is none.
+    /// If the file is missing or invalid; names the file.
     pub(crate) fn read(model_folder: &Path, scale: f64) -> Result<Self, DatasetError> {
         let (file, list) = colmap::read_points(model_folder)?.ok_or_else(|| {
             DatasetError::malformed(model_folder, "no points3D.bin or points3D.txt")

@@ -18,16 +18,16 @@ use crate::{DatasetError, DatasetSpec, DepthMap, files};
 /// Source of a view's depth.
 #[derive(Debug)]
 pub(crate) enum ViewDepth {
-    /// A disparity map of one of a rectified pair's views, and the pixels of one stored unit: 1, or
-    /// 1/256 in a 16-bit PNG.
+    /// A disparity map of one view of a rectified pair, and the number of pixels per stored unit: 1, or 1/256 in a
+    /// 16-bit PNG.
     Disparity(PathBuf, StereoGeometry, f64),
-    /// A map in the geometry of the stored picture.
+    /// A map with the geometry of the stored picture.
     Map(PathBuf, DepthEncoding),
-    /// A map in the geometry of another camera than the stored picture's.
+    /// A map with the geometry of a camera other than the stored picture's.
     MapOf(PathBuf, DepthEncoding, Lens),
     /// A laser scan or mesh in world coordinates.
     Scan(ScanFile),
-    /// Points in world coordinates that the view sees, and the file they are from.
+    /// Points in world coordinates that the view sees, and the file from which they were read.
     Points(PathBuf, Vec<DVec3>),
 }
 
@@ -42,7 +42,7 @@ impl ViewDepth {
         }
     }
 
-    /// Reads the depth map of a view; it has the size of the view's pinhole camera.
+    /// Reads the depth map of a view, with the size of the view's pinhole camera.
     pub(crate) fn load(&self, view: &FileContent) -> Result<DepthMap, DatasetError> {
         match self {
             Self::Disparity(file, geometry, unit) => {
@@ -93,23 +93,22 @@ impl ViewDepth {
     }
 }
 
-/// So many times as many disparities are negative as positive where the sign is another.
+/// Minimum ratio of negative to positive disparities for the sign to be considered inverted.
 const MOSTLY: u64 = 20;
 
 /// Conversion from disparity to depth: `Z = baseline · f / (d + doffs)`.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct StereoGeometry {
-    /// Focal length, pixels.
+    /// Focal length in pixels.
     pub(crate) focal: f64,
-    /// Distance of the two cameras, metres.
+    /// Distance between the two cameras, in metres.
     pub(crate) baseline_m: f64,
-    /// Difference of the principal points, pixels.
+    /// Difference of the principal points, in pixels.
     pub(crate) doffs: f64,
 }
 
 impl StereoGeometry {
-    /// Depth in metres; 0 where the disparity is not finite, not positive, or stands for a point
-    /// behind the cameras.
+    /// Depth in metres; 0 if the disparity is not finite or not positive, or corresponds to a point behind the cameras.
     fn depth(&self, disparity: f32) -> f32 {
         let shifted = f64::from(disparity) + self.doffs;
         if !disparity.is_finite() || disparity <= 0.0 || shifted <= 0.0 {
@@ -118,10 +117,10 @@ impl StereoGeometry {
         valid_depth(self.baseline_m * self.focal / shifted)
     }
 
-    /// Converts a whole disparity map.
+    /// Converts a disparity map.
     ///
-    /// A map without one disparity inside the picture, though it holds values, is refused: read
-    /// in the wrong byte order, disparities become denormal or astronomical. So is one of negative disparities.
+    /// Rejects a map that contains values but no disparity within the picture's width: in the wrong byte order,
+    /// disparities become denormal or astronomical. Also rejects negative disparities.
     fn depth_map(&self, path: &Path, disparity: &FloatMap) -> Result<DepthMap, DatasetError> {
         let widest = f64::from(disparity.width());
         let (mut sane, mut strange, mut negative, mut mark) = (0_u64, 0_u64, 0_u64, None);
@@ -129,14 +128,14 @@ impl StereoGeometry {
             .as_raw()
             .iter()
             .map(|&d| {
-                // Zero and -1 are common marks of an invalid pixel and prove nothing.
+                // Zero and -1 are common marks of invalid pixels and are no evidence.
                 let magnitude = f64::from(d.abs());
                 if d.is_finite() && (magnitude >= widest || (magnitude > 0.0 && magnitude < 1e-6)) {
                     strange += 1;
                 } else if d.is_finite() && d > 0.0 {
                     sane += 1;
                 } else if d.is_finite() && d < 0.0 {
-                    // One value for all is a mark.
+                    // A negative value that is the same everywhere is a mark.
                     negative += u64::from(d != *mark.get_or_insert(d));
                 }
                 self.depth(d)
@@ -165,7 +164,7 @@ impl StereoGeometry {
     }
 }
 
-/// Meaning of the values of a stored depth map.
+/// Meaning of the values in a stored depth map.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum DepthKind {
     Z,
@@ -193,19 +192,19 @@ impl DepthKind {
     }
 }
 
-/// Encoding of a stored depth map, which also decides how it is resampled to the pinhole camera.
+/// Encoding of a stored depth map, which also determines how it is resampled to the pinhole camera.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) enum DepthEncoding {
-    /// A self-describing file; one unit is this many metres, or one over this many for reciprocals. 65535 in a
-    /// whole-numbered map means no depth, as 0 does. Dense: each pixel looks up the nearest stored one.
+    /// A self-describing file; one unit is this many metres, or one over this many for reciprocals. In integer maps,
+    /// 65535 means no depth, as 0 does. Dense: each pixel looks up the nearest stored one.
     Units(f64, DepthKind),
-    /// Bare f32 metres. Sparse: each stored sample is carried to where it lands.
+    /// Bare f32 metres. Sparse: each stored sample is projected to its new position.
     RawFloats,
 }
 
 impl DepthEncoding {
-    /// z-depth beside a photograph that is stored at `size`. A map of another size but the same
-    /// shape is resized to the nearest value (phones store depth at a fraction of the picture's size).
+    /// Reads z-depth for a photograph that is stored at `size`. A map with the same aspect ratio but another size is
+    /// resized by the nearest value (phones store depth at a fraction of the picture's size).
     fn read(self, file: &Path, size: (u32, u32)) -> Result<DepthMap, DatasetError> {
         let (stored, unit_m) = match self {
             Self::Units(unit_m, _) => {
@@ -239,17 +238,17 @@ impl DepthEncoding {
     }
 }
 
-/// A picture may be this many times as wide as its depth map: no device stores depth smaller than
-/// that, and no small map may ask for a huge one.
+/// Maximum ratio of a picture's width to its depth map's: no device stores smaller depth, and a small map must not
+/// cause a huge allocation.
 const LARGEST_FACTOR: f64 = 64.0;
-/// A depth map may be this many times as wide as its picture.
+/// Maximum ratio of a depth map's width to its picture's.
 const LARGEST_MAP: f64 = 8.0;
 
-/// Refuses a map that is not of the picture's shape, or of quite another size.
+/// Rejects a map whose aspect ratio differs from the picture's, or whose size differs too much.
 fn check_shape(path: &Path, found: (u32, u32), size: (u32, u32)) -> Result<(), DatasetError> {
     let (w, h) = (f64::from(found.0), f64::from(found.1));
     let width = f64::from(size.0);
-    // The other side, as this one's ratio would have it, may be off by a pixel of rounding.
+    // The other side may differ by a pixel of rounding from the one implied by this side's ratio.
     let other = w * f64::from(size.1) / width;
     let other_size = w * LARGEST_FACTOR < width || w > LARGEST_MAP * width;
     if other_size || (other - h).abs() > 1.0 {
@@ -258,7 +257,7 @@ fn check_shape(path: &Path, found: (u32, u32), size: (u32, u32)) -> Result<(), D
     Ok(())
 }
 
-/// Resizes a map of the picture's shape to the picture's size.
+/// Resizes a map with the picture's aspect ratio to the picture's size.
 fn fit(path: &Path, map: FloatMap, size: (u32, u32)) -> Result<DepthMap, DatasetError> {
     if map.dimensions() == size {
         return Ok(map);
@@ -269,14 +268,14 @@ fn fit(path: &Path, map: FloatMap, size: (u32, u32)) -> Result<DepthMap, Dataset
         .ok_or_else(|| DatasetError::malformed(path, "the map's size overflows"))
 }
 
-/// A depth as the map holds it: 0 unless finite and positive.
+/// Depth as stored in a map: 0 unless finite and positive.
 pub(crate) fn valid_depth(z: f64) -> f32 {
     let z = z as f32;
     if z.is_finite() && z > 0.0 { z } else { 0.0 }
 }
 
-/// Depth of scattered points by z-buffer: each point marks the pixels within `radius` of where it
-/// lands, the nearest winning.
+/// Depth of scattered points by z-buffer: each point marks the pixels within `radius` of its position; the nearest
+/// point wins.
 pub(crate) fn z_buffer(
     size: (u32, u32),
     radius: u32,

@@ -1,4 +1,4 @@
-//! One entry per dataset, kept next to its reader and listed here.
+//! Registry of datasets; each entry is defined next to its reader.
 
 use serde::Serialize;
 
@@ -9,7 +9,7 @@ use crate::{
     synthetic, tanks_and_temples, wildrgbd,
 };
 
-/// Every dataset, in the order of the paper's tables, then one's own data, then the procedural scene.
+/// All datasets: those of the paper's tables in order, then the user's own data, then the procedural scene.
 pub static ENTRIES: [&DatasetEntry; 10] = [
     &middlebury::ENTRY,
     &booster::ENTRY,
@@ -23,7 +23,7 @@ pub static ENTRIES: [&DatasetEntry; 10] = [
     &synthetic::ENTRY,
 ];
 
-/// The entry of a format.
+/// Looks up the entry of a format.
 ///
 /// # Errors
 /// [`DatasetError::UnknownFormat`].
@@ -34,36 +34,35 @@ pub fn entry(format: &str) -> Result<&'static DatasetEntry, DatasetError> {
     })
 }
 
-/// All that is known about a dataset without its files, as its authors state it. Serialises to what
-/// `datasets list --json` prints.
+/// Static description of a dataset, as stated by its authors. Serialises to the output of `datasets list --json`.
 #[derive(Debug, Serialize)]
 pub struct DatasetEntry {
-    /// As written in `FORMAT=PATH`.
+    /// Name used in `FORMAT=PATH`.
     pub format: &'static str,
-    /// As printed in tables and plots.
+    /// Name used in tables and plots.
     pub display_name: &'static str,
-    /// In a few words, with the part or version that is read.
+    /// Short description, with the part or version that is read.
     pub title: &'static str,
-    /// Official page; empty for one's own data.
+    /// Official page; empty for the user's own data.
     pub page: &'static str,
-    /// Terms of use in brief; the page is authoritative.
+    /// Summary of the terms of use; the page is authoritative.
     pub terms: &'static str,
-    /// Whether those terms let pictures of it, and what was predicted from them, be published with the source named. One's
-    /// own data may be; terms that contradict each other do not.
+    /// True if the terms allow publishing its pictures, and predictions from them, with attribution. True for the
+    /// user's own data; false if terms contradict each other.
     pub may_publish: bool,
     pub download: &'static str,
     pub size: &'static str,
     /// The files that the reader looks for.
     pub layout: &'static str,
-    /// Column group of the paper's tables; empty for data that the paper does not use.
+    /// Column group in the paper's tables; empty for data that the paper does not use.
     #[serde(rename = "table_column")]
     pub paper_column: &'static str,
-    /// What the paper chooses pairs by; for other data, what its rule for such data would be.
+    /// Criterion by which the paper chooses pairs; for other data, the rule that it would apply.
     #[serde(skip)]
     pub paper_overlap: PaperOverlap,
-    /// What remains uncertain.
+    /// Remaining uncertainties.
     pub caveat: &'static str,
-    /// What can be chosen, for instance between readings of the paper.
+    /// Available settings, for instance for different interpretations of the paper.
     #[serde(rename = "readings")]
     pub settings: &'static [Setting],
     #[serde(skip)]
@@ -75,7 +74,7 @@ pub struct DatasetEntry {
 }
 
 impl DatasetEntry {
-    /// One's own data: no page, no terms, nothing to download.
+    /// Defaults for the user's own data: no page, no terms, nothing to download.
     pub(crate) const OWN: Self = Self {
         format: "",
         display_name: "",
@@ -95,10 +94,10 @@ impl DatasetEntry {
         archives: |_| Vec::new(),
     };
 
-    /// The photograph of a scene and what the dataset keeps beside it, in order of
-    /// [`FileRole`](crate::required_files::FileRole), by the layout alone; of a stereo pair only the source's (left) depth.
-    /// Files that are named in other files (`transforms.json`) or found by their stem are known only
-    /// once those are there: see [`of_view`](crate::required_files::of_view).
+    /// The photograph of a scene and its associated files in the dataset, in order of
+    /// [`FileRole`](crate::required_files::FileRole), according to the layout alone; for a stereo pair, only the
+    /// source's (left) depth is included. Files that are named in other files (`transforms.json`) or found by their
+    /// stem are only known once those exist: see [`of_view`](crate::required_files::of_view).
     pub fn required_files(&self, scene: &str, picture: &str) -> Vec<RequiredFile> {
         let photograph = PhotographPath::new(scene, picture);
         let mut files = vec![RequiredFile::picture(picture)];
@@ -106,7 +105,7 @@ impl DatasetEntry {
         files
     }
 
-    /// The archives on the official page that hold a scene; empty if that is not known.
+    /// Archives on the official page that contain a scene; empty if unknown.
     pub fn archives(&self, scene: &str, picture: &str) -> Vec<String> {
         (self.archives)(&PhotographPath::new(scene, picture))
     }
@@ -115,26 +114,26 @@ impl DatasetEntry {
 /// The paper's rule for choosing a dataset's pairs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum PaperOverlap {
-    /// Nothing: each stereo scene is one pair.
+    /// None: each stereo scene is one pair.
     Stereo,
-    /// Overlap by the dataset's own dense depth.
+    /// Overlap computed from the dataset's own dense depth.
     Dense,
-    /// Overlap by predicted depth, scaled to the dataset's sparse depth.
+    /// Overlap computed from predicted depth, scaled to the dataset's sparse depth.
     Sparse,
 }
 
-/// Something that can be chosen when a dataset is opened, as `key=value`.
+/// An option for opening a dataset, given as `key=value`.
 #[derive(Debug, Serialize)]
 pub struct Setting {
     pub key: &'static str,
     pub meaning: &'static str,
     pub default: &'static str,
-    /// Whether values that are not among the choices are allowed.
+    /// True if values other than the choices are allowed.
     #[serde(rename = "other_values")]
     pub any: bool,
-    /// Whether the paper leaves open which of several values it used.
+    /// True if the paper leaves open which of several values it used.
     pub open: bool,
-    /// The values with a meaning of their own, the default first.
+    /// Values with a specific meaning, the default first.
     pub choices: &'static [SettingChoice],
 }
 
@@ -154,7 +153,7 @@ impl Setting {
         }
     }
 
-    /// Any value, of which some are described; the others count as proxies.
+    /// A setting with any value, some of which are described; the others count as proxies.
     pub(crate) const fn named(
         key: &'static str,
         meaning: &'static str,
@@ -181,17 +180,17 @@ impl Setting {
         }
     }
 
-    /// A setting whose value the paper leaves open.
+    /// Marks a setting whose value the paper leaves open.
     pub(crate) const fn left_open(self) -> Self {
         Self { open: true, ..self }
     }
 
-    /// Whether it is the setting of that key and may have that value.
+    /// True if this setting has the given key and accepts the given value.
     pub fn allows(&self, key: &str, value: &str) -> bool {
         self.key == key && (self.any || self.choices.iter().any(|choice| choice.value == value))
     }
 
-    /// Whether a value is known to differ from what the paper did.
+    /// True if a value is known to differ from the paper's procedure.
     pub(crate) fn is_proxy(&self, value: &str) -> bool {
         let chosen = self.choices.iter().find(|choice| choice.value == value);
         chosen.map_or(!self.choices.is_empty(), |choice| choice.proxy)
@@ -203,7 +202,7 @@ impl Setting {
 pub struct SettingChoice {
     pub value: &'static str,
     pub meaning: &'static str,
-    /// Whether it is known to differ from what the paper did: reports then say "proxy".
+    /// True if it is known to differ from the paper's procedure; reports then say "proxy".
     pub proxy: bool,
 }
 
@@ -215,7 +214,7 @@ pub(crate) const fn choice(value: &'static str, meaning: &'static str) -> Settin
     }
 }
 
-/// A choice that is known to differ from what the paper did.
+/// A choice that is known to differ from the paper's procedure.
 pub(crate) const fn proxy(value: &'static str, meaning: &'static str) -> SettingChoice {
     SettingChoice {
         proxy: true,
@@ -223,7 +222,8 @@ pub(crate) const fn proxy(value: &'static str, meaning: &'static str) -> Setting
     }
 }
 
-/// Settings for reading pictures, in every format that has files. Only settings that are given count as readings of a dataset.
+/// Settings for reading pictures, available in every file-based format. They only become part of a dataset's identity
+/// if given explicitly.
 pub static PICTURES: [Setting; 3] = [
     Setting::choice(
         "alpha",
@@ -260,7 +260,7 @@ pub static PICTURES: [Setting; 3] = [
     ),
 ];
 
-/// Permission to name files outside the dataset's folder.
+/// Permission to refer to files outside the dataset's folder.
 pub(crate) const OUTSIDE: Setting = Setting::choice(
     "outside",
     "files that `..`, an absolute path or a symbolic link puts outside the folder",

@@ -1,4 +1,4 @@
-//! One error type for all readers: it always names the file and the reason.
+//! Error type shared by all readers; includes the file and the reason.
 
 use std::path::PathBuf;
 
@@ -7,7 +7,7 @@ use sharp::camera::CameraError;
 use crate::entry::ENTRIES;
 use crate::format::FormatError;
 
-/// Why a file or folder could not be read as part of a dataset.
+/// Error of reading a file or folder as part of a dataset.
 #[derive(Debug, thiserror::Error)]
 pub enum DatasetError {
     #[error("{}: {source}", path.display())]
@@ -15,27 +15,27 @@ pub enum DatasetError {
         path: PathBuf,
         source: std::io::Error,
     },
-    /// The file's bytes are not what its format asks for.
+    /// The file's content is not valid in its format.
     #[error("{}: {source}", path.display())]
     Format { path: PathBuf, source: FormatError },
-    /// The file is well-formed but does not fit the dataset.
+    /// The file is valid in its format but inconsistent with the dataset.
     #[error("{}: {reason}", path.display())]
     Malformed {
         path: PathBuf,
-        /// What is wrong and, where known, what was expected.
+        /// What is wrong and, if known, what was expected.
         reason: String,
     },
-    /// The file holds an impossible camera.
+    /// The file contains an invalid camera.
     #[error("{}: {source}", path.display())]
     Camera { path: PathBuf, source: CameraError },
-    /// A folder holds nothing that looks like this dataset.
+    /// The folder contains nothing that looks like this dataset.
     #[error("{}: no {format} scene found; expected {expected}{note}", path.display())]
     NoScene {
         path: PathBuf,
         format: &'static str,
-        /// The layout that was looked for.
+        /// The expected layout.
         expected: &'static str,
-        /// What could not be searched, after a semicolon; empty for nothing.
+        /// Folders that could not be searched, after a semicolon; empty if none.
         note: String,
     },
     /// An invalid request for a dataset.
@@ -45,7 +45,7 @@ pub enum DatasetError {
     UnknownFormat { name: String },
 }
 
-/// All names that are known, after the one that someone who wrote another may have meant.
+/// Lists all known names, preceded by the closest match to `name`, if any.
 pub fn nearest_of(name: &str, known: &[&str]) -> String {
     let near = known
         .iter()

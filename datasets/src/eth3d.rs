@@ -1,9 +1,8 @@
 //! ETH3D's high-resolution multi-view training set.
 //!
-//! `dslr_calibration_undistorted` and `dslr_calibration_jpg` are COLMAP text models in metres;
-//! picture names are relative to `images/`. Ground-truth depth is bare f32 metres in the geometry
-//! of the *distorted* pictures and semi-sparse, so its samples are carried to the pinhole camera
-//! one by one instead of being looked up.
+//! `dslr_calibration_undistorted` and `dslr_calibration_jpg` are COLMAP text models in metres; picture names are
+//! relative to `images/`. Ground-truth depth is bare f32 metres in the geometry of the *distorted* pictures and
+//! semi-sparse, so its samples are projected to the pinhole camera one by one instead of being looked up.
 
 use std::path::Path;
 
@@ -56,7 +55,7 @@ const DEPTH: &str = "ground_truth_depth/dslr_images";
 fn required_files(photo: &PhotographPath<'_>) -> Vec<RequiredFile> {
     let top = photo.picture.split("/images/").next();
     let top = top.unwrap_or(photo.scene);
-    // Depth lies in the geometry of the distorted pictures.
+    // Depth has the geometry of the distorted pictures.
     let models: &[&str] = if photo.folder.ends_with("undistorted") {
         &[UNDISTORTED, DISTORTED]
     } else {
@@ -73,7 +72,7 @@ fn required_files(photo: &PhotographPath<'_>) -> Vec<RequiredFile> {
 
 fn archives(photo: &PhotographPath<'_>) -> Vec<String> {
     let undistorted = photo.picture.contains("/dslr_images_undistorted/");
-    // Depth lies in the geometry of the distorted pictures.
+    // Depth has the geometry of the distorted pictures.
     let parts = ["dslr_jpg", "dslr_depth"].into_iter();
     parts
         .chain(undistorted.then_some("dslr_undistorted"))
@@ -129,7 +128,7 @@ fn read_scene(
     let model = colmap::read_model_in(root, &root.resolve(folder, calibration)?)?;
     let id = root.id_of(folder);
     let mut scene = SceneBuilder::new(spec, root, model.images_file());
-    // Only the distorted cameras say where a depth sample lies.
+    // Only the distorted cameras give the position of a depth sample.
     let stored_folder = root.resolve(folder, DISTORTED)?;
     let stored = if colmap::is_model(&stored_folder) {
         Some(colmap::read_model_in(root, &stored_folder)?)
@@ -157,7 +156,7 @@ fn read_scene(
             (Some(map), Some(stored)) => {
                 root.check(&map)?;
                 cameras.extend(stored.files.iter().cloned());
-                // The entry of the same photograph: by file name, else as if by camera id.
+                // The entry of the same photograph, by file name, or else with the same camera id.
                 let mut entries = stored.images.iter();
                 let entry = entries.find(|other| other.name.rsplit('/').next() == Some(name));
                 let lens = stored.needed_lens(entry.unwrap_or(image))?;

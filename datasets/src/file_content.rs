@@ -1,4 +1,4 @@
-//! The content of views whose pixels lie in files.
+//! Content of views whose pixels are stored in files.
 
 use std::path::{Path, PathBuf};
 
@@ -16,28 +16,28 @@ use crate::undistort::Undistortion;
 use crate::view::FoundPicture;
 use crate::{DatasetError, DepthMap, ViewContent};
 
-/// A photograph in a file, resampled to a pinhole camera where its lens asks for it.
+/// A photograph in a file, resampled to a pinhole camera if its lens requires it.
 #[derive(Debug)]
 pub(crate) struct FileContent {
     pub(crate) image: PathBuf,
     pub(crate) rules: PictureRules,
-    /// Its size before it is resampled, according to the camera.
+    /// Size before resampling, according to the camera.
     pub(crate) size: (u32, u32),
     pub(crate) mask: Option<MaskFile>,
-    /// From the lens to the pinhole camera of the view.
+    /// Mapping from the lens to the view's pinhole camera.
     pub(crate) undistortion: Option<Undistortion>,
     pub(crate) pinhole: Intrinsics,
     pub(crate) camera_from_world: RigidTransform,
     pub(crate) depth: Option<ViewDepth>,
-    /// The files that the camera was read from.
+    /// Files from which the camera was read.
     pub(crate) cameras: Vec<PathBuf>,
 }
 
 impl FileContent {
-    /// The photograph's header.
+    /// Reads the photograph's header.
     ///
     /// # Errors
-    /// When the picture does not fit the camera.
+    /// If the picture does not fit the camera.
     fn fitting(&self) -> Result<FoundPicture, DatasetError> {
         let header = picture::header(&self.image)?;
         let turned = self.rules.turns(&header, Some(self.size));
@@ -62,13 +62,13 @@ impl FileContent {
         })
     }
 
-    /// The photograph under rules, resampled and masked.
+    /// The photograph read according to `rules`, resampled and masked.
     fn image_under(&self, rules: &PictureRules) -> Result<RgbImage, DatasetError> {
         let mut image = picture::read(&self.image, rules, Some(self.size))?;
         if let Some(undistortion) = &self.undistortion {
             image = undistortion.image(&image);
         }
-        // The picture is resampled first: black would else run into its neighbours.
+        // The picture is resampled before masking; otherwise black would bleed into neighbouring pixels.
         if let Some(mask) = self.valid_pixels()? {
             let pixels = image.chunks_exact_mut(3).zip(mask.iter());
             let excluded = pixels.filter(|(_, keep)| **keep == 0);
@@ -80,7 +80,7 @@ impl FileContent {
 
 impl ViewContent for FileContent {
     fn image(&self) -> Result<RgbImage, DatasetError> {
-        // By its header first: what is decoded is no larger than its camera.
+        // Checks the header first, so that no picture larger than its camera is decoded.
         self.fitting()?;
         self.image_under(&self.rules)
     }
@@ -115,8 +115,8 @@ impl ViewContent for FileContent {
         let Some(depth) = &self.depth else {
             return Ok(None);
         };
-        // Depth takes the camera's size: that of the photograph, or a few bytes of text could ask
-        // for any amount of memory.
+        // Depth is allocated at the camera's size, so this must match the photograph's; otherwise a few bytes of text
+        // could request any amount of memory.
         self.fitting()?;
         let mut depth = depth.load(self)?;
         if let Some(mask) = self.valid_pixels()? {

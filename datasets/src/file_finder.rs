@@ -1,4 +1,5 @@
-//! Files whose names on disk differ from a list's in case or extension, or lack the extension.
+//! Lookup of files whose names on disk differ in case or extension from those in a list, or have no extension in the
+//! list.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -8,24 +9,24 @@ use crate::files::{self, Root, folded};
 use crate::left_out::first_few;
 use crate::scene_builder::is_picture_extension;
 
-/// Extensions of pictures, lower case, lossless formats first.
+/// Extensions of pictures in lower case, lossless formats first.
 pub(crate) const PICTURES: [&str; 8] = ["png", "tif", "tiff", "bmp", "webp", "jpg", "jpeg", "jfif"];
 
-/// [`folded`] stems of a folder's files, and the files that have them, in natural order.
+/// [`folded`] stems of a folder's files, each with the files that have it, in natural order.
 type Stems = BTreeMap<String, Vec<String>>;
 
-/// Finds the files that one list names. Each folder is listed once.
+/// Finds the files named in a list. Each folder is read only once.
 #[derive(Debug)]
 pub(crate) struct FileFinder<'a> {
     root: &'a Root,
     list: PathBuf,
     listed: BTreeMap<PathBuf, Stems>,
-    /// What was chosen, and the other files that fit.
+    /// The chosen files, each with the other candidates.
     passed_over: BTreeMap<PathBuf, Vec<String>>,
 }
 
 impl<'a> FileFinder<'a> {
-    /// `list` is the file that the names are from.
+    /// `list` is the file that contains the names.
     pub(crate) fn new(root: &'a Root, list: &Path) -> Self {
         Self {
             root,
@@ -40,7 +41,7 @@ impl<'a> FileFinder<'a> {
     /// order. [`Self::notes`] reports where several files fit in either of the last two ways. `None`
     /// when no file fits or the folder is missing.
     ///
-    /// # Errors
+    /// If the name points outside the dataset's folder; the error names the list.
     /// When the name leads out of the dataset's folder; names the list.
     pub(crate) fn find(
         &mut self,
@@ -102,7 +103,7 @@ impl<'a> FileFinder<'a> {
 
     /// A picture: PNG, which is lossless, before JPEG.
     ///
-    /// # Errors
+    /// As for [`FileFinder::find`].
     /// See [`FileFinder::find`].
     pub(crate) fn picture(
         &mut self,
@@ -114,7 +115,7 @@ impl<'a> FileFinder<'a> {
 
     /// A depth map of any kind.
     ///
-    /// # Errors
+    /// As for [`FileFinder::find`].
     /// See [`FileFinder::find`].
     pub(crate) fn map(&mut self, base: &Path, name: &str) -> Result<Option<PathBuf>, DatasetError> {
         self.find(base, name, &["png", "npy", "npz", "exr", "pfm"])

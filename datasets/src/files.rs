@@ -1,4 +1,4 @@
-//! A dataset's folder: bounded reads, ordered listings, and no way out of it.
+//! Access to a dataset's folder: bounded reads and ordered listings, confined to the folder.
 
 use std::fmt::Write as _;
 use std::fs::File;
@@ -13,14 +13,14 @@ use crate::left_out::first_few;
 use crate::scene_builder::is_picture_extension;
 use crate::{DatasetError, natural_order};
 
-/// The folder a user named. Every file that a reader opens is resolved through it: neither `..`
-/// nor a symbolic link may lead elsewhere, because file lists and JSON are not trusted.
+/// The folder given by the user. Every file that a reader opens is resolved through it: neither `..` nor a symbolic
+/// link may lead outside, because file lists and JSON are not trusted.
 #[derive(Debug, Clone)]
 pub struct Root {
     pub(crate) canonical: PathBuf,
     given: PathBuf,
     pub(crate) outside_allowed: bool,
-    /// What lets names and links lead out, where a setting of the dataset does.
+    /// The setting that permits names and links to lead outside, if the dataset has one.
     pub(crate) remedy: &'static str,
 }
 
@@ -28,7 +28,7 @@ impl Root {
     /// Opens a folder; it may itself be a symbolic link.
     ///
     /// # Errors
-    /// [`DatasetError::Io`] when it does not exist, [`DatasetError::Malformed`] when it is a file.
+    /// [`DatasetError::Io`] if it does not exist, [`DatasetError::Malformed`] if it is a file.
     pub fn open(path: &Path) -> Result<Self, DatasetError> {
         let canonical = path.canonicalize().map_err(|e| DatasetError::io(path, e))?;
         if !canonical.is_dir() {
@@ -42,7 +42,8 @@ impl Root {
         })
     }
 
-    /// Lets names and links lead out of the folder, for files their user trusts. Refusals name the setting that asks.
+    /// Permits names and links to lead outside the folder, for files that the user trusts. Errors mention the setting
+    /// that does so.
     pub(crate) fn allowing_outside(self, outside_allowed: bool) -> Self {
         Self {
             outside_allowed,
@@ -51,12 +52,12 @@ impl Root {
         }
     }
 
-    /// The folder as it was named.
+    /// The folder as given.
     pub fn path(&self) -> &Path {
         &self.given
     }
 
-    /// Its last component, for scenes that have no other name.
+    /// The last component of its path, for scenes without another name.
     pub fn name(&self) -> String {
         self.canonical.file_name().map_or_else(
             || "scene".to_owned(),
@@ -64,20 +65,20 @@ impl Root {
         )
     }
 
-    /// Resolves a name found in a file (`/` or `\` between levels) against `base`, which lies in
-    /// this root. The file need not exist.
+    /// Resolves a name found in a file (with `/` or `\` as separators) relative to `base`, which is inside this root.
+    /// The file need not exist.
     ///
     /// # Errors
-    /// [`DatasetError::Malformed`] for an absolute name and for one that leaves the root, by `..`
-    /// or through a symbolic link.
+    /// [`DatasetError::Malformed`] if the name is absolute or leads outside the root, by `..` or through a symbolic
+    /// link.
     pub fn resolve(&self, base: &Path, name: &str) -> Result<PathBuf, DatasetError> {
         self.resolve_listed(&self.given, base, name)
     }
 
-    /// As [`Root::resolve`] for a name found in the file `list`, which the error then names.
+    /// Like [`Root::resolve`], for a name found in the file `list`, which the error then names.
     ///
     /// # Errors
-    /// As [`Root::resolve`].
+    /// As for [`Root::resolve`].
     pub fn resolve_listed(
         &self,
         list: &Path,
@@ -119,10 +120,10 @@ impl Root {
         Ok(path)
     }
 
-    /// Checks that a path made by this crate does not leave the root through a symbolic link.
+    /// Checks that a path constructed by this crate does not leave the root through a symbolic link.
     ///
     /// # Errors
-    /// [`DatasetError::Malformed`] when it does.
+    /// [`DatasetError::Malformed`] if it does.
     pub fn check(&self, path: &Path) -> Result<(), DatasetError> {
         match path.canonicalize() {
             Ok(target) if !self.outside_allowed && !target.starts_with(&self.canonical) => {
@@ -136,13 +137,13 @@ impl Root {
                     ),
                 ))
             }
-            // Opening reports a file that does not exist.
+            // A missing file is reported when it is opened.
             _ => Ok(()),
         }
     }
 
-    /// A path below the root as an identifier: its components joined by `/`, and the root's own
-    /// name for the root itself.
+    /// Converts a path below the root to an identifier: its components joined by `/`, or the root's own name for the
+    /// root itself.
     pub fn id_of(&self, path: &Path) -> String {
         let parts: Vec<_> = path
             .strip_prefix(&self.given)
@@ -161,8 +162,8 @@ impl Root {
     }
 }
 
-/// Names and paths in a folder in natural order, without what operating systems leave there:
-/// hidden files, `__MACOSX`, AppleDouble `._*`. Names that are not UTF-8 are kept, lossily.
+/// Names and paths in a folder in natural order, except files left by operating systems: hidden files, `__MACOSX`,
+/// AppleDouble `._*`. Names that are not UTF-8 are converted lossily.
 ///
 /// # Errors
 /// [`DatasetError::Io`].
@@ -179,10 +180,10 @@ pub fn list(folder: &Path) -> Result<Vec<(String, PathBuf)>, DatasetError> {
     Ok(entries)
 }
 
-/// The pictures of a folder by their extensions, as [`list`].
+/// The pictures in a folder, recognised by their extensions; like [`list`].
 ///
 /// # Errors
-/// As [`list`].
+/// As for [`list`].
 pub(crate) fn pictures(folder: &Path) -> Result<Vec<(String, PathBuf)>, DatasetError> {
     let mut entries = list(folder)?;
     entries.retain(|(name, _)| {
@@ -192,7 +193,7 @@ pub(crate) fn pictures(folder: &Path) -> Result<Vec<(String, PathBuf)>, DatasetE
     Ok(entries)
 }
 
-/// A name in Unicode's NFC: equal for names that differ in how accents are composed.
+/// A name in Unicode's NFC, so that names that differ only in the composition of accents are equal.
 pub fn composed(name: &str) -> String {
     name.nfc().map(|(c, _)| c).collect()
 }
@@ -202,8 +203,8 @@ pub fn folded(name: &str) -> String {
     composed(name).to_lowercase()
 }
 
-/// The files in a folder of a stem and any of some lower-case extensions, in the folder's order; exact names if there
-/// are any, else names that are equal once [`folded`]. Empty if there is no such folder.
+/// The files in a folder with the given stem and any of the given lower-case extensions, in the folder's order. Exact
+/// names if there are any, else names that are equal once [`folded`]. Empty if the folder does not exist.
 pub fn of_stem(folder: &Path, stem: &str, extensions: &[&str]) -> Vec<PathBuf> {
     let exact = extensions
         .iter()
@@ -224,7 +225,7 @@ pub fn of_stem(folder: &Path, stem: &str, extensions: &[&str]) -> Vec<PathBuf> {
     fitting.map(|(_, path)| path).collect()
 }
 
-/// A path's own spelling on disk, where each of its folders below `base` may differ once [`folded`].
+/// The spelling of a path on disk, where each component below `base` may differ in ways that [`folded`] ignores.
 pub(crate) fn spelled(base: &Path, path: &Path) -> PathBuf {
     let Ok(relative) = path.strip_prefix(base) else {
         return path.to_owned();
@@ -241,7 +242,7 @@ pub(crate) fn spelled(base: &Path, path: &Path) -> PathBuf {
     })
 }
 
-/// The first entries of a folder in words, or of the nearest one above it that exists.
+/// Describes the first entries of a folder, or of its nearest existing ancestor.
 pub fn what_lies_in(folder: &Path) -> String {
     let there = folder.ancestors().find(|folder| folder.is_dir());
     let Some(folder) = there else {
@@ -258,10 +259,10 @@ pub fn what_lies_in(folder: &Path) -> String {
     }
 }
 
-/// Reads a regular file whole. Pipes and devices, which never end, are refused.
+/// Reads a whole regular file. Pipes and devices are refused, because they may never end.
 ///
 /// # Errors
-/// [`DatasetError::Io`], [`DatasetError::Malformed`] when it is not a regular file.
+/// [`DatasetError::Io`]; [`DatasetError::Malformed`] if it is not a regular file.
 pub fn read(path: &Path) -> Result<Vec<u8>, DatasetError> {
     let mut file = open(path)?;
     let mut bytes = Vec::new();
@@ -273,7 +274,7 @@ pub fn read(path: &Path) -> Result<Vec<u8>, DatasetError> {
 /// Reads a regular file as UTF-8 text, without a byte order mark.
 ///
 /// # Errors
-/// As [`read`]; [`DatasetError::Malformed`] when it is not UTF-8.
+/// As for [`read`]; [`DatasetError::Malformed`] if it is not UTF-8.
 pub fn read_text(path: &Path) -> Result<String, DatasetError> {
     let text = String::from_utf8(read(path)?)
         .map_err(|e| DatasetError::malformed(path, format!("not UTF-8 text: {e}")))?;
@@ -283,10 +284,10 @@ pub fn read_text(path: &Path) -> Result<String, DatasetError> {
         .unwrap_or(text))
 }
 
-/// Reads a file whole and parses it.
+/// Reads a whole file and parses it.
 ///
 /// # Errors
-/// As [`read`]; [`DatasetError::Format`].
+/// As for [`read`]; [`DatasetError::Format`].
 pub fn parse<T>(
     path: &Path,
     parse: impl FnOnce(&[u8]) -> Result<T, FormatError>,
@@ -294,10 +295,10 @@ pub fn parse<T>(
     parse(&read(path)?).map_err(|error| DatasetError::format(path, error))
 }
 
-/// Like [`parse`], from text.
+/// Like [`parse`], for text.
 ///
 /// # Errors
-/// As [`read_text`]; [`DatasetError::Format`].
+/// As for [`read_text`]; [`DatasetError::Format`].
 pub fn parse_text<T>(
     path: &Path,
     parse: impl FnOnce(&str) -> Result<T, FormatError>,
@@ -308,23 +309,23 @@ pub fn parse_text<T>(
 /// Opens a regular file.
 ///
 /// # Errors
-/// As [`read`].
+/// As for [`read`].
 pub fn open(path: &Path) -> Result<File, DatasetError> {
     sharp::files::open_regular(path).map_err(|e| DatasetError::io(path, e))
 }
 
-/// sha256 of a file's bytes, 64 lower-case hexadecimal digits.
+/// SHA-256 of a file's bytes, 64 lower-case hexadecimal digits.
 ///
 /// # Errors
-/// As [`read`].
+/// As for [`read`].
 pub fn sha256(path: &Path) -> Result<String, DatasetError> {
     sha256_of_reader(open(path)?).map_err(|e| DatasetError::io(path, e))
 }
 
-/// sha256 of all that is read, 64 lower-case hexadecimal digits.
+/// SHA-256 of all data from a reader, 64 lower-case hexadecimal digits.
 ///
 /// # Errors
-/// The reader's.
+/// Any error of the reader.
 pub fn sha256_of_reader(mut reader: impl Read) -> std::io::Result<String> {
     let mut hasher = Sha256::new();
     let mut buffer = vec![0; 1 << 16];
@@ -336,7 +337,7 @@ pub fn sha256_of_reader(mut reader: impl Read) -> std::io::Result<String> {
     }
 }
 
-/// sha256 of bytes in memory, 64 lower-case hexadecimal digits.
+/// SHA-256 of bytes in memory, 64 lower-case hexadecimal digits.
 pub fn sha256_of(bytes: &[u8]) -> String {
     hexadecimal(&Sha256::digest(bytes))
 }

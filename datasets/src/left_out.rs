@@ -1,4 +1,4 @@
-//! Scenes and views that were left out, and the reasons.
+//! Scenes and views that were excluded, with the reasons.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -8,32 +8,32 @@ use serde::{Deserialize, Serialize};
 
 use crate::{DatasetError, Scene};
 
-/// Scenes in natural order, and those that exist but were not read.
+/// Scenes in natural order, and those that exist but were excluded.
 #[derive(Debug, Default)]
 pub struct FoundScenes {
     pub scenes: Vec<Scene>,
     pub left_out: Vec<LeftOutScene>,
 }
 
-/// A scene, or a folder that may hold some, which is there and was not read.
+/// A scene, or a folder that may contain scenes, that exists but was excluded.
 #[derive(Debug)]
 pub struct LeftOutScene {
-    /// The id that the scene would have; that of its folder where this is all that is known.
+    /// Id of the scene, or of its folder if nothing else is known.
     pub id: String,
     pub why: Why,
 }
 
-/// Why a scene was left out.
+/// Reason that a scene was excluded.
 #[derive(Debug)]
 pub enum Why {
-    /// It cannot be read, or something of it is missing.
+    /// It cannot be read or is incomplete.
     Fault(DatasetError),
-    /// A setting rules it out: nothing is wrong with it.
+    /// It was excluded by a setting; nothing is wrong with it.
     Choice(String),
 }
 
 impl FoundScenes {
-    /// A scene, or why it cannot be read.
+    /// Adds a scene, or the reason that it cannot be read.
     pub(crate) fn add(&mut self, id: impl Into<String>, scene: Result<Scene, DatasetError>) {
         match scene {
             Ok(scene) => self.scenes.push(scene),
@@ -44,7 +44,7 @@ impl FoundScenes {
         }
     }
 
-    /// A scene that a setting rules out.
+    /// Adds a scene that was excluded by a setting.
     pub(crate) fn rule_out(&mut self, id: impl Into<String>, reason: impl Into<String>) {
         self.left_out.push(LeftOutScene {
             id: id.into(),
@@ -52,7 +52,7 @@ impl FoundScenes {
         });
     }
 
-    /// Rules out the scenes whose ids do not belong, broken ones included.
+    /// Excludes the scenes whose ids do not satisfy `belongs`, including broken ones.
     pub fn choose(&mut self, belongs: impl Fn(&str) -> bool, reason: &str) {
         let (scenes, others) = std::mem::take(&mut self.scenes)
             .into_iter()
@@ -67,10 +67,10 @@ impl FoundScenes {
             .for_each(|scene| self.rule_out(scene.id, reason));
     }
 
-    /// The first fault, or the scenes where there is none.
+    /// Returns the scenes, or the first fault if there is one.
     ///
     /// # Errors
-    /// That fault.
+    /// The first fault.
     pub fn all(self) -> Result<Vec<Scene>, DatasetError> {
         let faults = self.left_out.into_iter();
         match faults.map(|scene| scene.why).find(Why::is_fault) {
@@ -95,14 +95,14 @@ impl std::fmt::Display for Why {
     }
 }
 
-/// Scenes that were left out for one reason. Displays as a line with the first of them.
+/// Scenes excluded for the same reason. Displayed as a line that includes the first few.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub struct LeftOutScenes {
-    /// In words; names the file that is at fault.
+    /// Description of the reason; names the faulty file.
     pub reason: String,
-    /// Whether a setting or an option rules them out, false where they are broken or incomplete.
+    /// True if excluded by a setting or an option, false if broken or incomplete.
     pub by_choice: bool,
-    /// Their ids, or those of folders of which no more is known.
+    /// Ids of the scenes, or of folders of which no more is known.
     pub scenes: Vec<String>,
 }
 
@@ -112,18 +112,18 @@ impl std::fmt::Display for LeftOutScenes {
     }
 }
 
-/// Views of a scene that were left out for one reason: a file that they need is missing, incomplete or unreadable.
-/// Displays as a line with the first of them.
+/// Views of a scene excluded for the same reason: a file that they need is missing, incomplete or unreadable. Displayed
+/// as a line that includes the first few.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct LeftOutViews {
-    /// In words; names the file.
+    /// Description of the reason; names the file.
     pub reason: String,
-    /// Their ids.
+    /// Ids of the views.
     pub views: Vec<String>,
 }
 
 impl LeftOutViews {
-    /// Adds a view to those of the same reason.
+    /// Adds a view to the group with the same reason.
     pub fn add(all: &mut Vec<Self>, reason: impl Into<String>, view: impl Into<String>) {
         let (reason, view) = (reason.into(), view.into());
         match all.iter_mut().find(|group| group.reason == reason) {
@@ -169,7 +169,7 @@ pub fn by_reason(left_out: &[LeftOutScene]) -> Vec<LeftOutScenes> {
     groups
 }
 
-/// Frames or files of a scene that were left out, by reason.
+/// Excluded frames or files of a scene, by reason.
 #[derive(Debug)]
 pub(crate) struct LeftOut {
     what: &'static str,
@@ -177,7 +177,7 @@ pub(crate) struct LeftOut {
 }
 
 impl LeftOut {
-    /// `what` is the singular of the things that are left out.
+    /// `what` is the singular noun for the excluded items.
     pub(crate) fn of(what: &'static str) -> Self {
         Self {
             what,
@@ -190,7 +190,7 @@ impl LeftOut {
         names.push(name.into());
     }
 
-    /// One note a reason; `file` is the list that the names are from.
+    /// One note per reason; `file` is the list that contains the names.
     pub(crate) fn notes(&self, file: &Path) -> Vec<String> {
         let reasons = self.by_reason.iter();
         reasons
@@ -207,7 +207,7 @@ impl LeftOut {
     }
 }
 
-/// The first three of some names.
+/// Formats the first three names.
 pub(crate) fn first_few(names: &[String]) -> String {
     let first = names.iter().take(3).map(String::as_str);
     let more = (names.len() > 3).then_some("…");

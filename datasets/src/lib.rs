@@ -1,25 +1,23 @@
 //! Posed images on disk, read into [`Scene`]s and [`View`]s.
 //!
-//! One file a dataset, one file a format. Whatever a dataset's own convention is (axes, units,
-//! pixel centres, disparity), it is converted here, at the border, to the project's: see the
-//! conventions of the crate `sharp`.
+//! There is one module per dataset and one per format. Every dataset's own conventions (axes, units, pixel centres,
+//! disparity) are converted here to those of the project; see the conventions of the crate `sharp`.
 //!
 //! # Contents
-//! * [`entry`](mod@entry): what each dataset is and what can be set, from one entry beside each reader.
-//! * [`spec`]: a dataset as asked for on a command line, and how it is opened.
-//! * [`view`]: what every reader produces; [`left_out`]: what it leaves out, and why.
-//! * [`processing`]: what readers do on the way from files to pixels, for the record.
-//! * [`required_files`]: the files that a photograph needs beside it.
-//! * [`check`](mod@check): what is present, what is broken, whether poses are plausible.
+//! * [`entry`](mod@entry): description and settings of each dataset, defined next to its reader.
+//! * [`spec`]: a dataset as specified on a command line, and opening it.
+//! * [`view`]: the output of every reader; [`left_out`]: excluded scenes and views, with reasons.
+//! * [`processing`]: processing from files to pixels, for records.
+//! * [`required_files`]: the files that a photograph requires.
+//! * [`check`](mod@check): completeness, damage, and consistency of poses, depth and pictures.
 //! * [`synthetic`]: procedural scenes with exact depth and exact visibility.
-//! * [`bundled`]: the dataset that comes with the program.
-//! * [`format`](mod@format): file formats, one a file; the decoder of photographs is
-//!   [`format::picture`].
-//! * [`files`]: bounded reads and listings that cannot leave a dataset's folder.
+//! * [`bundled`]: the dataset bundled with the program.
+//! * [`format`](mod@format): file formats, one per module; photographs are decoded by [`format::picture`].
+//! * [`files`]: bounded reads and listings, confined to a dataset's folder.
 //! * [`lens`]: camera models with distortion.
-//! * [`undistort`]: pictures and depth resampled to a pinhole camera.
+//! * [`undistort`]: resampling of pictures and depth to a pinhole camera.
 //! * [`natural_order`]: the order of frames.
-//! * [`error`]: what every reader may fail with.
+//! * [`error`]: errors of readers.
 
 mod booster;
 pub mod bundled;

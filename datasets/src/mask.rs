@@ -1,4 +1,4 @@
-//! Masks of photographs, and the rule that what belongs to a camera has its size.
+//! Masks of photographs, and the check that pictures and maps have their camera's size.
 
 use std::path::{Path, PathBuf};
 
@@ -8,7 +8,7 @@ use crate::DatasetError;
 use crate::format::picture;
 use crate::undistort::Undistortion;
 
-/// The level of a mask that marks the pixels to keep; every other level excludes them.
+/// The level of a mask that marks pixels to keep; all other levels exclude pixels.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Keep {
     /// 255.
@@ -17,7 +17,7 @@ pub(crate) enum Keep {
     Black,
 }
 
-/// A gray picture whose pixels of one level are valid.
+/// A grey picture in which pixels of one level are valid.
 #[derive(Debug, Clone)]
 pub(crate) struct MaskFile {
     pub(crate) file: PathBuf,
@@ -25,8 +25,8 @@ pub(crate) struct MaskFile {
 }
 
 impl MaskFile {
-    /// Reads it for a view: 255 where a pixel is valid, else 0. `size` is that of the stored
-    /// picture, which the mask must have; `undistortion` is the picture's.
+    /// Reads the mask for a view: 255 for valid pixels, else 0. `size` is that of the stored picture, which the mask
+    /// must match; `undistortion` is the picture's.
     pub(crate) fn read(
         &self,
         size: (u32, u32),
@@ -47,7 +47,7 @@ impl MaskFile {
     }
 }
 
-/// Refuses a picture or map whose size is not the camera's.
+/// Rejects a picture or map whose size differs from its camera's.
 pub(crate) fn check_size(
     path: &Path,
     found: (u32, u32),

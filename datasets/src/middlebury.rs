@@ -1,13 +1,12 @@
-//! Middlebury 2014 stereo, as the `scenes2014` archives and as MiddEval3 lay it out.
+//! Middlebury 2014 stereo, in the layouts of the `scenes2014` archives and of MiddEval3.
 //!
-//! A scene is any folder with `im0.png`, `im1.png` and `calib.txt`; one that has only some of them
-//! is a broken scene. Depth comes from `disp0.pfm`
-//! (scenes2014) or `disp0GT.pfm` (MiddEval3, whose ground truth is a separate download), as
-//! `Z = baseline · f / (d + doffs)` (Middlebury's own formula).
+//! A scene is any folder with `im0.png`, `im1.png` and `calib.txt`; a folder with only some of them is a broken scene.
+//! Depth is computed from `disp0.pfm` (scenes2014) or `disp0GT.pfm` (MiddEval3, whose ground truth is a separate
+//! download) by Middlebury's own formula, `Z = baseline · f / (d + doffs)`.
 //!
-//! `calib.txt` does not say where its pixel centres lie. It is read as if the centre of the first
-//! pixel were (0, 0), OpenCV's way, so 0.5 is added to each principal point. Depth depends only
-//! on the difference of the two, which this leaves alone.
+//! `calib.txt` does not specify its pixel-centre convention. It is assumed to be OpenCV's, in which the centre of the
+//! first pixel is (0, 0), so 0.5 is added to each principal point. Depth depends only on the difference between the
+//! two, which this does not change.
 
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
@@ -101,7 +100,7 @@ fn open(spec: &DatasetSpec) -> Result<FoundScenes, DatasetError> {
     let right_name = format!("{right}.png");
     let rectification = spec.setting("rectification");
     let search = root.find_folders(4, &|folder| {
-        // Lone texts and maps beside the scenes' folders are none of theirs.
+        // Stray text files and maps next to the scenes' folders do not belong to a scene.
         (folder != root.path() && has_part(folder))
             || PICTURES.iter().any(|name| folder.join(name).is_file())
     })?;
@@ -144,8 +143,8 @@ fn open(spec: &DatasetSpec) -> Result<FoundScenes, DatasetError> {
 
 const PICTURES: [&str; 2] = ["im0.png", "im1.png"];
 
-/// Whether a folder has a file of a scene, even in another format or with a name in capitals: such a scene is left out by
-/// name, not overlooked.
+/// True if a folder has a file of a scene, even in another format or with an upper-case name; such a scene is reported
+/// as excluded rather than overlooked.
 fn has_part(folder: &Path) -> bool {
     let names = files::list(folder).unwrap_or_default().into_iter();
     names
@@ -199,7 +198,7 @@ fn read_scene(
     stereo_pair::scene(spec, id, cluster, sides, &calibration, notes)
 }
 
-/// The disparity of the left (0) or right (1) view, in either layout's name.
+/// Disparity map of the left (0) or right (1) view, with the file name of either layout.
 fn find_disparity(
     root: &Root,
     folder: &Path,
@@ -214,7 +213,7 @@ fn find_disparity(
     Ok(None)
 }
 
-/// Whether MiddEval3's training set has a scene of that name.
+/// True if MiddEval3's training set has a scene of that name.
 fn is_training15(id: &str) -> bool {
     const NAMES: [&str; 15] = [
         "Adirondack",
@@ -236,7 +235,7 @@ fn is_training15(id: &str) -> bool {
     NAMES.contains(&without_rectification(id))
 }
 
-/// The scene's folder name without `-perfect` or `-imperfect`.
+/// Folder name of the scene without `-perfect` or `-imperfect`.
 fn without_rectification(id: &str) -> &str {
     let name = id.rsplit('/').next().unwrap_or(id);
     name.strip_suffix("-perfect")
@@ -244,8 +243,8 @@ fn without_rectification(id: &str) -> &str {
         .unwrap_or(name)
 }
 
-/// The scene's folder name without `-perfect`/`-imperfect` and without MiddEval3's suffix for
-/// another exposure (E), lighting (L) or rectification (P) of the same set-up: `PianoL` → `Piano`.
+/// Folder name of the scene without `-perfect`/`-imperfect` and without MiddEval3's suffix for another exposure (E),
+/// lighting (L) or rectification (P) of the same set-up: `PianoL` → `Piano`.
 fn physical_scene(id: &str) -> String {
     let name = without_rectification(id);
     let stem = name.strip_suffix(['E', 'L', 'P']).unwrap_or(name);

@@ -1,11 +1,10 @@
-//! Natural order: `frame2` before `frame10`. Our own, because published pair lists rest on it and
-//! the crates at hand (`natord`) skip blanks and call different names equal.
+//! Natural order: `frame2` before `frame10`. Implemented here because published pair lists depend on it, and existing
+//! crates (`natord`) skip blanks and treat different names as equal.
 
 use std::cmp::Ordering;
 
-/// Compares two names, runs of ASCII digits by their value (of any length), everything else byte
-/// by byte. Names that differ only in leading zeros are ordered bytewise, so that only equal
-/// names compare equal.
+/// Compares two names: runs of ASCII digits (of any length) by value, everything else byte by byte. Names that differ
+/// only in leading zeros are ordered bytewise, so that only identical names compare equal.
 pub fn compare(a: &str, b: &str) -> Ordering {
     let (mut x, mut y) = (a.as_bytes(), b.as_bytes());
     loop {
@@ -28,7 +27,7 @@ pub fn compare(a: &str, b: &str) -> Ordering {
     }
 }
 
-/// The leading digits without leading zeros, and what follows them.
+/// Splits off the leading digits, without leading zeros.
 fn split_number(text: &[u8]) -> (&[u8], &[u8]) {
     let end = text
         .iter()

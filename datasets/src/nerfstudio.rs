@@ -1,8 +1,7 @@
-//! Anyone's own pictures with a `transforms.json`.
+//! The user's own pictures with a `transforms.json`.
 //!
-//! The format's conventions are nerfstudio's: OpenGL camera-to-world poses, pixel centres at half
-//! integers, paths relative to the JSON. Its centring and rescaling of poses is not applied: the
-//! file's units, times `scale`, are metres.
+//! The conventions are nerfstudio's: OpenGL camera-to-world poses, pixel centres at half integers, paths relative to
+//! the JSON. Its centring and rescaling of poses is not applied; the file's units are converted to metres by `scale`.
 
 use std::path::{Path, PathBuf};
 
@@ -71,9 +70,9 @@ fn required_files(photo: &PhotographPath<'_>) -> Vec<RequiredFile> {
     vec![RequiredFile::camera(photo.above("transforms.json"))]
 }
 
-/// The names a folder is searched for, the first that is there being read.
+/// File names that are searched for in a folder; the first that exists is read.
 const NAMES: [&str; 2] = ["transforms.json", "transforms_train.json"];
-/// Names of the same kind, which are only read when given as the path.
+/// Names of the same kind of file, read only if given as the path.
 const OTHERS: [&str; 2] = ["transforms_val.json", "transforms_test.json"];
 
 fn open(spec: &DatasetSpec) -> Result<FoundScenes, DatasetError> {
@@ -84,7 +83,7 @@ fn open(spec: &DatasetSpec) -> Result<FoundScenes, DatasetError> {
         (spec.path.as_path(), None)
     };
     let root = Root::open(folder)?.allowing_outside(spec.setting("outside") == "allow");
-    // Asked once, before any scene: a wrong value is no scene's fault.
+    // Parsed once, before any scene, because an invalid value is not a scene's fault.
     let units = (spec.positive("scale")?, spec.positive("depth-unit")?);
     let mut found = FoundScenes::default();
     if let Some(json) = only {
@@ -116,7 +115,7 @@ fn open(spec: &DatasetSpec) -> Result<FoundScenes, DatasetError> {
     spec.conclude(found, expected, search.unsearched)
 }
 
-/// Names the file that was read, where a folder has several candidates.
+/// Notes which file was read if a folder has several candidates.
 fn choice_note<'a>(
     folder: &Path,
     read: &str,
@@ -162,7 +161,7 @@ fn read_scene(
     let mut scene = SceneBuilder::new(spec, root, json);
     for frame in &file.frames {
         let name = &frame.file_path;
-        // Names that leave the folder are refused before anything else is made of them.
+        // Names that point outside the folder are rejected before any other use.
         let image = scene.finder.picture(folder, name)?;
         let pose = frame.world_from_camera.as_ref().map_err(no_pose);
         let Some((image, world_from_camera)) = scene.usable(name, image, pose) else {
@@ -206,7 +205,7 @@ fn read_scene(
         ["depth", "depths"].map(|name| (folder.join(name), "are no frame's depth_file_path"));
     folders.extend(depth);
     folders.retain(|(unused, _)| unused != folder);
-    // The file of a split leaves pictures to the others.
+    // The file of a single split does not use all pictures.
     if json.ends_with(NAMES[0]) {
         scene.note_unused(&folders);
     }
@@ -219,12 +218,12 @@ struct FrameReader<'a> {
     metres: f64,
     depth_unit: f64,
     depth_kind: DepthKind,
-    /// Whether masks are read, and which of their levels is kept.
+    /// The level of masks that is kept; `None` if masks are not read.
     masks: Option<Keep>,
 }
 
 impl FrameReader<'_> {
-    /// `None` for a frame that is left out because its depth map or its mask is missing.
+    /// `None` for a frame that is excluded because its depth map or mask is missing.
     fn posed(
         &self,
         frame: &JsonFrame,

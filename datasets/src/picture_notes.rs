@@ -1,4 +1,4 @@
-//! Notes on a scene's pictures and masks from their own files, one line each.
+//! Notes on a scene's pictures and masks, derived from their files, one line each.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -9,14 +9,14 @@ use crate::check::evenly_spaced;
 use crate::entry::Setting;
 use crate::{DatasetSpec, Scene, View, files};
 
-/// At most so many headers are looked at in a scene, evenly spaced.
+/// Maximum number of headers read per scene, evenly spaced.
 const HEADERS: usize = 64;
-/// At most so many masks are decoded in a scene, evenly spaced.
+/// Maximum number of masks decoded per scene, evenly spaced.
 const MASKS: usize = 4;
-/// Masks that leave less are in doubt: most exclude a person, a sky, a logo.
+/// Minimum fraction of pixels that a plausible mask keeps: most masks exclude a person, a sky or a logo.
 const LEAST_LEFT: f64 = 0.2;
 
-/// A note on masks next to the pictures that are not read; `hint` is how to read them.
+/// A note on masks next to the pictures that are not read; `hint` explains how to read them.
 pub(crate) fn unread_masks(folder: &Path, hint: &str) -> Option<String> {
     let folder = ["masks", "mask"]
         .map(|name| folder.join(name))
@@ -35,7 +35,7 @@ pub(crate) fn unread_masks(folder: &Path, hint: &str) -> Option<String> {
     })
 }
 
-/// Adds the scene's notes and warnings. Files that cannot be read are skipped: decoding reports them.
+/// Adds notes and warnings to a scene. Files that cannot be read are skipped; decoding reports them.
 pub(crate) fn add(scene: &mut Scene, spec: &DatasetSpec) {
     let rules = spec.picture_rules();
     let looked_at = evenly_spaced(scene.views.len(), HEADERS).into_iter();
@@ -91,7 +91,7 @@ pub(crate) fn add(scene: &mut Scene, spec: &DatasetSpec) {
         "keep-black" => "keep-white",
         _ => return,
     };
-    // Where the format defines the polarity, it is not in doubt.
+    // If the format defines the polarity, there is no doubt about it.
     let has_polarity = |s: &Setting| s.allows("masks", other);
     if !spec.entry.settings.iter().any(has_polarity) {
         return;

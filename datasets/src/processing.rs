@@ -1,4 +1,4 @@
-//! Processing from files to pixels, with one note per scene for each kind.
+//! Processing steps from files to pixels, with one note per scene for each kind.
 
 use std::collections::BTreeMap;
 
@@ -7,16 +7,17 @@ use sharp::camera::Intrinsics;
 use crate::left_out::first_few;
 use crate::{Pairing, Scene, View};
 
-/// Processing of one view's files.
+/// Processing steps of one view's files.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Processing {
-    /// How the photograph was resampled; `None` if it is taken as stored.
+    /// How the photograph was resampled; `None` if it is used as stored.
     pub undistorted: Option<Undistorted>,
-    /// Whether pixels are black and without depth because of a mask.
+    /// True if a mask made some pixels black and without depth.
     pub masked: bool,
-    /// Whether it is known that no file holds the view's depth.
+    /// True if it is known that no file contains the view's depth.
     pub lacks_depth: bool,
-    /// Whether depth is what the pose sees of a scan, and not a map that goes with the picture.
+    /// True if depth is rendered from a scan at the view's pose, rather than read from a map that belongs to the
+    /// picture.
     pub depth_by_pose: bool,
 }
 
@@ -25,7 +26,7 @@ pub struct Processing {
 pub struct Undistorted {
     /// COLMAP's name of the lens model.
     pub model: &'static str,
-    /// How the pinhole camera was chosen.
+    /// Rule by which the pinhole camera was chosen.
     pub camera: &'static str,
 }
 
@@ -35,7 +36,7 @@ pub(crate) fn without_depth(views: &[View]) -> usize {
     lacking.count()
 }
 
-/// Processing of a scene's pixels, and views without data that others have, one line each.
+/// Notes on the processing of a scene's pixels, and on views without data that others have; one line each.
 pub(crate) fn notes(scene: &Scene) -> Vec<String> {
     let all = scene.views.len();
     let mut notes = Vec::new();
@@ -79,7 +80,7 @@ pub(crate) fn notes(scene: &Scene) -> Vec<String> {
     notes
 }
 
-/// The file names of the first pictures without depth.
+/// File names of the first pictures without depth.
 fn first_without_depth(views: &[View]) -> String {
     let lacking = views.iter().filter(|v| v.content.processing().lacks_depth);
     let names = lacking.map(|view| {

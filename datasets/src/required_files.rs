@@ -1,5 +1,4 @@
-//! The files that belong to a photograph: what has to be downloaded before a list of pairs can be
-//! evaluated.
+//! The files that belong to a photograph, i.e. that must be downloaded before a list of pairs can be evaluated.
 
 use std::path::Path;
 
@@ -14,11 +13,11 @@ pub enum FileRole {
     Picture,
     /// Intrinsics, poses, calibration.
     Camera,
-    /// Names of the scenes or frames of a split.
+    /// Names of the scenes or frames in a split.
     List,
-    /// Pixels to leave out; not every picture has one.
+    /// Pixels to exclude; not every picture has one.
     Mask,
-    /// Depth: for overlap, for methods that take depth, for figures over distance.
+    /// Depth, used for overlap, for methods that require depth, and for results by distance.
     Depth,
 }
 
@@ -26,9 +25,9 @@ pub enum FileRole {
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 pub struct RequiredFile {
     pub role: FileRole,
-    /// Relative to the dataset's folder, `/` between levels.
+    /// Path relative to the dataset's folder, with `/` as the separator.
     pub path: String,
-    /// Other names that serve as well.
+    /// Alternative names.
     pub or: Vec<String>,
 }
 
@@ -67,13 +66,13 @@ impl RequiredFile {
     }
 }
 
-/// A photograph's place in a layout, before any file is there.
+/// Location of a photograph in a layout, before any files exist.
 pub(crate) struct PhotographPath<'a> {
     pub(crate) scene: &'a str,
-    /// Relative to the dataset's folder.
+    /// Path relative to the dataset's folder.
     pub(crate) picture: &'a str,
     pub(crate) folder: &'a str,
-    /// Name with its extension.
+    /// File name with its extension.
     pub(crate) name: &'a str,
     pub(crate) stem: &'a str,
 }
@@ -90,17 +89,17 @@ impl<'a> PhotographPath<'a> {
         }
     }
 
-    /// The last level of the scene's id.
+    /// Last component of the scene's id.
     pub(crate) fn scene_name(&self) -> &'a str {
         self.scene.rsplit('/').next().unwrap_or(self.scene)
     }
 
-    /// The first folder of the path.
+    /// First folder of the path.
     pub(crate) fn top(&self) -> &'a str {
         self.picture.split('/').next().unwrap_or("")
     }
 
-    /// The folder above the photograph's.
+    /// Parent of the photograph's folder.
     pub(crate) fn up(&self) -> &'a str {
         self.folder.rsplit_once('/').map_or("", |(up, _)| up)
     }
@@ -121,8 +120,7 @@ fn joined(folder: &str, name: &str) -> String {
     }
 }
 
-/// The files of a view as its reader found them, relative to the dataset's folder; whole paths for
-/// a folder that is not the view's.
+/// Files of a view as found by its reader, relative to the dataset's folder; full paths if they are not in `folder`.
 pub fn of_view(view: &View, folder: &Path) -> Vec<RequiredFile> {
     let relative = |file: &Path| {
         let inside = file.strip_prefix(folder).unwrap_or(file);

@@ -1,4 +1,4 @@
-//! Depth of laser scans, meshes and triangulated points, seen by a pinhole camera.
+//! Depth of laser scans, meshes and triangulated points as seen by a pinhole camera.
 
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -10,11 +10,11 @@ use crate::depth::{valid_depth, z_buffer};
 use crate::format::ply_points::{self, Geometry};
 use crate::{DatasetError, DepthMap, files};
 
-/// Nothing closer to the camera is drawn, metres (the near plane of ScanNet++'s toolbox).
+/// Minimum depth that is drawn, in metres (the near plane of ScanNet++'s toolbox).
 const NEAR_M: f64 = 0.05;
 
-/// The scan that was used last, so that the views of a scene read it once; shared by the scenes of
-/// a dataset, of which only one is in memory at a time.
+/// The most recently used scan, so that it is read only once for the views of a scene. Shared by all scenes of a
+/// dataset, of which only one is in memory at a time.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct ScanCache(Arc<Mutex<Option<CachedScan>>>);
 
@@ -26,7 +26,7 @@ struct CachedScan {
 
 impl ScanCache {
     fn get(&self, file: &Path) -> Result<Arc<Geometry>, DatasetError> {
-        // A panic elsewhere cannot leave the slot half written.
+        // A panic elsewhere cannot leave the slot in an inconsistent state.
         let mut slot = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         match &*slot {
             Some(held) if held.file == file => Ok(Arc::clone(&held.geometry)),
@@ -43,17 +43,17 @@ impl ScanCache {
     }
 }
 
-/// A scan or mesh in world coordinates, metres.
+/// A scan or mesh in world coordinates, in metres.
 #[derive(Debug, Clone)]
 pub(crate) struct ScanFile {
     pub(crate) file: PathBuf,
     pub(crate) cache: ScanCache,
-    /// Points mark the pixels within this distance; triangles are filled and need none.
+    /// Points mark all pixels within this distance; triangles are filled and do not need it.
     pub(crate) splat_radius: u32,
 }
 
 impl ScanFile {
-    /// The scan's depth as a view sees it.
+    /// Depth of the scan as seen by a view.
     pub(crate) fn seen_by(
         &self,
         pinhole: &Intrinsics,
@@ -75,7 +75,7 @@ impl ScanFile {
     }
 }
 
-/// Depth of points in world coordinates, each marking the pixels within `radius`.
+/// Depth of points in world coordinates, each of which marks the pixels within `radius`.
 pub(crate) fn points_seen_by(
     pinhole: &Intrinsics,
     camera_from_world: &RigidTransform,
@@ -90,7 +90,7 @@ fn place(pinhole: &Intrinsics, point: DVec3) -> Option<(DVec2, f64)> {
     (point.z >= NEAR_M).then(|| Some((pinhole.project(point)?, point.z)))?
 }
 
-/// Draws the part of a triangle that lies beyond the near plane.
+/// Draws the part of a triangle beyond the near plane.
 fn draw(pinhole: &Intrinsics, corners: [DVec3; 3], depth: &mut DepthMap) {
     let beyond = corners.map(|c| c.z >= NEAR_M);
     match beyond.iter().filter(|b| **b).count() {
@@ -98,7 +98,7 @@ fn draw(pinhole: &Intrinsics, corners: [DVec3; 3], depth: &mut DepthMap) {
         3 => return fill(pinhole, corners, depth),
         _ => {}
     }
-    // What is left of a triangle is one, or a quadrilateral.
+    // The clipped triangle has three or four corners.
     let mut left = Vec::with_capacity(4);
     for i in 0..3 {
         let (a, b) = (corners[i], corners[(i + 1) % 3]);
@@ -115,7 +115,7 @@ fn draw(pinhole: &Intrinsics, corners: [DVec3; 3], depth: &mut DepthMap) {
     }
 }
 
-/// Draws a triangle into a z-buffer at the pixels' centres; 1/z is linear in the picture.
+/// Draws a triangle into a z-buffer, sampled at pixel centres; 1/z is linear in the picture.
 fn fill(pinhole: &Intrinsics, corners: [DVec3; 3], depth: &mut DepthMap) {
     let places = corners.map(|c| place(pinhole, c));
     let [Some((a, za)), Some((b, zb)), Some((c, zc))] = places else {
@@ -127,7 +127,7 @@ fn fill(pinhole: &Intrinsics, corners: [DVec3; 3], depth: &mut DepthMap) {
     }
     let low = a.min(b).min(c);
     let high = a.max(b).max(c);
-    // Pixels whose centre may lie inside.
+    // Range of pixels whose centres may be inside.
     let range = |low: f64, high: f64, side: u32| {
         let first = (low - 0.5).ceil().max(0.0);
         let last = (high - 0.5).floor().min(f64::from(side) - 1.0);

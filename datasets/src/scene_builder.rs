@@ -1,4 +1,4 @@
-//! Multi-view scenes, collected photograph by photograph with what had to be left out.
+//! Construction of multi-view scenes, photograph by photograph, recording what is excluded.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
@@ -18,10 +18,10 @@ use crate::mask::MaskFile;
 use crate::undistort::Undistortion;
 use crate::{DatasetError, DatasetSpec, Pairing, Scene, View, natural_order, processing};
 
-/// A scene in the making.
+/// A scene under construction.
 pub(crate) struct SceneBuilder<'a> {
     dataset: &'a str,
-    /// The file that names the frames; notes and errors name it.
+    /// The file that lists the frames, which notes and errors mention.
     list: PathBuf,
     pub(crate) finder: FileFinder<'a>,
     pub(crate) sizes: CameraSizes,
@@ -29,9 +29,9 @@ pub(crate) struct SceneBuilder<'a> {
     left_out: LeftOut,
     broken: Vec<LeftOutViews>,
     views: Vec<View>,
-    /// Pictures that were handed out.
+    /// Pictures already used.
     seen: BTreeSet<PathBuf>,
-    /// Depth maps of frames that are left out.
+    /// Depth maps of excluded frames.
     of_left_out: BTreeSet<PathBuf>,
     pub(crate) notes: Vec<String>,
 }
@@ -57,18 +57,19 @@ impl<'a> SceneBuilder<'a> {
         self.left_out.add(reason, name);
     }
 
-    /// Leaves out a frame of which a file is missing, or cannot be read.
+    /// Excludes a frame because one of its files is missing or cannot be read.
     pub(crate) fn leave_out_broken(&mut self, reason: &str, name: &str) {
         let reason = format!("{}: {reason}", self.list.display());
         LeftOutViews::add(&mut self.broken, reason, frame_id(name));
     }
 
-    /// Keeps a depth map from being noted as one of no frame.
+    /// Marks a depth map as belonging to an excluded frame, so that it is not reported as unused.
     pub(crate) fn belongs_to_left_out(&mut self, map: Option<PathBuf>) {
         self.of_left_out.extend(map);
     }
 
-    /// Picture and pose of a frame, if it has both and no frame before had the picture; else the frame is left out.
+    /// Picture and pose of a frame, if it has both and the picture was not used before; otherwise the frame is
+    /// excluded.
     pub(crate) fn usable<P>(
         &mut self,
         name: &str,
@@ -87,11 +88,11 @@ impl<'a> SceneBuilder<'a> {
         None
     }
 
-    /// Adds a view, its camera scaled if the settings ask for it and resampled to a pinhole camera
-    /// if its lens does.
+    /// Adds a view. Its camera is scaled if the settings request it, and the view is resampled to a pinhole camera if
+    /// its lens requires it.
     ///
     /// # Errors
-    /// Names the picture, when its lens cannot be resampled to a pinhole.
+    /// If its lens cannot be resampled to a pinhole; names the picture.
     pub(crate) fn add(&mut self, mut frame: PosedFrame) -> Result<(), DatasetError> {
         frame.lens = self.sizes.fit(frame.lens, &frame.image)?;
         self.views.push(frame.into_view(self.rules)?);
@@ -107,14 +108,14 @@ impl<'a> SceneBuilder<'a> {
         views.any(|view| view.content.processing().masked)
     }
 
-    /// The folder of the first picture; an empty path where there is none.
+    /// Folder of the first picture; an empty path if there is none.
     pub(crate) fn folder_of_pictures(&self) -> PathBuf {
         let first = self.seen.first().and_then(|picture| picture.parent());
         first.map_or_else(PathBuf::new, Path::to_owned)
     }
 
-    /// Notes files of some folders that no view uses, with the reason for each folder. Pictures that were left out have
-    /// their own note.
+    /// Adds a note on files in the given folders that no view uses, with the reason for each folder. Excluded pictures
+    /// have their own note.
     pub(crate) fn note_unused(&mut self, folders: &[(PathBuf, &'static str)]) {
         let used = self.views.iter().flat_map(|view| view.content.files());
         let known = self.seen.iter().chain(&self.of_left_out).cloned();
@@ -137,8 +138,8 @@ impl<'a> SceneBuilder<'a> {
         }
     }
 
-    /// The scene, with its views in natural order and their ids shortened by the folders that all
-    /// share, and with extensions where only these tell pictures apart. The id is also its cluster.
+    /// Finishes the scene. Views are in natural order; their ids are shortened by the folders that all share, and
+    /// include extensions only where these distinguish pictures. The scene's id is also its cluster.
     pub(crate) fn finish(mut self, id: String) -> Scene {
         let shared = shorten_ids(&mut self.views);
         let broken = self.broken.iter_mut().flat_map(|group| &mut group.views);
@@ -160,7 +161,7 @@ impl<'a> SceneBuilder<'a> {
         }
     }
 
-    /// As [`SceneBuilder::finish`], refusing a scene without views.
+    /// Like [`SceneBuilder::finish`], but rejects a scene without views.
     ///
     /// # Errors
     /// Names the list of frames, with the notes and `hint`.
@@ -177,10 +178,10 @@ impl<'a> SceneBuilder<'a> {
     }
 }
 
-/// Why a frame with a broken pose is left out.
+/// Reason for excluding a frame with an invalid pose.
 pub(crate) const NO_POSE: &str = "the pose is not finite or not rigid";
 
-/// Why a frame with such a matrix is left out.
+/// Reason for excluding a frame with an invalid matrix.
 pub(crate) fn no_pose(error: &CameraError) -> &'static str {
     match error {
         CameraError::NotRigid { determinant, .. } if *determinant < 0.0 => {
@@ -190,12 +191,12 @@ pub(crate) fn no_pose(error: &CameraError) -> &'static str {
     }
 }
 
-/// The pinhole camera that a picture with lens distortion is resampled to.
+/// Choice of the pinhole camera to which a picture with lens distortion is resampled.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Pinhole {
-    /// The widest that shows nothing beyond the stored picture.
+    /// The widest one that shows nothing beyond the stored picture.
     WithoutBlankPixels,
-    /// The one ScanNet++'s toolbox uses.
+    /// The one used by ScanNet++'s toolbox.
     LikeScanNetPp,
 }
 
@@ -209,7 +210,7 @@ pub(crate) struct PosedFrame {
     pub(crate) camera_from_world: RigidTransform,
     pub(crate) mask: Option<MaskFile>,
     pub(crate) depth: Option<ViewDepth>,
-    /// The files that lens and pose are from.
+    /// Files from which lens and pose were read.
     pub(crate) cameras: Vec<PathBuf>,
 }
 
@@ -246,7 +247,7 @@ impl PosedFrame {
     }
 }
 
-/// Shortens the ids of views by the folders that all share, and returns these.
+/// Removes from the ids of views the folders that all share, and returns these folders.
 fn shorten_ids(views: &mut [View]) -> String {
     let folders = views
         .iter()
@@ -258,7 +259,7 @@ fn shorten_ids(views: &mut [View]) -> String {
     shared
 }
 
-/// Adds the extensions of pictures that share an id.
+/// Adds extensions to the ids of pictures that share an id.
 fn tell_apart(views: &mut [View]) {
     let mut counts: BTreeMap<String, usize> = BTreeMap::new();
     for view in views.iter() {
@@ -272,7 +273,7 @@ fn tell_apart(views: &mut [View]) {
     }
 }
 
-/// Pictures and maps at most `depth` levels below a folder that are not among those used, in natural order.
+/// Collects pictures and maps at most `depth` levels below a folder that are not in `used`, in natural order.
 fn unused(folder: &Path, used: &BTreeSet<PathBuf>, depth: usize, into: &mut Vec<PathBuf>) {
     for (name, path) in files::list(folder).unwrap_or_default() {
         let extension = name.rsplit_once('.').map_or("", |(_, extension)| extension);
@@ -290,7 +291,7 @@ fn unused(folder: &Path, used: &BTreeSet<PathBuf>, depth: usize, into: &mut Vec<
 
 const MAPS: [&str; 4] = ["npy", "npz", "exr", "pfm"];
 
-/// The leading path components that two folders share.
+/// Leading path components that two folders share.
 fn common_folders<'a>(a: &'a str, b: &str) -> &'a str {
     let mut length = 0;
     for (i, (x, y)) in a.split('/').zip(b.split('/')).enumerate() {
@@ -302,7 +303,7 @@ fn common_folders<'a>(a: &'a str, b: &str) -> &'a str {
     &a[..length]
 }
 
-/// A picture's name without its extension, `./` and with `/` between folders.
+/// Id of a picture: its name without extension and `./`, and with `/` between folders.
 pub(crate) fn frame_id(name: &str) -> String {
     let name = name.replace('\\', "/");
     let name = name.trim_start_matches("./");

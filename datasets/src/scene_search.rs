@@ -1,4 +1,4 @@
-//! The search for scenes below a dataset's folder, and what it has to pass over.
+//! Search for scenes in a dataset's folder, recording what could not be searched.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::io::ErrorKind;
@@ -14,20 +14,20 @@ const UNREADABLE: &str = "the system does not let it be listed";
 
 #[derive(Debug)]
 pub(crate) struct FoundFolders {
-    /// The scenes' folders, in natural order.
+    /// Folders of the scenes, in natural order.
     pub(crate) folders: Vec<PathBuf>,
-    /// Folders that could not be looked into.
+    /// Folders that could not be searched.
     pub(crate) unsearched: Vec<LeftOutScene>,
 }
 
 impl Root {
-    /// Folders at most `depth` levels below the root (and the root itself) for which `is_scene`
-    /// holds, in natural order; folders inside a scene are not searched. What could not be searched
-    /// is counted: links that lead out of the root or nowhere, and folders that cannot be listed.
-    /// A folder that several links lead to is found once, under its first name.
+    /// Finds the folders, at most `depth` levels below the root (and including the root itself), for which `is_scene`
+    /// returns true, in natural order. Folders inside a scene are not searched. Records what could not be searched:
+    /// broken links, links that lead outside the root, and folders that cannot be listed. A folder reached through
+    /// several links is found once, under its first name.
     ///
     /// # Errors
-    /// [`DatasetError::Io`] when the root cannot be listed.
+    /// [`DatasetError::Io`] if the root cannot be listed.
     pub(crate) fn find_folders(
         &self,
         depth: usize,
@@ -46,9 +46,8 @@ impl Root {
         Ok(search.found)
     }
 
-    /// The files of a folder by name, without asking the system about each: only symbolic links
-    /// are followed, and those that lead elsewhere are left out and counted. Empty for a folder that
-    /// is not there.
+    /// Files of a folder by name, without a system call for each: only symbolic links are followed, and those that lead
+    /// outside are excluded and counted. Empty if the folder does not exist.
     pub(crate) fn files_in(
         &self,
         folder: &Path,
@@ -121,7 +120,7 @@ impl Search<'_> {
         for (_, path) in list(folder)? {
             match std::fs::metadata(&path) {
                 Ok(found) if found.is_dir() => {
-                    // An unreadable folder somewhere below must not hide the scenes beside it.
+                    // An unreadable nested folder must not hide the scenes next to it.
                     if let Err(error) = self.walk(&path, depth - 1) {
                         self.found.unsearched.push(LeftOutScene {
                             id: self.root.id_of(&path),
@@ -129,7 +128,7 @@ impl Search<'_> {
                         });
                     }
                 }
-                // It was listed a moment ago.
+                // Deleted since the folder was listed.
                 Err(error) if error.kind() == ErrorKind::NotFound => {
                     self.pass_over(self.root.id_of(&path), LINK_NOWHERE);
                 }

@@ -1,4 +1,4 @@
-//! A dataset as asked for on a command line, and the scenes it opens to.
+//! A dataset as specified on a command line, and opening its scenes.
 
 use std::collections::BTreeMap;
 use std::fmt;
@@ -13,27 +13,27 @@ use crate::error::nearest_of;
 use crate::left_out::{FoundScenes, LeftOutScene, by_reason};
 use crate::{DatasetError, Scene, files, picture_notes, processing, synthetic};
 
-/// A dataset as asked for: `[NAME:]FORMAT=PATH[,key=value…]`. The procedural format has no path:
-/// `synthetic` or `synthetic=seed=7,size=320x240`.
+/// A dataset specification: `[NAME:]FORMAT=PATH[,key=value…]`. The procedural format has no path: `synthetic` or
+/// `synthetic=seed=7,size=320x240`.
 #[derive(Debug, Clone)]
 pub struct DatasetSpec {
-    /// Name of this instance: a column group of the tables. The format's name unless given.
+    /// Name of this instance, used as a column group in tables. Defaults to the format's name.
     pub name: String,
     pub entry: &'static DatasetEntry,
-    /// The dataset's folder; empty for a procedural one.
+    /// Folder of the dataset; empty if procedural.
     pub path: PathBuf,
-    /// Only what was asked for; [`DatasetSpec::setting`] knows the defaults.
+    /// Explicitly given settings only; [`DatasetSpec::setting`] adds the defaults.
     pub settings: BTreeMap<&'static str, String>,
 }
 
-/// A setting in force; displays as `key=value`.
+/// A setting with its effective value; displayed as `key=value`.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct SettingInForce {
     pub key: &'static str,
     pub value: String,
-    /// Whether the value is known to differ from what the paper did.
+    /// True if the value is known to differ from the paper's procedure.
     pub proxy: bool,
-    /// Whether the paper leaves it open: this is one of several values that it may have used.
+    /// True if the paper leaves this open, so that the value is one of several it may have used.
     pub open: bool,
 }
 
@@ -44,18 +44,18 @@ impl fmt::Display for SettingInForce {
 }
 
 impl DatasetSpec {
-    /// Parses `[NAME:]FORMAT=PATH[,key=value…]`. A path may hold `:`, `=` and commas, but not a
-    /// comma followed by something with `=`: that is a setting.
+    /// Parses `[NAME:]FORMAT=PATH[,key=value…]`. A path may contain `:`, `=` and commas, but not a comma followed by
+    /// text with `=`, which is parsed as a setting.
     ///
     /// # Errors
-    /// [`DatasetError::UnknownFormat`]; [`DatasetError::Spec`] for a missing path, an unknown key
-    /// or a value that is not among its choices.
+    /// [`DatasetError::UnknownFormat`]; [`DatasetError::Spec`] for a missing path, an unknown key, or a value that is
+    /// not among the key's choices.
     pub fn parse(text: &str) -> Result<Self, DatasetError> {
         let error = |reason: String| DatasetError::Spec {
             text: text.to_owned(),
             reason,
         };
-        // Without a path the settings may follow the format at once: `synthetic,views=4`.
+        // Without a path, the settings may directly follow the format: `synthetic,views=4`.
         let (head, mut path) = match text.find(['=', ',']) {
             Some(at) => (&text[..at], &text[at + 1..]),
             None => (text, ""),
@@ -76,7 +76,7 @@ impl DatasetSpec {
         if !procedural && text[head.len()..].starts_with(',') {
             return Err(no_folder());
         }
-        // Settings are taken from the end, so that a path may hold commas and equal signs.
+        // Settings are parsed from the end, so that a path may contain commas and equal signs.
         let mut settings = BTreeMap::new();
         while !path.is_empty() {
             let (before, last) = match path.rsplit_once(',') {
@@ -122,7 +122,7 @@ impl DatasetSpec {
         })
     }
 
-    /// The value of a setting: as asked for, or the default. Empty for a key the format lacks.
+    /// Value of a setting: as given, or the default. Empty if the format does not have this key.
     pub fn setting(&self, key: &str) -> &str {
         let mut known = self.entry.settings.iter().chain(&PICTURES);
         let mut default = || known.find(|s| s.key == key);
@@ -132,13 +132,13 @@ impl DatasetSpec {
         }
     }
 
-    /// How its pictures are read.
+    /// Rules for reading the dataset's pictures.
     pub fn picture_rules(&self) -> PictureRules {
-        // Values were checked when they were given.
+        // The values were validated when they were set.
         PictureRules::parse(|key| Some(self.setting(key))).unwrap_or_default()
     }
 
-    /// Every setting of the format with its effective value, and those of [`PICTURES`] that are given.
+    /// Every setting of the format with its effective value, and the explicitly given ones of [`PICTURES`].
     pub fn readings(&self) -> Vec<SettingInForce> {
         let given = |setting: &&Setting| self.settings.contains_key(setting.key);
         let settings = self.entry.settings.iter();
@@ -156,7 +156,7 @@ impl DatasetSpec {
             .collect()
     }
 
-    /// The value of a setting that is a number above zero.
+    /// Value of a setting that must be a positive number.
     pub(crate) fn positive(&self, key: &str) -> Result<f64, DatasetError> {
         let text = self.setting(key);
         match text.parse::<f64>() {
@@ -174,11 +174,11 @@ impl DatasetSpec {
         }
     }
 
-    /// What a reader found below the folder, with the folders that could not be searched.
+    /// Completes the result of a reader with the folders that could not be searched.
     ///
     /// # Errors
-    /// [`DatasetError::NoScene`] when there is no scene, not even a broken one; `expected` is the
-    /// layout that was looked for.
+    /// [`DatasetError::NoScene`] if there is no scene, not even a broken one; `expected` describes the layout that was
+    /// searched for.
     pub(crate) fn conclude(
         &self,
         mut found: FoundScenes,
@@ -221,19 +221,18 @@ impl fmt::Display for DatasetSpec {
     }
 }
 
-/// Opens a dataset: finds its scenes and reads the cameras, but no pixels. Scenes come in natural
-/// order of their ids.
+/// Opens a dataset: finds its scenes and reads the cameras, but no pixels. Scenes are in natural order of their ids.
 ///
 /// # Errors
-/// Names the file or folder and what is wrong with it; the first one, if several are.
+/// The first error; names the file or folder and what is wrong with it.
 pub fn open(spec: &DatasetSpec) -> Result<Vec<Scene>, DatasetError> {
     open_each(spec)?.all()
 }
 
-/// Like [`open`], but also lists scenes that cannot be read or that a setting rules out.
+/// Like [`open`], but also lists scenes that cannot be read or that a setting excludes.
 ///
 /// # Errors
-/// When there is no scene at all, or the dataset's own lists cannot be read.
+/// If there is no scene at all, or the dataset's own lists cannot be read.
 pub fn open_each(spec: &DatasetSpec) -> Result<FoundScenes, DatasetError> {
     let mut found = (spec.entry.open)(spec)?;
     for scene in &mut found.scenes {

@@ -1,10 +1,9 @@
 //! A plain rectified stereo pair: `left.*`, `right.*` and `rig.txt`.
 //!
-//! `rig.txt` has one `key=value` a line: `fx`, `fy` (fx unless given), `cx_left`, `cx_right`
-//! (cx_left unless given), `cy` in pixels with the centre of the first pixel at (0.5, 0.5), and
-//! `baseline_m`. Optional: `disparity_unit`, the pixels that one stored unit stands for (1; for
-//! KITTI's 16-bit PNG 1/256 = 0.00390625). `disparity_left.*` and `disparity_right.*` (PFM, npy,
-//! npz, EXR, 16-bit PNG) are optional.
+//! `rig.txt` has one `key=value` per line: `fx`, `fy` (default: fx), `cx_left`, `cx_right` (default: cx_left) and `cy`
+//! in pixels, with the centre of the first pixel at (0.5, 0.5), and `baseline_m`. Optional: `disparity_unit`, the
+//! number of pixels per stored unit (default 1; 1/256 = 0.00390625 for KITTI's 16-bit PNG), and the files
+//! `disparity_left.*` and `disparity_right.*` (PFM, npy, npz, EXR, 16-bit PNG).
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -83,7 +82,7 @@ fn read_scene(spec: &DatasetSpec, root: &Root, folder: &Path) -> Result<Scene, D
     stereo_pair::scene(spec, id.clone(), id, sides, &file, Vec::new())
 }
 
-/// The file of that stem, in any case.
+/// The file with that stem, in any case.
 fn find(
     root: &Root,
     folder: &Path,

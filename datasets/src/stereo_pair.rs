@@ -1,4 +1,4 @@
-//! A rectified stereo pair as a scene: what Middlebury, Booster and plain pairs share.
+//! A rectified stereo pair as a scene; shared by the readers of Middlebury, Booster and plain pairs.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -17,13 +17,12 @@ pub(crate) struct Side {
     pub(crate) id: String,
     pub(crate) image: PathBuf,
     pub(crate) size: (u32, u32),
-    /// Disparity map of this side, if there is one, and the pixels that one unit stands for.
+    /// Disparity map of this side, if any, and the number of pixels per stored unit.
     pub(crate) disparity: Option<(PathBuf, f64)>,
     pub(crate) focal: (f64, f64),
-    /// Principal point; the first pixel's centre is (0.5, 0.5).
+    /// Principal point; the centre of the first pixel is (0.5, 0.5).
     pub(crate) center: (f64, f64),
-    /// `Z = baseline · f / (d + doffs)` holds for both sides, as disparity is always
-    /// `x_left − x_right`.
+    /// `Z = baseline · f / (d + doffs)` holds for both sides, because disparity is always `x_left − x_right`.
     pub(crate) geometry: StereoGeometry,
 }
 
@@ -57,17 +56,17 @@ impl Side {
     }
 }
 
-/// A note on a left side without depth; `file` is what would hold its disparity.
+/// Note on a left side without depth; `file` is the file that is expected to contain its disparity.
 pub(crate) fn without_depth(left: &Side, id: &str, file: &str) -> Vec<String> {
     let note = || format!("{id}: no {file}, so the left view has no depth");
     left.disparity.is_none().then(note).into_iter().collect()
 }
 
-/// The scene of a left and a right side, a baseline apart; `calibration` is the file that their
-/// cameras are from.
+/// Creates the scene of a left and a right side, separated by a baseline; `calibration` is the file from which their
+/// cameras were read.
 ///
 /// # Errors
-/// Names that file when a side's camera is invalid.
+/// If a side's camera is invalid; names `calibration`.
 pub(crate) fn scene(
     spec: &DatasetSpec,
     id: String,

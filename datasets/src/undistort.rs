@@ -1,4 +1,4 @@
-//! Pictures and depth of a camera with a lens, resampled to a pinhole camera.
+//! Resampling of pictures and depth from a camera with a lens to a pinhole camera.
 
 use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
 
@@ -10,7 +10,7 @@ use sharp::camera::Intrinsics;
 use crate::DepthMap;
 use crate::lens::{Lens, LensError};
 
-/// A lens and the pinhole camera its pictures are resampled to; both look along the same axis.
+/// A lens and the pinhole camera to which its pictures are resampled; both look along the same axis.
 #[derive(Debug, Clone, Copy)]
 pub struct Undistortion {
     lens: Lens,
@@ -19,7 +19,7 @@ pub struct Undistortion {
 }
 
 impl Undistortion {
-    /// Resamples `lens` to a given pinhole camera, of any size.
+    /// Resamples `lens` to the given pinhole camera, of any size.
     pub fn new(lens: Lens, pinhole: Intrinsics) -> Self {
         Self {
             lens,
@@ -28,8 +28,8 @@ impl Undistortion {
         }
     }
 
-    /// Resamples to the pinhole camera of the same size and principal point with the widest field
-    /// of view that shows nothing beyond the stored picture (COLMAP's `blank_pixels = 0`).
+    /// Resamples to the pinhole camera with the same size and principal point that has the widest field of view showing
+    /// nothing beyond the stored picture (COLMAP's `blank_pixels = 0`).
     ///
     /// # Errors
     /// [`LensError::NoWholePinhole`].
@@ -39,7 +39,7 @@ impl Undistortion {
             fy: lens.intrinsics().fy * zoom,
             ..lens.intrinsics()
         };
-        // In steps of 1/4096, so that the last bits of atan do not reach the result.
+        // Quantised to 1/4096, so that the last bits of atan do not affect the result.
         let (mut narrow, mut wide) = (16 * 4096_u32, 512_u32);
         if !shows_only_the_picture(&lens, &scaled(f64::from(narrow) / 4096.0)) {
             return Err(LensError::NoWholePinhole);
@@ -59,16 +59,16 @@ impl Undistortion {
         })
     }
 
-    /// The pinhole camera that ScanNet++'s toolbox resamples its fisheye pictures to: OpenCV's
-    /// `estimateNewCameraMatrixForUndistortRectify` with balance 0, and the principal point moved
-    /// to the middle of the picture.
+    /// The pinhole camera to which ScanNet++'s toolbox resamples its fisheye pictures: OpenCV's
+    /// `estimateNewCameraMatrixForUndistortRectify` with balance 0, and the principal point moved to the centre of the
+    /// picture.
     ///
     /// # Errors
     /// [`LensError::EdgesUnseen`].
     pub fn like_scannetpp(lens: Lens) -> Result<Self, LensError> {
         let k = lens.intrinsics();
         let (w, h) = (f64::from(k.width), f64::from(k.height));
-        // OpenCV halves the size in whole numbers.
+        // OpenCV halves the size by integer division.
         let (middle_x, middle_y) = (f64::from(k.width / 2), f64::from(k.height / 2));
         let aspect = k.fx / k.fy;
         let mut edges = [DVec2::ZERO; 4];
@@ -100,23 +100,23 @@ impl Undistortion {
         })
     }
 
-    /// The camera that the resampled pictures have.
+    /// Camera of the resampled pictures.
     pub fn pinhole(&self) -> &Intrinsics {
         &self.pinhole
     }
 
-    /// How that camera was chosen, for notes.
+    /// Rule by which that camera was chosen, for notes.
     pub fn rule(&self) -> &'static str {
         self.rule
     }
 
-    /// The camera that the stored pictures have.
+    /// Camera of the stored pictures.
     pub fn lens(&self) -> &Lens {
         &self.lens
     }
 
-    /// Resamples a photograph bilinearly; beyond its border it is mirrored about the outermost
-    /// pixels (OpenCV's `BORDER_REFLECT_101`). Pixels the lens does not see are black.
+    /// Resamples a photograph bilinearly. Beyond its border it is mirrored about the outermost pixels (OpenCV's
+    /// `BORDER_REFLECT_101`). Pixels that the lens does not see are black.
     pub fn image(&self, stored: &RgbImage) -> RgbImage {
         let size = (i64::from(stored.width()), i64::from(stored.height()));
         self.gathered(|place| {
@@ -141,8 +141,8 @@ impl Undistortion {
         })
     }
 
-    /// Resamples a dense depth map to the nearest stored value; never blends depths. z-depth does
-    /// not change: both cameras look along the same axis.
+    /// Resamples a dense depth map to the nearest stored value; depths are never blended. z-depth does not change,
+    /// because both cameras look along the same axis.
     pub fn depth_nearest(&self, stored: &DepthMap) -> DepthMap {
         let (w, h) = stored.dimensions();
         let inside =
@@ -153,8 +153,8 @@ impl Undistortion {
         })
     }
 
-    /// Resamples a mask as ScanNet++'s toolbox does: bilinearly, 255 beyond its border, and what is
-    /// then below 255 becomes 0. What the lens does not see is 0.
+    /// Resamples a mask as in ScanNet++'s toolbox: bilinearly, with 255 beyond its border; values below 255 then become
+    /// 0. Pixels that the lens does not see are 0.
     pub fn mask(&self, stored: &GrayImage) -> GrayImage {
         let (w, h) = (i64::from(stored.width()), i64::from(stored.height()));
         let lack = |x: i64, y: i64| {
@@ -171,17 +171,17 @@ impl Undistortion {
             let (x, y) = (floor.x as i64, floor.y as i64);
             let above = lack(x, y) * (1.0 - blend.x) + lack(x + 1, y) * blend.x;
             let below = lack(x, y + 1) * (1.0 - blend.x) + lack(x + 1, y + 1) * blend.x;
-            // Values are rounded to whole levels, half a level to the even 254.
+            // Values are rounded to integer levels; 254.5 is rounded to the even 254.
             let whole = above * (1.0 - blend.y) + below * blend.y < 0.5;
             Luma([if whole { 255 } else { 0 }])
         })
     }
 
-    /// Carries each valid pixel of a sparse depth map to where it lands, the nearer one winning.
-    /// Unlike [`Self::depth_nearest`] this loses no sample where the picture shrinks.
+    /// Projects each valid pixel of a sparse depth map to its new position; the nearest one wins. Unlike
+    /// [`Self::depth_nearest`], this loses no samples when the picture shrinks.
     pub fn depth_splat(&self, stored: &DepthMap) -> DepthMap {
         let (width, height) = (self.pinhole.width, self.pinhole.height);
-        // The bits of positive floats are in the order of the floats.
+        // The bits of positive floats have the same order as the floats.
         let nothing = f32::INFINITY.to_bits();
         let mut nearest = Vec::new();
         nearest.resize_with(width as usize * height as usize, || AtomicU32::new(nothing));
@@ -199,7 +199,7 @@ impl Undistortion {
                     }
                 }
             });
-        // In place: both take four bytes.
+        // In place, because both take four bytes.
         let depths = nearest.into_iter().map(AtomicU32::into_inner);
         let depths = depths.map(|bits| {
             if bits == nothing {
@@ -211,7 +211,7 @@ impl Undistortion {
         DepthMap::from_vec(width, height, depths.collect()).unwrap_or_default()
     }
 
-    /// A picture whose pixels are made of their places in the stored one.
+    /// A picture whose pixels are computed from their positions in the stored one.
     fn gathered<P>(
         &self,
         pixel: impl Fn(Option<DVec2>) -> P + Sync,
@@ -233,8 +233,8 @@ impl Undistortion {
         picture
     }
 
-    /// Where the centre of a pinhole pixel lies in the stored picture (pixels, corner convention);
-    /// `None` if the lens does not see.
+    /// Position of a pinhole pixel's centre in the stored picture (pixels, corner convention); `None` if the lens does
+    /// not see it.
     pub fn stored_place(&self, x: u32, y: u32) -> Option<DVec2> {
         let center = DVec2::new(f64::from(x) + 0.5, f64::from(y) + 0.5);
         self.lens
@@ -242,14 +242,14 @@ impl Undistortion {
     }
 }
 
-/// An index mirrored about the first and last pixel, as often as needed.
+/// Mirrors an index about the first and last pixel, as often as needed.
 fn mirror(i: i64, size: i64) -> u32 {
     let period = (2 * (size - 1)).max(1);
     let i = i.rem_euclid(period);
     u32::try_from(i.min(period - i).min(size - 1)).unwrap_or(0)
 }
 
-/// Whether every point of the pinhole picture's border lies inside the stored picture.
+/// True if every point of the pinhole picture's border is inside the stored picture.
 fn shows_only_the_picture(lens: &Lens, pinhole: &Intrinsics) -> bool {
     let (w, h) = (f64::from(pinhole.width), f64::from(pinhole.height));
     (0..=256).all(|i| {
@@ -264,7 +264,7 @@ fn shows_only_the_picture(lens: &Lens, pinhole: &Intrinsics) -> bool {
         .all(|pixel| {
             let ray: DVec3 = pinhole.unproject(pixel, 1.0);
             lens.project_unfolded(ray).is_some_and(|p| {
-                // A border that maps onto itself must not fail by rounding.
+                // A border that maps onto itself must not fail because of rounding.
                 (-1e-9..=w + 1e-9).contains(&p.x) && (-1e-9..=h + 1e-9).contains(&p.y)
             })
         })

@@ -12,48 +12,48 @@ use crate::left_out::LeftOutViews;
 use crate::processing::Processing;
 use crate::required_files::FileRole;
 
-/// z-depth in metres, row-major, top row first; 0 marks an invalid pixel, every other value is
-/// finite and positive.
+/// z-depth in metres, row-major, top row first; 0 marks an invalid pixel, all other values are finite and positive.
 pub type DepthMap = ImageBuffer<Luma<f32>, Vec<f32>>;
 
-/// Facts from the file of a photograph.
+/// Information from the header of a photograph's file.
 #[derive(Debug, Clone, PartialEq)]
 pub struct FoundPicture {
     pub header: Header,
-    /// Whether it is turned by its EXIF orientation.
+    /// True if it is turned by its EXIF orientation.
     pub turned: bool,
-    /// Whether its camera also fits the reading that is not taken; false without an orientation.
+    /// True if both orientations (as stored and as turned) match its camera; false without an EXIF orientation.
     pub fits_both: bool,
 }
 
-/// The pixels behind a [`View`], read when asked for and not kept.
+/// The pixels of a [`View`], read on demand and not cached.
 pub trait ViewContent: Send + Sync + std::fmt::Debug {
-    /// The photograph: 8-bit sRGB, of the size that the view's intrinsics state.
+    /// The photograph: 8-bit sRGB, with the size stated in the view's intrinsics.
     ///
     /// # Errors
-    /// Names the file and why it cannot be read, or that its size disagrees with the intrinsics.
+    /// Names the file and the reason that it cannot be read, or that its size disagrees with the intrinsics.
     fn image(&self) -> Result<RgbImage, DatasetError>;
 
-    /// 255 where a pixel of the photograph is valid; `None` if the dataset excludes none. Excluded pixels are black in [`ViewContent::image`] and have no depth.
+    /// 255 for valid pixels of the photograph; `None` if the dataset excludes none. Excluded pixels are black in
+    /// [`ViewContent::image`] and have no depth.
     ///
     /// # Errors
-    /// Names the file and why it cannot be read.
+    /// Names the file and the reason that it cannot be read.
     fn valid_pixels(&self) -> Result<Option<GrayImage>, DatasetError>;
 
-    /// Ground-truth depth at the image's size; `None` if the dataset has none for this view.
+    /// Ground-truth depth with the photograph's size; `None` if the dataset has none for this view.
     ///
     /// # Errors
-    /// Names the file and why it cannot be read.
+    /// Names the file and the reason that it cannot be read.
     fn depth(&self) -> Result<Option<DepthMap>, DatasetError>;
 
-    /// The file that the photograph comes from; `None` for a procedural one.
+    /// File of the photograph; `None` if procedural.
     fn image_file(&self) -> Option<&Path>;
 
-    /// Every file that the view is made of and what it is for, sorted; a file that serves twice is
-    /// listed twice. Empty for a procedural view.
+    /// Every file that the view depends on, with its role, sorted; a file with two roles is listed twice. Empty for a
+    /// procedural view.
     fn files_by_role(&self) -> Vec<(FileRole, PathBuf)>;
 
-    /// [`ViewContent::files_by_role`] without the roles, each file once, sorted.
+    /// [`ViewContent::files_by_role`] without the roles; each file once, sorted.
     fn files(&self) -> Vec<PathBuf> {
         let mut files: Vec<PathBuf> = self.files_by_role().into_iter().map(|f| f.1).collect();
         files.sort();
@@ -61,40 +61,41 @@ pub trait ViewContent: Send + Sync + std::fmt::Debug {
         files
     }
 
-    /// The processing between the files and the pixels.
+    /// Processing from files to pixels.
     fn processing(&self) -> Processing {
         Processing::default()
     }
 
-    /// Facts from the photograph's header; `None` for a procedural one.
+    /// Information from the photograph's header; `None` if procedural.
     ///
     /// # Errors
-    /// Names the file and why it cannot be read.
+    /// Names the file and the reason that it cannot be read.
     fn found(&self) -> Result<Option<FoundPicture>, DatasetError> {
         Ok(None)
     }
 
-    /// The photograph under the other reading of its EXIF orientation, of the size of [`ViewContent::image`], and the
-    /// setting that reads it so; `None` if it has no orientation, or only one reading fits the camera.
+    /// The photograph with the other interpretation of its EXIF orientation, with the size of [`ViewContent::image`],
+    /// and the setting that selects it. `None` if it has no orientation, or if only one interpretation matches the
+    /// camera.
     ///
     /// # Errors
-    /// As [`ViewContent::image`].
+    /// As for [`ViewContent::image`].
     fn image_otherwise_turned(&self) -> Result<Option<(RgbImage, &'static str)>, DatasetError> {
         Ok(None)
     }
 
-    /// Hash of the photograph: sha256 of the file's bytes, or of the RGB bytes of a procedural
-    /// view, as 64 lower-case hexadecimal digits.
+    /// Hash of the photograph: SHA-256 of the file's bytes or, for a procedural view, of the RGB bytes, as 64
+    /// lower-case hexadecimal digits.
     ///
     /// # Errors
-    /// Names the file and why it cannot be read: missing, incomplete (as far as that shows without decoding), or of another
-    /// size than its camera.
+    /// Names the file and the reason: it is missing, incomplete (as far as this is visible without decoding), or its
+    /// size differs from its camera's.
     fn image_sha256(&self) -> Result<String, DatasetError>;
 }
 
 #[derive(Debug, Clone)]
 pub struct View {
-    /// Unique within the scene; the file's stem or the dataset's frame name.
+    /// Unique within the scene: the file's stem or the dataset's frame name.
     pub id: String,
     /// Pinhole intrinsics of [`ViewContent::image`].
     pub intrinsics: Intrinsics,
@@ -105,37 +106,37 @@ pub struct View {
 /// Rule by which the views of a scene form pairs.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Pairing {
-    /// Exactly one pair: the paper's stereo protocol, left to right.
+    /// Exactly one pair, left to right: the paper's stereo protocol.
     Stereo { source: usize, target: usize },
-    /// From one view to each of the others, whatever their overlap: a controlled sweep.
+    /// From one view to each of the others, regardless of overlap: a controlled sweep.
     Star { source: usize },
-    /// Pairs come from sets of consecutive views and their overlap.
+    /// Pairs are chosen by overlap from sets of consecutive views.
     MultiView,
 }
 
-/// Views that share one world space.
+/// Views in a common world coordinate system.
 #[derive(Debug, Clone)]
 pub struct Scene {
-    /// Name of the dataset instance, as given or the format's own.
+    /// Name of the dataset instance, as given, or else the format's name.
     pub dataset: String,
     /// Unique within the dataset; `/` separates levels.
     pub id: String,
-    /// The physical scene. Scenes of one cluster (illuminations, exposures, two rectifications of
-    /// one set-up) are not independent samples and are resampled together in statistics.
+    /// The physical scene. Scenes of one cluster (illuminations, exposures, two rectifications of one set-up) are not
+    /// independent samples, so statistics resample them together.
     pub cluster: String,
     /// In natural order of their ids.
     pub views: Vec<View>,
     pub pairing: Pairing,
-    /// What the reader assumed or left out: lines shown before a run and kept in its manifest.
+    /// Assumptions and exclusions of the reader; shown before a run and stored in its manifest.
     pub notes: Vec<String>,
-    /// Doubts about the files, each with the setting that mends it; shown as the notes are, and as warnings before a run.
+    /// Doubts about the files, each with the setting that resolves it; shown like notes, and as warnings before a run.
     pub warnings: Vec<String>,
-    /// Views that are not among the others because of their files.
+    /// Views that were excluded because of their files.
     pub left_out: Vec<LeftOutViews>,
 }
 
 impl Scene {
-    /// A scene that is a cluster of its own, with nothing to note.
+    /// Creates a scene that is its own cluster, without notes.
     pub fn new(dataset: &str, id: impl Into<String>, views: Vec<View>, pairing: Pairing) -> Self {
         let id = id.into();
         Self {

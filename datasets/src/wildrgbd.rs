@@ -1,10 +1,9 @@
 //! WildRGB-D: phone captures of objects, with LiDAR depth in millimetres.
 //!
-//! A category has `nvs_list.json` and `scenes/scene_000/` with `rgb/00000.png`, `depth/00000.png`,
-//! `metadata` (JSON) and `cam_poses.txt` (frame number and camera-to-world matrix, metres, OpenCV
-//! axes). K in `metadata` is column-major and puts the first pixel's centre at (0, 0), so 0.5 is
-//! added to the principal point. The dataset has terabytes: the lists are read first, and only the
-//! folders they name are looked at.
+//! A category has `nvs_list.json` and `scenes/scene_000/` with `rgb/00000.png`, `depth/00000.png`, `metadata` (JSON)
+//! and `cam_poses.txt` (frame number and camera-to-world matrix, metres, OpenCV axes). K in `metadata` is column-major,
+//! with the first pixel's centre at (0, 0), so 0.5 is added to the principal point. The dataset has terabytes of data,
+//! so the lists are read first, and only the folders that they name are accessed.
 
 use std::path::{Path, PathBuf};
 
@@ -80,7 +79,7 @@ fn open(spec: &DatasetSpec) -> Result<FoundScenes, DatasetError> {
         } else {
             every_scene(&root, category)
         };
-        // A list that cannot be read, or a name that leads out, must not hide the other scenes.
+        // A list that cannot be read, or a name that points outside, must not hide the other scenes.
         let folders = folders.unwrap_or_else(|error| vec![(root.id_of(category), Err(error))]);
         for (id, folder) in folders {
             let by_frame = split == "val-frames";
@@ -92,10 +91,10 @@ fn open(spec: &DatasetSpec) -> Result<FoundScenes, DatasetError> {
     spec.conclude(found, expected, categories.unsearched)
 }
 
-/// The ids and folders of a category's scenes, or why a name is not one.
+/// Ids and folders of a category's scenes; an error for names that are not scenes.
 type Folders = Vec<(String, Result<PathBuf, DatasetError>)>;
 
-/// The folders of the scenes that the category's list names, in natural order.
+/// Folders of the scenes that the category's list names, in natural order.
 fn listed_scenes(root: &Root, category: &Path, split: &str) -> Result<Folders, DatasetError> {
     let file = root.resolve(category, LIST)?;
     let key = split.trim_end_matches("-scenes");
@@ -115,7 +114,7 @@ fn listed_scenes(root: &Root, category: &Path, split: &str) -> Result<Folders, D
     Ok(names.into_iter().map(with_id).collect())
 }
 
-/// A list of names in a JSON object; numbers count as names.
+/// Reads a list of names in a JSON object; numbers are converted to names.
 fn names_in(file: &Path, key: &str) -> Result<Vec<String>, DatasetError> {
     let malformed = |reason: String| DatasetError::malformed(file, reason);
     let list = files::parse_text(file, lenient_json::parse)?;
@@ -219,7 +218,7 @@ fn read_scene(
     scene.finish_with_views(root.id_of(folder), "")
 }
 
-/// The number that names a frame, with or without an extension.
+/// The number of a frame, given its name with or without an extension.
 fn number_of(name: &str) -> Option<i64> {
     let stem = name.rsplit('/').next().unwrap_or(name);
     stem.split('.').next()?.parse().ok()
@@ -241,7 +240,7 @@ fn read_lens(file: &Path) -> Result<Lens, DatasetError> {
         .map(|k| k.iter().filter_map(Value::as_f64).collect())
         .unwrap_or_default();
     let k = <[f64; 9]>::try_from(k).map_err(|_| malformed("'K' is not nine numbers".into()))?;
-    // Column by column: the principal point stands where a row-major K has zeros.
+    // K is column-major: the principal point is where a row-major K has zeros.
     if k[2] != 0.0 || k[5] != 0.0 {
         return Err(malformed(
             "'K' is not column-major: its third and sixth numbers are not zero".into(),

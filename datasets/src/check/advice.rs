@@ -1,21 +1,21 @@
-//! Sentences about a reading that fits better, with the setting that selects it.
+//! Sentences about a better-fitting interpretation, with the setting that selects it.
 
 use super::change::{Change, Focal, Moves};
 use super::explained::Explained;
 use super::small_view::Part;
 use crate::{DatasetSpec, View};
 
-/// Depths between which scenes lie, metres.
+/// Plausible range of scene depths, in metres.
 pub(super) const DEPTHS_M: (f64, f64) = (0.05, 2000.0);
 
-/// The settings of a dataset that say in which units it is.
+/// A dataset's settings of units.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Units {
-    /// Metres of one unit of the poses; `None` if nothing sets it.
+    /// Metres per unit of the poses; `None` if not set.
     scale: Option<f64>,
-    /// Metres of one unit of depth maps; `None` if nothing sets it.
+    /// Metres per unit of depth maps; `None` if not set.
     depth_unit: Option<f64>,
-    /// Whether depth is a model's points, which `scale` multiplies together with its poses.
+    /// True if depth is made of a model's points, which `scale` multiplies together with its poses.
     is_of_points: bool,
 }
 
@@ -32,7 +32,7 @@ impl Units {
 }
 
 impl Units {
-    /// Metres of one unit of depth maps.
+    /// Metres per unit of depth maps.
     pub(super) fn depth_unit_m(self) -> f64 {
         self.depth_unit.unwrap_or(1.0)
     }
@@ -48,7 +48,7 @@ impl Units {
     }
 }
 
-/// The sentence on a reading that fits better than the reader's.
+/// A sentence on an interpretation that fits better than the reader's.
 pub(super) fn sentence(
     change: &Change,
     evidence: &str,
@@ -149,8 +149,8 @@ pub(super) fn sentence(
     }
 }
 
-/// The setting that gives poses and depth one unit: the setting of the implausible quantity, or that of the poses and,
-/// after a semicolon, the other.
+/// The setting that brings poses and depth to the same unit. If one quantity is implausible, this is its setting;
+/// otherwise it is that of the poses, followed by the alternative after a semicolon.
 fn scaled(scale: f64, units: Units, median_m: f64) -> (String, String) {
     if units.is_of_points {
         let factor = number(scale);
@@ -182,7 +182,7 @@ fn scaled(scale: f64, units: Units, median_m: f64) -> (String, String) {
     }
 }
 
-/// The numbers by which another reading fits neighbouring views better.
+/// The numbers that show how much better another interpretation fits neighbouring views.
 pub(super) fn evidence(as_read: &Explained, other: &Explained) -> String {
     let mut parts = Vec::new();
     if other.meets_depth() {
@@ -200,7 +200,7 @@ pub(super) fn evidence(as_read: &Explained, other: &Explained) -> String {
     parts.join(", ")
 }
 
-/// Four digits at most, without trailing zeros.
+/// At most four digits, without trailing zeros.
 pub(super) fn number(value: f64) -> String {
     if value == 0.0 || !value.is_finite() {
         return value.to_string();

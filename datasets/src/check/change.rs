@@ -1,4 +1,4 @@
-//! Changes to the reader's reading that are tried.
+//! Alternatives to the reader's interpretation that are tested.
 
 use glam::DVec2;
 
@@ -6,40 +6,41 @@ use super::compare::{LEAST_GAIN, LEAST_GAIN_OF_FACTORS, LEAST_GAIN_OF_VIEWS};
 use super::explained::Explained;
 use super::small_view::Part;
 
-/// The change that another reading makes.
+/// A change to the reader's interpretation.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) enum Change {
-    /// The poses' translations, times this, fit the depth.
+    /// The poses' translations, multiplied by this, fit the depth.
     Scale(f64),
-    /// These focal lengths, times this, fit.
+    /// These focal lengths, multiplied by this, fit.
     Focal(Focal, f64),
     CentreExchanged,
-    /// Principal points lie so far right and down, in widths of the picture.
+    /// Principal points are further right and down by this much, in widths of the picture.
     CentreOff(DVec2),
-    /// Depth, and so many metres, fits.
+    /// Depth fits if this many metres are added.
     Short(f64),
     RayLength,
-    /// Depth was z already, and was taken for the length of rays.
+    /// Depth was already z, but was interpreted as the length of rays.
     NoRayLength,
-    /// Depth is the reciprocal of what is stored; the poses' translations, times this, fit the reciprocals.
+    /// The stored values are the reciprocal of depth; the poses' translations, multiplied by this, fit the reciprocals.
     Inverse(f64),
-    /// The poses are of another convention, named as in [`alternatives`].
+    /// The poses use another convention, named as in [`alternatives`].
     Convention(&'static str),
-    /// Parts of views belong to other pictures; the assignment in words.
+    /// Parts of views belong to other pictures; a description of the assignment.
     Order(String, Moves),
-    /// One view or some are wrong; the sentence on them.
+    /// One or several views are wrong; a sentence on them.
     Views(String),
-    /// Cameras are exchanged, in words.
+    /// Cameras are exchanged; a description.
     Cameras(String),
-    /// Lenses have this [`Reading::bend`].
+    /// The lenses have this [`Reading::bend`].
     Bent(f64),
-    /// Pictures or depth maps are turned, in words.
+    /// Pictures or depth maps are flipped; a description.
     Flipped(Part, &'static str),
-    /// Pictures read under the other EXIF orientation rule, which fits the camera as well; the setting that selects it.
+    /// Pictures fit with the other EXIF orientation rule, with which they also have the camera's size; the setting that
+    /// selects it.
     Turned(&'static str),
 }
 
-/// Focal lengths that are wrong together.
+/// Focal lengths that are wrong by a common factor.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Focal {
     Both,
@@ -67,7 +68,7 @@ impl Change {
     }
 }
 
-/// The part of a view that another assignment moves; the rest stays as it is.
+/// The part of a view that is reassigned; the rest is unchanged.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Moves {
     Poses,
@@ -76,7 +77,7 @@ pub(super) enum Moves {
 }
 
 impl Moves {
-    /// The parts that are reassigned.
+    /// Noun for the reassigned parts.
     pub(super) fn noun(self) -> &'static str {
         match self {
             Self::Depth => "depth map",
@@ -85,12 +86,12 @@ impl Moves {
     }
 }
 
-/// A reading that fits better.
+/// An interpretation that fits better.
 #[derive(Debug, Clone)]
 pub(super) struct Better {
     pub(super) change: Change,
     pub(super) as_read: Explained,
     pub(super) explained: Explained,
-    /// Whether what it leaves unexplained is no more than in proper data.
+    /// True if the remaining loss is no larger than for valid data.
     pub(super) fits_well: bool,
 }

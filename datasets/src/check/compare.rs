@@ -1,30 +1,33 @@
-//! Whether another reading explains the same views significantly better, and well.
+//! Tests whether another interpretation explains the same views significantly better, and well.
 
 use super::explained::{ENOUGH, Explained};
 
-/// Another reading has to take away this share of the loss; one that changes a factor, which proper data never moves far, this.
+/// Minimum fraction of the loss that another interpretation must remove. This value is for changes of a factor, to
+/// which valid data is not sensitive.
 pub(super) const LEAST_GAIN: f64 = 0.1;
 pub(super) const LEAST_GAIN_OF_FACTORS: f64 = 0.05;
-/// The share that a change of some views has to take away.
+/// Minimum fraction of the loss that a change of some views must remove.
 pub(super) const LEAST_GAIN_OF_VIEWS: f64 = 0.15;
-/// Views that must land in each other with this many samples, or too little is seen to judge.
+/// Minimum number of samples that must land in other views; with fewer, too little is visible to judge.
 const LEAST_LANDED: usize = 500;
-/// Least share of the parts of the pictures in which it is better, and least number of standard errors of their mean.
+/// Minimum fraction of the pictures' parts in which it must be better, and minimum number of standard errors of their
+/// mean.
 const LEAST_SHARE: f64 = 0.75;
 const LEAST_ERRORS: f64 = 3.0;
-/// Largest mean loss of a reading that explains all.
+/// Maximum mean loss of an interpretation that explains everything.
 const MOST_LEFT: f64 = 0.45;
-/// Share of depths that agree in proper data, where pixels are coarse and surfaces slanted.
+/// Minimum fraction of depths that agree in valid data, where pixels are coarse and surfaces slanted.
 const MOSTLY_AGREEING: f64 = 0.8;
-/// Share of depths that agree in proper data of little motion, and least gain over that.
+/// Minimum fraction of depths that agree in valid data with little motion, and minimum gain over that.
 const AGREEING: f64 = 0.9;
 const MORE_AGREEING: f64 = 0.03;
-/// Fewer samples of a part of a picture say nothing about that part.
+/// Minimum number of samples to judge a part of a picture.
 const ENOUGH_IN_TILE: usize = 8;
-/// A reading is refuted where colours differ by more than this factor of what they do as read, even if depth agrees better.
+/// An interpretation is refuted if it increases colour differences by more than this factor, even if depth agrees
+/// better.
 const WORSE_COLOURS: f64 = 1.02;
 
-/// Sum over the projections from views to the next ones.
+/// Sum over the projections of views into their successors.
 pub(super) fn forward(all: &[Explained]) -> Explained {
     let mut sum = Explained::default();
     all.iter().step_by(2).for_each(|one| sum.add(one));
@@ -35,7 +38,7 @@ pub(super) fn landed(all: &[Explained]) -> usize {
     all.iter().map(Explained::landed).sum()
 }
 
-/// The mean loss of samples that land; 1, the largest, where too few do.
+/// Mean loss of the samples that land; 1, the maximum, if too few do.
 pub(super) fn mean_loss(all: &[Explained]) -> f64 {
     let samples: usize = all.iter().map(|one| one.samples).sum();
     let landed = landed(all);
@@ -45,17 +48,17 @@ pub(super) fn mean_loss(all: &[Explained]) -> f64 {
     all.iter().map(Explained::loss).sum::<f64>() / landed as f64
 }
 
-/// Whether little is left that a reading does not explain.
+/// True if an interpretation leaves little unexplained.
 pub(super) fn fits_well(all: &[Explained]) -> bool {
     mean_loss(all) <= MOST_LEFT
 }
 
-/// Whether most depths agree.
+/// True if most depths agree.
 pub(super) fn agrees(all: &[Explained]) -> bool {
     forward(all).agreement() >= MOSTLY_AGREEING
 }
 
-/// Whether another reading makes colours worse, even if depth agrees.
+/// True if another interpretation makes colours worse, even if depth agrees.
 pub(super) fn is_refuted(as_read: &[Explained], other: &[Explained]) -> bool {
     let (before, after) = (forward(as_read), forward(other));
     let levels = before.colour_levels().zip(after.colour_levels());
@@ -63,14 +66,14 @@ pub(super) fn is_refuted(as_read: &[Explained], other: &[Explained]) -> bool {
         && levels.is_some_and(|(before, after)| after > WORSE_COLOURS * before)
 }
 
-/// False if depths agree as read and another reading adds hardly any: with little motion or few pixels the difference is
-/// chance.
+/// False if depths agree as read and another interpretation adds hardly any agreement: with little motion or few
+/// pixels, the difference is due to chance.
 pub(super) fn is_needed(as_read: &[Explained], other: &[Explained]) -> bool {
     let (before, after) = (forward(as_read).agreement(), forward(other).agreement());
     before < AGREEING || after >= before + MORE_AGREEING
 }
 
-/// Whether another reading explains the same pairs significantly better.
+/// True if another interpretation explains the same pairs significantly better.
 pub(super) fn is_better(as_read: &[Explained], other: &[Explained], least_gain: f64) -> bool {
     let (before, after) = (mean_loss(as_read), mean_loss(other));
     let few = landed(other) < LEAST_LANDED || 10 * landed(other) < 3 * landed(as_read);
@@ -89,7 +92,7 @@ pub(super) fn is_better(as_read: &[Explained], other: &[Explained], least_gain: 
             }
         }
     }
-    // What another reading leaves alone is no evidence either way.
+    // Parts that another interpretation does not change are no evidence either way.
     differences.retain(|difference| *difference != 0.0);
     let n = differences.len() as f64;
     let mean = differences.iter().sum::<f64>() / n;

@@ -1,43 +1,43 @@
-//! Agreement of poses, depth and pictures: the depth of one view, projected into the next by the poses, must meet that
-//! view's depth, and its colours that view's colours. Depth decides for views far apart, colour for close ones, where
-//! depth agrees under any pose.
+//! Consistency of poses, depth and pictures: the depth of one view, projected into the next by the poses, must match
+//! that view's depth, and its colours that view's colours. Depth is decisive for distant views, colour for close ones,
+//! for which depth agrees under any pose.
 
 use serde::Serialize;
 
-/// Depths that meet must agree at least this often in one pair of neighbours. Occlusion costs the
-/// right poses some of it; on real frames read wrongly a fifth agrees.
+/// Minimum fraction of overlapping depths that must agree in at least one pair of neighbours. Occlusion reduces it even
+/// for correct poses; real frames that are interpreted wrongly have a fifth.
 const LEAST: f64 = 0.3;
 
-/// Agreement of neighbouring views under one convention for poses.
+/// Agreement of neighbouring views under one pose convention.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Fit {
-    /// The mistake that the reader would have made; `as read` for none.
+    /// The mistake that this convention corresponds to; `as read` for none.
     pub convention: &'static str,
-    /// The share of depth values that agree within 5 %, 0..1.
+    /// Fraction of depth values that agree within 5 %, 0..1.
     pub depth: f64,
-    /// Root mean square difference of the colours of the values that land inside the other picture and meet no other
-    /// depth there, 8-bit levels; `None` if none does.
+    /// Root mean square colour difference, in 8-bit levels, over the values that land inside the other picture without
+    /// meeting a different depth there; `None` if there are none.
     pub colour_levels: Option<f64>,
     pub colours: usize,
 }
 
-/// Agreement of a scene's poses, depth and pictures, in pictures reduced to a width of at most 256.
+/// Consistency of a scene's poses, depth and pictures, with pictures reduced to a width of at most 256.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Consistency {
-    /// As the reader takes the poses.
+    /// With the poses as interpreted by the reader.
     pub as_read: Fit,
-    /// Under the conventions that they are commonly mistaken for.
+    /// With the conventions that they are commonly confused with.
     pub otherwise: Vec<Fit>,
-    /// Of the depth values that meet one of the other view, the share that agrees, in the pair in
-    /// which it is largest; `None` if too few meet (neighbours that see different things, or
-    /// sparse depth).
+    /// Fraction of depth values that agree, out of those that meet a depth of the other view, in the best pair. `None`
+    /// if too few meet (neighbours that see different things, or sparse depth).
     pub meeting: Option<f64>,
-    /// Pairs of views that were looked at.
+    /// Number of pairs of views that were examined.
     pub pairs: usize,
 }
 
 impl Consistency {
-    /// Poses and depth that contradict each other. A scene whose neighbouring views hardly overlap is not reported.
+    /// Describes a contradiction between poses and depth. A scene whose neighbouring views hardly overlap is not
+    /// reported.
     pub(super) fn disagreement(&self) -> Option<String> {
         let meeting = self.meeting.filter(|meeting| *meeting < LEAST)?;
         Some(format!(

@@ -3,11 +3,11 @@
 use glam::{DMat3, DQuat, DVec3};
 use sharp::camera::RigidTransform;
 
-/// Another way to interpret the poses.
+/// An alternative interpretation of the poses.
 pub(super) struct Convention {
-    /// The mistake that the reader would have made.
+    /// The mistake that it corresponds to.
     pub(super) name: &'static str,
-    /// The world-to-camera pose under it.
+    /// Converts a pose as read to the world-to-camera pose under this convention.
     pub(super) take: Take,
 }
 
@@ -17,7 +17,7 @@ const fn of(name: &'static str, take: Take) -> Convention {
     Convention { name, take }
 }
 
-/// Conventions that poses are compared under; the first is the reader's.
+/// Conventions under which poses are compared; the first is the reader's.
 pub(super) const CONVENTIONS: [Convention; 4] = [
     of("as read", |pose| *pose),
     of(
@@ -28,14 +28,14 @@ pub(super) const CONVENTIONS: [Convention; 4] = [
         "OpenGL's camera axes taken for OpenCV's, or the other way round",
         flip,
     ),
-    // The other order, axes first, is the exchange alone but for the world's axes.
+    // Changing the axes first would give the same as the exchange alone, except for the world's axes.
     of(
         "camera-to-world and world-to-camera exchanged, and OpenGL's camera axes",
         |pose| flip(&pose.inverse()),
     ),
 ];
 
-/// Axes that are negated by mistake; no other program's convention.
+/// Axes negated by mistake; no program uses these conventions.
 const MIRRORED: [Convention; 8] = [
     of(
         "the cameras' x axis negated (pictures mirrored left to right, or a left-handed system)",
@@ -67,7 +67,7 @@ const MIRRORED: [Convention; 8] = [
     }),
 ];
 
-/// Quaternions whose numbers were taken in another order, in poses either way round.
+/// Quaternions whose components were read in another order, for poses in either direction.
 const REORDERED: [Convention; 4] = [
     of(W_LAST, |pose| world_turned(pose, w_last)),
     of(W_FIRST, |pose| world_turned(pose, w_first)),
@@ -81,17 +81,17 @@ const REORDERED: [Convention; 4] = [
 const W_LAST: &str = "the poses' quaternions taken as x, y, z, w instead of w, x, y, z";
 const W_FIRST: &str = "the poses' quaternions taken as w, x, y, z instead of x, y, z, w";
 
-/// All but the reader's.
+/// All conventions except the reader's.
 pub(super) fn alternatives() -> impl Iterator<Item = &'static Convention> {
     CONVENTIONS[1..].iter().chain(&MIRRORED).chain(&REORDERED)
 }
 
-/// Reads as x, y, z, w what was read as w, x, y, z.
+/// Reinterprets as x, y, z, w what was read as w, x, y, z.
 fn w_last(read: DQuat) -> DQuat {
     DQuat::from_xyzw(read.w, read.x, read.y, read.z)
 }
 
-/// Reads as w, x, y, z what was read as x, y, z, w.
+/// Reinterprets as w, x, y, z what was read as x, y, z, w.
 fn w_first(read: DQuat) -> DQuat {
     DQuat::from_xyzw(read.y, read.z, read.w, read.x)
 }
@@ -107,7 +107,7 @@ const X: DVec3 = DVec3::new(-1.0, 1.0, 1.0);
 const Y: DVec3 = DVec3::new(1.0, -1.0, 1.0);
 const Z: DVec3 = DVec3::new(1.0, 1.0, -1.0);
 
-/// The pose of a mirrored camera in a mirrored world.
+/// Pose of a mirrored camera in a mirrored world.
 fn camera_mirrored(pose: &RigidTransform, signs: DVec3) -> RigidTransform {
     let axes = DMat3::from_diagonal(signs);
     RigidTransform {
@@ -116,7 +116,7 @@ fn camera_mirrored(pose: &RigidTransform, signs: DVec3) -> RigidTransform {
     }
 }
 
-/// The camera, turned as it is, in a mirrored place.
+/// Pose with an unchanged rotation at a mirrored position.
 fn places_mirrored(pose: &RigidTransform, signs: DVec3) -> RigidTransform {
     let place = pose.rotation.transpose() * pose.translation;
     RigidTransform {
@@ -125,7 +125,7 @@ fn places_mirrored(pose: &RigidTransform, signs: DVec3) -> RigidTransform {
     }
 }
 
-/// The camera's y and z axes reversed.
+/// Negates the camera's y and z axes.
 pub(super) fn flip(camera_from_world: &RigidTransform) -> RigidTransform {
     let axes = DMat3::from_diagonal(DVec3::new(1.0, -1.0, -1.0));
     RigidTransform {

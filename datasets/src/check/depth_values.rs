@@ -1,4 +1,4 @@
-//! Depth maps that were cut off at a distance, normalised, or filled with one value.
+//! Detection of depth maps that were clipped at a distance, normalised, or filled with a single value.
 
 use std::cmp::Ordering;
 
@@ -9,20 +9,21 @@ use super::explained::TOLERANCE;
 use super::neighbours::Neighbours;
 use super::small_view::Sample;
 
-/// Depths at the largest value, of all: fewer, or fewer than so many, are no sign of a limit.
+/// Minimum fraction and number of depths at the maximum value that indicate a limit.
 const LEAST_LIMITED: f64 = 0.01;
 const ENOUGH_LIMITED: usize = 100;
-/// Least relative difference of such a depth from the other view's, and its least number of the map's steps at that depth.
+/// Minimum difference of such a depth from the other view's: relative, and in steps of the map at that depth.
 const OFF_LIMIT: f64 = 0.002;
 const OFF_STEPS: f64 = 2.0;
-/// Least and largest depth of a normalised map at the reduced size.
+/// Bounds on the minimum and maximum depth of a normalised map at the reduced size.
 const LEAST_NORMALISED: f64 = 0.1;
 const MOST_NORMALISED: f64 = 0.9;
 
-/// Least relative difference of the depth of a map of one value from another such map, and from others: as [`TOLERANCE`].
+/// Minimum relative difference of a single-valued map's depth from another such map; from other maps it is
+/// [`TOLERANCE`].
 const OFF_CONSTANT: f64 = 0.01;
 
-/// Places that have depth in both of two views, and those of them at which it differs.
+/// Positions with depth in both of two views, and those of them at which it differs.
 #[derive(Default)]
 struct Met {
     all: usize,
@@ -40,8 +41,8 @@ impl Met {
 }
 
 impl Neighbours<'_> {
-    /// Carries samples of a view into its neighbour. `is_off` takes the depth by the poses and the one that is there, and
-    /// says whether they differ; `None` if the place does not count.
+    /// Projects samples of a view into its neighbour. `is_off` receives the depth according to the poses and the depth
+    /// found there, and returns whether they differ, or `None` to ignore the position.
     fn meet<'s>(
         &self,
         (a, b): (usize, usize),
@@ -69,10 +70,10 @@ impl Neighbours<'_> {
         pose(b).after(&pose(a).inverse())
     }
 
-    /// The largest depth, where depth was cut off at it: both of two neighbouring views have it in places where the other
-    /// one's poses make it another.
+    /// Reports the maximum depth if depth was clipped at it: both of two neighbouring views have it at positions where,
+    /// according to the other view and the poses, it should differ.
     pub(super) fn limited(&self) -> Option<String> {
-        // The largest depth and the next one.
+        // The maximum depth and the next smaller one.
         let largest = |samples: &[Sample]| {
             samples.iter().fold((0.0, 0.0), |(most, next), one| {
                 match one.depth.total_cmp(&most) {
@@ -87,7 +88,7 @@ impl Neighbours<'_> {
             let ((from, samples), (_, there)) = (&self.small[&a], &self.small[&b]);
             all += samples.len();
             let ((most, next), (most_there, next_there)) = (largest(samples), largest(there));
-            // So far away that the views show it in one direction, it may stand for a sky.
+            // If it is so far away that the views see it in the same direction, it may represent a sky.
             let moves = self.to_from(a, b).translation.length() * from.camera.fx > most;
             if most != most_there || !moves {
                 continue;
@@ -114,8 +115,8 @@ impl Neighbours<'_> {
         })
     }
 
-    /// Names views whose depth maps hold a single value that their neighbours contradict. A wall parallel to the picture has
-    /// such depth, too.
+    /// Lists views whose depth maps contain a single value that their neighbours contradict. (A wall parallel to the
+    /// picture also has a single depth, but no contradiction.)
     pub(super) fn constant(&self) -> Option<String> {
         let is_constant = |i: usize| {
             let (_, samples) = &self.small[&i];
@@ -150,7 +151,7 @@ impl Neighbours<'_> {
         ))
     }
 
-    /// Depth maps that run from 0 to 1 of their unit.
+    /// Reports depth maps that range from 0 to 1 of their unit.
     pub(super) fn normalised(&self, units: Units) -> Option<String> {
         let one = units.depth_unit_m();
         let is_normalised = |(_, samples): &(_, Vec<Sample>)| {

@@ -1,4 +1,4 @@
-//! Fit of a reading to two views.
+//! How well an interpretation explains two views.
 
 use glam::{DVec2, DVec3};
 use sharp::camera::{Intrinsics, RigidTransform};
@@ -11,11 +11,11 @@ pub(super) enum DepthIs {
     Z,
     /// The length of the ray to the point.
     RayLength,
-    /// What was divided by the length of rays at z = 1 though it was z.
+    /// z, although it was divided by the length of rays at z = 1 in the belief that it was a ray length.
     NoRayLength,
-    /// Its reciprocal, in a unit of its own.
+    /// The reciprocal of depth, in an arbitrary unit.
     Inverse,
-    /// Too small by so many metres.
+    /// Too small by this many metres.
     Short(f64),
 }
 
@@ -30,7 +30,7 @@ impl DepthIs {
         }
     }
 
-    /// The ratio of two depths that meet, before an offset was added: that would make any two alike.
+    /// Ratio of two overlapping depths, without any offset, which would make any two depths similar.
     fn ratio(self, one: f64, other: f64) -> f64 {
         match self {
             Self::Short(by) if by > 0.0 => (one - by) / (other - by).max(0.01 * one),
@@ -39,25 +39,25 @@ impl DepthIs {
     }
 }
 
-/// Another reading of views: changes to the reader's.
+/// An alternative interpretation of views, as changes to the reader's.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Reading {
-    /// Of the poses' translations.
+    /// Factor of the poses' translations.
     pub(super) scale: f64,
-    /// Of the focal lengths across and down, of the view that is carried and of the other.
+    /// Factors of the focal lengths in x and y, for the view that is projected and the other view.
     pub(super) focal: [DVec2; 2],
-    /// Of the depths of these two.
+    /// Factors of the depths of these two views.
     pub(super) depth_times: [f64; 2],
-    /// Factors of the two poses' translations.
+    /// Factors of the translations of these two poses.
     pub(super) pose_times: [f64; 2],
-    /// Whether cx and cy are exchanged.
+    /// True if cx and cy are exchanged.
     pub(super) centre_exchanged: bool,
-    /// How far principal points lie right and down of where they were read, in widths of the picture.
+    /// Offset of principal points to the right and down from where they were read, in widths of the picture.
     pub(super) centre_off: DVec2,
-    /// Lenses show a direction of radius r where its radius is r (1 + bend r²).
+    /// Radial distortion: lenses show a direction with radius r at radius r (1 + bend r²).
     pub(super) bend: f64,
     pub(super) depth: DepthIs,
-    /// Of a world-to-camera pose.
+    /// Conversion of world-to-camera poses.
     pub(super) take: fn(&RigidTransform) -> RigidTransform,
 }
 
@@ -74,13 +74,13 @@ impl Reading {
         take: |pose| *pose,
     };
 
-    /// A point in the direction in which the lens shows it.
+    /// Moves a point to the direction in which the lens shows it.
     fn bent(&self, point: DVec3) -> DVec3 {
         if self.bend == 0.0 || point.z <= 0.0 {
             return point;
         }
         let true_radius = point.truncate().length() / point.z;
-        // Newton's method; a lens that bends back has no direction for some points.
+        // Newton's method; for some points, a strongly distorting lens has no such direction.
         let mut seen = true_radius;
         for _ in 0..5 {
             let slope = (1.0 + 3.0 * self.bend * seen * seen).max(0.1);
@@ -90,7 +90,7 @@ impl Reading {
         DVec3::new(point.x * by, point.y * by, point.z)
     }
 
-    /// The ray, at z = 1, that the lens shows in a direction.
+    /// The ray, at z = 1, that the lens shows in a given direction.
     fn straight(&self, seen: DVec3) -> DVec3 {
         if self.bend == 0.0 {
             return seen;
@@ -100,32 +100,33 @@ impl Reading {
     }
 }
 
-/// Parts of a picture that are evidence of their own.
+/// Number of parts of a picture that are treated as separate evidence.
 pub(super) const TILES: usize = 4;
-/// Differences of depth, relative, and of colour, levels, from which on they count in full.
+/// Differences in depth (relative) and in colour (levels) at which the loss saturates.
 const DEPTH_SCALE: f64 = 0.1;
 pub(super) const COLOUR_SCALE: f64 = 32.0;
-/// Fewer samples, of all, say nothing about a pair.
+/// Minimum fraction of samples to judge a pair.
 pub(super) const ENOUGH: f64 = 0.05;
-/// Relative difference up to which depths agree.
+/// Maximum relative difference of depths that agree.
 pub(super) const TOLERANCE: f64 = 0.05;
 
-/// Counts of one view's samples in another view.
+/// Statistics of one view's samples in another view.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Explained {
     pub(super) samples: usize,
-    /// By quarters of the picture: samples that land inside the other view, and the sum of their losses, 0 to 1 each.
+    /// Per quarter of the picture: the number of samples that land inside the other view, and the sum of their losses
+    /// (0 to 1 each).
     pub(super) tiles: [(usize, f64); TILES],
-    /// Samples that meet a depth, and whose depth agrees with it.
+    /// Number of samples that meet a depth.
     met: usize,
     agreeing: usize,
-    /// Samples whose colours were compared, and the sum of squared differences over the channels.
+    /// Number of samples whose colours were compared.
     pub(super) compared: usize,
     pub(super) squares: f64,
 }
 
 impl Explained {
-    /// Carries samples of `a`, every `stride`-th of them, into `b`.
+    /// Projects samples of `a`, every `stride`-th of them, into `b`.
     pub(super) fn new(
         (a, samples): (&SmallView, &[Sample]),
         b: &SmallView,
@@ -186,7 +187,7 @@ impl Explained {
                 let ratio = reading.depth.ratio(there, point.z);
                 explained.met += 1;
                 explained.agreeing += usize::from((ratio - 1.0).abs() <= TOLERANCE);
-                // The logarithm, to 1e-4 up to where it counts in full.
+                // Approximates the logarithm, to 1e-4 up to where the loss saturates.
                 let loss = 2.0 * ((ratio - 1.0) / (ratio + 1.0)).abs() / DEPTH_SCALE;
                 by_depth = Some(loss);
                 if loss >= 1.0 {
@@ -227,12 +228,12 @@ impl Explained {
         self.squares += other.squares;
     }
 
-    /// The share of all samples whose depth agrees with that of the other view.
+    /// Fraction of all samples whose depth agrees with that of the other view.
     pub(super) fn agreement(&self) -> f64 {
         self.agreeing as f64 / self.samples.max(1) as f64
     }
 
-    /// Root mean square difference of colours, levels; `None` if none was compared.
+    /// Root mean square difference of colours, in levels; `None` if none were compared.
     pub(super) fn colour_levels(&self) -> Option<f64> {
         (self.compared > 0).then(|| (self.squares / (3 * self.compared) as f64).sqrt())
     }
@@ -241,7 +242,7 @@ impl Explained {
         self.met > 0
     }
 
-    /// The share of those that meet a depth that agrees with it; `None` if too few do.
+    /// Fraction of agreeing depths among the samples that meet a depth; `None` if too few do.
     pub(super) fn agreeing_where_met(&self) -> Option<f64> {
         let enough = self.met > 0 && self.met as f64 >= ENOUGH * self.samples as f64;
         enough.then(|| self.agreeing as f64 / self.met as f64)

@@ -1,5 +1,5 @@
-//! Without depth: whether features that match between neighbouring views lie on each other's epipolar lines, in front of
-//! both cameras, or whether they would under another reading of the poses.
+//! Check without depth: tests whether features that match between neighbouring views lie on each other's epipolar
+//! lines, in front of both cameras, and whether another interpretation of the poses explains them better.
 
 use std::cmp::Reverse;
 use std::collections::{BTreeMap, BTreeSet};
@@ -14,41 +14,42 @@ use super::small_view::{Grey, SmallView, ray};
 use super::{Effort, advice, evenly_spaced};
 use crate::View;
 
-/// Views are reduced to at most this width.
+/// Maximum width to which views are reduced.
 const WIDEST: u32 = 192;
-/// Cells across and down; each gives one feature.
+/// Number of cells in x and y; each gives one feature.
 const CELLS: (u32, u32) = (14, 10);
-/// Radius of the patch that is compared around a feature.
+/// Radius of the patch around a feature that is compared.
 const RADIUS: u32 = 3;
-/// The least correlation of a match.
+/// Minimum correlation of a match.
 const LEAST_ALIKE: f32 = 0.85;
-/// Largest ratio of the best match's distance to that of the next best; a distance is 1 − correlation.
+/// Maximum ratio of the best match's distance to that of the second best; a distance is 1 − correlation.
 const UNIQUE: f32 = 0.6;
-/// Pixels between a match and its line.
+/// Maximum distance between a match and its epipolar line, in pixels.
 const NEAR: f64 = 1.0;
-/// In smaller pictures a pixel is too much of the picture, width or height.
+/// Minimum width and height; in smaller pictures, a pixel is too large a fraction of the picture.
 const LEAST_SIDE: u32 = 48;
-/// Fewer matches say nothing.
+/// Minimum number of matches to judge.
 const LEAST_MATCHES: usize = 30;
-/// Another reading explains this share of the matches, so many more of them, by this many standard errors.
+/// Minimum fraction of matches that another interpretation must explain, minimum increase of that fraction, and minimum
+/// number of standard errors.
 const LEAST_SHARE: f64 = 0.6;
 const LEAST_MORE: f64 = 0.2;
 const LEAST_ERRORS: f64 = 4.0;
-/// Most views of which every two are tried as the poses of two pictures.
+/// Maximum number of views for which every pair of views is tested as the poses of two pictures.
 const MOST_TRIED: usize = 48;
-/// Poses of any other views have to explain this share where those of the pictures explain at most that: poses that are
-/// only imprecise explain some, and of many others one may do better.
+/// Minimum fraction that the poses of other views must explain, and maximum fraction that the pictures' own poses may
+/// explain: merely imprecise poses explain some matches, and one of many alternatives may do better by chance.
 const LEAST_ELSEWHERE: f64 = 0.75;
 const MOST_AS_READ: f64 = 0.5;
 
-/// Focal lengths that differ by less are the same.
+/// Focal lengths whose relative difference is smaller are considered equal.
 const SAME: f64 = 0.02;
 
 /// Features that match between neighbouring views.
 pub(super) struct Matches<'a> {
     views: &'a [View],
     cameras: BTreeMap<usize, Intrinsics>,
-    /// Of a view and the next one: the places in both.
+    /// View index, and the positions in that view and in the next.
     matches: Vec<(usize, DVec2, DVec2)>,
 }
 
@@ -82,7 +83,7 @@ impl<'a> Matches<'a> {
         }
     }
 
-    /// What the matches say of the poses as they are read.
+    /// Describes how well the matches fit the poses as read.
     pub(super) fn note(&self) -> String {
         let explained = self.explained(CONVENTIONS[0].take, &Some);
         let (n, share) = (self.matches.len(), share(&explained));
@@ -131,7 +132,7 @@ impl<'a> Matches<'a> {
         let better = cameras.chain(conventions).chain(orders).chain(elsewhere);
         let better =
             better.filter_map(|(change, other)| Some((change, compared(&as_read, &other)?)));
-        // The first of equals: the simplest.
+        // The first of equals, which is the simplest.
         let (change, found) =
             better.min_by_key(|(_, found)| Reverse(found.after - found.before))?;
         Some(advice::sentence(
@@ -143,7 +144,7 @@ impl<'a> Matches<'a> {
         ))
     }
 
-    /// Cameras where views of two kinds have exchanged focal lengths, in words.
+    /// Description and cameras, if two kinds of views have exchanged focal lengths.
     fn exchanged_cameras(&self) -> Option<(String, BTreeMap<usize, Intrinsics>)> {
         let focal = |view: &View| DVec2::new(view.intrinsics.fx, view.intrinsics.fy);
         let is_same = |a: DVec2, b: DVec2| (a / b - 1.0).abs().max_element() < SAME;
@@ -171,7 +172,7 @@ impl<'a> Matches<'a> {
         has_two.then(|| (text, exchanged.collect()))
     }
 
-    /// The evidence that the two pictures of a pair are exchanged, in words, if it is significant.
+    /// Evidence that the two pictures of a pair are exchanged, if it is significant.
     pub(super) fn exchanged(&self) -> Option<String> {
         let as_read = self.explained(CONVENTIONS[0].take, &Some);
         let other = self.explained(CONVENTIONS[0].take, &|i| Some(1 - i));
@@ -208,7 +209,7 @@ impl<'a> Matches<'a> {
         (share(&own) <= MOST_AS_READ && share(&best) >= LEAST_ELSEWHERE).then_some((text, best))
     }
 
-    /// Which matches a reading explains; `None` for those of pictures that would be without a pose.
+    /// For each match, whether an interpretation explains it; `None` if one of its pictures would have no pose.
     fn explained(
         &self,
         take: fn(&RigidTransform) -> RigidTransform,
@@ -242,7 +243,7 @@ fn share(explained: &[Option<bool>]) -> f64 {
     given.clone().filter(|one| **one).count() as f64 / given.count().max(1) as f64
 }
 
-/// Matches that two readings explain or not: how many there are, and how many each explains.
+/// Number of matches, and how many of them each of two interpretations explains.
 struct Compared {
     matches: usize,
     before: usize,
@@ -261,7 +262,7 @@ impl Compared {
     }
 }
 
-/// `None` unless the other reading explains significantly more.
+/// Compares two interpretations; `None` unless the other one explains significantly more.
 fn compared(as_read: &[Option<bool>], other: &[Option<bool>]) -> Option<Compared> {
     let both = as_read
         .iter()
@@ -285,7 +286,7 @@ fn compared(as_read: &[Option<bool>], other: &[Option<bool>]) -> Option<Compared
     })
 }
 
-/// Whether a position in the second view may show a point on a ray of the first.
+/// True if a position in the second view may show a point on a ray of the first.
 fn fits(
     second_from_first: &RigidTransform,
     from: DVec3,
@@ -301,7 +302,7 @@ fn fits(
     let line = t.cross(turned);
     let slope = line.truncate().length();
     let parallax = to.cross(turned);
-    // Without parallax the point is far away, or the cameras are in one place.
+    // Without parallax, either the point is far away or the cameras are at the same position.
     let far = turned.z > 0.0 && parallax.length() < near * turned.length() * to.length();
     if far || slope < 1e-12 {
         return far;
@@ -311,7 +312,7 @@ fn fits(
     line.dot(to).abs() / slope < near && depth > 0.0 && there > 0.0
 }
 
-/// The pixel of each cell around which the picture varies most in the direction in which it varies least.
+/// In each cell, the pixel with the strongest corner: the largest variation in the direction of least variation.
 fn features(grey: &Grey) -> Vec<(u32, u32)> {
     let (w, h) = grey.size();
     let margin = RADIUS + 1;
@@ -335,7 +336,7 @@ fn features(grey: &Grey) -> Vec<(u32, u32)> {
             .filter(|(most, _)| most.is_finite())
             .max_by(|a, b| a.0.total_cmp(&b.0))
     });
-    // A flat patch matches anywhere: four levels a pixel.
+    // A flat patch matches anywhere; requires four levels per pixel.
     let least = 4.0 * (2 * RADIUS + 1).pow(2) as f32;
     best.filter(|(most, _)| *most > least)
         .map(|(_, at)| at)
@@ -347,7 +348,7 @@ fn around(x: u32, y: u32) -> impl Iterator<Item = (u32, u32)> {
     rows.flat_map(move |v| (x - RADIUS..=x + RADIUS).map(move |u| (u, v)))
 }
 
-/// A patch around a pixel, of mean 0 and length 1.
+/// The patch around a pixel, normalised to mean 0 and length 1.
 fn patch(grey: &Grey, (x, y): (u32, u32)) -> [f32; PATCH] {
     let mut values = [0.0; PATCH];
     values
@@ -362,7 +363,7 @@ fn patch(grey: &Grey, (x, y): (u32, u32)) -> [f32; PATCH] {
 
 const PATCH: usize = (2 * RADIUS as usize + 1).pow(2);
 
-/// The patches around all pixels that are far enough from the border, row by row.
+/// Patches around all pixels that are far enough from the border, row by row.
 fn patches(grey: &Grey) -> Vec<[f32; PATCH]> {
     let (w, h) = grey.size();
     let inner = |side: u32| RADIUS..side.saturating_sub(RADIUS);
@@ -370,8 +371,7 @@ fn patches(grey: &Grey) -> Vec<[f32; PATCH]> {
     all.map(|at| patch(grey, at)).collect()
 }
 
-/// The pixel of another view that looks like a patch, within a quarter of the picture around its place, where it is the
-/// only one.
+/// The pixel of another view that uniquely matches a patch, within a quarter of the picture around its position.
 fn matching(
     wanted: &[f32; PATCH],
     at: (u32, u32),

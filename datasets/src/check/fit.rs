@@ -1,5 +1,5 @@
-//! Fits other readings of a scene's poses, cameras and depth, and names one that explains pictures and depth significantly
-//! better than the reader's.
+//! Fits alternative interpretations of a scene's poses, cameras and depth, and finds one that explains pictures and
+//! depth significantly better than the reader's.
 
 use glam::DVec2;
 
@@ -16,17 +16,18 @@ use super::plausible::{self, ONE_ROTATION, have_one_rotation};
 use super::search::{is_worth_a_word, least};
 use super::small_view::{FLIPS, Part, SmallView, WIDEST};
 
-/// Principal points are sought so many steps either way, each of a tenth of this logarithm in widths of the picture.
+/// Number of steps in each direction in the search for the principal point; the offset is a tenth of a factor's
+/// logarithm, in widths of the picture.
 const CENTRES: i32 = 10;
 const CENTRE_STEP: f64 = 1.12;
-/// A principal point that is off by less, in widths, is not reported.
+/// Minimum offset of a principal point that is reported, in widths.
 const LEAST_OFF: f64 = 0.004;
 
-/// Samples of a view in a quick search for a factor.
+/// Samples per view in a quick search for a factor.
 const FINE_SAMPLES: usize = 800;
 
 impl Neighbours<'_> {
-    /// The reading that explains the views best, where it does so significantly better than the reader's.
+    /// The interpretation that explains the views best, if significantly better than the reader's.
     pub(super) fn better(&self) -> Option<Better> {
         let as_read = self.explained(&Reading::AS_READ, self.stride);
         let mut all: Vec<(Change, Vec<Explained>)> = Vec::new();
@@ -104,7 +105,7 @@ impl Neighbours<'_> {
         all.extend(self.orders(&as_read));
         all.extend(self.turned());
         all.extend(self.flipped());
-        // Where nothing has to move to fit, less motion is no evidence.
+        // If nothing has to move for a good fit, a smaller motion is no evidence.
         let still = Reading {
             scale: 0.0,
             ..Reading::AS_READ
@@ -123,7 +124,7 @@ impl Neighbours<'_> {
         };
         let simple = all.into_iter().filter(is_candidate);
         let simple = simple.chain(self.one_view(&as_read)).min_by(by_loss);
-        // These have more freedom: they have to be better than what is simpler, too.
+        // These have more degrees of freedom, so they must also be better than the simpler ones.
         let complex = self
             .some_views()
             .into_iter()
@@ -142,7 +143,7 @@ impl Neighbours<'_> {
         })
     }
 
-    /// Describes a contradiction, if there is one.
+    /// Describes the contradiction, if there is one.
     pub(super) fn contradictions(&self, units: Units) -> Option<String> {
         let median_m = self.median_depth();
         let values = self.normalised(units).or_else(|| self.limited());
@@ -173,7 +174,7 @@ impl Neighbours<'_> {
         }
     }
 
-    /// With pictures under the other reading of their EXIF orientation, where that fits their cameras, too.
+    /// Tests pictures with the other interpretation of their EXIF orientation, if that also fits their cameras.
     fn turned(&self) -> Option<(Change, Vec<Explained>)> {
         let mut setting = None;
         let explained = self.with(&mut |i, _| {
@@ -185,7 +186,7 @@ impl Neighbours<'_> {
         Some((Change::Turned(setting?), explained))
     }
 
-    /// With pictures or depth maps turned.
+    /// Tests flipped pictures or depth maps.
     fn flipped(&self) -> impl Iterator<Item = (Change, Vec<Explained>)> {
         let parts = [Part::Picture, Part::Depth].into_iter();
         let parts = parts.filter(|part| *part == Part::Picture || !self.depth_by_pose);
@@ -196,7 +197,7 @@ impl Neighbours<'_> {
         })
     }
 
-    /// How far principal points have to move to fit best, in widths of the picture; zero for hardly.
+    /// Offset of principal points that fits best, in widths of the picture; zero if negligible.
     fn centre_off(&self) -> DVec2 {
         let step = |factor: f64| 0.1 * factor.ln();
         let with = |centre_off: DVec2| Reading {
@@ -215,7 +216,7 @@ impl Neighbours<'_> {
         }
     }
 
-    /// The factor with the least loss.
+    /// Factor with the least loss.
     fn fit(&self, n: i32, step: f64, with: &dyn Fn(f64) -> Reading) -> f64 {
         let coarse = 4 * self.stride;
         let fine = match self.thorough {

@@ -1,13 +1,14 @@
-//! Checks a dataset before a long run: what is present, what is broken and why, and whether poses,
-//! depth and pictures agree.
+//! Checks a dataset before a long run: reports what is present, what is broken and why, and whether poses, depth and
+//! pictures are consistent.
 //!
 //! * `convention`: common mistakes in poses.
-//! * [`consistency`][]: agreement of depth and colours that poses project from view to view.
-//! * `small_view`, `neighbours`, `explained`, `change`, `fit`: other readings of poses, cameras and depth, fitted to reduced
-//!   views; `one_view`, `some_views`: of some views only; `stereo`: of a rectified pair; `features`: of poses without depth.
-//! * `orders`: other assignments of pictures to poses; `search`: the factor that fits best.
-//! * `plausible`: values that no real scene has.
-//! * [`advice`][]: a better fit in words, with the setting that mends it.
+//! * [`consistency`][]: agreement of depth and colours projected from view to view.
+//! * `small_view`, `neighbours`, `explained`, `change`, `fit`: alternative interpretations of poses, cameras and depth,
+//!   fitted to reduced views; `one_view`, `some_views`: those that affect some views only; `stereo`: those of a
+//!   rectified pair; `features`: those of poses without depth.
+//! * `orders`: other assignments of pictures to poses; `search`: search for the best-fitting factor.
+//! * `plausible`: implausible values.
+//! * [`advice`][]: a sentence on a better fit, with the setting that selects it.
 
 pub mod advice;
 mod change;
@@ -40,22 +41,22 @@ use consistency::Consistency;
 use features::Matches;
 use neighbours::Neighbours;
 
-/// Findings in a dataset.
+/// Results of checking a dataset.
 #[derive(Debug, Clone, Serialize)]
 pub struct DatasetReport {
     pub dataset: String,
     pub readings: Vec<SettingInForce>,
     /// In the reader's order.
     pub scenes: Vec<SceneReport>,
-    /// Scenes that are broken or incomplete: a line for each reason, naming the file.
+    /// Scenes that are broken or incomplete: one line per reason, which names the file.
     pub unreadable: Vec<String>,
-    /// Scenes that settings rule out, a line for each reason; no problem.
+    /// Scenes excluded by settings, one line per reason; not counted as problems.
     pub ruled_out: Vec<String>,
-    /// Number of problems in all scenes, unreadable ones included.
+    /// Number of problems in all scenes, including unreadable ones.
     pub problems: usize,
 }
 
-/// Findings in a scene.
+/// Results of checking a scene.
 #[derive(Debug, Clone, Serialize)]
 pub struct SceneReport {
     pub id: String,
@@ -63,24 +64,24 @@ pub struct SceneReport {
     pub decoded: usize,
     /// Sizes of the pictures, `WIDTHxHEIGHT`, in order.
     pub sizes: Vec<String>,
-    /// Decoded views that have depth.
+    /// Number of decoded views that have depth.
     pub with_depth: usize,
-    /// Mean share of pixels with depth over the views that have any, 0..1.
+    /// Mean fraction of pixels with depth, 0..1, over the views that have any.
     pub depth_coverage: Option<f64>,
-    /// How well depth, pictures and poses agree, where there is depth in two neighbouring views.
+    /// Consistency of depth, pictures and poses, if two neighbouring views have depth.
     pub consistency: Option<Consistency>,
-    /// What the reader assumed or left out.
+    /// Assumptions made and data skipped by the reader.
     pub notes: Vec<String>,
-    /// What is broken: distinct lines that name the file.
+    /// Distinct problems; each names the file.
     pub problems: Vec<String>,
 }
 
-/// Opens a dataset and looks at every scene. At most `views_per_scene` of a scene's views are decoded,
-/// evenly spaced; of the others only the existence of their files is looked at. `done` is called after each scene with the number
-/// finished and their total.
+/// Opens a dataset and checks every scene. At most `views_per_scene` views per scene are decoded, evenly spaced; for
+/// the others, only the existence of their files is checked. `done` is called after each scene with the number of
+/// finished scenes and the total.
 ///
 /// # Errors
-/// When the dataset cannot be opened at all; everything else is in the report.
+/// If the dataset cannot be opened at all; everything else is in the report.
 pub fn check(
     spec: &DatasetSpec,
     views_per_scene: usize,
@@ -110,21 +111,21 @@ pub fn check(
     })
 }
 
-/// Facts from one decoded view.
+/// Results of decoding one view.
 struct Decoded {
     problems: Vec<String>,
     coverage: Option<f64>,
-    /// The darkest and the brightest level; `None` if the picture cannot be decoded.
+    /// Minimum and maximum level; `None` if the picture cannot be decoded.
     levels: Option<(u8, u8)>,
 }
 
-/// The source of depth that was asked for by name.
+/// The source of depth that was explicitly requested.
 fn demanded_depth(spec: &DatasetSpec) -> Option<&str> {
     let source = spec.settings.get("depth").map(String::as_str);
     source.filter(|source| !matches!(*source, "auto" | "none"))
 }
 
-/// Notes a scene without depth, by which no pair can be chosen, and the settings that help.
+/// Note on a scene without depth, for which no pairs can be chosen, with the settings that help.
 fn without_pairs(spec: &DatasetSpec, scene: &Scene) -> Option<String> {
     let without = processing::without_depth(&scene.views) == scene.views.len();
     let own = match spec.entry.format {
@@ -141,14 +142,14 @@ fn without_pairs(spec: &DatasetSpec, scene: &Scene) -> Option<String> {
     })
 }
 
-/// Number of views and readings that the check tries.
+/// Number of views and interpretations that the check examines.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Effort {
-    /// Pairs of neighbouring views.
+    /// Number of pairs of neighbouring views.
     pairs: usize,
-    /// Depth values of a view that are carried over.
+    /// Number of depth values per view that are projected.
     samples: usize,
-    /// Whether views around those are looked at, too.
+    /// True if the views around those pairs are also examined.
     thorough: bool,
 }
 
@@ -163,35 +164,35 @@ const QUICK: Effort = Effort {
     thorough: false,
 };
 
-/// The views whose pixels [`contradictions`] looks at.
+/// Indices of the views whose pixels [`contradictions`] reads.
 pub fn looked_at(scene: &Scene) -> BTreeSet<usize> {
     match scene.pairing {
         Pairing::Stereo { source, target } => BTreeSet::from([source, target]),
         _ => orders::neighbours(scene.views.len(), QUICK)
-            // With those around them.
+            // Includes the views around them.
             .flat_map(|i| i.saturating_sub(1)..(i + 3).min(scene.views.len()))
             .collect(),
     }
 }
 
-/// Contradictions and implausible values in a few views of a scene, one sentence each with cause and remedy. Empty for a
-/// proper scene.
+/// Contradictions and implausible values in a few views of a scene, one sentence each with cause and remedy. Empty for
+/// a valid scene.
 pub fn contradictions(scene: &Scene, units: Units) -> Vec<String> {
     look(scene, units, QUICK).contradictions
 }
 
-/// Result of checking some views of a scene.
+/// Result of examining some views of a scene.
 struct Look {
     contradictions: Vec<String>,
     consistency: Option<Consistency>,
-    /// Agreement of poses with matching features, where there is no depth.
+    /// Agreement of poses with matching features, if there is no depth.
     note: Option<String>,
 }
 
 fn look(scene: &Scene, units: Units, effort: Effort) -> Look {
     let mut contradictions = plausible::cameras(&scene.views);
     let neighbours = match (&scene.pairing, effort.thorough) {
-        // One depth map is enough to judge a stereo pair.
+        // A single depth map is enough to judge a stereo pair.
         (Pairing::Stereo { .. }, false) => None,
         _ => Neighbours::new(&scene.views, effort),
     };
@@ -203,7 +204,7 @@ fn look(scene: &Scene, units: Units, effort: Effort) -> Look {
             contradiction
         }
         (_, Some(neighbours)) => neighbours.contradictions(units).or_else(|| {
-            // Of pictures that no reading assigns to their poses.
+            // For pictures that no interpretation assigns to their poses.
             effort
                 .thorough
                 .then(|| Matches::new(&scene.views, effort).contradiction())?
@@ -270,7 +271,7 @@ fn check_scene(scene: &Scene, views_per_scene: usize, spec: &DatasetSpec) -> Sce
             scene.id
         ));
     }
-    // One broken file may spoil a picture and its depth, or every view.
+    // One broken file may affect a picture and its depth, or every view.
     let mut seen = BTreeSet::new();
     problems.retain(|problem| seen.insert(problem.clone()));
     let coverages: Vec<f64> = decoded.iter().filter_map(|d| d.coverage).collect();
@@ -337,7 +338,7 @@ fn decode(view: &View) -> Decoded {
     }
 }
 
-/// At most `most` of `count` indices, evenly spaced, the first among them.
+/// At most `most` of `count` indices, evenly spaced and including the first.
 pub(crate) fn evenly_spaced(count: usize, most: usize) -> Vec<usize> {
     let n = count.min(most.max(1));
     (0..n).map(|i| i * count / n).collect()

@@ -1,4 +1,4 @@
-//! Neighbouring views of a scene at a small size, and how well a reading carries one into the next.
+//! Neighbouring views of a scene at reduced size, and how well an interpretation projects one into the next.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -11,18 +11,18 @@ use super::orders::neighbours;
 use super::small_view::{Sample, SmallView, WIDEST};
 use crate::View;
 
-/// Most views of a scene all of which a thorough look reads.
+/// Maximum number of views of a scene for a thorough check to read all of them.
 pub(super) const MOST_ALL: usize = 12;
 
-/// Neighbouring views of a scene, at a small size.
+/// Neighbouring views of a scene at reduced size.
 pub(super) struct Neighbours<'a> {
     pub(super) views: &'a [View],
     pub(super) small: BTreeMap<usize, (SmallView, Vec<Sample>)>,
-    /// Whether depth goes with the pose, not with the picture.
+    /// True if depth belongs to the pose rather than the picture.
     pub(super) depth_by_pose: bool,
-    /// Views around those, where their depth is asked for with other pictures.
+    /// Surrounding views, for tests of their depth with other pictures.
     pub(super) around: BTreeMap<usize, SmallView>,
-    /// From a view to its neighbour, and back.
+    /// Projections from a view to its neighbour, and back.
     pub(super) carries: Vec<(usize, usize)>,
     pub(super) stride: usize,
     pub(super) thorough: bool,
@@ -46,7 +46,7 @@ impl<'a> Neighbours<'a> {
         let depth_by_pose = |i: &usize| views[*i].content.processing().depth_by_pose;
         let depth_by_pose = small.keys().any(depth_by_pose);
         let mut around = BTreeSet::new();
-        // Depth from a scan is expensive: fewer views.
+        // Depth from a scan is expensive, so fewer views are read.
         if effort.thorough && views.len() <= MOST_ALL {
             around = (0..views.len()).collect();
         } else if !depth_by_pose || effort.thorough {
@@ -72,13 +72,13 @@ impl<'a> Neighbours<'a> {
         })
     }
 
-    /// The stride at which at most so many samples of a view are carried.
+    /// The stride at which at most `samples` samples per view are projected.
     pub(super) fn stride_of(&self, samples: usize) -> usize {
         let most = self.small.values().map(|(_, samples)| samples.len()).max();
         most.unwrap_or(0).div_ceil(samples).max(self.stride)
     }
 
-    /// Median of the depths as read, metres.
+    /// Median of the depths as read, in metres.
     pub(super) fn median_depth(&self) -> f64 {
         let all = self.small.values().flat_map(|(_, samples)| samples);
         let mut all: Vec<f64> = all.map(|sample| sample.depth).collect();
@@ -86,7 +86,7 @@ impl<'a> Neighbours<'a> {
         all.get(all.len() / 2).copied().unwrap_or(0.0)
     }
 
-    /// How well the views agree, as read and under other conventions for poses.
+    /// Consistency of the views, as read and under other pose conventions.
     pub(super) fn consistency(&self) -> Option<Consistency> {
         let mut meeting: Option<f64> = None;
         let mut fits = CONVENTIONS.iter().map(|convention| {
@@ -131,7 +131,7 @@ impl<'a> Neighbours<'a> {
         carries.collect()
     }
 
-    /// Explains the carries with other pictures or depth of the views.
+    /// Evaluates the projections with other pictures or depth for the views.
     pub(super) fn with(
         &self,
         other: &mut dyn FnMut(usize, &SmallView) -> Option<SmallView>,
@@ -152,7 +152,7 @@ impl<'a> Neighbours<'a> {
         other.explained(&Reading::AS_READ, self.stride)
     }
 
-    /// The share of pixels that masks exclude, if it is most of them.
+    /// Fraction of pixels that masks exclude, if most are excluded.
     pub(super) fn excluded(&self) -> Option<f64> {
         let is_masked = |i: &usize| self.views[*i].content.processing().masked;
         let masked = self.small.iter().filter(|(i, _)| is_masked(i));
@@ -161,7 +161,7 @@ impl<'a> Neighbours<'a> {
         (share > 0.5).then_some(share)
     }
 
-    /// Pictures of one colour among those that were read.
+    /// Single-coloured pictures among those read.
     pub(super) fn blank(&self) -> Option<String> {
         let around = self.around.iter();
         let all = self.small.iter().map(|(i, read)| (i, &read.0));

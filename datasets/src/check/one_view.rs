@@ -1,4 +1,4 @@
-//! One view among good ones whose picture, depth or pose is wrong.
+//! Detection of a single view whose picture, depth or pose is wrong among correct ones.
 
 use std::collections::BTreeMap;
 
@@ -13,16 +13,16 @@ use super::neighbours::Neighbours;
 use super::search::{is_worth_a_word, least};
 use super::small_view::{FLIPS, Part, Sample, SmallView};
 
-/// What is left may be so many times the loss of the views around it among each other.
+/// Maximum remaining loss, as a multiple of the loss among the surrounding views.
 const MOST_LEFT: f64 = 1.5;
-/// A pose that is off by less, radians or median depths, is only imprecise.
+/// Minimum error of a pose, in radians or median depths; smaller errors are imprecision.
 const LEAST_OFF: f64 = 0.03;
-/// Only a view whose loss is so many times that of the views around it is looked at.
+/// Minimum loss of a suspicious view, as a multiple of the loss among the surrounding views.
 const LEAST_WORSE: f64 = 1.15;
-/// Views on either side with which a view is compared.
+/// Number of views on either side with which a view is compared.
 const REACH: usize = 2;
 
-/// A view with the samples of its depth and its pose.
+/// A view with the samples of its depth, and its pose.
 #[derive(Clone)]
 struct Posed {
     view: SmallView,
@@ -48,8 +48,8 @@ impl Posed {
 }
 
 impl Neighbours<'_> {
-    /// Changes of one view that explain its neighbours significantly better, and as well as these explain each other; with
-    /// each, how it explains the carries.
+    /// Changes of a single view that explain its neighbours significantly better, and as well as these explain each
+    /// other; each with its effect on the projections.
     pub(super) fn one_view(&self, as_read: &[Explained]) -> Vec<(Change, Vec<Explained>)> {
         let pose = |i: usize| self.views[i].camera_from_world;
         let small = self.small.iter().map(|(i, read)| (*i, &read.0));
@@ -137,7 +137,7 @@ impl Neighbours<'_> {
         changed
     }
 
-    /// The view in the place, and turned, as it fits the others best.
+    /// The view at the position and rotation that fit the others best.
     fn moved(&self, own: &Posed, loss: &dyn Fn(&Posed) -> f64) -> Option<(String, Posed)> {
         let median_m = self.median_depth();
         let steps = (0..12).map(|i| {

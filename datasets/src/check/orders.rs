@@ -13,31 +13,33 @@ use super::small_view::{Sample, SmallView};
 use super::{Effort, evenly_spaced};
 use crate::View;
 
-/// Fewest views: with fewer, any assignment to poses may fit.
+/// Minimum number of views: with fewer, any assignment to poses may fit.
 const LEAST_VIEWS: usize = 5;
 
-/// Fewest pairs of neighbours that a shift from a later picture on has to explain better; one may have one wrong pose.
+/// Minimum number of pairs of neighbours that a shift from a later picture on must explain better; a single one may be
+/// due to one wrong pose.
 const LEAST_SHIFTED: usize = 2;
 
-/// Poses of any two views have to take away this share of the loss of a pair, being the best of many.
+/// Minimum fraction of a pair's loss that the poses of any two other views must remove, since they are the best of
+/// many.
 const LEAST_GAIN_ELSEWHERE: f64 = 0.25;
-/// Samples of a view in the search for them.
+/// Samples per view in the search for them.
 const SAMPLES_ELSEWHERE: usize = 500;
 
 /// A reduced view with its samples.
 type Read<'a> = Cow<'a, (SmallView, Vec<Sample>)>;
 
-/// The view, if any, from which each view takes something.
+/// Maps each view to the view, if any, from which it takes a part.
 pub(super) type Assignment = Box<dyn Fn(usize) -> Option<usize>>;
 
-/// The first views of the pairs of neighbours that are looked at.
+/// The first view of each pair of neighbours that is examined.
 pub(super) fn neighbours(views: usize, effort: Effort) -> impl Iterator<Item = usize> {
     evenly_spaced(views.saturating_sub(1), effort.pairs).into_iter()
 }
 
-/// Assignments that result from mistakes, in words: shifts from one of some views on, reverse order, spelling order in
-/// place of numeric order, and exchanges of two. `noun` is what is assigned to the pictures. With each,
-/// the fewest pairs of neighbours that it has to explain better.
+/// Assignments that result from common mistakes, with descriptions: shifts starting at one of some views, reverse
+/// order, lexicographic instead of numeric order, and exchanges of two. `noun` names what is assigned to the pictures.
+/// Each has the minimum number of pairs of neighbours that it must explain better.
 pub(super) fn orders(
     views: &[View],
     starts: &BTreeSet<usize>,
@@ -104,7 +106,7 @@ pub(super) fn orders(
 }
 
 impl Neighbours<'_> {
-    /// Other assignments of pictures to poses.
+    /// Evaluates other assignments of pictures to poses.
     pub(super) fn orders(&self, as_read: &[Explained]) -> Vec<(Change, Vec<Explained>)> {
         let starts: BTreeSet<usize> = self.carries.iter().map(|(a, _)| *a).collect();
         let mut measured = Vec::new();
@@ -112,7 +114,7 @@ impl Neighbours<'_> {
             let exchanged = self.exchanges();
             for (text, of, least_pairs) in orders(self.views, &starts, &exchanged, moves.noun()) {
                 let explained = self.in_order(as_read, &*of, moves);
-                // Pictures that would be without a pose are as they are.
+                // Pictures that would have no pose are left unchanged.
                 let given = explained.iter().filter(|one| one.is_some()).count();
                 let all = explained.into_iter().zip(as_read);
                 let all: Vec<Explained> = all.map(|(one, read)| one.unwrap_or(*read)).collect();
@@ -128,7 +130,7 @@ impl Neighbours<'_> {
         measured
     }
 
-    /// Depth may belong to the frame or to the picture; a scan's belongs to the pose.
+    /// Depth may belong to the frame or to the picture; a scan's depth belongs to the pose.
     fn moves(&self) -> &'static [Moves] {
         match self.depth_by_pose {
             true => &[Moves::PosesAndDepth],
@@ -136,7 +138,7 @@ impl Neighbours<'_> {
         }
     }
 
-    /// Two views of which at least one is carried and both are read.
+    /// Pairs of views that were both read and of which at least one is projected.
     fn exchanges(&self) -> Vec<(usize, usize)> {
         if !self.thorough {
             return Vec::new();
@@ -149,7 +151,7 @@ impl Neighbours<'_> {
         small.flat_map(others).collect()
     }
 
-    /// The poses of other views, with their depth or without it, that explain pairs of neighbours best.
+    /// The poses of other views, with or without their depth, that explain pairs of neighbours best.
     pub(super) fn elsewhere(&self, as_read: &[Explained]) -> Vec<(Change, Vec<Explained>)> {
         let n = self.views.len();
         if !self.thorough || !(LEAST_VIEWS..=MOST_ALL).contains(&n) {
@@ -161,7 +163,7 @@ impl Neighbours<'_> {
         let found = found.map(|&moves| {
             let mut explained = as_read.to_vec();
             let mut texts = Vec::new();
-            // With every picture what it has by the pose of every view.
+            // Every picture combined with the pose-dependent data of every view.
             let shown = |i: usize| -> Vec<Option<Read<'_>>> {
                 (0..n).map(|from| self.shown(i, from, moves)).collect()
             };
@@ -197,7 +199,7 @@ impl Neighbours<'_> {
         found.collect()
     }
 
-    /// A view as read, with what `moves` of another one.
+    /// A view as read, with the parts `moves` of another view.
     fn shown(&self, i: usize, from: usize, moves: Moves) -> Option<Read<'_>> {
         let read = &self.small[&i];
         if moves == Moves::Poses || from == i {
@@ -211,8 +213,8 @@ impl Neighbours<'_> {
         Some(Cow::Owned((view, samples)))
     }
 
-    /// Explains the carries as if picture i had what `moves` of view `of(i)`. `None` for a carry whose pictures would have
-    /// none, or one and the same.
+    /// Evaluates the projections as if picture i had the parts `moves` of view `of(i)`. `None` for a projection one of
+    /// whose pictures would have none, or both the same.
     fn in_order(
         &self,
         as_read: &[Explained],
@@ -231,7 +233,7 @@ impl Neighbours<'_> {
                 return Some(*read);
             }
             let poses = (pose(*a)?, pose(*b)?);
-            // One place with one depth agrees with itself.
+            // A position with a single depth always agrees with itself.
             if from.0 == from.1 {
                 return None;
             }

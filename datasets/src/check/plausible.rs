@@ -1,19 +1,19 @@
-//! Values that no real scene has.
+//! Detection of implausible values.
 
 use super::advice::{DEPTHS_M, Units, number};
 use crate::View;
 
-/// Focal lengths of cameras, in widths of the picture.
+/// Plausible focal lengths, in widths of the picture.
 const FOCAL: (f64, f64) = (0.2, 20.0);
-/// Largest distance of the principal point from the centre, in widths and heights of the picture. A centred point that was halved lies at a
-/// quarter; half a pixel of rounding is allowed for.
+/// Maximum distance of the principal point from the centre, in widths and heights of the picture. A centred point that
+/// was mistakenly halved is off by a quarter; half a pixel of rounding is allowed for.
 const OFF_CENTRE: f64 = 0.245;
 
-/// Largest distance of the principal point from the centre, in widths and heights, at which it counts as the middle.
+/// Maximum distance of the principal point from the centre, in widths and heights, at which it counts as centred.
 const MIDDLE: f64 = 0.03;
 
-/// Principal points that all lie in the middle only with x and y exchanged. A crop may have such a point by chance, but not
-/// if the views are cropped apart.
+/// Detects principal points that are all centred only if x and y are exchanged. A crop may have such a point by chance,
+/// but not several different crops.
 fn exchanged_centres(views: &[View]) -> Option<String> {
     let is_exchanged = |view: &View| {
         let k = &view.intrinsics;
@@ -35,7 +35,7 @@ fn exchanged_centres(views: &[View]) -> Option<String> {
     ))
 }
 
-/// Cameras that no photograph has; a sentence with the first for each way in which they are wrong.
+/// Implausible cameras: for each kind of error, a sentence with the first such camera.
 pub(super) fn cameras(views: &[View]) -> Vec<String> {
     let off_centre = |view: &View| {
         let k = &view.intrinsics;
@@ -88,18 +88,18 @@ pub(super) fn cameras(views: &[View]) -> Vec<String> {
     .collect()
 }
 
-/// What is wrong where all views of a scene look in one direction and do not fit together.
+/// Message for a scene whose views all look in one direction and do not fit together.
 pub(super) const ONE_ROTATION: &str = "all views have one rotation, with which poses and pictures do not fit together; were the rotations \
                                        lost?";
 
-/// Whether all of at least three views look in one direction.
+/// True if there are at least three views and all look in the same direction.
 pub(super) fn have_one_rotation(views: &[View]) -> bool {
     let rotation = |view: &View| view.camera_from_world.rotation;
     let is_first = |view: &View| rotation(view).abs_diff_eq(rotation(&views[0]), 1e-6);
     views.len() >= 3 && views.iter().all(is_first)
 }
 
-/// A median depth at which no scene lies.
+/// Reports an implausible median depth.
 pub(super) fn depth(median_m: f64, units: Units) -> Option<String> {
     let plausible = DEPTHS_M.0..=DEPTHS_M.1;
     (median_m > 0.0 && !plausible.contains(&median_m)).then(|| {
@@ -111,7 +111,7 @@ pub(super) fn depth(median_m: f64, units: Units) -> Option<String> {
     })
 }
 
-/// Pictures without anything on them, by their darkest and brightest levels.
+/// Reports blank pictures, given their minimum and maximum levels.
 pub(super) fn pictures(views: &[(&str, Option<(u8, u8)>)]) -> Option<String> {
     let is_blank = |levels: &(u8, u8)| levels.0 == levels.1;
     let read = views.iter().filter(|(_, levels)| levels.is_some());

@@ -1,14 +1,14 @@
-//! A factor that fits best.
+//! Search for the best-fitting factor.
 
-/// A factor nearer to 1 is not reported.
+/// Minimum factor that is reported; factors closer to 1 are ignored.
 const LEAST_FACTOR: f64 = 1.03;
 
 pub(super) fn is_worth_a_word(factor: f64) -> bool {
     factor.ln().abs() > LEAST_FACTOR.ln()
 }
 
-/// The factor with the least loss, among `step`^-n … `step`^n and then between; rounded where that is as good. The loss's
-/// second argument is true during the coarse search.
+/// Factor with the least loss, among `step`^-n … `step`^n and then in between; rounded if that is as good. The second
+/// argument of `loss` is true during the coarse search.
 pub(super) fn least(n: i32, step: f64, loss: &dyn Fn(f64, bool) -> f64) -> f64 {
     let coarse = (-n..=n).map(|i| step.powi(i));
     let coarse = coarse.map(|factor| (loss(factor, true), factor));
@@ -42,8 +42,8 @@ pub(super) fn least(n: i32, step: f64, loss: &dyn Fn(f64, bool) -> f64) -> f64 {
     }
 }
 
-/// The factor of one digit, 2.5 or 1.25 times a power of ten, or one over such a factor, that is within 1 %; else three
-/// digits.
+/// Rounds to a factor of one digit, to 2.5 or 1.25 times a power of ten, or to the reciprocal of such a factor, if
+/// within 1 %; else to three digits.
 fn rounded(factor: f64) -> f64 {
     let power = 10_f64.powf(factor.log10().floor());
     let round = [

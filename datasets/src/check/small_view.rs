@@ -1,5 +1,5 @@
-//! Views reduced to a size at which readings of them can be compared cheaply, and by which a reading that is off by many
-//! pixels of the photograph is off by few.
+//! Views reduced to a size at which interpretations can be compared cheaply, and at which an error of many pixels of
+//! the photograph becomes one of few.
 
 use std::sync::Arc;
 
@@ -9,40 +9,41 @@ use sharp::camera::Intrinsics;
 
 use crate::View;
 
-/// Largest width of the reduced views.
+/// Maximum width of the reduced views.
 pub(super) const WIDEST: u32 = 256;
 
-/// The part of a view that is turned by itself.
+/// The part of a view that is flipped separately.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Part {
     Picture,
     Depth,
 }
 
-/// Turns of pictures and depth maps that result from mistakes: across, down, and in words.
+/// Flips of pictures and depth maps that result from mistakes: horizontal, vertical, and the description.
 pub(super) const FLIPS: [((bool, bool), &str); 3] = [
     ((false, true), "upside down"),
     ((true, false), "mirrored left to right"),
     ((true, true), "turned by 180 degrees"),
 ];
 
-/// A view with its pixels, reduced.
+/// A reduced view with its pixels.
 #[derive(Debug, Clone)]
 pub(super) struct SmallView {
     pub(super) camera: Intrinsics,
-    /// Means of blocks, 8-bit levels; `None` if a mask excludes a pixel of the block.
+    /// Block means in 8-bit levels; `None` if a mask excludes a pixel of the block.
     colours: Arc<[Option<[f32; 3]>]>,
-    /// As read; 0 for none. Empty if the view has no depth.
+    /// Depth as read; 0 for none. Empty if the view has no depth.
     depth: Arc<[f32]>,
 }
 
 impl SmallView {
-    /// `None` for a view whose picture cannot be read. Its width is at most `widest`. Depth that cannot be read counts as none.
+    /// Reads a view, reduced to a width of at most `widest`. `None` if its picture cannot be read. Depth that cannot be
+    /// read counts as missing.
     pub(super) fn new(view: &View, with_depth: bool, widest: u32) -> Option<Self> {
         Self::of(view, view.content.image().ok()?, with_depth, widest)
     }
 
-    /// With another picture of the view's size in place of its photograph.
+    /// Like `new`, with another picture of the same size instead of the view's photograph.
     pub(super) fn of(
         view: &View,
         picture: RgbImage,
@@ -121,20 +122,20 @@ impl SmallView {
         }
     }
 
-    /// The share of pixels that a mask excludes.
+    /// Fraction of pixels that a mask excludes.
     pub(super) fn excluded(&self) -> f64 {
         let excluded = self.colours.iter().filter(|colour| colour.is_none());
         excluded.count() as f64 / self.colours.len() as f64
     }
 
-    /// Whether all pixels that are not excluded have one colour.
+    /// True if all pixels that are not excluded have the same colour.
     pub(super) fn is_of_one_colour(&self) -> bool {
         let mut colours = self.colours.iter().flatten();
         let first = colours.next();
         first.is_some_and(|first| colours.all(|colour| colour == first))
     }
 
-    /// With the columns, the rows, or both of its picture or of its depth in reverse order.
+    /// Flips the picture or the depth horizontally, vertically, or both.
     pub(super) fn flipped(&self, (across, down): (bool, bool), part: Part) -> Self {
         let (w, h) = (self.camera.width as usize, self.camera.height as usize);
         let from = |i: usize| {
@@ -163,7 +164,7 @@ impl SmallView {
         }
     }
 
-    /// Brings the mean and the spread of each channel to another picture's.
+    /// Adjusts the mean and the spread of each channel to those of another picture.
     pub(super) fn match_levels(&mut self, other: &Self) {
         let (own, wanted) = (self.levels(), other.levels());
         let matched = |colour: [f32; 3]| {
@@ -204,7 +205,7 @@ impl SmallView {
         self.depth.iter().any(|z| *z > 0.0)
     }
 
-    /// Pixels with depth: place, depth as read, and colour.
+    /// Pixels with depth: position, depth as read, and colour.
     pub(super) fn samples(&self) -> impl Iterator<Item = Sample> {
         let pixels =
             (0..self.camera.height).flat_map(|y| (0..self.camera.width).map(move |x| (x, y)));
@@ -219,7 +220,7 @@ impl SmallView {
         })
     }
 
-    /// The depth as read in the pixel of a place, with the middle of that pixel; `None` if there is none.
+    /// Depth as read at the pixel of a position, with the centre of that pixel; `None` if there is none.
     pub(super) fn depth_at(&self, place: DVec2) -> Option<(f64, DVec2)> {
         let (x, y) = (place.x as u32, place.y as u32);
         let z = *self.depth.get(self.index(x, y))?;
@@ -227,7 +228,7 @@ impl SmallView {
         (z > 0.0).then_some((f64::from(z), middle))
     }
 
-    /// The colour at a place in the picture, between pixel centres; the border is repeated.
+    /// Colour at a position in the picture, interpolated between pixel centres; the border is repeated.
     pub(super) fn colour_at(&self, place: DVec2) -> Option<[f32; 3]> {
         let taps = |at: f64, n: u32| {
             let at = (at - 0.5).clamp(0.0, f64::from(n - 1));
@@ -250,7 +251,7 @@ impl SmallView {
     }
 }
 
-/// Means of a picture's channels, NaN where a mask excludes a pixel.
+/// Mean of a picture's channels; NaN where a mask excludes a pixel.
 pub(super) struct Grey {
     pub(super) camera: Intrinsics,
     levels: Vec<f32>,
@@ -281,7 +282,7 @@ impl Sample {
     }
 }
 
-/// The ray through a place, at z = 1.
+/// The ray through a position, at z = 1.
 pub(super) fn ray(camera: &Intrinsics, place: DVec2) -> DVec3 {
     DVec3::new(
         (place.x - camera.cx) / camera.fx,

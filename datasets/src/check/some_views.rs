@@ -1,4 +1,4 @@
-//! Views whose focal length, depth or unit of poses differs from the others' by one factor.
+//! Detection of views whose focal length, depth or unit of poses differs from the others' by a common factor.
 
 use super::advice::{evidence, number};
 use super::change::{Change, Focal};
@@ -7,8 +7,8 @@ use super::explained::{Explained, Reading};
 use super::neighbours::Neighbours;
 use super::search::{is_worth_a_word, least};
 
-/// What may differ by a factor; how many factors are tried either way, and the ratio of one to the next; and the reading
-/// with the factors of two views, the one that is carried first.
+/// A quantity that may differ by a factor: its name; the number of factors tried in each direction and the ratio
+/// between consecutive ones; and the interpretation for given factors of two views, the projected one first.
 type Quantity = (&'static str, (i32, f64), fn([f64; 2]) -> Reading);
 
 const DEPTH: &str = "depth";
@@ -29,14 +29,15 @@ const QUANTITIES: [Quantity; 3] = [
     }),
 ];
 
-/// Samples of a view in the search for a factor.
+/// Samples per view in the search for a factor.
 const SAMPLES: usize = 400;
 
-/// How the carries are explained by a factor of neither view, of the first, of the second, and of both.
+/// The projections with the factor applied to neither view, the first, the second, and both.
 type Choices<'a> = [&'a [Explained]; 4];
 
 impl Neighbours<'_> {
-    /// The factors, and the views that have them, which explain the views best; with each, how it explains the carries.
+    /// The factors, and the views that have them, which explain the views best; each with its effect on the
+    /// projections.
     pub(super) fn some_views(&self) -> Vec<(Change, Vec<Explained>)> {
         let rough = self.stride_of(SAMPLES);
         let as_read = [rough, self.stride].map(|at| self.explained(&Reading::AS_READ, at));
@@ -62,7 +63,7 @@ impl Neighbours<'_> {
                 let its = if ids.len() == 1 { "its" } else { "their" };
                 let said = evidence(&forward(&as_read[1]), &forward(&explained));
                 let (ids, times) = (ids.join(", "), number(factor));
-                // Where no carry leaves these views, another unit of depth is one of poses.
+                // If no projection leaves these views, another unit of depth is equivalent to one of poses.
                 let has = |view: &usize| views.contains(view);
                 let or = match self.carries.iter().all(|(a, b)| has(a) == has(b)) {
                     true if *what == DEPTH => {
@@ -77,7 +78,7 @@ impl Neighbours<'_> {
         found.collect()
     }
 
-    /// The views, at least one and at most half of them, whose factor explains the carries best.
+    /// The views, at least one and at most half of them, to which applying the factor explains the projections best.
     fn best_choice(&self, choices: Choices<'_>) -> (Vec<usize>, Vec<Explained>) {
         let views: Vec<usize> = self.small.keys().copied().collect();
         let all = 1..1_u32 << views.len();

@@ -1,4 +1,5 @@
-//! Checks that the depth of a rectified pair's left view leads to the right view's colours, and tries other disparities.
+//! Checks that the depth of a rectified pair's left view leads to matching colours in the right view, and tests other
+//! disparities.
 
 use glam::{DMat3, DVec2};
 use sharp::camera::baseline_m;
@@ -12,20 +13,22 @@ use super::search::{is_worth_a_word, least};
 use super::small_view::{FLIPS, Part, Sample, SmallView, WIDEST};
 use crate::View;
 
-/// Distances of the two cameras of a pair, metres.
+/// Plausible distances between the two cameras of a pair, in metres.
 const BASELINES_M: (f64, f64) = (1e-3, 10.0);
-/// Bands of a picture that are evidence of their own, each in [`TILES`].
+/// Horizontal bands of a picture that are separate evidence, each divided into [`TILES`].
 const BANDS: u32 = 4;
-/// Of a picture's details: their radius, reduced pixels; the least spread that shows any, levels; and the fewest places.
+/// Details of a picture: their radius in reduced pixels, the minimum spread in levels, and the minimum number of
+/// positions.
 const FINE: f64 = 3.0;
 const LEAST_SPREAD: f64 = 3.0;
 const FEWEST: usize = 500;
-/// Details of two pictures of one scene correlate at least so much where disparities are right.
+/// Minimum correlation of details between two pictures of one scene with correct disparities.
 const LEAST_RELATED: f64 = 0.1;
-/// Distances of the rows that are tried either way, pixels of the reduced size; less than one of the photograph is none.
+/// Row offsets that are tested in both directions, in pixels of the reduced size; less than one pixel of the photograph
+/// is ignored.
 const ROWS: [f64; 7] = [0.25, 0.5, 1.0, 2.0, 3.0, 4.0, 6.0];
 
-/// The contradiction in a left and a right view, if there is one, and a note for a pair without disparity.
+/// The contradiction between a left and a right view, if there is one, and a note for a pair without disparity.
 pub(super) fn contradictions(views: &[View], effort: Effort) -> (Option<String>, Option<String>) {
     let [left, right] = views else {
         return (None, None);
@@ -66,7 +69,8 @@ fn implausible_baseline(left: &View, right: &View, median_m: Option<f64>) -> Opt
     None
 }
 
-/// Whether the right camera stands beside the left one and looks the same way: else disparities lead elsewhere.
+/// True if the right camera is next to the left one and looks in the same direction; otherwise disparities are
+/// meaningless.
 fn is_rectified(left: &View, right: &View) -> bool {
     let from_left = left.camera_from_world.inverse();
     let map = right.camera_from_world.after(&from_left).to_affine();
@@ -108,13 +112,13 @@ fn median_depth(view: &SmallView) -> Option<f64> {
     depths.get(depths.len() / 2).copied()
 }
 
-/// The two pictures with the disparity of the left one.
+/// Two pictures with the disparity of the left one.
 struct Pair {
     left: SmallView,
     right: SmallView,
-    /// With their disparities in place of depths.
+    /// With disparities instead of depths.
     samples: Vec<Sample>,
-    /// By the poses: only then is a point in the same row of both.
+    /// True if the poses are rectified; only then is a point in the same row of both pictures.
     is_rectified: bool,
 }
 
@@ -144,7 +148,7 @@ impl Pair {
         })
     }
 
-    /// How disparities, made of those that were read, lead from one picture to the other.
+    /// Evaluates how well disparities, computed from those read, match one picture with the other.
     fn explained(
         &self,
         (from, to): (&SmallView, &SmallView),
@@ -154,7 +158,7 @@ impl Pair {
         self.explained_in_row((from, to), disparity, 0.0, stride)
     }
 
-    /// With the right picture's rows so many pixels further down.
+    /// The same with the right picture's rows shifted down by this many pixels.
     fn explained_in_row(
         &self,
         (from, to): (&SmallView, &SmallView),
@@ -191,7 +195,8 @@ impl Pair {
         bands
     }
 
-    /// A contradiction where details of the left picture are not those of the right one at the places that disparities match.
+    /// Reports a contradiction if details of the left picture do not match those of the right one at the positions
+    /// given by the disparities.
     fn unrelated(&self) -> Option<String> {
         let grey = |view: &SmallView, place: DVec2| {
             let colour = view
@@ -227,8 +232,8 @@ impl Pair {
         })
     }
 
-    /// What explains the pictures significantly better than the pair as it was read. `flipped` are pairs with turned
-    /// disparities, `full` the photographs' size in that of the reduced ones.
+    /// Interpretation that explains the pictures significantly better than the pair as read. `flipped` are pairs with
+    /// flipped disparities; `full` is the photographs' size relative to the reduced ones.
     fn better(&self, flipped: &[(&str, Self)], baseline_m: f64, full: f64) -> Option<String> {
         let stride = self.samples.len().div_ceil(8000);
         let (left, right) = ((&self.left, &self.right), (&self.right, &self.left));
@@ -276,7 +281,7 @@ impl Pair {
                 self.explained_in_row(left, &same, rows, stride),
             )
         }));
-        // Read as disparities, depths are their reciprocals.
+        // If they are read as disparities, the stored values are reciprocals of depth.
         let (camera, middle) = (
             &self.left.camera,
             self.samples[self.samples.len() / 2].depth,

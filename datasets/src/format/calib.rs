@@ -1,33 +1,33 @@
-//! Middlebury's `calib.txt`: a rectified stereo rig, one `key=value` a line.
+//! Middlebury's `calib.txt`: a rectified stereo rig, one `key=value` per line.
 
 use std::collections::BTreeMap;
 
 use super::FormatError;
 
-/// A rectified pair of cameras as Middlebury 2014 and MiddEval3 describe it.
+/// A rectified pair of cameras as described by Middlebury 2014 and MiddEval3.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct StereoCalibration {
-    /// Focal length of both cameras, pixels.
+    /// Focal length of both cameras in pixels.
     pub focal: f64,
-    /// Principal point of the left camera, pixels, in the file's own convention.
+    /// Principal point of the left camera in pixels, in the file's own convention.
     pub left_center: (f64, f64),
-    /// Principal point of the right camera, pixels, in the file's own convention.
+    /// Principal point of the right camera in pixels, in the file's own convention.
     pub right_center: (f64, f64),
-    /// `cx1 − cx0`: added to a disparity before it is turned into depth, pixels.
+    /// `cx1 − cx0` in pixels; added to a disparity before conversion to depth.
     pub doffs: f64,
-    /// Distance of the two cameras, metres (the file says millimetres).
+    /// Distance between the two cameras in metres (millimetres in the file).
     pub baseline_m: f64,
-    /// Size of the pictures, where the file says it.
+    /// Size of the pictures, if stated.
     pub size: Option<(u32, u32)>,
 }
 
-/// Reads a `calib.txt`.
+/// Parses a `calib.txt`.
 ///
-/// Line ends, a byte order mark, blanks around `=` and the order of the keys do not matter;
-/// unknown keys are ignored. `doffs` may be absent (it is then `cx1 − cx0`), as may the size.
+/// Line endings, a byte order mark, blanks around `=` and the order of the keys are irrelevant; unknown keys are
+/// ignored. `doffs` (then `cx1 − cx0`) and the size may be absent.
 ///
 /// # Errors
-/// Names the key that is missing, not a finite number, or contradicts another.
+/// Names the key that is missing, is not a finite number, or contradicts another.
 pub fn parse(text: &str) -> Result<StereoCalibration, FormatError> {
     let mut entries = BTreeMap::new();
     for line in text.trim_start_matches('\u{feff}').lines() {
@@ -64,7 +64,7 @@ pub fn parse(text: &str) -> Result<StereoCalibration, FormatError> {
         Some(text) => number("doffs", text)?,
         None => center_offset,
     };
-    // Both are rounded to three decimals in published files, and again when they are rescaled.
+    // Published files round both to three decimals, and again when they are rescaled.
     if (doffs - center_offset).abs() > 0.01 {
         return Err(invalid!(
             "doffs is {doffs}, but cx1 - cx0 is {center_offset}"

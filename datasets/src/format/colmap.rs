@@ -15,26 +15,26 @@ pub type Cameras = BTreeMap<u32, ColmapCamera>;
 /// A model without its points.
 #[derive(Debug)]
 pub struct Model {
-    /// The cameras that images name.
+    /// The cameras that images refer to.
     pub cameras: Cameras,
-    /// In the file's order.
+    /// Images in file order.
     pub images: Vec<ColmapImage>,
-    /// The files that were read: of the cameras, then of the images.
+    /// The files that were read: that of the cameras, then that of the images.
     pub files: Vec<PathBuf>,
-    /// What lies beside these files and was not read, a line each.
+    /// Notes on files in the same folder that were not read.
     pub notes: Vec<String>,
 }
 
 impl Model {
-    /// The file that names the pictures.
+    /// The file that lists the pictures.
     pub(crate) fn images_file(&self) -> &Path {
         &self.files[1]
     }
 
-    /// The camera of an image with its lens; the inner error is a reason that concerns its pictures alone.
+    /// Lens of an image's camera. The inner error is a reason that only affects the camera's pictures.
     ///
     /// # Errors
-    /// Names the file, when the image's camera does not exist.
+    /// If the image's camera does not exist; names the file.
     pub(crate) fn lens(&self, image: &ColmapImage) -> Result<Result<Lens, String>, DatasetError> {
         let id = image.camera_id;
         let camera = self.cameras.get(&id).ok_or_else(|| {
@@ -46,7 +46,7 @@ impl Model {
         Ok(lens.map_err(|error| format!("camera {id} of {file}: {error}")))
     }
 
-    /// As [`Self::lens`], where every picture has to have one.
+    /// Like [`Self::lens`], for callers that require a lens for every picture.
     ///
     /// # Errors
     /// Names the file and the camera.
@@ -56,7 +56,7 @@ impl Model {
     }
 }
 
-/// True when a folder holds a model, text or binary.
+/// True if a folder contains a model, text or binary.
 pub fn is_model(folder: &Path) -> bool {
     has_model(folder, "bin") || has_model(folder, "txt")
 }
@@ -66,13 +66,13 @@ fn has_model(folder: &Path, extension: &str) -> bool {
     names.all(|name| folder.join(format!("{name}.{extension}")).is_file())
 }
 
-/// Binary if both kinds are whole, as COLMAP does, and where neither is.
+/// Binary if both kinds are complete, as in COLMAP, or if neither is.
 fn kind(folder: &Path) -> &'static str {
     let only_text = has_model(folder, "txt") && !has_model(folder, "bin");
     if only_text { "txt" } else { "bin" }
 }
 
-/// Number of pictures of a model.
+/// Number of pictures in a model.
 ///
 /// # Errors
 /// Names the file and what is wrong with it.
@@ -80,13 +80,13 @@ pub(crate) fn picture_count(folder: &Path) -> Result<usize, DatasetError> {
     Ok(read_images(folder, kind(folder))?.1.len())
 }
 
-/// Like [`read_model`], but refuses files outside the dataset's folder.
+/// Like [`read_model`], but rejects files outside the dataset's folder.
 pub(crate) fn read_model_in(root: &Root, folder: &Path) -> Result<Model, DatasetError> {
     check_inside(root, folder)?;
     read_model(folder)
 }
 
-/// Like [`read_cameras`], but refuses files outside the dataset's folder.
+/// Like [`read_cameras`], but rejects files outside the dataset's folder.
 pub(crate) fn read_cameras_in(
     root: &Root,
     folder: &Path,
@@ -105,7 +105,7 @@ fn check_inside(root: &Root, folder: &Path) -> Result<(), DatasetError> {
     Ok(())
 }
 
-/// Reads a model; binary if both are there, as COLMAP does. All files are of one kind.
+/// Reads a model; binary if both kinds exist, as in COLMAP. All files are of the same kind.
 ///
 /// # Errors
 /// Names the file and what is wrong with it.
@@ -133,7 +133,7 @@ fn read_images(folder: &Path, kind: &str) -> Result<(PathBuf, Vec<ColmapImage>),
     Ok((file, images))
 }
 
-/// Notes on files of the other kind next to a model, and whether they contradict it.
+/// Notes on files of the other kind in a model's folder, which also report any contradictions.
 fn unread_notes(folder: &Path, model: &Model, kind: &str) -> Vec<String> {
     let (read, unread, other) = match kind {
         "bin" => ("binary", "text", "txt"),
@@ -168,7 +168,7 @@ fn unread_notes(folder: &Path, model: &Model, kind: &str) -> Vec<String> {
     )]
 }
 
-/// Text is rounded.
+/// Compares with a tolerance, because text files are rounded.
 fn are_close(a: f64, b: f64) -> bool {
     (a - b).abs() <= 1e-6 + 1e-4 * a.abs().max(b.abs())
 }
@@ -206,10 +206,11 @@ fn are_same_images(a: &[ColmapImage], b: &[ColmapImage]) -> bool {
             .all(|(name, a)| b.get(name).is_some_and(|b| same(a, b)))
 }
 
-/// Reads only the cameras of a model, of the kind of its images; `None` when a folder has none.
+/// Reads only the cameras of a model, of the same kind as its images; `None` if the folder has none.
 ///
 /// # Errors
-/// Names the file and what is wrong with it. Without images, two files of cameras that contradict each other are refused.
+/// Names the file and what is wrong with it. If there are no images, text and binary cameras that contradict each other
+/// are rejected.
 pub fn read_cameras(folder: &Path) -> Result<Option<(PathBuf, Cameras)>, DatasetError> {
     let [binary, text] = ["bin", "txt"].map(|kind| folder.join(format!("cameras.{kind}")));
     let file = match (binary.is_file(), text.is_file()) {
@@ -237,7 +238,7 @@ fn read_cameras_of(file: &Path) -> Result<Cameras, DatasetError> {
     }
 }
 
-/// Reads the points of a model, of the same kind as its other files; `None` when there are none.
+/// Reads the points of a model, of the same kind as its other files; `None` if there are none.
 ///
 /// # Errors
 /// Names the file and what is wrong with it.
@@ -245,7 +246,7 @@ pub fn read_points(folder: &Path) -> Result<Option<(PathBuf, Vec<ColmapPoint>)>,
     let of_kind = |kind: &str| Some(folder.join(format!("points3D.{kind}")));
     let first = of_kind(kind(folder)).filter(|file| file.is_file());
     let others = ["bin", "txt"].iter().filter_map(|kind| of_kind(kind));
-    // A folder without a whole model may still have points of either kind.
+    // A folder without a complete model may still have points of either kind.
     let others = others.filter(|file| !is_model(folder) && file.is_file());
     let Some(file) = first.into_iter().chain(others).next() else {
         return Ok(None);

@@ -1,4 +1,4 @@
-//! COLMAP's binary files: little-endian, packed. Errors are bare reasons.
+//! COLMAP's binary files: little-endian, packed. Errors contain the reason only.
 
 use std::collections::BTreeMap;
 
@@ -8,14 +8,14 @@ use super::FormatError;
 use super::colmap_records::{ColmapCamera, ColmapImage, ColmapPoint, pose, size};
 use crate::lens::COLMAP_MODELS;
 
-/// Most parameters that an unknown camera model is tried with; COLMAP's own have 16 at most.
+/// Maximum number of parameters tried for an unknown camera model; COLMAP's own have at most 16.
 const MOST_PARAMS: usize = 32;
 
-/// `cameras.bin`. Its records do not say how long they are: those of one unknown model are read, as a model named by its
-/// number, if only one number of parameters makes the records end where the file does.
+/// Parses `cameras.bin`. Its records do not state their length. Cameras of a single unknown model, which is then named
+/// by its number, are accepted if exactly one parameter count makes the records end at the end of the file.
 ///
 /// # Errors
-/// Truncated, or more records than the bytes can hold, or a camera model of unknown length.
+/// Truncated file, more records than the bytes can contain, or camera models of unknown length.
 pub fn cameras(bytes: &[u8]) -> Result<BTreeMap<u32, ColmapCamera>, FormatError> {
     let mut unknown = None;
     let known = cameras_with(bytes, &mut |model| {
@@ -34,8 +34,8 @@ pub fn cameras(bytes: &[u8]) -> Result<BTreeMap<u32, ColmapCamera>, FormatError>
     }
 }
 
-/// Reads cameras. `params_of` gives the number of parameters of unknown models, if known; the records must then fill
-/// the file.
+/// Reads cameras. `params_of` returns the number of parameters of unknown models, if known; in that case the records
+/// must fill the file.
 fn cameras_with(
     bytes: &[u8],
     params_of: &mut dyn FnMut(i32) -> Option<usize>,
@@ -77,10 +77,10 @@ fn cameras_with(
     Ok(cameras)
 }
 
-/// `images.bin`.
+/// Parses `images.bin`.
 ///
 /// # Errors
-/// Truncated, or more records than the bytes can hold.
+/// Truncated file, or more records than the bytes can contain.
 pub fn images(bytes: &[u8]) -> Result<Vec<ColmapImage>, FormatError> {
     let mut reader = RecordReader { rest: bytes };
     let count = reader.count(73)?;
@@ -106,10 +106,10 @@ pub fn images(bytes: &[u8]) -> Result<Vec<ColmapImage>, FormatError> {
         .collect()
 }
 
-/// `points3D.bin`.
+/// Parses `points3D.bin`.
 ///
 /// # Errors
-/// Truncated, or more records than the bytes can hold.
+/// Truncated file, or more records than the bytes can contain.
 pub fn points(bytes: &[u8]) -> Result<Vec<ColmapPoint>, FormatError> {
     let mut reader = RecordReader { rest: bytes };
     let count = reader.count(51)?;
@@ -144,7 +144,7 @@ impl<'a> RecordReader<'a> {
         Ok(taken)
     }
 
-    /// A count of records of at least `smallest` bytes, which the rest of the file must hold.
+    /// Reads a count of records of at least `smallest` bytes, and checks that the rest of the file can contain them.
     fn count(&mut self, smallest: usize) -> Result<usize, FormatError> {
         let n = self.u64()?;
         match usize::try_from(n) {
@@ -174,7 +174,7 @@ impl<'a> RecordReader<'a> {
         self.chunk().map(f64::from_le_bytes)
     }
 
-    /// A name that ends with a zero byte.
+    /// Reads a name that ends with a zero byte.
     fn name(&mut self) -> Result<String, FormatError> {
         let end = self
             .rest

@@ -10,15 +10,15 @@ use crate::lens::{Lens, LensError};
 pub struct ColmapCamera {
     pub model: String,
     pub size: (u32, u32),
-    /// In COLMAP's order.
+    /// Parameters in COLMAP's order.
     pub params: Vec<f64>,
 }
 
 impl ColmapCamera {
-    /// The camera with its lens; pixel centres are ours.
+    /// The camera with its lens, in our pixel-centre convention, which is the same as COLMAP's.
     ///
     /// # Errors
-    /// As [`Lens::from_colmap`].
+    /// As for [`Lens::from_colmap`].
     pub fn lens(&self) -> Result<Lens, LensError> {
         Lens::from_colmap(&self.model, self.size, &self.params)
     }
@@ -28,9 +28,9 @@ impl ColmapCamera {
 pub struct ColmapImage {
     pub id: u32,
     pub camera_id: u32,
-    /// Relative to the folder of the pictures; may hold `/` and blanks.
+    /// Path relative to the folder of pictures; may contain `/` and blanks.
     pub name: String,
-    /// `None` for a quaternion of length zero and for values that are not finite.
+    /// `None` for a zero quaternion or non-finite values.
     pub camera_from_world: Option<RigidTransform>,
 }
 
@@ -38,11 +38,11 @@ pub struct ColmapImage {
 #[derive(Debug, Clone, PartialEq)]
 pub struct ColmapPoint {
     pub position: DVec3,
-    /// Ids of the images that see it.
+    /// Ids of the images that see the point.
     pub seen_by: Vec<u32>,
 }
 
-/// COLMAP's pose: a quaternion w, x, y, z, which is normalised, and a translation.
+/// Converts COLMAP's pose: a quaternion w, x, y, z, which is normalised, and a translation.
 pub(super) fn pose(wxyz: [f64; 4], translation: [f64; 3]) -> Option<RigidTransform> {
     let [w, x, y, z] = wxyz;
     let length = (w * w + x * x + y * y + z * z).sqrt();
@@ -53,7 +53,7 @@ pub(super) fn pose(wxyz: [f64; 4], translation: [f64; 3]) -> Option<RigidTransfo
     RigidTransform::new(DMat3::from_quat(q), DVec3::from(translation)).ok()
 }
 
-/// Refuses a size of zero and one beyond 32 bits.
+/// Rejects sizes that are zero or exceed 32 bits.
 pub(super) fn size(width: u64, height: u64) -> Result<(u32, u32), FormatError> {
     let side = |n: u64| u32::try_from(n).ok().filter(|n| *n > 0);
     side(width)

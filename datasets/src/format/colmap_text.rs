@@ -1,4 +1,4 @@
-//! COLMAP's text files. Errors are bare reasons with the line.
+//! COLMAP's text files. Errors contain the line number and the reason.
 
 use std::collections::BTreeMap;
 use std::str::FromStr;
@@ -8,10 +8,10 @@ use glam::DVec3;
 use super::FormatError;
 use super::colmap_records::{ColmapCamera, ColmapImage, ColmapPoint, pose, size};
 
-/// `cameras.txt`: `ID MODEL WIDTH HEIGHT PARAMS…`.
+/// Parses `cameras.txt`: `ID MODEL WIDTH HEIGHT PARAMS…`.
 ///
 /// # Errors
-/// The line and what is wrong with it.
+/// The line number and what is wrong with the line.
 pub fn cameras(text: &str) -> Result<BTreeMap<u32, ColmapCamera>, FormatError> {
     let mut cameras = BTreeMap::new();
     for (number, line) in records(text) {
@@ -27,11 +27,11 @@ pub fn cameras(text: &str) -> Result<BTreeMap<u32, ColmapCamera>, FormatError> {
     Ok(cameras)
 }
 
-/// `images.txt`: two lines an image, of which the second may be empty, or missing, as in files whose observations were
-/// stripped.
+/// Parses `images.txt`: two lines per image, of which the second may be empty, or missing as in files from which
+/// observations were removed.
 ///
 /// # Errors
-/// The line and what is wrong with it.
+/// The line number and what is wrong with the line.
 pub fn images(text: &str) -> Result<Vec<ColmapImage>, FormatError> {
     let mut images = Vec::new();
     let mut lines = text.lines().enumerate().peekable();
@@ -40,7 +40,7 @@ pub fn images(text: &str) -> Result<Vec<ColmapImage>, FormatError> {
             continue;
         }
         images.push(image(number, line)?);
-        // The observations belong to this image even when the line is blank.
+        // The observations belong to this image even if the line is blank.
         let Some((number, line)) =
             lines.next_if(|(number, line)| image(*number, line).is_err() || is_track(line))
         else {
@@ -77,16 +77,16 @@ fn image(number: usize, line: &str) -> Result<ColmapImage, FormatError> {
     })
 }
 
-/// True for observations, which are numbers in threes.
+/// True for a line of observations, which consists of triples of numbers.
 fn is_track(line: &str) -> bool {
     let mut words = line.split_whitespace();
     words.clone().count().is_multiple_of(3) && words.all(|word| word.parse::<f64>().is_ok())
 }
 
-/// `points3D.txt`: `ID X Y Z R G B ERROR (IMAGE_ID POINT2D_IDX)…`.
+/// Parses `points3D.txt`: `ID X Y Z R G B ERROR (IMAGE_ID POINT2D_IDX)…`.
 ///
 /// # Errors
-/// The line and what is wrong with it.
+/// The line number and what is wrong with the line.
 pub fn points(text: &str) -> Result<Vec<ColmapPoint>, FormatError> {
     records(text)
         .map(|(number, line)| {
@@ -118,7 +118,7 @@ fn records(text: &str) -> impl Iterator<Item = (usize, &str)> {
     text.lines().enumerate().filter(|(_, line)| !is_void(line))
 }
 
-/// One line, word by word; errors carry its number.
+/// Parses a line word by word; errors include its number.
 struct RecordLine<'a> {
     number: usize,
     rest: &'a str,

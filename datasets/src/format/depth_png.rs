@@ -1,4 +1,4 @@
-//! 16-bit PNG maps: depth in units such as millimetres, as whole numbers.
+//! 16-bit PNG maps: depth as integers, in units such as millimetres.
 
 use std::path::Path;
 
@@ -8,10 +8,10 @@ use sharp::image_file::{self, PictureRules};
 use super::{FloatMap, FormatError};
 use crate::DatasetError;
 
-/// Reads a 16-bit gray PNG as it is: 0 to 65535, never rescaled.
+/// Reads a 16-bit grey PNG with values 0 to 65535, without rescaling.
 ///
 /// # Errors
-/// As for a picture, or not 16-bit gray.
+/// As for a picture; also if it is not 16-bit grey.
 pub fn parse(bytes: &[u8]) -> Result<FloatMap, FormatError> {
     let picture = image_file::read(bytes, &PictureRules::AS_STORED, None)?;
     match picture.image {
@@ -27,10 +27,10 @@ pub fn parse(bytes: &[u8]) -> Result<FloatMap, FormatError> {
     }
 }
 
-/// Writes whole numbers as a 16-bit gray PNG; values are rounded and clamped.
+/// Writes integers as a 16-bit grey PNG; values are rounded and clamped.
 ///
 /// # Errors
-/// [`DatasetError::Malformed`] when it cannot be written.
+/// [`DatasetError::Malformed`] if it cannot be written.
 pub fn write(path: &Path, map: &FloatMap) -> Result<(), DatasetError> {
     let values = map.iter().map(|v| v.round() as u16).collect();
     image::ImageBuffer::<image::Luma<u16>, Vec<u16>>::from_vec(map.width(), map.height(), values)

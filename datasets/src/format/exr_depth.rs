@@ -1,4 +1,4 @@
-//! Depth in OpenEXR files: a channel named Z, depth, V or Y, or the only one there is.
+//! Depth in OpenEXR files: a channel named Z, depth, V or Y, or the only channel.
 
 use std::io::Cursor;
 use std::path::Path;
@@ -12,10 +12,10 @@ use sharp::camera::Intrinsics;
 use super::{FloatMap, FormatError};
 use crate::DatasetError;
 
-/// Reads the first layer that has a depth channel, values as stored.
+/// Reads the first layer that has a depth channel; values are returned as stored.
 ///
 /// # Errors
-/// Not EXR, no such channel, damaged, larger than a file of its length can hold.
+/// Not EXR, no such channel, damaged, or larger than a file of this length can contain.
 pub fn parse(bytes: &[u8]) -> Result<FloatMap, FormatError> {
     size(bytes)?;
     let image = exr_reader()
@@ -56,8 +56,8 @@ pub fn parse(bytes: &[u8]) -> Result<FloatMap, FormatError> {
 /// Width and height of the largest layer, from the header.
 ///
 /// # Errors
-/// Not EXR, larger than a file of its length can hold, or more samples than four of a camera's
-/// largest pictures have.
+/// Not EXR, larger than a file of this length can contain, or more samples than four pictures of the maximum camera
+/// size.
 pub(super) fn size(bytes: &[u8]) -> Result<(u32, u32), FormatError> {
     let meta =
         MetaData::read_from_buffered(Cursor::new(bytes), true).map_err(|e| invalid!("{e}"))?;
@@ -67,7 +67,7 @@ pub(super) fn size(bytes: &[u8]) -> Result<(u32, u32), FormatError> {
         let pixels = width.saturating_mul(height);
         let samples = pixels.saturating_mul(header.channels.list.len());
         all = all.saturating_add(samples);
-        // The strongest of its compressions is deflate's.
+        // The strongest of EXR's compressions is deflate.
         if samples / 1032 > bytes.len() || all as u64 / 4 > Intrinsics::MAX_PIXELS {
             return Err(invalid!(
                 "the header promises {width}x{height} pixels, which {} bytes cannot hold or no map has",
@@ -83,10 +83,10 @@ pub(super) fn size(bytes: &[u8]) -> Result<(u32, u32), FormatError> {
     sides.ok_or_else(|| "the file holds no pixel".into())
 }
 
-/// Writes a map as the channel Z of an EXR file.
+/// Writes a map as channel Z of an EXR file.
 ///
 /// # Errors
-/// [`DatasetError::Malformed`] when it cannot be written.
+/// [`DatasetError::Malformed`] if it cannot be written.
 pub fn write(path: &Path, map: &FloatMap) -> Result<(), DatasetError> {
     use exr::prelude::{
         AnyChannel, AnyChannels, Encoding, Image, Layer, LayerAttributes, SmallVec,

@@ -1,20 +1,19 @@
-//! JSON as Python and people write it: bare `NaN` and `Infinity`, trailing commas. A pass before
+//! JSON as written by Python and by hand: bare `NaN` and `Infinity`, trailing commas. Implemented as a pass before
 //! `serde_json`, which limits nesting; JSON5 would accept far more than these files contain.
 
 use serde_json::Value;
 
 use super::FormatError;
 
-/// Parses JSON in which `NaN`, `Infinity` and `-Infinity` become `null`, and a comma before a
-/// closing bracket does not matter.
+/// Parses JSON, replacing `NaN`, `Infinity` and `-Infinity` with `null` and ignoring commas before a closing bracket.
 ///
 /// # Errors
-/// What is wrong and where (line and column).
+/// What is wrong, with line and column.
 pub fn parse(text: &str) -> Result<Value, FormatError> {
     serde_json::from_str(&strict(text)).map_err(|e| invalid!("not JSON: {e}"))
 }
 
-/// The document in strict JSON, of the same length up to the replaced words.
+/// Converts the document to strict JSON, with the same length up to the replaced words.
 fn strict(text: &str) -> String {
     let mut out = String::with_capacity(text.len());
     let mut rest = text.trim_start_matches('\u{feff}');
@@ -43,7 +42,7 @@ fn strict(text: &str) -> String {
     out
 }
 
-/// A string literal with its quotes, and what follows it.
+/// Splits text into a string literal with its quotes, and the rest.
 fn split_string(text: &str) -> (&str, &str) {
     let mut escaped = false;
     for (i, c) in text.char_indices().skip(1) {

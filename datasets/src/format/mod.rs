@@ -1,10 +1,10 @@
-//! File formats, one a file, and knowing nothing about datasets.
+//! File formats, one per module, independent of datasets.
 //!
 //! * [`calib`]: Middlebury's `calib.txt`.
-//! * [`colmap`]: COLMAP models, from [`colmap_text`] or [`colmap_binary`], as [`colmap_records`].
+//! * [`colmap`]: COLMAP models, read by [`colmap_text`] or [`colmap_binary`] into [`colmap_records`].
 //! * [`depth_png`]: 16-bit PNG maps.
 //! * [`exr_depth`]: depth in OpenEXR files.
-//! * [`lenient_json`]: JSON as Python writes it.
+//! * [`lenient_json`]: JSON as written by Python.
 //! * [`npy`]: NumPy's arrays.
 //! * [`opencv_xml`]: OpenCV's FileStorage.
 //! * [`pfm`]: portable float maps.
@@ -14,7 +14,7 @@
 //! * [`trajectory`]: poses by frame number.
 //! * [`transforms`][]: `transforms.json`.
 
-/// [`FormatError::Invalid`] with a formatted reason.
+/// Shorthand for [`FormatError::Invalid`] with a formatted reason.
 macro_rules! invalid {
     ($($reason:tt)*) => {
         $crate::format::FormatError::Invalid(format!($($reason)*))
@@ -49,20 +49,20 @@ use sharp::ply::table::TableError;
 use crate::lens::LensError;
 use crate::{DatasetError, files};
 
-/// Why bytes are not a file of a format.
+/// Errors of parsing a file format.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum FormatError {
-    /// The header promises more than follows it.
+    /// The data is shorter than the header states.
     #[error("{what} takes {needed} bytes; only {available} follow the header (truncated?)")]
     Truncated {
         what: String,
         needed: u128,
         available: usize,
     },
-    /// Well-formed, but of a kind that is not read.
+    /// Valid, but of an unsupported kind.
     #[error("{0}")]
     Unsupported(String),
-    /// Anything else: what is wrong and where.
+    /// Any other error: what is wrong and where.
     #[error("{0}")]
     Invalid(String),
     #[error(transparent)]
@@ -89,28 +89,27 @@ impl From<&str> for FormatError {
     }
 }
 
-/// A map of raw values, top row first; invalid pixels are whatever the file holds (NaN, ±inf, 0).
+/// A map of raw values, top row first; invalid pixels are as stored (NaN, ±inf, 0).
 pub type FloatMap = ImageBuffer<Luma<f32>, Vec<f32>>;
 
-/// Reads a map of any self-describing format, told apart by the first bytes: PFM, npy, npz, EXR or
-/// 16-bit PNG.
+/// Reads a map in any self-describing format, detected from the first bytes: PFM, npy, npz, EXR or 16-bit PNG.
 ///
 /// # Errors
-/// Names the file and why it cannot be read; also for more pixels than a camera may have.
+/// Names the file and the reason; also for more pixels than a camera may have.
 pub fn read_map(path: &Path) -> Result<FloatMap, DatasetError> {
     read_map_if(path, &|_| Ok(()))
 }
 
-/// Like [`read_map`], after `accepts` has checked width and height in the header: a small compressed
-/// file may hold a map that takes all memory.
+/// Like [`read_map`], but first passes the width and height in the header to `accepts`, since a small compressed file
+/// may contain a map that exhausts memory.
 ///
 /// # Errors
-/// As [`read_map`], and what `accepts` says.
+/// As for [`read_map`], and any error of `accepts`.
 pub(crate) fn read_map_if(
     path: &Path,
     accepts: &dyn Fn((u32, u32)) -> Result<(), DatasetError>,
 ) -> Result<FloatMap, DatasetError> {
-    // What is not compressed is as large as its file: at most eight bytes a pixel.
+    // An uncompressed map is limited by its file: at most eight bytes per pixel.
     let length = std::fs::metadata(path)
         .map_err(|e| DatasetError::io(path, e))?
         .len();
@@ -132,7 +131,7 @@ pub(crate) fn read_map_if(
     Ok(map)
 }
 
-/// Width and height of a map that is larger than its file, from the header.
+/// Width and height of a compressed map, from its header.
 fn compressed_size(bytes: &[u8]) -> Result<Option<(u32, u32)>, FormatError> {
     Ok(if bytes.starts_with(b"PK") {
         Some(npy::archived_size(bytes)?)

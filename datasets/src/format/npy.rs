@@ -1,7 +1,7 @@
 //! NumPy's `.npy` arrays and `.npz` archives of them, numeric types only.
 //!
-//! Read by ourselves: the crate `npyz` allocates whatever length a header claims (4 GiB from 14
-//! bytes), and `ndarray-npy` would bring `ndarray` in.
+//! Implemented here because the crate `npyz` allocates whatever length a header claims (4 GiB from 14 bytes), and
+//! `ndarray-npy` would add a dependency on `ndarray`.
 
 use std::borrow::Cow;
 use std::fmt::Display;
@@ -15,20 +15,20 @@ use zip::result::ZipError;
 use super::{FloatMap, FormatError};
 use crate::DatasetError;
 
-/// An array in row-major (C) order, whatever order and type the file has.
+/// An array in row-major (C) order, regardless of the order and type in the file.
 #[derive(Debug, Clone, PartialEq)]
 pub struct NpyArray {
     /// Extent of each dimension.
     pub shape: Vec<usize>,
-    /// As many values as the product of the extents.
+    /// Values, as many as the product of the extents.
     pub values: Vec<f32>,
 }
 
 impl NpyArray {
-    /// The array as a map; dimensions of extent 1 before and after height and width are dropped.
+    /// Converts the array to a map; dimensions of extent 1 before and after height and width are dropped.
     ///
     /// # Errors
-    /// The reason, when more than two dimensions are left, or a side is zero or too large.
+    /// The reason, if more than two dimensions remain, or a side is zero or too large.
     pub fn into_map(self) -> Result<FloatMap, FormatError> {
         let (width, height) = map_size(&self.shape)?;
         FloatMap::from_vec(width, height, self.values)
@@ -55,12 +55,12 @@ fn map_size(shape: &[usize]) -> Result<(u32, u32), FormatError> {
     sides.ok_or_else(|| invalid!("the array's shape is {shape:?}, without a pixel"))
 }
 
-/// Reads an array of any shape from an `.npy` file, or the one of an `.npz` (its `arr_0`, `depth` or
-/// `disp` if there are several).
+/// Reads an array of any shape from an `.npy` file, or the only one in an `.npz` (if there are several: `arr_0`,
+/// `depth` or `disp`).
 ///
 /// # Errors
-/// Not NumPy's format, an object array (which would have to be unpickled and is never read), fewer
-/// values than the shape promises.
+/// Not a NumPy file, an object array (which would require unpickling and is never read), or fewer values than the shape
+/// requires.
 pub fn parse(bytes: &[u8]) -> Result<NpyArray, FormatError> {
     if bytes.starts_with(b"PK") {
         parse_array(&unpacked(bytes, u64::MAX)?)
@@ -69,17 +69,17 @@ pub fn parse(bytes: &[u8]) -> Result<NpyArray, FormatError> {
     }
 }
 
-/// Width and height of an `.npz`'s map, of which no more is unpacked than the header.
+/// Width and height of an `.npz`'s map; decompresses only its header.
 ///
 /// # Errors
-/// As [`parse`] and [`NpyArray::into_map`], as far as the header shows.
+/// As for [`parse`] and [`NpyArray::into_map`], as far as the header reveals it.
 pub(super) fn archived_size(bytes: &[u8]) -> Result<(u32, u32), FormatError> {
     const LONGEST_HEADER: u64 = 1 << 17;
     let start = unpacked(bytes, LONGEST_HEADER)?;
     map_size(&NpyHeader::parse(&start)?.shape)
 }
 
-/// The first `most` bytes of an archive's array; all of them are as many as the archive says.
+/// The first `most` bytes of an archive's array. If that is the whole array, its length is checked.
 fn unpacked(bytes: &[u8], most: u64) -> Result<Vec<u8>, FormatError> {
     let refused =
         |_: ZipError| FormatError::from("not a readable ZIP archive: truncated, or damaged?");
@@ -102,12 +102,12 @@ fn unpacked(bytes: &[u8], most: u64) -> Result<Vec<u8>, FormatError> {
     let member = archive.by_name(name).map_err(refused)?;
     let (packed, size) = (member.compressed_size(), member.size());
     let damaged = |why: &dyn Display| invalid!("the archive's member '{name}' is damaged: {why}");
-    // Deflate cannot expand further than this.
+    // Deflate cannot expand by more than this.
     if size / 1032 > packed.min(bytes.len() as u64) {
         return Err(damaged(&format_args!("{packed} bytes cannot hold {size}")));
     }
     let mut array = Vec::new();
-    // The checksum is compared at the end.
+    // Reading to the end also verifies the checksum.
     let read = member.take(most.min(size + 1)).read_to_end(&mut array);
     read.map_err(|_| damaged(&"it cannot be unpacked; truncated?"))?;
     if most > size && array.len() as u64 != size {
@@ -116,7 +116,7 @@ fn unpacked(bytes: &[u8], most: u64) -> Result<Vec<u8>, FormatError> {
     Ok(array)
 }
 
-/// An array's header, and the bytes after it.
+/// Header of an array, and the bytes that follow.
 struct NpyHeader<'a> {
     kind: String,
     fortran: bool,
@@ -194,7 +194,7 @@ fn parse_array(bytes: &[u8]) -> Result<NpyArray, FormatError> {
     })
 }
 
-/// Reorders values whose first index runs fastest.
+/// Reorders values whose first index varies fastest.
 fn row_major(shape: &[usize], values: &[f32]) -> Vec<f32> {
     let mut index = vec![0; shape.len()];
     let mut strides = vec![1; shape.len()];
@@ -305,7 +305,7 @@ pub fn write(path: &Path, map: &FloatMap) -> Result<(), DatasetError> {
     std::fs::write(path, to_bytes(map)).map_err(|e| DatasetError::io(path, e))
 }
 
-/// The bytes that [`write()`] writes.
+/// The bytes written by [`write()`].
 pub fn to_bytes(map: &FloatMap) -> Vec<u8> {
     let mut bytes = header("<f4", map).into_bytes();
     bytes.splice(0..0, preamble(bytes.len()));
@@ -313,7 +313,7 @@ pub fn to_bytes(map: &FloatMap) -> Vec<u8> {
     bytes
 }
 
-/// Padded so that the data begins at a multiple of 64 bytes.
+/// A header padded so that the data starts at a multiple of 64 bytes.
 fn header(kind: &str, map: &FloatMap) -> String {
     let mut text = format!(
         "{{'descr': '{kind}', 'fortran_order': False, 'shape': ({}, {}), }}",

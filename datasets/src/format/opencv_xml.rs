@@ -4,14 +4,14 @@ use std::collections::BTreeMap;
 
 use super::FormatError;
 
-/// The top level of a storage: element name to what it holds.
+/// Top level of a storage: values by element name.
 pub type FileStorage = BTreeMap<String, Node>;
 
 /// A value in a storage.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Node {
     Number(f64),
-    /// A matrix, row by row. Entries may be NaN or infinite, as written.
+    /// A matrix in row-major order. Entries may be NaN or infinite, as stored.
     Matrix {
         rows: usize,
         cols: usize,
@@ -21,11 +21,10 @@ pub enum Node {
     Text(String),
 }
 
-/// Reads a storage.
+/// Parses a storage.
 ///
 /// # Errors
-/// Not well-formed XML, a document type (nothing in a camera file needs one), a
-/// matrix whose entries do not match its size.
+/// Malformed XML, a document type (which no camera file needs), or a matrix whose entries do not match its size.
 pub fn parse(text: &str) -> Result<FileStorage, FormatError> {
     if text.trim_start().starts_with("%YAML") {
         let reason = "this is OpenCV's YAML form; only the XML form is read";
@@ -72,13 +71,13 @@ fn node(element: roxmltree::Node<'_, '_>) -> Result<Node, FormatError> {
     Ok(Node::Matrix { rows, cols, data })
 }
 
-/// All text directly inside an element; comments may divide it.
+/// All text directly inside an element, which may be interrupted by comments.
 fn text_of(element: roxmltree::Node<'_, '_>) -> String {
     let texts = element.children().filter(roxmltree::Node::is_text);
     texts.filter_map(|text| text.text()).collect()
 }
 
-/// A number as OpenCV writes it: `1.`, `1e+00`, `.Nan`, `-.Inf`.
+/// Parses a number as OpenCV writes it: `1.`, `1e+00`, `.Nan`, `-.Inf`.
 fn number(text: &str) -> Option<f64> {
     match text.to_ascii_lowercase().as_str() {
         ".nan" | "-.nan" => Some(f64::NAN),

@@ -1,16 +1,16 @@
-//! Portable float maps as Middlebury uses them: rows stored bottom to top, the sign of the scale
-//! gives the byte order, its magnitude means nothing, +inf marks an unknown disparity.
+//! Portable float maps as used by Middlebury: rows are stored bottom to top, the sign of the scale gives the byte
+//! order, its magnitude is ignored, and +inf marks an unknown disparity.
 
 use std::path::Path;
 
 use super::{FloatMap, FormatError};
 use crate::DatasetError;
 
-/// Reads a `Pf` file, or a `PF` file whose three channels are equal. Values come out as stored,
-/// top row first; bytes after the last value are ignored.
+/// Reads a `Pf` file, or a `PF` file whose three channels are equal. Values are returned as stored, top row first;
+/// bytes after the last value are ignored.
 ///
 /// # Errors
-/// A header that is not PFM, fewer bytes than the header promises, three different channels.
+/// An invalid header, fewer bytes than the header requires, or three different channels.
 pub fn parse(bytes: &[u8]) -> Result<FloatMap, FormatError> {
     let mut header = PfmHeader { bytes, at: 0 };
     let channels: usize = match header.token().as_deref() {
@@ -91,7 +91,7 @@ struct PfmHeader<'a> {
 }
 
 impl<'a> PfmHeader<'a> {
-    /// The next run of printable characters, after white space and `#` comments.
+    /// The next run of printable characters, skipping white space and `#` comments.
     fn token(&mut self) -> Option<String> {
         loop {
             match self.bytes.get(self.at)? {
@@ -105,7 +105,7 @@ impl<'a> PfmHeader<'a> {
             }
         }
         let rest = &self.bytes[self.at..];
-        // Numbers are short; what runs on is not a header.
+        // Numbers are short; a longer run is not a header.
         let end = rest
             .iter()
             .take(64)
@@ -124,8 +124,8 @@ impl<'a> PfmHeader<'a> {
             .map_err(|_| invalid!("the {what} in the header is '{token}'"))
     }
 
-    /// What follows the header: one byte of white space ends it, or CR LF. A data byte that
-    /// happens to be LF after a lone CR is told apart by the number of bytes needed.
+    /// The data after the header, which ends with one byte of white space or CR LF. If a lone CR is followed by a data
+    /// byte that happens to be LF, the number of bytes needed resolves the ambiguity.
     fn data(&self, needed: Option<usize>) -> &'a [u8] {
         let rest = &self.bytes[self.at..];
         let after_cr = rest.len().saturating_sub(1);

@@ -1,4 +1,4 @@
-//! Photographs and masks of datasets, by [`sharp::image_file`], the one decoder of pictures.
+//! Photographs and masks of datasets, decoded by [`sharp::image_file`].
 
 use std::io::BufReader;
 use std::path::Path;
@@ -8,10 +8,10 @@ use sharp::image_file::{self, Header, OrientationRule, PictureRules};
 
 use crate::{DatasetError, files};
 
-/// Decodes a photograph to 8-bit RGB; `fit` is the size that it should have.
+/// Decodes a photograph to 8-bit RGB; `fit` is the expected size.
 ///
 /// # Errors
-/// Names the file; see [`image_file::read`].
+/// Names the file and the reason; see [`image_file::read`].
 pub fn read(
     path: &Path,
     rules: &PictureRules,
@@ -20,10 +20,10 @@ pub fn read(
     files::parse(path, |bytes| Ok(image_file::read_rgb8(bytes, rules, fit)?))
 }
 
-/// sha256 of a photograph's bytes, 64 lower-case hexadecimal digits.
+/// SHA-256 of a photograph's bytes, 64 lower-case hexadecimal digits, after checking that the file is complete.
 ///
 /// # Errors
-/// As [`read`]; of pixels only that there are too few.
+/// As for [`read`], but the pixels are only checked for completeness.
 pub fn sha256_of_whole(path: &Path) -> Result<String, DatasetError> {
     files::parse(path, |bytes| {
         image_file::check_complete(bytes)?;
@@ -31,10 +31,10 @@ pub fn sha256_of_whole(path: &Path) -> Result<String, DatasetError> {
     })
 }
 
-/// Decodes a mask: 8-bit gray, as stored.
+/// Decodes a mask: 8-bit grey, as stored.
 ///
 /// # Errors
-/// As [`read`]; when the mask lies in an alpha channel, or holds levels above 0 and none of 255.
+/// As for [`read`]; also if the mask is in an alpha channel, or contains levels above 0 but none of 255.
 pub fn read_mask(path: &Path) -> Result<GrayImage, DatasetError> {
     let as_stored = |bytes: &[u8]| Ok(image_file::read(bytes, &PictureRules::AS_STORED, None)?);
     let picture = files::parse(path, as_stored)?;
@@ -55,19 +55,19 @@ pub fn read_mask(path: &Path) -> Result<GrayImage, DatasetError> {
     }
 }
 
-/// A photograph's header, without decoding its pixels.
+/// Reads a photograph's header without decoding its pixels.
 ///
 /// # Errors
-/// As [`read`], as far as the header shows.
+/// As for [`read`], as far as the header reveals it.
 pub fn header(path: &Path) -> Result<Header, DatasetError> {
     let file = BufReader::new(files::open(path)?);
     image_file::header(file).map_err(|error| DatasetError::format(path, error))
 }
 
-/// Width and height of a photograph that has no camera's size to fit.
+/// Width and height, as read by `rules`, of a photograph without a camera size to match.
 ///
 /// # Errors
-/// As [`header`].
+/// As for [`header`].
 pub fn size_as_read(path: &Path, rules: &PictureRules) -> Result<(u32, u32), DatasetError> {
     match rules.orientation {
         OrientationRule::Upright => Ok(header(path)?.upright_size()),
@@ -75,10 +75,10 @@ pub fn size_as_read(path: &Path, rules: &PictureRules) -> Result<(u32, u32), Dat
     }
 }
 
-/// Width and height of a photograph as stored, from its header.
+/// Width and height of a photograph as stored; reads only its header.
 ///
 /// # Errors
-/// As [`read`], as far as the header shows.
+/// As for [`read`], as far as the header reveals it.
 pub fn dimensions(path: &Path) -> Result<(u32, u32), DatasetError> {
     let file = BufReader::new(files::open(path)?);
     image_file::dimensions(file).map_err(|error| DatasetError::format(path, error))

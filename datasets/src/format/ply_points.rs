@@ -1,5 +1,4 @@
-//! Points and triangles of PLY files (laser scans, meshes). Other properties and elements are
-//! passed over.
+//! Points and triangles of PLY files (laser scans, meshes). Other properties and elements are skipped.
 
 use glam::Vec3;
 use sharp::ply::table::{Body, Element, Header};
@@ -11,15 +10,14 @@ use super::FormatError;
 pub struct Geometry {
     /// Positions in the file's units.
     pub points: Vec<Vec3>,
-    /// Indices into `points`; faces with more corners are cut into fans. Empty for a scan.
+    /// Indices into `points`; faces with more than three corners are split into fans. Empty for a scan.
     pub triangles: Vec<[u32; 3]>,
 }
 
-/// Reads a PLY file.
+/// Parses a PLY file.
 ///
 /// # Errors
-/// Not PLY, no vertices with x, y, z, fewer bytes than the header promises, a
-/// face that names a missing vertex.
+/// Not PLY, no vertices with x, y, z, fewer bytes than the header requires, or a face that refers to a missing vertex.
 pub fn parse(bytes: &[u8]) -> Result<Geometry, FormatError> {
     let (header, mut body) = Header::parse(bytes)?;
     let mut geometry = Geometry::default();
@@ -27,7 +25,7 @@ pub fn parse(bytes: &[u8]) -> Result<Geometry, FormatError> {
         match element.name.as_str() {
             "vertex" => read_vertices(element, &mut body, &mut geometry.points)?,
             "face" => read_faces(element, &mut body, &mut geometry.triangles)?,
-            // Nothing of use can follow, and other elements may be of any kind.
+            // The remaining elements are not needed and may be of any kind.
             _ if !geometry.points.is_empty() => break,
             _ => body.rows(element, |_| Ok::<_, FormatError>(()))?,
         }

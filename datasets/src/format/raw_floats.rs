@@ -1,14 +1,14 @@
-//! Bare little-endian f32 values, row by row from the top: ETH3D's depth maps, which carry the
-//! name of the photograph (`.JPG`) but are no JPEG. The size is known only from the camera.
+//! Bare little-endian f32 values, row by row from the top: ETH3D's depth maps, which have the photograph's name
+//! (`.JPG`) but are not JPEG. Their size is known only from the camera.
 
 use std::io::Read;
 
 use super::{FloatMap, FormatError};
 
-/// Reads `width · height` values; a gzip-packed file is unpacked. +inf means no depth.
+/// Reads `width · height` values; gzip-compressed files are decompressed. +inf means no depth.
 ///
 /// # Errors
-/// The expected length when the bytes have another one.
+/// The expected length, if the data has another.
 pub fn parse(bytes: &[u8], (width, height): (u32, u32)) -> Result<FloatMap, FormatError> {
     let expected = u64::from(width) * u64::from(height) * 4;
     let mut unpacked = Vec::new();

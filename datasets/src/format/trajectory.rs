@@ -7,32 +7,31 @@ use sharp::camera::{CameraError, RigidTransform, affine_from_row_major};
 
 use super::FormatError;
 
-/// A pose by frame number, camera to world in OpenCV's axes, or why it is invalid.
+/// A pose with its frame number, camera to world in OpenCV's axes, or the reason that it is invalid.
 #[derive(Debug, Clone, PartialEq)]
 pub struct NumberedPose {
-    /// As written.
+    /// Frame number as written.
     pub frame: i64,
-    /// In the file's units.
+    /// Pose in the file's units.
     pub world_from_camera: Result<RigidTransform, CameraError>,
 }
 
 /// The poses of a `.log`.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Log {
-    /// The indices of all blocks, in order: 0 is the first picture's.
+    /// Indices of all blocks, in order; 0 belongs to the first picture.
     pub blocks: Vec<i64>,
-    /// By their blocks' indices, in order. Blocks whose second number is −1 stand for pictures
-    /// without a pose and have none here.
+    /// Poses by block index, in order. Blocks whose second number is −1 represent pictures without a pose and are
+    /// omitted.
     pub poses: Vec<NumberedPose>,
 }
 
-/// Reads a `.log`: blocks of three whole numbers and a 4×4 matrix; blanks and tabs do not matter.
-/// The first of the three numbers is the block's index. Where all blocks state the same one, it is
-/// ignored and their positions, from 0, are the indices.
+/// Parses a `.log`: blocks of three integers and a 4×4 matrix, separated by any white space. The first of the three
+/// numbers is the block's index. If it is the same in all blocks, it is ignored and the blocks' positions, from 0, are
+/// the indices.
 ///
 /// # Errors
-/// A block that ends early, something that is not a number, an index that is
-/// negative or stated twice.
+/// An incomplete block, something that is not a number, or an index that is negative or repeated.
 pub fn parse_log(text: &str) -> Result<Log, FormatError> {
     let numbers = numbers(text)?;
     let mut blocks = Vec::new();
@@ -54,7 +53,7 @@ pub fn parse_log(text: &str) -> Result<Log, FormatError> {
     let mut by_index = BTreeMap::new();
     for (i, block) in blocks.iter().enumerate() {
         let index = if says_nothing { i as f64 } else { block[0] };
-        // Beyond 2^53 an f64 cannot hold every whole number.
+        // Beyond 2^53, f64 cannot represent every integer.
         if !(0.0..=9e15).contains(&index) {
             return Err(invalid!("block {i} states the index {index}"));
         }
@@ -75,10 +74,10 @@ pub fn parse_log(text: &str) -> Result<Log, FormatError> {
     })
 }
 
-/// Reads a `cam_poses.txt`: a frame number and a 4×4 matrix a row.
+/// Parses a `cam_poses.txt`: a frame number and a 4×4 matrix per row.
 ///
 /// # Errors
-/// Names the row that has not 17 numbers.
+/// Names the row that does not have 17 numbers.
 pub fn parse_rows(text: &str) -> Result<Vec<NumberedPose>, FormatError> {
     text.lines()
         .enumerate()
@@ -100,19 +99,19 @@ pub fn parse_rows(text: &str) -> Result<Vec<NumberedPose>, FormatError> {
         .collect()
 }
 
-/// A similarity between two worlds: `x' = scale · rotation · x + translation`.
+/// A similarity between two coordinate systems: `x' = scale · rotation · x + translation`.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SimilarityTransform {
-    /// Metres of one unit.
+    /// Destination units (metres) per source unit.
     pub scale: f64,
     affine: DAffine3,
 }
 
 impl SimilarityTransform {
-    /// Takes a row-major 4×4 matrix.
+    /// Creates a similarity from a row-major 4×4 matrix.
     ///
     /// # Errors
-    /// The reason: not finite, not affine, mirroring, or not a rotation times a scale.
+    /// The reason, if the matrix is not finite, not affine, mirroring, or not a rotation times a scale.
     pub fn from_row_major(m: &[f64; 16]) -> Result<Self, FormatError> {
         let affine = affine_from_row_major(m).map_err(|e| invalid!("{e}"))?;
         let determinant = affine.matrix3.determinant();
@@ -127,11 +126,10 @@ impl SimilarityTransform {
         Ok(Self { scale, affine })
     }
 
-    /// Carries a camera-to-world pose over: its centre is transformed, its axes are turned, and
-    /// the scale does not touch them.
+    /// Transforms a camera-to-world pose: its centre is transformed, and its axes are rotated but not scaled.
     ///
     /// # Errors
-    /// [`CameraError`], when the result is not rigid.
+    /// [`CameraError`] if the result is not rigid.
     pub fn apply_to_pose(
         &self,
         world_from_camera: &RigidTransform,
@@ -144,10 +142,10 @@ impl SimilarityTransform {
     }
 }
 
-/// Reads a `_trans.txt`: a 4×4 similarity.
+/// Parses a `_trans.txt`: a 4×4 similarity.
 ///
 /// # Errors
-/// Not 16 numbers, no similarity.
+/// Not 16 numbers, or not a similarity.
 pub fn parse_similarity(text: &str) -> Result<SimilarityTransform, FormatError> {
     let row = <[f64; 16]>::try_from(numbers(text)?);
     let row = row.map_err(|row| invalid!("{} numbers instead of 16", row.len()))?;

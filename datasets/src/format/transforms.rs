@@ -1,5 +1,5 @@
-//! `transforms.json` of nerfstudio, instant-ngp, Blender and ScanNet++: intrinsics and
-//! camera-to-world poses in OpenGL's axes (x right, y up, z backwards).
+//! `transforms.json` as written by nerfstudio, instant-ngp, Blender and ScanNet++: intrinsics and camera-to-world poses
+//! in OpenGL's axes (x right, y up, z backwards).
 
 use std::sync::Arc;
 
@@ -12,33 +12,33 @@ use crate::lens::{Distortion, Lens, LensError};
 
 #[derive(Debug)]
 pub struct Transforms {
-    /// `frames`, in the file's order.
+    /// `frames`, in file order.
     pub frames: Vec<JsonFrame>,
-    /// `test_frames` (ScanNet++), in the file's order.
+    /// `test_frames` (ScanNet++), in file order.
     pub test_frames: Vec<JsonFrame>,
-    /// `applied_scale`: what translations were multiplied by; 1 when absent.
+    /// `applied_scale`: the factor by which translations were multiplied; 1 if absent.
     pub applied_scale: f64,
 }
 
 #[derive(Debug)]
 pub struct JsonFrame {
-    /// As written; may begin with `./` and lack its extension.
+    /// Path as written; may start with `./` and may have no extension.
     pub file_path: String,
     pub depth_file_path: Option<String>,
     pub mask_path: Option<String>,
-    /// ScanNet++: the pose is unreliable.
+    /// True if the pose is unreliable (ScanNet++).
     pub is_bad: bool,
-    /// Camera to world in OpenCV's axes, translation as written, or why it is invalid.
+    /// Camera to world in OpenCV's axes, with the translation as written, or the reason that the pose is invalid.
     pub world_from_camera: Result<RigidTransform, CameraError>,
     intrinsics: RawIntrinsics,
-    /// What the file states for all its frames.
+    /// Intrinsics that the file states for all its frames.
     shared: Arc<RawIntrinsics>,
-    /// True when the frame states intrinsics that differ from the file's. Its own win unless
+    /// True if the frame's own intrinsics differ from the file's. The frame's take precedence unless
     /// [`JsonFrame::prefer_file`] is called.
     pub contradicts_file: bool,
 }
 
-/// Intrinsics as stated, before the picture's size is known.
+/// Intrinsics as written, before the picture's size is known.
 #[derive(Debug, Clone, Default, PartialEq)]
 struct RawIntrinsics {
     numbers: Map<String, Value>,
@@ -65,11 +65,11 @@ const INTRINSIC_KEYS: [&str; 18] = [
     "is_fisheye",
 ];
 
-/// Reads a `transforms.json`.
+/// Parses a `transforms.json`.
 ///
 /// # Errors
-/// Not JSON, no frames, a frame without a path or with a matrix of another shape.
-/// A pose that is not finite or not rigid is kept in its frame as an error.
+/// Not JSON, no frames, or a frame without a path or with a matrix of another shape. A pose that is not finite or not
+/// rigid is not an error here but stored in its frame.
 pub fn parse(text: &str) -> Result<Transforms, FormatError> {
     let document = lenient_json::parse(text)?;
     let top = document
@@ -128,7 +128,7 @@ fn frame_of(value: &Value, shared: &Arc<RawIntrinsics>) -> Result<JsonFrame, For
     })
 }
 
-/// 16 numbers from nested lists of 4×4 or 3×4; `null` (a NaN) stays NaN.
+/// 16 numbers from nested lists of 4×4 or 3×4; `null` becomes NaN.
 fn matrix(value: &Value) -> Option<[f64; 16]> {
     let rows = value.as_array()?;
     if rows.len() != 3 && rows.len() != 4 {
@@ -148,7 +148,7 @@ fn matrix(value: &Value) -> Option<[f64; 16]> {
     Some(out)
 }
 
-/// From OpenGL's camera axes to OpenCV's: y and z change their sign.
+/// Converts OpenGL's camera axes to OpenCV's by negating y and z.
 fn pose(rows: &[f64; 16]) -> Result<RigidTransform, CameraError> {
     let mut flipped = *rows;
     for row in 0..3 {
@@ -185,15 +185,15 @@ impl RawIntrinsics {
 }
 
 impl JsonFrame {
-    /// Lets the file's intrinsics override the frame's: nerfstudio's rule.
+    /// Lets the file's intrinsics override the frame's, as nerfstudio does.
     pub fn prefer_file(&mut self) {
         self.intrinsics = self.intrinsics.overridden_by(&self.shared);
     }
 
-    /// Width and height as stated, if they are.
+    /// Width and height, if stated.
     ///
     /// # Errors
-    /// The reason, when they are no numbers of pixels (whole numbers may be written as floats).
+    /// The reason, if they are not valid pixel counts (integers may be written as floats).
     pub fn size(&self) -> Result<Option<(u32, u32)>, FormatError> {
         let side = |key: &str| match self.intrinsics.number(key)? {
             None => Ok(None),
@@ -205,11 +205,11 @@ impl JsonFrame {
         Ok(side("w")?.zip(side("h")?))
     }
 
-    /// The camera of a picture of this size.
+    /// The camera for a picture of this size.
     ///
     /// # Errors
-    /// [`FormatError::Lens`] for an unknown camera model or degenerate intrinsics,
-    /// [`FormatError::Invalid`] without a focal length.
+    /// [`FormatError::Lens`] for an unknown camera model or invalid intrinsics, [`FormatError::Invalid`] if there is no
+    /// focal length.
     pub fn lens(&self, size: (u32, u32)) -> Result<Lens, FormatError> {
         let raw = &self.intrinsics;
         let (w, h) = (f64::from(size.0), f64::from(size.1));
@@ -245,14 +245,14 @@ impl JsonFrame {
             _ if fisheye => "OPENCV_FISHEYE",
             _ => "OPENCV",
         };
-        // nerfstudio takes coefficients under these names too, where there are any.
+        // nerfstudio also uses coefficients with these model names, if there are any.
         let model = match model {
             "PINHOLE" | "SIMPLE_PINHOLE" | "PERSPECTIVE" => "OPENCV",
             other => other,
         };
         let distortion = match model {
             "SIMPLE_RADIAL" | "RADIAL" => Distortion::perspective("RADIAL", &[k1, k2], [0.0; 2]),
-            // nerfstudio's k3 and k4 continue the radial polynomial of OPENCV.
+            // nerfstudio's k3 and k4 extend the radial polynomial of OPENCV.
             "OPENCV" if k4 != 0.0 => {
                 return Err("camera model OPENCV with k4 is not supported".into());
             }
@@ -279,8 +279,8 @@ impl JsonFrame {
     }
 }
 
-/// The change of world axes that COLMAP models go through on their way into nerfstudio's files
-/// (and ScanNet++'s, which do not record it): undoes it for a camera-to-world pose.
+/// Undoes, for a camera-to-world pose, the change of world axes that is applied to COLMAP models in nerfstudio's files
+/// (and in ScanNet++'s, which do not record it).
 pub fn undo_colmap_axes(world_from_camera: &RigidTransform) -> RigidTransform {
     // (x, y, z) was written as (y, x, −z), which is its own inverse.
     let swap = |v: DVec3| DVec3::new(v.y, v.x, -v.z);

@@ -1,4 +1,4 @@
-//! A camera with its lens: intrinsics and a model with COLMAP's name and parameters.
+//! A camera with its lens: intrinsics and a distortion model with COLMAP's name and parameters.
 
 use glam::{DVec2, DVec3};
 use sharp::camera::{CameraError, Intrinsics};
@@ -15,7 +15,7 @@ pub struct Lens {
 }
 
 impl Lens {
-    /// A camera by COLMAP's model name and parameters in COLMAP's order.
+    /// Creates a camera from COLMAP's model name and parameters in COLMAP's order.
     ///
     /// # Errors
     /// [`LensError::UnsupportedModel`], [`LensError::ParameterCount`], [`LensError::NotFinite`], [`LensError::OutOfRange`],
@@ -38,7 +38,7 @@ impl Lens {
         if !params.iter().all(|p| p.is_finite()) {
             return Err(LensError::NotFinite { model: name() });
         }
-        // Models with a single focal length are named after their simplicity, but for these two.
+        // Models with a single focal length have `SIMPLE_` in their names, except these two.
         let single = model.starts_with("SIMPLE_") || matches!(model, "RADIAL" | "RADIAL_FISHEYE");
         let (focal, center, rest) = if single {
             ((params[0], params[0]), (params[1], params[2]), &params[3..])
@@ -82,17 +82,17 @@ impl Lens {
         Ok(Self::new(focal, center, size, distortion)?)
     }
 
-    /// A camera from its parts. Perspective distortion without a coefficient becomes a pinhole.
+    /// Creates a camera from its parts. Perspective distortion without coefficients becomes a pinhole.
     ///
     /// # Errors
-    /// [`CameraError`] for intrinsics that are not a camera's.
+    /// [`CameraError`] for invalid intrinsics.
     pub fn new(
         focal: (f64, f64),
         center: (f64, f64),
         size: (u32, u32),
         distortion: Distortion,
     ) -> Result<Self, CameraError> {
-        // Without coefficients fisheye cameras are still that.
+        // Fisheye models without coefficients are still fisheye.
         let distortion = match distortion {
             Distortion::Perspective { k, p, .. } if k == [0.0; 6] && p == [0.0; 2] => {
                 Distortion::None
@@ -109,7 +109,7 @@ impl Lens {
         })
     }
 
-    /// A pinhole camera; `None` for intrinsics that are not a camera's.
+    /// Creates a pinhole camera; `None` for invalid intrinsics.
     pub fn of_pinhole(k: Intrinsics) -> Option<Self> {
         Self::new(
             (k.fx, k.fy),
@@ -129,13 +129,13 @@ impl Lens {
         self.distortion
     }
 
-    /// True when straight lines stay straight.
+    /// True if straight lines stay straight.
     pub fn is_pinhole(&self) -> bool {
         self.distortion == Distortion::None
     }
 
-    /// Projects a camera-space point to pixels; `None` unless it lies in front (z > 0). Far
-    /// outside the picture the polynomials fold back: see [`Self::project_unfolded`].
+    /// Projects a camera-space point to pixels; `None` unless it is in front of the camera (z > 0). Far outside the
+    /// picture, the polynomials fold back: see [`Self::project_unfolded`].
     pub fn project(&self, point: DVec3) -> Option<DVec2> {
         (point.z > 0.0).then(|| {
             let k = &self.intrinsics;
@@ -144,8 +144,8 @@ impl Lens {
         })
     }
 
-    /// As [`Self::project`], and `None` beyond the radius where the model folds back, so that no
-    /// point outside the field of view lands inside the picture.
+    /// Like [`Self::project`], but `None` beyond the radius at which the model folds back, so that no point outside the
+    /// field of view is projected into the picture.
     pub fn project_unfolded(&self, point: DVec3) -> Option<DVec2> {
         let pixel = self.project(point)?;
         let mut radius = (point.truncate() / point.z).length();
@@ -155,8 +155,8 @@ impl Lens {
         (radius < self.fold_radius).then_some(pixel)
     }
 
-    /// The ray through a pixel, as the camera-space point at z = 1; `None` if the lens sees
-    /// nothing (a fisheye beyond 90°, a polynomial that has folded back).
+    /// The ray through a pixel, as the camera-space point at z = 1; `None` if the lens sees nothing there (a fisheye
+    /// beyond 90°, or a polynomial beyond its fold).
     pub fn unproject(&self, pixel: DVec2) -> Option<DVec3> {
         let k = &self.intrinsics;
         let distorted = DVec2::new((pixel.x - k.cx) / k.fx, (pixel.y - k.cy) / k.fy);
@@ -168,7 +168,7 @@ impl Lens {
     }
 }
 
-/// COLMAP's models by its id, and how many parameters it stores.
+/// COLMAP's models, indexed by their ids, with the number of parameters stored.
 pub const COLMAP_MODELS: [(&str, usize); 18] = [
     ("SIMPLE_PINHOLE", 3),
     ("PINHOLE", 4),
@@ -190,7 +190,7 @@ pub const COLMAP_MODELS: [(&str, usize); 18] = [
     (EQUIRECTANGULAR, 2),
 ];
 
-/// The one without a pinhole view of the whole picture.
+/// The model without a pinhole view of the whole picture.
 const EQUIRECTANGULAR: &str = "EQUIRECTANGULAR";
 
 #[cfg(test)]

@@ -1,15 +1,15 @@
-//! Lens distortion, model by model.
+//! Lens distortion models.
 //!
-//! With u = X/Z, v = Y/Z and r² = u² + v², each model maps (u, v) to distorted coordinates, which
-//! fx, fy, cx, cy turn into pixels. The formulas are those of OpenCV (`calib3d`) and COLMAP
-//! (`sensor/models.h`), which agree with each other.
+//! With u = X/Z, v = Y/Z and r² = u² + v², each model maps (u, v) to distorted coordinates, which fx, fy, cx, cy
+//! convert to pixels. The formulas are those of OpenCV (`calib3d`) and COLMAP (`sensor/models.h`), which agree with
+//! each other.
 
 use glam::{DMat2, DVec2};
 
 /// Distortion of normalised coordinates by a lens.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Distortion {
-    /// Nothing: a pinhole camera.
+    /// No distortion: a pinhole camera.
     None,
     /// Rational radial `(1 + k1 r² + k2 r⁴ + k3 r⁶) / (1 + k4 r² + k5 r⁴ + k6 r⁶)` and tangential
     /// p1, p2 (FULL_OPENCV). OPENCV has k1, k2 and p, RADIAL k1 and k2, SIMPLE_RADIAL k1.
@@ -33,11 +33,11 @@ pub enum Distortion {
     RadTanThinPrismFisheye {
         k: [f64; 6],
         p: [f64; 2],
-        /// Of r² and r⁴ in the first coordinate, then in the second.
+        /// Coefficients of r² and r⁴ for the first coordinate, then for the second.
         s: [f64; 4],
     },
-    /// FOV: the radius becomes `atan(2 r tan(ω/2)) / ω`. (COLMAP's series for ω below 0.01 has its signs exchanged; this
-    /// is the formula at every ω.)
+    /// FOV: the radius becomes `atan(2 r tan(ω/2)) / ω`. (COLMAP's series for ω below 0.01 has its signs exchanged;
+    /// here the formula is used for every ω.)
     Fov { omega: f64 },
     /// DIVISION: `(u, v) · 2 / (1 + √(1 − 4 k r²))`, the inverse of a division by `1 + k r²`.
     Division { k: f64 },
@@ -46,14 +46,14 @@ pub enum Distortion {
 }
 
 impl Distortion {
-    /// A perspective model with the radial coefficients that it has; the others are 0.
+    /// Creates a perspective model with the given radial coefficients; the others are 0.
     pub fn perspective(model: &'static str, radial: &[f64], p: [f64; 2]) -> Self {
         let mut k = [0.0; 6];
         k[..radial.len()].copy_from_slice(radial);
         Self::Perspective { model, k, p }
     }
 
-    /// COLMAP's name of the model; of a family the one with the most parameters.
+    /// COLMAP's name of the model; for a family, that of the model with the most parameters.
     pub fn name(&self) -> &'static str {
         match self {
             Self::None => "PINHOLE",
@@ -67,7 +67,7 @@ impl Distortion {
         }
     }
 
-    /// Distorts normalised coordinates `(X/Z, Y/Z)` by the plain formula, however far out.
+    /// Distorts normalised coordinates `(X/Z, Y/Z)` by the plain formula, even far outside the picture.
     pub fn distort(&self, uv: DVec2) -> DVec2 {
         match *self {
             Self::None => uv,
@@ -84,13 +84,13 @@ impl Distortion {
         }
     }
 
-    /// What the radial models without a polynomial multiply coordinates by at r², and its derivative by r².
+    /// Radial factor at r² of the models without a polynomial, and its derivative with respect to r².
     fn scale_at(&self, r2: f64) -> Option<(f64, f64)> {
         match *self {
             Self::Fov { omega } => {
                 let t = 2.0 * (omega / 2.0).tan();
                 let x2 = r2 * t * t;
-                // atan(x)/x and its derivative by x²: below this the series is exact to rounding.
+                // atan(x)/x and its derivative with respect to x²: below this, the series is exact up to rounding.
                 let (ratio, slope) = if x2 < 1e-8 {
                     (1.0 - x2 / 3.0, -1.0 / 3.0 + 0.4 * x2)
                 } else {
@@ -114,7 +114,7 @@ impl Distortion {
         }
     }
 
-    /// The part of a fisheye model that acts on equidistant coordinates.
+    /// The part of a fisheye model that acts on equidistant coordinates; for other models, the whole distortion.
     pub(super) fn bend(&self, ab: DVec2) -> DVec2 {
         match *self {
             Self::ThinPrismFisheye { k, p, s } => {
@@ -132,7 +132,7 @@ impl Distortion {
         }
     }
 
-    /// The derivative of [`Self::bend`] at a point: columns by its first and second coordinate.
+    /// Jacobian of [`Self::bend`] at a point; its columns are the derivatives with respect to the two coordinates.
     pub(super) fn bend_slope(&self, x: DVec2) -> DMat2 {
         let r2 = x.length_squared();
         match *self {
@@ -190,7 +190,7 @@ fn tangential(uv: DVec2, p: [f64; 2]) -> DVec2 {
     )
 }
 
-/// The derivative of [`tangential`].
+/// Jacobian of [`tangential`].
 fn tangential_slope(uv: DVec2, p: [f64; 2]) -> DMat2 {
     let crossed = 2.0 * (p[0] * uv.x + p[1] * uv.y);
     DMat2::from_cols(
@@ -199,7 +199,7 @@ fn tangential_slope(uv: DVec2, p: [f64; 2]) -> DMat2 {
     )
 }
 
-/// The derivative of x · f(|x|²) for a factor f and its derivative by |x|².
+/// Jacobian of x · f(|x|²), given the factor f and its derivative with respect to |x|².
 fn radial_slope(x: DVec2, (factor, by_r2): (f64, f64)) -> DMat2 {
     DMat2::from_diagonal(DVec2::splat(factor)) + outer(x, 2.0 * by_r2 * x)
 }
@@ -218,12 +218,12 @@ fn radial(r2: f64, k: &[f64]) -> f64 {
     k.iter().rev().fold(0.0, |sum, k| (sum + k) * r2)
 }
 
-/// The derivative of [`radial4`] by r².
+/// Derivative of [`radial4`] with respect to r².
 fn by_r2(r2: f64, k: [f64; 4]) -> f64 {
     k[0] + r2 * (2.0 * k[1] + r2 * (3.0 * k[2] + r2 * 4.0 * k[3]))
 }
 
-/// `(u, v) θ/r` with θ = atan r: the angle from the axis becomes the radius.
+/// `(u, v) θ/r` with θ = atan r: makes the radius equal to the angle from the axis.
 fn equidistant(uv: DVec2) -> DVec2 {
     let r = uv.length();
     // θ/r = 1 − r²/3 + …: below this the difference is rounding.

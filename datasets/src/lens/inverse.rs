@@ -1,12 +1,12 @@
-//! The way back: from distorted coordinates to the ray, and how far out there is one.
+//! Inverse distortion: from distorted coordinates to the ray, and the radius within which it exists.
 
 use glam::DVec2;
 
 use super::Distortion;
 
 impl Distortion {
-    /// From the coordinates that [`Self::bend`] acts on to normalised ones; `None` for a fisheye's
-    /// rays at 90° and beyond.
+    /// Converts the coordinates that [`Self::bend`] acts on to normalised ones; `None` for a fisheye's rays at 90° and
+    /// beyond.
     pub(super) fn straightened(&self, bent: DVec2) -> Option<DVec2> {
         if !self.is_fisheye() {
             return Some(bent);
@@ -23,7 +23,7 @@ impl Distortion {
         Some(bent * scale)
     }
 
-    /// Newton's iteration on [`Self::bend`], with halved steps where a full one does not help.
+    /// Newton's iteration on [`Self::bend`], with halved steps if a full one does not help.
     pub(super) fn invert(&self, distorted: DVec2) -> Option<DVec2> {
         if !distorted.is_finite() {
             return None;
@@ -32,7 +32,7 @@ impl Distortion {
             return Some(distorted);
         }
         let mut x = distorted;
-        // Far outside, the polynomial may explode: begin where it is close to the identity.
+        // Far outside, the polynomial may explode, so start where it is close to the identity.
         let mut error = self.bend(x) - distorted;
         if error.length_squared() > x.length_squared() {
             x = DVec2::ZERO;
@@ -59,7 +59,7 @@ impl Distortion {
                     break None;
                 }
             };
-            // At the limit of rounding no step helps any more.
+            // At the limit of rounding, no step helps any more.
             let Some((candidate, next_error)) = next else {
                 break;
             };
@@ -69,15 +69,14 @@ impl Distortion {
         converged.then_some(x)
     }
 
-    /// Whether the map keeps its orientation.
+    /// True if the map preserves orientation at `x`.
     fn is_unfolded_at(&self, x: DVec2) -> bool {
         let slope = self.bend_slope(x);
         slope.determinant() > 0.0 && (slope * x).dot(x) > 0.0 || x == DVec2::ZERO
     }
 
-    /// The radius (of normalised coordinates, for fisheyes the angle in radians) within which the
-    /// map does not fold back, to 1/128; infinite for a pinhole, at most 10 (84°) for perspective
-    /// lenses.
+    /// Radius within which the map does not fold back, to 1/128, in normalised coordinates (for fisheyes, the angle in
+    /// radians). Infinite for a pinhole, at most 10 (84°) for perspective lenses.
     pub(super) fn fold_radius(&self) -> f64 {
         if *self == Self::None {
             return f64::INFINITY;

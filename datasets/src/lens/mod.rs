@@ -1,7 +1,7 @@
 //! Camera models with lens distortion: the models of COLMAP and OpenCV that real datasets use.
 //!
-//! * [`Distortion`]: the models and their formulas; `inverse` undoes them.
-//! * [`Lens`]: a camera with one of them.
+//! * [`Distortion`]: the models and their formulas; `inverse`: their inverses.
+//! * [`Lens`]: a camera with a distortion model.
 
 mod camera;
 mod distortion;
@@ -12,7 +12,7 @@ use sharp::camera::CameraError;
 pub use camera::{COLMAP_MODELS, Lens};
 pub use distortion::Distortion;
 
-/// Why there is no lens, or no pinhole camera for one.
+/// Errors of creating a lens, or a pinhole camera for one.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum LensError {
     #[error(

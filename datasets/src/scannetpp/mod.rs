@@ -1,9 +1,9 @@
 //! ScanNet++, DSLR pictures (v1 and v2).
 //!
-//! `data/<scene>/dslr/` holds fisheye pictures in `resized_images`, their cameras in
-//! `nerfstudio/transforms.json` and, if the toolbox was run, undistorted pictures with
-//! `nerfstudio/transforms_undistorted.json`. Poses went through COLMAP's change of world axes on
-//! their way into the JSON; it is undone, so that the views share the world of `scans/`. Metres.
+//! `data/<scene>/dslr/` contains fisheye pictures in `resized_images`, their cameras in `nerfstudio/transforms.json`
+//! and, if the toolbox was run, undistorted pictures with `nerfstudio/transforms_undistorted.json`. COLMAP's change of
+//! world axes was applied to the poses in the JSON; it is undone, so that the views share the coordinate system of
+//! `scans/`. Units are metres.
 
 mod photographs;
 
@@ -128,7 +128,7 @@ fn required_files(photo: &PhotographPath<'_>) -> Vec<RequiredFile> {
         photo.above(&format!("nerfstudio/{json}")),
     )];
     if undistorted {
-        // Depth is rendered in the fisheye camera; a mesh needs none.
+        // Depth is rendered with the fisheye camera; a mesh does not need it.
         let fisheye = RequiredFile::depth(photo.above("nerfstudio/transforms.json"));
         files.push(fisheye.or(mesh()));
     }
@@ -166,7 +166,7 @@ fn open(spec: &DatasetSpec) -> Result<FoundScenes, DatasetError> {
     let cache = ScanCache::default();
     let mut found = FoundScenes::default();
     for name in &names {
-        // A name that leads out must not hide the other scenes.
+        // A name that points outside must not hide the other scenes.
         let scene = root.resolve_listed(&list, &data, &format!("{name}/dslr"));
         let scene = scene.and_then(|dslr| {
             let scene = root.resolve(&data, name)?;
@@ -327,12 +327,12 @@ enum DepthFrom {
     None,
     Rendered(PathBuf),
     Mesh(ScanFile),
-    /// With the ids of the model's images by their names.
+    /// Points, and the ids of the model's images by name.
     Points(PointTracks, Vec<(String, u32)>),
 }
 
 impl DepthFrom {
-    /// What was read under a value of the setting `depth`, or why nothing was.
+    /// Describes the depth that was read with the setting `depth`, or why none was.
     fn note(&self, has_depth: bool, setting: &str) -> Option<&'static str> {
         Some(match (self, setting) {
             (Self::Rendered(_), _) if has_depth => "dslr/render_depth, rendered by the toolbox",

@@ -1,4 +1,4 @@
-//! Chooses a scene's photographs, and finds the cameras of their depth.
+//! Selection of a scene's photographs, and lookup of the cameras of their depth.
 
 use std::path::{Path, PathBuf};
 
@@ -15,18 +15,18 @@ pub(super) struct DslrPhotographs {
     pub(super) file: Transforms,
     pub(super) images: PathBuf,
     pub(super) masks: PathBuf,
-    /// The folder of pictures that the toolbox undistorted; `None` for the fisheye ones.
+    /// Folder of pictures undistorted by the toolbox; `None` for the fisheye ones.
     pub(super) published: Option<String>,
-    /// The fisheye cameras and their file, where the pictures are undistorted but depth is not.
+    /// Fisheye cameras and their file, if the pictures are undistorted but depth is not.
     pub(super) fisheye: Option<(PathBuf, Transforms)>,
 }
 
 impl DslrPhotographs {
-    /// Those that `choice` asks for, a value of the setting `images`; `depth_in_fisheye` tells whether
-    /// the fisheye cameras are needed beside undistorted pictures.
+    /// Finds the photographs selected by `choice`, a value of the setting `images`. If `depth_in_fisheye`, the fisheye
+    /// cameras are also required for undistorted pictures.
     ///
     /// # Errors
-    /// Names the file: broken, or missing, with what to do.
+    /// Names the file that is broken or missing, with a remedy.
     pub(super) fn find(
         root: &Root,
         dslr: &Path,
@@ -34,7 +34,7 @@ impl DslrPhotographs {
         depth_in_fisheye: bool,
     ) -> Result<Self, DatasetError> {
         let inside = |name: &str| root.resolve(dslr, name);
-        // The toolbox's own default differs from the published folder's name.
+        // The toolbox's default name differs from that of the published folder.
         let first = |names: [&str; 2]| -> Result<PathBuf, DatasetError> {
             let [published, default] = [inside(names[0])?, inside(names[1])?];
             Ok(if published.is_dir() {
@@ -99,10 +99,10 @@ impl DslrPhotographs {
         }
     }
 
-    /// A map that the toolbox rendered in the fisheye camera.
+    /// Depth map rendered by the toolbox with the fisheye camera.
     ///
     /// # Errors
-    /// When there is no such camera of the picture.
+    /// If there is no such camera for the picture.
     pub(super) fn rendered_depth(
         &self,
         map: PathBuf,

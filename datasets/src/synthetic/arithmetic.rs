@@ -1,10 +1,9 @@
-//! Functions that would otherwise come from libm, whose last bits differ between machines.
+//! Replacements for libm functions whose last bits differ between machines.
 
 use std::f64::consts::FRAC_PI_2;
 use std::sync::LazyLock;
 
-/// Cosine and sine of an angle given in turns, by Taylor's series on an eighth of a turn; exact to
-/// about 1e-16.
+/// Cosine and sine of an angle given in turns, by a Taylor series on an eighth of a turn; exact to about 1e-16.
 pub(super) fn unit_circle(turns: f64) -> (f64, f64) {
     let quarter = (turns * 4.0 + 0.5).floor();
     let x = (turns * 4.0 - quarter) * FRAC_PI_2;
@@ -20,8 +19,8 @@ pub(super) fn unit_circle(turns: f64) -> (f64, f64) {
     }
 }
 
-/// Horner form of 1 − x²/(n−1)n·(1 − …): the cosine's series when `highest` is even, the sine's
-/// divided by x when it is odd.
+/// Horner form of 1 − x²/(n−1)n·(1 − …): the cosine's series if `highest` is even, the sine's divided by x if it is
+/// odd.
 fn series(x2: f64, highest: f64) -> f64 {
     let mut sum = 1.0;
     let mut n = highest;
@@ -32,17 +31,17 @@ fn series(x2: f64, highest: f64) -> f64 {
     sum
 }
 
-/// The largest whole number not above `x`, for |x| < 2⁶³: `f64::floor` is a call where the
-/// processor is only assumed to have SSE2.
+/// The largest integer not above `x`, for |x| < 2⁶³. `f64::floor` would be a function call on processors with only
+/// SSE2.
 pub(super) fn floor(x: f64) -> f64 {
     let towards_zero = x as i64 as f64;
     towards_zero - f64::from(u8::from(towards_zero > x))
 }
 
-/// The sRGB code, 0 to 255, of linear light (clamped to 0..1), rounded to nearest.
+/// sRGB code, 0 to 255, of linear light (clamped to 0..1), rounded to nearest.
 pub(super) fn srgb_level(linear: f64) -> u8 {
     const CELLS: usize = 16_384;
-    // The code at the lower end of each cell and at the upper end of the last.
+    // The code at the lower end of each cell, and at the upper end of the last one.
     static ENDS: LazyLock<Vec<u8>> = LazyLock::new(|| {
         let ends = 0..=CELLS;
         ends.map(|i| computed_level(i as f64 / CELLS as f64))
@@ -56,7 +55,7 @@ pub(super) fn srgb_level(linear: f64) -> u8 {
     }
 }
 
-/// The sRGB code of linear light in 0..1. The power 5/12 is two square roots and a cube root.
+/// sRGB code of linear light in 0..1. The power 5/12 is computed as two square roots and a cube root.
 fn computed_level(x: f64) -> u8 {
     let encoded = if x <= 0.003_130_8 {
         12.92 * x
@@ -68,9 +67,9 @@ fn computed_level(x: f64) -> u8 {
     (encoded * 255.0 + 0.5).floor() as u8
 }
 
-/// Newton's iteration from a guess that divides the exponent by three; for positive numbers.
+/// Newton's iteration for positive numbers, from an initial guess that divides the exponent by three.
 fn cube_root(a: f64) -> f64 {
-    // 2/3 of the exponent's bias, in the exponent's place.
+    // 2/3 of the exponent's bias, in the exponent's bit position.
     const TWO_THIRDS_OF_BIAS: u64 = (1023_u64 << 52) / 3 * 2;
     let mut y = f64::from_bits(a.to_bits() / 3 + TWO_THIRDS_OF_BIAS);
     for _ in 0..5 {

@@ -1,10 +1,10 @@
-//! Lists of the objects that a bundle of rays can meet: they skip others and never change a result.
+//! Lists of the objects that a bundle of rays can hit: they allow others to be skipped, but never change a result.
 
 use glam::DVec3;
 
 use super::shapes::SurfaceShape;
 
-/// Metres by which a shape may miss a bundle and still count as touching it: far more than rounding.
+/// Distance in metres by which a shape may miss a bundle and still count as touching it: far more than rounding.
 const SLACK_M: f64 = 1e-7;
 /// Cells along each side of the sun's grid, and of each of the six sides of a lamp's cube.
 const SUN_CELLS: usize = 40;
@@ -13,12 +13,12 @@ const LAMP_CELLS: usize = 12;
 /// A bundle of rays from one point, between four planes.
 pub(super) struct Wedge {
     apex: DVec3,
-    /// Unit length, inwards.
+    /// Unit normals, pointing inwards.
     normals: [DVec3; 4],
 }
 
 impl Wedge {
-    /// The rays between four directions, in order around the bundle.
+    /// Creates the bundle of rays between four directions, given in order around the bundle.
     pub(super) fn between(apex: DVec3, corners: [DVec3; 4]) -> Self {
         let middle = corners[0] + corners[1] + corners[2] + corners[3];
         let normals = [0, 1, 2, 3].map(|i| {
@@ -32,7 +32,7 @@ impl Wedge {
         Self { apex, normals }
     }
 
-    /// False only where no ray of the bundle meets the shape, whose ball is asked first.
+    /// False only if no ray of the bundle hits the shape; its bounding sphere is tested first.
     pub(super) fn may_meet(&self, shape: &SurfaceShape, (center, square): (DVec3, f64)) -> bool {
         let to_center = center - self.apex;
         self.normals.iter().all(|normal| {
@@ -45,8 +45,8 @@ impl Wedge {
     }
 }
 
-/// Objects that may stand between a point and the sun: a grid across the sun's direction, with the objects
-/// that lie before each cell.
+/// Objects that may block the sun from a point: a grid perpendicular to the sun's direction, with the objects in front
+/// of each cell.
 #[derive(Debug)]
 pub(super) struct SunGrid {
     across: [DVec3; 2],
@@ -56,7 +56,7 @@ pub(super) struct SunGrid {
 }
 
 impl SunGrid {
-    /// Of the numbered shapes that throw shadows.
+    /// Builds the grid for the given shapes, which cast shadows and are identified by their index.
     pub(super) fn new<'a>(
         to_sun: DVec3,
         shapes: impl Iterator<Item = (u32, &'a SurfaceShape)> + Clone,
@@ -97,7 +97,7 @@ impl SunGrid {
         grid
     }
 
-    /// The objects that may stand between a point and the sun.
+    /// Objects that may block the sun from a point.
     pub(super) fn before(&self, point: DVec3) -> &[u32] {
         let [column, row] = [0, 1].map(|i| self.place(point.dot(self.across[i]), i));
         let inside = |place: f64| (0.0..SUN_CELLS as f64).contains(&place);
@@ -112,7 +112,7 @@ impl SunGrid {
     }
 }
 
-/// Objects that may stand between a point and a lamp: the directions from the lamp, on a cube around it.
+/// Objects that may block a lamp from a point: directions from the lamp, on a cube around it.
 #[derive(Debug)]
 pub(super) struct LampCube {
     lamp: DVec3,
@@ -120,7 +120,7 @@ pub(super) struct LampCube {
 }
 
 impl LampCube {
-    /// Of the numbered shapes that throw shadows.
+    /// Builds the cube for the given shapes, which cast shadows and are identified by their index.
     pub(super) fn new<'a>(
         lamp: DVec3,
         shapes: impl Iterator<Item = (u32, &'a SurfaceShape)> + Clone,
@@ -142,7 +142,7 @@ impl LampCube {
         Self { lamp, cells }
     }
 
-    /// The objects that may stand between a point and the lamp.
+    /// Objects that may block the lamp from a point.
     pub(super) fn before(&self, point: DVec3) -> &[u32] {
         let d = point - self.lamp;
         let size = d.abs();
@@ -161,8 +161,7 @@ impl LampCube {
     }
 }
 
-/// The direction through a point of one side of the cube: sides come in pairs, along each axis and
-/// against it.
+/// Direction through a point on one side of the cube. Sides are in pairs, one along each axis and one against it.
 fn cube_direction(side: usize, u: f64, v: f64) -> DVec3 {
     let axis = side / 2;
     let mut direction = DVec3::ZERO;

@@ -8,10 +8,10 @@ use super::shapes::{SurfaceShape, turned};
 use super::texture::Texture;
 use super::world::{Object, Surface, World};
 
-/// Distance of the ground below the central camera, metres.
+/// Depth of the ground below the central camera, in metres.
 const GROUND_Y: f64 = 1.3;
 
-/// The classic world of a seed, with so many posts in front of it.
+/// The classic world of a seed, with `posts` posts in front of it.
 pub(super) fn world(seed: u64, posts: usize) -> World {
     let mut random = SplitMix64::new(seed);
     let to_sun = DVec3::new(random.between(-0.7, 0.7), -1.0, -0.6).normalize();
@@ -34,7 +34,7 @@ impl Objects {
         self.0.push(object);
     }
 
-    /// The ground, a wall at the back that leaves a strip of sky above and beside it, and a slanted wall.
+    /// Adds the ground, a wall at the back that leaves a strip of sky above and to the sides, and a slanted wall.
     fn add_planes(&mut self, random: &mut SplitMix64) {
         let ground = SurfaceShape::Rectangle {
             center: DVec3::new(0.0, GROUND_Y, 5.0),
@@ -62,7 +62,7 @@ impl Objects {
         self.add(random, 0.4, side);
     }
 
-    /// Boxes and balls on the ground between 2 and 6 metres away, and a ball in the air.
+    /// Adds boxes and balls on the ground, 2 to 6 metres away, and a ball in the air.
     fn add_solids(&mut self, random: &mut SplitMix64) {
         for i in 0..4 {
             let half = DVec3::new(
@@ -100,7 +100,7 @@ impl Objects {
         self.add(random, 0.12, tilted);
     }
 
-    /// Poles of 2 to 3 centimetres and wires of 1 centimetre.
+    /// Adds poles of 2 to 3 centimetres and wires of 1 centimetre.
     fn add_thin_structures(&mut self, random: &mut SplitMix64) {
         for i in 0..4 {
             let half = random.between(0.01, 0.016);
@@ -130,7 +130,7 @@ impl Objects {
         }
     }
 
-    /// A slab close to the cameras, off centre, which hides much of what lies behind it.
+    /// Adds a slab close to the cameras, off centre, that hides much of the background.
     fn add_occluder(&mut self, random: &mut SplitMix64) {
         let side = if random.next_u64().is_multiple_of(2) {
             1.0
@@ -154,11 +154,12 @@ impl Objects {
         self.add(random, 0.08, shape);
     }
 
-    /// Posts of 3 centimetres, a metre away and taller than the picture, each between the places of those before it: in a
-    /// camera 10 cm to the side, where they cover other parts of what is behind, each uncovers as much again.
+    /// Adds posts of 3 centimetres, a metre away and taller than the picture, each placed between the previous ones.
+    /// Seen from a camera 10 cm to the side, where they hide other parts of the background, each uncovers the same area
+    /// again.
     fn add_posts(&mut self, random: &mut SplitMix64, posts: usize) {
         for i in 0..posts {
-            // Halves, quarters, eighths of the picture's width (van der Corput).
+            // Halves, quarters, eighths of the picture's width (van der Corput sequence).
             let (mut place, mut part, mut rest) = (0.0, 0.5, i + 1);
             while rest > 0 {
                 place += part * (rest % 2) as f64;

@@ -15,17 +15,17 @@ use crate::lens::Lens;
 use crate::required_files::FileRole;
 use crate::{DatasetError, DepthMap, ViewContent, files};
 
-/// Side, in pixels, of the tiles whose rays share a list of objects that they can meet.
+/// Side in pixels of the tiles whose rays share a list of objects that they can hit.
 const TILE: u32 = 8;
 
-/// One procedural photograph. It is computed when first asked for and then kept.
+/// A procedural photograph, computed on first use and then cached.
 #[derive(Debug)]
 pub(super) struct ProceduralContent {
     world: Arc<World>,
     lens: Lens,
     world_from_camera: RigidTransform,
-    /// Rays a pixel and side: colour is averaged over samples × samples in linear light, depth is
-    /// that of the one through the centre.
+    /// Rays per pixel along each axis: colour is averaged over samples × samples in linear light; depth is that of the
+    /// ray through the centre.
     samples: u32,
     image: OnceLock<RgbImage>,
 }
@@ -46,8 +46,8 @@ impl ProceduralContent {
         }
     }
 
-    /// The ray through a point of the picture; its direction has z = 1 in camera space, so that
-    /// distances along it are z-depths. `None` if the lens sees nothing.
+    /// Ray through a point of the picture. Its direction has z = 1 in camera space, so that distances along it are
+    /// z-depths. `None` if the lens sees nothing there.
     fn ray(&self, x: f64, y: f64) -> Option<(DVec3, DVec3)> {
         let direction = self.lens.unproject(DVec2::new(x, y))?;
         Some((
@@ -61,7 +61,7 @@ impl ProceduralContent {
         (k.width, k.height)
     }
 
-    /// What the rays of a tile can meet: everything, for a lens that bends them.
+    /// Objects that the rays of a tile can hit; all objects if the lens distorts.
     fn candidates(&self, left: u32, top: u32) -> Candidates {
         let corner = |x, y| self.ray(f64::from(x), f64::from(y)).map(|ray| ray.1);
         let (right, bottom) = (left + TILE, top + TILE);
@@ -80,7 +80,7 @@ impl ProceduralContent {
         self.world.candidates(eye, forward, wedge.as_ref())
     }
 
-    /// Computes `channels` values of every pixel, tile by tile.
+    /// Computes `channels` values for every pixel, tile by tile.
     fn fill<T: Send>(
         &self,
         values: &mut [T],

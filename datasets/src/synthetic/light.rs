@@ -1,4 +1,4 @@
-//! Sun, lamps, the light from everywhere, and the sky.
+//! Sun, lamps, ambient light and sky.
 
 use glam::DVec3;
 use sharp::random::SplitMix64;
@@ -9,27 +9,26 @@ use super::texture;
 /// Lights of a scene, in linear light.
 #[derive(Debug, Clone)]
 pub(super) struct Light {
-    /// The direction, of unit length, that most of the light from everywhere comes from.
+    /// Unit vector towards the brightest ambient light.
     pub(super) dome: DVec3,
-    /// Light from everywhere on what faces away from `dome` and on what faces it.
+    /// Ambient light on surfaces that face away from `dome` and on those that face it.
     pub(super) ambient: [DVec3; 2],
     pub(super) to_sun: DVec3,
-    /// What the sun adds where it shines straight on; zero without a sun.
+    /// Light from the sun on a surface that faces it; zero without a sun.
     pub(super) sun: DVec3,
     pub(super) lamps: Vec<Lamp>,
-    /// Metres at which half of the light comes from the haze in between; infinite where the air is
-    /// clear.
+    /// Distance in metres at which half of the light comes from haze; infinite in clear air.
     pub(super) haze_m: f64,
     pub(super) sky: Sky,
-    /// Factor on all light that the camera receives.
+    /// Factor for all light received by the camera.
     pub(super) exposure: f64,
 }
 
-/// A point that shines in all directions.
+/// A point light that shines in all directions.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Lamp {
     pub(super) place: DVec3,
-    /// On a surface that faces it from a metre away, about.
+    /// Approximate light on a surface that faces it at a distance of one metre.
     pub(super) power: DVec3,
 }
 
@@ -44,13 +43,13 @@ pub(super) enum Sky {
         horizon: DVec3,
         zenith: DVec3,
         clouds: DVec3,
-        /// Share of the sky that clouds cover, about.
+        /// Approximate fraction of the sky covered by clouds.
         cover: f64,
     },
 }
 
 impl Sky {
-    /// Radiance from a direction of any length.
+    /// Radiance from a direction, which need not be normalised.
     pub(super) fn radiance(&self, direction: DVec3) -> DVec3 {
         match self {
             Self::Classic { seed } => texture::sky(*seed, direction),
@@ -63,7 +62,7 @@ impl Sky {
             } => {
                 let up = (-direction.y / direction.length()).max(0.0);
                 let clear = *horizon + (*zenith - *horizon) * (up * (2.0 - up));
-                // Clouds lie in a plane overhead, so that they grow flat towards the horizon.
+                // Clouds lie in a horizontal plane, so that they flatten towards the horizon.
                 let place = 1.6 / (up + 0.18) / direction.length();
                 let noise = fractal_noise(
                     *seed,
@@ -77,7 +76,7 @@ impl Sky {
         }
     }
 
-    /// What haze looks like.
+    /// Colour of haze.
     pub(super) fn haze(&self) -> DVec3 {
         match self {
             Self::Classic { .. } => DVec3::ZERO,
@@ -101,13 +100,13 @@ impl Light {
         }
     }
 
-    /// Daylight of a random hour and weather: a fifth of the days are overcast.
+    /// Daylight at a random hour and in random weather: a fifth of the days are overcast.
     pub(super) fn outdoors(random: &mut SplitMix64) -> Self {
         let overcast = random.below(5) == 0;
         let height = random.between(0.25, 1.6);
         let beside = DVec3::new(random.between(-1.0, 1.0), 0.0, random.between(-1.0, 0.7));
         let to_sun = (beside.normalize_or(DVec3::X) - DVec3::Y * height).normalize();
-        // A low sun is warm, and leaves the shadows blue.
+        // A low sun is warm and makes shadows blue.
         let warm = 0.5 / (height + 0.5);
         let sun = match overcast {
             true => DVec3::ZERO,
@@ -145,7 +144,7 @@ impl Light {
         }
     }
 
-    /// Indoors: light from all walls, more from one side; lamps are added where they hang.
+    /// Indoor light: from all walls, with more from one side. Lamps are added separately.
     pub(super) fn indoors(random: &mut SplitMix64) -> Self {
         let tint = DVec3::new(1.0, random.between(0.8, 1.0), random.between(0.6, 1.05));
         let high = tint * random.between(0.15, 0.5);

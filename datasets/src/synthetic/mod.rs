@@ -1,23 +1,22 @@
 //! A procedural scene, ray-cast in f64: photographs, exact depth and exact visibility.
 //!
-//! Textured planes, boxes, spheres, thin poles and wires, an occluder close to the cameras and a
-//! sky without depth stand before concentric rings of cameras, no two of which are more than
-//! 60 cm apart (the rig of the paper's synthetic data). Everything follows from a seed.
+//! Textured planes, boxes, spheres, thin poles and wires, an occluder close to the cameras, and a sky without depth,
+//! seen by concentric rings of cameras, no two of which are more than 60 cm apart (the rig of the paper's synthetic
+//! data). Everything is determined by a seed.
 //!
-//! Only additions, multiplications, divisions, square roots and integer hashes are used, all of
-//! which IEEE 754 defines to the last bit: pictures and depths are the same on every machine and
-//! for any number of threads.
+//! Only additions, multiplications, divisions, square roots and integer hashes are used, all of which are exactly
+//! defined (by IEEE 754), so pictures and depths are the same on every machine and for any number of threads.
 //!
-//! * `arithmetic`: the few functions that would otherwise come from libm.
-//! * `shapes`: rectangles, boxes, spheres, cylinders, and rays against them.
+//! * `arithmetic`: replacements for the few libm functions needed.
+//! * `shapes`: rectangles, boxes, spheres, cylinders, and their intersections with rays.
 //! * `texture`: colours from integer noise.
 //! * `world`: objects and lights, and the radiance along a ray.
 //! * `classic`: the objects of the classic scene.
-//! * `candidates`: which objects a bundle of rays can meet.
-//! * `varied`: scenes of many kinds instead of the classic one, for training; `paint` and `light` are
-//!   their colours and their light.
+//! * `candidates`: the objects that a bundle of rays can hit.
+//! * `varied`: training scenes of many kinds; `paint` and `light`: their colours and their light.
 //! * `rig`: the cameras.
-//! * `sweep`: one motion alone, step by step.
+//! * `sweep`: sweeps of a single motion, step by step.
+//! * `content`: pictures and depth of views.
 //! * `content`: pictures and depth as views.
 
 mod arithmetic;
@@ -109,17 +108,16 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
     ..DatasetEntry::OWN
 };
 
-/// Seeds that a network may be trained on. All others are held out: nothing that is measured on them
-/// was seen in training.
+/// Seeds on which networks may be trained. All others are held out, so that measurements on them are on unseen scenes.
 pub const TRAINING_SEEDS: RangeInclusive<u64> = 1_000..=899_999;
 
-/// The choices that a seed makes.
+/// What is randomised by a seed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum WorldKind {
-    /// The places and colours of the objects of one layout.
+    /// Positions and colours of the objects in a fixed layout.
     #[default]
     Classic,
-    /// Everything: what kind of scene it is, its light and the lens.
+    /// Everything: the kind of scene, its light and the lens.
     Varied,
 }
 
@@ -129,10 +127,10 @@ pub struct SyntheticOptions {
     pub seed: u64,
     pub width: u32,
     pub height: u32,
-    /// Cameras, from the middle outwards.
+    /// Number of cameras, from the centre outwards.
     pub views: usize,
     pub world: WorldKind,
-    /// Rays a pixel and side that its colour is the mean of, 1 to 16.
+    /// Number of rays per pixel along each axis over which colour is averaged, 1 to 16.
     pub samples: u32,
 }
 
@@ -153,8 +151,7 @@ impl Default for SyntheticOptions {
 }
 
 impl SyntheticOptions {
-    /// A varied scene as networks are trained on: 256×256 pixels, one camera in the middle and ten
-    /// around it, 2×2 rays a pixel.
+    /// A varied scene as used for training: 256×256 pixels, one central camera and ten around it, 2×2 rays per pixel.
     pub fn varied(seed: u64) -> Self {
         Self {
             seed,
@@ -173,8 +170,8 @@ impl SyntheticOptions {
     }
 }
 
-/// A procedural scene with exact visibility. Through a lens without distortion, its depth is 0 where the sky is seen and
-/// nowhere else.
+/// A procedural scene with exact visibility. For a lens without distortion, its depth is 0 exactly where the sky is
+/// visible.
 #[derive(Debug, Clone)]
 pub struct SyntheticScene {
     world: Arc<World>,
@@ -184,11 +181,11 @@ pub struct SyntheticScene {
 }
 
 impl SyntheticScene {
-    /// Builds the scene; pictures are computed when asked for.
+    /// Builds the scene; pictures are computed on demand.
     ///
     /// # Errors
-    /// [`DatasetError::Spec`] for a picture without a pixel or of more than 2²⁸ pixels, fewer
-    /// than 2 views or more than 10,000.
+    /// [`DatasetError::Spec`] for an empty picture or one of more than 2²⁸ pixels, fewer than 2 views, or more than
+    /// 10,000.
     pub fn new(options: SyntheticOptions) -> Result<Self, DatasetError> {
         let refuse = |reason: String| DatasetError::Spec {
             text: ENTRY.format.to_owned(),
@@ -236,8 +233,8 @@ impl SyntheticScene {
         &self.views
     }
 
-    /// The same world through any camera. With a lens that distorts, picture and depth are those
-    /// of the lens, not of the pinhole that the view's intrinsics describe.
+    /// The same world seen by any camera. If its lens distorts, picture and depth are those of the lens, not of the
+    /// pinhole that the view's intrinsics describe.
     pub fn view_through(&self, id: &str, lens: Lens, camera_from_world: RigidTransform) -> View {
         let samples = self.options.samples;
         view_of(&self.world, id.to_owned(), lens, camera_from_world, samples)
@@ -249,12 +246,12 @@ impl SyntheticScene {
         Scene::new(dataset, id, self.views.clone(), Pairing::MultiView)
     }
 
-    /// Whether the surface point at the centre of `pixel` in view `seen_in` is also seen by view
-    /// `from`: it projects into that picture and nothing stands between. `None` if the pixel
-    /// shows the sky. Exact: decided by casting rays, not by comparing depth maps.
+    /// Whether the surface point at the centre of `pixel` in view `seen_in` is also visible in view `from`, i.e. is
+    /// projected into that picture and not occluded. `None` if the pixel shows the sky. Exact, because it is determined
+    /// by casting rays rather than comparing depth maps.
     ///
     /// # Panics
-    /// When a view's index is out of range.
+    /// If a view's index is out of range.
     pub fn visible(&self, seen_in: usize, pixel: (u32, u32), from: usize) -> Option<bool> {
         let (a, b) = (&self.views[seen_in], &self.views[from]);
         let center = DVec2::new(f64::from(pixel.0) + 0.5, f64::from(pixel.1) + 0.5);
@@ -270,7 +267,7 @@ impl SyntheticScene {
             return Some(false);
         }
         let eye = b.camera_from_world.camera_center();
-        // The surface itself lies at distance 1, up to rounding.
+        // The surface itself is at distance 1, up to rounding.
         let blocked = self
             .world
             .first_hit(eye, point - eye)
@@ -278,12 +275,11 @@ impl SyntheticScene {
         Some(!blocked)
     }
 
-    /// The share of view `seen_in`'s pixels with depth whose surface point view `from` sees too;
-    /// `None` when no pixel has depth. This is what an overlap estimated from depth maps should
-    /// come close to.
+    /// Fraction of the pixels with depth in view `seen_in` whose surface points are also visible in view `from`; `None`
+    /// if no pixel has depth. An overlap estimated from depth maps should be close to this.
     ///
     /// # Panics
-    /// When a view's index is out of range.
+    /// If a view's index is out of range.
     pub fn visible_share(&self, seen_in: usize, from: usize) -> Option<f64> {
         let (mut with_depth, mut seen) = (0_u64, 0_u64);
         for y in 0..self.options.height {
@@ -320,7 +316,7 @@ fn view_of(
 
 const MAX_SCENES: u64 = 1000;
 
-/// The setting of that name, which is a whole number.
+/// Value of a setting that must be an integer.
 fn number(spec: &DatasetSpec, key: &str) -> Result<u64, DatasetError> {
     let text = spec.setting(key);
     text.parse().map_err(|_| wrong(spec, key))
@@ -330,17 +326,17 @@ fn wrong(spec: &DatasetSpec, key: &str) -> DatasetError {
     spec.refused(format!("'{key}' cannot be '{}'", spec.setting(key)))
 }
 
-/// The seeds of a dataset's scenes; `None` unless it is procedural.
+/// Seeds of a dataset's scenes; `None` if the dataset is not procedural.
 ///
 /// # Errors
-/// [`DatasetError::Spec`] for a seed or a number of scenes that is none.
+/// [`DatasetError::Spec`] for an invalid seed or number of scenes.
 pub fn seeds_of(spec: &DatasetSpec) -> Result<Option<RangeInclusive<u64>>, DatasetError> {
     if spec.entry.format != ENTRY.format {
         return Ok(None);
     }
     let (seed, scenes) = (number(spec, "seed")?, number(spec, "scenes")?);
     let allowed = (1..=MAX_SCENES).contains(&scenes);
-    // No seed follows the last one.
+    // The end of the range must not overflow.
     match seed.checked_add(scenes).filter(|_| allowed) {
         Some(end) => Ok(Some(seed..=end - 1)),
         None => Err(wrong(spec, "scenes")),

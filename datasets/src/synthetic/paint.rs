@@ -1,5 +1,5 @@
-//! Painting of the surfaces of varied scenes: many patterns, faded out where they are finer than
-//! a pixel. Linear light; cheaper than the classic textures.
+//! Paints for the surfaces of varied scenes: many patterns, faded out where they are finer than a pixel. Linear light;
+//! cheaper than the classic textures.
 
 use glam::DVec3;
 use sharp::random::{SplitMix64, mix, unit};
@@ -7,7 +7,7 @@ use sharp::random::{SplitMix64, mix, unit};
 use super::arithmetic::floor;
 use super::shapes::Meeting;
 
-/// Material of a surface, which decides its colours.
+/// Material of a surface, which determines its colours.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Tone {
     Any,
@@ -35,25 +35,25 @@ enum Pattern {
     Gradient,
 }
 
-/// A surface's paint.
+/// Paint of a surface.
 #[derive(Debug, Clone)]
 pub(super) struct Paint {
     seed: u64,
     /// Albedo, 0..1.
     colors: [DVec3; 2],
     pattern: Pattern,
-    /// Size of the pattern's elements, metres.
+    /// Size of the pattern's elements in metres.
     scale_m: f64,
-    /// Cosine and sine of the angle by which the pattern is turned.
+    /// Cosine and sine of the pattern's rotation.
     turn: (f64, f64),
-    /// Strength of the grain over everything, 0..1, and its size in elements.
+    /// Strength of the grain over the whole surface, 0..1, and its size in elements.
     grain: (f64, f64),
-    /// How brightly it shines by itself; 0 where it only reflects.
+    /// Brightness of its own light; 0 for surfaces that only reflect.
     pub(super) glow: f64,
 }
 
 impl Paint {
-    /// A random paint whose elements measure about `scale_m` metres.
+    /// A random paint whose elements are about `scale_m` metres in size.
     pub(super) fn new(random: &mut SplitMix64, tone: Tone, scale_m: f64) -> Self {
         use Pattern as P;
         let patterns: &[Pattern] = match tone {
@@ -94,7 +94,7 @@ impl Paint {
             2 => first * random.between(0.25, 0.6),
             _ => first * random.between(0.55, 0.85),
         };
-        // Most patterns are upright; a few lie across or aslant.
+        // Most patterns are upright; a few are rotated by a right angle or an arbitrary one.
         let turn = match random.below(6) {
             0 => (0.0, 1.0),
             1 if !matches!(pattern, P::Windows | P::Bricks) => (0.8, 0.6),
@@ -120,7 +120,7 @@ impl Paint {
         }
     }
 
-    /// Something that shines, in a warm or cool white.
+    /// Paint of a light source, in warm or cool white.
     pub(super) fn shining(random: &mut SplitMix64) -> Self {
         Self {
             colors: [DVec3::new(1.0, random.between(0.85, 1.0), random.between(0.65, 1.0)); 2],
@@ -131,13 +131,13 @@ impl Paint {
         }
     }
 
-    /// Leaves only the colour.
+    /// Removes everything except the colour.
     pub(super) fn make_plain(&mut self) {
         self.pattern = Pattern::Plain;
         self.grain.0 *= 0.3;
     }
 
-    /// Albedo where a ray meets the surface; `footprint_m` is the size of a pixel there, metres.
+    /// Albedo at the point where a ray hits the surface; `footprint_m` is the size of a pixel there, in metres.
     pub(super) fn color(&self, meeting: &Meeting, footprint_m: f64) -> DVec3 {
         let p = meeting.local;
         let (x, y) = match meeting.across {
@@ -146,13 +146,13 @@ impl Paint {
             2 => (p.x, p.y),
             _ => (p.x + 0.7 * p.z, p.y - 0.4 * p.z),
         };
-        // The faces of a box are not cut from one block.
+        // Different faces of a box have different parts of the pattern.
         let apart = 31.7 * meeting.across as f64;
         let (c, s) = self.turn;
         let u = (c * x - s * y) / self.scale_m + apart;
         let v = (s * x + c * y) / self.scale_m + apart;
         let size = footprint_m / self.scale_m;
-        // A pattern below two pixels an element is its mean.
+        // A pattern with less than two pixels per element fades to its mean.
         let keep = (0.6 / size - 0.6).clamp(0.0, 1.0);
         let mean = self.mean();
         let choice = match keep > 0.0 {
@@ -169,8 +169,7 @@ impl Paint {
         base * (1.0 + strength * (2.0 * noise - 1.0))
     }
 
-    /// The share of the second colour, 0..1, over a square of side `size` around a place, all in
-    /// elements.
+    /// Fraction of the second colour, 0..1, over a square of side `size` around a position, all in elements.
     fn pattern_at(&self, u: f64, v: f64, size: f64) -> f64 {
         let (column, row) = (floor(u), floor(v));
         let (x, y) = (u - column, v - row);
@@ -217,7 +216,7 @@ impl Paint {
         }
     }
 
-    /// What the pattern is on average.
+    /// Mean of the pattern.
     fn mean(&self) -> f64 {
         match self.pattern {
             Pattern::Bricks => 0.17,
@@ -236,9 +235,9 @@ fn color(random: &mut SplitMix64, tone: Tone) -> DVec3 {
     let any = DVec3::new(channel(0.0, 1.0), channel(0.0, 1.0), channel(0.0, 1.0));
     let bright = channel(0.0, 1.0);
     let vivid = channel(0.0, 1.0);
-    // Base colour, how far single channels stray from it, and the range of its brightness.
+    // Base colour, maximum deviation of single channels from it, and range of its brightness.
     let (base, stray, low, high) = match tone {
-        // Most things are not colourful.
+        // Most objects are not colourful.
         Tone::Any => (DVec3::splat(0.5), 0.2 + 0.8 * vivid * vivid, 0.06, 1.4),
         Tone::Wall => (DVec3::new(0.62, 0.6, 0.55), 0.3 * vivid, 0.5, 1.4),
         Tone::Earth => (DVec3::new(0.3, 0.27, 0.2), 0.3, 0.4, 1.5),
@@ -250,8 +249,8 @@ fn color(random: &mut SplitMix64, tone: Tone) -> DVec3 {
     (strayed * (low + (high - low) * bright)).clamp(DVec3::splat(0.02), DVec3::splat(0.9))
 }
 
-/// Up to so many octaves of value noise, each half as strong as the one before, without those that
-/// are finer than a pixel of the given size; about 0..1, 0.5 on average.
+/// Value noise of up to `octaves` octaves, each half as strong as the previous one, omitting those finer than a pixel
+/// of `size`; about 0..1 with mean 0.5.
 pub(super) fn fractal_noise(seed: u64, u: f64, v: f64, (octaves, size): (u32, f64)) -> f64 {
     let (mut sum, mut weight, mut total) = (0.0, 1.0, 0.0);
     let (mut u, mut v, mut size) = (u, v, size);
@@ -268,13 +267,13 @@ pub(super) fn fractal_noise(seed: u64, u: f64, v: f64, (octaves, size): (u32, f6
     0.5 + sum / total
 }
 
-/// Random values on a square lattice, blended smoothly in between; 0..1.
+/// Random values on a square lattice, interpolated smoothly; 0..1.
 fn value_noise(seed: u64, u: f64, v: f64) -> f64 {
     blended(seed, u, v, smooth)
 }
 
-/// Random values on a square lattice; `blend` is the share of the further neighbour, by the part of
-/// the way to it.
+/// Random values on a square lattice. `blend` maps the fractional position between two neighbours to the weight of the
+/// further one.
 fn blended(seed: u64, u: f64, v: f64, blend: impl Fn(f64) -> f64) -> f64 {
     let (column, row) = (floor(u), floor(v));
     let (x, y) = (blend(u - column), blend(v - row));
@@ -287,27 +286,27 @@ fn blended(seed: u64, u: f64, v: f64, blend: impl Fn(f64) -> f64) -> f64 {
     a + (b - a) * y
 }
 
-/// 1 over even elements and −1 over odd ones, as a mean over `size` elements, at most 1.
+/// 1 on even elements and −1 on odd ones, averaged over `size` elements (at most 1).
 fn square_wave(t: f64, size: f64) -> f64 {
     let element = floor(t);
     let to_edge = 0.5 - (t - element - 0.5).abs();
     (1.0 - 2.0 * odd(element)) * (2.0 * to_edge / size).min(1.0)
 }
 
-/// The share of `size` elements around a place, 0..1 in its element, that a band covers; the band
-/// repeats in every element.
+/// Fraction covered by a band, averaged over `size` elements around `place` (0..1 in its element). The band repeats in
+/// every element.
 fn band(place: f64, middle: f64, half: f64, size: f64) -> f64 {
     let off = (place - middle).abs();
     let off = off.min(1.0 - off);
     ((half + 0.5 * size - off) / size).clamp(0.0, (2.0 * half / size).min(1.0))
 }
 
-/// The share that at least one of two independent ones covers.
+/// Fraction covered by at least one of two independent patterns.
 fn either(a: f64, b: f64) -> f64 {
     a + b - a * b
 }
 
-/// The random value of a lattice point, 0..1: one round of mixing in place of splitmix64's two.
+/// Random value of a lattice point, 0..1, with one round of mixing instead of splitmix64's two.
 fn lattice(seed: u64, i: i64, j: i64) -> f64 {
     let z = (i as u64).wrapping_mul(0x9E37_79B9_7F4A_7C15)
         ^ (j as u64).wrapping_mul(0xC2B2_AE3D_27D4_EB4F)
@@ -321,17 +320,17 @@ fn smooth(t: f64) -> f64 {
     t * t * (3.0 - 2.0 * t)
 }
 
-/// 0 to 1 and back over 0..1.
+/// Rises from 0 to 1 and falls back to 0 over 0..1.
 fn triangle(t: f64) -> f64 {
     1.0 - (2.0 * t - 1.0).abs()
 }
 
-/// 0 for even whole numbers, 1 for odd ones.
+/// 0 for even integers, 1 for odd ones.
 fn odd(n: f64) -> f64 {
     n - 2.0 * floor(n * 0.5)
 }
 
-/// An independent seed from one and a number.
+/// Derives an independent seed from a seed and a number.
 pub(super) fn derived(seed: u64, number: u64) -> u64 {
     mix(mix(seed ^ 0x5EED_0FA5_CE9E_5EED).wrapping_add(number))
 }

@@ -1,4 +1,4 @@
-//! The cameras: one in the middle, the others on three concentric rings around it.
+//! The cameras: one in the centre, the others on three concentric rings around it.
 
 use glam::{DMat3, DVec3};
 use sharp::camera::{Intrinsics, RigidTransform};
@@ -10,21 +10,21 @@ const RINGS: usize = 3;
 /// Positions, viewing directions and lens of the cameras.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Rig {
-    /// Radius of the outer ring, metres.
+    /// Radius of the outer ring in metres.
     pub(super) outer_radius_m: f64,
-    /// All cameras look at this point, metres.
+    /// Point at which all cameras look, in metres.
     pub(super) target: DVec3,
-    /// Focal length, in widths of the picture.
+    /// Focal length in widths of the picture.
     pub(super) focal: f64,
-    /// Principal point, in widths and heights of the picture: off the middle, as real cameras have.
+    /// Principal point, in widths and heights of the picture; off centre, as in real cameras.
     pub(super) center: (f64, f64),
 }
 
 impl Rig {
-    /// With the 2 cm that some cameras stand forward, no two are more than 60 cm apart.
+    /// Including the 2 cm by which some cameras are moved forward, no two are more than 60 cm apart.
     pub(super) const WIDEST_RADIUS_M: f64 = 0.2995;
 
-    /// A horizontal field of view of 58 degrees.
+    /// Horizontal field of view of 58 degrees.
     pub(super) const CLASSIC: Self = Self {
         outer_radius_m: Self::WIDEST_RADIUS_M,
         target: DVec3::new(0.1, 0.15, 4.0),
@@ -44,14 +44,14 @@ impl Rig {
         }
     }
 
-    /// Poses of `count` cameras (world to camera), from the middle outwards. The outer rings take
-    /// more of them, in proportion to their radius.
+    /// Poses (world to camera) of `count` cameras, from the centre outwards. The number of cameras on a ring is
+    /// proportional to its radius.
     pub(super) fn poses(&self, count: usize) -> Vec<RigidTransform> {
         let centers = self.centers(count).into_iter();
         centers.map(|center| self.look_from(center)).collect()
     }
 
-    /// Where those cameras stand.
+    /// Positions of the cameras.
     pub(super) fn centers(&self, count: usize) -> Vec<DVec3> {
         let mut centers = vec![DVec3::ZERO];
         let around = count.saturating_sub(1);
@@ -63,10 +63,10 @@ impl Rig {
             placed = up_to;
             let radius = self.outer_radius_m * ring as f64 / RINGS as f64;
             for i in 0..on_ring {
-                // Rings are turned against each other, so that cameras do not line up in spokes.
+                // Rings are rotated relative to each other, so that cameras do not line up in spokes.
                 let turns = i as f64 / on_ring as f64 + 0.07 * ring as f64;
                 let (c, s) = unit_circle(turns);
-                // Not quite in a plane: every other camera stands 2 cm forward.
+                // Not quite in a plane: every other camera is moved forward by 2 cm.
                 let forward = if i % 2 == 0 { 0.0 } else { 0.02 };
                 centers.push(DVec3::new(radius * c, radius * s, forward));
             }

@@ -1,12 +1,11 @@
-//! Rectangles, boxes, spheres and cylinders, and where rays meet them.
+//! Rectangles, boxes, spheres and cylinders, and their intersections with rays.
 
 use glam::{DMat3, DVec3};
 
-/// A surface that rays can meet.
+/// A surface that rays can hit.
 #[derive(Debug, Clone)]
 pub(super) enum SurfaceShape {
-    /// A flat rectangle seen from both sides. `axes` are its two half edges' directions and its
-    /// normal, orthonormal.
+    /// A flat two-sided rectangle. `axes` are the directions of its two half edges and its normal, orthonormal.
     Rectangle {
         center: DVec3,
         axes: DMat3,
@@ -22,8 +21,7 @@ pub(super) enum SurfaceShape {
         center: DVec3,
         radius: f64,
     },
-    /// A solid round column along the second of its orthonormal `axes`, `half` its height to both
-    /// sides of the centre.
+    /// A solid cylinder along the second of its orthonormal `axes`; it extends by `half` to both sides of the centre.
     Cylinder {
         center: DVec3,
         axes: DMat3,
@@ -35,20 +33,18 @@ pub(super) enum SurfaceShape {
 /// Intersection of a ray with a shape.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Meeting {
-    /// In units of the ray's direction vector, > 0.
+    /// Distance in units of the ray's direction vector, > 0.
     pub(super) distance: f64,
-    /// Unit length, towards the ray's origin.
+    /// Unit normal, facing the ray's origin.
     pub(super) normal: DVec3,
-    /// The point in the shape's own axes, metres from its centre.
+    /// The point in the shape's own axes, in metres from its centre.
     pub(super) local: DVec3,
-    /// Which of the local axes the surface is across: texture lies along the other two. 3 where the
-    /// surface is curved.
+    /// Index of the local axis perpendicular to the surface; texture uses the other two. 3 if the surface is curved.
     pub(super) across: usize,
 }
 
 impl SurfaceShape {
-    /// A ball around the shape: its centre and the square of its radius, a little enlarged so that
-    /// rounding cannot cut anything off.
+    /// Bounding sphere: its centre and squared radius, slightly enlarged so that rounding cannot cut anything off.
     pub(super) fn bounds(&self) -> (DVec3, f64) {
         let (center, square) = match self {
             Self::Rectangle { center, half, .. } => (*center, half.0 * half.0 + half.1 * half.1),
@@ -64,7 +60,7 @@ impl SurfaceShape {
         (center, square * 1.000_001)
     }
 
-    /// The first point in front of the origin, if any.
+    /// The first intersection in front of the origin, if any.
     pub(super) fn meet(&self, origin: DVec3, direction: DVec3) -> Option<Meeting> {
         match self {
             Self::Rectangle { center, axes, half } => {
@@ -81,8 +77,7 @@ impl SurfaceShape {
             }
             Self::Box { center, axes, half } => {
                 let (o, d) = local(axes, origin - *center, direction);
-                // The ray is inside the box between the last entry into and the first exit from
-                // the three slabs.
+                // The ray is inside the box between the last entry into and the first exit from the three slabs.
                 let (mut enter, mut leave, mut across) = (f64::NEG_INFINITY, f64::INFINITY, 0);
                 for axis in 0..3 {
                     let (p, q) = (
@@ -131,8 +126,8 @@ impl SurfaceShape {
                 half,
             } => {
                 let (o, d) = local(axes, origin - *center, direction);
-                // The ray is inside between the last entry into and the first exit from the
-                // endless column and the slab between its ends.
+                // The ray is inside between the last entry into and the first exit from the infinite cylinder and the
+                // slab between its ends.
                 let a = d.x * d.x + d.z * d.z;
                 let b = o.x * d.x + o.z * d.z;
                 let c = o.x * o.x + o.z * o.z - radius * radius;
@@ -166,8 +161,7 @@ impl SurfaceShape {
         }
     }
 
-    /// How far the shape reaches along a direction: the largest dot product of `direction` with
-    /// one of its points.
+    /// Extent of the shape along a direction: the maximum dot product of `direction` with any of its points.
     pub(super) fn reach(&self, direction: DVec3) -> f64 {
         match self {
             Self::Rectangle { center, axes, half } => {
@@ -193,7 +187,7 @@ impl SurfaceShape {
         }
     }
 
-    /// Metres from a point to the shape; 0 inside.
+    /// Distance in metres from a point to the shape; 0 inside.
     pub(super) fn distance_to(&self, point: DVec3) -> f64 {
         match self {
             Self::Rectangle { center, axes, half } => {
@@ -220,7 +214,7 @@ impl SurfaceShape {
         }
     }
 
-    /// The shape turned about the origin.
+    /// The shape rotated about the origin.
     pub(super) fn turned_by(self, turn: &DMat3) -> Self {
         match self {
             Self::Rectangle { center, axes, half } => Self::Rectangle {
@@ -258,7 +252,7 @@ fn local(axes: &DMat3, origin: DVec3, direction: DVec3) -> (DVec3, DVec3) {
     (turn * origin, turn * direction)
 }
 
-/// Orthonormal axes turned by the quaternion (x, y, z, w), which need not be normalised.
+/// Orthonormal axes rotated by the quaternion (x, y, z, w), which need not be normalised.
 pub(super) fn turned(x: f64, y: f64, z: f64, w: f64) -> DMat3 {
     let s = 1.0 / (x * x + y * y + z * z + w * w).sqrt();
     let (x, y, z, w) = (x * s, y * s, z * s, w * s);

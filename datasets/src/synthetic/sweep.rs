@@ -1,4 +1,4 @@
-//! Controlled sweeps: from one camera to others of which one thing differs, by more from step to step.
+//! Controlled sweeps: from one camera to others that differ in a single quantity, which increases step by step.
 
 use std::sync::Arc;
 
@@ -11,15 +11,15 @@ use super::world::World;
 use super::{SyntheticScene, view_of};
 use crate::{DatasetError, DatasetSpec, Pairing, Scene};
 
-/// Distance of an occlusion sweep's target camera to the right of the source, metres.
+/// Offset of an occlusion sweep's target camera to the right of the source, in metres.
 const OCCLUSION_BASELINE_M: f64 = 0.1;
-/// Beyond these hardly anything of the source is left in the picture, metres and degrees.
+/// Maximum motion in metres or degrees; beyond it, hardly anything of the source remains visible.
 const FARTHEST_MOVE: f64 = 10.0;
 const FARTHEST_TURN: f64 = 90.0;
-/// More would stand in each other's place.
+/// Maximum number of posts; more would overlap.
 const MOST_POSTS: f64 = 15.0;
 
-/// The quantity that grows, and its step.
+/// The quantity that increases, and its step.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum SweepKind {
     TranslationM(f64),
@@ -28,10 +28,10 @@ pub(super) enum SweepKind {
 }
 
 impl SweepKind {
-    /// The sweep that a spec asks for; `None` for the rings.
+    /// The sweep requested by a spec; `None` for the rings.
     ///
     /// # Errors
-    /// [`DatasetError::Spec`] for a step that is none.
+    /// [`DatasetError::Spec`] for an invalid step.
     pub(super) fn of(spec: &DatasetSpec) -> Result<Option<Self>, DatasetError> {
         let text = spec.setting("step");
         let wrong = |reason: &str| spec.refused(format!("'step' cannot be '{text}': {reason}"));
@@ -61,11 +61,11 @@ impl SweepKind {
         }))
     }
 
-    /// One scene from the first camera to all others; with posts one scene a step, for each has its own. All are of the
-    /// cluster of the seed.
+    /// One scene from the first camera to all others; with posts, one scene per step, because each has its own. All
+    /// scenes are in the seed's cluster.
     ///
     /// # Errors
-    /// [`DatasetError::Spec`] if the last step goes too far.
+    /// [`DatasetError::Spec`] if the last step is too large.
     pub(super) fn scenes(
         self,
         rings: &SyntheticScene,
@@ -129,7 +129,7 @@ impl SweepKind {
     }
 }
 
-/// A camera moved along its own axes.
+/// A camera translated along its own axes.
 fn moved(camera_from_world: RigidTransform, by: DVec3) -> RigidTransform {
     RigidTransform {
         translation: camera_from_world.translation - by,
@@ -137,7 +137,7 @@ fn moved(camera_from_world: RigidTransform, by: DVec3) -> RigidTransform {
     }
 }
 
-/// A camera turned to the right about its own centre, by a share of a full turn.
+/// A camera rotated to the right about its own centre, by a fraction of a full turn.
 fn turned(camera_from_world: RigidTransform, turns: f64) -> RigidTransform {
     let (c, s) = unit_circle(turns);
     // What was ahead is now to the left.

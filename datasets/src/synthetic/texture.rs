@@ -12,7 +12,7 @@ pub(super) struct Texture {
     seed: u64,
     colors: [DVec3; 2],
     pattern: Pattern,
-    /// Size of the pattern's elements, metres.
+    /// Size of the pattern's elements in metres.
     scale: f64,
 }
 
@@ -25,7 +25,7 @@ enum Pattern {
 }
 
 impl Texture {
-    /// A random texture whose elements measure about `scale` metres.
+    /// A random texture whose elements are about `scale` metres in size.
     pub(super) fn random(random: &mut SplitMix64, scale: f64) -> Self {
         let mut color = |low, high| {
             let color = DVec3::new(
@@ -33,7 +33,7 @@ impl Texture {
                 random.between(low, high),
                 random.between(low, high),
             );
-            // Towards gray: most of what a camera sees is not colourful.
+            // Desaturated: most of what a camera sees is not colourful.
             let gray = (color.x + color.y + color.z) / 3.0;
             DVec3::splat(gray) + (color - gray) * 0.55
         };
@@ -52,7 +52,7 @@ impl Texture {
         }
     }
 
-    /// Albedo, 0..1 a channel.
+    /// Albedo, 0..1 per channel.
     pub(super) fn color(&self, meeting: &Meeting) -> DVec3 {
         let p = meeting.local / self.scale;
         let (u, v) = match meeting.across {
@@ -79,7 +79,7 @@ impl Texture {
     }
 }
 
-/// The sky's radiance in a direction: brighter towards the horizon, with clouds.
+/// Radiance of the sky in a direction: brighter towards the horizon, with clouds.
 pub(super) fn sky(seed: u64, direction: DVec3) -> DVec3 {
     let up = (-direction.y / direction.length()).max(0.0);
     let plane = DVec3::new(direction.x, direction.y, 1.0) * (3.0 / direction.length());
@@ -88,7 +88,7 @@ pub(super) fn sky(seed: u64, direction: DVec3) -> DVec3 {
     blue + (DVec3::splat(0.92) - blue) * (0.7 * clouds)
 }
 
-/// Several octaves of value noise, each half as strong as the one before; about 0..1.
+/// Several octaves of value noise, each half as strong as the previous one; about 0..1.
 fn fractal_noise(seed: u64, point: DVec3, octaves: u32) -> f64 {
     let (mut sum, mut weight, mut total, mut p) = (0.0, 1.0, 0.0, point);
     for octave in 0..octaves {
@@ -100,7 +100,7 @@ fn fractal_noise(seed: u64, point: DVec3, octaves: u32) -> f64 {
     sum / total
 }
 
-/// SplitMix64 values on the integer lattice, blended smoothly in between; 0..1.
+/// SplitMix64 values on the integer lattice, interpolated smoothly; 0..1.
 fn value_noise(seed: u64, point: DVec3) -> f64 {
     let cell = DVec3::new(floor(point.x), floor(point.y), floor(point.z));
     let f = point - cell;
@@ -125,7 +125,7 @@ fn smooth(t: f64) -> f64 {
     t * t * (3.0 - 2.0 * t)
 }
 
-/// 0 for even whole numbers, 1 for odd ones.
+/// 0 for even integers, 1 for odd ones.
 fn parity(n: f64) -> f64 {
     n - 2.0 * floor(n * 0.5)
 }

@@ -1,6 +1,6 @@
 //! Objects and lights, and the radiance along a ray.
 //!
-//! World axes are those of the rig's central camera: x right, y down, z forward, metres.
+//! The world axes are those of the rig's central camera: x right, y down, z forward, in metres.
 
 use glam::DVec3;
 
@@ -13,10 +13,10 @@ use super::texture::Texture;
 #[derive(Debug)]
 pub(super) struct Object {
     shape: SurfaceShape,
-    /// Centre and squared radius of a ball around it.
+    /// Centre and squared radius of its bounding sphere.
     bounds: (DVec3, f64),
     surface: Surface,
-    /// Whether it keeps light from others: floors and the walls of a room have nothing behind them.
+    /// True if it casts shadows; floors and the walls of a room need not, because nothing is behind them.
     casts: bool,
 }
 
@@ -42,13 +42,13 @@ impl Object {
         &self.shape
     }
 
-    /// Where a ray meets it. The ball only passes over shapes that cannot be met.
+    /// Intersection with a ray. The bounding sphere only skips shapes that cannot be hit.
     fn meet(&self, origin: DVec3, direction: DVec3) -> Option<Meeting> {
         let (center, square_radius) = self.bounds;
         let to_center = center - origin;
         let along = to_center.dot(direction);
         let outside = to_center.dot(to_center) - square_radius;
-        // Behind the origin, or passing the ball at a distance.
+        // Behind the origin, or the ray misses the sphere.
         let square_length = direction.dot(direction);
         if outside > 0.0 && (along < 0.0 || along * along < outside * square_length) {
             return None;
@@ -62,38 +62,38 @@ impl Object {
 pub(super) struct World {
     objects: Vec<Object>,
     light: Light,
-    /// None without a sun.
+    /// `None` without a sun.
     sun_grid: Option<SunGrid>,
-    /// One for each lamp.
+    /// One per lamp.
     lamp_cubes: Vec<LampCube>,
 }
 
 /// The first surface along a ray.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Hit {
-    /// In units of the ray's direction vector.
+    /// Distance in units of the ray's direction vector.
     pub(super) distance: f64,
     object: usize,
     meeting: Meeting,
 }
 
-/// Rays of one pixel that meet one side of an object, or the sky, and are shaded as one. Sums, so
-/// that one ray alone is itself to the last bit.
+/// Rays of one pixel that hit the same side of an object, or the sky, and are shaded together. Stored as sums, so that
+/// for a single ray the values are exact.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Sight {
     rays: f64,
     direction: DVec3,
-    /// Where they meet; the object of all of them.
+    /// Sum of the hit points; all are on the same object.
     hit: Option<(Hit, DVec3)>,
 }
 
 impl Sight {
-    /// The number of the object that is seen and, for one ray, its distance.
+    /// Index of the visible object and, for a single ray, its distance.
     pub(super) fn object(&self) -> Option<(usize, f64)> {
         self.hit.map(|(hit, _)| (hit.object, hit.distance))
     }
 
-    /// Takes up the rays of another sight of the same surface.
+    /// Adds the rays of another sight of the same surface.
     pub(super) fn join(&mut self, other: &Self) {
         self.rays += other.rays;
         self.direction += other.direction;
@@ -106,14 +106,14 @@ impl Sight {
     }
 }
 
-/// The objects that the rays of a bundle can meet, nearest first.
+/// Objects that the rays of a bundle can hit, nearest first.
 pub(super) struct Candidates {
-    /// A depth that no point of the object falls short of, and the object.
+    /// A lower bound on the depth of the object's points, and the object's index.
     sorted: Vec<(f64, usize)>,
 }
 
 impl World {
-    /// A world of these objects in this light.
+    /// Creates a world from objects and a light.
     pub(super) fn of(objects: Vec<Object>, light: Light) -> Self {
         let casting = (0_u32..)
             .zip(&objects)
@@ -136,12 +136,12 @@ impl World {
         &self.objects
     }
 
-    /// Multiplies all light that cameras receive.
+    /// Multiplies the exposure of all cameras.
     pub(super) fn expose(&mut self, factor: f64) {
         self.light.exposure *= factor;
     }
 
-    /// The nearest surface along a ray, if it meets one.
+    /// The nearest surface along a ray, if any.
     pub(super) fn first_hit(&self, origin: DVec3, direction: DVec3) -> Option<Hit> {
         let mut first = None;
         for object in 0..self.objects.len() {
@@ -150,8 +150,8 @@ impl World {
         first
     }
 
-    /// The same for a ray of the bundle that the candidates are those of; its direction has a
-    /// depth of 1.
+    /// Like [`Self::first_hit`], for a ray of the bundle that belongs to `candidates`; the direction must have a depth
+    /// of 1.
     pub(super) fn first_hit_among(
         &self,
         candidates: &Candidates,
@@ -168,7 +168,7 @@ impl World {
         first
     }
 
-    /// Of two surfaces in one place, the object that was added earlier is seen.
+    /// If two surfaces coincide, the object that was added first is visible.
     fn meet_nearer(&self, object: usize, origin: DVec3, direction: DVec3, first: &mut Option<Hit>) {
         if let Some(meeting) = self.objects[object].meet(origin, direction)
             && first.is_none_or(|hit| {
@@ -184,8 +184,8 @@ impl World {
         }
     }
 
-    /// What a bundle of rays can meet, seen from a camera that looks `forward` (unit length).
-    /// Without a bundle, every object.
+    /// Objects that a bundle of rays can hit, seen from a camera that looks `forward` (unit vector). All objects if
+    /// there is no bundle.
     pub(super) fn candidates(
         &self,
         eye: DVec3,
@@ -195,7 +195,7 @@ impl World {
         let depth = |object: &Object| {
             let nearest = -object.shape.reach(-forward) - forward.dot(eye);
             let farthest = object.shape.reach(forward) - forward.dot(eye);
-            // Less than it is by far more than rounding.
+            // A conservative bound, by far more than rounding.
             (nearest - 1e-7, farthest + 1e-7)
         };
         let mut sorted: Vec<(f64, usize)> = (0..)
@@ -211,7 +211,7 @@ impl World {
         Candidates { sorted }
     }
 
-    /// What a ray of the bundle that the candidates are those of meets.
+    /// Intersection of a ray of the bundle that belongs to `candidates`.
     pub(super) fn sight(&self, candidates: &Candidates, origin: DVec3, direction: DVec3) -> Sight {
         let hit = self.first_hit_among(candidates, origin, direction);
         Sight {
@@ -221,8 +221,8 @@ impl World {
         }
     }
 
-    /// Whether two rays of a pixel may be shaded as one. The paints of the varied scenes fade out
-    /// what is finer than a pixel; the classic textures do not.
+    /// True if two rays of a pixel may be shaded together. Paints of varied scenes fade out details finer than a pixel;
+    /// classic textures do not.
     pub(super) fn shades_as_one(&self, a: &Sight, b: &Sight) -> bool {
         let surface = |sight: &Sight| {
             let hit = sight.hit.as_ref();
@@ -231,8 +231,8 @@ impl World {
         matches!(self.light.sky, Sky::Varied { .. }) && surface(a) == surface(b)
     }
 
-    /// Linear light arriving along rays, summed over them. `sample` is the size of one ray's share
-    /// of the picture at a depth of 1.
+    /// Linear light arriving along the rays, summed over them. `sample` is the size of one ray's part of the picture at
+    /// a depth of 1.
     pub(super) fn radiance(&self, sight: &Sight, sample: f64) -> DVec3 {
         let (light, share) = (&self.light, 1.0 / sight.rays);
         let direction = sight.direction * share;
@@ -254,7 +254,7 @@ impl World {
         seen * (light.exposure * sight.rays)
     }
 
-    /// Linear light that a surface sends back from a point along the ray that met it.
+    /// Linear light reflected by a surface from a point back along the incoming ray.
     fn reflected(
         &self,
         object: usize,
@@ -267,7 +267,7 @@ impl World {
         let albedo = match &self.objects[object].surface {
             Surface::Classic(texture) => texture.color(meeting),
             Surface::Varied(paint) => {
-                // Aslant a pixel covers more, in one direction.
+                // On a slanted surface a pixel covers more, in one direction.
                 let facing = (normal.dot(direction).abs() / direction.length()).max(0.1);
                 let footprint_m = meeting.distance * size / facing.sqrt();
                 let albedo = paint.color(meeting, footprint_m);
@@ -277,7 +277,7 @@ impl World {
                 albedo
             }
         };
-        // Starts a little above the surface, so that it does not shade itself.
+        // Starts slightly above the surface, to avoid self-shadowing.
         let above = point + normal * 1e-6;
         let facing_dome = 0.5 + 0.5 * normal.dot(light.dome);
         let mut arriving = light.ambient[0] + (light.ambient[1] - light.ambient[0]) * facing_dome;
@@ -301,8 +301,8 @@ impl World {
         albedo * arriving
     }
 
-    /// Whether one of the objects stands between a point and a light `limit` directions away. All
-    /// shapes are convex, so that the one which the point is on never does.
+    /// True if one of the objects is between a point and a light at a distance of `limit` direction vectors. All shapes
+    /// are convex, so the object that the point is on never blocks it.
     fn blocked(&self, among: &[u32], own: usize, from: DVec3, towards: DVec3, limit: f64) -> bool {
         let others = among.iter().map(|&object| object as usize);
         others.filter(|object| *object != own).any(|object| {

@@ -1,4 +1,4 @@
-//! The cameras of a scene: from a COLMAP model, or as the download page recommends.
+//! Cameras of a scene: from a COLMAP model, or as recommended on the download page.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -12,24 +12,23 @@ use crate::scene_builder::frame_id;
 #[derive(Debug)]
 pub(super) struct SceneCameras {
     kind: Kind,
-    /// The files they are from; none for recommended ones.
+    /// Files from which they were read; empty for recommended cameras.
     pub(super) files: Vec<PathBuf>,
 }
 
 #[derive(Debug)]
 enum Kind {
     One(Lens),
-    /// By the pictures' names, without folder and extension.
+    /// By picture name, without folder and extension.
     Each(BTreeMap<String, Lens>),
 }
 
 impl SceneCameras {
-    /// The cameras of the first COLMAP model beside the log, in `sparse/0` or in `sparse`; `None`
-    /// when there is none. A single camera is that of all pictures; of several each picture has
-    /// the one that the model's `images` names.
+    /// Cameras of the first COLMAP model found: next to the log, in `sparse/0` or in `sparse`; `None` if there is none.
+    /// A single camera applies to all pictures; with several, the model's `images` assigns one to each picture.
     ///
     /// # Errors
-    /// Names the file: broken, or several cameras and nothing that says whose they are.
+    /// Names the file that is broken, or that has several cameras without an assignment to pictures.
     pub(super) fn of_model(root: &Root, folder: &Path) -> Result<Option<Self>, DatasetError> {
         for place in [".", "sparse/0", "sparse"] {
             let model = root.resolve(folder, place)?;
@@ -76,11 +75,11 @@ impl SceneCameras {
         })
     }
 
-    /// One camera for all pictures: a focal length of `share` of the first one's width, and the
-    /// middle as principal point.
+    /// One camera for all pictures: its focal length is `share` of the first picture's width, and its principal point
+    /// is the centre.
     ///
     /// # Errors
-    /// Names the picture.
+    /// If the picture cannot be read; names it.
     pub(super) fn recommended(share: f64, picture: &Path) -> Result<Self, DatasetError> {
         let size = picture::dimensions(picture)?;
         let (w, h) = (f64::from(size.0), f64::from(size.1));
@@ -96,7 +95,7 @@ impl SceneCameras {
         })
     }
 
-    /// The camera of a picture; `None` when the model does not list it.
+    /// Camera of a picture; `None` if the model does not list it.
     pub(super) fn of(&self, picture: &Path) -> Option<Lens> {
         match &self.kind {
             Kind::One(lens) => Some(*lens),
@@ -108,7 +107,7 @@ impl SceneCameras {
     }
 }
 
-/// A picture's name without folders and extension: the extension may be another one in the model.
+/// Name of a picture without folders and extension, because the model may use another extension.
 fn key_of(name: &str) -> String {
     let id = frame_id(name);
     id.rsplit('/').next().unwrap_or(&id).to_owned()

@@ -1,13 +1,12 @@
 //! Tanks and Temples' training set.
 //!
-//! A scene is a folder with `<S>_COLMAP_SfM.log` (camera-to-world, structure-from-motion units),
-//! `<S>_trans.txt` (the similarity to the laser scan's metric world) and `<S>.ply` (the scan).
+//! A scene is a folder with `<S>_COLMAP_SfM.log` (camera-to-world, structure-from-motion units), `<S>_trans.txt` (the
+//! similarity to the laser scan's metric coordinates) and `<S>.ply` (the scan).
 //!
-//! * `photographs`: block i of the log, from 0, belongs to the picture numbered i + 1.
-//! * `cameras`: intrinsics were never published. Give a COLMAP model (`cameras.txt` or `.bin` beside
-//!   the log or in `sparse/0`, with `images` if it has several cameras). A share of the width is a
-//!   guess, which depth drawn through the same camera cannot disprove: it is taken only when a
-//!   setting says so.
+//! * `photographs`: block i of the log, counted from 0, belongs to the picture numbered i + 1.
+//! * `cameras`: intrinsics were never published. Provide a COLMAP model (`cameras.txt` or `.bin` next to the log or in
+//!   `sparse/0`, with `images` if it has several cameras). A focal length given as a share of the width is a guess,
+//!   which depth rendered with the same camera cannot disprove; it is used only if requested by a setting.
 
 mod cameras;
 mod photographs;
@@ -114,9 +113,9 @@ fn open(spec: &DatasetSpec) -> Result<FoundScenes, DatasetError> {
             found.add(name, reader.read(splat_radius, &cache));
         }
     }
-    // Without a single log these are no scenes of this dataset.
+    // Without any log, these are not scenes of this dataset.
     for folder in only_pictures.into_iter().filter(|_| !scenes.is_empty()) {
-        // `images/` belongs to what is above it; `image_sets/Barn/` to the Barn with a log.
+        // `images/` belongs to its parent folder; `image_sets/Barn/` belongs to the scene Barn that has a log.
         let folder = match folder.parent() {
             Some(above) if folder.ends_with("images") => above,
             _ => folder.as_path(),
@@ -134,7 +133,7 @@ fn open(spec: &DatasetSpec) -> Result<FoundScenes, DatasetError> {
     spec.conclude(found, expected, search.unsearched)
 }
 
-/// The scenes that a folder has a log or an alignment of.
+/// Names of the scenes for which a folder contains a log or an alignment.
 fn scenes_in(folder: &Path) -> BTreeSet<String> {
     let entries = files::list(folder).unwrap_or_default().into_iter();
     entries
@@ -170,7 +169,7 @@ impl TanksReader<'_> {
                 "{name}: the pictures are numbered from 0, so block i is taken to be that of picture i"
             ));
         }
-        // The size of a picture that is used, where any is.
+        // Uses the size of a picture that is used, if there is one.
         let first = by_block.files.values().next().copied();
         let cameras = self.cameras(first.unwrap_or(&photos.files[0]), &mut scene.notes)?;
         let camera_files = [&[log.clone(), trans], cameras.files.as_slice()].concat();

@@ -1,7 +1,7 @@
-//! Matches a scene's pictures with the blocks of its log.
+//! Matching of a scene's pictures with the blocks of its log.
 //!
-//! A missing picture, or one too many, must not shift the poses of all that follow: pictures are
-//! matched by their numbers, and by their order only where every block has its picture.
+//! A missing or extra picture must not shift the poses of all that follow, so pictures are matched by their numbers,
+//! and by order only if every block has its picture.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
@@ -15,19 +15,19 @@ use crate::left_out::first_few;
 #[derive(Debug)]
 pub(super) struct ScenePhotographs {
     pub(super) folder: PathBuf,
-    /// In natural order; there is at least one.
+    /// In natural order; at least one.
     pub(super) files: Vec<PathBuf>,
-    /// Other folders that hold pictures and are not read.
+    /// Notes on other folders that contain pictures but are not read.
     pub(super) notes: Vec<String>,
 }
 
 impl ScenePhotographs {
-    /// Looks where pictures may be: `images/` and `<name>/` beside the log, beside the log itself,
-    /// then `image_sets/<name>/`, `images/<name>/` and `<name>/` in the root. The first folder with
-    /// as many pictures as there are blocks is taken, else the first with any.
+    /// Searches for pictures in `images/` and `<name>/` next to the log, in the log's folder, and then in
+    /// `image_sets/<name>/`, `images/<name>/` and `<name>/` in the root. Uses the first folder with as many pictures as
+    /// there are blocks, else the first with any.
     ///
     /// # Errors
-    /// When there is no picture, or one of them leads out of the root.
+    /// If there are no pictures, or one of them points outside the root.
     pub(super) fn find(
         root: &Root,
         beside: &Path,
@@ -96,15 +96,14 @@ impl ScenePhotographs {
         })
     }
 
-    /// The pictures by the blocks of the log that they belong to, and those that have no block.
+    /// The pictures by the block of the log that they belong to, and those without a block.
     ///
-    /// Where any name is a number, block i belongs to the picture numbered i + 1; to the one
-    /// numbered i only if the pictures' numbers begin with 0 and end with the last block; pictures
-    /// without a number have no block. Where no name is a number, there must be as many pictures as
-    /// blocks, and their order decides.
+    /// If any name is a number, block i belongs to the picture numbered i + 1, or to the one numbered i if the
+    /// pictures' numbers start with 0 and end with the last block; pictures without a number have no block. If no name
+    /// is a number, there must be as many pictures as blocks, which are matched by order.
     ///
     /// # Errors
-    /// The reason why it cannot be told which picture a pose belongs to.
+    /// The reason that pictures cannot be matched with poses.
     pub(super) fn by_block(&self, log: &Log) -> Result<ByBlock<'_>, String> {
         let last = log.blocks.last().copied().unwrap_or(-1);
         let (numbered, unnumbered) = self.numbered()?;
@@ -156,12 +155,12 @@ impl ScenePhotographs {
         Ok(by_block)
     }
 
-    /// The pictures by their numbers, and those whose names are not numbers.
+    /// The pictures by number, and those whose names are not numbers.
     fn numbered(&self) -> Result<Numbered<'_>, String> {
         let (mut numbered, mut others) = (BTreeMap::new(), Vec::new());
         for file in &self.files {
             let stem = file.file_stem().unwrap_or_default().to_string_lossy();
-            // A sign would be read as part of a number.
+            // Excludes signs, which would be parsed as part of a number.
             let plain = stem.bytes().all(|c| c.is_ascii_digit());
             let Some(number) = stem.parse().ok().filter(|_| plain) else {
                 others.push(file.as_path());
@@ -203,22 +202,22 @@ impl ScenePhotographs {
     }
 }
 
-/// Photographs by number, and those without one.
+/// Photographs by number, and those without a number.
 type Numbered<'a> = (BTreeMap<i64, &'a Path>, Vec<&'a Path>);
 
-/// Photographs by the blocks of a log.
+/// Photographs by block of a log.
 #[derive(Debug, Default)]
 pub(super) struct ByBlock<'a> {
-    /// By the blocks' indices.
+    /// By block index.
     pub(super) files: BTreeMap<i64, &'a Path>,
-    /// Photographs that no block belongs to.
+    /// Photographs without a block.
     pub(super) left_over: Vec<&'a Path>,
-    /// The number of block 0's picture, where numbers counted.
+    /// Number of block 0's picture, if matched by numbers.
     pub(super) first_number: Option<i64>,
 }
 
 impl ByBlock<'_> {
-    /// A block for a note, with the number of its picture.
+    /// Describes a block in a note, with the number of its picture.
     pub(super) fn label(&self, block: i64) -> String {
         match self.first_number {
             Some(first) => format!("block {block} (picture {:06})", block.saturating_add(first)),
@@ -227,7 +226,7 @@ impl ByBlock<'_> {
     }
 }
 
-/// Whether a folder holds pictures named by numbers, as those of an image set are.
+/// True if a folder contains pictures named by numbers, as in an image set.
 pub(super) fn has_pictures(folder: &Path) -> bool {
     let is_number = |path: PathBuf| {
         let stem = path.file_stem().unwrap_or_default().to_string_lossy();

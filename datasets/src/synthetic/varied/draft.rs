@@ -1,4 +1,4 @@
-//! A scene while it is being put together.
+//! A scene under construction.
 
 use glam::{DMat3, DVec3};
 use sharp::random::SplitMix64;
@@ -10,24 +10,24 @@ use super::super::rig::Rig;
 use super::super::shapes::{SurfaceShape, turned};
 use super::super::world::{Object, Surface, World};
 
-/// No surface is closer to a camera than 0.3 m. Places that cameras may take are tried a few
-/// centimetres apart, hence the margin.
+/// No surface is closer to a camera than 0.3 m. Possible camera positions are sampled every few centimetres, hence the
+/// margin.
 const CLEAR_M: f64 = 0.34;
 
-/// Objects, light and lens of a scene to be. Places are given in a frame that is turned about the
-/// vertical through the central camera, so that walls are not always square to it: x right, y down,
-/// z forward, metres.
+/// Objects, light and lens of a scene under construction. Positions are in a frame that is rotated about the vertical
+/// through the central camera, so that walls are not always perpendicular to its axis: x right, y down, z forward, in
+/// metres.
 pub(super) struct Draft<'a> {
     pub(super) random: &'a mut SplitMix64,
     pub(super) light: Light,
     objects: Vec<Object>,
-    /// A lens with a horizontal field of view of 45 to 75 degrees.
+    /// Cameras; the lens has a horizontal field of view of 45 to 75 degrees.
     pub(super) rig: Rig,
-    /// The mean radiance that the central picture shall have.
+    /// Target mean radiance of the central picture.
     pub(super) brightness: f64,
     world_from_frame: DMat3,
     cameras: Vec<DVec3>,
-    /// Centres, x and z, and radii of the places on the floor that are taken.
+    /// Occupied circles on the floor: x and z of the centres, and radii.
     taken: Vec<(f64, f64, f64)>,
 }
 
@@ -50,7 +50,7 @@ impl<'a> Draft<'a> {
         }
     }
 
-    /// Turns the frame by up to so large a part of a full turn, either way.
+    /// Rotates the frame in either direction by up to `most` of a full turn.
     pub(super) fn turn_frame(&mut self, most: f64) {
         let (c, s) = unit_circle(self.random.between(-most, most));
         self.world_from_frame =
@@ -84,7 +84,7 @@ impl<'a> Draft<'a> {
         self.put_if_clear(shape, paint, true);
     }
 
-    /// Adds a shape that throws no shadow.
+    /// Adds a shape that casts no shadow, unless it is too close to a camera.
     pub(super) fn put_without_shadow(&mut self, shape: SurfaceShape, paint: Paint) {
         self.put_if_clear(shape, paint, false);
     }
@@ -98,8 +98,8 @@ impl<'a> Draft<'a> {
         }
     }
 
-    /// A box that stands on `base`, its lowest point's place; `turn` is the tangent of half the
-    /// angle by which it is turned about the vertical.
+    /// Adds a box whose bottom centre is at `base`; `turn` is the tangent of half its angle of rotation about the
+    /// vertical.
     pub(super) fn stand(&mut self, base: DVec3, size: DVec3, turn: f64, paint: Paint) {
         let half = size * 0.5;
         self.put(
@@ -112,7 +112,7 @@ impl<'a> Draft<'a> {
         );
     }
 
-    /// A round column that stands on `base`.
+    /// Adds a cylinder that stands on `base`.
     pub(super) fn column(&mut self, base: DVec3, height: f64, radius: f64, paint: Paint) {
         self.put(
             SurfaceShape::Cylinder {
@@ -125,13 +125,13 @@ impl<'a> Draft<'a> {
         );
     }
 
-    /// A ball that lies on `base`.
+    /// Adds a ball that lies on `base`.
     pub(super) fn ball(&mut self, base: DVec3, radius: f64, paint: Paint) {
         let center = base - DVec3::Y * radius;
         self.put(SurfaceShape::Sphere { center, radius }, paint);
     }
 
-    /// A thin round bar from one point to another.
+    /// Adds a thin round bar between two points.
     pub(super) fn bar(&mut self, from: DVec3, to: DVec3, radius: f64, paint: Paint) {
         let along = to - from;
         let direction = along.normalize();
@@ -147,7 +147,7 @@ impl<'a> Draft<'a> {
         );
     }
 
-    /// A flat rectangle that throws no shadow, square to the axis (0 x, 1 y, 2 z) of the frame.
+    /// Adds a flat rectangle that casts no shadow, perpendicular to axis `across` (0 x, 1 y, 2 z) of the frame.
     pub(super) fn panel(&mut self, center: DVec3, across: usize, half: (f64, f64), paint: Paint) {
         let axes = match across {
             0 => DMat3::from_cols(DVec3::Z, DVec3::Y, DVec3::NEG_X),
@@ -157,7 +157,7 @@ impl<'a> Draft<'a> {
         self.put_without_shadow(SurfaceShape::Rectangle { center, axes, half }, paint);
     }
 
-    /// Hangs up a lamp: a shining ball, and light from its middle.
+    /// Adds a lamp: a glowing ball, and light from its centre.
     pub(super) fn lamp(&mut self, place: DVec3, radius: f64, power: f64) {
         let paint = Paint::shining(self.random);
         let tint = DVec3::new(1.0, self.between(0.8, 1.0), self.between(0.6, 1.0));
@@ -174,9 +174,8 @@ impl<'a> Draft<'a> {
         });
     }
 
-    /// A free place on the floor (y = 0) in sight, with room for a circle around it, whose centre
-    /// `allowed` accepts; it is then taken. Depths between `near` and `far` are drawn half from
-    /// equal steps of depth and half from equal steps of disparity.
+    /// Finds and occupies a free circle on the floor (y = 0) in view, whose centre satisfies `allowed`. Depths between
+    /// `near` and `far` are sampled half uniformly in depth and half uniformly in disparity.
     pub(super) fn spot(
         &mut self,
         (near, far): (f64, f64),
@@ -203,7 +202,7 @@ impl<'a> Draft<'a> {
         None
     }
 
-    /// A point to look at: so far ahead, so much below the central camera, a little to one side.
+    /// A point to look at: at the given depth, `below` the central camera, and slightly to one side.
     pub(super) fn target(&mut self, depth: f64, below: f64) -> DVec3 {
         DVec3::new(self.between(-0.15, 0.15) * depth, below, depth)
     }

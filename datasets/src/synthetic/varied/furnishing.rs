@@ -1,11 +1,11 @@
-//! Things made of a few simple shapes.
+//! Objects made of a few simple shapes.
 
 use glam::DVec3;
 
 use super::super::paint::Tone;
 use super::draft::Draft;
 
-/// Boxes, balls and columns of about one size, side by side or stacked, on a surface around `base`.
+/// Adds boxes, balls and cylinders of similar size, side by side or stacked, on a surface around `base`.
 pub(super) fn clutter(draft: &mut Draft<'_>, base: DVec3, size: f64) {
     let tone = Tone::Any;
     let (width, height) = (
@@ -30,7 +30,7 @@ pub(super) fn clutter(draft: &mut Draft<'_>, base: DVec3, size: f64) {
         3 => {
             let paint = draft.paint(tone, 0.3 * size);
             draft.column(base, height, 0.3 * width, paint);
-            // A bottle's neck.
+            // The neck of a bottle.
             if draft.chance(40) {
                 let paint = draft.paint(tone, 0.3 * size);
                 draft.column(base - DVec3::Y * height, 0.5 * height, 0.1 * width, paint);
@@ -50,7 +50,7 @@ pub(super) fn clutter(draft: &mut Draft<'_>, base: DVec3, size: f64) {
     }
 }
 
-/// A table with four legs and a few things on it.
+/// A table with four legs and a few objects on it.
 pub(super) fn table(draft: &mut Draft<'_>, base: DVec3, size: DVec3) {
     let wood = draft.paint(Tone::Wood, 0.15);
     let leg = draft.between(0.015, 0.04);
@@ -105,7 +105,7 @@ pub(super) fn chair(draft: &mut Draft<'_>, base: DVec3) {
     draft.stand(top + back.0, back.1, 0.0, cloth);
 }
 
-/// A shelf of boards between two sides, along x, with things on the boards.
+/// A shelf along x: boards between two sides, with objects on the boards.
 pub(super) fn shelf(draft: &mut Draft<'_>, base: DVec3, size: DVec3) {
     let paint = draft.paint(Tone::Wood, 0.2);
     for side in [-0.5, 0.5] {
@@ -126,7 +126,7 @@ pub(super) fn shelf(draft: &mut Draft<'_>, base: DVec3, size: DVec3) {
     }
 }
 
-/// A trunk under a crown of balls.
+/// A tree: a trunk and a crown of balls.
 pub(super) fn tree(draft: &mut Draft<'_>, base: DVec3, height: f64) {
     let (bark, leaves) = (
         draft.paint(Tone::Wood, 0.1),
@@ -147,7 +147,7 @@ pub(super) fn tree(draft: &mut Draft<'_>, base: DVec3, height: f64) {
     }
 }
 
-/// Posts and rails from one point on the ground to another.
+/// A fence of posts and rails between two points on the ground.
 pub(super) fn fence(draft: &mut Draft<'_>, from: DVec3, to: DVec3, height: f64) {
     let tone = draft.one_of(Tone::Wood, Tone::Any);
     let paint = draft.paint(tone, 0.2);
@@ -166,7 +166,7 @@ pub(super) fn fence(draft: &mut Draft<'_>, from: DVec3, to: DVec3, height: f64) 
     }
 }
 
-/// A block with a base and a roof of another colour.
+/// A building: a block with a base and a roof of another colour.
 pub(super) fn building(draft: &mut Draft<'_>, base: DVec3, size: DVec3, turn: f64) {
     let storey = draft.between(1.2, 2.6);
     let paint = draft.paint(Tone::Stone, storey);
@@ -183,7 +183,7 @@ pub(super) fn building(draft: &mut Draft<'_>, base: DVec3, size: DVec3, turn: f6
     }
 }
 
-/// Body, cabin and four wheels, along z.
+/// A car along z: body, cabin and four wheels.
 pub(super) fn car(draft: &mut Draft<'_>, base: DVec3) {
     let (mut body, mut glass) = (draft.paint(Tone::Any, 3.0), draft.paint(Tone::Stone, 0.7));
     body.make_plain();

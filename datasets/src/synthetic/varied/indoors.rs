@@ -1,4 +1,4 @@
-//! Rooms, tables from close by, corridors.
+//! Rooms, tables seen from close by, and corridors.
 
 use glam::DVec3;
 
@@ -50,7 +50,7 @@ impl Hull {
             (0.0, self.ahead),
             (0.0, self.behind),
         ] {
-            // Often one wall is different.
+            // Often one wall has a different paint.
             let paint = match draft.chance(25) {
                 true => draft.paint(Tone::Any, 0.5),
                 false => wall.clone(),
@@ -62,7 +62,7 @@ impl Hull {
         }
     }
 
-    /// Doors, windows and pictures on the walls to the sides and ahead.
+    /// Adds doors, windows and pictures to the walls ahead and to the sides.
     fn hang(&self, draft: &mut Draft<'_>, count: u64) {
         for _ in 0..count {
             let (wide, high) = (draft.between(0.3, 1.6), draft.between(0.3, 1.3));
@@ -142,7 +142,7 @@ fn furnish(draft: &mut Draft<'_>, hull: &Hull) {
                 draft.stand(base, size, turn, paint);
                 clutter(draft, base - DVec3::Y * size.y, 0.3);
             }
-            // A standing lamp that is off, or a pillar.
+            // A floor lamp that is off, or a pillar.
             7 => {
                 let paint = draft.paint(Tone::Any, 0.2);
                 let (height, thick) = (draft.between(1.2, 2.0), draft.between(0.012, 0.05));
@@ -155,7 +155,7 @@ fn furnish(draft: &mut Draft<'_>, hull: &Hull) {
     }
 }
 
-/// One to three lamps under the ceiling, some from a wire.
+/// Adds one to three lamps under the ceiling, some hanging from a wire.
 fn light_up(draft: &mut Draft<'_>, hull: &Hull) {
     let lamps = draft.count(1, 2);
     for _ in 0..lamps {
@@ -177,7 +177,7 @@ fn draft_radius(drop: f64) -> f64 {
     (0.5 * drop).min(0.12)
 }
 
-/// Things on a table, from close by, before a room or the open air.
+/// Objects on a table seen from close by, in a room or outdoors.
 pub(super) fn table_top<'a>(mut draft: Draft<'a>) -> (Draft<'a>, DVec3) {
     draft.turn_frame(0.1);
     let top = draft.between(0.3, 0.65);
@@ -216,7 +216,7 @@ pub(super) fn table_top<'a>(mut draft: Draft<'a>) -> (Draft<'a>, DVec3) {
             clutter(&mut draft, spot + DVec3::Y * top, size);
         }
     }
-    // What stands behind the table.
+    // Objects behind the table.
     for _ in 0..draft.count(1, 5) {
         let size = draft.between(0.4, 1.2);
         let range = if indoors { (1.5, 4.0) } else { (2.5, 12.0) };
@@ -267,7 +267,7 @@ pub(super) fn corridor<'a>(mut draft: Draft<'a>) -> (Draft<'a>, DVec3) {
             clutter(&mut draft, spot + DVec3::Y * floor, size);
         }
     }
-    // Shining panels under the ceiling; two of them give light.
+    // Glowing panels under the ceiling, two of which emit light.
     let step = draft.between(2.0, 4.5);
     for panel in 0..8 {
         let z = 1.5 + step * f64::from(panel);

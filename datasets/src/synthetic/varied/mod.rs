@@ -1,7 +1,7 @@
-//! Varied scenes: of many kinds, in any light, with any common lens.
+//! Varied scenes: many kinds of scenes, lights and common lenses.
 //!
-//! * `draft`: objects one by one, kept clear of the cameras and of each other.
-//! * `furnishing`: tables, shelves, trees, fences, buildings out of simple shapes.
+//! * `draft`: a scene under construction; keeps objects clear of the cameras and of each other.
+//! * `furnishing`: tables, shelves, trees, fences and buildings made of simple shapes.
 //! * `indoors`, `outdoors`: the families of scenes.
 
 mod draft;
@@ -24,7 +24,7 @@ use draft::Draft;
 /// The kinds of scenes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 enum Family {
-    /// The scene of `world=classic`, cameras and all.
+    /// The scene of `world=classic`, including its cameras.
     Classic,
     Room,
     TableTop,
@@ -35,7 +35,7 @@ enum Family {
     Thin,
 }
 
-/// Equally likely, so that a family's share is how often it is listed.
+/// All elements are equally likely, so a family's probability is proportional to how often it is listed.
 const FAMILIES: [Family; 16] = [
     Family::Classic,
     Family::Classic,
@@ -55,14 +55,14 @@ const FAMILIES: [Family; 16] = [
     Family::Thin,
 ];
 
-/// Drafts of one seed before it becomes a classic scene after all.
+/// Maximum number of drafts of a seed; if all are rejected, it becomes a classic scene.
 const DRAFTS: u64 = 32;
 
 fn family(seed: u64) -> Family {
     FAMILIES[(derived(seed, 0) % FAMILIES.len() as u64) as usize]
 }
 
-/// The world of a seed and the cameras in it.
+/// The world of a seed and its cameras.
 pub(super) fn scene(seed: u64) -> (World, Rig) {
     let family = family(seed);
     let drafts = match family {
@@ -74,11 +74,11 @@ pub(super) fn scene(seed: u64) -> (World, Rig) {
         .unwrap_or_else(|| (classic::world(seed, 0), Rig::CLASSIC))
 }
 
-/// A random scene of a family; `None` when it shows too little.
+/// A random scene of a family; `None` if too little is visible.
 fn drafted(family: Family, random: &mut SplitMix64) -> Option<(World, Rig)> {
     let light = match family {
         Family::Room | Family::Corridor => Light::indoors(random),
-        // On a terrace, or in a room.
+        // On a terrace or in a room.
         Family::TableTop if random.below(2) == 0 => Light::indoors(random),
         _ => Light::outdoors(random),
     };
@@ -94,15 +94,15 @@ fn drafted(family: Family, random: &mut SplitMix64) -> Option<(World, Rig)> {
     };
     let mut rig = draft.rig;
     rig.target = target;
-    // Around close things the cameras stand closer together.
+    // The cameras are closer together if they look at close objects.
     rig.outer_radius_m = Rig::WIDEST_RADIUS_M.min(0.26 * target.length());
     let brightness = draft.brightness;
     let mut world = draft.finish();
     exposed(&mut world, &rig, brightness).then_some((world, rig))
 }
 
-/// Exposes a world so that the middle of its central picture has the given radiance, and says
-/// whether that picture shows enough: not mostly sky, not one wall, nothing right before the lens.
+/// Sets a world's exposure so that the mean of its central picture has the given radiance. Returns whether that picture
+/// is acceptable: not mostly sky, not a single wall, and nothing directly in front of the lens.
 fn exposed(world: &mut World, rig: &Rig, brightness: f64) -> bool {
     const SIDE: u32 = 24;
     let lens = rig.intrinsics(SIDE, SIDE);
@@ -118,7 +118,7 @@ fn exposed(world: &mut World, rig: &Rig, brightness: f64) -> bool {
         let direction = right * x + down * y + forward;
         let sight = world.sight(&candidates, DVec3::ZERO, direction);
         let seen = world.radiance(&sight, 1.0 / lens.fx);
-        // Lamps and sky may be white.
+        // Lamps and sky may be saturated.
         let seen = ((seen.x + seen.y + seen.z) / 3.0).min(1.0);
         sum += seen;
         if let Some((object, distance)) = sight.object() {
@@ -128,8 +128,8 @@ fn exposed(world: &mut World, rig: &Rig, brightness: f64) -> bool {
         }
     }
     let rays = f64::from(SIDE * SIDE);
-    // Between what makes the whole picture that bright and what makes the surfaces so: a bright sky
-    // neither leaves the ground black nor is all white.
+    // A compromise between exposing the whole picture and exposing only the surfaces, so that a bright sky neither
+    // makes the ground black nor is entirely white.
     let mean = (sum / rays * reflected / (depths.len() as f64).max(1.0)).sqrt();
     world.expose((brightness / mean.max(1e-6)).clamp(0.2, 5.0));
     depths.sort_unstable_by(f64::total_cmp);

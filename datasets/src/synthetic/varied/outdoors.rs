@@ -1,4 +1,4 @@
-//! Open ground, streets, thin structures.
+//! Open ground, streets, and thin structures.
 
 use glam::DVec3;
 
@@ -6,13 +6,13 @@ use super::super::paint::Tone;
 use super::draft::Draft;
 use super::furnishing::{building, car, clutter, fence, table, tree};
 
-/// The ground, which ends 70 metres away.
+/// Adds the ground, which ends 70 metres away.
 fn lay_ground(draft: &mut Draft<'_>, below: f64) {
     let paint = draft.paint(Tone::Earth, 1.0);
     draft.panel(DVec3::new(0.0, below, 20.0), 1, (90.0, 50.0), paint);
 }
 
-/// Hills, rows of trees or houses far away, in most scenes.
+/// Adds distant hills, rows of trees or houses, in most scenes.
 fn close_off(draft: &mut Draft<'_>, below: f64) {
     for _ in 0..draft.count(0, 5) {
         let (x, z) = (draft.between(-35.0, 35.0), draft.between(22.0, 55.0));
@@ -41,7 +41,7 @@ fn close_off(draft: &mut Draft<'_>, below: f64) {
     }
 }
 
-/// One thing of those that stand about outdoors.
+/// Adds a random outdoor object.
 fn scatter(draft: &mut Draft<'_>, range: (f64, f64), below: f64) {
     let radius = draft.between(0.3, 1.0);
     let Some(spot) = draft.spot(range, radius, |_, z| z > 0.8) else {
@@ -81,7 +81,7 @@ fn scatter(draft: &mut Draft<'_>, range: (f64, f64), below: f64) {
     }
 }
 
-/// A garden, a yard or a field, mostly with a house.
+/// A garden, a yard or a field, usually with a house.
 pub(super) fn ground<'a>(mut draft: Draft<'a>) -> (Draft<'a>, DVec3) {
     draft.turn_frame(0.1);
     let below = draft.between(0.9, 2.4);
@@ -118,7 +118,7 @@ pub(super) fn ground<'a>(mut draft: Draft<'a>) -> (Draft<'a>, DVec3) {
     (draft, target)
 }
 
-/// Houses on both sides of a road, with cars, trees and lamp posts.
+/// A road with houses on both sides, cars, trees and lamp posts.
 pub(super) fn street<'a>(mut draft: Draft<'a>) -> (Draft<'a>, DVec3) {
     draft.turn_frame(0.06);
     let below = draft.between(1.3, 2.2);
@@ -142,7 +142,7 @@ pub(super) fn street<'a>(mut draft: Draft<'a>) -> (Draft<'a>, DVec3) {
             );
             let back = draft.between(0.0, 1.0);
             let x = curb + side * (walk + back + 0.5 * size.x);
-            // Here and there a gap.
+            // Leaves occasional gaps.
             if draft.chance(88) {
                 building(
                     &mut draft,
