@@ -5,9 +5,9 @@ use std::path::{Path, PathBuf};
 
 use sharp::image_file::{OrientationRule, PictureRules};
 
-use crate::entry::{Setting, choice};
 use crate::format::picture;
 use crate::lens::Lens;
+use crate::setting::{Setting, choice};
 use crate::{DatasetError, DatasetSpec, mask};
 
 /// Treatment of pictures whose size differs from their camera's.

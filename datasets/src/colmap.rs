@@ -9,15 +9,16 @@ use std::path::{Path, PathBuf};
 
 use glam::DVec3;
 
+use crate::DatasetEntry;
 use crate::camera_size::CAMERA_SIZE;
 use crate::depth::{DepthEncoding, DepthKind, ViewDepth};
-use crate::entry::{DatasetEntry, OUTSIDE, Setting, choice};
 use crate::files::{self, Root};
 use crate::format::colmap;
-use crate::left_out::FoundScenes;
+use crate::found_scenes::FoundScenes;
 use crate::required_files::{PhotographPath, RequiredFile};
 use crate::scene_builder::{NO_POSE, Pinhole, PosedFrame, SceneBuilder, frame_id};
-use crate::{DatasetError, DatasetSpec, Scene, picture_notes};
+use crate::setting::{OUTSIDE, Setting, choice};
+use crate::{DatasetError, DatasetSpec, Scene, scene_notes};
 
 pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
     format: "colmap",
@@ -174,9 +175,7 @@ fn read_scene(
         })?;
     }
     let hint = "; this format has no masks, `nerfstudio` has";
-    scene
-        .notes
-        .extend(picture_notes::unread_masks(folder, hint));
+    scene.notes.extend(scene_notes::unread_masks(folder, hint));
     scene.notes.extend(model.notes);
     if spec.setting("model") == "first" {
         let all = model.images.len();

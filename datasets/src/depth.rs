@@ -3,16 +3,15 @@
 use std::path::{Path, PathBuf};
 
 use glam::{DVec2, DVec3};
-use image::Luma;
 use sharp::resize::nearest;
 
-use crate::entry::{Setting, choice};
-use crate::file_content::FileContent;
+use crate::depth_map::valid_depth;
 use crate::format::{self, FloatMap, raw_floats};
 use crate::lens::Lens;
 use crate::mask::check_size;
 use crate::scan_depth::{ScanFile, points_seen_by};
-use crate::undistort::Undistortion;
+use crate::setting::{Setting, choice};
+use crate::undistort::{Undistortion, ViewGeometry};
 use crate::{DatasetError, DatasetSpec, DepthMap, files};
 
 /// Source of a view's depth.
@@ -43,7 +42,7 @@ impl ViewDepth {
     }
 
     /// Reads the depth map of a view, with the size of the view's pinhole camera.
-    pub(crate) fn load(&self, view: &FileContent) -> Result<DepthMap, DatasetError> {
+    pub(crate) fn load(&self, view: &ViewGeometry) -> Result<DepthMap, DatasetError> {
         match self {
             Self::Disparity(file, geometry, unit) => {
                 let fits = |size| check_size(file, size, view.size);
@@ -268,46 +267,6 @@ fn fit(path: &Path, map: FloatMap, size: (u32, u32)) -> Result<DepthMap, Dataset
         .ok_or_else(|| DatasetError::malformed(path, "the map's size overflows"))
 }
 
-/// Depth as stored in a map: 0 unless finite and positive.
-pub(crate) fn valid_depth(z: f64) -> f32 {
-    let z = z as f32;
-    if z.is_finite() && z > 0.0 { z } else { 0.0 }
-}
-
-/// Depth of scattered points by z-buffer: each point marks the pixels within `radius` of its position; the nearest
-/// point wins.
-pub(crate) fn z_buffer(
-    size: (u32, u32),
-    radius: u32,
-    places: impl Iterator<Item = (glam::DVec2, f64)>,
-) -> DepthMap {
-    let mut depth = DepthMap::new(size.0, size.1);
-    for (place, z) in places {
-        let z = valid_depth(z);
-        if z == 0.0 || !place.is_finite() {
-            continue;
-        }
-        let (x, y) = (place.x.floor() as i64, place.y.floor() as i64);
-        let reach = i64::from(radius);
-        if x < -reach
-            || y < -reach
-            || x > i64::from(size.0) + reach
-            || y > i64::from(size.1) + reach
-        {
-            continue;
-        }
-        for v in (y - reach).max(0)..=(y + reach).min(i64::from(size.1) - 1) {
-            for u in (x - reach).max(0)..=(x + reach).min(i64::from(size.0) - 1) {
-                let Luma([into]) = depth.get_pixel_mut(u as u32, v as u32);
-                if *into == 0.0 || z < *into {
-                    *into = z;
-                }
-            }
-        }
-    }
-    depth
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -375,26 +334,5 @@ mod tests {
         npy::write(&npy, &map).unwrap();
         let depth = MILLIMETRES.read(&npy, (2, 2)).unwrap();
         assert_eq!(depth.as_raw(), &[0.0, 0.0, 0.0, 0.2505]);
-    }
-
-    #[test]
-    fn the_nearest_point_wins() {
-        let places = [
-            (glam::DVec2::new(1.9, 1.1), 3.0),
-            (glam::DVec2::new(1.2, 1.8), 2.0),
-            (glam::DVec2::new(-0.5, 0.5), 1.0),
-            (glam::DVec2::new(f64::NAN, 0.5), 1.0),
-            (glam::DVec2::new(2.5, 2.5), -1.0),
-        ];
-        let depth = z_buffer((3, 3), 0, places.into_iter());
-        assert_eq!(
-            depth.as_raw(),
-            &[0.0, 0.0, 0.0, 0.0, 2.0, 0.0, 0.0, 0.0, 0.0]
-        );
-        let wide = z_buffer((3, 3), 1, places.into_iter());
-        assert_eq!(
-            wide.as_raw(),
-            &[1.0, 2.0, 2.0, 1.0, 2.0, 2.0, 2.0, 2.0, 2.0]
-        );
     }
 }

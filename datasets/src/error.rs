@@ -4,8 +4,7 @@ use std::path::PathBuf;
 
 use sharp::camera::CameraError;
 
-use crate::entry::ENTRIES;
-use crate::format::FormatError;
+use crate::format::error::FormatError;
 
 /// Error of reading a file or folder as part of a dataset.
 #[derive(Debug, thiserror::Error)]
@@ -41,8 +40,12 @@ pub enum DatasetError {
     /// An invalid request for a dataset.
     #[error("dataset '{text}': {reason}")]
     Spec { text: String, reason: String },
-    #[error("unknown dataset format '{name}'; {}", nearest_of(name, &ENTRIES.map(|entry| entry.format)))]
-    UnknownFormat { name: String },
+    #[error("unknown dataset format '{name}'; {known}")]
+    UnknownFormat {
+        name: String,
+        /// The known formats, after the nearest one.
+        known: String,
+    },
 }
 
 /// Lists all known names, preceded by the closest match to `name`, if any.

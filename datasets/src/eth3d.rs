@@ -6,13 +6,15 @@
 
 use std::path::Path;
 
+use crate::DatasetEntry;
 use crate::depth::{DepthEncoding, ViewDepth};
-use crate::entry::{DatasetEntry, PaperOverlap, Setting, choice, proxy};
 use crate::files::Root;
 use crate::format::colmap;
-use crate::left_out::FoundScenes;
+use crate::found_scenes::FoundScenes;
 use crate::required_files::{PhotographPath, RequiredFile};
 use crate::scene_builder::{NO_POSE, Pinhole, PosedFrame, SceneBuilder, frame_id};
+use crate::setting::{Setting, choice, proxy};
+use crate::spec::PaperOverlap;
 use crate::{DatasetError, DatasetSpec, Scene};
 
 pub(crate) static ENTRY: DatasetEntry = DatasetEntry {

@@ -3,7 +3,6 @@
 use std::path::{Path, PathBuf};
 
 use image::{GrayImage, RgbImage};
-use sharp::camera::{Intrinsics, RigidTransform};
 use sharp::image_file::{OrientationRule, PictureRules};
 
 use crate::camera_size::check_size;
@@ -12,7 +11,7 @@ use crate::format::picture;
 use crate::mask::MaskFile;
 use crate::processing::{Processing, Undistorted};
 use crate::required_files::FileRole;
-use crate::undistort::Undistortion;
+use crate::undistort::ViewGeometry;
 use crate::view::FoundPicture;
 use crate::{DatasetError, DepthMap, ViewContent};
 
@@ -21,13 +20,8 @@ use crate::{DatasetError, DepthMap, ViewContent};
 pub(crate) struct FileContent {
     pub(crate) image: PathBuf,
     pub(crate) rules: PictureRules,
-    /// Size before resampling, according to the camera.
-    pub(crate) size: (u32, u32),
+    pub(crate) geometry: ViewGeometry,
     pub(crate) mask: Option<MaskFile>,
-    /// Mapping from the lens to the view's pinhole camera.
-    pub(crate) undistortion: Option<Undistortion>,
-    pub(crate) pinhole: Intrinsics,
-    pub(crate) camera_from_world: RigidTransform,
     pub(crate) depth: Option<ViewDepth>,
     /// Files from which the camera was read.
     pub(crate) cameras: Vec<PathBuf>,
@@ -40,13 +34,13 @@ impl FileContent {
     /// If the picture does not fit the camera.
     fn fitting(&self) -> Result<FoundPicture, DatasetError> {
         let header = picture::header(&self.image)?;
-        let turned = self.rules.turns(&header, Some(self.size));
+        let turned = self.rules.turns(&header, Some(self.geometry.size));
         let (size, other) = match turned {
             true => (header.upright_size(), header.size),
             false => (header.size, header.upright_size()),
         };
-        check_size(&self.image, size, self.size).map_err(|error| match error {
-            DatasetError::Malformed { path, reason } if other == self.size => {
+        check_size(&self.image, size, self.geometry.size).map_err(|error| match error {
+            DatasetError::Malformed { path, reason } if other == self.geometry.size => {
                 let hint = format!(
                     "by its EXIF orientation {} it is {}x{} (orientation=auto)",
                     header.orientation, other.0, other.1
@@ -57,15 +51,15 @@ impl FileContent {
         })?;
         Ok(FoundPicture {
             turned,
-            fits_both: header.orientation != 1 && other == self.size,
+            fits_both: header.orientation != 1 && other == self.geometry.size,
             header,
         })
     }
 
     /// The photograph read according to `rules`, resampled and masked.
     fn image_under(&self, rules: &PictureRules) -> Result<RgbImage, DatasetError> {
-        let mut image = picture::read(&self.image, rules, Some(self.size))?;
-        if let Some(undistortion) = &self.undistortion {
+        let mut image = picture::read(&self.image, rules, Some(self.geometry.size))?;
+        if let Some(undistortion) = &self.geometry.undistortion {
             image = undistortion.image(&image);
         }
         // The picture is resampled before masking; otherwise black would bleed into neighbouring pixels.
@@ -107,7 +101,7 @@ impl ViewContent for FileContent {
 
     fn valid_pixels(&self) -> Result<Option<GrayImage>, DatasetError> {
         let mask = self.mask.as_ref();
-        mask.map(|mask| mask.read(self.size, self.undistortion.as_ref()))
+        mask.map(|mask| mask.read(self.geometry.size, self.geometry.undistortion.as_ref()))
             .transpose()
     }
 
@@ -118,7 +112,7 @@ impl ViewContent for FileContent {
         // Depth is allocated at the camera's size, so this must match the photograph's; otherwise a few bytes of text
         // could request any amount of memory.
         self.fitting()?;
-        let mut depth = depth.load(self)?;
+        let mut depth = depth.load(&self.geometry)?;
         if let Some(mask) = self.valid_pixels()? {
             let excluded = depth.iter_mut().zip(mask.iter());
             let excluded = excluded.filter(|(_, keep)| **keep == 0);
@@ -149,7 +143,7 @@ impl ViewContent for FileContent {
 
     fn processing(&self) -> Processing {
         Processing {
-            undistorted: self.undistortion.map(|u| Undistorted {
+            undistorted: self.geometry.undistortion.map(|u| Undistorted {
                 model: u.lens().distortion().name(),
                 camera: u.rule(),
             }),

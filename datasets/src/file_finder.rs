@@ -5,12 +5,8 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use crate::DatasetError;
-use crate::files::{self, Root, folded};
+use crate::files::{self, PICTURE_EXTENSIONS, Root, folded, is_picture_extension};
 use crate::left_out::first_few;
-use crate::scene_builder::is_picture_extension;
-
-/// Extensions of pictures in lower case, lossless formats first.
-pub(crate) const PICTURES: [&str; 8] = ["png", "tif", "tiff", "bmp", "webp", "jpg", "jpeg", "jfif"];
 
 /// [`folded`] stems of a folder's files, each with the files that have it, in natural order.
 type Stems = BTreeMap<String, Vec<String>>;
@@ -110,7 +106,7 @@ impl<'a> FileFinder<'a> {
         base: &Path,
         name: &str,
     ) -> Result<Option<PathBuf>, DatasetError> {
-        self.find(base, name, &PICTURES)
+        self.find(base, name, &PICTURE_EXTENSIONS)
     }
 
     /// A depth map of any kind.

@@ -8,9 +8,8 @@ use std::path::{Component, Path, PathBuf};
 use sha2::{Digest, Sha256};
 use unicode_normalization_alignments::UnicodeNormalization;
 
-use crate::format::FormatError;
+use crate::format::error::FormatError;
 use crate::left_out::first_few;
-use crate::scene_builder::is_picture_extension;
 use crate::{DatasetError, natural_order};
 
 /// The folder given by the user. Every file that a reader opens is resolved through it: neither `..` nor a symbolic
@@ -348,6 +347,17 @@ fn hexadecimal(bytes: &[u8]) -> String {
         let _ = write!(text, "{byte:02x}");
         text
     })
+}
+
+/// Extensions of pictures in lower case, lossless formats first.
+pub(crate) const PICTURE_EXTENSIONS: [&str; 8] =
+    ["png", "tif", "tiff", "bmp", "webp", "jpg", "jpeg", "jfif"];
+
+pub(crate) fn is_picture_extension(extension: &str) -> bool {
+    matches!(
+        extension.to_ascii_lowercase().as_str(),
+        "png" | "jpg" | "jpeg" | "webp" | "tif" | "tiff" | "bmp" | "jfif"
+    )
 }
 
 #[cfg(test)]

@@ -4,9 +4,10 @@
 //! disparity) are converted here to those of the project; see the conventions of the crate `sharp`.
 //!
 //! # Contents
-//! * [`entry`](mod@entry): description and settings of each dataset, defined next to its reader.
-//! * [`spec`]: a dataset as specified on a command line, and opening it.
-//! * [`view`]: the output of every reader; [`left_out`]: excluded scenes and views, with reasons.
+//! * [`spec`]: a dataset's description, defined next to its reader, and a dataset as specified on a command line;
+//!   [`setting`]: its settings.
+//! * [`registry`]: all datasets; parses specifications and opens them.
+//! * [`view`]: the output of every reader; [`found_scenes`], [`left_out`]: excluded scenes and views, with reasons.
 //! * [`processing`]: processing from files to pixels, for records.
 //! * [`required_files`]: the files that a photograph requires.
 //! * [`check`](mod@check): completeness, damage, and consistency of poses, depth and pictures.
@@ -25,26 +26,29 @@ mod camera_size;
 pub mod check;
 mod colmap;
 mod depth;
-pub mod entry;
+mod depth_map;
 pub mod error;
 mod eth3d;
 mod file_content;
 mod file_finder;
 pub mod files;
 pub mod format;
+pub mod found_scenes;
 pub mod left_out;
 pub mod lens;
 mod mask;
 mod middlebury;
 pub mod natural_order;
 mod nerfstudio;
-mod picture_notes;
 pub mod processing;
+pub mod registry;
 pub mod required_files;
 mod scan_depth;
 mod scannetpp;
 mod scene_builder;
+mod scene_notes;
 mod scene_search;
+pub mod setting;
 pub mod spec;
 mod stereo;
 mod stereo_pair;
@@ -54,7 +58,8 @@ pub mod undistort;
 pub mod view;
 mod wildrgbd;
 
-pub use entry::DatasetEntry;
+pub use depth_map::DepthMap;
 pub use error::DatasetError;
-pub use spec::{DatasetSpec, open, open_each};
-pub use view::{DepthMap, Pairing, Scene, View, ViewContent};
+pub use registry::{open, open_each};
+pub use spec::{DatasetEntry, DatasetSpec};
+pub use view::{Pairing, Scene, View, ViewContent};

@@ -11,12 +11,14 @@
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
+use crate::DatasetEntry;
 use crate::depth::StereoGeometry;
-use crate::entry::{DatasetEntry, PaperOverlap, Setting, choice, proxy};
 use crate::files::{self, Root};
 use crate::format::{calib, picture};
-use crate::left_out::FoundScenes;
+use crate::found_scenes::FoundScenes;
 use crate::required_files::{PhotographPath, RequiredFile};
+use crate::setting::{Setting, choice, proxy};
+use crate::spec::PaperOverlap;
 use crate::stereo_pair::{self, Side, without_depth};
 use crate::{DatasetError, DatasetSpec, Scene};
 

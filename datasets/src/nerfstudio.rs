@@ -7,17 +7,18 @@ use std::path::{Path, PathBuf};
 
 use sharp::camera::RigidTransform;
 
+use crate::DatasetEntry;
 use crate::camera_size::CAMERA_SIZE;
 use crate::depth::{DepthEncoding, DepthKind, ViewDepth};
-use crate::entry::{DatasetEntry, OUTSIDE, Setting, choice};
 use crate::files::{self, Root};
 use crate::format::transforms::{self, JsonFrame};
 use crate::format::{FormatError, picture};
-use crate::left_out::FoundScenes;
+use crate::found_scenes::FoundScenes;
 use crate::mask::{Keep, MaskFile};
 use crate::required_files::{PhotographPath, RequiredFile};
 use crate::scene_builder::{Pinhole, PosedFrame, SceneBuilder, frame_id, no_pose};
-use crate::{DatasetError, DatasetSpec, Scene, picture_notes};
+use crate::setting::{OUTSIDE, Setting, choice};
+use crate::{DatasetError, DatasetSpec, Scene, scene_notes};
 
 pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
     format: "nerfstudio",
@@ -178,9 +179,7 @@ fn read_scene(
     let masks = file.frames.iter().filter(|f| f.mask_path.is_some()).count();
     if masks == 0 {
         let hint = "; a frame names its mask by mask_path";
-        scene
-            .notes
-            .extend(picture_notes::unread_masks(folder, hint));
+        scene.notes.extend(scene_notes::unread_masks(folder, hint));
     } else if reader.masks.is_none() {
         scene.notes.push(format!(
             "{}: {masks} frame(s) name a mask, which is not read; masks=keep-white leaves out of scores what is black in them, \

@@ -1,10 +1,6 @@
 //! The files that belong to a photograph, i.e. that must be downloaded before a list of pairs can be evaluated.
 
-use std::path::Path;
-
 use serde::Serialize;
-
-use crate::View;
 
 /// Purpose of a file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize)]
@@ -32,7 +28,7 @@ pub struct RequiredFile {
 }
 
 impl RequiredFile {
-    fn new(role: FileRole, path: impl Into<String>) -> Self {
+    pub(crate) fn new(role: FileRole, path: impl Into<String>) -> Self {
         Self {
             role,
             path: path.into(),
@@ -120,22 +116,9 @@ fn joined(folder: &str, name: &str) -> String {
     }
 }
 
-/// Files of a view as found by its reader, relative to the dataset's folder; full paths if they are not in `folder`.
-pub fn of_view(view: &View, folder: &Path) -> Vec<RequiredFile> {
-    let relative = |file: &Path| {
-        let inside = file.strip_prefix(folder).unwrap_or(file);
-        let levels: Vec<_> = inside.iter().map(|level| level.to_string_lossy()).collect();
-        levels.join("/")
-    };
-    let files = view.content.files_by_role().into_iter();
-    files
-        .map(|(role, file)| RequiredFile::new(role, relative(&file)))
-        .collect()
-}
-
 #[cfg(test)]
 mod tests {
-    use crate::entry::entry;
+    use crate::registry::entry;
 
     fn paths(format: &str, scene: &str, picture: &str) -> Vec<String> {
         let files = entry(format).unwrap().required_files(scene, picture);

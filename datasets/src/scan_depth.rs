@@ -6,7 +6,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use glam::{DVec2, DVec3};
 use sharp::camera::{Intrinsics, RigidTransform};
 
-use crate::depth::{valid_depth, z_buffer};
+use crate::depth_map::{valid_depth, z_buffer};
 use crate::format::ply_points::{self, Geometry};
 use crate::{DatasetError, DepthMap, files};
 

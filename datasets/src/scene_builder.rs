@@ -11,12 +11,13 @@ use crate::camera_size::CameraSizes;
 use crate::depth::ViewDepth;
 use crate::file_content::FileContent;
 use crate::file_finder::FileFinder;
-use crate::files::{self, Root};
+use crate::files::{self, Root, is_picture_extension};
 use crate::left_out::{LeftOut, LeftOutViews, first_few};
 use crate::lens::Lens;
 use crate::mask::MaskFile;
-use crate::undistort::Undistortion;
-use crate::{DatasetError, DatasetSpec, Pairing, Scene, View, natural_order, processing};
+use crate::undistort::{Undistortion, ViewGeometry};
+use crate::view::without_depth;
+use crate::{DatasetError, DatasetSpec, Pairing, Scene, View, natural_order};
 
 /// A scene under construction.
 pub(crate) struct SceneBuilder<'a> {
@@ -100,7 +101,7 @@ impl<'a> SceneBuilder<'a> {
     }
 
     pub(crate) fn has_depth(&self) -> bool {
-        processing::without_depth(&self.views) < self.views.len()
+        without_depth(&self.views) < self.views.len()
     }
 
     pub(crate) fn has_masks(&self) -> bool {
@@ -235,11 +236,13 @@ impl PosedFrame {
             content: Arc::new(FileContent {
                 image: self.image,
                 rules,
-                size: (stored.width, stored.height),
+                geometry: ViewGeometry {
+                    size: (stored.width, stored.height),
+                    undistortion,
+                    pinhole,
+                    camera_from_world,
+                },
                 mask: self.mask,
-                undistortion,
-                pinhole,
-                camera_from_world,
                 depth: self.depth,
                 cameras: self.cameras,
             }),
@@ -311,13 +314,6 @@ pub(crate) fn frame_id(name: &str) -> String {
         Some((stem, extension)) if is_picture_extension(extension) => stem.to_owned(),
         _ => name.to_owned(),
     }
-}
-
-pub(crate) fn is_picture_extension(extension: &str) -> bool {
-    matches!(
-        extension.to_ascii_lowercase().as_str(),
-        "png" | "jpg" | "jpeg" | "webp" | "tif" | "tiff" | "bmp" | "jfif"
-    )
 }
 
 #[cfg(test)]

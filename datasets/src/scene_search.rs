@@ -6,7 +6,8 @@ use std::path::{Path, PathBuf};
 
 use crate::DatasetError;
 use crate::files::{Root, list};
-use crate::left_out::{LeftOut, LeftOutScene, Why};
+use crate::found_scenes::{LeftOutScene, Why};
+use crate::left_out::LeftOut;
 
 const LINK_OUT: &str = "a symbolic link leads out of the dataset's folder";
 const LINK_NOWHERE: &str = "a symbolic link leads nowhere";

@@ -1,4 +1,4 @@
-//! A dataset as specified on a command line, and opening its scenes.
+//! A dataset: what is known about it without its files, and as asked for on a command line.
 
 use std::collections::BTreeMap;
 use std::fmt;
@@ -8,10 +8,98 @@ use serde::Serialize;
 
 use sharp::image_file::PictureRules;
 
-use crate::entry::{DatasetEntry, PICTURES, Setting, entry};
-use crate::error::nearest_of;
-use crate::left_out::{FoundScenes, LeftOutScene, by_reason};
-use crate::{DatasetError, Scene, files, picture_notes, processing, synthetic};
+use crate::found_scenes::{FoundScenes, LeftOutScene, by_reason};
+use crate::required_files::{PhotographPath, RequiredFile};
+use crate::setting::{PICTURES, Setting};
+use crate::{DatasetError, files};
+
+/// Static description of a dataset, as stated by its authors. Serialises to the output of `datasets list --json`.
+#[derive(Debug, Serialize)]
+pub struct DatasetEntry {
+    /// Name used in `FORMAT=PATH`.
+    pub format: &'static str,
+    /// Name used in tables and plots.
+    pub display_name: &'static str,
+    /// Short description, with the part or version that is read.
+    pub title: &'static str,
+    /// Official page; empty for the user's own data.
+    pub page: &'static str,
+    /// Summary of the terms of use; the page is authoritative.
+    pub terms: &'static str,
+    /// True if the terms allow publishing its pictures, and predictions from them, with attribution. True for the
+    /// user's own data; false if terms contradict each other.
+    pub may_publish: bool,
+    pub download: &'static str,
+    pub size: &'static str,
+    /// The files that the reader looks for.
+    pub layout: &'static str,
+    /// Column group in the paper's tables; empty for data that the paper does not use.
+    #[serde(rename = "table_column")]
+    pub paper_column: &'static str,
+    /// Criterion by which the paper chooses pairs; for other data, the rule that it would apply.
+    #[serde(skip)]
+    pub paper_overlap: PaperOverlap,
+    /// Remaining uncertainties.
+    pub caveat: &'static str,
+    /// Available settings, for instance for different interpretations of the paper.
+    #[serde(rename = "readings")]
+    pub settings: &'static [Setting],
+    #[serde(skip)]
+    pub(crate) open: fn(&DatasetSpec) -> Result<FoundScenes, DatasetError>,
+    #[serde(skip)]
+    pub(crate) required_files: fn(&PhotographPath<'_>) -> Vec<RequiredFile>,
+    #[serde(skip)]
+    pub(crate) archives: fn(&PhotographPath<'_>) -> Vec<String>,
+}
+
+impl DatasetEntry {
+    /// Defaults for the user's own data: no page, no terms, nothing to download.
+    pub(crate) const OWN: Self = Self {
+        format: "",
+        display_name: "",
+        title: "",
+        page: "",
+        terms: "yours",
+        may_publish: true,
+        download: "nothing",
+        size: "any",
+        layout: "",
+        paper_column: "",
+        paper_overlap: PaperOverlap::Dense,
+        caveat: "",
+        settings: &[],
+        open: |_| Ok(FoundScenes::default()),
+        required_files: |_| Vec::new(),
+        archives: |_| Vec::new(),
+    };
+
+    /// The photograph of a scene and its associated files in the dataset, in order of
+    /// [`FileRole`](crate::required_files::FileRole), according to the layout alone; for a stereo pair, only the
+    /// source's (left) depth is included. Files that are named in other files (`transforms.json`) or found by their
+    /// stem are only known once those exist: see [`View::required_files`](crate::View::required_files).
+    pub fn required_files(&self, scene: &str, picture: &str) -> Vec<RequiredFile> {
+        let photograph = PhotographPath::new(scene, picture);
+        let mut files = vec![RequiredFile::picture(picture)];
+        files.extend((self.required_files)(&photograph));
+        files
+    }
+
+    /// Archives on the official page that contain a scene; empty if unknown.
+    pub fn archives(&self, scene: &str, picture: &str) -> Vec<String> {
+        (self.archives)(&PhotographPath::new(scene, picture))
+    }
+}
+
+/// The paper's rule for choosing a dataset's pairs.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum PaperOverlap {
+    /// None: each stereo scene is one pair.
+    Stereo,
+    /// Overlap computed from the dataset's own dense depth.
+    Dense,
+    /// Overlap computed from predicted depth, scaled to the dataset's sparse depth.
+    Sparse,
+}
 
 /// A dataset specification: `[NAME:]FORMAT=PATH[,key=value…]`. The procedural format has no path: `synthetic` or
 /// `synthetic=seed=7,size=320x240`.
@@ -44,84 +132,6 @@ impl fmt::Display for SettingInForce {
 }
 
 impl DatasetSpec {
-    /// Parses `[NAME:]FORMAT=PATH[,key=value…]`. A path may contain `:`, `=` and commas, but not a comma followed by
-    /// text with `=`, which is parsed as a setting.
-    ///
-    /// # Errors
-    /// [`DatasetError::UnknownFormat`]; [`DatasetError::Spec`] for a missing path, an unknown key, or a value that is
-    /// not among the key's choices.
-    pub fn parse(text: &str) -> Result<Self, DatasetError> {
-        let error = |reason: String| DatasetError::Spec {
-            text: text.to_owned(),
-            reason,
-        };
-        // Without a path, the settings may directly follow the format: `synthetic,views=4`.
-        let (head, mut path) = match text.find(['=', ',']) {
-            Some(at) => (&text[..at], &text[at + 1..]),
-            None => (text, ""),
-        };
-        let (name, format) = match head.rsplit_once(':') {
-            Some(("", _)) => return Err(error("the name before ':' is empty".into())),
-            Some((name, format)) => (name, format),
-            None => (head, head),
-        };
-        if name.contains(char::is_control) {
-            return Err(error(
-                "a name has no line ends and no other control characters".into(),
-            ));
-        }
-        let entry = entry(format)?;
-        let procedural = format == synthetic::ENTRY.format;
-        let no_folder = || error(format!("no folder: write {format}=FOLDER"));
-        if !procedural && text[head.len()..].starts_with(',') {
-            return Err(no_folder());
-        }
-        // Settings are parsed from the end, so that a path may contain commas and equal signs.
-        let mut settings = BTreeMap::new();
-        while !path.is_empty() {
-            let (before, last) = match path.rsplit_once(',') {
-                Some(parts) => parts,
-                None if procedural => ("", path),
-                None => break,
-            };
-            let Some((key, value)) = last.split_once('=') else {
-                if procedural {
-                    return Err(error(format!("'{last}' is not key=value")));
-                }
-                break;
-            };
-            let mut known = entry.settings.iter().chain(&PICTURES);
-            let Some(setting) = known.find(|s| s.key == key) else {
-                let known = entry.settings.iter().chain(&PICTURES);
-                let known: Vec<_> = known.map(|s| s.key).collect();
-                return Err(error(format!(
-                    "{format} has no setting '{key}'; {}",
-                    nearest_of(key, &known)
-                )));
-            };
-            if !setting.any && setting.choices.iter().all(|c| c.value != value) {
-                let known: Vec<_> = setting.choices.iter().map(|c| c.value).collect();
-                return Err(error(format!(
-                    "'{key}' cannot be '{value}'; it is one of: {}",
-                    known.join(", ")
-                )));
-            }
-            if settings.insert(setting.key, value.to_owned()).is_some() {
-                return Err(error(format!("'{key}' is given twice")));
-            }
-            path = before;
-        }
-        if path.is_empty() && !procedural {
-            return Err(no_folder());
-        }
-        Ok(Self {
-            name: name.to_owned(),
-            entry,
-            path: PathBuf::from(path),
-            settings,
-        })
-    }
-
     /// Value of a setting: as given, or the default. Empty if the format does not have this key.
     pub fn setting(&self, key: &str) -> &str {
         let mut known = self.entry.settings.iter().chain(&PICTURES);
@@ -218,66 +228,5 @@ impl fmt::Display for DatasetSpec {
             write!(f, "{}{part}", if i == 0 { '=' } else { ',' })?;
         }
         Ok(())
-    }
-}
-
-/// Opens a dataset: finds its scenes and reads the cameras, but no pixels. Scenes are in natural order of their ids.
-///
-/// # Errors
-/// The first error; names the file or folder and what is wrong with it.
-pub fn open(spec: &DatasetSpec) -> Result<Vec<Scene>, DatasetError> {
-    open_each(spec)?.all()
-}
-
-/// Like [`open`], but also lists scenes that cannot be read or that a setting excludes.
-///
-/// # Errors
-/// If there is no scene at all, or the dataset's own lists cannot be read.
-pub fn open_each(spec: &DatasetSpec) -> Result<FoundScenes, DatasetError> {
-    let mut found = (spec.entry.open)(spec)?;
-    for scene in &mut found.scenes {
-        scene.notes.extend(processing::notes(scene));
-        picture_notes::add(scene, spec);
-    }
-    Ok(found)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn what_is_parsed_is_written_back() {
-        for text in [
-            "middlebury=/data/middlebury",
-            "mine:middlebury=a:b/c=d",
-            "middlebury=/data,rectification=perfect,right=im1E",
-            "synthetic",
-            "rings:synthetic=seed=7,size=320x240,views=24",
-        ] {
-            assert_eq!(DatasetSpec::parse(text).unwrap().to_string(), text);
-        }
-        let spec = DatasetSpec::parse("synthetic,views=4").unwrap();
-        assert_eq!(spec.to_string(), "synthetic=views=4");
-        let spec = DatasetSpec::parse("middlebury=./a,b").unwrap();
-        assert_eq!(spec.path, PathBuf::from("./a,b"));
-        assert_eq!(spec.setting("right"), "im1");
-    }
-
-    #[test]
-    fn mistakes_are_explained() {
-        for (text, reason) in [
-            ("kitti=/x", "known: middlebury"),
-            ("middlebury", "middlebury=FOLDER"),
-            ("middlebury,right=im1E", "middlebury=FOLDER"),
-            (":middlebury=/x", "empty"),
-            ("middlebury=/x,right=im2", "one of: im1, im1E, im1L"),
-            ("middlebury=/x,left=im0", "no setting 'left'"),
-            ("synthetic=seed=1,seed=2", "twice"),
-            ("synthetic=/x", "not key=value"),
-        ] {
-            let error = DatasetSpec::parse(text).unwrap_err().to_string();
-            assert!(error.contains(reason), "{error}");
-        }
     }
 }

@@ -8,13 +8,14 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
+use crate::DatasetEntry;
 use crate::depth::StereoGeometry;
-use crate::entry::{DatasetEntry, PaperOverlap};
-use crate::file_finder::PICTURES;
+use crate::files::PICTURE_EXTENSIONS;
 use crate::files::{self, Root};
 use crate::format::{FormatError, picture};
-use crate::left_out::FoundScenes;
+use crate::found_scenes::FoundScenes;
 use crate::required_files::{PhotographPath, RequiredFile};
+use crate::spec::PaperOverlap;
 use crate::stereo_pair::{self, Side};
 use crate::{DatasetError, DatasetSpec, Scene};
 
@@ -42,7 +43,8 @@ fn required_files(photo: &PhotographPath<'_>) -> Vec<RequiredFile> {
 fn open(spec: &DatasetSpec) -> Result<FoundScenes, DatasetError> {
     let root = Root::open(&spec.path)?;
     let search = root.find_folders(4, &|folder| {
-        let there = |name: &str| find(&root, folder, name, &PICTURES).is_ok_and(|p| p.is_some());
+        let there =
+            |name: &str| find(&root, folder, name, &PICTURE_EXTENSIONS).is_ok_and(|p| p.is_some());
         folder.join("rig.txt").is_file() || (there("left") && there("right"))
     })?;
     let mut found = FoundScenes::default();
@@ -58,8 +60,8 @@ fn read_scene(spec: &DatasetSpec, root: &Root, folder: &Path) -> Result<Scene, D
     let rig = StereoRig::parse(&files::read_text(&file)?)
         .map_err(|error| DatasetError::format(&file, error))?;
     let side = |name: &str, cx: f64| -> Result<Side, DatasetError> {
-        let image = find(root, folder, name, &PICTURES)?.ok_or_else(|| {
-            let endings = PICTURES.join(", .");
+        let image = find(root, folder, name, &PICTURE_EXTENSIONS)?.ok_or_else(|| {
+            let endings = PICTURE_EXTENSIONS.join(", .");
             DatasetError::malformed(folder, format!("no {name}.{endings}"))
         })?;
         Ok(Side {
@@ -202,7 +204,7 @@ mod tests {
                 let picture = image::RgbImage::from_pixel(8, 6, image::Rgb([9, 90, 200]));
                 picture.save(folder.join(name)).unwrap();
             }
-            assert_eq!(crate::spec::open(&spec).unwrap()[0].views.len(), 2);
+            assert_eq!(crate::open(&spec).unwrap()[0].views.len(), 2);
             for name in [left, right] {
                 std::fs::remove_file(folder.join(name)).unwrap();
             }

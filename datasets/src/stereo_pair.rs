@@ -9,6 +9,7 @@ use sharp::image_file::PictureRules;
 
 use crate::depth::{StereoGeometry, ViewDepth};
 use crate::file_content::FileContent;
+use crate::undistort::ViewGeometry;
 use crate::{DatasetError, DatasetSpec, Pairing, Scene, View};
 
 /// One side of a rectified pair.
@@ -44,11 +45,13 @@ impl Side {
             content: Arc::new(FileContent {
                 image: self.image,
                 rules,
-                size,
+                geometry: ViewGeometry {
+                    size,
+                    undistortion: None,
+                    pinhole,
+                    camera_from_world,
+                },
                 mask: None,
-                undistortion: None,
-                pinhole,
-                camera_from_world,
                 depth: self.disparity.map(disparity),
                 cameras: vec![calibration.to_owned()],
             }),

@@ -5,10 +5,21 @@ use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
 use glam::{DVec2, DVec3};
 use image::{GrayImage, ImageBuffer, Luma, Pixel, Rgb, RgbImage};
 use rayon::prelude::*;
-use sharp::camera::Intrinsics;
+use sharp::camera::{Intrinsics, RigidTransform};
 
 use crate::DepthMap;
 use crate::lens::{Lens, LensError};
+
+/// From the stored picture of a view to its pinhole camera and pose.
+#[derive(Debug)]
+pub(crate) struct ViewGeometry {
+    /// Size of the stored picture according to the camera, before resampling.
+    pub(crate) size: (u32, u32),
+    /// Mapping from the lens to the pinhole camera; `None` if the lens has no distortion.
+    pub(crate) undistortion: Option<Undistortion>,
+    pub(crate) pinhole: Intrinsics,
+    pub(crate) camera_from_world: RigidTransform,
+}
 
 /// A lens and the pinhole camera to which its pictures are resampled; both look along the same axis.
 #[derive(Debug, Clone, Copy)]

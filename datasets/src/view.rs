@@ -3,17 +3,15 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use image::{GrayImage, ImageBuffer, Luma, RgbImage};
+use image::{GrayImage, RgbImage};
 use sharp::camera::{Intrinsics, RigidTransform};
 use sharp::image_file::Header;
 
 use crate::DatasetError;
+use crate::depth_map::DepthMap;
 use crate::left_out::LeftOutViews;
 use crate::processing::Processing;
-use crate::required_files::FileRole;
-
-/// z-depth in metres, row-major, top row first; 0 marks an invalid pixel, all other values are finite and positive.
-pub type DepthMap = ImageBuffer<Luma<f32>, Vec<f32>>;
+use crate::required_files::{FileRole, RequiredFile};
 
 /// Information from the header of a photograph's file.
 #[derive(Debug, Clone, PartialEq)]
@@ -103,6 +101,21 @@ pub struct View {
     pub content: Arc<dyn ViewContent>,
 }
 
+impl View {
+    /// The files of this view as its reader found them, relative to `folder`; files elsewhere have their whole paths.
+    pub fn required_files(&self, folder: &Path) -> Vec<RequiredFile> {
+        let relative = |file: &Path| {
+            let inside = file.strip_prefix(folder).unwrap_or(file);
+            let levels: Vec<_> = inside.iter().map(|level| level.to_string_lossy()).collect();
+            levels.join("/")
+        };
+        let files = self.content.files_by_role().into_iter();
+        files
+            .map(|(role, file)| RequiredFile::new(role, relative(&file)))
+            .collect()
+    }
+}
+
 /// Rule by which the views of a scene form pairs.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Pairing {
@@ -150,4 +163,16 @@ impl Scene {
             left_out: Vec::new(),
         }
     }
+}
+
+/// Number of views without depth.
+pub(crate) fn without_depth(views: &[View]) -> usize {
+    let lacking = views.iter().filter(|v| v.content.processing().lacks_depth);
+    lacking.count()
+}
+
+/// At most `most` of `count` indices, evenly spaced and including the first.
+pub(crate) fn evenly_spaced(count: usize, most: usize) -> Vec<usize> {
+    let n = count.min(most.max(1));
+    (0..n).map(|i| i * count / n).collect()
 }

@@ -9,14 +9,17 @@ use std::path::{Path, PathBuf};
 
 use serde_json::Value;
 
+use crate::DatasetEntry;
 use crate::depth::{DepthEncoding, DepthKind, ViewDepth};
-use crate::entry::{DatasetEntry, PaperOverlap, Setting, choice, proxy};
 use crate::files::{self, Root};
 use crate::format::{lenient_json, trajectory};
-use crate::left_out::{FoundScenes, LeftOut};
+use crate::found_scenes::FoundScenes;
+use crate::left_out::LeftOut;
 use crate::lens::{Distortion, Lens};
 use crate::required_files::{PhotographPath, RequiredFile};
 use crate::scene_builder::{Pinhole, PosedFrame, SceneBuilder, no_pose};
+use crate::setting::{Setting, choice, proxy};
+use crate::spec::PaperOverlap;
 use crate::{DatasetError, DatasetSpec, Scene, natural_order};
 
 pub(crate) static ENTRY: DatasetEntry = DatasetEntry {

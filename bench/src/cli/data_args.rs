@@ -1,7 +1,8 @@
 //! Options that several commands share: datasets, pairs, metrics, the backend.
 
 use clap::Args;
-use sharp_datasets::entry::{ENTRIES, PICTURES};
+use sharp_datasets::registry::ENTRIES;
+use sharp_datasets::setting::PICTURES;
 
 use super::output;
 use crate::io::counts::counted;

@@ -8,7 +8,8 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use sharp_datasets::Scene;
 use sharp_datasets::check::advice::Units;
-use sharp_datasets::left_out::{LeftOutScenes, by_reason};
+use sharp_datasets::found_scenes::by_reason;
+use sharp_datasets::left_out::LeftOutScenes;
 
 use super::error::PairError;
 use crate::pairs::DatasetConfig;

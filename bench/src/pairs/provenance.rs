@@ -6,7 +6,8 @@ use std::path::{Path, PathBuf};
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-use sharp_datasets::entry::{PaperOverlap, entry};
+use sharp_datasets::registry::entry;
+use sharp_datasets::spec::PaperOverlap;
 
 use super::options::PairOptions;
 use super::pair_list::PairList;

@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use sharp::model::bundled;
 use sharp_datasets::DatasetEntry;
-use sharp_datasets::entry::ENTRIES;
+use sharp_datasets::registry::ENTRIES;
 
 use crate::evaluate::doubts::{doubts_of, rule_notes};
 use crate::evaluate::manifest::{DatasetRecord, MethodRecord};

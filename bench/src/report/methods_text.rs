@@ -2,7 +2,7 @@
 
 use std::collections::BTreeSet;
 
-use sharp_datasets::entry::entry;
+use sharp_datasets::registry::entry;
 
 use super::board::{ReportDataset, bundled_network, proxies};
 use super::metrics_text::{MethodsText, short};

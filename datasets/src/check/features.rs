@@ -11,8 +11,9 @@ use super::change::{Change, Moves};
 use super::convention::{CONVENTIONS, alternatives};
 use super::orders::{neighbours, orders};
 use super::small_view::{Grey, SmallView, ray};
-use super::{Effort, advice, evenly_spaced};
+use super::{Effort, advice};
 use crate::View;
+use crate::view::evenly_spaced;
 
 /// Maximum width to which views are reduced.
 const WIDEST: u32 = 192;

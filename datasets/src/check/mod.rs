@@ -33,9 +33,11 @@ use std::collections::BTreeSet;
 use rayon::prelude::*;
 use serde::Serialize;
 
-use crate::left_out::by_reason;
-use crate::spec::{SettingInForce, open_each};
-use crate::{DatasetError, DatasetSpec, Pairing, Scene, View, processing};
+use crate::found_scenes::by_reason;
+use crate::registry::open_each;
+use crate::spec::SettingInForce;
+use crate::view::{evenly_spaced, without_depth};
+use crate::{DatasetError, DatasetSpec, Pairing, Scene, View};
 use advice::Units;
 use consistency::Consistency;
 use features::Matches;
@@ -127,7 +129,7 @@ fn demanded_depth(spec: &DatasetSpec) -> Option<&str> {
 
 /// Note on a scene without depth, for which no pairs can be chosen, with the settings that help.
 fn without_pairs(spec: &DatasetSpec, scene: &Scene) -> Option<String> {
-    let without = processing::without_depth(&scene.views) == scene.views.len();
+    let without = without_depth(&scene.views) == scene.views.len();
     let own = match spec.entry.format {
         "colmap" => "put depth maps named as the pictures into depth/, say depth=points (sparse), ",
         "nerfstudio" => "name depth maps by depth_file_path, ",
@@ -264,7 +266,7 @@ fn check_scene(scene: &Scene, views_per_scene: usize, spec: &DatasetSpec) -> Sce
         problems.push(format!("{}: fewer than two views, so no pair", scene.id));
     }
     if let Some(source) = depth
-        && processing::without_depth(&scene.views) == scene.views.len()
+        && without_depth(&scene.views) == scene.views.len()
     {
         problems.push(format!(
             "{}: depth={source} was asked for, but no picture has any",
@@ -336,12 +338,6 @@ fn decode(view: &View) -> Decoded {
         coverage,
         levels,
     }
-}
-
-/// At most `most` of `count` indices, evenly spaced and including the first.
-pub(crate) fn evenly_spaced(count: usize, most: usize) -> Vec<usize> {
-    let n = count.min(most.max(1));
-    (0..n).map(|i| i * count / n).collect()
 }
 
 #[cfg(test)]

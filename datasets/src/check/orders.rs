@@ -5,13 +5,14 @@ use std::collections::BTreeSet;
 
 use sharp::camera::RigidTransform;
 
+use super::Effort;
 use super::change::{Change, Moves};
 use super::compare::{LEAST_GAIN, mean_loss};
 use super::explained::{Explained, Reading};
 use super::neighbours::{MOST_ALL, Neighbours};
 use super::small_view::{Sample, SmallView};
-use super::{Effort, evenly_spaced};
 use crate::View;
+use crate::view::evenly_spaced;
 
 /// Minimum number of views: with fewer, any assignment to poses may fit.
 const LEAST_VIEWS: usize = 5;

@@ -9,17 +9,19 @@ mod photographs;
 
 use std::path::PathBuf;
 
+use crate::DatasetEntry;
 use crate::colmap::PointTracks;
 use crate::depth::ViewDepth;
-use crate::entry::{DatasetEntry, PaperOverlap, Setting, choice, proxy};
 use crate::files::{self, Root};
 use crate::format::transforms::{JsonFrame, undo_colmap_axes};
 use crate::format::{colmap, picture};
-use crate::left_out::FoundScenes;
+use crate::found_scenes::FoundScenes;
 use crate::mask::{Keep, MaskFile};
 use crate::required_files::{PhotographPath, RequiredFile};
 use crate::scan_depth::{ScanCache, ScanFile};
 use crate::scene_builder::{Pinhole, PosedFrame, SceneBuilder, frame_id, no_pose};
+use crate::setting::{Setting, choice, proxy};
+use crate::spec::PaperOverlap;
 use crate::{DatasetError, DatasetSpec, Scene};
 use photographs::DslrPhotographs;
 

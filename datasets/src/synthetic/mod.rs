@@ -38,9 +38,10 @@ use std::sync::Arc;
 use glam::DVec2;
 use sharp::camera::{CameraError, RigidTransform};
 
-use crate::entry::{DatasetEntry, Setting, choice};
-use crate::left_out::FoundScenes;
+use crate::DatasetEntry;
+use crate::found_scenes::FoundScenes;
 use crate::lens::{Distortion, Lens};
+use crate::setting::{Setting, choice};
 use crate::{DatasetError, DatasetSpec, Pairing, Scene, View};
 use content::ProceduralContent;
 use rig::Rig;

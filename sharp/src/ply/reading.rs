@@ -56,6 +56,7 @@ macro_rules! setting {
     };
 }
 
+#[cfg(feature = "render")]
 pub(crate) use setting;
 
 setting!(

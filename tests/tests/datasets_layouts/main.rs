@@ -28,7 +28,7 @@ use std::path::Path;
 
 use sharp_datasets::check::advice::Units;
 use sharp_datasets::check::contradictions;
-use sharp_datasets::left_out::by_reason;
+use sharp_datasets::found_scenes::by_reason;
 use sharp_datasets::lens::{Distortion, Lens};
 use sharp_datasets::synthetic::{SyntheticOptions, SyntheticScene};
 use sharp_datasets::{DatasetSpec, DepthMap, Pairing, Scene, View, open, open_each};

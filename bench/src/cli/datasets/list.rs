@@ -1,7 +1,8 @@
 //! `datasets list`.
 
 use sharp_datasets::DatasetEntry;
-use sharp_datasets::entry::{ENTRIES, PICTURES, Setting};
+use sharp_datasets::registry::ENTRIES;
+use sharp_datasets::setting::{PICTURES, Setting};
 
 use crate::cli::{Outcome, output};
 use crate::pairs::frame::Frame;

@@ -5,8 +5,8 @@ use std::path::{Path, PathBuf};
 
 use serde::Serialize;
 use serde_json::json;
-use sharp_datasets::entry::ENTRIES;
-use sharp_datasets::required_files::{self, FileRole, RequiredFile};
+use sharp_datasets::registry::ENTRIES;
+use sharp_datasets::required_files::{FileRole, RequiredFile};
 use sharp_datasets::{DatasetEntry, DatasetSpec, Pairing, Scene, View};
 
 use crate::cli::{Outcome, output};
@@ -101,7 +101,7 @@ fn needed(list: &PairList, name: &str, spec: Option<DatasetSpec>) -> Needed {
                 // The reader knows; of the layout's names only the lists are not among its files.
                 Some(view) => {
                     let folder = root.as_deref().unwrap_or(Path::new(""));
-                    files.extend(required_files::of_view(view, folder));
+                    files.extend(view.required_files(folder));
                     files.extend(by_layout.filter(|file| file.role == FileRole::List));
                 }
                 None => files.extend(by_layout),

@@ -3,7 +3,7 @@
 //! The paper states: sets of ten views, depth overlap above 60 %, predicted depth scaled to the dataset's where that is
 //! sparse, min(512, all) pairs, and for stereo datasets every left frame to its right one.
 
-pub use sharp_datasets::entry::PaperOverlap;
+pub use sharp_datasets::spec::PaperOverlap;
 
 use super::{MissingDepth, OverlapDepth, PairOptions};
 use crate::pairs::sets::Grouping;
@@ -83,7 +83,7 @@ impl PairOptions {
 
 #[cfg(test)]
 mod tests {
-    use sharp_datasets::entry::entry;
+    use sharp_datasets::registry::entry;
 
     use super::*;
 

@@ -13,7 +13,7 @@ pub mod text;
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 
-use sharp_datasets::entry::entry;
+use sharp_datasets::registry::entry;
 
 use crate::evaluate::manifest::DatasetRecord;
 use crate::evaluate::readings::{Readings, score_readings};

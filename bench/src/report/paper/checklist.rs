@@ -2,7 +2,8 @@
 
 use std::collections::BTreeSet;
 
-use sharp_datasets::entry::{ENTRIES, PaperOverlap};
+use sharp_datasets::registry::ENTRIES;
+use sharp_datasets::spec::PaperOverlap;
 
 use crate::evaluate::Aggregation;
 use crate::evaluate::manifest::{DatasetRecord, Manifest, MethodRecord};

@@ -17,7 +17,7 @@ pub mod rows;
 #[cfg(test)]
 mod tests;
 
-use sharp_datasets::entry::ENTRIES;
+use sharp_datasets::registry::ENTRIES;
 
 use super::board::ReportDataset;
 

@@ -9,9 +9,10 @@ use std::sync::Arc;
 use image::{GrayImage, RgbImage};
 
 use super::advice::Units;
-use super::{Effort, check, evenly_spaced, look};
+use super::{Effort, check, look};
 use crate::required_files::FileRole;
 use crate::synthetic::{SyntheticOptions, SyntheticScene};
+use crate::view::evenly_spaced;
 use crate::{DatasetError, DatasetSpec, DepthMap, Pairing, Scene, View, ViewContent};
 
 /// A view's pixels.

@@ -1,7 +1,7 @@
 //! Samples from posed pictures with depth, read by `sharp-datasets`.
 
 use sharp::camera::baseline_m;
-use sharp_datasets::left_out::Why;
+use sharp_datasets::found_scenes::Why;
 use sharp_datasets::required_files::FileRole;
 use sharp_datasets::synthetic::{TRAINING_SEEDS, seeds_of};
 use sharp_datasets::{DatasetSpec, Scene, View, open_each};

@@ -3,11 +3,14 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
+use sharp::camera::Intrinsics;
 use sharp::image_file::{ColorRule, OrientationRule};
 
-use crate::check::evenly_spaced;
-use crate::entry::Setting;
-use crate::{DatasetSpec, Scene, View, files};
+use crate::left_out::first_few;
+use crate::processing::Undistorted;
+use crate::setting::Setting;
+use crate::view::{evenly_spaced, without_depth};
+use crate::{DatasetSpec, Pairing, Scene, View, files};
 
 /// Maximum number of headers read per scene, evenly spaced.
 const HEADERS: usize = 64;
@@ -37,6 +40,7 @@ pub(crate) fn unread_masks(folder: &Path, hint: &str) -> Option<String> {
 
 /// Adds notes and warnings to a scene. Files that cannot be read are skipped; decoding reports them.
 pub(crate) fn add(scene: &mut Scene, spec: &DatasetSpec) {
+    scene.notes.extend(processing(scene));
     let rules = spec.picture_rules();
     let looked_at = evenly_spaced(scene.views.len(), HEADERS).into_iter();
     let found = looked_at.filter_map(|i| scene.views[i].content.found().ok().flatten());
@@ -113,4 +117,58 @@ pub(crate) fn add(scene: &mut Scene, spec: &DatasetSpec) {
             100.0 * left
         ));
     }
+}
+
+/// Notes on the processing of a scene's pixels, and on views without data that others have; one line each.
+fn processing(scene: &Scene) -> Vec<String> {
+    let all = scene.views.len();
+    let mut notes = Vec::new();
+    let mut ways: BTreeMap<Undistorted, Vec<&Intrinsics>> = BTreeMap::new();
+    for view in &scene.views {
+        if let Some(way) = view.content.processing().undistorted {
+            ways.entry(way).or_default().push(&view.intrinsics);
+        }
+    }
+    for (way, cameras) in ways {
+        let camera = if cameras.iter().all(|camera| *camera == cameras[0]) {
+            let k = cameras[0];
+            format!(
+                " (fx {:.3}, fy {:.3}, cx {:.3}, cy {:.3}, {}x{})",
+                k.fx, k.fy, k.cx, k.cy, k.width, k.height
+            )
+        } else {
+            String::new()
+        };
+        notes.push(format!(
+            "pictures: {} of {all} undistorted by us, bilinearly, from {} to {}{camera}",
+            cameras.len(),
+            way.model,
+            way.camera
+        ));
+    }
+    let masked = scene.views.iter().filter(|v| v.content.processing().masked);
+    let masked = masked.count();
+    if masked > 0 {
+        notes.push(format!(
+            "masks: {masked} of {all} pictures have one; what it excludes is black and without depth"
+        ));
+    }
+    let lacking = without_depth(&scene.views);
+    if scene.pairing == Pairing::MultiView && (1..all).contains(&lacking) {
+        notes.push(format!(
+            "depth: {lacking} of {all} pictures have none: {}",
+            first_without_depth(&scene.views)
+        ));
+    }
+    notes
+}
+
+/// File names of the first pictures without depth.
+fn first_without_depth(views: &[View]) -> String {
+    let lacking = views.iter().filter(|v| v.content.processing().lacks_depth);
+    let names = lacking.map(|view| {
+        let file = view.content.image_file().and_then(|path| path.file_name());
+        file.map_or(view.id.clone(), |name| name.to_string_lossy().into_owned())
+    });
+    first_few(&names.collect::<Vec<_>>())
 }

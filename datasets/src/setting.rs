@@ -1,0 +1,151 @@
+//! Settings of datasets: keys, values and their meaning.
+
+use serde::Serialize;
+
+/// An option for opening a dataset, given as `key=value`.
+#[derive(Debug, Serialize)]
+pub struct Setting {
+    pub key: &'static str,
+    pub meaning: &'static str,
+    pub default: &'static str,
+    /// True if values other than the choices are allowed.
+    #[serde(rename = "other_values")]
+    pub any: bool,
+    /// True if the paper leaves open which of several values it used.
+    pub open: bool,
+    /// Values with a specific meaning, the default first.
+    pub choices: &'static [SettingChoice],
+}
+
+impl Setting {
+    pub(crate) const fn choice(
+        key: &'static str,
+        meaning: &'static str,
+        choices: &'static [SettingChoice],
+    ) -> Self {
+        Self {
+            key,
+            meaning,
+            default: choices[0].value,
+            any: false,
+            open: false,
+            choices,
+        }
+    }
+
+    /// A setting with any value, some of which are described; the others count as proxies.
+    pub(crate) const fn named(
+        key: &'static str,
+        meaning: &'static str,
+        choices: &'static [SettingChoice],
+    ) -> Self {
+        Self {
+            any: true,
+            ..Self::choice(key, meaning, choices)
+        }
+    }
+
+    pub(crate) const fn free(
+        key: &'static str,
+        meaning: &'static str,
+        default: &'static str,
+    ) -> Self {
+        Self {
+            key,
+            meaning,
+            default,
+            any: true,
+            open: false,
+            choices: &[],
+        }
+    }
+
+    /// Marks a setting whose value the paper leaves open.
+    pub(crate) const fn left_open(self) -> Self {
+        Self { open: true, ..self }
+    }
+
+    /// True if this setting has the given key and accepts the given value.
+    pub fn allows(&self, key: &str, value: &str) -> bool {
+        self.key == key && (self.any || self.choices.iter().any(|choice| choice.value == value))
+    }
+
+    /// True if a value is known to differ from the paper's procedure.
+    pub(crate) fn is_proxy(&self, value: &str) -> bool {
+        let chosen = self.choices.iter().find(|choice| choice.value == value);
+        chosen.map_or(!self.choices.is_empty(), |choice| choice.proxy)
+    }
+}
+
+/// One value of a [`Setting`].
+#[derive(Debug, Serialize)]
+pub struct SettingChoice {
+    pub value: &'static str,
+    pub meaning: &'static str,
+    /// True if it is known to differ from the paper's procedure; reports then say "proxy".
+    pub proxy: bool,
+}
+
+pub(crate) const fn choice(value: &'static str, meaning: &'static str) -> SettingChoice {
+    SettingChoice {
+        value,
+        meaning,
+        proxy: false,
+    }
+}
+
+/// A choice that is known to differ from the paper's procedure.
+pub(crate) const fn proxy(value: &'static str, meaning: &'static str) -> SettingChoice {
+    SettingChoice {
+        proxy: true,
+        ..choice(value, meaning)
+    }
+}
+
+/// Settings for reading pictures, available in every file-based format. They only become part of a dataset's identity
+/// if given explicitly.
+pub static PICTURES: [Setting; 3] = [
+    Setting::choice(
+        "alpha",
+        "pictures that are not opaque",
+        &[
+            choice("refuse", "are an error"),
+            choice("black", "are composited over black, in encoded values"),
+            choice("white", "are composited over white, in encoded values"),
+            choice("drop", "keep their colours as they are stored"),
+        ],
+    ),
+    Setting::choice(
+        "color",
+        "pictures whose colour profile (ICC, cICP) is not sRGB",
+        &[
+            choice(
+                "convert",
+                "are converted to sRGB, clipped; tables of colours and inks are an error",
+            ),
+            choice("as-stored", "are taken for sRGB"),
+        ],
+    ),
+    Setting::choice(
+        "orientation",
+        "pictures with an EXIF orientation",
+        &[
+            choice(
+                "auto",
+                "are read as stored where that fits the camera, upright where only that does",
+            ),
+            choice("stored", "are read as stored"),
+            choice("upright", "are turned upright"),
+        ],
+    ),
+];
+
+/// Permission to refer to files outside the dataset's folder.
+pub(crate) const OUTSIDE: Setting = Setting::choice(
+    "outside",
+    "files that `..`, an absolute path or a symbolic link puts outside the folder",
+    &[
+        choice("refuse", "are an error"),
+        choice("allow", "are read; only for files you trust"),
+    ],
+);
