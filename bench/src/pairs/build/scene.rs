@@ -9,12 +9,12 @@ use sharp::camera::baseline_m;
 use sharp_datasets::{Pairing, Scene, View};
 
 use super::measure::{DepthFailure, Measuring};
-use super::{BuildContext, Pair, PairBuild, PairCounts, Problem, SPARSE_COVERAGE};
-use crate::pairs::PairError;
+use super::{BuildContext, PairBuild, PairCounts, Problem, SPARSE_COVERAGE};
 use crate::pairs::options::{MissingDepth, PairOptions, PairOrder};
 use crate::pairs::overlap_cache::SceneOverlaps;
 use crate::pairs::pair_id::PairName;
 use crate::pairs::sets::view_sets;
+use crate::pairs::{Pair, PairError};
 
 /// The part of a [`PairBuild`] for one scene.
 pub(super) struct SceneWork<'a> {

@@ -14,7 +14,7 @@ use serde::Serialize;
 use sharp_datasets::{Scene, View};
 
 use self::forms::Entry;
-use super::build::Pair;
+use super::Pair;
 use super::build::scene::row;
 use super::dataset::OpenDataset;
 use super::error::PairError;

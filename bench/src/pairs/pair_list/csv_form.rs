@@ -4,7 +4,7 @@ use std::ops::RangeInclusive;
 use std::str::FromStr;
 
 use crate::io::text::{csv_cell, csv_text};
-use crate::pairs::build::Pair;
+use crate::pairs::Pair;
 use crate::pairs::pair_id::PairName;
 
 pub const COLUMNS: [&str; 16] = [

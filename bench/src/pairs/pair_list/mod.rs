@@ -22,9 +22,8 @@ pub const LIST_MARK: &str = "pair_id,dataset,";
 use self::csv_form::{parse_row, to_csv};
 pub use self::diff::{ChangedPair, ListDiff};
 pub use self::verify::{HashMismatch, MovedCamera, Unreadable, Verification};
-use super::PairError;
-use super::build::Pair;
 use super::dataset::OpenDataset;
+use super::{Pair, PairError};
 use crate::io::atomic_files::{FileError, write_atomic};
 use crate::io::hash::sha256_hex;
 

@@ -8,7 +8,7 @@ use sharp::camera::baseline_m;
 use sharp_datasets::{Scene, View};
 
 use super::{PairList, absent_scene};
-use crate::pairs::build::Pair;
+use crate::pairs::Pair;
 
 /// Tolerance for baselines to count as equal, metres: far below any calibration error, far above rounding.
 const SAME_BASELINE_M: f64 = 1e-9;
