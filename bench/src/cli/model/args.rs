@@ -12,7 +12,7 @@ use sharp_datasets::files::what_lies_in;
 use crate::cli::output;
 use crate::io::checkpoint::named_network;
 
-/// The network.
+/// Options for the network.
 #[derive(Debug, Args)]
 pub(crate) struct ModelArgs {
     /// Weights: .pt or .safetensors, or mini for the bundled small network [default: the release checkpoint in its own
@@ -107,7 +107,7 @@ impl PhotoArgs {
     }
 }
 
-/// Source of a focal length, in words.
+/// Source of a focal length, as text.
 pub(crate) fn focal_text(photo: &Photo) -> String {
     let source = match photo.focal_source {
         FocalSource::Given => "given".to_owned(),
