@@ -25,9 +25,9 @@ pub(crate) struct ModelArgs {
     /// Ignore unknown tensors with this name prefix; repeatable
     #[arg(long, value_name = "PREFIX")]
     pub(crate) allow_unused: Vec<String>,
-    /// Where to compute: auto (CUDA or Metal where this build has it, else the CPU), cpu, candle-cpu (candle's own
-    /// operations on the CPU, a slower reference), cuda (an NVIDIA GPU; needs a build with --features cuda) or metal
-    /// (an Apple GPU; likewise, untested)
+    /// Device: auto (CUDA or Metal if this build has it, else the CPU), cpu, candle-cpu (candle's own operations on the
+    /// CPU, a slower reference), cuda (an NVIDIA GPU; needs a build with --features cuda) or metal (an Apple GPU;
+    /// likewise, untested)
     #[arg(long, value_name = "DEVICE", default_value = "auto")]
     pub(crate) device: DeviceChoice,
     /// On the CPU, use direct instead of Winograd convolution: slower, rounding errors five times smaller
