@@ -54,13 +54,13 @@ enum FigureCommand {
         #[arg(long)]
         json: bool,
     },
-    /// Histograms of the camera baselines, a panel a dataset
+    /// Histograms of the camera baselines, one panel per dataset
     Baselines(RunsArgs),
     /// DISTS against the camera baseline, of methods without the source's true depth
     Motion(RunsArgs),
     /// DISTS against the camera baseline, of methods with the source's true depth or its scale
     MotionPrivileged(RunsArgs),
-    /// A metric against seconds a pair, on a logarithmic axis
+    /// A metric against seconds per pair, on a logarithmic axis
     FidelityTime {
         #[command(flatten)]
         runs: RunsArgs,
@@ -78,7 +78,7 @@ enum FigureCommand {
         #[command(flatten)]
         pairs: PairsChoice,
     },
-    /// The same pairs as columns, methods or labelled runs as rows
+    /// Methods or labelled runs as rows, pairs as columns
     Ablation {
         #[command(flatten)]
         pictures: PicturesArgs,

@@ -7,7 +7,7 @@ use crate::methods::file_reading::Axes;
 
 #[derive(Debug, Clone, Args)]
 pub(crate) struct ReadingArgs {
-    /// Encoding of a PLY's colours if the file does not say: linear or srgb
+    /// Encoding of a PLY's colours if the file does not state it: linear or srgb
     #[arg(long, value_name = "SPACE")]
     color_space: Option<ColorSpace>,
     /// Conventions of the file's numbers: opacity=linear, scales=linear, quaternions=xyzw, colors=rgb01,

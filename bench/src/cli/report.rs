@@ -36,14 +36,14 @@ pub(super) struct ReportArgs {
     /// Where to write [default: RUN/report for a single run]
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
-    /// Which of the paper's numbers to show beside ours
+    /// Which of the paper's numbers to show next to ours
     #[arg(long, value_enum, default_value_t = PublishedNumbers::Matching)]
     published: PublishedNumbers,
     /// How to average, instead of the runs' rule: over pairs, over scenes of means over pairs, or over source views of
     /// means over targets
     #[arg(long, value_enum, value_name = "OVER")]
     aggregate: Option<Aggregation>,
-    /// Where the page's pictures go [default: into the page for up to 24 pairs, else beside it]
+    /// Location of the page's pictures [default: in the page for up to 24 pairs, else next to it]
     #[arg(long, value_enum)]
     layout: Option<Layout>,
     /// Leave out pictures of datasets whose terms forbid publishing them (the page names them), and paths on this

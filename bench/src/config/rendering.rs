@@ -47,9 +47,9 @@ impl RenderingConfig {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum Quantise {
-    /// To the nearest level: what scoring does unless asked otherwise
+    /// To the nearest level, the default for scoring
     Round,
-    /// Towards zero: what the release's video writer does
+    /// Towards zero, as the release's video writer does
     Truncate,
 }
 

@@ -95,7 +95,7 @@ pub(super) struct MetricsArgs {
     /// For pictures with an EXIF orientation: upright (the default auto does the same here) or stored
     #[arg(long, value_name = "RULE", default_value_t)]
     orientation: OrientationRule,
-    /// For EXR files that do not say: linear (as most programs write) or srgb (encoded values)
+    /// For EXR files that do not state it: linear (as most programs write) or srgb (encoded values)
     #[arg(long, value_name = "TRANSFER")]
     exr: Option<ExrTransfer>,
     /// Class of CPU kernels for the networks: avx512, avx2 or portable [default: the machine's fastest]

@@ -60,7 +60,7 @@ impl ModelArgs {
 /// Options for reading a photograph.
 #[derive(Debug, Args)]
 pub(crate) struct PhotoArgs {
-    /// Focal length in pixels of the upright photograph [default: as the file says]
+    /// Focal length in pixels of the upright photograph [default: the file's]
     #[arg(long, value_name = "F")]
     pub(crate) focal_px: Option<f64>,
     /// Refuse larger photographs before they are decoded

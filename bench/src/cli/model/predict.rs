@@ -49,7 +49,7 @@ pub(crate) struct PredictArgs {
     /// Leave out the release's extra elements, which some viewers cannot read
     #[arg(long)]
     plain: bool,
-    /// Also write both depth layers beside the PLY
+    /// Also write both depth layers next to the PLY
     #[arg(long, value_enum, value_name = "FORM")]
     depth: Option<DepthForm>,
     /// Print JSON

@@ -104,8 +104,8 @@ pub(super) struct RenderArgs {
     /// Frames per second of a GIF (at most 50) or MP4 [default: 30, the release's]
     #[arg(long, value_name = "N", help_heading = "Paths", value_parser = clap::value_parser!(u32).range(1..=240))]
     fps: Option<u32>,
-    /// Write the camera of every view, as --camera reads it, beside each picture or frame, or into OUT.cameras for a
-    /// movie
+    /// Write the camera of every view, in the format of --camera, next to each picture or frame, or into OUT.cameras
+    /// for a movie
     #[arg(long, help_heading = "Paths")]
     write_cameras: bool,
     /// Print JSON: files, sizes, backend, and how many Gaussians were dropped

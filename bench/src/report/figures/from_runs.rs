@@ -26,8 +26,8 @@ pub struct SheetOptions {
     /// Methods to show, in this order [default: all ranked ones]
     #[arg(long = "method", value_name = "METHOD")]
     pub methods: Vec<String>,
-    /// Metrics whose scores are shown below predictions, comma-separated; the first one decides what is worst [default:
-    /// all]
+    /// Metrics whose scores are shown below predictions, comma-separated; the first one selects the worst pairs
+    /// [default: all]
     #[arg(long, value_name = "LIST", value_delimiter = ',')]
     pub metrics: Vec<MetricKey>,
     /// A part to frame and enlarge, pixels of the target; repeatable

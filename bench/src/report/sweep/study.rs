@@ -17,7 +17,7 @@ use sharp_plots::bins::{Cuts, bins};
 use sharp_plots::curves::Banded;
 use sharp_plots::panels::BinCount;
 
-/// Scores against a motion, ready for drawing and writing.
+/// Scores against camera motion, ready for drawing and writing.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Sweep {
     pub spec: SweepSpec,
