@@ -132,7 +132,7 @@ pub fn read(
     })
 }
 
-/// Doubts a rule that draws fewer harmonics than the file has.
+/// A doubt if the rule draws fewer harmonics than the file has.
 fn undrawn(gaussians: &Gaussians, rule: &Rule) -> Option<Suspicion> {
     let degree = gaussians.harmonics.degree;
     (degree > rule.degree).then(|| {
