@@ -38,7 +38,7 @@ pub(crate) struct Source {
 
 #[pymethods]
 impl Source {
-    /// dataset/scene/view.
+    /// Name of the view, dataset/scene/view.
     #[getter]
     fn name(&self) -> &str {
         &self.name

@@ -36,10 +36,10 @@ enum AnalyzeCommand {
     Translation(TranslationArgs),
 }
 
-/// How much each metric reacts to a small shift of a picture, and to its mean colour in its place
+/// How much each metric reacts to a small shift of a picture, and to replacing it by its mean colour
 ///
-/// The paper's table of sensitivity. A window moves over the picture, so that nothing is filled in at a border; between
-/// pixels it is interpolated linearly; all pictures are rounded to 8 bits.
+/// The paper's table of sensitivity. A window moves over the picture, so that no border is filled in. Sub-pixel shifts
+/// are interpolated linearly; all pictures are rounded to 8 bits.
 #[derive(Debug, Args)]
 struct TranslationArgs {
     /// The picture
@@ -104,7 +104,7 @@ fn translation(args: &TranslationArgs) -> anyhow::Result<Outcome> {
     Ok(Outcome::Done)
 }
 
-/// The files written.
+/// Writes the table, the figure and the pictures; returns the files' paths.
 fn write(
     experiment: &Experiment,
     name: &str,

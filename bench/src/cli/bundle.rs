@@ -1,4 +1,4 @@
-//! `bundle RUN`: the scores of a run as one small file.
+//! `bundle RUN`: packs the scores of a run into one small file.
 
 use std::path::PathBuf;
 
@@ -12,8 +12,8 @@ use crate::io::hash::file_sha256;
 
 /// Pack the scores of a run into one small file, to share or to commit as a baseline
 ///
-/// Scores exactly as they are, the manifest and the evaluated pairs; no pictures, no timings. Equal results give equal
-/// bytes. `report`, `compare`, `gate` and `history add` take the file where they take a run folder.
+/// Contains the exact scores, the manifest and the evaluated pairs, but no pictures or timings. Equal results give
+/// equal bytes. `report`, `compare`, `gate` and `history add` accept the file in place of a run folder.
 #[derive(Debug, Args)]
 #[command(after_help = "Example:\n  sharp-bench bundle runs/v1 --out baselines/v1.zip")]
 pub(super) struct BundleArgs {

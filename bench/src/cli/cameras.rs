@@ -1,4 +1,4 @@
-//! `cameras export`: views as files.
+//! `cameras export`: writes views to files.
 
 use std::path::PathBuf;
 

@@ -1,4 +1,4 @@
-//! `compare A B`: changes between two runs, with their significance.
+//! `compare A B`: changes between two runs and their significance.
 
 use std::path::PathBuf;
 use std::str::FromStr;

@@ -1,4 +1,4 @@
-//! `completions SHELL`.
+//! `completions SHELL`: shell completion scripts.
 
 use clap::Args;
 use clap_complete::Shell;

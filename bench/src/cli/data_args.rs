@@ -1,4 +1,4 @@
-//! Options that several commands share: datasets, pairs, metrics, the backend.
+//! Options shared by several commands: datasets, pairs, metrics, the backend.
 
 use clap::Args;
 use sharp_datasets::registry::ENTRIES;
@@ -10,7 +10,7 @@ use crate::pairs::frame::Frame;
 use crate::pairs::{DatasetConfig, clap_dataset};
 use crate::pairs::{OpenDataset, PairError};
 
-/// Datasets, and a choice of their scenes.
+/// Datasets, and a selection of their scenes.
 #[derive(Debug, Args)]
 pub(super) struct DatasetArgs {
     /// A dataset, [NAME:]FORMAT=PATH[,key=value…]; repeatable
@@ -22,7 +22,7 @@ pub(super) struct DatasetArgs {
 }
 
 impl DatasetArgs {
-    /// Opens them and names the scenes that are left out.
+    /// Opens the datasets and prints notes on scenes left out.
     pub(super) fn open(&self) -> Result<Vec<OpenDataset>, PairError> {
         let datasets = OpenDataset::open_all(&self.datasets, self.scenes.as_deref())?;
         say_what_was_opened(&datasets);
@@ -30,7 +30,7 @@ impl DatasetArgs {
     }
 }
 
-/// Names the scenes that are left out and what readers assumed.
+/// Prints which scenes are left out, and the readers' assumptions.
 pub(super) fn say_what_was_opened(datasets: &[OpenDataset]) {
     for dataset in datasets {
         for group in &dataset.left_out {
@@ -44,10 +44,10 @@ pub(super) fn say_what_was_opened(datasets: &[OpenDataset]) {
     }
 }
 
-/// Most notes of a dataset that are printed.
+/// Maximum number of notes printed per dataset.
 const NOTES: usize = 6;
 
-/// Prints the readers' notes, each with the first of the scenes that have it.
+/// Prints the readers' notes, each with the first scene that it applies to.
 fn say_notes(dataset: &OpenDataset) {
     let mut notes: Vec<(&str, &str, usize)> = Vec::new();
     for scene in &dataset.scenes {
@@ -74,7 +74,7 @@ fn say_notes(dataset: &OpenDataset) {
     }
 }
 
-/// The formats of `--dataset` with their settings, for `--help`.
+/// The formats of `--dataset` and their settings, for `--help`.
 pub(super) fn formats_help() -> String {
     let mut text = "Datasets, [NAME:]FORMAT=PATH[,key=value…]:\n".to_owned();
     for entry in ENTRIES {

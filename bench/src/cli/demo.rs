@@ -1,4 +1,4 @@
-//! `demo`: the main job on bundled data.
+//! `demo`: a complete evaluation on bundled data.
 
 use std::path::PathBuf;
 
@@ -24,7 +24,7 @@ use crate::report::{Layout, PictureBudget, ReportOptions, report};
 #[derive(Debug, Args)]
 #[command(after_help = "Example:\n  sharp-bench demo --out demo-run")]
 pub(super) struct DemoArgs {
-    /// Where data, run and report go
+    /// Folder for data, run and report
     #[arg(long, value_name = "DIR", default_value = "demo-run")]
     out: PathBuf,
     #[command(flatten)]
@@ -37,7 +37,7 @@ pub(super) struct DemoArgs {
     json: bool,
 }
 
-/// The procedural scene: small enough for a demo, large enough for its textures to show.
+/// The procedural scene: small enough for a demo, large enough to show its textures.
 const SYNTHETIC: &str = "Synthetic:synthetic=size=480x360,views=24";
 
 /// Methods, in the order of the tables.
@@ -50,7 +50,7 @@ const METHODS: [&str; 6] = [
     "mean",
 ];
 
-/// Procedural pairs that the demo evaluates; the list holds more.
+/// Number of procedural pairs evaluated; the list has more.
 const SYNTHETIC_PAIRS: usize = 24;
 
 pub(super) fn execute(args: &DemoArgs) -> anyhow::Result<Outcome> {
@@ -65,7 +65,7 @@ pub(super) fn execute(args: &DemoArgs) -> anyhow::Result<Outcome> {
     let terminal = Terminal::default();
     let scoring = args.metrics.scoring()?;
     let mut methods = METHODS.to_vec();
-    // A copy of the program that travels alone.
+    // The program was copied without the files next to it.
     if let Err(error @ NetworkError::NotBundled { .. }) = bundled_weights() {
         output::remark(format!("note: no rows of the network: {error}"));
         methods.retain(|method| !method.contains("checkpoint=mini"));
@@ -95,7 +95,7 @@ pub(super) fn execute(args: &DemoArgs) -> anyhow::Result<Outcome> {
         &finished.results,
         &finished.scenes,
         &args.out.join("report"),
-        // One file to look at.
+        // Write a single page.
         &ReportOptions {
             layout: Some(Layout::File),
             pictures: Some(PictureBudget {

@@ -1,4 +1,4 @@
-//! `doctor`: what this machine has, what is missing, and how to get it.
+//! `doctor`: available and missing components of this machine, and how to get those.
 
 use clap::Args;
 use serde::Serialize;
@@ -23,7 +23,7 @@ pub(super) struct DoctorArgs {
 struct Finding {
     what: &'static str,
     found: String,
-    /// How to get what is missing; empty if nothing is.
+    /// How to get the missing component; empty if it is present.
     advice: String,
 }
 
@@ -92,7 +92,7 @@ fn adapters() -> Vec<AdapterFacts> {
     sharp::render::GpuAdapter::all()
         .iter()
         .map(|adapter| AdapterFacts {
-            // A software adapter's description says so itself.
+            // The description of a software adapter already says that it is one.
             name: match adapter.is_software() {
                 true => adapter.to_string(),
                 false => format!("{adapter} [{}]", adapter.kind()),
@@ -107,7 +107,7 @@ fn adapters() -> Vec<AdapterFacts> {
     Vec::new()
 }
 
-/// Every adapter, and which one `--backend auto` takes.
+/// Every adapter, and the one that `--backend auto` selects.
 fn gpu_adapters(adapters: &[AdapterFacts]) -> Vec<Finding> {
     const WHAT: &str = "gpu adapter";
     if adapters.is_empty() {

@@ -1,4 +1,4 @@
-//! `explain`: why a number differs from the published one.
+//! `explain`: finds why a number differs from the published one.
 
 use std::path::PathBuf;
 
@@ -17,11 +17,11 @@ use crate::report::paper::published::MadeBy;
 use crate::report::paper::{TABLES, published};
 use crate::scoring::Scoring;
 
-/// Why a number differs from the published one
+/// Explain why a number differs from the published one
 ///
 /// Scores a run's kept predictions under every reading of the protocol that needs no new prediction: variants of the
-/// metrics, masks, rounding, truncation or no 8 bit, colour divided by alpha, cropped borders, what is averaged over,
-/// one scene per place. Each cell of the paper's row gets a verdict: equal to rounding, ambiguous with the candidates,
+/// metrics, masks, rounding, truncation or no 8 bit, colour divided by alpha, cropped borders, averaging rules, one
+/// scene per place. Each cell of the paper's row gets a verdict: equal to rounding, ambiguous with the candidates,
 /// inside the protocol's spread, or outside. Readings that need other pairs or pictures are listed as not computed.
 #[derive(Debug, Args)]
 #[command(after_help = "\

@@ -27,7 +27,7 @@ use crate::report::{ReportError, plots as report_plots, scenes};
 use sharp_plots::Figure;
 use sharp_plots::style::FigureStyle;
 
-/// Most remarks on a sheet that are printed; --json has all.
+/// Maximum number of printed problems with a sheet; --json has all.
 const PROBLEMS: usize = 10;
 
 /// Make a figure of the paper from runs, in print quality
@@ -48,19 +48,19 @@ pub(super) struct FigureArgs {
 
 #[derive(Debug, Subcommand)]
 enum FigureCommand {
-    /// What each figure shows and needs
+    /// List the figures with their contents and requirements
     List {
         /// Print JSON
         #[arg(long)]
         json: bool,
     },
-    /// Histograms of the camera baselines, a panel a dataset
+    /// Histograms of the camera baselines, one panel per dataset
     Baselines(RunsArgs),
     /// DISTS against the camera baseline, of methods without the source's true depth
     Motion(RunsArgs),
-    /// The same of methods that know the source's true depth or its scale
+    /// DISTS against the camera baseline, of methods with the source's true depth or its scale
     MotionPrivileged(RunsArgs),
-    /// A metric against seconds a pair, on a logarithmic axis
+    /// A metric against seconds per pair, on a logarithmic axis
     FidelityTime {
         #[command(flatten)]
         runs: RunsArgs,
@@ -71,14 +71,14 @@ enum FigureCommand {
         #[arg(long, value_name = "PATH")]
         speed: Option<PathBuf>,
     },
-    /// Input, predictions and truth side by side, a row a pair
+    /// Input, predictions and truth side by side, one row per pair
     Qualitative {
         #[command(flatten)]
         pictures: PicturesArgs,
         #[command(flatten)]
         pairs: PairsChoice,
     },
-    /// The same pairs as columns, methods or labelled runs as rows
+    /// Methods or labelled runs as rows, pairs as columns
     Ablation {
         #[command(flatten)]
         pictures: PicturesArgs,
@@ -109,13 +109,13 @@ enum FigureCommand {
 
 #[derive(Debug, Args)]
 struct OutArgs {
-    /// Where to write
+    /// Folder to write to
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
     /// Sizes and colours, a TOML file
     #[arg(long, value_name = "FILE")]
     style: Option<PathBuf>,
-    /// Print JSON: the files written, and what is wrong with them
+    /// Print JSON: the files written, and problems with them
     #[arg(long)]
     json: bool,
 }
@@ -216,7 +216,7 @@ fn list(as_json: bool) -> anyhow::Result<Outcome> {
     Ok(Outcome::Done)
 }
 
-/// The paper's motion-range figure.
+/// Makes the paper's figure of motion ranges.
 fn motion(args: &RunsArgs, privileged: bool) -> anyhow::Result<Outcome> {
     let spec = SweepSpec {
         metrics: vec![MetricKey::DISTS],

@@ -1,4 +1,4 @@
-//! `gate --baseline A --candidate B`: whether B may take the place of A, for continuous integration.
+//! `gate --baseline A --candidate B`: decides whether B may replace A, for continuous integration.
 
 use std::path::PathBuf;
 use std::str::FromStr;

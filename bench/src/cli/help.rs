@@ -1,11 +1,11 @@
-//! Help in two sizes: `--help` is a screen, `--help-all` is all there is.
+//! Two sizes of help: `--help` fits on a screen, `--help-all` is complete.
 
 use clap::builder::StyledStr;
 use clap::{Arg, ArgAction, Command, CommandFactory};
 
 use super::Cli;
 
-/// Options for special cases, shown by `--help-all` only.
+/// Special-purpose options, shown only by `--help-all`.
 const RARE: [&str; 36] = [
     "adapter",
     "aggregate",
@@ -45,10 +45,10 @@ const RARE: [&str; 36] = [
     "weights",
 ];
 
-/// First words of the paragraph below the options that `--help` shows too.
+/// Openings of those paragraphs after the options that `--help` also shows.
 const ON_A_SCREEN: [&str; 2] = ["Example", "Start with"];
 
-/// Commands on the first page. `--help-all` lists the others.
+/// Commands on the first page; `--help-all` lists the others.
 const GROUPS: [(&str, &[&str]); 6] = [
     ("Evaluate", &["demo", "run", "score", "status", "merge"]),
     (
@@ -117,7 +117,7 @@ fn two_sizes(command: Command, path: &str) -> Command {
     })
 }
 
-/// Takes negative numbers as values, so that errors name the option.
+/// Accepts negative numbers as values, so that errors name the option.
 fn negative(arg: Arg) -> Arg {
     let is_option = arg.get_long().is_some() && arg.get_action().takes_values();
     match is_option && !arg.is_allow_hyphen_values_set() {
@@ -126,7 +126,7 @@ fn negative(arg: Arg) -> Arg {
     }
 }
 
-/// Shortens an option's help to its first clause and hides options for special cases.
+/// Shortens an option's help to its first clause and hides special-purpose options.
 fn short(arg: Arg) -> Arg {
     let Some(help) = arg.get_help().map(ToString::to_string) else {
         return arg;
@@ -140,7 +140,7 @@ fn short(arg: Arg) -> Arg {
     arg.help(clause).long_help(full).hide_short_help(is_rare)
 }
 
-/// Joins the lines of each paragraph, so that the terminal's width decides. Examples stay as they are.
+/// Joins the lines of each paragraph, so that the terminal's width determines line breaks. Leaves examples unchanged.
 fn unwrapped(text: &str) -> String {
     let paragraph = |lines: &str| match lines.contains("\n  ") {
         true => lines.to_owned(),
@@ -150,7 +150,7 @@ fn unwrapped(text: &str) -> String {
     paragraphs.join("\n\n")
 }
 
-/// The paragraph that `--help` shows, with an empty line after it.
+/// The paragraph that `--help` shows, followed by an empty line.
 fn examples_of(text: &str) -> String {
     let lines = text
         .lines()
@@ -166,7 +166,7 @@ fn examples_of(text: &str) -> String {
 mod tests {
     use super::*;
 
-    /// Lines and columns of a screen that is not small.
+    /// Lines and columns of a screen of moderate size.
     const SCREEN: (usize, usize) = (50, 110);
 
     fn each(command: &mut Command, check: &mut dyn FnMut(&mut Command)) {

@@ -8,13 +8,13 @@ use serde_json::json;
 use super::{Outcome, help, output};
 use crate::io::atomic_files::write_over_own;
 
-/// Write manual pages, one a command
+/// Write manual pages, one per command
 #[derive(Debug, Args)]
 #[command(
     after_help = "Example:\n  sharp-bench man --out ~/.local/share/man/man1 && man sharp-bench-run"
 )]
 pub(super) struct ManArgs {
-    /// Where to write
+    /// Folder to write to
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
     /// Print JSON: the files written
@@ -22,7 +22,7 @@ pub(super) struct ManArgs {
     json: bool,
 }
 
-/// Begins every page.
+/// Start of every page.
 const MARK: &str = ".ie";
 
 pub(super) fn execute(args: &ManArgs) -> anyhow::Result<Outcome> {

@@ -1,4 +1,4 @@
-//! Memory limit of a command.
+//! The option `--memory-limit`.
 
 use super::output;
 use crate::evaluate::MEMORY_LIMIT_BYTES;
@@ -6,8 +6,9 @@ use crate::io::machine::peak_bytes;
 
 #[derive(Debug, clap::Args)]
 pub(super) struct MemoryArgs {
-    /// Memory limit, such as 512M or 4G: Gaussians wait on disk, and a pair's predictions are made and scored in parts.
-    /// One picture and the networks' weights are the minimum; exceeding the limit is reported [default: 2G]
+    /// Memory limit, such as 512M or 4G: Gaussians beyond it are stored on disk, and a pair's predictions are made and
+    /// scored in parts. The minimum is one picture and the networks' weights; exceeding the limit is reported [default:
+    /// 2G]
     #[arg(long, value_name = "SIZE", value_parser = bytes)]
     memory_limit: Option<u64>,
 }
@@ -17,7 +18,7 @@ impl MemoryArgs {
         self.memory_limit.unwrap_or(MEMORY_LIMIT_BYTES)
     }
 
-    /// Says so if a limit that was asked for could not be kept.
+    /// Warns if a requested limit was exceeded.
     pub(super) fn say_if_exceeded(&self) {
         let (Some(limit), Some(peak)) = (self.memory_limit, peak_bytes()) else {
             return;
@@ -34,7 +35,7 @@ impl MemoryArgs {
     }
 }
 
-/// `512M`, `2G`, `1048576`: bytes by powers of 1024.
+/// Parses a size such as `512M`, `2G` or `1048576`; units are powers of 1024.
 fn bytes(text: &str) -> Result<u64, String> {
     let wrong = || "a size such as 512M or 2G is needed".to_owned();
     let unit = text.trim_end_matches("iB").trim_end_matches('B');

@@ -1,4 +1,4 @@
-//! `merge`: several run folders as one, or the tables of one brought up to date.
+//! `merge`: joins run folders, or updates the tables of one.
 
 use std::path::PathBuf;
 
@@ -11,8 +11,8 @@ use crate::io::counts::counted;
 
 /// Join run folders
 ///
-/// Equal units are kept once; different pairs, methods and datasets are combined; contradictions are refused with their
-/// reason. A single folder without --out gets its tables rewritten from its units.
+/// Equal units are kept once; different pairs, methods and datasets are combined; contradictions are an error. A single
+/// folder without --out gets its tables rewritten from its units.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:

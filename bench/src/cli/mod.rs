@@ -1,4 +1,4 @@
-//! The command line: one file a command.
+//! The command line, one file per command.
 
 mod analyze;
 mod bundle;
@@ -103,7 +103,7 @@ enum CliCommand {
     Man(man::ManArgs),
 }
 
-/// Runs a command line, which begins with the program's name. Returns the exit code; see `sharp-bench --help`.
+/// Runs a command line, which starts with the program's name. Returns the exit code; see `sharp-bench --help`.
 pub fn main(arguments: Vec<OsString>) -> u8 {
     let mut command = help::command();
     let matches = command.try_get_matches_from_mut(arguments);
@@ -115,7 +115,7 @@ pub fn main(arguments: Vec<OsString>) -> u8 {
         },
         Err(error) => {
             let text = error.render().to_string();
-            // A value that cannot be read is an error like any other: one line, whatever the value holds.
+            // Report an invalid value like any other error, on one line, whatever the value contains.
             let hint = "\n\nFor more information, try '--help'.\n";
             if error.kind() == ErrorKind::ValueValidation
                 && let Some(error) = text.strip_suffix(hint)
@@ -123,9 +123,9 @@ pub fn main(arguments: Vec<OsString>) -> u8 {
                 say(&format!("{}\n", visible_line(error)));
                 return 2;
             }
-            // It quotes the command line, which is shown with nothing that a terminal obeys.
+            // The message quotes the command line, so escape control characters.
             match visible(&text) {
-                // Nothing is left to do when standard error itself is gone.
+                // Nothing can be done if standard error is closed.
                 Cow::Borrowed(_) => drop(error.print()),
                 Cow::Owned(harmless) => say(&harmless),
             }
@@ -134,7 +134,7 @@ pub fn main(arguments: Vec<OsString>) -> u8 {
     }
 }
 
-/// Characters of an error that are printed: a file that is one line would come back whole.
+/// Maximum length of a printed error, characters; otherwise a file with a single line would be printed whole.
 const LONGEST_ERROR: usize = 4000;
 
 fn failed(error: &anyhow::Error) -> u8 {
@@ -152,7 +152,7 @@ fn failed(error: &anyhow::Error) -> u8 {
 }
 
 fn say(text: &str) {
-    // As above.
+    // Nothing can be done if standard error is closed.
     let _ = std::io::Write::write_all(&mut std::io::stderr(), text.as_bytes());
 }
 
@@ -199,10 +199,10 @@ impl Cli {
     }
 }
 
-/// More than any machine has; beyond it starting them takes longer than the work.
+/// More threads than any machine has; starting more would take longer than the work.
 const MAX_THREADS: usize = 4096;
 
-/// Sizes the one thread pool; without a number it has all cores.
+/// Sizes the global thread pool; `None` uses all cores.
 fn set_threads(threads: Option<usize>) -> anyhow::Result<()> {
     if let Some(threads) = threads {
         if !(1..=MAX_THREADS).contains(&threads) {

@@ -12,24 +12,24 @@ use crate::report::ReportError;
 use crate::scale::ScaleError;
 use crate::train::TrainError;
 
-/// Outcome of a command that finishes or can be continued; one that cannot finish returns an error instead.
+/// Outcome of a command that completed or can be continued; other failures are errors.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Outcome {
     /// Exit code 0.
     Done,
     /// A gate fired: exit code 3.
     GateFired,
-    /// Finished, but something is recorded as failed or found wrong: exit code 4.
+    /// Completed, but with recorded failures or findings: exit code 4.
     RecordedFailures,
-    /// No limit of a gate fired, and one cannot be decided: exit code 5.
+    /// No limit of a gate fired, but one cannot be decided: exit code 5.
     GateInconclusive,
-    /// Stopped early; the same command continues where it stopped: exit code 75.
+    /// Stopped early; the same command continues: exit code 75.
     Resumable,
 }
 
 impl Outcome {
-    /// `RecordedFailures` in place of `Done` if scenes or views of the datasets are broken or incomplete, so that results
-    /// miss them.
+    /// Replaces `Done` by `RecordedFailures` if scenes or views of the datasets are broken or incomplete and therefore
+    /// missing in results.
     pub(super) fn with_scenes_of(self, datasets: &[OpenDataset]) -> Self {
         let broken = datasets
             .iter()
@@ -58,12 +58,12 @@ impl Outcome {
     }
 }
 
-/// A command line that contradicts itself, whatever the files hold.
+/// The command line contradicts itself, regardless of the files.
 #[derive(Debug, thiserror::Error)]
 #[error("{0}")]
 pub(super) struct UsageError(pub(super) String);
 
-/// Whether the command line has to change, not the files: exit code 2.
+/// Whether the command line must change, rather than the files: exit code 2.
 pub(super) fn is_usage(error: &anyhow::Error) -> bool {
     error.chain().any(|cause| {
         cause.is::<UsageError>()
@@ -89,7 +89,7 @@ pub(super) fn is_usage(error: &anyhow::Error) -> bool {
     })
 }
 
-/// Whether a signal or the time budget ended it: exit code 75, and the same command continues.
+/// Whether a signal or the time budget stopped the command: exit code 75; the same command continues.
 pub(super) fn is_stopped(error: &anyhow::Error) -> bool {
     let of_evaluation =
         |error: &EvaluateError| matches!(error, EvaluateError::Pairs(PairError::Stopped));
@@ -104,7 +104,7 @@ pub(super) fn is_stopped(error: &anyhow::Error) -> bool {
     })
 }
 
-/// The dataset's error, also inside other errors.
+/// The dataset's error, even if wrapped in another error.
 fn dataset_error<'a>(cause: &'a (dyn std::error::Error + 'static)) -> Option<&'a DatasetError> {
     let of_pairs = |error: &'a PairError| match error {
         PairError::Dataset(error) => Some(error),

@@ -1,4 +1,4 @@
-//! Results on standard output, so that they can be piped; remarks, warnings and progress on standard error.
+//! Results go to standard output, so that they can be piped; notes, warnings and progress to standard error.
 
 use std::io::{self, IsTerminal, Write};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -11,7 +11,7 @@ use serde::Serialize;
 use crate::io::observer::Observer;
 use crate::io::text::{visible, visible_line};
 
-/// Writes a line without control characters. A closed pipe (`| head`) is no error.
+/// Writes a line, escaping control characters. A closed pipe (`| head`) is not an error.
 pub(super) fn line(text: impl AsRef<str>) -> anyhow::Result<()> {
     match writeln!(io::stdout().lock(), "{}", visible(text.as_ref())) {
         Err(error) if error.kind() == io::ErrorKind::BrokenPipe => Ok(()),
@@ -24,7 +24,7 @@ pub(super) fn json(value: &impl Serialize) -> anyhow::Result<()> {
     line(serde_json::to_string_pretty(value)?)
 }
 
-/// Rewrites settings of pictures in a message (`alpha=`) as command-line options (`--alpha `).
+/// Rewrites picture settings in a message (`alpha=`) as command-line options (`--alpha `).
 pub(super) fn as_options(message: &impl ToString) -> String {
     let keys = ["alpha", "color", "orientation", "exr"].into_iter();
     keys.fold(message.to_string(), |text, key| {
@@ -34,14 +34,14 @@ pub(super) fn as_options(message: &impl ToString) -> String {
 
 /// Writes a line to standard error.
 pub(super) fn remark(text: impl AsRef<str>) {
-    // Nothing is left to do when standard error itself is gone.
+    // Nothing can be done if standard error is closed.
     let _ = writeln!(io::stderr().lock(), "{}", visible(text.as_ref()));
 }
 
 /// Set by `--quiet`.
 static QUIET: AtomicBool = AtomicBool::new(false);
 
-/// Hides progress; warnings and results stay.
+/// Hides progress, but not warnings and results.
 pub(super) fn silence_progress() {
     QUIET.store(true, Ordering::Relaxed);
 }
@@ -51,7 +51,7 @@ pub(super) fn is_quiet() -> bool {
     QUIET.load(Ordering::Relaxed)
 }
 
-/// Shows warnings as lines and progress as a bar, or as occasional lines if standard error is no terminal.
+/// Shows warnings as lines and progress as a bar, or as occasional lines if standard error is not a terminal.
 #[derive(Debug, Default)]
 pub(super) struct Terminal {
     phase: Mutex<Option<Phase>>,
@@ -60,18 +60,18 @@ pub(super) struct Terminal {
     deadline: Option<Instant>,
 }
 
-/// Work that is going on.
+/// The current phase of work.
 #[derive(Debug)]
 struct Phase {
     bar: ProgressBar,
     unit: String,
     failed: u64,
-    /// Time and progress of the last plain line; at first, the start of the phase.
+    /// Time and progress of the last plain line; initially the start of the phase.
     said: (Instant, u64),
     lines: usize,
 }
 
-/// Time between plain lines.
+/// Interval between plain lines.
 const INTERVAL: Duration = Duration::from_secs(30);
 
 impl Phase {
@@ -102,8 +102,8 @@ impl Phase {
         }
     }
 
-    /// A line on progress, once per interval. The time left is estimated from the last interval, because units of an
-    /// earlier run take no time.
+    /// A progress line, at most once per interval. The time left is estimated from the last interval, because units
+    /// reused from an earlier run take no time.
     fn plain_line(&mut self, now: Instant) -> Option<String> {
         let (then, before) = self.said;
         let elapsed = now.saturating_duration_since(then);
@@ -129,7 +129,7 @@ impl Phase {
     }
 }
 
-/// A time in words: `40 s`, `12 min`, `3 h 20 min`.
+/// A duration as text: `40 s`, `12 min`, `3 h 20 min`.
 pub(super) fn span(secs: f64) -> String {
     let minutes = (secs / 60.0).round() as u64;
     match (secs as u64, minutes) {
@@ -140,7 +140,7 @@ pub(super) fn span(secs: f64) -> String {
 }
 
 impl Terminal {
-    /// A terminal that asks work to stop after `budget`, and on the signals that schedulers send before a kill.
+    /// A terminal that requests a stop after `budget`, and on the signals that schedulers send before a kill.
     pub(super) fn until(budget: Option<Duration>) -> io::Result<Self> {
         Self::obeying(
             budget,
@@ -149,7 +149,7 @@ impl Terminal {
         )
     }
 
-    /// The same, also on Ctrl-C, for work that would lose much when killed.
+    /// As [`Self::until`], but also on Ctrl-C, for work that would lose much if killed.
     pub(super) fn until_interrupted(budget: Option<Duration>) -> io::Result<Self> {
         Self::obeying(
             budget,
@@ -160,14 +160,14 @@ impl Terminal {
 
     fn obeying(budget: Option<Duration>, #[cfg(unix)] signals: &[i32]) -> io::Result<Self> {
         let terminal = Self {
-            // A budget beyond what a clock holds is none.
+            // A budget too large for the clock counts as none.
             deadline: budget.and_then(|budget| Instant::now().checked_add(budget)),
             ..Self::default()
         };
         #[cfg(unix)]
         for &signal in signals {
             let asked = &terminal.asked_to_stop;
-            // A second one means it: in this order, since each is asked in turn.
+            // A second signal shuts down at once; registered first, because handlers run in this order.
             signal_hook::flag::register_conditional_shutdown(signal, 75, Arc::clone(asked))?;
             signal_hook::flag::register(signal, Arc::clone(asked))?;
         }
@@ -187,7 +187,7 @@ impl Terminal {
         });
     }
 
-    /// Progress of a phase whose number of steps is known only once it runs.
+    /// Shows progress of a phase whose number of steps is known only while it runs.
     pub(super) fn advance(&self, phase: &str, unit: &str, done: u64, total: u64) {
         self.with_phase(|slot| {
             let phase = slot.get_or_insert_with(|| Phase::new(phase, unit));
@@ -261,10 +261,10 @@ mod tests {
             phase.plain_line(start + Duration::from_secs(secs))
         };
         assert_eq!(at(10, 400, 0), None);
-        // An earlier run's units, taken over at once.
+        // Units reused from an earlier run.
         assert_eq!(at(30, 500, 0).as_deref(), Some("500 of 1000 units"));
         assert_eq!(at(59, 501, 0), None);
-        // 10 units a minute.
+        // 10 units per minute.
         let line = at(90, 510, 3);
         assert_eq!(
             line.as_deref(),

@@ -1,4 +1,4 @@
-//! `protocols`: other people's evaluations by name.
+//! `protocols`: published evaluations by name.
 
 use clap::Args;
 
@@ -6,7 +6,7 @@ use super::outcome::UsageError;
 use super::{Outcome, output};
 use crate::protocols::{PROTOCOLS, PairRule, Protocol};
 
-/// List other people's evaluation protocols, or show one
+/// List published evaluation protocols, or show one
 ///
 /// `run --protocol NAME` follows one: metrics, size, masks, rounding, means. The report states where this harness
 /// differs.

@@ -1,4 +1,4 @@
-//! How a file of Gaussians is read, as arguments.
+//! Arguments for reading a file of Gaussians.
 
 use clap::Args;
 use sharp::ply::{ColorSpace, StoredForm};
@@ -7,14 +7,14 @@ use crate::methods::file_reading::Axes;
 
 #[derive(Debug, Clone, Args)]
 pub(crate) struct ReadingArgs {
-    /// Encoding of a PLY's colours if the file does not say: linear or srgb
+    /// Encoding of a PLY's colours if the file does not state it: linear or srgb
     #[arg(long, value_name = "SPACE")]
     color_space: Option<ColorSpace>,
     /// Conventions of the file's numbers: opacity=linear, scales=linear, quaternions=xyzw, colors=rgb01,
     /// harmonics=drop, as in --method gaussians
     #[arg(long, value_name = "KEY=VALUE,…", value_delimiter = ',', value_parser = setting)]
     read: Vec<(String, String)>,
-    /// Axes of the file: rdf (OpenCV's, a PLY's own), rub (OpenGL's), luf or ldb. An SPZ does not tell its own
+    /// Axes of the file: rdf (OpenCV's, a PLY's own), rub (OpenGL's), luf or ldb. An SPZ does not state its axes
     #[arg(long, value_name = "AXES", value_parser = Axes::parse_flip)]
     pub(crate) axes: Option<[f32; 3]>,
 }
@@ -23,7 +23,7 @@ impl ReadingArgs {
     pub(crate) fn reading(&self) -> StoredForm {
         let mut reading = StoredForm::from(self.color_space);
         for (key, value) in &self.read {
-            // Each was tried when it was parsed.
+            // Each setting was validated when it was parsed.
             let _ = reading.set(key, value);
         }
         reading

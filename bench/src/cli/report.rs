@@ -1,4 +1,4 @@
-//! `report RUN…`: tables, plots and a browsable page from runs.
+//! `report RUN…`: writes tables, plots and a browsable page for runs.
 
 use std::path::PathBuf;
 
@@ -15,8 +15,9 @@ use crate::report::{self, Layout, PublishedNumbers, ReportOptions};
 
 /// Write tables, plots and a browsable page from runs
 ///
-/// Several runs make one report: equal units once, other pairs, methods and datasets together. NAME=RUN prefixes each
-/// method of a run with the name, or renames its only method. An unfinished run is reported as far as it got.
+/// Several runs are joined into one report: equal units once, different pairs, methods and datasets together. NAME=RUN
+/// prefixes each method of a run with the name, or renames its only method. An unfinished run is reported with the
+/// results so far.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:
@@ -35,14 +36,14 @@ pub(super) struct ReportArgs {
     /// Where to write [default: RUN/report for a single run]
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
-    /// Which of the paper's numbers to show beside ours
+    /// Which of the paper's numbers to show next to ours
     #[arg(long, value_enum, default_value_t = PublishedNumbers::Matching)]
     published: PublishedNumbers,
     /// How to average, instead of the runs' rule: over pairs, over scenes of means over pairs, or over source views of
     /// means over targets
     #[arg(long, value_enum, value_name = "OVER")]
     aggregate: Option<Aggregation>,
-    /// Where the page's pictures go [default: into the page for up to 24 pairs, else beside it]
+    /// Location of the page's pictures [default: in the page for up to 24 pairs, else next to it]
     #[arg(long, value_enum)]
     layout: Option<Layout>,
     /// Leave out pictures of datasets whose terms forbid publishing them (the page names them), and paths on this
@@ -130,7 +131,7 @@ fn methods_text(results: &Results, args: &ReportArgs) -> anyhow::Result<Outcome>
     Ok(Outcome::Done)
 }
 
-/// Names damaged units; true if there are any.
+/// Warns of damaged units; true if there are any.
 pub(super) fn warn_damaged(results: &Results) -> bool {
     for path in &results.damaged {
         output::remark(format!(
@@ -141,7 +142,7 @@ pub(super) fn warn_damaged(results: &Results) -> bool {
     !results.damaged.is_empty()
 }
 
-/// Says which kept pictures a report leaves out.
+/// Warns of kept pictures that a report leaves out.
 pub(super) fn warn_not_scored(paths: &[PathBuf]) {
     for path in paths {
         output::remark(format!(
@@ -158,7 +159,7 @@ pub(super) fn print_tables(results: &Results) -> anyhow::Result<()> {
     output::line(texts.join("\n"))
 }
 
-/// Exit code 4 where units are recorded failures; 75 where some are left, or still wait although this was the last stage.
+/// Exit code 4 if there are recorded failures; 75 if units are left, or still waiting although this was the last stage.
 pub(super) fn outcome(counts: UnitCounts, is_last_stage: bool) -> Outcome {
     if is_last_stage && counts.waiting > 0 {
         output::remark(format!(

@@ -1,4 +1,4 @@
-//! `run`: methods on datasets, into a run folder.
+//! `run`: evaluates methods on datasets into a run folder.
 
 use std::path::{Path, PathBuf};
 use std::time::Duration;
@@ -24,9 +24,9 @@ use crate::methods::KINDS;
 
 /// Evaluate methods on datasets into a run folder
 ///
-/// The same command resumes a stopped run: finished units are kept, and recorded failures are tried again. A pair that
-/// fails is recorded, the others continue, and the exit code is 4. More methods, pairs, metrics and datasets can be
-/// added to the folder later without repeating finished work.
+/// The same command resumes a stopped run: finished units are kept, and recorded failures are retried. A failed pair is
+/// recorded, the run continues, and the exit code is 4. More methods, pairs, metrics and datasets can be added to the
+/// folder later without repeating finished work.
 #[derive(Debug, Args)]
 #[command(
     after_help = help(),
@@ -37,7 +37,8 @@ use crate::methods::KINDS;
 )]
 pub(super) struct RunArgs {
     /// Read options from a TOML file, by their names without dashes (`limit = 10`, `method = ["copy"]`); relative paths
-    /// start in its folder. Options on the command line take precedence. Every run folder holds its own as run.toml
+    /// are resolved against its folder. Options on the command line take precedence. Every run folder has its own as
+    /// run.toml
     #[arg(long = "config", value_name = "FILE")]
     file: Option<PathBuf>,
     #[command(flatten)]
@@ -48,7 +49,7 @@ pub(super) struct RunArgs {
     /// Write a plan with its estimated cost into --out, for shards
     #[arg(long, conflicts_with_all = ["dry_run", "estimate"])]
     plan_only: bool,
-    /// Work off a shard of the plan in this folder, with the options it was planned with. Writes units only; `merge`
+    /// Execute a shard of the plan in this folder, with the options it was planned with. Writes units only; `merge`
     /// makes the tables
     #[arg(
         long,
@@ -102,7 +103,7 @@ fn help() -> String {
     )
 }
 
-/// `90s`, `55m`, `3h`.
+/// Parses a time such as `90s`, `55m` or `3h`.
 pub(super) fn time(text: &str) -> Result<Duration, String> {
     let wrong = || format!("'{text}': a time such as 90s, 55m or 3h is needed");
     let unit = match text.chars().last() {
@@ -116,7 +117,7 @@ pub(super) fn time(text: &str) -> Result<Duration, String> {
     Ok(Duration::from_secs(secs))
 }
 
-/// The configuration from file, plan and options.
+/// The configuration from the file, the plan and the options.
 fn configuration(args: &RunArgs) -> anyhow::Result<RunConfig> {
     let Some(root) = &args.plan else {
         return Ok(match &args.file {
@@ -125,7 +126,7 @@ fn configuration(args: &RunArgs) -> anyhow::Result<RunConfig> {
         });
     };
     let own = args.config.keys()?;
-    // That a machine lacks those of the plan is said later.
+    // A machine without the plan's kernels is reported later.
     if let Some(key) = own.keys().find(|key| *key != "simd") {
         let reason =
             format!("--{key}: a shard does what was planned, so that --plan goes without it");
@@ -291,7 +292,7 @@ fn dry_run(evaluation: &Evaluation, args: &RunArgs) -> anyhow::Result<Outcome> {
     Ok(Outcome::Done)
 }
 
-/// The result; `None` if the renderer's device failed, after which the same command resumes the run.
+/// The result; `None` if the renderer's device failed, in which case the same command resumes the run.
 fn unless_stopped<T>(result: Result<T, EvaluateError>) -> anyhow::Result<Option<T>> {
     match result {
         Err(error @ EvaluateError::Device { .. }) => {

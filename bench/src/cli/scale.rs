@@ -1,4 +1,4 @@
-//! `scale`: files that hand the shards of a plan to a scheduler.
+//! `scale`: writes files that submit the shards of a plan to a scheduler.
 
 use std::path::PathBuf;
 
@@ -50,7 +50,7 @@ struct ShardArgs {
     /// Start the programs of `command` methods that the plan names
     #[arg(long)]
     allow_programs: bool,
-    /// Where to write
+    /// Folder to write to
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
     /// Print JSON: the files written
@@ -92,21 +92,21 @@ struct SlurmArgs {
 struct KubernetesArgs {
     #[command(flatten)]
     shards: ShardArgs,
-    /// Shards at a time
+    /// Maximum number of concurrent shards
     #[arg(long, value_name = "N", default_value_t = 8, value_parser = clap::value_parser!(u32).range(1..))]
     parallel: u32,
-    /// An image with sharp-bench in it
+    /// A container image that includes sharp-bench
     #[arg(long)]
     image: String,
-    /// The claim of the volume on which plan and datasets lie
+    /// Claim of the volume with plan and datasets
     #[arg(long)]
     claim: String,
-    /// Where it is mounted
+    /// Mount point of the volume
     #[arg(long, value_name = "DIR", default_value = "/data")]
     mount: PathBuf,
 }
 
-/// This program, unless it runs within another.
+/// Path of this program, unless it is embedded in another.
 fn own_program() -> anyhow::Result<PathBuf> {
     let program = std::env::current_exe()?;
     let stem = program.file_stem().unwrap_or_default();

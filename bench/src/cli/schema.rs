@@ -1,4 +1,4 @@
-//! `schema`: the JSON Schema of the files in a run folder.
+//! `schema`: prints the JSON Schema of the files in a run folder.
 
 use clap::{Args, ValueEnum};
 
@@ -24,11 +24,11 @@ enum SchemaFile {
     Manifest,
     /// units/*/*.json
     Unit,
-    /// A result in records of other programs: the record of a unit with its scores
+    /// A result in another program's records: the record of a unit with its scores
     Record,
     /// plan.json
     Plan,
-    /// run.toml, and what `run --config` takes
+    /// run.toml, and the file for `run --config`
     Run,
 }
 

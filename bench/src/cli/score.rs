@@ -1,4 +1,4 @@
-//! `score`: more metrics over kept predictions.
+//! `score`: adds metrics to kept predictions.
 
 use std::path::PathBuf;
 use std::time::Duration;
@@ -20,7 +20,7 @@ use crate::io::counts::counted;
 
 /// Add metrics to a run from its kept predictions
 ///
-/// Predicts and renders nothing. Units without kept pictures are counted and stay without the new values.
+/// Predicts and renders nothing. Units without kept pictures are counted and get no new values.
 #[derive(Debug, Args)]
 #[command(after_help = "Example:\n  sharp-bench score runs/first --metrics lpips-vgg,ssim-all")]
 pub(super) struct ScoreArgs {
@@ -56,7 +56,7 @@ pub(super) fn execute(args: &ScoreArgs) -> anyhow::Result<Outcome> {
         (Some(set), _) => {
             Simd::pin(set).map_err(|error| UsageError(format!("--simd {set}: {error}")))?;
         }
-        // Any other would be refused.
+        // Any other value would be rejected.
         (None, Some(manifest)) => {
             let pinned = Simd::pin(manifest.kernels);
             pinned.with_context(|| args.run.display().to_string())?;

@@ -1,4 +1,4 @@
-//! `speed`: what inference and rendering take, and the compute behind a run.
+//! `speed`: times of inference and rendering, or the total compute of runs.
 
 use std::path::PathBuf;
 

@@ -1,4 +1,4 @@
-//! `status`: how far a run is.
+//! `status`: progress of a run.
 
 use std::path::PathBuf;
 
@@ -11,8 +11,8 @@ use crate::evaluate::{RunProgress, status::unfinished_shards};
 
 /// Show the progress of a run
 ///
-/// Reads only the run folder, on any machine that sees it, also while shards are running. Exit code 75 while units are
-/// missing; 4 if all are there and some failed, or the datasets had broken files.
+/// Reads only the run folder, on any machine with access to it, even while shards are running. Exit code 75 while units
+/// are missing; 4 if none is missing but some failed, or the datasets had broken files.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:
@@ -85,7 +85,7 @@ pub(super) fn execute(args: &StatusArgs) -> anyhow::Result<Outcome> {
     })
 }
 
-/// `2,5-7`.
+/// Formats numbers as ranges, such as `2,5-7`.
 fn ranges(numbers: &[usize]) -> String {
     let runs = numbers.chunk_by(|a, b| a + 1 == *b);
     let runs = runs.map(|run| match run {
@@ -95,7 +95,7 @@ fn ranges(numbers: &[usize]) -> String {
     runs.collect::<Vec<_>>().join(",")
 }
 
-/// Offsets with indices from 1 to `max`.
+/// Splits shards into arrays with indices from 1 to `max`, each with its offset.
 fn arrays(shards: &[usize], max: usize) -> Vec<(usize, Vec<usize>)> {
     let offset = |shard: usize| (shard - 1) / max * max;
     let chunks = shards.chunk_by(|a, b| offset(*a) == offset(*b));

@@ -1,4 +1,4 @@
-//! `sweep RUN…`: scores against how far the camera moved.
+//! `sweep RUN…`: scores against camera motion.
 
 use std::path::{Path, PathBuf};
 
@@ -37,7 +37,7 @@ pub(super) struct SweepArgs {
     /// Run folders or bundles
     #[arg(required = true, value_name = "[NAME=]RUN")]
     runs: Vec<Named>,
-    /// Where to write
+    /// Folder to write to
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
     /// The horizontal axis
@@ -99,7 +99,7 @@ pub(super) fn style(file: Option<&PathBuf>) -> anyhow::Result<FigureStyle> {
     style.context("--style")
 }
 
-/// Makes a sweep, writes it and prints a summary.
+/// Computes a sweep, writes it and prints a summary.
 pub(super) fn sweep(
     runs: &[Named],
     spec: SweepSpec,

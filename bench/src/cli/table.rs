@@ -1,4 +1,4 @@
-//! `table`: the paper's tables with rows of one's own.
+//! `table`: the paper's tables with your own rows.
 
 use sharp_datasets::error::nearest_of;
 use std::collections::BTreeSet;
@@ -35,8 +35,8 @@ pub(super) struct TableArgs {
     /// A table by its name in `table list`, or `list`
     #[arg(value_name = "NAME")]
     name: String,
-    /// A row of yours: a run folder or bundle, with a method if it has several; repeatable. `table list` says what
-    /// other tables need
+    /// A row of yours: a run folder or bundle, with a method if it has several; repeatable. `table list` shows the
+    /// requirements of other tables
     #[arg(long = "row", value_name = "LABEL=RUN[:METHOD]")]
     rows: Vec<String>,
     /// The variants to show, at most one per metric [default: the default variants that all rows have]
@@ -133,7 +133,7 @@ fn to_json(paper: &PublishedTable, table: &Table, written: &[PathBuf]) -> Value 
     })
 }
 
-/// The command that makes a table's rows, and its requirements.
+/// The command that produces a table's rows, and its requirements.
 fn made_by(table: &PublishedTable) -> (&'static str, &'static str) {
     match table.made_by {
         MadeBy::Run => ("run", "a run on its datasets"),
@@ -147,7 +147,7 @@ fn made_by(table: &PublishedTable) -> (&'static str, &'static str) {
     }
 }
 
-/// What rows of yours would need besides, as far as this machine has it.
+/// Which requirements of your own rows this machine has.
 fn at_hand(table: &PublishedTable) -> String {
     let weights = Weights::at_hand();
     match table.made_by {

@@ -1,4 +1,4 @@
-//! `train`: a network from nothing, or from where it stopped.
+//! `train`: trains a network from scratch, or resumes a training.
 
 use std::path::PathBuf;
 use std::time::Duration;
@@ -20,10 +20,10 @@ use crate::train::{TrainRequest, Trained, ValidationRequest, train};
 
 /// Train a network of SHARP's architecture, both stages
 ///
-/// The configuration sets the network, losses, data, schedule and intervals; what it leaves out is as in the paper. The
-/// same command resumes a stopped training (Ctrl-C, SIGTERM, --time-budget), and log and weights get the same bytes as
-/// without the stop. Weights are validated on held-out pairs, as a run evaluates a method. --device is also where the
-/// network learns; the last bits of its weights depend on it.
+/// The configuration sets the network, losses, data, schedule and intervals; omitted keys are as in the paper. The same
+/// command resumes a stopped training (Ctrl-C, SIGTERM, --time-budget), and log and weights get the same bytes as
+/// without the stop. Weights are validated on held-out pairs, as a run evaluates a method. --device also selects the
+/// device for training; the last bits of the weights depend on it.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Example:
@@ -36,18 +36,18 @@ pub(super) struct TrainArgs {
     /// The configuration
     #[arg(value_name = "CONFIG.toml")]
     config: PathBuf,
-    /// A value in place of the configuration's, by its dotted key: stage1.steps=500, losses.percep=0; without a value, the
+    /// Override a value of the configuration by its dotted key: stage1.steps=500, losses.percep=0; without a value, the
     /// default; repeatable
     #[arg(long, value_name = "KEY=VALUE")]
     set: Vec<String>,
-    /// Where everything goes; a training that is there is resumed
+    /// Output folder; a training in it is resumed
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
-    /// A dataset to validate on, [NAME:]FORMAT=PATH[,key=value…]; repeatable. Procedural scenes need seeds below 1000 or
-    /// from 900000, which no training sees
+    /// A dataset to validate on, [NAME:]FORMAT=PATH[,key=value…]; repeatable. Procedural scenes need seeds below 1000
+    /// or from 900000, which are never used for training
     #[arg(long, value_name = "SPEC", default_value = ValidationRequest::DATASET)]
     validation: Vec<DatasetConfig>,
-    /// Pairs to validate on at most, spread over datasets and scenes
+    /// Maximum number of validation pairs, spread over datasets and scenes
     #[arg(long, value_name = "N", default_value_t = ValidationRequest::PAIRS)]
     validation_pairs: usize,
     #[command(flatten)]
@@ -55,10 +55,10 @@ pub(super) struct TrainArgs {
     /// Also write the weights in half precision when the training is complete
     #[arg(long, value_name = "FILE.safetensors")]
     export_f16: Option<PathBuf>,
-    /// Begin no step after this time, such as 90s, 55m or 3h, and end with exit code 75, as Ctrl-C and SIGTERM do
+    /// Start no step after this time, such as 90s, 55m or 3h, and end with exit code 75, as after Ctrl-C or SIGTERM
     #[arg(long, value_name = "TIME", value_parser = time)]
     time_budget: Option<Duration>,
-    /// Threads; all cores without it. Results do not depend on it
+    /// Threads [default: all cores]. Results do not depend on it
     #[arg(long, value_name = "N")]
     threads: Option<usize>,
     /// Print JSON

@@ -16,7 +16,7 @@ pub struct OverlapConfig {
     /// dataset's depth by the median of ratios (overlap=given)
     #[arg(long, value_name = "DIR")]
     pub overlap_depth: Option<PathBuf>,
-    /// Checkpoint for overlap=sharp-release, or mini for the bundled network [default: where the release keeps its own]
+    /// Checkpoint for overlap=sharp-release, or mini for the bundled network [default: the release's own location]
     #[arg(long, value_name = "FILE")]
     pub overlap_checkpoint: Option<PathBuf>,
     /// The checkpoint's architecture, FILE.json#NAME [default: the release's]

@@ -16,14 +16,14 @@ use crate::rendering::RenderSettings;
 #[derive(Debug, Clone, Default, PartialEq, Args, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case", default)]
 pub struct RenderingConfig {
-    /// Low-pass added to both variances of a projected Gaussian that has no rule of rendering of its own: release (0),
-    /// config (0.01), gsplat (0.3; also 3dgs), or square pixels [default: release]
+    /// Low-pass added to both variances of a projected Gaussian without its own rendering rule: release (0), config
+    /// (0.01), gsplat (0.3; also 3dgs), or square pixels [default: release]
     #[arg(long, value_name = "X")]
     #[serde(with = "text")]
     #[schemars(with = "Option<String>")]
     pub eps2d: Option<LowPass>,
-    /// Background: black, white, #RRGGBB (sRGB), or R,G,B in what is blended: linear light, or for a rule that
-    /// blends encoded values these [default: black]
+    /// Background: black, white, #RRGGBB (sRGB), or R,G,B in the blended space: linear light, or encoded values for a
+    /// rule that blends those [default: black]
     #[arg(long, value_name = "COLOUR")]
     #[serde(with = "text")]
     #[schemars(with = "Option<String>")]
@@ -47,9 +47,9 @@ impl RenderingConfig {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum Quantise {
-    /// To the nearest level: what scoring does unless asked otherwise
+    /// To the nearest level, the default for scoring
     Round,
-    /// Towards zero: what the release's video writer does
+    /// Towards zero, as the release's video writer does
     Truncate,
 }
 

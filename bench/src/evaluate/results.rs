@@ -36,7 +36,7 @@ pub struct Results {
 pub struct PictureFolder {
     /// The run folder.
     pub folder: RunFolder,
-    /// Label in the folder by label in the results.
+    /// Maps labels in the results to labels in this folder.
     pub labels: BTreeMap<String, String>,
     /// SHA-256 of each kept file, by pair id and the method's label in the folder.
     pub sha256: BTreeMap<(String, String), String>,

@@ -23,7 +23,7 @@ impl Shard {
     /// Creates a share.
     ///
     /// # Errors
-    /// If `index` is not in 1..=`count`.
+    /// If `index` is not in 1..=`count`, or `count` exceeds `MAX_SHARDS`.
     pub fn new(index: usize, count: usize) -> Result<Self, ShardError> {
         match (1..=count).contains(&index) && count <= MAX_SHARDS {
             true => Ok(Self { index, count }),

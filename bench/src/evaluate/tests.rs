@@ -1,4 +1,4 @@
-//! Whole evaluations of the procedural scene: which stages are done again after what, and what a folder shows.
+//! Whole evaluations of the procedural scene: which stages are redone after which change, and what a folder shows.
 
 use std::collections::BTreeSet;
 use std::path::Path;
@@ -65,7 +65,7 @@ fn scores(out: &Path) -> String {
     std::fs::read_to_string(out.join("scores.csv")).unwrap()
 }
 
-/// Answers every pair with one grey and counts how often it was asked.
+/// Predicts the same grey for every pair and counts the calls.
 fn grey(
     label: &str,
     level: u8,
@@ -80,13 +80,13 @@ fn grey(
     })
 }
 
-/// The Gaussians of `depth-splat` under another identity, counted: stands for a network.
+/// The Gaussians of `depth-splat` under another identity, with a call count: a stand-in for a network.
 struct Network {
     label: &'static str,
     depth: TrueDepth,
     splat: Box<dyn Method>,
     asked: Arc<AtomicUsize>,
-    /// A clock, milliseconds, that each inference moves on by more than the one before.
+    /// A clock in milliseconds; each inference advances it by more than the previous one.
     clock: Option<&'static AtomicU64>,
 }
 
@@ -131,7 +131,7 @@ impl PredictGaussians for Network {
         if let Some(clock) = self.clock {
             clock.fetch_add(1000 * (before + 1), Ordering::SeqCst);
         }
-        // It never sees the truth, whatever its privilege: it guesses a plane.
+        // Guesses a plane, because it never sees the true depth, whatever its privilege.
         assert!(source.depth().is_none());
         let (width, height) = source.image().dimensions();
         let plane = sharp_datasets::DepthMap::from_pixel(width, height, image::Luma([2.0]));
@@ -176,7 +176,7 @@ fn a_shared_inference_is_charged_whole_to_every_method_in_any_order() {
     let scaled = ("scaled", TrueDepth::DepthScale);
     let (sources, one, other) = seconds("a", [plain, scaled]);
     assert_eq!(one, other);
-    // Every inference took another time: each pair has its source's.
+    // Every inference took a different time; each pair has its source's.
     let different: BTreeSet<u64> = one.values().map(|(secs, _)| *secs as u64).collect();
     assert_eq!(different, (1..=sources as u64).collect());
     assert_eq!(seconds("b", [scaled, plain]), (sources, one, other));
@@ -197,7 +197,7 @@ fn another_metric_predicts_and_renders_nothing() {
     assert_eq!(asked.load(Ordering::SeqCst), before);
     assert_eq!((more.predicted, more.rendered), (0, 0));
     assert_eq!(more.scored, 3);
-    // The same by name, over kept pictures, in the bits of a run that had all metrics at once.
+    // Scoring kept pictures by metric name gives bit-identical results to a run with all metrics at once.
     let selection = Selection::parse("lpips-alex").unwrap();
     let scoring = Scoring::new(&selection, &Weights::deterministic("")).unwrap();
     let (counts, results) = rescore(&out, &scoring, MEMORY_LIMIT_BYTES, &Quiet).unwrap();
@@ -212,7 +212,7 @@ fn another_metric_predicts_and_renders_nothing() {
     );
     assert_eq!(scores(&out), scores(&whole));
     assert!(scores(&out).len() > psnr.len());
-    // And fewer metrics hide nothing.
+    // Running with fewer metrics hides none.
     let again = run(&out, network(TrueDepth::None), "psnr", 3);
     assert_eq!(again.counts.reused, 3);
     assert_eq!(scores(&out), scores(&whole));
@@ -300,7 +300,7 @@ fn stages_run_apart_and_give_the_same_bytes() {
     assert_eq!(asked.load(Ordering::SeqCst), networks);
     assert_eq!(scores(&whole), scores(&apart));
 
-    // Where the network cannot be opened, kept pictures are scored by name.
+    // If the network cannot be opened, kept pictures can still be scored by name.
     let elsewhere = dir.path().join("elsewhere");
     for stages in [Stages::Predict, Stages::Render] {
         let options = RunOptions {
@@ -328,7 +328,7 @@ fn another_renderer_runs_no_network() {
     let out = dir.path().join("r");
     let first = run_with(&out, request(network(), "psnr", 3), options);
     let before = asked.load(Ordering::SeqCst);
-    // The keys of pictures name another renderer; the folder has one, so that only its manifest tells them apart.
+    // Picture keys name the renderer, but a folder has only one, so only its manifest shows the difference.
     let mut evaluation = prepare(request(network(), "psnr", 3), &Quiet).unwrap();
     evaluation.renderer = mortal(usize::MAX);
     let mut manifest = first.results.manifest;
@@ -386,7 +386,7 @@ fn folders_join_unless_they_contradict_each_other() {
     let plain = |name: &str| named(&path(name).display().to_string());
     let joined = join(&[plain("a"), plain("b")]).unwrap();
     assert_eq!(joined.records, whole.results.records);
-    // What one folder lacks and the other has is not missing.
+    // A unit missing in one folder but present in the other is not missing.
     std::fs::remove_dir_all(path("a").join("units")).unwrap();
     let joined = join(&[plain("a"), plain("b")]).unwrap();
     assert_eq!((joined.records.len(), joined.missing.len()), (6, 0));
@@ -443,7 +443,7 @@ fn a_changed_identity_replaces_its_label_and_nothing_is_lost() {
         let kept = image::open(kept.unwrap().path).unwrap().into_rgb8();
         assert_eq!(kept.get_pixel(0, 0).0, [level; 3]);
     }
-    // Without pictures, going back finds the earlier result.
+    // Without kept pictures, returning to the previous settings finds the earlier result.
     let options = RunOptions {
         keep: Keep::None,
         ..RunOptions::default()
@@ -499,7 +499,7 @@ fn a_truth_that_could_not_be_read_costs_no_prediction() {
     let scene = std::fs::read_dir(&data).unwrap().next().unwrap().unwrap();
     let target = scene.path().join("im1.png");
     let whole = std::fs::read(&target).unwrap();
-    // Chunks with right checksums: only decoding shows it.
+    // Chunks with correct checksums: only decoding detects the damage.
     let mut broken = whole.clone();
     let kind = broken.windows(4).position(|at| at == b"IDAT").unwrap();
     let length = u32::from_be_bytes(whole[kind - 4..kind].try_into().unwrap()) as usize;
@@ -551,7 +551,7 @@ fn a_file_that_changes_during_the_run_fails_its_unit_and_is_read_anew_afterwards
         reason.contains("im0.png changed during the run"),
         "{reason}"
     );
-    // The new source is the truth itself.
+    // The new source is the target itself.
     let second = evaluate().results.records;
     assert_eq!(second[0].scores["psnr"].value(), Some(f64::INFINITY));
 }
@@ -583,7 +583,7 @@ fn the_common_region_is_that_of_all_pairs_and_can_be_scored_again() {
     );
 }
 
-/// Renders like the CPU until its device is lost.
+/// Renders on the CPU until its device is lost.
 struct Mortal {
     cpu: CpuRenderer,
     pictures_left: usize,
@@ -627,7 +627,7 @@ fn a_lost_device_leaves_the_unit_undone_and_the_run_continues_from_there() {
         evaluation.run(&dir.path().join(name), RunOptions::default(), &Quiet)
     };
     on(mortal(usize::MAX), "whole").unwrap();
-    // The source itself, and two of its targets.
+    // The source's own rendering, and two of its targets.
     let error = on(mortal(3), "cut").err().unwrap();
     let EvaluateError::Device { pair_id, .. } = &error else {
         panic!("{error}");
@@ -635,7 +635,7 @@ fn a_lost_device_leaves_the_unit_undone_and_the_run_continues_from_there() {
     let whole = Results::read(&dir.path().join("whole")).unwrap();
     assert_eq!(*pair_id, whole.records[2].pair_id);
     assert!(error.to_string().contains("lost"));
-    // A run that has not ended can be read, and says what is missing.
+    // An unfinished run can be read and lists what is missing.
     let cut = Results::read(&dir.path().join("cut")).unwrap();
     assert_eq!((cut.records.len(), cut.missing.len()), (2, 3));
 
@@ -645,7 +645,7 @@ fn a_lost_device_leaves_the_unit_undone_and_the_run_continues_from_there() {
         scores(&dir.path().join("cut")),
         scores(&dir.path().join("whole"))
     );
-    // Another renderer is another folder.
+    // Another renderer needs another folder.
     let error = on(SharedRenderer::cpu(), "cut").err().unwrap();
     assert!(
         matches!(error, EvaluateError::OtherMachine { .. }),
@@ -653,7 +653,7 @@ fn a_lost_device_leaves_the_unit_undone_and_the_run_continues_from_there() {
     );
 }
 
-/// Watches how far prediction is when each pair comes to be scored.
+/// Records how far prediction has progressed when each pair is scored.
 struct Watch<'a> {
     predicted: &'a AtomicUsize,
     seen: Mutex<Vec<usize>>,
@@ -661,7 +661,7 @@ struct Watch<'a> {
 
 impl Observer for Watch<'_> {
     fn progress(&self, _done: usize, _current: &str) {
-        // The other thread gets as far as it may, and time to go further, which it must not.
+        // The other thread goes as far as it may; give it time to go further, which it must not.
         let mut seen = self.seen.lock().unwrap();
         let expected = (seen.len() + 2).min(6);
         let patience = Instant::now() + Duration::from_secs(20);
@@ -707,7 +707,7 @@ fn pair_options_of_a_dataset_are_its_own() {
             .proxies("synthetic", 4)
             .contains(&"threshold=0.9".to_owned())
     );
-    // Read back by the same types.
+    // Parses back to the same value.
     let text = serde_json::to_string(&manifest).unwrap();
     assert_eq!(serde_json::from_str::<Manifest>(&text).unwrap(), manifest);
 }
@@ -716,7 +716,7 @@ fn pair_options_of_a_dataset_are_its_own() {
 fn a_bundle_is_the_results_without_pictures() {
     let dir = tempfile::tempdir().unwrap();
     let path = |name: &str| dir.path().join(name);
-    // One pair fails, one metric is perfect, one has no number.
+    // One method fails on a pair, one metric is perfect, one has no number.
     let fails = Closure::new("fails", "1", |_, target: &TargetCamera| {
         let (width, height) = target.size();
         match target.pair_id().ends_with("view_01") {
@@ -748,7 +748,7 @@ fn a_bundle_is_the_results_without_pictures() {
     assert_eq!(packed.manifest, finished.results.manifest);
     assert_eq!(packed.missing, finished.results.missing);
 
-    // Damaged anywhere, cut anywhere, or no bundle at all: an error, never other numbers.
+    // Damaged or cut anywhere, or not a bundle at all: an error, never wrong numbers.
     for at in (0..bytes.len()).step_by(bytes.len() / 200) {
         let mut other = bytes.clone();
         other[at] ^= 0x10;
@@ -763,7 +763,7 @@ fn a_bundle_is_the_results_without_pictures() {
     assert!(error.to_string().contains("not a bundle"), "{error}");
 }
 
-/// 3000 pairs of 7 methods under 4 metrics, every score with all its digits: what a baseline in a repository may take.
+/// 3000 pairs of 7 methods under 4 metrics, every score with all digits: the size limit for a baseline in a repository.
 #[test]
 fn a_bundle_of_the_papers_size_is_below_a_megabyte() {
     let dir = tempfile::tempdir().unwrap();

@@ -144,7 +144,7 @@ impl Unit {
             && check_label(method).is_ok()
     }
 
-    /// The unit as before scoring, because failed scoring is retried; `None` if there is no picture.
+    /// Resets the unit to its state before scoring, so that failed scoring is retried; `None` if there is no picture.
     pub(super) fn scorable(mut self) -> Option<Self> {
         self.picture.as_ref()?;
         self.record.status = Status::Ok;

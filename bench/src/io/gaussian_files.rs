@@ -22,7 +22,7 @@ use super::atomic_files::{FileError, write_atomic};
 /// Gaussians, and the camera if the file stores one.
 #[derive(Debug, Clone)]
 pub struct GaussianFile {
-    /// In the coordinate system of the program that wrote the file.
+    /// Gaussians in the coordinate system of the program that wrote the file.
     pub gaussians: Gaussians,
     pub camera: Option<(Intrinsics, DAffine3)>,
     /// Rendering rule.
@@ -132,7 +132,7 @@ pub fn read(
     })
 }
 
-/// Doubts a rule that draws fewer harmonics than the file has.
+/// A doubt if the rule draws fewer harmonics than the file has.
 fn undrawn(gaussians: &Gaussians, rule: &Rule) -> Option<Suspicion> {
     let degree = gaussians.harmonics.degree;
     (degree > rule.degree).then(|| {

@@ -333,8 +333,8 @@ pub trait PredictPicture: Sync {
 
 /// Predicts Gaussians.
 pub trait PredictGaussians: Sync {
-    /// Whether each target has its own Gaussians. By default a source's Gaussians serve all targets, which the method
-    /// does not see.
+    /// Whether each target has its own Gaussians. By default a source's Gaussians serve all targets, and the method
+    /// does not see the target.
     fn needs_target(&self) -> bool {
         false
     }

@@ -1,4 +1,4 @@
-//! Results as a grid: datasets, their pairs, and each method's record of each pair.
+//! Results arranged as a grid: datasets, their pairs, and each method's record of each pair.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -17,14 +17,14 @@ use crate::methods::{KINDS, MethodIdentity};
 use super::column::Column;
 use super::error::ReportError;
 
-/// Everything that tables and plots read.
+/// The data behind tables and plots.
 #[derive(Debug)]
 pub struct Board<'a> {
-    /// In the order of the run.
+    /// Datasets, in the order of the run.
     pub datasets: Vec<DatasetBoard<'a>>,
-    /// In the order of the run.
+    /// Methods, in the order of the run.
     pub methods: Vec<ReportMethod>,
-    /// In the order of the run, with or without numbers.
+    /// Metrics, in the order of the run, including those without scores.
     pub metrics: Vec<Column>,
 }
 
@@ -39,45 +39,45 @@ pub struct DatasetBoard<'a> {
 /// One pair and its predictions.
 #[derive(Debug)]
 pub struct PairBoard<'a> {
-    /// A record of the pair, for what does not depend on the method.
+    /// Any record of the pair, for facts that do not depend on the method.
     pub facts: &'a Record,
-    /// By method, as in [`Board::methods`]; `None`: no record.
+    /// Records by method, in the order of [`Board::methods`]; `None` if the method has no record.
     pub by_method: Vec<Option<&'a Record>>,
 }
 
 /// A column group of the tables.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct ReportDataset {
-    /// As in the records: the user's choice, or else the format.
+    /// Name as in the records: chosen by the user, or else the format.
     pub name: String,
-    /// The format it was read as; `None` if only its name is known.
+    /// Format that the dataset was read as; `None` if only its name is known.
     pub format: Option<String>,
-    /// One line: what it is and how much of it was read.
+    /// One line on the dataset and how much of it was read.
     pub description: String,
-    /// `key=value` of the settings and pair options that are known to differ from the paper; a footnote of the column.
+    /// Settings and pair options known to differ from the paper, as `key=value`; shown in a footnote of the column.
     pub proxies: Vec<String>,
-    /// Whether scores are taken on the part of each target that all methods predict.
+    /// Whether scores are computed on the region of each target that all methods predict.
     pub common_region: bool,
-    /// How its means are aggregated.
+    /// How the dataset's means are computed.
     pub aggregation: Aggregation,
 }
 
 /// A row of the tables.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct ReportMethod {
-    /// As in the records.
+    /// Label as in the records.
     pub label: String,
-    /// One line: what it does and with which options.
+    /// One line on the method and its options.
     pub description: String,
-    /// Why this row is shown without a rank (`it is the ground truth itself`); `None` ranks it.
+    /// Why this row has no rank (`it is the ground truth itself`); `None` if it is ranked.
     pub unranked: Option<String>,
-    /// Whether every real method is expected to beat it.
+    /// Whether every real method is expected to beat this one.
     pub is_baseline: bool,
-    /// The kernel that smaller predictions are resized up with, where one is named.
+    /// Kernel used to enlarge smaller predictions, if named.
     pub resize_kernel: Option<String>,
     /// Doubts about its predictions, shown after its label below the first table.
     pub doubt: Option<String>,
-    /// Remarks on what it is, likewise.
+    /// Notes on the method, shown like `doubt`.
     pub note: Option<String>,
 }
 
@@ -96,8 +96,8 @@ impl<'a> Board<'a> {
     /// Arranges results.
     ///
     /// # Errors
-    /// When a pair and method has two records, or two records of a pair disagree on its geometry: then they are not of one
-    /// pair, and their means would mean nothing.
+    /// If a pair and method has two records, or two records of a pair disagree on its geometry, in which case means
+    /// over them would be meaningless.
     pub fn of(results: &'a Results) -> Result<Self, ReportError> {
         let Results {
             manifest, records, ..
@@ -145,13 +145,13 @@ impl<'a> Board<'a> {
         })
     }
 
-    /// Positions of the methods that are ranked.
+    /// Indices of the ranked methods.
     pub fn ranked(&self) -> impl Iterator<Item = usize> {
         let methods = self.methods.iter().enumerate();
         methods.filter_map(|(i, method)| method.unranked.is_none().then_some(i))
     }
 
-    /// Counts with their nouns, for the lead and the tiles of a page.
+    /// Counts with their nouns, for the summary and the tiles of a page.
     pub fn counts(&self, metrics: usize) -> [(&'static str, usize); 6] {
         let pairs = || self.datasets.iter().flat_map(|d| &d.pairs);
         let scenes = pairs().map(|pair| (&pair.facts.dataset, &pair.facts.scene));
@@ -165,7 +165,7 @@ impl<'a> Board<'a> {
         ]
     }
 
-    /// Records that failed, in the order of the board.
+    /// Failed records with their reasons, in the order of the board.
     pub fn failures(&self) -> Vec<(&'a Record, &'a str)> {
         let pairs = self.datasets.iter().flat_map(|d| &d.pairs);
         let records = pairs.flat_map(|pair| pair.by_method.iter().flatten());
@@ -177,7 +177,7 @@ impl<'a> Board<'a> {
     }
 }
 
-/// The first difference between two records of a pair in its geometry, which must not depend on the method.
+/// The first difference in geometry between two records of a pair; geometry must not depend on the method.
 fn differing_fact(a: &Record, b: &Record) -> Option<&'static str> {
     let facts = |r: &Record| {
         [
@@ -221,7 +221,7 @@ impl ReportDataset {
         }
     }
 
-    /// The name for headings: the user's choice as it is, a format's by its display name (`ETH3D`).
+    /// The name for headings: the user's choice unchanged, or the display name of a format (`ETH3D`).
     pub fn title(&self) -> &str {
         match self.entry() {
             Some(entry) if self.format.as_ref() == Some(&self.name) => entry.display_name,
@@ -229,12 +229,12 @@ impl ReportDataset {
         }
     }
 
-    /// Whether pictures of it may be published, as far as is known; those of an unknown dataset may not.
+    /// Whether the dataset's pictures may be published; false for an unknown dataset.
     pub(super) fn may_publish(&self) -> bool {
         self.entry().is_some_and(|entry| entry.may_publish)
     }
 
-    /// By format, because users choose names freely; by name where the format is not known.
+    /// The dataset's entry: by format, because users choose names freely; by name if the format is unknown.
     pub(super) fn entry(&self) -> Option<&'static DatasetEntry> {
         let name = self.format.as_ref().unwrap_or(&self.name);
         let mut entries = ENTRIES.into_iter();
@@ -242,7 +242,7 @@ impl ReportDataset {
     }
 }
 
-/// The dataset's settings and pair options that are known to differ from the paper, each once.
+/// The dataset's settings and pair options that are known to differ from the paper, without repetition.
 pub(super) fn proxies(
     manifest: &Manifest,
     dataset: &DatasetRecord,
@@ -255,7 +255,7 @@ pub(super) fn proxies(
     let of_dataset = records.iter().filter(|r| r.dataset == dataset.name);
     let ids: BTreeSet<&str> = of_dataset.map(|record| record.pair_id.as_str()).collect();
     for list in &manifest.pairs.lists {
-        // A limited run does not say how many pairs were selected.
+        // A limited run does not record how many pairs were selected.
         let selected = list.limit.map_or(ids.len(), |_| usize::MAX);
         let choices = list.choices.get(&dataset.name).into_iter();
         for proxy in choices.flat_map(|choices| choices.proxies(&dataset.format, selected)) {
@@ -284,7 +284,7 @@ impl ReportMethod {
         let notes = notes.cloned().collect();
         let doubts = doubts_of(of_method, &identity.kind, record.privilege.depth);
         let joined = |texts: Vec<String>| Some(texts.join("; ")).filter(|text| !text.is_empty());
-        // "bicubic [a = -0.75, …]": the name is enough for a footnote.
+        // For example "bicubic [a = -0.75, …]"; the name is enough for a footnote.
         let kernel = identity.settings.get("resize");
         let kernel = kernel.and_then(|text| text.split(' ').next());
         Self {

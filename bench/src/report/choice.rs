@@ -1,13 +1,13 @@
-//! Selects pairs for a page that has no room for all.
+//! Selects pairs for a page that cannot show all of them.
 
 use sharp_metrics::Direction;
 
 use super::board::{Board, PairBoard};
 use super::column::Column;
 
-/// At most `limit` pairs, each with the position of its dataset. Every dataset gets the same share as far as it has pairs:
-/// half of it are the pairs with the largest `badness`; the other half are spread evenly over the rest or, if not `evenly`,
-/// have the smallest.
+/// At most `limit` pairs, each with the index of its dataset. The limit is divided equally among datasets, as far as
+/// they have pairs. Half of each share are the pairs with the largest `badness`; the other half are spread evenly over
+/// the rest or, unless `evenly`, have the smallest.
 pub(super) fn choose<'a>(
     board: &'a Board<'a>,
     limit: usize,
@@ -72,7 +72,8 @@ fn worst_first<'a>(
     order.into_iter().map(|(pair, _)| pair).collect()
 }
 
-/// Mean over the ranked methods of the first metric that has finite numbers, larger meaning worse.
+/// Mean over the ranked methods of the first metric with finite scores, negated if higher is better, so that larger is
+/// worse.
 pub(super) fn badness(board: &Board<'_>, pair: &PairBoard<'_>, metrics: &[Column]) -> f64 {
     let mean_of = |metric: &Column| {
         let sign = match metric.direction? {

@@ -1,4 +1,4 @@
-//! A column of a table: a metric, or a quantity that methods report about their predictions.
+//! Table columns: metrics, and quantities that methods report about their predictions.
 
 use sharp_metrics::identity::MetricRegion;
 use sharp_metrics::{Direction, MetricInfo, MetricKey};
@@ -6,7 +6,7 @@ use sharp_metrics::{Direction, MetricInfo, MetricKey};
 use super::error::ReportError;
 use super::tables::shown;
 
-/// Extras that methods report: key, label, decimals and meaning.
+/// Known extras of methods: key, label, decimals and meaning.
 const REPORTED: [(&str, &str, usize, &str); 10] = [
     (
         "mean_alpha",
@@ -70,24 +70,24 @@ const REPORTED: [(&str, &str, usize, &str); 10] = [
     ),
 ];
 
-/// A column of a table: a metric of exactly one identity, or a quantity that methods report.
+/// A table column: a metric of exactly one identity, or a quantity that methods report.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Column {
     /// Key in a record's scores, such as `ssim[gauss11,valid]`, or in its reported values. Each key has its own column.
     pub key: String,
     /// Name with variant and region, such as `SSIM gauss11 valid (frustum)`.
     pub label: String,
-    /// The same without a variant that is its family's default: `SSIM (frustum)`.
+    /// As `label`, but without a variant that is its family's default: `SSIM (frustum)`.
     pub short: String,
-    /// `dB`, or empty for a number without unit.
+    /// Unit such as `dB`; empty for a number without unit.
     pub unit: String,
-    /// Decimals shown; ranks are taken after rounding to them.
+    /// Decimals shown; ranks use numbers rounded to them.
     pub decimals: usize,
-    /// Which values are better; `None` is never ranked.
+    /// Which values are better; `None` is not ranked.
     pub direction: Option<Direction>,
-    /// How the number is computed, with everything that changes its value.
+    /// How the number is computed, including everything that affects its value.
     pub convention: String,
-    /// Network and sha256 of the features that it was computed on, where they are not the published ones.
+    /// Network and SHA-256 of the features, if they are not the published ones.
     pub stand_in: Option<String>,
 }
 
@@ -155,7 +155,7 @@ impl Column {
         }
     }
 
-    /// `higher is better`: the arrow in words.
+    /// The direction in words, such as `higher is better`.
     pub fn direction_words(&self) -> &'static str {
         match self.direction {
             Some(Direction::Higher) => "higher is better",
@@ -179,7 +179,7 @@ impl Column {
         self.key.split(['[', '@']).next().unwrap_or_default()
     }
 
-    /// Names of columns of one table: short for default variants, unless another variant of the same family is shown too.
+    /// Column names in one table: short for default variants, unless another variant of the same family is also shown.
     pub fn names(columns: &[Self]) -> Vec<&str> {
         let names = columns.iter().map(|column| {
             let mut family = columns.iter().filter(|c| c.family() == column.family());
@@ -203,10 +203,10 @@ impl Column {
         heads.collect()
     }
 
-    /// The columns of these metrics, in their order; all columns if there are none.
+    /// The columns of these metrics, in their order; all columns if `keys` is empty.
     ///
     /// # Errors
-    /// When a metric has no column.
+    /// If a metric has no column.
     pub fn chosen(columns: &[Self], keys: &[MetricKey]) -> Result<Vec<Self>, ReportError> {
         if keys.is_empty() {
             return Ok(columns.to_vec());
@@ -220,7 +220,7 @@ impl Column {
         keys.iter().map(column).collect()
     }
 
-    /// A value as it is shown.
+    /// Formats a value with the column's decimals.
     pub fn shown(&self, value: f64) -> String {
         shown(value, self.decimals)
     }
@@ -231,7 +231,7 @@ impl Column {
     }
 }
 
-/// Runs of letters and digits of a column's key, in lower case, joined by dashes.
+/// The letters and digits of a column's key in lower case, other characters replaced by dashes.
 pub(super) fn slug(key: &str) -> String {
     let parts = key.split(|c: char| !c.is_ascii_alphanumeric());
     let parts: Vec<_> = parts.filter(|part| !part.is_empty()).collect();

@@ -1,4 +1,4 @@
-//! Errors of a report.
+//! Errors of reports.
 
 use sharp_plots::PlotError;
 
@@ -8,7 +8,7 @@ use crate::io::atomic_files::FileError;
 /// Why a report cannot be made. Messages are one line and name the file or unit.
 #[derive(Debug, thiserror::Error)]
 pub enum ReportError {
-    /// The system refused to read or write a file.
+    /// A file cannot be read or written.
     #[error(transparent)]
     File(#[from] FileError),
     /// Two records of one pair contradict each other.
@@ -18,22 +18,21 @@ pub enum ReportError {
         method: String,
         reason: String,
     },
-    /// A name that the results do not contain.
+    /// A name that is not in the results.
     #[error("{what} '{name}' is not in these runs; they have {known}")]
     Absent {
-        /// `metric`, `method`, `pair`, ….
+        /// Kind of the name: `metric`, `method`, `pair`, ….
         what: &'static str,
         name: String,
-        /// Separated by commas.
+        /// Known names, comma-separated.
         known: String,
     },
-    /// A file of a run, or a depth map.
+    /// A file of a run, or a depth map, cannot be read.
     #[error(transparent)]
     Run(Box<EvaluateError>),
     /// The figure needs exactly one method.
     #[error("this figure shows one method: name it with --method")]
     NotOneMethod,
-    /// A figure cannot be made.
     #[error(transparent)]
     Plot(#[from] PlotError),
     /// A table could not be written as CSV.
@@ -51,7 +50,7 @@ impl From<EvaluateError> for ReportError {
 }
 
 impl ReportError {
-    /// The error for an unknown name.
+    /// Creates [`Self::Absent`].
     pub fn absent<'a>(
         what: &'static str,
         name: &str,
@@ -69,7 +68,7 @@ impl ReportError {
     }
 }
 
-/// Why a picture is missing, in a few words shown in its place.
+/// Why a picture is missing, as a short text shown in its place.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum MissingPicture {
     #[error("its dataset's terms do not let it be published")]
@@ -81,15 +80,15 @@ pub enum MissingPicture {
     /// The file was replaced after scoring.
     #[error("the kept picture is not the one that was scored")]
     NotScored,
-    /// A picture that cannot be read or encoded.
+    /// The picture cannot be read or encoded.
     #[error("{0}")]
     Unusable(String),
     #[error("failed: {0}")]
     Failed(String),
-    /// An error map lacks this input.
+    /// An input of the error map is missing.
     #[error("no {0}")]
     Without(&'static str),
-    /// An error map needs pictures of one size. Width and height, pixels.
+    /// The pictures of an error map have different sizes. Width and height, pixels.
     #[error("the prediction has {} × {} pixels, the target {} × {}", prediction.0, prediction.1, target.0, target.1)]
     Sizes {
         prediction: (u32, u32),

@@ -1,14 +1,14 @@
-//! Error of a prediction as a picture: mean absolute error over the channels, in false colour.
+//! Prediction errors as pictures: mean absolute error over the channels, in false colour.
 //!
 //! The colours are matplotlib's *inferno* (S. van der Walt and N. Smith, CC0), through the sixth-degree polynomials
-//! that M. Zucker fitted to it (CC0): equal steps of error look like equal steps, and it stays ordered in grey.
+//! that M. Zucker fitted to it (CC0). Equal steps of error look like equal steps, and the order is preserved in grey.
 
 use image::{ImageBuffer, Luma, Rgb, RgbImage};
 
 use super::error::MissingPicture;
 use super::pictures::reduced;
 
-/// Coefficients by ascending power, each for red, green and blue.
+/// Polynomial coefficients by ascending power, each for red, green and blue.
 const INFERNO: [[f64; 3]; 7] = [
     [
         0.0002189403691192265,
@@ -23,7 +23,7 @@ const INFERNO: [[f64; 3]; 7] = [
     [25.13112622477341, -12.24266895238567, -23.07032500287172],
 ];
 
-/// The colour at `share` of the scale's range, clamped to 0..1; NaN has the brightest.
+/// The colour at `share` of the scale's range, clamped to 0..1; NaN gets the brightest colour.
 pub fn colour(share: f32) -> Rgb<u8> {
     let t = if share.is_nan() {
         1.0
@@ -41,7 +41,7 @@ pub fn colour(share: f32) -> Rgb<u8> {
     Rgb(rgb)
 }
 
-/// A map in colours; `share` gives a value's position in the scale's range, `None` is grey.
+/// Colours a map; `share` gives a value's position in the scale's range, or `None` for grey.
 pub fn false_colours(
     map: &ImageBuffer<Luma<f32>, Vec<f32>>,
     share: impl Fn(f32) -> Option<f32>,
@@ -65,10 +65,10 @@ pub fn css_gradient() -> String {
     format!("linear-gradient(to right,{})", stops.join(","))
 }
 
-/// |prediction − target| per pixel in 0..1, the mean over the three channels.
+/// |prediction − target| per pixel in 0..1, averaged over the three channels.
 ///
 /// # Errors
-/// When the sizes differ.
+/// If the sizes differ.
 pub fn absolute_error(
     prediction: &RgbImage,
     target: &RgbImage,
@@ -87,11 +87,11 @@ pub fn absolute_error(
     }))
 }
 
-/// The error in colour, `max` at the top of the scale, reduced to fit `side` pixels. Errors are averaged before
-/// they are coloured, over the pixels that are `scored`; where most are not, the picture is [`hatched`].
+/// The error in colour, with `max` at the top of the scale, reduced to fit `side` pixels. Errors are averaged before
+/// colouring, over the pixels that are `scored`; pixels that are mostly not scored are [`hatched`].
 ///
 /// # Errors
-/// When the sizes differ.
+/// If the sizes differ.
 pub fn picture(
     prediction: &RgbImage,
     target: &RgbImage,
@@ -105,11 +105,11 @@ pub fn picture(
     }))
 }
 
-/// A reduced pixel is hatched where less than this share of it is scored.
+/// Minimum scored share of a reduced pixel, below which it is hatched.
 const HALF: f32 = 0.5;
 
-/// Values in colour, averaged over the scored pixels and reduced to fit `side`; [`hatched`] where the share of scored pixels is
-/// below `enough`.
+/// Values in colour, averaged over the scored pixels and reduced to fit `side`; [`hatched`] if the share of scored
+/// pixels is below `enough`.
 pub(super) fn averaged(
     mut error: ImageBuffer<Luma<f32>, Vec<f32>>,
     scored: impl Fn(u32, u32) -> bool,
@@ -136,11 +136,11 @@ pub(super) fn averaged(
     })
 }
 
-/// Difference of two predictions' errors: vermilion where the error grew, blue where it shrank, grey where it is equal;
-/// `max` is at the ends of the scale. Otherwise like [`picture`].
+/// Change of the error between two predictions: vermilion if it grew, blue if it shrank, grey if equal; `max` is at
+/// both ends of the scale. Otherwise like [`picture`].
 ///
 /// # Errors
-/// When the sizes differ.
+/// If the sizes differ.
 pub fn change(
     [before, after]: [&RgbImage; 2],
     target: &RgbImage,
@@ -158,7 +158,7 @@ pub fn change(
     }))
 }
 
-/// Okabe and Ito's vermilion at 1 and more, their blue at −1 and less.
+/// Okabe and Ito's vermilion at 1 and above, their blue at −1 and below.
 fn diverging(share: f32) -> Rgb<u8> {
     let end = if share > 0.0 {
         [0xD5, 0x5E, 0x00]
@@ -178,7 +178,7 @@ pub fn change_gradient() -> String {
     format!("linear-gradient(to right,{})", stops.join(","))
 }
 
-/// Grey stripes, for pixels that are not scored; no colour scale has them.
+/// Grey stripes for pixels that are not scored; no colour scale contains them.
 pub fn hatched(x: u32, y: u32) -> Rgb<u8> {
     if ((x + y) / 4).is_multiple_of(2) {
         Rgb([104; 3])
@@ -220,13 +220,13 @@ mod tests {
                 .get_pixel(0, 0),
             &colour(0.0)
         );
-        // What is not scored has no part in its neighbours' error either, at any size.
+        // Unscored pixels do not affect their neighbours' error at any size.
         let half = picture(&a, &b, |x, _| x == 1, 60.0 / 765.0, 100).unwrap();
         assert_eq!(
             (half.get_pixel(0, 0), half.get_pixel(1, 0)),
             (&hatched(0, 0), &colour(1.0))
         );
-        // b is better than a, by all of the scale; a pixel that nothing changed is grey.
+        // b is better than a by the full scale; an unchanged pixel is grey.
         let target = RgbImage::from_fn(2, 1, |x, _| {
             if x == 0 {
                 Rgb([40, 20, 0])

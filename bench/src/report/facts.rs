@@ -1,4 +1,4 @@
-//! How the numbers of a run were computed, as names and values under headings.
+//! Facts about how the numbers of a run were computed, as names and values under headings.
 
 use std::collections::BTreeMap;
 
@@ -13,7 +13,7 @@ type Fact = (String, String);
 /// Facts under one heading, in the order shown.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct FactGroup {
-    /// `Scoring`, `Pair list`, ….
+    /// Heading such as `Scoring` or `Pair list`.
     pub title: String,
     pub facts: Vec<Fact>,
 }
@@ -119,7 +119,7 @@ fn list_facts(list: &ListRecord) -> Vec<Fact> {
         let text = format!("{limit} (not all that are selected)");
         facts.push(fact("limit", text));
     }
-    // What holds for all datasets is said once.
+    // Merge facts that are the same for several datasets.
     let mut rows: BTreeMap<Fact, Vec<&str>> = BTreeMap::new();
     for (dataset, choices) in &list.choices {
         for row in choice_facts(choices) {

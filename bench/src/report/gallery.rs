@@ -1,4 +1,4 @@
-//! The pairs that the page shows, with their pictures, within a byte budget.
+//! The pairs shown on the page, with their pictures, within a byte budget.
 
 use std::collections::BTreeMap;
 
@@ -17,41 +17,41 @@ use super::options::{Layout, PictureBudget, ReportOptions};
 use super::pictures::{ReportPictures, Thumbnail};
 use super::view_maps;
 
-/// Most pairs in a single-file page: half have the worst scores, the others are spread evenly.
+/// Maximum number of pairs in a single-file page: half have the worst scores, the others are spread evenly.
 pub(super) const PAIRS_IN_FILE: usize = 24;
 /// Absolute error (0..1, mean over the channels) at the top of the error maps' colour scale.
 pub(super) const ERROR_MAX: f32 = 0.5;
-/// Change of the absolute error at both ends of its scale.
+/// Change of the absolute error at both ends of its colour scale.
 pub(super) const CHANGE_MAX: f32 = 0.2;
-/// Least side in a single-file page, pixels; it shows fewer pairs rather than smaller pictures.
+/// Minimum side in a single-file page, pixels; it shows fewer pairs rather than smaller pictures.
 const MIN_SIDE: u32 = 240;
-/// Least side in a folder, which shows all pairs.
+/// Minimum side in a folder, which shows all pairs, pixels.
 const MIN_SIDE_IN_FOLDER: u32 = 96;
-/// Pairs of each dataset that are encoded to estimate the size of all pictures.
+/// Number of pairs per dataset that are encoded to estimate the size of all pictures.
 const PROBES: usize = 5;
-/// Share of the budget to aim for, as bytes are only estimated.
+/// Share of the budget to aim for, because sizes are estimates.
 const FILLED: f64 = 0.9;
 
-/// Kind of a picture of a pair. Pictures of predictions come after those of the two views.
+/// Kind of picture of a pair. Kinds for predictions come after those for the two views.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum PictureKind {
     Source,
     Target,
     /// The target, hatched where it is not scored.
     Mask,
-    /// Inverse depth of the target in colours; [`Self::SourceDepth`] is the source's.
+    /// Inverse depth of the target in colour; [`Self::SourceDepth`] is the source's.
     Depth,
     SourceDepth,
     Prediction,
     Error,
-    /// Change of the error against the method it is compared with.
+    /// Change of the error relative to the compared method.
     Change,
     /// Coverage of a rendering, black to white.
     Alpha,
 }
 
 impl PictureKind {
-    /// As in the page's data and in file names.
+    /// Name in the page's data and in file names.
     pub(super) fn name(self) -> &'static str {
         match self {
             Self::Source => "source",
@@ -67,16 +67,16 @@ impl PictureKind {
     }
 }
 
-/// Pictures or the reasons why they are missing; kinds that do not apply are absent.
+/// Pictures, or the reasons for missing ones; kinds that do not apply are absent.
 pub type Pictures = BTreeMap<PictureKind, Result<Thumbnail, MissingPicture>>;
 
-/// The pairs shown.
+/// The shown pairs.
 #[derive(Debug)]
 pub struct Gallery<'a> {
     pub layout: Layout,
-    /// By dataset as in the board, then by id.
+    /// Pairs by dataset as in the board, then by id.
     pub pairs: Vec<GalleryPair<'a>>,
-    /// Pairs of the run.
+    /// Number of pairs in the run.
     pub of: usize,
     /// Longest side of the pictures, pixels.
     pub side: u32,
@@ -85,12 +85,12 @@ pub struct Gallery<'a> {
 /// A pair with its pictures.
 #[derive(Debug)]
 pub struct GalleryPair<'a> {
-    /// Position of its dataset in the board.
+    /// Index of the pair's dataset in the board.
     pub dataset: usize,
     pub pair: &'a PairBoard<'a>,
-    /// Of its two views.
+    /// Pictures of the two views.
     pub views: Pictures,
-    /// By method; `None`: the method has no record of this pair.
+    /// Predictions by method; `None` if the method has no record of this pair.
     pub methods: Vec<Option<GalleryPrediction<'a>>>,
 }
 
@@ -102,7 +102,7 @@ pub struct GalleryPrediction<'a> {
 }
 
 impl GalleryPair<'_> {
-    /// Of its views and of its predictions.
+    /// Pictures of the pair's views and predictions.
     fn all_pictures(&self) -> impl Iterator<Item = &Pictures> {
         let methods = self.methods.iter().flatten();
         std::iter::once(&self.views).chain(methods.map(|shown| &shown.pictures))
@@ -116,7 +116,7 @@ impl GalleryPair<'_> {
         let sizes = self.pictures().map(|picture| picture.jpeg.len());
         let bytes: usize = sizes.sum();
         match layout {
-            // As text.
+            // Base64 encoding.
             Layout::File => bytes.div_ceil(3) * 4,
             Layout::Folder => bytes,
         }
@@ -124,8 +124,8 @@ impl GalleryPair<'_> {
 }
 
 impl<'a> Gallery<'a> {
-    /// Selects pairs, then reduces and encodes their pictures to a size that is likely to fit the budget. A single-file page
-    /// that still exceeds it drops pairs from the end.
+    /// Selects pairs, then reduces and encodes their pictures to a size that is likely to fit the budget. A single-file
+    /// page that still exceeds it drops pairs from the end.
     pub fn new(
         board: &'a Board<'a>,
         metrics: &[Column],
@@ -173,13 +173,13 @@ impl<'a> Gallery<'a> {
         }
     }
 
-    /// Whether any pair has a picture of that kind.
+    /// Whether any pair has a picture of this kind.
     pub(super) fn has(&self, kind: PictureKind) -> bool {
         let mut pictures = self.pairs.iter().flat_map(GalleryPair::all_pictures);
         pictures.any(|pictures| matches!(pictures.get(&kind), Some(Ok(_))))
     }
 
-    /// Names and contents of the pictures that lie beside the page.
+    /// Names and contents of the picture files next to the page.
     pub(super) fn files(&self) -> BTreeMap<String, &[u8]> {
         if self.layout == Layout::File {
             return BTreeMap::new();
@@ -190,7 +190,7 @@ impl<'a> Gallery<'a> {
     }
 }
 
-/// Path of a picture relative to the page. A view of several pairs is one file.
+/// Path of a picture relative to the page. A view shared by several pairs is one file.
 pub(super) fn file_name(picture: &Thumbnail) -> String {
     format!("{THUMBNAILS}/{}.jpg", &sha256_hex(&picture.jpeg)[..16])
 }
@@ -198,8 +198,8 @@ pub(super) fn file_name(picture: &Thumbnail) -> String {
 /// The folder of pictures next to the page.
 pub(super) const THUMBNAILS: &str = "thumbs";
 
-/// The longest side at which all pictures are likely to fit the budget, estimated from a few pairs of each dataset. Bytes
-/// grow roughly with the area; two more estimates correct the first.
+/// The longest side at which all pictures are likely to fit the budget, estimated from a few pairs of each dataset.
+/// Sizes grow roughly with the area; two more estimates correct the first.
 fn side<'a>(
     chosen: &[(usize, &'a PairBoard<'a>)],
     layout: Layout,
@@ -210,7 +210,7 @@ fn side<'a>(
         Layout::File => MIN_SIDE,
         Layout::Folder => MIN_SIDE_IN_FOLDER,
     };
-    // Each with how many pairs it stands for.
+    // Each probe with the number of pairs that it represents.
     let probes: Vec<_> = chosen
         .chunk_by(|a, b| a.0 == b.0)
         .flat_map(|pairs| {
@@ -238,7 +238,7 @@ fn side<'a>(
     side
 }
 
-/// Position of the method that a method is compared with.
+/// Index of the method that `method` is compared with.
 pub(super) fn against(options: &ReportOptions, board: &Board<'_>, method: usize) -> Option<usize> {
     let label = &board.methods.get(method)?.label;
     let mut against = options.comparison.as_ref()?.against.iter();

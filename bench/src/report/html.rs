@@ -1,6 +1,6 @@
-//! The report as a page that opens from disk: no server, no network; tables and plots are readable without scripts.
+//! The report as a page that opens from disk, without server or network. Tables and plots are readable without scripts.
 //!
-//! The templates, the style and the scripts lie in `bench/templates`. Text from outside reaches the page only through
+//! The templates, the style and the scripts are in `bench/templates`. Untrusted text reaches the page only through
 //! templates, which escape it, and as data, which the script shows as text; a content security policy forbids anything
 //! else.
 
@@ -31,7 +31,7 @@ use sharp_plots::ink::{GRID, INK, MUTED, PAPER};
 use sharp_plots::palette::style;
 
 pub(crate) const STYLE: &str = include_str!("../../templates/style.css");
-/// Tables, then the cards of the pairs, then the large view.
+/// Scripts of tables, of the pair cards, and of the large view, in this order.
 const SCRIPT: &str = concat!(
     "(function () {\n'use strict';\n",
     include_str!("../../templates/tables.js"),
@@ -40,7 +40,7 @@ const SCRIPT: &str = concat!(
     "}());\n"
 );
 pub(crate) const VERSION: &str = env!("CARGO_PKG_VERSION");
-/// Failures listed in the page at most.
+/// Maximum number of failures listed on the page.
 const FAILURES: usize = 200;
 
 /// Contents of the page; rendered by [`Template::render`].
@@ -48,13 +48,13 @@ const FAILURES: usize = 200;
 #[template(path = "report.html")]
 pub struct Page<'a> {
     pub title: &'static str,
-    /// Below the title: the counts, and what was run.
+    /// Text below the title: the counts and what was run.
     pub lead: String,
     pub results: &'a Results,
     pub options: &'a ReportOptions,
     /// Folder of the report.
     pub out: &'a Path,
-    /// Metrics that have a number.
+    /// Metrics with at least one score.
     pub metrics: &'a [Column],
     /// Quantities that methods report.
     pub extras: &'a [Column],
@@ -101,13 +101,13 @@ impl Page<'_> {
         style(*method).ink.hex()
     }
 
-    /// Whether pixels of some target are not scored.
+    /// Whether some target has pixels that are not scored.
     fn excludes_pixels(&self) -> bool {
         let mut records = self.results.records.iter();
         records.any(|r| r.crop.is_some() || r.valid_share.is_some())
     }
 
-    /// The pairs as JSON for the script.
+    /// Data of the pairs as JSON for the script.
     fn data(&self) -> String {
         page_data::json(self)
     }
@@ -116,19 +116,19 @@ impl Page<'_> {
         self.gallery.has(kind)
     }
 
-    /// Link to the full prediction; none for a crop, which the page shows in its place in the target.
+    /// Link to the full prediction; `None` for a crop, which the page shows at its position in the target.
     pub(super) fn full_path(&self, record: &Record) -> Option<String> {
         let kept = self.pictures.linked(record);
         self.link(&kept.filter(|_| record.crop.is_none())?)
     }
 
-    /// The page of `render --viewer` that was written beside the kept prediction, if one was.
+    /// Link to the page that `render --viewer` wrote next to the kept prediction, if any.
     pub(super) fn viewer_path(&self, record: &Record) -> Option<String> {
         let page = self.pictures.linked(record)?.with_extension("html");
         page.is_file().then(|| self.link(&page))?
     }
 
-    /// Links to the full source and target: the target as the self-test kept it, otherwise as in the dataset.
+    /// Links to the full source and target. The target is the one kept by the self-test, or else the dataset's.
     pub(super) fn full_views(&self, pair: &PairBoard<'_>) -> [Option<String>; 2] {
         let mut records = pair.by_method.iter().zip(&self.board.methods);
         let itself = records.find(|(_, method)| method.unranked.is_some());
@@ -138,12 +138,12 @@ impl Page<'_> {
         [source.and_then(|source| self.link(&source)), target]
     }
 
-    /// Relative to the page, with `/`, where both are below one folder.
+    /// Link relative to the page, with `/` as separator; `None` if they have no common folder.
     fn link(&self, file: &Path) -> Option<String> {
         relative(&absolute(file).ok()?, &absolute(self.out).ok()?)
     }
 
-    /// Datasets whose pictures are left out of a report for the public.
+    /// Datasets whose pictures are left out of a public report.
     fn withheld(&self) -> Vec<&ReportDataset> {
         withheld(self.board).collect()
     }
@@ -153,7 +153,7 @@ impl Page<'_> {
         dataset.entry().map_or("terms unknown", |entry| entry.terms)
     }
 
-    /// Methods, datasets and the facts of the run, without empty ones.
+    /// Methods, datasets and facts of the run, without empty groups.
     pub(super) fn fact_groups(&self) -> Vec<FactGroup> {
         let methods = self.board.methods.iter();
         let methods = methods.map(|m| (m.label.clone(), m.description.clone()));
@@ -177,7 +177,7 @@ pub(crate) fn without_tags(value: &Value) -> String {
     value.to_string().replace('<', "\\u003c")
 }
 
-/// Relative path from a folder to a file; `None` if they share no folder but the root of the file system.
+/// Relative path from a folder to a file; `None` if they have no common folder except the root of the file system.
 fn relative(file: &Path, folder: &Path) -> Option<String> {
     let common = file.components().zip(folder.components());
     let common = common.take_while(|(a, b)| a == b);
@@ -199,7 +199,7 @@ fn relative(file: &Path, folder: &Path) -> Option<String> {
     Some(up.chain(down).collect::<Vec<_>>().join("/"))
 }
 
-/// Percent-encodes a part of an address, except characters that every browser accepts.
+/// Percent-encodes a part of a URL, except characters that every browser accepts.
 fn encoded(part: &str) -> String {
     let bytes = part.bytes().map(|byte| match byte {
         b'a'..=b'z' | b'A'..=b'Z' | b'0'..=b'9' | b'-' | b'.' | b'_' | b'~' => {
@@ -210,7 +210,7 @@ fn encoded(part: &str) -> String {
     bytes.collect()
 }
 
-/// An SVG that takes paper, ink and grid colours from the page, so that it follows the theme.
+/// An SVG that uses the page's colours for paper, ink and grid, so that it follows the theme.
 pub(crate) fn themed(svg: &str) -> String {
     let mut out = svg.to_owned();
     for (ink, variable) in [

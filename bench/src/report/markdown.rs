@@ -1,12 +1,12 @@
-//! The report as Markdown: tables, links to plots, and how the numbers were computed.
+//! The report as Markdown: tables, links to plots, and facts on how the numbers were computed.
 
 use std::fmt::Write as _;
 
 use super::html::Page;
 use super::tables::markdown::escape;
 
-/// The page as GitHub-flavoured Markdown, without its pairs. `plots` are titles and paths of PNGs relative to
-/// the report, with `/`.
+/// The page as GitHub-flavoured Markdown, without its pairs. `plots` are titles and paths of PNGs relative to the
+/// report, with `/` as separator.
 pub fn report(page: &Page<'_>, plots: &[(String, String)]) -> String {
     let mut out = format!("# {}\n\n{}\n\n", escape(page.title), escape(&page.lead));
     if let Some(comparison) = &page.options.comparison {

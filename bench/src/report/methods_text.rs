@@ -1,4 +1,4 @@
-//! A paragraph for a paper on how the numbers of a run were computed.
+//! A paragraph for a paper on how a run's numbers were computed.
 
 use std::collections::BTreeSet;
 
@@ -12,7 +12,7 @@ use crate::evaluate::manifest::{DatasetRecord, ListOrigin, Manifest};
 use crate::evaluate::record::{Record, Status};
 use crate::methods::{Privilege, TrueDepth};
 
-/// Citation of a dataset, by format.
+/// Citations of datasets, by format.
 const CITED: [(&str, &str); 6] = [
     ("middlebury", "scharstein2014high"),
     ("booster", "zamaramirez2024booster"),
@@ -22,7 +22,7 @@ const CITED: [(&str, &str); 6] = [
     ("eth3d", "schops2017multi"),
 ];
 
-/// Keys of `manifest.scoring` that the paragraph mentions, with their openings.
+/// Keys of `manifest.scoring` mentioned in the paragraph, with the beginnings of their sentences.
 const CONVENTIONS: [(&str, &str); 5] = [
     ("prediction", "Predictions"),
     ("target", "Ground truth"),
@@ -31,7 +31,7 @@ const CONVENTIONS: [(&str, &str); 5] = [
     ("frustum mask", "View-frustum mask"),
 ];
 
-/// Datasets with their pairs, conventions, metrics, and known differences from the SHARP paper.
+/// The paragraph: datasets with their pairs, conventions, metrics, and known differences from the SHARP paper.
 pub fn methods_text(results: &Results) -> MethodsText {
     let Results {
         manifest, records, ..
@@ -83,7 +83,7 @@ pub fn methods_text(results: &Results) -> MethodsText {
     }
 }
 
-/// Datasets whose views were shown at another size, and by which rule.
+/// Sentences on datasets whose views were resized, with the rule.
 fn frames(manifest: &Manifest) -> Vec<String> {
     let framed = manifest.datasets.iter().filter_map(|dataset| {
         let frame = dataset
@@ -287,7 +287,7 @@ mod tests {
     use crate::evaluate::test_records::{manifest, record};
     use crate::scoring::Region;
 
-    /// Two pairs of a procedural dataset with an underscore in its name, one by a failure.
+    /// Two pairs of a procedural dataset with an underscore in its name; one method failed on one of them.
     fn results() -> Results {
         let mut manifest = manifest("psnr,lpips-alex");
         manifest.version = "9.9".to_owned();

@@ -1,4 +1,4 @@
-//! The metrics of a run for a paper's methods section: a paragraph of LaTeX with its references.
+//! Describes a run's metrics for a paper's methods section: a paragraph of LaTeX with its references.
 
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
@@ -9,9 +9,9 @@ use sharp_metrics::{Backbone, Family, MetricInfo, MetricKey, OwnWeights, Weights
 use super::tables::latex::escape;
 use crate::io::atomic_files::{FileError, write_all_over_own};
 
-/// References of the metrics and their networks, of the paper and its datasets, a blank line between them.
+/// References for the metrics and their networks, the paper and its datasets, separated by blank lines.
 const CITATIONS: &str = include_str!("citations.bib");
-/// Digits of a hash that a paper shows.
+/// Number of hash digits shown in a paper.
 const DIGITS: usize = 12;
 
 /// A paragraph and the references that it cites.
@@ -19,9 +19,9 @@ const DIGITS: usize = 12;
 pub struct MethodsText {
     /// One paragraph of LaTeX.
     pub latex: String,
-    /// BibTeX entries of what it cites.
+    /// BibTeX entries of the cited references.
     pub bibtex: String,
-    /// Networks whose weights were not at hand; the paragraph has a visible gap where their hashes belong.
+    /// Networks whose weights are missing; the paragraph has a visible gap in place of their hashes.
     pub missing: Vec<Backbone>,
 }
 
@@ -38,7 +38,7 @@ impl MethodsText {
         Self::of(vec![before], &infos, Vec::new())
     }
 
-    /// Describes metrics between other sentences of LaTeX, which may cite what `citations.bib` has.
+    /// Describes metrics between other sentences of LaTeX, which may cite entries of `citations.bib`.
     pub fn of(before: Vec<String>, infos: &[MetricInfo], after: Vec<String>) -> Self {
         let sentences = before.into_iter().chain(infos.iter().map(sentence));
         let sentences: Vec<String> = sentences.chain(after).collect();
@@ -63,14 +63,14 @@ impl MethodsText {
     }
 }
 
-/// First line of our files; others are not overwritten.
+/// First line of our files; other files are not overwritten.
 const MARK: &str = "% Written by sharp-bench";
 
 impl MethodsText {
-    /// Writes `methods.tex`, to be `\\input`, and `methods.bib`.
+    /// Writes `methods.tex`, for `\\input`, and `methods.bib`.
     ///
     /// # Errors
-    /// When a file cannot be written, or exists and is not ours; then none is written.
+    /// If a file cannot be written, or exists and is not ours; then none is written.
     pub fn write(&self, folder: &Path) -> Result<Vec<PathBuf>, FileError> {
         let tex = format!("{MARK}; references: methods.bib\n{}\n", self.latex);
         let bib = format!("{MARK}\n\n{}", self.bibtex);
@@ -79,7 +79,8 @@ impl MethodsText {
     }
 }
 
-/// The metric's sentence from `metrics --explain` without the list of equivalent code, and network and weights by hash.
+/// The metric's sentence from `metrics --explain` without the list of equivalent code, with network and weights by
+/// hash.
 fn sentence(info: &MetricInfo) -> String {
     const COMPARED: [&str; 3] = ["Same as", "Not the same as", "With VGG16 the same as"];
     let name = match info.family {
@@ -103,7 +104,7 @@ fn sentence(info: &MetricInfo) -> String {
     format!("{name} (\\texttt{{{}}}): {said}.{weights}", info.key)
 }
 
-/// The network's weights by hash; torchvision's file by name where these are its features.
+/// The network's weights by hash, or by torchvision's file name if they are its features.
 fn backbone(info: &MetricInfo) -> String {
     let known = info.backbone.as_ref();
     let known = known.and_then(|b| Some((b, b.features_sha256.as_deref()?)));
@@ -128,7 +129,8 @@ fn backbone(info: &MetricInfo) -> String {
     format!("{name}{file}, sha256 of the features \\texttt{{{features}}}")
 }
 
-/// The first digits of a hash; a hash that a file states about itself may be anything.
+/// The first digits of a hash. Other characters are dropped, because a hash that a file states about itself may be
+/// anything.
 pub(crate) fn short(hash: &str) -> String {
     let digits = hash.chars().filter(char::is_ascii_hexdigit);
     digits.take(DIGITS).collect()

@@ -1,16 +1,16 @@
 //! Tables, plots and a browsable page from the records of a run.
 //!
-//! Means are recomputed from the raw records each time; nothing averaged is ever averaged again.
-//! The same input gives the same bytes: no clock, no random number, no order of a hash map.
+//! Means are recomputed from the raw records each time; averages are never averaged again. The same input gives the
+//! same bytes: nothing depends on a clock, random numbers or the order of a hash map.
 //!
-//! * [`mod@write`]: writes a report of results into a folder, by [`options`]; [`error`]: errors.
-//! * [`board`]: results as a grid of pairs × methods; [`mod@column`]: a metric or a reported quantity; [`statistics`]: mean,
-//!   spread and coverage of a cell; [`facts`]: how the numbers came about.
-//! * [`tables`]: the paper's form in Markdown, CSV, LaTeX, HTML and plain text.
+//! * [`mod@write`]: writes a report into a folder; [`options`]: its options; [`error`]: errors.
+//! * [`board`]: results as a grid of pairs × methods; [`mod@column`]: a metric or a reported quantity; [`statistics`]:
+//!   mean, spread and coverage of a cell; [`facts`]: how the numbers were computed.
+//! * [`tables`]: tables in the paper's form in Markdown, CSV, LaTeX, HTML and plain text.
 //! * [`paper`]: the paper's published numbers next to ours, never ranked with them; [`explain`]: why the two differ.
 //! * [`plots`]: baseline against metric, histogram of baselines; SVG, PNG and PDF.
-//! * [`pictures`]: pictures of records; [`error_map`]: error of a prediction in false colour; [`view_maps`]: mask, depth and
-//!   coverage; [`gallery`]: the pairs that the page shows; `choice`: picks some where it cannot show all.
+//! * [`pictures`]: pictures of records; [`error_map`]: prediction errors in false colour; [`view_maps`]: mask, depth
+//!   and coverage; [`gallery`]: the pairs shown on the page; `choice`: selects pairs if it cannot show all.
 //! * [`sweep`]: scores against camera motion, as a study; [`figures`]: the other figures of a paper.
 //! * [`speed`]: run time and compute; [`mod@methods_text`]: a paragraph for a paper on how the numbers were computed;
 //!   [`metrics_text`]: sentences on the metrics.

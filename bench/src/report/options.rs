@@ -4,39 +4,39 @@ use std::collections::BTreeMap;
 
 use super::tables::grid::TextGrid;
 
-/// Choice of the paper's numbers to show next to ours.
+/// Which of the paper's numbers to show next to ours.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, clap::ValueEnum)]
 pub enum PublishedNumbers {
     /// None.
     Never,
-    /// Those of the datasets that the run has, by name.
+    /// Those of the run's datasets, matched by name.
     #[default]
     Matching,
     /// All.
     Always,
 }
 
-/// Presentation options; none changes a number.
+/// Presentation options; they do not change any number.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct ReportOptions {
-    /// Where the page's pictures are; by default chosen by the number of pairs.
+    /// Location of the page's pictures; by default depends on the number of pairs.
     pub layout: Option<Layout>,
-    /// Their budget; by default [`Layout::budget`].
+    /// Limits on the pictures; by default [`Layout::budget`].
     pub pictures: Option<PictureBudget>,
-    /// Leave out the pictures of datasets whose terms do not let them be published, and where files lie on this machine.
+    /// Whether to leave out pictures of datasets whose terms forbid publishing them, and paths on this machine.
     pub public: bool,
     pub published: PublishedNumbers,
-    /// For a report on two runs against each other.
+    /// Contents for a report that compares two runs.
     pub comparison: Option<ReportComparison>,
 }
 
-/// Place of a page's pictures.
+/// Location of a page's pictures.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, clap::ValueEnum)]
 #[serde(rename_all = "lowercase")]
 pub enum Layout {
-    /// In the page, one file: of at most 24 pairs
+    /// In the page, as one file with at most 24 pairs
     File,
-    /// Beside the page, in thumbs/, loaded as they are looked at: of all pairs
+    /// Next to the page, in thumbs/, loaded on demand, for all pairs
     Folder,
 }
 
@@ -48,7 +48,7 @@ impl Layout {
                 bytes: 12 << 20,
                 side: 960,
             },
-            // With tables, plots and the page itself below 200 MB.
+            // Leaves room for tables, plots and the page itself below 200 MB.
             Self::Folder => PictureBudget {
                 bytes: 180_000_000,
                 side: 480,
@@ -60,24 +60,24 @@ impl Layout {
 /// Limits on the pictures of a page.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct PictureBudget {
-    /// Total size as stored; pictures shrink to fit.
+    /// Total stored size, bytes; pictures are reduced to fit.
     pub bytes: usize,
-    /// Longest side of one, pixels.
+    /// Longest side of a picture, pixels.
     pub side: u32,
 }
 
 /// Tables and texts of a report that compares two runs. Differences are B minus A.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct ReportComparison {
-    /// How to read the tables.
+    /// Explains how to read the tables.
     pub lead: String,
     /// Labels `[A, B]` of the compared methods.
     pub against: Vec<[String; 2]>,
-    /// What changed.
+    /// Tables of overall differences.
     pub grids: Vec<TextGrid>,
-    /// Where.
+    /// Tables of differences by part.
     pub details: Vec<TextGrid>,
-    /// By how much B is worse, by pair id and column key; pairs are selected and sorted by it.
+    /// How much worse B is, by pair id and column key; used to select and sort pairs.
     pub losses: BTreeMap<String, BTreeMap<String, f64>>,
     /// Additional files, by name.
     pub files: Vec<(String, Vec<u8>)>,

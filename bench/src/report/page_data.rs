@@ -1,4 +1,4 @@
-//! Data of the pairs, from which the page's script builds the cards that are in view.
+//! Data of the pairs, from which the page's script builds the visible cards.
 
 use serde_json::{Value, json};
 
@@ -12,7 +12,7 @@ use super::options::Layout;
 use super::pictures::Thumbnail;
 use sharp_plots::palette::style;
 
-/// JSON that is safe inside a `script` element: without `<` and without control characters.
+/// JSON that is safe inside a `script` element: without `<` and control characters.
 pub(super) fn json(page: &Page<'_>) -> String {
     let methods = page.board.methods.iter().enumerate();
     let methods = methods.map(|(at, method)| {
@@ -31,11 +31,11 @@ pub(super) fn json(page: &Page<'_>) -> String {
         "heads": Column::heads(page.metrics),
         "keys": page.metrics.iter().map(|metric| &metric.key).collect::<Vec<_>>(),
     });
-    // Pair by pair: the tree of all of them would take many times the memory of their text.
+    // Serialise pair by pair: a JSON tree of all pairs would take many times the memory of their text.
     let pairs = page.gallery.pairs.iter();
     let pairs = pairs.map(|pair| without_tags(&pair_data(page, pair)));
     let mut text = without_tags(&shared);
-    // The object goes on.
+    // Reopen the object to append to it.
     text.pop();
     text += ",\"pairs\":[";
     for (at, pair) in pairs.enumerate() {
@@ -85,7 +85,7 @@ fn pair_data(page: &Page<'_>, shown: &GalleryPair<'_>) -> Value {
     })
 }
 
-/// `[address, width, height]` or the reason why there is none, by kind.
+/// `[address, width, height]` or the reason for a missing picture, by kind.
 fn pictures(page: &Page<'_>, pictures: &Pictures) -> Value {
     let address = |picture: &Thumbnail| match page.gallery.layout {
         Layout::File => picture.address(),
@@ -101,7 +101,7 @@ fn pictures(page: &Page<'_>, pictures: &Pictures) -> Value {
     Value::Object(shown.collect())
 }
 
-/// `[number, as it is shown]` or the reason why there is none.
+/// `[number, displayed text]` or the reason for a missing score.
 fn score(record: &Record, metric: &Column) -> Value {
     match record.scores.get(&metric.key) {
         Some(Score::Value(value)) => {
@@ -135,7 +135,7 @@ fn facts_of(facts: &Record) -> Vec<String> {
     facts.into_iter().flatten().collect()
 }
 
-/// The amount by which B is worse on a pair, by metric; `None` if the page is not a comparison.
+/// How much worse B is on a pair, by metric; `None` if the page is not a comparison.
 fn losses(page: &Page<'_>, facts: &Record) -> Option<Vec<Option<f64>>> {
     let of_pair = page
         .options

@@ -1,4 +1,4 @@
-//! Pictures of a report: where they come from, and how they get into a page.
+//! Pictures of a report: where they are read from and how they are embedded in a page.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Display;
@@ -24,22 +24,23 @@ use crate::io::view_hashes::lock;
 
 use super::error::MissingPicture;
 
-/// Pictures of records, sRGB and 8 bit: source and target from the datasets, predictions from the run folder. A kept file
-/// that is not the one that was scored is not shown, and [named](Self::not_scored).
+/// Pictures of records, 8-bit sRGB: source and target from the datasets, predictions from the run folder. A kept file
+/// that differs from the scored one is not shown, but [listed](Self::not_scored).
 pub struct ReportPictures<'a> {
     results: &'a Results,
-    /// By dataset and id.
+    /// Scenes by dataset and id.
     scenes: BTreeMap<(&'a str, &'a str), &'a Scene>,
-    /// For a public report, the datasets whose pictures are withheld; such a report shows no paths either. `None` otherwise.
+    /// For a public report, the datasets whose pictures are withheld; such a report also shows no paths. `None`
+    /// otherwise.
     withheld: Option<BTreeSet<String>>,
-    /// By pair and method: each file is hashed once.
+    /// Kept pictures by pair and method, so that each file is hashed once.
     kept: Mutex<BTreeMap<(String, String), Option<KeptPicture>>>,
     not_scored: Mutex<BTreeSet<PathBuf>>,
-    /// The first photographs that were asked for, by address of their view: a view is in many pairs.
+    /// The first photographs that were read, by address of their view, because a view is in many pairs.
     photographs: Mutex<BTreeMap<usize, RgbImage>>,
 }
 
-/// Bytes of photographs in memory at most.
+/// Maximum memory for photographs, bytes.
 const PHOTOGRAPHS: usize = 128 << 20;
 
 impl<'a> ReportPictures<'a> {
@@ -65,7 +66,7 @@ impl<'a> ReportPictures<'a> {
         }
     }
 
-    /// Kept pictures that were asked for and are not those that were scored, sorted.
+    /// Requested kept pictures that differ from the scored ones, sorted.
     pub fn not_scored(&self) -> Vec<PathBuf> {
         lock(&self.not_scored).iter().cloned().collect()
     }
@@ -89,7 +90,7 @@ impl<'a> ReportPictures<'a> {
     /// A view of a record's scene.
     ///
     /// # Errors
-    /// When its pictures are withheld or the dataset is not at hand.
+    /// If its pictures are withheld or the dataset is not available.
     pub(crate) fn view(&self, record: &Record, id: &str) -> Result<&'a View, MissingPicture> {
         self.check_terms(record)?;
         let of = (record.dataset.as_str(), record.scene.as_str());
@@ -114,35 +115,35 @@ impl<'a> ReportPictures<'a> {
         Ok(image)
     }
 
-    /// The photograph that the method was given.
+    /// The source photograph given to the method.
     ///
     /// # Errors
-    /// Why there is none.
+    /// The reason if it is missing.
     pub fn source(&self, record: &Record) -> Result<RgbImage, MissingPicture> {
         self.photograph(record, &record.source)
     }
 
-    /// The photograph of the target, at the size at which predictions are scored.
+    /// The photograph of the target, at the scored size.
     ///
     /// # Errors
-    /// Why there is none.
+    /// The reason if it is missing.
     pub fn target(&self, record: &Record) -> Result<RgbImage, MissingPicture> {
         self.photograph(record, &record.target)
     }
 
-    /// 255 where a pixel of the target is scored, at the target's size; `None` if the dataset excludes none.
+    /// Mask of the target with 255 for scored pixels, at the target's size; `None` if the dataset excludes none.
     ///
     /// # Errors
-    /// Why that is not known.
+    /// The reason if it is unknown.
     pub fn valid_pixels(&self, record: &Record) -> Result<Option<GrayImage>, MissingPicture> {
         let valid = self.view(record, &record.target)?.content.valid_pixels();
         valid.map_err(|error| self.unusable(error))
     }
 
-    /// z-depth of a record's view, metres, 0 where there is none; `None` if the dataset has none or is not at hand.
+    /// z-depth of a record's view, metres, 0 where unknown; `None` if the dataset has none or is not available.
     ///
     /// # Errors
-    /// Why it cannot be read.
+    /// The reason if it cannot be read.
     pub fn depth(&self, record: &Record, id: &str) -> Result<Option<DepthMap>, MissingPicture> {
         match self.view(record, id) {
             Ok(view) => view.content.depth().map_err(|error| self.unusable(error)),
@@ -151,10 +152,10 @@ impl<'a> ReportPictures<'a> {
         }
     }
 
-    /// The kept file of a prediction, cropped where it is a crop.
+    /// The kept file of a prediction, cropped if the prediction is.
     ///
     /// # Errors
-    /// When it was not kept, or is not the one that was scored.
+    /// If it was not kept, or is not the scored one.
     pub(crate) fn kept_file(&self, record: &Record) -> Result<PathBuf, MissingPicture> {
         self.check_terms(record)?;
         let unit = (record.pair_id.clone(), record.method.clone());
@@ -172,10 +173,10 @@ impl<'a> ReportPictures<'a> {
         Err(MissingPicture::NotScored)
     }
 
-    /// The prediction at the target's size: a cropped one where it belongs in its target, black around it.
+    /// The prediction at the target's size; a cropped one is placed at its position in the target, on black.
     ///
     /// # Errors
-    /// Why there is none.
+    /// The reason if it is missing.
     pub fn prediction(&self, record: &Record) -> Result<RgbImage, MissingPicture> {
         let file = self.kept_file(record)?;
         let picture = read_rgb8(&file).map_err(|error| self.unusable(error))?;
@@ -188,7 +189,7 @@ impl<'a> ReportPictures<'a> {
         Ok(whole)
     }
 
-    /// The rendering behind a prediction, where it was kept as floats.
+    /// The rendering behind a prediction, if it was kept as floats.
     fn rendering(&self, record: &Record) -> Result<Option<PathBuf>, MissingPicture> {
         self.check_terms(record)?;
         match self.results.kept_rendering(record) {
@@ -200,7 +201,7 @@ impl<'a> ReportPictures<'a> {
     /// Coverage of a rendering in 0..1, at its size; `None` if it was not kept.
     ///
     /// # Errors
-    /// Why it cannot be read.
+    /// The reason if it cannot be read.
     pub fn alpha(&self, record: &Record) -> Result<Option<Alpha>, MissingPicture> {
         let Some(path) = self.rendering(record)? else {
             return Ok(None);
@@ -212,28 +213,28 @@ impl<'a> ReportPictures<'a> {
     /// Expected z-depth of a rendering, metres, 0 where nothing was drawn; `None` if it was not kept.
     ///
     /// # Errors
-    /// Why it cannot be read.
+    /// The reason if it cannot be read.
     pub fn rendered_depth(&self, record: &Record) -> Result<Option<DepthMap>, MissingPicture> {
         let Some(path) = self.rendering(record)? else {
             return Ok(None);
         };
         let linear = read_linear(&path).map_err(|error| self.unusable(error))?;
         let mut depth = read_map(&path).map_err(|error| self.unusable(error))?;
-        // The channel is accumulated: Σ w z.
+        // The channel has accumulated depth: Σ w z.
         for (z, alpha) in depth.iter_mut().zip(linear.alpha.iter()) {
             *z = if *alpha > 0.0 { *z / alpha } else { 0.0 };
         }
         Ok(Some(depth))
     }
 
-    /// The kept file of a prediction for a link; none in a public report.
+    /// The kept file of a prediction, for a link; `None` in a public report.
     pub(super) fn linked(&self, record: &Record) -> Option<PathBuf> {
         self.kept_file(record)
             .ok()
             .filter(|_| self.withheld.is_none())
     }
 
-    /// The files of [`Self::source`] and [`Self::target`] for links, where the stored pixels are those pictures unchanged.
+    /// The files of [`Self::source`] and [`Self::target`] for links, if their stored pixels are the shown ones.
     pub(super) fn linked_photographs(&self, record: &Record) -> [Option<PathBuf>; 2] {
         [&record.source, &record.target].map(|id| {
             let content = &self.view(record, id).ok()?.content;
@@ -245,7 +246,8 @@ impl<'a> ReportPictures<'a> {
     }
 }
 
-/// Opens the scenes of results for their pictures. Without a dataset the report only lacks its pictures; a warning names it.
+/// Opens the scenes of results for their pictures. An unavailable dataset causes a warning, and the report omits its
+/// pictures.
 pub fn scenes(manifest: &Manifest, observer: &dyn Observer) -> Vec<Scene> {
     let mut scenes = Vec::new();
     for dataset in &manifest.datasets {
@@ -260,7 +262,7 @@ pub fn scenes(manifest: &Manifest, observer: &dyn Observer) -> Vec<Scene> {
     scenes
 }
 
-/// JPEG quality of everything in the page. It changes no score: scores come from the pictures themselves.
+/// JPEG quality of all pictures in the page. Does not affect scores, which are computed from the original pictures.
 const QUALITY: u8 = 88;
 
 /// A small picture for the page; sizes in pixels.
@@ -272,10 +274,10 @@ pub struct Thumbnail {
 }
 
 impl Thumbnail {
-    /// The picture reduced to fit `side`.
+    /// Reduces a picture to fit `side`.
     ///
     /// # Errors
-    /// [`MissingPicture::Unusable`] when it cannot be encoded.
+    /// [`MissingPicture::Unusable`] if it cannot be encoded.
     pub fn new(picture: &RgbImage, side: u32) -> Result<Self, MissingPicture> {
         let small = reduced(picture, side);
         let (width, height) = small.dimensions();
@@ -296,7 +298,7 @@ impl Thumbnail {
     }
 }
 
-/// The size with the same shape whose longer side is at most `side`, never larger, at least one pixel.
+/// The size with the same shape whose longer side is at most `side`; never larger, at least one pixel.
 pub fn fitted((width, height): (u32, u32), side: u32) -> (u32, u32) {
     let longest = width.max(height);
     if longest <= side || longest == 0 {

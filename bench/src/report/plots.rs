@@ -1,5 +1,5 @@
-//! Figures of a report as files, and the baselines of the pairs: against a metric, in the form of the paper's motion-range figure, and their histogram.
-//! One panel per dataset.
+//! Figures of a report as files, and plots of the pairs' baselines: against a metric, in the form of the paper's
+//! motion-range figure, and as a histogram. One panel per dataset.
 
 use std::path::{Path, PathBuf};
 
@@ -25,7 +25,7 @@ pub const MARK: &str = "sharp-bench";
 /// Extensions of a figure's files.
 pub const FORMS: [&str; 3] = ["svg", "png", "pdf"];
 
-/// `STEM.svg`, `STEM.png` and `STEM.pdf` of a figure, to be written over nothing but earlier ones.
+/// The files `STEM.svg`, `STEM.png` and `STEM.pdf` of a figure, with the mark for overwriting only our own files.
 pub fn files(figure: Figure, out: &Path, stem: &str) -> [(PathBuf, Vec<u8>, &'static str); 3] {
     let svg = format!("<!-- {MARK} -->\n{}", visible(&figure.svg)).into_bytes();
     let [svg_path, png_path, pdf_path] = FORMS.map(|form| out.join(format!("{stem}.{form}")));
@@ -36,7 +36,7 @@ pub fn files(figure: Figure, out: &Path, stem: &str) -> [(PathBuf, Vec<u8>, &'st
     ]
 }
 
-/// Bins of a dataset at most, against a metric and in the histogram.
+/// Maximum number of bins per dataset, against a metric and in the histogram.
 const METRIC_BINS: Binning = Binning::Round(10);
 const HISTOGRAM_BINS: Binning = Binning::Round(20);
 const LABEL: &str = "camera baseline (m)";
@@ -66,7 +66,7 @@ impl Baselines {
         }
     }
 
-    /// Of an even count the mean of the middle two.
+    /// The median; for an even count, the mean of the two middle values.
     fn median(&self) -> Option<f64> {
         let n = self.metres.len();
         let low = self.metres.get(n.saturating_sub(1) / 2)?;
@@ -74,10 +74,10 @@ impl Baselines {
     }
 }
 
-/// The histogram of baselines, in print where a style is given. `None` if no dataset has a pair.
+/// Plots the histogram of baselines, for print if a style is given. `None` if no dataset has a pair.
 ///
 /// # Errors
-/// When the drawing library refuses.
+/// If the drawing library fails.
 pub fn histogram(
     board: &Board<'_>,
     print: Option<&FigureStyle>,
@@ -124,11 +124,11 @@ pub fn histogram(
     figure(&title, caption, &[], &panels, print).map(Some)
 }
 
-/// A metric against the baseline: the mean of each bin as a line, the sample standard deviation as a shade, bins with
-/// a single sample without one; neither bridges a bin without samples. `None` if no method has a number of this metric.
+/// Plots a metric against the baseline: the mean of each bin as a line, the sample standard deviation as a shade. Bins
+/// with a single sample have no shade; neither spans an empty bin. `None` if no method has a score of this metric.
 ///
 /// # Errors
-/// When the drawing library refuses.
+/// If the drawing library fails.
 pub fn against_metric(board: &Board<'_>, metric: &Column) -> Result<Option<Figure>, PlotError> {
     let methods = 0..board.methods.len();
     let datasets = board.datasets.iter().map(|dataset| {

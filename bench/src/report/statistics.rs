@@ -9,28 +9,28 @@ use super::board::DatasetBoard;
 /// Statistics of a table cell.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct CellStatistics {
-    /// Pairs with a number.
+    /// Number of pairs with a score.
     pub n: usize,
-    /// Pairs of the dataset.
+    /// Number of pairs in the dataset.
     pub total: usize,
-    /// Mean over the pairs with a number as the dataset's [`Aggregation`](crate::evaluate::Aggregation) takes it, in the
-    /// order of their ids; infinite as soon as one is.
+    /// Mean over the pairs with a score, in the order of their ids, under the dataset's
+    /// [`Aggregation`](crate::evaluate::Aggregation); infinite if any score is.
     pub mean: Option<f64>,
-    /// Sample standard deviation over pairs (divisor n − 1); `None` for fewer than two numbers or an infinite one.
+    /// Sample standard deviation over pairs (divisor n − 1); `None` for fewer than two scores or an infinite one.
     pub std: Option<f64>,
-    /// How many of the numbers are infinite.
+    /// Number of infinite scores.
     pub infinite: usize,
-    /// The same over the finite numbers; `None` when there is none.
+    /// Mean over the finite scores; `None` if there are none.
     pub finite_mean: Option<f64>,
-    /// Why predictions failed, each reason once with its count, in the order met.
+    /// Reasons for failed predictions with their counts, in the order encountered.
     pub failures: Vec<(String, usize)>,
-    /// Why the other numbers are missing, likewise.
+    /// Reasons for other missing scores with their counts, in the order encountered.
     pub absences: Vec<(String, usize)>,
-    /// Which pairs have a number, by position in the dataset.
+    /// Indices in the dataset of the pairs with a score.
     pub scored: Vec<usize>,
 }
 
-/// The metric `key` of method number `method`.
+/// Statistics of the metric `key` for method number `method`.
 pub fn of_metric(dataset: &DatasetBoard<'_>, method: usize, key: &str) -> CellStatistics {
     gather(dataset, method, |record| match record.scores.get(key) {
         Some(Score::Value(value)) => Ok(*value),
@@ -39,7 +39,7 @@ pub fn of_metric(dataset: &DatasetBoard<'_>, method: usize, key: &str) -> CellSt
     })
 }
 
-/// The quantity `name` that method number `method` reports about its predictions.
+/// Statistics of the quantity `name` that method number `method` reports.
 pub fn of_extra(dataset: &DatasetBoard<'_>, method: usize, name: &str) -> CellStatistics {
     gather(dataset, method, |record| {
         record

@@ -34,17 +34,17 @@ use sharp_plots::Figure;
 pub struct ReportFiles {
     /// The page to open.
     pub html: PathBuf,
-    /// The same as text.
+    /// The same content as Markdown.
     pub markdown: PathBuf,
-    /// Where the page's pictures are.
+    /// Location of the page's pictures.
     pub layout: Layout,
     /// Every file, sorted.
     pub all: Vec<PathBuf>,
-    /// Kept pictures that are not shown because they are not those that were scored, sorted.
+    /// Kept pictures that are not shown because they differ from the scored ones, sorted.
     pub not_scored: Vec<PathBuf>,
 }
 
-/// Lists a report's files, so that the next one can remove those that it no longer has.
+/// Lists a report's files, so that the next report can remove obsolete ones.
 const LIST: &str = "files.txt";
 
 const PAGE: &str = "index.html";
@@ -53,16 +53,16 @@ const MARKDOWN: &str = "report.md";
 /// Identifies our pages, of any version.
 const MARK: &str = "<p class=\"eyebrow\">sharp-bench report</p>";
 
-/// Folders that a report makes in its own.
+/// Subfolders of a report.
 const FOLDERS: [&str; 3] = ["tables", "plots", THUMBNAILS];
 
-/// Writes the report of some results, whose `scenes` give the source and target pictures: `index.html`, `report.md`,
-/// `tables/*.{md,csv,tex}`, `plots/*.{svg,png}` and, where the page does not hold its pictures, `thumbs/*.jpg`; and their
-/// names in `files.txt`. Each file appears whole or not at all; files of an earlier report that this one does not have are
-/// removed, others in its folder are left alone. A folder that is neither empty nor a report is refused.
+/// Writes the report of some results, with source and target pictures from `scenes`: `index.html`, `report.md`,
+/// `tables/*.{md,csv,tex}`, `plots/*.{svg,png}`, `thumbs/*.jpg` unless the page embeds its pictures, and a list of
+/// these files in `files.txt`. Each file is written atomically. Obsolete files of an earlier report are removed; other
+/// files in the folder are kept. A folder that is neither empty nor a report is an error.
 ///
 /// # Errors
-/// When the folder holds other things, the results contradict each other, or a file cannot be written.
+/// If the folder contains other files, the results contradict each other, or a file cannot be written.
 pub fn report(
     results: &Results,
     scenes: &[Scene],
@@ -150,7 +150,7 @@ pub fn report(
     files.push((MARKDOWN.into(), text.into_bytes()));
     files.push((PAGE.into(), page.render()?.into_bytes()));
     for (name, bytes) in &mut files {
-        // What a reader's program would obey never stands in our own text.
+        // Escape characters that a reader's program would interpret.
         if !name.ends_with(".png")
             && let Ok(text) = str::from_utf8(bytes)
             && let Cow::Owned(harmless) = visible(text)
@@ -173,7 +173,7 @@ pub fn report(
     write_atomic(&list, lines.as_bytes())?;
     let all = names.iter().map(|name| out.join(name));
     let mut all: Vec<PathBuf> = all.chain([list]).collect();
-    // The page comes last: what it loads is there.
+    // Write the page last, after everything that it loads.
     thumbnails
         .par_iter()
         .try_for_each(|(name, jpeg)| write_replaceable(&out.join(name), jpeg))?;
@@ -209,7 +209,7 @@ fn without_paths(results: &Results) -> Results {
     results
 }
 
-/// Datasets whose terms do not let their pictures be published.
+/// Datasets whose terms forbid publishing their pictures.
 pub(super) fn withheld<'a>(board: &'a Board<'_>) -> impl Iterator<Item = &'a ReportDataset> {
     let datasets = board.datasets.iter().map(|board| &board.dataset);
     datasets.filter(|dataset| !dataset.may_publish())
@@ -229,15 +229,15 @@ fn summary(results: &Results) -> String {
     format!("Evaluated by sharp-bench {version}.{unfinished}")
 }
 
-/// The means of scores as tables.
+/// Tables of mean scores.
 ///
 /// # Errors
-/// When the results contradict each other.
+/// If the results contradict each other.
 pub fn mean_tables(results: &Results) -> Result<Vec<Table>, ReportError> {
     Ok(score_tables(&Board::of(results)?, &results.records).1)
 }
 
-/// The metrics to show and their tables, the first of which says why the other metrics are not shown.
+/// The metrics to show and their tables; the first table has a remark on why other metrics are not shown.
 fn score_tables(board: &Board<'_>, records: &[Record]) -> (Vec<Column>, Vec<Table>) {
     let (metrics, remark) = remarks::scored(records, &board.metrics);
     let mut tables = build::of_scores(board, &metrics);
@@ -253,8 +253,8 @@ fn score_tables(board: &Board<'_>, records: &[Record]) -> (Vec<Column>, Vec<Tabl
     (metrics, tables)
 }
 
-/// Refuses a folder that is neither empty nor a report, whose page bears our mark or, where it was not yet written, whose
-/// list names it; and one whose own folders are links, which lead elsewhere. Names with a dot are nobody's.
+/// Fails for a folder that is neither empty nor a report. A report has a page with our mark or, if the page is not yet
+/// written, a list that names it. Also fails if the report's subfolders are links. Dot files are ignored.
 fn check_folder(out: &Path) -> Result<(), FileError> {
     let refused = |path: &Path, reason: &str| {
         let reason = format!("{reason}; choose another folder with --out");
@@ -297,7 +297,7 @@ fn check_folder(out: &Path) -> Result<(), FileError> {
     }
 }
 
-/// The names in the list of an earlier report; only such as a report can have written.
+/// The names in an earlier report's list, limited to names that a report can have written.
 fn listed_earlier(list: &Path) -> Vec<String> {
     let text = sharp::files::read_text(list).unwrap_or_default();
     let ours = |name: &&str| {
@@ -310,7 +310,7 @@ fn listed_earlier(list: &Path) -> Vec<String> {
     text.lines().filter(ours).map(str::to_owned).collect()
 }
 
-/// Number of pairs measured here of the paper's datasets.
+/// Number of pairs measured here for datasets of the paper, as text.
 fn pairs_here(board: &Board<'_>) -> Option<String> {
     let datasets = board.datasets.iter();
     let of_paper = datasets.filter(|d| paper::column(&d.dataset).is_some());
@@ -322,7 +322,7 @@ fn pairs_here(board: &Board<'_>) -> Option<String> {
     (!of_paper.is_empty()).then(|| format!("Measured here: {}.", of_paper.join(", ")))
 }
 
-/// Each metric against the baseline, then the histogram, by file stem.
+/// Plots of each metric against the baseline, then the histogram, by file stem.
 fn figures(metrics: &[Column], board: &Board<'_>) -> Result<Vec<(String, Figure)>, ReportError> {
     let mut figures = Vec::new();
     for metric in metrics {

@@ -59,7 +59,7 @@ fn each_stage_asks_for_what_it_was_estimated_to_need() {
         read(dir, "score.sbatch"),
         read(dir, "merge.sbatch"),
     );
-    // 9 GiB and a half more; 2 h of one core, by 8 shards, on half of 4 cores, three times.
+    // 9 GiB plus half; 2 h on one core, divided by 8 shards and half of 4 cores, times three.
     assert!(pictures.contains("#SBATCH --mem=14336M\n"), "{pictures}");
     assert!(
         pictures.contains("#SBATCH --time=30\n") && score.contains("#SBATCH --time=180\n"),
@@ -78,7 +78,7 @@ fn each_stage_asks_for_what_it_was_estimated_to_need() {
         score.contains(&format!("'{shard}")) && !score.contains("run --plan"),
         "{score}"
     );
-    // Quoted, and read by a shell as one word.
+    // Quoted, so that a shell reads it as one word.
     assert!(pictures.contains(r"it'\''s; rm -rf $HOME'"), "{pictures}");
     for name in [
         "pictures.sbatch",
@@ -98,7 +98,7 @@ fn each_stage_asks_for_what_it_was_estimated_to_need() {
         );
         assert!(!read(dir, name).contains("{{"), "{name}");
     }
-    // Again over our own files, never over another's.
+    // Overwrites our own files, but no others.
     slurm(&request).unwrap();
     std::fs::write(dir.join("jobs/submit.sh"), "mine").unwrap();
     assert!(slurm(&request).is_err());
@@ -152,7 +152,7 @@ fn an_indexed_job_is_one_pod_a_shard() {
     let name = job.lines().find_map(|line| line.strip_prefix("  name: "));
     let name = name.unwrap();
     assert!(name.starts_with("sharp-gr--e--1--"), "{name}");
-    // Another plan of that name elsewhere is another Job.
+    // A plan with the same name in another folder gets another Job name.
     let mut second = request.clone();
     second.shards = shards(plan(&dir.join("second"), "Größe \"1\""));
     kubernetes(&second).unwrap();
@@ -165,7 +165,7 @@ fn an_indexed_job_is_one_pod_a_shard() {
     assert!(kubernetes(&request).is_err());
 }
 
-/// Records what it is called with, an argument a line, beside itself.
+/// A script that records its arguments, one per line, in a file next to it.
 const RECORDER: &str = "#!/bin/bash\nprintf '%s\\n' \"${0##*/}\" \"$@\" >> \"${0%/*}/called\"\n[ \"${2-}\" != status ] && [ \"$1\" != status ] || echo '0 1-2'\n";
 
 #[cfg(unix)]
@@ -233,7 +233,7 @@ fn no_name_changes_what_runs() {
         );
         assert_eq!(called("merge.sbatch"), format!("{own}\nmerge\n{plan}\n"));
         let submitted = called("submit.sh");
-        // As sbatch reads the name of a file.
+        // As sbatch expands a file name.
         let logs = format!("--output={plan}/logs/slurm/").replace('%', "%%");
         assert_eq!(submitted.matches(&logs).count(), 3, "{submitted}");
         assert!(submitted.contains(&format!("{own}\nstatus\n{plan}\n--unfinished-shards\n8\n")));

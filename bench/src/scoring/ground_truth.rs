@@ -269,7 +269,7 @@ fn mean_colour(picture: &Picture, valid: &Mask) -> Option<[f32; 3]> {
     (count > 0).then(|| sum.map(|sum: f64| (sum / count as f64) as f32))
 }
 
-/// Fills the pixels that do not count with one colour.
+/// Replaces all pixels outside `valid` by one colour.
 fn filled(picture: &Picture, valid: &Mask, colour: [f32; 3]) -> Picture {
     let (width, height) = picture.dimensions();
     Picture::RgbF32(Rgb32FImage::from_fn(width, height, |x, y| {

@@ -145,7 +145,7 @@ struct Watching<'a> {
     /// The stage whose progress is currently displayed.
     phase: Option<Stage>,
     validated: Vec<(String, f64)>,
-    /// Set after a validation; the next step, whose log has its values, rewrites the page.
+    /// Set after a validation; the page is rewritten at the next step, when the log has the validation's values.
     page_due: bool,
 }
 

@@ -89,7 +89,7 @@ impl Bootstrap {
     }
 }
 
-/// Σ l³ / (6 (Σ l²)^1.5), where l is the change of the mean when a cluster is left out.
+/// Σ l³ / (6 (Σ l²)^1.5), where l is how much leaving out a cluster lowers the mean.
 fn acceleration(sample: &Clusters) -> f64 {
     let all = sample.n_pairs() as f64;
     let without = sample

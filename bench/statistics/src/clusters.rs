@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 /// Sums over one cluster, a group of pairs that depend on each other.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub(crate) struct Cluster {
-    /// Sum of the differences.
+    /// Sums of the differences and of their squares.
     pub(crate) sum: f64,
     pub(crate) squares: f64,
     /// Number of pairs; an integer.

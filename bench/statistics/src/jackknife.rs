@@ -93,12 +93,13 @@ fn estimated_variances(sample: &Clusters) -> Vec<f64> {
 
 /// The exact distribution of t = mean / √CV3, for independent normal means x of clusters with weights w and variances v.
 ///
-/// With residuals e = x − w·x, CV3 is Σ d e² with d = (G − 1)/G (w / (1 − w))². So |t| > c says that the quadratic form
-/// x'Cx = c² Σ d e² − (w·x)² is negative. VC, V = diag(v), has one negative eigenvalue −ν and otherwise positive ones
-/// μ. Given the rest of x, its part along the negative one's vector is a normal variable that has to be large enough,
-/// and Craig's integral for the tail of a normal ("A new, simple and exact result for calculating the probability of
-/// error for two-dimensional signal constellations", IEEE MILCOM 1991) averages over that rest: P = 2/π ∫ Π (1 + μ/(ν
-/// sin²φ))^−½ dφ over 0..π/2. The product is the determinant of I + VC/(ν sin²φ) without its factor 1 − 1/sin²φ.
+/// With residuals e = x − w·x, CV3 is Σ d e² with d = (G − 1)/G (w / (1 − w))². So |t| > c means that the quadratic
+/// form x'Cx = c² Σ d e² − (w·x)² is negative. VC, V = diag(v), has one negative eigenvalue −ν and otherwise positive
+/// ones μ. Given the rest of x, its part along the negative one's vector is a normal variable that has to be large
+/// enough, and Craig's integral for the tail of a normal ("A new, simple and exact result for calculating the
+/// probability of error for two-dimensional signal constellations", IEEE MILCOM 1991) averages over that rest: P = 2/π
+/// ∫ Π (1 + μ/(ν sin²φ))^−½ dφ over 0..π/2. The product is the determinant of I + VC/(ν sin²φ) without its factor 1 −
+/// 1/sin²φ.
 struct Statistic {
     /// Weight w, variance v and d of each cluster.
     clusters: Vec<[f64; 3]>,

@@ -11,7 +11,7 @@ use sharp_plots::scale::finite_range;
 
 use super::experiment::Experiment;
 
-/// One panel per metric; a metric without values says so in its panel. `None` if no metric has a value.
+/// One panel per metric; a panel without values has a note instead. `None` if no metric has a value.
 ///
 /// # Errors
 /// If the drawing library fails.

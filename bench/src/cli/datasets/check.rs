@@ -1,4 +1,4 @@
-//! `datasets check`.
+//! `datasets check`: checks datasets for broken files and contradictions.
 
 use serde_json::json;
 use sharp_datasets::DatasetSpec;
@@ -68,7 +68,7 @@ fn print(report: &DatasetReport) -> anyhow::Result<()> {
     ))
 }
 
-/// Agreement of neighbouring views as read, and under the best convention.
+/// Describes how well neighbouring views agree, as read and under the best convention.
 fn poses(found: &Consistency) -> String {
     let levels = |fit: &Fit| match fit.colour_levels {
         Some(levels) => format!(", colours differ by {levels:.1} levels"),

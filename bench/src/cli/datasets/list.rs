@@ -1,4 +1,4 @@
-//! `datasets list`.
+//! `datasets list`: describes the known datasets.
 
 use sharp_datasets::DatasetEntry;
 use sharp_datasets::registry::ENTRIES;

@@ -1,4 +1,4 @@
-//! `datasets`: lists them, names the files that a pair list needs, checks one.
+//! `datasets`: lists datasets, names the files that a pair list needs, checks a dataset.
 
 mod check;
 mod list;
@@ -20,7 +20,7 @@ pub(super) struct DatasetsArgs {
 
 #[derive(Debug, Subcommand)]
 enum DatasetsCommand {
-    /// What each dataset is: official page, terms, what to download, layout, readings of the paper by name
+    /// Describe each dataset: official page, terms, downloads, layout, readings of the paper by name
     ///
     /// With --needed-for, lists exactly the files that the selected pairs of a list need; with --dataset too, checks
     /// that they exist (exit code 4 if some do not).
@@ -35,17 +35,17 @@ enum DatasetsCommand {
         #[arg(long)]
         json: bool,
     },
-    /// Check a dataset: what it holds, what is broken and why, whether poses agree with depth
+    /// Check a dataset: its contents, broken files, and whether poses agree with depth
     ///
     /// Reads cameras of every scene, decodes pictures and depth of some views of each, and carries depth between
-    /// neighbouring views by their poses. The scale of poses without depth, and two exchanged pictures that are not among
-    /// those looked at, cannot be told from proper data. Nothing is written. Exit code 0 when it is sound, 4 when something is broken,
-    /// 1 when it cannot be opened.
+    /// neighbouring views by their poses. Cannot detect a wrong scale of poses without depth, or two exchanged pictures
+    /// outside the decoded sample. Writes nothing. Exit code 0 if the dataset is sound, 4 if something is broken, 1 if
+    /// it cannot be opened.
     Check {
         /// The dataset, [NAME:]FORMAT=PATH[,key=value…]; several are checked one by one
         #[arg(required = true, value_name = "SPEC")]
         datasets: Vec<String>,
-        /// Views of a scene to decode, evenly spaced; of the others only their existence is checked
+        /// Views of a scene to decode, evenly spaced; the others are only checked for existence
         #[arg(long, value_name = "N", default_value_t = 10)]
         views: usize,
         /// Print JSON

@@ -1,4 +1,4 @@
-//! `datasets list --needed-for`: exactly the files that a list of pairs needs.
+//! `datasets list --needed-for`: lists exactly the files that a pair list needs.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
@@ -15,14 +15,14 @@ use crate::pairs::PairList;
 
 #[derive(Debug, Serialize)]
 struct Needed {
-    /// The dataset's name in the list.
+    /// The dataset's name in the pair list.
     dataset: String,
-    /// Its format; `None` if neither the name nor --dataset says.
+    /// The dataset's format; `None` if neither its name nor --dataset determines it.
     format: Option<&'static str>,
     pairs: usize,
     archives: BTreeSet<String>,
     files: Vec<Listed>,
-    /// Of the files, how many are not there; `None` if it is not known where the dataset lies.
+    /// Number of missing files; `None` if the dataset's folder is unknown.
     missing: Option<usize>,
 }
 
@@ -30,7 +30,7 @@ struct Needed {
 struct Listed {
     #[serde(flatten)]
     file: RequiredFile,
-    /// Whether it is there, under one of its names.
+    /// Whether the file exists under one of its names.
     present: Option<bool>,
 }
 
@@ -85,7 +85,7 @@ fn needed(list: &PairList, name: &str, spec: Option<DatasetSpec>) -> Needed {
             (&pair.source, &pair.source_file),
             (&pair.target, &pair.target_file),
         ];
-        // A procedural view has no file.
+        // Procedural views have no file.
         for (view, picture) in views.into_iter().filter(|(_, picture)| !picture.is_empty()) {
             let by_layout = match entry {
                 Some(entry) => {
@@ -98,7 +98,7 @@ fn needed(list: &PairList, name: &str, spec: Option<DatasetSpec>) -> Needed {
                 .into_iter()
                 .filter_map(|file| of_split(file, split));
             match found.get(&(pair.scene.as_str(), view.as_str())) {
-                // The reader knows; of the layout's names only the lists are not among its files.
+                // The reader knows the view's files, except for the lists in the layout.
                 Some(view) => {
                     let folder = root.as_deref().unwrap_or(Path::new(""));
                     files.extend(view.required_files(folder));
@@ -120,7 +120,7 @@ fn needed(list: &PairList, name: &str, spec: Option<DatasetSpec>) -> Needed {
         })
         .collect();
     let lacking = |listed: &&Listed| {
-        // Not every picture has a mask, and a list is not needed once the pairs are known.
+        // A missing mask is allowed, and a list is not needed once the pairs are known.
         let counts = !matches!(listed.file.role, FileRole::Mask | FileRole::List);
         counts && listed.present == Some(false)
     };
@@ -134,7 +134,7 @@ fn needed(list: &PairList, name: &str, spec: Option<DatasetSpec>) -> Needed {
     }
 }
 
-/// The folder that names in a list are relative to: of a dataset that is one file, the file's.
+/// The folder that names in a list are relative to; for a dataset that is a single file, the file's folder.
 fn folder_of(path: &Path) -> PathBuf {
     match path.parent() {
         Some(folder) if path.is_file() => folder.to_owned(),
@@ -142,9 +142,9 @@ fn folder_of(path: &Path) -> PathBuf {
     }
 }
 
-/// The views that the reader finds, by scene and view: it knows the depth and masks that a `transforms.json` names, or that
-/// lie under their picture's name. None of a dataset that cannot be opened yet, as not all is there. Not those of stereo
-/// pairs, whose layout says it all: of the right picture only the picture is needed.
+/// The views that the reader finds, by scene and view, with the depth and masks that a `transforms.json` names or that
+/// have their picture's name. Empty for a dataset that is incomplete and cannot be opened yet. Excludes stereo pairs,
+/// whose layout is complete: of the right view only the picture is needed.
 fn found_views(scenes: &[Scene]) -> BTreeMap<(&str, &str), &View> {
     let multi_view = scenes
         .iter()
@@ -156,7 +156,7 @@ fn found_views(scenes: &[Scene]) -> BTreeMap<(&str, &str), &View> {
     views.collect()
 }
 
-/// A list of ScanNet++'s is that of the split as asked for; a whole dataset needs none.
+/// Replaces a list of ScanNet++ by that of the requested split; the whole dataset needs none.
 fn of_split(mut file: RequiredFile, split: Option<&str>) -> Option<RequiredFile> {
     if let (FileRole::List, Some(split)) = (file.role, split)
         && file.path.starts_with("splits/")

@@ -8,7 +8,7 @@ use super::{Outcome, output};
 use crate::report::Column;
 use crate::report::metrics_text::MethodsText;
 
-/// Each key with its convention and the public code that computes the same.
+/// Prints each key's convention, and public code that computes the same.
 pub(super) fn explain(scorer: &Scorer, json: bool) -> anyhow::Result<Outcome> {
     let infos = scorer.info();
     if json {
@@ -43,7 +43,7 @@ pub(super) fn explain(scorer: &Scorer, json: bool) -> anyhow::Result<Outcome> {
     Ok(Outcome::Done)
 }
 
-/// A paragraph for a paper.
+/// Prints a paragraph for a paper.
 pub(in crate::cli) fn methods_text(text: &MethodsText, json: bool) -> anyhow::Result<Outcome> {
     for backbone in &text.missing {
         output::remark(format!(
@@ -56,7 +56,7 @@ pub(in crate::cli) fn methods_text(text: &MethodsText, json: bool) -> anyhow::Re
     } else {
         output::line(&text.latex)?;
         output::line("")?;
-        // As comments, so that all of it can be pasted into a document.
+        // Print as comments, so that all of it can be pasted into a document.
         for line in text.bibtex.lines() {
             output::line(format!("% {line}").trim_end())?;
         }

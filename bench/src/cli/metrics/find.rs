@@ -1,13 +1,13 @@
-//! Finds the convention that gives a published number.
+//! Finds the convention that reproduces a published number.
 
 use std::str::FromStr;
 
-/// A number as someone printed it: rounded to as many decimals as it is written with.
+/// A printed number, rounded to the decimals it is written with.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Sought {
     value: f64,
     decimals: i32,
-    /// As written.
+    /// The number as written.
     pub(super) text: String,
 }
 
@@ -33,14 +33,14 @@ impl FromStr for Sought {
 }
 
 impl Sought {
-    /// Whether a value, rounded or cut to as many decimals, is written like that.
+    /// Whether a value, rounded or truncated to the same decimals, prints as this number.
     pub(super) fn is(&self, value: f64) -> bool {
         let unit = 10_f64.powi(-self.decimals);
         let agrees = |shown: f64| (shown * unit - self.value).abs() < 1e-3 * unit;
         agrees((value / unit).round()) || agrees((value / unit).trunc())
     }
 
-    /// How far a value is from the number.
+    /// Distance of a value from the number.
     pub(super) fn distance(&self, value: f64) -> f64 {
         (value - self.value).abs()
     }

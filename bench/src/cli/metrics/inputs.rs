@@ -6,12 +6,12 @@ use anyhow::bail;
 
 use crate::pictures::matching::{Match, MatchBy, match_folders, partner, shared_part};
 
-/// Files of one pair.
+/// The files of one pair.
 pub(super) struct Input {
     pub(super) prediction: PathBuf,
     pub(super) target: PathBuf,
     pub(super) mask: Option<PathBuf>,
-    /// What the pair's maps are called by: unique among the pairs.
+    /// Name of the pair's maps, unique among the pairs.
     pub(super) name: String,
 }
 
@@ -52,7 +52,7 @@ pub(super) fn pairs(
     pairs.into_iter().map(input).collect()
 }
 
-/// The folder that a file is or will be in.
+/// The parent folder of a file, which need not exist.
 pub(super) fn folder_of(file: &Path) -> &Path {
     match file.parent() {
         Some(folder) if !folder.as_os_str().is_empty() => folder,

@@ -1,9 +1,9 @@
-//! `metrics PREDICTION TARGET`: two pictures, or two folders of them.
+//! `metrics PREDICTION TARGET`: scores two pictures, or two folders of pictures.
 //!
 //! * `inputs`: matches pictures and masks.
-//! * `scored`: a pair's results, maps included.
+//! * `scored`: a pair's results, including maps.
 //! * `show`: results as text, JSON and CSV.
-//! * `find`: finds the convention that gives a published number.
+//! * `find`: finds the convention that reproduces a published number.
 //! * `describe`: explains metric keys.
 
 pub(super) mod describe;
@@ -73,13 +73,13 @@ pub(super) struct MetricsArgs {
     /// where they differ (--json has the values of both ends), and EXR with the values
     #[arg(long, value_name = "DIR")]
     maps: Option<PathBuf>,
-    /// Show what LPIPS and DISTS are made of, layer by layer
+    /// Show the terms of LPIPS and DISTS, layer by layer
     #[arg(long)]
     terms: bool,
-    /// Find which of the selected metrics, or of other people's variants, give this number, to its digits
+    /// Find which of the selected metrics, or of variants in other packages, give this number, to its digits
     #[arg(long, value_name = "NUMBER", allow_negative_numbers = true)]
     find: Option<find::Sought>,
-    /// Resize each prediction to its target's size first, as a library does it; recorded with the results
+    /// Resize each prediction to its target's size first, by a library's method; recorded with the results
     ///
     /// bilinear and bilinear-antialias are torch's interpolate, bicubic and lanczos PIL's, area is OpenCV's and
     /// only reduces. Without it unequal sizes are an error.
@@ -95,7 +95,7 @@ pub(super) struct MetricsArgs {
     /// For pictures with an EXIF orientation: upright (the default auto does the same here) or stored
     #[arg(long, value_name = "RULE", default_value_t)]
     orientation: OrientationRule,
-    /// For EXR files that do not say: linear (as most programs write) or srgb (encoded values)
+    /// For EXR files that do not state it: linear (as most programs write) or srgb (encoded values)
     #[arg(long, value_name = "TRANSFER")]
     exr: Option<ExrTransfer>,
     /// Class of CPU kernels for the networks: avx512, avx2 or portable [default: the machine's fastest]
@@ -140,7 +140,7 @@ pub(super) fn execute(args: &MetricsArgs) -> anyhow::Result<Outcome> {
         bail!("PREDICTION and TARGET are needed");
     };
     let inputs = inputs::pairs(prediction, target, args.mask.as_deref(), args.match_by)?;
-    // Before hours of work, not after them.
+    // Check before hours of work, not after.
     for folder in [
         args.maps.as_deref(),
         args.csv.as_deref().map(inputs::folder_of),
@@ -201,7 +201,7 @@ impl MetricsArgs {
         }
     }
 
-    /// The metrics asked for; with a mask each also inside it, unless the list says itself which.
+    /// The requested metrics; with a mask, each also inside it, unless the list itself has masked metrics.
     fn selection(&self) -> anyhow::Result<Selection> {
         let selection = self.metrics.selection()?;
         let has = |region| selection.keys().any(|key| key.region() == region);

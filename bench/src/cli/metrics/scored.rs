@@ -1,4 +1,4 @@
-//! A pair's results.
+//! Results of a pair.
 
 use std::path::{Path, PathBuf};
 
@@ -12,26 +12,26 @@ use crate::pictures::keyed_scores::KeyedScores;
 use crate::pictures::maps::{ColourScale, LocalMap, MapFiles, write_map};
 use crate::pictures::other_forms::{OtherForm, other_forms};
 
-/// Everything about one pair.
+/// Results and metadata of one pair.
 pub(super) struct Scored {
     pub(super) prediction: PathBuf,
     pub(super) target: PathBuf,
     pub(super) mask: Option<PathBuf>,
     /// Notes on how the pictures were read, one sentence each.
     pub(super) notes: Vec<String>,
-    /// Width and height of the prediction where it was resized.
+    /// Width and height of the prediction before resizing; `None` if not resized.
     pub(super) resized_from: Option<(u32, u32)>,
-    /// Of prediction and target as scored: `8 bit` or `f32`.
+    /// Depth of prediction and target as scored: `8 bit` or `f32`.
     pub(super) depths: [&'static str; 2],
     pub(super) scores: KeyedScores,
-    /// Values by other people's code; computed for `--find` only.
+    /// Values of variants in other packages; computed only for `--find`.
     pub(super) others: Vec<OtherForm>,
     pub(super) terms: Vec<(MetricKey, Terms)>,
     /// Key, files and scale of each map.
     pub(super) maps: Vec<(String, MapFiles, ColourScale)>,
 }
 
-/// Reads, scores, and writes maps.
+/// Reads and scores a pair, and writes its maps.
 pub(super) fn score(
     scorer: &Scorer,
     selection: &Selection,
@@ -102,7 +102,7 @@ pub(super) fn score(
     })
 }
 
-/// Another shape than the target's is rarely meant; one pixel of rounding on a side is.
+/// Warns if the shape differs from the target's by more than one pixel of rounding, which is rarely intended.
 fn warn_of_distortion(prediction: &Path, from: (u32, u32), to: (u32, u32)) {
     let [w, h, to_w, to_h] = [from.0, from.1, to.0, to.1].map(f64::from);
     let off = ((w * to_h / to_w - h).abs()).min((h * to_w / to_h - w).abs());
@@ -154,7 +154,7 @@ fn maps(
     let size = target.dimensions();
     let mut maps = vec![LocalMap::difference(prediction, target)];
     for (key, map) in &examined.maps {
-        // A metric without a value has its reason among the scores.
+        // The reason for a missing value is among the scores.
         if let Ok(map) = map {
             maps.push(LocalMap::of_metric(*key, map, size));
         }

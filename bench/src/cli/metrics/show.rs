@@ -30,7 +30,7 @@ impl ScoredPairs<'_> {
         self.scorer.keys().iter().copied().enumerate()
     }
 
-    /// Mean over the pairs, `None` unless every pair has the score.
+    /// Mean over the pairs; `None` unless every pair has the score.
     fn mean(&self, at: usize) -> Option<f64> {
         let scores = self
             .scored
@@ -45,7 +45,7 @@ impl ScoredPairs<'_> {
         keys.filter_map(|(at, key)| Some((key, self.mean(at)?)))
     }
 
-    /// The interface that others script against; members are only ever added.
+    /// The JSON output, a stable interface for scripts: members are only ever added.
     pub(super) fn json(&self) -> Value {
         let infinite = self.keys().filter_map(|(at, key)| {
             let scores = self.scored.iter().map(|pair| &pair.scores[at].1);
@@ -196,14 +196,14 @@ impl ScoredPairs<'_> {
         Ok(())
     }
 
-    /// The metrics whose value (or mean over the pairs) is the number sought, to its digits.
+    /// The metrics whose value (or mean over the pairs) is the sought number, to its digits.
     fn found(&self, sought: &Sought) -> Vec<(MetricKey, f64)> {
         self.means()
             .filter(|(_, value)| sought.is(*value))
             .collect()
     }
 
-    /// Mean over the pairs of each form of other code, for forms that every pair has.
+    /// Mean over the pairs of each variant that every pair has.
     fn other_means(&self) -> Vec<OtherForm> {
         let first = self.scored.first().map_or(&[][..], |pair| &pair.others);
         let mean = |form: &OtherForm| {
@@ -244,7 +244,7 @@ impl ScoredPairs<'_> {
             "{} is none of the selected metrics, nor another form of them",
             sought.text
         ))?;
-        // A number of one kind says nothing about another kind.
+        // Only compare numbers of the same kind.
         let own = self
             .means()
             .map(|(key, value)| (key.family(), key.to_string(), value));
@@ -267,7 +267,7 @@ impl ScoredPairs<'_> {
         Ok(())
     }
 
-    /// `prediction,target`, `mask` if there are masks, a column a key, and why scores are missing.
+    /// CSV with `prediction,target`, `mask` if there are masks, one column per key, and the reasons for missing scores.
     pub(super) fn csv(&self) -> anyhow::Result<Vec<u8>> {
         let masked = self.scored.iter().any(|pair| pair.mask.is_some());
         let mut header = vec!["prediction".to_owned(), "target".to_owned()];

@@ -12,7 +12,7 @@ use sharp_datasets::files::what_lies_in;
 use crate::cli::output;
 use crate::io::checkpoint::named_network;
 
-/// The network.
+/// Options for the network.
 #[derive(Debug, Args)]
 pub(crate) struct ModelArgs {
     /// Weights: .pt or .safetensors, or mini for the bundled small network [default: the release checkpoint in its own
@@ -25,9 +25,9 @@ pub(crate) struct ModelArgs {
     /// Ignore unknown tensors with this name prefix; repeatable
     #[arg(long, value_name = "PREFIX")]
     pub(crate) allow_unused: Vec<String>,
-    /// Where to compute: auto (CUDA or Metal where this build has it, else the CPU), cpu, candle-cpu (candle's own
-    /// operations on the CPU, a slower reference), cuda (an NVIDIA GPU; needs a build with --features cuda) or metal
-    /// (an Apple GPU; likewise, untested)
+    /// Device: auto (CUDA or Metal if this build has it, else the CPU), cpu, candle-cpu (candle's own operations on the
+    /// CPU, a slower reference), cuda (an NVIDIA GPU; needs a build with --features cuda) or metal (an Apple GPU;
+    /// likewise, untested)
     #[arg(long, value_name = "DEVICE", default_value = "auto")]
     pub(crate) device: DeviceChoice,
     /// On the CPU, use direct instead of Winograd convolution: slower, rounding errors five times smaller
@@ -60,7 +60,7 @@ impl ModelArgs {
 /// Options for reading a photograph.
 #[derive(Debug, Args)]
 pub(crate) struct PhotoArgs {
-    /// Focal length in pixels of the upright photograph [default: as the file says]
+    /// Focal length in pixels of the upright photograph [default: the file's]
     #[arg(long, value_name = "F")]
     pub(crate) focal_px: Option<f64>,
     /// Refuse larger photographs before they are decoded
@@ -107,7 +107,7 @@ impl PhotoArgs {
     }
 }
 
-/// Source of a focal length, in words.
+/// Source of a focal length, as text.
 pub(crate) fn focal_text(photo: &Photo) -> String {
     let source = match photo.focal_source {
         FocalSource::Given => "given".to_owned(),

@@ -45,8 +45,8 @@ enum GaussiansCommand {
         ply: PathBuf,
         /// The file to write
         out: PathBuf,
-        /// Format of the result, whose axes are OpenCV's, those of SPZ its own (rub) [default: by its name, .spz,
-        /// .compressed.ply or .ply]
+        /// Output format; axes are OpenCV's, for SPZ its own (rub) [default: by file name: .spz, .compressed.ply or
+        /// .ply]
         #[arg(long, value_enum)]
         to: Option<TargetForm>,
         #[command(flatten)]
@@ -92,7 +92,7 @@ pub(crate) fn execute(args: &GaussiansArgs) -> anyhow::Result<Outcome> {
             }
             let made_for = MarkedRule::of(&scene.marks);
             if given.color_space.is_some() {
-                // Said so of SHARP's files, and stated in the result.
+                // SHARP's files are marked as such in the result.
                 scene.marks.generator = Some(Generator::Sharp);
             }
             if to == TargetForm::Release {
@@ -115,7 +115,7 @@ pub(crate) fn execute(args: &GaussiansArgs) -> anyhow::Result<Outcome> {
                     true => format!("states the rule {}", rule.rule),
                     false => "states no rule".to_owned(),
                 };
-                // Its rule blends linear light, and the result does not say that its colours are encoded.
+                // The rule blends linear light, and the result does not state that its colours are encoded.
                 let colors = match made_for.rule == Rule::SHARP {
                     true => ",color_space=srgb",
                     false => "",
@@ -135,7 +135,7 @@ pub(crate) fn execute(args: &GaussiansArgs) -> anyhow::Result<Outcome> {
 }
 
 impl TargetForm {
-    /// Of a file's name.
+    /// Determines the format from a file's name.
     fn of_name(path: &Path) -> anyhow::Result<Self> {
         let name = path.to_string_lossy().to_ascii_lowercase();
         for (end, form) in [
@@ -154,8 +154,8 @@ impl TargetForm {
     }
 }
 
-/// The release's layout has no view-dependent colours, and states that colours are sRGB-encoded and blended in linear
-/// light.
+/// Checks that a scene fits the release's layout, which has no view-dependent colours and states that colours are
+/// sRGB-encoded and blended in linear light.
 fn check_release(scene: &GaussianScene, given: StoredForm) -> Result<(), String> {
     if scene.gaussians.harmonics.degree > 0 {
         return Err(format!(
@@ -170,7 +170,7 @@ fn check_release(scene: &GaussianScene, given: StoredForm) -> Result<(), String>
     }
 }
 
-/// Share of values at or below a bound, as ten equal parts of the range.
+/// Distribution of values: quantiles and a histogram.
 #[derive(Debug, Serialize)]
 struct Distribution {
     /// Smallest, 10 %, 25 %, 50 %, 75 %, 90 % and largest value.
@@ -200,20 +200,20 @@ impl Distribution {
 #[derive(Debug, Serialize)]
 struct Info {
     gaussians: usize,
-    /// SHARP writes two layers of equal size, one after the other.
+    /// Gaussians per layer if there are two equal layers in sequence, as SHARP writes them.
     per_layer: Option<usize>,
     not_finite: usize,
-    /// Gaussians without a rotation.
+    /// Number of Gaussians with a zero quaternion.
     zero_quaternions: usize,
     below_visibility: usize,
-    /// `None` if the file does not say.
+    /// Encoding of the colours; `None` if the file does not state it.
     color_space: Option<String>,
     /// Degree of the colours' spherical harmonics.
     color_degree: usize,
     is_view_dependent: bool,
-    /// The program that wrote it, as far as marks or columns show.
+    /// The program that wrote the file, as far as marks or columns show.
     generator: Option<&'static str>,
-    /// Marks of the rule it was made to be drawn with.
+    /// Marks of the rendering rule that the file was made for.
     marks: Vec<&'static str>,
     image_size: Option<[u32; 2]>,
     focal_px: Option<[f64; 2]>,
@@ -222,15 +222,15 @@ struct Info {
     x: Option<Distribution>,
     y: Option<Distribution>,
     depth: Option<Distribution>,
-    /// Share of Gaussians behind the camera, 0..1. A large one means other axes or another space.
+    /// Share of Gaussians behind the camera, 0..1; a large share indicates other axes or another space.
     behind: f64,
-    /// What contradicts camera space, OpenCV axes and metres.
+    /// Contradictions to camera space, OpenCV axes and metres.
     implausible: Vec<String>,
-    /// What contradicts the reading of its numbers.
+    /// Contradictions to the reading of the file's numbers.
     doubts: Vec<String>,
 }
 
-/// Medians of depth that photographs have, metres.
+/// Plausible median depths of photographs, metres.
 const PLAUSIBLE_DEPTH: std::ops::RangeInclusive<f64> = 0.1..=1000.0;
 
 fn describe(scene: &GaussianScene) -> Info {
@@ -272,7 +272,7 @@ fn describe(scene: &GaussianScene) -> Info {
         zero_quaternions: quaternions.iter().filter(|q| **q == [0.0; 4]).count(),
         below_visibility: opacities.iter().filter(|&&o| o < 1.0 / 255.0).count(),
         color_space: scene.color_space.map(|space| space.to_string()),
-        // 3 ((d + 1)² − 1) coefficients besides the constant one.
+        // 3 ((d + 1)² − 1) coefficients in addition to the constant one.
         color_degree: (scene.color_coefficients / 3 + 1).isqrt() - 1,
         is_view_dependent: scene.is_view_dependent,
         generator: scene.marks.generator.map(generator_name),
@@ -320,7 +320,7 @@ fn marks_in_words(marks: &FileMarks) -> Vec<&'static str> {
 }
 
 fn info(ply: &Path, given: &ReadingArgs, json: bool) -> anyhow::Result<Outcome> {
-    // What is shown does not depend on the space in which colours are blended, and this one takes every file.
+    // The output does not depend on the blending space, and this one accepts every file.
     let reading = StoredForm {
         blending: ColorSpace::Srgb,
         ..given.reading()

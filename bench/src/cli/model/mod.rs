@@ -1,4 +1,4 @@
-//! Commands around the network and its Gaussians.
+//! Commands for the network and its Gaussians.
 
 pub(super) mod args;
 pub(super) mod gaussians;

@@ -1,4 +1,4 @@
-//! `parity`: a network against a recording, stage by stage, or a port's Gaussians against ours.
+//! `parity`: compares a network with a recording stage by stage, or a port's Gaussians with ours.
 
 use std::path::{Path, PathBuf};
 
@@ -114,7 +114,7 @@ fn reference(args: &ParityArgs) -> anyhow::Result<(Gaussians, Intrinsics)> {
 struct PortParity {
     #[serde(flatten)]
     differences: PortComparison,
-    /// PSNR of both renderings into the photograph's camera, dB; `null` where they are equal.
+    /// PSNR between both renderings in the photograph's camera, dB; `null` if they are equal.
     rendered_psnr: Option<f64>,
 }
 
@@ -227,7 +227,7 @@ fn of_stages(args: &ParityArgs, golden: &Path, image: &Path) -> anyhow::Result<O
     )?;
     let first = comparison.first_divergence(tolerance);
     if args.json {
-        // A number that is not finite has no form in JSON.
+        // JSON numbers cannot represent non-finite values.
         let number = |value: f64| finite_or_text::text(value).map_or(json!(value), |t| json!(t));
         let stages = comparison.stages.iter();
         let stages = stages.map(

@@ -1,4 +1,4 @@
-//! `predict IMAGE…`: photographs to Gaussians.
+//! `predict IMAGE…`: predicts Gaussians from photographs.
 
 use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
@@ -49,7 +49,7 @@ pub(crate) struct PredictArgs {
     /// Leave out the release's extra elements, which some viewers cannot read
     #[arg(long)]
     plain: bool,
-    /// Also write both depth layers beside the PLY
+    /// Also write both depth layers next to the PLY
     #[arg(long, value_enum, value_name = "FORM")]
     depth: Option<DepthForm>,
     /// Print JSON
@@ -61,7 +61,7 @@ pub(crate) struct PredictArgs {
 enum DepthForm {
     /// Metres, f32, channels `layer0.Z` and `layer1.Z` in one .exr
     Exr,
-    /// Millimetres, 16 bit, one .png a layer; beyond 65.534 m: 65535
+    /// Millimetres, 16 bit, one .png per layer; depths beyond 65.534 m become 65535
     Png16,
 }
 
@@ -83,7 +83,7 @@ pub(crate) fn execute(args: &PredictArgs) -> anyhow::Result<Outcome> {
     for (image, ply) in args.images.iter().zip(&outputs) {
         match predict_one(args, &predictor, image, ply) {
             Ok(predicted) => results.push(predicted),
-            // One photograph of several costs only itself.
+            // A failure affects only this photograph.
             Err(error) if args.images.len() > 1 => {
                 failed += 1;
                 output::remark(format!("error: {error:#}"));
@@ -111,7 +111,7 @@ pub(crate) fn execute(args: &PredictArgs) -> anyhow::Result<Outcome> {
 fn named_after(images: &[PathBuf], folder: &Path) -> anyhow::Result<Vec<PathBuf>> {
     let mut outputs = Vec::with_capacity(images.len());
     for image in images {
-        // A folder without a name is refused when it is read.
+        // A folder without a name is rejected when it is read.
         let stem = image.file_stem().unwrap_or(image.as_os_str());
         let mut name = stem.to_owned();
         name.push(".ply");
@@ -195,7 +195,7 @@ fn predict_one(
     })
 }
 
-/// Runs the network under a progress bar, or with a line a part where standard error is no terminal.
+/// Runs the network under a progress bar, or with a line per part if standard error is not a terminal.
 fn forward(
     predictor: &Predictor,
     photo: &Photo,
@@ -223,7 +223,7 @@ fn forward(
 struct StageTimes {
     last_milestone: Instant,
     stages: Vec<StageTime>,
-    /// Whether each part is said when it is over: where there is no bar.
+    /// Whether to print a line after each part, because there is no progress bar.
     as_lines: bool,
 }
 
@@ -236,7 +236,7 @@ impl StageTimes {
         }
     }
 
-    /// A milestone of a part: the time since the last one was its.
+    /// Called at a milestone of a part: adds the time since the last milestone to the part.
     fn reached(&mut self, part: &'static str) {
         let now = Instant::now();
         let passed = now.duration_since(self.last_milestone).as_secs_f64();
@@ -253,7 +253,7 @@ impl StageTimes {
         }
     }
 
-    /// Says that the last part is over.
+    /// Prints the time of the last part.
     fn finish(&self) {
         if let (Some(StageTime { stage, seconds }), true) = (self.stages.last(), self.as_lines) {
             output::remark(format!("  {stage:<18} {seconds:>8.2} s"));

@@ -1,4 +1,4 @@
-//! `record`: every stage of a prediction, in a file.
+//! `record`: writes every stage of a prediction to a file.
 
 use std::path::PathBuf;
 
@@ -24,13 +24,13 @@ pub(crate) struct RecordArgs {
     image: PathBuf,
     #[command(flatten)]
     photo: PhotoArgs,
-    /// Name of the recording within the file; the photograph's stem without it
+    /// Name of the recording within the file [default: the photograph's stem]
     #[arg(long, value_name = "P")]
     prefix: Option<String>,
     /// Write stages of at most this many values whole
     #[arg(long, value_name = "N")]
     whole_up_to: Option<usize>,
-    /// Where to write
+    /// File to write
     #[arg(long, value_name = "REC.safetensors")]
     out: PathBuf,
 }

@@ -1,4 +1,4 @@
-//! `pairs --dataset … --out FILE`: the list of pairs of a dataset.
+//! `pairs --dataset … --out FILE`: builds a dataset's pair list.
 
 use std::collections::BTreeSet;
 use std::path::PathBuf;
@@ -29,7 +29,7 @@ pub(super) struct BuildArgs {
     pair_options: PairOptions,
     #[command(flatten)]
     overlap: OverlapConfig,
-    /// Where to write the list; FILE.json beside it records how it was made
+    /// File for the list; FILE.json next to it records how it was made
     #[arg(long, value_name = "FILE", required_unless_present = "ambiguity")]
     out: Option<PathBuf>,
     /// Print how the number of pairs changes with each open choice of the paper and each other reading of the datasets
@@ -93,7 +93,7 @@ pub(super) fn execute(args: &BuildArgs) -> anyhow::Result<Outcome> {
     Ok(outcome)
 }
 
-/// `pairs --ambiguity`: how the number of pairs changes over the open choices.
+/// Prints how the number of pairs changes over the open choices, for `pairs --ambiguity`.
 fn print_ambiguity(
     rows: &[Alternative],
     base: &PairOptions,

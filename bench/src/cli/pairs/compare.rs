@@ -1,4 +1,4 @@
-//! `pairs diff` and `pairs verify`: a list against another list, and against someone's files.
+//! `pairs diff` and `pairs verify`: compares a list with another list, or with local files.
 
 use std::path::PathBuf;
 
@@ -13,12 +13,12 @@ use crate::io::counts::counted;
 use crate::pairs::PairList;
 use crate::pairs::pair_list::{ListDiff, Verification};
 
-/// Lines of one kind that are printed; `--json` has all.
+/// Maximum number of printed lines per kind; `--json` has all.
 const LINES: usize = 20;
 
 /// Compare two lists: pairs that only one has, and values that differ
 ///
-/// The order of rows does not count. Exit code 0 if the lists hold the same pairs with the same values, 4 if not.
+/// Ignores the order of rows. Exit code 0 if the lists have the same pairs with the same values, 4 if not.
 #[derive(Debug, Args)]
 #[command(after_help = "Example:\n  sharp-bench pairs diff ours.csv theirs.csv --json")]
 pub(super) struct DiffArgs {
@@ -82,7 +82,7 @@ fn print_diff(first: &PairList, second: &PairList, diff: &ListDiff) -> anyhow::R
     ))
 }
 
-/// The first lines of a kind, and how many more there are.
+/// Prints the first lines of a kind, and the number of remaining ones.
 fn print_some<T>(head: &str, items: &[T], text: impl Fn(&T) -> String) -> anyhow::Result<()> {
     for item in items.iter().take(LINES) {
         output::line(format!("{head}: {}", text(item)))?;

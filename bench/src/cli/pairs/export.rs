@@ -1,4 +1,4 @@
-//! `pairs export`: everything a foreign method needs, as files.
+//! `pairs export`: writes everything that an external method needs to files.
 
 use std::path::PathBuf;
 

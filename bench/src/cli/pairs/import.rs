@@ -1,4 +1,4 @@
-//! `pairs import`: someone else's list as one of ours.
+//! `pairs import`: converts a published list to our format.
 
 use std::path::PathBuf;
 
@@ -14,10 +14,10 @@ use crate::pairs::pair_list::LIST_MARK;
 use crate::pairs::provenance::ListCompanion;
 use crate::pairs::{DatasetConfig, clap_dataset};
 
-/// Read someone else's list of pairs: count it, or convert it
+/// Count or convert a published list of pairs
 ///
 /// With --dataset, the list is matched with the dataset's scenes and views, and --out is a list for `run --pairs`.
-/// Missing scenes are left out, with exit code 4. Without --out the list is only counted.
+/// Missing scenes are left out, with exit code 4. Without --out, the list is only counted.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:
@@ -25,10 +25,10 @@ Examples:
   sharp-bench pairs import theirs.json --form index --context nearest --dataset colmap=data --out pairs.csv
   sharp-bench run --protocol pixelsplat --pairs pairs.csv --dataset colmap=data --method copy --out runs/theirs")]
 pub(super) struct ImportArgs {
-    /// Their list
+    /// The published list
     #[arg(value_name = "FILE")]
     list: PathBuf,
-    /// Its format
+    /// The list's format
     #[arg(long, value_enum, value_name = "FORM")]
     form: ListForm,
     /// Which of several input views is the source
@@ -43,7 +43,7 @@ pub(super) struct ImportArgs {
     /// Only scenes whose id matches; `*` and `?` are wildcards
     #[arg(long, value_name = "GLOB", requires = "datasets")]
     scenes: Option<String>,
-    /// Where to write the list for `run --pairs`
+    /// File for the list, for `run --pairs`
     #[arg(long, value_name = "FILE", requires = "datasets")]
     out: Option<PathBuf>,
     /// Print JSON
@@ -51,7 +51,7 @@ pub(super) struct ImportArgs {
     json: bool,
 }
 
-/// Absent scenes that are named.
+/// Maximum number of missing scenes named.
 const NAMED: usize = 5;
 
 pub(super) fn execute(args: &ImportArgs) -> anyhow::Result<Outcome> {

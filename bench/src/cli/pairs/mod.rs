@@ -1,4 +1,4 @@
-//! `pairs`: lists of pairs as files: built, compared, checked, exported, imported.
+//! `pairs`: builds, compares, checks, exports and imports pair lists.
 
 mod build;
 mod compare;
@@ -13,8 +13,8 @@ use crate::pairs::PairOptions;
 
 /// Build, compare, check, export and import lists of pairs
 ///
-/// A list is a CSV with a sha256, which can be published, compared and evaluated with `run --pairs`. A list without any
-/// selected pair is still written, with a warning that says why and exit code 4.
+/// A list is a CSV with a sha256, which can be published, compared and evaluated with `run --pairs`. A list without
+/// selected pairs is still written, with a warning that gives the reason and exit code 4.
 #[derive(Debug, Args)]
 #[command(after_help = help(), args_conflicts_with_subcommands = true, subcommand_negates_reqs = true)]
 pub(super) struct PairsArgs {
@@ -32,7 +32,7 @@ enum PairsCommand {
     Import(import::ImportArgs),
 }
 
-/// Where the dataset's depth is too sparse for an overlap pixel by pixel.
+/// Help on depth that is too sparse for per-pixel overlap.
 const SPARSE: &str = "\
 Sparse depth (ETH3D, Tanks and Temples): the paper predicts dense depth with Depth Pro and scales it to the sparse depth.
   overlap=given          --overlap-depth DIR, depth maps by anyone, scaled by the median of ratios as in the paper

@@ -1,4 +1,4 @@
-//! Values that options of `render` take.
+//! Value types of `render`'s options.
 
 use std::str::FromStr;
 
@@ -9,7 +9,7 @@ use sharp::render::trajectory::TrajectoryKind;
 
 use crate::config::rendering::numbers;
 
-/// Offset of the camera, metres, x right, y down, z forward.
+/// Parses a camera offset: metres, x right, y down, z forward.
 pub(super) fn offset(text: &str) -> Result<DVec3, &'static str> {
     numbers(text)
         .map(DVec3::from_array)
@@ -17,21 +17,21 @@ pub(super) fn offset(text: &str) -> Result<DVec3, &'static str> {
         .ok_or("three numbers are needed: X,Y,Z in metres")
 }
 
-/// The ends of the depth colours, metres.
+/// Parses the depths of the colour scale's ends, metres.
 pub(super) fn depth_range(text: &str) -> Result<[f32; 2], &'static str> {
     numbers(text)
         .filter(|[near, far]: &[f32; 2]| *near > 0.0 && near < far && far.is_finite())
         .ok_or("two numbers are needed: NEAR,FAR in metres, 0 < NEAR < FAR")
 }
 
-/// SHARP's layers to render, each alone.
+/// SHARP's layers to render separately.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Layers {
     One(usize),
     All,
 }
 
-/// SHARP predicts two Gaussians a pixel: first all of the visible layer, then all of the hidden one.
+/// SHARP predicts two Gaussians per pixel: first the whole visible layer, then the whole hidden one.
 const LAYERS: usize = 2;
 
 impl FromStr for Layers {
@@ -54,7 +54,7 @@ impl Layers {
         }
     }
 
-    /// One layer of a scene: an equal share of its Gaussians, by index. `None` when they cannot be shared equally.
+    /// One layer of a scene: an equal share of its Gaussians, by index. `None` if they cannot be divided equally.
     pub(super) fn of(scene: &Gaussians, layer: usize) -> Option<Gaussians> {
         let size = scene.len() / LAYERS;
         scene

@@ -1,4 +1,4 @@
-//! One `render`: the scene, the views and their output.
+//! One `render` command: the scene, the views and their output.
 
 use std::path::{Path, PathBuf};
 use std::sync::mpsc::sync_channel;
@@ -23,10 +23,10 @@ use crate::io::gaussian_files;
 use crate::io::observer::Observer;
 use crate::rendering::BatchRenderer;
 
-/// Everything that is known before a backend is.
+/// Everything that can be decided before opening a backend.
 pub(super) struct RenderJob<'a> {
     args: &'a RenderArgs,
-    /// Where pictures go, if anywhere.
+    /// Output for pictures, if requested.
     pub(super) out: Option<Output<'a>>,
     pub(super) scene: Gaussians,
     pub(super) screen: Intrinsics,
@@ -35,7 +35,7 @@ pub(super) struct RenderJob<'a> {
     pub(super) appearance: Appearance,
 }
 
-/// Output named by `--out`.
+/// The output named by `--out`.
 pub(super) struct Output<'a> {
     path: &'a Path,
     kind: OutputKind,
@@ -108,7 +108,7 @@ impl<'a> RenderJob<'a> {
             (true, range @ Some(_)) => range,
             (true, None) => Some(
                 DepthRange::seen_from(&scene, &camera_from_scene)
-                    // Nothing to colour, then.
+                    // Nothing will be coloured.
                     .map_or([1.0, 2.0], |range| [range.near as f32, range.far as f32]),
             ),
         };
@@ -154,7 +154,7 @@ impl<'a> RenderJob<'a> {
         let mut pictures = Vec::with_capacity(chosen.len());
         renderer
             .render::<RenderError>(scene, &chosen, |_, view| {
-                // Those of `--out` are counted already.
+                // Views of `--out` have already been counted.
                 if self.out.is_none() {
                     summary.add(&view);
                 }
@@ -170,7 +170,7 @@ impl<'a> RenderJob<'a> {
         Ok(())
     }
 
-    /// Renders on this thread and writes on another, one view behind: two views are in memory.
+    /// Renders on this thread and writes on another, one view behind, so that two views are in memory.
     fn draw(
         &self,
         renderer: &mut BatchRenderer,
@@ -201,14 +201,14 @@ impl<'a> RenderJob<'a> {
             (rendered, written)
         });
         terminal.end();
-        // Where writing failed, rendering only says that it was stopped.
+        // If writing failed, the rendering error only says that it was stopped.
         written?;
         rendered.with_context(|| self.args.scene.display().to_string())?;
         view_writer.finish()
     }
 }
 
-/// The release's.
+/// Frame rate, as in the release.
 const DEFAULT_FPS: u32 = 30;
 
 #[derive(Debug, thiserror::Error)]
@@ -220,7 +220,7 @@ enum Stopped {
 }
 
 impl Output<'_> {
-    /// One view goes to a picture, a path to frames or a movie.
+    /// Checks that the number of views fits the output: one view to a picture, a path to frames or a movie.
     fn check(&self, args: &RenderArgs, rule: &Rule, moved: Option<usize>) -> anyhow::Result<()> {
         let out = self.path.display();
         match (self.kind, moved) {
@@ -258,7 +258,7 @@ impl Output<'_> {
         Ok(())
     }
 
-    /// Renders all views of the scene or of one layer of it.
+    /// Renders all views of the scene, or of one of its layers.
     pub(super) fn render(
         &self,
         job: &RenderJob<'_>,

@@ -1,4 +1,4 @@
-//! `render SCENE`: Gaussians from a file to pictures: a view, or a path.
+//! `render SCENE`: renders a file of Gaussians to pictures, from one view or along a path.
 
 mod args;
 mod job;
@@ -25,10 +25,10 @@ use crate::rendering::BatchRenderer;
 /// Render 3D Gaussians to a picture, frames or a movie
 ///
 /// SCENE is a .ply file (SHARP's own or a plain 3D Gaussian one) or a .safetensors file with `means`, `quats_wxyz`,
-/// `scales`, `opacities` and `colors_linear`, or `sh` (harmonics of encoded colours, [N,(degree+1)²,3]). OUT is .png (sRGB, 8 bit), .exr (linear RGB, alpha, accumulated depth),
-/// .safetensors (`rgb_linear` [H,W,3], `alpha` [H,W], `depth_acc` [H,W]; with --rendering or encoded colours `rgb` instead, as the
-/// rule blends it, over the background and before any clamp); for a moved camera a folder of PNG frames,
-/// .gif, or .mp4 (through an installed ffmpeg).
+/// `scales`, `opacities` and `colors_linear`, or `sh` (harmonics of encoded colours, [N,(degree+1)²,3]). OUT is .png
+/// (sRGB, 8 bit), .exr (linear RGB, alpha, accumulated depth), .safetensors (`rgb_linear` [H,W,3], `alpha` [H,W],
+/// `depth_acc` [H,W]; with --rendering or encoded colours `rgb` instead, in the rule's blending space, over the
+/// background and not clamped); for a moved camera a folder of PNG frames, .gif, or .mp4 (through an installed ffmpeg).
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:
@@ -51,10 +51,10 @@ pub(super) struct RenderArgs {
     scene: PathBuf,
     #[command(flatten)]
     reading: ReadingArgs,
-    /// The camera [default: the one stored in the PLY]
+    /// The camera [default: that in the PLY]
     #[arg(long, value_name = "CAM.json")]
     camera: Option<PathBuf>,
-    /// Where to write: .png, .exr, .safetensors, .gif, .mp4, or a folder for frames
+    /// Output: .png, .exr, .safetensors, .gif, .mp4, or a folder for frames
     #[arg(long, value_name = "OUT", required_unless_present = "viewer")]
     out: Option<PathBuf>,
     /// Write a self-contained page that draws the Gaussians in a browser (WebGPU), from these views or any other
@@ -69,15 +69,15 @@ pub(super) struct RenderArgs {
     adapter: Option<String>,
     #[command(flatten)]
     rendering: RenderingConfig,
-    /// The convention of rendering: sharp, inria, inria-general, inria-aa, mip-splatting, gsplat-classic,
-    /// gsplat-antialiased, gsplat-1.5.3-classic, gsplat-1.5.3-antialiased or brush-mip, and single choices after it, as
-    /// in inria,near=0.01 [default: what the file states, or sharp]
+    /// Rendering rule: sharp, inria, inria-general, inria-aa, mip-splatting, gsplat-classic, gsplat-antialiased,
+    /// gsplat-1.5.3-classic, gsplat-1.5.3-antialiased or brush-mip, optionally with changes, as in inria,near=0.01
+    /// [default: the file's, or sharp]
     #[arg(long = "rendering", value_name = "RULE")]
     rule: Option<Rule>,
-    /// Drop Gaussians whose centre is nearer, metres [default: the rule's, 0.01 of sharp]
+    /// Drop Gaussians whose centre is nearer, metres [default: the rule's; 0.01 for sharp]
     #[arg(long, value_name = "M")]
     near: Option<f32>,
-    /// Drop Gaussians whose centre is farther, metres [default: the rule's, 1e10 of sharp]
+    /// Drop Gaussians whose centre is farther, metres [default: the rule's; 1e10 for sharp]
     #[arg(long, value_name = "M")]
     far: Option<f32>,
     /// Render as the release's `sharp render`: principal point at ((W-1)/2, (H-1)/2), pictures higher than 3000 pixels
@@ -101,11 +101,11 @@ pub(super) struct RenderArgs {
     layer: Option<Layers>,
     #[command(flatten)]
     path: PathArgs,
-    /// Frames a second of a GIF (at most 50) or MP4 [default: 30, the release's]
+    /// Frames per second of a GIF (at most 50) or MP4 [default: 30, the release's]
     #[arg(long, value_name = "N", help_heading = "Paths", value_parser = clap::value_parser!(u32).range(1..=240))]
     fps: Option<u32>,
-    /// Write the camera of every view, as --camera reads it, beside each picture or frame, or into OUT.cameras for a
-    /// movie
+    /// Write the camera of every view, in the format of --camera, next to each picture or frame, or into OUT.cameras
+    /// for a movie
     #[arg(long, help_heading = "Paths")]
     write_cameras: bool,
     /// Print JSON: files, sizes, backend, and how many Gaussians were dropped
@@ -115,7 +115,7 @@ pub(super) struct RenderArgs {
 
 #[derive(Debug, Serialize)]
 struct Summary {
-    /// As given; none where only a page was asked for.
+    /// The output as given; `None` if only a page was requested.
     out: Option<String>,
     width: u32,
     height: u32,
@@ -125,26 +125,26 @@ struct Summary {
     alpha: f64,
     #[serde(skip)]
     pixels: usize,
-    /// Over all pixels of all views.
+    /// Mean over all pixels of all views.
     mean_alpha: f64,
-    /// Views, layers counted apart.
+    /// Number of views, counted per layer.
     views: usize,
     backend: String,
-    /// Why this backend, where the choice was `auto`.
+    /// Why `auto` selected this backend; `None` if it was named.
     backend_reason: Option<String>,
-    /// Why the CPU took over from a device.
+    /// Why rendering fell back from a device to the CPU.
     fallback: Option<String>,
     depth_range_m: Option<[f32; 2]>,
     files: Vec<String>,
 }
 
 impl RenderArgs {
-    /// Whether arrays hold what a rule blended, over the background.
+    /// Whether arrays contain values in the rule's blending space, over the background.
     fn writes_blended(&self, rule: &Rule) -> bool {
         self.rule.is_some() || rule.blending == ColorSpace::Srgb
     }
 
-    /// A rule with what single options say otherwise.
+    /// The rule with the changes of single options.
     fn over(&self, mut rule: Rule) -> Rule {
         rule.low_pass = self.rendering.eps2d.map_or(rule.low_pass, |LowPass(x)| x);
         rule.near = self.near.unwrap_or(rule.near);

@@ -1,4 +1,4 @@
-//! Paths of the camera.
+//! Camera paths.
 
 use anyhow::Context;
 use clap::Args;
@@ -9,7 +9,7 @@ use sharp::render::trajectory::{DepthRange, Trajectory, shifted};
 
 use super::args::{self, PathArg};
 
-/// Frames a path may have.
+/// Maximum number of frames in a path.
 const MAX_FRAMES: i64 = 100_000;
 
 /// Options that move the camera.
@@ -31,8 +31,8 @@ pub(super) struct PathArgs {
 }
 
 impl PathArgs {
-    /// The pose of each frame, from the photograph's camera to the frame's, on a path through a scene that the photograph's
-    /// camera sees by `camera_from_scene`; `None` without a path.
+    /// The pose of each frame, as a map from the photograph's camera to the frame's, for a scene placed by
+    /// `camera_from_scene`; `None` without a path.
     pub(super) fn poses(
         &self,
         scene: &Gaussians,

@@ -12,7 +12,7 @@ use crate::io::movie::gif::GifMovie;
 use crate::io::movie::mp4::Mp4Movie;
 use crate::io::rendering_files;
 
-/// Kind of output, by the name in `--out`.
+/// Kind of output, determined by the name in `--out`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum OutputKind {
     /// One view: `.png`, `.exr` or `.safetensors`.
@@ -23,7 +23,7 @@ pub(super) enum OutputKind {
 }
 
 impl OutputKind {
-    /// Reads the kind off a name; without an extension it is a folder.
+    /// Determines the kind from a name; without an extension it is a folder.
     pub(super) fn of(out: &Path) -> anyhow::Result<Self> {
         let extension = out.extension().map(|e| e.to_string_lossy().to_lowercase());
         Ok(match extension.as_deref() {
@@ -40,15 +40,15 @@ impl OutputKind {
     }
 }
 
-/// Conversion of a view to 8-bit pictures.
+/// Settings for converting a view to 8-bit pictures.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Appearance {
     pub(super) background: Background,
     pub(super) quantization: Quantization,
-    /// The ends of the depth colours, metres; `None` if no depth is wanted.
+    /// Depths of the colour scale's ends, metres; `None` if no depth is requested.
     pub(super) depth_m: Option<[f32; 2]>,
     pub(super) alpha: bool,
-    /// Whether arrays hold what was blended, with the background, rather than linear light without.
+    /// Whether arrays contain the blended values over the background, rather than linear light without background.
     pub(super) blended: bool,
 }
 
@@ -72,7 +72,7 @@ impl Appearance {
         })
     }
 
-    /// The files of one view whose colour goes to `path`.
+    /// The files of a view whose colour is written to `path`.
     pub(super) fn files(&self, path: &Path) -> Vec<PathBuf> {
         let mut files = vec![path.to_owned()];
         if self.depth_m.is_some() {
@@ -84,7 +84,7 @@ impl Appearance {
         files
     }
 
-    /// Writes a view: colour to `path`, depth and alpha beside it.
+    /// Writes a view: colour to `path`, depth and alpha to files next to it.
     fn write(&self, path: &Path, view: &RenderOutput) -> anyhow::Result<()> {
         if self.depth_m.is_some() {
             let size = (view.width as usize, view.height as usize);
@@ -98,7 +98,7 @@ impl Appearance {
         if let Some(picture) = self.alpha(view) {
             rendering_files::write_gray_png(&path.with_extension("alpha.png"), &picture)?;
         }
-        // Last, so that a frame with its colour is complete.
+        // Write colour last, so that a frame with a colour file is complete.
         match path.extension().and_then(|e| e.to_str()) {
             Some("exr") => rendering_files::write_exr(path, view)?,
             Some("safetensors") if self.blended => {
@@ -111,14 +111,14 @@ impl Appearance {
     }
 }
 
-/// Takes rendered views.
+/// Receives rendered views.
 pub(super) enum ViewWriter {
     Files {
-        /// By the number of the view.
+        /// Path by index of the view.
         paths: Vec<PathBuf>,
         appearance: Appearance,
     },
-    /// Movies side by side: colour, and depth and alpha where wanted.
+    /// Movies in parallel: colour, and depth and alpha if requested.
     Movies {
         color: Box<dyn Movie>,
         depth: Option<Box<dyn Movie>>,
@@ -153,7 +153,7 @@ impl ViewWriter {
         })
     }
 
-    /// Takes view `index`; a movie takes them in order.
+    /// Writes view `index`; a movie needs views in order.
     pub(super) fn take(&mut self, index: usize, view: &RenderOutput) -> anyhow::Result<()> {
         match self {
             Self::Files { paths, appearance } => {
@@ -178,7 +178,7 @@ impl ViewWriter {
         }
     }
 
-    /// Gives movies their names.
+    /// Finishes movies, which gives them their names.
     pub(super) fn finish(self) -> anyhow::Result<()> {
         if let Self::Movies {
             color,
@@ -202,7 +202,7 @@ pub(super) fn movie_paths(path: &Path) -> [PathBuf; 3] {
     [path.to_owned(), beside("depth"), beside("alpha")]
 }
 
-/// `x.layer0.png` for `x.png`, `frames/layer0` for the folder `frames`.
+/// Path of a layer: `x.layer0.png` for `x.png`, `frames/layer0` for the folder `frames`.
 pub(super) fn of_layer(out: &Path, kind: OutputKind, layer: usize) -> PathBuf {
     match (kind, out.extension()) {
         (OutputKind::Frames, _) | (_, None) => out.join(format!("layer{layer}")),
@@ -219,7 +219,7 @@ pub(super) fn ends_in(out: &Path, extensions: &[&str]) -> bool {
     extension.is_some_and(|e| extensions.iter().any(|of| e == *of))
 }
 
-/// Refuses options of 8-bit pictures where the file holds linear floats.
+/// Rejects options for 8-bit pictures if the file has linear floats.
 pub(super) fn refuse_for_floats(
     out: &Path,
     options: &[(&'static str, bool)],

@@ -68,7 +68,7 @@ pub(super) fn execute(
             output::line(format!("record        {standing}"))?;
         }
     }
-    // A file with SHARP's modules is checked against the release even when nothing is said.
+    // A file with SHARP's modules is checked against the release by default.
     let looks_like_sharp = modules
         .keys()
         .any(|name| name.starts_with("monodepth_model"));
@@ -115,7 +115,7 @@ fn module_of(name: &str) -> String {
     name.split('.').take(levels).collect::<Vec<_>>().join(".")
 }
 
-/// Thousands apart: 702 305 169.
+/// Groups thousands: 702 305 169.
 fn grouped(n: usize) -> String {
     match n / 1000 {
         0 => n.to_string(),

@@ -1,4 +1,4 @@
-//! `weights fetch`: published weights into the cache.
+//! `weights fetch`: downloads published weights into the cache.
 
 use std::collections::BTreeSet;
 use std::path::Path;
@@ -20,14 +20,13 @@ use crate::io::checkpoint::release::{
 use crate::io::hash::file_sha256;
 use crate::io::observer::Observer;
 
-/// What to fetch, and what was agreed to.
+/// Names to fetch, and accepted terms.
 #[derive(Debug, Args)]
 pub(super) struct FetchArgs {
-    /// `metrics` for the backbones that are not at hand; alexnet, vgg16, squeezenet1_1; `sharp` for the official
-    /// checkpoint
+    /// `metrics` for all missing backbones; alexnet, vgg16, squeezenet1_1; `sharp` for the official checkpoint
     #[arg(required = true, value_name = "NAME")]
     names: Vec<String>,
-    /// Only say whether they are at hand
+    /// Only report whether they are present
     #[arg(long)]
     offline: bool,
     /// You have read the licence of SHARP's checkpoint, which is shown without this, and accept it
@@ -56,7 +55,7 @@ pub(super) fn execute(args: &FetchArgs) -> anyhow::Result<Outcome> {
     Ok(Outcome::Done)
 }
 
-/// The backbones that a list of names stands for, each once, and whether it names SHARP's checkpoint.
+/// The backbones in a list of names, each once, and whether it includes SHARP's checkpoint.
 fn wanted(names: &[String]) -> anyhow::Result<(BTreeSet<Backbone>, bool)> {
     let (mut backbones, mut sharp) = (BTreeSet::new(), false);
     for name in names {
@@ -74,8 +73,8 @@ fn wanted(names: &[String]) -> anyhow::Result<(BTreeSet<Backbone>, bool)> {
     Ok((backbones, sharp))
 }
 
-/// Fetches a backbone's features into the cache, unless they are present and were not asked for by name. Returns their
-/// place.
+/// Downloads a backbone's features into the cache, unless they are present and were not named explicitly. Returns their
+/// location.
 fn backbone_features(args: &FetchArgs, backbone: Backbone, cache: &Path) -> anyhow::Result<Value> {
     let by_name = args.names.iter().any(|name| name == backbone.name());
     let at_hand = Weights::at_hand();
@@ -130,7 +129,7 @@ fn checkpoint(args: &FetchArgs, cache: &Path) -> anyhow::Result<Value> {
     }))
 }
 
-/// Shows the licence and, once it is accepted, fetches the checkpoint.
+/// Shows the licence and, if accepted, downloads the checkpoint.
 fn transfer(args: &FetchArgs, cache: &Path) -> anyhow::Result<(std::path::PathBuf, Standing)> {
     output::remark(licence_text());
     let by_hand = format!(

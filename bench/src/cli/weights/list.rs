@@ -1,4 +1,4 @@
-//! `weights list`: published weights, and those on this machine.
+//! `weights list`: lists published weights and whether they are on this machine.
 
 use std::path::PathBuf;
 

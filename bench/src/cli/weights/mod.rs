@@ -29,30 +29,30 @@ pub(super) struct WeightsArgs {
 
 #[derive(Debug, Subcommand)]
 enum WeightsCommand {
-    /// Published weights: where they come from, how large they are, whether they are at hand
+    /// List published weights: source, size, and whether they are present
     List {
         /// Print JSON
         #[arg(long)]
         json: bool,
     },
-    /// Fetch published weights into the cache: resumed after a break, checked by size and hash
+    /// Fetch published weights into the cache: resumes interrupted transfers, checks size and hash
     ///
-    /// Of a backbone only the features are kept. For SHARP's checkpoint no hash is published: its size and sha256 are
-    /// recorded at the first use and compared from then on; a file in the release's own cache folder is used as it is.
-    /// Proxies are taken from the usual environment variables; with SHARP_BENCH_MIRROR set to an address, files are
-    /// fetched from there under the names that their publishers give them.
+    /// Only the features of a backbone are kept. No hash of SHARP's checkpoint is published, so its size and sha256 are
+    /// recorded at the first use and compared from then on; a file in the release's own cache folder is used in place.
+    /// Proxies are read from the usual environment variables. If SHARP_BENCH_MIRROR is set to an address, files are
+    /// fetched from there under their publishers' file names.
     Fetch(fetch::FetchArgs),
-    /// What a file holds: modules, parameters, values that are not finite
+    /// Show the contents of a file: modules, parameters, non-finite values
     ///
-    /// With --config (or for a file that looks like SHARP's) every tensor of the network must be there in its shape,
-    /// and none besides.
+    /// With --config (or for a file that looks like SHARP's), the file must have exactly the network's tensors, in
+    /// their shapes.
     Check {
         /// .pt, .pth (zip or older) or .safetensors
         file: PathBuf,
         /// The network that the file should fit, `release` or FILE.json#NAME
         #[arg(long, value_name = "FILE[#NAME]")]
         config: Option<String>,
-        /// Accept tensors of this name prefix that the network does not have; repeatable
+        /// Accept unknown tensors with this name prefix; repeatable
         #[arg(long, value_name = "PREFIX")]
         allow_unused: Vec<String>,
         /// Print JSON
@@ -66,12 +66,12 @@ enum WeightsCommand {
         /// The file to write
         to: PathBuf,
     },
-    /// Write deterministic weights: a pure function of the tensors' names, for tests without the real ones
+    /// Write deterministic weights, computed from the tensors' names alone, for tests without real weights
     Synth {
         /// Sizes of the network, `release` or FILE.json#NAME
         #[arg(long, value_name = "FILE[#NAME]", default_value = "release")]
         config: String,
-        /// Another set of values
+        /// Selects another set of values
         #[arg(long, default_value = "")]
         salt: String,
         /// The file to write

@@ -1,5 +1,5 @@
-//! Renders Gaussians into the photograph that they were predicted from and, if they do not match it, tries other
-//! readings of their file.
+//! Renders Gaussians into the view that they were predicted from. If the rendering does not match the view's
+//! photograph, tries other readings of the Gaussians' file.
 //!
 //! A wrong frame, unit, encoding or colour space gives bad scores without an error. Rendering into the source's own
 //! camera reveals all of these except a scale about that camera, so the rendered depth is recorded too. Other readings

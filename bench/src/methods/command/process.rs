@@ -67,7 +67,7 @@ impl Ended {
         self.status.is_some_and(|status| status.success())
     }
 
-    /// One line with `what` happened, the exit status, and the last line of standard error.
+    /// One line: `what` happened, the exit status, and the last line of standard error.
     pub(super) fn describe(&self, what: &str) -> String {
         let mut text = what.to_owned();
         if let Some(status) = self.status {

@@ -10,7 +10,7 @@ pub(super) struct NamedFiles {
     pub(super) found: Vec<PathBuf>,
     /// Words that look like files but do not exist.
     pub(super) absent: Vec<String>,
-    /// Words that may stand for further, unhashed files: folders, command substitutions, braces.
+    /// Words that may refer to further, unhashed files: folders, command substitutions, braces.
     pub(super) unseen: Vec<String>,
 }
 

@@ -21,7 +21,7 @@ use crate::pairs::valid_depth::coverage;
 /// if overlap uses one.
 const COPIES_WHILE_READING: u64 = 3;
 
-/// A view whose depth could not be read, and why.
+/// Index of a view whose depth could not be read, and the error.
 pub(super) type DepthFailure = (usize, PairError);
 
 type HeldDepths = BTreeMap<usize, PosedDepth>;

@@ -15,7 +15,7 @@ fn ids(build: &PairBuild) -> Vec<&str> {
 
 #[test]
 fn pairs_within_reach_qualify_both_ways() {
-    // 0.3 m apart: neighbours overlap by 0.85, next but one by 0.7, the third by 0.55.
+    // 0.3 m apart: neighbours overlap by 0.85, views two apart by 0.7, three apart by 0.55.
     let scene = row("d", "s", 0.3, &[WALL; 4]).scene;
     let build = build(std::slice::from_ref(&scene), "");
     assert_eq!(
@@ -56,7 +56,7 @@ fn a_list_that_is_stopped_reads_no_more_depth() {
     let scenes = std::slice::from_ref(&long.scene);
     let stopped = build_pairs(scenes, &"limit=all".parse().unwrap(), &context);
     assert!(matches!(stopped, Err(PairError::Stopped)));
-    // Those that several threads had begun.
+    // Plus those that several threads had already begun.
     assert!(
         (15..=15 + rayon::current_num_threads()).contains(&reads()),
         "{}",
@@ -79,8 +79,8 @@ fn each_depth_map_is_read_once_unless_memory_is_short() {
     let options = "limit=all".parse().unwrap();
     let blocked = build_pairs(std::slice::from_ref(&short.scene), &options, &context).unwrap();
     assert_eq!(blocked.pairs, plenty.pairs);
-    // Five blocks of two a full set: 10 + 8 + 6 + 4 + 2; three for five views: 5 + 3, after which the last block's one
-    // view has met all others.
+    // Five blocks of two per full set: 10 + 8 + 6 + 4 + 2. Three blocks for five views: 5 + 3, after which the last
+    // block's only view has been paired with all others.
     assert_eq!(short.reads.load(Ordering::Relaxed), 30 + 30 + 8);
 }
 
@@ -125,7 +125,7 @@ fn views_without_depth_follow_the_option() {
     depths[4] = Depth::Wall(0.0);
     let scene = row("d", "s", 0.01, &depths).scene;
     let scenes = std::slice::from_ref(&scene);
-    // Eight of the first ten; the eleventh is alone.
+    // Eight of the first ten; the eleventh is alone in its set.
     assert_eq!(build(scenes, "").pairs.len(), 8 * 7);
     assert_eq!(build(scenes, "").summaries["d"].without_depth, 90 - 56);
     let accepted = build(scenes, "missing-depth=accept");
@@ -158,7 +158,7 @@ fn a_broken_file_is_reported_once_and_the_rest_goes_on() {
             }]
         );
     }
-    // What is not needed leaves nothing out.
+    // A file that is not needed excludes no view.
     let accepted = build(scenes, "missing-depth=accept");
     assert_eq!(accepted.pairs.len(), 12);
     assert_eq!(accepted.summaries["d"].unreadable, 0);
@@ -168,7 +168,7 @@ fn a_broken_file_is_reported_once_and_the_rest_goes_on() {
     );
 }
 
-/// A photograph that ends too early, of which the pairs are not made either.
+/// Pairs with a truncated photograph are not built.
 #[test]
 fn views_of_broken_photographs_are_left_out_with_their_pairs() {
     let folder = tempfile::tempdir().unwrap();
@@ -206,7 +206,7 @@ fn stereo_scenes_give_one_pair_whatever_the_overlap() {
     assert_eq!(broken.pairs[0].overlap, None);
     assert_eq!(broken.pairs[0].median_depth_m, Some(2.0));
     assert_eq!(broken.problems.len(), 1);
-    // A target without depth has its source's median.
+    // A target without depth gets its source's median depth.
     let left_only = build(&[stereo(&[Depth::Absent, Depth::Wall(3.0)])], "");
     assert_eq!(left_only.pairs[0].median_depth_m, Some(3.0));
     assert_eq!(left_only.pairs[0].overlap, None);
@@ -214,7 +214,7 @@ fn stereo_scenes_give_one_pair_whatever_the_overlap() {
 
 #[test]
 fn the_two_overlaps_are_not_confused() {
-    // The later camera stands nearer to the wall and sees less of it.
+    // The later camera is closer to the wall and sees less of it.
     let mut scene = row("d", "s", 0.0, &[Depth::Wall(2.0), Depth::Wall(1.0)]).scene;
     scene.views[1].camera_from_world.translation = glam::DVec3::new(0.0, 0.0, -1.0);
     let build = build(std::slice::from_ref(&scene), "");
@@ -298,12 +298,12 @@ mod cache {
         let fresh = cached(scenes, "", &OverlapCache::in_folder(&folder));
         assert_eq!(fresh.pairs, plain.pairs);
         assert_eq!((reads(), files(&folder).len()), (25, 1));
-        // Another process, later.
+        // Another process, later on.
         let again = cached(scenes, "", &OverlapCache::in_folder(&folder));
         assert_eq!(again.pairs, plain.pairs);
         assert_eq!(again.summaries, plain.summaries);
         assert_eq!(reads(), 0);
-        // Thresholds, sampling and smaller sets ask nothing new; larger sets only for what is new.
+        // Other thresholds, sampling or smaller sets measure nothing new; larger sets only the new couples.
         cached(
             scenes,
             "threshold=0.2,size=5,order=once,limit=3",
@@ -315,7 +315,7 @@ mod cache {
         assert_eq!(reads(), 25 + 25);
         cached(scenes, "sets=strided", &OverlapCache::in_folder(&folder));
         assert_eq!((reads(), files(&folder).len()), (0, 1));
-        // Another way of measuring is another table.
+        // Other measuring options use another table.
         cached(scenes, "test=frustum", &OverlapCache::in_folder(&folder));
         assert_eq!((reads(), files(&folder).len()), (25, 2));
     }
@@ -369,7 +369,7 @@ mod cache {
             assert!(warnings[0].contains(&name), "{warnings:?}");
             assert_eq!(std::fs::read(&table).unwrap(), good);
         }
-        // A folder that cannot be written to costs a warning, no pair.
+        // An unwritable folder causes a warning, but loses no pair.
         std::fs::write(dir.path().join("file"), b"").unwrap();
         let cache = OverlapCache::in_folder(dir.path().join("file"));
         assert_eq!(cached(scenes, "", &cache).pairs, plain.pairs);

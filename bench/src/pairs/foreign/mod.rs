@@ -21,17 +21,17 @@ use super::error::PairError;
 use super::pair_list::PairList;
 use crate::io::atomic_files::FileError;
 
-/// Project whose form a list has.
+/// Format of a list, named after a project that uses it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum ListForm {
     /// pixelSplat, MVSplat, DepthSplat, LVSM: JSON, scene to context and target positions, or null
     Index,
-    /// Flash3D: `key source +5 +10 random` a line, positions
+    /// Flash3D: one line `key source +5 +10 random` of positions per source
     Flash3d,
-    /// MINE: a JSON object a line, frames by their time stamps
+    /// MINE: one JSON object per line, frames by their time stamps
     Mine,
-    /// UniSHARP: `scene|source|target,…` a line, with one or two fields more in some datasets
+    /// UniSHARP: lines `scene|source|target,…`, with one or two more fields in some datasets
     Unisharp,
     /// Stable Virtual Camera: JSON with train_ids and test_ids of one scene, positions
     Seva,

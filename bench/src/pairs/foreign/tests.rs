@@ -1,4 +1,4 @@
-//! Invented lists in every form.
+//! Made-up lists in every format.
 
 use super::*;
 
@@ -64,7 +64,7 @@ fn every_form_is_read_and_counted() {
     }
 }
 
-/// One scene of six views, `view_000` on, under a key that lists name by its end.
+/// One scene of six views, from `view_000`, whose id ends with the key in the lists.
 fn dataset() -> OpenDataset {
     let config = "S:synthetic=size=24x18,views=6,scenes=1".parse().unwrap();
     let mut dataset = OpenDataset::open_recorded(&config, &[], None).unwrap();
@@ -92,7 +92,7 @@ fn lists_become_pairs_of_the_dataset() {
     let index = |context| pairs(INDEX, ListForm::Index, context, TargetSlot::Five);
     assert_eq!(index(Context::First), ["41", "42", "44"]);
     assert_eq!(index(Context::Second), ["01", "02", "04"]);
-    // 2 lies as near to 4 as to 0: the first context view.
+    // 2 is equally close to 4 and 0: the first context view is chosen.
     assert_eq!(index(Context::Nearest), ["01", "42", "44"]);
     let flash3d = |slot| pairs(FLASH3D, ListForm::Flash3d, Context::First, slot);
     assert_eq!(

@@ -1,4 +1,4 @@
-//! Options as text and back.
+//! Options to text and back.
 
 use super::*;
 

@@ -27,7 +27,7 @@ fn share(view: &PosedDepth, other: &PosedDepth, options: &OverlapOptions) -> Opt
 
 #[test]
 fn a_sideways_step_uncovers_its_disparity() {
-    // 0.3 m at 2 m with f = 100: 15 px of 100. A little off, so that no pixel lands on an edge.
+    // 0.3 m at 2 m with f = 100: 15 px of 100. Slightly off, so that no pixel lands on an edge.
     let (left, right) = (wall(0.0, 2.0), wall(0.301, 2.0));
     let options = OverlapOptions::default();
     assert_eq!(share(&right, &left, &options), Some(0.85));
@@ -42,7 +42,7 @@ fn depth_that_disagrees_is_not_seen_but_still_inside() {
         test: OverlapTest::Frustum,
         ..OverlapOptions::default()
     };
-    // 0.11 is within 5 % of 2.11, 0.1055 at most, for neither; within 6 % for both.
+    // 0.11 is not within 5 % of 2.11 (at most 0.1055) in either direction, but within 6 % in both.
     assert_eq!(share(&near, &far, &OverlapOptions::default()), Some(0.0));
     assert_eq!(share(&near, &far, &frustum), Some(1.0));
     let looser = OverlapOptions {
@@ -126,13 +126,13 @@ fn a_stride_takes_the_middle_of_each_cell() {
     };
     let counts = overlap(&left, &right, &options);
     assert_eq!(counts.pixels, 25 * 20);
-    // Columns 2, 6, … 98 of which 0–14 leave the image: 2, 6, 10, 14.
+    // Of columns 2, 6, … 98, those in 0–14 leave the image: 2, 6, 10, 14.
     assert_eq!(counts.seen, 21 * 20);
 }
 
 #[test]
 fn sparse_depth_is_found_nearby() {
-    // Every tenth pixel of every tenth row has depth, in both views at other places of the wall.
+    // Every tenth pixel of every tenth row has depth, at different places of the wall in the two views.
     let sparse = |x: f64, offset: u32| {
         let map = DepthMap::from_fn(100, 80, |i, j| {
             let hit = i % 10 == offset && j % 10 == offset;
@@ -147,7 +147,7 @@ fn sparse_depth_is_found_nearby() {
     };
     assert_eq!(share(&a, &b, &with(DepthLookup::Nearest)), Some(0.0));
     let window = with(DepthLookup::Window { radius: 5 });
-    // Columns 2 and 12 leave the picture, the other eight of ten stay.
+    // Columns 2 and 12 leave the picture; the other eight of ten remain.
     assert_eq!(share(&a, &b, &window), Some(0.8));
     // A radius of 0 is the nearest pixel.
     let dense = (wall(0.0, 2.0), wall(0.301, 2.0));
@@ -155,7 +155,7 @@ fn sparse_depth_is_found_nearby() {
         share(&dense.1, &dense.0, &with(DepthLookup::Window { radius: 0 })),
         Some(0.85)
     );
-    // Something else in front is no agreement.
+    // A nearer surface does not agree.
     let nearer = camera(DVec3::ZERO, flat(1.0));
     assert_eq!(share(&a, &nearer, &window), Some(0.0));
 }
@@ -171,11 +171,11 @@ fn bilinear_lookup_needs_four_valid_pixels() {
         ..OverlapOptions::default()
     };
     let all = 100 * 80;
-    // The camera stands 0.05 px to the right: every pixel reads itself and its right neighbour.
+    // The camera is 0.05 px to the right, so every pixel reads itself and its right neighbour.
     let nearest = overlap(&view, &other, &with(DepthLookup::Nearest));
     assert_eq!(nearest.seen, all - 1);
     let bilinear = overlap(&view, &other, &with(DepthLookup::Bilinear));
-    // Along y the weight of the next row is exactly 0, but the row still has to be valid: two columns of two rows read
+    // Along y the weight of the next row is exactly 0, but the row must still be valid: two columns of two rows read
     // the hole.
     assert_eq!(bilinear.seen, all - 4);
 }

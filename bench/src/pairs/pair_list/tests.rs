@@ -9,7 +9,7 @@ fn scene() -> Scene {
 fn list() -> PairList {
     let options = "limit=4".parse().unwrap();
     let mut build = build_pairs(&[scene()], &options, &BuildContext::default()).unwrap();
-    // Numbers that read well below.
+    // Numbers that are easy to read.
     for (i, pair) in build.pairs.iter_mut().enumerate() {
         pair.baseline_m = 0.25 + i as f64;
     }

@@ -1,4 +1,4 @@
-//! A published number and the readings that could be behind it.
+//! A published number and the readings that may explain it.
 
 use std::collections::BTreeMap;
 
@@ -11,18 +11,18 @@ use crate::evaluate::record::Record;
 use crate::report::column::Column;
 use crate::report::tables::rank::rounded;
 
-/// Values closer than this are one value computed in different orders.
+/// Values closer than this count as the same value computed in a different order.
 const SAME: f64 = 1e-9;
 
-/// The pairs that are averaged.
+/// Which pairs are averaged.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum SceneReading {
     All,
-    /// The first of scenes that show one place in different light, exposure or rectification.
+    /// Only the first of several scenes that show one place in different light, exposure or rectification.
     OneAPlace,
 }
 
-/// Rule for averaging pairs.
+/// How pairs are averaged.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Averaging {
     Of(Aggregation),
@@ -30,7 +30,7 @@ pub enum Averaging {
     PooledError,
 }
 
-/// One way to compute a number, besides the variant of its metric.
+/// One way to compute a number, apart from the variant of its metric.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Reading {
     pub picture: PictureReading,
@@ -39,12 +39,12 @@ pub struct Reading {
     pub key: MetricKey,
 }
 
-/// The run's number under a reading.
+/// The run's value under a reading.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ReadingValue {
     pub reading: Reading,
     pub value: f64,
-    /// Pairs behind it.
+    /// Number of pairs averaged.
     pub n: usize,
 }
 
@@ -52,11 +52,11 @@ pub struct ReadingValue {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Agreement {
-    /// One reading prints the published number.
+    /// One reading prints as the published number.
     Equal,
-    /// Several readings with different values print it.
+    /// Several readings with different values print as the published number.
     Ambiguous,
-    /// None prints it, but it lies between the smallest and largest reading.
+    /// No reading prints as the published number, but it lies between the smallest and largest reading.
     Inside,
     Outside,
     /// No reading could be computed.
@@ -64,7 +64,7 @@ pub enum Agreement {
 }
 
 impl Agreement {
-    /// For tables.
+    /// Text for tables.
     pub fn words(self) -> &'static str {
         match self {
             Self::Equal => "equal to rounding",
@@ -76,31 +76,31 @@ impl Agreement {
     }
 }
 
-/// A cell of the paper's table.
+/// The explanation of one cell of the paper's table.
 #[derive(Debug, Clone, PartialEq)]
 pub struct CellExplanation {
-    /// As in the run, and the paper's column.
+    /// The dataset's name in the run; `column` is the paper's.
     pub dataset: String,
     pub column: &'static str,
     /// The metric as published.
     pub metric: Column,
     pub published: f64,
-    /// The run's own number: default variant, its own mean over all pairs.
+    /// The run's own value: default variant, its own mean over all pairs.
     pub as_scored: Option<f64>,
-    /// Pairs of the run, of which readings cover those with a kept picture.
+    /// Number of pairs in the run; readings cover those with a kept picture.
     pub pairs: usize,
-    /// Readings over the most pairs, the run's own first.
+    /// Readings over the largest number of pairs, the run's own first.
     pub readings: Vec<ReadingValue>,
     pub verdict: Agreement,
 }
 
 impl CellExplanation {
-    /// Whether a value prints the published number.
+    /// Whether a value prints as the published number.
     pub fn prints(&self, value: f64) -> bool {
         rounded(value, self.metric.decimals) == self.published
     }
 
-    /// Readings that print the published number, one per value.
+    /// Readings that print as the published number, one per value.
     pub fn candidates(&self) -> Vec<&ReadingValue> {
         let mut candidates: Vec<&ReadingValue> = Vec::new();
         for reading in self
@@ -116,7 +116,7 @@ impl CellExplanation {
         candidates
     }
 
-    /// The least and the largest value of all readings.
+    /// The smallest and the largest value of all readings.
     pub fn spread(&self) -> Option<(f64, f64)> {
         let values = || self.readings.iter().map(|reading| reading.value);
         Some((values().reduce(f64::min)?, values().reduce(f64::max)?))
@@ -201,13 +201,13 @@ pub(super) fn cell(
             }
         }
     }
-    // Numbers over fewer pairs are other quantities.
+    // Values over fewer pairs are not comparable.
     for scenes in [SceneReading::All, SceneReading::OneAPlace] {
         let of_scenes = values.iter().filter(|value| value.reading.scenes == scenes);
         let most = of_scenes.map(|value| value.n).max();
         values.retain(|value| value.reading.scenes != scenes || Some(value.n) == most);
     }
-    // The run's own reading first: the default variant, then as typed.
+    // The run's own reading first: the default variant, then in order of definition.
     let default: Option<MetricKey> = metric.family().parse().ok();
     let own_mean = Averaging::Of(aggregation);
     values.sort_by_key(|value| {
@@ -232,7 +232,7 @@ pub(super) fn cell(
     .judged()
 }
 
-/// The first scene of each place.
+/// The first scene of each place, by place.
 fn first_scenes<'a>(records: &[(usize, &'a Record)]) -> BTreeMap<&'a str, &'a str> {
     let mut first: BTreeMap<&str, &str> = BTreeMap::new();
     for (_, record) in records {
@@ -252,7 +252,7 @@ fn pooled(values: &[(&Record, f64)]) -> Option<f64> {
 }
 
 impl Reading {
-    /// In words, without the variant: `as scored, all scenes, mean over pairs`.
+    /// Text without the variant: `as scored, all scenes, mean over pairs`.
     pub fn words(&self) -> String {
         format!(
             "{}, {}, {}",

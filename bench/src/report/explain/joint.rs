@@ -1,4 +1,4 @@
-//! One reading for all metrics of a dataset, as a paper that scored them together would have used.
+//! Joint readings: one reading for all metrics of a dataset, as in a paper that scored them together.
 
 use sharp_metrics::MetricKey;
 use sharp_metrics::identity::MetricRegion;
@@ -15,20 +15,20 @@ pub struct JointReading {
     pub scenes: SceneReading,
     pub averaging: Averaging,
     pub region: MetricRegion,
-    /// By metric of the table: variant, value and distance to the published number.
+    /// Variant, value and distance to the published number, by metric of the table.
     pub variants: Vec<Variant>,
-    /// The largest distance, in halves of the last printed digit: at most 1 where all metrics print the published numbers.
+    /// The largest distance, in halves of the last printed digit: at most 1 if all metrics print as published.
     pub farthest: f64,
 }
 
-/// A metric under such a reading.
+/// A metric under a joint reading.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Variant {
-    /// As published, such as `LPIPS`.
+    /// Name as published, such as `LPIPS`.
     pub metric: String,
     pub key: MetricKey,
     pub value: f64,
-    /// Difference from the published number.
+    /// Distance from the published number.
     pub distance: f64,
 }
 
@@ -40,7 +40,7 @@ pub(super) fn joint_readings(cells: &[CellExplanation]) -> Vec<JointReading> {
         for value in cells.iter().flat_map(|cell| &cell.readings) {
             let reading = value.reading;
             let key = (reading.picture, reading.scenes, reading.averaging);
-            // A pooled error is a reading of PSNR alone.
+            // Pooling errors is a reading of PSNR alone.
             if reading.averaging != Averaging::PooledError && !shared.contains(&key) {
                 shared.push(key);
             }
@@ -81,7 +81,7 @@ pub(super) fn joint_readings(cells: &[CellExplanation]) -> Vec<JointReading> {
             }
         }
         of_dataset.sort_by(|a, b| a.farthest.total_cmp(&b.farthest));
-        // Readings that give the same numbers, as means over scenes do where each has one pair, are one.
+        // Merge readings with equal numbers, such as means over scenes with one pair each.
         of_dataset.dedup_by(|a, b| a.variants == b.variants && a.region == b.region);
         all.extend(of_dataset);
     }

@@ -1,8 +1,8 @@
-//! Why a number differs from the published one: every reading of the protocol that the kept predictions allow, and its
-//! distance from the printed number.
+//! Explains why a number differs from the published one: computes every reading of the protocol that the kept
+//! predictions allow, and its distance from the printed number.
 //!
 //! * [`cells`]: the readings of a cell and a verdict; [`joint`]: one reading for all metrics of a dataset.
-//! * [`text`]: both for a terminal, as Markdown and as CSV.
+//! * [`text`]: output for a terminal, as Markdown and as CSV.
 
 pub mod cells;
 pub mod joint;
@@ -26,21 +26,21 @@ use crate::scoring::Scoring;
 use cells::{CellExplanation, cell};
 use joint::{JointReading, joint_readings};
 
-/// Most readings named per reason for a missing score.
+/// Maximum number of readings named per reason for a missing score.
 const NAMED: usize = 4;
 
-/// A row of a table of the paper, and the scores of a method's predictions under other readings.
+/// A published row compared with a method's predictions scored under other readings.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Explanation {
-    /// By dataset, then in the order of the table's metrics.
+    /// Cells by dataset, then in the order of the table's metrics.
     pub cells: Vec<CellExplanation>,
-    /// By dataset, the nearest first.
+    /// Joint readings by dataset, nearest first.
     pub joint_readings: Vec<JointReading>,
-    /// What was not computed, and why.
+    /// Readings that were not computed, and why.
     pub absent: Vec<String>,
 }
 
-/// An explanation of the numbers of a run.
+/// The explanation for a run.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ExplainedRun {
     pub path: PathBuf,
@@ -50,10 +50,10 @@ pub struct ExplainedRun {
     pub explanation: Explanation,
 }
 
-/// Scores the kept predictions of a run under every reading, and compares them with the published row of that label.
+/// Scores a run's kept predictions under every reading, and compares them with the published row labelled `row`.
 ///
 /// # Errors
-/// When the run cannot be read, is a bundle, which has no pictures, or has several methods of which none is named.
+/// If the run cannot be read, is a bundle (which has no pictures), or has several methods and none is named.
 pub fn explain_run(
     table: &PublishedTable,
     row: &str,
@@ -78,8 +78,8 @@ pub fn explain_run(
 }
 
 impl ExplainedRun {
-    /// Whether pairs of the run are missing from a number, or nothing could be compared. Metrics that were not requested do not
-    /// count.
+    /// Whether pairs of the run are missing in a number, or nothing could be compared. Ignores metrics that were not
+    /// requested.
     pub fn lacks_pairs(&self) -> bool {
         let cells = &self.explanation.cells;
         let is_read = |dataset: &str| {
@@ -94,8 +94,8 @@ impl ExplainedRun {
     }
 }
 
-/// Compares the readings of a method's predictions with the published row of that label. Datasets that the table does not
-/// have, or for which the row has a dash, are left out.
+/// Compares the readings of a method's predictions with the published row labelled `row`. Skips datasets that are not
+/// in the table, or for which the row has a dash.
 fn explain(
     table: &PublishedTable,
     row: &str,
@@ -163,7 +163,7 @@ fn explain(
     }
 }
 
-/// Other settings of a dataset, which need a run of their own.
+/// Alternative settings of a dataset, which need a separate run.
 fn other_readings(record: &DatasetRecord, column: &str) -> Vec<String> {
     let Ok(entry) = entry(&record.format) else {
         return Vec::new();

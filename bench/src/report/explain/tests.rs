@@ -10,7 +10,7 @@ use crate::evaluate::record::Record;
 use crate::evaluate::test_records::record;
 use crate::report::paper::published::metric;
 
-/// Scene 0 with two pairs, scene 1 with one, of one place; by LPIPS with two networks.
+/// Scene 0 with two pairs, scene 1 with one, both of the same place; by LPIPS with two networks.
 fn readings() -> Readings {
     let of = |scene: usize, number: usize| Record {
         cluster: "place".into(),
@@ -79,13 +79,13 @@ fn readings_that_print_alike_and_differ_are_ambiguous() {
         "{values:?}"
     );
     assert_eq!(cell.verdict, Agreement::Ambiguous);
-    // To three only one of them does.
+    // With three decimals only one of them prints as published.
     assert_eq!(explained(Family::Lpips, 3, 0.42).verdict, Agreement::Equal);
 }
 
 #[test]
 fn readings_of_one_value_are_one_candidate() {
-    // Means over scenes and over source views are the same here.
+    // Here the means over scenes and over source views are equal.
     let cell = explained(Family::Lpips, 3, 0.5);
     let alike = cell
         .readings

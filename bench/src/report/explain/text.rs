@@ -1,4 +1,4 @@
-//! An explanation for readers and for programs.
+//! Output of an explanation, for readers and for programs.
 
 use std::path::{Path, PathBuf};
 
@@ -17,12 +17,12 @@ use super::cells::{Agreement, CellExplanation};
 use super::joint::JointReading;
 use super::{ExplainedRun, Explanation};
 
-/// Most joint readings shown per dataset; files hold all.
+/// Maximum number of joint readings shown per dataset; files have all of them.
 const SHOWN: usize = 6;
-/// Most candidates named per cell.
+/// Maximum number of candidates named per cell.
 const NAMED: usize = 8;
 
-/// A number under a reading, as it is written.
+/// One reading of one cell, as written to files.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct ReadingLine<'a> {
     pub dataset: &'a str,
@@ -37,7 +37,7 @@ pub struct ReadingLine<'a> {
     pub published: f64,
     #[serde(with = "finite_or_text")]
     pub difference: f64,
-    /// Whether it prints the published number.
+    /// Whether the value prints as the published number.
     pub equal: bool,
 }
 
@@ -75,7 +75,7 @@ impl Explanation {
             .collect()
     }
 
-    /// Text for a terminal.
+    /// Plain text for a terminal.
     pub fn text(&self) -> String {
         let mut parts: Vec<String> = self.grids().iter().map(TextGrid::text).collect();
         let absent = self.absent.iter().map(|text| format!("  {text}\n"));
@@ -83,7 +83,7 @@ impl Explanation {
         parts.join("\n")
     }
 
-    /// GitHub-flavoured Markdown under headings of the second level.
+    /// GitHub-flavoured Markdown with second-level headings.
     pub fn markdown(&self) -> String {
         let grids = self.grids();
         let mut parts: Vec<String> = grids
@@ -142,7 +142,7 @@ impl ExplainedRun {
     }
 }
 
-/// For a terminal.
+/// Plain text for a terminal.
 pub fn terminal(runs: &[ExplainedRun]) -> String {
     let parts = runs
         .iter()
@@ -150,14 +150,14 @@ pub fn terminal(runs: &[ExplainedRun]) -> String {
     parts.collect::<Vec<_>>().join("\n")
 }
 
-/// Marks our files; others are not overwritten.
+/// Marks our files; other files are not overwritten.
 const MARK: &str = "<!-- sharp-bench explain -->";
 const CSV_MARK: &str = "dataset,metric,key,picture";
 
-/// Writes `explain.md` and `readings.csv`, which has a line a reading.
+/// Writes `explain.md` and `readings.csv`, which has one line per reading.
 ///
 /// # Errors
-/// When one cannot be written, or the name is taken by something else.
+/// If a file cannot be written, or exists and is not ours.
 pub fn write_explanations(runs: &[ExplainedRun], out: &Path) -> Result<Vec<PathBuf>, ReportError> {
     let mut page = format!("{MARK}\n");
     for run in runs {
@@ -176,7 +176,7 @@ pub fn write_explanations(runs: &[ExplainedRun], out: &Path) -> Result<Vec<PathB
     Ok(write_all_over_own(&files)?)
 }
 
-/// The readings that print the published number.
+/// The readings that print as the published number, as text.
 fn candidates(cell: &CellExplanation) -> Option<String> {
     if !matches!(cell.verdict, Agreement::Equal | Agreement::Ambiguous) {
         return None;

@@ -1,4 +1,4 @@
-//! The list of figures.
+//! The list of the paper's figures.
 
 use std::sync::LazyLock;
 
@@ -15,7 +15,7 @@ pub struct FigureEntry {
     pub command: &'static str,
 }
 
-/// In the order of the paper.
+/// All figures, in the order of the paper.
 pub static FIGURES: LazyLock<Vec<FigureEntry>> = LazyLock::new(|| {
     let lines = include_str!("../../../data/figures.tsv").lines().skip(1);
     let figures = lines.filter_map(|line| {

@@ -7,28 +7,28 @@ use crate::report::choice::by_badness;
 use crate::report::column::Column;
 use crate::report::error::ReportError;
 
-/// Rule for choosing pairs of each dataset.
+/// How pairs of each dataset are chosen.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, clap::ValueEnum)]
 pub enum Choice {
-    /// Pairs of median difficulty: by the mean over the ranked methods of the first metric
+    /// Pairs of median difficulty: by the mean over the ranked methods, for the first metric
     #[default]
     Median,
-    /// The worst
+    /// The pairs with the worst scores
     Worst,
-    /// The best
+    /// The pairs with the best scores
     Best,
 }
 
-/// Pairs by id, or a number of pairs of each dataset.
+/// Pairs by id, or a number of pairs per dataset.
 #[derive(Debug, Clone, clap::Args)]
 pub struct PairsChoice {
     /// A pair by its id in pairs.csv; repeatable
     #[arg(long = "pair", value_name = "ID")]
     pub ids: Vec<String>,
-    /// Which pairs of each dataset, without --pair
+    /// Which pairs of each dataset to choose, without --pair
     #[arg(long, value_enum, default_value_t)]
     pub choose: Choice,
-    /// How many of each dataset
+    /// Number of pairs per dataset
     #[arg(long, default_value_t = NonZeroUsize::MIN)]
     pub count: NonZeroUsize,
 }
@@ -36,15 +36,15 @@ pub struct PairsChoice {
 /// Targets of one source.
 #[derive(Debug, Clone, clap::Args)]
 pub struct PathChoice {
-    /// The source, as its pairs' ids begin: DATASET/SCENE/VIEW; without it the one with the most targets
+    /// The source, as at the start of its pairs' ids: DATASET/SCENE/VIEW [default: that with the most targets]
     #[arg(long, value_name = "ID")]
     pub source: Option<String>,
-    /// Targets at most, spread over the baselines
+    /// Maximum number of targets, spread over the baselines
     #[arg(long, default_value = "5")]
     pub count: NonZeroUsize,
 }
 
-/// One pair of each dataset.
+/// The default is one pair per dataset.
 impl Default for PairsChoice {
     fn default() -> Self {
         Self {
@@ -62,10 +62,10 @@ pub struct ChosenPair<'a> {
     pub pair: &'a PairBoard<'a>,
 }
 
-/// The pairs of a choice.
+/// The chosen pairs.
 ///
 /// # Errors
-/// When there is no pair of an id.
+/// If there is no pair with a given id.
 pub fn chosen<'a>(
     board: &'a Board<'a>,
     metrics: &[Column],
@@ -95,7 +95,7 @@ pub fn chosen<'a>(
         let first = match choose {
             Choice::Worst => 0,
             Choice::Best => n - count,
-            // Around the middle; of an even number the easier one.
+            // Around the middle; for an even number of pairs, start with the easier one.
             Choice::Median => (n / 2)
                 .saturating_sub(count.saturating_sub(1) / 2)
                 .min(n - count),
@@ -106,11 +106,11 @@ pub fn chosen<'a>(
     Ok(chosen.collect())
 }
 
-/// The pairs of one source by growing baseline, at most `count` of them spread evenly from the nearest to the farthest; without
-/// an id those of the source with the most targets, the first one of several.
+/// At most `count` pairs of one source by increasing baseline, spread evenly from the nearest to the farthest. Without
+/// an id, uses the source with the most targets, or the first of several.
 ///
 /// # Errors
-/// When no pair has a source of that id, `dataset/scene/view` as the pair's own id begins.
+/// If no pair has this source, given as `dataset/scene/view` like the start of pair ids.
 pub fn along_path<'a>(
     board: &'a Board<'a>,
     PathChoice { source, count }: &PathChoice,
@@ -122,13 +122,13 @@ pub fn along_path<'a>(
     };
     let mut sources: Vec<(&str, Vec<ChosenPair<'a>>)> = Vec::new();
     for dataset in &board.datasets {
-        // Pairs are sorted by id, and with it by source.
+        // Pairs are sorted by id, and thereby by source.
         for pairs in dataset.pairs.chunk_by(|one, other| id(one) == id(other)) {
             let pairs_of = pairs.iter().map(|pair| ChosenPair { dataset, pair });
             sources.push((id(&pairs[0]), pairs_of.collect()));
         }
     }
-    // Steps of a controlled sweep are scenes of one pair each, which share their cluster's source.
+    // Steps of a controlled sweep are scenes with one pair each, which share their cluster's source.
     let found = match source {
         Some(wanted) => sources.iter().position(|(id, _)| id == wanted),
         None => {

@@ -19,16 +19,16 @@ use sharp_plots::panels::{self, Panel, PanelFrame, PlotArea, PlotAxis, point};
 use sharp_plots::scale::finite_range;
 use sharp_plots::style::FigureStyle;
 
-/// Seconds by label of the method and pair id.
+/// Seconds by method label and pair id.
 pub type Seconds = BTreeMap<String, BTreeMap<String, f64>>;
 
-/// A method by its position, its median seconds and its mean score.
+/// A method's index, median seconds and mean score.
 type Placed = (usize, f64, f64);
 
-/// Seconds per prediction; empty for bundles, which hold no times.
+/// Seconds per prediction; empty for bundles, which have no times.
 ///
 /// # Errors
-/// When a folder cannot be read.
+/// If a folder cannot be read.
 pub fn seconds(results: &Results) -> Result<Seconds, EvaluateError> {
     let mut all = Seconds::new();
     for pictures in &results.pictures {
@@ -41,15 +41,15 @@ pub fn seconds(results: &Results) -> Result<Seconds, EvaluateError> {
     Ok(all)
 }
 
-/// Measurements of `speed`: seconds of inference, upload and rendering together, by method and dataset.
+/// Times measured by `speed`: seconds of inference, upload and rendering together, by method and dataset.
 #[derive(Debug, Clone, Default)]
 pub struct SpeedSeconds(BTreeMap<(String, String), f64>);
 
 impl SpeedSeconds {
-    /// Reads `speed.csv`, or the folder that holds it.
+    /// Reads `speed.csv`, or the folder that contains it.
     ///
     /// # Errors
-    /// When it cannot be read or is not what `speed` writes.
+    /// If it cannot be read or was not written by `speed`.
     pub fn read(path: &Path) -> Result<Self, FileError> {
         let mut seconds = BTreeMap::new();
         for line in SpeedLine::read(path)? {
@@ -67,10 +67,10 @@ impl SpeedSeconds {
     }
 }
 
-/// The mean of a metric against the median seconds a pair, a panel a dataset; `None` without a method that has both.
+/// Plots the mean of a metric against the median seconds per pair, one panel per dataset; `None` if no method has both.
 ///
 /// # Errors
-/// When the drawing library refuses.
+/// If the drawing library fails.
 pub fn figure(
     board: &Board<'_>,
     metric: &Column,
@@ -96,7 +96,7 @@ pub fn figure(
                 if measured.is_some() {
                     by_speed.insert(label);
                 }
-                // Clocks tick in nanoseconds: no time at all has no place on a logarithmic axis.
+                // Clocks have nanosecond resolution, and zero has no place on a logarithmic axis.
                 let median = measured.or_else(in_run)?.max(1e-6);
                 Some((m, median, of_metric(dataset, m, &metric.key).mean?))
             });
@@ -148,7 +148,7 @@ pub fn figure(
     panels::figure(&title, &caption, &legend, &drawn, Some(style)).map(Some)
 }
 
-/// Explains where the times come from; `by_speed` lists the methods measured by `speed`.
+/// States how the times were measured; `by_speed` lists the methods measured by `speed`.
 fn caption(by_speed: &[&str], shown: usize) -> String {
     const IN_RUN: &str = "median wall seconds of inference and rendering of a pair as the run kept them, while the pair \
                           before was being scored; an inference that several pairs share counts whole for each";

@@ -1,4 +1,4 @@
-//! Plots and sheets from results.
+//! Makes plots and sheets from results.
 
 use std::path::PathBuf;
 
@@ -20,16 +20,17 @@ use crate::scoring::Region;
 use sharp_plots::Figure;
 use sharp_plots::style::FigureStyle;
 
-/// Contents of a sheet for its pairs.
+/// What a sheet shows for its pairs.
 #[derive(Debug, Clone, Default, clap::Args)]
 pub struct SheetOptions {
-    /// Methods to show, in this order; all that are ranked without it
+    /// Methods to show, in this order [default: all ranked ones]
     #[arg(long = "method", value_name = "METHOD")]
     pub methods: Vec<String>,
-    /// Metrics whose scores stand below predictions, comma-separated; the first one decides what is worst; all without it
+    /// Metrics whose scores are shown below predictions, comma-separated; the first one selects the worst pairs
+    /// [default: all]
     #[arg(long, value_name = "LIST", value_delimiter = ',')]
     pub metrics: Vec<MetricKey>,
-    /// A part that is framed and enlarged, pixels of the target; repeatable
+    /// A part to frame and enlarge, pixels of the target; repeatable
     #[arg(long = "crop", value_name = "X,Y,W,H", value_parser = region)]
     pub crops: Vec<Region>,
 }
@@ -50,22 +51,22 @@ fn region(text: &str) -> Result<Region, &'static str> {
 /// Rows and columns of a sheet of pictures.
 #[derive(Debug, Clone)]
 pub enum SheetKind {
-    /// Input, predictions and truth, a row a pair.
+    /// Input, predictions and truth, one row per pair.
     Qualitative(PairsChoice),
-    /// A row a method, a column a pair.
+    /// One row per method, one column per pair.
     Ablation(PairsChoice),
-    /// The same of one source's targets, by growing baseline.
+    /// As `Ablation`, for the targets of one source by increasing baseline.
     ExtendedMotion(PathChoice),
-    /// Input, view and inverse depth of one method; depth from a folder, or without one the rendering's.
+    /// Input, view and inverse depth of one method; depth from a folder, or else from the rendering.
     Failure(PairsChoice, Option<PathBuf>),
 }
 
 impl SheetKind {
-    /// The sheet of some results, whose scenes give input and truth. Pictures that are not there are among its
+    /// Makes a sheet from results; `scenes` provide input and truth. Missing pictures are listed in its
     /// [problems](Sheet::problems).
     ///
     /// # Errors
-    /// When something that was named is not in the results, or the results contradict each other.
+    /// If a given name is not in the results, or the results contradict each other.
     pub fn sheet(
         &self,
         shown: &SheetOptions,
@@ -98,7 +99,7 @@ impl SheetKind {
     }
 }
 
-/// Positions of the methods of these names, of all that are ranked without names.
+/// Indices of the named methods, or of all ranked ones if no names are given.
 fn methods(board: &Board<'_>, names: &[String]) -> Result<Vec<usize>, ReportError> {
     let labels = || board.methods.iter().map(|method| method.label.as_str());
     if names.is_empty() {
@@ -111,19 +112,20 @@ fn methods(board: &Board<'_>, names: &[String]) -> Result<Vec<usize>, ReportErro
     names.iter().map(of_name).collect()
 }
 
-/// Pairs by camera baseline; `None` without a pair.
+/// Histogram of pairs by camera baseline; `None` if there are no pairs.
 ///
 /// # Errors
-/// When the results contradict each other, or the style has no room for a plot.
+/// If the results contradict each other, or the style has no room for a plot.
 pub fn baselines(results: &Results, style: &FigureStyle) -> Result<Option<Figure>, ReportError> {
     let board = Board::of(results)?;
     Ok(plots::histogram(&board, Some(style))?)
 }
 
-/// A metric against seconds per pair, from `speed` where it measured the method; `None` if no method has both.
+/// Plots a metric against seconds per pair, measured by `speed` if available for the method; `None` if no method has
+/// both.
 ///
 /// # Errors
-/// As [`baselines`](baselines()), and when there is no such metric or a folder cannot be read.
+/// As [`baselines`](baselines()), and if the metric does not exist or a folder cannot be read.
 pub fn fidelity_time(
     results: &Results,
     metric: MetricKey,

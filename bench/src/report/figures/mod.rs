@@ -1,10 +1,11 @@
-//! Figures of a paper from runs, in print.
+//! Figures of a paper, made from runs, in print quality.
 //!
-//! * [`catalogue`]: the list of figures, with what each shows and needs; [`from_runs`]: plots and sheets from results.
-//! * [`sheet`]: pictures in rows and columns with text below and parts of them enlarged; [`qualitative`]: predictions side by
-//!   side, as rows or as columns; [`choice`]: the pairs to show; [`failure`]: view and inverse depth; [`uncertainty`]: depth
-//!   against that of the mirrored picture.
-//! * [`fidelity_time`]: scores against seconds a pair.
+//! * [`catalogue`]: the list of figures, with contents and requirements; [`from_runs`]: makes plots and sheets from
+//!   results.
+//! * [`sheet`]: pictures in rows and columns, with text below and enlarged parts; [`qualitative`]: predictions side by
+//!   side, as rows or as columns; [`choice`]: the pairs to show; [`failure`]: view and inverse depth; [`uncertainty`]:
+//!   depth compared with that of the mirrored picture.
+//! * [`fidelity_time`]: scores against seconds per pair.
 
 pub mod catalogue;
 pub mod choice;

@@ -1,4 +1,4 @@
-//! Predictions side by side: pairs as rows as in comparisons, or as columns as in ablations and along a path.
+//! Predictions side by side: pairs as rows for comparisons, or as columns for ablations and along a path.
 
 use super::choice::{ChosenPair, PairsChoice, chosen};
 use super::sheet::{Sheet, SheetMedium, Tile};
@@ -9,23 +9,24 @@ use crate::report::error::{MissingPicture, ReportError};
 use crate::report::pictures::ReportPictures;
 use crate::scoring::Region;
 
-/// Contents of the sheet.
+/// What a sheet shows.
 pub struct SheetContent<'a> {
     pub board: &'a Board<'a>,
     pub pairs: Vec<ChosenPair<'a>>,
-    /// Positions in the board.
+    /// Indices of methods in the board.
     pub methods: Vec<usize>,
-    /// Whose scores stand below predictions.
+    /// Metrics whose scores are shown below predictions.
     pub metrics: &'a [Column],
     pub pictures: &'a ReportPictures<'a>,
-    /// Of predictions and truth, in pixels of the target.
+    /// Enlarged parts of predictions and truth, in pixels of the target.
     pub crops: Vec<Region>,
 }
 
-/// The pair of median difficulty of each dataset with the ranked methods, as PNG for a report. `None` without any picture.
+/// The pair of median difficulty of each dataset with the ranked methods, as PNG for a report. `None` if there are no
+/// pictures.
 ///
 /// # Errors
-/// When the figure cannot be encoded.
+/// If the figure cannot be encoded.
 pub fn figure(
     board: &Board<'_>,
     metrics: &[Column],
@@ -40,14 +41,14 @@ pub fn figure(
         crops: Vec::new(),
     };
     let mut sheet = comparison.pairs_as_rows();
-    // In a report, a dataset without pictures has no row.
+    // In a report, omit datasets without pictures.
     let any = |tiles: &[Tile]| tiles.iter().any(|tile| tile.picture.is_ok());
     sheet.rows.retain(|(_, tiles)| any(tiles));
     sheet.png(&SheetMedium::screen())
 }
 
 impl SheetContent<'_> {
-    /// Input, predictions, truth.
+    /// One row per pair: input, predictions, truth.
     pub fn pairs_as_rows(&self) -> Sheet {
         let labels = self
             .methods
@@ -66,7 +67,7 @@ impl SheetContent<'_> {
         }
     }
 
-    /// A row a method, and below them the truth; above them the input, where it is the same for all pairs.
+    /// One row per method, followed by the truth, and preceded by the input if it is the same for all pairs.
     pub fn pairs_as_columns(&self, one_source: bool) -> Sheet {
         let row = |label: &str, tile: &dyn Fn(&ChosenPair<'_>) -> Tile| {
             (
@@ -132,14 +133,14 @@ impl SheetContent<'_> {
         let named = self.metrics.iter().zip(Column::names(self.metrics));
         let scores = named.filter_map(|(metric, name)| {
             let value = record.scores.get(&metric.key)?.value()?;
-            // A name and its number stay on one line.
+            // Keep a name and its number on one line.
             Some(format!("{name} {}", metric.shown(value)).replace(' ', "\u{a0}"))
         });
         scores.collect::<Vec<_>>().join(", ")
     }
 }
 
-/// Name of a tile, for messages.
+/// Name of a tile for messages.
 pub(super) fn named(chosen: &ChosenPair<'_>, what: &str) -> String {
     format!("{}, {what}", chosen.pair.facts.pair_id)
 }

@@ -1,4 +1,4 @@
-//! Pictures in rows and columns, with text below them and parts of them enlarged.
+//! Sheets: pictures in rows and columns, with text and enlarged parts below them.
 
 use std::path::{Path, PathBuf};
 
@@ -16,10 +16,10 @@ use sharp_plots::png;
 use sharp_plots::style::FigureStyle;
 use sharp_plots::text::{self, Weight};
 
-/// Most lines of a column's head, and of the reason for a missing picture.
+/// Maximum number of lines in a column's head, and in the reason for a missing picture.
 const HEAD_LINES: usize = 2;
 const REASON_LINES: usize = 12;
-/// Least width of a printed column in font sizes, so that a score with four decimals fits.
+/// Minimum width of a printed column in font sizes, so that a score with four decimals fits.
 const LEAST_EMS: f64 = 3.0;
 
 /// Sizes of a sheet in pixels.
@@ -27,20 +27,20 @@ const LEAST_EMS: f64 = 3.0;
 pub struct SheetMedium {
     /// Longest side of a picture.
     pub tile: u32,
-    /// Whether smaller pictures are enlarged to it.
+    /// Whether smaller pictures are enlarged to this size.
     pub grows: bool,
     pub gap: u32,
     pub margin: u32,
-    /// Font size of heads, and of what is below pictures.
+    /// Font size of heads, and of text below pictures.
     pub font: f64,
     pub small: f64,
     pub dpi: f64,
-    /// Of boxes around enlarged parts, in turn.
+    /// Colours of boxes around enlarged parts, used in turn.
     pub colours: Vec<Ink>,
 }
 
 impl SheetMedium {
-    /// In a report.
+    /// Sizes for a report.
     pub fn screen() -> Self {
         Self {
             tile: 440,
@@ -54,10 +54,10 @@ impl SheetMedium {
         }
     }
 
-    /// In print: so many columns share the figure's width, which has no margin.
+    /// Sizes for print: `columns` columns share the figure's width, which has no margin.
     ///
     /// # Errors
-    /// When text has no room in them, in words.
+    /// A message if text does not fit into the columns.
     pub fn print(style: &FigureStyle, columns: usize) -> Result<Self, String> {
         let gap = (style.font_pixels() * 0.25).round().max(1.0) as u32;
         let columns = u32::try_from(columns.max(1)).unwrap_or(u32::MAX);
@@ -84,13 +84,13 @@ impl SheetMedium {
     }
 }
 
-/// A picture or the reason why there is none, and the text below.
+/// A picture or the reason for its absence, and the text below.
 pub struct Tile {
     /// Name for messages.
     pub name: String,
     pub picture: Result<RgbImage, MissingPicture>,
     pub text: String,
-    /// Parts that are framed and shown enlarged below the picture; those that reach out of it are left out.
+    /// Parts that are framed and shown enlarged below the picture; parts that extend beyond it are left out.
     pub crops: Vec<Region>,
 }
 
@@ -112,20 +112,20 @@ impl Tile {
 /// Rows of tiles under heads.
 #[derive(Default)]
 pub struct Sheet {
-    /// Above the columns; may be empty.
+    /// Column heads; may be empty.
     pub heads: Vec<String>,
     /// Label above each row, and its tiles.
     pub rows: Vec<(String, Vec<Tile>)>,
 }
 
-/// A tile as it is drawn.
+/// A laid-out tile.
 struct DrawnTile {
     pictures: Vec<RgbImage>,
     lines: Vec<String>,
 }
 
 impl Sheet {
-    /// How many columns there are.
+    /// Number of columns.
     pub fn columns(&self) -> usize {
         let rows = self.rows.iter().map(|(_, tiles)| tiles.len());
         rows.max().unwrap_or(0).max(self.heads.len())
@@ -135,7 +135,7 @@ impl Sheet {
         self.rows.iter().flat_map(|(_, tiles)| tiles)
     }
 
-    /// Missing pictures, and parts that reach out of theirs, one line each.
+    /// Missing pictures, and parts that extend beyond their picture, one line each.
     pub fn problems(&self) -> Vec<String> {
         let of_tile = |tile: &Tile| match &tile.picture {
             Err(reason) => vec![format!("{}: {reason}", tile.name)],
@@ -154,10 +154,10 @@ impl Sheet {
         self.tiles().flat_map(of_tile).collect()
     }
 
-    /// Writes the sheet in print, `STEM.png`.
+    /// Writes the sheet in print quality as `STEM.png`.
     ///
     /// # Errors
-    /// When it has no picture, its columns are too narrow for text, or the file cannot be written or is not ours.
+    /// If it has no picture, its columns are too narrow for text, or the file cannot be written or is not ours.
     pub fn write(
         &self,
         out: &Path,
@@ -176,10 +176,10 @@ impl Sheet {
         Ok(path)
     }
 
-    /// The sheet as PNG; `None` without any picture in it.
+    /// The sheet as PNG; `None` if it has no picture.
     ///
     /// # Errors
-    /// When it cannot be encoded.
+    /// If it cannot be encoded.
     pub fn png(&self, medium: &SheetMedium) -> Result<Option<Vec<u8>>, ReportError> {
         let bytes = self
             .draw(medium)
@@ -188,7 +188,7 @@ impl Sheet {
         bytes.transpose().map_err(failed)
     }
 
-    /// The sheet as a picture; `None` without any picture in it.
+    /// Draws the sheet; `None` if it has no picture.
     pub fn draw(&self, medium: &SheetMedium) -> Option<RgbImage> {
         if !self.tiles().any(|tile| tile.picture.is_ok()) {
             return None;
@@ -279,7 +279,7 @@ impl Sheet {
     }
 }
 
-/// The picture, its enlarged parts side by side below it.
+/// Pastes the picture with its enlarged parts side by side below it.
 fn paste(sheet: &mut RgbImage, tile: &DrawnTile, (left, top): (u32, u32), gap: u32) {
     let Some((picture, parts)) = tile.pictures.split_first() else {
         return;
@@ -301,7 +301,7 @@ fn stacked(tile: &DrawnTile, gap: u32) -> u32 {
     picture.height() + parts.unwrap_or(0)
 }
 
-/// Top of a tile's text: below the row's pictures, or in place of a missing picture.
+/// Top of a tile's text: below the row's pictures, or at the top if the picture is missing.
 fn text_top(tile: &DrawnTile, pictures: u32) -> u32 {
     match tile.pictures.is_empty() {
         true => 0,
@@ -339,7 +339,7 @@ fn drawn(tile: &Tile, medium: &SheetMedium) -> DrawnTile {
     for (crop, ink) in crops.iter().zip(medium.colours.iter().cycle()) {
         let part = imageops::crop_imm(picture, crop.x, crop.y, crop.width, crop.height).to_image();
         let height = f64::from(width) * f64::from(crop.height) / f64::from(crop.width);
-        // Larger pixels stay pixels: nothing is smoothed over.
+        // Enlarge without smoothing.
         let filter = match width > crop.width {
             true => imageops::FilterType::Nearest,
             false => imageops::FilterType::Triangle,
@@ -363,13 +363,13 @@ fn scaled(picture: &RgbImage, side: u32, grows: bool) -> RgbImage {
     if !grows || longest >= side || longest == 0 {
         return reduced(picture, side);
     }
-    // As `fitted` would shrink a picture of the same shape.
+    // The same size that `fitted` would give a larger picture of this shape.
     let factor = side.div_ceil(longest);
     let (width, height) = fitted((picture.width() * factor, picture.height() * factor), side);
     imageops::resize(picture, width, height, imageops::FilterType::Triangle)
 }
 
-/// A frame within a picture's `(x, y, width, height)`.
+/// Draws a frame inside the rectangle `(x, y, width, height)` of a picture.
 fn outline(picture: &mut RgbImage, (x, y, w, h): (u32, u32, u32, u32), thick: u32, ink: Ink) {
     let colour = Rgb::from(ink);
     let (right, bottom) = ((x + w).min(picture.width()), (y + h).min(picture.height()));
@@ -411,7 +411,7 @@ mod tests {
             width,
             height,
         };
-        // The second reaches out of the picture.
+        // The second part extends beyond the picture.
         tile.crops = vec![crop(20, 10, 10, 5), crop(45, 0, 10, 5)];
         let sheet = Sheet {
             heads: Vec::new(),
@@ -422,7 +422,7 @@ mod tests {
             ["p, m: the part 45,0,10,5 reaches out of its 50 × 25 pixels"]
         );
         let drawn = sheet.draw(&medium()).unwrap();
-        // Twice as large, and the part ten times.
+        // The picture is enlarged twice, the part ten times.
         assert_eq!(drawn.dimensions(), (100, 50 + 4 + 50 + 4));
         assert_eq!(drawn.get_pixel(40, 20), &Rgb([255, 0, 0]));
         assert_eq!(drawn.get_pixel(39, 19), &Rgb([10; 3]));
@@ -480,7 +480,7 @@ mod tests {
         };
         assert!(!is_empty(0..100) && !is_empty(104..204));
         assert!(is_empty(205..308), "text runs into the next column");
-        // A head of two lines makes the sheet a line higher, a longer one no more.
+        // A head of two lines adds a line to the sheet's height; a longer one adds no more.
         let height = drawn.height();
         sheet.heads[1] = "a-head ".repeat(2);
         assert_eq!(sheet.draw(&medium()).unwrap().height(), height);
@@ -498,7 +498,7 @@ mod tests {
         };
         let medium = SheetMedium::print(&style, 3).unwrap();
         let width = sheet.draw(&medium).unwrap().width();
-        // 992 pixels, less what does not divide by three.
+        // 992 pixels, minus the remainder of dividing by three.
         assert!((990..=992).contains(&width), "{width}");
         assert!(SheetMedium::print(&style, 9).is_ok());
         let error = SheetMedium::print(&style, 10).unwrap_err();

@@ -1,5 +1,5 @@
-//! Change of depth when the picture is mirrored: the relative absolute difference |d − m| / d of a depth map d and the
-//! depth map m of the mirrored picture, mirrored back.
+//! Change of depth under mirroring of the picture: the relative absolute difference |d − m| / d between a depth map d
+//! and the depth map m of the mirrored picture, mirrored back.
 
 use std::path::Path;
 
@@ -19,22 +19,22 @@ use crate::pairs::valid_depth::{is_valid_depth, median_of};
 use crate::report::error::ReportError;
 use crate::report::error_map::false_colours;
 
-/// Smallest difference that has the brightest colour.
+/// Smallest difference with the brightest colour.
 const BRIGHTEST: f32 = 0.5;
 
-/// Depth of a picture and of the mirrored picture, the latter as it was predicted; of one size.
+/// Depth of a picture and of the mirrored picture, the latter as predicted; both have the same size.
 pub struct Mirrored {
-    /// `layer 1`; empty for a map that has no layers.
+    /// Name such as `layer 1`; empty for a map without layers.
     pub name: String,
     pub depth: DepthMap,
     pub of_mirror: DepthMap,
 }
 
 impl Mirrored {
-    /// From two files.
+    /// Reads two files.
     ///
     /// # Errors
-    /// Names the one that cannot be read or has no depth at all.
+    /// Names the file that cannot be read or has no depth at all.
     pub fn read(depth: &Path, of_mirror: &Path) -> Result<Self, PairError> {
         let read = |file: &Path| {
             let map = read_metres(file)?;
@@ -51,10 +51,10 @@ impl Mirrored {
         })
     }
 
-    /// |d − m| / d; NaN where one of them has no depth.
+    /// |d − m| / d; NaN if either has no depth.
     ///
     /// # Errors
-    /// When the sizes differ, in words.
+    /// A message if the sizes differ.
     pub fn difference(&self) -> Result<DepthMap, String> {
         let (d, m) = (self.depth.dimensions(), self.of_mirror.dimensions());
         if d != m {
@@ -73,12 +73,12 @@ impl Mirrored {
     }
 }
 
-/// Both layers of a SHARP checkpoint (`mini`: the bundled one), for a picture and its mirror image; `config` is the architecture, `FILE.json#NAME`, where
-/// it is not the release's. The focal length scales both depths alike and leaves their relative difference as it is, so that
-/// it is not asked for.
+/// Both layers of a SHARP checkpoint (`mini` for the bundled one), for a picture and its mirror image; `config` is the
+/// architecture, `FILE.json#NAME`, by default the release's. The focal length is not needed, because it scales both
+/// depths alike and does not affect their relative difference.
 ///
 /// # Errors
-/// When the network cannot be read or does not take the picture.
+/// If the network cannot be read or does not accept the picture.
 pub fn by_network(
     picture: &RgbImage,
     checkpoint: &Path,
@@ -91,7 +91,7 @@ pub fn by_network(
     let layers = |depth: &[f32]| -> Vec<DepthMap> {
         let layers = depth.chunks_exact(side * side);
         let size = (picture.width() as usize, picture.height() as usize);
-        // From the network's square back to the picture's shape.
+        // Resize from the network's square back to the picture's shape.
         let maps = layers.filter_map(|layer| {
             let values = nearest(layer, (side, side), size);
             DepthMap::from_vec(picture.width(), picture.height(), values)
@@ -107,10 +107,11 @@ pub fn by_network(
     Ok(named.collect())
 }
 
-/// A row a pair of maps: picture, depth, that of the mirrored picture mirrored back, and their difference with its median.
+/// One row per pair of maps: picture, depth, depth of the mirrored picture mirrored back, and their difference with its
+/// median.
 ///
 /// # Errors
-/// When two maps are of different sizes, or no pixel has a depth in both.
+/// If two maps have different sizes, or no pixel has a depth in both.
 pub fn sheet(picture: &RgbImage, maps: &[Mirrored]) -> Result<Sheet, ReportError> {
     let failed = |reason: String| PlotError::new("uncertainty", reason);
     let heads = ["picture", "depth", "of the mirror image", "uncertainty"];

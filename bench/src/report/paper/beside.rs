@@ -9,7 +9,7 @@ use crate::report::tables::Table;
 
 use super::{TABLES, column};
 
-/// The paper's tables over its six datasets, each reduced to those of a run, as far as it has a metric that the run has.
+/// The paper's tables over its six datasets, reduced to those of the run. Only tables with a metric that the run has.
 pub fn beside(board: &Board<'_>, metrics: &[Column], which: PublishedNumbers) -> Vec<Table> {
     let columns = super::columns();
     let mut wanted: Vec<usize> = match which {

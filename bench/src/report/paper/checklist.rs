@@ -1,4 +1,4 @@
-//! Conditions for measured numbers to be comparable with published ones digit by digit.
+//! Conditions under which measured and published numbers are comparable digit by digit.
 
 use std::collections::BTreeSet;
 
@@ -17,16 +17,16 @@ use crate::report::tables::Condition;
 use super::column;
 use super::published::{MadeBy, PublishedTable};
 
-/// Pairs that the paper evaluates of a multi-view dataset at most.
+/// Maximum number of pairs per multi-view dataset in the paper.
 const PAPERS_LIMIT: usize = 512;
 
 /// A table of the paper and the rows to compare with it.
 pub(super) struct ChecklistInput<'a> {
     pub(super) paper: &'a PublishedTable,
     pub(super) manifest: &'a Manifest,
-    /// Units without a result yet.
+    /// Number of units without a result.
     pub(super) missing: usize,
-    /// The datasets as columns, empty ones where no row has any pair.
+    /// The datasets as columns; empty if no row has any pair.
     pub(super) board: &'a Board<'a>,
     pub(super) columns: &'a [Column],
 }
@@ -116,19 +116,19 @@ fn coverage(compared: &ChecklistInput<'_>) -> Condition {
     }
 }
 
-/// The paper's name of a dataset.
+/// The paper's name for a dataset.
 fn title<'a>(dataset: &'a DatasetBoard<'_>) -> &'a str {
     column(&dataset.dataset).unwrap_or(dataset.dataset.title())
 }
 
-/// The pairs of a dataset.
+/// Condition on the pairs of a dataset.
 fn pairs(compared: &ChecklistInput<'_>, dataset: &DatasetBoard<'_>) -> Condition {
     let title = title(dataset);
     let n = dataset.pairs.len();
     let lists = compared.manifest.pairs.lists.iter();
     let lists = lists
         .filter(|list| list.choices.is_empty() || list.choices.contains_key(&dataset.dataset.name));
-    // Runs of one list may have evaluated more or less of it.
+    // Several runs may have evaluated different parts of one list.
     let hashes: BTreeSet<String> = lists
         .map(|list| list.sha256.chars().take(12).collect())
         .collect();
@@ -158,7 +158,7 @@ fn pairs(compared: &ChecklistInput<'_>, dataset: &DatasetBoard<'_>) -> Condition
     })
 }
 
-/// Condition on the reading of a dataset and the choice of its pairs.
+/// Condition on the reader settings and pair options of a dataset.
 fn readings(compared: &ChecklistInput<'_>, dataset: &DatasetBoard<'_>) -> Condition {
     let title = title(dataset);
     let record = compared.record(dataset);
@@ -242,7 +242,7 @@ fn aggregation(compared: &ChecklistInput<'_>) -> Condition {
     )
 }
 
-/// Condition on the rows' knowledge of the true depth.
+/// Condition on whether the rows use true depth.
 fn privilege(compared: &ChecklistInput<'_>) -> Condition {
     let wants = compared.paper.made_by == MadeBy::PrivilegedRun;
     let otherwise = |method: &&MethodRecord| (method.privilege.depth != TrueDepth::None) != wants;
@@ -268,7 +268,7 @@ fn privilege(compared: &ChecklistInput<'_>) -> Condition {
     }
 }
 
-/// Crops, resizes and masks.
+/// Condition that pictures are not cropped, resized or masked.
 fn whole_pictures(measured: &[&DatasetBoard<'_>]) -> Condition {
     let records = || {
         let pairs = measured.iter().flat_map(|dataset| &dataset.pairs);

@@ -1,4 +1,4 @@
-//! A table of the paper in every form.
+//! Writes a table of the paper in every format.
 
 use std::path::{Path, PathBuf};
 
@@ -19,18 +19,18 @@ use super::published::PublishedTable;
 struct TablePage<'a> {
     title: &'a str,
     label: &'a str,
-    /// Ours, escaped by its own template.
+    /// The table's HTML, already escaped by its own template.
     table: String,
 }
 
-/// Marks our files; others are not overwritten.
+/// Marks our files; other files are not overwritten.
 const MARK: &str = "sharp-bench table";
 
 /// Writes `NAME.md`, `NAME.csv`, `NAME.tex` (to be put into a paper), `NAME-document.tex` (compiles by itself) and
 /// `NAME.html`.
 ///
 /// # Errors
-/// When a file cannot be written, or one of that name is not ours.
+/// If a file cannot be written, or exists and is not ours.
 pub fn write_table(
     paper: &PublishedTable,
     table: &Table,

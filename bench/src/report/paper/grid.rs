@@ -1,4 +1,4 @@
-//! Published rows and rows of one's own in one table.
+//! Published rows and the user's own rows in one table.
 
 use serde::Serialize;
 use sharp_metrics::MetricKey;
@@ -17,16 +17,16 @@ use super::rows::{OwnRow, OwnRows, RowError};
 #[derive(Debug, Clone, Default)]
 pub struct Beside {
     pub rows: Vec<OwnRow>,
-    /// One variant of a metric at most each; without one the default, or else the first that all rows have.
+    /// At most one variant per metric; by default the default variant, or else the first that all rows have.
     pub metrics: Vec<MetricKey>,
-    /// Whether datasets without a number of the user's are left out.
+    /// Whether to leave out datasets without a number of the user's.
     pub only_measured: bool,
 }
 
-/// A table of the paper with rows of one's own below the published ones. The two are ranked apart.
+/// A table of the paper with the user's rows below the published ones. Both are ranked separately.
 ///
 /// # Errors
-/// When a row cannot be read, or two rows contradict each other or their column of the paper.
+/// If a row cannot be read, or two rows contradict each other or their column of the paper.
 pub fn paper_table(paper: &PublishedTable, beside: &Beside) -> Result<Table, RowError> {
     if beside.rows.is_empty() {
         let all: Vec<usize> = (0..paper.datasets.len()).collect();
@@ -35,7 +35,7 @@ pub fn paper_table(paper: &PublishedTable, beside: &Beside) -> Result<Table, Row
     with_rows(paper, OwnRows::read(paper, &beside.rows)?, beside)
 }
 
-/// Like [`paper_table`], with rows that were read before.
+/// Like [`paper_table`], with rows that have already been read.
 pub(super) fn with_rows(
     paper: &PublishedTable,
     rows: OwnRows,
@@ -93,8 +93,8 @@ pub(super) fn with_rows(
     }
 }
 
-/// Rows of one's own below published ones, under the identities of one's own. Datasets that the paper does not have
-/// come last, without published numbers.
+/// Puts the user's rows below published ones, with the metric identities of the user's. Datasets that the paper does
+/// not have come last, without published numbers.
 fn below(mut published: Table, own: Table) -> Table {
     let mut table = own;
     let none = Cell::dash();
@@ -137,7 +137,7 @@ fn below(mut published: Table, own: Table) -> Table {
     table
 }
 
-/// The variant of each of the paper's metrics that fills its column.
+/// The variant that fills the column of each of the paper's metrics.
 fn columns(paper: &PublishedTable, board: &Board<'_>, wanted: &[MetricKey]) -> Vec<Column> {
     let scored = &board.metrics;
     let methods = 0..board.methods.len();
@@ -184,7 +184,7 @@ fn columns(paper: &PublishedTable, board: &Board<'_>, wanted: &[MetricKey]) -> V
     columns.collect()
 }
 
-/// The datasets in the paper's order, empty ones where no row has the dataset, then those that are not in the paper.
+/// The datasets in the paper's order, empty if no row has the dataset, followed by those that are not in the paper.
 fn placed<'a>(paper: &PublishedTable, mut board: Board<'a>) -> Result<Board<'a>, RowError> {
     let mut by_column: Vec<Vec<DatasetBoard<'a>>> =
         paper.datasets.iter().map(|_| Vec::new()).collect();
@@ -223,7 +223,7 @@ pub struct Number<'a> {
     pub row: &'a str,
     pub origin: &'static str,
     pub dataset: &'a str,
-    /// The key of the metric, `[unstated]` for published numbers.
+    /// The key of the metric; `[unstated]` for published numbers.
     pub metric: String,
     #[serde(with = "optional")]
     pub value: Option<f64>,
@@ -262,7 +262,7 @@ pub fn numbers<'a>(paper: &PublishedTable, table: &'a Table) -> Vec<Number<'a>> 
     numbers
 }
 
-/// A number or nothing; infinities as text.
+/// Serialises an optional number; infinities as text.
 mod optional {
     use serde::Serializer;
 

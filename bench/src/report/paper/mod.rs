@@ -1,12 +1,12 @@
-//! The published numbers of the SHARP paper, and the user's own rows next to them.
+//! The published numbers of the SHARP paper, next to the user's own rows.
 //!
 //! The paper names neither the LPIPS backbone nor the SSIM window nor the resize kernel, and its pair lists
 //! are not published. Its numbers therefore carry the identity `[unstated]` and are never ranked together with numbers
 //! measured here.
 //!
-//! * [`mod@published`]: every published number; [`mod@beside`]: those to show next to a run.
-//! * [`rows`]: the user's own rows; [`grid`]: both in one table; [`checklist`]: conditions for the two to be comparable;
-//!   [`files`]: all of it as files.
+//! * [`mod@published`]: every published number; [`mod@beside`]: selects those to show next to a run.
+//! * [`rows`]: the user's own rows; [`grid`]: both in one table; [`checklist`]: conditions under which the two are
+//!   comparable; [`files`]: output files.
 
 pub mod beside;
 pub mod checklist;
@@ -33,7 +33,7 @@ pub fn columns() -> Vec<&'static str> {
     columns.filter(|column| !column.is_empty()).collect()
 }
 
-/// The column group of the paper that a dataset belongs to.
+/// The paper's column group that a dataset belongs to.
 pub fn column(dataset: &ReportDataset) -> Option<&'static str> {
     let column = dataset.entry()?.paper_column;
     (!column.is_empty()).then_some(column)

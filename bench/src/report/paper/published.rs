@@ -1,4 +1,4 @@
-//! Every number that the SHARP paper published, from `data/paper_tables.csv`.
+//! Every number published in the SHARP paper, from `data/paper_tables.csv`.
 
 use std::sync::LazyLock;
 
@@ -9,52 +9,52 @@ use crate::report::column::Column;
 use crate::report::tables::rank::{RankedValue, ranks};
 use crate::report::tables::{Cell, Group, Origin, Row, Table};
 
-/// `table,part,row,dataset,metric,value`, transcribed from the paper's LaTeX: `part` is the position of the `tabular`
-/// under the table's label, `value` the number as printed.
+/// Lines `table,part,row,dataset,metric,value`, transcribed from the paper's LaTeX: `part` is the index of the
+/// `tabular` under the table's label, `value` the number as printed.
 const NUMBERS: &str = include_str!("../../../data/paper_tables.csv");
 
-/// Name, LaTeX label, source of rows, head of rows and title of each table with results, in the order of the paper's
-/// importance.
+/// Name, LaTeX label, source of rows, heading of rows and title of each table with results, in order of importance in
+/// the paper.
 const LIST: &str = include_str!("../../../data/paper_table_list.tsv");
 
 /// The method that the paper calls the strongest before its own.
 const STRONGEST: &str = "Gen3C";
 
-/// Kind of data that the user's own rows are computed from.
+/// Kind of data that the user's own rows are read from.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
 pub enum MadeBy {
     /// Scores of a run.
     Run,
     /// Scores of a run with privileged depth.
     PrivilegedRun,
-    /// What `speed` measured.
+    /// Times measured by `speed`.
     Speed,
-    /// What `analyze translation` measured.
+    /// Output of `analyze translation`.
     Translation,
-    /// The shapes in a checkpoint.
+    /// Tensor shapes of a checkpoint.
     Checkpoint,
 }
 
 /// A table of the paper.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PublishedTable {
-    /// For a command line and for files.
+    /// Name on the command line and in file names.
     pub name: &'static str,
     /// LaTeX label in the paper.
     pub label: &'static str,
     pub title: &'static str,
-    /// Over the rows' labels.
+    /// Heading above the rows' labels.
     pub row_head: &'static str,
     pub made_by: MadeBy,
-    /// Column groups; one without a name where the table has no datasets.
+    /// Column groups; a single unnamed one if the table has no datasets.
     pub datasets: Vec<&'static str>,
-    /// Columns within each group, by their name in the paper.
+    /// Columns within each group, by their names in the paper.
     pub metrics: Vec<&'static str>,
-    /// Labels and what was printed, that of dataset d and metric m at `d * metrics.len() + m`; `None` for a dash.
+    /// Row labels and printed numbers; that of dataset d and metric m is at `d * metrics.len() + m`; `None` for a dash.
     pub rows: Vec<(&'static str, Vec<Option<&'static str>>)>,
 }
 
-/// All tables with results, in the order of the paper's importance.
+/// All tables with results, in order of importance in the paper.
 pub static TABLES: LazyLock<Vec<PublishedTable>> = LazyLock::new(|| {
     let tables = LIST.lines().skip(1).filter_map(|line| {
         let fields: [&str; 5] = line.split('\t').collect::<Vec<_>>().try_into().ok()?;
@@ -74,12 +74,12 @@ pub static TABLES: LazyLock<Vec<PublishedTable>> = LazyLock::new(|| {
     tables.collect()
 });
 
-/// The table of that name.
+/// The table with this name.
 pub fn published(name: &str) -> Option<&'static PublishedTable> {
     TABLES.iter().find(|table| table.name == name)
 }
 
-/// Fields of the file's lines, header and quotes aside: no field of ours holds a comma.
+/// Fields of the file's lines, without the header. No field contains a comma, so quotes need no handling.
 fn lines() -> impl Iterator<Item = [&'static str; 6]> {
     let lines = NUMBERS.lines().skip(1);
     lines.filter_map(|line| line.split(',').collect::<Vec<_>>().try_into().ok())
@@ -115,7 +115,7 @@ impl PublishedTable {
         self
     }
 
-    /// The columns as published, of unstated identity, with as many decimals as were printed.
+    /// The columns as published, with unstated identity and as many decimals as printed.
     pub fn columns(&self) -> Vec<Column> {
         let metrics = self.metrics.iter().enumerate();
         metrics
@@ -132,7 +132,7 @@ impl PublishedTable {
             .collect()
     }
 
-    /// The number in a row of that label.
+    /// The number in the row with this label.
     pub fn number(&self, row: &str, dataset: &str, metric: &str) -> Option<f64> {
         let (_, cells) = self.rows.iter().find(|(label, _)| *label == row)?;
         let d = self.datasets.iter().position(|name| *name == dataset)?;
@@ -140,7 +140,7 @@ impl PublishedTable {
         cells[d * self.metrics.len() + m].and_then(number)
     }
 
-    /// The table reduced to some of its datasets, each row marked as published and ranked among the others.
+    /// The table reduced to some of its datasets; rows are marked as published and ranked among each other.
     pub fn table(&self, datasets: &[usize]) -> Table {
         let columns = self.columns();
         let rows = self.rows.iter().map(|(label, _)| Row {
@@ -180,7 +180,7 @@ impl PublishedTable {
         }
     }
 
-    /// What the published numbers are, for whoever puts others beside them.
+    /// A note on the published numbers for readers who compare others with them.
     fn caveat(&self) -> String {
         let is = match self.made_by {
             MadeBy::Run | MadeBy::PrivilegedRun => {
@@ -238,7 +238,7 @@ impl PublishedTable {
     }
 }
 
-/// Digits after the point of a number as printed.
+/// Number of decimals of a printed number.
 fn decimals(printed: &str) -> usize {
     let digits = printed.split_once('.').map_or("", |(_, digits)| digits);
     digits.bytes().take_while(u8::is_ascii_digit).count()
@@ -249,13 +249,13 @@ pub fn number(printed: &str) -> Option<f64> {
     let plain = printed.trim_end_matches('*');
     match (plain.strip_suffix('M'), plain.strip_suffix('B')) {
         (Some(millions), _) => millions.parse().ok(),
-        // The decimal point moved in the text: 7.7 × 1000 need not be 7700.
+        // Move the decimal point in the text, because 7.7 × 1000 may not be exactly 7700.
         (_, Some(billions)) => format!("{billions}e3").parse().ok(),
         _ => plain.parse().ok(),
     }
 }
 
-/// A column of the paper by its name there.
+/// A column of the paper by its name.
 fn column(name: &str) -> Column {
     let family = Family::ALL
         .into_iter()
@@ -302,7 +302,7 @@ pub(crate) fn metric(family: Family) -> Column {
     }
 }
 
-/// Relative reduction of a metric by SHARP against another row of a table: the smallest and largest over the datasets.
+/// Relative reduction of a metric by SHARP compared with another row: the smallest and largest over the datasets.
 pub fn gains(table: &PublishedTable, against: &str, metric: &str) -> Option<(f64, f64)> {
     let gains = table.datasets.iter().filter_map(|dataset| {
         let ours = table.number("SHARP (ours)", dataset, metric)?;
@@ -341,7 +341,7 @@ mod tests {
         assert_eq!(percent("DISTS"), (21.0, 43.0));
         let remark = &table.table(&[0]).remarks[0];
         assert!(remark.contains("DISTS 21–43 %, LPIPS 25–34 %"), "{remark}");
-        // Not those over the best of each column: TMPI is ahead of Gen3C on Middlebury.
+        // Not relative to the best of each column: TMPI is ahead of Gen3C on Middlebury.
         assert!(gains(table, "TMPI", "LPIPS").unwrap().0 < 0.20);
     }
 
@@ -359,7 +359,7 @@ mod tests {
             1
         );
         let speed = published("timing-comparison").unwrap().table(&[0]);
-        // LVSM renders nothing.
+        // LVSM has no rendering time.
         assert_eq!(speed.rows[2].cells[1].printed.as_deref(), Some("–"));
         assert_eq!(speed.rows[2].cells[1].value, None);
     }

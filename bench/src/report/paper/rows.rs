@@ -21,20 +21,20 @@ use super::published::{MadeBy, PublishedTable};
 /// Source of a row's numbers, `SOURCE[:METHOD]`.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct RowSource {
-    /// A run folder or bundle, or the file that a table is made of.
+    /// A run folder or bundle, or the file that the table's rows are read from.
     pub path: PathBuf,
-    /// Of a source with several.
+    /// Method to use, if the source has several.
     pub method: Option<String>,
 }
 
-/// A row of one's own, `LABEL=SOURCE[:METHOD]`.
+/// One of the user's rows, `LABEL=SOURCE[:METHOD]`.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct OwnRow {
     pub label: String,
     pub source: RowSource,
 }
 
-/// Why there is no such row.
+/// Why a row cannot be read.
 #[derive(Debug, thiserror::Error)]
 pub enum RowError {
     #[error("'{0}': LABEL=RUN or LABEL=RUN:METHOD is needed")]
@@ -46,7 +46,7 @@ pub enum RowError {
     #[error("{}: it has {what}; name one of them, {}:METHOD", path.display(), path.display())]
     Method {
         path: PathBuf,
-        /// The methods that are there, in words.
+        /// Description of the available methods.
         what: String,
     },
     #[error("{}: {reason}", path.display())]
@@ -69,7 +69,7 @@ pub enum RowError {
 impl std::str::FromStr for RowSource {
     type Err = Infallible;
 
-    /// What follows the last colon is a method unless the path with it exists.
+    /// The part after the last colon is a method, unless a path that includes it exists.
     fn from_str(text: &str) -> Result<Self, Infallible> {
         let source = |path: &str, method: Option<&str>| Self {
             path: path.into(),
@@ -87,10 +87,10 @@ impl std::str::FromStr for RowSource {
 }
 
 impl RowSource {
-    /// The method that is meant, of those that are there.
+    /// The selected one of the available methods.
     ///
     /// # Errors
-    /// When it is not there, or none is named of several.
+    /// If it is not available, or there are several and none is named.
     pub fn chosen<'a>(
         &self,
         methods: impl IntoIterator<Item = &'a str>,
@@ -133,12 +133,12 @@ impl std::str::FromStr for OwnRow {
     }
 }
 
-/// The numbers behind rows of one's own.
+/// The data behind the user's rows.
 #[derive(Debug)]
 pub enum OwnRows {
-    /// Each method is a row.
+    /// Results with one row per method.
     Scores(Box<Results>),
-    /// Rows of a table without pairs, with its columns as they were measured.
+    /// Rows of a table without pairs, with its measured columns.
     Measured {
         columns: Vec<Column>,
         rows: Vec<Row>,
@@ -146,10 +146,10 @@ pub enum OwnRows {
 }
 
 impl OwnRows {
-    /// Reads what a table of the paper is made of.
+    /// Reads the sources of the rows of a table.
     ///
     /// # Errors
-    /// When a label is given twice, or a source cannot be read, is something else or contradicts another.
+    /// If a label is given twice, or a source cannot be read, has the wrong kind or contradicts another.
     pub fn read(paper: &PublishedTable, rows: &[OwnRow]) -> Result<Self, RowError> {
         for (at, row) in rows.iter().enumerate() {
             if rows[..at].iter().any(|before| before.label == row.label) {
@@ -186,7 +186,7 @@ fn scores(rows: &[OwnRow]) -> Result<OwnRows, RowError> {
     Ok(OwnRows::Scores(Box::new(join_results(read)?)))
 }
 
-/// A row for each comparison in the output of `analyze translation --out`.
+/// One row per comparison in the output of `analyze translation --out`.
 fn translations(paper: &PublishedTable, rows: &[OwnRow]) -> Result<OwnRows, RowError> {
     let mut columns: Vec<Column> = Vec::new();
     let mut measured = Vec::new();
@@ -209,7 +209,7 @@ fn translations(paper: &PublishedTable, rows: &[OwnRow]) -> Result<OwnRows, RowE
         }
         let keys = heads.iter().map(|head| head.parse().ok()).enumerate();
         let keys: Vec<(usize, MetricKey)> = keys.filter_map(|(at, key)| Some((at, key?))).collect();
-        // The default variant of each metric, or else the first that is there.
+        // The default variant of each metric, or else the first available one.
         let places = paper.metrics.iter().map(|name| {
             let of_family =
                 |(_, key): &&(usize, MetricKey)| key.family().name().eq_ignore_ascii_case(name);
@@ -244,7 +244,7 @@ fn translations(paper: &PublishedTable, rows: &[OwnRow]) -> Result<OwnRows, RowE
     })
 }
 
-/// A row for each checkpoint: the elements of its tensors.
+/// One row per checkpoint, with the number of its parameters.
 fn checkpoints(paper: &PublishedTable, rows: &[OwnRow]) -> Result<OwnRows, RowError> {
     let mut measured = Vec::new();
     for row in rows {
@@ -255,7 +255,7 @@ fn checkpoints(paper: &PublishedTable, rows: &[OwnRow]) -> Result<OwnRows, RowEr
         }
         let millions = total as f64 / 1e6;
         let text = format!("{millions:.*}M", usize::from(millions < 10.0));
-        // A checkpoint does not say which of its parameters were trained.
+        // A checkpoint does not record which of its parameters were trained.
         let cells = paper.metrics.iter().map(|metric| match *metric {
             "total" => Cell::printed(Some(millions), &text),
             _ => Cell::dash(),
@@ -272,7 +272,7 @@ fn checkpoints(paper: &PublishedTable, rows: &[OwnRow]) -> Result<OwnRows, RowEr
     })
 }
 
-/// A row for each method that `speed` measured.
+/// One row per method measured by `speed`.
 fn speeds(paper: &PublishedTable, rows: &[OwnRow]) -> Result<OwnRows, RowError> {
     let mut measured = Vec::new();
     for row in rows {

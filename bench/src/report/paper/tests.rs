@@ -33,7 +33,7 @@ fn the_paper_has_the_datasets_that_we_say_it_has() {
     );
 }
 
-/// Methods `a_&<b>` and `b` on six pairs of Middlebury, of which `b` failed on one, and one of ETH3D.
+/// Methods `a_&<b>` and `b` on six pairs of Middlebury, one of which failed for `b`, and one pair of ETH3D.
 fn results() -> Results {
     let mut manifest = manifest("psnr,ssim");
     let (mut dataset, mut method) = (manifest.datasets[0].clone(), manifest.methods[0].clone());
@@ -59,7 +59,7 @@ fn results() -> Results {
     };
     let mut records = Vec::new();
     for number in 0..6 {
-        // SSIM ties at three decimals.
+        // SSIM is tied at three decimals.
         records.push(scored("M", number, "a_&<b>", 20.0 + number as f64, 0.7001));
         records.push(scored("M", number, "b", 21.0, 0.6999));
     }
@@ -67,7 +67,7 @@ fn results() -> Results {
         reason: "out of memory".to_owned(),
     };
     records[11].scores.clear();
-    // A single pair, identical pictures, and a method without a record there.
+    // A single pair, identical pictures, and a method without a record for the pair.
     records.push(scored("eth3d", 0, "a_&<b>", f64::INFINITY, 1.0));
     records.push(scored("own", 0, "b", 30.0, 0.9));
     records.sort_by(|a, b| a.pair_id.cmp(&b.pair_id));
@@ -95,7 +95,7 @@ fn equal_numbers_as_shown_share_a_rank_and_each_list_is_named() {
     complete
         .records
         .retain(|r| r.status == Status::Ok && r.pair_id != "M/5/s__5");
-    // Two runs of one list, of which one evaluated less.
+    // Two runs of one list, one of which evaluated fewer pairs.
     complete.manifest.pairs.lists = [7, 6]
         .map(|evaluated| ListRecord {
             sha256: "0123456789abcdef".to_owned(),
@@ -117,7 +117,7 @@ fn equal_numbers_as_shown_share_a_rank_and_each_list_is_named() {
     assert_eq!(ranks, [(Some(1), Some(1)), (Some(2), Some(1))]);
 }
 
-/// Ties, gaps, infinities, incomplete rows and a dataset of one's own. `SHARP_BENCH_BLESS=1` writes them anew.
+/// Ties, gaps, infinities, incomplete rows and a user's dataset. `SHARP_BENCH_BLESS=1` rewrites the expected files.
 #[test]
 fn every_form_is_as_it_was() {
     let (table, paper) = (mixed(), published("psnr-ssim").unwrap());

@@ -1,4 +1,4 @@
-//! Hardware and hours for forms of compute reporting, from the times in run folders.
+//! Hardware and hours for compute reporting forms, from the times in run folders.
 
 use std::collections::BTreeSet;
 use std::path::PathBuf;
@@ -8,10 +8,10 @@ use crate::evaluate::unit::Timing;
 use crate::evaluate::{EvaluateError, Results};
 use crate::report::tables::grid::{GridCell, TextGrid};
 
-/// Hours and hardware of each method of some runs, and of all together.
+/// Hours and hardware of each method in some runs, and of all together.
 ///
 /// # Errors
-/// When one cannot be read, or is a bundle, which holds no times.
+/// If a run cannot be read, or is a bundle, which has no times.
 pub fn compute(runs: &[PathBuf]) -> Result<TextGrid, EvaluateError> {
     let mut rows = Vec::new();
     for run in runs {
@@ -46,7 +46,7 @@ pub(super) struct MethodCompute {
     pub(super) run: String,
     pub(super) method: String,
     pub(super) renderer: String,
-    /// Of its network, where it has one.
+    /// Device of the method's network, if it has one.
     pub(super) device: Option<String>,
     pub(super) timings: Vec<Timing>,
 }
@@ -66,7 +66,7 @@ pub(super) fn grid(methods: &[MethodCompute]) -> TextGrid {
     let hours = |secs: f64| GridCell::number(format!("{:.4}", secs / 3600.0), secs / 3600.0);
     let sums = |timings: &[&Timing]| {
         let peak = timings.iter().filter_map(|timing| timing.peak_bytes).max();
-        // An inference counts once, however many targets and methods use it.
+        // Count an inference once, however many targets and methods use it.
         let mut seen = BTreeSet::new();
         let inferences = timings.iter().filter(|timing| {
             let shared = timing.inference.as_deref();

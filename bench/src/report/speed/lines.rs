@@ -1,4 +1,4 @@
-//! `speed.csv`, read back.
+//! Reads `speed.csv`.
 
 use std::io;
 use std::path::Path;
@@ -13,21 +13,21 @@ use crate::io::text::csv_text;
 pub struct SpeedLine {
     pub method: String,
     pub dataset: String,
-    /// Empty if it is not known.
+    /// Format of the dataset; empty if unknown.
     pub format: String,
     /// `inference_secs`, `load_secs`, `render_secs`, ….
     pub quantity: String,
-    /// Measurements behind the median.
+    /// Number of measurements.
     pub n: usize,
-    /// Finite, 0 or more.
+    /// Median, finite and at least 0.
     pub median: f64,
 }
 
 impl SpeedLine {
-    /// Reads a file that `speed` wrote, or that of a folder.
+    /// Reads a file written by `speed`, or the one in a folder.
     ///
     /// # Errors
-    /// When it cannot be read, is no such file, is empty, or holds an impossible number.
+    /// If it cannot be read, is not such a file, is empty, or has an impossible number.
     pub fn read(path: &Path) -> Result<Vec<Self>, FileError> {
         let path = match path.is_dir() {
             true => path.join("speed.csv"),

@@ -1,7 +1,7 @@
 //! Run time as tabulated in the paper, and a summary of the compute behind a paper's numbers.
 //!
 //! * [`spread`]: median and spread of rounds; [`tables`]: methods by datasets, and details of the times; [`compute`]:
-//!   hardware and hours of runs, from the times in their folders; [`lines`]: `speed.csv` read back.
+//!   hardware and hours of runs, from the times in their folders; [`lines`]: reads `speed.csv`.
 
 pub mod compute;
 pub mod lines;
@@ -22,9 +22,9 @@ use crate::io::atomic_files::write_all_over_own;
 pub struct Measured {
     pub speeds: Vec<Speed>,
     pub options: SpeedOptions,
-    /// Of the evaluation that was measured.
+    /// Manifest of the measured evaluation.
     pub manifest: Manifest,
-    /// Processor and threads; `None` if the system does not say.
+    /// Processor and threads; `None` if the system does not report them.
     pub machine: Option<String>,
 }
 
@@ -36,7 +36,7 @@ pub struct SpeedReport {
     pub compute: Option<TextGrid>,
 }
 
-/// Marks our files; others are not overwritten.
+/// Marks our files; other files are not overwritten.
 const MARK: &str = "sharp-bench speed";
 
 impl SpeedReport {
@@ -45,7 +45,7 @@ impl SpeedReport {
         details.into_iter().chain(self.compute.clone()).collect()
     }
 
-    /// For a terminal.
+    /// Plain text for a terminal.
     pub fn text(&self) -> String {
         let table = self.measured.as_ref().map(|m| tables::table(m).text());
         let grids = self.grids();
@@ -53,10 +53,10 @@ impl SpeedReport {
         parts.collect::<Vec<_>>().join("\n")
     }
 
-    /// Writes `speed.md` and `speed.tex`, and where something was measured `speed.csv`.
+    /// Writes `speed.md`, `speed.tex` and, if there are measurements, `speed.csv`.
     ///
     /// # Errors
-    /// When a file cannot be written, or exists and is not ours; then none is written.
+    /// If a file cannot be written, or exists and is not ours; then none is written.
     pub fn write(&self, folder: &Path) -> Result<Vec<PathBuf>, ReportError> {
         let mut md = format!("<!-- {MARK} -->\n");
         let mut tex = format!("% {MARK}\n");

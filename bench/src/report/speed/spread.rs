@@ -2,19 +2,19 @@
 
 use serde::Serialize;
 
-/// Median and spread of some numbers.
+/// Median and spread of a list of numbers.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Spread {
     pub n: usize,
     pub median: f64,
-    /// First and third quartile, linear between the neighbours in order.
+    /// First and third quartile, linearly interpolated.
     pub quartiles: [f64; 2],
     pub least: f64,
     pub most: f64,
 }
 
 impl Spread {
-    /// `None` of nothing.
+    /// Computes the spread; `None` if `numbers` is empty.
     pub fn of(numbers: &[f64]) -> Option<Self> {
         let mut sorted = numbers.to_vec();
         sorted.sort_by(f64::total_cmp);

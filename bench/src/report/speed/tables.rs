@@ -17,7 +17,7 @@ use crate::report::tables::{self, Cell, Group, Row, Table};
 pub(super) const CSV_HEAD: &str =
     "method,dataset,format,quantity,n,median,first_quartile,third_quartile,least,most";
 
-/// Seconds under each dataset, as in the paper; medians.
+/// Median seconds under each dataset, as in the paper.
 pub fn table(measured: &Measured) -> Table {
     let mut notes = Vec::new();
     let datasets = measured.manifest.datasets.iter();
@@ -67,7 +67,7 @@ fn column(key: &str, label: &str, convention: &str) -> Column {
     }
 }
 
-/// Inference and rendering of a method on a dataset.
+/// Cells for inference and rendering of a method on a dataset.
 fn cells(speed: Option<&Speed>, kind: &str, notes: &mut Vec<String>) -> [Cell; 2] {
     let none: &[f64] = &[];
     let inference = speed.map_or(none, |speed| &speed.inference_secs);
@@ -136,7 +136,7 @@ fn remarks(measured: &Measured) -> Vec<String> {
     remarks
 }
 
-/// Spread, memory, and the renderer's load.
+/// Spread, memory, and load of the renderer.
 pub fn details(measured: &Measured) -> TextGrid {
     let heads = [
         "Method",
@@ -213,7 +213,7 @@ fn spread(secs: &[f64]) -> GridCell {
 /// `gaussians`, `visible`, `tiles` or `picture_tiles`.
 ///
 /// # Errors
-/// When the CSV writer fails, which it does not in memory.
+/// If the CSV writer fails, which it does not in memory.
 pub fn csv(measured: &Measured) -> Result<Vec<u8>, ::csv::Error> {
     let mut lines = Vec::new();
     for speed in &measured.speeds {

@@ -1,4 +1,4 @@
-//! Tables from invented times.
+//! Tables from made-up times.
 
 use std::collections::BTreeSet;
 

@@ -1,4 +1,4 @@
-//! The place from which a quantity is above zero, with an interval.
+//! The place beyond which a quantity is above zero, with a confidence interval.
 
 use std::collections::BTreeMap;
 
@@ -9,29 +9,29 @@ use sharp_plots::bins::{Bin, Cuts, bins};
 
 /// The place from which on the mean of every bin is above zero.
 ///
-/// Between the last bin whose mean is not above zero and the next one the means are joined by a line, and the place is where
-/// that is zero; where bins without samples lie between the two, it is that of the second.
+/// The place is where the line between the last bin whose mean is not above zero and the next bin crosses zero. If
+/// there are empty bins between the two, it is the place of the second.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Crossing {
-    /// −∞: already in the first bin. ∞: not in the last one.
+    /// −∞ if already above zero in the first bin, ∞ if not above zero in the last.
     pub x: f64,
-    /// The middle 95 % of the places of resampled clusters, whole ones drawn with replacement, as many as there are; `None`
-    /// for fewer than two. An end is infinite as the place itself may be.
+    /// 95 % interval from the places of resampled clusters, drawn whole with replacement, as many as there are; `None`
+    /// for fewer than two clusters. Ends may be infinite, like the place itself.
     pub interval: Option<(f64, f64)>,
     pub clusters: usize,
 }
 
-/// A sample of the quantity.
+/// One sample of the quantity.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Sample<'a> {
     pub x: f64,
     pub value: f64,
-    /// Samples of one cluster depend on each other.
+    /// Samples of the same cluster depend on each other.
     pub cluster: &'a str,
 }
 
 impl Crossing {
-    /// Of samples in the bins of `cuts`; `None` without any.
+    /// Finds the crossing of samples in the bins of `cuts`; `None` if all bins are empty.
     pub fn of(samples: &[Sample<'_>], cuts: &Cuts, resampling: Resampling) -> Option<Self> {
         let values: Vec<(f64, f64)> = samples.iter().map(|s| (s.x, s.value)).collect();
         let bins = bins(&values, cuts);
@@ -39,7 +39,7 @@ impl Crossing {
             return None;
         }
         let means: Vec<Option<f64>> = bins.iter().map(|bin| Some(bin.mean)).collect();
-        // Sum and number by cluster and bin.
+        // Sum and count by cluster and bin.
         let mut sums: BTreeMap<&str, Vec<(f64, f64)>> = BTreeMap::new();
         for (k, bin) in bins.iter().enumerate() {
             for sample in bin.members.iter().map(|i| &samples[*i]) {
@@ -71,7 +71,7 @@ impl Crossing {
     }
 }
 
-/// See [`Crossing`]; bins without a mean are empty.
+/// Computes [`Crossing::x`]; bins without a mean count as empty.
 fn place(bins: &[Bin], means: &[Option<f64>]) -> f64 {
     let known = bins.iter().zip(means);
     let known: Vec<(&Bin, f64)> = known
@@ -92,7 +92,7 @@ fn place(bins: &[Bin], means: &[Option<f64>]) -> f64 {
     }
 }
 
-/// The ends of the middle 95 % by nearest rank.
+/// The bounds of the middle 95 %, by nearest rank.
 fn middle(mut places: Vec<f64>) -> (f64, f64) {
     places.sort_unstable_by(f64::total_cmp);
     let beyond = (0.025 * places.len() as f64).floor() as usize;
@@ -128,9 +128,9 @@ mod tests {
 
     #[test]
     fn the_line_between_neighbouring_bins_crosses_zero() {
-        // From −1 at 0.5 to 3 at 1.5: a quarter of the way.
+        // From −1 at 0.5 to 3 at 1.5: crosses zero a quarter of the way.
         assert_eq!(of(&[(0.5, -1.0), (1.5, 3.0), (2.5, 9.0)]), 0.75);
-        // Above for a while, then not: what counts is from where on it stays.
+        // Above zero temporarily: the place is where it stays above.
         assert_eq!(of(&[(0.5, -1.0), (1.5, 3.0), (2.5, -1.0), (3.5, 1.0)]), 3.0);
         assert_eq!(of(&[(0.5, 0.0), (1.5, 1.0)]), 0.5);
     }
@@ -139,7 +139,7 @@ mod tests {
     fn ends_gaps_and_infinities() {
         assert_eq!(of(&[(0.5, 1.0), (1.5, 2.0)]), f64::NEG_INFINITY);
         assert_eq!(of(&[(0.5, 1.0), (1.5, -2.0)]), f64::INFINITY);
-        // No line over the empty bin from 1 to 2.
+        // No line across the empty bin from 1 to 2.
         assert_eq!(of(&[(0.5, -1.0), (2.5, 1.0)]), 2.5);
         assert_eq!(of(&[(0.5, -1.0), (1.5, f64::INFINITY)]), 0.5);
         assert_eq!(of(&[(0.5, f64::NEG_INFINITY), (1.5, 1.0)]), 1.5);
@@ -148,7 +148,7 @@ mod tests {
 
     #[test]
     fn the_interval_is_that_of_clusters_and_not_of_pairs() {
-        // Ten equal pairs of each of two clusters, which cross at 0.75 and never.
+        // Ten equal pairs in each of two clusters; one crosses at 0.75, the other never.
         let cluster = |name, far: f64| {
             let both = [(0.5, -1.0), (1.5, far)];
             both.map(|(x, value)| Sample {
@@ -161,7 +161,7 @@ mod tests {
             .flat_map(|_| [cluster("a", 3.0), cluster("b", -1.0)].concat())
             .collect();
         let found = Crossing::of(&samples, &cuts(), RESAMPLING).unwrap();
-        // Together −1 and 1; of two draws a quarter is a twice, a quarter b twice.
+        // Together the means are −1 and 1. Of the resamples, a quarter has a twice, a quarter b twice.
         assert_eq!(found.x, 1.0);
         assert_eq!(found.interval, Some((0.75, f64::INFINITY)));
         assert_eq!(found, Crossing::of(&samples, &cuts(), RESAMPLING).unwrap());

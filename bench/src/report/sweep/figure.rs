@@ -1,4 +1,4 @@
-//! A sweep as plots: one a metric, a panel a part of the sweep.
+//! Plots of a sweep: one per metric, with one panel per part of the sweep.
 
 use super::study::{CrossingRule, Sweep, SweepPanel};
 use super::{Band, Motion};
@@ -17,10 +17,10 @@ use sharp_plots::style::FigureStyle;
 const LIMIT: Ink = Ink::opaque(0x57, 0x60, 0x6A);
 const MARK: f64 = 5.0;
 
-/// The plot of each metric that has a number.
+/// One plot per metric that has scores.
 ///
 /// # Errors
-/// When the drawing library refuses.
+/// If the drawing library fails.
 pub fn figures(sweep: &Sweep, style: &FigureStyle) -> Result<Vec<(Column, Figure)>, PlotError> {
     let mut figures = Vec::new();
     for (k, metric) in sweep.metrics.iter().enumerate() {
@@ -131,7 +131,7 @@ fn remark(panel: &SweepPanel) -> String {
 fn horizontal(x: Motion, panel: &SweepPanel, metric: usize) -> PlotAxis {
     let bins = panel.counts(metric).into_values();
     let (low, high) = finite_range(bins.flat_map(|bin| [bin.low, bin.high])).unwrap_or_default();
-    // From zero where that is not far.
+    // Start at zero if that is not far.
     let low = match x.start() {
         Some(start) if low >= start && low - start < 0.5 * (high - start) => start,
         _ => low,
@@ -175,6 +175,6 @@ fn caption(sweep: &Sweep, metric: usize, column: &Column) -> String {
         let what = what.join(" or ");
         sentences.push(format!("Triangles: from there on a method {what}."));
     }
-    // A number and its unit stay on one line.
+    // Keep a number and its unit on one line.
     sentences.join(" ").replace(" %", "\u{a0}%")
 }

@@ -1,4 +1,4 @@
-//! A sweep into a folder.
+//! Writes a sweep to a folder.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -16,15 +16,15 @@ use sharp_plots::style::FigureStyle;
 #[derive(Debug)]
 pub struct SweepFiles {
     pub written: Vec<PathBuf>,
-    /// Of an earlier sweep, which had other metrics or crossings: beside the new files they would pass for theirs.
+    /// Files of an earlier sweep with other metrics or crossings, which would be mistaken for those of the new one.
     pub removed: Vec<PathBuf>,
 }
 
-/// Writes `STEM-METRIC.svg`, `.png` and `.pdf` of each metric, `STEM.csv`, `STEM.tex`, and where crossings were asked for
-/// `STEM-crossings.csv`.
+/// Writes `STEM-METRIC.svg`, `.png` and `.pdf` of each metric, `STEM.csv`, `STEM.tex`, and `STEM-crossings.csv` if
+/// crossings were requested.
 ///
 /// # Errors
-/// When a file cannot be written, or one of those names is somebody else's; then none is written.
+/// If a file cannot be written, or exists and is not ours; then none is written.
 pub fn write(
     sweep: &Sweep,
     out: &Path,
@@ -58,7 +58,7 @@ pub fn write(
     Ok(SweepFiles { written, removed })
 }
 
-/// Files of an earlier sweep besides its tables, with their marks: plots of the metrics in its table, and crossings.
+/// Files of an earlier sweep other than its tables, with their marks: plots of the metrics in its table, and crossings.
 fn earlier(out: &Path, stem: &str) -> BTreeMap<PathBuf, &'static str> {
     let named = |end: &str| out.join(format!("{stem}{end}"));
     let table = sharp::files::read(&named(".csv")).unwrap_or_default();

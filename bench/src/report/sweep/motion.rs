@@ -1,4 +1,4 @@
-//! Distances between the two views of a pair.
+//! Measures of motion between the two views of a pair.
 
 use serde::Serialize;
 
@@ -17,7 +17,7 @@ pub enum Motion {
     /// Angle between the cameras, degrees
     #[value(name = "rotation_deg")]
     RotationDeg,
-    /// Share of the target's pixels with depth that the source sees, as the pair list measured it
+    /// Share of the target's pixels with depth that the source sees, as measured in the pair list
     #[value(name = "overlap")]
     Overlap,
     /// Baseline over the target's median depth (the source's where only that has depth)
@@ -29,7 +29,7 @@ pub enum Motion {
 }
 
 impl Motion {
-    /// Those that breakdowns divide pairs by; the share that is not seen divides them as overlap does.
+    /// The quantities by which breakdowns divide pairs. Excludes `Disoccluded`, which divides pairs as `Overlap` does.
     pub const DIVIDING: [Self; 4] = [
         Self::BaselineM,
         Self::RotationDeg,
@@ -37,7 +37,7 @@ impl Motion {
         Self::RelativeMotion,
     ];
 
-    /// `None` if it is unknown or not finite.
+    /// The value for a record; `None` if unknown or not finite.
     pub fn of(self, record: &Record) -> Option<f64> {
         let value = match self {
             Self::BaselineM => Some(record.baseline_m),
@@ -49,7 +49,7 @@ impl Motion {
         value.filter(|value| value.is_finite())
     }
 
-    /// For headings.
+    /// Title for headings.
     pub fn title(self) -> &'static str {
         match self {
             Self::BaselineM => "baseline, m",
@@ -60,7 +60,7 @@ impl Motion {
         }
     }
 
-    /// For an axis.
+    /// Label of an axis.
     pub fn label(self) -> &'static str {
         match self {
             Self::BaselineM => "camera baseline (m)",
@@ -71,7 +71,7 @@ impl Motion {
         }
     }
 
-    /// What a caption has to add to the label.
+    /// Definition to add to the label in a caption.
     pub fn definition(self) -> &'static str {
         match self {
             Self::BaselineM => "Baseline: distance of the camera centres.",
@@ -89,7 +89,7 @@ impl Motion {
         }
     }
 
-    /// Where its axis starts at the latest; `None` at the least value.
+    /// Largest permitted start of the axis; `None` if it starts at the smallest value.
     pub fn start(self) -> Option<f64> {
         (self != Self::Overlap).then_some(0.0)
     }

@@ -10,7 +10,7 @@ use sharp_plots::bins::Binning;
 /// Meaning of the shaded band around a mean.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, clap::ValueEnum)]
 pub enum Band {
-    /// One sample standard deviation of the pairs, as the paper draws it
+    /// One sample standard deviation of the pairs, as in the paper
     #[default]
     Sd,
     /// The 95 % interval of the mean, over scenes
@@ -22,12 +22,12 @@ pub enum Band {
 /// Criterion that divides lines into panels.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, clap::ValueEnum)]
 pub enum Split {
-    /// A panel a dataset, a line a method, as in the paper
+    /// One panel per dataset, one line per method, as in the paper
     #[default]
     Dataset,
-    /// A panel a method, a line a dataset
+    /// One panel per method, one line per dataset
     Method,
-    /// As dataset, methods that know the source's true depth or its scale in panels of their own
+    /// As dataset, with separate panels for methods with the source's true depth or its scale
     Privileged,
 }
 
@@ -44,7 +44,7 @@ impl FromStr for Threshold {
     fn from_str(text: &str) -> Result<Self, String> {
         let (name, value) = text.split_once('=').ok_or("it has the form METRIC=VALUE")?;
         let metric: MetricKey = name.parse().map_err(|error| format!("{error}"))?;
-        // No metric leaves this range, and an axis has to reach from the value to the scores.
+        // No metric leaves this range, and the axis has to include both the value and the scores.
         let value = value.parse().ok();
         let value = value.filter(|v| (-1000.0..=1000.0).contains(v));
         let value = value.ok_or("the value is a number from -1000 to 1000")?;
@@ -52,7 +52,7 @@ impl FromStr for Threshold {
     }
 }
 
-/// A sweep.
+/// Options of a sweep.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SweepSpec {
     pub x: Motion,
@@ -61,15 +61,16 @@ pub struct SweepSpec {
     pub split: Split,
     /// Metrics to show; all if empty.
     pub metrics: Vec<MetricKey>,
-    /// Only methods that know the source's true depth or its scale, or only the others.
+    /// `Some(true)` shows only methods that use the source's true depth or its scale, `Some(false)` only the others.
     pub privileged: Option<bool>,
     pub thresholds: Vec<Threshold>,
-    /// The method that others are compared with.
+    /// The method that the others are compared with.
     pub against: Option<String>,
 }
 
 impl Default for SweepSpec {
-    /// All metrics and methods against the baseline in at most ten bins, with deviations, a panel a dataset.
+    /// The default shows all metrics and methods against the baseline in at most ten bins, with standard deviations,
+    /// one panel per dataset.
     fn default() -> Self {
         Self {
             x: Motion::default(),

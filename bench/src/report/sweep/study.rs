@@ -1,4 +1,4 @@
-//! Means of bins by dataset and method, with their intervals.
+//! Bin means by dataset and method, with their intervals.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -17,16 +17,16 @@ use sharp_plots::bins::{Cuts, bins};
 use sharp_plots::curves::Banded;
 use sharp_plots::panels::BinCount;
 
-/// Scores against a motion, ready to be drawn and written.
+/// Scores against camera motion, ready for drawing and writing.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Sweep {
     pub spec: SweepSpec,
     pub metrics: Vec<Column>,
-    /// Panels with a line.
+    /// Panels with at least one line.
     pub panels: Vec<SweepPanel>,
-    /// Panels whose pairs have no score or no known place.
+    /// Panels whose pairs have no score or unknown motion.
     pub without_lines: Vec<SweepPanel>,
-    /// In the order of the panels, their lines and the metrics.
+    /// Crossings in the order of panels, their lines, and metrics.
     pub crossings: Vec<FoundCrossing>,
     pub resampling: Resampling,
 }
@@ -34,13 +34,13 @@ pub struct Sweep {
 /// Lines over one horizontal axis.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SweepPanel {
-    /// The dataset as tables name it, the method, or the dataset with what its methods know.
+    /// The dataset as named in tables, the method, or the dataset with the privilege of its methods.
     pub split: String,
-    /// Pairs of its datasets.
+    /// Number of pairs in the panel's datasets.
     pub pairs: usize,
-    /// Pairs with unknown motion.
+    /// Number of pairs with unknown motion.
     pub unplaced: usize,
-    /// Pairs outside all bins: beyond the given edges, or too far for the bins' resolution.
+    /// Number of pairs outside all bins: beyond the given edges, or too far for the bins' resolution.
     pub outside: usize,
     pub lines: Vec<SweepLine>,
 }
@@ -50,29 +50,29 @@ pub struct SweepPanel {
 pub struct SweepLine {
     pub dataset: String,
     pub method: String,
-    /// In the legend.
+    /// Label in the legend.
     pub label: String,
-    /// Number of its style.
+    /// Index of the line's style.
     pub style: usize,
-    /// By metric, in the order of [`Sweep::metrics`].
+    /// Bins by metric, in the order of [`Sweep::metrics`].
     pub bins: Vec<Vec<SweepBin>>,
 }
 
-/// The pairs of a bin that have a number.
+/// The pairs of a bin that have a score.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SweepBin {
     pub banded: Banded,
-    /// 95 % interval of the mean over clusters; `None` if nothing bounds it, as with a single one.
+    /// 95 % interval of the mean over clusters; `None` if unbounded, as for a single cluster.
     pub interval: Option<(f64, f64)>,
 }
 
-/// Place from which a method is worse than a limit.
+/// The place beyond which a method violates a limit.
 #[derive(Debug, Clone, PartialEq)]
 pub struct FoundCrossing {
     pub dataset: String,
     pub method: String,
     pub split: String,
-    /// Position in [`Sweep::metrics`].
+    /// Index in [`Sweep::metrics`].
     pub metric: usize,
     pub rule: CrossingRule,
     pub found: Crossing,
@@ -83,12 +83,12 @@ pub struct FoundCrossing {
 pub enum CrossingRule {
     /// Not worse than this method, by the mean over common pairs.
     Behind(String),
-    /// A mean no worse than this.
+    /// The mean is not worse than this value.
     Beyond(f64),
 }
 
 impl SweepPanel {
-    /// The bins of a metric by number, with the fewest and most pairs that a line has in each.
+    /// The bins of a metric by number, with the fewest and most pairs of any line in each.
     pub(super) fn counts(&self, metric: usize) -> BTreeMap<i64, BinCount> {
         let mut counts: BTreeMap<i64, BinCount> = BTreeMap::new();
         for bin in self.lines.iter().flat_map(|line| &line.bins[metric]) {
@@ -104,16 +104,16 @@ impl SweepPanel {
 }
 
 impl Sweep {
-    /// Lines of all panels with a number of a metric.
+    /// Lines in all panels that have scores of a metric.
     pub(super) fn lines_with(&self, metric: usize) -> impl Iterator<Item = &SweepLine> {
         let lines = self.panels.iter().flat_map(|panel| &panel.lines);
         lines.filter(move |line| !line.bins[metric].is_empty())
     }
 
-    /// The sweep of some results.
+    /// Computes the sweep of some results.
     ///
     /// # Errors
-    /// When they contradict each other, or lack a metric or method that was named.
+    /// If they contradict each other, or a named metric or method is missing.
     pub fn of(results: &Results, spec: SweepSpec) -> Result<Self, ReportError> {
         let board = &Board::of(results)?;
         let privileged = results.manifest.methods.iter();
@@ -225,7 +225,7 @@ impl Sweep {
         }
         match panel.lines.is_empty() {
             false => self.panels.push(panel),
-            // Nothing of it is there to be shown, not even a method.
+            // There is nothing to show, not even a method.
             true if methods.is_empty() => {}
             true => self.without_lines.push(panel),
         }
@@ -319,7 +319,7 @@ fn score(record: &Record, metric: &Column) -> Option<f64> {
     score.value().filter(|value| !value.is_nan())
 }
 
-/// `None` if nothing bounds the mean: a single cluster, or a value that is infinite.
+/// 95 % interval of the mean; `None` if unbounded: for a single cluster, or an infinite value.
 fn mean_interval(sample: &Clusters, resampling: Resampling) -> Option<(f64, f64)> {
     let (low, high) = infer(&[sample], resampling).ok()?.interval;
     let bounded = sample.n_clusters() > 1 && low.is_finite() && high.is_finite();

@@ -1,4 +1,4 @@
-//! The numbers behind the plots.
+//! Tables of the numbers behind the plots.
 
 use std::fmt::Write as _;
 
@@ -20,14 +20,14 @@ pub(super) const COLUMNS: &str =
 pub(super) const CROSSINGS: &str =
     "dataset,method,split,metric,rule,x,ci_low,ci_high,clusters,resamples,seed";
 
-/// The first line of the LaTeX.
+/// First line of the LaTeX file.
 pub(super) const MARK: &str = "% by sharp-bench sweep";
 
-/// One row per bin at full precision. `x` is the mean place of its pairs; `sd` is their sample standard deviation, `ci_low` and
-/// `ci_high` bound the mean at 95 % over clusters; unknown values are empty.
+/// One row per bin at full precision. `x` is the mean place of its pairs; `sd` is their sample standard deviation;
+/// `ci_low` and `ci_high` are a 95 % interval of the mean over clusters; unknown values are empty.
 ///
 /// # Errors
-/// When the CSV writer fails, which it does not in memory.
+/// If the CSV writer fails, which it does not in memory.
 pub fn csv(sweep: &Sweep) -> Result<Vec<u8>, ::csv::Error> {
     let lines = sweep
         .panels
@@ -57,10 +57,10 @@ pub fn csv(sweep: &Sweep) -> Result<Vec<u8>, ::csv::Error> {
     tables::csv::csv(COLUMNS.split(','), rows)
 }
 
-/// One row per crossing; `-inf` if it is passed already in the first bin, `inf` if it is not reached in the last.
+/// One row per crossing; `-inf` if it lies before the first bin, `inf` if it is not reached in the last.
 ///
 /// # Errors
-/// When the CSV writer fails, which it does not in memory.
+/// If the CSV writer fails, which it does not in memory.
 pub fn crossings_csv(sweep: &Sweep) -> Result<Vec<u8>, ::csv::Error> {
     let rows = sweep.crossings.iter().map(|crossing| {
         let interval = crossing.found.interval;
@@ -81,7 +81,7 @@ pub fn crossings_csv(sweep: &Sweep) -> Result<Vec<u8>, ::csv::Error> {
     tables::csv::csv(CROSSINGS.split(','), rows)
 }
 
-/// `behind METHOD`, `below VALUE` or `above VALUE`, whichever is worse.
+/// The rule as text: `behind METHOD`, or `below VALUE` or `above VALUE`, whichever is worse.
 pub fn rule(sweep: &Sweep, crossing: &FoundCrossing) -> String {
     let side = match sweep.metrics[crossing.metric].direction {
         Some(Direction::Higher) => "below",
@@ -124,7 +124,7 @@ pub fn sentence(sweep: &Sweep, crossing: &FoundCrossing) -> String {
     )
 }
 
-/// A `table` environment a metric: bins as rows, methods as columns.
+/// One `table` environment per metric, with bins as rows and methods as columns.
 pub fn latex(sweep: &Sweep) -> String {
     let mut out = "% \\usepackage{booktabs,graphicx}\n".to_owned();
     for (k, metric) in sweep.metrics.iter().enumerate() {
@@ -221,7 +221,7 @@ fn cell(bin: &SweepBin, metric: &Column, band: Band) -> String {
     }
 }
 
-/// Four digits, without zeros at the end.
+/// Four decimals, without trailing zeros.
 fn short(value: f64) -> String {
     let text = format!("{value:.4}");
     let text = text.trim_end_matches('0').trim_end_matches('.');

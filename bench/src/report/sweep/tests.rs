@@ -1,4 +1,4 @@
-//! Sweeps of a few records whose numbers are known by hand.
+//! Sweeps of a few records whose results were computed by hand.
 
 use sharp_metrics::MetricKey;
 
@@ -25,7 +25,7 @@ fn scored(method: &str, pair: usize, baseline_m: f64, psnr: f64) -> Record {
     }
 }
 
-/// Bins of half a metre: two pairs, one pair, none, an infinite one beside a finite one.
+/// Bins of half a metre: two pairs, one pair, none, and an infinite score next to a finite one.
 fn records() -> Vec<Record> {
     let mut records = vec![
         scored("a", 0, 0.125, 20.0),
@@ -38,7 +38,7 @@ fn records() -> Vec<Record> {
         scored(HOSTILE, 2, 0.5, 6.0),
         scored(HOSTILE, 3, 1.5, 1.0),
     ];
-    // A failure has no place in any bin.
+    // A failure is in no bin.
     records.push(Record {
         status: Status::Failed { reason: "x".into() },
         ..scored(HOSTILE, 4, 1.75, 99.0)
@@ -46,7 +46,7 @@ fn records() -> Vec<Record> {
     records
 }
 
-/// Results with `a` as the first method, which knows the source's true depth.
+/// Results with `a` as the first method, which uses the source's true depth.
 fn results(keys: &[MetricKey], records: &[Record]) -> Results {
     let mut results = test_results::results(keys, records.to_vec());
     let methods = &mut results.manifest.methods;
@@ -122,7 +122,7 @@ fn intervals_are_over_clusters() {
     records[1].cluster = "another".into();
     let sweep = sweep(&records, halves());
     let bin = &sweep.panels[0].lines[0].bins[0][0];
-    // Standard error 1, and Student's t with one degree of freedom.
+    // Standard error 1, with one degree of freedom in Student's t.
     let (low, high) = bin.interval.unwrap();
     assert!((low - (21.0 - 12.706_204_736_174_7)).abs() < 1e-8, "{low}");
     assert!(
@@ -187,8 +187,8 @@ fn a_method_falls_behind_and_below() {
         .iter()
         .map(|c| (c.method.as_str(), &c.rule, c.found.x))
         .collect();
-    // `a` is above the limit where it is infinite; the other loses 19 dB from 0.25 m to 0.5 m, half of which brings it to 15.5,
-    // and is 4 dB ahead and then behind by as much.
+    // `a` is above the limit where it is infinite. The other loses 19 dB from 0.25 m to 0.5 m, half of which brings it
+    // to 15.5; it is first 4 dB ahead and then 4 dB behind.
     assert_eq!(
         found,
         [
@@ -274,7 +274,7 @@ fn what_an_earlier_sweep_left_is_removed_and_what_others_wrote_is_not() {
     let dir = tempfile::tempdir().unwrap();
     let write =
         |sweep: &Sweep, stem: &str| files::write(sweep, dir.path(), stem, &FigureStyle::default());
-    // A name that begins with another's is none of the other's.
+    // A stem that begins with another stem does not own its files.
     write(&sweep(vec![], None), "sweep-x").unwrap();
     let first = write(&sweep(vec![], Some("a")), "sweep").unwrap();
     assert_eq!((first.written.len(), first.removed.len()), (9, 0));
@@ -290,7 +290,7 @@ fn what_an_earlier_sweep_left_is_removed_and_what_others_wrote_is_not() {
     assert!(second.removed.iter().all(|path| !path.exists()) && svg.exists());
     assert!(dir.path().join("sweep-x-ssim-gauss11-valid.svg").exists());
 
-    // A name that is taken keeps all from being written.
+    // If one name is taken, nothing is written.
     let error = write(&sweep(vec![], None), "sweep")
         .unwrap_err()
         .to_string();

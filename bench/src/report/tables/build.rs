@@ -1,4 +1,4 @@
-//! Tables from a board.
+//! Builds tables from a board.
 
 use crate::report::board::{Board, DatasetBoard};
 use crate::report::column::Column;
@@ -8,12 +8,12 @@ use super::footnotes::{cell_notes, feature_mark, prediction_marks, proxy_mark};
 use super::rank::{RankedValue, ranks};
 use super::{Cell, Group, Row, Table, remarks};
 
-/// Value columns of a table at most: as many as the paper's own tables have.
+/// Maximum number of value columns in a table, as in the paper's tables.
 const MAX_COLUMNS: usize = 12;
 
-/// The scores of a board; nothing without a metric. One table named `scores` if it has at most twelve columns;
-/// otherwise, as in the paper, the perceptual metrics (DISTS, LPIPS) apart from the pixelwise ones, in as many tables as
-/// needed.
+/// Tables of a board's scores; empty without metrics. A single table named `scores` if it has at most twelve columns;
+/// otherwise, as in the paper, perceptual metrics (DISTS, LPIPS) are separated from pixelwise ones, in as many tables
+/// as needed.
 pub fn of_scores(board: &Board<'_>, metrics: &[Column]) -> Vec<Table> {
     if metrics.is_empty() {
         return Vec::new();
@@ -42,7 +42,7 @@ pub fn of_scores(board: &Board<'_>, metrics: &[Column]) -> Vec<Table> {
     tables
 }
 
-/// The values that methods report about their own predictions, unranked; `None` if no method reports any.
+/// Table of the values that methods report about their predictions, unranked; `None` if no method reports any.
 pub fn of_extras(board: &Board<'_>, extras: &[Column]) -> Option<Table> {
     let reports = |method: usize, extra: &Column| {
         let mut records = board.datasets.iter().flat_map(|d| d.records_of(method));

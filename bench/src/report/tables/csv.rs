@@ -6,20 +6,20 @@ use super::{Table, letter};
 use crate::evaluate::results::number;
 use crate::io::text::csv_cell;
 
-/// A text as a cell.
+/// Formats a text as a cell.
 pub fn text(text: &str) -> String {
     csv_cell(text).into_owned()
 }
 
-/// A number as a cell, empty if it is not known.
+/// Formats a number as a cell, empty if unknown.
 pub fn optional(value: Option<f64>) -> String {
     value.map(number).unwrap_or_default()
 }
 
-/// Rows below a head.
+/// Writes rows below a header.
 ///
 /// # Errors
-/// When a row and the head differ in length.
+/// If the length of a row differs from that of the header.
 pub fn csv<R: IntoIterator<Item = String>>(
     head: impl IntoIterator<Item: AsRef<[u8]>>,
     rows: impl IntoIterator<Item = R>,
@@ -34,10 +34,11 @@ pub fn csv<R: IntoIterator<Item = String>>(
         .map_err(|error| error.into_error().into())
 }
 
-/// One row per value below its field names. Cells that are not numbers are written as [`text`](text()).
+/// Writes one row per value, with its field names as the header. Cells that are not numbers are written as
+/// [`text`](text()).
 ///
 /// # Errors
-/// When a field is neither a number nor a text.
+/// If a field is neither a number nor a text.
 pub fn csv_of<T: Serialize>(rows: impl IntoIterator<Item = T>) -> Result<Vec<u8>, ::csv::Error> {
     let mut plain = ::csv::Writer::from_writer(Vec::new());
     for row in rows {
@@ -58,10 +59,10 @@ pub fn csv_of<T: Serialize>(rows: impl IntoIterator<Item = T>) -> Result<Vec<u8>
 }
 
 impl Table {
-    /// One line per cell. Numbers round-trip; a missing one is empty, and its footnote says why.
+    /// One line per cell. Numbers round-trip; a missing one is empty, and its footnote gives the reason.
     ///
     /// # Errors
-    /// When the CSV writer fails, which it does not in memory.
+    /// If the CSV writer fails, which it does not in memory.
     pub fn csv(&self) -> Result<Vec<u8>, ::csv::Error> {
         const HEAD: &str = "method,dataset,metric,mean,std,n,total,failed,infinite,rank,shown_decimals,footnotes,\
                             footnote_text";

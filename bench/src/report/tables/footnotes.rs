@@ -1,4 +1,4 @@
-//! Footnotes of cells, and of columns that differ from the paper's column of the same name.
+//! Footnotes on cells, and on columns that differ from the paper's column of the same name.
 
 use std::collections::BTreeMap;
 
@@ -12,7 +12,7 @@ use sharp_statistics::mean;
 
 use super::shown;
 
-/// Footnote on a dataset of the paper that was not read or paired as in the paper.
+/// Footnote on a dataset of the paper whose settings or pairs differ from the paper's.
 pub(super) fn proxy_mark(dataset: &ReportDataset) -> Option<String> {
     if dataset.proxies.is_empty() || paper::column(dataset).is_none() {
         return None;
@@ -25,7 +25,7 @@ pub(super) fn proxy_mark(dataset: &ReportDataset) -> Option<String> {
     ))
 }
 
-/// Footnote on metrics computed from other features than the published ones.
+/// Footnote on metrics computed with features other than the published ones.
 pub(super) fn feature_mark(column: &Column) -> Option<String> {
     let features = column.stand_in.as_ref()?;
     Some(format!(
@@ -34,8 +34,8 @@ pub(super) fn feature_mark(column: &Column) -> Option<String> {
     ))
 }
 
-/// How the predictions of method number `method` differ from whole pictures of the target's size: cropped, resized up,
-/// the best of several scales, or in part excluded by masks.
+/// How the predictions of method number `method` differ from whole pictures of the target's size: cropped, enlarged,
+/// the best of several scales, or partly excluded by masks.
 pub(super) fn prediction_marks(
     dataset: &DatasetBoard<'_>,
     method: usize,
@@ -53,7 +53,7 @@ pub(super) fn prediction_marks(
             100.0 * mean
         );
         marks.push(if dataset.dataset.common_region {
-            // The same for every method that has all pairs: one footnote for all of them.
+            // Does not name the method, so that all methods with all pairs share one footnote.
             format!("{name}: {scored}, the common region of all methods.")
         } else {
             format!(
@@ -63,7 +63,7 @@ pub(super) fn prediction_marks(
     }
     let valid: Vec<f64> = records.iter().filter_map(|r| r.valid_share).collect();
     if let Some(mean) = mean(&valid) {
-        // The same for every method that has all pairs, as above.
+        // Does not name the method, as above.
         marks.push(format!(
             "{name}: masks of the dataset exclude pixels of {} of {of} targets, on average {:.1} % of theirs; they are \
              excluded from scoring.",
@@ -112,7 +112,7 @@ pub(super) fn cell_notes(
         notes.push(format!("{dataset} has no pairs."));
     } else if n == 0 {
         notes.push(match cell.absences.as_slice() {
-            // The same for every method and dataset: one footnote for all of them.
+            // Names neither method nor dataset, so that all of them share one footnote.
             [(reason, _)] => format!("No {} (`{}`): {reason}.", column.label, column.key),
             absences => format!(
                 "{method} on {dataset}: no number for any of {total} pairs: {}.",

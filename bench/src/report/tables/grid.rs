@@ -1,4 +1,4 @@
-//! Tables of text and numbers in any shape other than methods by datasets.
+//! Tables of text and numbers in shapes other than methods by datasets.
 
 use std::fmt::Write as _;
 
@@ -12,9 +12,9 @@ pub struct TextGrid {
     /// Caption.
     pub title: String,
     pub heads: Vec<String>,
-    /// Each as long as [`Self::heads`].
+    /// Rows, each as long as [`Self::heads`].
     pub rows: Vec<Vec<GridCell>>,
-    /// Sentences below it.
+    /// Sentences below the table.
     pub remarks: Vec<String>,
 }
 
@@ -45,12 +45,12 @@ impl GridCell {
         Self::number(n.to_string(), n as f64)
     }
 
-    /// A number with so many decimals.
+    /// A number with this many decimals.
     pub fn rounded(value: f64, decimals: usize) -> Self {
         Self::number(shown(value, decimals), value)
     }
 
-    /// A number, or `-`, which is sorted last.
+    /// A number, or `-` for `None`, which is sorted last.
     pub fn optional(value: Option<f64>, text: impl Fn(f64) -> String) -> Self {
         match value {
             Some(value) => Self::number(text(value), value),
@@ -58,7 +58,7 @@ impl GridCell {
         }
     }
 
-    /// `low .. high`; an end that is not known is a `-`.
+    /// Text `low .. high`; an unknown end is `-`.
     pub fn interval(low: Option<f64>, high: Option<f64>, decimals: usize) -> Self {
         if low.is_none() && high.is_none() {
             return Self::optional(None, |_| String::new());
@@ -94,12 +94,12 @@ impl TextGrid {
         }
     }
 
-    /// Whether a column holds words, which are aligned left.
+    /// Whether a column has words, which are left-aligned.
     pub(crate) fn is_text(&self, column: &usize) -> bool {
         self.rows.iter().all(|row| row[*column].value.is_none())
     }
 
-    /// For a terminal.
+    /// Plain text for a terminal.
     pub fn text(&self) -> String {
         let columns = 0..self.heads.len();
         let width = |column: usize| {
@@ -126,7 +126,7 @@ impl TextGrid {
         lines.join("\n") + "\n"
     }
 
-    /// GitHub-flavoured Markdown, without its title.
+    /// GitHub-flavoured Markdown, without the title.
     pub fn markdown(&self) -> String {
         let mut out = String::new();
         let heads: Vec<String> = self.heads.iter().map(|head| escape(head)).collect();

@@ -1,4 +1,4 @@
-//! A table for the page, from `templates/table.html`.
+//! HTML of a table for the page, from `templates/table.html`.
 
 use askama::Template;
 
@@ -17,7 +17,7 @@ impl Table {
     /// A `figure` with caption, table and footnotes. `id` makes its anchors unique in the page.
     ///
     /// # Errors
-    /// When the template cannot be filled in.
+    /// If the template cannot be filled in.
     pub fn html(&self, id: &str) -> askama::Result<String> {
         HtmlTable { table: self, id }.render()
     }
@@ -36,7 +36,7 @@ impl HtmlTable<'_> {
         spans(note)
     }
 
-    /// Of cell `index` of a row.
+    /// CSS classes of cell `index` in a row.
     fn classes(&self, index: &usize, cell: &Cell) -> String {
         let rank = cell.rank.map(|rank| format!("rank{rank}"));
         let state = match (cell.value, cell.partial()) {

@@ -1,4 +1,4 @@
-//! A table for a paper: booktabs, and the coloured cells of the SHARP paper.
+//! LaTeX of a table for a paper: booktabs, with the coloured cells of the SHARP paper.
 
 use std::fmt::Write as _;
 
@@ -7,7 +7,7 @@ use super::{Cell, Table, letter, letters, spans};
 use crate::io::text::visible_line;
 use crate::report::column::Column;
 
-/// Preamble for a document with these tables. The colours are the paper's.
+/// Preamble for a document with these tables, with the paper's colours.
 pub const PREAMBLE: &str = "\
 \\usepackage{booktabs,graphicx,amssymb}
 \\usepackage[table]{xcolor}
@@ -17,7 +17,7 @@ pub const PREAMBLE: &str = "\
 ";
 
 impl Table {
-    /// A complete `table` environment, with the preamble that it needs as a comment before it.
+    /// A complete `table` environment, preceded by the required preamble as a comment.
     pub fn latex(&self) -> String {
         let mut body = String::new();
         let ranks = if self.is_ranked() {
@@ -93,7 +93,7 @@ impl Table {
             caption: &format!("{}.{ranks}", escape(&self.title)),
             label: Some(&self.name),
             columns: &format!("l{columns}"),
-            // Wider ones are shrunk to the line, as in the paper.
+            // Wide tables are shrunk to the line width, as in the paper.
             is_wide: self.groups.len() * per_group > 6,
         };
         let preamble = PREAMBLE.lines().map(|line| format!("% {line}\n"));
@@ -101,19 +101,19 @@ impl Table {
     }
 }
 
-/// A `table` environment with booktabs; its text is LaTeX.
+/// A `table` environment with booktabs; its texts are LaTeX.
 pub(in crate::report) struct Environment<'a> {
     pub(in crate::report) caption: &'a str,
-    /// Without `tab:`.
+    /// Label without `tab:`.
     pub(in crate::report) label: Option<&'a str>,
-    /// Alignment of the columns.
+    /// Column alignment.
     pub(in crate::report) columns: &'a str,
-    /// Whether it is shrunk to the line.
+    /// Whether the table is shrunk to the line width.
     pub(in crate::report) is_wide: bool,
 }
 
 impl Environment<'_> {
-    /// The rows between the outer rules, and what stands below them in small print.
+    /// Wraps the rows between the outer rules, with small print `below`.
     pub(in crate::report) fn around(&self, body: &str, below: &str) -> String {
         let label = self.label.map(|label| format!("\\label{{tab:{label}}}\n"));
         let (open, close) = match self.is_wide {
@@ -130,7 +130,7 @@ impl Environment<'_> {
     }
 }
 
-/// A table of any shape, as a `table` environment as wide as the line.
+/// A table of any shape, as a `table` environment of full line width.
 pub fn grid(grid: &TextGrid) -> String {
     let columns: Vec<&str> = (0..grid.heads.len())
         .map(|column| if grid.is_text(&column) { "l" } else { "r" })
@@ -172,7 +172,7 @@ fn marks(notes: &[usize]) -> String {
     letters("\\textsuperscript{", notes, "}")
 }
 
-/// A note with its code set as code.
+/// A note with code spans set as code.
 fn rich(note: &str) -> String {
     let spans = spans(note).into_iter();
     let spans = spans.map(|(code, text)| match (code, escape(text)) {
@@ -182,13 +182,14 @@ fn rich(note: &str) -> String {
     spans.collect()
 }
 
-/// Escapes text for LaTeX, in OT1 and T1. Characters without a glyph in pdflatex are written by number; see [`noted`].
+/// Escapes text for LaTeX, in OT1 and T1. Characters without a glyph in pdflatex are written by code point; see
+/// [`noted`].
 pub fn escape(text: &str) -> String {
     let text = visible_line(text);
     let mut out = String::with_capacity(text.len());
     for c in text.chars() {
         match c {
-            // At the start of a row these would belong to the `\\` before it.
+            // At the start of a row these would be parsed as arguments of the preceding `\\`.
             '[' | '*' if out.trim_ascii().is_empty() => out.extend(['{', c, '}']),
             '\\' => out.push_str("\\textbackslash{}"),
             '~' => out.push_str("\\textasciitilde{}"),
@@ -232,10 +233,10 @@ pub fn escape(text: &str) -> String {
     out
 }
 
-/// Start of a code point written in place of its character.
+/// Start of a code point written in place of a character.
 const STAND_IN: &str = "{[U+";
 
-/// Adds a comment that explains `[U+…]` where the fragment contains any.
+/// Adds a comment that explains `[U+…]`, if the fragment contains any.
 pub fn noted(fragment: String) -> String {
     match fragment.contains(STAND_IN) {
         true => format!(
@@ -245,7 +246,7 @@ pub fn noted(fragment: String) -> String {
     }
 }
 
-/// Letters that OT1 has or composes from ASCII and an accent.
+/// Whether OT1 has the letter or composes it from ASCII and an accent.
 fn is_composed(c: char) -> bool {
     ('À'..='ž').contains(&c) && !"ÐÞðþĄąĐđĘęĦħĮįĸĿŀŉŊŋŦŧŲų".contains(c)
 }

@@ -1,4 +1,4 @@
-//! A table for a README: best in bold, then ② and ③; n under each number.
+//! Markdown of a table for a README: the best in bold, then ② and ③; n under each number.
 
 use std::fmt::Write as _;
 
@@ -7,7 +7,7 @@ use crate::io::text::visible_line;
 use crate::report::column::Column;
 
 impl Table {
-    /// GitHub-flavoured Markdown, footnotes below.
+    /// GitHub-flavoured Markdown with footnotes below.
     pub fn markdown(&self) -> String {
         let mut out = format!("| {} |", escape(self.row_head));
         let heads = Column::heads(&self.columns);
@@ -91,7 +91,7 @@ fn marks(notes: &[usize]) -> String {
     letters("<sup>", notes, "</sup>")
 }
 
-/// A note with its code spans kept, unless a lenient reader could take them for markup.
+/// A note with its code spans kept, unless a lenient parser could take them for markup.
 pub(in crate::report) fn rich(note: &str) -> String {
     let spans = spans(note).into_iter();
     let spans = spans.map(|(code, text)| {
@@ -114,7 +114,7 @@ pub fn escape(text: &str) -> String {
             '>' => out.push_str("&gt;"),
             '&' => out.push_str("&amp;"),
             '\\' | '`' | '*' | '_' | '[' | ']' | '|' | '~' => out.extend(['\\', c]),
-            // A zero-width space: hosts look for names in the text after its markup is gone.
+            // A zero-width space, because hosts look for mentions in the text after removing markup.
             '@' => out.push_str("@&#8203;"),
             c => out.push(c),
         }

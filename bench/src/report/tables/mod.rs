@@ -5,7 +5,7 @@
 //! * [`grid`]: a table of any other shape.
 //! * `footnotes`: notes on a cell or a column; `remarks`: notes on a whole table.
 //!
-//! Every cell says how many pairs it covers, and a cell without a number says why.
+//! Every cell states how many pairs it covers, and a cell without a number has a footnote with the reason.
 
 pub mod build;
 pub mod csv;
@@ -23,29 +23,29 @@ pub use sharp_plots::scale::shown;
 use super::column::Column;
 use crate::io::text::visible_line;
 
-/// A table, ready to be written in any form.
+/// A table that can be written in any format.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Table {
     /// Stem of file names.
     pub name: String,
     /// Caption.
     pub title: String,
-    /// Over the rows' labels.
+    /// Heading above the rows' labels.
     pub row_head: &'static str,
     /// Column groups.
     pub groups: Vec<Group>,
     /// Columns within each group.
     pub columns: Vec<Column>,
     pub rows: Vec<Row>,
-    /// Sentences about the table as a whole, below it.
+    /// Sentences about the whole table, shown below it.
     pub remarks: Vec<String>,
-    /// Footnotes; groups, rows and cells refer to them by position.
+    /// Footnotes; groups, rows and cells refer to them by index.
     pub notes: Vec<String>,
-    /// Conditions for comparing its measured rows with its published ones.
+    /// Conditions for comparing the measured rows with the published ones.
     pub checklist: Vec<Condition>,
 }
 
-/// A condition under which numbers could be compared digit by digit.
+/// A condition under which numbers would be comparable digit by digit.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Condition {
     pub is_met: bool,
@@ -64,7 +64,7 @@ pub enum Origin {
 }
 
 impl Origin {
-    /// `measured` or `published`.
+    /// The name: `measured` or `published`.
     pub fn name(self) -> &'static str {
         match self {
             Self::Measured => "measured",
@@ -73,16 +73,16 @@ impl Origin {
     }
 }
 
-/// A dataset as the head of its columns.
+/// A dataset as the heading of its columns.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Group {
-    /// As in the records.
+    /// Name as in the records.
     pub name: String,
-    /// As printed.
+    /// Display name.
     pub title: String,
-    /// Pairs that a complete cell covers; `None` if the source does not say.
+    /// Number of pairs of a complete cell; `None` if the source does not state it.
     pub pairs: Option<usize>,
-    /// Footnote of its columns.
+    /// Footnote on its columns.
     pub note: Option<usize>,
 }
 
@@ -91,30 +91,30 @@ pub struct Group {
 pub struct Row {
     pub label: String,
     pub origin: Origin,
-    /// Footnote of the row.
+    /// Footnote on the row.
     pub note: Option<usize>,
-    /// `groups.len() * columns.len()` of them; that of group g and column c at `g * columns.len() + c`.
+    /// `groups.len() * columns.len()` cells; that of group g and column c is at `g * columns.len() + c`.
     pub cells: Vec<Cell>,
 }
 
 /// One number with its coverage and notes.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Cell {
-    /// Full precision; `None`: there is no number, and a footnote says why.
+    /// Value at full precision; `None` if there is no number, in which case a footnote gives the reason.
     pub value: Option<f64>,
-    /// What the source printed, where the number is not ours; it is shown as it is.
+    /// Text printed by the source, for numbers that are not ours; shown unchanged.
     pub printed: Option<String>,
-    /// 1, 2 or 3, of the numbers as shown.
+    /// Rank 1, 2 or 3, based on the displayed numbers.
     pub rank: Option<u8>,
-    /// Pairs with a number and pairs of the dataset; `None` if the source does not say.
+    /// Number of pairs with a score, and of pairs in the dataset; `None` if the source does not state them.
     pub coverage: Option<(usize, usize)>,
     /// Sample standard deviation over the pairs.
     pub std: Option<f64>,
-    /// How many of the numbers are infinite.
+    /// Number of infinite scores.
     pub infinite: usize,
-    /// Pairs that failed.
+    /// Number of failed pairs.
     pub failed: usize,
-    /// Footnotes.
+    /// Indices of footnotes.
     pub notes: Vec<usize>,
 }
 
@@ -127,7 +127,7 @@ impl Cell {
         }
     }
 
-    /// A cell that shows this text.
+    /// A cell that displays this text.
     pub(crate) fn printed(value: Option<f64>, text: impl Into<String>) -> Self {
         Self {
             printed: Some(text.into()),
@@ -135,26 +135,26 @@ impl Cell {
         }
     }
 
-    /// A cell without a number.
+    /// A cell without a number, displayed as a dash.
     pub(crate) fn dash() -> Self {
         Self::printed(None, "–")
     }
 
-    /// The number as the table shows it, or `n/a`.
+    /// The number as displayed, or `n/a`.
     fn text(&self, column: &Column) -> String {
         let value = || self.value.map(|value| shown(value, column.decimals));
         let text = self.printed.clone().or_else(value);
         text.unwrap_or_else(|| "n/a".to_owned())
     }
 
-    /// Pairs with a number and pairs of the dataset, of a number that does not cover them all.
+    /// The coverage (pairs with a score, pairs in the dataset), if it is incomplete.
     fn partial(&self) -> Option<(usize, usize)> {
         self.coverage.filter(|(n, total)| n != total && *n > 0)
     }
 }
 
 impl Row {
-    /// A row of our own numbers.
+    /// A row of measured numbers.
     pub(crate) fn measured(label: impl Into<String>, cells: Vec<Cell>) -> Self {
         Self {
             label: label.into(),
@@ -166,7 +166,7 @@ impl Row {
 }
 
 impl Group {
-    /// A group that is not about a dataset of the run.
+    /// A column group that is not a dataset of the run.
     pub(crate) fn titled(title: &str) -> Self {
         Self {
             name: title.to_owned(),
@@ -178,7 +178,7 @@ impl Group {
 }
 
 impl Table {
-    /// A table of methods without footnotes and remarks.
+    /// A table without footnotes and remarks.
     pub(crate) fn new(
         name: impl Into<String>,
         title: impl Into<String>,
@@ -204,20 +204,20 @@ impl Table {
         self.columns.iter().cycle().zip(&row.cells)
     }
 
-    /// Whether it has both measured and published rows.
+    /// Whether the table has both measured and published rows.
     pub(super) fn is_mixed(&self) -> bool {
         self.rows
             .iter()
             .any(|row| row.origin != self.rows[0].origin)
     }
 
-    /// Whether a rule stands before row number `at`: those below are of another origin.
+    /// Whether there is a rule before row number `at`, because its origin differs from that of the row above.
     pub(super) fn has_rule_before(&self, at: &usize) -> bool {
         let before = at.checked_sub(1).and_then(|before| self.rows.get(before));
         before.is_some_and(|before| before.origin != self.rows[*at].origin)
     }
 
-    /// The label of a row, with a dagger where its numbers are published among measured ones.
+    /// The label of a row, with a dagger for published rows in a table with measured ones.
     pub(super) fn label(&self, row: &Row) -> String {
         let dagger = row.origin == Origin::Published && self.is_mixed();
         let label = visible_line(&row.label);
@@ -229,7 +229,7 @@ impl Table {
         cells.any(|cell| cell.rank.is_some())
     }
 
-    /// The position of a footnote with this text, added if it is new.
+    /// Index of the footnote with this text, which is added if new.
     pub(crate) fn note(notes: &mut Vec<String>, text: String) -> usize {
         notes.iter().position(|n| *n == text).unwrap_or_else(|| {
             notes.push(text);
@@ -237,7 +237,7 @@ impl Table {
         })
     }
 
-    /// Drops footnotes that nothing refers to any more, and renumbers the others by first use.
+    /// Removes unused footnotes, and renumbers the others by first use.
     pub(super) fn keep_used_notes(&mut self) {
         let mut kept = Vec::new();
         let old = std::mem::take(&mut self.notes);
@@ -258,7 +258,7 @@ impl Table {
     }
 }
 
-/// The letter of a footnote: a, b, …, z, aa, ab, ….
+/// Letters of a footnote: a, b, …, z, aa, ab, ….
 pub fn letter(note: usize) -> String {
     let last = char::from(b'a' + (note % 26) as u8);
     if note < 26 {
@@ -268,7 +268,7 @@ pub fn letter(note: usize) -> String {
     }
 }
 
-/// The letters of footnotes between two marks; nothing without a footnote.
+/// Letters of footnotes between two marks; empty without footnotes.
 fn letters(before: &str, notes: &[usize], after: &str) -> String {
     if notes.is_empty() {
         return String::new();
@@ -277,7 +277,8 @@ fn letters(before: &str, notes: &[usize], after: &str) -> String {
     format!("{before}{}{after}", letters.join(","))
 }
 
-/// The parts of a note, code between backticks apart: `(is_code, text)`. An odd backtick is only a character.
+/// Splits a note into code between backticks and other text: `(is_code, text)`. If the number of backticks is odd, they
+/// are plain characters.
 fn spans(note: &str) -> Vec<(bool, &str)> {
     if note.matches('`').count() % 2 == 1 {
         return vec![(false, note)];

@@ -1,23 +1,23 @@
-//! Best, second and third, taken from the numbers as the reader sees them.
+//! Ranks the best, second and third number, as displayed.
 
 use sharp_metrics::Direction;
 
 /// A number to be ranked.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RankedValue<'a> {
-    /// The number; `None` is never ranked.
+    /// The number; `None` is not ranked.
     pub value: Option<f64>,
-    /// Which pairs it covers. Only numbers over the same pairs are ranked with each other.
+    /// Indices of the pairs it covers. Only numbers over the same pairs are ranked with each other.
     pub covers: &'a [usize],
     /// Whether it covers every pair.
     pub complete: bool,
-    /// Whether the row is ranked at all.
+    /// Whether the row takes part in the ranking.
     pub ranked: bool,
 }
 
-/// Ranks 1, 2 and 3 after rounding to `decimals`; equal numbers share a rank, and the next one counts those
-/// before it (1, 1, 3). Where some rows are complete, only these are ranked; where none is, rows are ranked
-/// only if all of them cover the same pairs. A single row has no rank.
+/// Ranks 1, 2 and 3 after rounding to `decimals`; equal numbers share a rank, and the next rank counts all numbers
+/// before it (1, 1, 3). If any rows are complete, only these are ranked; otherwise rows are ranked only if all of them
+/// cover the same pairs. A single row has no rank.
 pub fn ranks(
     candidates: &[RankedValue<'_>],
     direction: Option<Direction>,
@@ -66,7 +66,7 @@ pub fn ranks(
         .collect()
 }
 
-/// The number as shown, rounded to `decimals`.
+/// The number as displayed, rounded to `decimals`.
 pub(crate) fn rounded(value: f64, decimals: usize) -> f64 {
     if value.is_finite() {
         format!("{value:.decimals$}").parse().unwrap_or(value)
@@ -101,7 +101,7 @@ mod tests {
             of(&[0.1231, 0.1229, 0.125, 0.2, 0.3], LOWER, 3),
             [Some(1), Some(1), Some(3), None, None]
         );
-        // With more digits shown they are no longer equal.
+        // With more decimals they are no longer equal.
         assert_eq!(
             of(&[0.1231, 0.1229, 0.125, 0.2], LOWER, 4),
             [Some(2), Some(1), Some(3), None]

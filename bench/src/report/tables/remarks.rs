@@ -1,4 +1,4 @@
-//! Notes on a whole table: missing metrics, and baselines that methods do not surpass.
+//! Remarks on a whole table: missing metrics, and baselines that methods do not beat.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -12,11 +12,11 @@ use crate::report::statistics::of_extra;
 use super::Table;
 use super::rank::rounded;
 
-/// Share of empty pixels from which a method behind a baseline is said to have holes.
+/// Minimum share of empty pixels for a remark that a method behind a baseline has holes.
 const HOLES: f64 = 0.01;
 
-/// The metrics that have a number in some record, and a sentence on why the others have none. All metrics where none
-/// has a number: then the cells themselves say why.
+/// The metrics with a score in some record, and a sentence on why the others have none. If no metric has a score,
+/// returns all metrics, whose cells give the reason.
 pub(in crate::report) fn scored(
     records: &[Record],
     metrics: &[Column],
@@ -59,21 +59,21 @@ pub(in crate::report) fn scored(
 /// A ranked row that covers every pair.
 struct Entrant<'a> {
     method: usize,
-    /// As shown; smaller is better.
+    /// The number as displayed, negated if higher is better, so that smaller is better.
     badness: f64,
     /// Label and number.
     text: String,
     facts: &'a ReportMethod,
 }
 
-/// For each dataset, metrics in which a baseline beats every method that is not a baseline, or beats a method with
-/// holes. `table` has a row for each method of the board.
+/// For each dataset, remarks on metrics in which a baseline beats every method that is not a baseline, or beats a
+/// method with holes. `table` has a row for each method of the board.
 pub(super) fn of_baselines(board: &Board<'_>, table: &Table) -> Vec<String> {
     let names = Column::names(&table.columns);
     let mut remarks = Vec::new();
     for (d, dataset) in board.datasets.iter().enumerate() {
         let mut ahead_of_all = Vec::new();
-        // By method, the columns in which it is behind while another is not.
+        // By method, the columns in which it is behind a baseline while another method is not.
         let mut behind: BTreeMap<usize, Vec<String>> = BTreeMap::new();
         for (c, name) in names.iter().enumerate() {
             let (baselines, others): (Vec<Entrant<'_>>, Vec<Entrant<'_>>) =
@@ -125,7 +125,7 @@ pub(super) fn of_baselines(board: &Board<'_>, table: &Table) -> Vec<String> {
     remarks
 }
 
-/// From best to worst.
+/// Entrants of a column, from best to worst.
 fn entrants<'a>(
     board: &'a Board<'_>,
     table: &Table,

@@ -1,12 +1,12 @@
-//! A table for a terminal: aligned columns, `*` for the best.
+//! Plain text of a table for a terminal: aligned columns, `*` for the best.
 
 use super::{Cell, Table, letter, letters};
 use crate::io::text::visible_line;
 use crate::report::column::Column;
 
 impl Table {
-    /// Lines without trailing blanks, footnotes below. Width counts characters, which is exact for the arrows
-    /// and the infinity sign.
+    /// Lines without trailing blanks, with footnotes below. Widths count characters, which is exact for the arrows and
+    /// the infinity sign.
     pub fn text(&self) -> String {
         let heads = Column::heads(&self.columns);
         let mut grid = vec![vec![self.row_head.to_owned()]];

@@ -25,7 +25,7 @@ use crate::scoring::{GroundTruth, Region, Scoring};
 
 /// Relative difference above which two depths are different surfaces, as for overlap.
 const RELATIVE: f64 = 0.05;
-/// Distance from a depth edge up to which pixels belong to it, pixels.
+/// Pixels up to this distance from a depth edge belong to it.
 const EDGE_RADIUS: i64 = 3;
 /// Minimum share of a pair's scored pixels for a class to have scores.
 const LEAST_SHARE: f64 = 0.001;

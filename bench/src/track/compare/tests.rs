@@ -7,7 +7,7 @@ use crate::evaluate::test_records;
 use crate::report::sweep::Motion;
 use crate::scoring::Region;
 
-/// Of pair `number` of a scene of a dataset, with this PSNR.
+/// A record of pair `number` in a scene of a dataset, with this PSNR.
 fn record(dataset: &str, scene: usize, number: usize, psnr: Option<f64>) -> Record {
     let score = psnr.map(|value| ("psnr".to_owned(), Score::Value(value)));
     Record {
@@ -41,7 +41,7 @@ fn rows(a: &[Record], b: &[Record], datasets: &[&str]) -> Vec<ScoreChange> {
     )
 }
 
-/// Scores of `scenes` × 4 pairs, to which each scene adds what `change` says.
+/// Scores of `scenes` × 4 pairs, with `change` added per scene.
 fn scored(dataset: &str, scenes: usize, change: impl Fn(usize, usize) -> f64) -> Vec<Record> {
     let pairs = (0..scenes).flat_map(|scene| (0..4).map(move |number| (scene, number)));
     let score =
@@ -81,14 +81,14 @@ fn a_drop_is_worse_on_its_dataset_and_the_mean_of_datasets_counts_them_equally()
     );
     assert!((all.difference - 0.5 * (d.difference + e.difference)).abs() < 1e-12);
     assert_eq!(all.dataset, ALL);
-    // Three rows: the smallest p counts thrice.
+    // With three rows, the smallest p is tripled.
     assert!((d.p_holm.unwrap() / d.p.unwrap() - 3.0).abs() < 1e-9 || all.p.unwrap() < d.p.unwrap());
     assert!(
         found
             .iter()
             .all(|row| row.p_holm >= row.p && row.mde.unwrap() > 0.0)
     );
-    // Signs of six scenes cannot say more.
+    // The smallest p from the signs of six scenes.
     assert_eq!(
         (d.p_sign_flip, d.p_sign_flip_floor),
         (Some(0.03125), Some(0.03125))
@@ -200,7 +200,7 @@ fn methods_of_equal_label_or_the_only_ones_stand_against_each_other() {
     assert!(said.contains("--method x=q"), "{said}");
 }
 
-/// Changes of a metric, made of PSNRs.
+/// Changes of PSNR between two sets of records.
 fn changes<'a>(a: &'a [Record], b: &'a [Record]) -> Vec<PairChange<'a>> {
     sides(a, b).changes(&MetricInfo::new(MetricKey::PSNR, &[]))
 }
@@ -219,7 +219,7 @@ fn pairs_stand_in_the_order_of_what_they_lost() {
     let ids = |changes: &mut dyn Iterator<Item = &PairChange<'_>>| -> Vec<String> {
         changes.map(|change| change.a.scene.clone()).collect()
     };
-    // A score that is lost comes first.
+    // A lost score sorts first.
     assert_eq!(ids(&mut found.iter()), ["2", "1", "5", "3", "0", "4"]);
     assert_eq!(
         ids(&mut tables::most_changed(&found, 2)),
@@ -229,7 +229,7 @@ fn pairs_stand_in_the_order_of_what_they_lost() {
         ids(&mut tables::most_changed(&found, 9)),
         ["2", "1", "5", "0", "4"]
     );
-    // Of a metric of which less is better, more is a loss.
+    // If lower is better, an increase is a loss.
     let lpips = MetricInfo::new("lpips".parse().unwrap(), &[]);
     let change = |a: f64, b: f64| PairChange::new(&lpips, found[0].a, found[0].b, [a, b]).loss;
     assert_eq!((change(0.25, 0.5), change(0.5, 0.25)), (0.25, -0.25));
@@ -263,7 +263,7 @@ fn pairs_are_parted_by_scene_and_by_how_far_the_camera_moved() {
         parts(Division::Scene),
         [part("0", &["0", "1"]), part("1", &["2", "3"])]
     );
-    // The lower end belongs to its bin.
+    // The lower end is part of the bin.
     assert_eq!(
         parts(Division::Motion(Motion::BaselineM)),
         [
@@ -273,7 +273,7 @@ fn pairs_are_parted_by_scene_and_by_how_far_the_camera_moved() {
             part("0.20 to 0.25", &["3"])
         ]
     );
-    // Unknown for two of four; the same for all is no division.
+    // Unknown for two of four; a value that is the same for all does not divide.
     assert_eq!(
         parts(Division::Motion(Motion::RelativeMotion)),
         [part("0.10 to 0.15", &["3"]), part("0.25 to 0.30", &["0"])]

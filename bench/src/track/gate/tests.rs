@@ -23,7 +23,7 @@ fn record(dataset: &str, scene: usize, number: usize, psnr: f64) -> Record {
     }
 }
 
-/// Two pairs of each scene, to whose PSNR `change` adds something.
+/// Two pairs per scene, with `change` added to their PSNR.
 fn scored(dataset: &str, scenes: usize, change: impl Fn(usize, usize) -> f64) -> Vec<Record> {
     let pairs = (0..scenes).flat_map(|scene| (0..2).map(move |number| (scene, number)));
     let psnr = |scene, number| 20.0 + (scene * 7 % 5) as f64 + change(scene, number);
@@ -50,7 +50,7 @@ fn judged(a: Vec<Record>, b: Vec<Record>, config: &GateConfig) -> Result<GateRep
     judge::judge(&comparison, config, [Path::new("a"), Path::new("b")])
 }
 
-/// The states of the checks after those of coverage.
+/// The states of all checks except coverage.
 fn states(report: &GateReport) -> Vec<CheckState> {
     let limits = report
         .checks
@@ -83,7 +83,7 @@ fn a_limit_fires_only_beyond_its_bound_and_where_chance_is_unlikely() {
         states("psnr < -0.1", &noise),
         (CheckState::NotSignificant, passed)
     );
-    // Better by any amount.
+    // Better by any amount passes.
     assert_eq!(states("psnr < 0", &|_, _| 3.0), (passed, passed));
     assert_eq!(states("lpips > 0", &drop), (fired, fired));
     let rise = |scene: usize, number: usize| -drop(scene, number);
@@ -114,7 +114,7 @@ fn limits_without_a_place_hold_on_each_dataset_and_over_all() {
     assert_eq!(places("psnr < -0.1 on E"), [place("E", passed)]);
     assert_eq!(places("psnr < -0.1 on all"), [place("all", fired)]);
     assert_eq!(places("psnr < -0.1 on E per scene"), [place("E", passed)]);
-    // A dataset that nobody has scores of is none of the places, unless it is named.
+    // A dataset without scores in any run is skipped, unless it is named.
     let half = || {
         let mut records = both(&nothing);
         records
@@ -138,7 +138,7 @@ fn what_cannot_be_averaged_never_passes_silently() {
     };
     let fresh = || scored("D", 6, nothing);
     let infinite = || with(2, f64::INFINITY, fresh());
-    // Infinity that only A has; that only B has; that both have, or of both signs.
+    // Infinity in A only, in B only, in both, or with both signs.
     let report = judged(infinite(), fresh(), &limit).unwrap();
     assert_eq!(states(&report), [CheckState::Fired]);
     assert!(report.checks[1].reason.contains("infinite on one side"));
@@ -154,7 +154,7 @@ fn what_cannot_be_averaged_never_passes_silently() {
     let report = judged(infinite(), crossed, &limit).unwrap();
     assert_eq!(states(&report), [CheckState::Fired]);
     assert!(report.checks[1].reason.contains("no number"));
-    // NaN in B is a lost pair, too; in A it is not, and still no number.
+    // NaN in B also counts as a lost pair; in A it does not, but the mean is still not a number.
     let nan = || with(2, f64::NAN, fresh());
     let report = judged(fresh(), nan(), &limit).unwrap();
     assert_eq!(report.checks[0].state, CheckState::Fired);
@@ -168,7 +168,7 @@ fn what_cannot_be_averaged_never_passes_silently() {
         (report.checks[0].state, report.checks[1].state),
         (CheckState::Passed, CheckState::Fired)
     );
-    // One scene, one pair: no p, whatever the drop; each scene alone has none to ask for.
+    // One scene, one pair: no p, whatever the drop; limits per scene need none.
     let limits = config(&["psnr < -0.1", "psnr < -0.1 per scene"]);
     let report = judged(scored("D", 1, nothing), scored("D", 1, drop), &limits).unwrap();
     assert_eq!(
@@ -211,7 +211,7 @@ fn lost_pairs_fire_and_a_metric_without_any_is_inconclusive() {
     limits.missing_pairs = 2;
     let report = judged(scored("D", 4, nothing), b.clone(), &limits).unwrap();
     assert_eq!(report.state, CheckState::Passed);
-    // What A lacks is not lost.
+    // A pair missing in A is not lost.
     let report = judged(
         b.clone(),
         scored("D", 4, nothing),
@@ -244,7 +244,7 @@ fn power_is_asked_of_what_may_differ_and_firing_wins() {
     );
     assert_eq!(state(scored("D", 8, noise), &lenient), CheckState::Passed);
     assert_eq!(state(scored("D", 8, nothing), &strict), CheckState::Passed);
-    // No spread: nothing says what could be found.
+    // Without spread, the detectable difference is unknown.
     assert_eq!(
         state(scored("D", 8, |_, _| 0.5), &lenient),
         CheckState::Inconclusive
@@ -384,7 +384,7 @@ fn costs_count_on_one_device_only() {
         checks(&[x(1.0), x(1.0)], &[x(1.0), x(1.3)])[0].state,
         CheckState::Fired
     );
-    // A pair that one side lacks counts on neither.
+    // A pair missing on one side counts on neither.
     assert_eq!(
         checks(&[x(1.0), x(1.0)], &[x(1.0)])[0].state,
         CheckState::Passed

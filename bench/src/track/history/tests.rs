@@ -10,16 +10,16 @@ use crate::evaluate::test_records;
 use crate::evaluate::{Manifest, Results};
 use crate::pairs::{Pair, PairList};
 
-/// What a run of a test is made of.
+/// Parameters of a test's run.
 #[derive(Clone)]
 struct Run {
-    /// Name and scenes; four pairs a scene.
+    /// Name and number of scenes; four pairs per scene.
     datasets: Vec<(&'static str, usize)>,
     metrics: Vec<MetricKey>,
     weights: char,
     photographs: char,
     near: f64,
-    /// By dataset, scene and number of the pair.
+    /// Score by dataset, scene and number of the pair.
     score: fn(&str, usize, usize) -> f64,
 }
 
@@ -27,7 +27,7 @@ fn plain(_: &str, scene: usize, number: usize) -> f64 {
     20.0 + (scene * 7 % 5) as f64 + 0.5 * number as f64
 }
 
-/// How one scene differs from another in what a change does to it: 0.5 to 1.5.
+/// Factor by which a change affects a scene: 0.5 to 1.5.
 fn share(scene: usize) -> f64 {
     0.5 + (scene * 3 % 8) as f64 / 7.0
 }
@@ -165,10 +165,10 @@ impl Folder {
     }
 }
 
-/// Which rule marked an entry, against which other.
+/// Verdict, rule and reference entry of a change point.
 type Marked = (Verdict, Rule, u32);
 
-/// Of the entries of the only series: which one each continues, and what change it is.
+/// For each entry of the only series: the entry it continues from, and its change point.
 fn course(history: &History) -> Vec<(Option<u32>, Option<Marked>)> {
     let [series] = &history.series[..] else {
         panic!("{} series", history.series.len());
@@ -190,10 +190,11 @@ fn entries_are_in_the_order_of_adding_and_nothing_is_written_over() {
     assert!(first.is_new && first.number == 1 && first.path.ends_with("0001.zip"));
     let bytes = std::fs::read(&first.path).unwrap();
 
-    // The same again, also on another day.
+    // Adding the same again has no effect, even on another day.
     let again = folder.try_add(&base, "nightly", Some("c1")).unwrap();
     assert!(!again.is_new && again.number == 1);
-    // Another commit or label, other weights, photographs, scores: the label alone is no name.
+    // Another commit or label, or other weights, photographs or scores, makes a new entry; the label alone does not
+    // identify one.
     folder.try_add(&base, "nightly", Some("c2")).unwrap();
     folder.try_add(&base, "other", Some("c1")).unwrap();
     for run in [
@@ -234,7 +235,7 @@ fn entries_are_in_the_order_of_adding_and_nothing_is_written_over() {
         ["aaaaaaaaaaaa", "bbbbbbbbbbbb", "aaaaaaaaaaaa"]
     );
 
-    // An entry is a run like any other: elsewhere, with what is said of it there.
+    // An entry can be added elsewhere like any run, with new metadata.
     let other = folder.path("elsewhere");
     let said = occasion(&first.path, None, None, Some("2026-02-01T10:00")).unwrap();
     let added = add(&other, &first.path, said).unwrap();
@@ -294,7 +295,7 @@ fn a_jump_is_marked_once() {
             (Some(4), Some((Verdict::Better, Rule::Step, 4))),
         ]
     );
-    // As `compare` has it, and as the series says.
+    // The same numbers as in `compare` and in the series.
     let points = &history.series[0].points;
     let mark = points[2].change.as_ref().unwrap();
     assert!((mark.difference - (points[2].mean.unwrap() - points[1].mean.unwrap())).abs() < 1e-9);
@@ -308,7 +309,7 @@ fn a_jump_is_marked_once() {
     assert!(said[0].starts_with("worse by 2."), "{said:?}");
 }
 
-/// Each step is within chance of the one before; three of them are not.
+/// Each step is within chance; the sum of three is not.
 #[test]
 fn a_slow_drift_is_marked_when_it_has_added_up() {
     let folder = Folder::new();
@@ -330,7 +331,7 @@ fn a_slow_drift_is_marked_when_it_has_added_up() {
     }
     let course = course(&folder.read());
     let marks: Vec<_> = course.iter().filter_map(|(_, mark)| *mark).collect();
-    // A change point is what the next ones are held against.
+    // Later entries are compared with the change point.
     let drift = |against| (Verdict::Worse, Rule::Drift, against);
     assert_eq!(marks, [drift(1), drift(4)], "{course:?}");
     assert!(course[3].1.is_some() && course[6].1.is_some(), "{course:?}");
@@ -381,7 +382,7 @@ fn a_series_is_broken_where_entries_cannot_be_compared_and_continues_where_they_
     }
 }
 
-/// A dataset or a metric that comes or changes is no reason to break others.
+/// A dataset or metric that appears or changes does not break other series.
 #[test]
 fn datasets_and_metrics_go_their_own_ways() {
     let folder = Folder::new();
@@ -443,7 +444,7 @@ fn numbers_that_are_none_are_shown_and_change_nothing() {
     let said = occasion(&path, None, None, None).unwrap();
     add(&folder.history(), &path, said).unwrap();
     folder.add(&Run::default());
-    // NaN is equal to itself where runs are told apart.
+    // NaN counts as equal to itself when runs are compared for equality.
     assert!(
         !folder
             .add(&Run::scoring(|_, s, _| if s == 0 {
@@ -492,7 +493,7 @@ fn a_damaged_entry_costs_the_others_nothing() {
     let mut bytes = std::fs::read(&second).unwrap();
     bytes.truncate(bytes.len() / 2);
     std::fs::write(&second, &bytes).unwrap();
-    // A bundle that is no entry.
+    // A bundle that is not an entry.
     let bare = Run::default().bundle().bytes().unwrap();
     std::fs::write(folder.history().join("0004.zip"), bare).unwrap();
 
@@ -505,7 +506,7 @@ fn a_damaged_entry_costs_the_others_nothing() {
     };
     assert!(half.contains("0002.zip") && bare.contains("0004.zip"));
 
-    // Words of someone else's entry.
+    // Untrusted text in an entry.
     let mut hostile = Run::default().bundle();
     hostile.occasion = Some(Occasion {
         label: "a\u{1b}[2J".into(),
@@ -533,7 +534,7 @@ fn folders_of_others_are_left_alone() {
         .to_string();
     assert!(error.contains("notes.txt"), "{error}");
     assert_eq!(folder.names(), ["notes.txt"]);
-    // The last number of all.
+    // The largest possible number.
     std::fs::write(folder.path("history/4294967295.zip"), b"").unwrap();
     let error = folder
         .try_add(&Run::default(), "x", None)
@@ -553,7 +554,7 @@ fn runs_added_at_the_same_time_are_all_there_once() {
             let (path, history) = (&path, &history);
             scope.spawn(move || {
                 for commit in 0..5 {
-                    // One of its own, and one that all add.
+                    // One commit of its own, and one that all threads add.
                     for commit in [format!("{thread}-{commit}"), format!("all-{commit}")] {
                         let said = occasion(path, None, Some(&commit), None).unwrap();
                         add(history, path, said).unwrap();
