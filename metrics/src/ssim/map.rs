@@ -3,8 +3,9 @@
 use rayon::prelude::*;
 
 use super::filter::Constants;
+use super::spec::SsimSpec;
 use super::strip::Strip;
-use super::variant::{SsimCovariance, SsimSpec};
+use super::variant::SsimCovariance;
 use crate::picture::Picture;
 use crate::unavailable::Unavailable;
 

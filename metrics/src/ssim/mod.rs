@@ -13,6 +13,7 @@
 
 mod filter;
 mod map;
+mod spec;
 mod strip;
 mod variant;
 
@@ -22,7 +23,7 @@ use crate::maps::ScoreMap;
 use crate::picture::{Mask, Picture};
 use crate::unavailable::Unavailable;
 use map::map_rows;
-use variant::SsimSpec;
+use spec::SsimSpec;
 pub use variant::{SsimBorder, SsimCovariance, SsimForm, SsimVariant, SsimWindow};
 
 /// Mean of the SSIM map. With a mask, the mean over windows whose centre is inside it or, if the variant requires it,

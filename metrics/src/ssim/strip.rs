@@ -3,7 +3,8 @@
 use std::ops::Range;
 
 use super::filter::{Constants, QUANTITIES, filter_along_x, filter_along_y, padded};
-use super::variant::{SsimBorder, SsimSpec};
+use super::spec::SsimSpec;
+use super::variant::SsimBorder;
 use crate::picture::Picture;
 
 /// The last 2 × radius + 1 rows of some columns, filtered along x, as one task moves down the picture.

@@ -3,7 +3,8 @@
 use image::{Rgb, RgbImage};
 
 use super::map::map_rows;
-use super::variant::{SsimBorder, SsimCovariance, SsimSpec};
+use super::spec::SsimSpec;
+use super::variant::{SsimBorder, SsimCovariance};
 use super::*;
 
 fn texture(width: u32, height: u32, seed: u32) -> Picture {

@@ -2,7 +2,8 @@
 
 use std::path::{Path, PathBuf};
 
-use crate::pickle::MAX_LEN;
+/// Maximum length of a pickle. SHARP's 1038 tensors take 0.3 MB.
+pub(crate) const MAX_PICKLE_LEN: usize = 32 << 20;
 
 /// A checkpoint cannot be read, or does not contain what was requested.
 #[derive(Debug, thiserror::Error)]
@@ -52,7 +53,7 @@ impl Fault {
             Self::Io(source) => CheckpointError::Io { path, source },
             Self::Malformed(reason) => CheckpointError::Malformed { path, reason },
             Self::CutOff(at) => {
-                let reason = format!("pickle: cut off at byte {at} (or above {MAX_LEN})");
+                let reason = format!("pickle: cut off at byte {at} (or above {MAX_PICKLE_LEN})");
                 CheckpointError::Malformed { path, reason }
             }
             Self::ForbiddenGlobal(global) => CheckpointError::ForbiddenGlobal { path, global },

@@ -6,7 +6,8 @@
 
 use super::harmonics::ViewColors;
 use super::simd::{Simd, per_instruction_set};
-use super::{Compensation, Dropped, JacobianClamp, NearPlane, PrincipalPoint, RenderView, Support};
+use super::view::ViewConstants;
+use super::{Compensation, Dropped, RenderView, Support};
 use crate::gaussians::Gaussians;
 use rayon::prelude::*;
 use std::f64::consts::{LN_2, LOG2_E};
@@ -73,8 +74,6 @@ const BLOCK: usize = 128;
 pub(super) const ALPHA_MIN: f32 = 1.0 / 255.0;
 /// Maximum extent of a Gaussian in gsplat, in standard deviations; above `sqrt(2 ln 255) = 3.329`.
 const MAX_EXTENT: f64 = 3.33;
-/// Maximum distance beyond the field of view at which the Jacobian is evaluated, in half fields of view.
-const JACOBIAN_MARGIN: f64 = 0.3;
 /// Side of the tiles that bound the support, in pixels.
 const SUPPORT_TILE: f64 = 16.0;
 /// Margin of the box beyond what rounding in `raster` could extend the 1/255 contour: relative, and in pixels.
@@ -122,66 +121,6 @@ pub(super) fn project(simd: Simd, scene: &Gaussians, view: &RenderView, out: &mu
         );
     out.drawn = drawn;
     out.dropped = dropped;
-}
-
-/// The view in the form used by the inner loops; f64 here, f32 on the GPU.
-pub(super) struct ViewConstants {
-    pub(super) linear: [[f64; 3]; 3],
-    pub(super) offset: [f64; 3],
-    pub(super) focal: [f64; 2],
-    pub(super) center: [f64; 2],
-    pub(super) size: [f64; 2],
-    /// Bounds on x/z and y/z at which the Jacobian is evaluated, low and high.
-    pub(super) bounds: [[f64; 2]; 2],
-    pub(super) eps2d: f64,
-    pub(super) compensation: Compensation,
-    /// Minimum depth that is drawn.
-    pub(super) near: f32,
-    pub(super) far: f32,
-    pub(super) support: Support,
-}
-
-impl ViewConstants {
-    pub(super) fn new(view: &RenderView) -> Self {
-        let k = view.intrinsics;
-        let m = view.camera_from_scene.matrix3.transpose();
-        let size = [f64::from(k.width), f64::from(k.height)];
-        let rule = &view.rule;
-        let center = match rule.principal_point {
-            PrincipalPoint::Used => [k.cx, k.cy],
-            PrincipalPoint::Ignored => size.map(|side| 0.5 * side),
-        };
-        let bounds = |focal: f64, center: f64, size: f64| {
-            let margin = JACOBIAN_MARGIN * 0.5 * size / focal;
-            let half = 0.5 * size / focal + margin;
-            match rule.jacobian_clamp {
-                JacobianClamp::Image => {
-                    [-(center / focal + margin), (size - center) / focal + margin]
-                }
-                JacobianClamp::Symmetric => [-half, half],
-                JacobianClamp::None => [f64::from(f32::MIN), f64::from(f32::MAX)],
-            }
-        };
-        Self {
-            linear: [m.x_axis, m.y_axis, m.z_axis].map(|row| row.to_array()),
-            offset: view.camera_from_scene.translation.to_array(),
-            focal: [k.fx, k.fy],
-            center,
-            size,
-            bounds: [
-                bounds(k.fx, center[0], size[0]),
-                bounds(k.fy, center[1], size[1]),
-            ],
-            eps2d: f64::from(rule.low_pass),
-            compensation: rule.compensation,
-            near: match rule.near_plane {
-                NearPlane::Included => rule.near,
-                NearPlane::Excluded => rule.near.next_up(),
-            },
-            far: rule.far,
-            support: rule.support,
-        }
-    }
 }
 
 /// Columns of one block (structure of arrays), so that the loop over them vectorises.

@@ -1,7 +1,7 @@
 //! Camera of one picture and the rule by which it is rendered.
 
-use super::project::ViewConstants;
-use super::{RenderError, Rule, Support};
+use super::error::{MAX_SIDE, RenderError};
+use super::rule::{Compensation, JacobianClamp, NearPlane, PrincipalPoint, Rule, Support};
 use crate::camera::Intrinsics;
 use glam::DAffine3;
 
@@ -37,7 +37,7 @@ impl RenderView {
     /// Default of gsplat and of every web viewer; gives a visibly different image.
     pub const EPS2D_GSPLAT: f32 = 0.3;
     /// Maximum width and height in pixels.
-    pub const MAX_SIDE: u32 = 65_535;
+    pub const MAX_SIDE: u32 = MAX_SIDE;
 
     /// Creates a view with SHARP's rule.
     pub fn new(camera_from_scene: DAffine3, intrinsics: Intrinsics) -> Self {
@@ -91,6 +91,69 @@ impl RenderView {
             return bad(refused.to_string());
         }
         Ok(())
+    }
+}
+
+/// Maximum distance beyond the field of view at which the Jacobian is evaluated, in half fields of view.
+const JACOBIAN_MARGIN: f64 = 0.3;
+
+/// The view in the form used by the inner loops; f64 here, f32 on the GPU.
+pub(super) struct ViewConstants {
+    pub(super) linear: [[f64; 3]; 3],
+    pub(super) offset: [f64; 3],
+    pub(super) focal: [f64; 2],
+    pub(super) center: [f64; 2],
+    pub(super) size: [f64; 2],
+    /// Bounds on x/z and y/z at which the Jacobian is evaluated, low and high.
+    pub(super) bounds: [[f64; 2]; 2],
+    pub(super) eps2d: f64,
+    pub(super) compensation: Compensation,
+    /// Minimum depth that is drawn.
+    pub(super) near: f32,
+    pub(super) far: f32,
+    pub(super) support: Support,
+}
+
+impl ViewConstants {
+    pub(super) fn new(view: &RenderView) -> Self {
+        let k = view.intrinsics;
+        let m = view.camera_from_scene.matrix3.transpose();
+        let size = [f64::from(k.width), f64::from(k.height)];
+        let rule = &view.rule;
+        let center = match rule.principal_point {
+            PrincipalPoint::Used => [k.cx, k.cy],
+            PrincipalPoint::Ignored => size.map(|side| 0.5 * side),
+        };
+        let bounds = |focal: f64, center: f64, size: f64| {
+            let margin = JACOBIAN_MARGIN * 0.5 * size / focal;
+            let half = 0.5 * size / focal + margin;
+            match rule.jacobian_clamp {
+                JacobianClamp::Image => {
+                    [-(center / focal + margin), (size - center) / focal + margin]
+                }
+                JacobianClamp::Symmetric => [-half, half],
+                JacobianClamp::None => [f64::from(f32::MIN), f64::from(f32::MAX)],
+            }
+        };
+        Self {
+            linear: [m.x_axis, m.y_axis, m.z_axis].map(|row| row.to_array()),
+            offset: view.camera_from_scene.translation.to_array(),
+            focal: [k.fx, k.fy],
+            center,
+            size,
+            bounds: [
+                bounds(k.fx, center[0], size[0]),
+                bounds(k.fy, center[1], size[1]),
+            ],
+            eps2d: f64::from(rule.low_pass),
+            compensation: rule.compensation,
+            near: match rule.near_plane {
+                NearPlane::Included => rule.near,
+                NearPlane::Excluded => rule.near.next_up(),
+            },
+            far: rule.far,
+            support: rule.support,
+        }
     }
 }
 

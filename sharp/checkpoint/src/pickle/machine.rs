@@ -2,19 +2,17 @@
 
 use std::collections::HashMap;
 
-use crate::error::{Fault, malformed};
+use crate::error::{Fault, MAX_PICKLE_LEN, malformed};
 
 use super::value::{Global, Heap, Value};
 
-/// Maximum length of a pickle. SHARP's 1038 tensors take 0.3 MB.
-pub(crate) const MAX_LEN: usize = 32 << 20;
 /// Maximum number of opcodes; a tensor takes about 45, each of which allocates some tens of bytes.
 const MAX_STEPS: usize = 1 << 19;
 
 /// Runs the pickle at the start of `bytes`; returns its object and its length in bytes.
 pub(crate) fn load<'a>(bytes: &'a [u8], heap: &mut Heap<'a>) -> Result<(Value<'a>, usize), Fault> {
     let mut machine = Machine {
-        bytes: &bytes[..bytes.len().min(MAX_LEN)],
+        bytes: &bytes[..bytes.len().min(MAX_PICKLE_LEN)],
         at: 0,
         stack: Vec::new(),
         marks: Vec::new(),

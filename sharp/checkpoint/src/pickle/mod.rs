@@ -15,4 +15,4 @@ mod machine;
 pub(crate) mod state_dict;
 pub(crate) mod value;
 
-pub(crate) use machine::{MAX_LEN, load};
+pub(crate) use machine::load;

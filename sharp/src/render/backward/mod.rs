@@ -10,8 +10,9 @@ mod tests;
 
 use super::cpu::{BinScratch, CpuRenderer};
 use super::emit::{BinGrid, count, emit};
-use super::project::{Projected, Splat, ViewConstants, project as forward};
+use super::project::{Projected, Splat, project as forward};
 use super::renderer::check_scene;
+use super::view::ViewConstants;
 use super::{RenderError, RenderView};
 use crate::gaussians::Gaussians;
 use project::{Projection, ScreenGradient, ShapeGradient};

@@ -1,6 +1,6 @@
 //! Backward of pass `project`, and the 2D covariance with its gradient; f64 throughout.
 
-use super::super::project::ViewConstants;
+use super::super::view::ViewConstants;
 use std::f64::consts::LOG2_E;
 
 type Vec3 = [f64; 3];

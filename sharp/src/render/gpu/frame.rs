@@ -1,7 +1,7 @@
 //! A frame: projection and depth order once, then one sub-frame after another.
 
 use super::super::harmonics::ViewColors;
-use super::super::project::ViewConstants;
+use super::super::view::ViewConstants;
 use super::super::{RenderError, RenderOutput, RenderView};
 use super::device::Gpu;
 use super::layout::{DroppedCounts, FrameUniform, ViewUniform, dropped};

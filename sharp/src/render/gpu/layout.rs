@@ -1,7 +1,7 @@
 //! Structures shared by host and shaders, byte for byte. A test compares names and offsets with those in the WGSL.
 
 use super::super::harmonics::ViewColors;
-use super::super::project::ViewConstants;
+use super::super::view::ViewConstants;
 use super::super::{Dropped, Support};
 use super::scene::GpuScene;
 use super::subframe::SubFrame;
