@@ -18,8 +18,8 @@ impl Lens {
     /// Creates a camera from COLMAP's model name and parameters in COLMAP's order.
     ///
     /// # Errors
-    /// [`LensError::UnsupportedModel`], [`LensError::ParameterCount`], [`LensError::NotFinite`], [`LensError::OutOfRange`],
-    /// [`LensError::Camera`] for degenerate intrinsics.
+    /// [`LensError::UnsupportedModel`], [`LensError::ParameterCount`], [`LensError::NotFinite`],
+    /// [`LensError::OutOfRange`], [`LensError::Camera`] for invalid intrinsics.
     pub fn from_colmap(model: &str, size: (u32, u32), params: &[f64]) -> Result<Self, LensError> {
         let name = || model.to_owned();
         let mut known = COLMAP_MODELS
