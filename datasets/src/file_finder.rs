@@ -36,9 +36,10 @@ impl<'a> FileFinder<'a> {
         }
     }
 
-    /// Finds the file of that name below `base`. An exact match is preferred, then the same name in another case, then the
-    /// same stem with one of the extensions (those with the stem's own case first, then in the order of the extensions).
-    /// [`Self::notes`] reports ambiguous matches of the last two kinds. `None` if no file matches or the folder is missing.
+    /// Finds the file of that name below `base`. An exact match is preferred, then the same name in another case, then
+    /// the same stem with one of the extensions (those with the stem's own case first, then in the order of the
+    /// extensions). [`Self::notes`] reports ambiguous matches of the last two kinds. `None` if no file matches or the
+    /// folder is missing.
     ///
     /// # Errors
     /// If the name points outside the dataset's folder; the error names the list.

@@ -34,7 +34,7 @@ pub struct RecordedStage {
 pub enum RecordedValues {
     /// All values, in C order.
     Whole(Vec<f32>),
-    /// A sample: valid positions in C order, and the values there.
+    /// A sample of the values: their positions in C order, all within the shape, and the values there.
     Sampled(Vec<usize>, Vec<f32>),
 }
 
