@@ -200,19 +200,19 @@ mod tests {
         std::fs::write(folder.path().join("e.jpg"), "").unwrap();
         let root = Root::open(folder.path()).unwrap();
         for (name, found, others) in [
-            // As written.
+            // An exact match.
             ("a.jpg", "a.jpg", None),
-            // Another case of the whole name before another extension.
+            // The whole name in another case is preferred to another extension.
             ("b.jpg", "b.JPG", None),
             ("A.JPG", "a.jpg", None),
-            // PNG before JPEG where the name does not say.
+            // PNG is preferred to JPEG if the name has no extension.
             ("a", "a.png", Some("a.jpg")),
             ("a.jpeg", "a.png", Some("a.jpg")),
-            // The stem's own case first.
+            // The stem's own case is preferred.
             ("c", "c.jpeg", Some("C.png")),
             ("c.jpg", "c.jpeg", Some("C.png")),
             ("d.png", "d.PNG", Some("d.Png")),
-            // A folder is no picture.
+            // A folder is not a picture.
             ("e", "e.jpg", None),
         ] {
             let mut finder = FileFinder::new(&root, Path::new("list.txt"));

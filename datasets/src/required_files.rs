@@ -6,7 +6,6 @@ use serde::Serialize;
 
 use crate::View;
 
-/// Purpose of a file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum FileRole {

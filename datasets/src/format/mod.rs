@@ -164,7 +164,7 @@ mod tests {
 
     use super::*;
 
-    /// Only who unpacks all of the archive notices that its array ends early.
+    /// The array's early end is only detected when the whole archive is decompressed.
     #[test]
     fn an_archived_map_is_judged_by_its_header() {
         let folder = tempfile::tempdir().unwrap();

@@ -250,7 +250,7 @@ mod tests {
 
     type Projected = (&'static str, &'static [f64], [[f64; 2]; 2]);
 
-    /// Models with where pycolmap 4.2.1 projects (0.3, -0.2, 1) and (-0.7, 0.5, 1).
+    /// Models, each with the pixels to which pycolmap 4.2.1 projects (0.3, -0.2, 1) and (-0.7, 0.5, 1).
     const OF_COLMAP_4: [Projected; 7] = [
         (
             "FOV",

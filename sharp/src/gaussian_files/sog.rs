@@ -76,7 +76,6 @@ fn read(mut file: impl FnMut(&str) -> Result<Vec<u8>, String>) -> Result<Decoded
 
 struct Sog {
     meta: Value,
-    /// Contents by file name.
     files: BTreeMap<String, Vec<u8>>,
 }
 
