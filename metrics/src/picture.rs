@@ -20,7 +20,9 @@ pub enum PictureError {
     AreaEnlarges,
     #[error("the picture is {width}x{height}: it has no pixel")]
     Empty {
+        /// Width in pixels.
         width: u32,
+        /// Height in pixels.
         height: u32,
     },
     #[error("{value} at x {x}, y {y}, channel {channel}: pixels must be finite")]

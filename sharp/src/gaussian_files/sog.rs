@@ -14,7 +14,7 @@ use crate::ply::{
     StoredOpacity, StoredScales, completed, degree_of,
 };
 
-/// Palette entries of view-dependent colours per row of their picture.
+/// Number of palette entries of view-dependent colour per row of the palette's picture.
 const PALETTE_COLUMNS: usize = 64;
 
 fn damaged(what: impl Into<String>) -> PlyReason {
