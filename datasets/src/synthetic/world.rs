@@ -83,7 +83,7 @@ pub(super) struct Hit {
 pub(super) struct Sight {
     rays: f64,
     direction: DVec3,
-    /// Sum of the hit points; all are on the same object.
+    /// Sums of the hits and of the hit points over the rays, which all hit the same object.
     hit: Option<(Hit, DVec3)>,
 }
 
