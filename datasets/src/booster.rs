@@ -128,7 +128,7 @@ fn is_wanted(folder: &Path, split: &str, set: &str) -> bool {
     split_fits && set_fits
 }
 
-/// Reads a scene for each pair of pictures. The error is that of a folder whose pictures cannot be determined.
+/// Reads a scene for each pair of pictures. Fails with the folder if its pictures cannot be determined.
 fn read_scenes(
     spec: &DatasetSpec,
     root: &Root,

@@ -32,13 +32,13 @@ impl<'a> FileFinder<'a> {
         }
     }
 
-    /// The file of that name below `base`: exactly; else of the same name in another case; else of
-    /// the same stem with one of the extensions, the stem's own case first, then in the extensions'
-    /// order. [`Self::notes`] reports where several files fit in either of the last two ways. `None`
-    /// when no file fits or the folder is missing.
+    /// Finds the file of that name below `base`. An exact match is preferred, then the same name in another case, then
+    /// the same stem with one of the extensions (those with the stem's own case first, then in the order of the
+    /// extensions). [`Self::notes`] reports ambiguous matches of the last two kinds. `None` if no file matches or the
+    /// folder is missing.
     ///
+    /// # Errors
     /// If the name points outside the dataset's folder; the error names the list.
-    /// When the name leads out of the dataset's folder; names the list.
     pub(crate) fn find(
         &mut self,
         base: &Path,
@@ -81,7 +81,7 @@ impl<'a> FileFinder<'a> {
                 })
                 .filter(|(_, name)| is_file(name))
                 .collect();
-            // The sort is stable: equals stay in natural order.
+            // The sort is stable, so files of equal rank stay in natural order.
             ranked.sort_by_key(|(rank, _)| *rank);
             fitting = ranked.into_iter().map(|(_, name)| name).collect();
         }
@@ -97,10 +97,10 @@ impl<'a> FileFinder<'a> {
         Ok(Some(found))
     }
 
-    /// A picture: PNG, which is lossless, before JPEG.
+    /// Finds a picture: PNG, which is lossless, is preferred to JPEG.
     ///
+    /// # Errors
     /// As for [`FileFinder::find`].
-    /// See [`FileFinder::find`].
     pub(crate) fn picture(
         &mut self,
         base: &Path,
@@ -109,15 +109,15 @@ impl<'a> FileFinder<'a> {
         self.find(base, name, &PICTURE_EXTENSIONS)
     }
 
-    /// A depth map of any kind.
+    /// Finds a depth map in any format.
     ///
+    /// # Errors
     /// As for [`FileFinder::find`].
-    /// See [`FileFinder::find`].
     pub(crate) fn map(&mut self, base: &Path, name: &str) -> Result<Option<PathBuf>, DatasetError> {
         self.find(base, name, &["png", "npy", "npz", "exr", "pfm"])
     }
 
-    /// The names that several files fit, as at most one note.
+    /// The names that match several files, as at most one note.
     pub(crate) fn notes(&self) -> Vec<String> {
         if self.passed_over.is_empty() {
             return Vec::new();
@@ -148,7 +148,7 @@ fn stems_in(folder: &Path) -> Stems {
     stems
 }
 
-/// A name before and after its last dot.
+/// Splits a name at its last dot.
 fn split(name: &str) -> (&str, &str) {
     name.rsplit_once('.').unwrap_or((name, ""))
 }
@@ -196,19 +196,19 @@ mod tests {
         std::fs::write(folder.path().join("e.jpg"), "").unwrap();
         let root = Root::open(folder.path()).unwrap();
         for (name, found, others) in [
-            // As written.
+            // An exact match.
             ("a.jpg", "a.jpg", None),
-            // Another case of the whole name before another extension.
+            // The whole name in another case is preferred to another extension.
             ("b.jpg", "b.JPG", None),
             ("A.JPG", "a.jpg", None),
-            // PNG before JPEG where the name does not say.
+            // PNG is preferred to JPEG if the name has no extension.
             ("a", "a.png", Some("a.jpg")),
             ("a.jpeg", "a.png", Some("a.jpg")),
-            // The stem's own case first.
+            // The stem's own case is preferred.
             ("c", "c.jpeg", Some("C.png")),
             ("c.jpg", "c.jpeg", Some("C.png")),
             ("d.png", "d.PNG", Some("d.Png")),
-            // A folder is no picture.
+            // A folder is not a picture.
             ("e", "e.jpg", None),
         ] {
             let mut finder = FileFinder::new(&root, Path::new("list.txt"));

@@ -29,7 +29,6 @@ impl std::fmt::Display for LeftOutScenes {
 pub struct LeftOutViews {
     /// Description of the reason; names the file.
     pub reason: String,
-    /// Ids of the views.
     pub views: Vec<String>,
 }
 

@@ -1,4 +1,4 @@
-//! Masks of photographs, and the check that pictures and maps have their camera's size.
+//! Masks of photographs, and the check that a picture or map has the size of its camera.
 
 use std::path::{Path, PathBuf};
 

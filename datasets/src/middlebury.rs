@@ -268,7 +268,7 @@ mod tests {
             std::fs::write(folder.join(name), "").unwrap();
             assert!(has_part(&folder), "{name}");
         }
-        // Of a scene's folder of other exposures.
+        // From another exposure of the same scene.
         std::fs::write(dir.path().join("im0e0.png"), "").unwrap();
         assert!(!has_part(dir.path()));
     }

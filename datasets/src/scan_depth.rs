@@ -180,7 +180,7 @@ mod tests {
             filled += 1;
         }
         assert!(filled > 700, "{filled}");
-        // Something nearer wins, something behind the camera is not drawn.
+        // A nearer point wins; a point behind the camera is not drawn.
         let behind = [(-9.0, -9.0), (9.0, -9.0), (0.0, 9.0)];
         let before = depth.clone();
         draw(
@@ -194,7 +194,7 @@ mod tests {
         assert_eq!(depth.get_pixel(20, 15).0[0], 1.0);
     }
 
-    /// A floor that begins behind the camera is seen from where it leaves the near plane.
+    /// A floor that starts behind the camera is visible from where it crosses the near plane.
     #[test]
     fn a_triangle_through_the_near_plane_is_cut_there() {
         let pinhole = Intrinsics::new((50.0, 50.0), (20.0, 15.0), (40, 30)).unwrap();

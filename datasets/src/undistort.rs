@@ -321,7 +321,7 @@ mod tests {
 
     #[test]
     fn a_resampled_picture_shows_what_the_lens_saw() {
-        // A picture whose colour is the place itself: resampling must give the place of the ray.
+        // A picture whose colour encodes the position: resampling must return the position of the ray.
         let lens = fisheye();
         let stored = RgbImage::from_fn(175, 117, |x, y| image::Rgb([x as u8, y as u8, 0]));
         let view = Undistortion::like_scannetpp(lens).unwrap();
@@ -376,8 +376,8 @@ mod tests {
         assert!(expected.iter().filter(|z| **z > 0.0).count() > 10_000);
     }
 
-    /// A masked pixel takes the rim that its bilinear footprint reaches; what lies beyond the stored
-    /// mask counts.
+    /// A masked pixel also masks the pixels whose bilinear footprint reaches it; pixels beyond the stored mask count as
+    /// valid.
     #[test]
     fn a_resampled_mask_takes_all_that_a_masked_pixel_reaches() {
         let lens = Lens::new((40.0, 40.0), (10.0, 10.0), (20, 20), Distortion::None).unwrap();
@@ -396,7 +396,7 @@ mod tests {
             pixels.map(|(x, y, _)| (x, y)).collect::<Vec<_>>()
         };
         assert_eq!(masked(DVec2::ZERO), [(4, 6), (0, 12)]);
-        // A trace below half a level is rounded away.
+        // A contribution below half a level is rounded away.
         assert_eq!(masked(DVec2::new(0.0015, 0.0)), [(4, 6), (0, 12)]);
         assert_eq!(masked(DVec2::new(0.0025, 0.0)), [(3, 6), (4, 6), (0, 12)]);
         assert_eq!(masked(DVec2::new(0.75, 0.0)), [(3, 6), (4, 6)]);

@@ -3,12 +3,12 @@
 //!
 //! ```text
 //! measure KEY WIDTH HEIGHT [predictions=N] [apart] [repeat=N] [turns] [threads=N] [strip=N] [simd=NAME] [direct]
+//! ```
 //! The pictures are synthetic and the weights deterministic, since the measurement does not depend on values. Several
 //! predictions of one target are scored together, or one after the other with `apart`. Preparation of weights and
 //! pictures is not timed. With `turns`, a first call is not timed either, and then each line of standard input triggers
 //! one measurement, which lets `benches/compare.py` alternate with PyTorch and scikit-image. Peak memory is read from
 //! Linux's `/proc` and is 0 on other systems.
-//! Linux's `/proc` and is 0 elsewhere.
 
 #![allow(clippy::print_stdout, reason = "an example that prints its result")]
 

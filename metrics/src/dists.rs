@@ -32,7 +32,6 @@ impl Similarity {
     }
 }
 
-/// DISTS with its weights.
 #[derive(Debug)]
 pub(crate) struct Dists {
     network: Arc<Extractor>,

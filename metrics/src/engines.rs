@@ -242,7 +242,6 @@ pub(crate) struct Learned {
 /// Resolution at which DISTS compares.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) enum Resolution {
-    /// Full resolution.
     Full,
     /// Reduced to a shorter side of at most 256.
     Side256,

@@ -65,7 +65,6 @@ pub struct MetricInfo {
     pub input_range: String,
     /// Resizing applied to the pictures.
     pub resize: String,
-    /// Precision of the arithmetic.
     pub precision: String,
     /// The network whose features the metric compares.
     #[serde(default, skip_serializing_if = "Option::is_none")]

@@ -76,7 +76,7 @@ mod tests {
 
     #[test]
     fn halves_and_borders() {
-        // Two columns brought to four: the outer ones keep the edge, the inner ones mix 3 : 1.
+        // Two columns enlarged to four: the outer ones equal the edge, the inner ones are mixed 3 : 1.
         let map = TapMap {
             width: 2,
             height: 1,

@@ -117,7 +117,6 @@ impl Device {
         }
     }
 
-    /// Opens the device for tensors.
     #[cfg(feature = "tensors")]
     pub(crate) fn open(self) -> Result<candle_core::Device, String> {
         if !self.is_built() {

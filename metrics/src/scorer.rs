@@ -445,8 +445,8 @@ mod tests {
         };
         let (whole, full) = masked(&|_, _| true);
         assert!((whole - full.unwrap()).abs() < 1e-6);
-        // Columns 0 and 1 are outside. At the first layer 4 columns are reached; halved that is 2, and 4 with the
-        // second layer's reach of 2; then 2 + 3, 3 + 3 and 3 + 3 of 32, 16 and 8.
+        // Columns 0 and 1 are outside the mask. They influence 4 columns at the first layer; after halving 2, plus the
+        // second layer's reach of 2 is 4; then 2 + 3, 3 + 3 and 3 + 3 of 32, 16 and 8.
         let engine = scorer
             .engines
             .run(&[&b, &a], &[MetricKey::LPIPS, scorer.keys()[0]], true);
@@ -588,7 +588,7 @@ mod tests {
         }
     }
 
-    /// Scores 1, 3 and all predictions together and compares their bits with each one's alone.
+    /// Scores 1, 3 and all predictions together, and compares the bits with those of each one scored alone.
     fn assert_as_alone(scorer: &Scorer, target: &Picture, predictions: &[Picture], mask: &Mask) {
         let bits = |scores: Result<Scores, ScoreError>| {
             let scores = scores.map(|scores| {
@@ -597,7 +597,7 @@ mod tests {
                     .map(|(key, v)| (key, v.map(f64::to_bits)));
                 bits.collect::<Vec<_>>()
             });
-            // NaN is unequal to itself, so errors are compared as they are shown.
+            // NaN is not equal to itself, so errors are compared by their text.
             scores.map_err(|error| error.to_string())
         };
         for mask in [None, Some(mask)] {

@@ -2,7 +2,6 @@
 
 use crate::identity::{Family, IdentityError, MetricKey, MetricRegion};
 
-/// A selected metric.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Selected {
     pub key: MetricKey,

@@ -16,9 +16,7 @@ pub enum Unavailable {
     /// The picture is smaller than the metric's window or network requires.
     #[error("the pictures are {width}x{height}; sides of at least {smallest} are needed")]
     TooSmall {
-        /// Width in pixels.
         width: u32,
-        /// Height in pixels.
         height: u32,
         /// Minimum side in pixels.
         smallest: u32,

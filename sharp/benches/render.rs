@@ -1,5 +1,5 @@
-//! Whole frames of the speed scene, in CPU-seconds of the process (all threads together), which a
-//! busy machine distorts less than wall time; with the feature `gpu` on every adapter too, in wall time.
+//! Renders whole frames of the speed scene. CPU times are seconds of the process, summed over threads, which a busy
+//! machine distorts less than wall time. With the feature `gpu`, every adapter is also measured, in wall time.
 //!
 //! `cargo bench -p sharp --features gpu --bench render`
 
@@ -64,7 +64,7 @@ fn frames(criterion: &mut Criterion<CpuTime>) {
     group.finish();
 }
 
-/// Colours from all sides alike, and of degree 3, by a rule that draws both.
+/// View-independent colours, and harmonics of degree 3, with a rule that draws both.
 fn harmonics(criterion: &mut Criterion<CpuTime>) {
     let mut group = criterion.benchmark_group("harmonics");
     group.sample_size(10).warm_up_time(Duration::from_secs(1));
@@ -86,7 +86,7 @@ fn harmonics(criterion: &mut Criterion<CpuTime>) {
     group.finish();
 }
 
-/// The forward pass and the gradient, which runs one of its own, of the same frames.
+/// The forward pass, and the gradient (which includes a forward pass), for the same frames.
 fn gradients(criterion: &mut Criterion<CpuTime>) {
     let mut group = criterion.benchmark_group("gradient");
     group.sample_size(10).warm_up_time(Duration::from_secs(1));

@@ -1,10 +1,9 @@
-//! Predicts Gaussians from a photograph and renders them from five centimetres further right.
+//! Predicts Gaussians from a photograph and renders them from five centimetres to the right.
 //!
 //! ```console
 //! $ cargo run --release -p sharp --features model --example predict_and_render -- right.png photo.jpg sharp.pt
 //! ```
-//! Without a photograph and a checkpoint it takes a test picture and the tests' tiny network, whose
-//! weights were never trained.
+//! Without a photograph and a checkpoint, it uses a test picture and the tests' tiny, untrained network.
 
 use std::error::Error;
 use std::path::Path;
@@ -31,13 +30,13 @@ fn main() -> Result<(), Box<dyn Error>> {
         _ => return Err("usage: predict_and_render OUT.png [PHOTOGRAPH CHECKPOINT]".into()),
     };
 
-    // The focal length sets the metric scale; it comes from the file's EXIF tags here.
+    // The focal length determines the metric scale; here it is read from the file's EXIF tags.
     let photo = load_photo(Path::new(&image), &PhotoOptions::default())?;
     let predictor = Predictor::open(&spec)?;
     let factor = photo.disparity_factor();
     let predicted = predictor.predict(photo.planes(), factor, &mut Silent)?;
 
-    // From the network's normalised space to metres, as the release writes its PLY files.
+    // From the network's normalised space to metres, as in the release's PLY files.
     let camera = release_intrinsics(photo.focal_px, photo.width as u32, photo.height as u32)?;
     let gaussians = unproject(&predicted.gaussians, &camera);
 

@@ -41,9 +41,9 @@ pub enum CameraError {
 }
 
 /// Pinhole intrinsics of one image, in pixels, without skew.
+///
 /// Pixel (i, j) has its centre at (i + 0.5, j + 0.5), so a camera whose axis passes through the centre of the image has
 /// `cx = width / 2`.
-/// the image has `cx = width / 2`.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Intrinsics {
     /// Horizontal focal length in pixels, > 0.

@@ -23,13 +23,11 @@ pub enum InfiniteDepth {
     Direction,
 }
 
-/// Options of the mask.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct FrustumMaskOptions {
     /// Half the width and height of the source's widened field of view, in normalised coordinates with the image's
     /// edges at ±1; inclusive.
     pub margin: f64,
-    /// Treatment of infinite depth.
     pub infinite_depth: InfiniteDepth,
 }
 
@@ -170,13 +168,13 @@ mod tests {
 
     #[test]
     fn the_sources_bounds_are_counted_from_its_first_pixels_centre() {
-        // f = w / 2 and depth 2: a source 1 to the right sees pixel x at x - 1, so that the first column's centre lands at
-        // -0.5, outside, and all others inside.
+        // f = w / 2 and depth 2: a source 1 to the right sees pixel x at x - 1, so the first column's centre is
+        // projected to -0.5, outside the picture, and all others inside.
         let target = DepthMap::from_pixel(4, 4, Luma([2.0]));
         let mask = |x: f64| source_bounds_mask(&target, &camera(4), &camera(4), &shifted(x, 0.0));
         let columns = |mask: FrustumMask| -> Vec<u8> { mask.as_raw()[..4].to_vec() };
         assert_eq!(columns(mask(-1.0)), [0, 1, 1, 1]);
-        // The last column lands at 4.5 - 0.5 = 4, which is not below 4.
+        // The last column is projected to 4.5 - 0.5 = 4, which is not below 4.
         assert_eq!(columns(mask(1.0)), [1, 1, 1, 0]);
         assert_eq!(columns(mask(0.0)), [1; 4]);
         let behind = source_bounds_mask(&target, &camera(4), &camera(4), &shifted(0.0, -3.0));

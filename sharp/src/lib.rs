@@ -3,7 +3,7 @@
 //! # Conventions
 //! * Camera axes are OpenCV's: x right, y down, z forward. Lengths are metres.
 //! * Extrinsics are world-to-camera and named by the spaces they join: `camera_from_world`.
-//! * The centre of pixel (i, j) lies at (i + 0.5, j + 0.5); principal points follow (COLMAP's rule).
+//! * The centre of pixel (i, j) is at (i + 0.5, j + 0.5), also for principal points (COLMAP's convention).
 //! * Depth is z-depth, not ray length; 0 marks an invalid pixel.
 //! * Gaussian colours are linear RGB, blended in linear light.
 //!

@@ -71,7 +71,7 @@ mod tests {
     fn a_shuffle_is_a_permutation_and_stays_what_it_was() {
         let mut items: Vec<u32> = (0..10).collect();
         SplitMix64::new(0).shuffle(&mut items);
-        // Made by an independent Python implementation of the documented rule.
+        // Computed by an independent Python implementation of the documented rule.
         assert_eq!(items, [5, 1, 9, 7, 0, 4, 3, 2, 6, 8]);
         items.sort_unstable();
         assert_eq!(items, (0..10).collect::<Vec<_>>());

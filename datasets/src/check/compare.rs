@@ -2,9 +2,9 @@
 
 use super::explained::{ENOUGH, Explained};
 
-/// Minimum fraction of the loss that another interpretation must remove. This value is for changes of a factor, to
-/// which valid data is not sensitive.
+/// Minimum fraction of the loss that another interpretation must remove.
 pub(super) const LEAST_GAIN: f64 = 0.1;
+/// [`LEAST_GAIN`] for an interpretation that changes a factor, which a fit to valid data hardly does.
 pub(super) const LEAST_GAIN_OF_FACTORS: f64 = 0.05;
 /// Minimum fraction of the loss that a change of some views must remove.
 pub(super) const LEAST_GAIN_OF_VIEWS: f64 = 0.15;

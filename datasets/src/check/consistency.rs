@@ -62,7 +62,8 @@ mod tests {
     use image::{GrayImage, Luma};
     use sharp::camera::RigidTransform;
 
-    /// Views on an arc; `spread` 1 is so wide that a wrong convention moves them out of each other's sight.
+    /// Views on an arc; with `spread` 1 it is so wide that, under a wrong convention, views no longer see each other's
+    /// content.
     fn views(spread: f64) -> Vec<View> {
         let scene = SyntheticScene::new(SyntheticOptions {
             width: 128,
@@ -141,7 +142,7 @@ mod tests {
         }
     }
 
-    /// Excludes a block, as a mask does.
+    /// Excludes a block, like a mask.
     fn mask(pixels: &mut Pixels) {
         let is_excluded = |x: u32| (30..80).contains(&x);
         let level = |x, _| Luma([if is_excluded(x) { 0 } else { 255 }]);
@@ -159,7 +160,7 @@ mod tests {
             .for_each(|p| p.2.0 = [0.0]);
     }
 
-    /// Black pixels of a mask in every other view are no colours to compare.
+    /// Black masked pixels in every other view must not be compared.
     #[test]
     fn what_masks_exclude_is_not_compared() {
         let plain = views(0.1);

@@ -100,7 +100,7 @@ impl Reading {
     }
 }
 
-/// Number of parts of a picture that are treated as separate evidence.
+/// Number of parts of a picture whose losses are compared separately.
 pub(super) const TILES: usize = 4;
 /// Differences in depth (relative) and in colour (levels) at which the loss saturates.
 const DEPTH_SCALE: f64 = 0.1;

@@ -32,7 +32,8 @@ const QUANTITIES: [Quantity; 3] = [
 /// Samples per view in the search for a factor.
 const SAMPLES: usize = 400;
 
-/// The projections with the factor applied to neither view, the first, the second, and both.
+/// Statistics of the projections with the factor applied to neither view, the first, the second, or both, in this
+/// order.
 type Choices<'a> = [&'a [Explained]; 4];
 
 impl Neighbours<'_> {

@@ -15,10 +15,10 @@ use crate::View;
 
 /// Plausible distances between the two cameras of a pair, in metres.
 const BASELINES_M: (f64, f64) = (1e-3, 10.0);
-/// Horizontal bands of a picture that are separate evidence, each divided into [`TILES`].
+/// Number of horizontal bands of a picture, each divided into [`TILES`] parts whose losses are compared separately.
 const BANDS: u32 = 4;
-/// Details of a picture: their radius in reduced pixels, the minimum spread in levels, and the minimum number of
-/// positions.
+/// Parameters for comparing details of a picture: their radius in reduced pixels, the minimum spread in levels, and the
+/// minimum number of positions.
 const FINE: f64 = 3.0;
 const LEAST_SPREAD: f64 = 3.0;
 const FEWEST: usize = 500;

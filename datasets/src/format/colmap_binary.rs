@@ -262,7 +262,7 @@ mod tests {
                 (&*unknown.to_string(), 12)
             );
             assert!(read.lens().is_err());
-            // No whole number of parameters fills the file.
+            // No integer number of parameters fills the file.
             let error = cameras(&bytes[..bytes.len() - 4]).unwrap_err();
             assert!(
                 error

@@ -311,7 +311,7 @@ mod tests {
     fn opengl_axes_become_opencvs() {
         let file = one("", "");
         let pose = file.frames[0].world_from_camera.as_ref().unwrap();
-        // What lies in front of an OpenCV camera (z > 0) lies behind an OpenGL one's back.
+        // A point in front of an OpenCV camera (z > 0) is behind an OpenGL camera with the same axes.
         assert_eq!(
             pose.apply(DVec3::new(0.5, 1.0, 2.0)),
             DVec3::new(1.5, 1.0, 1.0)
@@ -350,7 +350,7 @@ mod tests {
                 k: [0.0, 0.0, 0.0, 0.1]
             })
         );
-        // Coefficients count under a pinhole's name too.
+        // Coefficients are also used if the model's name is that of a pinhole.
         assert_eq!(
             of("\"camera_model\": \"PINHOLE\", \"k1\": 0.1,"),
             of("\"k1\": 0.1,")

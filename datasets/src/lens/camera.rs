@@ -18,8 +18,8 @@ impl Lens {
     /// Creates a camera from COLMAP's model name and parameters in COLMAP's order.
     ///
     /// # Errors
-    /// [`LensError::UnsupportedModel`], [`LensError::ParameterCount`], [`LensError::NotFinite`], [`LensError::OutOfRange`],
-    /// [`LensError::Camera`] for degenerate intrinsics.
+    /// [`LensError::UnsupportedModel`], [`LensError::ParameterCount`], [`LensError::NotFinite`],
+    /// [`LensError::OutOfRange`], [`LensError::Camera`] for invalid intrinsics.
     pub fn from_colmap(model: &str, size: (u32, u32), params: &[f64]) -> Result<Self, LensError> {
         let name = || model.to_owned();
         let mut known = COLMAP_MODELS
@@ -250,7 +250,7 @@ mod tests {
 
     type Projected = (&'static str, &'static [f64], [[f64; 2]; 2]);
 
-    /// Models with where pycolmap 4.2.1 projects (0.3, -0.2, 1) and (-0.7, 0.5, 1).
+    /// Models, each with the pixels to which pycolmap 4.2.1 projects (0.3, -0.2, 1) and (-0.7, 0.5, 1).
     const OF_COLMAP_4: [Projected; 7] = [
         (
             "FOV",

@@ -107,7 +107,7 @@ mod tests {
 
     #[test]
     fn folded_polynomials_are_not_inverted_nor_projected() {
-        // 1 − r² turns back at r = 1/√3, where the radius is 0.385.
+        // 1 − r² folds back at r = 1/√3, where the distorted radius is 0.385.
         let fold = Distortion::perspective("RADIAL", &[-1.0], [0.0; 2]);
         let with = |model| Lens::new((100.0, 100.0), (50.0, 50.0), (100, 100), model).unwrap();
         let lens = with(fold);

@@ -76,7 +76,6 @@ impl Sky {
         }
     }
 
-    /// Colour of haze.
     pub(super) fn haze(&self) -> DVec3 {
         match self {
             Self::Classic { .. } => DVec3::ZERO,

@@ -469,7 +469,7 @@ mod tests {
         assert_ne!(hash(5), hash(6));
     }
 
-    /// Recorded once. It changes only with the scene itself, never with machine or thread count.
+    /// Recorded once. It changes only if the scene itself changes, never with the machine or the number of threads.
     #[test]
     fn pictures_are_the_same_on_every_machine() {
         let options = SyntheticOptions {

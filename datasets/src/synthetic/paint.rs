@@ -35,7 +35,6 @@ enum Pattern {
     Gradient,
 }
 
-/// Paint of a surface.
 #[derive(Debug, Clone)]
 pub(super) struct Paint {
     seed: u64,
@@ -216,7 +215,6 @@ impl Paint {
         }
     }
 
-    /// Mean of the pattern.
     fn mean(&self) -> f64 {
         match self.pattern {
             Pattern::Bricks => 0.17,

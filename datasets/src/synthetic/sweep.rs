@@ -159,7 +159,7 @@ mod tests {
         crate::open(&DatasetSpec::parse(&text).unwrap()).unwrap()
     }
 
-    /// Baseline, metres, and rotation, degrees, of each view but the first.
+    /// Baseline in metres and rotation in degrees of each view except the first.
     fn motions(scene: &Scene) -> Vec<(f64, f64)> {
         let poses = scene.views.iter().map(|view| view.camera_from_world);
         let first = scene.views[0].camera_from_world;
@@ -237,7 +237,7 @@ mod tests {
                     .all(|(before, now)| !before || *now)
             );
             let count = |map: &[bool]| map.iter().filter(|is| **is).count();
-            // A post is 3 cm of the 111 cm that a picture shows a metre away.
+            // A post is 3 cm wide, and a picture is 111 cm wide at a distance of one metre.
             let share = (count(&two[1]) - count(&two[0])) as f64 / (96.0 * 72.0);
             assert!((0.01..0.05).contains(&share), "{share}");
         }

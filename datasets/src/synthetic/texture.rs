@@ -6,7 +6,6 @@ use sharp::random::{SplitMix64, mix, unit};
 use super::arithmetic::floor;
 use super::shapes::Meeting;
 
-/// Texture of a surface.
 #[derive(Debug, Clone)]
 pub(super) struct Texture {
     seed: u64,

@@ -83,7 +83,7 @@ pub(super) struct Hit {
 pub(super) struct Sight {
     rays: f64,
     direction: DVec3,
-    /// Sum of the hit points; all are on the same object.
+    /// Sums of the hits and of the hit points over the rays, which all hit the same object.
     hit: Option<(Hit, DVec3)>,
 }
 
@@ -317,7 +317,7 @@ mod tests {
     use super::*;
     use crate::synthetic::varied;
 
-    /// Lists pass over objects that cannot be met: hits and shadows are those of all objects.
+    /// Lists only skip objects that cannot be hit: hits and shadows are the same as with all objects.
     #[test]
     fn lists_never_change_what_is_seen_or_shaded() {
         const TILES: usize = 12;
@@ -339,7 +339,7 @@ mod tests {
                 let wedge = Wedge::between(eye, corners);
                 let candidates = world.candidates(eye, forward, Some(&wedge));
                 for place in 0..(RAYS + 1) * (RAYS + 1) {
-                    // The bundle's edges included.
+                    // Including the edges of the bundle.
                     let x = edge(column * RAYS + place % (RAYS + 1), TILES * RAYS);
                     let y = edge(row * RAYS + place / (RAYS + 1), TILES * RAYS);
                     let direction = ray(x, y);
@@ -357,7 +357,7 @@ mod tests {
         assert!(hits > 100_000 && shaded > 10_000, "{hits} {shaded}");
     }
 
-    /// How many of the lights that shine on a point are kept from it, by the lists and by everything.
+    /// Number of lights blocked from a point, by the lists and by all objects.
     fn shadows_agree(world: &World, hit: &Hit, point: DVec3) -> usize {
         let casting: Vec<u32> = (0..)
             .zip(&world.objects)

@@ -11,7 +11,6 @@ use crate::files::{self, Root};
 use crate::format::trajectory::Log;
 use crate::left_out::first_few;
 
-/// The pictures of a scene.
 #[derive(Debug)]
 pub(super) struct ScenePhotographs {
     pub(super) folder: PathBuf,
@@ -278,7 +277,7 @@ mod tests {
             (&["1.jpg", "2.jpg", "3.jpg"], &[0, 2], "0:1 2:3", 1),
             (&["2.jpg", "3.jpg"], &[0, 1], "1:2", 1),
             (&["0.jpg", "2.jpg"], &[0, 1, 2], "0:0 2:2", 0),
-            // What has no number has no block, however many pictures there are.
+            // Pictures without a number have no block, however many pictures there are.
             (
                 &["000000_preview.jpg", "1.jpg", "3.jpg", "cover.jpg"],
                 &[0, 1, 2, 3],

@@ -147,7 +147,6 @@ pub(crate) fn layer_specs(backbone: Backbone) -> &'static [LayerSpec] {
     }
 }
 
-/// Number of channels of each tap.
 pub(crate) fn tap_channels(backbone: Backbone) -> Vec<usize> {
     let mut channels = 3;
     let mut taps = Vec::new();

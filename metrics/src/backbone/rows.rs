@@ -128,7 +128,7 @@ mod tests {
                 next += 1.0;
             }
         };
-        // Rows pushed, first row kept afterwards: within the new ones, within the old ones, all.
+        // Rows pushed, and first row kept afterwards: within the new ones, within the old ones, all.
         for (count, from) in [(5, 3), (4, 4), (2, 7), (1, 7), (3, 15)] {
             push(&mut buffer, &mut blocks, count);
             let (first, end) = (buffer.first, buffer.end());

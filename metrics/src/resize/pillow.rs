@@ -103,7 +103,7 @@ impl PillowSample for f32 {
     }
 }
 
-/// Interleaved RGB of size `to`. An unchanged side is not filtered.
+/// Resizes interleaved RGB to `to`. A side whose length does not change is not filtered.
 pub(super) fn resize<T: PillowSample>(
     picture: &[T],
     from: Size,

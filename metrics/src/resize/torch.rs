@@ -118,7 +118,7 @@ mod tests {
         Size { width, height }
     }
 
-    /// One row of gray as interleaved RGB.
+    /// One row of grey as interleaved RGB.
     fn gray(values: &[f32]) -> Vec<f32> {
         values.iter().flat_map(|&v| [v; 3]).collect()
     }
@@ -142,7 +142,7 @@ mod tests {
         let plain = bilinear(&gray(&row), size(9, 1), size(3, 1));
         assert_eq!(red(&plain), [0.0; 3]);
         let filtered = red(&bilinear_antialias(&gray(&row), size(9, 1), size(3, 1)));
-        // Triangles three pixels wide a side: weights 2 3 2 1 (cut at the border) and 1 2 3 2 1.
+        // Triangles three pixels wide on each side: weights 2 3 2 1 (cut at the border) and 1 2 3 2 1.
         for (value, expected) in filtered.iter().zip([2.0 / 8.0, 1.0 / 9.0, 0.0]) {
             assert!((value - expected).abs() < 1e-6, "{filtered:?}");
         }

@@ -9,7 +9,6 @@ pub(super) const QUANTITIES: usize = 5;
 /// Minimum variance in dm_pix: f32's ε squared.
 const LEAST_VARIANCE: f64 = f32::EPSILON as f64 * f32::EPSILON as f64;
 
-/// Constants of the similarity.
 #[derive(Clone, Copy)]
 pub(super) struct Constants {
     /// (0.01 L)².

@@ -67,7 +67,6 @@ pub(crate) fn dists_weights() -> Result<[Vec<f32>; 2], WeightsError> {
 }
 
 impl Embedded {
-    /// Values of a tensor.
     pub(crate) fn values(&self, name: &str, count: usize) -> Result<Vec<f32>, WeightsError> {
         let tensors =
             SafeTensors::deserialize(self.bytes).map_err(|e| self.damaged(e.to_string()))?;

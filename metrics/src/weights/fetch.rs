@@ -8,7 +8,6 @@ use sharp_checkpoint::{Checkpoint, CheckpointError};
 
 use super::{Published, Weights, WeightsError};
 
-/// Errors of fetching weights.
 #[derive(Debug, thiserror::Error)]
 pub enum FetchError {
     /// Network access is disabled.

@@ -42,7 +42,6 @@ pub enum Backbone {
 #[error("unknown network '{0}'; known: alexnet vgg16 squeezenet1_1")]
 pub struct UnknownBackbone(String);
 
-/// Errors of loading weights.
 #[derive(Debug, thiserror::Error)]
 pub enum WeightsError {
     /// The file cannot be read as a checkpoint.

@@ -1,19 +1,19 @@
-//! The scene by which renderers are timed: 2 × 768 × 768 Gaussians laid out as SHARP would,
-//! smooth depth with one step, seen by a slightly moved camera.
+//! The benchmark scene of renderers: 2 × 768 × 768 Gaussians in SHARP's layout, with smooth depth and one step, seen by
+//! a slightly moved camera.
 
 use glam::{DAffine3, DMat3, DVec3};
 use sharp::camera::Intrinsics;
 use sharp::gaussians::Gaussians;
 use sharp::render::RenderView;
 
-/// Gaussians along a side of a layer.
+/// Number of Gaussians along a side of a layer.
 const GRID: usize = 768;
 /// Focal length at a width of 1536 pixels.
 const FOCAL: f64 = 1536.0 * 0.85;
 
-/// The scene with Gaussians of about `sigma_px` pixels standard deviation at a width of 1536.
+/// The scene with Gaussians of about `sigma_px` pixels standard deviation at a picture width of 1536.
 ///
-/// Random numbers are splitmix64(1), splitmix64(2), …, twelve a Gaussian.
+/// Random numbers are splitmix64(1), splitmix64(2), …, twelve per Gaussian.
 pub(crate) fn scene(sigma_px: f64) -> Gaussians {
     let mut scene = Gaussians::default();
     for index in 0..2 * GRID * GRID {
@@ -58,7 +58,7 @@ pub(crate) fn scene(sigma_px: f64) -> Gaussians {
     scene
 }
 
-/// The moved camera at a picture size; the release's principal point.
+/// The moved camera at a picture size, with the release's principal point.
 pub(crate) fn view(width: u32, height: u32) -> RenderView {
     let focal = FOCAL * f64::from(width) / 1536.0;
     let intrinsics = Intrinsics {

@@ -25,7 +25,7 @@ pub(crate) trait Bytes {
     /// Returns the bytes of `range`, which must lie within [`Self::len`].
     ///
     /// # Errors
-    /// As [`Self::read_into`].
+    /// As for [`Self::read_into`].
     fn get(&self, range: Range<usize>) -> Result<Vec<u8>, Fault> {
         let mut bytes = vec![0; range.len()];
         self.read_into(range.start, &mut bytes)?;
@@ -35,7 +35,7 @@ pub(crate) trait Bytes {
     /// Returns the first `len` bytes, or all if there are fewer.
     ///
     /// # Errors
-    /// As [`Self::read_into`].
+    /// As for [`Self::read_into`].
     fn start(&self, len: usize) -> Result<Vec<u8>, Fault> {
         self.get(0..len.min(self.len()))
     }

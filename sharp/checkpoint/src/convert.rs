@@ -12,7 +12,6 @@ use crate::checkpoint::Checkpoint;
 use crate::error::CheckpointError;
 use crate::tensor::DType;
 
-/// A tensor to write.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct OutTensor {
     pub name: String,

@@ -7,7 +7,6 @@ use std::ops::RangeInclusive;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-/// Errors of a download.
 #[derive(Debug, thiserror::Error)]
 pub enum DownloadError {
     /// A local file or folder cannot be read or written.
@@ -29,7 +28,6 @@ pub enum DownloadError {
     },
 }
 
-/// Progress of a transfer.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Progress {
     /// Bytes received so far, including those of earlier attempts.

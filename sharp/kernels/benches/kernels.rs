@@ -115,7 +115,7 @@ fn products(c: &mut Criterion<CpuTime>) {
         group.bench_function(format!("gemm-crate/{m}x{k}x{n}"), |b| {
             b.iter(|| {
                 let (threads, n_stride, k_stride) = (rayon::current_num_threads(), n, k);
-                // SAFETY: the three matrices have the lengths their strides say.
+                // SAFETY: the three matrices have the lengths given by their strides.
                 unsafe {
                     gemm::gemm(
                         m,

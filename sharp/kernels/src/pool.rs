@@ -227,11 +227,11 @@ mod tests {
         let side = |ceil, n| MaxPool::new(simd, 3, 2, ceil).out_size(n, n).0;
         assert_eq!([3, 4, 5, 6, 7].map(|n| side(false, n)), [1, 1, 2, 2, 3]);
         assert_eq!([3, 4, 5, 6, 7].map(|n| side(true, n)), [1, 2, 2, 3, 3]);
-        // As in PyTorch, the only window may reach beyond the image by less than a stride.
+        // As in PyTorch, a single window may extend beyond the image by less than a stride.
         assert_eq!([1, 2].map(|n| side(true, n)), [0, 1]);
         let two = MaxPool::new(simd, 2, 2, false);
         assert_eq!(two.out_size(5, 4), (2, 2));
-        // The last window of stride 3 would start beyond the image of 3: it does not count.
+        // The last window of stride 3 would start beyond the image of 3, so it is dropped.
         assert_eq!(MaxPool::new(simd, 2, 3, true).out_size(3, 4), (1, 2));
     }
 

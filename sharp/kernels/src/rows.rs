@@ -21,8 +21,8 @@ pub struct RowWindow<'a> {
 impl<'a> RowWindow<'a> {
     /// `data` holds `rows` of an image of `height` × `width` × `channels`.
     ///
+    /// # Panics
     /// If `data` has another length, or the rows lie outside the image.
-    /// When `data` has another length, or the rows lie outside the image.
     pub fn new(
         data: &'a [f32],
         rows: Range<usize>,

@@ -132,7 +132,7 @@ mod tests {
         run_tasks(1000, 33, |index, scratch| {
             assert_eq!(scratch.as_ptr() as usize % 64, 0);
             assert!(scratch.len() >= 33);
-            // SAFETY: every index is its own element.
+            // SAFETY: every index is a separate element.
             unsafe { shared.slice(index, 1)[0] += index as f32 };
         });
         assert!(out.iter().enumerate().all(|(i, &v)| v == i as f32));
@@ -143,7 +143,7 @@ mod tests {
     fn slices_outside_are_refused() {
         let mut out = vec![0.0; 4];
         let shared = SharedOut::new(&mut out);
-        // SAFETY: nobody else holds the slice.
+        // SAFETY: no other code has the slice.
         let _ = unsafe { shared.slice(2, 3) };
     }
 

@@ -14,7 +14,7 @@ use crate::ply::{
     StoredOpacity, StoredScales, completed, degree_of,
 };
 
-/// Palette entries of view-dependent colours per row of their picture.
+/// Number of palette entries of view-dependent colour per row of the palette's picture.
 const PALETTE_COLUMNS: usize = 64;
 
 fn damaged(what: impl Into<String>) -> PlyReason {
@@ -76,7 +76,6 @@ fn read(mut file: impl FnMut(&str) -> Result<Vec<u8>, String>) -> Result<Decoded
 
 struct Sog {
     meta: Value,
-    /// Contents by file name.
     files: BTreeMap<String, Vec<u8>>,
 }
 

@@ -89,7 +89,6 @@ choices! {
     }
 }
 
-/// Rules for reading a picture.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct PictureRules {
     pub alpha: AlphaRule,

@@ -24,7 +24,6 @@ pub trait WeightSource: Send + Sync {
     fn values(&self, name: &str, shape: &[usize]) -> Result<Vec<f32>, ModelError>;
 }
 
-/// One parameter of a network.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Parameter {
     /// Name in the checkpoint.

@@ -252,7 +252,7 @@ mod tests {
 
     #[test]
     fn merging_undoes_splitting() {
-        // One token a pixel: what is split and merged is the image itself.
+        // One token per pixel, so that the image itself is split and merged.
         let image: Vec<f32> = (0..3 * 48 * 48).map(|k| k as f32).collect();
         for overlap in [0, 4] {
             let tiling = Tiling::new(48, 24, 24, overlap);

@@ -111,8 +111,8 @@ fn band_4([x, y, z]: [f32; 3]) -> [f32; 9] {
 mod tests {
     use super::*;
 
-    /// Functions that are orthonormal over the sphere, the constant one included: a wrong factor or
-    /// sign within one function shows, and so does one that stands in another's place.
+    /// The functions, including the constant one, must be orthonormal over the sphere; this detects wrong factors or
+    /// signs within a function, and exchanged functions.
     #[test]
     fn the_basis_is_orthonormal() {
         let n = 400;

@@ -187,7 +187,7 @@ mod tests {
         assert!((encoded - 0.880_825).abs() < 1e-5, "{encoded}");
     }
 
-    /// Encoded values are the picture, cut to 0..1, over a background of their space.
+    /// Encoded values are the picture itself, clamped to 0..1, over a background in their colour space.
     #[test]
     fn encoded_values_are_not_encoded_again() {
         let blended = RenderOutput {

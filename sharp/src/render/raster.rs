@@ -106,7 +106,7 @@ pub(super) struct Coverage<L> {
     /// Mean minus pixel centre.
     pub(super) dx: L,
     pub(super) dy: L,
-    /// `p dx + q dy` and `r dy`; the sum of their squares is the exponent of 2.
+    /// `p dx + q dy` (`across`) and `r dy`; the sum of their squares is the exponent of 2.
     pub(super) across: L,
     pub(super) along: L,
 }

@@ -23,7 +23,7 @@ setting!(
 );
 
 impl Compensation {
-    /// Code used by the shaders.
+    /// Integer by which the shaders identify it.
     pub(super) fn code(self) -> u32 {
         match self {
             Self::None => 0,

@@ -205,7 +205,7 @@ mod tests {
                 TrajectoryKind::Rotate | TrajectoryKind::Shake => DVec3::new(side, side, 0.0),
                 TrajectoryKind::Swipe => DVec3::new(side, 0.0, 0.0),
             };
-            // Sampling may miss a crest by less than half a step.
+            // Samples may miss a maximum by less than half a step.
             let found = largest(&eyes);
             assert!((found - expected).abs().max_element() < 2e-3 * side.max(forward) * 10.0);
             assert!(found.cmple(expected + 1e-12).all(), "{found}");
@@ -237,7 +237,7 @@ mod tests {
                 let seen = pose.apply(DVec3::new(0.0, 0.0, 3.0));
                 assert!(seen.x.abs() < 1e-12 && seen.y.abs() < 1e-12 && seen.z > 0.0);
                 assert!((pose.rotation.determinant() - 1.0).abs() < 1e-12);
-                // The world's down stays down.
+                // The world's down direction stays down.
                 assert!((pose.rotation * DVec3::Y).y > 0.99);
             }
         }
@@ -258,14 +258,14 @@ mod tests {
         for z in [-3.0, 5.0, f32::NAN, 4.0, 3.0, 0.0, 7.0, 6.0] {
             scene.means.push([0.0, 0.0, z]);
         }
-        // 3, 4, 5, 6, 7: the 0.1 quantile lies 0.4 of the way from 3 to 4.
+        // 3, 4, 5, 6, 7: the 0.1 quantile is 0.4 of the way from 3 to 4.
         let range = DepthRange::of(&scene).unwrap();
         assert!((range.focus - 3.4).abs() < 1e-12);
         assert!((range.near - 3.004).abs() < 1e-12);
         assert!((range.far - 6.996).abs() < 1e-12);
         let nearer = DAffine3::from_translation(DVec3::new(9.0, 0.0, -1.0));
         let seen = DepthRange::seen_from(&scene, &nearer).unwrap();
-        // 2, 3, 4, 5, 6: what lay at 0 is behind the camera now.
+        // 2, 3, 4, 5, 6: the one that was at 0 is now behind the camera.
         assert!((seen.near - 2.004).abs() < 1e-12 && (seen.far - 5.996).abs() < 1e-12);
         scene.means.truncate(1);
         assert_eq!(DepthRange::of(&scene), None);

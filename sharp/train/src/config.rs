@@ -78,7 +78,6 @@ pub struct TrainingConfig {
     pub intervals: Intervals,
 }
 
-/// Configuration of one stage.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct StageConfig {
@@ -106,7 +105,6 @@ pub struct StageConfig {
     pub max_baseline_m: f64,
 }
 
-/// Source of training data.
 #[derive(Debug, Clone, PartialEq, Eq, Default, Deserialize)]
 #[serde(deny_unknown_fields, rename_all = "snake_case")]
 pub enum TrainingData {

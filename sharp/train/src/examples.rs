@@ -12,7 +12,6 @@ use crate::data::{
 use crate::position::Stage;
 use crate::self_supervision::SelfSupervisedSamples;
 
-/// Examples of a stage.
 pub(crate) struct Examples {
     /// Used in turn.
     sources: Vec<Box<dyn Source<Sample>>>,

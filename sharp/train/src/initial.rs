@@ -266,7 +266,7 @@ mod tests {
         let compute = Compute::cpu(Algorithm::Winograd);
         let predictor = Predictor::from_source(&config, source, compute).unwrap();
         let mut random = SplitMix64::new(1);
-        // Blocks as coarse as what a picture shows.
+        // Blocks as coarse as the content of real pictures.
         let blocks: Vec<f32> = (0..3 * 24 * 24)
             .map(|_| unit(random.next_u64()) as f32)
             .collect();

@@ -8,7 +8,6 @@ use std::path::{Path, PathBuf};
 use crate::losses::TERMS;
 use crate::position::{Position, Stage};
 
-/// Errors of the log.
 #[derive(Debug, thiserror::Error)]
 pub enum LogError {
     #[error("{}: {source}", path.display())]
@@ -270,7 +269,7 @@ mod tests {
                 0 => 0,
                 made => expected.match_indices('\n').nth(made).unwrap().0 + 1,
             };
-            // Eleven is no divisor of a row's length: kills fall anywhere in one.
+            // Eleven does not divide a row's length, so writing is interrupted at every position within a row.
             for killed in (at_least..=expected.len()).step_by(11) {
                 let dir = tempfile::tempdir().unwrap();
                 fs::write(dir.path().join("log.csv"), &expected[..killed]).unwrap();

@@ -40,7 +40,6 @@ pub(crate) struct Cost {
     pub terms: [f64; TERMS.len()],
     /// Weighted sum.
     pub total: f64,
-    /// Gradient of the total.
     pub gradient: PassGradient,
 }
 

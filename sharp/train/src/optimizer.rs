@@ -191,9 +191,9 @@ mod tests {
         );
     }
 
-    /// By hand. Step 1: the corrected moments are g and g², so that the step is the rate itself.
-    /// Step 2 with g = −1 after g = 2: first 0.9·0.2 − 0.1 = 0.08 over 0.19, second
-    /// 0.999·0.004 + 0.001 = 0.004996 over 0.001999.
+    /// Computed by hand. Step 1: the corrected moments are g and g², so the step equals the learning rate. Step 2 with
+    /// g = −1 after g = 2: first moment 0.9·0.2 − 0.1 = 0.08 over 0.19, second 0.999·0.004 + 0.001 = 0.004996 over
+    /// 0.001999.
     #[test]
     fn two_steps_are_those_computed_by_hand() {
         let mut all = [frozen("f", &[7.0]), weights("w", &[1.0, -3.0])];

@@ -121,7 +121,7 @@ mod tests {
             off(|p| p.gaussian_decoder = false),
             off(|p| p.alignment = false),
         ];
-        // Norms lie within the encoders; all others are disjoint and together everything.
+        // Norms are within the encoders; all other parts are disjoint and together cover everything.
         let all = trained(ALL);
         let lost: usize = [0, 1, 3, 4, 5].iter().map(|&k| all - counts[k]).sum();
         assert_eq!(lost, all);

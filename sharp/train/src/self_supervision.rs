@@ -168,7 +168,7 @@ mod tests {
                 (photograph.intrinsics, photograph.intrinsics)
             );
             assert_ne!(source.image, target.image);
-            // Colours count where the rendering covers a pixel, and only there is depth.
+            // Colours are used where the rendering covers a pixel, and only there is depth known.
             let covered = source.valid.as_ref().unwrap();
             assert!(
                 covered

@@ -154,7 +154,6 @@ impl Trainer {
         })
     }
 
-    /// Current position.
     pub fn position(&self) -> Position {
         self.state.position
     }

@@ -90,7 +90,6 @@ impl Hull {
     }
 }
 
-/// A furnished room.
 pub(super) fn room<'a>(mut draft: Draft<'a>) -> (Draft<'a>, DVec3) {
     draft.turn_frame(0.13);
     let floor = draft.between(0.9, 1.8);

@@ -1,5 +1,5 @@
-//! Operations of the network's layers: by candle on any device, or by this project's kernels (as candle custom ops) on
-//! the CPU.
+//! Operations of the network's layers, implemented by candle on any device, or on the CPU by this project's kernels (as
+//! candle custom ops).
 //!
 //! Images are `[1, height, width, channels]`, tokens `[images, tokens, channels]`, on every device.
 

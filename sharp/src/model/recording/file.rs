@@ -34,7 +34,7 @@ pub struct RecordedStage {
 pub enum RecordedValues {
     /// All values, in C order.
     Whole(Vec<f32>),
-    /// A sample: valid positions in C order, and the values there.
+    /// A sample of the values: their positions in C order, all within the shape, and the values there.
     Sampled(Vec<usize>, Vec<f32>),
 }
 
@@ -100,8 +100,8 @@ impl Recording {
         metadata.get("inputs").map_or_else(flat, from_json)
     }
 
-    /// Prefix for an image file: the only prefix, or the one whose recorded image name equals the file's name or is a
-    /// prefix of it.
+    /// Prefix for an image file: the only prefix, or the one whose recorded image has the file's name or with which the
+    /// file's name starts.
     ///
     /// # Errors
     /// [`ModelError::File`], listing the available prefixes, if none or several match.

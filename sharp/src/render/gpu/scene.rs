@@ -15,7 +15,6 @@ pub(super) struct GpuScene {
     pub(super) scales: GpuBuffer,
     pub(super) colors: GpuBuffer,
     pub(super) coefficients: GpuBuffer,
-    /// Degree of the harmonics.
     pub(super) degree: usize,
     pub(super) splats: GpuBuffer,
     pub(super) details: GpuBuffer,

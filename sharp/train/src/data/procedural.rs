@@ -19,7 +19,7 @@ pub struct ProceduralSamples {
 }
 
 impl ProceduralSamples {
-    /// Creates a source with the given seed and picture size (width, height) in pixels.
+    /// Creates a source from a seed, with pictures of `size` (width, height) in pixels.
     pub fn new(seed: u64, size: (u32, u32)) -> Self {
         Self { seed, size }
     }

@@ -134,7 +134,6 @@ pub struct LossOptions {
     pub scale_norm: GradientNorm,
     /// True if ∇scale measures differences per pixel of the full map, i.e. divides level k by 2^k.
     pub scale_per_full_pixel: bool,
-    /// Options of the perceptual loss.
     pub percep: PerceptualOptions,
 }
 
@@ -218,7 +217,6 @@ pub enum SplatView {
     Novel,
 }
 
-/// Unit of inverse depths.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum InverseDepthUnits {

@@ -178,10 +178,10 @@ mod tests {
         let step = grad(&[1.0, 0.5, 1.0], &[1.0, 1.0, 0.01], [1, 3], 1.0, &options);
         assert!((step.opacity.value - 0.5 / 3.0).abs() < 1e-12);
         assert_eq!(step.opacity.gradient, [0.0, 1.0 / 3.0, 0.0]);
-        // Layers do not touch.
+        // Differences do not cross layers.
         let layers = grad(&[1.0; 2], &[1.0, 0.01], [1, 1], 1.0, &options);
         assert_eq!(layers.opacity.value, 0.0);
-        // A hundred metres: the same step is a hundredth of it.
+        // At a hundred metres, the same step is a hundredth.
         let metric = LossOptions {
             grad_units: InverseDepthUnits::Metric,
             ..options

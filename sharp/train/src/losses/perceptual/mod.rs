@@ -76,7 +76,6 @@ impl Default for PerceptualOptions {
     }
 }
 
-/// Errors of the perceptual loss.
 #[derive(Debug, thiserror::Error)]
 pub enum PerceptualError {
     #[error(transparent)]
