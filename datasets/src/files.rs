@@ -354,10 +354,8 @@ pub(crate) const PICTURE_EXTENSIONS: [&str; 8] =
     ["png", "tif", "tiff", "bmp", "webp", "jpg", "jpeg", "jfif"];
 
 pub(crate) fn is_picture_extension(extension: &str) -> bool {
-    matches!(
-        extension.to_ascii_lowercase().as_str(),
-        "png" | "jpg" | "jpeg" | "webp" | "tif" | "tiff" | "bmp" | "jfif"
-    )
+    let extension = extension.to_ascii_lowercase();
+    PICTURE_EXTENSIONS.contains(&extension.as_str())
 }
 
 #[cfg(test)]

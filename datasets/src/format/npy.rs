@@ -252,14 +252,18 @@ struct NpyType {
 impl NpyType {
     fn parse(text: &str) -> Result<Self, FormatError> {
         let unknown = || FormatError::Unsupported(format!("arrays of type '{text}' are not read"));
-        let (order, rest) = text.split_at_checked(1).ok_or_else(unknown)?;
-        let (kind, size) = rest.split_at_checked(1).ok_or_else(unknown)?;
-        if kind == "O" || text == "O" {
+        // NumPy writes `|O`; without a byte order it is understood, too.
+        if text
+            .trim_start_matches(['|', '<', '>', '='])
+            .starts_with('O')
+        {
             return Err(
                 "an array of Python objects; it would have to be unpickled, which is never done"
                     .into(),
             );
         }
+        let (order, rest) = text.split_at_checked(1).ok_or_else(unknown)?;
+        let (kind, size) = rest.split_at_checked(1).ok_or_else(unknown)?;
         let size: usize = size.parse().map_err(|_| unknown())?;
         let big_endian = match order {
             "<" | "|" | "=" => false,
@@ -372,6 +376,7 @@ mod tests {
             (b"\x93NUMPY\x01\x00\xff\xff".to_vec(), "ends early"),
             (b"\x93NUMPY\x07\x00\x00\x00".to_vec(), "version 7"),
             (array("'|O'", false, "(1,)", &[0; 8]), "unpickled"),
+            (array("'O'", false, "(1,)", &[0; 8]), "unpickled"),
             (array("[('a', '<f4')]", false, "(1,)", &[0; 8]), "simple"),
             (array("'<c8'", false, "(1,)", &[0; 8]), "'<c8' are not read"),
             (array("'<f4'", false, "(2,)", &[0; 7]), "truncated"),
