@@ -99,6 +99,8 @@ pub struct Evaluation {
     pub(super) list: PairList,
     origin: ListOrigin,
     choices: BTreeMap<String, PairProvenance>,
+    /// Notes on the pairs of a dataset.
+    pair_notes: BTreeMap<String, String>,
     limit: Option<usize>,
     specs: Vec<Option<MethodSpec>>,
     pub(super) config: Option<RunConfig>,
@@ -136,6 +138,7 @@ pub fn prepare(mut request: Request, observer: &dyn Observer) -> Result<Evaluati
     }
     let scenes = scenes_of(&request.datasets);
     let mut planned_unreadable: BTreeMap<String, usize> = BTreeMap::new();
+    let mut pair_notes = BTreeMap::new();
     let (list, origin, choices) = match request.pairs {
         PairOrigin::Built { recipe, cache } => {
             let built = recipe.build(&request.datasets, cache.as_ref(), observer)?;
@@ -155,6 +158,7 @@ pub fn prepare(mut request: Request, observer: &dyn Observer) -> Result<Evaluati
             for advice in &built.advice {
                 observer.warn(advice);
             }
+            pair_notes.clone_from(&built.notes);
             (built.list("pairs.csv"), ListOrigin::Built, built.provenance)
         }
         PairOrigin::Given(path) => {
@@ -196,6 +200,7 @@ pub fn prepare(mut request: Request, observer: &dyn Observer) -> Result<Evaluati
         list,
         origin,
         choices,
+        pair_notes,
         limit: request.limit,
         specs,
         config: request.config,
@@ -334,7 +339,10 @@ impl Evaluation {
             views: dataset.scenes.iter().map(|scene| scene.views.len()).sum(),
             view_sizes: view_sizes(dataset),
             readings: dataset.readings.clone(),
-            notes: dataset.notes(),
+            notes: {
+                let of_pairs = self.pair_notes.get(&dataset.name).cloned();
+                dataset.notes().into_iter().chain(of_pairs).collect()
+            },
             left_out: dataset.left_out.clone(),
             unreadable_views: {
                 let planned = self.planned_unreadable.get(&dataset.name).copied();

@@ -4,7 +4,7 @@ use sharp_datasets::DatasetSpec;
 
 use crate::io::counts::counted;
 use crate::pairs::PairOptions;
-use crate::pairs::build::{PairCounts, Problem, SPARSE_COVERAGE};
+use crate::pairs::build::{PairCounts, Problem, SPARSE_DENSITY};
 
 /// Suggested settings for datasets with sparse depth.
 const DENSE: &str = "overlap=given with --overlap-depth DIR (dense depth by anyone, scaled to the dataset's: the paper's \
@@ -48,15 +48,10 @@ pub(super) fn advice(
 
 fn of_pairs(dataset: &DatasetSpec, counts: &PairCounts, options: &PairOptions) -> Option<String> {
     let name = &dataset.name;
-    let sparse = counts.is_sparse() && options.depth.is_ground_truth();
     if counts.selected > 0 {
-        return sparse.then(|| {
-            format!(
-                "{name}: {}; the overlaps of its pairs are those of single pixels; rather take --pair-options {DENSE}",
-                sparseness(counts)
-            )
-        });
+        return sparse_pairs(counts, options).map(|note| format!("{name}: {note}"));
     }
+    let sparse = counts.is_sparse() && options.depth.is_ground_truth();
     let why = if counts.qualified > 0 {
         format!("limit={} selects none", options.sampling.limit.unwrap_or(0))
     } else if counts.views > 0 && counts.with_depth == 0 && counts.too_near + counts.too_far == 0 {
@@ -106,11 +101,22 @@ fn left_out(name: &str, counts: &PairCounts, broken: &[&Problem]) -> Option<Stri
 /// Maximum number of views named.
 const NAMED: usize = 3;
 
+/// Says that the overlaps of a dataset's pairs are those of single pixels, if they are.
+pub(super) fn sparse_pairs(counts: &PairCounts, options: &PairOptions) -> Option<String> {
+    let is_sparse = counts.is_sparse() && options.depth.is_ground_truth();
+    is_sparse.then(|| {
+        format!(
+            "{}; the overlaps of its pairs are those of single pixels; rather take --pair-options {DENSE}",
+            sparseness(counts)
+        )
+    })
+}
+
 fn sparseness(counts: &PairCounts) -> String {
     format!(
-        "its depth is sparse, at less than {} % of the pixels in {} of the {} with depth, and overlap=ground-truth asks \
-         for depth at the very pixel where a point lands",
-        100.0 * SPARSE_COVERAGE,
+        "its depth is sparse: in {1} of the {2} with depth, fewer than {0} % of the pixels with depth have a neighbour \
+         with depth, and overlap=ground-truth asks for depth at the very pixel where a point lands",
+        100.0 * SPARSE_DENSITY,
         counts.with_sparse_depth,
         counted(counts.with_depth, "view")
     )

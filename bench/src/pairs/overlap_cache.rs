@@ -38,8 +38,8 @@ pub(super) struct Overlaps {
 pub(super) struct DepthFacts {
     /// Median of the valid depths, metres.
     pub(super) median_m: f64,
-    /// Share of pixels with valid depth, above 0.
-    pub(super) coverage: f64,
+    /// See [`density`](crate::pairs::valid_depth::density).
+    pub(super) density: f64,
 }
 
 /// Measurements of a scene under one set of measuring options.

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 
 use sharp::model::ModelConfig;
 
-use super::advice::advice;
+use super::advice::{advice, sparse_pairs};
 use super::ambiguity::{Alternative, OtherReading, alternatives};
 use super::build::{BuildContext, PairBuild, Problem, build_pairs};
 use super::dataset::{OpenDataset, scenes_of};
@@ -40,6 +40,8 @@ pub struct BuiltList {
     pub provenance: BTreeMap<String, PairProvenance>,
     /// A sentence for each dataset without a selected pair, or with depth that is too sparse for the choices.
     pub advice: Vec<String>,
+    /// Notes on the pairs of a dataset, for its record.
+    pub notes: BTreeMap<String, String>,
 }
 
 struct OpenDepth {
@@ -130,6 +132,7 @@ impl PairRecipe {
             build: PairBuild::default(),
             provenance: BTreeMap::new(),
             advice: Vec::new(),
+            notes: BTreeMap::new(),
         };
         let scenes: usize = datasets.iter().map(|dataset| dataset.scenes.len()).sum();
         observer.begin("building the pair list", scenes, "scenes");
@@ -152,6 +155,9 @@ impl PairRecipe {
                 built
                     .advice
                     .extend(advice(spec, counts, &problems, &recipe.options));
+                if let Some(note) = sparse_pairs(counts, &recipe.options) {
+                    built.notes.insert(dataset.name.clone(), note);
+                }
             }
             built
                 .provenance

@@ -7,14 +7,20 @@ pub fn is_valid_depth(depth: f32) -> bool {
     depth > 0.0 && depth < f32::INFINITY
 }
 
-/// Share of a map's pixels that have valid depth, 0..1; 0 for an empty map.
-pub fn coverage(depth: &DepthMap) -> f64 {
-    let pixels = depth.as_raw().len();
-    let valid = depth.iter().filter(|d| is_valid_depth(**d)).count();
-    if pixels == 0 {
-        0.0
-    } else {
-        valid as f64 / pixels as f64
+/// Share of a map's valid pixels whose right neighbour is valid too, 0..1: near 1 for an object before an empty
+/// background, the share of valid pixels for scattered points. 1 if no valid pixel has a right neighbour.
+pub fn density(depth: &DepthMap) -> f64 {
+    let width = depth.width().max(1) as usize;
+    let rows = depth.as_raw().chunks_exact(width);
+    let couples = rows.flat_map(|row| row.windows(2));
+    let (mut valid, mut both) = (0_usize, 0_usize);
+    for couple in couples.filter(|couple| is_valid_depth(couple[0])) {
+        valid += 1;
+        both += usize::from(is_valid_depth(couple[1]));
+    }
+    match valid {
+        0 => 1.0,
+        _ => both as f64 / valid as f64,
     }
 }
 
@@ -48,11 +54,21 @@ mod tests {
     }
 
     #[test]
-    fn coverage_counts_valid_pixels() {
-        let values = vec![0.0, 4.0, f32::INFINITY, f32::NAN];
-        let depth = DepthMap::from_vec(2, 2, values).unwrap();
-        assert_eq!(coverage(&depth), 0.25);
-        assert_eq!(coverage(&DepthMap::new(0, 0)), 0.0);
+    fn scattered_depth_is_told_from_a_dense_object() {
+        let values = vec![0.0, 4.0, 2.0, 1.0, f32::INFINITY, 3.0, f32::NAN, 1.0];
+        let depth = DepthMap::from_vec(4, 2, values).unwrap();
+        assert_eq!(density(&depth), 2.0 / 3.0);
+        assert_eq!(density(&DepthMap::new(0, 0)), 1.0);
+        let object = DepthMap::from_fn(100, 50, |x, y| {
+            image::Luma([f32::from(u8::from((40..60).contains(&x) && y > 20))])
+        });
+        assert!(density(&object) > 0.9);
+        // A third of the pixels at random, from the bits of a product.
+        let points = DepthMap::from_fn(100, 50, |x, y| {
+            let hash = (x + 101 * y).wrapping_mul(2_654_435_761) >> 16;
+            image::Luma([f32::from(u8::from(hash % 5 == 0))])
+        });
+        assert!(density(&points) < 0.3);
     }
 
     #[test]

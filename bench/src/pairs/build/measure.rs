@@ -13,7 +13,7 @@ use crate::pairs::depth::{PosedDepth, median_depth_m};
 use crate::pairs::options::PairOptions;
 use crate::pairs::overlap::{OverlapOptions, overlap};
 use crate::pairs::overlap_cache::{DepthFacts, Overlaps, SceneOverlaps};
-use crate::pairs::valid_depth::coverage;
+use crate::pairs::valid_depth::density;
 
 /// Peak memory while reading a view's depth, in maps of its size: the unpacked bytes of the file, which are two maps'
 /// worth as 64-bit numbers, and the resulting map. Later there are two: the stored and the undistorted map, or the map
@@ -165,8 +165,8 @@ impl<'a> Measuring<'a> {
             let Some(median_m) = median_depth_m(&depth) else {
                 return Ok(None);
             };
-            let coverage = coverage(&depth);
-            let facts = DepthFacts { median_m, coverage };
+            let density = density(&depth);
+            let facts = DepthFacts { median_m, density };
             let mut posed = PosedDepth::of_view(view, depth)?;
             if let Some(side) = max_side {
                 posed = posed.reduced(side);

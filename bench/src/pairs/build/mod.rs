@@ -85,9 +85,9 @@ impl PairBuild {
     }
 }
 
-/// Below this share of pixels with depth, a view's depth counts as sparse, because projected points rarely hit a pixel
-/// with depth.
-pub const SPARSE_COVERAGE: f64 = 0.3;
+/// Below this [`density`](crate::pairs::valid_depth::density), a view's depth counts as sparse, because projected points
+/// rarely hit a pixel with depth.
+pub const SPARSE_DENSITY: f64 = 0.3;
 
 /// Counts of a dataset's pairs after each step of the selection.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize)]
@@ -96,7 +96,7 @@ pub struct PairCounts {
     pub views: usize,
     /// Views of multi-view scenes known to have depth.
     pub with_depth: usize,
-    /// Views among `with_depth` with depth at less than [`SPARSE_COVERAGE`] of their pixels.
+    /// Views among `with_depth` with a density of depth below [`SPARSE_DENSITY`].
     pub with_sparse_depth: usize,
     pub sets: usize,
     /// Ordered pairs within the sets.

@@ -9,7 +9,7 @@ use sharp::camera::baseline_m;
 use sharp_datasets::{Pairing, Scene, View};
 
 use super::measure::{DepthFailure, Measuring};
-use super::{BuildContext, PairBuild, PairCounts, Problem, SPARSE_COVERAGE};
+use super::{BuildContext, PairBuild, PairCounts, Problem, SPARSE_DENSITY};
 use crate::pairs::options::{MissingDepth, PairOptions, PairOrder};
 use crate::pairs::overlap_cache::SceneOverlaps;
 use crate::pairs::pair_id::PairName;
@@ -149,11 +149,11 @@ impl<'a> SceneWork<'a> {
     /// Counts the views with depth and with sparse depth.
     fn count_depth(&mut self) {
         let known: Vec<f64> = (0..self.scene.views.len())
-            .filter_map(|i| Some(self.known.depths.get(&i)?.as_ref()?.coverage))
+            .filter_map(|i| Some(self.known.depths.get(&i)?.as_ref()?.density))
             .collect();
         let counts = self.counts();
         counts.with_depth += known.len();
-        counts.with_sparse_depth += known.iter().filter(|c| **c < SPARSE_COVERAGE).count();
+        counts.with_sparse_depth += known.iter().filter(|c| **c < SPARSE_DENSITY).count();
     }
 
     /// Views that sets are formed from.
