@@ -66,6 +66,14 @@ pub enum ImageFileError {
         "its pixels are floating-point numbers, of which nothing says whether they are linear: save it as 8 or 16 bit"
     )]
     FloatingPoint,
+    #[error(
+        "its 16-bit values end at {highest}, as if {bits}-bit values had been stored unscaled: multiply them by {factor}"
+    )]
+    Unscaled {
+        highest: u16,
+        bits: u32,
+        factor: u32,
+    },
     #[error(transparent)]
     Decoder(#[from] image::ImageError),
 }
@@ -178,6 +186,7 @@ pub fn read(
     ) {
         return Err(ImageFileError::FloatingPoint);
     }
+    refuse_unscaled(&image)?;
     if rules.color == ColorRule::Convert {
         image = match &header.profile {
             Profile::Srgb | Profile::Ignored { .. } => image,
@@ -325,6 +334,32 @@ fn open<'a>(
         },
     };
     Ok((Box::new(decoder), header))
+}
+
+/// Refuses 16-bit pictures that are nearly black because their values have only 8 to 12 bits. Dark pictures that were
+/// converted from 8 bits have multiples of 257.
+fn refuse_unscaled(image: &DynamicImage) -> Result<(), ImageFileError> {
+    let (values, has_alpha, channels) = match image {
+        DynamicImage::ImageLuma16(image) => (image.as_raw(), false, 1),
+        DynamicImage::ImageLumaA16(image) => (image.as_raw(), true, 2),
+        DynamicImage::ImageRgb16(image) => (image.as_raw(), false, 3),
+        DynamicImage::ImageRgba16(image) => (image.as_raw(), true, 4),
+        _ => return Ok(()),
+    };
+    let colors = || {
+        let pixels = values.chunks_exact(channels);
+        pixels.flat_map(|pixel| &pixel[..channels - usize::from(has_alpha)])
+    };
+    let highest = colors().copied().max().unwrap_or(0);
+    let bits = (u16::BITS - highest.leading_zeros()).next_multiple_of(2);
+    if (8..=12).contains(&bits) && highest >= 128 && colors().any(|value| value % 257 != 0) {
+        return Err(ImageFileError::Unscaled {
+            highest,
+            bits,
+            factor: 65_535 / ((1 << bits) - 1),
+        });
+    }
+    Ok(())
 }
 
 fn alpha_of(image: &DynamicImage) -> Alpha {

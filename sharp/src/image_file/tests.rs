@@ -198,6 +198,26 @@ fn formats_are_told_by_their_bytes_and_read_alike() {
 }
 
 #[test]
+fn values_of_fewer_bits_in_sixteen_are_refused_and_dark_pictures_are_not() {
+    let picture = |highest: u32, step: u32| {
+        let level = move |x: u32| (x * step % (highest + 1)) as u16;
+        let image = ImageBuffer::from_fn(64, 4, |x, y| image::Luma([level(x + 64 * y)]));
+        decode(&png(DynamicImage::ImageLuma16(image))).map_err(|error| error.to_string())
+    };
+    for (highest, factor) in [(255, 257), (1023, 64), (4095, 16)] {
+        let error = picture(highest, 17).unwrap_err();
+        assert!(
+            error.contains(&format!("multiply them by {factor}")),
+            "{error}"
+        );
+    }
+    // From 8 bits, of full range, black, and all levels of a picture with sensor noise.
+    for (highest, step) in [(257 * 9, 257), (65_535, 257), (0, 1), (5000, 17), (60, 1)] {
+        assert!(picture(highest, step).is_ok(), "{highest}");
+    }
+}
+
+#[test]
 fn a_palette_of_a_broken_length_is_refused_before_it_is_decoded() {
     let mut png = b"\x89PNG\r\n\x1a\n\0\0\0\x04PLTEabcd".to_vec();
     png.extend(crc32(&png[12..]).to_be_bytes());
