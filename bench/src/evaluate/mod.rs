@@ -38,7 +38,7 @@ pub mod job;
 pub mod join;
 mod keys;
 pub mod manifest;
-mod picture_check;
+pub mod picture_check;
 mod picture_order;
 pub mod pipeline;
 pub mod plan;

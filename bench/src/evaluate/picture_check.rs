@@ -40,6 +40,28 @@ const EXPLAINED: f64 = 0.2;
 /// Minimum number of pictures in a dataset, and the share that must agree.
 const AGREEMENT: (usize, f64) = (3, 0.8);
 
+/// Below this correlation with the photograph a picture has little in common with it.
+const UNLIKE: f64 = 0.15;
+
+/// Orders of stored channels, and the channels that are red, green and blue in them.
+const PERMUTATIONS: [(&str, [usize; 3]); 5] = [
+    ("have red and blue exchanged", [2, 1, 0]),
+    ("have red and green exchanged", [1, 0, 2]),
+    ("have green and blue exchanged", [0, 2, 1]),
+    (
+        "hold green, blue and red where red, green and blue are read",
+        [2, 0, 1],
+    ),
+    (
+        "hold blue, red and green where red, green and blue are read",
+        [1, 2, 0],
+    ),
+];
+
+/// The picture is the photograph.
+const SAME: &str = "the photograph";
+/// No change explains that the picture is unlike the photograph.
+const OTHER: &str = "another picture";
 const LINEAR: &str = "hold linear light where sRGB is read (exr=linear reads that of EXR files)";
 const TWICE: &str =
     "are encoded as sRGB twice (exr=srgb reads EXR files that hold sRGB values as they are)";
@@ -55,19 +77,39 @@ pub(super) fn is_checked(kind: &str) -> bool {
 
 /// Sets the record's warning [`CHANGED`] if undoing a change brings the picture significantly closer to the photograph,
 /// or to the part that it covers.
-pub(super) fn note_change(record: &mut Record, photograph: &RgbImage, picture: &RgbImage) {
+/// `source` reads the source's photograph, shrunk.
+pub(super) fn note_change(
+    record: &mut Record,
+    photograph: &RgbImage,
+    picture: &RgbImage,
+    source: impl FnOnce() -> Option<RgbImage>,
+) {
     let part = record.crop.map(|crop| crop.region);
     let part = part.unwrap_or(Region::whole(photograph.dimensions()));
     let part = photograph.view(part.x, part.y, part.width, part.height);
     record.warnings.remove(CHANGED);
-    if let Some(change) = likely_change(&part.to_image(), picture) {
+    let part = part.to_image();
+    let change = match part == *picture {
+        true => Some(SAME),
+        false => likely_change(&part, picture).or_else(|| {
+            let (width, height) = part.dimensions();
+            let to = width.min(WIDTH);
+            let small = thumbnail(&part, to, (height * to / width).max(1));
+            // A picture of a large motion that a method ignored is like the source.
+            let is_other = is_unlike(&small, picture) && is_unlike(&source()?, picture);
+            is_other.then_some(OTHER)
+        }),
+    };
+    if let Some(change) = change {
         record
             .warnings
             .insert(CHANGED.to_owned(), change.to_owned());
     }
 }
 
-fn likely_change(photograph: &RgbImage, picture: &RgbImage) -> Option<&'static str> {
+/// The way in which a stored picture was probably altered, to end the sentence "it looks as if it"; `None` if no change
+/// brings it significantly nearer to its photograph.
+pub fn likely_change(photograph: &RgbImage, picture: &RgbImage) -> Option<&'static str> {
     let (width, height) = photograph.dimensions();
     let small = (width.min(WIDTH), (height * width.min(WIDTH) / width).max(1));
     let [seen, shown] = [photograph, picture].map(|all| thumbnail(all, small.0, small.1));
@@ -119,17 +161,16 @@ fn likely_change(photograph: &RgbImage, picture: &RgbImage) -> Option<&'static s
         color.map(|v| ((f32::from(v) - 16.0) * 255.0 / 219.0).round() as u8)
     });
     let full = nearer(&full, LEAST_GAIN_OF_LIMITED).filter(|_| is_limited);
-    let exchanged = nearer(
-        &mapped(&shown, |[r, g, b]| [b, g, r]),
-        LEAST_GAIN_OF_CHANNELS,
-    );
+    let exchanged = PERMUTATIONS.map(|(change, order)| {
+        let permuted = mapped(&shown, |color| order.map(|channel| color[channel]));
+        (change, nearer(&permuted, LEAST_GAIN_OF_CHANNELS))
+    });
     let tint = |of: &RgbImage| mapped(of, |[r, _, b]| [128 - b / 2 + r / 2; 3]);
     let tints = Likeness::of(&tint(&seen), whole, &tint(&shown)).correlation();
-    let exchanged = exchanged.filter(|_| tints < OPPOSED);
+    let exchanged = exchanged.map(|(change, fit)| (change, fit.filter(|_| tints < OPPOSED)));
     let negative = nearer(&inverted(&shown), LEAST_GAIN);
     let negative = negative.filter(|_| as_read.correlation() < OPPOSED);
     let all = [
-        ("have red and blue exchanged", exchanged),
         ("are negatives", negative),
         (LINEAR, encoded(srgb_from_linear)),
         (TWICE, encoded(linear_from_srgb)),
@@ -151,9 +192,18 @@ fn likely_change(photograph: &RgbImage, picture: &RgbImage) -> Option<&'static s
     ];
     let likely = all
         .into_iter()
+        .chain(exchanged)
         .filter_map(|(change, fit)| Some((change, fit?.error())));
     let best = likely.min_by(|a, b| a.1.total_cmp(&b.1));
     best.map(|(change, _)| change)
+}
+
+/// True if a picture, which has some contrast, has little in common with a photograph, shrunk to compare them.
+fn is_unlike(small: &RgbImage, picture: &RgbImage) -> bool {
+    let shown = thumbnail(picture, small.width(), small.height());
+    let [lowest, highest] = ends(&shown);
+    let fit = Likeness::of(small, Region::whole(small.dimensions()), &shown);
+    lowest < highest && fit.correlation() < UNLIKE
 }
 
 /// The darkest and the brightest level, but for a few beyond them.
@@ -197,25 +247,36 @@ fn ranked(picture: &RgbImage) -> RgbImage {
     ranked
 }
 
-/// A sentence for each dataset whose pictures were nearly all changed in the same way.
+/// A sentence for each dataset of which nearly all pictures were probably changed in one way.
 pub(super) fn changed_pictures<'a>(records: impl Iterator<Item = &'a Record>) -> Vec<String> {
-    let mut by_dataset: BTreeMap<&str, Vec<Option<&String>>> = BTreeMap::new();
+    let mut by_dataset: BTreeMap<&str, Vec<Option<&str>>> = BTreeMap::new();
     for record in records.filter(|record| record.status == Status::Ok) {
         let of_dataset = by_dataset.entry(&record.dataset).or_default();
-        of_dataset.push(record.warnings.get(CHANGED));
+        of_dataset.push(record.warnings.get(CHANGED).map(String::as_str));
     }
-    let told = by_dataset.into_iter().filter_map(|(dataset, changes)| {
-        let all = changes.len();
-        let same = |change| changes.iter().filter(|c| **c == change).count();
-        let (count, change) = changes.iter().flatten().map(|c| (same(Some(*c)), c)).max()?;
-        (all >= AGREEMENT.0 && count as f64 >= AGREEMENT.1 * all as f64).then(|| {
-            format!(
-                "its pictures look as if they {change}: {count} of {all} are significantly nearer to the photographs of \
-                 {dataset} once that is undone"
-            )
-        })
-    });
-    told.collect()
+    let told = by_dataset.into_iter();
+    told.filter_map(|(dataset, changes)| agreed_change(&changes, &format!("of {dataset}")))
+        .collect()
+}
+
+/// A sentence on the change that nearly all of some pictures have in common. `photographs` tells which photographs they
+/// were compared with.
+pub fn agreed_change(changes: &[Option<&str>], photographs: &str) -> Option<String> {
+    let all = changes.len();
+    let same = |change| changes.iter().filter(|c| **c == Some(change)).count();
+    let (count, change) = changes.iter().flatten().map(|c| (same(*c), *c)).max()?;
+    let counted = format!("{count} of {all}");
+    (all >= AGREEMENT.0 && count as f64 >= AGREEMENT.1 * all as f64).then(|| match change {
+        SAME => format!("its pictures are the photographs {photographs} themselves: {counted} are equal to them"),
+        OTHER => format!(
+            "its pictures have little in common with the photographs {photographs}: {counted} have a correlation below \
+             {UNLIKE} with them (another scene, another order of their bytes, or unfinished files?)"
+        ),
+        change => format!(
+            "its pictures look as if they {change}: {counted} are significantly nearer to the photographs {photographs} \
+             once that is undone"
+        ),
+    })
 }
 
 #[cfg(test)]

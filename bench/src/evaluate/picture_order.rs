@@ -81,7 +81,8 @@ fn spread(count: usize, most: usize) -> impl Iterator<Item = usize> {
 pub(super) struct Thumbnails(BTreeMap<[String; 3], Option<RgbImage>>);
 
 impl Thumbnails {
-    fn of(&mut self, planned: &ResolvedPair<'_>, view: &View) -> Option<RgbImage> {
+    /// A view's photograph, shrunk; `None` if it cannot be read.
+    pub(super) fn of(&mut self, planned: &ResolvedPair<'_>, view: &View) -> Option<RgbImage> {
         let scene = planned.scene;
         let name = [&scene.dataset, &scene.id, &view.id].map(Clone::clone);
         let read = || Some(small(&view.content.image().ok()?));

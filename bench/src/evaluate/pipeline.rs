@@ -68,9 +68,11 @@ pub(super) fn run(
                             && let Ok(photograph) = truth.get()
                         {
                             let (record, shown) = (&mut item.unit.record, &item.picture);
-                            note_change(record, photograph.image(), shown);
+                            let planned = &truth.planned;
+                            let source = || thumbnails.of(planned, planned.source);
+                            note_change(record, photograph.image(), shown, source);
                             let both = (photograph.image(), shown);
-                            note_order(record, &truth.planned, &job.others, both, &mut thumbnails);
+                            note_order(record, planned, &job.others, both, &mut thumbnails);
                         }
                         let privilege = maker.map(|maker| maker.privilege()).unwrap_or_default();
                         let mut new = doubts(&item.unit.record, privilege.depth);

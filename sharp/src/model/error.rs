@@ -44,6 +44,12 @@ pub enum ModelError {
     /// The network's depth cannot be converted to Gaussians.
     #[error("predicted depth: {0}")]
     Depth(#[from] InitializerError),
+    /// A weight is NaN or infinite, so that the prediction is unusable.
+    #[error(
+        "{broken} of {count} predicted Gaussians are not finite: the checkpoint's weights are broken (`sharp-bench weights \
+         check FILE` counts those that are not finite)"
+    )]
+    NotFinite { broken: usize, count: usize },
     /// The number of deltas does not match the base Gaussians.
     #[error(transparent)]
     Deltas(#[from] DeltaLength),

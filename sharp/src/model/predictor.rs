@@ -130,7 +130,7 @@ impl Predictor {
     ///
     /// # Errors
     /// [`ModelError::Image`] for an image of the wrong size, non-finite values or a factor that is not positive;
-    /// [`ModelError::Depth`] if the network's depth is not finite; [`ModelError::Tensor`]; any error of the observer.
+    /// [`ModelError::Depth`] if the network's depth is not finite; [`ModelError::NotFinite`]; [`ModelError::Tensor`]; any error of the observer.
     pub fn predict(
         &self,
         image: Planes<'_>,
@@ -176,6 +176,11 @@ impl Predictor {
         )?;
         let gaussians = compose(&base, Some(&deltas))?;
         observe_gaussians("ndc", &gaussians, observer)?;
+        let count = gaussians.len();
+        let broken = (0..count).filter(|k| !gaussians.is_finite(*k)).count();
+        if broken > 0 {
+            return Err(ModelError::NotFinite { broken, count });
+        }
         Ok(NetworkOutput {
             gaussians,
             depth,

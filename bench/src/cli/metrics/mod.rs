@@ -26,6 +26,7 @@ use super::output::Terminal;
 use super::{Outcome, output};
 use crate::config::MetricConfig;
 use crate::config::metrics::demand_weights;
+use crate::evaluate::picture_check::agreed_change;
 use crate::io::atomic_files::{check_writable, write_atomic};
 use crate::io::observer::Observer;
 use crate::io::pictures::PictureReading;
@@ -155,12 +156,18 @@ pub(super) fn execute(args: &MetricsArgs) -> anyhow::Result<Outcome> {
         scored.push(scored::score(&scorer, &selection, input, args)?);
     }
     terminal.end();
+    let changes: Vec<_> = scored.iter().map(|pair| pair.change).collect();
+    let warning = agreed_change(&changes, "given as targets");
+    if let Some(warning) = &warning {
+        output::remark(format!("warning: {warning}"));
+    }
     let results = show::ScoredPairs {
         scored: &scored,
         scorer: &scorer,
         terms: args.terms,
         sought: args.find.as_ref(),
         resize: args.resize_prediction,
+        warning,
     };
     if args.json {
         output::json(&results.json())?;

@@ -7,6 +7,7 @@ use sharp_metrics::{Examined, MetricKey, Picture, Scorer, Selection, Terms, resi
 
 use super::inputs::Input;
 use super::{MetricsArgs, demand_explicit, output};
+use crate::evaluate::picture_check::likely_change;
 use crate::io::{masks, pictures};
 use crate::pictures::keyed_scores::KeyedScores;
 use crate::pictures::maps::{ColourScale, LocalMap, MapFiles, write_map};
@@ -19,6 +20,8 @@ pub(super) struct Scored {
     pub(super) mask: Option<PathBuf>,
     /// Notes on how the pictures were read, one sentence each.
     pub(super) notes: Vec<String>,
+    /// How the prediction was probably altered.
+    pub(super) change: Option<&'static str>,
     /// Width and height of the prediction before resizing; `None` if not resized.
     pub(super) resized_from: Option<(u32, u32)>,
     /// Depth of prediction and target as scored: `8 bit` or `f32`.
@@ -66,6 +69,12 @@ pub(super) fn score(
         }
         _ => None,
     };
+    let change = match (&prediction, &target) {
+        (Picture::Rgb8(shown), Picture::Rgb8(seen)) if shown.dimensions() == seen.dimensions() => {
+            likely_change(seen, shown)
+        }
+        _ => None,
+    };
     let mask = input.mask.as_deref().map(read_mask).transpose()?;
     let examined = scorer
         .examine(&prediction, &target, mask.as_ref(), args.maps.is_some())
@@ -87,6 +96,7 @@ pub(super) fn score(
     };
     let terms = examined.terms.into_iter();
     Ok(Scored {
+        change,
         resized_from,
         depths: [&prediction, &target].map(depth),
         scores,

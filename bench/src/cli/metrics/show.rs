@@ -23,6 +23,8 @@ pub(super) struct ScoredPairs<'a> {
     pub(super) terms: bool,
     pub(super) sought: Option<&'a Sought>,
     pub(super) resize: Option<ResizeKernel>,
+    /// A change that nearly all predictions have in common.
+    pub(super) warning: Option<String>,
 }
 
 impl ScoredPairs<'_> {
@@ -67,6 +69,9 @@ impl ScoredPairs<'_> {
                 "resize_prediction": self.resize.map_or("none", ResizeKernel::name),
             },
         });
+        if let Some(warning) = &self.warning {
+            results["warning"] = json!(warning);
+        }
         if let Some(kernel) = self.resize {
             results["conditions"]["resize_prediction_as"] = json!(kernel.describe());
         }
