@@ -90,14 +90,9 @@ pub(crate) fn add(scene: &mut Scene, spec: &DatasetSpec) {
             .notes
             .push(format!("pictures: {count} of {of} have {text}"));
     }
-    let other = match spec.setting("masks") {
-        "keep-white" | "apply" => "keep-black",
-        "keep-black" => "keep-white",
-        _ => return,
-    };
-    // If the format defines the polarity, there is no doubt about it.
-    let has_polarity = |s: &Setting| s.allows("masks", other);
-    if !spec.entry.settings.iter().any(has_polarity) {
+    // A polarity that was asked for by name, or that the format defines, is not in doubt.
+    let has_polarity = |s: &Setting| s.allows("masks", "keep-black");
+    if spec.setting("masks") != "apply" || !spec.entry.settings.iter().any(has_polarity) {
         return;
     }
     let masked = scene.views.iter().filter(|v| v.content.processing().masked);
@@ -113,7 +108,8 @@ pub(crate) fn add(scene: &mut Scene, spec: &DatasetSpec) {
     let left = shares.iter().sum::<f64>() / shares.len().max(1) as f64;
     if !shares.is_empty() && left < LEAST_LEFT {
         scene.warnings.push(format!(
-            "masks: on average they leave {:.1} % of the pixels; if their other side marks what counts, say masks={other}",
+            "masks: on average they leave {:.1} % of the pixels; if their black side marks what counts, say masks=keep-black \
+             (masks=keep-white: as now, without this warning)",
             100.0 * left
         ));
     }

@@ -85,7 +85,7 @@ pub const KINDS: [MethodKind; 8] = [
         settings: "dir=DIR, file={scene}.ply for another layout, rendering=inria|gsplat-classic|mip-splatting|… for the rule they were made for, \
                   depth=none|privileged: scaled by the median of true over rendered depth, color_space=linear|srgb for PLYs that \
                   do not say; for files stored otherwise opacity=linear|byte, scales=linear|log-variance, \
-                  quaternions=xyzw, colors=rgb01|rgb255|logit|dc-uncentered, channels=bgr, harmonics=drop, marks=ignore, space=world|target|normalized, \
+                  quaternions=xyzw, colors=rgb01|rgb255|logit|dc-uncentered, channels=bgr, harmonics=drop|interleaved, marks=ignore, space=world|target|normalized, \
                   axes=rub|luf, scale=S, transform=dataparser_transforms.json, shift=X:Y, focal=F|X:Y; train=LIST.txt|GLOB for scenes trained on several views, align=pose: the target's camera is \
                   moved to fit its photograph",
         build: |spec, _| Ok(Box::new(GaussianFiles::from_spec(spec)?)),

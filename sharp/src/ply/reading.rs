@@ -131,6 +131,8 @@ setting!(
     Refuse = "refuse",
     /// Only the constant term is drawn.
     Drop = "drop",
+    /// Stored as red, green and blue of each coefficient, not as all of red, all of green, all of blue.
+    Interleaved = "interleaved",
 );
 setting!(
     /// Treatment of marks of another rendering rule: antialiasing, flat Gaussians, a filter that is not folded in.
@@ -335,6 +337,22 @@ impl StoredForm {
                 true => form(space(value)),
                 false => space(form(value)),
             });
+        }
+        if self.harmonics == Some(Harmonics::Interleaved) {
+            let each = gaussians.harmonics.per_gaussian().max(1);
+            for own in gaussians.harmonics.coefficients.chunks_mut(each) {
+                // By the position in the file: `place / each` is the channel as read, `place % 3` that of the program.
+                let as_read = own.to_vec();
+                for place in 0..3 * own.len() {
+                    let (one, other) = ((place % each, place / each), (place / 3, place % 3));
+                    let (from, to) = if to_stored {
+                        (other, one)
+                    } else {
+                        (one, other)
+                    };
+                    own[to.0][to.1] = as_read[from.0][from.1];
+                }
+            }
         }
         if self.channels == Some(StoredChannels::Bgr) {
             for coefficient in &mut gaussians.harmonics.coefficients {

@@ -351,3 +351,29 @@ fn an_empty_scene_is_a_valid_file() {
         assert!(read(&to_bytes(&empty, form)).unwrap().gaussians.is_empty());
     }
 }
+
+#[test]
+fn interleaved_coefficients_are_put_in_order_and_back() {
+    let degree = 2;
+    let each = crate::gaussians::Harmonics::coefficients_of(degree);
+    // Coefficient j of channel c is 10 j + c; the file has red, green and blue of each.
+    let right: Vec<[f32; 3]> = (0..2 * each)
+        .map(|j| [0.0, 1.0, 2.0].map(|c| 10.0 * j as f32 + c))
+        .collect();
+    let as_read = right.chunks(each).flat_map(|own| {
+        let file = own.as_flattened();
+        (0..each).map(|j| [0, 1, 2].map(|c| file[c * each + j]))
+    });
+    let mut gaussians = Gaussians::default();
+    gaussians.harmonics.degree = degree;
+    gaussians.harmonics.coefficients = as_read.collect();
+    let stored = gaussians.clone();
+    let form = StoredForm {
+        harmonics: Some(Harmonics::Interleaved),
+        ..StoredForm::default()
+    };
+    form.decode(&mut gaussians);
+    assert_eq!(gaussians.harmonics.coefficients, right);
+    form.encode(&mut gaussians);
+    assert_eq!(gaussians, stored);
+}

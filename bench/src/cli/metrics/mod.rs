@@ -119,6 +119,9 @@ pub(super) struct MetricsArgs {
     methods_text: bool,
 }
 
+/// Masks that leave a smaller share of the pixels than this are doubted: most exclude a person, a sky or a logo.
+const LEAST_LEFT: f64 = 0.2;
+
 pub(super) fn execute(args: &MetricsArgs) -> anyhow::Result<Outcome> {
     let selection = args.selection()?;
     if let Some(set) = args.simd {
@@ -160,6 +163,14 @@ pub(super) fn execute(args: &MetricsArgs) -> anyhow::Result<Outcome> {
     let warning = agreed_change(&changes, "given as targets");
     if let Some(warning) = &warning {
         output::remark(format!("warning: {warning}"));
+    }
+    let mean_left = scored.iter().map(|pair| pair.left).sum::<f64>() / scored.len().max(1) as f64;
+    if mean_left < LEAST_LEFT {
+        output::remark(format!(
+            "warning: --mask: white, which counts, is on average {:.1} % of the pixels; if it marks what is left out, \
+             invert the masks",
+            100.0 * mean_left
+        ));
     }
     let results = show::ScoredPairs {
         scored: &scored,

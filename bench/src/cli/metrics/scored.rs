@@ -20,6 +20,8 @@ pub(super) struct Scored {
     pub(super) mask: Option<PathBuf>,
     /// Notes on how the pictures were read, one sentence each.
     pub(super) notes: Vec<String>,
+    /// Share of the pixels that the mask leaves; 1 without a mask.
+    pub(super) left: f64,
     /// How the prediction was probably altered.
     pub(super) change: Option<&'static str>,
     /// Width and height of the prediction before resizing; `None` if not resized.
@@ -95,7 +97,11 @@ pub(super) fn score(
         None => Vec::new(),
     };
     let terms = examined.terms.into_iter();
+    let left = mask.as_ref().map_or(1.0, |mask| {
+        mask.count() as f64 / mask.values().len().max(1) as f64
+    });
     Ok(Scored {
+        left,
         change,
         resized_from,
         depths: [&prediction, &target].map(depth),
@@ -142,14 +148,6 @@ fn read_mask(path: &Path) -> anyhow::Result<sharp_metrics::Mask> {
             "warning: {}: {} pixels are neither black nor white; levels of 128 and more count",
             path.display(),
             found.between
-        ));
-    }
-    let left = found.mask.count() as f64 / found.mask.values().len().max(1) as f64;
-    if left < 0.2 {
-        output::remark(format!(
-            "warning: {}: white, which counts, is {:.1} % of the pixels; if it marks what is left out, invert the mask",
-            path.display(),
-            100.0 * left
         ));
     }
     Ok(found.mask)

@@ -5,7 +5,8 @@ use image::RgbImage;
 use sharp::camera::Intrinsics;
 use sharp::gaussians::Gaussians;
 use sharp::ply::{
-    ColorSpace, StoredChannels, StoredColors, StoredOpacity, StoredQuaternions, StoredScales,
+    ColorSpace, Harmonics, StoredChannels, StoredColors, StoredOpacity, StoredQuaternions,
+    StoredScales,
 };
 use sharp::random::mix;
 use sharp::render::{RenderError, Rule};
@@ -284,6 +285,9 @@ fn numbers(current: &FileReading, stored: &Gaussians) -> Vec<FileReading> {
     }
     for space in ColorSpace::ALL {
         add(&|other| other.stored.color_space = Some(*space));
+    }
+    if stored.harmonics.degree > 0 {
+        add(&|other| other.stored.harmonics = Some(Harmonics::Interleaved));
     }
     for channels in StoredChannels::ALL {
         add(&|other| other.stored.channels = Some(*channels));
