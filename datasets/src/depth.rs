@@ -144,8 +144,8 @@ impl StereoGeometry {
             return Err(DatasetError::malformed(
                 path,
                 format!(
-                    "{negative} disparities are negative, and {sane} positive: store how far left a point of the left \
-                     picture lies in the right one, as a positive number (or are the pictures exchanged?)"
+                    "{negative} disparities are negative and {sane} positive; disparity must be positive: x in the \
+                     left picture minus x in the right one (or are the pictures exchanged?)"
                 ),
             ));
         }

@@ -83,9 +83,9 @@ impl DslrPhotographs {
             })
         } else {
             if !fisheye_json.is_file() {
-                let remedy = "it holds the cameras of the fisheye pictures: add it (the download's \
-                              nerfstudio/ has it), or the toolbox's undistorted pictures with \
-                              nerfstudio/transforms_undistorted.json, which do without it";
+                let remedy = "it contains the cameras of the fisheye pictures: add it (it is in the download's \
+                              nerfstudio/), or the toolbox's undistorted pictures with \
+                              nerfstudio/transforms_undistorted.json, which do not need it";
                 return Err(missing(&fisheye_json, remedy));
             }
             Ok(Self {
