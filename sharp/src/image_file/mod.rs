@@ -48,7 +48,7 @@ pub enum ImageFileError {
     },
     /// The picture has more pixels than a camera may have.
     #[error(
-        "the picture is {width}x{height}, larger than any that is read (at most {} pixels)",
+        "the picture is {width}x{height}, which exceeds the maximum of {} pixels",
         Intrinsics::MAX_PIXELS
     )]
     TooLarge { width: u32, height: u32 },
@@ -63,7 +63,7 @@ pub enum ImageFileError {
     )]
     Profile { name: String, reason: &'static str },
     #[error(
-        "its pixels are floating-point numbers, of which nothing says whether they are linear: save it as 8 or 16 bit"
+        "its pixels are floating-point numbers without a stated transfer curve; save it as 8 or 16 bit"
     )]
     FloatingPoint,
     #[error(transparent)]

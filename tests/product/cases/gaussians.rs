@@ -141,7 +141,7 @@ fn another_order_of_quaternions_is_found_by_the_photograph() {
 #[test]
 fn scales_that_are_no_logarithms_are_named_by_numbers_and_by_the_photograph() {
     let case = case("A11-scales-linear");
-    case.is_said_everywhere("r", "`scales=linear` reads them so");
+    case.is_said_everywhere("r", "`scales=linear` reads them as they are");
     case.is_said_everywhere("r", "with `scales=linear`: 26.91 dB");
     assert!(
         case.said[1].out.contains("scales=linear"),
@@ -247,7 +247,7 @@ fn files_may_lie_elsewhere_and_the_layout_that_finds_them_is_named() {
     let said = run_method(&case, "gaussians:dir=g,color_space=srgb", "none");
     assert_ne!(said.code, 0);
     assert!(
-        said.err.contains("1 of 1 are there with file={scene}.ply"),
+        said.err.contains("1 of 1 exist with file={scene}.ply"),
         "{}",
         said.err
     );
@@ -562,7 +562,7 @@ fn wrong_files_among_right_ones_are_named_by_run_and_merge() {
         ))
         .ends_with(0);
     }
-    let text = "2 of 8 sources show the photograph they were predicted from at ";
+    let text = "2 of 8 sources reproduce the photograph they were predicted from at only ";
     let said = vec![run("wrong")];
     assert_eq!(said[0].err.matches(text).count(), 1, "{}", said[0].err);
     let named = "synthetic/seed0/view_01, synthetic/seed0/view_05;";
@@ -618,7 +618,7 @@ fn units_are_mended_by_scale_and_broken_files_named_in_plain_words() {
                 said[0].err
             );
             let case = Case { said, ..case };
-            case.is_said_everywhere("r", &format!("`{mends}` fits"));
+            case.is_said_everywhere("r", &format!("use `{mends}`"));
             close(with(&case, &format!("{mends}{settings}")), 19.0306);
         }
     }
