@@ -355,7 +355,7 @@ fn a_strangers_number_is_traced_to_its_convention() {
     let found = json["found"].as_array().unwrap();
     assert!(found.contains(&"ssim[gauss11,zero]".into()), "{found:?}");
     let said = metrics(dir.path(), "p/a.png t/a.png --metrics all --find 77.123").ends_with(0);
-    assert!(said.out.contains("77.123 is none"), "{}", said.out);
+    assert!(said.out.contains("77.123 matches none"), "{}", said.out);
 }
 
 #[test]

@@ -53,7 +53,7 @@ pub(crate) fn rows<const N: usize>(
     let (count, columns) = array.as_array().dim();
     if columns != N {
         return Err(PyValueError::new_err(format!(
-            "{name}: {count}×{columns}, where [K, {N}] is needed"
+            "{name}: expected [K, {N}], found {count}×{columns}"
         )));
     }
     let rows = array.as_array();

@@ -129,7 +129,7 @@ fn configuration(args: &RunArgs) -> anyhow::Result<RunConfig> {
     // A machine without the plan's kernels is reported later.
     if let Some(key) = own.keys().find(|key| *key != "simd") {
         let reason =
-            format!("--{key}: a shard does what was planned, so that --plan goes without it");
+            format!("--{key} cannot be combined with --plan: a shard uses the planned options");
         return Err(UsageError(reason).into());
     }
     let folder = RunFolder::open(root)?;
@@ -327,7 +327,8 @@ pub(super) fn print_counts(
         ..
     } = counts;
     output::line(format!(
-        "shard {shard} of {root}: {}, {reused} done before, {scored} scored, {failed} failed, {waiting} waiting, {left} not come to",
+        "shard {shard} of {root}: {}, {reused} done before, {scored} scored, {failed} failed, {waiting} waiting, \
+         {left} not started",
         counted(*units, "unit")
     ))
 }
@@ -375,7 +376,8 @@ fn print_estimate(estimate: &Estimate, as_json: bool) -> anyhow::Result<()> {
     )?;
     if measured_failures > 0 {
         output::remark(format!(
-            "warning: {} of those measured failed, so the estimate is too low; `run --limit {measured_pairs}` says why",
+            "warning: {} of those measured failed, so the estimate is too low; `run --limit {measured_pairs}` shows \
+             why",
             counted(measured_failures, "unit")
         ));
     }

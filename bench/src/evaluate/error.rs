@@ -25,9 +25,7 @@ pub enum EvaluateError {
         /// What the path is relative to; empty for an absolute path.
         from: String,
     },
-    #[error(
-        "dataset '{0}': the manifest does not tell, in a form that this version reads, where its files lay"
-    )]
+    #[error("dataset '{0}': this version cannot read the location of its files from the manifest")]
     NoDatasetSpec(String),
     #[error(transparent)]
     Method(#[from] SpecError),

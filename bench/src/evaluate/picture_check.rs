@@ -40,9 +40,8 @@ const EXPLAINED: f64 = 0.2;
 /// Minimum number of pictures in a dataset, and the share that must agree.
 const AGREEMENT: (usize, f64) = (3, 0.8);
 
-const LINEAR: &str = "hold linear light where sRGB is read (exr=linear reads that of EXR files)";
-const TWICE: &str =
-    "are encoded as sRGB twice (exr=srgb reads EXR files that hold sRGB values as they are)";
+const LINEAR: &str = "contain linear light but were read as sRGB (exr=linear reads such EXR files)";
+const TWICE: &str = "are sRGB-encoded twice (exr=srgb reads EXR files that hold sRGB values)";
 const HALVED: &str =
     "have half their contrast, as if values from 0 to 1 had been stored as values from −1 to 1";
 const LIMITED: &str = "hold the limited range of video, 16 to 235, where 0 to 255 is read";

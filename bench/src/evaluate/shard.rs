@@ -92,11 +92,11 @@ pub enum ShardError {
     )]
     Range { index: usize, count: usize },
     #[error(
-        "auto: this is no array task of Slurm (SLURM_ARRAY_TASK_ID), Kubernetes (JOB_COMPLETION_INDEX) or AWS Batch \
-         (AWS_BATCH_JOB_ARRAY_INDEX)"
+        "auto: this is not an array task of Slurm (SLURM_ARRAY_TASK_ID), Kubernetes (JOB_COMPLETION_INDEX) or AWS \
+         Batch (AWS_BATCH_JOB_ARRAY_INDEX)"
     )]
     NoArray,
-    #[error("auto: {variable} is '{value}', which is no number")]
+    #[error("auto: {variable} is '{value}', which is not a number")]
     Variable {
         variable: &'static str,
         value: String,
@@ -150,8 +150,8 @@ fn of_array(
             None if size.is_some() && size == last => Shard::new(index, size.unwrap_or(index)),
             // For 2,5 of 8, the total of 8 is not in the environment.
             None => Err(ShardError::Count(
-                "this Slurm array is not 1-N without gaps, so that nobody says how many shards there are: give --shard \
-                 auto/N",
+                "the indices of this Slurm array are not 1-N without gaps, so the number of shards is unknown: use \
+                 --shard auto/N",
             )),
         };
     }

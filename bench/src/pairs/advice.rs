@@ -99,7 +99,7 @@ fn left_out(name: &str, counts: &PairCounts, broken: &[&Problem]) -> Option<Stri
     };
     (!broken.is_empty()).then(|| {
         let named = named.join("; ");
-        format!("{name}: {pairs} are left out, as views cannot be read: {named}{others}")
+        format!("{name}: {pairs} are left out because views cannot be read: {named}{others}")
     })
 }
 
@@ -108,8 +108,8 @@ const NAMED: usize = 3;
 
 fn sparseness(counts: &PairCounts) -> String {
     format!(
-        "its depth is sparse, at less than {} % of the pixels in {} of the {} with depth, and overlap=ground-truth asks \
-         for depth at the very pixel where a point lands",
+        "its depth is sparse (below {} % of the pixels in {} of the {} with depth), but overlap=ground-truth needs \
+         depth at exactly the pixel where a point lands",
         100.0 * SPARSE_COVERAGE,
         counts.with_sparse_depth,
         counted(counts.with_depth, "view")
@@ -121,8 +121,8 @@ fn without_depth(dataset: &DatasetSpec, options: &PairOptions) -> String {
     let (format, split) = (dataset.entry.format, dataset.setting("split"));
     if options.depth.is_ground_truth() && format == "scannetpp" && split.starts_with("nvs_test") {
         return format!(
-            "no view has depth; split={split} comes without meshes and hides its targets; take split=nvs_sem_val, which \
-             has both, or depth=points (sparse) with --pair-options {DENSE}"
+            "no view has depth; split={split} has no meshes, and its targets are not public; use split=nvs_sem_val, \
+             which has both, or depth=points (sparse) with --pair-options {DENSE}"
         );
     }
     let scaled = if options.depth.is_ground_truth() {
@@ -131,9 +131,9 @@ fn without_depth(dataset: &DatasetSpec, options: &PairOptions) -> String {
         ", and other depth is scaled by it (not with overlap=given-metric)"
     };
     format!(
-        "no view has depth{scaled}; `datasets check` says which files are missing; without them, --pair-options \
-         overlap=given-metric with --overlap-depth DIR takes depth by anyone in metres, and missing-depth=accept takes \
-         pairs without an overlap"
+        "no view has depth{scaled}; `datasets check` lists the missing files; without them, --pair-options \
+         overlap=given-metric with --overlap-depth DIR uses other depth in metres, and missing-depth=accept selects \
+         pairs without overlap"
     )
 }
 
@@ -180,14 +180,14 @@ mod tests {
         assert_eq!(
             all,
             [
-                "D: 90 of 90 pairs are left out, as views cannot be read: s/v0 (0.png: truncated); s/v1 (1.png: truncated); \
-              s/v2 (2.png: truncated); 7 views more"
+                "D: 90 of 90 pairs are left out because views cannot be read: s/v0 (0.png: truncated); s/v1 (1.png: \
+                 truncated); s/v2 (2.png: truncated); 7 views more"
             ]
         );
         let one = said(&broken[..1], 9, 0);
         assert_eq!(
             one[0],
-            "D: 1 of 10 views are left out, as views cannot be read: s/v0 (0.png: truncated)"
+            "D: 1 of 10 views are left out because views cannot be read: s/v0 (0.png: truncated)"
         );
         assert!(one[1].contains("above threshold="), "{one:?}");
     }
@@ -204,7 +204,7 @@ mod tests {
     fn sparse_depth_is_told_from_little_overlap() {
         let eth3d = said("eth3d=/x", "", depth(10, 9)).unwrap();
         for part in [
-            "less than 30 % of the pixels in 9 of the 10 views with depth",
+            "below 30 % of the pixels in 9 of the 10 views with depth",
             "overlap=given with --overlap-depth",
             "sharp-release",
             "sparse:8",

@@ -54,7 +54,7 @@ impl TrainingFolder {
             let mut entries = entries.filter_map(Result::ok);
             // As in a run folder, dot files are ours.
             if entries.any(|entry| !entry.file_name().to_string_lossy().starts_with('.')) {
-                return Err(refused(format!("it holds other files and no {CONFIG}")));
+                return Err(refused(format!("it holds other files but no {CONFIG}")));
             }
         }
         let (lock, _) = lock(root, File::try_lock)?;

@@ -47,8 +47,8 @@ pub(super) fn explain(scorer: &Scorer, json: bool) -> anyhow::Result<Outcome> {
 pub(in crate::cli) fn methods_text(text: &MethodsText, json: bool) -> anyhow::Result<Outcome> {
     for backbone in &text.missing {
         output::remark(format!(
-            "note: the weights of {backbone} are not at hand, so the text has a gap where their hash belongs; \
-             `sharp-bench weights fetch {backbone}` or `--weights {backbone}=FILE` fills it"
+            "note: the weights of {backbone} are missing, so the text has a gap in place of their hash; provide them \
+             with `sharp-bench weights fetch {backbone}` or `--weights {backbone}=FILE`"
         ));
     }
     if json {

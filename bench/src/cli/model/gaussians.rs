@@ -148,7 +148,7 @@ impl TargetForm {
             }
         }
         anyhow::bail!(
-            "{}: the name of a result ends in .ply, .compressed.ply or .spz, or --to says its format",
+            "{}: unknown output format; use a name ending in .ply, .compressed.ply or .spz, or set --to",
             path.display()
         )
     }
@@ -256,7 +256,7 @@ fn describe(scene: &GaussianScene) -> Info {
     }
     if behind > 0.1 {
         implausible.push(format!(
-            "{:.0} % lie behind the camera: OpenGL axes, or a space that is not the camera's?",
+            "{:.0} % are behind the camera: the axes may be OpenGL's, or the space may not be the camera's",
             100.0 * behind
         ));
     }
@@ -430,7 +430,7 @@ fn convert(
     let clamped = scales.iter().filter(|s| **s > LARGEST_SPZ_SCALE).count();
     if to == TargetForm::Spz && clamped > 0 {
         output::remark(format!(
-            "warning: {}: {clamped} standard deviations above {LARGEST_SPZ_SCALE:.0} become that, the most that an SPZ holds",
+            "warning: {}: {clamped} standard deviations were clamped to {LARGEST_SPZ_SCALE:.0}, the maximum in SPZ",
             out.display()
         ));
     }

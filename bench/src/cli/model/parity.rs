@@ -91,7 +91,7 @@ fn reference(args: &ParityArgs) -> anyhow::Result<(Gaussians, Intrinsics)> {
             let file = gaussian_files::read(path, Some(ColorSpace::Srgb), Some(Rule::SHARP))?;
             let Some((intrinsics, _)) = file.camera else {
                 bail!(
-                    "{}: it holds no camera; a PLY of the release or of predict without --plain is needed",
+                    "{}: no camera in the file; use a PLY written by the release, or by `predict` without --plain",
                     path.display()
                 );
             };
@@ -184,7 +184,10 @@ fn of_port(args: &ParityArgs, path: &Path) -> anyhow::Result<Outcome> {
         .map(|f| format!("{} {:.3} {}", f.field, f.p99, f.unit))
         .collect();
     let counts = [
-        (*extra, "Gaussians that the reference lacks or has once"),
+        (
+            *extra,
+            "Gaussians without a match of their own in the reference",
+        ),
         (*missing, "Gaussians missing"),
         (*not_finite, "Gaussians not finite"),
     ];

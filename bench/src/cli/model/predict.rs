@@ -118,7 +118,7 @@ fn named_after(images: &[PathBuf], folder: &Path) -> anyhow::Result<Vec<PathBuf>
         let ply = folder.join(name);
         ensure!(
             !outputs.contains(&ply),
-            "{}: two photographs of one name would be written there twice",
+            "{}: two photographs with the same name would both be written here",
             ply.display()
         );
         outputs.push(ply);

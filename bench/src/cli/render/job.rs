@@ -278,7 +278,7 @@ impl Output<'_> {
             OutputKind::Frames => {
                 ensure!(
                     std::fs::read_dir(&out).map_or(true, |mut files| files.next().is_none()),
-                    "{}: it holds files already: remove it or choose another folder",
+                    "{}: the folder is not empty; remove it or choose another one",
                     out.display()
                 );
                 let name = |index| writer::frame_path(&out, index);

@@ -199,8 +199,8 @@ pub(in crate::evaluate) fn absurd_coverage(
     let widest = |&k: &usize| f64::from(scales[k].into_iter().fold(0.0, f32::max));
     let middle = median_of(seen.members.iter().map(widest).collect());
     let text = format!(
-        "{:.0} of its Gaussians cover a pixel on average (half of them are wider than {:.3}), which takes very long to render: \
-         scales that are no logarithms (`scales=linear`), or another unit (`scale=`)? ({})",
+        "{:.0} of its Gaussians cover a pixel on average (half of them are wider than {:.3}), which takes very long \
+         to render; are the scales linear (`scales=linear`) or in another unit (`scale=`)? ({})",
         seen.layers,
         middle.unwrap_or_default(),
         source.id
@@ -380,15 +380,15 @@ fn depth_doubt(truth: &DepthMap, seen: &DepthMap, scale: f64, id: &str) -> Optio
     let ((middle, spread), (_, of_inverse)) = (middle_and_spread(1.0)?, middle_and_spread(-1.0)?);
     if of_inverse * INVERSE_SIGNIFICANCE < spread {
         return Some(format!(
-            "its Gaussians lie far where the dataset's depth is near, and near where it is far ({id}): inverse depth taken for \
-             depth? No setting reads that"
+            "its Gaussians are far where the dataset's depth is near, and near where it is far ({id}): probably \
+             inverse depth was taken for depth, which no setting corrects"
         ));
     }
     let is_unit = middle.abs() > LEAST_FACTOR.ln().max(FACTOR_SIGNIFICANCE * 1.4826 * spread);
     is_unit.then(|| {
         format!(
-            "its Gaussians lie {:.3} times as far away as the dataset's depth ({id}): `scale={}` fits; only where each \
-             source has a unit of its own, `depth=privileged` scales each",
+            "its Gaussians are {:.3} times as far away as the dataset's depth ({id}): use `scale={}`, or \
+             `depth=privileged` if each source has its own unit",
             (-middle).exp(),
             rounded(scale * middle.exp())
         )

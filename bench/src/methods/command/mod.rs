@@ -224,8 +224,8 @@ impl Command {
 fn notes_of(files: &NamedFiles) -> Vec<String> {
     let absent = files.absent.iter().map(|word| {
         format!(
-            "its command line names {word}, which looks like a file and is not there: if the program reads such a file, \
-             name it by files=PATTERN, or its results are not made again when it changes"
+            "its command line names {word}, which looks like a file but does not exist; if the program reads it, \
+             name it with files=PATTERN, so that results are made again when it changes"
         )
     });
     let unseen = files.unseen.iter().map(|word| {

@@ -61,9 +61,7 @@ struct SevaSplit {
 fn positions<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Vec<FrameName>, D::Error> {
     let places: Option<Vec<u32>> = Option::deserialize(deserializer)?;
     let places = places.ok_or_else(|| {
-        serde::de::Error::custom(
-            "null instead of a list of positions, which is [] where there are none",
-        )
+        serde::de::Error::custom("null instead of a list of positions; use [] for none")
     })?;
     Ok(places.into_iter().map(FrameName::Position).collect())
 }
@@ -286,7 +284,7 @@ fn manifest_line(number: u64, line: &str) -> Result<Entry, String> {
         [scene, source, targets] | [scene, _, source, targets] => (scene, source, targets),
         _ => {
             return Err(format!(
-                "{} fields, where 'scene|source|target,…' has 3 or 4 (theirs drops the line without a word)",
+                "{} fields instead of the 3 or 4 of 'scene|source|target,…' (the original silently drops such lines)",
                 fields.len()
             ));
         }

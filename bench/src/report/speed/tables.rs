@@ -77,7 +77,7 @@ fn cells(speed: Option<&Speed>, kind: &str, notes: &mut Vec<String>) -> [Cell; 2
         (Some(failure), _) => format!("Not measured: {failure}."),
         (None, "target") => "Not measured: the truth itself is no method.".to_owned(),
         (None, "imported" | "gaussians") if what == "inference" => {
-            "Made elsewhere: reading a file is no inference.".to_owned()
+            "External files: reading a file is not inference.".to_owned()
         }
         (None, _) if what == "inference" => "Not measured.".to_owned(),
         (None, _) => "It makes pictures: all of it is inference.".to_owned(),
@@ -104,8 +104,8 @@ fn remarks(measured: &Measured) -> Vec<String> {
         .as_deref()
         .unwrap_or("a processor that does not say its name");
     let mut remarks = vec![
-        "Inference: from the source picture in memory to the Gaussians in memory, or to the picture where a method makes \
-         pictures; of a `command` method with handing over. Reading files is not part of it."
+        "Inference: from the source picture in memory to the Gaussians in memory, or to the picture for methods that \
+         make pictures; for `command` methods including data transfer. Reading files is not part of it."
             .to_owned(),
         format!(
             "Render: from Gaussians that the renderer has ready to the 8-bit picture in memory, one view at a time, at each \

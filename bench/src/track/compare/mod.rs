@@ -42,7 +42,7 @@ pub enum CompareError {
     #[error("{0}")]
     Methods(String),
     /// The available weights differ from those of the runs.
-    #[error("no error anatomy: {0}; hand in those of the runs with --weights")]
+    #[error("no error anatomy: {0}; pass the runs' weights with --weights")]
     Anatomy(String),
 }
 
@@ -460,7 +460,7 @@ fn pair_difference([a, b]: &[BTreeSet<&str>; 2]) -> Option<String> {
     let first = a.symmetric_difference(b).next()?;
     // A run stores the whole list, whatever its limit.
     let hint = match (only_a, only_b) {
-        (0, _) | (_, 0) => "; where one was run with --limit, run the other with the same",
+        (0, _) | (_, 0) => "; if one was run with --limit, run the other with the same",
         _ => "",
     };
     Some(format!(

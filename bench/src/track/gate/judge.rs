@@ -406,7 +406,7 @@ fn notes_of(comparison: &RunComparison) -> Vec<String> {
     let damaged = damaged.map(|path| {
         let path = path.display();
         format!(
-            "{path} is damaged, and its unit missing; `run` with the same options makes it anew"
+            "{path} is damaged, so its unit is missing; `run` with the same options recomputes it"
         )
     });
     comparison.notes.iter().cloned().chain(damaged).collect()
@@ -421,7 +421,9 @@ fn unscored(check: Check) -> Check {
 
 fn not_finite(difference: f64) -> String {
     match difference.is_nan() {
-        true => "scores are NaN, or infinite differences cancel: the mean is no number".to_owned(),
+        true => {
+            "scores are NaN, or infinite differences cancel, so the mean is not a number".to_owned()
+        }
         false => "a score is infinite on one side only".to_owned(),
     }
 }

@@ -153,7 +153,7 @@ fn what_cannot_be_averaged_never_passes_silently() {
     let crossed = with(5, f64::INFINITY, fresh());
     let report = judged(infinite(), crossed, &limit).unwrap();
     assert_eq!(states(&report), [CheckState::Fired]);
-    assert!(report.checks[1].reason.contains("no number"));
+    assert!(report.checks[1].reason.contains("not a number"));
     // NaN in B also counts as a lost pair; in A it does not, but the mean is still not a number.
     let nan = || with(2, f64::NAN, fresh());
     let report = judged(fresh(), nan(), &limit).unwrap();
