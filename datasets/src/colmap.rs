@@ -109,7 +109,7 @@ fn open(spec: &DatasetSpec) -> Result<FoundScenes, DatasetError> {
             Ok(None) => {
                 let reason = match chosen {
                     Some(model) => format!("no complete model in {model}"),
-                    None => format!("no whole model; expected {expected}"),
+                    None => format!("no complete model; expected {expected}"),
                 };
                 Err(DatasetError::malformed(folder, reason))
             }

@@ -302,7 +302,7 @@ mod tests {
         let negated = FloatMap::from_vec(24, 1, (1..25).map(|d| -d as f32).collect()).unwrap();
         let error = RIG.depth_map(path, &negated).unwrap_err().to_string();
         assert!(
-            error.contains("22 disparities are negative, and 0 positive"),
+            error.contains("22 disparities are negative and 0 positive"),
             "{error}"
         );
         let marked = FloatMap::from_vec(24, 1, vec![-2.0; 24]).unwrap();

@@ -26,7 +26,7 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
     title: "your own pictures with transforms.json (nerfstudio, instant-ngp, Blender)",
     page: "https://docs.nerf.studio/quickstart/data_conventions.html",
     layout: "transforms.json (or transforms_train.json) and the pictures it names",
-    caveat: "the poses' unit is taken as metres; say scale= if it is not",
+    caveat: "the poses' unit is assumed to be metres; otherwise set scale=",
     settings: &[
         Setting::free("scale", "metres of one unit of the poses", "1"),
         Setting::free(
@@ -50,7 +50,7 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
                 choice("ignore", "masks are not read"),
                 choice(
                     "keep-white",
-                    "where a mask is below 255, the picture is black and the depth invalid, and scores leave it out",
+                    "where a mask is below 255, the picture is black, the depth invalid, and the pixel not scored",
                 ),
                 choice(
                     "keep-black",

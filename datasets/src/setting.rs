@@ -123,7 +123,7 @@ pub static PICTURES: [Setting; 3] = [
                 "convert",
                 "are converted to sRGB, clipped; tables of colours and inks are an error",
             ),
-            choice("as-stored", "are taken for sRGB"),
+            choice("as-stored", "are read as sRGB"),
         ],
     ),
     Setting::choice(

@@ -216,7 +216,7 @@ fn colours_that_a_file_does_not_explain_are_asked_for() {
     crate::render_scene::write(&dir.path().join("moved.ply"), still);
     let info = run(dir.path(), &["gaussians", "info", "moved.ply"]).ends_with(0);
     assert!(
-        info.out.contains("nothing in it can be seen"),
+        info.out.contains("nothing in it is visible"),
         "{}",
         info.out
     );

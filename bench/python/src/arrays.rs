@@ -17,7 +17,7 @@ pub(crate) fn picture(array: &Bound<'_, PyAny>) -> PyResult<Picture> {
     match array.extract::<PyReadonlyArray3<'_, f32>>() {
         Ok(values) => Ok(Picture::RgbF32(interleaved::<Rgb<f32>>(&values)?)),
         Err(_) => Err(PyTypeError::new_err(
-            "an array [H, W, 3] of uint8 or float32 is needed",
+            "expected an array [H, W, 3] of uint8 or float32",
         )),
     }
 }
@@ -27,7 +27,7 @@ fn interleaved<P: Pixel<Subpixel: Element>>(
 ) -> PyResult<ImageBuffer<P, Vec<P::Subpixel>>> {
     let (height, width, channels) = array.as_array().dim();
     let wrong =
-        || PyValueError::new_err(format!("{height}×{width}×{channels}: [H, W, 3] is needed"));
+        || PyValueError::new_err(format!("{height}×{width}×{channels}: expected [H, W, 3]"));
     let side = |n: usize| u32::try_from(n).map_err(|_| wrong());
     let values = array.as_slice()?.to_vec();
     if channels != 3 {

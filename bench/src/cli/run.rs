@@ -105,7 +105,7 @@ fn help() -> String {
 
 /// Parses a time such as `90s`, `55m` or `3h`.
 pub(super) fn time(text: &str) -> Result<Duration, String> {
-    let wrong = || format!("'{text}': a time such as 90s, 55m or 3h is needed");
+    let wrong = || format!("'{text}': expected a time such as 90s, 55m or 3h");
     let unit = match text.chars().last() {
         Some('s') => 1,
         Some('m') => 60,
@@ -135,7 +135,7 @@ fn configuration(args: &RunArgs) -> anyhow::Result<RunConfig> {
     let folder = RunFolder::open(root)?;
     if folder.plan()?.estimate.is_none() {
         bail!(
-            "{}: it was not planned by `run --plan-only`, so that it has no shards",
+            "{}: it was not planned by `run --plan-only`, so it has no shards",
             root.display()
         );
     }
@@ -146,7 +146,7 @@ fn configuration(args: &RunArgs) -> anyhow::Result<RunConfig> {
         .filter(|method| method.kind == "command");
     if let Some(method) = programs.next().filter(|_| !args.allow_programs) {
         let reason = format!(
-            "the plan starts a program, --method {method}: if you trust it, say --allow-programs"
+            "the plan starts a program, --method {method}: if you trust it, add --allow-programs"
         );
         return Err(UsageError(reason).into());
     }
@@ -372,7 +372,7 @@ fn print_estimate(estimate: &Estimate, as_json: bool) -> anyhow::Result<()> {
         ))?;
     }
     output::line(
-        "time at the present pace of this machine; on the disk of `all` what stays in the run folder",
+        "times assume this machine's present pace; the disk of `all` is what stays in the run folder",
     )?;
     if measured_failures > 0 {
         output::remark(format!(

@@ -44,7 +44,7 @@ const LINEAR: &str = "contain linear light but were read as sRGB (exr=linear rea
 const TWICE: &str = "are sRGB-encoded twice (exr=srgb reads EXR files that hold sRGB values)";
 const HALVED: &str =
     "have half their contrast, as if values from 0 to 1 had been stored as values from −1 to 1";
-const LIMITED: &str = "hold the limited range of video, 16 to 235, where 0 to 255 is read";
+const LIMITED: &str = "have the limited range of video, 16 to 235, but were read as 0 to 255";
 const CLIPPED: &str = "have their darker half cut off, as if values from −1 to 1 had been stored as values from 0 to 1";
 
 /// Whether this kind of method reads pictures stored by other programs.
@@ -209,8 +209,8 @@ pub(super) fn changed_pictures<'a>(records: impl Iterator<Item = &'a Record>) ->
         let (count, change) = changes.iter().flatten().map(|c| (same(Some(*c)), c)).max()?;
         (all >= AGREEMENT.0 && count as f64 >= AGREEMENT.1 * all as f64).then(|| {
             format!(
-                "its pictures look as if they {change}: {count} of {all} are significantly nearer to the photographs of \
-                 {dataset} once that is undone"
+                "its pictures look as if they {change}: {count} of {all} are significantly closer to the photographs \
+                 of {dataset} when this is undone"
             )
         })
     });

@@ -105,7 +105,7 @@ impl Evaluation {
         if self.common_region {
             return Err(refused(
                 out,
-                "--common-region scores all methods of all pairs at once, which shards cannot",
+                "--common-region scores all methods on all pairs at once, which shards cannot do",
             ));
         }
         let folder = RunFolder::create(out)?;

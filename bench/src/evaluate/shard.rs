@@ -85,10 +85,10 @@ impl std::fmt::Display for Shard {
 
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum ShardError {
-    #[error("'{0}': I/N is needed, as in 3/8, or auto, or auto/N")]
+    #[error("'{0}': expected I/N (such as 3/8), auto or auto/N")]
     Form(String),
     #[error(
-        "shard {index} of {count}: shards count from 1 to their number, which is at most {MAX_SHARDS}"
+        "shard {index} of {count}: shards are numbered from 1 to their count, which is at most {MAX_SHARDS}"
     )]
     Range { index: usize, count: usize },
     #[error(
@@ -161,7 +161,7 @@ fn of_array(
     };
     let (index, size) = batch.ok_or(ShardError::NoArray)?;
     let count = count.or(size).ok_or(ShardError::Count(
-        "this job does not say how many indices it has: give --shard auto/N",
+        "this job does not say how many indices it has: use --shard auto/N",
     ))?;
     // These schedulers count from 0.
     Shard::new(index.saturating_add(1), count)

@@ -18,7 +18,7 @@ impl FileTemplate {
         let needed = || {
             let names = NAMES.map(|name| format!("{{{name}}}"));
             format!(
-                "file={text}: a path below the folder is needed, with names among {}",
+                "file={text}: expected a path below the folder, with placeholders among {}",
                 names.join(" ")
             )
         };

@@ -7,9 +7,9 @@ use crate::pairs::PairOptions;
 use crate::pairs::build::{PairCounts, Problem, SPARSE_COVERAGE};
 
 /// Suggested settings for datasets with sparse depth.
-const DENSE: &str = "overlap=given with --overlap-depth DIR (dense depth by anyone, scaled to the dataset's: the paper's \
-                     way), overlap=sharp-release (the same by SHARP's checkpoint) or overlap=sparse:8 (the dataset's \
-                     depth, agreement within 8 pixels)";
+const DENSE: &str = "overlap=given with --overlap-depth DIR (other dense depth, scaled to the dataset's, as in the \
+                     paper), overlap=sharp-release (the same with depth by SHARP's checkpoint) or overlap=sparse:8 \
+                     (the dataset's depth, agreement within 8 pixels)";
 
 /// A line with the counts of a dataset's pairs.
 pub fn counted_pairs(dataset: &str, counts: &PairCounts) -> String {
@@ -52,7 +52,7 @@ fn of_pairs(dataset: &DatasetSpec, counts: &PairCounts, options: &PairOptions) -
     if counts.selected > 0 {
         return sparse.then(|| {
             format!(
-                "{name}: {}; the overlaps of its pairs are those of single pixels; rather take --pair-options {DENSE}",
+                "{name}: {}; so overlaps are measured at single pixels; better use --pair-options {DENSE}",
                 sparseness(counts)
             )
         });
@@ -62,7 +62,7 @@ fn of_pairs(dataset: &DatasetSpec, counts: &PairCounts, options: &PairOptions) -
     } else if counts.views > 0 && counts.with_depth == 0 && counts.too_near + counts.too_far == 0 {
         without_depth(dataset, options)
     } else if counts.considered == 0 {
-        "no set has two views; sets= and remainder= decide what a set is".to_owned()
+        "no set has two views; sets= and remainder= define the sets".to_owned()
     } else if counts.too_near + counts.too_far == counts.considered {
         let farthest = options.max_baseline_m;
         let farthest = farthest.map_or_else(String::new, |most| {
@@ -73,7 +73,7 @@ fn of_pairs(dataset: &DatasetSpec, counts: &PairCounts, options: &PairOptions) -
             options.min_baseline_m
         )
     } else if sparse {
-        format!("{}; take --pair-options {DENSE}", sparseness(counts))
+        format!("{}; use --pair-options {DENSE}", sparseness(counts))
     } else {
         format!(
             "no pair has an overlap above threshold={}; `pairs --ambiguity` counts what other choices give",
@@ -225,7 +225,7 @@ mod tests {
             ..counts
         };
         let sparse = said("eth3d=/x", "", found(depth(10, 10))).unwrap();
-        assert!(sparse.contains("rather take"), "{sparse}");
+        assert!(sparse.contains("better use"), "{sparse}");
         assert_eq!(
             said("eth3d=/x", "overlap=sparse", found(depth(10, 10))),
             None

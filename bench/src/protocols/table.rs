@@ -94,9 +94,9 @@ pub const PROTOCOLS: [Protocol; 15] = [
         failures: CUDA_MESSAGE,
         traps: &[
             "PSNR is at most 80 dB, so that identical pictures count as 80",
-            "1e-8 in SSIM's denominator takes a tenth off black areas, equal ones included",
+            "1e-8 in SSIM's denominator lowers black areas by a tenth, even equal ones",
             "LPIPS of the pasted box counts pixels of the truth as agreement: a small mask in a wide box is nearly perfect",
-            "manifest lines of another field count are dropped without a word and still use up a group number",
+            "manifest lines with another field count are silently dropped and still use up a group number",
             "the launcher skips LPIPS by default, and without the LPIPS package the column contains L1",
         ],
         departures: &[

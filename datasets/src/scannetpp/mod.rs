@@ -81,7 +81,7 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
         ).left_open(),
         Setting::choice(
             "depth",
-            "where depth comes from",
+            "source of depth",
             &[
                 choice(
                     "auto",

@@ -90,7 +90,7 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
                 choice("translation", "the target's camera moves to the right"),
                 choice(
                     "rotation",
-                    "the target's camera turns to the right where it stands",
+                    "the target's camera turns to the right in place",
                 ),
                 choice(
                     "occlusion",

@@ -42,11 +42,11 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
              cameras.txt or .bin beside the log or in sparse/0, with images.* if it has several",
     paper_column: "Tanks and Temples",
     paper_overlap: PaperOverlap::Sparse,
-    caveat: "intrinsics were never published: give a COLMAP model, or take a guess by intrinsics=0.7w or 0.6w",
+    caveat: "intrinsics were never published: add a COLMAP model, or accept a guess with intrinsics=0.7w or 0.6w",
     settings: &[
         Setting::choice(
             "intrinsics",
-            "where focal length and principal point come from",
+            "source of focal length and principal point",
             &[
                 choice("auto", "a COLMAP model; a scene without one is an error"),
                 choice(

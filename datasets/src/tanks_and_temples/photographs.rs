@@ -320,7 +320,7 @@ mod tests {
                 "2 pictures in images, but 3 blocks",
             ),
             (&["a.jpg", "b.jpg"], &[0, 2], "the last has the index 2"),
-            (&["+1.jpg", "b.jpg"], &[0], "number (+1.jpg, b.jpg)"),
+            (&["+1.jpg", "b.jpg"], &[0], "as its name (+1.jpg, b.jpg)"),
             (
                 &["0.jpg", "1.jpg", "2.jpg"],
                 &[0, 1],

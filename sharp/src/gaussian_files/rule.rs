@@ -53,7 +53,7 @@ impl MarkedRule {
             ),
             (Some(Generator::GsplatLike | Generator::SplatTransform), None) => likely(
                 Rule::GSPLAT_CLASSIC,
-                "it has no normals, as files of gsplat",
+                "it has no normals, like files of gsplat",
             ),
             (None, None) => likely(
                 Rule::GSPLAT_CLASSIC,

@@ -87,7 +87,10 @@ impl Sog {
             None => true,
             Some(Some(2)) => false,
             Some(_) => {
-                let what = format!("version {} is not read, 1 and 2 are", meta["version"]);
+                let what = format!(
+                    "version {} is not supported; versions 1 and 2 are",
+                    meta["version"]
+                );
                 return Err(damaged(what));
             }
         };

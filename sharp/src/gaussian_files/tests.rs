@@ -114,7 +114,7 @@ fn other_formats_are_named_with_what_converts_them() {
         (&archive(&[("a.txt", b"x")]), "a.zip", "so not a SOG"),
         (b"\x93NUMPY", "a.npy", "NumPy"),
         (b"text", "a.txt", "not a known format"),
-        (&[0; 33], "a.splat", "no multiple of the 32"),
+        (&[0; 33], "a.splat", "not a multiple of the 32"),
     ] {
         let found = reason(bytes, name);
         assert!(found.contains(part), "{name}: {found}");

@@ -40,7 +40,7 @@ pub enum ImageFileError {
     Damaged(String),
     #[error("the picture is {width}x{height}, without a pixel")]
     Empty { width: u32, height: u32 },
-    #[error("the header promises {width}x{height} pixels, which {file_bytes} bytes cannot hold")]
+    #[error("the header declares {width}x{height} pixels, which {file_bytes} bytes cannot hold")]
     Oversized {
         width: u32,
         height: u32,
@@ -53,13 +53,13 @@ pub enum ImageFileError {
     )]
     TooLarge { width: u32, height: u32 },
     #[error(
-        "{percent:.1} % of its pixels are not opaque: alpha=black or alpha=white composites it over that, alpha=drop takes \
-         its colours as they are stored"
+        "{percent:.1} % of its pixels are not opaque: alpha=black or alpha=white composites it over that colour, \
+         alpha=drop uses its colours as stored"
     )]
     Alpha { percent: f64 },
     #[error(
-        "its colour profile '{name}' cannot be converted to sRGB ({reason}): convert the file, or take its values as they \
-         are with color=as-stored"
+        "its colour profile '{name}' cannot be converted to sRGB ({reason}): convert the file, or use its values as \
+         they are with color=as-stored"
     )]
     Profile { name: String, reason: &'static str },
     #[error(

@@ -168,7 +168,7 @@ fn a_scene_that_is_there_is_read_or_named_with_its_reason() {
             "dslr_calibration_jpg",
             Removed,
             "field",
-            "say images=undistorted",
+            "set images=undistorted",
         ),
         (
             "eth3d",

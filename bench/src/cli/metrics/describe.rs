@@ -27,7 +27,7 @@ pub(super) fn explain(scorer: &Scorer, json: bool) -> anyhow::Result<Outcome> {
         if let (Some(own), Some(backbone)) = (info.own_weights, info.backbone) {
             let network = match &backbone.features_sha256 {
                 None => format!(
-                    "{} of torchvision, not at hand",
+                    "{} of torchvision, missing",
                     Published::of(backbone.name).file
                 ),
                 Some(_) if backbone.is_unpublished() => format!("{backbone}, unpublished"),

@@ -210,7 +210,7 @@ impl MetricsArgs {
         }
         ensure!(
             !has(MetricRegion::Frustum),
-            "--mask: inside a mask of yours keys end in @mask; @frustum is the mask that `run` makes from depth and poses"
+            "--mask: keys for your own masks end in @mask; @frustum is the mask that `run` makes from depth and poses"
         );
         let with_mask = selection.with_region(MetricRegion::Given);
         if selection

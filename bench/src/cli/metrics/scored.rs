@@ -108,7 +108,7 @@ fn warn_of_distortion(prediction: &Path, from: (u32, u32), to: (u32, u32)) {
     let off = ((w * to_h / to_w - h).abs()).min((h * to_w / to_h - w).abs());
     if off > 1.0 {
         output::remark(format!(
-            "warning: {}: resizing from {}x{} to {}x{} changes its shape",
+            "warning: {}: resizing from {}x{} to {}x{} changes its aspect ratio",
             prediction.display(),
             from.0,
             from.1,
@@ -137,7 +137,8 @@ fn read_mask(path: &Path) -> anyhow::Result<sharp_metrics::Mask> {
     let left = found.mask.count() as f64 / found.mask.values().len().max(1) as f64;
     if left < 0.2 {
         output::remark(format!(
-            "warning: {}: white, which counts, is {:.1} % of the pixels; if it marks what is left out, invert the mask",
+            "warning: {}: {:.1} % of the pixels are white, which counts; if white marks what to leave out, invert \
+             the mask",
             path.display(),
             100.0 * left
         ));

@@ -96,7 +96,7 @@ pub(crate) fn execute(args: &PredictArgs) -> anyhow::Result<Outcome> {
     }
     ensure!(
         !results.is_empty(),
-        "none of {failed} photographs was predicted from"
+        "no Gaussians were predicted: all {failed} photographs failed"
     );
     if failed > 0 {
         output::remark(format!(

@@ -72,7 +72,7 @@ impl<'a> RenderJob<'a> {
             (Some(path), _) => CameraFile::read(path)?,
             (None, Some(stored)) => stored,
             (None, None) => bail!(
-                "{}: no camera is stored in it; give one with --camera CAM.json",
+                "{}: no camera in the file; give one with --camera CAM.json",
                 args.scene.display()
             ),
         };
@@ -230,7 +230,7 @@ impl Output<'_> {
                 )
             }
             (OutputKind::Gif | OutputKind::Mp4, None) => {
-                bail!("{out}: nothing moves: add --trajectory or --offset-m")
+                bail!("{out}: the camera does not move: add --trajectory or --offset-m")
             }
             (OutputKind::Frames, None) => bail!(
                 "{out}: one view goes to a .png, .exr or .safetensors; a folder of frames needs --trajectory or --offset-m"

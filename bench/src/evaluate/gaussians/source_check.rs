@@ -277,7 +277,7 @@ fn add_doubts(
         }
         (_, Some((view, fit))) => {
             let text = format!(
-                "{shown}, and that of {} at {:.2} dB: files under the names of other views?",
+                "{shown}, and that of {} at {:.2} dB: do the files have the names of other views?",
                 view.id,
                 fit.psnr()
             );
@@ -285,7 +285,7 @@ fn add_doubts(
         }
         _ if is_lost => {
             let text = format!(
-                "{shown}, hardly anything of it, and no reading that was tried shows it better"
+                "{shown}, that is hardly at all, and no other reading that was tried shows it better"
             );
             warnings.insert("unrelated".to_owned(), text);
         }
@@ -589,11 +589,14 @@ mod tests {
             ),
             (
                 in_millimetres,
-                "times as far away as the dataset's depth (s): `scale=0.001`",
+                "times as far away as the dataset's depth (s): use `scale=0.001`",
             ),
-            (in_feet, "`scale=0.3` fits"),
+            (in_feet, "use `scale=0.3`"),
             (bgr, "with `channels=bgr`: "),
-            (recolored(&round, |_| 0.9), "no reading that was tried"),
+            (
+                recolored(&round, |_| 0.9),
+                "no other reading that was tried",
+            ),
             // One doubt does not hide another.
             (recolored(&in_millimetres_too, |_| 0.9), "times as far away"),
         ] {
@@ -710,7 +713,7 @@ mod tests {
     fn few_or_blurred_gaussians_show_something_and_plain_ones_do_not() {
         let round = mapped(&wall(), DAffine3::IDENTITY);
         let said = |gaussians: Gaussians| doubt_about(gaussians).unwrap_or_default();
-        let nothing = "hardly anything of it";
+        let nothing = "that is hardly at all";
         // One in forty; the rest stays black.
         let few = round.filtered(|k| k % 41 == 0);
         assert!(

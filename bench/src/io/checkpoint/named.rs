@@ -87,7 +87,7 @@ fn network_of(file: &Path, config: Option<&str>) -> Result<NetworkSpec, NetworkE
     let fits = |config: &ModelConfig| source.check(config, &[String::new()]);
     let mut notes = Vec::new();
     notes.extend(source.left_out().map(|prefix| {
-        format!("all names in the checkpoint carry the prefix `{prefix}`, which is left out")
+        format!("all names in the checkpoint have the prefix `{prefix}`, which is ignored")
     }));
     let release = ModelConfig::release();
     let own = ModelConfig::all_of(&file.with_extension("json"));

@@ -37,7 +37,7 @@ pub struct OwnRow {
 /// Why a row cannot be read.
 #[derive(Debug, thiserror::Error)]
 pub enum RowError {
-    #[error("'{0}': LABEL=RUN or LABEL=RUN:METHOD is needed")]
+    #[error("'{0}': expected LABEL=RUN or LABEL=RUN:METHOD")]
     Form(String),
     #[error("the label '{}' holds a control character", .0.escape_debug())]
     Label(String),

@@ -327,7 +327,7 @@ fn rows(
         let scores = |manifest: &Manifest| manifest.metrics.iter().any(|m| m.info.key == key);
         if !comparison.manifests.iter().all(scores) {
             notes.push(format!(
-                "{key} is in one of the runs only, and not compared"
+                "{key} is in only one of the runs, and is not compared"
             ));
             continue;
         }
@@ -369,7 +369,7 @@ fn notes([a, b]: &[Manifest; 2]) -> Vec<String> {
     if a.aggregation != Aggregation::default() {
         let (here, there) = (Aggregation::default(), a.aggregation);
         notes.push(format!(
-            "compared is the {here}; the runs' own tables have the {there}"
+            "this compares the {here}; the runs' own tables have the {there}"
         ));
     }
     notes

@@ -144,7 +144,7 @@ impl<'a> Judge<'a> {
         for (name, required) in &self.config.require_power {
             if !(required.is_finite() && *required > 0.0) {
                 return Err(format!(
-                    "power is required of {name} at {required}: a number above 0 is needed"
+                    "power is required of {name} at {required}: expected a number above 0"
                 ));
             }
             let is_tested = |limit: &Limit| match limit {
@@ -326,7 +326,7 @@ impl<'a> Judge<'a> {
                 ))
             }
             None => Some(format!(
-                "what {scenes} can detect is not known; {required} is required"
+                "the detectable difference of {scenes} is unknown; {required} is required"
             )),
         }
     }
@@ -436,7 +436,7 @@ fn why_not_significant(row: &ScoreChange) -> String {
         Some(reason) => format!("beyond the limit, but without p: {reason}"),
         None => {
             let scenes = counted(row.n_scenes, "scene");
-            format!("beyond the limit, but {scenes} leave it to chance")
+            format!("beyond the limit, but with {scenes} it may be chance")
         }
     }
 }

@@ -293,7 +293,7 @@ fn entry_file(dir: &Path, number: u32) -> Result<PathBuf, FileError> {
 fn checked(dir: &Path, number: u32, occasion: Option<Occasion>) -> Result<Occasion, EvaluateError> {
     let no_entry = |reason: String| EvaluateError::NotKept {
         folder: entry_path(dir, number),
-        reason: format!("no entry of a history: {reason}"),
+        reason: format!("not an entry of a history: {reason}"),
     };
     let occasion = occasion
         .ok_or_else(|| no_entry("it has no date; `history add` writes entries".to_owned()))?;

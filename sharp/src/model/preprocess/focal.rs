@@ -69,8 +69,8 @@ impl Focal {
         let px = px_from_35mm(mm, size);
         let warnings = match (&exif, source) {
             (_, FocalSource::Default) | (None, _) => vec![format!(
-                "no focal length in the file: {DEFAULT_FOCAL_MM} mm on 35 mm film assumed, which sets \
-                 the metric scale; give the focal length in pixels if you know it (--focal-px)"
+                "no focal length in the file: assuming {DEFAULT_FOCAL_MM} mm on 35 mm film, which sets the metric \
+                 scale; set the focal length in pixels if you know it (--focal-px)"
             )],
             (Some(exif), _) => {
                 let stated = stated_size(exif, size);
