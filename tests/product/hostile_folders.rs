@@ -49,12 +49,12 @@ fn a_report_writes_into_its_own_folder_alone() {
         std::fs::write(path, text).unwrap();
     }
     for out in ["site", "list", "notes"] {
-        report(out).is_error_with(&[out, "no report of ours", "--out"]);
+        report(out).is_error_with(&[out, "not a report of sharp-bench", "--out"]);
     }
     #[cfg(unix)]
     {
         std::os::unix::fs::symlink("site", dir.join("link")).unwrap();
-        report("link").is_error_with(&["link", "no report of ours"]);
+        report("link").is_error_with(&["link", "not a report of sharp-bench"]);
         std::fs::create_dir_all(dir.join("half")).unwrap();
         std::os::unix::fs::symlink("../notes", dir.join("half/tables")).unwrap();
         report("half").is_error_with(&["half/tables", "link"]);

@@ -30,7 +30,8 @@ Examples:
   sharp-bench explain quantitative runs/sharp --out why
   sharp-bench explain psnr-ssim runs/flash3d:mine --row Flash3D --metrics all
 
-Writes explain.md and readings.csv, a line a reading. Without --keep float, truncation and division by alpha are not computed.")]
+Writes explain.md and readings.csv, one line per reading. Without --keep float, truncation and division by alpha are not
+computed.")]
 pub(super) struct ExplainArgs {
     /// A table of scores by its name in `table list`
     #[arg(value_name = "TABLE")]

@@ -27,8 +27,8 @@ Examples:
   sharp-bench report runs/first --methods-text
 
 Writes report.md, index.html (opens from disk), tables as .md, .csv and .tex, plots as .svg and .png. The page holds the
-pictures of up to 24 pairs; of more, small pictures of all pairs lie beside it in thumbs/, below 200 MB together. Enlarged
-ones come from the run. Source and target come from the datasets named in the run, where they are still in place.")]
+pictures of up to 24 pairs; with more, small pictures of all pairs are next to it in thumbs/, below 200 MB in total.
+Enlarged ones are read from the run, source and target from the datasets named in the run, if they are still in place.")]
 pub(super) struct ReportArgs {
     /// Run folders or bundles
     #[arg(required = true, value_name = "[NAME=]RUN")]

@@ -49,7 +49,7 @@ Examples:
   sharp-bench metrics --explain --metrics all
   sharp-bench metrics --methods-text --metrics lpips-alex,dists
 
-A metric named itself must be computable, or the command fails; within `all` and `paper` one that is not is listed
+A metric named explicitly must be computable, or the command fails; within `all` and `paper`, one that is not is listed
 as unavailable, with the reason.")]
 pub(super) struct MetricsArgs {
     /// The prediction: a picture or a folder
