@@ -98,8 +98,8 @@ fn open(spec: &DatasetSpec) -> Result<FoundScenes, DatasetError> {
             found.add(root.id_of(folder), Err(error));
         }
     }
-    let expected = "<split>/<set>/<Scene>/camera_00/*.png with camera_02 and calib_00-02.xml; or \
-                    split= and set= rule out what is there";
+    let expected = "<split>/<set>/<Scene>/camera_00/*.png with camera_02 and calib_00-02.xml, not excluded by split= \
+                    or set=";
     spec.conclude(found, expected, search.unsearched)
 }
 
@@ -137,8 +137,9 @@ fn read_scenes(
 ) -> Result<(), DatasetError> {
     let mut numbers = NUMBERS.into_iter();
     let number = numbers.find(|n| folder.join(calibration_of(n)).is_file());
-    let number = number
-        .ok_or_else(|| DatasetError::malformed(folder, "no calib_00-02.xml or calib_00-01.xml"))?;
+    let number = number.ok_or_else(|| {
+        DatasetError::malformed(folder, "missing calib_00-02.xml (or calib_00-01.xml)")
+    })?;
     let cameras = ["camera_00".to_owned(), format!("camera_{number}")];
     let mut names = BTreeSet::new();
     for camera in &cameras {
@@ -218,7 +219,7 @@ impl BoosterRig {
                     .is_some_and(|o| o.is_finite() && o != 0.0 && (o - b).abs() > 0.01 * b.abs())
                 {
                     let other = other.unwrap_or_default();
-                    return Err(format!("baselineLR is {b}, but proj_matR says {other}").into());
+                    return Err(format!("baselineLR is {b}, but proj_matR implies {other}").into());
                 }
                 *b
             }
@@ -317,7 +318,7 @@ mod tests {
             (
                 "<baselineLR>0.08</baselineLR>",
                 "-80000.",
-                "proj_matR says 80",
+                "proj_matR implies 80",
             ),
             ("<baselineLR>.Nan</baselineLR>", "0.", "NaN"),
             ("", "0.", "baseline is"),

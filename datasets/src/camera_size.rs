@@ -13,12 +13,12 @@ use crate::{DatasetError, DatasetSpec, mask};
 /// Treatment of pictures whose size differs from their camera's.
 pub(crate) const CAMERA_SIZE: Setting = Setting::choice(
     "camera-size",
-    "pictures of another size than their camera is for",
+    "pictures whose size differs from their camera's",
     &[
         choice("exact", "are an error"),
         choice(
             "scaled",
-            "have their camera scaled, where the ratio is the same in both axes; else are an error",
+            "have their camera scaled if both axes have the same ratio; otherwise an error",
         ),
     ],
 );
@@ -91,8 +91,7 @@ impl CameraSizes {
             .iter()
             .map(|((from, to), count)| {
                 format!(
-                    "{}: the cameras of {count} picture(s) are for {}x{} and were scaled to the \
-                     pictures' {}x{}",
+                    "{}: {count} camera(s) calibrated for {}x{} were scaled to the pictures' {}x{}",
                     self.file.display(),
                     from.0,
                     from.1,
@@ -180,9 +179,7 @@ mod tests {
         assert_eq!(found, lens(0.5, (80, 60)));
         assert_eq!(
             scaled.notes(),
-            [
-                "c.txt: the cameras of 1 picture(s) are for 160x120 and were scaled to the pictures' 80x60"
-            ]
+            ["c.txt: 1 camera(s) calibrated for 160x120 were scaled to the pictures' 80x60"]
         );
         let other = lens(1.0, (160, 100));
         assert_eq!(scaled.fit(other, &image).unwrap(), other);

@@ -26,7 +26,7 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
     title: "your own pictures with a COLMAP model",
     page: "https://colmap.github.io/format.html",
     layout: "images/, sparse/0/{cameras, images}.{bin or txt}; depth/ if there is any",
-    caveat: "the model's unit is taken as metres; say scale= if it is not",
+    caveat: "the unit is assumed to be metres; otherwise set scale=",
     settings: &[
         Setting::free("scale", "metres of one unit of the model", "1"),
         Setting::free(
@@ -36,22 +36,22 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
         ),
         Setting::free(
             "model",
-            "folder of the model, seen from the scene's folder, as sparse/1",
+            "folder of the model relative to the scene's folder, e.g. sparse/1",
             "first",
         ),
         Setting::choice(
             "depth",
-            "where depth comes from",
+            "source of depth",
             &[
                 choice(
                     "folder",
-                    "maps named as the pictures, in depth/, if it is there",
+                    "maps in depth/ with the pictures' names, if that folder exists",
                 ),
                 choice(
                     "points",
                     "the triangulated points that each picture sees: sparse",
                 ),
-                choice("none", "nowhere"),
+                choice("none", "no depth"),
             ],
         ),
         Setting::free(
@@ -108,8 +108,8 @@ fn open(spec: &DatasetSpec) -> Result<FoundScenes, DatasetError> {
             Ok(Some(model)) => read_scene(spec, &root, folder, &model, units),
             Ok(None) => {
                 let reason = match chosen {
-                    Some(model) => format!("no whole model in {model}"),
-                    None => format!("no whole model; expected {expected}"),
+                    Some(model) => format!("no complete model in {model}"),
+                    None => format!("no complete model; expected {expected}"),
                 };
                 Err(DatasetError::malformed(folder, reason))
             }
@@ -174,7 +174,7 @@ fn read_scene(
             cameras: model.files.clone(),
         })?;
     }
-    let hint = "; this format has no masks, `nerfstudio` has";
+    let hint = "; this format does not support masks, use `nerfstudio`";
     scene.notes.extend(scene_notes::unread_masks(folder, hint));
     scene.notes.extend(model.notes);
     if spec.setting("model") == "first" {
@@ -182,7 +182,7 @@ fn read_scene(
         let others = other_models(folder, model_folder);
         scene.notes.extend((!others.is_empty()).then(|| {
             format!(
-                "{}: the first of several models was read, with {}; not {}",
+                "{}: the first of several models was read ({}), not {}",
                 model_folder.display(),
                 pictures_of(Ok(all)),
                 others.join(", ")

@@ -144,8 +144,8 @@ impl StereoGeometry {
             return Err(DatasetError::malformed(
                 path,
                 format!(
-                    "{negative} disparities are negative, and {sane} positive: store how far left a point of the left \
-                     picture lies in the right one, as a positive number (or are the pictures exchanged?)"
+                    "{negative} disparities are negative and {sane} positive; disparity must be positive: x in the \
+                     left picture minus x in the right one (or are the pictures exchanged?)"
                 ),
             ));
         }
@@ -302,7 +302,7 @@ mod tests {
         let negated = FloatMap::from_vec(24, 1, (1..25).map(|d| -d as f32).collect()).unwrap();
         let error = RIG.depth_map(path, &negated).unwrap_err().to_string();
         assert!(
-            error.contains("22 disparities are negative, and 0 positive"),
+            error.contains("22 disparities are negative and 0 positive"),
             "{error}"
         );
         let marked = FloatMap::from_vec(24, 1, vec![-2.0; 24]).unwrap();

@@ -88,8 +88,8 @@ fn open(spec: &DatasetSpec) -> Result<FoundScenes, DatasetError> {
     let (calibration, expected) = if distorted {
         (
             DISTORTED,
-            "<scene>/dslr_calibration_jpg and <scene>/images/dslr_images; for the pictures published \
-             without distortion say images=undistorted",
+            "<scene>/dslr_calibration_jpg and <scene>/images/dslr_images; for the pictures published without \
+             distortion set images=undistorted",
         )
     } else {
         (
@@ -112,7 +112,7 @@ fn open(spec: &DatasetSpec) -> Result<FoundScenes, DatasetError> {
         let scene = if colmap::is_model(&folder.join(calibration)) {
             read_scene(spec, &root, folder, calibration, distorted)
         } else {
-            let reason = format!("no whole model; expected {expected}");
+            let reason = format!("no complete model; expected {expected}");
             Err(DatasetError::malformed(folder.join(calibration), reason))
         };
         found.add(root.id_of(folder), scene);

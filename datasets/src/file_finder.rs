@@ -131,7 +131,7 @@ impl<'a> FileFinder<'a> {
             })
             .collect();
         vec![format!(
-            "{}: {} name(s) fit several files, by another case or extension: {}",
+            "{}: {} name(s) match several files that differ in case or extension: {}",
             self.list.display(),
             choices.len(),
             first_few(&choices)
@@ -220,8 +220,8 @@ mod tests {
                 Some(other) => assert_eq!(
                     notes,
                     [format!(
-                        "list.txt: 1 name(s) fit several files, by another case or extension: \
-                         {found} is read and not {other}"
+                        "list.txt: 1 name(s) match several files that differ in case or extension: {found} is read \
+                         and not {other}"
                     )]
                 ),
             }

@@ -88,7 +88,7 @@ impl Root {
             DatasetError::malformed(
                 list,
                 format!(
-                    "the name '{name}' leads out of the dataset's folder{}",
+                    "the path '{name}' points outside the dataset's folder{}",
                     self.remedy
                 ),
             )
@@ -129,7 +129,7 @@ impl Root {
                 Err(DatasetError::malformed(
                     path,
                     format!(
-                        "leads out of the dataset's folder {}, to {}{}",
+                        "points outside of the dataset's folder {}, to {}{}",
                         self.given.display(),
                         target.display(),
                         self.remedy
@@ -379,7 +379,7 @@ mod tests {
             "..\\secret",
         ] {
             let error = root.resolve(&base, name).unwrap_err().to_string();
-            assert!(error.contains("leads out"), "{error}");
+            assert!(error.contains("points outside"), "{error}");
         }
         let found = root
             .resolve(&base.join("images"), "./../images/a.png")
@@ -401,7 +401,7 @@ mod tests {
         std::os::unix::fs::symlink(&set, folder.path().join("alias")).unwrap();
         let root = Root::open(&folder.path().join("alias")).unwrap();
         let error = root.resolve(root.path(), "a/link").unwrap_err().to_string();
-        assert!(error.contains("leads out"), "{error}");
+        assert!(error.contains("points outside"), "{error}");
         let found = root.find_folders(9, &|p| p.ends_with("a")).unwrap();
         assert_eq!(found.folders.len(), 1);
     }

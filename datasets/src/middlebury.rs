@@ -138,7 +138,7 @@ fn open(spec: &DatasetSpec) -> Result<FoundScenes, DatasetError> {
     let expected = if found.left_out.is_empty() {
         "folders with im0.png, im1.png and calib.txt, up to four levels down"
     } else {
-        "folders that scenes=, rectification= and right= do not rule out"
+        "folders not excluded by scenes=, rectification= and right="
     };
     spec.conclude(found, expected, search.unsearched)
 }

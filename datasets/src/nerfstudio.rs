@@ -26,7 +26,7 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
     title: "your own pictures with transforms.json (nerfstudio, instant-ngp, Blender)",
     page: "https://docs.nerf.studio/quickstart/data_conventions.html",
     layout: "transforms.json (or transforms_train.json) and the pictures it names",
-    caveat: "the poses' unit is taken as metres; say scale= if it is not",
+    caveat: "the poses' unit is assumed to be metres; otherwise set scale=",
     settings: &[
         Setting::free("scale", "metres of one unit of the poses", "1"),
         Setting::free(
@@ -37,7 +37,7 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
         DepthKind::SETTING,
         Setting::choice(
             "intrinsics",
-            "whose count where a frame and the file state different ones",
+            "which to use where a frame and the file disagree",
             &[
                 choice("frame", "the frame's own"),
                 choice("file", "the file's, as in nerfstudio"),
@@ -45,16 +45,16 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
         ),
         Setting::choice(
             "masks",
-            "what becomes of pixels that a mask excludes",
+            "treatment of pixels that a mask excludes",
             &[
                 choice("ignore", "masks are not read"),
                 choice(
                     "keep-white",
-                    "where a mask is below 255, the picture is black and the depth invalid, and scores leave it out",
+                    "where a mask is below 255, the picture is black, the depth invalid, and the pixel not scored",
                 ),
                 choice(
                     "keep-black",
-                    "the same where a mask is above 0: for masks that mark what is to be left out",
+                    "as keep-white, where a mask is above 0: for masks that mark the pixels to exclude",
                 ),
                 choice("apply", "as keep-white"),
             ],
@@ -105,8 +105,7 @@ fn open(spec: &DatasetSpec) -> Result<FoundScenes, DatasetError> {
             }
             _ => Err(DatasetError::malformed(
                 folder,
-                "neither transforms.json nor transforms_train.json; to read the file that is there \
-                 give it itself as the path",
+                "neither transforms.json nor transforms_train.json; to read a file of another name, give its path",
             )),
         };
         found.add(root.id_of(folder), scene);
@@ -127,7 +126,7 @@ fn choice_note<'a>(
         [] if read == NAMES[0] => return None,
         [] => format!("there is no {}", NAMES[0]),
         others => format!(
-            "not {} beside it; to read another one give the file itself as the path",
+            "not {} next to it; to read another file, give its path",
             others.join(", ")
         ),
     };
@@ -182,15 +181,15 @@ fn read_scene(
         scene.notes.extend(scene_notes::unread_masks(folder, hint));
     } else if reader.masks.is_none() {
         scene.notes.push(format!(
-            "{}: {masks} frame(s) name a mask, which is not read; masks=keep-white leaves out of scores what is black in them, \
-             masks=keep-black what is white",
+            "{}: {masks} frame(s) have a mask, which is not used; masks=keep-white excludes its black pixels from \
+             scores, masks=keep-black its white ones",
             json.display()
         ));
     }
     let contradicting = file.frames.iter().filter(|f| f.contradicts_file).count();
     if contradicting > 0 {
         scene.notes.push(format!(
-            "{}: {contradicting} frame(s) state intrinsics that differ from the file's; {} count",
+            "{}: {contradicting} frame(s) have intrinsics that differ from the file's; using {}",
             json.display(),
             if by_file {
                 "the file's"

@@ -61,7 +61,7 @@ impl DatasetSpec {
         };
         if name.contains(char::is_control) {
             return Err(error(
-                "a name has no line ends and no other control characters".into(),
+                "a name must not contain line breaks or control characters".into(),
             ));
         }
         let entry = entry(format)?;

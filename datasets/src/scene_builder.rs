@@ -82,7 +82,7 @@ impl<'a> SceneBuilder<'a> {
             .is_none_or(|picture| self.seen.insert(picture.clone()));
         match (picture, pose) {
             (Some(picture), Ok(pose)) if is_new => return Some((picture, pose)),
-            (Some(_), Ok(_)) => self.leave_out("the picture was listed before", name),
+            (Some(_), Ok(_)) => self.leave_out("the picture is listed twice", name),
             (_, Err(reason)) => self.leave_out(reason, name),
             (None, _) => self.leave_out_broken("the picture does not exist", name),
         }

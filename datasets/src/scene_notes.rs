@@ -62,8 +62,8 @@ pub(crate) fn add(scene: &mut Scene, spec: &DatasetSpec) {
             .filter(|_| rules.color == ColorRule::Convert);
         let converted = profile.name().map(|name| {
             let taken = match rules.color {
-                ColorRule::Convert => "converted to sRGB (color=as-stored: taken for sRGB)",
-                ColorRule::AsStored => "taken for sRGB (color=convert: converted)",
+                ColorRule::Convert => "converted to sRGB (color=as-stored: read as sRGB)",
+                ColorRule::AsStored => "read as sRGB (color=convert: converted)",
             };
             format!("the colour profile '{name}', {taken}")
         });
@@ -80,8 +80,8 @@ pub(crate) fn add(scene: &mut Scene, spec: &DatasetSpec) {
             )),
             (false, false) => scene.notes.push(format!("{have} and are read as stored, as their cameras are")),
             (false, true) => scene.warnings.push(format!(
-                "{have} and are read as stored, as COLMAP and nerfstudio do; if their cameras are those of the upright \
-                 pictures, say orientation=upright (orientation=stored: as now, without this warning)"
+                "{have} and are read as stored, as COLMAP and nerfstudio do; if their cameras are for the upright \
+                 pictures, set orientation=upright (orientation=stored: as now, without this warning)"
             )),
         }
     }

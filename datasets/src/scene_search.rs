@@ -9,9 +9,9 @@ use crate::files::{Root, list};
 use crate::found_scenes::{LeftOutScene, Why};
 use crate::left_out::LeftOut;
 
-const LINK_OUT: &str = "a symbolic link leads out of the dataset's folder";
-const LINK_NOWHERE: &str = "a symbolic link leads nowhere";
-const UNREADABLE: &str = "the system does not let it be listed";
+const LINK_OUT: &str = "a symbolic link points outside the dataset's folder";
+const LINK_NOWHERE: &str = "broken symbolic link";
+const UNREADABLE: &str = "the folder cannot be listed";
 
 #[derive(Debug)]
 pub(crate) struct FoundFolders {

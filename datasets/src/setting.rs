@@ -107,7 +107,7 @@ pub(crate) const fn proxy(value: &'static str, meaning: &'static str) -> Setting
 pub static PICTURES: [Setting; 3] = [
     Setting::choice(
         "alpha",
-        "pictures that are not opaque",
+        "treatment of pictures that are not opaque",
         &[
             choice("refuse", "are an error"),
             choice("black", "are composited over black, in encoded values"),
@@ -123,7 +123,7 @@ pub static PICTURES: [Setting; 3] = [
                 "convert",
                 "are converted to sRGB, clipped; tables of colours and inks are an error",
             ),
-            choice("as-stored", "are taken for sRGB"),
+            choice("as-stored", "are read as sRGB"),
         ],
     ),
     Setting::choice(

@@ -195,18 +195,16 @@ pub enum IdentityError {
          withdrawn by its authors in favour of v0.1, so no published value can be compared with it"
     )]
     LpipsVersion0 { name: String },
-    #[error(
-        "'{name}' is a form of a masked metric and nothing without a mask: '{name}@mask' or '{name}@frustum'"
-    )]
+    #[error("'{name}' requires a mask: use '{name}@mask' or '{name}@frustum'")]
     NeedsMask { name: String },
     #[error(
-        "'{name}' is 'psnr' here: every picture lies in 0..1 before it is scored, so that clipping changes nothing"
+        "'{name}' is the same as 'psnr': pictures are in 0..1 before scoring, so clipping has no effect"
     )]
     ClippedPsnr { name: String },
     #[error(
-        "'{name}' is refused: LPIPS under autocast to bfloat16 keeps 8 bits of each feature and depends on which layers \
-         the framework's version casts, so that no such value can be computed again; compare with 'lpips[vgg,v0.1]' and \
-         expect to differ in the third decimal"
+        "'{name}' is refused: LPIPS under autocast to bfloat16 keeps 8 bits of each feature and depends on which \
+         layers the framework's version casts, so its values cannot be reproduced; compare with 'lpips[vgg,v0.1]' \
+         and expect differences in the third decimal"
     )]
     Bfloat16 { name: String },
     #[error(
@@ -485,7 +483,7 @@ mod tests {
         assert!(error("dists@mask").contains("no masked form"));
         assert!(error("msssim").contains("unknown metric 'msssim'"));
         assert!(error("lpips[vgg,v0.1,bf16]").contains("autocast to bfloat16"));
-        assert!(error("psnr[clip]").contains("is 'psnr' here"));
+        assert!(error("psnr[clip]").contains("is the same as 'psnr'"));
         for name in [
             "lpips[alex,v0.1,box-paste]",
             "lpips-vgg-layer-mask",

@@ -134,7 +134,7 @@ impl Device {
             Self::Cpu | Self::CandleCpu => "tensors",
             Self::Cuda | Self::Metal => self.name(),
         };
-        format!("this build cannot: build with `--features {feature}`")
+        format!("not supported by this build: build with `--features {feature}`")
     }
 }
 

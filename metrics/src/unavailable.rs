@@ -9,8 +9,8 @@ use crate::weights::Backbone;
 pub enum Unavailable {
     /// The network's weights were not given.
     #[error(
-        "needs the weights of {backbone}: `sharp-bench weights fetch {backbone}` gets them, or give a \
-         file of yours with `--weights {backbone}=FILE`"
+        "needs the weights of {backbone}: download them with `sharp-bench weights fetch {backbone}`, or pass a file \
+         with `--weights {backbone}=FILE`"
     )]
     NoWeights { backbone: Backbone },
     /// The picture is smaller than the metric's window or network requires.
@@ -22,7 +22,7 @@ pub enum Unavailable {
         smallest: u32,
     },
     /// The key requires a view-frustum mask, but there is none.
-    #[error("needs the view-frustum mask of the pair, which takes the target's depth")]
+    #[error("needs the view-frustum mask of the pair, which requires the target's depth")]
     NoFrustumMask,
     /// The key requires a mask from the caller, but none was given.
     #[error("needs a mask (`sharp-bench metrics --mask FILE|DIR`)")]

@@ -21,7 +21,7 @@ pub enum CameraError {
     },
     /// The image has more than [`Intrinsics::MAX_PIXELS`] pixels.
     #[error(
-        "a picture of {width}x{height} is larger than any that is read or drawn (at most {} pixels)",
+        "a picture of {width}x{height} exceeds the maximum of {} pixels",
         Intrinsics::MAX_PIXELS
     )]
     TooLarge { width: u32, height: u32 },

@@ -201,7 +201,7 @@ fn where_it_changed_is_told() {
     );
     std::fs::create_dir(dir.join("mine")).unwrap();
     std::fs::write(dir.join("mine/index.html"), "mine").unwrap();
-    compare(dir, &["a", "b", "--out", "mine"]).is_error_with(&["is no report of ours"]);
+    compare(dir, &["a", "b", "--out", "mine"]).is_error_with(&["is not a report of sharp-bench"]);
 }
 
 /// Numbers up to what mathematical libraries differ by, everything else exactly.
@@ -319,5 +319,5 @@ fn what_was_lost_or_damaged_is_named() {
         sharp_bench(dir, &args)
     };
     named("all").is_error_with(&["'all' is the mean over datasets"]);
-    named("new\nline").is_usage_error_with(&["no line ends"]);
+    named("new\nline").is_usage_error_with(&["line breaks"]);
 }

@@ -49,12 +49,12 @@ fn a_report_writes_into_its_own_folder_alone() {
         std::fs::write(path, text).unwrap();
     }
     for out in ["site", "list", "notes"] {
-        report(out).is_error_with(&[out, "no report of ours", "--out"]);
+        report(out).is_error_with(&[out, "not a report of sharp-bench", "--out"]);
     }
     #[cfg(unix)]
     {
         std::os::unix::fs::symlink("site", dir.join("link")).unwrap();
-        report("link").is_error_with(&["link", "no report of ours"]);
+        report("link").is_error_with(&["link", "not a report of sharp-bench"]);
         std::fs::create_dir_all(dir.join("half")).unwrap();
         std::os::unix::fs::symlink("../notes", dir.join("half/tables")).unwrap();
         report("half").is_error_with(&["half/tables", "link"]);
@@ -89,7 +89,10 @@ fn a_report_shows_the_pictures_that_were_scored() {
     let said = sharp_bench(dir, &["report", "r", "--json"]).ends_with(4);
     let name = kept[0].file_name().unwrap().to_str().unwrap();
     assert!(
-        said.err.contains(name) && said.err.contains("not the picture that was scored"),
+        said.err.contains(name)
+            && said
+                .err
+                .contains("differs from the picture that was scored"),
         "{}",
         said.err
     );
@@ -130,7 +133,7 @@ fn a_list_or_plan_that_lost_pairs_is_refused_until_the_run_writes_it_anew() {
     let baseline = lines[1].split(',').nth(10).unwrap();
     let moved = lines[1].replace(&format!(",{baseline},"), &format!(",1{baseline},"));
     std::fs::write(&list, whole.replace(lines[1], &moved)).unwrap();
-    refused("pairs.csv says otherwise");
+    refused("pairs.csv has other cameras");
     mended();
     let plan = read(dir.join("r/plan.json"));
     let mut cut: serde_json::Value = serde_json::from_str(&plan).unwrap();
@@ -295,7 +298,7 @@ fn a_bomb_is_refused_before_it_is_decoded() {
     let kept = kept.display().to_string();
     for files in [["bomb.png", &kept], [&kept, "bomb.png"]] {
         let args = [&["metrics"], &files[..], &["--metrics", "psnr"]].concat();
-        sharp_bench(dir, &args).is_error_with(&["bomb.png", "20000x20000", "larger than"]);
+        sharp_bench(dir, &args).is_error_with(&["bomb.png", "20000x20000", "exceeds the maximum"]);
     }
 }
 

@@ -355,7 +355,7 @@ fn a_strangers_number_is_traced_to_its_convention() {
     let found = json["found"].as_array().unwrap();
     assert!(found.contains(&"ssim[gauss11,zero]".into()), "{found:?}");
     let said = metrics(dir.path(), "p/a.png t/a.png --metrics all --find 77.123").ends_with(0);
-    assert!(said.out.contains("77.123 is none"), "{}", said.out);
+    assert!(said.out.contains("77.123 matches none"), "{}", said.out);
 }
 
 #[test]
@@ -369,7 +369,7 @@ fn keys_are_explained_and_described_for_papers_without_any_picture() {
         "--metrics dists-resize256",
         "Same as lpips.LPIPS",
         "alexnet=8eed026b364dd02bdf76d6ca5a9bfaa0efb090d22a8b79ad51186269c08605c7, torchvision's",
-        "squeezenet1_1-b8a52dc0.pth of torchvision, not at hand",
+        "squeezenet1_1-b8a52dc0.pth of torchvision, missing",
     ] {
         assert!(said.out.contains(part), "{part}");
     }

@@ -137,7 +137,10 @@ fn colours_that_a_file_does_not_explain_are_asked_for() {
     assert!(info.out.contains("the file does not say"), "{}", info.out);
     assert!(info.out.contains("plausible as the camera's space"));
     // In OpenGL axes, and in millimetres.
-    for (scale, words) in [(-1.0, "OpenGL axes"), (1000.0, "median depth of 4")] {
+    for (scale, words) in [
+        (-1.0, "the axes may be OpenGL's"),
+        (1000.0, "median depth of 4"),
+    ] {
         let mut moved = crate::render_scene::gaussians();
         moved.means.iter_mut().for_each(|mean| mean[2] *= scale);
         crate::render_scene::write(&dir.path().join("moved.ply"), moved);
@@ -213,7 +216,7 @@ fn colours_that_a_file_does_not_explain_are_asked_for() {
     crate::render_scene::write(&dir.path().join("moved.ply"), still);
     let info = run(dir.path(), &["gaussians", "info", "moved.ply"]).ends_with(0);
     assert!(
-        info.out.contains("nothing in it can be seen"),
+        info.out.contains("nothing in it is visible"),
         "{}",
         info.out
     );

@@ -178,7 +178,7 @@ fn doubled_and_broken_gaussians_are_counted() {
     for (port, said) in [
         (
             doubled,
-            "18432 Gaussians that the reference lacks or has once",
+            "18432 Gaussians without a match of their own in the reference",
         ),
         (broken, "1 Gaussians not finite"),
         // An offset is no other order.

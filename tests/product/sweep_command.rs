@@ -97,7 +97,7 @@ fn a_controlled_sweep_from_pictures_to_tables() {
     // Without crossings, those of before go; pairs beyond the edges are counted.
     let said = sweep(&["--bins", "0,0.11"]).ends_with(0);
     for part in [
-        "sweep-crossings.csv was of",
+        "sweep-crossings.csv was left by",
         "S: 2 of 6 pairs lie outside all",
     ] {
         assert!(said.err.contains(part), "{part}: {}", said.err);

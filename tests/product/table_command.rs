@@ -321,7 +321,7 @@ fn a_number_is_explained_by_the_readings_of_its_pictures() {
     // The path of its dataset is relative, and nothing is there from elsewhere.
     sharp_bench(&dir.join("why"), &args).is_error_with(&[
         "middlebury=data, from which the run has its pictures",
-        "given relative to where `run` was started",
+        "relative to the folder where `run` was started",
         "why",
     ]);
     // A prediction that is not kept any more is in no number, in either form.

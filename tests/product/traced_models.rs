@@ -99,7 +99,7 @@ fn parity_with_the_official_recording_in_the_documented_form() {
     parity(dir.path(), &tiny(), "500", &["--prefix", "nobody"]).is_error_with(&[
         "golden_tiny.safetensors",
         "nobody",
-        "there are tiny",
+        "available: tiny",
     ]);
 }
 

@@ -188,7 +188,7 @@ fn what_cannot_be_trained_is_one_clear_error() {
     let data = format!("stage1.data={{ datasets = [{dataset:?}] }}");
     seen[5] = &dataset;
     let learnt = [&seen[..], &["--set", &data]].concat();
-    sharp_bench(dir.path(), &learnt).is_usage_error_with(&["Motorcycle", "learns from"]);
+    sharp_bench(dir.path(), &learnt).is_usage_error_with(&["Motorcycle", "this training uses"]);
     let data = format!("stage2.data={{ photographs = \"{bundled}/Motorcycle-quarter\" }}");
     let learnt = [
         &seen[..],
@@ -202,7 +202,7 @@ fn what_cannot_be_trained_is_one_clear_error() {
         ],
     ]
     .concat();
-    sharp_bench(dir.path(), &learnt).is_usage_error_with(&["photographs", "learns from"]);
+    sharp_bench(dir.path(), &learnt).is_usage_error_with(&["photographs", "this training uses"]);
 }
 
 #[test]

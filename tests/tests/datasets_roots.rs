@@ -195,6 +195,6 @@ fn no_name_in_a_file_leaves_a_dataset() {
         assert!(text.contains(from), "{format}: {text}");
         std::fs::write(&path, text.replace(from, to)).unwrap();
         let error = read(format, folder.path()).unwrap_err().to_string();
-        assert!(error.contains("leads out"), "{format}: {error}");
+        assert!(error.contains("points outside"), "{format}: {error}");
     }
 }

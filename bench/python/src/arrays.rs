@@ -17,7 +17,7 @@ pub(crate) fn picture(array: &Bound<'_, PyAny>) -> PyResult<Picture> {
     match array.extract::<PyReadonlyArray3<'_, f32>>() {
         Ok(values) => Ok(Picture::RgbF32(interleaved::<Rgb<f32>>(&values)?)),
         Err(_) => Err(PyTypeError::new_err(
-            "an array [H, W, 3] of uint8 or float32 is needed",
+            "expected an array [H, W, 3] of uint8 or float32",
         )),
     }
 }
@@ -27,7 +27,7 @@ fn interleaved<P: Pixel<Subpixel: Element>>(
 ) -> PyResult<ImageBuffer<P, Vec<P::Subpixel>>> {
     let (height, width, channels) = array.as_array().dim();
     let wrong =
-        || PyValueError::new_err(format!("{height}×{width}×{channels}: [H, W, 3] is needed"));
+        || PyValueError::new_err(format!("{height}×{width}×{channels}: expected [H, W, 3]"));
     let side = |n: usize| u32::try_from(n).map_err(|_| wrong());
     let values = array.as_slice()?.to_vec();
     if channels != 3 {
@@ -53,7 +53,7 @@ pub(crate) fn rows<const N: usize>(
     let (count, columns) = array.as_array().dim();
     if columns != N {
         return Err(PyValueError::new_err(format!(
-            "{name}: {count}×{columns}, where [K, {N}] is needed"
+            "{name}: expected [K, {N}], found {count}×{columns}"
         )));
     }
     let rows = array.as_array();

@@ -91,7 +91,7 @@ impl Gaussians {
     fn save(&self, path: PathBuf, camera: &Camera) -> PyResult<()> {
         if let Some(rule) = self.rule {
             return Err(refused(anyhow::anyhow!(
-                "they are drawn by the rule {rule}, which SHARP's form cannot say; `gaussians convert` writes others"
+                "SHARP's format cannot store the rendering rule {rule}; `gaussians convert` writes other formats"
             )));
         }
         let scene = GaussianScene::new(self.core.clone(), camera.intrinsics);

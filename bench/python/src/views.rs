@@ -44,7 +44,7 @@ impl Camera {
         let k = matrix::<3>("K", &K)?;
         if [k[0][1], k[1][0], k[2][0], k[2][1]] != [0.0; 4] || k[2][2] != 1.0 {
             return Err(refused(anyhow::anyhow!(
-                "K: [[fx, 0, cx], [0, fy, cy], [0, 0, 1]] is needed"
+                "K: expected [[fx, 0, cx], [0, fy, cy], [0, 0, 1]]"
             )));
         }
         let intrinsics = Intrinsics::new((k[0][0], k[1][1]), (k[0][2], k[1][2]), (width, height));
@@ -56,7 +56,7 @@ impl Camera {
                 let rotation = DMat3::from_cols(row(0), row(1), row(2)).transpose();
                 let translation = DVec3::new(rows[0][3], rows[1][3], rows[2][3]);
                 if rows[3] != [0.0, 0.0, 0.0, 1.0] {
-                    let reason = "camera_from_world: its last row is to be 0, 0, 0, 1";
+                    let reason = "camera_from_world: its last row must be 0, 0, 0, 1";
                     return Err(refused(anyhow::anyhow!(reason)));
                 }
                 RigidTransform::new(rotation, translation).map_err(refused)?
@@ -114,7 +114,7 @@ fn matrix<const N: usize>(name: &str, array: &Matrix<'_>) -> PyResult<[[f64; N];
     let view = array.as_array();
     if view.dim() != (N, N) {
         return Err(refused(anyhow::anyhow!(
-            "{name}: {:?}, where {N}×{N} is needed",
+            "{name}: {:?}, expected {N}×{N}",
             view.dim()
         )));
     }

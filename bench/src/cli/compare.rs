@@ -65,7 +65,7 @@ impl FromStr for MethodPair {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, String> {
-        let (old, new) = text.split_once('=').ok_or("it has the form OLD=NEW")?;
+        let (old, new) = text.split_once('=').ok_or("expected OLD=NEW")?;
         Ok(Self(old.to_owned(), new.to_owned()))
     }
 }

@@ -91,8 +91,8 @@ pub(super) fn formats_help() -> String {
         .map(|s| format!("    {}={}  {}\n", s.key, s.default, s.meaning));
     let pictures: String = pictures.collect();
     text += &format!(
-        "  each of these, too\n    frame=RULE  its views at another size, cameras with them: {}\n{pictures}    \
-         pairs.KEY=VALUE  a pair option for it alone (keys: `pairs --help-all`)\n  \
+        "  settings of every format\n    frame=RULE  its views at another size, with cameras adjusted: \
+         {}\n{pictures}    pairs.KEY=VALUE  a pair option for this dataset only (keys: `pairs --help-all`)\n  \
          `datasets list` has the values of each setting\n",
         Frame::forms()
     );

@@ -141,7 +141,7 @@ fn backbone(backbone: Backbone, weights: &Weights) -> Finding {
         Some(source) => finding(what, source.to_string(), ""),
         None => finding(
             what,
-            format!("the weights of {name} are not at hand"),
+            format!("the weights of {name} are missing"),
             format!("sharp-bench weights fetch {name}, or --weights {name}=FILE"),
         ),
     }

@@ -30,7 +30,8 @@ Examples:
   sharp-bench explain quantitative runs/sharp --out why
   sharp-bench explain psnr-ssim runs/flash3d:mine --row Flash3D --metrics all
 
-Writes explain.md and readings.csv, a line a reading. Without --keep float, truncation and division by alpha are not computed.")]
+Writes explain.md and readings.csv, one line per reading. Without --keep float, truncation and division by alpha are not
+computed.")]
 pub(super) struct ExplainArgs {
     /// A table of scores by its name in `table list`
     #[arg(value_name = "TABLE")]
@@ -85,14 +86,15 @@ pub(super) fn execute(args: &ExplainArgs) -> anyhow::Result<Outcome> {
         let explained = explain_run(table, &args.row, &run, &scoring, &Terminal::default())?;
         if explained.changed > 0 {
             output::remark(format!(
-                "warning: {}: {} of the run's scores are not what its pictures give today: weights or code have changed since",
+                "warning: {}: {} of the run's scores differ from those of its pictures today: weights or code have \
+                 changed since",
                 explained.path.display(),
                 explained.changed
             ));
         }
         if explained.lacks_pairs() {
             output::remark(format!(
-                "warning: {}: pairs without a kept and scored picture are in none of these numbers",
+                "warning: {}: pairs without a kept and scored picture are missing from these numbers",
                 explained.path.display()
             ));
         }

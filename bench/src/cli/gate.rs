@@ -70,7 +70,7 @@ impl FromStr for Power {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, String> {
-        let (name, value) = text.split_once('=').ok_or("it has the form METRIC=D")?;
+        let (name, value) = text.split_once('=').ok_or("expected METRIC=D")?;
         let value = value
             .parse()
             .ok()

@@ -26,8 +26,8 @@ impl MemoryArgs {
         if peak > limit {
             let mib = |bytes: u64| bytes.div_ceil(1 << 20);
             output::remark(format!(
-                "warning: memory reached {} MiB, above --memory-limit ({} MiB): networks' weights and single pictures cannot \
-                 be divided",
+                "warning: memory reached {} MiB, above --memory-limit ({} MiB): network weights and single pictures \
+                 cannot be split",
                 mib(peak),
                 mib(limit)
             ));
@@ -37,7 +37,7 @@ impl MemoryArgs {
 
 /// Parses a size such as `512M`, `2G` or `1048576`; units are powers of 1024.
 fn bytes(text: &str) -> Result<u64, String> {
-    let wrong = || "a size such as 512M or 2G is needed".to_owned();
+    let wrong = || "expected a size such as 512M or 2G".to_owned();
     let unit = text.trim_end_matches("iB").trim_end_matches('B');
     let (number, shift) = match unit.chars().last() {
         Some('K' | 'k') => (&unit[..unit.len() - 1], 10),

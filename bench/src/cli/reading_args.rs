@@ -31,7 +31,7 @@ impl ReadingArgs {
 }
 
 fn setting(text: &str) -> Result<(String, String), String> {
-    let (key, value) = text.split_once('=').ok_or("KEY=VALUE is needed")?;
+    let (key, value) = text.split_once('=').ok_or("expected KEY=VALUE")?;
     match StoredForm::default().set(key, value) {
         Ok(true) => Ok((key.to_owned(), value.to_owned())),
         Ok(false) => Err(format!("unknown; known: {}", StoredForm::KEYS.join(", "))),

@@ -27,8 +27,8 @@ Examples:
   sharp-bench report runs/first --methods-text
 
 Writes report.md, index.html (opens from disk), tables as .md, .csv and .tex, plots as .svg and .png. The page holds the
-pictures of up to 24 pairs; of more, small pictures of all pairs lie beside it in thumbs/, below 200 MB together. Enlarged
-ones come from the run. Source and target come from the datasets named in the run, where they are still in place.")]
+pictures of up to 24 pairs; with more, small pictures of all pairs are next to it in thumbs/, below 200 MB in total.
+Enlarged ones are read from the run, source and target from the datasets named in the run, if they are still in place.")]
 pub(super) struct ReportArgs {
     /// Run folders or bundles
     #[arg(required = true, value_name = "[NAME=]RUN")]
@@ -74,7 +74,7 @@ pub(super) fn execute(args: &ReportArgs) -> anyhow::Result<Outcome> {
     };
     if !results.missing.is_empty() {
         output::remark(format!(
-            "note: {} of {} units are done; the report is of those",
+            "note: {} of {} units are done; the report covers only those",
             results.records.len(),
             results.records.len() + results.missing.len()
         ));
@@ -135,7 +135,7 @@ fn methods_text(results: &Results, args: &ReportArgs) -> anyhow::Result<Outcome>
 pub(super) fn warn_damaged(results: &Results) -> bool {
     for path in &results.damaged {
         output::remark(format!(
-            "warning: {}: damaged, so its unit counts as missing; `run` with the same options makes it anew",
+            "warning: {}: damaged, so its unit counts as missing; `run` with the same options recomputes it",
             path.display()
         ));
     }
@@ -146,7 +146,8 @@ pub(super) fn warn_damaged(results: &Results) -> bool {
 pub(super) fn warn_not_scored(paths: &[PathBuf]) {
     for path in paths {
         output::remark(format!(
-            "warning: {}: not the picture that was scored, so it is not shown; `run` with the same options makes it anew",
+            "warning: {}: differs from the picture that was scored, so it is not shown; `run` with the same options \
+             makes it again",
             path.display()
         ));
     }
@@ -163,7 +164,7 @@ pub(super) fn print_tables(results: &Results) -> anyhow::Result<()> {
 pub(super) fn outcome(counts: UnitCounts, is_last_stage: bool) -> Outcome {
     if is_last_stage && counts.waiting > 0 {
         output::remark(format!(
-            "warning: {} of {} units wait: there is no prediction to score, or their scenes cannot be read",
+            "warning: {} of {} units are waiting: they have no prediction to score, or their scenes cannot be read",
             counts.waiting, counts.units
         ));
         return Outcome::Resumable;

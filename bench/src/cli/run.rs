@@ -105,7 +105,7 @@ fn help() -> String {
 
 /// Parses a time such as `90s`, `55m` or `3h`.
 pub(super) fn time(text: &str) -> Result<Duration, String> {
-    let wrong = || format!("'{text}': a time such as 90s, 55m or 3h is needed");
+    let wrong = || format!("'{text}': expected a time such as 90s, 55m or 3h");
     let unit = match text.chars().last() {
         Some('s') => 1,
         Some('m') => 60,
@@ -129,13 +129,13 @@ fn configuration(args: &RunArgs) -> anyhow::Result<RunConfig> {
     // A machine without the plan's kernels is reported later.
     if let Some(key) = own.keys().find(|key| *key != "simd") {
         let reason =
-            format!("--{key}: a shard does what was planned, so that --plan goes without it");
+            format!("--{key} cannot be combined with --plan: a shard uses the planned options");
         return Err(UsageError(reason).into());
     }
     let folder = RunFolder::open(root)?;
     if folder.plan()?.estimate.is_none() {
         bail!(
-            "{}: it was not planned by `run --plan-only`, so that it has no shards",
+            "{}: it was not planned by `run --plan-only`, so it has no shards",
             root.display()
         );
     }
@@ -146,7 +146,7 @@ fn configuration(args: &RunArgs) -> anyhow::Result<RunConfig> {
         .filter(|method| method.kind == "command");
     if let Some(method) = programs.next().filter(|_| !args.allow_programs) {
         let reason = format!(
-            "the plan starts a program, --method {method}: if you trust it, say --allow-programs"
+            "the plan starts a program, --method {method}: if you trust it, add --allow-programs"
         );
         return Err(UsageError(reason).into());
     }
@@ -327,7 +327,8 @@ pub(super) fn print_counts(
         ..
     } = counts;
     output::line(format!(
-        "shard {shard} of {root}: {}, {reused} done before, {scored} scored, {failed} failed, {waiting} waiting, {left} not come to",
+        "shard {shard} of {root}: {}, {reused} done before, {scored} scored, {failed} failed, {waiting} waiting, \
+         {left} not started",
         counted(*units, "unit")
     ))
 }
@@ -371,11 +372,12 @@ fn print_estimate(estimate: &Estimate, as_json: bool) -> anyhow::Result<()> {
         ))?;
     }
     output::line(
-        "time at the present pace of this machine; on the disk of `all` what stays in the run folder",
+        "times assume this machine's present pace; the disk of `all` is what stays in the run folder",
     )?;
     if measured_failures > 0 {
         output::remark(format!(
-            "warning: {} of those measured failed, so the estimate is too low; `run --limit {measured_pairs}` says why",
+            "warning: {} of those measured failed, so the estimate is too low; `run --limit {measured_pairs}` shows \
+             why",
             counted(measured_failures, "unit")
         ));
     }

@@ -111,14 +111,14 @@ fn own_program() -> anyhow::Result<PathBuf> {
     let program = std::env::current_exe()?;
     let stem = program.file_stem().unwrap_or_default();
     if stem != env!("CARGO_PKG_NAME") {
-        let reason = "--binary FILE is needed: the program's own, as the nodes see it";
+        let reason = "--binary FILE is needed: the program's path on the nodes";
         return Err(UsageError(reason.to_owned()).into());
     }
     Ok(program)
 }
 
 fn option(text: &str) -> Result<(String, String), &'static str> {
-    let (job, option) = text.split_once('=').ok_or("JOB=OPTION is needed")?;
+    let (job, option) = text.split_once('=').ok_or("expected JOB=OPTION")?;
     Ok((job.to_owned(), option.to_owned()))
 }
 

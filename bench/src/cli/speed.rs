@@ -33,7 +33,7 @@ Examples:
   sharp-bench speed --method sharp:checkpoint=sharp.pt --dataset middlebury=data/Middlebury2014 --out speed
   sharp-bench speed runs/sharp --out speed
 
-Writes speed.md, speed.tex and, of what was measured, speed.csv. Let nothing else run meanwhile.")]
+Writes speed.md, speed.tex and, for measured methods, speed.csv. Run nothing else meanwhile.")]
 pub(super) struct SpeedArgs {
     /// Run folders whose hours and hardware are summed up
     #[arg(value_name = "RUN", required_unless_present = "methods")]

@@ -73,7 +73,7 @@ pub(super) fn execute(args: &StatusArgs) -> anyhow::Result<Outcome> {
         }
         if progress.damaged > 0 {
             output::remark(format!(
-                "warning: {} files of units are damaged; they are done again",
+                "warning: {} files of units are damaged; their units are computed again",
                 progress.damaged
             ));
         }

@@ -147,7 +147,7 @@ pub(super) fn sweep(
     }
     for file in names(&files.removed) {
         output::remark(format!(
-            "note: {file} was of an earlier sweep and is removed"
+            "note: {file} was left by an earlier sweep and is removed"
         ));
     }
     let x = sweep.spec.x.title();

@@ -104,7 +104,7 @@ pub(super) fn execute(args: &TableArgs) -> anyhow::Result<Outcome> {
         !args.rows.is_empty() && own.all(|row| row.cells.iter().all(|cell| cell.value.is_none()));
     if is_empty {
         output::remark(
-            "warning: no row of yours has a number of this table's datasets and metrics",
+            "warning: none of your rows has a number for this table's datasets and metrics",
         );
     }
     let outcome = Outcome::of_problems(is_empty);

@@ -87,7 +87,7 @@ pub fn weights(files: &[String]) -> Result<Weights, ConfigError> {
     for spec in files {
         let Some((name, file)) = spec.split_once('=') else {
             return Err(ConfigError::Usage(format!(
-                "--weights {spec}: NAME=FILE is needed, as in vgg16=vgg16-397923af.pth"
+                "--weights {spec}: expected NAME=FILE, such as vgg16=vgg16-397923af.pth"
             )));
         };
         weights = weights.with_file(name.parse()?, file);

@@ -109,9 +109,9 @@ pub fn backend(backend: &Backend, adapter: Option<&str>) -> Result<Backend, Conf
         (Backend::Auto | Backend::Wgpu(None), Some(name)) => {
             Ok(Backend::Wgpu(Some(name.to_owned())))
         }
-        (Backend::Cpu, Some(_)) => {
-            usage("--adapter names a GPU, --backend cpu wants none: use --backend wgpu".to_owned())
-        }
+        (Backend::Cpu, Some(_)) => usage(
+            "--adapter names a GPU, but --backend cpu uses none: use --backend wgpu".to_owned(),
+        ),
         (Backend::Wgpu(Some(_)), Some(_)) => {
             usage(format!("--backend {backend} names an adapter already"))
         }

@@ -93,8 +93,8 @@ struct UnitLine {
 pub fn write_bundle(run: &Path, out: &Path) -> Result<Results, EvaluateError> {
     let is_other = |there: Result<Bundle, _>| there.map_or(true, |there| there.occasion.is_some());
     if out.exists() && is_other(read_file(out)) {
-        let reason =
-            "what is there is no bundle, or a history's, and not written over; choose another file";
+        let reason = "the file exists and is not written over, because it is not a bundle or belongs to a history; choose \
+             another file";
         return Err(FileError::new(out, "write")(std::io::Error::other(reason)).into());
     }
     let mut bundle = Bundle::read(run)?;
@@ -373,7 +373,7 @@ fn read_file(path: &Path) -> Result<Bundle, EvaluateError> {
             (list.pairs.get(line.pair), manifest.methods.get(line.method))
         else {
             return Err(unreadable(
-                "units.jsonl names a pair or method that is not there".to_owned(),
+                "units.jsonl names an unknown pair or method".to_owned(),
             ));
         };
         records.push(Record {

@@ -162,7 +162,7 @@ pub(super) fn differences(before: &Manifest, now: &Manifest) -> Vec<ManifestDiff
                 row: NAME,
                 what: format!("method '{label}'"),
                 values: Some(texts),
-                advice: "; `report NAME=FOLDER` tells two methods of one label apart",
+                advice: "; `report NAME=FOLDER` distinguishes two methods with the same label",
             });
         }
     }

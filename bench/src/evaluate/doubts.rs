@@ -55,9 +55,8 @@ pub fn doubts(record: &Record, depth: TrueDepth) -> BTreeMap<&str, String> {
         doubts.insert(
             "scale",
             format!(
-                "its Gaussians lie {ratio:.3} times as far away as the dataset's depth ({source}): metres are needed \
-                 (`scale=` says what one unit is); only where each source has a unit of its own, `depth=privileged` \
-                 scales each"
+                "its Gaussians are {ratio:.3} times as far away as the dataset's depth ({source}): set the unit in \
+                 metres with `scale=`; if each source has its own unit, use `depth=privileged`"
             ),
         );
     }
@@ -108,8 +107,8 @@ fn outlying_sources<'a>(
     };
     let (of_worse, of_others) = (range(&mut worse), range(&mut others));
     Some(format!(
-        "{} of {count} sources show the photograph they were predicted from at {of_worse} dB, the others at {of_others}: \
-         {}; other Gaussians than theirs? (`gaussians info FILE` says what a file holds)",
+        "{} of {count} sources reproduce the photograph they were predicted from at only {of_worse} dB, the others \
+         at {of_others}: {}; do their files belong to other sources? (`gaussians info FILE` shows what a file holds)",
         worse.len(),
         listed(worse.iter().map(|(name, _)| *name).collect())
     ))
@@ -161,7 +160,7 @@ fn trained_targets<'a>(records: impl Iterator<Item = &'a Record>) -> Option<Stri
         let names: BTreeSet<&str> = known.iter().copied().collect();
         return (!known.is_empty()).then(|| {
             format!(
-                "{} of {} targets are views that it was trained on ({}): they are no novel views",
+                "{} of {} targets are views that it was trained on ({}), so they are not novel views",
                 known.len(),
                 views.len(),
                 listed(names)
@@ -255,8 +254,8 @@ mod tests {
             ("s/view_07", 11.0),
         ];
         let said = shown(&half).unwrap();
-        let start = "4 of 8 sources show the photograph they were predicted from at 9.1 to 12.0 dB, the others at 24.2 to 31.0: \
-                     d/s/view_03, d/s/view_04, d/s/view_06, d/s/view_07; ";
+        let start = "4 of 8 sources reproduce the photograph they were predicted from at only 9.1 to 12.0 dB, the \
+                     others at 24.2 to 31.0: d/s/view_03, d/s/view_04, d/s/view_06, d/s/view_07; ";
         assert!(said.starts_with(start), "{said}");
         assert!(said.contains("`gaussians info FILE`"), "{said}");
         // The file of a neighbouring view.

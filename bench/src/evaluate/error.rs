@@ -25,9 +25,7 @@ pub enum EvaluateError {
         /// What the path is relative to; empty for an absolute path.
         from: String,
     },
-    #[error(
-        "dataset '{0}': the manifest does not tell, in a form that this version reads, where its files lay"
-    )]
+    #[error("dataset '{0}': this version cannot read the location of its files from the manifest")]
     NoDatasetSpec(String),
     #[error(transparent)]
     Method(#[from] SpecError),
@@ -45,7 +43,9 @@ pub enum EvaluateError {
     )]
     ChosenByMethod { method: String },
     /// The renderer's device failed. The unit is not recorded, and the same run resumes from there.
-    #[error("{method} on {pair_id}: {reason}; finished units are kept, the same command continues")]
+    #[error(
+        "{method} on {pair_id}: {reason}; finished units are kept; run the same command again to continue"
+    )]
     Device {
         pair_id: String,
         method: String,
@@ -53,7 +53,7 @@ pub enum EvaluateError {
     },
     /// The folder's results cannot share a table with this run's.
     #[error(
-        "{}: {difference}; a folder has one: choose another folder",
+        "{}: {difference}; a folder can only have one: choose another folder",
         folder.display()
     )]
     OtherMachine {

@@ -65,7 +65,7 @@ impl RunFolder {
             return Err(FileError {
                 path: root.to_owned(),
                 action: "use as run folder",
-                source: std::io::Error::other("it holds other files and no manifest.json"),
+                source: std::io::Error::other("it holds other files but no manifest.json"),
             });
         }
         let (lock, is_locked) = lock(root, File::try_lock)?;

@@ -227,7 +227,7 @@ impl DatasetRecord {
                 reason: Box::new(reason),
                 from: match here {
                     Ok(here) if config.spec.path.is_relative() => format!(
-                        "; the path was given relative to where `run` was started, and is sought below {}",
+                        "; the path is relative to the folder where `run` was started, and was looked up in {}",
                         here.display()
                     ),
                     _ => String::new(),

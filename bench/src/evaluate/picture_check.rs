@@ -49,11 +49,11 @@ const PERMUTATIONS: [(&str, [usize; 3]); 5] = [
     ("have red and green exchanged", [1, 0, 2]),
     ("have green and blue exchanged", [0, 2, 1]),
     (
-        "hold green, blue and red where red, green and blue are read",
+        "contain green, blue and red but were read as red, green and blue",
         [2, 0, 1],
     ),
     (
-        "hold blue, red and green where red, green and blue are read",
+        "contain blue, red and green but were read as red, green and blue",
         [1, 2, 0],
     ),
 ];
@@ -62,12 +62,11 @@ const PERMUTATIONS: [(&str, [usize; 3]); 5] = [
 const SAME: &str = "the photograph";
 /// No change explains that the picture is unlike the photograph.
 const OTHER: &str = "another picture";
-const LINEAR: &str = "hold linear light where sRGB is read (exr=linear reads that of EXR files)";
-const TWICE: &str =
-    "are encoded as sRGB twice (exr=srgb reads EXR files that hold sRGB values as they are)";
+const LINEAR: &str = "contain linear light but were read as sRGB (exr=linear reads such EXR files)";
+const TWICE: &str = "are sRGB-encoded twice (exr=srgb reads EXR files that hold sRGB values)";
 const HALVED: &str =
     "have half their contrast, as if values from 0 to 1 had been stored as values from −1 to 1";
-const LIMITED: &str = "hold the limited range of video, 16 to 235, where 0 to 255 is read";
+const LIMITED: &str = "have the limited range of video, 16 to 235, but were read as 0 to 255";
 const CLIPPED: &str = "have their darker half cut off, as if values from −1 to 1 had been stored as values from 0 to 1";
 
 /// Whether this kind of method reads pictures stored by other programs.
@@ -273,8 +272,8 @@ pub fn agreed_change(changes: &[Option<&str>], photographs: &str) -> Option<Stri
              {UNLIKE} with them (another scene, another order of their bytes, or unfinished files?)"
         ),
         change => format!(
-            "its pictures look as if they {change}: {counted} are significantly nearer to the photographs {photographs} \
-             once that is undone"
+            "its pictures look as if they {change}: {counted} are significantly closer to the photographs {photographs} \
+             when this is undone"
         ),
     })
 }

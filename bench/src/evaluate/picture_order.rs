@@ -170,8 +170,8 @@ pub(super) fn misplaced_pictures<'a>(records: impl Iterator<Item = &'a Record>) 
         };
         is_most(count).then(|| {
             format!(
-                "its pictures look as if they lay under the names of other pairs of {dataset}: {count} of {all} that were \
-                 compared show {what} significantly better than their own; correct the files' names"
+                "its pictures look as if they had the names of other pairs of {dataset}: {count} of the {all} \
+                 compared show {what} significantly better than their own; correct the file names"
             )
         })
     });

@@ -57,7 +57,7 @@ pub fn rescore(
     manifest = extended;
     for what in replaced {
         observer.warn(&format!(
-            "{what} before; units that are not scored now lack it"
+            "{what} before; units that are not rescored now have no such score"
         ));
     }
     folder.remove_tables()?;

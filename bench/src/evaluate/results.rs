@@ -118,7 +118,7 @@ impl Current {
             Some(unit) => {
                 let pair = &unit.slot.pair_id;
                 let what =
-                    format!("pairs.csv says otherwise where pair '{pair}' is than the results");
+                    format!("pairs.csv has other cameras for pair '{pair}' than the results");
                 Err(changed(folder, &what))
             }
             None => Ok(()),
@@ -181,7 +181,7 @@ pub(super) fn check_rows(
             said.evaluated
         )
     } else if let Some(pair) = planned.iter().find(|id| !listed.contains(**id)) {
-        format!("pairs.csv lacks pair '{pair}' of those")
+        format!("pairs.csv is missing pair '{pair}' of those")
     } else {
         return Ok(());
     };
@@ -192,7 +192,8 @@ fn changed(folder: &RunFolder, what: &str) -> EvaluateError {
     EvaluateError::NotKept {
         folder: folder.root().to_owned(),
         reason: format!(
-            "{what} that manifest.json says were evaluated: it was changed; `run` with the same options writes it anew"
+            "{what} that were evaluated according to manifest.json: the file was changed; `run` with the same \
+             options rewrites it"
         ),
     }
 }

@@ -60,8 +60,8 @@ impl Evaluation {
         if self.common_region && plan.pairs().len() != pairs.len() {
             return Err(refused(
                 out,
-                "it holds pairs that this run leaves out; --common-region is that of all methods on all pairs: run it \
-                 with the same pairs, or into a folder of its own",
+                "it holds pairs that this run does not; --common-region needs all methods on all pairs: use the same \
+                 pairs, or another folder",
             ));
         }
         let keys = Keys::new(&self.datasets, &RendererRecord::of(&self.renderer));
@@ -105,7 +105,7 @@ impl Evaluation {
         if self.common_region {
             return Err(refused(
                 out,
-                "--common-region scores all methods of all pairs at once, which shards cannot",
+                "--common-region scores all methods on all pairs at once, which shards cannot do",
             ));
         }
         let folder = RunFolder::create(out)?;
@@ -114,7 +114,7 @@ impl Evaluation {
         if plan.blocks.len() > 1 {
             return Err(refused(
                 out,
-                "it holds another run: plan into a folder of its own; `merge` joins folders",
+                "it holds another run: plan into a new folder (`merge` joins folders)",
             ));
         }
         let estimate = self.estimate(options)?;

@@ -85,18 +85,18 @@ impl std::fmt::Display for Shard {
 
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum ShardError {
-    #[error("'{0}': I/N is needed, as in 3/8, or auto, or auto/N")]
+    #[error("'{0}': expected I/N (such as 3/8), auto or auto/N")]
     Form(String),
     #[error(
-        "shard {index} of {count}: shards count from 1 to their number, which is at most {MAX_SHARDS}"
+        "shard {index} of {count}: shards are numbered from 1 to their count, which is at most {MAX_SHARDS}"
     )]
     Range { index: usize, count: usize },
     #[error(
-        "auto: this is no array task of Slurm (SLURM_ARRAY_TASK_ID), Kubernetes (JOB_COMPLETION_INDEX) or AWS Batch \
-         (AWS_BATCH_JOB_ARRAY_INDEX)"
+        "auto: this is not an array task of Slurm (SLURM_ARRAY_TASK_ID), Kubernetes (JOB_COMPLETION_INDEX) or AWS \
+         Batch (AWS_BATCH_JOB_ARRAY_INDEX)"
     )]
     NoArray,
-    #[error("auto: {variable} is '{value}', which is no number")]
+    #[error("auto: {variable} is '{value}', which is not a number")]
     Variable {
         variable: &'static str,
         value: String,
@@ -150,8 +150,8 @@ fn of_array(
             None if size.is_some() && size == last => Shard::new(index, size.unwrap_or(index)),
             // For 2,5 of 8, the total of 8 is not in the environment.
             None => Err(ShardError::Count(
-                "this Slurm array is not 1-N without gaps, so that nobody says how many shards there are: give --shard \
-                 auto/N",
+                "the indices of this Slurm array are not 1-N without gaps, so the number of shards is unknown: use \
+                 --shard auto/N",
             )),
         };
     }
@@ -161,7 +161,7 @@ fn of_array(
     };
     let (index, size) = batch.ok_or(ShardError::NoArray)?;
     let count = count.or(size).ok_or(ShardError::Count(
-        "this job does not say how many indices it has: give --shard auto/N",
+        "this job does not say how many indices it has: use --shard auto/N",
     ))?;
     // These schedulers count from 0.
     Shard::new(index.saturating_add(1), count)

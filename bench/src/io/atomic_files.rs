@@ -95,7 +95,8 @@ fn is_file_that(path: &Path, test: impl Fn(&[u8]) -> bool) -> bool {
 
 fn refuse_others(path: &Path, is_own: impl Fn(&[u8]) -> bool) -> Result<(), FileError> {
     if path.exists() && !is_file_that(path, is_own) {
-        let reason = "what is there is something else, and not written over; choose another file";
+        let reason =
+            "the file there is something else, and is not written over; choose another file";
         return Err(FileError::new(path, "write")(io::Error::other(reason)));
     }
     Ok(())

@@ -42,7 +42,7 @@ pub enum GaussianFileError {
     Ply(#[from] PlyError),
     #[error(transparent)]
     Arrays(#[from] CheckpointError),
-    #[error("{}: {name} has shape {shape:?}, [N, {columns}] is needed", path.display())]
+    #[error("{}: {name} has shape {shape:?}, expected [N, {columns}]", path.display())]
     Shape {
         path: PathBuf,
         name: &'static str,
@@ -62,15 +62,15 @@ pub enum GaussianFileError {
     /// View-dependent colours cannot be blended in linear light.
     #[error(
         "{}: colours depend on the view ({coefficients} coefficients f_rest_*), which is not rendered; \
-         `harmonics=drop` draws the constant term alone, or bake them into it for the source's view", path.display()
+         `harmonics=drop` draws only the constant term, or bake them into it for the source's view", path.display()
     )]
     ViewDependent { path: PathBuf, coefficients: usize },
-    #[error("{}: sh has shape {shape:?}, [N, (degree + 1)², 3] with a degree up to 4 is needed", path.display())]
+    #[error("{}: sh has shape {shape:?}, expected [N, (degree + 1)², 3] with a degree up to 4", path.display())]
     Harmonics { path: PathBuf, shape: Vec<usize> },
     /// The rendering rule is stated neither in the file nor by the user.
     #[error(
-        "{}: it does not say which renderer it was made for: name a rule with rendering=NAME (--rendering NAME), likely \
-         {likely} ({why}); a file of SHARP's needs color_space= instead", path.display()
+        "{}: it does not say which renderer it was made for: set the rule with rendering=NAME (--rendering NAME), \
+         probably {likely} ({why}); for a file of SHARP's, set color_space= instead", path.display()
     )]
     RuleUnknown {
         path: PathBuf,
@@ -103,7 +103,7 @@ pub fn read(
             let differs = stated.is_stated && stated.rule != rule;
             let note = (differs && reading.marks != Some(ply::Marks::Ignore)).then(|| {
                 format!(
-                    "drawn by the rule {rule}, as asked, but made for {} ({})",
+                    "drawn by the rule {rule}, as requested, but made for {} ({})",
                     stated.rule, stated.why
                 )
             });
@@ -161,7 +161,8 @@ fn read_as_marked(
         }
         Ok(scene) if !marked(&scene).is_stated => {
             let note = format!(
-                "blended in linear light, as SHARP does; a file that 3D Gaussian Splatting trained needs rendering=, likely {}",
+                "blended in linear light, as SHARP does; a file trained by 3D Gaussian Splatting needs rendering=, \
+                 probably {}",
                 marked(&scene).rule
             );
             Ok((scene, Rule::SHARP, Some(note)))
@@ -182,7 +183,7 @@ fn read_as_marked(
                         why,
                     });
                 }
-                let note = format!("drawn by the rule {rule} ({why}); rendering= names another");
+                let note = format!("drawn by the rule {rule} ({why}); rendering= sets another");
                 Ok((scene, rule, Some(note)))
             }
             // Report the error of the requested reading.
@@ -455,7 +456,7 @@ mod tests {
             let text = ply(&comments, &properties);
             let error = read_text(&text, &[]).unwrap_err();
             assert!(error.contains("rendering=NAME"), "{error}");
-            assert!(error.contains(&format!("likely {likely}")), "{error}");
+            assert!(error.contains(&format!("probably {likely}")), "{error}");
             let named = read_text(&text, &[("rendering", likely)]).unwrap();
             assert_eq!(named.rule.to_string(), likely);
             assert_eq!(named.rule_note, None);
@@ -470,7 +471,7 @@ mod tests {
         let text = ply(&[], &NORMALS);
         let linear = read_text(&text, &[("color_space", "srgb")]).unwrap();
         assert_eq!(linear.rule, Rule::SHARP);
-        assert!(linear.rule_note.unwrap().contains("likely inria-general"));
+        assert!(linear.rule_note.unwrap().contains("probably inria-general"));
         let encoded = read_text(&text, &[("rendering", "inria")]).unwrap();
         let own = 0.5 + 0.282_094_8 * 0.1;
         assert!((encoded.gaussians.colors[0][0] - own).abs() < 1e-6);

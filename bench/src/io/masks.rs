@@ -40,7 +40,8 @@ pub fn read(path: &Path) -> Result<ReadMask, MaskError> {
         reason,
     };
     if notes.iter().any(|note| note.contains("alpha")) {
-        let reason = "it has an alpha channel: a mask is read from gray levels; save the alpha as a gray picture";
+        let reason = "it has an alpha channel, but masks are read from grey levels; save the alpha channel as a grey \
+                      picture";
         return Err(refused(reason.to_owned()));
     }
     let (width, height) = picture.dimensions();

@@ -132,8 +132,8 @@ pub fn dimensions(path: &Path, rules: &PictureRules) -> Result<Option<(u32, u32)
         (orientation, OrientationRule::Auto) => Err(malformed(
             path,
             format!(
-                "its EXIF orientation is {orientation}: say whether it is read as stored (orientation=stored) or turned \
-                 (orientation=upright)"
+                "its EXIF orientation is {orientation}: set whether it is read as stored (orientation=stored) or \
+                 turned (orientation=upright)"
             ),
         )),
     }
@@ -239,8 +239,8 @@ fn read_exr(
     let brighter = rgb.pixels().filter(is_brighter).count();
     if transfer == ExrTransfer::Linear && brighter > 0 && !is_ours {
         notes.push(format!(
-            "{:.2} % of its pixels are brighter than 1 and are clipped there (exr=linear): tone-map it as the pictures were that \
-             it is compared with",
+            "{:.2} % of its pixels are brighter than 1 and are clipped there (exr=linear): tone-map it like the \
+             pictures that it is compared with",
             percent(brighter)
         ));
     }
@@ -324,7 +324,7 @@ fn read_safetensors(path: &Path) -> Result<Picture, ReadError> {
 }
 
 fn from_floats(path: &Path, shape: &[usize], values: Vec<f32>) -> Result<Picture, ReadError> {
-    let wrong = || malformed(path, format!("shape {shape:?}; [H, W, 3] is needed"));
+    let wrong = || malformed(path, format!("shape {shape:?}; expected [H, W, 3]"));
     let &[height, width, 3] = shape else {
         return Err(wrong());
     };

@@ -202,8 +202,8 @@ impl FitRules {
         let width = f64::from(h) * f64::from(to_w) / f64::from(to_h);
         if (height - f64::from(h)).abs() >= 1.0 && (width - f64::from(w)).abs() >= 1.0 {
             return Err(format!(
-                "{sizes}, of another aspect: say which part of the target it shows (crop=center, crop=x:y:w:h or \
-                 crop=sidecar)"
+                "{sizes}, with another aspect ratio: set which part of the target it shows (crop=center, \
+                 crop=x:y:w:h or crop=sidecar)"
             ));
         }
         self.kernel.map(Some).ok_or_else(|| {
@@ -212,7 +212,7 @@ impl FitRules {
                 .filter(|k| **k != ResizeKernel::Area);
             let names: Vec<&str> = enlarging.map(|k| k.name()).collect();
             format!(
-                "{sizes}: name the kernel to resize it up with (resize={})",
+                "{sizes}: set the kernel to enlarge it with (resize={})",
                 names.join("|")
             )
         })
@@ -220,7 +220,7 @@ impl FitRules {
 }
 
 fn parse_crop(text: &str) -> Result<CropRule, String> {
-    let wrong = || format!("crop={text}: x:y:w:h, center:W:H, center or sidecar is needed");
+    let wrong = || format!("crop={text}: expected x:y:w:h, center:W:H, center or sidecar");
     let parts: Vec<&str> = text.split([':', ',']).map(str::trim).collect();
     let number = |part: &str| part.parse::<u32>().map_err(|_| wrong());
     Ok(match parts.as_slice() {

@@ -47,7 +47,7 @@ impl DepthSplat {
                 .filter(|side: &usize| (2..=8192).contains(side) && side.is_multiple_of(2))
                 .ok_or_else(|| {
                     spec.error(format!(
-                        "resolution={text}: an even number from 2 to 8192 is needed"
+                        "resolution={text}: expected an even number from 2 to 8192"
                     ))
                 })?,
         };

@@ -70,7 +70,7 @@ impl Axes {
         let signs = [matrix.x_axis.x, matrix.y_axis.y, matrix.z_axis.z];
         match signs.iter().product::<f64>() == 1.0 {
             true => Ok(signs.map(|sign| sign as f32)),
-            false => Err(format!("axes={text}: rdf, rub, luf or ldb is needed")),
+            false => Err(format!("axes={text}: expected rdf, rub, luf or ldb")),
         }
     }
 
@@ -219,7 +219,7 @@ impl FileReading {
 
     /// Sets one of [`Self::keys`]; ignores other keys. The error lists the allowed values.
     pub fn set(&mut self, key: &str, value: &str) -> Result<(), String> {
-        let needed = |what: &str| format!("{key}={value}: {what} is needed");
+        let needed = |what: &str| format!("{key}={value}: expected {what}");
         let number = |text: &str| text.parse::<f64>().ok().filter(|v| v.is_finite());
         let both = |value: &str| {
             let (x, y) = value.split_once([',', ':'])?;

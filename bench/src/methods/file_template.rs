@@ -18,7 +18,7 @@ impl FileTemplate {
         let needed = || {
             let names = NAMES.map(|name| format!("{{{name}}}"));
             format!(
-                "file={text}: a path below the folder is needed, with names among {}",
+                "file={text}: expected a path below the folder, with placeholders among {}",
                 names.join(" ")
             )
         };
@@ -128,7 +128,7 @@ pub(super) fn suggestion(
     });
     let (there, all, template) = found.max_by_key(|(there, ..)| *there)?;
     Some(format!(
-        "none of its files is where it is looked for, but {there} of {all} are there with file={}",
+        "none of its files was found, but {there} of {all} exist with file={}",
         template.text()
     ))
 }
@@ -176,7 +176,7 @@ mod tests {
         let of = |extensions| suggestion(folder.path(), &ids, extensions);
         let found = of(&["png"]).unwrap();
         assert!(
-            found.ends_with("2 of 2 are there with file={scene}.png"),
+            found.ends_with("2 of 2 exist with file={scene}.png"),
             "{found}"
         );
         assert_eq!(of(&["jpg"]), None);

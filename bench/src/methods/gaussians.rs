@@ -192,7 +192,8 @@ fn other_principal_point(stored: &Intrinsics, own: &Intrinsics) -> Option<String
     let [x, y] = by;
     (is_same_size && by.iter().any(|by| by.abs() > LEAST_SHIFT)).then(|| {
         format!(
-            "it was predicted with the principal point ({:.1}, {:.1}), the dataset's is ({:.1}, {:.1}): `shift={x}:{y}` makes up for it",
+            "it was predicted with the principal point ({:.1}, {:.1}), the dataset's is ({:.1}, {:.1}): \
+             `shift={x}:{y}` corrects this",
             stored.cx, stored.cy, own.cx, own.cy
         )
     })

@@ -26,7 +26,7 @@ enum File {
 pub(super) fn read(path: &Path) -> Result<DAffine3, String> {
     let text = sharp::files::read_text(path).map_err(|error| error.to_string())?;
     let needed = |_| {
-        "nerfstudio's dataparser_transforms.json (transform, scale) or a matrix of 4 rows of 4 numbers is needed".to_owned()
+        "expected nerfstudio's dataparser_transforms.json (transform, scale) or a matrix of 4 rows of 4 numbers".to_owned()
     };
     let (rows, scale) = match serde_json::from_str(&text).map_err(needed)? {
         File::Nerfstudio { transform, scale } => (transform, Some(scale)),
@@ -34,7 +34,7 @@ pub(super) fn read(path: &Path) -> Result<DAffine3, String> {
     };
     let (Some([x, y, z]), None | Some([0.0, 0.0, 0.0, 1.0])) = (rows.first_chunk(), rows.get(3))
     else {
-        return Err("three rows, and a fourth of 0 0 0 1 if any, are needed".to_owned());
+        return Err("expected three rows, or four with the last being 0 0 0 1".to_owned());
     };
     let linear =
         DMat3::from_cols_array_2d(&[x, y, z].map(|row| [row[0], row[1], row[2]])).transpose();
@@ -66,7 +66,7 @@ pub(super) fn check(map: &DAffine3) -> Result<(), String> {
         .into_iter()
         .any(|axis| is_off(axis.length_squared() - size));
     if unequal || [x.dot(y), y.dot(z), z.dot(x)].into_iter().any(is_off) {
-        return Err("the map is no rotation with one scale".to_owned());
+        return Err("the map is not a rotation with a single scale".to_owned());
     }
     Ok(())
 }
@@ -100,7 +100,10 @@ mod tests {
     fn mirrors_and_shears_are_refused() {
         for (text, part) in [
             ("[[1,0,0,0],[0,1,0,0],[0,0,-1,0],[0,0,0,1]]", "mirrors"),
-            ("[[1,1,0,0],[0,1,0,0],[0,0,1,0],[0,0,0,1]]", "one scale"),
+            (
+                "[[1,1,0,0],[0,1,0,0],[0,0,1,0],[0,0,0,1]]",
+                "a single scale",
+            ),
             ("[[1,0,0,0],[0,1,0,0],[0,0,0,0],[0,0,0,1]]", "invertible"),
             ("[[1,0,0,0],[0,1,0,0],[0,0,1,0],[0,0,1,1]]", "0 0 0 1"),
             ("{}", "dataparser_transforms.json"),

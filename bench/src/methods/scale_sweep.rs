@@ -65,7 +65,7 @@ pub fn sweep_scales(names: &[String]) -> Result<Vec<(String, f64)>, String> {
     for name in names {
         let scale = name.parse().ok();
         let Some(scale) = scale.filter(|s: &f64| s.is_finite() && *s > 0.0) else {
-            return Err(format!("'{name}': positive numbers are needed"));
+            return Err(format!("'{name}': expected positive numbers"));
         };
         if scales.iter().any(|(_, known)| *known == scale) {
             return Err(format!("scale {name} is given twice"));

@@ -7,9 +7,9 @@ use crate::pairs::PairOptions;
 use crate::pairs::build::{PairCounts, Problem, SPARSE_DENSITY};
 
 /// Suggested settings for datasets with sparse depth.
-const DENSE: &str = "overlap=given with --overlap-depth DIR (dense depth by anyone, scaled to the dataset's: the paper's \
-                     way), overlap=sharp-release (the same by SHARP's checkpoint) or overlap=sparse:8 (the dataset's \
-                     depth, agreement within 8 pixels)";
+const DENSE: &str = "overlap=given with --overlap-depth DIR (other dense depth, scaled to the dataset's, as in the \
+                     paper), overlap=sharp-release (the same with depth by SHARP's checkpoint) or overlap=sparse:8 \
+                     (the dataset's depth, agreement within 8 pixels)";
 
 /// A line with the counts of a dataset's pairs.
 pub fn counted_pairs(dataset: &str, counts: &PairCounts) -> String {
@@ -57,7 +57,7 @@ fn of_pairs(dataset: &DatasetSpec, counts: &PairCounts, options: &PairOptions) -
     } else if counts.views > 0 && counts.with_depth == 0 && counts.too_near + counts.too_far == 0 {
         without_depth(dataset, options)
     } else if counts.considered == 0 {
-        "no set has two views; sets= and remainder= decide what a set is".to_owned()
+        "no set has two views; sets= and remainder= define the sets".to_owned()
     } else if counts.too_near + counts.too_far == counts.considered {
         let farthest = options.max_baseline_m;
         let farthest = farthest.map_or_else(String::new, |most| {
@@ -68,7 +68,7 @@ fn of_pairs(dataset: &DatasetSpec, counts: &PairCounts, options: &PairOptions) -
             options.min_baseline_m
         )
     } else if sparse {
-        format!("{}; take --pair-options {DENSE}", sparseness(counts))
+        format!("{}; use --pair-options {DENSE}", sparseness(counts))
     } else {
         format!(
             "no pair has an overlap above threshold={}; `pairs --ambiguity` counts what other choices give",
@@ -94,7 +94,7 @@ fn left_out(name: &str, counts: &PairCounts, broken: &[&Problem]) -> Option<Stri
     };
     (!broken.is_empty()).then(|| {
         let named = named.join("; ");
-        format!("{name}: {pairs} are left out, as views cannot be read: {named}{others}")
+        format!("{name}: {pairs} are left out because views cannot be read: {named}{others}")
     })
 }
 
@@ -106,7 +106,7 @@ pub(super) fn sparse_pairs(counts: &PairCounts, options: &PairOptions) -> Option
     let is_sparse = counts.is_sparse() && options.depth.is_ground_truth();
     is_sparse.then(|| {
         format!(
-            "{}; the overlaps of its pairs are those of single pixels; rather take --pair-options {DENSE}",
+            "{}; so overlaps are measured at single pixels; better use --pair-options {DENSE}",
             sparseness(counts)
         )
     })
@@ -114,8 +114,8 @@ pub(super) fn sparse_pairs(counts: &PairCounts, options: &PairOptions) -> Option
 
 fn sparseness(counts: &PairCounts) -> String {
     format!(
-        "its depth is sparse: in {1} of the {2} with depth, fewer than {0} % of the pixels with depth have a neighbour \
-         with depth, and overlap=ground-truth asks for depth at the very pixel where a point lands",
+        "its depth is sparse (in {1} of the {2} with depth, fewer than {0} % of these pixels have a neighbour with depth), \
+         but overlap=ground-truth needs depth at exactly the pixel where a point lands",
         100.0 * SPARSE_DENSITY,
         counts.with_sparse_depth,
         counted(counts.with_depth, "view")
@@ -127,8 +127,8 @@ fn without_depth(dataset: &DatasetSpec, options: &PairOptions) -> String {
     let (format, split) = (dataset.entry.format, dataset.setting("split"));
     if options.depth.is_ground_truth() && format == "scannetpp" && split.starts_with("nvs_test") {
         return format!(
-            "no view has depth; split={split} comes without meshes and hides its targets; take split=nvs_sem_val, which \
-             has both, or depth=points (sparse) with --pair-options {DENSE}"
+            "no view has depth; split={split} has no meshes, and its targets are not public; use split=nvs_sem_val, \
+             which has both, or depth=points (sparse) with --pair-options {DENSE}"
         );
     }
     let scaled = if options.depth.is_ground_truth() {
@@ -137,9 +137,9 @@ fn without_depth(dataset: &DatasetSpec, options: &PairOptions) -> String {
         ", and other depth is scaled by it (not with overlap=given-metric)"
     };
     format!(
-        "no view has depth{scaled}; `datasets check` says which files are missing; without them, --pair-options \
-         overlap=given-metric with --overlap-depth DIR takes depth by anyone in metres, and missing-depth=accept takes \
-         pairs without an overlap"
+        "no view has depth{scaled}; `datasets check` lists the missing files; without them, --pair-options \
+         overlap=given-metric with --overlap-depth DIR uses other depth in metres, and missing-depth=accept selects \
+         pairs without overlap"
     )
 }
 
@@ -186,14 +186,14 @@ mod tests {
         assert_eq!(
             all,
             [
-                "D: 90 of 90 pairs are left out, as views cannot be read: s/v0 (0.png: truncated); s/v1 (1.png: truncated); \
-              s/v2 (2.png: truncated); 7 views more"
+                "D: 90 of 90 pairs are left out because views cannot be read: s/v0 (0.png: truncated); s/v1 (1.png: \
+                 truncated); s/v2 (2.png: truncated); 7 views more"
             ]
         );
         let one = said(&broken[..1], 9, 0);
         assert_eq!(
             one[0],
-            "D: 1 of 10 views are left out, as views cannot be read: s/v0 (0.png: truncated)"
+            "D: 1 of 10 views are left out because views cannot be read: s/v0 (0.png: truncated)"
         );
         assert!(one[1].contains("above threshold="), "{one:?}");
     }
@@ -210,7 +210,7 @@ mod tests {
     fn sparse_depth_is_told_from_little_overlap() {
         let eth3d = said("eth3d=/x", "", depth(10, 9)).unwrap();
         for part in [
-            "less than 30 % of the pixels in 9 of the 10 views with depth",
+            "below 30 % of the pixels in 9 of the 10 views with depth",
             "overlap=given with --overlap-depth",
             "sharp-release",
             "sparse:8",
@@ -231,7 +231,7 @@ mod tests {
             ..counts
         };
         let sparse = said("eth3d=/x", "", found(depth(10, 10))).unwrap();
-        assert!(sparse.contains("rather take"), "{sparse}");
+        assert!(sparse.contains("better use"), "{sparse}");
         assert_eq!(
             said("eth3d=/x", "overlap=sparse", found(depth(10, 10))),
             None

@@ -47,8 +47,8 @@ pub enum PairError {
     Network(#[from] NetworkError),
     /// Stopped by a signal or the time budget.
     #[error(
-        "the pair list was not finished; overlaps measured so far are kept where there is a cache, and the same \
-         command continues from there"
+        "the pair list was not finished; the overlaps measured so far are kept if there is a cache; run the same \
+         command again to continue"
     )]
     Stopped,
     #[error("no pair to evaluate: {0}")]

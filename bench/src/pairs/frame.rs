@@ -151,7 +151,7 @@ impl FromStr for Frame {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, String> {
-        let wrong = || format!("frame={text}: {} is needed", Self::forms());
+        let wrong = || format!("frame={text}: expected {}", Self::forms());
         let side = |text: &str| {
             let side = text.parse().ok();
             let side = side.filter(|side| (1..=1 << 14).contains(side));

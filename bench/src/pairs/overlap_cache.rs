@@ -178,7 +178,7 @@ impl OverlapCache {
             Ok(table) => table.unwrap_or_default(),
             Err(reason) => {
                 self.warn(format!(
-                    "{}: {reason}; overlaps are measured anew",
+                    "{}: {reason}; overlaps are measured again",
                     path.display()
                 ));
                 SceneOverlaps::default()

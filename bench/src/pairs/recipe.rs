@@ -184,7 +184,7 @@ impl PairRecipe {
             Some(given) => match given.digest(&dataset.scenes)? {
                 (0, _) => {
                     let reason = format!(
-                        "--overlap-depth: not one view of '{}' has a map there",
+                        "--overlap-depth: no view of '{}' has a map there",
                         dataset.name
                     );
                     return Err(PairError::Recipe(reason));
@@ -213,8 +213,9 @@ impl PairRecipe {
         if let Some(own) = datasets.iter().find(|d| d.config.pairs != of_common) {
             return Err(PairError::DatasetSpec {
                 spec: own.config.to_string(),
-                reason: "--ambiguity changes one list of choices: give them as --pair-options"
-                    .to_owned(),
+                reason:
+                    "--ambiguity varies a single list of choices: give them with --pair-options"
+                        .to_owned(),
             });
         }
         let depth = self.depth()?;

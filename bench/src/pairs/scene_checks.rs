@@ -62,7 +62,7 @@ impl SceneChecks {
         }
         if found.len() > NAMED {
             observer.warn(&format!(
-                "{}: {} more contradict themselves (`datasets check` names them)",
+                "{}: {} more with contradictions (`datasets check` lists them)",
                 dataset.name,
                 counted(found.len() - NAMED, "scene")
             ));

@@ -196,7 +196,7 @@ impl Protocol {
             },
             PairRule::List(what) => needs(format!("its pairs are {what}; see `pairs import`")),
             PairRule::NoSource(rule) => needs(format!(
-                "it has no source view ({rule}), so that the list has to say from which source each target is predicted"
+                "it has no source view ({rule}), so the list must state the source of each target"
             )),
             PairRule::Refused(reason) => Err(ProtocolError::Refused {
                 protocol: self.name,

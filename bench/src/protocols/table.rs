@@ -36,7 +36,7 @@ const PIXELSPLAT: Protocol = Protocol {
     quantised: Quantised::Truncate,
     metrics: &["psnr", "ssim[gauss11,valid,sample]", "lpips[vgg,v0.1]"],
     aggregation: Aggregation::Scenes,
-    failures: "prints and skips a scene as soon as one compared method lacks a file of it",
+    failures: "prints a message and skips a scene if any compared method lacks one of its files",
     traps: &[
         "583 of the 19422 pairs of the RealEstate10K index predict a context view itself",
         "predictions are truncated to 8 bit, half a level darker on average than rounded ones",
@@ -94,15 +94,15 @@ pub const PROTOCOLS: [Protocol; 15] = [
         failures: CUDA_MESSAGE,
         traps: &[
             "PSNR is at most 80 dB, so that identical pictures count as 80",
-            "1e-8 in SSIM's denominator takes a tenth off black areas, equal ones included",
+            "1e-8 in SSIM's denominator lowers black areas by a tenth, even equal ones",
             "LPIPS of the pasted box counts pixels of the truth as agreement: a small mask in a wide box is nearly perfect",
-            "manifest lines of another field count are dropped without a word and still use up a group number",
-            "the launcher's default skips LPIPS, and without its package L1 stands in the same column",
+            "manifest lines with another field count are silently dropped and still use up a group number",
+            "the launcher skips LPIPS by default, and without the LPIPS package the column contains L1",
         ],
         departures: &[
-            "mask: without depth of the target there is no number; theirs goes on with cached masks, then with the depth \
-             that was predicted, then without a mask",
-            "renderings: blended over black as they are; theirs are divided by alpha before sRGB",
+            "mask: no number without the target's depth; theirs falls back to cached masks, then to predicted depth, \
+             then to no mask",
+            "renderings: blended over black; theirs are divided by alpha before sRGB encoding",
             "aggregation: by source view; theirs by manifest line, the same unless two lines share a source",
             "datasets: Tanks and Temples and DL3DV there are their images_4, and panoramas and fisheyes have masks of their own",
         ],
@@ -203,7 +203,7 @@ pub const PROTOCOLS: [Protocol; 15] = [
         frame: Some("width:1600:bicubic"),
         alpha: Some("white"),
         metrics: &["psnr", "ssim[gauss11,zero]", "lpips[vgg,v0.1,unscaled]"],
-        failures: "raises; reduced-3dgs goes on with the next scene",
+        failures: "raises an exception; reduced-3dgs continues with the next scene",
         traps: &[
             "LPIPS gets pictures in 0..1 where its network expects -1..1: values are lower than everyone else's",
             "zero padding makes SSIM's border of the picture alike",

@@ -73,7 +73,7 @@ impl ReportError {
 pub enum MissingPicture {
     #[error("its dataset's terms do not let it be published")]
     NotPublic,
-    #[error("the dataset is not at hand")]
+    #[error("the dataset is not available")]
     NoDataset,
     #[error("the prediction was not kept")]
     NotKept,

@@ -138,7 +138,7 @@ fn failures(records: &[Record]) -> Option<String> {
         .count();
     (failed > 0).then(|| {
         format!(
-            "{failed} of {} predictions failed and count in no number.",
+            "{failed} of {} predictions failed and are excluded from all numbers.",
             records.len()
         )
     })
@@ -193,7 +193,7 @@ fn predictions(manifest: &Manifest, records: &[Record]) -> Vec<String> {
     );
     say(
         with(|record| record.valid_share.is_some()),
-        "Pixels that a dataset's mask excludes count in no score of METHODS.",
+        "Pixels excluded by a dataset's mask do not count in the scores of METHODS.",
     );
     say(
         with(|record| record.scale.is_some()),
@@ -258,7 +258,7 @@ fn deviations(manifest: &Manifest, records: &[Record]) -> String {
         .iter()
         .any(|list| list.origin == ListOrigin::Given && list.choices.is_empty())
     {
-        others.push("a pair list that was handed in without its choices".to_owned());
+        others.push("a given pair list without its options".to_owned());
     }
     if let Some(protocol) = manifest
         .protocol

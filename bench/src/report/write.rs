@@ -292,7 +292,10 @@ fn check_folder(out: &Path) -> Result<(), FileError> {
         true => Ok(()),
         false => refused(
             out,
-            &format!("it holds {} and is no report of ours", first.display()),
+            &format!(
+                "it holds {} and is not a report of sharp-bench",
+                first.display()
+            ),
         ),
     }
 }

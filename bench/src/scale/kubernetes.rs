@@ -32,7 +32,7 @@ pub fn kubernetes(request: &Kubernetes) -> Result<Vec<PathBuf>, ScaleError> {
         return Err(ScaleError::Refused {
             what: "--mount",
             value: request.mount.display().to_string(),
-            reason: "the plan does not lie below it, so that no pod would see it",
+            reason: "the plan is not below it, so no pod could read it",
         });
     }
     if shards.count > MOST_SHARDS {

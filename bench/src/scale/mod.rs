@@ -115,7 +115,7 @@ fn quoted(what: &'static str, text: &str) -> Result<String, ScaleError> {
         return Err(ScaleError::Refused {
             what,
             value: text.escape_debug().to_string(),
-            reason: "control characters cannot stand in a script",
+            reason: "a script cannot contain control characters",
         });
     }
     // Quote `=`, because a leading `NAME=value` would set a variable.
@@ -130,7 +130,7 @@ fn quoted_path(what: &'static str, path: &Path) -> Result<String, ScaleError> {
     let text = path.to_str().ok_or_else(|| ScaleError::Refused {
         what,
         value: path.display().to_string(),
-        reason: "only Unicode can stand in a script",
+        reason: "a script can only contain Unicode",
     })?;
     quoted(what, text)
 }

@@ -112,7 +112,8 @@ fn options(given: &[(String, String)], job: &str) -> Result<String, ScaleError> 
             return Err(ScaleError::Refused {
                 what: "--sbatch",
                 value: format!("{of}={}", option.escape_debug()),
-                reason: "JOB=OPTION is needed, as in pictures=--gres=gpu:1; jobs are pictures, score, all, merge and every",
+                reason: "expected JOB=OPTION, such as pictures=--gres=gpu:1; jobs are pictures, score, all, merge \
+                         and every",
             });
         }
         if of == job || of == "every" {

@@ -68,7 +68,7 @@ fn change(table: &mut Table, set: &str) -> Result<(), String> {
         if !inner.is_table() {
             *inner = Table::new().into();
         }
-        place = inner.as_table_mut().ok_or("it is no table")?;
+        place = inner.as_table_mut().ok_or("it is not a table")?;
     }
     // Setting one of several alternative forms removes the others.
     if chooses {

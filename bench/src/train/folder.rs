@@ -46,7 +46,7 @@ impl TrainingFolder {
             {
                 let difference = difference(&before, text);
                 return Err(refused(format!(
-                    "a training of another configuration: {difference}; take another folder"
+                    "a training with another configuration: {difference}; use another folder"
                 )));
             }
         } else {
@@ -54,7 +54,7 @@ impl TrainingFolder {
             let mut entries = entries.filter_map(Result::ok);
             // As in a run folder, dot files are ours.
             if entries.any(|entry| !entry.file_name().to_string_lossy().starts_with('.')) {
-                return Err(refused(format!("it holds other files and no {CONFIG}")));
+                return Err(refused(format!("it holds other files but no {CONFIG}")));
             }
         }
         let (lock, _) = lock(root, File::try_lock)?;
@@ -93,7 +93,7 @@ fn difference(before: &str, now: &str) -> String {
     });
     let mut keys = before.keys().chain(now.keys());
     let Some(key) = keys.find(|key| before.get(*key) != now.get(*key)) else {
-        return "a default, or a file that it names, is another now".to_owned();
+        return "a default, or a file that it names, has changed".to_owned();
     };
     let text = |value: Option<&String>| value.cloned().unwrap_or_else(|| "not given".to_owned());
     let (before, now) = (text(before.get(key)), text(now.get(key)));

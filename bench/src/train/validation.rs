@@ -67,7 +67,7 @@ impl Validation {
                 return Err(TrainError::NotHeldOut {
                     spec: dataset.to_string(),
                     reason:
-                        "networks are trained on its seeds; take seeds below 1000 or from 900000"
+                        "networks are trained on its seeds; use seeds below 1000 or from 900000"
                             .to_owned(),
                 });
             }
@@ -90,8 +90,8 @@ impl Validation {
         if curve.lines().count() > 1 && PairList::read(&path)?.sha256 != list.sha256 {
             return Err(TrainError::OtherFolder {
                 folder: folder.root().to_owned(),
-                reason: "its training was validated on other pairs (validation-pairs.csv), and curves would mix them; \
-                         name the same datasets and as many pairs, or take another folder"
+                reason: "its training was validated on other pairs (validation-pairs.csv), so its curves would mix \
+                         them; use the same datasets and number of pairs, or another folder"
                     .to_owned(),
             });
         }
@@ -145,7 +145,7 @@ impl Validation {
 fn held_out(datasets: &[OpenDataset], config: &TrainingConfig) -> Result<(), TrainError> {
     let refused = |dataset: &OpenDataset, what: String| TrainError::NotHeldOut {
         spec: dataset.config.to_string(),
-        reason: format!("this training learns from {what}; name what it does not see"),
+        reason: format!("this training uses {what}; validate on data that it does not use"),
     };
     let root = |dataset: &OpenDataset| dataset.root()?.canonicalize().ok();
     if let (1.., TrainingData::Datasets(specs)) = (config.stage1.steps, &config.stage1.data) {

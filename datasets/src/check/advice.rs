@@ -40,10 +40,10 @@ impl Units {
     /// The settings that change the unit of depth or poses.
     pub(super) fn where_to_set(self) -> &'static str {
         match (self.scale, self.depth_unit) {
-            (Some(_), Some(_)) => "say depth-unit=, and scale= for the poses",
-            (Some(_), None) => "say scale=",
-            (None, Some(_)) => "say depth-unit=",
-            (None, None) => "is it in another unit?",
+            (Some(_), Some(_)) => "set depth-unit=, and scale= for the poses",
+            (Some(_), None) => "set scale=",
+            (None, Some(_)) => "set depth-unit=",
+            (None, None) => "is its unit correct?",
         }
     }
 }
@@ -90,13 +90,13 @@ pub(super) fn sentence(
         }
         Change::Focal(which, factor) => {
             let (what, read) = match which {
-                Focal::Both => ("a focal length", first.fx),
-                Focal::X => ("an fx", first.fx),
-                Focal::Y => ("an fy", first.fy),
+                Focal::Both => ("the focal length", first.fx),
+                Focal::X => ("fx", first.fx),
+                Focal::Y => ("fy", first.fy),
             };
             let (one, other) = (number(read * factor), number(read));
             format!(
-                "{what} {} times as long fits ({one} instead of {other} pixels): {evidence}; correct the \
+                "{what} should be {} times as long ({one} instead of {other} pixels): {evidence}; correct the \
                  cameras' file",
                 number(*factor)
             )
@@ -104,7 +104,8 @@ pub(super) fn sentence(
         Change::CentreExchanged => {
             let (cx, cy) = (number(first.cx), number(first.cy));
             format!(
-                "cx and cy exchanged fit ({cy}, {cx} instead of {cx}, {cy}): {evidence}; correct the cameras' file"
+                "cx and cy appear to be exchanged ({cy}, {cx} instead of {cx}, {cy}): {evidence}; correct the \
+                 cameras' file"
             )
         }
         Change::CentreOff(off) => {
@@ -117,7 +118,7 @@ pub(super) fn sentence(
         }
         Change::Short(by) => {
             let (by, what) = (number(by.abs()), if *by < 0.0 { "less" } else { "more" });
-            format!("a depth {by} m {what} fits: {evidence}; correct the depth maps")
+            format!("depth should be {by} m {what}: {evidence}; correct the depth maps")
         }
         Change::Convention(name) => {
             format!("the pose convention looks wrong: with {name}: {evidence}")
@@ -143,7 +144,7 @@ pub(super) fn sentence(
                 _ => ("poses", "the list of poses"),
             };
             format!(
-                "pictures and {what} are not assigned rightly: {how}: {evidence}; correct {correct}"
+                "pictures and {what} are assigned incorrectly: {how}: {evidence}; correct {correct}"
             )
         }
     }
@@ -154,7 +155,7 @@ pub(super) fn sentence(
 fn scaled(scale: f64, units: Units, median_m: f64) -> (String, String) {
     if units.is_of_points {
         let factor = number(scale);
-        let other = "; take points and poses from one model, since no setting scales one alone";
+        let other = "; use points and poses from the same model, because no setting scales only one of them";
         let fits = format!("a unit of the poses that is {factor} times that of the points");
         return (fits, other.to_owned());
     }

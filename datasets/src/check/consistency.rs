@@ -41,8 +41,8 @@ impl Consistency {
     pub(super) fn disagreement(&self) -> Option<String> {
         let meeting = self.meeting.filter(|meeting| *meeting < LEAST)?;
         Some(format!(
-            "poses and depth do not fit together: of the depths that meet in neighbouring views at most {:.0} % agree; \
-             the pose convention looks wrong, or the unit of depth or poses, or the intrinsics",
+            "poses and depth are inconsistent: at most {:.0} % of the depths that meet in neighbouring views agree; \
+             the pose convention, the unit of depth or poses, or the intrinsics may be wrong",
             100.0 * meeting
         ))
     }

@@ -24,10 +24,7 @@ pub(super) const CONVENTIONS: [Convention; 4] = [
         "camera-to-world and world-to-camera exchanged",
         RigidTransform::inverse,
     ),
-    of(
-        "OpenGL's camera axes taken for OpenCV's, or the other way round",
-        flip,
-    ),
+    of("OpenGL's and OpenCV's camera axes confused", flip),
     // Changing the axes first would give the same as the exchange alone, except for the world's axes.
     of(
         "camera-to-world and world-to-camera exchanged, and OpenGL's camera axes",
@@ -56,15 +53,18 @@ const MIRRORED: [Convention; 8] = [
     of("the translations negated", |pose| {
         places_mirrored(pose, -DVec3::ONE)
     }),
-    of("the x of the cameras' places negated", |pose| {
-        places_mirrored(pose, X)
-    }),
-    of("the y of the cameras' places negated", |pose| {
-        places_mirrored(pose, Y)
-    }),
-    of("the z of the cameras' places negated", |pose| {
-        places_mirrored(pose, Z)
-    }),
+    of(
+        "the x coordinates of the camera positions negated",
+        |pose| places_mirrored(pose, X),
+    ),
+    of(
+        "the y coordinates of the camera positions negated",
+        |pose| places_mirrored(pose, Y),
+    ),
+    of(
+        "the z coordinates of the camera positions negated",
+        |pose| places_mirrored(pose, Z),
+    ),
 ];
 
 /// Quaternions whose components were read in another order, for poses in either direction.

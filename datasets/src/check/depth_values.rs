@@ -106,11 +106,11 @@ impl Neighbours<'_> {
         let enough = met.all as f64 >= LEAST_LIMITED * all as f64;
         (enough && met.are_mostly_off()).then(|| {
             format!(
-                "depth is cut off at {} m: {:.0} % of {} places with exactly that depth in two neighbouring views cannot \
-                 have it in both; store 0 where depth is not known",
+                "depth is clipped at {} m: of {} points with exactly that depth in two neighbouring views, {:.0} % cannot \
+                 have it in both; store 0 where depth is unknown",
                 number(limit),
-                met.percent_off(),
-                met.all
+                met.all,
+                met.percent_off()
             )
         })
     }
@@ -141,13 +141,14 @@ impl Neighbours<'_> {
         });
         let (i, _) = contradicted.min()?;
         let which = if constant.len() == self.carries.len() {
-            "each map"
+            "each view"
         } else {
             &self.views[*i].id
         };
         let depth = number(self.small[i].1[0].depth);
         Some(format!(
-            "the depth is the same in all pixels of {which}, {depth} m, and another one by the neighbouring views' poses"
+            "the depth map of {which} contains a single value, {depth} m, which contradicts the poses of the \
+             neighbouring views"
         ))
     }
 
@@ -164,7 +165,7 @@ impl Neighbours<'_> {
                 && (MOST_NORMALISED..=1.0 + 1e-6).contains(&most)
         };
         self.small.values().all(is_normalised).then(|| {
-            "every depth map runs from 0 to 1: depth was normalised map by map and is in no unit; store metres".to_owned()
+            "every depth map ranges from 0 to 1, so depth was normalised per map and has no unit; store metres".to_owned()
         })
     }
 }

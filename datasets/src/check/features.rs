@@ -95,7 +95,7 @@ impl<'a> Matches<'a> {
                 100.0 * share
             ),
             false => format!(
-                "poses: without depth, and with {n} features that match between neighbouring views, nothing can be said"
+                "poses: not checked (no depth, and only {n} features match between neighbouring views)"
             ),
         }
     }
@@ -163,7 +163,7 @@ impl<'a> Matches<'a> {
             (*i, Intrinsics { fx, fy, ..*k })
         });
         let text = format!(
-            "exchanging the focal lengths of {} ({} pixels) and {} ({}), and of views like them, fits",
+            "the focal lengths of {} ({} pixels) and {} ({}), and of views like them, appear to be exchanged",
             one.id,
             advice::number(kinds[0].x),
             two.id,
@@ -463,6 +463,10 @@ mod tests {
         let views = &views(0, SIZE)[..1];
         let matches = Matches::new(views, THOROUGH);
         assert_eq!(matches.contradiction(), None);
-        assert!(matches.note().ends_with("nothing can be said"));
+        assert!(
+            matches
+                .note()
+                .ends_with("match between neighbouring views)")
+        );
     }
 }

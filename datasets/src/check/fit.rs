@@ -162,7 +162,7 @@ impl Neighbours<'_> {
                         advice::sentence(&better.change, &evidence, units, median_m, self.views)
                     }
                     false => unexplained(format!(
-                        "poses, cameras, pictures and depth do not fit together, and no single change that was \
+                        "poses, cameras, pictures and depth are inconsistent, and no single correction that was \
                          tried explains it: with the best one {evidence}"
                     )),
                 })

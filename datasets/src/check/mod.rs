@@ -131,15 +131,17 @@ fn demanded_depth(spec: &DatasetSpec) -> Option<&str> {
 fn without_pairs(spec: &DatasetSpec, scene: &Scene) -> Option<String> {
     let without = without_depth(&scene.views) == scene.views.len();
     let own = match spec.entry.format {
-        "colmap" => "put depth maps named as the pictures into depth/, say depth=points (sparse), ",
+        "colmap" => {
+            "put depth maps with the pictures' names into depth/, set depth=points (sparse), "
+        }
         "nerfstudio" => "name depth maps by depth_file_path, ",
         _ => "",
     };
     (scene.pairing == Pairing::MultiView && without).then(|| {
         format!(
-            "no view has depth, so that no pair can be selected: {own}choose pairs by anyone's \
-             depth (--pair-options overlap=given-metric with --overlap-depth DIR), or take them \
-             without an overlap (--pair-options missing-depth=accept)"
+            "no view has depth, so no pair can be selected: {own}choose pairs by other depth in metres \
+             (--pair-options overlap=given-metric with --overlap-depth DIR), or select them without overlap \
+             (--pair-options missing-depth=accept)"
         )
     })
 }
@@ -220,8 +222,8 @@ fn look(scene: &Scene, units: Units, effort: Effort) -> Look {
     if let Some(share) = neighbours.as_ref().and_then(Neighbours::excluded) {
         for text in &mut contradictions {
             *text += &format!(
-                "; or else masks are the other way round, which exclude {:.0} % of the pixels (masks=keep-black keeps what \
-                 is black, masks=keep-white what is white)",
+                "; or the masks are inverted: they exclude {:.0} % of the pixels (masks=keep-black keeps black \
+                 pixels, masks=keep-white white ones)",
                 100.0 * share
             );
         }
@@ -263,13 +265,16 @@ fn check_scene(scene: &Scene, views_per_scene: usize, spec: &DatasetSpec) -> Sce
         problems.push(format!("{}: two views have the same id", scene.id));
     }
     if scene.views.len() < 2 {
-        problems.push(format!("{}: fewer than two views, so no pair", scene.id));
+        problems.push(format!(
+            "{}: fewer than two views, so there are no pairs",
+            scene.id
+        ));
     }
     if let Some(source) = depth
         && without_depth(&scene.views) == scene.views.len()
     {
         problems.push(format!(
-            "{}: depth={source} was asked for, but no picture has any",
+            "{}: depth={source} was requested, but no picture has any",
             scene.id
         ));
     }

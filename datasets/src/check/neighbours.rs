@@ -168,6 +168,6 @@ impl<'a> Neighbours<'a> {
         let mut all = all.chain(around);
         let (i, _) = all.find(|(_, view)| view.is_of_one_colour())?;
         let id = &self.views[*i].id;
-        Some(format!("{id}: the picture is of one colour"))
+        Some(format!("{id}: the picture has a single colour"))
     }
 }

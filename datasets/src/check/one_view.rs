@@ -128,7 +128,7 @@ impl Neighbours<'_> {
         };
         let factor = least(20, 1.2, &|factor, _| loss(&scaled(factor)));
         if is_worth_a_word(factor) {
-            let what = format!("its depth times {} fits", number(factor));
+            let what = format!("its depth should be multiplied by {}", number(factor));
             changed.push((what, scaled(factor)));
         }
         if self.thorough {

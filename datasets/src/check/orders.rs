@@ -57,11 +57,7 @@ pub(super) fn orders(
     let id = |i: usize| &views[i].id;
     let mut orders: Vec<(String, Assignment, usize)> = Vec::new();
     for &(a, b) in exchanged {
-        let text = format!(
-            "{} fits the {noun} of {}, and the other way round",
-            id(a),
-            id(b)
-        );
+        let text = format!("{} and {} have each other's {noun}", id(a), id(b));
         let exchange = move |i: usize| match i {
             i if i == a => Some(b),
             i if i == b => Some(a),
@@ -79,7 +75,7 @@ pub(super) fn orders(
         for &from in &starts {
             let which = match from {
                 0 => "every picture fits".to_owned(),
-                from => format!("from about {} on every picture fits", id(from)),
+                from => format!("from about {} on, every picture fits", id(from)),
             };
             let text = format!("{which} the {noun} {places}{side} its own");
             let pairs = if from == 0 { 1 } else { LEAST_SHIFTED };

@@ -26,8 +26,8 @@ fn exchanged_centres(views: &[View]) -> Option<String> {
         .filter(|_| views.iter().all(is_exchanged))?
         .intrinsics;
     Some(format!(
-        "the principal point ({}, {}) would lie in the middle of {}x{} with cx and cy exchanged; are they, or is the \
-         calibration that of pictures turned by 90 degrees?",
+        "the principal point ({}, {}) would be centred in {}x{} if cx and cy were exchanged; are they, or is the \
+         calibration for pictures turned by 90 degrees?",
         number(k.cx),
         number(k.cy),
         k.width,
@@ -74,7 +74,7 @@ pub(super) fn cameras(views: &[View]) -> Vec<String> {
             String::new()
         };
         Some(format!(
-            "{}{others}: {what}; is the calibration of another size or unit?",
+            "{}{others}: {what}; is the calibration for another picture size or unit?",
             view.id
         ))
     };
@@ -89,8 +89,8 @@ pub(super) fn cameras(views: &[View]) -> Vec<String> {
 }
 
 /// Message for a scene whose views all look in one direction and do not fit together.
-pub(super) const ONE_ROTATION: &str = "all views have one rotation, with which poses and pictures do not fit together; were the rotations \
-                                       lost?";
+pub(super) const ONE_ROTATION: &str = "all views have the same rotation, which does not fit the pictures; were the \
+                                       rotations lost?";
 
 /// True if there are at least three views and all look in the same direction.
 pub(super) fn have_one_rotation(views: &[View]) -> bool {
@@ -122,8 +122,11 @@ pub(super) fn pictures(views: &[(&str, Option<(u8, u8)>)]) -> Option<String> {
     match blank.as_slice() {
         [] => None,
         all if all.len() == read.count() => {
-            Some("every picture that was decoded is of one colour".to_owned())
+            Some("every decoded picture has a single colour".to_owned())
         }
-        some => Some(format!("{}: the picture is of one colour", some.join(", "))),
+        some => Some(format!(
+            "{}: the picture has a single colour",
+            some.join(", ")
+        )),
     }
 }

@@ -226,8 +226,8 @@ impl Pair {
         let related = of_both / (of_left * of_right).sqrt();
         (is_enough && related < LEAST_RELATED).then(|| {
             format!(
-                "the pictures do not seem to show one scene: at the places that disparities match, their details correlate by \
-                 {related:.2} (0.3 or more is usual); does the right picture belong to another pair?"
+                "the pictures do not seem to show the same scene: at the positions matched by the disparities, their \
+                 details correlate by {related:.2} (0.3 or more is usual); is the right picture from another pair?"
             )
         })
     }
@@ -254,8 +254,7 @@ impl Pair {
         let mut readings = vec![
             (EXCHANGED.to_owned(), self.explained(right, &same, stride)),
             (
-                "left and right are exchanged, and the disparity with them; exchange both"
-                    .to_owned(),
+                "left and right are exchanged, including the disparities; exchange both".to_owned(),
                 self.explained(left, &negated, stride),
             ),
             (
@@ -277,7 +276,7 @@ impl Pair {
         readings.extend(rows.flat_map(|rows| [-rows, *rows]).map(|rows| {
             let (pixels, side) = (number(rows.abs() * full), if rows > 0.0 { "below" } else { "above" });
             (
-                format!("the right picture's rows lie about {pixels} pixels {side} the left one's; rectify the pair"),
+                format!("the right picture's rows are about {pixels} pixels {side} the left one's; rectify the pair"),
                 self.explained_in_row(left, &same, rows, stride),
             )
         }));
@@ -296,8 +295,8 @@ impl Pair {
         readings.push((how, reciprocal));
         if is_worth_a_word(factor) {
             let how = format!(
-                "disparities times {times} fit: they are of another size than the pictures, or in another unit; \
-                 scale them (in rig.txt: disparity_unit)"
+                "disparities should be multiplied by {times}: they are for another picture size or in another unit; \
+                 rescale them (in rig.txt: disparity_unit)"
             );
             readings.push((how, scaled));
         }

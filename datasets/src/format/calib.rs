@@ -46,7 +46,7 @@ pub fn parse(text: &str) -> Result<StereoCalibration, FormatError> {
     for (name, m) in [("cam0", left), ("cam1", right)] {
         if m[0] <= 0.0 || (m[0] - m[4]).abs() > 1e-6 * m[0] {
             return Err(invalid!(
-                "{name} has focal lengths {} and {}; a rectified pair has one, above zero",
+                "{name} has focal lengths {} and {}; a rectified pair must have a single positive one",
                 m[0],
                 m[4]
             ));
@@ -144,7 +144,7 @@ mod tests {
             ("baseline=193.001", "baseline=-1", "baseline is -1 mm"),
             ("baseline=193.001", "", "'baseline' is missing"),
             ("width=741", "width=741.5", "width is '741.5'"),
-            ("cam1=[994.97775", "cam1=[994.9", "one, above zero"),
+            ("cam1=[994.97775", "cam1=[994.9", "a single positive one"),
             ("; 0 0 1]\ncam1", "; 0 0]\ncam1", "8 entries"),
         ] {
             let error = parse(&PLAIN.replace(from, to)).unwrap_err();

@@ -163,7 +163,7 @@ fn unread_notes(folder: &Path, model: &Model, kind: &str) -> Vec<String> {
         false => format!(", which states {}", contradictions.join(" and ")),
     };
     vec![format!(
-        "{}: the {read} model was read, and not {what}{contradiction}",
+        "{}: read the {read} model and ignored {what}{contradiction}",
         folder.display()
     )]
 }
@@ -219,7 +219,7 @@ pub fn read_cameras(folder: &Path) -> Result<Option<(PathBuf, Cameras)>, Dataset
         (true, true) if !is_model(folder) => {
             let cameras = read_cameras_of(&binary)?;
             if !are_same_cameras(&cameras, &read_cameras_of(&text)?) {
-                let reason = "contradicts cameras.txt beside it; remove the one that is not meant";
+                let reason = "contradicts cameras.txt next to it; remove the wrong one";
                 return Err(DatasetError::malformed(binary, reason));
             }
             return Ok(Some((binary, cameras)));

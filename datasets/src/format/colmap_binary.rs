@@ -56,7 +56,8 @@ fn cameras_with(
                 is_guessed = true;
                 let params = params_of(model_id).ok_or_else(|| {
                     invalid!(
-                        "camera {id} is of unknown model {model_id} (`colmap image_undistorter` makes pinhole pictures)"
+                        "camera {id} has unknown model {model_id} (undistort the pictures with `colmap \
+                         image_undistorter`)"
                     )
                 })?;
                 (model_id.to_string(), params)

@@ -70,7 +70,7 @@ pub(super) fn size(bytes: &[u8]) -> Result<(u32, u32), FormatError> {
         // The strongest of EXR's compressions is deflate.
         if samples / 1032 > bytes.len() || all as u64 / 4 > Intrinsics::MAX_PIXELS {
             return Err(invalid!(
-                "the header promises {width}x{height} pixels, which {} bytes cannot hold or no map has",
+                "the header declares {width}x{height} pixels, too many for {} bytes or for any map",
                 bytes.len()
             ));
         }
@@ -80,7 +80,7 @@ pub(super) fn size(bytes: &[u8]) -> Result<(u32, u32), FormatError> {
     }
     let side = |n: usize| u32::try_from(n).ok().filter(|n| *n > 0);
     let sides = side(largest.0).zip(side(largest.1));
-    sides.ok_or_else(|| "the file holds no pixel".into())
+    sides.ok_or_else(|| "the file contains no pixels".into())
 }
 
 /// Writes a map as channel Z of an EXR file.

@@ -41,14 +41,14 @@ pub fn read_mask(path: &Path) -> Result<GrayImage, DatasetError> {
     let refused = |reason: String| Err(DatasetError::malformed(path, reason));
     if let image_file::Alpha::Varying(percent) = picture.alpha {
         return refused(format!(
-            "its alpha is below 255 in {percent:.1} % of the pixels: a mask is read from gray levels; save the alpha as a gray \
-             picture"
+            "{percent:.1} % of its pixels are not opaque, but masks are read from grey levels; save the alpha \
+             channel as a grey picture"
         ));
     }
     let mask = picture.image.into_luma8();
     match mask.iter().max() {
         Some(highest @ 1..=254) => refused(format!(
-            "its highest level is {highest}; a mask is 255 on one side and 0 on the other: multiply it by {:.4}",
+            "its maximum level is {highest}, but a mask has levels 0 and 255; multiply it by {:.4}",
             255.0 / f64::from(*highest)
         )),
         _ => Ok(mask),

@@ -43,9 +43,7 @@ pub fn parse_log(text: &str) -> Result<Log, FormatError> {
             )
         })?;
         if block[..3].iter().any(|n| n.fract() != 0.0) {
-            return Err(invalid!(
-                "block {i} does not begin with three whole numbers"
-            ));
+            return Err(invalid!("block {i} does not start with three integers"));
         }
         blocks.push(block);
     }
@@ -217,7 +215,7 @@ mod tests {
                 ["0 0 0", "1e300 1 0", "1 1 0"],
                 "block 1 states the index 1",
             ),
-            (["0 0 0", "1 0.5 0", "2 1 0"], "block 1 does not begin"),
+            (["0 0 0", "1 0.5 0", "2 1 0"], "block 1 does not start"),
         ] {
             let error = parse(&heads).unwrap_err();
             assert!(error.to_string().contains(reason), "{error}");

@@ -32,8 +32,8 @@ pub enum LensError {
     #[error(transparent)]
     Camera(#[from] CameraError),
     /// No field of view is narrow enough for a pinhole view without blank pixels.
-    #[error("the lens distorts so strongly that no pinhole view of it is whole")]
+    #[error("the lens distorts too strongly for a pinhole view without blank pixels")]
     NoWholePinhole,
-    #[error("the lens does not see the middles of the picture's edges")]
+    #[error("the midpoints of the picture's edges are outside the lens's field of view")]
     EdgesUnseen,
 }

@@ -47,8 +47,8 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
             &[
                 choice(
                     "nvs_test",
-                    "one reading of the paper's 'nvs test': it has neither mesh nor test pictures, so \
-                     that frames=train and depth=points are what is left of it",
+                    "one interpretation of the paper's 'nvs test'; its scenes have neither mesh nor test pictures, \
+                     so only frames=train and depth=points are possible",
                 ),
                 choice(
                     "nvs_sem_val",
@@ -81,7 +81,7 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
         ).left_open(),
         Setting::choice(
             "depth",
-            "where depth comes from",
+            "source of depth",
             &[
                 choice(
                     "auto",
@@ -95,16 +95,16 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
         ).left_open(),
         Setting::choice(
             "bad",
-            "pictures whose pose ScanNet++ calls bad",
+            "pictures whose pose ScanNet++ marks as bad",
             &[choice("drop", "are left out"), proxy("keep", "are used")],
         ),
         Setting::choice(
             "masks",
-            "what becomes of anonymised pixels",
+            "treatment of anonymised pixels",
             &[
                 choice(
                     "apply",
-                    "black, without depth, left out of scores by ScanNet++'s own rule",
+                    "black, without depth, and excluded from scores (ScanNet++'s own rule)",
                 ),
                 choice("ignore", "as stored"),
             ],

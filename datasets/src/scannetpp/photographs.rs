@@ -63,8 +63,8 @@ impl DslrPhotographs {
             }
             let fisheye = if depth_in_fisheye {
                 if !fisheye_json.is_file() {
-                    let remedy = "dslr/render_depth was drawn in its cameras: add it (the \
-                                  download's nerfstudio/ has it), or say depth=mesh, points or none";
+                    let remedy = "dslr/render_depth was drawn in its cameras: add it (it is in the download's \
+                                  nerfstudio/), or set depth=mesh, points or none";
                     return Err(missing(&fisheye_json, remedy));
                 }
                 let parsed = files::parse_text(&fisheye_json, transforms::parse)?;
@@ -83,9 +83,9 @@ impl DslrPhotographs {
             })
         } else {
             if !fisheye_json.is_file() {
-                let remedy = "it holds the cameras of the fisheye pictures: add it (the download's \
-                              nerfstudio/ has it), or the toolbox's undistorted pictures with \
-                              nerfstudio/transforms_undistorted.json, which do without it";
+                let remedy = "it contains the cameras of the fisheye pictures: add it (it is in the download's \
+                              nerfstudio/), or the toolbox's undistorted pictures with \
+                              nerfstudio/transforms_undistorted.json, which do not need it";
                 return Err(missing(&fisheye_json, remedy));
             }
             Ok(Self {

@@ -67,11 +67,11 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
         Setting::free("scenes", "1 to 1000, of this seed and those after it", "1"),
         Setting::choice(
             "world",
-            "what the seed decides about",
+            "what the seed determines",
             &[
                 choice(
                     "classic",
-                    "the places and colours of the objects of one layout",
+                    "the positions and colours of the objects in a fixed layout",
                 ),
                 choice(
                     "varied",
@@ -81,7 +81,7 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
         ),
         Setting::choice(
             "sweep",
-            "one thing alone, growing from target to target; the source is always the same camera",
+            "a single quantity that increases from target to target; the source is always the same camera",
             &[
                 choice(
                     "none",
@@ -90,7 +90,7 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
                 choice("translation", "the target's camera moves to the right"),
                 choice(
                     "rotation",
-                    "the target's camera turns to the right where it stands",
+                    "the target's camera turns to the right in place",
                 ),
                 choice(
                     "occlusion",
@@ -361,7 +361,7 @@ fn open(spec: &DatasetSpec) -> Result<FoundScenes, DatasetError> {
     };
     let kind = SweepKind::of(spec)?;
     if kind.is_some() && world == WorldKind::Varied {
-        return Err(spec.refused("a sweep is of the classic world".to_owned()));
+        return Err(spec.refused("sweeps are only available with world=classic".to_owned()));
     }
     let mut scenes = Vec::new();
     for seed in seeds_of(spec)?.into_iter().flatten() {

@@ -46,9 +46,9 @@ impl SceneCameras {
                 return Err(DatasetError::malformed(
                     file,
                     format!(
-                        "{} cameras; expected one for the whole scene, or images.bin or images.txt \
-                         beside it, which says whose they are; COLMAP makes one with \
-                         --ImageReader.single_camera 1, and intrinsics=0.7w does without",
+                        "{} cameras; expected a single camera for the whole scene, or images.bin or images.txt next \
+                         to it to assign them to pictures; COLMAP creates a single camera with \
+                         --ImageReader.single_camera 1; intrinsics=0.7w needs no model",
                         cameras.len()
                     ),
                 ));

@@ -42,11 +42,11 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
              cameras.txt or .bin beside the log or in sparse/0, with images.* if it has several",
     paper_column: "Tanks and Temples",
     paper_overlap: PaperOverlap::Sparse,
-    caveat: "intrinsics were never published: give a COLMAP model, or take a guess by intrinsics=0.7w or 0.6w",
+    caveat: "intrinsics were never published: add a COLMAP model, or accept a guess with intrinsics=0.7w or 0.6w",
     settings: &[
         Setting::choice(
             "intrinsics",
-            "where focal length and principal point come from",
+            "source of focal length and principal point",
             &[
                 choice("auto", "a COLMAP model; a scene without one is an error"),
                 choice(
@@ -61,7 +61,7 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
         ),
         Setting::free(
             "splat-radius",
-            "pixels around a scan's point that take its depth; 0 lets hidden surfaces shine through",
+            "radius in pixels within which a scan's point sets the depth; with 0, hidden surfaces show through",
             "1",
         ),
         CAMERA_SIZE,
@@ -168,7 +168,7 @@ impl TanksReader<'_> {
         scene.notes.extend(photos.notes.iter().cloned());
         if by_block.first_number == Some(0) {
             scene.notes.push(format!(
-                "{name}: the pictures are numbered from 0, so block i is taken to be that of picture i"
+                "{name}: the pictures are numbered from 0, so block i is assigned to picture i"
             ));
         }
         // Uses the size of a picture that is used, if there is one.
@@ -237,10 +237,9 @@ impl TanksReader<'_> {
                 let model = SceneCameras::of_model(self.root, self.folder)?;
                 return model.ok_or_else(|| {
                     let reason = format!(
-                        "no COLMAP model, and the intrinsics of {} were never published: add \
-                         cameras.txt or .bin beside the log, or say intrinsics=0.7w (the download \
-                         page's guess) or intrinsics=0.6w (nearer to what COLMAP finds) to accept \
-                         a focal length that is a share of the width",
+                        "no COLMAP model, and the intrinsics of {} were never published: add cameras.txt or .bin \
+                         next to the log, or set intrinsics=0.7w (the download page's guess) or intrinsics=0.6w \
+                         (closer to COLMAP's result) to accept a focal length that is a fraction of the width",
                         self.name
                     );
                     DatasetError::malformed(self.folder, reason)

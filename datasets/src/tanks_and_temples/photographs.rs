@@ -124,15 +124,14 @@ impl ScenePhotographs {
             (0, _) if most == last => 0,
             (0, _) => {
                 return Err(format!(
-                    "{}: pictures are numbered from 1, block 0 being that of picture 1, or else from 0 \
-                     to the last block; the poses cannot be assigned",
+                    "{}: pictures must be numbered from 1 (block 0 for picture 1), or from 0 to the last block, so \
+                     the poses cannot be assigned",
                     counts()
                 ));
             }
             (_, Some(1)) if most == last => {
                 return Err(format!(
-                    "{}: a block's index is one less than its picture's number, so that blocks are \
-                     numbered from 0; the poses cannot be assigned",
+                    "{}: blocks must be numbered from 0 (picture number minus one), so the poses cannot be assigned",
                     counts()
                 ));
             }
@@ -185,10 +184,9 @@ impl ScenePhotographs {
                 .filter_map(|file| Some(file.file_name()?.to_string_lossy().into_owned()))
                 .collect();
             return Err(format!(
-                "{count} pictures in {}, but {blocks} blocks, the last with the index {last}: no \
-                 picture is named by a number ({}), so that it cannot be told which pose belongs \
-                 to which; remove what does not belong there, or name the pictures 000001, \
-                 000002 and so on, block 0 being that of 000001",
+                "{count} pictures in {}, but {blocks} blocks (the last has the index {last}), and no picture has a \
+                 number as its name ({}), so the poses cannot be assigned; remove files that do not belong there, or \
+                 name the pictures 000001, 000002 and so on, with block 0 for 000001",
                 self.folder.display(),
                 first_few(&names)
             ));
@@ -320,14 +318,18 @@ mod tests {
                 &[0, 1, 2][..],
                 "2 pictures in images, but 3 blocks",
             ),
-            (&["a.jpg", "b.jpg"], &[0, 2], "the last with the index 2"),
-            (&["+1.jpg", "b.jpg"], &[0], "number (+1.jpg, b.jpg)"),
+            (&["a.jpg", "b.jpg"], &[0, 2], "the last has the index 2"),
+            (&["+1.jpg", "b.jpg"], &[0], "as its name (+1.jpg, b.jpg)"),
             (
                 &["0.jpg", "1.jpg", "2.jpg"],
                 &[0, 1],
                 "numbered 0 to 2 in images, but 2 blocks",
             ),
-            (&["1.jpg", "2.jpg"], &[1, 2], "blocks are numbered from 0"),
+            (
+                &["1.jpg", "2.jpg"],
+                &[1, 2],
+                "blocks must be numbered from 0",
+            ),
             (&["1.jpg", "01.jpg"], &[0, 1], "the same number"),
         ] {
             let error = pictures(names).by_block(&log(blocks)).unwrap_err();

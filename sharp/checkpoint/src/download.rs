@@ -129,12 +129,12 @@ impl Download {
         }
         if header("content-type").is_some_and(|kind| kind.starts_with("text/")) {
             return Err(self.unexpected(
-                "the server sent a page of text, not weights (a login or proxy page?)".to_owned(),
+                "the server sent text instead of the file (a login or proxy page?)".to_owned(),
             ));
         }
         let announced = header("content-length").and_then(|value| value.parse::<u64>().ok());
         let Some(announced) = announced else {
-            return Err(self.unexpected("the server does not say how long the file is".to_owned()));
+            return Err(self.unexpected("the server did not send the file's size".to_owned()));
         };
         let range = format!("bytes {start}-");
         let resumed =
@@ -175,7 +175,7 @@ impl Download {
             progress(Progress { done, total });
         }
         if done < total {
-            return Err(self.broken(format!("broken off after {done} of {total} bytes")));
+            return Err(self.broken(format!("interrupted after {done} of {total} bytes")));
         }
         file.sync_all().map_err(|source| io_error(part, source))
     }

@@ -79,7 +79,7 @@ fn storages<'a>(
         }
     }
     let Value::List(id) = keys else {
-        return malformed!("the storages' keys are {}", keys.kind());
+        return malformed!("the storages' keys are not a list but {}", keys.kind());
     };
     let mut places = BTreeMap::new();
     for key in &heap.lists[id as usize] {
@@ -110,7 +110,7 @@ fn storages<'a>(
             return malformed!("storage '{key}' of {numel} elements reaches beyond the file");
         };
         if places.insert(key, start..end).is_some() {
-            return malformed!("storage '{key}' comes twice");
+            return malformed!("storage '{key}' occurs twice");
         }
         at = end;
     }

@@ -39,7 +39,7 @@ impl MarkedRule {
             (Some(Generator::Brush), _) => stated(Rule::GSPLAT_1_5_3_CLASSIC, "brush exported it"),
             (_, Some(true)) => stated(
                 Rule::GSPLAT_ANTIALIASED,
-                "it is marked as antialiased, which leaves open whether its low-pass is 0.3 or 0.1",
+                "it is marked as antialiased, but does not state whether its low-pass is 0.3 or 0.1",
             ),
             (_, Some(false)) => stated(Rule::GSPLAT_CLASSIC, "it is marked as not antialiased"),
             (Some(Generator::Nerfstudio), None) => likely(
@@ -48,13 +48,17 @@ impl MarkedRule {
             ),
             (Some(Generator::InriaLike), None) => likely(
                 Rule::INRIA_GENERAL,
-                "it has normals, as files of Inria's program have; `inria` ignores the principal point as that does",
+                "it has normals, like files of Inria's program; `inria` ignores the principal point, like that \
+                 program",
             ),
             (Some(Generator::GsplatLike | Generator::SplatTransform), None) => likely(
                 Rule::GSPLAT_CLASSIC,
-                "it has no normals, as files of gsplat",
+                "it has no normals, like files of gsplat",
             ),
-            (None, None) => likely(Rule::GSPLAT_CLASSIC, "most programs draw this format so"),
+            (None, None) => likely(
+                Rule::GSPLAT_CLASSIC,
+                "most programs render this format this way",
+            ),
         }
     }
 }

@@ -34,7 +34,7 @@ pub(super) fn from_archive(bytes: &[u8]) -> Result<Decoded, PlyReason> {
     let mut archive = zip::ZipArchive::new(Cursor::new(bytes))
         .map_err(|_| damaged("its zip archive has no list of files at its end: truncated?"))?;
     if archive.index_for_name("meta.json").is_none() {
-        let what = "a zip archive without meta.json, which is no SOG; unpack it (unzip)";
+        let what = "a zip archive without meta.json, so not a SOG; unpack it (unzip)";
         return Err(PlyReason::Foreign(what.to_owned()));
     }
     let limit = bytes.len().saturating_mul(MOST_EXPANSION) as u64;
@@ -86,7 +86,10 @@ impl Sog {
             None => true,
             Some(Some(2)) => false,
             Some(_) => {
-                let what = format!("version {} is not read, 1 and 2 are", meta["version"]);
+                let what = format!(
+                    "version {} is not supported; versions 1 and 2 are",
+                    meta["version"]
+                );
                 return Err(damaged(what));
             }
         };

@@ -90,7 +90,7 @@ fn counts_that_a_file_cannot_hold_are_refused() {
     start.extend([32, 0, 0, 0].iter().chain(&[0; 12]));
     start.extend([255; 96]);
     let found = reason(&start, "a.spz");
-    assert!(found.contains("a stream of"), "{found}");
+    assert!(found.contains("one of its streams"), "{found}");
     let chunks = "ply\nformat binary_little_endian 1.0\nelement chunk 4000000000\nproperty float min_x\nend_header\n";
     let found = from_bytes(chunks.as_bytes(), "a.ply", encoded());
     assert!(matches!(found, Err(PlyReason::Missing(_))), "{found:?}");
@@ -111,10 +111,10 @@ fn other_formats_are_named_with_what_converts_them() {
             "a.ply",
             "a second element `vertex`",
         ),
-        (&archive(&[("a.txt", b"x")]), "a.zip", "which is no SOG"),
+        (&archive(&[("a.txt", b"x")]), "a.zip", "so not a SOG"),
         (b"\x93NUMPY", "a.npy", "NumPy"),
-        (b"text", "a.txt", "no known format"),
-        (&[0; 33], "a.splat", "no multiple of the 32"),
+        (b"text", "a.txt", "not a known format"),
+        (&[0; 33], "a.splat", "not a multiple of the 32"),
     ] {
         let found = reason(bytes, name);
         assert!(found.contains(part), "{name}: {found}");

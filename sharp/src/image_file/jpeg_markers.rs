@@ -15,7 +15,7 @@ pub(super) fn check_complete(bytes: &[u8]) -> Result<(), String> {
     loop {
         // A marker is FF and a code; the code may be preceded by any number of FF.
         if bytes.get(at).ok_or(TRUNCATED)? != &0xFF {
-            return Err(format!("no JPEG marker where one is due, at byte {at}"));
+            return Err(format!("missing JPEG marker at byte {at}"));
         }
         while bytes.get(at).ok_or(TRUNCATED)? == &0xFF {
             at += 1;

@@ -40,7 +40,7 @@ pub enum ImageFileError {
     Damaged(String),
     #[error("the picture is {width}x{height}, without a pixel")]
     Empty { width: u32, height: u32 },
-    #[error("the header promises {width}x{height} pixels, which {file_bytes} bytes cannot hold")]
+    #[error("the header declares {width}x{height} pixels, which {file_bytes} bytes cannot hold")]
     Oversized {
         width: u32,
         height: u32,
@@ -48,22 +48,22 @@ pub enum ImageFileError {
     },
     /// The picture has more pixels than a camera may have.
     #[error(
-        "the picture is {width}x{height}, larger than any that is read (at most {} pixels)",
+        "the picture is {width}x{height}, which exceeds the maximum of {} pixels",
         Intrinsics::MAX_PIXELS
     )]
     TooLarge { width: u32, height: u32 },
     #[error(
-        "{percent:.1} % of its pixels are not opaque: alpha=black or alpha=white composites it over that, alpha=drop takes \
-         its colours as they are stored"
+        "{percent:.1} % of its pixels are not opaque: alpha=black or alpha=white composites it over that colour, \
+         alpha=drop uses its colours as stored"
     )]
     Alpha { percent: f64 },
     #[error(
-        "its colour profile '{name}' cannot be converted to sRGB ({reason}): convert the file, or take its values as they \
-         are with color=as-stored"
+        "its colour profile '{name}' cannot be converted to sRGB ({reason}): convert the file, or use its values as \
+         they are with color=as-stored"
     )]
     Profile { name: String, reason: &'static str },
     #[error(
-        "its pixels are floating-point numbers, of which nothing says whether they are linear: save it as 8 or 16 bit"
+        "its pixels are floating-point numbers without a stated transfer curve; save it as 8 or 16 bit"
     )]
     FloatingPoint,
     #[error(

@@ -50,8 +50,8 @@ impl Profile {
     pub fn ignored(&self) -> Option<String> {
         match self {
             Self::Ignored { chunks } => Some(format!(
-                "PNG chunks ({chunks}) that contradict sRGB, ignored as by most programs: its values are taken for sRGB \
-                 (color=as-stored asks for that)"
+                "PNG chunks ({chunks}) that contradict sRGB and are ignored, as in most programs: its values are \
+                 read as sRGB (color=as-stored requests that explicitly)"
             )),
             _ => None,
         }
@@ -70,7 +70,7 @@ impl Profile {
         let curves = match profile.color_space {
             DataColorSpace::Rgb => [&profile.red_trc, &profile.green_trc, &profile.blue_trc],
             DataColorSpace::Gray => [&profile.gray_trc; 3],
-            DataColorSpace::Cmyk => return other(&name, "it is a profile of inks"),
+            DataColorSpace::Cmyk => return other(&name, "it is a CMYK profile"),
             _ => return other(&name, "it is neither RGB nor grey"),
         };
         let [Some(r), Some(g), Some(b)] = curves.map(|curve| curve.as_ref()) else {

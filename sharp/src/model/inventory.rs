@@ -41,7 +41,7 @@ impl CheckpointSource {
         let left_out = file.without_prefix(&roots()?).map_err(|prefixes| {
             let prefixes = prefixes.iter().map(|prefix| format!("`{prefix}`"));
             ModelError::Config(format!(
-                "{}: its names have several prefixes ({}): save the tensors of one network alone",
+                "{}: its names have several prefixes ({}): save the tensors of only one network",
                 path.display(),
                 prefixes.collect::<Vec<_>>().join(", ")
             ))

@@ -105,8 +105,8 @@ impl FileMarks {
                 "an antialiased rasteriser (SplatRenderMode: mip), whose compensated low-pass filter is not drawn"
             }
             () if is_sharp && self.has_filter_3d => {
-                "Mip-Splatting (property filter_3D), whose filter has to be folded into scales and opacities: export it \
-                 with save_fused_ply"
+                "Mip-Splatting (property filter_3D), whose filter must be folded into scales and opacities: export \
+                 it with save_fused_ply"
             }
             () => return Ok(()),
         };

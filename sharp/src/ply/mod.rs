@@ -152,7 +152,7 @@ pub enum PlyReason {
     Camera(#[from] CameraError),
     /// The file does not state its colour encoding; the wrong choice would distort colours.
     #[error(
-        "the file does not say whether its colours are linear or sRGB-encoded: say color_space=linear, as the SHARP \
+        "the file does not say whether its colours are linear or sRGB-encoded: set color_space=linear, as the SHARP \
          release assumes, or color_space=srgb, as 3D Gaussian Splatting trains them"
     )]
     ColorSpaceUnknown,
@@ -162,7 +162,7 @@ pub enum PlyReason {
     #[error("it is empty: nothing was written, or its download failed")]
     Empty,
     /// The format is not recognised.
-    #[error("of no known format of Gaussians (PLY, SPZ, SOG, .splat)")]
+    #[error("not a known format of Gaussians (PLY, SPZ, SOG, .splat)")]
     Unknown,
     /// A file in a format other than PLY is damaged.
     #[error("{format}: {what}")]
@@ -170,28 +170,28 @@ pub enum PlyReason {
     /// The vertices are Gaussians in an unsupported form.
     #[error("{0}")]
     OtherForm(&'static str),
-    #[error("{0} properties f_rest_*: their numbers have to run from 0 to 8, 23, 44 or 71")]
+    #[error("{0} properties f_rest_*: they must be numbered from 0 to 8, 23, 44 or 71")]
     Degree(usize),
     #[error(
         "colours depend on the view ({0} coefficients f_rest_*), which `harmonics=refuse` does not allow"
     )]
     ViewDependent(usize),
     #[error(
-        "colours depend on the view and are linear, which no rule of rendering blends: `harmonics=drop` draws the constant \
-         term alone"
+        "colours depend on the view and are linear, which no rendering rule supports: `harmonics=drop` draws the \
+         constant term only"
     )]
     LinearHarmonics,
     /// The Gaussians were made for another rendering rule.
-    #[error("made for {0}; `marks=ignore` draws it as any other file")]
+    #[error("made for {0}; `marks=ignore` renders it like any other file")]
     OtherRule(String),
     #[error(
-        "nerfstudio exported it without f_rest_*, so that f_dc_* are logits of colours: `colors=logit` reads them, \
-         `colors=dc` coefficients"
+        "exported by nerfstudio without f_rest_*, so f_dc_* are logits of colours: use `colors=logit`, or \
+         `colors=dc` to read them as coefficients"
     )]
     LogitColors,
     #[error(
-        "{surplus} bytes follow the last row, {each} for each of {count}: its rows are longer than its header says, and were \
-         misread; write it again with all properties declared"
+        "{surplus} bytes follow the last row, {each} for each of {count}: the rows are longer than the header says \
+         and were misread; write the file again with all properties declared"
     )]
     LongerRows {
         surplus: usize,

@@ -151,7 +151,7 @@ pub fn from_bytes(bytes: &[u8], given: impl Into<StoredForm>) -> Result<Gaussian
             return Err(rows);
         }
         let text = format!(
-            "{} bytes follow the last row that its header announces: was it written by another program than its header, or \
+            "{} bytes follow the last row announced by its header: does the header belong to another file, or were \
              two files joined?",
             rest.len()
         );

@@ -6,7 +6,7 @@ use crate::gaussians::Gaussians;
 
 /// Error: a setting does not have this value.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-#[error("{key}={value}: {} is needed", known.join(" or "))]
+#[error("{key}={value}: expected {}", known.join(" or "))]
 pub struct UnknownReading {
     pub key: &'static str,
     pub value: String,

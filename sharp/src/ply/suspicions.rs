@@ -52,8 +52,8 @@ pub fn suspicions(stored: &Gaussians, given: &StoredForm, format: &StoredForm) -
             found.push(Suspicion::new(
                 "opacity=linear",
                 format!(
-                    "its opacities may have been stored without the logit (all stored values are in {:.3}..{:.3}, so that \
-                     every opacity is in {:.3}..{:.3}; only a photograph can tell): `opacity=linear` reads them so",
+                    "its opacities may have been stored without the logit (all stored values are in {:.3}..{:.3}, so \
+                     every opacity is in {:.3}..{:.3}; only a photograph can decide): `opacity=linear` reads them so",
                     opacities.least,
                     opacities.most,
                     logistic(opacities.least),
@@ -74,8 +74,8 @@ pub fn suspicions(stored: &Gaussians, given: &StoredForm, format: &StoredForm) -
         found.push(Suspicion::new(
             "scales=linear",
             format!(
-                "its scales look as if they were no logarithms (none is negative; read as logarithms, half of the standard \
-                 deviations are above {:.3}, where the scene is {extent:.1} across): `scales=linear` reads them so",
+                "its scales do not look like logarithms (none is negative; as logarithms, half of the standard \
+                 deviations would exceed {:.3} in a scene {extent:.1} across): `scales=linear` reads them as they are",
                 scales.median.exp()
             ),
         ));
@@ -86,8 +86,8 @@ pub fn suspicions(stored: &Gaussians, given: &StoredForm, format: &StoredForm) -
             found.push(Suspicion::new(
                 "colors=rgb01",
                 format!(
-                    "its colours may be 0..1 instead of coefficients (all stored values are in {:.3}..{:.3}, as those of a \
-                     pastel scene are, too; only a photograph can tell): `colors=rgb01` reads them so",
+                    "its colours may be 0..1 instead of coefficients (all stored values are in {:.3}..{:.3}, as in a \
+                     pastel scene; only a photograph can decide): `colors=rgb01` reads them so",
                     colors.least, colors.most
                 ),
             ));
@@ -108,15 +108,15 @@ pub fn suspicions(stored: &Gaussians, given: &StoredForm, format: &StoredForm) -
     {
         found.push(Suspicion::new(
             StoredQuaternions::KEY,
-            "its rotations look lost: every quaternion is (0, 0, 0, 1), no rotation stored as x, y, z, w; the program that \
-             wrote it has to store them, and `quaternions=xyzw` reads that order",
+            "its rotations seem to be missing: every quaternion is (0, 0, 0, 1), the identity in the order x, y, z, \
+             w; fix the program that wrote it, or read that order with `quaternions=xyzw`",
         ));
     }
     if is_viewer_normalised(stored, &finite) {
         found.push(Suspicion::new(
             "space",
-            "its coordinates look normalised for a viewer (median 0, 95 % within 1), as pixelSplat's and Flash3D's export \
-             writes them: scale and camera are lost, take the Gaussians before that export",
+            "its coordinates look normalised for a viewer (median 0, 95 % within 1), as the exports of pixelSplat \
+             and Flash3D write them: scale and camera are lost; take the Gaussians from before the export",
         ));
     }
     found

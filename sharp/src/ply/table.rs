@@ -170,7 +170,7 @@ impl Header {
                 ["comment" | "obj_info", ..] => comments.push(words[1..].join(" ")),
                 ["element", name, _] if elements.iter().any(|e| e.name == name) => {
                     return Err(line_error(format!(
-                        "a second element `{name}`: of one name only one is read; were two files joined?"
+                        "a second element `{name}`: element names must be unique; were two files joined?"
                     )));
                 }
                 ["element", name, count] => elements.push(Element {

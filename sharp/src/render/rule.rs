@@ -127,17 +127,17 @@ record! {
 
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum RuleError {
-    #[error("no rule of rendering is called \"{0}\": {known}", known = Rule::names().join(", "))]
+    #[error("unknown rendering rule \"{0}\": {known}", known = Rule::names().join(", "))]
     Name(String),
-    #[error("a rule of rendering has no \"{0}\": {known}", known = Rule::KEYS.join(", "))]
+    #[error("unknown choice \"{0}\" of a rendering rule: {known}", known = Rule::KEYS.join(", "))]
     Key(String),
-    #[error("{key} of a rule of rendering cannot be \"{text}\": {reason}")]
+    #[error("invalid value \"{text}\" of {key} in a rendering rule: {reason}")]
     Value {
         key: String,
         text: String,
         reason: String,
     },
-    #[error("a rule of rendering cannot have {0}")]
+    #[error("invalid rendering rule: {0}")]
     Impossible(String),
 }
 
@@ -368,7 +368,7 @@ mod tests {
     #[test]
     fn what_no_rule_has_is_refused() {
         for (text, word) in [
-            ("", "no rule"),
+            ("", "unknown rendering rule"),
             ("graphdeco", "gsplat-1.5.3-classic"),
             ("inria,blur=1", "low-pass"),
             ("inria,near", "near-plane"),

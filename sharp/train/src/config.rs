@@ -241,7 +241,7 @@ impl TrainingConfig {
             } else {
                 ("stage1", "stage2")
             };
-            let reason = format!("is missing beside `{other}`; `{key}.steps = 0` leaves it out");
+            let reason = format!("is required if `{other}` is given; `{key}.steps = 0` skips it");
             (key.to_owned(), reason)
         });
         match config.first_fault().or(missing) {
@@ -282,7 +282,7 @@ impl TrainingConfig {
             (
                 self.initial.is_none() || self.initial_depth.is_none(),
                 "initial_depth",
-                "stands beside `initial`, which brings the depth network, too",
+                "cannot be combined with `initial`, which includes the depth network",
             ),
             (
                 betas.iter().all(|beta| (0.0..1.0).contains(beta)),
@@ -367,7 +367,7 @@ impl TrainingData {
         match (self, stage) {
             (Self::Procedural, _) | (Self::Photographs(_), Stage::SelfSupervised) => None,
             (Self::Photographs(_), Stage::Supervised) => {
-                Some("has photographs, whose depth this stage would need".to_owned())
+                Some("has photographs, which have no depth, but this stage needs depth".to_owned())
             }
             (Self::Datasets(_), Stage::SelfSupervised) => Some(
                 "has datasets; this stage learns from procedural scenes or photographs".to_owned(),

@@ -36,7 +36,7 @@ fn images_with_one_line_each_are_all_read() {
 #[test]
 fn a_camera_file_of_another_kind_is_named_and_not_read() {
     let case = case("A02-stale-cameras-bin");
-    let note = "the text model was read, and not cameras.bin beside it, which states other cameras";
+    let note = "read the text model and ignored cameras.bin beside it, which states other cameras";
     ends(&case.said[0], 0, note);
     ends(&case.said[1], 0, "");
     case.is_said_everywhere("r", note);
@@ -103,7 +103,7 @@ fn a_camera_that_is_not_read_costs_its_pictures() {
 #[test]
 fn other_models_are_named_with_their_sizes_and_can_be_read() {
     let case = case("A33-sparse-0-and-1");
-    let note = "the first of several models was read, with 2 pictures; not sparse/1 with 8 pictures (model=sparse/1)";
+    let note = "the first of several models was read (2 pictures), not sparse/1 with 8 pictures (model=sparse/1)";
     ends(&case.said[0], 0, note);
     let chosen = case.run("sharp-bench datasets check colmap=c,model=sparse/1");
     ends(&chosen, 0, "1 scene, 8 views");
@@ -113,7 +113,7 @@ fn other_models_are_named_with_their_sizes_and_can_be_read() {
     ends(&run, 0, note);
     case.is_said_everywhere("r", note);
     let missing = case.run("sharp-bench datasets check colmap=c,model=sparse/7");
-    ends(&missing, 4, "no whole model in sparse/7");
+    ends(&missing, 4, "no complete model in sparse/7");
 }
 
 #[test]
@@ -204,14 +204,14 @@ fn runs_and_pair_lists_warn_of_units_first() {
 #[test]
 fn a_focal_length_that_fits_better_is_named() {
     let case = case("A31-focal-1.1");
-    ends(&case.said[0], 4, "a focal length 0.9");
+    ends(&case.said[0], 4, "the focal length should be 0.9");
     says(&case.said[0], "instead of 63.36 pixels");
     ends(
         &case.said[1],
         0,
-        "warning: nerfstudio/ns: a focal length 0.9",
+        "warning: nerfstudio/ns: the focal length should be 0.9",
     );
-    case.is_said_everywhere("r", "a focal length 0.9");
+    case.is_said_everywhere("r", "the focal length should be 0.9");
 }
 
 #[test]
@@ -220,7 +220,7 @@ fn pictures_that_were_renumbered_are_noticed() {
     ends(
         &case.said[0],
         4,
-        "from about 000004 on every picture fits the pose after its own",
+        "from about 000004 on, every picture fits the pose after its own",
     );
 }
 
@@ -234,7 +234,7 @@ fn depth_maps_of_other_pictures_are_named() {
     ends(
         &said,
         4,
-        "pictures and depth maps are not assigned rightly: every picture fits the depth map after its own: 79.2 %",
+        "pictures and depth maps are assigned incorrectly: every picture fits the depth map after its own: 79.2 %",
     );
 }
 
@@ -265,14 +265,17 @@ fn an_exchanged_principal_point_is_named() {
     ends(
         &said,
         4,
-        "the principal point (24, 32) would lie in the middle of 64x48 with cx and cy exchanged",
+        "the principal point (24, 32) would be centred in 64x48 if cx and cy were exchanged",
     );
 }
 
 #[test]
 fn stereo_pairs_that_contradict_themselves_are_named() {
     for (name, cause) in [
-        ("X62-mb-disp-not-scaled", "disparities times 0.25 fit"),
+        (
+            "X62-mb-disp-not-scaled",
+            "disparities should be multiplied by 0.25",
+        ),
         (
             "X62-mb-fullsize-calib-no-wh",
             "the principal point (311.7, 255.4) lies outside of the picture of 185x125",
@@ -370,7 +373,7 @@ fn a_view_without_one_of_its_files_is_left_out_and_named() {
     ends(
         &ran,
         1,
-        "56 of 56 pairs are left out, as views cannot be read: ",
+        "56 of 56 pairs are left out because views cannot be read: ",
     );
     assert!(!ran.err.contains("no view has depth"), "{}", ran.err);
 }
@@ -419,6 +422,6 @@ fn masks_that_exclude_most_pixels_are_named_with_what_else_is_found() {
     ends(
         &said,
         4,
-        "masks are the other way round, which exclude 90 % of the pixels",
+        "the masks are inverted: they exclude 90 % of the pixels",
     );
 }

@@ -141,7 +141,7 @@ fn another_order_of_quaternions_is_found_by_the_photograph() {
 #[test]
 fn scales_that_are_no_logarithms_are_named_by_numbers_and_by_the_photograph() {
     let case = case("A11-scales-linear");
-    case.is_said_everywhere("r", "`scales=linear` reads them so");
+    case.is_said_everywhere("r", "`scales=linear` reads them as they are");
     case.is_said_everywhere("r", "with `scales=linear`: 26.91 dB");
     assert!(
         case.said[1].out.contains("scales=linear"),
@@ -168,7 +168,7 @@ fn turned_and_world_space_files_are_named_with_the_setting_that_mends_them() {
 #[test]
 fn harmonics_need_a_rule_or_are_dropped() {
     let case = case("A15-sh3");
-    refused(&case, &["rendering=NAME", "likely gsplat-classic"]);
+    refused(&case, &["rendering=NAME", "probably gsplat-classic"]);
     // 3D Gaussian Splatting's layout keeps them, the release's has no place for them.
     ends(&case.said[2], 0);
     let view = "g/synthetic/seed0/view_00.ply";
@@ -191,7 +191,7 @@ fn harmonics_need_a_rule_or_are_dropped() {
     let method = "gaussians:dir=g,color_space=srgb,harmonics=drop";
     let said = run_method(&case, method, "again");
     ends(&said, 0);
-    assert!(!said.err.contains("hardly anything of it"), "{}", said.err);
+    assert!(!said.err.contains("that is hardly at all"), "{}", said.err);
     let dropped = psnr(&case, "again");
     case.run("sharp-bench gaussians convert g/synthetic/seed0/view_00.ply out.ply --color-space srgb --read harmonics=drop")
         .ends_with(0);
@@ -247,7 +247,7 @@ fn files_may_lie_elsewhere_and_the_layout_that_finds_them_is_named() {
     let said = run_method(&case, "gaussians:dir=g,color_space=srgb", "none");
     assert_ne!(said.code, 0);
     assert!(
-        said.err.contains("1 of 1 are there with file={scene}.ply"),
+        said.err.contains("1 of 1 exist with file={scene}.ply"),
         "{}",
         said.err
     );
@@ -388,7 +388,7 @@ fn checkpoints_with_prefixes_or_foreign_classes_are_read_and_prefixes_said() {
         match prefix {
             "" => assert_eq!(said.err, ""),
             prefix => {
-                let note = format!("carry the prefix `{prefix}`");
+                let note = format!("have the prefix `{prefix}`");
                 assert!(said.err.contains(&note), "{}", said.err);
             }
         }
@@ -438,7 +438,7 @@ fn sizes_beside_a_checkpoint_are_used_and_others_end_a_run_before_its_first_pair
     assert!(!case.path("wrong/scores.csv").exists());
     let prefixed = run("checkpoint=module.safetensors", "r");
     ends(&prefixed, 0);
-    let said = "carry the prefix `module.`";
+    let said = "have the prefix `module.`";
     assert!(prefixed.out.contains(said), "{}", prefixed.out);
     let manifest = std::fs::read_to_string(case.path("r/manifest.json")).unwrap();
     assert!(manifest.contains(said), "{manifest}");
@@ -562,7 +562,7 @@ fn wrong_files_among_right_ones_are_named_by_run_and_merge() {
         ))
         .ends_with(0);
     }
-    let text = "2 of 8 sources show the photograph they were predicted from at ";
+    let text = "2 of 8 sources reproduce the photograph they were predicted from at only ";
     let said = vec![run("wrong")];
     assert_eq!(said[0].err.matches(text).count(), 1, "{}", said[0].err);
     let named = "synthetic/seed0/view_01, synthetic/seed0/view_05;";
@@ -618,7 +618,7 @@ fn units_are_mended_by_scale_and_broken_files_named_in_plain_words() {
                 said[0].err
             );
             let case = Case { said, ..case };
-            case.is_said_everywhere("r", &format!("`{mends}` fits"));
+            case.is_said_everywhere("r", &format!("use `{mends}`"));
             close(with(&case, &format!("{mends}{settings}")), 19.0306);
         }
     }

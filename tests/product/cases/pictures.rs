@@ -110,7 +110,7 @@ fn the_polarity_of_masks_is_a_setting_and_small_rests_are_doubted() {
     let ignored = case
         .run("sharp-bench datasets check nerfstudio=ns")
         .ends_with(0);
-    holds(&ignored.out, &["8 frame(s) name a mask, which is not read"]);
+    holds(&ignored.out, &["8 frame(s) have a mask, which is not used"]);
 }
 
 #[test]
@@ -120,7 +120,7 @@ fn masks_of_other_levels_are_named() {
         assert_eq!(case.said[0].code, 4);
         holds(
             &case.all(),
-            &["masks/view_00.png", "its highest level is 1", "255"],
+            &["masks/view_00.png", "its maximum level is 1", "255"],
         );
     }
 }

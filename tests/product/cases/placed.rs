@@ -263,7 +263,7 @@ fn a_principal_point_that_only_the_file_has_is_named() {
     };
     let said = run("");
     assert!(
-        said.out.contains("`shift=5:-2.5` makes up for it"),
+        said.out.contains("`shift=5:-2.5` corrects this"),
         "{}{}",
         said.out,
         said.err

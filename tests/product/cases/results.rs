@@ -317,7 +317,7 @@ done
     };
     all.is_said_everywhere(
         "r",
-        "names gone.pt, which looks like a file and is not there",
+        "names gone.pt, which looks like a file but does not exist",
     );
 }
 

@@ -16,7 +16,7 @@ fn overlaps_are_kept_and_change_nothing() {
     std::fs::write(&tables[0], b"{").unwrap();
     let said = build(dir.path(), "third.csv", &["--cache", "c"]).ends_with(0);
     assert!(said.err.contains("warning: c/"), "{}", said.err);
-    assert!(said.err.contains("measured anew"), "{}", said.err);
+    assert!(said.err.contains("measured again"), "{}", said.err);
     let fresh = read(dir.path().join("fresh.csv"));
     for list in ["first.csv", "second.csv", "third.csv"] {
         assert_eq!(read(dir.path().join(list)), fresh, "{list}");
@@ -136,7 +136,7 @@ fn somebody_elses_depth_decides_overlap_and_is_named() {
         &["nowhere", "not a folder"],
     );
     std::fs::create_dir(dir.path().join("empty")).unwrap();
-    wrong(&["--overlap-depth", "empty"], &["not one view"]);
+    wrong(&["--overlap-depth", "empty"], &["no view of"]);
     wrong(
         &["--pair-options", "overlap=given"],
         &["--overlap-depth DIR"],

@@ -106,7 +106,7 @@ fn frames_go_into_a_folder_of_their_own() {
     assert_eq!(bytes(dir.join("alone.png")), before[3]);
 
     // Frames of two renderings never lie in one folder.
-    render(dir, &args).is_error_with(&["frames", "holds files already"]);
+    render(dir, &args).is_error_with(&["frames", "is not empty"]);
 }
 
 #[test]

@@ -36,7 +36,7 @@ fn what_cannot_be_rendered_is_one_line() {
         (
             "vast.json",
             r#"{"width":60000,"height":20000,"K":[5,0,2,0,5,2,0,0,1],"camera_from_world":[1,0,0,0,0,1,0,0,0,0,1,0,0,0,0,1]}"#,
-            "60000x20000 is larger than any that is read or drawn (at most 268435456 pixels)",
+            "60000x20000 exceeds the maximum of 268435456 pixels",
         ),
         (
             "wide.json",

@@ -63,8 +63,8 @@ fn of_two_files_of_one_stem_the_photograph_is_read_and_the_other_is_noted() {
     compare(&found.views, scene.views(), Depth::Absent);
     has_note(
         &found.notes,
-        "transforms.json: 1 name(s) fit several files, by another case or extension: \
-         images/view_00.png is read and not view_00.jpg",
+        "transforms.json: 1 name(s) match several files that differ in case or extension: images/view_00.png is read \
+         and not view_00.jpg",
     );
     std::fs::remove_file(folder.path().join("images/view_00.jpg")).unwrap();
     assert!(read("nerfstudio", folder.path()).notes.is_empty());
@@ -115,8 +115,8 @@ fn of_several_transforms_files_the_one_read_is_named() {
     assert_eq!(found.views.len(), 5);
     has_note(
         &found.notes,
-        "transforms_train.json was read, not transforms_val.json, transforms_test.json beside it; \
-         to read another one give the file itself as the path",
+        "transforms_train.json was read, not transforms_val.json, transforms_test.json next to it; to read another \
+         file, give its path",
     );
     let other = read("nerfstudio", &folder.path().join("transforms_val.json"));
     assert_eq!(other.views.len(), 2);
@@ -165,7 +165,7 @@ fn pictures_smaller_than_their_camera_have_it_scaled_on_request() {
     }
     has_note(
         &scaled.notes,
-        "5 picture(s) are for 96x72 and were scaled to the pictures' 48x36",
+        "5 camera(s) calibrated for 96x72 were scaled to the pictures' 48x36",
     );
     let report = checked("nerfstudio", folder.path());
     let problems = report.scenes[0].problems.join("\n");
@@ -220,7 +220,7 @@ fn scenes_behind_links_that_lead_out_are_counted_in_notes_and_errors() {
     std::os::unix::fs::symlink(outside.path(), &link).unwrap();
     let error = refusal("nerfstudio", set.path());
     assert!(error.contains("no nerfstudio scene found"), "{error}");
-    let reason = "a symbolic link leads out of the dataset's folder";
+    let reason = "a symbolic link points outside the dataset's folder";
     assert!(
         error.contains(reason) && error.contains("(linked)"),
         "{error}"
@@ -252,7 +252,7 @@ fn a_broken_list_hides_no_other_category() {
         ("{", "apple/nvs_list.json: not JSON"),
         (
             "{\"val\": [\"../../../cup/scenes/scene_000\"]}",
-            "apple/nvs_list.json: the name '../../../cup/scenes/scene_000' leads out",
+            "apple/nvs_list.json: the path '../../../cup/scenes/scene_000' points outside",
         ),
     ] {
         let folder = two_categories();
@@ -302,7 +302,7 @@ fn pictures_behind_links_that_lead_out_are_counted() {
     assert_eq!(scenes[1].views.len(), scenes[0].views.len() - 1);
     has_note(
         &scenes[1].notes,
-        "1 file(s) left out, a symbolic link leads out",
+        "1 file(s) left out, a symbolic link points outside",
     );
 }
 
@@ -320,7 +320,7 @@ fn a_bad_line_of_a_split_hides_no_other_scene() {
     assert_eq!(report.scenes.len(), 1);
     assert_eq!(report.scenes[0].id, "s");
     has_note(&report.unreadable, "(t): ");
-    let reason = "splits/nvs_test.txt: the name '../../elsewhere/dslr' leads out";
+    let reason = "splits/nvs_test.txt: the path '../../elsewhere/dslr' points outside";
     has_note(&report.unreadable, reason);
 }
 
@@ -333,7 +333,7 @@ fn names_that_lead_out_name_the_file_that_holds_them() {
     std::fs::write(&json, text.replace("images/view_03", "../view_03")).unwrap();
     let error = refusal("nerfstudio", folder.path());
     assert!(
-        error.contains("transforms.json: the name '../view_03' leads out"),
+        error.contains("transforms.json: the path '../view_03' points outside"),
         "{error}"
     );
     let lens = write::lens_of(&scene.views()[0]);
@@ -341,7 +341,7 @@ fn names_that_lead_out_name_the_file_that_holds_them() {
     write::colmap_text(&model, &lens, &names(scene.views(), "../../", "png"));
     let error = refusal("colmap", folder.path());
     assert!(
-        error.contains("sparse/0/images.txt: the name '../../view_0"),
+        error.contains("sparse/0/images.txt: the path '../../view_0"),
         "{error}"
     );
 }

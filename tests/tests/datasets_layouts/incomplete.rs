@@ -69,7 +69,7 @@ fn a_scene_that_is_there_is_read_or_named_with_its_reason() {
             "calib_00-02.xml",
             Removed,
             "train/balanced/B",
-            "no calib_00-02.xml",
+            "missing calib_00-02.xml",
         ),
         (
             "booster",
@@ -168,14 +168,14 @@ fn a_scene_that_is_there_is_read_or_named_with_its_reason() {
             "dslr_calibration_jpg",
             Removed,
             "field",
-            "say images=undistorted",
+            "set images=undistorted",
         ),
         (
             "eth3d",
             "dslr_calibration_jpg/images.txt",
             Removed,
             "field",
-            "no whole model",
+            "no complete model",
         ),
         (
             "eth3d",
@@ -196,14 +196,14 @@ fn a_scene_that_is_there_is_read_or_named_with_its_reason() {
             "sparse/0/images.txt",
             Removed,
             "b",
-            "no whole model",
+            "no complete model",
         ),
         (
             "colmap",
             "sparse/0/cameras.txt",
             Removed,
             "b",
-            "no whole model",
+            "no complete model",
         ),
         (
             "colmap",

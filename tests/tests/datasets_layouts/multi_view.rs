@@ -182,7 +182,7 @@ fn colmap_binary_with_a_camera_of_an_unknown_model() {
     write::bytes(&model, "cameras.bin", &changed);
     let refused = crate::refusal("colmap", folder.path());
     assert!(
-        refused.contains("camera 7 is of unknown model 99"),
+        refused.contains("camera 7 has unknown model 99"),
         "{refused}"
     );
 }

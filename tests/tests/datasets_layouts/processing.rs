@@ -164,7 +164,7 @@ fn absent_depth_is_said_and_a_problem_where_it_was_asked_for() {
     assert_eq!(report.problems, 1, "{:?}", report.scenes[0].problems);
     let problem = &report.scenes[0].problems[0];
     assert!(
-        problem.contains("depth=rendered was asked for"),
+        problem.contains("depth=rendered was requested"),
         "{problem}"
     );
     assert_eq!(checked(&text).problems, 0);

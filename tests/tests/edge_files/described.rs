@@ -71,7 +71,7 @@ pub(crate) fn trials() -> Vec<Trial> {
         check_ids(&scene, &["r_0"])
     });
     add("transforms_dup.json", |name| {
-        left_out(name, &["a"], "the picture was listed before: a.png")
+        left_out(name, &["a"], "the picture is listed twice: a.png")
     });
     add("transforms_nan.json", |name| {
         left_out(name, &["b"], "the pose is not finite or not rigid: a.png")
@@ -81,7 +81,7 @@ pub(crate) fn trials() -> Vec<Trial> {
     add("transforms_traversal.json", |name| {
         let result = transforms(name, &[]);
         let name = "../../../../etc/hostname";
-        refused(result, name, "leads out of the dataset's folder")
+        refused(result, name, "points outside the dataset's folder")
     });
     trials
 }
@@ -226,5 +226,5 @@ fn per_frame(name: &str) -> Outcome {
         || format!("{k:?}"),
     )?;
     check(scene.views[0].content.image().is_ok(), || "size".into())?;
-    check_note(&scene, "1 frame(s) state intrinsics that differ")
+    check_note(&scene, "1 frame(s) have intrinsics that differ")
 }

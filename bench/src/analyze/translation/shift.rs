@@ -12,13 +12,13 @@ pub struct Shifts(Vec<f64>);
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum ShiftsError {
     /// Not a list of numbers.
-    #[error("'{0}' is no list of percentages; try 0.1,1,5")]
+    #[error("'{0}' is not a list of percentages; try 0.1,1,5")]
     Text(String),
     /// Out of range.
     #[error("{0} %: shifts are above 0 and at most 50 per cent")]
     Range(f64),
     /// The picture is too small for the window to move.
-    #[error("the picture is {0} pixels wide; at least two have to remain in the window")]
+    #[error("the picture is {0} pixels wide; at least two must remain in the window")]
     Small(u32),
 }
 

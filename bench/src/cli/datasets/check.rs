@@ -11,7 +11,7 @@ use crate::io::counts::counted;
 use crate::io::observer::Observer;
 
 pub(super) fn execute(specs: &[String], views: usize, json: bool) -> anyhow::Result<Outcome> {
-    anyhow::ensure!(views > 0, "--views 0: at least one is needed");
+    anyhow::ensure!(views > 0, "--views 0: must be at least 1");
     let specs: Vec<DatasetSpec> = specs
         .iter()
         .map(|text| DatasetSpec::parse(text))

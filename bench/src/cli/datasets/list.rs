@@ -17,14 +17,15 @@ pub(super) fn execute(json: bool) -> anyhow::Result<Outcome> {
         entry.settings.iter().try_for_each(print_setting)?;
         output::line("")?;
     }
-    output::line("of each of these that has picture files")?;
+    output::line("settings of every format with picture files")?;
     PICTURES.iter().try_for_each(print_setting)?;
     output::line(format!(
-        "each of these also takes frame=RULE, its views at another size: {}; and pairs.KEY=VALUE, a pair option for it alone",
+        "every format also takes frame=RULE, its views at another size: {}; and pairs.KEY=VALUE, a pair option for \
+         this dataset only",
         Frame::forms()
     ))?;
     output::line(
-        "open: the paper does not say which; proxy: known to differ from what the paper did; reports say so",
+        "open: the paper does not say which; proxy: known to differ from what the paper did; reports state this",
     )?;
     Ok(Outcome::Done)
 }

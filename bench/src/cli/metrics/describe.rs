@@ -27,7 +27,7 @@ pub(super) fn explain(scorer: &Scorer, json: bool) -> anyhow::Result<Outcome> {
         if let (Some(own), Some(backbone)) = (info.own_weights, info.backbone) {
             let network = match &backbone.features_sha256 {
                 None => format!(
-                    "{} of torchvision, not at hand",
+                    "{} of torchvision, missing",
                     Published::of(backbone.name).file
                 ),
                 Some(_) if backbone.is_unpublished() => format!("{backbone}, unpublished"),
@@ -47,8 +47,8 @@ pub(super) fn explain(scorer: &Scorer, json: bool) -> anyhow::Result<Outcome> {
 pub(in crate::cli) fn methods_text(text: &MethodsText, json: bool) -> anyhow::Result<Outcome> {
     for backbone in &text.missing {
         output::remark(format!(
-            "note: the weights of {backbone} are not at hand, so the text has a gap where their hash belongs; \
-             `sharp-bench weights fetch {backbone}` or `--weights {backbone}=FILE` fills it"
+            "note: the weights of {backbone} are missing, so the text has a gap in place of their hash; provide them \
+             with `sharp-bench weights fetch {backbone}` or `--weights {backbone}=FILE`"
         ));
     }
     if json {

@@ -50,7 +50,7 @@ Examples:
   sharp-bench metrics --explain --metrics all
   sharp-bench metrics --methods-text --metrics lpips-alex,dists
 
-A metric named itself must be computable, or the command fails; within `all` and `paper` one that is not is listed
+A metric named explicitly must be computable, or the command fails; within `all` and `paper`, one that is not is listed
 as unavailable, with the reason.")]
 pub(super) struct MetricsArgs {
     /// The prediction: a picture or a folder
@@ -167,7 +167,7 @@ pub(super) fn execute(args: &MetricsArgs) -> anyhow::Result<Outcome> {
     let mean_left = scored.iter().map(|pair| pair.left).sum::<f64>() / scored.len().max(1) as f64;
     if mean_left < LEAST_LEFT {
         output::remark(format!(
-            "warning: --mask: white, which counts, is on average {:.1} % of the pixels; if it marks what is left out, \
+            "warning: --mask: on average {:.1} % of the pixels are white, which counts; if white marks what to leave out, \
              invert the masks",
             100.0 * mean_left
         ));
@@ -228,7 +228,7 @@ impl MetricsArgs {
         }
         ensure!(
             !has(MetricRegion::Frustum),
-            "--mask: inside a mask of yours keys end in @mask; @frustum is the mask that `run` makes from depth and poses"
+            "--mask: keys for your own masks end in @mask; @frustum is the mask that `run` makes from depth and poses"
         );
         let with_mask = selection.with_region(MetricRegion::Given);
         if selection

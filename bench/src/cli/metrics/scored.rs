@@ -124,7 +124,7 @@ fn warn_of_distortion(prediction: &Path, from: (u32, u32), to: (u32, u32)) {
     let off = ((w * to_h / to_w - h).abs()).min((h * to_w / to_h - w).abs());
     if off > 1.0 {
         output::remark(format!(
-            "warning: {}: resizing from {}x{} to {}x{} changes its shape",
+            "warning: {}: resizing from {}x{} to {}x{} changes its aspect ratio",
             prediction.display(),
             from.0,
             from.1,

@@ -237,7 +237,7 @@ impl ScoredPairs<'_> {
             is_found = true;
             let value = number(form.value);
             output::line(format!(
-                "{} is {} ({value}), which is no column here",
+                "{} is {} ({value}), which is not a column here",
                 sought.text, form.name
             ))?;
             output::line(format!("    {}", form.convention))?;
@@ -246,7 +246,7 @@ impl ScoredPairs<'_> {
             return Ok(());
         }
         output::line(format!(
-            "{} is none of the selected metrics, nor another form of them",
+            "{} matches none of the selected metrics and none of their known variants",
             sought.text
         ))?;
         // Only compare numbers of the same kind.

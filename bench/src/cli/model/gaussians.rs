@@ -148,7 +148,7 @@ impl TargetForm {
             }
         }
         anyhow::bail!(
-            "{}: the name of a result ends in .ply, .compressed.ply or .spz, or --to says its format",
+            "{}: unknown output format; use a name ending in .ply, .compressed.ply or .spz, or set --to",
             path.display()
         )
     }
@@ -159,8 +159,8 @@ impl TargetForm {
 fn check_release(scene: &GaussianScene, given: StoredForm) -> Result<(), String> {
     if scene.gaussians.harmonics.degree > 0 {
         return Err(format!(
-            "colours depend on the view ({} coefficients f_rest_*), which would be lost: `--read harmonics=drop` keeps the \
-             constant term alone",
+            "colours depend on the view ({} coefficients f_rest_*), which would be lost: `--read harmonics=drop` \
+             keeps only the constant term",
             scene.color_coefficients
         ));
     }
@@ -252,17 +252,17 @@ fn describe(scene: &GaussianScene) -> Info {
         scene.gaussians.is_finite(k) && rotation != [0.0; 4] && opacities[k] >= 1.0 / 255.0
     });
     if visible.count() == 0 {
-        implausible.push("nothing in it can be seen".to_owned());
+        implausible.push("nothing in it is visible".to_owned());
     }
     if behind > 0.1 {
         implausible.push(format!(
-            "{:.0} % lie behind the camera: OpenGL axes, or a space that is not the camera's?",
+            "{:.0} % are behind the camera: the axes may be OpenGL's, or the space may not be the camera's",
             100.0 * behind
         ));
     }
     if let Some(median) = median.filter(|z| *z > 0.0 && !PLAUSIBLE_DEPTH.contains(z)) {
         implausible.push(format!(
-            "a median depth of {median} is not one of a photograph in metres"
+            "a median depth of {median} is implausible for a photograph in metres"
         ));
     }
     Info {
@@ -419,7 +419,7 @@ fn convert(
 ) -> anyhow::Result<Outcome> {
     anyhow::ensure!(
         (0.0..=1.0).contains(&min_opacity),
-        "--min-opacity {min_opacity}: a number from 0 to 1 is needed"
+        "--min-opacity {min_opacity}: expected a number from 0 to 1"
     );
     let before = scene.gaussians.len();
     if min_opacity > 0.0 {
@@ -430,7 +430,7 @@ fn convert(
     let clamped = scales.iter().filter(|s| **s > LARGEST_SPZ_SCALE).count();
     if to == TargetForm::Spz && clamped > 0 {
         output::remark(format!(
-            "warning: {}: {clamped} standard deviations above {LARGEST_SPZ_SCALE:.0} become that, the most that an SPZ holds",
+            "warning: {}: {clamped} standard deviations were clamped to {LARGEST_SPZ_SCALE:.0}, the maximum in SPZ",
             out.display()
         ));
     }

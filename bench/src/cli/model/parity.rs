@@ -33,19 +33,19 @@ Example:
   sharp-bench parity --checkpoint tiny_model.pt --config tiny_config.json#tiny \\
       --image main_640x480.png --focal-px 500 --golden golden_tiny.safetensors
 
-The error of a stage is the largest difference over the stage's largest absolute value. Exit code 1 when a stage is
-further off than --tolerance or was not computed (then its error is \"inf\", also in --json).
+The error of a stage is the largest difference over the stage's largest absolute value. Exit code 1 if an error exceeds
+--tolerance or a stage was not computed (then its error is \"inf\", also in --json).
 
 To trace a change of the full network: `record` before it, `parity` after it. The comparison with the recordings of the
 official network at full size is a test: cargo test --release -p sharp-tests --test golden_model -- --ignored
 --test-threads=1
 
-A port of SHARP to another framework is compared by what it writes, a PLY of the same photograph:
+A port of SHARP to another framework is compared by its output, a PLY of the same photograph:
   sharp-bench parity --port theirs.ply --against photo.ply          (of the release or of predict)
   sharp-bench parity --port theirs.ply --image photo.jpg            (the network runs)
 For each attribute it prints the median, the 99th percentile and the largest difference of a Gaussian, and names the
-settings (axes, order, encodings) that explain what is much too large. Exit code 1 when a 99th percentile is above
---tolerance, in pixels or per cent.")]
+settings (axes, order, encodings) that explain large differences. Exit code 1 if a 99th percentile exceeds --tolerance,
+in pixels or per cent.")]
 pub(crate) struct ParityArgs {
     #[command(flatten)]
     model: ModelArgs,
@@ -91,7 +91,7 @@ fn reference(args: &ParityArgs) -> anyhow::Result<(Gaussians, Intrinsics)> {
             let file = gaussian_files::read(path, Some(ColorSpace::Srgb), Some(Rule::SHARP))?;
             let Some((intrinsics, _)) = file.camera else {
                 bail!(
-                    "{}: it holds no camera; a PLY of the release or of predict without --plain is needed",
+                    "{}: no camera in the file; use a PLY written by the release, or by `predict` without --plain",
                     path.display()
                 );
             };
@@ -184,7 +184,10 @@ fn of_port(args: &ParityArgs, path: &Path) -> anyhow::Result<Outcome> {
         .map(|f| format!("{} {:.3} {}", f.field, f.p99, f.unit))
         .collect();
     let counts = [
-        (*extra, "Gaussians that the reference lacks or has once"),
+        (
+            *extra,
+            "Gaussians without a match of their own in the reference",
+        ),
         (*missing, "Gaussians missing"),
         (*not_finite, "Gaussians not finite"),
     ];

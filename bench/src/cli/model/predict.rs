@@ -33,8 +33,8 @@ The focal length sets the metric scale. It comes from --focal-px, else from the 
 30 mm lens on 35 mm film, with a warning.
 
 Photographs are PNG, JPEG, WebP, TIFF or BMP: colour, grey, palette, 8 or 16 bit, CMYK. Palettes, 16 bit and CMYK keep
-their colours, where the release takes indices for grey, 16 bit for 8, and inks for light. A photograph that cannot be
-read costs only itself where there are several: exit code 4.")]
+their colours, whereas the release reads indices as grey, 16 bit as 8, and inks as light. Of several photographs, one
+that cannot be read is skipped: exit code 4.")]
 pub(crate) struct PredictArgs {
     /// Photographs
     #[arg(required = true, value_name = "IMAGE")]
@@ -96,7 +96,7 @@ pub(crate) fn execute(args: &PredictArgs) -> anyhow::Result<Outcome> {
     }
     ensure!(
         !results.is_empty(),
-        "none of {failed} photographs was predicted from"
+        "no Gaussians were predicted: all {failed} photographs failed"
     );
     if failed > 0 {
         output::remark(format!(
@@ -118,7 +118,7 @@ fn named_after(images: &[PathBuf], folder: &Path) -> anyhow::Result<Vec<PathBuf>
         let ply = folder.join(name);
         ensure!(
             !outputs.contains(&ply),
-            "{}: two photographs of one name would be written there twice",
+            "{}: two photographs with the same name would both be written here",
             ply.display()
         );
         outputs.push(ply);

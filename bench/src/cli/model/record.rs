@@ -15,7 +15,7 @@ Example:
   sharp-bench record --checkpoint before.pt --image photo.png --out before.safetensors
   sharp-bench parity --checkpoint after.pt --image photo.png --golden before.safetensors
 
-Small stages are written whole, large ones at 512 positions that depend on the stage's name alone.")]
+Small stages are written whole, large ones at 512 positions that depend only on the stage's name.")]
 pub(crate) struct RecordArgs {
     #[command(flatten)]
     model: ModelArgs,

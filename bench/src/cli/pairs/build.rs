@@ -133,7 +133,8 @@ fn print_ambiguity(
         }
     }
     output::line(
-        "shared: pairs that are selected as given, too; a choice that does not concern a dataset is left out",
+        "shared: pairs that are also selected with the given options; choices that do not affect a dataset are left \
+         out",
     )?;
     output::line(format!("as given: {base}"))?;
     Ok(Outcome::Done)

@@ -86,13 +86,13 @@ pub(super) fn execute(args: &ExportArgs) -> anyhow::Result<Outcome> {
     }
     anyhow::ensure!(
         !pairs.is_empty(),
-        "{}: no pair of the list is selected (--all exports the others too)",
+        "{}: no pair of the list is selected (--all also exports the others)",
         list.path.display()
     );
     let found = list.verify(&scenes);
     if let Some(first) = found.different.first() {
         output::remark(format!(
-            "warning: other than those that the list was made from: {}, such as {}/{}/{}",
+            "warning: differ from those that the list was made from: {}, such as {}/{}/{}",
             counted(found.different.len(), "photograph"),
             first.dataset,
             first.scene,

@@ -35,8 +35,8 @@ enum PairsCommand {
 /// Help on depth that is too sparse for per-pixel overlap.
 const SPARSE: &str = "\
 Sparse depth (ETH3D, Tanks and Temples): the paper predicts dense depth with Depth Pro and scales it to the sparse depth.
-  overlap=given          --overlap-depth DIR, depth maps by anyone, scaled by the median of ratios as in the paper
-  overlap=given-metric   the same maps as they are, in metres
+  overlap=given          --overlap-depth DIR, your own depth maps, scaled by the median of ratios as in the paper
+  overlap=given-metric   the same maps unscaled, in metres
   overlap=sharp-release  the first depth layer of SHARP's official checkpoint, scaled the same way
   overlap=sparse:8       the dataset's sparse depth: agreement within 8 pixels of where a point lands
 None of them is the method under test. With Depth Pro (github.com/apple/ml-depth-pro, its environment and checkpoint):

@@ -14,14 +14,14 @@ pub(super) fn offset(text: &str) -> Result<DVec3, &'static str> {
     numbers(text)
         .map(DVec3::from_array)
         .filter(|xyz| xyz.is_finite())
-        .ok_or("three numbers are needed: X,Y,Z in metres")
+        .ok_or("expected three numbers: X,Y,Z in metres")
 }
 
 /// Parses the depths of the colour scale's ends, metres.
 pub(super) fn depth_range(text: &str) -> Result<[f32; 2], &'static str> {
     numbers(text)
         .filter(|[near, far]: &[f32; 2]| *near > 0.0 && near < far && far.is_finite())
-        .ok_or("two numbers are needed: NEAR,FAR in metres, 0 < NEAR < FAR")
+        .ok_or("expected two numbers: NEAR,FAR in metres, 0 < NEAR < FAR")
 }
 
 /// SHARP's layers to render separately.

@@ -72,7 +72,7 @@ impl<'a> RenderJob<'a> {
             (Some(path), _) => CameraFile::read(path)?,
             (None, Some(stored)) => stored,
             (None, None) => bail!(
-                "{}: no camera is stored in it; give one with --camera CAM.json",
+                "{}: no camera in the file; give one with --camera CAM.json",
                 args.scene.display()
             ),
         };
@@ -230,7 +230,7 @@ impl Output<'_> {
                 )
             }
             (OutputKind::Gif | OutputKind::Mp4, None) => {
-                bail!("{out}: nothing moves: add --trajectory or --offset-m")
+                bail!("{out}: the camera does not move: add --trajectory or --offset-m")
             }
             (OutputKind::Frames, None) => bail!(
                 "{out}: one view goes to a .png, .exr or .safetensors; a folder of frames needs --trajectory or --offset-m"
@@ -278,7 +278,7 @@ impl Output<'_> {
             OutputKind::Frames => {
                 ensure!(
                     std::fs::read_dir(&out).map_or(true, |mut files| files.next().is_none()),
-                    "{}: it holds files already: remove it or choose another folder",
+                    "{}: the folder is not empty; remove it or choose another one",
                     out.display()
                 );
                 let name = |index| writer::frame_path(&out, index);

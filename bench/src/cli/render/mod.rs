@@ -44,8 +44,8 @@ cam.json, pixel centres at +0.5, camera_from_world any affine map, both row by r
   {\"width\": 640, \"height\": 480, \"K\": [500,0,320, 0,500,240, 0,0,1],
    \"camera_from_world\": [1,0,0,0.1, 0,1,0,0, 0,0,1,0, 0,0,0,1]}
 
-The same command continues a folder of frames that was stopped. A GPU that is lost or out of memory is
-given up: the CPU takes over, and the command says so.")]
+The same command resumes a folder of frames that was stopped. If the GPU is lost or out of memory, the CPU
+takes over, with a warning.")]
 pub(super) struct RenderArgs {
     /// The Gaussians: .ply, .spz, .sog, .splat or .safetensors
     scene: PathBuf,

@@ -45,7 +45,7 @@ impl PathArgs {
                 steps: self.frames as usize,
             };
             let depth = DepthRange::seen_from(scene, camera_from_scene)
-                .context("no Gaussian lies in front of the camera, so that its path has no size")?;
+                .context("no Gaussian is in front of the camera, so the path has no size")?;
             return Ok(Some(trajectory.poses(photo, &depth)));
         }
         let eyes = self.offset_m.iter().copied();

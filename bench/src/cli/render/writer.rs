@@ -228,7 +228,7 @@ pub(super) fn refuse_for_floats(
         for (name, given) in options {
             ensure!(
                 !given,
-                "{}: it holds linear RGB, premultiplied, without a background; leave out {name}",
+                "{}: the format holds premultiplied linear RGB without a background; remove {name}",
                 out.display()
             );
         }

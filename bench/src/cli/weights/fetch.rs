@@ -63,8 +63,7 @@ fn wanted(names: &[String]) -> anyhow::Result<(BTreeSet<Backbone>, bool)> {
             "metrics" => backbones.extend(Backbone::ALL),
             "sharp" => sharp = true,
             name => {
-                let hint =
-                    "`metrics` means those that are not at hand, `sharp` the official checkpoint";
+                let hint = "`metrics` stands for all missing backbones, `sharp` for the official checkpoint";
                 let known = name.parse().map_err(|error| anyhow!("{error}; {hint}"));
                 backbones.insert(known?);
             }
@@ -137,9 +136,7 @@ fn transfer(args: &FetchArgs, cache: &Path) -> anyhow::Result<(std::path::PathBu
         cache.join(RELEASE_FILE).display()
     );
     if args.offline {
-        bail!(
-            "the checkpoint is not at hand and was not fetched, because --offline was given; {by_hand}"
-        );
+        bail!("the checkpoint is missing, and --offline forbids fetching it; {by_hand}");
     }
     if !args.accept_licence {
         bail!(

@@ -166,8 +166,8 @@ pub(in crate::evaluate) fn far_moved(
     let depth = median_depth_m(&surface_depth(output))?;
     (turned > FAR_TURNED || moved > FAR_MOVED * depth).then(|| {
         let text = format!(
-            "align=pose moved a target's camera by {moved:.3} m and {turned:.1}° ({pair_id}), which is no small correction: the \
-             scene may lie elsewhere or in another unit"
+            "align=pose moved a target's camera by {moved:.3} m and {turned:.1}° ({pair_id}), which is too large for \
+             a correction: the scene may have another origin or unit"
         );
         ("pose".to_owned(), text)
     })

@@ -199,8 +199,8 @@ pub(in crate::evaluate) fn absurd_coverage(
     let widest = |&k: &usize| f64::from(scales[k].into_iter().fold(0.0, f32::max));
     let middle = median_of(seen.members.iter().map(widest).collect());
     let text = format!(
-        "{:.0} of its Gaussians cover a pixel on average (half of them are wider than {:.3}), which takes very long to render: \
-         scales that are no logarithms (`scales=linear`), or another unit (`scale=`)? ({})",
+        "{:.0} of its Gaussians cover a pixel on average (half of them are wider than {:.3}), which takes very long \
+         to render; are the scales linear (`scales=linear`) or in another unit (`scale=`)? ({})",
         seen.layers,
         middle.unwrap_or_default(),
         source.id
@@ -277,7 +277,7 @@ fn add_doubts(
         }
         (_, Some((view, fit))) => {
             let text = format!(
-                "{shown}, and that of {} at {:.2} dB: files under the names of other views?",
+                "{shown}, and that of {} at {:.2} dB: do the files have the names of other views?",
                 view.id,
                 fit.psnr()
             );
@@ -285,7 +285,7 @@ fn add_doubts(
         }
         _ if is_lost => {
             let text = format!(
-                "{shown}, hardly anything of it, and no reading that was tried shows it better"
+                "{shown}, that is hardly at all, and no other reading that was tried shows it better"
             );
             warnings.insert("unrelated".to_owned(), text);
         }
@@ -380,15 +380,15 @@ fn depth_doubt(truth: &DepthMap, seen: &DepthMap, scale: f64, id: &str) -> Optio
     let ((middle, spread), (_, of_inverse)) = (middle_and_spread(1.0)?, middle_and_spread(-1.0)?);
     if of_inverse * INVERSE_SIGNIFICANCE < spread {
         return Some(format!(
-            "its Gaussians lie far where the dataset's depth is near, and near where it is far ({id}): inverse depth taken for \
-             depth? No setting reads that"
+            "its Gaussians are far where the dataset's depth is near, and near where it is far ({id}): probably \
+             inverse depth was taken for depth, which no setting corrects"
         ));
     }
     let is_unit = middle.abs() > LEAST_FACTOR.ln().max(FACTOR_SIGNIFICANCE * 1.4826 * spread);
     is_unit.then(|| {
         format!(
-            "its Gaussians lie {:.3} times as far away as the dataset's depth ({id}): `scale={}` fits; only where each \
-             source has a unit of its own, `depth=privileged` scales each",
+            "its Gaussians are {:.3} times as far away as the dataset's depth ({id}): use `scale={}`, or \
+             `depth=privileged` if each source has its own unit",
             (-middle).exp(),
             rounded(scale * middle.exp())
         )
@@ -589,11 +589,14 @@ mod tests {
             ),
             (
                 in_millimetres,
-                "times as far away as the dataset's depth (s): `scale=0.001`",
+                "times as far away as the dataset's depth (s): use `scale=0.001`",
             ),
-            (in_feet, "`scale=0.3` fits"),
+            (in_feet, "use `scale=0.3`"),
             (bgr, "with `channels=bgr`: "),
-            (recolored(&round, |_| 0.9), "no reading that was tried"),
+            (
+                recolored(&round, |_| 0.9),
+                "no other reading that was tried",
+            ),
             // One doubt does not hide another.
             (recolored(&in_millimetres_too, |_| 0.9), "times as far away"),
         ] {
@@ -710,7 +713,7 @@ mod tests {
     fn few_or_blurred_gaussians_show_something_and_plain_ones_do_not() {
         let round = mapped(&wall(), DAffine3::IDENTITY);
         let said = |gaussians: Gaussians| doubt_about(gaussians).unwrap_or_default();
-        let nothing = "hardly anything of it";
+        let nothing = "that is hardly at all";
         // One in forty; the rest stays black.
         let few = round.filtered(|k| k % 41 == 0);
         assert!(

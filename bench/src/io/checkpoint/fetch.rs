@@ -137,7 +137,7 @@ mod tests {
         for (answer, reason) in [
             (Answer::Length(1000), "announced 1000 bytes"),
             (Answer::Length(bytes + 5000), "announced"),
-            (Answer::Page, "a page of text"),
+            (Answer::Page, "text instead of the file"),
             (Answer::Status(404), "status 404"),
             (Answer::Length(bytes), "not SHARP's checkpoint"),
         ] {

@@ -20,14 +20,15 @@ pub enum NetworkError {
     #[error(transparent)]
     File(#[from] FileError),
     #[error(
-        "{source}: it is not a network of the sizes of `{preset}`; config=FILE.json#NAME (--config) says which it has"
+        "{source}: its sizes are not those of `{preset}`; name its configuration with config=FILE.json#NAME \
+         (--config)"
     )]
     Sizes {
         preset: String,
         source: Box<ModelError>,
     },
     #[error(
-        "{}: several configurations beside it fit ({names}); config=FILE.json#NAME (--config) says which", checkpoint.display()
+        "{}: several configurations next to it fit ({names}); choose one with config=FILE.json#NAME (--config)", checkpoint.display()
     )]
     SeveralConfigs { checkpoint: PathBuf, names: String },
     #[error(
@@ -38,7 +39,7 @@ pub enum NetworkError {
     TwoConfigs,
     /// The file of the bundled network is missing.
     #[error(
-        "the weights of the checkpoint `{}` are not at hand (looked for {}); they travel beside the program",
+        "the weights of the checkpoint `{}` are missing (looked for {}); they must be copied along with the program",
         bundled::NAME,
         searched.iter().map(|path| path.display().to_string()).collect::<Vec<_>>().join(", ")
     )]
@@ -86,7 +87,7 @@ fn network_of(file: &Path, config: Option<&str>) -> Result<NetworkSpec, NetworkE
     let fits = |config: &ModelConfig| source.check(config, &[String::new()]);
     let mut notes = Vec::new();
     notes.extend(source.left_out().map(|prefix| {
-        format!("all names in the checkpoint carry the prefix `{prefix}`, which is left out")
+        format!("all names in the checkpoint have the prefix `{prefix}`, which is ignored")
     }));
     let release = ModelConfig::release();
     let own = ModelConfig::all_of(&file.with_extension("json"));

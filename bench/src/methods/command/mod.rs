@@ -93,7 +93,7 @@ impl Command {
                 .ok()
                 .filter(|secs: &f64| *secs > 0.0)
                 .and_then(|secs| Duration::try_from_secs_f64(secs).ok())
-                .ok_or_else(|| spec.error(format!("timeout={text}: seconds are needed")))?,
+                .ok_or_else(|| spec.error(format!("timeout={text}: expected seconds")))?,
         };
         let fit = FitRules::parse(|key| spec.option(key));
         let fit = fit.map_err(|reason| spec.error(reason))?;
@@ -200,9 +200,8 @@ impl Command {
                         state.vain_starts += 1;
                     }
                     if state.vain_starts == STARTS {
-                        let what = format!(
-                            "not started again: it ended {STARTS} times before it answered anything"
-                        );
+                        let what =
+                            format!("not started again: it ended {STARTS} times before any answer");
                         let reason = ended.describe(&what);
                         state.given_up = Some(reason.clone());
                         return Err(self.failure(reason));
@@ -224,14 +223,14 @@ impl Command {
 fn notes_of(files: &NamedFiles) -> Vec<String> {
     let absent = files.absent.iter().map(|word| {
         format!(
-            "its command line names {word}, which looks like a file and is not there: if the program reads such a file, \
-             name it by files=PATTERN, or its results are not made again when it changes"
+            "its command line names {word}, which looks like a file but does not exist; if the program reads it, \
+             name it with files=PATTERN, so that results are made again when it changes"
         )
     });
     let unseen = files.unseen.iter().map(|word| {
         format!(
-            "its command line names {word}, behind which files may be that are not hashed: name them by files=PATTERN, or \
-             its results are not made again when they change"
+            "its command line names {word}, which may stand for files that are not hashed; name them with \
+             files=PATTERN, so that results are made again when they change"
         )
     });
     absent.chain(unseen).collect()

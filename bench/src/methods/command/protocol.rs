@@ -80,7 +80,7 @@ impl Answer {
             serde_json::from_str(line).map_err(|error| format!("{}: {error}", no_answer(line)))?;
         if answer.pair_id != pair_id {
             return Err(format!(
-                "it answered for pair '{}', which it was not asked for",
+                "it answered for pair '{}', which was not requested",
                 excerpt(&answer.pair_id)
             ));
         }
@@ -109,7 +109,7 @@ impl Answer {
 /// Error for a line on standard output that is not an answer.
 pub(super) fn no_answer(line: &str) -> String {
     format!(
-        "standard output is for answers alone, and this is none (print it to standard error): {}",
+        "not an answer (standard output is for answers only; print anything else to standard error): {}",
         excerpt(line)
     )
 }
@@ -143,7 +143,7 @@ mod tests {
         for (line, part) in [
             ("hello", "standard error): hello"),
             ("{}", "pair_id"),
-            (r#"{"pair_id":"other"}"#, "not asked for"),
+            (r#"{"pair_id":"other"}"#, "not requested"),
             (r#"{"pair_id":"a/b/c__d","pciture":"x"}"#, "pciture"),
             (r#"{"pair_id":"a/b/c__d","extras":{"crop_x":1}}"#, "crop_x"),
             (r#"{"pair_id":"a/b/c__d","extras":{"a b":1}}"#, "a b"),

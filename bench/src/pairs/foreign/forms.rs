@@ -61,9 +61,7 @@ struct SevaSplit {
 fn positions<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Vec<FrameName>, D::Error> {
     let places: Option<Vec<u32>> = Option::deserialize(deserializer)?;
     let places = places.ok_or_else(|| {
-        serde::de::Error::custom(
-            "null instead of a list of positions, which is [] where there are none",
-        )
+        serde::de::Error::custom("null instead of a list of positions; use [] for none")
     })?;
     Ok(places.into_iter().map(FrameName::Position).collect())
 }
@@ -114,7 +112,10 @@ fn checked_key(key: &str) -> Result<&str, String> {
     let is_absolute = key.starts_with(['/', '\\']) || key.get(1..2) == Some(":");
     let leads_out = key.split(['/', '\\']).any(|part| part == "..");
     match key.is_empty() || is_absolute || leads_out || key.chars().any(char::is_control) {
-        true => Err(format!("'{}' is no scene's name", key.escape_debug())),
+        true => Err(format!(
+            "'{}' is not the name of a scene",
+            key.escape_debug()
+        )),
         false => Ok(key),
     }
 }
@@ -247,7 +248,7 @@ fn parsed(
 }
 
 fn flash3d_row(number: u64, line: &str) -> Result<Entry, String> {
-    let wrong = || "'key source target target target' is needed, positions from 0".to_owned();
+    let wrong = || "expected 'key source target target target', positions from 0".to_owned();
     let [key, numbers @ ..] =
         <[&str; 5]>::try_from(line.split(' ').collect::<Vec<_>>()).map_err(|_| wrong())?;
     let numbers = numbers.map(|number| number.parse().ok().map(FrameName::Position));
@@ -286,7 +287,7 @@ fn manifest_line(number: u64, line: &str) -> Result<Entry, String> {
         [scene, source, targets] | [scene, _, source, targets] => (scene, source, targets),
         _ => {
             return Err(format!(
-                "{} fields, where 'scene|source|target,…' has 3 or 4 (theirs drops the line without a word)",
+                "{} fields instead of the 3 or 4 of 'scene|source|target,…' (the original silently drops such lines)",
                 fields.len()
             ));
         }
@@ -298,7 +299,10 @@ fn manifest_line(number: u64, line: &str) -> Result<Entry, String> {
     for name in names {
         let is_plain = !name.contains(['/', '\\']) && !name.chars().any(char::is_control);
         if name.trim().is_empty() || !is_plain {
-            return Err(format!("'{}' is no view's name", name.escape_debug()));
+            return Err(format!(
+                "'{}' is not the name of a view",
+                name.escape_debug()
+            ));
         }
     }
     let named = |name: &str| FrameName::Name(name.to_owned());

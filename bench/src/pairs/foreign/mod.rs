@@ -188,7 +188,7 @@ impl ForeignList {
                 }
                 (several, key) => {
                     let reason = format!(
-                        "{} matches {} scenes of the datasets; --scenes chooses",
+                        "{} matches {} scenes of the datasets; choose with --scenes",
                         key.as_ref()
                             .map_or("the list, which names no scene,".to_owned(), |key| format!(
                                 "'{key}'"

@@ -63,7 +63,8 @@ pub fn explain_run(
 ) -> Result<ExplainedRun, RowError> {
     let path = run.path.clone();
     if path.is_file() {
-        let reason = "it is no run folder; a bundle has no pictures to read again".to_owned();
+        let reason =
+            "it is not a run folder; a bundle has no pictures to evaluate again".to_owned();
         return Err(RowError::Unusable { path, reason });
     }
     let manifest = Results::read(&path)?.manifest;
@@ -180,7 +181,7 @@ fn other_readings(record: &DatasetRecord, column: &str) -> Vec<String> {
                 ""
             };
             format!(
-                "{column} with `{}={}` ({}{differs}): needs a run of its own",
+                "{column} with `{}={}` ({}{differs}): needs its own run",
                 setting.key, choice.value, choice.meaning
             )
         }));

@@ -150,8 +150,9 @@ pub fn figure(
 
 /// States how the times were measured; `by_speed` lists the methods measured by `speed`.
 fn caption(by_speed: &[&str], shown: usize) -> String {
-    const IN_RUN: &str = "median wall seconds of inference and rendering of a pair as the run kept them, while the pair \
-                          before was being scored; an inference that several pairs share counts whole for each";
+    const IN_RUN: &str = "median wall seconds of inference and rendering per pair as recorded in the run, while the \
+                          previous pair was being scored; an inference shared by several pairs counts in full for \
+                          each";
     match (by_speed, shown > by_speed.len()) {
         ([], _) => format!("Time: {IN_RUN}."),
         (_, false) => {
@@ -208,8 +209,8 @@ mod tests {
         let alone = SpeedSeconds::read(folder.path()).unwrap();
         assert_eq!(alone.of("untimed", "d"), Some(2.5));
         assert!(svg(&alone).contains("untimed"));
-        assert!(caption(&[], 2).contains("as the run kept them"));
-        assert!(!caption(&["a", "b"], 2).contains("run kept"));
+        assert!(caption(&[], 2).contains("as recorded in the run"));
+        assert!(!caption(&["a", "b"], 2).contains("recorded in the run"));
         assert!(
             caption(&["a"], 2).starts_with("Time of a: measured alone by `speed`; of the others: ")
         );

@@ -60,7 +60,7 @@ pub(super) fn checklist(compared: &ChecklistInput<'_>) -> Vec<Condition> {
         let names: Vec<&str> = others.iter().map(|d| title(d)).collect();
         let names = names.join(", ");
         checks.push(unmet(format!(
-            "The paper's table has no column for {names}: nothing published stands beside it."
+            "The paper's table has no column for {names}, so there is no published number to compare with."
         )));
     }
     checks

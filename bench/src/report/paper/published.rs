@@ -184,9 +184,9 @@ impl PublishedTable {
     fn caveat(&self) -> String {
         let is = match self.made_by {
             MadeBy::Run | MadeBy::PrivilegedRun => {
-                "means over its own pairs, whose list is not published. It states neither the LPIPS backbone nor the SSIM \
-                 window nor the resize kernel, so these numbers stand beside those measured here and are never ranked \
-                 together with them"
+                "means over its own pairs, whose list is not published. It states neither the LPIPS backbone nor the \
+                 SSIM window nor the resize kernel, so these numbers are shown next to those measured here but never \
+                 ranked with them"
             }
             MadeBy::Translation => {
                 "for a picture that it does not name, without the LPIPS network, the SSIM window or how pictures were \

@@ -37,7 +37,7 @@ pub struct OwnRow {
 /// Why a row cannot be read.
 #[derive(Debug, thiserror::Error)]
 pub enum RowError {
-    #[error("'{0}': LABEL=RUN or LABEL=RUN:METHOD is needed")]
+    #[error("'{0}': expected LABEL=RUN or LABEL=RUN:METHOD")]
     Form(String),
     #[error("the label '{}' holds a control character", .0.escape_debug())]
     Label(String),
@@ -204,7 +204,7 @@ fn translations(paper: &PublishedTable, rows: &[OwnRow]) -> Result<OwnRows, RowE
         let mut csv = ::csv::Reader::from_reader(bytes.as_slice());
         let heads = csv.headers().map_err(wrong)?.clone();
         if heads.get(0) != Some("comparison") {
-            let reason = "no table of `analyze translation --out`";
+            let reason = "not a table of `analyze translation --out`";
             return Err(unusable(reason.to_owned()));
         }
         let keys = heads.iter().map(|head| head.parse().ok()).enumerate();

@@ -32,7 +32,7 @@ pub fn compute(runs: &[PathBuf]) -> Result<TextGrid, EvaluateError> {
         if rows.is_empty() {
             return Err(EvaluateError::NotKept {
                 folder: run.clone(),
-                reason: "it holds no times: bundles never do, nor runs without a prediction"
+                reason: "it has no times: bundles have none, nor have runs without predictions"
                     .to_owned(),
             });
         }
@@ -106,9 +106,10 @@ pub(super) fn grid(methods: &[MethodCompute]) -> TextGrid {
     let words = ["all", "", "", "", ""].map(GridCell::words).into_iter();
     rows.push(words.chain(sums(&all)).collect());
     TextGrid::new("Compute", &heads, rows).remarked([
-            "Sums of wall time over the predictions that are in the run, failures and what was tried before not counted. \
-             Predicting is inference, once a source where several pairs or methods share it, and rendering; the next pair is predicted while one is scored, so \
-             that a run took less time than both together. Peak: largest resident size of the process until then."
+            "Wall time summed over the predictions in the run, without failures and earlier attempts. Predicting is \
+             inference (once per source if several pairs or methods share it) and rendering. The next pair is \
+             predicted while one is scored, so a run takes less time than the sum of both. Peak: largest resident \
+             size of the process until then."
                 .to_owned(),
         ])
 }

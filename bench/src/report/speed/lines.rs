@@ -34,7 +34,7 @@ impl SpeedLine {
             false => path.to_owned(),
         };
         let wrong = |reason: String| {
-            let reason = format!("no table of `speed --out`: {reason}");
+            let reason = format!("not a table of `speed --out`: {reason}");
             FileError::new(&path, "read")(io::Error::other(reason))
         };
         let bytes = sharp::files::read(&path).map_err(FileError::new(&path, "read"))?;

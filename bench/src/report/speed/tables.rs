@@ -75,9 +75,9 @@ fn cells(speed: Option<&Speed>, kind: &str, notes: &mut Vec<String>) -> [Cell; 2
     let failed = speed.and_then(|speed| speed.failures.first());
     let why = |what: &str| match (failed, kind) {
         (Some(failure), _) => format!("Not measured: {failure}."),
-        (None, "target") => "Not measured: the truth itself is no method.".to_owned(),
+        (None, "target") => "Not measured: the truth itself is not a method.".to_owned(),
         (None, "imported" | "gaussians") if what == "inference" => {
-            "Made elsewhere: reading a file is no inference.".to_owned()
+            "External files: reading a file is not inference.".to_owned()
         }
         (None, _) if what == "inference" => "Not measured.".to_owned(),
         (None, _) => "It makes pictures: all of it is inference.".to_owned(),
@@ -102,14 +102,14 @@ fn remarks(measured: &Measured) -> Vec<String> {
     let machine = measured
         .machine
         .as_deref()
-        .unwrap_or("a processor that does not say its name");
+        .unwrap_or("an unidentified processor");
     let mut remarks = vec![
-        "Inference: from the source picture in memory to the Gaussians in memory, or to the picture where a method makes \
-         pictures; of a `command` method with handing over. Reading files is not part of it."
+        "Inference: from the source picture in memory to the Gaussians in memory, or to the picture for methods that \
+         make pictures; for `command` methods including data transfer. Reading files is not part of it."
             .to_owned(),
         format!(
-            "Render: from Gaussians that the renderer has ready to the 8-bit picture in memory, one view at a time, at each \
-             target's own resolution, by {}. Making them ready, on a GPU the upload, is `load_secs` of speed.csv.",
+            "Render: from Gaussians loaded in the renderer to the 8-bit picture in memory, one view at a time, at \
+             each target's own resolution, by {}. Loading them (on a GPU the upload) is `load_secs` of speed.csv.",
             manifest.renderer
         ),
         format!(

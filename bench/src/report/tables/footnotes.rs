@@ -29,7 +29,8 @@ pub(super) fn proxy_mark(dataset: &ReportDataset) -> Option<String> {
 pub(super) fn feature_mark(column: &Column) -> Option<String> {
     let features = column.stand_in.as_ref()?;
     Some(format!(
-        "{} (`{}`): computed on `{features}` and not on the published features; comparable with no published number.",
+        "{} (`{}`): computed on `{features}` instead of the published features; not comparable with published \
+         numbers.",
         column.label, column.key
     ))
 }
@@ -86,8 +87,8 @@ pub(super) fn prediction_marks(
     }
     for (count, pairs) in tried {
         marks.push(format!(
-            "{label} on {name}: best of {count} scales by DISTS, chosen for each of {pairs} pairs with a look at the \
-             target."
+            "{label} on {name}: best of {count} scales by DISTS, chosen by looking at the target, for each of \
+             {pairs} pairs."
         ));
     }
     marks

@@ -50,7 +50,7 @@ pub(in crate::report) fn scored(
     let parts = parts.map(|(reason, names)| format!("{}: {reason}", names.join(", ")));
     let parts: Vec<String> = parts.collect();
     let text = format!(
-        "Without any number, and so not shown: {}.",
+        "Not shown, because they have no number: {}.",
         parts.join("; ")
     );
     (shown, Some(text))

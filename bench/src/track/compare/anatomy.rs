@@ -171,7 +171,7 @@ impl RunComparison {
             if network(at_hand) != network(of_runs) {
                 let (found, used) = (network(at_hand), network(of_runs));
                 return Err(refused(format!(
-                    "{} was computed on {}, and at hand is {}",
+                    "{} was computed on {}, but {} is available",
                     of_runs.key,
                     used.as_deref().unwrap_or("no network"),
                     found.as_deref().unwrap_or("none"),
@@ -269,7 +269,7 @@ fn of_pair<'a>(
         let picture = read_rgb8(&file).map_err(|error| error.to_string())?;
         let picture = Picture::Rgb8(picture);
         if picture.dimensions() != region.size() {
-            return Err("its pictures have not the size of what was scored".to_owned());
+            return Err("its pictures do not have the size that was scored".to_owned());
         }
         let maps = truth.maps(&scoring.scorer, &picture, Some(region))?;
         sides.push((picture, maps));
@@ -325,7 +325,7 @@ fn masks(
         Some((class, region.crop_mask(&whole)?.into_owned()))
     };
     let masks: Option<Vec<_>> = PixelClass::ALL.into_iter().map(mask).collect();
-    masks.ok_or_else(|| "its depth has not the size of its photograph".to_owned())
+    masks.ok_or_else(|| "its depth does not have the size of its photograph".to_owned())
 }
 
 /// Mean of a map over a mask; `None` if it has no value there.

@@ -42,7 +42,7 @@ pub enum CompareError {
     #[error("{0}")]
     Methods(String),
     /// The available weights differ from those of the runs.
-    #[error("no error anatomy: {0}; hand in those of the runs with --weights")]
+    #[error("no error anatomy: {0}; pass the runs' weights with --weights")]
     Anatomy(String),
 }
 
@@ -327,7 +327,7 @@ fn rows(
         let scores = |manifest: &Manifest| manifest.metrics.iter().any(|m| m.info.key == key);
         if !comparison.manifests.iter().all(scores) {
             notes.push(format!(
-                "{key} is in one of the runs only, and not compared"
+                "{key} is in only one of the runs, and is not compared"
             ));
             continue;
         }
@@ -369,7 +369,7 @@ fn notes([a, b]: &[Manifest; 2]) -> Vec<String> {
     if a.aggregation != Aggregation::default() {
         let (here, there) = (Aggregation::default(), a.aggregation);
         notes.push(format!(
-            "compared is the {here}; the runs' own tables have the {there}"
+            "this compares the {here}; the runs' own tables have the {there}"
         ));
     }
     notes
@@ -460,7 +460,7 @@ fn pair_difference([a, b]: &[BTreeSet<&str>; 2]) -> Option<String> {
     let first = a.symmetric_difference(b).next()?;
     // A run stores the whole list, whatever its limit.
     let hint = match (only_a, only_b) {
-        (0, _) | (_, 0) => "; where one was run with --limit, run the other with the same",
+        (0, _) | (_, 0) => "; if one was run with --limit, run the other with the same",
         _ => "",
     };
     Some(format!(

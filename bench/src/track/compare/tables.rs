@@ -206,7 +206,7 @@ fn remarks(row: &ScoreChange) -> Vec<String> {
     }
     if row.merged_scenes > 0 {
         remarks.push(format!(
-            "{dataset}: its {} scenes show {} physical ones, of which several exposures or lightings are one",
+            "{dataset}: its {} scenes show {} physical scenes; several exposures or lightings of a scene count as one",
             row.n_scenes + row.merged_scenes,
             row.n_scenes
         ));

@@ -144,7 +144,7 @@ impl<'a> Judge<'a> {
         for (name, required) in &self.config.require_power {
             if !(required.is_finite() && *required > 0.0) {
                 return Err(format!(
-                    "power is required of {name} at {required}: a number above 0 is needed"
+                    "power is required of {name} at {required}: expected a number above 0"
                 ));
             }
             let is_tested = |limit: &Limit| match limit {
@@ -326,7 +326,7 @@ impl<'a> Judge<'a> {
                 ))
             }
             None => Some(format!(
-                "what {scenes} can detect is not known; {required} is required"
+                "the detectable difference of {scenes} is unknown; {required} is required"
             )),
         }
     }
@@ -406,7 +406,7 @@ fn notes_of(comparison: &RunComparison) -> Vec<String> {
     let damaged = damaged.map(|path| {
         let path = path.display();
         format!(
-            "{path} is damaged, and its unit missing; `run` with the same options makes it anew"
+            "{path} is damaged, so its unit is missing; `run` with the same options recomputes it"
         )
     });
     comparison.notes.iter().cloned().chain(damaged).collect()
@@ -421,7 +421,9 @@ fn unscored(check: Check) -> Check {
 
 fn not_finite(difference: f64) -> String {
     match difference.is_nan() {
-        true => "scores are NaN, or infinite differences cancel: the mean is no number".to_owned(),
+        true => {
+            "scores are NaN, or infinite differences cancel, so the mean is not a number".to_owned()
+        }
         false => "a score is infinite on one side only".to_owned(),
     }
 }
@@ -434,7 +436,7 @@ fn why_not_significant(row: &ScoreChange) -> String {
         Some(reason) => format!("beyond the limit, but without p: {reason}"),
         None => {
             let scenes = counted(row.n_scenes, "scene");
-            format!("beyond the limit, but {scenes} leave it to chance")
+            format!("beyond the limit, but with {scenes} it may be chance")
         }
     }
 }

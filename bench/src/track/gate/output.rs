@@ -70,7 +70,7 @@ impl GateReport {
     /// All checks, then the worst pairs if there are any.
     pub fn grids(&self) -> Vec<TextGrid> {
         let checks = grid(
-            "A is the baseline, B what is judged".to_owned(),
+            "A is the baseline, B the candidate".to_owned(),
             self.checks.iter(),
         );
         std::iter::once(checks).chain(self.worst_grid()).collect()
@@ -167,7 +167,7 @@ pub fn markdown(report: &GateReport) -> String {
     let left_out = checks.len().saturating_sub(ROWS);
     checks.truncate(ROWS);
     let mut page = format!(
-        "### Quality gate {}\n\nA is the baseline, B what is judged.\n\n{}",
+        "### Quality gate {}\n\nA is the baseline, B the candidate.\n\n{}",
         report.headline(),
         grid(String::new(), checks.into_iter()).markdown()
     );

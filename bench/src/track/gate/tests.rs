@@ -153,7 +153,7 @@ fn what_cannot_be_averaged_never_passes_silently() {
     let crossed = with(5, f64::INFINITY, fresh());
     let report = judged(infinite(), crossed, &limit).unwrap();
     assert_eq!(states(&report), [CheckState::Fired]);
-    assert!(report.checks[1].reason.contains("no number"));
+    assert!(report.checks[1].reason.contains("not a number"));
     // NaN in B also counts as a lost pair; in A it does not, but the mean is still not a number.
     let nan = || with(2, f64::NAN, fresh());
     let report = judged(fresh(), nan(), &limit).unwrap();
@@ -273,7 +273,7 @@ fn a_gate_that_checks_nothing_is_refused() {
     power.require_power.insert("psnr".parse().unwrap(), 1.0);
     assert!(refused(&power).contains("on which no limit asks for significance"));
     power.require_power.insert("psnr".parse().unwrap(), 0.0);
-    assert!(refused(&power).contains("psnr at 0: a number above 0"));
+    assert!(refused(&power).contains("psnr at 0: expected a number above 0"));
     let none = gate(Path::new("a"), Path::new("b"), &[], &GateConfig::default());
     assert!(matches!(none, Err(GateError::Limits(reason)) if reason.contains("--fail-if")));
 }
@@ -406,7 +406,7 @@ fn costs_count_on_one_device_only() {
             vec![x(1.0)],
             "A does not say which processor",
         ),
-        (vec![x(1.0)], vec![], "B holds no times"),
+        (vec![x(1.0)], vec![], "B has no times"),
         (vec![x(0.04)], vec![x(1.0)], "below 0.05"),
     ] {
         let found = checks(&a, &b);

@@ -187,7 +187,7 @@ pub fn add(dir: &Path, run: &Path, occasion: Occasion) -> Result<Added, HistoryE
         // Do not mix entries with other files after a mistyped path.
         if let (true, Some(name)) = (numbers.is_empty(), foreign) {
             let reason =
-                format!("it holds {name} and no entry of a history; choose another folder");
+                format!("it holds {name} but no entry of a history; choose another folder");
             return Err(no_history(reason));
         }
         for &number in numbers.iter().filter(|number| **number > seen) {
@@ -234,7 +234,7 @@ pub fn read(dir: &Path) -> Result<History, HistoryError> {
     if numbers.is_empty() {
         return Err(HistoryError::NoHistory {
             dir: dir.to_owned(),
-            reason: "it holds no entry; `history add DIR RUN` adds one".to_owned(),
+            reason: "it holds no entry; add one with `history add DIR RUN`".to_owned(),
         });
     }
     let (mut trend, mut entries, mut damaged) = (Trend::default(), Vec::new(), Vec::new());
@@ -293,7 +293,7 @@ fn entry_file(dir: &Path, number: u32) -> Result<PathBuf, FileError> {
 fn checked(dir: &Path, number: u32, occasion: Option<Occasion>) -> Result<Occasion, EvaluateError> {
     let no_entry = |reason: String| EvaluateError::NotKept {
         folder: entry_path(dir, number),
-        reason: format!("no entry of a history: {reason}"),
+        reason: format!("not an entry of a history: {reason}"),
     };
     let occasion = occasion
         .ok_or_else(|| no_entry("it has no date; `history add` writes entries".to_owned()))?;

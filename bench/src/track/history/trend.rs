@@ -370,7 +370,7 @@ impl MethodMetric<'_> {
     fn compare(&self, a: &Entry, b: &Entry, datasets: &[&str]) -> Compared {
         let compared = |datasets: &[&str]| -> Result<Vec<ScoreChange>, String> {
             if let Some(pair) = other_photographs(a, b, datasets) {
-                return Err(format!("the photographs of {pair} are others"));
+                return Err(format!("the photographs of {pair} differ"));
             }
             let path = |entry: &Entry| PathBuf::from(format!("entry {}", entry.number));
             let [of_a, of_b] = [a, b].map(|entry| self.of(&entry.bundle.results, datasets));

@@ -86,7 +86,7 @@ fn depth_maps_of_other_pictures_are_named() {
         ),
         (
             |v| depth_of(v, exchanged(2, 6)),
-            "view_02 fits the depth map of view_06, and the other way round",
+            "view_02 and view_06 have each other's depth map",
         ),
     ]);
 }
@@ -126,11 +126,11 @@ fn depth_that_was_cut_off_is_named() {
     named(&[
         (
             |v| change(v, |c| c.each(|z| z.min(3.0))),
-            "depth is cut off at 3 m",
+            "depth is clipped at 3 m",
         ),
         (
             |v| change(v, |c| c.each(|z| z.min(5.0))),
-            "depth is cut off at 5 m",
+            "depth is clipped at 5 m",
         ),
     ]);
 }
@@ -140,14 +140,14 @@ fn exchanged_pictures_are_named() {
     named(&[
         (
             |v| picture_of(v, exchanged(2, 6)),
-            "view_02 fits the pose of view_06, and the other way round",
+            "view_02 and view_06 have each other's pose",
         ),
         (
             |v| {
                 let (a, b) = (v[3].content.clone(), v[7].content.clone());
                 (v[3].content, v[7].content) = (b, a);
             },
-            "view_03 fits the pose of view_07, and the other way round",
+            "view_03 and view_07 have each other's pose",
         ),
     ]);
 }
@@ -198,11 +198,11 @@ fn mirrored_axes_are_named() {
         ),
         (
             |v| places(v, DVec3::new(-1.0, 1.0, 1.0)),
-            "the x of the cameras' places negated",
+            "the x coordinates of the camera positions negated",
         ),
         (
             |v| places(v, DVec3::new(1.0, -1.0, 1.0)),
-            "the y of the cameras' places negated",
+            "the y coordinates of the camera positions negated",
         ),
         (|v| places(v, -DVec3::ONE), "the translations negated"),
     ]);
@@ -225,7 +225,7 @@ fn pictures_of_other_poses_are_named_without_depth() {
             change(&mut wrong, |content| content.depth = None);
             let said = found(&wrong);
             assert!(
-                said.len() == 1 && said[0].contains("pictures and poses are not assigned rightly"),
+                said.len() == 1 && said[0].contains("pictures and poses are assigned incorrectly"),
                 "{seed}: {said:?}"
             );
         }
@@ -263,7 +263,7 @@ fn exchanged_principal_points_are_named_and_crops_are_not() {
     };
     for (cx, cy) in [(48.0, 64.0), (46.9, 65.5)] {
         let said = of(cx, cy);
-        assert!(said.contains("with cx and cy exchanged"), "{said}");
+        assert!(said.contains("if cx and cy were exchanged"), "{said}");
     }
     // The middle, and crops of the left, of the bottom and of a corner.
     for (cx, cy) in [
@@ -387,7 +387,7 @@ fn pairs_without_disparity_are_judged_by_their_rows() {
     });
     let (said, note) = of_pair(blank);
     assert_eq!(said, "");
-    assert!(note.unwrap().ends_with("nothing can be said"));
+    assert!(note.unwrap().ends_with("match between neighbouring views)"));
 }
 
 #[test]
@@ -411,16 +411,16 @@ fn wrong_quaternions_cameras_and_depths_are_named() {
         ),
         (
             |v| v.iter_mut().for_each(|v| v.intrinsics.fy *= 1.1),
-            "an fy 0.9 times as long fits",
+            "fy should be 0.9 times as long",
         ),
-        (|v| change(v, |c| c.each(|z| z + 1.0)), "m less fits"),
+        (|v| change(v, |c| c.each(|z| z + 1.0)), "m less: "),
         (
             |v| change(v, normalised),
-            "every depth map runs from 0 to 1",
+            "every depth map ranges from 0 to 1",
         ),
         (
             |v| change(v, |c| c.each(|_| 2.0)),
-            "the depth is the same in all pixels of each map, 2 m",
+            "the depth map of each view contains a single value, 2 m",
         ),
     ]);
 }
@@ -440,7 +440,7 @@ fn one_wrong_view_is_named() {
         ),
         (
             |v| change(&mut v[3..4], |c| c.each(|z| 2.0 * z)),
-            "view_03: its depth times 0.5 fits",
+            "view_03: its depth should be multiplied by 0.5",
         ),
         (
             |v| change(&mut v[3..4], |c| c.change(flip_vertical)),
@@ -458,7 +458,7 @@ fn one_wrong_view_is_named() {
     let mut black = views(0, SIZE);
     change(&mut black[3..4], |c| c.picture.fill(0));
     let said = super::found(&black, QUICK);
-    assert_eq!(said, ["view_03: the picture is of one colour"]);
+    assert_eq!(said, ["view_03: the picture has a single colour"]);
 }
 
 /// A camera whose principal point is off the middle is proper, and is named with cx and cy exchanged.
@@ -484,7 +484,9 @@ fn exchanged_principal_points_off_the_middle_are_named() {
         (k.cx, k.cy) = (k.cy, k.cx);
     }
     let said = found(&views);
-    let is_named = said.iter().any(|one| one.contains("cx and cy exchanged"));
+    let is_named = said
+        .iter()
+        .any(|one| one.contains("cx and cy appear to be exchanged"));
     assert!(is_named, "{said:?}");
 }
 
@@ -503,7 +505,7 @@ fn pairs_that_are_not_rectified_or_far_too_wide_are_named() {
     for (views, by) in [(pair(0), 3), (large.clone(), 2), (large, 5)] {
         assert_eq!(lowered(views.clone(), 0), "");
         let said = lowered(views, by);
-        assert!(said.contains("rows lie about"), "{by}: {said}");
+        assert!(said.contains("rows are about"), "{by}: {said}");
     }
     let mut wide = pair(0);
     change(&mut wide, |content| content.depth = None);
@@ -659,7 +661,8 @@ fn points_in_another_unit_are_told_to_be_of_another_model() {
     change(&mut wrong, |c| c.each(|z| 5.0 * z));
     let said = look(&scene(wrong), Units::of(&spec), THOROUGH).contradictions;
     let fits = "a unit of the poses that is 5 times that of the points fits: ";
-    let mends = "; take points and poses from one model, since no setting scales one alone";
+    let mends =
+        "; use points and poses from the same model, because no setting scales only one of them";
     assert!(
         said.len() == 1 && said[0].starts_with(fits) && said[0].ends_with(mends),
         "{said:?}"
@@ -716,7 +719,8 @@ fn exchanged_focal_lengths_are_named_without_depth() {
         (view.intrinsics.fx, view.intrinsics.fy) = (focal(i + 1), focal(i + 1));
     }
     let said = found(&views);
-    let cause = "exchanging the focal lengths of view_00 (253.4 pixels) and view_01 (230.4), and of views like them, fits";
+    let cause = "the focal lengths of view_00 (253.4 pixels) and view_01 (230.4), and of views like them, appear to \
+                 be exchanged";
     assert!(said.len() == 1 && said[0].starts_with(cause), "{said:?}");
 }
 
@@ -726,7 +730,7 @@ fn right_pictures_of_other_pairs_are_told() {
         let (own, other) = (pair(seed), pair(seed + 1));
         let (said, _) = of_pair(vec![own[0].clone(), other[1].clone()]);
         assert!(
-            said.contains("do not seem to show one scene"),
+            said.contains("do not seem to show the same scene"),
             "{seed}: {said}"
         );
     }
@@ -765,10 +769,10 @@ fn shuffled_pictures_are_named_and_not_called_exchanged() {
                 }
                 let said = found(&wrong);
                 let says = |part: &str| said.iter().any(|text| text.contains(part));
-                let is_named = says("not assigned rightly") || says("do not fit together");
+                let is_named = says("assigned incorrectly") || says("are inconsistent");
                 // Flat pictures may tell too little, but nothing wrong.
                 assert!(is_named || is_flat && said.is_empty(), "{seed}: {said:?}");
-                assert!(!says("the other way round"), "{seed}: {said:?}");
+                assert!(!says("each other's"), "{seed}: {said:?}");
             }
         }
     }

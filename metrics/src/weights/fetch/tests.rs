@@ -102,7 +102,7 @@ fn a_broken_transfer_is_resumed() {
 fn lies_about_the_size_and_pages_are_errors_and_leave_nothing() {
     let cases = [
         (Answer::Length(1000), "announced 1000 bytes"),
-        (Answer::Page, "a page of text"),
+        (Answer::Page, "text instead of the file"),
     ];
     for (answer, reason) in cases {
         let (result, asked, cache) = attempt_with(vec![answer]);

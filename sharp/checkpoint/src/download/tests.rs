@@ -102,7 +102,7 @@ fn lies_about_the_size_pages_and_refusals_are_errors_and_leave_nothing() {
     let cases = [
         (Answer::Length(1000), "announced 1000 bytes"),
         (Answer::Length(1 << 30), "announced 1073741824 bytes"),
-        (Answer::Page, "a page of text"),
+        (Answer::Page, "text instead of the file"),
         (Answer::Status(404), "status 404"),
     ];
     for (answer, reason) in cases {

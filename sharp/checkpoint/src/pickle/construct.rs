@@ -68,13 +68,13 @@ impl<'a> Heap<'a> {
         // This is the only place where one opcode copies more than it consumes.
         let copied = self.copied + items.len();
         if copied > MAX_COPIED {
-            return malformed!("pickle: one list is made into ordered dicts again and again");
+            return malformed!("pickle: too many pairs copied into ordered dicts");
         }
         let pairs = items
             .iter()
             .map(|&item| match self.items(item) {
                 Some(&[key, value]) => Ok((key, value)),
-                _ => malformed!("pickle: an ordered dict of something else than pairs"),
+                _ => malformed!("pickle: the items of an ordered dict are not pairs"),
             })
             .collect();
         self.copied = copied;
@@ -110,7 +110,7 @@ impl<'a> Heap<'a> {
                     Value::None,
                 ],
             ) => (dtype, key, numel),
-            _ => return malformed!("pickle: a persistent id that is no storage"),
+            _ => return malformed!("pickle: a persistent id that is not a storage"),
         };
         if key.len() > MAX_KEY_LEN {
             return malformed!("pickle: a storage key of {} bytes", key.len());

@@ -249,7 +249,7 @@ impl<'a> Machine<'a, '_> {
                     return malformed!("pickle: attributes are set on {}", object.kind());
                 }
             }
-            _ => return malformed!("pickle: opcode 0x{op:02x} has no place in a state dict"),
+            _ => return malformed!("pickle: opcode 0x{op:02x} is not used by state dicts"),
         }
         Ok(None)
     }

@@ -126,7 +126,7 @@ fn only_nested<'a>(
             )))
         }
         _ => Err(Fault::StateDict(format!(
-            "several state dicts, under {}; save the one to be used alone",
+            "several state dicts, under {}; save only the one to use",
             list(nested.iter().copied())
         ))),
     }

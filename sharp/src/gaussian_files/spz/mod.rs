@@ -62,11 +62,11 @@ impl Header {
             Self {
                 version: 0 | 5.., ..
             } => Err(damaged(format!(
-                "version {} is not read, 1 to 4 are",
+                "version {} is not supported; versions 1 to 4 are",
                 header.version
             ))),
             Self { degree, .. } if degree > Harmonics::MAX_DEGREE => Err(damaged(format!(
-                "degree {degree} of view-dependent colour, at most 4 is known"
+                "degree {degree} of view-dependent colour is not supported; at most 4 is"
             ))),
             _ => Ok(header),
         }
@@ -133,8 +133,8 @@ pub(super) fn decode(bytes: &[u8]) -> Result<Decoded, PlyReason> {
         let end = (f64::from(most) * step) as f32;
         if stored.means.as_flattened().iter().any(|v| v.abs() >= end) {
             let text = format!(
-                "a position is at ±{end}, the end of what the file can hold: positions beyond were wrapped when it was \
-                 written"
+                "a position is at ±{end}, the limit of the file's range; larger positions were wrapped when the file \
+                 was written"
             );
             out.doubts.push(Suspicion::new("overflow", text));
         }
@@ -153,8 +153,8 @@ pub(super) fn decode(bytes: &[u8]) -> Result<Decoded, PlyReason> {
     };
     out.doubts.push(Suspicion::new(
         super::AXES,
-        "SPZ does not tell its axes: `axes=rub` where they are as the format asks, `axes=rdf` where a PLY's numbers were \
-         packed unchanged, as splat-transform 3 does",
+        "SPZ does not state its axes: use `axes=rub` if they follow the format's specification, `axes=rdf` if a \
+         PLY's numbers were stored unchanged, as splat-transform 3 does",
     ));
     Ok(out)
 }
@@ -247,8 +247,9 @@ fn zstd_blocks(bytes: &[u8]) -> Result<(Header, [Vec<u8>; 6]), PlyReason> {
         let (stream, after) = rest.split_at_checked(packed).ok_or_else(cut)?;
         rest = after;
         if expected > 0 {
-            let zstd = StreamingDecoder::new(stream)
-                .map_err(|_| damaged("a stream of it is no Zstandard: its bytes are damaged"))?;
+            let zstd = StreamingDecoder::new(stream).map_err(|_| {
+                damaged("one of its streams is not Zstandard: its bytes are damaged")
+            })?;
             *block = unfold(zstd, expected, packed).map_err(damaged)?;
         }
     }

@@ -69,8 +69,8 @@ impl Focal {
         let px = px_from_35mm(mm, size);
         let warnings = match (&exif, source) {
             (_, FocalSource::Default) | (None, _) => vec![format!(
-                "no focal length in the file: {DEFAULT_FOCAL_MM} mm on 35 mm film assumed, which sets \
-                 the metric scale; give the focal length in pixels if you know it (--focal-px)"
+                "no focal length in the file: assuming {DEFAULT_FOCAL_MM} mm on 35 mm film, which sets the metric \
+                 scale; set the focal length in pixels if you know it (--focal-px)"
             )],
             (Some(exif), _) => {
                 let stated = stated_size(exif, size);
@@ -122,8 +122,9 @@ fn shape((width, height): (f64, f64), px: f64) -> Option<String> {
     let fits = |shape: f64| (long - short * shape).abs() <= (0.01 * long).max(1.0);
     (!SHAPES.into_iter().any(fits)).then(|| {
         format!(
-            "the picture is {width:.0}x{height:.0}, a shape that cameras do not take, and the file does not say the size of the \
-             photograph: if it was cropped, its focal length is longer than {px:.2} px; --focal-px says how long"
+            "the picture is {width:.0}x{height:.0}, an aspect ratio that cameras do not produce, and the file does \
+             not state the size of the photograph; if it was cropped, its focal length is longer than {px:.2} px: \
+             set --focal-px"
         )
     })
 }
@@ -147,16 +148,18 @@ fn crop(stated: (f64, f64), size: (f64, f64), mm: f64, px: f64) -> Option<String
     );
     Some(if is_other_shape && (whole - cropped).abs() < 0.005 {
         format!(
-            "{sizes}: it was cropped, so that its focal length is {cropped:.2} px, not {px:.2} px; give --focal-px {cropped:.2}"
+            "{sizes}: it was cropped, so its focal length is {cropped:.2} px, not {px:.2} px; set --focal-px \
+             {cropped:.2}"
         )
     } else if is_other_shape {
         format!(
-            "{sizes}: it was cropped, so that its focal length is not {px:.2} px but {cropped:.2} px, or {whole:.2} px if it \
-             was resized, too; give --focal-px"
+            "{sizes}: it was cropped, so its focal length is not {px:.2} px but {cropped:.2} px, or {whole:.2} px if \
+             it was also resized; set --focal-px"
         )
     } else {
         format!(
-            "{sizes}: the focal length is {px:.2} px if it was resized, {cropped:.2} px if it was cropped; --focal-px says which"
+            "{sizes}: the focal length is {px:.2} px if it was resized, {cropped:.2} px if it was cropped; set \
+             --focal-px"
         )
     })
 }
@@ -180,8 +183,8 @@ fn sensor(exif: &Exif, stated: (f64, f64), size: (f64, f64), px: f64) -> Option<
     let by_sensor = lens_mm * zoom * size.0.max(size.1) / sensor_mm;
     ((by_sensor / px - 1.0).abs() > TOLERANCE).then(|| {
         format!(
-            "the file's FocalPlaneXResolution says that the sensor is {sensor_mm:.1} mm wide, with which its lens of {lens_mm} mm \
-             has {by_sensor:.2} px, not {px:.2} px; --focal-px says which"
+            "according to the file's FocalPlaneXResolution the sensor is {sensor_mm:.1} mm wide, so its {lens_mm} mm \
+             lens has {by_sensor:.2} px, not {px:.2} px; set --focal-px"
         )
     })
 }

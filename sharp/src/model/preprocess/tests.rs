@@ -136,7 +136,10 @@ fn shapes_that_no_camera_takes_are_taken_for_crops_where_the_file_says_no_size()
     }
     for size in [(64, 32), (32, 64), (60, 43)] {
         let text = said(size, &[focal]);
-        let parts = ["a shape that cameras do not take", "px; --focal-px"];
+        let parts = [
+            "an aspect ratio that cameras do not produce",
+            "px: set --focal-px",
+        ];
         assert!(
             parts.iter().all(|part| text.contains(part)),
             "{size:?}: {text}"

@@ -65,7 +65,7 @@ pub fn compare(
         .collect();
     if pending.is_empty() {
         return Err(recording.error(format!(
-            "no stages under prefix {prefix}; there are {}",
+            "no stages under prefix {prefix}; available: {}",
             recording.prefixes().join(", ")
         )));
     }

@@ -122,7 +122,7 @@ impl Recording {
         match fitting[..] {
             [one] => Ok(one),
             _ => Err(self.error(format!(
-                "which prefix belongs to {file_name}? There are {}",
+                "cannot determine the prefix for {file_name}; available: {}",
                 prefixes.join(", ")
             ))),
         }

@@ -220,7 +220,7 @@ fn check_rule(view: &RenderView) -> Result<(), RenderError> {
         return Ok(());
     }
     Err(RenderError::View(format!(
-        "there is no derivative by the rule \"{}\", only by \"sharp\" with any low-pass, near and far",
+        "derivatives are not supported for rule \"{}\", only for \"sharp\" with any low-pass, near and far",
         view.rule
     )))
 }

@@ -36,11 +36,11 @@ pub enum StateError {
     File(#[from] CheckpointError),
     #[error(transparent)]
     Incomplete(#[from] Incomplete),
-    #[error("{}: no state of a training: its header lacks `{key}` or has it in another form", path.display())]
+    #[error("{}: not a training state: its header has no valid `{key}`", path.display())]
     NotAState { path: PathBuf, key: &'static str },
     #[error(
-        "{}: made under another configuration ({found}; this one's hash is {expected}): a file that the \
-         configuration names has changed, or the program; take another folder",
+        "{}: written with another configuration ({found}; this one's hash is {expected}); a file named in the \
+         configuration, or the program, has changed; use another folder",
         path.display()
     )]
     OtherConfig {

@@ -96,7 +96,7 @@ fn what_cannot_be_gone_on_from_is_refused_with_its_reason() {
     state
         .export(&path, Precision::F32, &BTreeMap::new())
         .unwrap();
-    assert!(refused("hash").contains("lacks `stage`"));
+    assert!(refused("hash").contains("no valid `stage`"));
 
     let trained = state
         .weights

@@ -84,15 +84,18 @@ fn errors_name_file_and_key() {
         ("\n[stage1]\nbatch = 1", "line 2: missing field `steps`"),
         (
             stage,
-            "`stage2` is missing beside `stage1`; `stage2.steps = 0` leaves it out",
+            "`stage2` is required if `stage1` is given; `stage2.steps = 0` skips it",
         ),
-        ("[stage2]\nsteps = 0", "`stage1` is missing beside `stage2`"),
+        (
+            "[stage2]\nsteps = 0",
+            "`stage1` is required if `stage2` is given",
+        ),
         ("[stage1]\nsteps = -1\nbatch = 1", "line 2: invalid value"),
         ("network = \"big\"", "line 1: unknown variant `big`"),
         ("network.file = \"absent.json\"", "`network`: absent.json"),
         (
             "initial = \"a\"\ninitial_depth = \"b\"",
-            "`initial_depth` stands beside",
+            "`initial_depth` cannot be combined with",
         ),
         ("adam.betas = [0.9, 1.0]", "`adam.betas`"),
         ("adam.epsilon = 0.0", "`adam.epsilon`"),

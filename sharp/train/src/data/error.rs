@@ -26,7 +26,8 @@ pub enum DataError {
     #[error("{}: no depth belongs to this picture", image.display())]
     NoDepth { image: PathBuf },
     #[error(
-        "{dataset}: no two views of a scene have depth, stand at most {limit_m} m apart (`max_baseline_m`) and differ in pose{}",
+        "{dataset}: no two views of a scene have depth, are within {limit_m} m (`max_baseline_m`) of each other, and \
+         differ in pose{}",
         left_out.iter().map(|reason| format!("; {reason}")).collect::<String>()
     )]
     NoPair {
@@ -35,18 +36,18 @@ pub enum DataError {
         /// Excluded parts of the dataset, each with its reason.
         left_out: Vec<String>,
     },
-    #[error("{}: no PNG or JPEG picture lies in this folder", folder.display())]
+    #[error("{}: no PNG or JPEG files in this folder", folder.display())]
     NoPicture { folder: PathBuf },
     /// Some of the scenes are reserved for evaluation.
     #[error(
-        "{dataset}: networks are trained on seeds {} to {} alone, all others are held out",
+        "{dataset}: only seeds {} to {} may be used for training; all others are held out",
         TRAINING_SEEDS.start(),
         TRAINING_SEEDS.end()
     )]
     HeldOut { dataset: String },
     #[error("sample {id}: {source}")]
     Sample { id: String, source: Box<DataError> },
-    #[error("the thread that makes samples did not start: {0}")]
+    #[error("cannot start the thread that prepares samples: {0}")]
     Start(String),
     #[error("the thread that makes samples has ended")]
     Stopped,

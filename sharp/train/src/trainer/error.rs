@@ -34,8 +34,8 @@ pub enum TrainingError {
     },
     /// Predicted depth, a loss or a gradient is NaN or infinite.
     #[error(
-        "{position}: {what} of an example is not finite; its views are in {}. Look at them, or begin anew with a \
-         smaller learning rate",
+        "{position}: {what} of an example is not finite; its views are saved in {}. Inspect them, or start again \
+         with a smaller learning rate",
         folder.display()
     )]
     NotFinite {

@@ -81,7 +81,7 @@ pub enum PerceptualError {
     #[error(transparent)]
     Weights(#[from] WeightsError),
     #[error(
-        "the weights of VGG16 are not at hand; they lie beside the program (vgg16.safetensors)"
+        "the weights of VGG16 are missing; they are distributed with the program (vgg16.safetensors)"
     )]
     NoWeights,
     #[error(transparent)]
