@@ -13,9 +13,7 @@ use super::error::EvaluateError;
 use super::folder::RunFolder;
 use super::gaussians::gaussian_store::{GaussianStore, StoreError};
 use super::gaussians::render::{depth_scale, far_moved, render};
-use super::gaussians::source_check::{
-    CheckedSource, SourceFacts, absurd_coverage, check_source, source_of,
-};
+use super::gaussians::source_check::{CheckedSource, SourceFacts, absurd_coverage, check_source};
 use super::job::{Job, Stages, UnitCounts};
 use super::keys::PictureKeys;
 use super::manifest::FORMAT;
@@ -34,6 +32,7 @@ use crate::methods::{
     TrueDepth,
 };
 use crate::pairs::PosedCamera;
+use crate::pairs::pair_id::source_of;
 use crate::pairs::pair_list::ResolvedPair;
 use crate::scoring::ground_truth::valid_mask;
 
