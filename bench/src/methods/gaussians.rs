@@ -124,28 +124,16 @@ impl GaussianFiles {
         let Some(template) = &self.transform else {
             return Ok(None);
         };
-        let named = template.candidates(&self.dir, id);
-        let found = named.iter().find(|path| path.is_file());
-        let absent = || {
-            let path = named.first().unwrap_or(&self.dir);
-            MethodError::file(
-                path,
-                format!("no transform (transform={})", template.text()),
-            )
-        };
-        found.cloned().map(Some).ok_or_else(absent)
+        let absent = ("no transform", "transform");
+        let found = template.find(&self.dir, id, Path::is_file, absent);
+        found.map(Some)
     }
 
     /// The file for the id of [`Self::file_id`].
     fn find(&self, id: &str) -> Result<PathBuf, MethodError> {
         if let Some(template) = &self.file {
-            let named = template.candidates(&self.dir, id);
-            let there = |path: &&PathBuf| path.is_file() || is_sog_folder(path);
-            let found = named.iter().find(there).cloned();
-            return found.ok_or_else(|| {
-                let path = named.first().unwrap_or(&self.dir);
-                MethodError::file(path, format!("no Gaussians (file={})", template.text()))
-            });
+            let is_there = |path: &Path| path.is_file() || is_sog_folder(path);
+            return template.find(&self.dir, id, is_there, ("no Gaussians", "file"));
         }
         let path = self.dir.join(path_of(id));
         let scene = path
