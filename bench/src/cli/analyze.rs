@@ -119,7 +119,7 @@ fn write(
     }
     let mut files = vec![
         ("translation.md", md.into_bytes()),
-        ("translation.csv", table::csv(experiment)?),
+        ("translation.csv", table::csv(experiment)),
         ("translation.tex", tex.into_bytes()),
     ];
     if let Some(figure) = figure::figure(experiment)? {

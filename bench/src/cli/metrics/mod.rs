@@ -165,7 +165,7 @@ pub(super) fn execute(args: &MetricsArgs) -> anyhow::Result<Outcome> {
         results.print()?;
     }
     if let Some(path) = &args.csv {
-        write_atomic(path, &results.csv()?)?;
+        write_atomic(path, &results.csv())?;
     }
     Ok(Outcome::Done)
 }
