@@ -98,9 +98,7 @@ fn translation(args: &TranslationArgs) -> anyhow::Result<Outcome> {
         return Ok(Outcome::Done);
     }
     output::line(table::table(&experiment, &name).text().trim_end())?;
-    for path in &written {
-        output::line(format!("wrote {}", path.display()))?;
-    }
+    output::wrote(&written)?;
     Ok(Outcome::Done)
 }
 
@@ -159,6 +157,6 @@ fn to_json(
         "window": [width, height],
         "comparisons": experiment.comparisons.iter().map(comparison).collect::<Vec<_>>(),
         "metrics": scorer.info(),
-        "files": written.iter().map(|path| path.display().to_string()).collect::<Vec<_>>(),
+        "files": output::names(written),
     })
 }
