@@ -194,9 +194,7 @@ impl BackboneInfo {
             deterministic: used.and_then(salt),
         }
     }
-}
 
-impl BackboneInfo {
     /// True if the features differ from the published ones, so that values are not comparable with published numbers;
     /// false without weights.
     pub fn is_unpublished(&self) -> bool {

@@ -17,6 +17,26 @@
 //! * `backbone`: the networks, streamed in strips of rows.
 //! * [`weights`]: the network weights that a metric needs, and their sources.
 
+/// Displays a type by its `name`, and parses it from the names of `ALL`.
+macro_rules! by_name {
+    ($type:ident, $unknown:ident) => {
+        impl std::fmt::Display for $type {
+            fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+                f.pad(self.name())
+            }
+        }
+
+        impl std::str::FromStr for $type {
+            type Err = $unknown;
+
+            fn from_str(name: &str) -> Result<Self, $unknown> {
+                let known = Self::ALL.into_iter().find(|value| value.name() == name);
+                known.ok_or_else(|| $unknown(name.to_owned()))
+            }
+        }
+    };
+}
+
 mod backbone;
 mod dists;
 mod engines;

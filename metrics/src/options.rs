@@ -2,7 +2,6 @@
 
 use std::fmt;
 use std::num::NonZeroUsize;
-use std::str::FromStr;
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -138,22 +137,7 @@ impl Device {
     }
 }
 
-impl fmt::Display for Device {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.pad(self.name())
-    }
-}
-
-impl FromStr for Device {
-    type Err = UnknownDevice;
-
-    fn from_str(name: &str) -> Result<Self, UnknownDevice> {
-        Self::ALL
-            .into_iter()
-            .find(|device| device.name() == name)
-            .ok_or_else(|| UnknownDevice(name.to_owned()))
-    }
-}
+by_name!(Device, UnknownDevice);
 
 #[cfg(test)]
 mod tests {

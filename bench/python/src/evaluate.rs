@@ -185,13 +185,10 @@ impl PredictGaussians for Function {
         })?;
         Ok(GaussianPrediction {
             rule,
-            rule_note: None,
             gaussians,
             space: GaussianSpace::CAMERA,
-            first_layer: None,
-            extras: BTreeMap::new(),
             reading: Some(methods::file_reading::FileReading::of_arrays()),
-            warnings: BTreeMap::new(),
+            ..GaussianPrediction::default()
         })
     }
 }

@@ -165,7 +165,7 @@ impl Sweep {
                     .into_iter()
                     .map(|(column, figure)| (column.key, figure.svg))
                     .collect(),
-                csv: String::from_utf8_lossy(&table::csv(&sweep)?).into_owned(),
+                csv: String::from_utf8_lossy(&table::csv(&sweep)).into_owned(),
                 latex: table::latex(&sweep),
             })
         });

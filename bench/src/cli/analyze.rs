@@ -98,9 +98,7 @@ fn translation(args: &TranslationArgs) -> anyhow::Result<Outcome> {
         return Ok(Outcome::Done);
     }
     output::line(table::table(&experiment, &name).text().trim_end())?;
-    for path in &written {
-        output::line(format!("wrote {}", path.display()))?;
-    }
+    output::wrote(&written)?;
     Ok(Outcome::Done)
 }
 
@@ -119,7 +117,7 @@ fn write(
     }
     let mut files = vec![
         ("translation.md", md.into_bytes()),
-        ("translation.csv", table::csv(experiment)?),
+        ("translation.csv", table::csv(experiment)),
         ("translation.tex", tex.into_bytes()),
     ];
     if let Some(figure) = figure::figure(experiment)? {
@@ -159,6 +157,6 @@ fn to_json(
         "window": [width, height],
         "comparisons": experiment.comparisons.iter().map(comparison).collect::<Vec<_>>(),
         "metrics": scorer.info(),
-        "files": written.iter().map(|path| path.display().to_string()).collect::<Vec<_>>(),
+        "files": output::names(written),
     })
 }

@@ -1,7 +1,6 @@
 //! `compare A B`: changes between two runs and their significance.
 
 use std::path::PathBuf;
-use std::str::FromStr;
 
 use clap::Args;
 use sharp_metrics::Family;
@@ -35,11 +34,11 @@ pub(super) struct CompareArgs {
     #[arg(value_name = "B")]
     b: Option<PathBuf>,
     /// Compare a method of A with one of B [default: those of the same label, or each run's only method]
-    #[arg(long = "method", value_name = "OLD=NEW")]
-    methods: Vec<MethodPair>,
+    #[arg(long = "method", value_name = "OLD=NEW", value_parser = method_pair)]
+    methods: Vec<(String, String)>,
     /// Largest negligible difference per metric [default: psnr=0.05,ssim=0.001,lpips=0.001,dists=0.001]
-    #[arg(long, value_name = "METRIC=VALUE", value_delimiter = ',')]
-    practical: Vec<Threshold>,
+    #[arg(long, value_name = "METRIC=VALUE", value_delimiter = ',', value_parser = threshold)]
+    practical: Vec<(Family, f64)>,
     /// Also show means by scene, baseline, rotation, overlap and relative motion
     #[arg(long)]
     breakdown: bool,
@@ -58,37 +57,18 @@ pub(super) struct CompareArgs {
     json: bool,
 }
 
-#[derive(Debug, Clone)]
-pub(super) struct MethodPair(pub(super) String, pub(super) String);
-
-impl FromStr for MethodPair {
-    type Err = String;
-
-    fn from_str(text: &str) -> Result<Self, String> {
-        let (old, new) = text.split_once('=').ok_or("expected OLD=NEW")?;
-        Ok(Self(old.to_owned(), new.to_owned()))
-    }
+pub(super) fn method_pair(text: &str) -> Result<(String, String), &'static str> {
+    let (old, new) = text.split_once('=').ok_or("expected OLD=NEW")?;
+    Ok((old.to_owned(), new.to_owned()))
 }
 
-#[derive(Debug, Clone)]
-struct Threshold(Family, f64);
-
-impl FromStr for Threshold {
-    type Err = String;
-
-    fn from_str(text: &str) -> Result<Self, String> {
-        let (name, value) = text.split_once('=').ok_or("it has the form METRIC=VALUE")?;
-        let family = Family::ALL.into_iter().find(|family| family.name() == name);
-        let family = family.ok_or("metrics are psnr, ssim, lpips, dists")?;
-        let value = value
-            .parse()
-            .ok()
-            .filter(|v: &f64| v.is_finite() && *v >= 0.0);
-        Ok(Self(
-            family,
-            value.ok_or("the value is a number, 0 or more")?,
-        ))
-    }
+fn threshold(text: &str) -> Result<(Family, f64), &'static str> {
+    let (name, value) = text.split_once('=').ok_or("expected METRIC=VALUE")?;
+    let family = Family::ALL.into_iter().find(|family| family.name() == name);
+    let family = family.ok_or("metrics are psnr, ssim, lpips, dists")?;
+    let value = value.parse().ok();
+    let value = value.filter(|v: &f64| v.is_finite() && *v >= 0.0);
+    Ok((family, value.ok_or("the value is a number, 0 or more")?))
 }
 
 pub(super) fn execute(args: &CompareArgs) -> anyhow::Result<Outcome> {
@@ -101,18 +81,14 @@ pub(super) fn execute(args: &CompareArgs) -> anyhow::Result<Outcome> {
         (None, _) => &args.a,
     };
     let mut practical = Practical::default();
-    for Threshold(family, value) in &args.practical {
+    for (family, value) in &args.practical {
         practical.set(*family, *value);
     }
-    let methods: Vec<_> = args
-        .methods
-        .iter()
-        .map(|MethodPair(old, new)| (old.clone(), new.clone()))
-        .collect();
-    let comparison = compare(&args.a, b, &methods, &practical).map_err(|error| match error {
-        CompareError::Methods(reason) => anyhow::Error::from(UsageError(reason)),
-        other => other.into(),
-    })?;
+    let comparison =
+        compare(&args.a, b, &args.methods, &practical).map_err(|error| match error {
+            CompareError::Methods(reason) => anyhow::Error::from(UsageError(reason)),
+            other => other.into(),
+        })?;
     let terminal = Terminal::default();
     let opened = match args.anatomy || args.out.is_some() {
         true => scenes(&comparison.results.manifest, &terminal),

@@ -110,7 +110,7 @@ pub(super) fn execute(args: &ExplainArgs) -> anyhow::Result<Outcome> {
             "table": table.name,
             "row": args.row,
             "runs": runs.iter().map(to_json).collect::<Vec<_>>(),
-            "files": written.iter().map(|path| path.display().to_string()).collect::<Vec<_>>(),
+            "files": output::names(&written),
         }))?;
         return Ok(outcome);
     }
@@ -119,9 +119,7 @@ pub(super) fn execute(args: &ExplainArgs) -> anyhow::Result<Outcome> {
         args.row, table.name
     ))?;
     output::line(terminal(&runs).trim_end())?;
-    for path in &written {
-        output::line(format!("wrote {}", path.display()))?;
-    }
+    output::wrote(&written)?;
     Ok(outcome)
 }
 

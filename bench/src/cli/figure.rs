@@ -299,16 +299,9 @@ fn write_sheet(
 }
 
 fn say(files: &[PathBuf], problems: &[String], args: &OutArgs) -> anyhow::Result<()> {
-    let names: Vec<String> = files
-        .iter()
-        .map(|file| file.display().to_string())
-        .collect();
     if args.json {
-        let out = args.out.display().to_string();
-        return output::json(&json!({ "out": out, "files": names, "problems": problems }));
+        let (out, files) = (args.out.display().to_string(), output::names(files));
+        return output::json(&json!({ "out": out, "files": files, "problems": problems }));
     }
-    for name in names {
-        output::line(format!("wrote {name}"))?;
-    }
-    Ok(())
+    output::wrote(files)
 }

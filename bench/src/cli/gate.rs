@@ -1,13 +1,12 @@
 //! `gate --baseline A --candidate B`: decides whether B may replace A, for continuous integration.
 
 use std::path::PathBuf;
-use std::str::FromStr;
 
 use anyhow::Context;
 use clap::Args;
 use serde_json::json;
 
-use super::compare::MethodPair;
+use super::compare::method_pair;
 use super::outcome::UsageError;
 use super::{Outcome, output};
 use crate::io::atomic_files::write_over_own;
@@ -47,11 +46,11 @@ pub(super) struct GateArgs {
     #[arg(long, value_name = "LIMIT")]
     fail_if: Vec<Limit>,
     /// Exit code 5 if the runs could not detect a difference of this size: psnr=0.5,lpips=0.01
-    #[arg(long, value_name = "METRIC=D", value_delimiter = ',')]
-    require_power: Vec<Power>,
+    #[arg(long, value_name = "METRIC=D", value_delimiter = ',', value_parser = power)]
+    require_power: Vec<(MetricName, f64)>,
     /// Compare a method of A with one of B [default: those of the same label, or each run's only method]
-    #[arg(long = "method", value_name = "OLD=NEW")]
-    methods: Vec<MethodPair>,
+    #[arg(long = "method", value_name = "OLD=NEW", value_parser = method_pair)]
+    methods: Vec<(String, String)>,
     /// Write JUnit XML
     #[arg(long, value_name = "FILE")]
     junit: Option<PathBuf>,
@@ -63,20 +62,11 @@ pub(super) struct GateArgs {
     json: bool,
 }
 
-#[derive(Debug, Clone)]
-struct Power(MetricName, f64);
-
-impl FromStr for Power {
-    type Err = String;
-
-    fn from_str(text: &str) -> Result<Self, String> {
-        let (name, value) = text.split_once('=').ok_or("expected METRIC=D")?;
-        let value = value
-            .parse()
-            .ok()
-            .filter(|d: &f64| d.is_finite() && *d > 0.0);
-        Ok(Self(name.parse()?, value.ok_or("D is a number above 0")?))
-    }
+fn power(text: &str) -> Result<(MetricName, f64), String> {
+    let (name, value) = text.split_once('=').ok_or("expected METRIC=D")?;
+    let value = value.parse().ok();
+    let value = value.filter(|d: &f64| d.is_finite() && *d > 0.0);
+    Ok((name.parse()?, value.ok_or("D is a number above 0")?))
 }
 
 pub(super) fn execute(args: &GateArgs) -> anyhow::Result<Outcome> {
@@ -87,14 +77,10 @@ pub(super) fn execute(args: &GateArgs) -> anyhow::Result<Outcome> {
         config = GateConfig::parse(&text).map_err(usage)?;
     }
     config.fail_if.extend(args.fail_if.iter().cloned());
-    let power = args.require_power.iter().map(|Power(name, d)| (*name, *d));
-    config.require_power.extend(power);
-    let methods: Vec<_> = args
-        .methods
-        .iter()
-        .map(|MethodPair(old, new)| (old.clone(), new.clone()))
-        .collect();
-    let report = gate(&args.baseline, &args.candidate, &methods, &config);
+    config
+        .require_power
+        .extend(args.require_power.iter().copied());
+    let report = gate(&args.baseline, &args.candidate, &args.methods, &config);
     let report = report.map_err(|error| match error {
         GateError::Limits(reason) | GateError::Compare(CompareError::Methods(reason)) => {
             anyhow::Error::from(UsageError(reason))

@@ -128,7 +128,7 @@ fn show(args: &ShowArgs) -> anyhow::Result<Outcome> {
     if let Some(path) = &args.csv {
         files.push((
             path,
-            history::csv::csv(&history)?,
+            history::csv::csv(&history),
             "entry,label,commit,date,",
         ));
     }

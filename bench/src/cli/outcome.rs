@@ -34,10 +34,12 @@ impl Outcome {
         let broken = datasets
             .iter()
             .any(|dataset| dataset.broken().next().is_some() || dataset.unreadable_views() > 0);
-        match self {
-            Self::Done => Self::of_problems(broken),
-            other => other,
-        }
+        self.or(Self::of_problems(broken))
+    }
+
+    /// `other` instead of `Done`.
+    pub(super) fn or(self, other: Self) -> Self {
+        if self == Self::Done { other } else { self }
     }
 
     pub(super) fn of_problems(problems: bool) -> Self {

@@ -1,6 +1,7 @@
 //! Results go to standard output, so that they can be piped; notes, warnings and progress to standard error.
 
 use std::io::{self, IsTerminal, Write};
+use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
@@ -22,6 +23,18 @@ pub(super) fn line(text: impl AsRef<str>) -> anyhow::Result<()> {
 /// Writes a value as indented JSON.
 pub(super) fn json(value: &impl Serialize) -> anyhow::Result<()> {
     line(serde_json::to_string_pretty(value)?)
+}
+
+/// Prints the paths of written files.
+pub(super) fn wrote(files: &[PathBuf]) -> anyhow::Result<()> {
+    let mut files = files.iter();
+    files.try_for_each(|file| line(format!("wrote {}", file.display())))
+}
+
+/// Paths as text.
+pub(super) fn names(paths: &[PathBuf]) -> Vec<String> {
+    let names = paths.iter().map(|path| path.display().to_string());
+    names.collect()
 }
 
 /// Rewrites picture settings in a message (`alpha=`) as command-line options (`--alpha `).

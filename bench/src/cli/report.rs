@@ -88,14 +88,11 @@ pub(super) fn execute(args: &ReportArgs) -> anyhow::Result<Outcome> {
     };
     let files = report::report(&results, &scenes, &out, &options)?;
     if args.json {
-        let names = |paths: &[PathBuf]| -> Vec<String> {
-            paths.iter().map(|f| f.display().to_string()).collect()
-        };
         output::json(&json!({
             "out": out.display().to_string(),
             "layout": files.layout,
-            "files": names(&files.all),
-            "not_scored": names(&files.not_scored),
+            "files": output::names(&files.all),
+            "not_scored": output::names(&files.not_scored),
         }))?;
     } else {
         let pictures = match files.layout {
@@ -117,16 +114,10 @@ fn methods_text(results: &Results, args: &ReportArgs) -> anyhow::Result<Outcome>
         return describe::methods_text(&text, args.json);
     };
     let files = text.write(out)?;
-    let files: Vec<String> = files
-        .iter()
-        .map(|path| path.display().to_string())
-        .collect();
     if args.json {
-        output::json(&json!({"files": files}))?;
+        output::json(&json!({"files": output::names(&files)}))?;
     } else {
-        for file in files {
-            output::line(format!("wrote {file}"))?;
-        }
+        output::wrote(&files)?;
     }
     Ok(Outcome::Done)
 }

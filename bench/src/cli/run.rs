@@ -190,10 +190,7 @@ pub(super) fn execute(args: &RunArgs) -> anyhow::Result<Outcome> {
             return Ok(Outcome::Resumable);
         };
         print_counts(&counts, root, shard, args.json)?;
-        return Ok(match outcome(counts, args.stage.scores()) {
-            Outcome::Done => complete,
-            other => other,
-        });
+        return Ok(outcome(counts, args.stage.scores()).or(complete));
     }
     let Some(out) = args.out.as_deref().filter(|_| !args.dry_run) else {
         return dry_run(&evaluation, args).map(|_| complete);
@@ -213,10 +210,7 @@ pub(super) fn execute(args: &RunArgs) -> anyhow::Result<Outcome> {
         finished.folder.root().display().to_string(),
         finished.folder.scores_path().display().to_string(),
     );
-    let outcome = match outcome(counts, args.stage.scores()) {
-        Outcome::Done => complete,
-        other => other,
-    };
+    let outcome = outcome(counts, args.stage.scores()).or(complete);
     if args.json {
         output::json(&json!({
             "run": root,

@@ -149,16 +149,10 @@ pub(super) fn execute(args: &ScaleArgs) -> anyhow::Result<Outcome> {
             (files, &args.shards)
         }
     };
-    let names: Vec<String> = files
-        .iter()
-        .map(|file| file.display().to_string())
-        .collect();
     if shards.json {
-        output::json(&json!({ "files": names }))?;
+        output::json(&json!({ "files": output::names(&files) }))?;
     } else {
-        for name in names {
-            output::line(format!("wrote {name}"))?;
-        }
+        output::wrote(&files)?;
     }
     Ok(Outcome::Done)
 }

@@ -98,8 +98,6 @@ pub(super) fn execute(args: &ScoreArgs) -> anyhow::Result<Outcome> {
         ));
         return Ok(Outcome::Resumable);
     }
-    Ok(match outcome(counts, false) {
-        Outcome::Done => Outcome::of_problems(counts.waiting > 0),
-        other => other,
-    })
+    let waits = Outcome::of_problems(counts.waiting > 0);
+    Ok(outcome(counts, false).or(waits))
 }

@@ -92,7 +92,6 @@ pub(super) fn execute(args: &SpeedArgs) -> anyhow::Result<Outcome> {
     let written = report.write(&args.out)?;
     let speeds = report.measured.as_ref().map(|measured| &measured.speeds);
     if args.json {
-        let files = written.iter().map(|path| path.display().to_string());
         output::json(&json!({
             "machine": cpu_and_threads(),
             "measured": speeds,
@@ -102,13 +101,11 @@ pub(super) fn execute(args: &SpeedArgs) -> anyhow::Result<Outcome> {
                     row.iter().map(|cell| cell.text.as_str()).collect::<Vec<_>>()
                 }).collect::<Vec<_>>(),
             })),
-            "files": files.collect::<Vec<_>>(),
+            "files": output::names(&written),
         }))?;
     } else {
         output::line(report.text().trim_end())?;
-        for path in written {
-            output::line(format!("wrote {}", path.display()))?;
-        }
+        output::wrote(&written)?;
     }
     let failed = speeds.is_some_and(|s| s.iter().any(|speed| !speed.failures.is_empty()));
     Ok(Outcome::of_problems(failed))

@@ -110,12 +110,6 @@ pub(super) fn sweep(
     let results = join(runs)?;
     let sweep = Sweep::of(&results, spec)?;
     let files = files::write(&sweep, out, stem, style)?;
-    let names = |files: &[PathBuf]| -> Vec<String> {
-        files
-            .iter()
-            .map(|file| file.display().to_string())
-            .collect()
-    };
     if as_json {
         let crossings = sweep.crossings.iter().map(|crossing| {
             let interval = crossing.found.interval;
@@ -133,19 +127,17 @@ pub(super) fn sweep(
         });
         output::json(&json!({
             "out": out.display().to_string(),
-            "files": names(&files.written),
-            "removed": names(&files.removed),
+            "files": output::names(&files.written),
+            "removed": output::names(&files.removed),
             "crossings": crossings.collect::<Vec<_>>(),
         }))?;
     } else {
         for crossing in &sweep.crossings {
             output::line(table::sentence(&sweep, crossing))?;
         }
-        for file in names(&files.written) {
-            output::line(format!("wrote {file}"))?;
-        }
+        output::wrote(&files.written)?;
     }
-    for file in names(&files.removed) {
+    for file in output::names(&files.removed) {
         output::remark(format!(
             "note: {file} was left by an earlier sweep and is removed"
         ));

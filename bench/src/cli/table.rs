@@ -116,9 +116,7 @@ pub(super) fn execute(args: &TableArgs) -> anyhow::Result<Outcome> {
         return output::json(&to_json(paper, &table, &written)).map(|()| outcome);
     }
     output::line(table.text().trim_end())?;
-    for path in &written {
-        output::line(format!("wrote {}", path.display()))?;
-    }
+    output::wrote(&written)?;
     Ok(outcome)
 }
 
@@ -129,7 +127,7 @@ fn to_json(paper: &PublishedTable, table: &Table, written: &[PathBuf]) -> Value 
         "label": paper.label,
         "cells": numbers(paper, table),
         "checklist": checks.map(|c| json!({ "met": c.is_met, "text": c.text })).collect::<Vec<_>>(),
-        "files": written.iter().map(|path| path.display().to_string()).collect::<Vec<_>>(),
+        "files": output::names(written),
     })
 }
 

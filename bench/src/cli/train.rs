@@ -12,10 +12,10 @@ use super::output::Terminal;
 use super::run::time;
 use super::{Outcome, output};
 use crate::config::MetricConfig;
-use crate::evaluate::record::finite_or_text;
 use crate::io::counts::counted;
 use crate::io::hash::file_sha256;
 use crate::pairs::DatasetConfig;
+use crate::pictures::keyed_scores::json_number;
 use crate::train::{TrainRequest, Trained, ValidationRequest, train};
 
 /// Train a network of SHARP's architecture, both stages
@@ -97,10 +97,8 @@ pub(super) fn execute(args: &TrainArgs) -> anyhow::Result<Outcome> {
         page,
     } = train(request, &terminal)?;
     if args.json {
-        let measured = validated.iter().map(|(name, value)| {
-            let text = finite_or_text::text(*value);
-            (name.clone(), text.map_or(json!(value), |text| json!(text)))
-        });
+        let measured = validated.iter();
+        let measured = measured.map(|(name, value)| (name.clone(), json_number(*value)));
         let sha256 = weights.as_deref().map(file_sha256).transpose()?;
         output::json(&json!({
             "complete": ended == Ended::Complete,

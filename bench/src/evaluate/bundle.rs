@@ -19,6 +19,7 @@ use super::folder::RunFolder;
 use super::manifest::Manifest;
 use super::record::{ChosenScale, Crop, PairFiles, Record, Score, Status};
 use super::results::Results;
+use super::score::empty_record;
 use crate::io::atomic_files::{FileError, write_atomic};
 use crate::io::hash::StableHasher;
 use crate::pairs::PairList;
@@ -377,17 +378,6 @@ fn read_file(path: &Path) -> Result<Bundle, EvaluateError> {
             ));
         };
         records.push(Record {
-            pair_id: pair.pair_id.clone(),
-            dataset: pair.dataset.clone(),
-            scene: pair.scene.clone(),
-            cluster: line.cluster,
-            source: pair.source.clone(),
-            target: pair.target.clone(),
-            method: method.label.clone(),
-            baseline_m: pair.baseline_m,
-            rotation_deg: pair.rotation_deg,
-            median_depth_m: pair.median_depth_m,
-            overlap: pair.overlap,
             status: line.status,
             scores: found,
             crop: line.crop,
@@ -395,8 +385,7 @@ fn read_file(path: &Path) -> Result<Bundle, EvaluateError> {
             resized_from: line.resized_from,
             scale: line.scale,
             files: line.files,
-            extras: BTreeMap::new(),
-            warnings: BTreeMap::new(),
+            ..empty_record(pair, &line.cluster, &method.label)
         });
     }
     let found = digest(head.format, &manifest, &records);

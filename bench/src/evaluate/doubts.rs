@@ -2,11 +2,12 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use super::gaussians::source_check::{SOURCE_BLUR, SOURCE_DEPTH, SOURCE_PSNR, source_of};
+use super::gaussians::source_check::{SOURCE_BLUR, SOURCE_DEPTH, SOURCE_PSNR};
 use super::picture_check::{CHANGED, changed_pictures, is_checked};
 use super::picture_order::{ORDER, misplaced_pictures};
 use super::record::Record;
 use crate::methods::{TrueDepth, UNUSABLE};
+use crate::pairs::pair_id::source_of;
 
 /// Ratio of rendered to true depth beyond which the unit is probably not metres.
 const UNLIKELY_SCALE: f64 = 10.0;

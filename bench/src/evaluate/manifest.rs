@@ -121,9 +121,7 @@ impl RendererRecord {
             quantization: quantization.to_string(),
         }
     }
-}
 
-impl RendererRecord {
     /// Every setting except the backend, with its name.
     pub(super) fn settings(&self) -> [(&'static str, String); 5] {
         [

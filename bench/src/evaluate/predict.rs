@@ -13,9 +13,7 @@ use super::error::EvaluateError;
 use super::folder::RunFolder;
 use super::gaussians::gaussian_store::{GaussianStore, StoreError};
 use super::gaussians::render::{depth_scale, far_moved, render};
-use super::gaussians::source_check::{
-    CheckedSource, SourceFacts, absurd_coverage, check_source, source_of,
-};
+use super::gaussians::source_check::{CheckedSource, SourceFacts, absurd_coverage, check_source};
 use super::job::{Job, Stages, UnitCounts};
 use super::keys::PictureKeys;
 use super::manifest::FORMAT;
@@ -34,6 +32,7 @@ use crate::methods::{
     TrueDepth,
 };
 use crate::pairs::PosedCamera;
+use crate::pairs::pair_id::source_of;
 use crate::pairs::pair_list::ResolvedPair;
 use crate::scoring::ground_truth::valid_mask;
 
@@ -230,7 +229,7 @@ impl<'j, 'a> PairWork<'j, 'a> {
             picture_key: keys.picture,
             record: Record {
                 files: job.keys.pair_files(method, &planned),
-                ..empty_record(&planned, method.label())
+                ..empty_record(planned.pair, &planned.scene.cluster, method.label())
             },
             picture: None,
             scores: Default::default(),
@@ -262,13 +261,13 @@ impl<'j, 'a> PairWork<'j, 'a> {
 
     /// A stored unit, updated with the current pair list's data.
     fn refreshed(&self, method: &dyn Method, mut unit: Unit) -> Result<Unit, EvaluateError> {
-        let now = empty_record(&self.truth.planned, &unit.slot.method);
+        let ResolvedPair { pair, scene, .. } = self.truth.planned;
         let refreshed = Record {
-            cluster: now.cluster,
-            baseline_m: now.baseline_m,
-            rotation_deg: now.rotation_deg,
-            median_depth_m: now.median_depth_m,
-            overlap: now.overlap,
+            cluster: scene.cluster.clone(),
+            baseline_m: pair.baseline_m,
+            rotation_deg: pair.rotation_deg,
+            median_depth_m: pair.median_depth_m,
+            overlap: pair.overlap,
             files: self.job.keys.pair_files(method, &self.truth.planned),
             ..unit.record.clone()
         };

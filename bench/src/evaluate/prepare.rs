@@ -320,10 +320,6 @@ impl Evaluation {
         }
     }
 
-    pub fn scoring(&self) -> &Scoring {
-        &self.scoring
-    }
-
     /// The manifest that a run into a new folder would write.
     ///
     /// # Errors

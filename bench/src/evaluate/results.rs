@@ -12,7 +12,7 @@ use super::record::{Record, Score, Status, file_difference, finite_or_text};
 use super::unit::{ScoredPicture, Slot, Timing, Unit};
 use crate::io::atomic_files::{FileError, write_atomic};
 use crate::io::hash::file_sha256;
-use crate::io::text::csv_cell;
+use crate::io::text::{csv_bytes, csv_cell};
 use crate::methods::MOST_EXTRAS;
 use crate::pairs::{Pair, PairList};
 
@@ -330,11 +330,9 @@ pub(super) fn write_tables(folder: &RunFolder) -> Result<Results, EvaluateError>
         .iter()
         .map(|m| m.info.key.to_string())
         .collect();
-    let csv_error = |error: csv::Error| FileError::new(folder.root(), "encode")(error.into());
-    let scores = scores_csv(&results.records, &keys).map_err(csv_error)?;
+    let scores = scores_csv(&results.records, &keys);
     write_atomic(&folder.scores_path(), &scores)?;
-    let timings =
-        timings_csv(current.units.iter().filter(|unit| unit.is_done())).map_err(csv_error)?;
+    let timings = timings_csv(current.units.iter().filter(|unit| unit.is_done()));
     write_atomic(&folder.timings_path(), &timings)?;
     for method in &mut results.manifest.methods {
         let own = results.records.iter().filter(|r| r.method == method.label);
@@ -369,24 +367,19 @@ pub fn number(value: f64) -> String {
 
 /// The table as CSV: [`FIXED_COLUMNS`], then a column per metric key in the given order, then the records' extras
 /// (`mean_alpha`, …) by name, and last the reason for a failure. Unavailable scores and unknown values are empty cells.
-///
-/// # Errors
-/// If the CSV writer fails, which it does not in memory.
-pub fn scores_csv(records: &[Record], metric_keys: &[String]) -> Result<Vec<u8>, csv::Error> {
+pub fn scores_csv(records: &[Record], metric_keys: &[String]) -> Vec<u8> {
     let extras: BTreeSet<&str> = records
         .iter()
         .flat_map(|record| record.reported().into_keys())
         .collect();
-    let mut out = csv::WriterBuilder::new().from_writer(Vec::new());
     let header = FIXED_COLUMNS
         .iter()
         .copied()
         .chain(metric_keys.iter().map(String::as_str))
         .chain(extras.iter().copied())
         .chain(["reason"]);
-    out.write_record(header)?;
     let optional = |value: Option<f64>| value.map_or_else(String::new, number);
-    for record in records {
+    let rows = records.iter().map(|record| {
         let (status, reason) = match &record.status {
             Status::Ok => ("ok", ""),
             Status::Failed { reason } => ("failed", reason.as_str()),
@@ -417,30 +410,26 @@ pub fn scores_csv(records: &[Record], metric_keys: &[String]) -> Result<Vec<u8>,
                 .map(|name| optional(reported.get(name).copied())),
         );
         row.push(text(reason));
-        out.write_record(&row)?;
-    }
-    out.into_inner().map_err(|error| error.into_error().into())
+        row
+    });
+    csv_bytes(header, rows)
 }
 
 /// Wall seconds of each unit as CSV; see [`Timing`].
-fn timings_csv<'a>(units: impl Iterator<Item = &'a Unit>) -> Result<Vec<u8>, csv::Error> {
-    let mut out = csv::Writer::from_writer(Vec::new());
-    out.write_record([
+fn timings_csv<'a>(units: impl Iterator<Item = &'a Unit>) -> Vec<u8> {
+    let head = [
         "pair_id",
         "method",
         "predict_secs",
         "render_secs",
         "score_secs",
-    ])?;
-    for unit in units {
-        let row = [
-            &*csv_cell(&unit.slot.pair_id),
-            &*csv_cell(&unit.slot.method),
-            &format!("{:.3}", unit.timing.predict_secs),
-            &format!("{:.3}", unit.timing.render_secs),
-            &format!("{:.3}", unit.timing.score_secs),
-        ];
-        out.write_record(row)?;
-    }
-    out.into_inner().map_err(|error| error.into_error().into())
+    ];
+    let rows = units.map(|unit| {
+        let timing = &unit.timing;
+        let secs = [timing.predict_secs, timing.render_secs, timing.score_secs];
+        let secs = secs.map(|secs| format!("{secs:.3}"));
+        let words = [&unit.slot.pair_id, &unit.slot.method].map(|text| csv_cell(text).into_owned());
+        words.into_iter().chain(secs)
+    });
+    csv_bytes(head, rows)
 }

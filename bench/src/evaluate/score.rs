@@ -15,6 +15,7 @@ use super::keys::Keys;
 use super::record::{Crop, Record, Score, Status};
 use super::unit::{StoredScore, Unit};
 use crate::io::text::reason_line;
+use crate::pairs::Pair;
 use crate::pairs::depth::PosedDepth;
 use crate::pairs::pair_list::ResolvedPair;
 use crate::scoring::ground_truth::PairMasks;
@@ -252,21 +253,15 @@ fn stored(
     })
 }
 
-/// A record for a pair without a result.
-pub(super) fn empty_record(planned: &ResolvedPair, method: &str) -> Record {
-    let ResolvedPair {
-        pair,
-        scene,
-        source,
-        target,
-    } = planned;
+/// A record for a pair without a result; `cluster` is that of its scene.
+pub(super) fn empty_record(pair: &Pair, cluster: &str, method: &str) -> Record {
     Record {
         pair_id: pair.pair_id.clone(),
-        dataset: scene.dataset.clone(),
-        scene: scene.id.clone(),
-        cluster: scene.cluster.clone(),
-        source: source.id.clone(),
-        target: target.id.clone(),
+        dataset: pair.dataset.clone(),
+        scene: pair.scene.clone(),
+        cluster: cluster.to_owned(),
+        source: pair.source.clone(),
+        target: pair.target.clone(),
         method: method.to_owned(),
         baseline_m: pair.baseline_m,
         rotation_deg: pair.rotation_deg,

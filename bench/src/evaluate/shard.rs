@@ -4,6 +4,8 @@ use std::cmp::Reverse;
 use std::collections::BTreeSet;
 use std::str::FromStr;
 
+use crate::pairs::pair_id::source_of;
+
 /// One of `count` shares of a plan. The shares are disjoint and complete.
 ///
 /// Units are independent, so a plan can be continued with another number of shards.
@@ -44,7 +46,7 @@ impl Shard {
         for at in 0..list.len() {
             match groups.last_mut() {
                 Some(group)
-                    if source(pair_id(&list[group.start])) == source(pair_id(&list[at])) =>
+                    if source_of(pair_id(&list[group.start])) == source_of(pair_id(&list[at])) =>
                 {
                     group.end = at + 1;
                 }
@@ -70,11 +72,6 @@ impl Shard {
         }
         shares
     }
-}
-
-/// The source's part of a pair's id. Ids encode underscores, so the first `__` is the separator.
-fn source(pair_id: &str) -> &str {
-    pair_id.split("__").next().unwrap_or(pair_id)
 }
 
 impl std::fmt::Display for Shard {
@@ -247,9 +244,9 @@ mod tests {
             prop_assert_eq!(&all, &list);
             for (i, share) in shares.iter().enumerate() {
                 prop_assert!(share.is_sorted());
-                let sources: BTreeSet<&str> = share.iter().map(|id| source(id)).collect();
+                let sources: BTreeSet<&str> = share.iter().map(|id| source_of(id)).collect();
                 for other in &shares[i + 1..] {
-                    prop_assert!(!other.iter().any(|id| sources.contains(source(id))));
+                    prop_assert!(!other.iter().any(|id| sources.contains(source_of(id))));
                 }
             }
             let loads: Vec<usize> = shares.iter().map(Vec::len).collect();

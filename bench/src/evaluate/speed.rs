@@ -16,6 +16,7 @@ use crate::methods::{
     Approach, GaussianPrediction, Method, MethodError, SourceView, TargetCamera, TrueDepth,
 };
 use crate::pairs::PosedCamera;
+use crate::pairs::pair_id::source_of;
 use crate::pairs::pair_list::ResolvedPair;
 
 /// Number of rounds per pair.
@@ -218,13 +219,12 @@ fn infer(
     let (source, target): (PosedCamera, PosedCamera) =
         (planned.source.into(), planned.target.into());
     let pair_id = &planned.pair.pair_id;
-    let name = pair_id.split("__").next().unwrap_or(pair_id);
     let photograph = planned.source.content.image()?;
     let depth = match method.privilege().depth {
         TrueDepth::SourceDepth => planned.source.content.depth()?,
         _ => None,
     };
-    let source = SourceView::new(name, &source, &photograph, depth.as_ref());
+    let source = SourceView::new(source_of(pair_id), &source, &photograph, depth.as_ref());
     let target = TargetCamera::new(pair_id, &target);
     let is_read = matches!(method.identity().kind.as_str(), "imported" | "gaussians");
     let rounds = if is_read { 1 } else { warmup + repeat };

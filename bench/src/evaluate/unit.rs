@@ -177,19 +177,7 @@ impl Unit {
         }
         record
     }
-}
 
-/// Progress of a planned unit.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum UnitProgress {
-    /// No result, or one made from other files or by another method.
-    Missing,
-    Failed,
-    Unscored,
-    Done,
-}
-
-impl Unit {
     /// The unit's progress; `lacks_scores` says whether scores of requested metrics are missing.
     pub(super) fn progress(&self, lacks_scores: bool) -> UnitProgress {
         match (&self.record.status, lacks_scores) {
@@ -207,6 +195,16 @@ impl Unit {
     pub(super) fn is_done(&self) -> bool {
         self.progress(self.scores.is_empty()) != UnitProgress::Unscored
     }
+}
+
+/// Progress of a planned unit.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum UnitProgress {
+    /// No result, or one made from other files or by another method.
+    Missing,
+    Failed,
+    Unscored,
+    Done,
 }
 
 /// SHA-256 of a picture's size and pixels.

@@ -12,8 +12,6 @@ mod file;
 pub mod pairs;
 pub mod viewer;
 
-use std::path::PathBuf;
-
 use sharp_datasets::DatasetError;
 
 use crate::io::atomic_files::FileError;
@@ -24,6 +22,4 @@ pub enum ExportError {
     File(#[from] FileError),
     #[error(transparent)]
     Dataset(#[from] DatasetError),
-    #[error("{}: {reason}", path.display())]
-    Folder { path: PathBuf, reason: String },
 }

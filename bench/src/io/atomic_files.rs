@@ -216,7 +216,8 @@ fn remove_abandoned(folder: &Path) {
     }
 }
 
-fn folder_of(path: &Path) -> &Path {
+/// The parent folder of a file, which need not exist.
+pub(crate) fn folder_of(path: &Path) -> &Path {
     match path.parent() {
         Some(folder) if !folder.as_os_str().is_empty() => folder,
         _ => Path::new("."),

@@ -114,6 +114,22 @@ pub fn csv_cell(text: &str) -> Cow<'_, str> {
     }
 }
 
+/// CSV of a header and the rows below it.
+pub fn csv_bytes<R: IntoIterator<Item: AsRef<[u8]>>>(
+    head: impl IntoIterator<Item: AsRef<[u8]>>,
+    rows: impl IntoIterator<Item = R>,
+) -> Vec<u8> {
+    // Writing to memory fails only for rows of unequal length, which `flexible` allows.
+    let mut writer = csv::WriterBuilder::new()
+        .flexible(true)
+        .from_writer(Vec::new());
+    let _ = writer.write_record(head);
+    for row in rows {
+        let _ = writer.write_record(row);
+    }
+    writer.into_inner().unwrap_or_default()
+}
+
 /// The text of a cell written by [`csv_cell`] or by another program.
 pub fn csv_text(cell: &str) -> &str {
     match cell.strip_prefix('\'') {

@@ -123,14 +123,10 @@ impl PredictGaussians for DepthSplat {
         let gaussians =
             compose(&base, None).map_err(|error| MethodError::unsuitable(view, error))?;
         Ok(GaussianPrediction {
-            rule: None,
-            rule_note: None,
             gaussians,
             space: GaussianSpace::Normalized,
-            first_layer: None,
             extras: BTreeMap::from([("dropped_blocks".to_owned(), base.dropped() as f64)]),
-            reading: None,
-            warnings: BTreeMap::new(),
+            ..GaussianPrediction::default()
         })
     }
 }

@@ -3,6 +3,7 @@
 use std::collections::BTreeSet;
 use std::path::{Component, Path, PathBuf};
 
+use super::method::MethodError;
 use crate::pairs::pair_id::{PairName, path_of};
 
 /// A path below the method's folder with placeholders for the names of a pair, such as `{scene}/point_cloud.ply`.
@@ -69,6 +70,23 @@ impl FileTemplate {
         all.filter(|path| is_below(path))
             .map(|path| folder.join(path))
             .collect()
+    }
+
+    /// The first of the [candidates](Self::candidates) that is there. `absent` is what the error says is missing, and
+    /// the key of the template's option.
+    pub(super) fn find(
+        &self,
+        folder: &Path,
+        id: &str,
+        is_there: impl Fn(&Path) -> bool,
+        (what, key): (&str, &str),
+    ) -> Result<PathBuf, MethodError> {
+        let named = self.candidates(folder, id);
+        let found = named.iter().find(|path| is_there(path)).cloned();
+        found.ok_or_else(|| {
+            let path = named.first().map_or(folder, PathBuf::as_path);
+            MethodError::file(path, format!("{what} ({key}={})", self.0))
+        })
     }
 
     fn filled(&self, values: [&str; 5]) -> PathBuf {

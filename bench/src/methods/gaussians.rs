@@ -22,7 +22,7 @@ use super::spec::{MethodSpec, SpecError};
 use super::training_views::TrainingViews;
 use crate::io::gaussian_files::{EXTENSIONS, GaussianFile, is_sog_folder};
 use crate::io::{fingerprints, gaussian_files};
-use crate::pairs::pair_id::path_of;
+use crate::pairs::pair_id::{path_of, source_of};
 use crate::rendering::pose_alignment;
 
 /// Principal points that differ by less count as equal, pixels.
@@ -115,7 +115,7 @@ impl GaussianFiles {
     fn file_id<'p>(&self, pair_id: &'p str) -> &'p str {
         match self.needs_target() {
             true => pair_id,
-            false => source_id(pair_id),
+            false => source_of(pair_id),
         }
     }
 
@@ -124,28 +124,16 @@ impl GaussianFiles {
         let Some(template) = &self.transform else {
             return Ok(None);
         };
-        let named = template.candidates(&self.dir, id);
-        let found = named.iter().find(|path| path.is_file());
-        let absent = || {
-            let path = named.first().unwrap_or(&self.dir);
-            MethodError::file(
-                path,
-                format!("no transform (transform={})", template.text()),
-            )
-        };
-        found.cloned().map(Some).ok_or_else(absent)
+        let absent = ("no transform", "transform");
+        let found = template.find(&self.dir, id, Path::is_file, absent);
+        found.map(Some)
     }
 
     /// The file for the id of [`Self::file_id`].
     fn find(&self, id: &str) -> Result<PathBuf, MethodError> {
         if let Some(template) = &self.file {
-            let named = template.candidates(&self.dir, id);
-            let there = |path: &&PathBuf| path.is_file() || is_sog_folder(path);
-            let found = named.iter().find(there).cloned();
-            return found.ok_or_else(|| {
-                let path = named.first().unwrap_or(&self.dir);
-                MethodError::file(path, format!("no Gaussians (file={})", template.text()))
-            });
+            let is_there = |path: &Path| path.is_file() || is_sog_folder(path);
+            return template.find(&self.dir, id, is_there, ("no Gaussians", "file"));
         }
         let path = self.dir.join(path_of(id));
         let scene = path
@@ -197,11 +185,6 @@ fn other_principal_point(stored: &Intrinsics, own: &Intrinsics) -> Option<String
             stored.cx, stored.cy, own.cx, own.cy
         )
     })
-}
-
-/// The source's part of a pair's id. Ids encode underscores, so the first `__` is the separator.
-fn source_id(pair_id: &str) -> &str {
-    pair_id.split("__").next().unwrap_or(pair_id)
 }
 
 /// Whether a folder contains `<dataset>/<scene>.ply` or another of [`EXTENSIONS`].
@@ -286,7 +269,7 @@ impl Method for GaussianFiles {
         {
             return Ok(());
         }
-        let sources = pair_ids.iter().map(|id| source_id(id).to_owned()).collect();
+        let sources = pair_ids.iter().map(|id| source_of(id).to_owned()).collect();
         suggestion(&self.dir, &sources, &EXTENSIONS)
             .or_else(|| suggestion(&self.dir, pair_ids, &EXTENSIONS))
             .map_or(Ok(()), Err)

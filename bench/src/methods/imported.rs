@@ -77,12 +77,7 @@ impl Imported {
 
     fn find(&self, pair_id: &str) -> Result<PathBuf, MethodError> {
         if let Some(template) = &self.file {
-            let named = template.candidates(&self.dir, pair_id);
-            let found = named.iter().find(|path| path.is_file()).cloned();
-            return found.ok_or_else(|| {
-                let path = named.first().unwrap_or(&self.dir);
-                MethodError::file(path, format!("no picture (file={})", template.text()))
-            });
+            return template.find(&self.dir, pair_id, Path::is_file, ("no picture", "file"));
         }
         let named = self.dir.join(path_of(pair_id));
         let folder = named.parent().unwrap_or(&self.dir);

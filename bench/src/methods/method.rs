@@ -162,9 +162,10 @@ pub struct Candidate {
     pub prediction: PicturePrediction,
 }
 
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub enum GaussianSpace {
     /// The source's normalised space: the picture's edges are at ±1, z is in metres. Placed by E_t E_s⁻¹ K_s⁻¹.
+    #[default]
     Normalized,
     /// A space that this map transforms to the source camera's, metres.
     Camera(DAffine3),
@@ -176,7 +177,7 @@ impl GaussianSpace {
 }
 
 /// Gaussians predicted from a source for all targets.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, Default, PartialEq)]
 pub struct GaussianPrediction {
     /// Gaussians with colours in the space that the rule blends.
     pub gaussians: Gaussians,

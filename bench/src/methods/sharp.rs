@@ -1,6 +1,5 @@
 //! SHARP itself: our network predicts from the source photograph, our renderer draws the target.
 
-use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::OnceLock;
 
@@ -176,14 +175,10 @@ impl PredictGaussians for Sharp {
             return Err(MethodError::Model("a depth layer of the wrong size".into()));
         };
         Ok(GaussianPrediction {
-            rule: None,
-            rule_note: None,
             gaussians: predicted.gaussians,
             space: GaussianSpace::Normalized,
             first_layer: Some(first_layer),
-            extras: BTreeMap::new(),
-            reading: None,
-            warnings: BTreeMap::new(),
+            ..GaussianPrediction::default()
         })
     }
 }

@@ -61,6 +61,12 @@ impl PairName {
     }
 }
 
+/// `dataset/scene/source` of a pair's id.
+pub fn source_of(pair_id: &str) -> &str {
+    // Ids encode underscores, so the first `__` is the separator.
+    pair_id.split("__").next().unwrap_or(pair_id)
+}
+
 /// Maximum length of a file or folder name made from an id, bytes. File systems allow 255, including extensions and
 /// affixes of partial files.
 const LONGEST: usize = 180;

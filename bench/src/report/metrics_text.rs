@@ -14,6 +14,9 @@ const CITATIONS: &str = include_str!("citations.bib");
 /// Number of hash digits shown in a paper.
 const DIGITS: usize = 12;
 
+/// First line of our files; other files are not overwritten.
+const MARK: &str = "% Written by sharp-bench";
+
 /// A paragraph and the references that it cites.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct MethodsText {
@@ -61,12 +64,7 @@ impl MethodsText {
             bibtex,
         }
     }
-}
 
-/// First line of our files; other files are not overwritten.
-const MARK: &str = "% Written by sharp-bench";
-
-impl MethodsText {
     /// Writes `methods.tex`, for `\\input`, and `methods.bib`.
     ///
     /// # Errors

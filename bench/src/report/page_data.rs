@@ -2,8 +2,9 @@
 
 use serde_json::{Value, json};
 
-use crate::evaluate::record::{Record, Score, Status, finite_or_text};
+use crate::evaluate::record::{Record, Score, Status};
 use crate::io::text::visible_line;
+use crate::pictures::keyed_scores::json_number;
 
 use super::column::Column;
 use super::gallery::{self, GalleryPair, Pictures};
@@ -104,11 +105,7 @@ fn pictures(page: &Page<'_>, pictures: &Pictures) -> Value {
 /// `[number, displayed text]` or the reason for a missing score.
 fn score(record: &Record, metric: &Column) -> Value {
     match record.scores.get(&metric.key) {
-        Some(Score::Value(value)) => {
-            let exact =
-                finite_or_text::text(*value).map_or_else(|| json!(value), |text| json!(text));
-            json!([exact, metric.shown(*value)])
-        }
+        Some(Score::Value(value)) => json!([json_number(*value), metric.shown(*value)]),
         Some(Score::Unavailable { unavailable }) => json!(visible_line(unavailable)),
         None => json!("not computed in this run"),
     }

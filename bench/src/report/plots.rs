@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use crate::evaluate::record::Status;
 use crate::io::counts::counted;
 use crate::io::text::visible;
+use crate::pairs::valid_depth::median_of;
 use crate::report::board::{Board, DatasetBoard};
 use crate::report::column::Column;
 use sharp_plots::PlotError;
@@ -65,13 +66,6 @@ impl Baselines {
             cuts,
         }
     }
-
-    /// The median; for an even count, the mean of the two middle values.
-    fn median(&self) -> Option<f64> {
-        let n = self.metres.len();
-        let low = self.metres.get(n.saturating_sub(1) / 2)?;
-        Some((low + self.metres.get(n / 2)?) / 2.0)
-    }
 }
 
 /// Plots the histogram of baselines, for print if a style is given. `None` if no dataset has a pair.
@@ -88,7 +82,7 @@ pub fn histogram(
         let found = bins(&samples, &baselines.cuts);
         let most = found.iter().map(|b| b.n()).max().unwrap_or(1) as f64;
         let y = PlotAxis::over("pairs", 0.0, most * 1.06, 5).counting();
-        let median = baselines.median();
+        let median = median_of(baselines.metres);
         let median = median.map_or_else(String::new, |m| format!(", median {m:.3} m"));
         let bars = Box::new(move |surface: &mut Surface, area: &PlotArea| {
             for bar in &found {

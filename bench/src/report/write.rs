@@ -103,7 +103,7 @@ pub fn report(
         let stem = format!("tables/{}", table.name);
         files.extend([
             (format!("{stem}.md"), table.markdown().into_bytes()),
-            (format!("{stem}.csv"), table.csv()?),
+            (format!("{stem}.csv"), table.csv()),
             (format!("{stem}.tex"), table.latex().into_bytes()),
         ]);
     }

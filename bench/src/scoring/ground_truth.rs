@@ -35,12 +35,7 @@ pub(crate) fn valid_mask(valid: &GrayImage) -> Option<Mask> {
 }
 
 impl GroundTruth {
-    /// An 8-bit sRGB photograph whose pixels all count.
-    pub fn whole(image: RgbImage) -> Self {
-        Self { image, valid: None }
-    }
-
-    /// A photograph in which only those pixels count whose `valid`, of the same size, is 255; the dataset excludes the
+    /// An 8-bit sRGB photograph in which only those pixels count whose `valid`, of the same size, is 255; the dataset excludes the
     /// others (anonymised faces, for instance).
     pub fn of(image: RgbImage, valid: Option<&GrayImage>) -> Self {
         let valid = valid.and_then(valid_mask);
@@ -370,7 +365,7 @@ mod tests {
             scores(&GroundTruth::of(black, Some(&valid)), &other),
             before
         );
-        assert_ne!(scores(&GroundTruth::whole(picture(1)), &other), before);
+        assert_ne!(scores(&GroundTruth::of(picture(1), None), &other), before);
         // The target equals itself, whatever the fill colour.
         let perfect = scores(&truth, truth.image());
         assert_eq!(perfect[0], f64::INFINITY);
@@ -398,10 +393,10 @@ mod tests {
             given: Mask::new(40, 30, valid.iter().map(|v| *v == 255).collect()),
             ..PairMasks::default()
         };
-        let whole = score(&GroundTruth::whole(picture(1)), &given);
+        let whole = score(&GroundTruth::of(picture(1), None), &given);
         assert_eq!((whole[0], whole[2]), (of_dataset[0], of_dataset[2]));
         assert_ne!(whole[1], of_dataset[1]);
-        let unmasked = score(&GroundTruth::whole(picture(1)), &none);
+        let unmasked = score(&GroundTruth::of(picture(1), None), &none);
         assert_eq!(unmasked[0], unmasked[1]);
     }
 
@@ -418,7 +413,7 @@ mod tests {
         let Picture::Rgb8(truth) = cut(1) else {
             panic!()
         };
-        let expected = GroundTruth::whole(truth);
+        let expected = GroundTruth::of(truth, None);
         let expected = expected.score(&scorer, &[(&cut(2), None)], &PairMasks::default());
         let right = Region {
             x: 20,
@@ -427,7 +422,7 @@ mod tests {
         let half = right.crop(&Picture::Rgb8(picture(2))).into_owned();
         let whole = Picture::Rgb8(picture(2));
         let pictures = [(&whole, None), (&half, Some(right)), (&half, None)];
-        let found = GroundTruth::whole(picture(1)).score(&scorer, &pictures, &masks);
+        let found = GroundTruth::of(picture(1), None).score(&scorer, &pictures, &masks);
         assert_eq!(found[0], expected[0]);
         assert!(found[1].is_ok() && found[1] != found[0]);
         assert!(found[2].as_ref().unwrap_err().contains("20x30"));
@@ -437,7 +432,7 @@ mod tests {
     fn a_mask_that_excludes_nothing_changes_no_bit() {
         let all = GrayImage::from_pixel(40, 30, Luma([255]));
         let masked = GroundTruth::of(picture(1), Some(&all));
-        assert_eq!(masked, GroundTruth::whole(picture(1)));
+        assert_eq!(masked, GroundTruth::of(picture(1), None));
         assert_eq!(masked.valid_share(None), None);
         let share = GroundTruth::of(picture(1), Some(&valid())).valid_share(None);
         assert_eq!(share, Some(0.9));

@@ -104,11 +104,6 @@ impl Scoring {
         }
     }
 
-    /// The metric keys as text, in order.
-    pub fn keys(&self) -> Vec<String> {
-        self.metrics.iter().map(|m| m.key.to_string()).collect()
-    }
-
     /// Whether any metric is restricted to this region.
     pub fn needs(&self, region: MetricRegion) -> bool {
         self.metrics

@@ -1,8 +1,5 @@
 //! Resizing kernels by name.
 
-use std::fmt;
-use std::str::FromStr;
-
 use image::{ImageBuffer, Rgb};
 
 use super::Size;
@@ -78,27 +75,12 @@ impl ResizeKernel {
     }
 }
 
-impl fmt::Display for ResizeKernel {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(self.name())
-    }
-}
+by_name!(ResizeKernel, ResizeKernelError);
 
 /// Error: there is no kernel of that name.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("no resize kernel {0:?}: bilinear, bilinear-antialias, bicubic, lanczos and area exist")]
 pub struct ResizeKernelError(String);
-
-impl FromStr for ResizeKernel {
-    type Err = ResizeKernelError;
-
-    fn from_str(name: &str) -> Result<Self, Self::Err> {
-        Self::ALL
-            .into_iter()
-            .find(|kernel| kernel.name() == name)
-            .ok_or_else(|| ResizeKernelError(name.to_owned()))
-    }
-}
 
 /// Resizes the picture to `width` × `height` pixels, exactly as the kernel's library does.
 ///

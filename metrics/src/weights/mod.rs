@@ -13,7 +13,6 @@ mod registry;
 use std::collections::BTreeMap;
 use std::fmt;
 use std::path::PathBuf;
-use std::str::FromStr;
 
 use serde::{Deserialize, Serialize};
 use sharp_checkpoint::CheckpointError;
@@ -119,22 +118,7 @@ impl Backbone {
     }
 }
 
-impl fmt::Display for Backbone {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.pad(self.name())
-    }
-}
-
-impl FromStr for Backbone {
-    type Err = UnknownBackbone;
-
-    fn from_str(name: &str) -> Result<Self, UnknownBackbone> {
-        Self::ALL
-            .into_iter()
-            .find(|backbone| backbone.name() == name)
-            .ok_or_else(|| UnknownBackbone(name.to_owned()))
-    }
-}
+by_name!(Backbone, UnknownBackbone);
 
 /// Source of a network's weights; displayed as the file, `built in` or `deterministic:SALT`.
 #[derive(Debug, Clone, PartialEq, Eq)]

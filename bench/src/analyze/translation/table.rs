@@ -1,11 +1,12 @@
 //! The comparisons as a table in the paper's layout, and the paper's published numbers.
 
 use super::experiment::Experiment;
+use crate::io::text::csv_bytes;
 use crate::pictures::keyed_scores::csv_cells;
 use crate::report::column::Column;
 use crate::report::paper;
 use crate::report::tables::csv::optional;
-use crate::report::tables::{self, Cell, Group, Row, Table};
+use crate::report::tables::{Cell, Group, Row, Table};
 
 /// Tabulates an experiment on the picture called `name`.
 pub fn table(experiment: &Experiment, name: &str) -> Table {
@@ -62,10 +63,7 @@ fn method_note(experiment: &Experiment) -> String {
 
 /// One row per comparison at full precision: `comparison,shift_percent,shift_px`, then a column per metric. An
 /// unavailable score is empty; the last column gives the reason.
-///
-/// # Errors
-/// If the CSV writer fails, which it does not in memory.
-pub fn csv(experiment: &Experiment) -> Result<Vec<u8>, ::csv::Error> {
+pub fn csv(experiment: &Experiment) -> Vec<u8> {
     let mut heads: Vec<String> = ["comparison", "shift_percent", "shift_px"]
         .map(String::from)
         .into();
@@ -76,5 +74,5 @@ pub fn csv(experiment: &Experiment) -> Result<Vec<u8>, ::csv::Error> {
         let cells = [comparison.label(), optional(percent), optional(pixels)];
         cells.into_iter().chain(csv_cells(&comparison.scores))
     });
-    tables::csv::csv(heads, rows)
+    csv_bytes(heads, rows)
 }

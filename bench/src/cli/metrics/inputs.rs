@@ -51,11 +51,3 @@ pub(super) fn pairs(
     };
     pairs.into_iter().map(input).collect()
 }
-
-/// The parent folder of a file, which need not exist.
-pub(super) fn folder_of(file: &Path) -> &Path {
-    match file.parent() {
-        Some(folder) if !folder.as_os_str().is_empty() => folder,
-        _ => Path::new("."),
-    }
-}

@@ -27,7 +27,7 @@ use super::{Outcome, output};
 use crate::config::MetricConfig;
 use crate::config::metrics::demand_weights;
 use crate::evaluate::picture_check::agreed_change;
-use crate::io::atomic_files::{check_writable, write_atomic};
+use crate::io::atomic_files::{check_writable, folder_of, write_atomic};
 use crate::io::observer::Observer;
 use crate::io::pictures::PictureReading;
 use crate::pictures::keyed_scores::KeyedScores;
@@ -145,10 +145,7 @@ pub(super) fn execute(args: &MetricsArgs) -> anyhow::Result<Outcome> {
     };
     let inputs = inputs::pairs(prediction, target, args.mask.as_deref(), args.match_by)?;
     // Check before hours of work, not after.
-    for folder in [
-        args.maps.as_deref(),
-        args.csv.as_deref().map(inputs::folder_of),
-    ] {
+    for folder in [args.maps.as_deref(), args.csv.as_deref().map(folder_of)] {
         folder.map_or(Ok(()), check_writable)?;
     }
     let terminal = Terminal::default();
@@ -186,7 +183,7 @@ pub(super) fn execute(args: &MetricsArgs) -> anyhow::Result<Outcome> {
         results.print()?;
     }
     if let Some(path) = &args.csv {
-        write_atomic(path, &results.csv()?)?;
+        write_atomic(path, &results.csv())?;
     }
     Ok(Outcome::Done)
 }

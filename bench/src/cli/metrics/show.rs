@@ -12,7 +12,7 @@ use crate::evaluate::results::number;
 use crate::io::counts::counted;
 use crate::io::fingerprints;
 use crate::io::fingerprints::DECODERS;
-use crate::io::text::csv_cell;
+use crate::io::text::{csv_bytes, csv_cell};
 use crate::pictures::keyed_scores::{csv_cells, json_number, json_scores};
 use crate::pictures::other_forms::OtherForm;
 
@@ -273,16 +273,14 @@ impl ScoredPairs<'_> {
     }
 
     /// CSV with `prediction,target`, `mask` if there are masks, one column per key, and the reasons for missing scores.
-    pub(super) fn csv(&self) -> anyhow::Result<Vec<u8>> {
+    pub(super) fn csv(&self) -> Vec<u8> {
         let masked = self.scored.iter().any(|pair| pair.mask.is_some());
         let mut header = vec!["prediction".to_owned(), "target".to_owned()];
         header.extend(masked.then(|| "mask".to_owned()));
         header.extend(self.resize.map(|kernel| format!("resized_from({kernel})")));
         header.extend(self.keys().map(|(_, key)| key.to_string()));
         header.push("unavailable".to_owned());
-        let mut out = csv::Writer::from_writer(Vec::new());
-        out.write_record(&header)?;
-        for pair in self.scored {
+        let rows = self.scored.iter().map(|pair| {
             let files = [
                 Some(&pair.prediction),
                 Some(&pair.target),
@@ -301,9 +299,9 @@ impl ScoredPairs<'_> {
                 row.push(size.unwrap_or_default());
             }
             row.extend(csv_cells(&pair.scores));
-            out.write_record(&row)?;
-        }
-        Ok(out.into_inner().map_err(csv::IntoInnerError::into_error)?)
+            row
+        });
+        csv_bytes(header, rows)
     }
 }
 

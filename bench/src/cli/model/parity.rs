@@ -22,8 +22,8 @@ use super::args::{ModelArgs, PhotoArgs};
 use crate::analyze::port::{self, FieldDifference, PortComparison};
 use crate::cli::reading_args::ReadingArgs;
 use crate::cli::{Outcome, output};
-use crate::evaluate::record::finite_or_text;
 use crate::io::gaussian_files;
+use crate::pictures::keyed_scores::json_number;
 use crate::rendering::SharedRenderer;
 
 /// Compare a network with a recording, stage by stage, and name the first stage that diverges; or a port's Gaussians with ours
@@ -230,11 +230,9 @@ fn of_stages(args: &ParityArgs, golden: &Path, image: &Path) -> anyhow::Result<O
     )?;
     let first = comparison.first_divergence(tolerance);
     if args.json {
-        // JSON numbers cannot represent non-finite values.
-        let number = |value: f64| finite_or_text::text(value).map_or(json!(value), |t| json!(t));
         let stages = comparison.stages.iter();
         let stages = stages.map(
-            |s| json!({ "stage": s.stage, "rel_error": number(s.rel_error), "values": s.values }),
+            |s| json!({ "stage": s.stage, "rel_error": json_number(s.rel_error), "values": s.values }),
         );
         output::json(&json!({
             "stages": stages.collect::<Vec<_>>(),

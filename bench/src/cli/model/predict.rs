@@ -186,7 +186,7 @@ fn predict_one(
     Ok(Predicted {
         image: image.display().to_string(),
         ply: ply.display().to_string(),
-        depth: depth.iter().map(|d| d.display().to_string()).collect(),
+        depth: output::names(&depth),
         gaussians: count,
         focal_px: photo.focal_px,
         seconds,

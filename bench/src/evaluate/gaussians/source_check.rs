@@ -24,6 +24,7 @@ use crate::methods::GaussianPrediction;
 use crate::methods::file_reading::{FileReading, FileSpace};
 use crate::pairs::PosedCamera;
 use crate::pairs::depth::median_depth_m;
+use crate::pairs::pair_id::source_of;
 use crate::pairs::pair_list::ResolvedPair;
 use crate::pairs::valid_depth::{is_valid_depth, median_of};
 use crate::rendering::SharedRenderer;
@@ -176,12 +177,6 @@ pub(in crate::evaluate) fn checked_sources(pairs: &[ResolvedPair<'_>]) -> BTreeS
         [0, names.len() / 2, names.len() - 1].map(|at| names[at].to_owned())
     });
     chosen.collect()
-}
-
-/// `dataset/scene/source` of a pair's id.
-pub(in crate::evaluate) fn source_of(pair_id: &str) -> &str {
-    // Ids encode underscores, so the first `__` is the separator.
-    pair_id.split("__").next().unwrap_or(pair_id)
 }
 
 /// A warning that rendering will take very long.

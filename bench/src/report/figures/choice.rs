@@ -2,6 +2,7 @@
 
 use std::num::NonZeroUsize;
 
+use crate::pairs::pair_id::source_of;
 use crate::report::board::{Board, DatasetBoard, PairBoard};
 use crate::report::choice::by_badness;
 use crate::report::column::Column;
@@ -115,11 +116,7 @@ pub fn along_path<'a>(
     board: &'a Board<'a>,
     PathChoice { source, count }: &PathChoice,
 ) -> Result<Vec<ChosenPair<'a>>, ReportError> {
-    let id = |pair: &PairBoard<'a>| -> &'a str {
-        let id = &pair.facts.pair_id;
-        id.split_once("__")
-            .map_or(id.as_str(), |(source, _)| source)
-    };
+    let id = |pair: &PairBoard<'a>| -> &'a str { source_of(&pair.facts.pair_id) };
     let mut sources: Vec<(&str, Vec<ChosenPair<'a>>)> = Vec::new();
     for dataset in &board.datasets {
         // Pairs are sorted by id, and thereby by source.

@@ -75,7 +75,7 @@ impl SpeedReport {
             (folder.join("speed.tex"), tex.into_bytes(), MARK),
         ];
         if let Some(measured) = &self.measured {
-            let csv = tables::csv(measured)?;
+            let csv = tables::csv(measured);
             files.push((folder.join("speed.csv"), csv, tables::CSV_HEAD));
         }
         Ok(write_all_over_own(&files)?)

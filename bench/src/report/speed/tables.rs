@@ -7,11 +7,12 @@ use super::spread::Spread;
 use crate::evaluate::results::number;
 use crate::evaluate::speed::{Speed, Splats};
 use crate::io::counts::counted;
+use crate::io::text::csv_bytes;
 use crate::report::board::ReportDataset;
 use crate::report::column::Column;
 use crate::report::tables::csv::text;
 use crate::report::tables::grid::{GridCell, TextGrid};
-use crate::report::tables::{self, Cell, Group, Row, Table};
+use crate::report::tables::{Cell, Group, Row, Table};
 
 /// Columns of [`csv()`].
 pub(super) const CSV_HEAD: &str =
@@ -211,10 +212,7 @@ fn spread(secs: &[f64]) -> GridCell {
 
 /// One line per quantity, at full precision; `quantity` is `inference_secs`, `load_secs`, `render_secs`, `peak_bytes`,
 /// `gaussians`, `visible`, `tiles` or `picture_tiles`.
-///
-/// # Errors
-/// If the CSV writer fails, which it does not in memory.
-pub fn csv(measured: &Measured) -> Result<Vec<u8>, ::csv::Error> {
+pub fn csv(measured: &Measured) -> Vec<u8> {
     let mut lines = Vec::new();
     for speed in &measured.speeds {
         let mut records = measured.manifest.datasets.iter();
@@ -254,5 +252,5 @@ pub fn csv(measured: &Measured) -> Result<Vec<u8>, ::csv::Error> {
             ]);
         }
     }
-    tables::csv::csv(CSV_HEAD.split(','), lines)
+    csv_bytes(CSV_HEAD.split(','), lines)
 }

@@ -115,7 +115,7 @@ fn the_table_has_medians_and_says_why_a_cell_is_empty() {
         "512",
     ];
     assert_eq!(row, expected);
-    let csv = String::from_utf8(tables::csv(&measured).unwrap()).unwrap();
+    let csv = String::from_utf8(tables::csv(&measured)).unwrap();
     let lines: Vec<&str> = csv.lines().collect();
     assert_eq!(
         lines[1],

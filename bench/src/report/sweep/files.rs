@@ -41,10 +41,10 @@ pub fn write(
     }
     let named = |end: &str| out.join(format!("{stem}{end}"));
     let tex = table::latex(sweep).into_bytes();
-    files.push((named(".csv"), table::csv(sweep)?, table::COLUMNS));
+    files.push((named(".csv"), table::csv(sweep), table::COLUMNS));
     files.push((named(".tex"), tex, table::MARK));
     if !sweep.crossings.is_empty() {
-        let bytes = table::crossings_csv(sweep)?;
+        let bytes = table::crossings_csv(sweep);
         files.push((named("-crossings.csv"), bytes, table::CROSSINGS));
     }
     let earlier = earlier(out, stem);

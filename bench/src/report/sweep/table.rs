@@ -7,8 +7,8 @@ use sharp_metrics::Direction;
 use super::Band;
 use super::study::{CrossingRule, FoundCrossing, Sweep, SweepBin};
 use crate::evaluate::results::number;
+use crate::io::text::csv_bytes;
 use crate::report::column::Column;
-use crate::report::tables;
 use crate::report::tables::csv::{optional, text};
 use crate::report::tables::latex::{Environment, escape, noted};
 use sharp_plots::panels::BinCount;
@@ -25,10 +25,7 @@ pub(super) const MARK: &str = "% by sharp-bench sweep";
 
 /// One row per bin at full precision. `x` is the mean place of its pairs; `sd` is their sample standard deviation;
 /// `ci_low` and `ci_high` are a 95 % interval of the mean over clusters; unknown values are empty.
-///
-/// # Errors
-/// If the CSV writer fails, which it does not in memory.
-pub fn csv(sweep: &Sweep) -> Result<Vec<u8>, ::csv::Error> {
+pub fn csv(sweep: &Sweep) -> Vec<u8> {
     let lines = sweep
         .panels
         .iter()
@@ -54,14 +51,11 @@ pub fn csv(sweep: &Sweep) -> Result<Vec<u8>, ::csv::Error> {
             ]
         })
     });
-    tables::csv::csv(COLUMNS.split(','), rows)
+    csv_bytes(COLUMNS.split(','), rows)
 }
 
 /// One row per crossing; `-inf` if it lies before the first bin, `inf` if it is not reached in the last.
-///
-/// # Errors
-/// If the CSV writer fails, which it does not in memory.
-pub fn crossings_csv(sweep: &Sweep) -> Result<Vec<u8>, ::csv::Error> {
+pub fn crossings_csv(sweep: &Sweep) -> Vec<u8> {
     let rows = sweep.crossings.iter().map(|crossing| {
         let interval = crossing.found.interval;
         [
@@ -78,7 +72,7 @@ pub fn crossings_csv(sweep: &Sweep) -> Result<Vec<u8>, ::csv::Error> {
             sweep.resampling.seed.to_string(),
         ]
     });
-    tables::csv::csv(CROSSINGS.split(','), rows)
+    csv_bytes(CROSSINGS.split(','), rows)
 }
 
 /// The rule as text: `behind METHOD`, or `below VALUE` or `above VALUE`, whichever is worse.

@@ -69,7 +69,7 @@ fn halves() -> SweepSpec {
 }
 
 fn csv_of(sweep: &Sweep) -> String {
-    String::from_utf8(table::csv(sweep).unwrap()).unwrap()
+    String::from_utf8(table::csv(sweep)).unwrap()
 }
 
 #[test]
@@ -207,7 +207,7 @@ fn a_method_falls_behind_and_below() {
         text.starts_with("d_1 & co: the PSNR of a is not below 15.5 in the last bin ("),
         "{text}"
     );
-    let csv = String::from_utf8(table::crossings_csv(&sweep).unwrap()).unwrap();
+    let csv = String::from_utf8(table::crossings_csv(&sweep)).unwrap();
     let row = "d_1 & co,a,d_1 & co,psnr,below 15.5,inf,,,1,10000,0";
     assert_eq!(csv.lines().nth(1), Some(row));
 }

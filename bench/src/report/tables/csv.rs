@@ -4,7 +4,7 @@ use serde::Serialize;
 
 use super::{Table, letter};
 use crate::evaluate::results::number;
-use crate::io::text::csv_cell;
+use crate::io::text::{csv_bytes, csv_cell};
 
 /// Formats a text as a cell.
 pub fn text(text: &str) -> String {
@@ -14,24 +14,6 @@ pub fn text(text: &str) -> String {
 /// Formats a number as a cell, empty if unknown.
 pub fn optional(value: Option<f64>) -> String {
     value.map(number).unwrap_or_default()
-}
-
-/// Writes rows below a header.
-///
-/// # Errors
-/// If the length of a row differs from that of the header.
-pub fn csv<R: IntoIterator<Item = String>>(
-    head: impl IntoIterator<Item: AsRef<[u8]>>,
-    rows: impl IntoIterator<Item = R>,
-) -> Result<Vec<u8>, ::csv::Error> {
-    let mut writer = ::csv::Writer::from_writer(Vec::new());
-    writer.write_record(head)?;
-    for row in rows {
-        writer.write_record(row)?;
-    }
-    writer
-        .into_inner()
-        .map_err(|error| error.into_error().into())
 }
 
 /// Writes one row per value, with its field names as the header. Cells that are not numbers are written as
@@ -55,15 +37,15 @@ pub fn csv_of<T: Serialize>(rows: impl IntoIterator<Item = T>) -> Result<Vec<u8>
         Ok(_) => cell.to_owned(),
         Err(_) => text(cell),
     };
-    csv(&head, rows.iter().map(|row| row.iter().map(cell)))
+    Ok(csv_bytes(
+        &head,
+        rows.iter().map(|row| row.iter().map(cell)),
+    ))
 }
 
 impl Table {
     /// One line per cell. Numbers round-trip; a missing one is empty, and its footnote gives the reason.
-    ///
-    /// # Errors
-    /// If the CSV writer fails, which it does not in memory.
-    pub fn csv(&self) -> Result<Vec<u8>, ::csv::Error> {
+    pub fn csv(&self) -> Vec<u8> {
         const HEAD: &str = "method,dataset,metric,mean,std,n,total,failed,infinite,rank,shown_decimals,footnotes,\
                             footnote_text";
         let count = |n: Option<usize>| n.map(|n| n.to_string()).unwrap_or_default();
@@ -91,6 +73,6 @@ impl Table {
                 ]
             })
         });
-        csv(HEAD.split(','), rows)
+        csv_bytes(HEAD.split(','), rows)
     }
 }

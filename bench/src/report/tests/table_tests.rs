@@ -33,7 +33,7 @@ fn coverage_is_shown_and_incomplete_rows_are_not_ranked() {
         note.contains("1 of 2 pairs") && note.contains("p2.ply: truncated (1×)"),
         "{note}"
     );
-    let csv = String::from_utf8(table.csv().unwrap()).unwrap();
+    let csv = String::from_utf8(table.csv()).unwrap();
     assert!(csv.contains("\nb,d,psnr,40,,1,2,1,0,,2,a,"), "{csv}");
 }
 
@@ -237,7 +237,7 @@ fn a_column_that_is_not_the_papers_is_marked_in_every_form() {
     );
     assert_eq!(table.notes.len(), 1);
     assert!(table.notes[0].contains("`split=nvs_sem_val`, `threshold=0.5`"));
-    let csv = String::from_utf8(table.csv().unwrap()).unwrap();
+    let csv = String::from_utf8(table.csv()).unwrap();
     for (form, mark) in [
         (table.markdown(), "ScanNet++<sup>a</sup><br>PSNR"),
         (

@@ -288,7 +288,7 @@ fn of_pair<'a>(
                     }
                 };
             let scores = [of_side(&sides[0])?, of_side(&sides[1])?];
-            Some(PairChange::new(metric, a, b, scores))
+            Some(PairChange::new(metric, a, scores))
         };
         let changes = metrics.iter().map(|metric| match share < LEAST_SHARE {
             true => None,

@@ -170,8 +170,8 @@ pub struct RunComparison {
 /// A pair with a score on both sides.
 #[derive(Debug, Clone, Copy)]
 pub struct PairChange<'a> {
+    /// The pair's record in A.
     pub a: &'a Record,
-    pub b: &'a Record,
     /// Scores in A and B.
     pub scores: [f64; 2],
     /// How much worse B is, in the metric's unit; negative if better, zero if both scores are the same infinity.
@@ -179,14 +179,14 @@ pub struct PairChange<'a> {
 }
 
 impl<'a> PairChange<'a> {
-    fn new(metric: &MetricInfo, a: &'a Record, b: &'a Record, scores: [f64; 2]) -> Self {
+    fn new(metric: &MetricInfo, a: &'a Record, scores: [f64; 2]) -> Self {
         let [before, after] = scores;
         let loss = match metric.direction {
             _ if before == after => 0.0,
             Direction::Higher => before - after,
             Direction::Lower => after - before,
         };
-        Self { a, b, scores, loss }
+        Self { a, scores, loss }
     }
 }
 

@@ -39,7 +39,7 @@ impl<'a> Sides<'a> {
         let score = |record: &Record| record.scores.get(&key).and_then(Score::value);
         let scored = self
             .both()
-            .filter_map(|(a, b)| Some(PairChange::new(metric, a, b, [score(a)?, score(b)?])));
+            .filter_map(|(a, b)| Some(PairChange::new(metric, a, [score(a)?, score(b)?])));
         scored.collect()
     }
 

@@ -231,7 +231,7 @@ fn pairs_stand_in_the_order_of_what_they_lost() {
     );
     // If lower is better, an increase is a loss.
     let lpips = MetricInfo::new("lpips".parse().unwrap(), &[]);
-    let change = |a: f64, b: f64| PairChange::new(&lpips, found[0].a, found[0].b, [a, b]).loss;
+    let change = |a: f64, b: f64| PairChange::new(&lpips, found[0].a, [a, b]).loss;
     assert_eq!((change(0.25, 0.5), change(0.5, 0.25)), (0.25, -0.25));
     assert_eq!(change(f64::INFINITY, f64::INFINITY), 0.0);
 }

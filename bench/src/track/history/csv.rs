@@ -1,7 +1,7 @@
 //! The series of a history as CSV, one row per point.
 
 use crate::evaluate::Occasion;
-use crate::report::tables;
+use crate::io::text::csv_bytes;
 use crate::report::tables::csv::{optional, text};
 use crate::track::compare::verdict_word;
 
@@ -12,12 +12,9 @@ pub const COLUMNS: &str = "entry,label,commit,date,method,dataset,metric,n_pairs
                            weights,identity,follows,broken,change,rule,against,difference,p";
 
 /// Comma-separated values with a header, one series after the other. Numbers round-trip; unknown values are empty.
-///
-/// # Errors
-/// If the CSV writer fails, which it does not in memory.
-pub fn csv(history: &History) -> Result<Vec<u8>, ::csv::Error> {
+pub fn csv(history: &History) -> Vec<u8> {
     let rows = history.points().map(|point| row(history, point));
-    tables::csv::csv(COLUMNS.split(','), rows)
+    csv_bytes(COLUMNS.split(','), rows)
 }
 
 fn row(history: &History, point: &Point) -> [String; 23] {

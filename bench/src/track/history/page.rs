@@ -142,10 +142,7 @@ fn horizontal(history: &History) -> PlotAxis {
         number(history.entries.last()),
     );
     // Entry labels replace the axis label.
-    let label = match last - first < LABELLED {
-        true => "",
-        false => "entry",
-    };
+    let label = if last - first < LABELLED { "" } else { "entry" };
     PlotAxis::over(label, first - 0.5, last + 0.5, 12).counting()
 }
 

@@ -470,7 +470,7 @@ fn numbers_that_are_none_are_shown_and_change_nothing() {
         (points[2].mean, points[2].n_failed, points[2].n_planned),
         (None, 32, 32)
     );
-    let table = String::from_utf8(csv::csv(&history).unwrap()).unwrap();
+    let table = String::from_utf8(csv::csv(&history)).unwrap();
     let lines: Vec<&str> = table.lines().collect();
     assert!(
         lines[1].contains(",32,32,0,8,inf,,,") && lines[2].contains(",nan,,,"),
@@ -580,7 +580,7 @@ fn the_table_and_the_page_hold_what_others_wrote_as_text() {
         .try_add(&Run::default(), "=1+1", Some("<b>c</b>"))
         .unwrap();
     let history = folder.read();
-    let table = String::from_utf8(csv::csv(&history).unwrap()).unwrap();
+    let table = String::from_utf8(csv::csv(&history)).unwrap();
     let mut lines = table.lines();
     assert_eq!(lines.next().unwrap(), csv::COLUMNS);
     assert!(
