@@ -1,6 +1,7 @@
 //! The focal length stated in a file, and consistency checks with the file's other metadata.
 
 use std::io::Cursor;
+use std::ops::RangeInclusive;
 
 use exif::{Context, Exif, In, Tag, Value};
 
@@ -18,6 +19,10 @@ pub enum FocalSource {
 
 /// Default focal length: millimetres, 35 mm equivalent.
 const DEFAULT_FOCAL_MM: f64 = 30.0;
+/// Lenses of shorter focal length are assumed to be those of phones, as in the release.
+const PHONE_MM: f64 = 10.0;
+/// Focal lengths of lenses on 35 mm film, from fisheyes and action cameras to telescopes.
+const LENSES_MM: RangeInclusive<f64> = 7.0..=3000.0;
 /// Relative tolerance between two statements in a file: converters crop a few rows, and millimetres are rounded.
 const TOLERANCE: f64 = 0.1;
 /// Relative tolerance between a picture's sides and those stated in its file.
@@ -61,7 +66,7 @@ impl Focal {
         let source = exif.as_ref().map_or(FocalSource::Default, source);
         let mm = match source {
             FocalSource::Equivalent35mm(mm) => mm,
-            FocalSource::Lens(mm) if mm < 10.0 => mm * 8.4,
+            FocalSource::Lens(mm) if mm < PHONE_MM => mm * 8.4,
             FocalSource::Lens(mm) => mm,
             FocalSource::Given | FocalSource::Default => DEFAULT_FOCAL_MM,
         };
@@ -78,7 +83,11 @@ impl Focal {
                     Some(stated) => crop(stated, size, mm, px),
                     None => shape(size, px),
                 };
-                let doubts = [crop, sensor(exif, stated.unwrap_or(size), size, px)];
+                let sensor = match sensor_columns(exif) {
+                    Some(columns) => sensor(exif, columns, stated.unwrap_or(size), size, px),
+                    None => unknown_sensor(source, px),
+                };
+                let doubts = [crop, unlikely(source, px), sensor];
                 doubts.into_iter().flatten().collect()
             }
         };
@@ -164,20 +173,56 @@ fn crop(stated: (f64, f64), size: (f64, f64), mm: f64, px: f64) -> Option<String
     })
 }
 
+/// Warns about a 35 mm equivalent that no lens has. Some programs write the lens's own focal length there.
+fn unlikely(source: FocalSource, px: f64) -> Option<String> {
+    match source {
+        FocalSource::Equivalent35mm(mm) if !LENSES_MM.contains(&mm) => Some(format!(
+            "the file states {mm} mm on 35 mm film, which no lens has, so {px:.2} px is probably wrong; set --focal-px"
+        )),
+        _ => None,
+    }
+}
+
+/// Warns if the file states the lens's own focal length, but not the size of the sensor.
+fn unknown_sensor(source: FocalSource, px: f64) -> Option<String> {
+    let FocalSource::Lens(mm) = source else {
+        return None;
+    };
+    let assumed = match mm < PHONE_MM {
+        true => "a phone's, 8.4 times that on 35 mm film",
+        false => "that of 35 mm film",
+    };
+    Some(format!(
+        "the file states a {mm} mm lens, but not the size of its sensor: {px:.2} px assumes {assumed}; set the focal \
+         length in pixels if you know it (--focal-px)"
+    ))
+}
+
+fn positive(exif: &Exif, tag: Tag) -> Option<f64> {
+    number(exif, tag).filter(|v| v.is_finite() && *v > 0.0)
+}
+
+/// Columns per unit of length on the sensor, and the lens's focal length in millimetres.
+fn sensor_columns(exif: &Exif) -> Option<(f64, f64)> {
+    let per_unit = positive(exif, Tag::FocalPlaneXResolution)?;
+    Some((per_unit, positive(exif, Tag::FocalLength)?))
+}
+
 /// Warns if the sensor's pixel pitch implies a different focal length.
-fn sensor(exif: &Exif, stated: (f64, f64), size: (f64, f64), px: f64) -> Option<String> {
-    let positive = |tag| number(exif, tag).filter(|v| v.is_finite() && *v > 0.0);
-    let (per_unit, lens_mm) = (
-        positive(Tag::FocalPlaneXResolution)?,
-        positive(Tag::FocalLength)?,
-    );
+fn sensor(
+    exif: &Exif,
+    (per_unit, lens_mm): (f64, f64),
+    stated: (f64, f64),
+    size: (f64, f64),
+    px: f64,
+) -> Option<String> {
     let unit_mm = match number(exif, Tag::FocalPlaneResolutionUnit).map(|unit| unit as i64) {
         Some(3) => 10.0,
         Some(4) => 1.0,
         Some(5) => 0.001,
         _ => 25.4,
     };
-    let zoom = positive(Tag::DigitalZoomRatio).unwrap_or(1.0);
+    let zoom = positive(exif, Tag::DigitalZoomRatio).unwrap_or(1.0);
     let columns = stated.0.max(stated.1);
     let sensor_mm = columns / per_unit * unit_mm;
     let by_sensor = lens_mm * zoom * size.0.max(size.1) / sensor_mm;

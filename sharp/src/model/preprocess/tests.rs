@@ -113,6 +113,19 @@ fn focal_length_rules() {
 }
 
 #[test]
+fn focal_lengths_that_are_guesses_or_no_lens_has_are_warned_about() {
+    let said = |entries: &[Entry]| {
+        let picture = RgbImage::new(60, 40);
+        let photo = read(&with_exif_of(&picture, 1, entries)).unwrap();
+        photo.warnings.join("; ")
+    };
+    assert_eq!(said(&[(FOCAL_35MM, 3, 26), (FOCAL, 5, 42)]), "");
+    assert!(said(&[(FOCAL_35MM, 3, 4)]).contains("which no lens has"));
+    assert!(said(&[(FOCAL, 5, 42)]).contains("8.4 times"));
+    assert!(said(&[(FOCAL, 5, 420)]).contains("that of 35 mm film"));
+}
+
+#[test]
 fn shapes_that_no_camera_takes_are_taken_for_crops_where_the_file_says_no_size() {
     let said = |(width, height): (u32, u32), entries: &[Entry]| {
         let photo = read(&with_exif_of(&RgbImage::new(width, height), 1, entries)).unwrap();
