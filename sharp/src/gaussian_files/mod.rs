@@ -100,6 +100,11 @@ pub fn foreign_format(bytes: &[u8], name: &str) -> Option<String> {
     let name = name.to_ascii_lowercase();
     let is = |end: &str| name.ends_with(end);
     let format = match bytes {
+        [0xef, 0xbb, 0xbf, ..] => {
+            let mark =
+                "text with a byte order mark: a text editor has changed the file; write it again";
+            return Some(mark.to_owned());
+        }
         [b'g', b'l', b'T', b'F', ..] => "glTF",
         _ if is(".glb") || is(".gltf") => "glTF",
         _ if is(".ksplat") => "KSPLAT",

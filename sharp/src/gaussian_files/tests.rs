@@ -114,6 +114,12 @@ fn other_formats_are_named_with_what_converts_them() {
         (&archive(&[("a.txt", b"x")]), "a.zip", "so not a SOG"),
         (b"\x93NUMPY", "a.npy", "NumPy"),
         (b"text", "a.txt", "not a known format"),
+        (b"\xef\xbb\xbfply\n", "a.ply", "byte order mark"),
+        (
+            b"ply\nformat ascii 1.0\nelement vertex 1\nproperty half x\nend_header\n",
+            "a.ply",
+            "convert it to float",
+        ),
         (&[0; 33], "a.splat", "not a multiple of the 32"),
     ] {
         let found = reason(bytes, name);

@@ -181,7 +181,7 @@ impl Header {
                     properties: Vec::new(),
                 }),
                 ["property", ref rest @ ..] => {
-                    let property = property(rest).ok_or_else(|| line_error(unknown(&line)))?;
+                    let property = property(rest).ok_or_else(|| line_error(unread(&line)))?;
                     let element = elements
                         .last_mut()
                         .ok_or_else(|| line_error("a property before the first element".into()))?;
@@ -208,6 +208,14 @@ fn property(words: &[&str]) -> Option<Property> {
         scalar: Scalar::parse(scalar)?,
         list_length,
     })
+}
+
+/// Describes a line of a property whose type is unknown.
+fn unread(line: &str) -> String {
+    format!(
+        "{}: PLY has integers, float and double; convert it to float",
+        unknown(line)
+    )
 }
 
 /// Describes an unknown header line, shortened to fit in an error message.
