@@ -129,7 +129,7 @@ impl Root {
                 Err(DatasetError::malformed(
                     path,
                     format!(
-                        "points outside of the dataset's folder {}, to {}{}",
+                        "points outside the dataset's folder {}, to {}{}",
                         self.given.display(),
                         target.display(),
                         self.remedy

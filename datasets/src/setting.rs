@@ -107,7 +107,7 @@ pub(crate) const fn proxy(value: &'static str, meaning: &'static str) -> Setting
 pub static PICTURES: [Setting; 3] = [
     Setting::choice(
         "alpha",
-        "treatment of pictures that are not opaque",
+        "pictures that are not opaque",
         &[
             choice("refuse", "are an error"),
             choice("black", "are composited over black, in encoded values"),

@@ -144,7 +144,7 @@ def test_rendering_is_the_command_lines(program, tmp_path):
     assert (np.asarray(Image.open(tmp_path / "g.png")) == rendering.picture).all()
     with pytest.raises(ValueError, match="black or white"):
         sb.render(read, camera, background="grey")
-    with pytest.raises(ValueError, match="columns|needed"):
+    with pytest.raises(ValueError, match="columns|expected"):
         sb.Gaussians(means[:, :2], np.zeros((200, 4)), means, np.zeros(200), means)
     with pytest.raises(ValueError, match="differ in length"):
         sb.Gaussians(means[:9], np.zeros((200, 4)), means, np.zeros(200), means)

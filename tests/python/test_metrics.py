@@ -111,9 +111,9 @@ def test_tensors(pictures):
 @pytest.mark.parametrize(
     ("change", "error", "said"),
     [
-        (lambda a: a[..., 0], ValueError, r"shape \(61, 83\), where \[H, W, 3\]"),
-        (lambda a: np.moveaxis(a, -1, 0), ValueError, "layout='chw' takes it"),
-        (lambda a: a.astype(np.int32), TypeError, "int32, where uint8 or a float"),
+        (lambda a: a[..., 0], ValueError, r"shape \(61, 83\), expected \[H, W, 3\]"),
+        (lambda a: np.moveaxis(a, -1, 0), ValueError, "use layout='chw'"),
+        (lambda a: a.astype(np.int32), TypeError, "int32, expected uint8 or floats"),
         (lambda a: a.astype(np.float32), ValueError, r"prediction.*must lie in 0\.\.1"),
         (lambda a: a / 255 * np.nan, ValueError, "finite"),
         (lambda a: a[:50], ValueError, "83x50"),

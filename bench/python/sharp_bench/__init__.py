@@ -65,7 +65,7 @@ def metrics(prediction, target, metrics="paper", mask=None, layout="hwc", weight
     if not predictions:
         raise ValueError("prediction: a batch without a picture")
     if len(targets) not in (1, len(predictions)):
-        raise ValueError(f"{len(predictions)} predictions and {len(targets)} targets: as many are needed, or one target")
+        raise ValueError(f"{len(predictions)} predictions and {len(targets)} targets: expected equally many, or one target")
     targets = targets * (len(predictions) // len(targets))
     given = [None] * len(predictions) if mask is None else _arrays.masks(mask, len(predictions))
     all_scores, reasons = [], {}
@@ -97,7 +97,7 @@ def conventions(metrics="all"):
 def datasets(*specs, scenes=None):
     """Opens datasets, each ``[NAME:]FORMAT=PATH[,key=value…]`` as ``--dataset`` takes it; ``scenes`` is a pattern of their ids."""
     if not specs:
-        raise TypeError("a dataset is needed, [NAME:]FORMAT=PATH[,key=value…]")
+        raise TypeError("a dataset is needed: [NAME:]FORMAT=PATH[,key=value…]")
     return _sharp_bench.datasets([os.fspath(spec) for spec in specs], scenes)
 
 
@@ -142,7 +142,7 @@ def predict(image, focal_px=None, *, checkpoint=None, config=None, layout="hwc")
     """
     found, is_batch = _arrays.pictures("image", image, layout)
     if is_batch:
-        raise ValueError(f"image: a batch of {len(found)}, where one photograph is needed")
+        raise ValueError(f"image: a batch of {len(found)}, expected one photograph")
     return _predictor(checkpoint and os.fspath(checkpoint), config).predict(found[0], focal_px)
 
 
@@ -205,7 +205,7 @@ def evaluate(
     ``progress`` is called with phase, done and of how many; True prints them.
     """
     if privilege not in (None, "source-depth"):
-        raise ValueError(f"privilege={privilege!r}: None or 'source-depth'")
+        raise ValueError(f"privilege={privilege!r}: expected None or 'source-depth'")
     if out is None:
         raise TypeError("evaluate() needs out=, the run folder")
     keys = {key.replace("_", "-"): _plain(value) for key, value in options.items()}
@@ -241,7 +241,7 @@ def _parameters(function):
     starred = any(p.kind == p.VAR_POSITIONAL for p in parameters)
     count = max(len(needed), 2 if starred else 0)
     if count not in (1, 2):
-        raise TypeError(f"the function takes {count} arguments, where (source, camera) or (source) are needed")
+        raise TypeError(f"the function takes {count} arguments, expected (source, camera) or (source)")
     return count
 
 
@@ -252,7 +252,7 @@ def _of_pair(function):
             return answer
         found, is_batch = _arrays.pictures("the returned picture", answer)
         if is_batch:
-            raise ValueError(f"the returned picture: shape {np.shape(answer)}, where [H, W, 3] is needed")
+            raise ValueError(f"the returned picture: shape {np.shape(answer)}, expected [H, W, 3]")
         return found[0]
 
     return call
@@ -262,7 +262,7 @@ def _of_source(function):
     def call(source):
         answer = function(source)
         if not isinstance(answer, Gaussians):
-            raise TypeError(f"a function of a source returns Gaussians, not {type(answer).__name__}")
+            raise TypeError(f"a function of only the source must return Gaussians, not {type(answer).__name__}")
         return answer
 
     return call

@@ -18,7 +18,7 @@ def array(name, value):
             raise TypeError(f"{name}: bfloat16 has 8 bits of precision; convert it to float32 where it was computed")
         return value.cpu().numpy()
     if isinstance(value, (list, tuple, str, bytes)):
-        raise TypeError(f"{name}: a {type(value).__name__}, where an array or tensor is needed; stack or read pictures first")
+        raise TypeError(f"{name}: a {type(value).__name__}, expected an array or tensor; stack or read pictures first")
     if hasattr(value, "__dlpack__") and not hasattr(value, "__array__"):
         return np.from_dlpack(value)
     found = np.asarray(value)
@@ -30,19 +30,19 @@ def array(name, value):
 def pictures(name, value, layout="hwc"):
     """A list of pictures [H, W, 3] of uint8 or float32, and whether it was a batch."""
     if layout not in LAYOUTS:
-        raise ValueError(f"layout={layout!r}: one of {', '.join(LAYOUTS)}")
+        raise ValueError(f"layout={layout!r}: expected one of {', '.join(LAYOUTS)}")
     found = array(name, value)
     form = "[3, H, W] or [N, 3, H, W]" if LAYOUTS[layout] else "[H, W, 3] or [N, H, W, 3]"
     if found.ndim not in (3, 4) or found.shape[-3 if LAYOUTS[layout] else -1] != 3:
         other = "hwc" if LAYOUTS[layout] else "chw"
-        hint = f"; layout={other!r} takes it" if _fits(found, other) else ""
-        raise ValueError(f"{name}: shape {found.shape}, where {form} is needed{hint}")
+        hint = f"; use layout={other!r}" if _fits(found, other) else ""
+        raise ValueError(f"{name}: shape {found.shape}, expected {form}{hint}")
     if found.dtype == np.uint8:
         dtype = np.uint8
     elif found.dtype.kind == "f":
         dtype = np.float32
     else:
-        raise TypeError(f"{name}: {found.dtype}, where uint8 or a float in 0..1 is needed")
+        raise TypeError(f"{name}: {found.dtype}, expected uint8 or floats in 0..1")
     batch = found if found.ndim == 4 else found[None]
     if LAYOUTS[layout]:
         batch = np.moveaxis(batch, 1, -1)
@@ -59,9 +59,9 @@ def masks(value, count):
     if found.dtype == np.uint8:
         found = found >= 128
     if found.dtype != np.bool_:
-        raise TypeError(f"mask: {found.dtype}, where bool is needed, or uint8, of which 128 and more count")
+        raise TypeError(f"mask: {found.dtype}, expected bool, or uint8 (128 and more count)")
     if found.ndim == 2:
         return [np.ascontiguousarray(found)] * count
     if found.ndim == 3 and len(found) == count:
         return [np.ascontiguousarray(mask) for mask in found]
-    raise ValueError(f"mask: shape {found.shape}, where [H, W] or [{count}, H, W] is needed")
+    raise ValueError(f"mask: shape {found.shape}, expected [H, W] or [{count}, H, W]")

@@ -77,7 +77,7 @@ fn findings() -> Vec<Finding> {
     findings.extend(Backbone::ALL.map(|network| backbone(network, &weights)));
     findings.push(match find_checkpoint() {
         Ok(path) => finding("SHARP weights", path.display().to_string(), ""),
-        Err(error) => finding("SHARP weights", "not at hand", error.to_string()),
+        Err(error) => finding("SHARP weights", "missing", error.to_string()),
     });
     findings
 }

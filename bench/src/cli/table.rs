@@ -204,7 +204,7 @@ fn list(json: bool) -> anyhow::Result<Outcome> {
         "numbers",
         "rows of yours by",
         "needs",
-        "at hand",
+        "available",
     ];
     let title = "Tables of the SHARP paper, with all of their numbers";
     let grid = TextGrid::new(title, &heads, rows);

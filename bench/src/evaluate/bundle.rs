@@ -348,7 +348,7 @@ fn read_file(path: &Path) -> Result<Bundle, EvaluateError> {
     let scores = members.bytes("scores.bin", expected as u64 + 1)?;
     if scores.len() != expected {
         return Err(unreadable(
-            "scores.bin is not of its units' length".to_owned(),
+            "scores.bin does not have its units' length".to_owned(),
         ));
     }
     let mut records = Vec::with_capacity(n);
@@ -392,7 +392,7 @@ fn read_file(path: &Path) -> Result<Bundle, EvaluateError> {
     let found = found.map_err(|error| unreadable(error.to_string()))?;
     if found != head.digest {
         return Err(unreadable(
-            "damaged: what it holds is not what was packed".to_owned(),
+            "damaged: its contents are not what was packed".to_owned(),
         ));
     }
     let results = Results {

@@ -165,7 +165,7 @@ pub(crate) fn file_difference<'a>(records: impl IntoIterator<Item = &'a Record>)
             let (before, other) = *known.entry(key).or_insert((hash, record));
             if before != hash {
                 return Some(format!(
-                    "the photograph, mask, depth or camera of {}/{}/{view} was another one for '{}' on {} than for '{}' on {}",
+                    "the photograph, mask, depth or camera of {}/{}/{view} differs between '{}' on {} and '{}' on {}",
                     record.dataset,
                     record.scene,
                     other.method,

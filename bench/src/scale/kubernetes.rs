@@ -39,7 +39,7 @@ pub fn kubernetes(request: &Kubernetes) -> Result<Vec<PathBuf>, ScaleError> {
         return Err(ScaleError::Refused {
             what: "--shards",
             value: shards.count.to_string(),
-            reason: "an indexed Job that gives up on no index has at most 100000; a shard may hold many units",
+            reason: "an indexed Job with retries per index has at most 100000 indices; use fewer, larger shards",
         });
     }
     let (estimate, name) = planned(shards)?;

@@ -1,6 +1,6 @@
 #!/bin/bash
-# Submits what is left of {{plan}} to Slurm, and after it the merge. Run it again when something was lost: shards whose units
-# all have a result are not submitted.
+# Submits the unfinished shards of {{plan}} to Slurm, and then the merge. Run it again if something was lost: shards whose
+# units all have a result are not submitted.
 set -euo pipefail
 here=$(cd "$(dirname "${BASH_SOURCE[0]}")" && pwd)
 logs={{plan}}/logs/slurm

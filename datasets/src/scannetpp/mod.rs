@@ -90,7 +90,7 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
                 choice("rendered", "the toolbox's dslr/render_depth, millimetres"),
                 choice("mesh", "scans/mesh_aligned_0.05.ply, drawn by us"),
                 choice("points", "COLMAP's points that each picture sees: sparse"),
-                choice("none", "nowhere"),
+                choice("none", "no depth"),
             ],
         ).left_open(),
         Setting::choice(

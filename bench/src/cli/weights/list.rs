@@ -25,7 +25,7 @@ pub(super) fn execute(json: bool) -> anyhow::Result<Outcome> {
                 "{:<14} {mib:>9.3} MiB  {}  {}\n{:<14} sha256 {}…, licence {}",
                 backbone.name(),
                 published.address,
-                kept.as_deref().unwrap_or("not at hand"),
+                kept.as_deref().unwrap_or("missing"),
                 "",
                 published.sha256_prefix,
                 published.licence
@@ -72,7 +72,7 @@ pub(super) fn execute(json: bool) -> anyhow::Result<Outcome> {
             "{:<14} {:>13}  {description}  {}\n{:<14} sha256 {:.8}…, licence MIT or Apache-2.0",
             bundled::NAME,
             "bundled",
-            mini.as_deref().unwrap_or("not at hand"),
+            mini.as_deref().unwrap_or("missing"),
             "",
             bundled::weights_sha256(),
         ))?;
@@ -80,7 +80,7 @@ pub(super) fn execute(json: bool) -> anyhow::Result<Outcome> {
             "{:<14} {:>13}  {RELEASE_ADDRESS}  {}\n{:<14} {known}, licence {LICENCE_NAME} (research only)",
             "sharp",
             "2.8 GB",
-            sharp.as_deref().unwrap_or("not at hand"),
+            sharp.as_deref().unwrap_or("missing"),
             "",
         ))?;
     }

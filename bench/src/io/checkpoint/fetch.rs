@@ -15,7 +15,7 @@ use crate::io::hash::file_sha256;
 pub enum CheckpointFetchError {
     #[error(transparent)]
     Download(#[from] DownloadError),
-    #[error("what {address} sent is not SHARP's checkpoint and was deleted: {source}")]
+    #[error("the file from {address} is not SHARP's checkpoint and was deleted: {source}")]
     NotTheNetwork { address: String, source: ModelError },
     #[error(transparent)]
     Record(#[from] RecordError),

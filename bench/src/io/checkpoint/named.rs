@@ -32,7 +32,7 @@ pub enum NetworkError {
     )]
     SeveralConfigs { checkpoint: PathBuf, names: String },
     #[error(
-        "checkpoint `{}` brings its own configuration; leave out the other one, or name the file as ./{}",
+        "checkpoint `{}` has its own configuration; remove the other one, or name a file as ./{}",
         bundled::NAME,
         bundled::NAME
     )]

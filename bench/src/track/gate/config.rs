@@ -170,7 +170,8 @@ impl FromStr for Limit {
     fn from_str(text: &str) -> Result<Self, String> {
         let wrong = |reason: &str| format!("'{text}': {reason}");
         let sign = text.find(['<', '>']);
-        let sign = sign.ok_or_else(|| wrong("a limit reads 'lpips > +0.005' or 'psnr < -0.1'"))?;
+        let sign = sign
+            .ok_or_else(|| wrong("expected a limit such as 'lpips > +0.005' or 'psnr < -0.1'"))?;
         let (name, rest) = (text[..sign].trim(), text[sign + 1..].trim());
         let is_above = text[sign..].starts_with('>');
         let (rest, per_scene) = match rest.strip_suffix("per scene") {

@@ -303,7 +303,7 @@ fn limits_read_back_as_they_are_written() {
         }
     }
     for (text, part) in [
-        ("psnr", "a limit reads"),
+        ("psnr", "expected a limit such as"),
         (
             "psnr > 0.1",
             "higher is better, so it reads 'psnr < -VALUE'",

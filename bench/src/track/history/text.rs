@@ -72,7 +72,7 @@ impl Series {
                 mark.against,
                 mark.rule.word()
             ),
-            (None, None) if point.broken.is_some() => "begins anew".to_owned(),
+            (None, None) if point.broken.is_some() => "starts again".to_owned(),
             (None, Some(before)) if point.broken.is_some() => format!("continues {before}"),
             (None, _) => String::new(),
         };
