@@ -131,8 +131,7 @@ fn to_json(run: &ExplainedRun) -> Value {
         ..
     } = run;
     let cells = explanation.cells.iter().map(|cell| {
-        let candidates = cell.candidates().into_iter();
-        let candidates = candidates.map(|value| {
+        let candidates = cell.candidates().into_iter().map(|value| {
             json!({
                 "key": value.reading.key,
                 "reading": value.reading.words(),

@@ -110,8 +110,7 @@ fn two_sizes(command: Command, path: &str) -> Command {
     let all = command.get_after_help().map(ToString::to_string);
     let command = command.after_long_help(unwrapped(&all.unwrap_or_default()));
     let more = format!("{examples}All options: {path} --help-all");
-    let command = command.after_help(more);
-    command.mut_subcommands(|sub| {
+    command.after_help(more).mut_subcommands(|sub| {
         let path = format!("{path} {}", sub.get_name());
         two_sizes(sub, &path)
     })

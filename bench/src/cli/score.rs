@@ -58,8 +58,7 @@ pub(super) fn execute(args: &ScoreArgs) -> anyhow::Result<Outcome> {
         }
         // Any other value would be rejected.
         (None, Some(manifest)) => {
-            let pinned = Simd::pin(manifest.kernels);
-            pinned.with_context(|| args.run.display().to_string())?;
+            Simd::pin(manifest.kernels).with_context(|| args.run.display().to_string())?;
         }
         (None, None) => {}
     }

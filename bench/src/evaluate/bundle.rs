@@ -164,8 +164,7 @@ impl Bundle {
             ..
         } = &self.results;
         let places = |names: Vec<&str>| -> BTreeMap<String, usize> {
-            let names = names.into_iter().map(str::to_owned);
-            names.zip(0..).collect()
+            names.into_iter().map(str::to_owned).zip(0..).collect()
         };
         let listed = self.pairs.pairs.iter();
         let pairs = places(listed.map(|p| p.pair_id.as_str()).collect());

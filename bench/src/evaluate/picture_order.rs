@@ -56,8 +56,7 @@ pub(super) fn compared_pairs<'a>(pairs: &[ResolvedPair<'a>]) -> OtherPairs<'a> {
             let (near, far): (Vec<_>, Vec<_>) = targets
                 .values()
                 .partition(|other| other.scene.id == own.scene.id);
-            let near = spread(near.len(), OTHERS).map(|k| near[k]);
-            let near: Vec<_> = near.collect();
+            let near: Vec<_> = spread(near.len(), OTHERS).map(|k| near[k]).collect();
             let far = spread(far.len(), OTHERS - near.len()).map(|k| far[k]);
             let elsewhere = near.into_iter().chain(far);
             let others = [(BEFORE, all[(at + n - 1) % n]), (AFTER, all[(at + 1) % n])];

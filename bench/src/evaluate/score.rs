@@ -61,8 +61,7 @@ impl<'a> PairTruth<'a> {
             return Ok(masks);
         }
         let ResolvedPair { source, target, .. } = self.planned;
-        let depth = target.content.depth();
-        let depth = depth.map_err(|error| error.to_string())?;
+        let depth = target.content.depth().map_err(|error| error.to_string())?;
         let posed = depth.map(|depth| PosedDepth::of_view(target, depth));
         let posed = posed.transpose().map_err(|error| error.to_string())?;
         let world_from_target = target.camera_from_world.inverse();

@@ -36,8 +36,7 @@ impl Shard {
     /// This share of a list sorted by pair id. Pairs of a source stay together, because they share its prediction;
     /// groups are assigned to the smallest share, largest groups first.
     pub(super) fn of<T>(self, list: Vec<T>, pair_id: impl Fn(&T) -> &str) -> Vec<T> {
-        let mut shares = self.deal(list, pair_id);
-        shares.swap_remove(self.index - 1)
+        self.deal(list, pair_id).swap_remove(self.index - 1)
     }
 
     /// Divides a list into all shares.

@@ -194,8 +194,7 @@ fn packed(scene: &Gaussians) -> io::Result<Vec<u8>> {
     let harmonics = (0..3 * scene.harmonics.per_gaussian())
         .map(|at| move |k: usize| scene.harmonics.of(k)[at / 3][at % 3]);
     let harmonics: Vec<_> = harmonics.collect();
-    let columns = columns.into_iter();
-    let columns = columns.chain(
+    let columns = columns.into_iter().chain(
         harmonics
             .iter()
             .map(|column| column as &dyn Fn(usize) -> f32),

@@ -167,15 +167,14 @@ impl FitRules {
                 resize(&picture, shown.0, shown.1, kernel).map_err(|error| error.to_string())?
             }
         };
+        let image = match picture {
+            Picture::Rgb8(image) => image,
+            Picture::RgbF32(image) => to_rgb8(&image),
+        };
         Ok(PicturePrediction {
-            picture: Picture::Rgb8(match picture {
-                Picture::Rgb8(image) => image,
-                Picture::RgbF32(image) => to_rgb8(&image),
-            }),
             region,
             resized_from: (own != shown).then_some(own),
-            extras: BTreeMap::new(),
-            notes: Vec::new(),
+            ..image.into()
         })
     }
 

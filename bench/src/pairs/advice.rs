@@ -59,8 +59,7 @@ fn of_pairs(dataset: &DatasetSpec, counts: &PairCounts, options: &PairOptions) -
     } else if counts.considered == 0 {
         "no set has two views; sets= and remainder= define the sets".to_owned()
     } else if counts.too_near + counts.too_far == counts.considered {
-        let farthest = options.max_baseline_m;
-        let farthest = farthest.map_or_else(String::new, |most| {
+        let farthest = options.max_baseline_m.map_or_else(String::new, |most| {
             format!(" or farther than max-baseline={most}")
         });
         format!(

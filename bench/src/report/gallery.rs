@@ -113,8 +113,7 @@ impl GalleryPair<'_> {
     }
 
     fn bytes(&self, layout: Layout) -> usize {
-        let sizes = self.pictures().map(|picture| picture.jpeg.len());
-        let bytes: usize = sizes.sum();
+        let bytes: usize = self.pictures().map(|picture| picture.jpeg.len()).sum();
         match layout {
             // Base64 encoding.
             Layout::File => bytes.div_ceil(3) * 4,

@@ -31,8 +31,7 @@ pub struct MethodsText {
 impl MethodsText {
     /// Describes metrics as computed with these weights.
     pub fn new(keys: &[MetricKey], used: &[WeightsUsed]) -> Self {
-        let infos = keys.iter().map(|key| MetricInfo::new(*key, used));
-        let infos: Vec<MetricInfo> = infos.collect();
+        let infos: Vec<MetricInfo> = keys.iter().map(|key| MetricInfo::new(*key, used)).collect();
         let before = format!(
             "All metrics were computed per image with \\texttt{{sharp-bench}} {} on 8-bit sRGB images at the full \
              resolution of the ground truth and averaged over images; images are not resized unless said so.",

@@ -15,8 +15,7 @@ use sharp_plots::palette::style;
 
 /// JSON that is safe inside a `script` element: without `<` and control characters.
 pub(super) fn json(page: &Page<'_>) -> String {
-    let methods = page.board.methods.iter().enumerate();
-    let methods = methods.map(|(at, method)| {
+    let methods = page.board.methods.iter().enumerate().map(|(at, method)| {
         json!({
             "label": visible_line(&method.label),
             "colour": style(at).ink.hex(),

@@ -105,8 +105,7 @@ impl<'a> ReportPictures<'a> {
         if let Some(image) = lock(&self.photographs).get(&place) {
             return Ok(image.clone());
         }
-        let image = view.content.image();
-        let image = image.map_err(|error| self.unusable(error))?;
+        let image = view.content.image().map_err(|error| self.unusable(error))?;
         let mut known = lock(&self.photographs);
         let bytes: usize = known.values().map(|image| image.len()).sum();
         if bytes + image.len() <= PHOTOGRAPHS {

@@ -243,8 +243,7 @@ fn score_tables(board: &Board<'_>, records: &[Record]) -> (Vec<Column>, Vec<Tabl
     let mut tables = build::of_scores(board, &metrics);
     if let Some(first) = tables.first_mut() {
         first.remarks.extend(remark);
-        let methods = board.methods.iter();
-        let said = methods.flat_map(|m| {
+        let said = board.methods.iter().flat_map(|m| {
             let texts = [&m.note, &m.doubt].into_iter().flatten();
             texts.map(|text| format!("{}: {text}.", m.label))
         });

@@ -260,8 +260,7 @@ fn samples(run: &Path, observer: &dyn Observer) -> Result<Vec<Sample>, TrainErro
             .map(|small| small.address())
             .map_err(|missing| missing.to_string())
     };
-    let records = results.records.iter().take(SAMPLES);
-    let samples = records.map(|record| Sample {
+    let samples = results.records.iter().take(SAMPLES).map(|record| Sample {
         pair: record.pair_id.clone(),
         pictures: [
             ("source", shown(pictures.source(record))),

@@ -129,8 +129,7 @@ impl Validation {
         };
         // Only the last validation is kept; the curves are in the log.
         if self.folder.exists() {
-            let removed = fs::remove_dir_all(&self.folder);
-            removed.map_err(FileError::new(&self.folder, "replace"))?;
+            fs::remove_dir_all(&self.folder).map_err(FileError::new(&self.folder, "replace"))?;
         }
         let finished = prepare(request, &Unstopped(observer))?.run(
             &self.folder,

@@ -29,8 +29,7 @@ pub fn figure(experiment: &Experiment) -> Result<Option<Figure>, PlotError> {
         let comparisons = experiment.comparisons.iter();
         let moved = comparisons.filter_map(|c| Some((c.shift?.0, c.score(key)?)));
         let moved: Vec<Point> = moved.collect();
-        let mut comparisons = experiment.comparisons.iter();
-        let mean = comparisons.find(|c| c.shift.is_none());
+        let mean = experiment.comparisons.iter().find(|c| c.shift.is_none());
         let mean = mean.and_then(|c| c.score(key));
         let values: Vec<f64> = moved.iter().map(|(_, value)| *value).chain(mean).collect();
         let column = Column::from(key);

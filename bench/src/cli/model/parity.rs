@@ -230,8 +230,7 @@ fn of_stages(args: &ParityArgs, golden: &Path, image: &Path) -> anyhow::Result<O
     )?;
     let first = comparison.first_divergence(tolerance);
     if args.json {
-        let stages = comparison.stages.iter();
-        let stages = stages.map(
+        let stages = comparison.stages.iter().map(
             |s| json!({ "stage": s.stage, "rel_error": json_number(s.rel_error), "values": s.values }),
         );
         output::json(&json!({

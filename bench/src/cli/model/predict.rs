@@ -112,8 +112,7 @@ fn named_after(images: &[PathBuf], folder: &Path) -> anyhow::Result<Vec<PathBuf>
     let mut outputs = Vec::with_capacity(images.len());
     for image in images {
         // A folder without a name is rejected when it is read.
-        let stem = image.file_stem().unwrap_or(image.as_os_str());
-        let mut name = stem.to_owned();
+        let mut name = image.file_stem().unwrap_or(image.as_os_str()).to_owned();
         name.push(".ply");
         let ply = folder.join(name);
         ensure!(

@@ -7,7 +7,6 @@ use sharp::camera::target_camera_from_source_ndc;
 use sharp::gaussians::Gaussians;
 use sharp::render::{RenderError, RenderOutput};
 use sharp_datasets::DepthMap;
-use sharp_metrics::Picture;
 
 use crate::methods::{GaussianPrediction, GaussianSpace, PicturePrediction};
 use crate::pairs::PosedCamera;
@@ -146,11 +145,8 @@ pub(in crate::evaluate) fn render(
         extras.insert("median_scale".to_owned(), scale);
     }
     let picture = PicturePrediction {
-        picture: Picture::Rgb8(renderer.picture(&output)),
-        region: None,
-        resized_from: None,
         extras,
-        notes: Vec::new(),
+        ..renderer.picture(&output).into()
     };
     Ok((picture, output))
 }

@@ -95,8 +95,7 @@ impl Command {
                 .and_then(|secs| Duration::try_from_secs_f64(secs).ok())
                 .ok_or_else(|| spec.error(format!("timeout={text}: expected seconds")))?,
         };
-        let fit = FitRules::parse(|key| spec.option(key));
-        let fit = fit.map_err(|reason| spec.error(reason))?;
+        let fit = FitRules::parse(|key| spec.option(key)).map_err(|reason| spec.error(reason))?;
         if fit.needs_file() {
             return Err(spec.error(
                 "crop=center and crop=sidecar need files; a program takes crop=x:y:w:h or crop=center:W:H",

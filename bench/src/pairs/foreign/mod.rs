@@ -111,8 +111,7 @@ impl ForeignList {
     /// [`PairError::File`]; [`PairError::List`] with the line of the first mistake.
     pub fn read(path: &Path, form: ListForm) -> Result<Self, PairError> {
         let bytes = sharp::files::read(path).map_err(FileError::new(path, "read"))?;
-        let entries = forms::parse(form, &bytes);
-        let entries = entries.map_err(|(line, reason)| PairError::List {
+        let entries = forms::parse(form, &bytes).map_err(|(line, reason)| PairError::List {
             path: path.to_owned(),
             line,
             reason,

@@ -51,8 +51,7 @@ fn differing(options: &PairOptions, kinds: &[PaperOverlap], pairs: usize) -> Vec
         ("max-baseline", options.max_baseline_m.is_some()),
         ("limit", cut_otherwise),
     ];
-    let of_multi_view = of_multi_view.into_iter().filter(|_| !stereo);
-    let all = of_multi_view.chain(of_all);
+    let all = of_multi_view.into_iter().filter(|_| !stereo).chain(of_all);
     all.filter(|(_, differs)| *differs)
         .map(|(key, _)| key)
         .collect()

@@ -73,8 +73,7 @@ pub fn chosen<'a>(
     PairsChoice { ids, choose, count }: &PairsChoice,
 ) -> Result<Vec<ChosenPair<'a>>, ReportError> {
     let all = || {
-        let datasets = board.datasets.iter();
-        datasets.flat_map(|dataset| {
+        board.datasets.iter().flat_map(|dataset| {
             dataset
                 .pairs
                 .iter()

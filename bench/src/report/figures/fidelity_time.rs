@@ -107,8 +107,7 @@ pub fn figure(
     if all().next().is_none() {
         return Ok(None);
     }
-    let seconds = finite_range(all().map(|(_, secs, _)| *secs));
-    let (fastest, slowest) = seconds.unwrap_or((1.0, 1.0));
+    let (fastest, slowest) = finite_range(all().map(|(_, secs, _)| *secs)).unwrap_or((1.0, 1.0));
     let means = all().map(|(_, _, mean)| *mean);
     let y = PlotAxis::around(&metric.axis_label(), means, 0.1);
     let infinity = all().any(|(_, _, mean)| mean.is_infinite());

@@ -82,8 +82,7 @@ pub(super) fn with_rows(
                 remarks: Vec::new(),
                 ..published.clone()
             };
-            let printed = own.columns.iter().map(|column| column.decimals);
-            let decimals: Vec<usize> = printed.collect();
+            let decimals: Vec<usize> = own.columns.iter().map(|column| column.decimals).collect();
             own.columns = columns;
             for (column, decimals) in own.columns.iter_mut().zip(decimals) {
                 column.decimals = decimals;

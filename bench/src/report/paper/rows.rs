@@ -285,8 +285,7 @@ fn speeds(paper: &PublishedTable, rows: &[OwnRow]) -> Result<OwnRows, RowError> 
                 "Render" => ("render_secs", 1.0),
                 _ => ("render_secs", 1000.0),
             };
-            let mut lines = lines.iter();
-            let line = lines.find(|line| {
+            let line = lines.iter().find(|line| {
                 let of = ReportDataset::of(&line.dataset, &line.format);
                 line.method == method && line.quantity == quantity && column(&of) == Some(dataset)
             });

@@ -93,8 +93,7 @@ fn figure(
                 }
                 for crossing in &sweep.crossings {
                     let here = crossing.metric == k && crossing.split == panel.split;
-                    let mut of_panel = panel.lines.iter();
-                    let line = of_panel.find(|line| {
+                    let line = panel.lines.iter().find(|line| {
                         (&line.dataset, &line.method) == (&crossing.dataset, &crossing.method)
                     });
                     if let (true, Some(line)) = (here && crossing.found.x.is_finite(), line) {

@@ -218,6 +218,5 @@ fn cell(bin: &SweepBin, metric: &Column, band: Band) -> String {
 /// Four decimals, without trailing zeros.
 fn short(value: f64) -> String {
     let text = format!("{value:.4}");
-    let text = text.trim_end_matches('0').trim_end_matches('.');
-    text.to_owned()
+    text.trim_end_matches('0').trim_end_matches('.').to_owned()
 }

@@ -93,8 +93,7 @@ fn marks(notes: &[usize]) -> String {
 
 /// A note with its code spans kept, unless a lenient parser could take them for markup.
 pub(in crate::report) fn rich(note: &str) -> String {
-    let spans = spans(note).into_iter();
-    let spans = spans.map(|(code, text)| {
+    let spans = spans(note).into_iter().map(|(code, text)| {
         if code && !text.is_empty() && text.chars().all(|c| c != '<' && !c.is_control()) {
             format!("`{text}`")
         } else {

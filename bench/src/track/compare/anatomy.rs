@@ -179,8 +179,7 @@ impl RunComparison {
             }
         }
         let pictures = ReportPictures::new(&self.results, scenes);
-        let sides = self.sides(against);
-        let pairs: Vec<(&Record, &Record)> = sides.both().collect();
+        let pairs: Vec<(&Record, &Record)> = self.sides(against).both().collect();
         observer.begin("looking where pictures differ", pairs.len(), "pairs");
         let mut datasets: BTreeMap<&str, Vec<ClassScores<'_>>> = BTreeMap::new();
         let mut without: BTreeMap<String, usize> = BTreeMap::new();
@@ -282,8 +281,7 @@ fn of_pair<'a>(
                 |(picture, maps): &(Picture, sharp_metrics::Maps)| match metric.key.family() {
                     Family::Psnr => psnr(picture, &truth_part, Some(&mask)).ok(),
                     _ => {
-                        let mut maps = maps.iter();
-                        let (_, map) = maps.find(|(key, _)| *key == metric.key)?;
+                        let (_, map) = maps.iter().find(|(key, _)| *key == metric.key)?;
                         mean_inside(map.as_ref().ok()?, &mask)
                     }
                 };

@@ -89,12 +89,10 @@ impl RunComparison {
     pub fn breakdown(&self, against: &Against, metric: &MetricInfo) -> Vec<Stratum> {
         let mut changes = self.sides(against).changes(metric);
         changes.sort_by(|a, b| a.a.pair_id.cmp(&b.a.pair_id));
-        let datasets = self.results.manifest.datasets.iter();
-        let strata = datasets.flat_map(|dataset| {
+        let strata = self.results.manifest.datasets.iter().flat_map(|dataset| {
             let of_dataset = changes.iter().filter(|c| c.a.dataset == dataset.name);
             let of_dataset: Vec<&PairChange<'_>> = of_dataset.collect();
-            let divisions = Division::of_pairs();
-            let parts = divisions.flat_map(move |by| {
+            let parts = Division::of_pairs().flat_map(move |by| {
                 let parts = parts(by, &of_dataset).into_iter();
                 parts.map(move |(name, part)| (by, name, part))
             });

@@ -57,8 +57,7 @@ impl RunComparison {
 
     /// Index of the stratum's metric in the runs.
     fn place(&self, stratum: &Stratum) -> Option<usize> {
-        let mut metrics = self.results.manifest.metrics.iter();
-        metrics.position(|metric| {
+        self.results.manifest.metrics.iter().position(|metric| {
             let key = metric.info.key;
             MetricKey::whole(key.metric()).to_string() == stratum.metric
                 && key.region() == stratum.region

@@ -64,8 +64,7 @@ fn device_difference(
     }
     let facts = |at: usize, label: &str| {
         let manifest = &comparison.manifests[at];
-        let mut methods = manifest.methods.iter();
-        let method = methods.find(|method| method.label == label);
+        let method = manifest.methods.iter().find(|method| method.label == label);
         let device = method.and_then(|method| method.identity.settings.get("device"));
         [
             ("processor", machines[at].clone()),

@@ -301,8 +301,7 @@ impl<'a> Judge<'a> {
 
     fn has_scores(&self, label: &str, info: &MetricInfo, dataset: &str) -> bool {
         let key = info.key.to_string();
-        let mut records = self.comparison.results.records.iter();
-        records.any(|record| {
+        self.comparison.results.records.iter().any(|record| {
             record.method == label && record.dataset == dataset && number(record, &key).is_some()
         })
     }
@@ -402,8 +401,7 @@ impl<'a> Judge<'a> {
 }
 
 fn notes_of(comparison: &RunComparison) -> Vec<String> {
-    let damaged = comparison.results.damaged.iter();
-    let damaged = damaged.map(|path| {
+    let damaged = comparison.results.damaged.iter().map(|path| {
         let path = path.display();
         format!(
             "{path} is damaged, so its unit is missing; `run` with the same options recomputes it"

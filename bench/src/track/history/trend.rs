@@ -423,8 +423,7 @@ fn other_photographs<'a>(a: &'a Entry, b: &Entry, datasets: &[&str]) -> Option<&
     }
     let now: BTreeMap<&str, _> = b.pairs.iter().map(|p| (p.pair_id.as_str(), p)).collect();
     let differ = |one: &str, other: &str| !one.is_empty() && !other.is_empty() && one != other;
-    let mut pairs = a.pairs.iter();
-    let other = pairs.find(|pair| {
+    let other = a.pairs.iter().find(|pair| {
         let now = now.get(pair.pair_id.as_str());
         datasets.contains(&pair.dataset.as_str())
             && now.is_some_and(|now| {
