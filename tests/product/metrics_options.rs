@@ -120,6 +120,51 @@ fn a_mask_adds_keys_of_its_own_and_leaves_the_others() {
 }
 
 #[test]
+fn a_change_that_all_predictions_have_in_common_is_named() {
+    let dir = tempfile::tempdir().unwrap();
+    for side in ["t", "good", "bgr", "gbr"] {
+        std::fs::create_dir(dir.path().join(side)).unwrap();
+    }
+    for name in ["a", "b", "c", "d"] {
+        let phase = f64::from(name.as_bytes()[0]);
+        let scene = |moved: f64| {
+            RgbImage::from_fn(96, 64, |x, y| {
+                let (u, v) = ((f64::from(x) + moved) / 9.0 + phase, f64::from(y) / 13.0);
+                Rgb([0.0, 0.9, 2.4]
+                    .map(|c| (120.0 + 60.0 * (u + c).sin() + 50.0 * (v + 0.3 * u + c).cos()) as u8))
+            })
+        };
+        let stored = |side: &str, picture: &RgbImage, order: [usize; 3]| {
+            let mut picture = picture.clone();
+            picture
+                .pixels_mut()
+                .for_each(|p| p.0 = order.map(|c| p.0[c]));
+            picture
+                .save(dir.path().join(side).join(format!("{name}.png")))
+                .unwrap();
+        };
+        stored("t", &scene(0.0), [0, 1, 2]);
+        stored("good", &scene(1.0), [0, 1, 2]);
+        stored("bgr", &scene(1.0), [2, 1, 0]);
+        stored("gbr", &scene(1.0), [1, 2, 0]);
+    }
+    for (side, named) in [
+        ("good", ""),
+        ("bgr", "have red and blue exchanged: 4 of 4"),
+        ("gbr", "contain green, blue and red"),
+    ] {
+        let said = metrics(dir.path(), &format!("{side} t --metrics psnr --json")).ends_with(0);
+        assert!(said.err.contains(named), "{side}: {}", said.err);
+        assert_eq!(
+            said.json().get("warning").is_some(),
+            !named.is_empty(),
+            "{}",
+            said.err
+        );
+    }
+}
+
+#[test]
 fn masks_of_a_folder_are_matched_and_must_fit() {
     let dir = folder();
     let masks = dir.path().join("masks");

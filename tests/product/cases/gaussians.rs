@@ -407,6 +407,24 @@ fn checkpoints_with_prefixes_or_foreign_classes_are_read_and_prefixes_said() {
 }
 
 #[test]
+fn weights_that_are_not_finite_end_a_prediction() {
+    let case = case("A27-checkpoints");
+    let plain = std::fs::read(case.path("plain.safetensors")).unwrap();
+    let header = u64::from_le_bytes(plain[..8].try_into().unwrap()) as usize;
+    for at in [8 + header, plain.len() - 4] {
+        let mut broken = plain.clone();
+        broken[at..at + 4].copy_from_slice(&f32::NAN.to_le_bytes());
+        std::fs::write(case.path("nan.safetensors"), broken).unwrap();
+        let line = "sharp-bench predict -q --checkpoint nan.safetensors --config tiny_config.json#tiny --focal-px 57 \
+                    --out nan.ply photo.png";
+        let said = case.run(line);
+        assert!(said.err.contains("not finite"), "{}", said.err);
+        assert_ne!(said.code, 0);
+        assert!(!case.path("nan.ply").exists());
+    }
+}
+
+#[test]
 fn sizes_beside_a_checkpoint_are_used_and_others_end_a_run_before_its_first_pair() {
     let case = untried("A27-checkpoints");
     let predict = |more: &str| {
