@@ -3,8 +3,8 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use super::gaussians::source_check::{SOURCE_BLUR, SOURCE_DEPTH, SOURCE_PSNR};
-use super::picture_check::{CHANGED, changed_pictures, is_checked};
-use super::picture_order::{ORDER, misplaced_pictures};
+use super::picture_check::{changed_pictures, is_checked};
+use super::picture_order::misplaced_pictures;
 use super::record::Record;
 use crate::methods::{TrueDepth, UNUSABLE};
 use crate::pairs::pair_id::source_of;
@@ -24,16 +24,13 @@ const UNLIKE_ANY_SCENE: f64 = 15.0;
 /// A sentence names at most this many sources and counts the rest.
 const MOST_NAMED: usize = 8;
 
-/// Topic of a record's note on the rendering rule, which is not a warning.
-pub(super) const RULE: &str = "rule";
-
 /// Extras of methods that state their training views: 1 if the pair's source (first) or target (second) is among those
 /// views.
 pub(super) const TRAINED_ON: [&str; 2] = ["source_trained_on", "target_trained_on"];
 
 /// Notes on the rendering rules of a method's Gaussians that nobody stated.
 pub fn rule_notes<'a>(records: impl Iterator<Item = &'a Record>) -> Vec<String> {
-    let notes: BTreeSet<&String> = records.filter_map(|r| r.warnings.get(RULE)).collect();
+    let notes: BTreeSet<&String> = records.filter_map(|r| r.rule.as_ref()).collect();
     notes.into_iter().cloned().collect()
 }
 
@@ -62,7 +59,6 @@ pub fn doubts(record: &Record, depth: TrueDepth) -> BTreeMap<&str, String> {
         );
     }
     let told = record.warnings.iter();
-    let told = told.filter(|(about, _)| ![CHANGED, ORDER, RULE].contains(&about.as_str()));
     doubts.extend(told.map(|(about, text)| (about.as_str(), text.clone())));
     doubts
 }

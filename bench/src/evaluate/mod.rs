@@ -18,8 +18,8 @@
 //! * [`plan`]: planned pairs and methods; [`shard`]: a process's part of a plan; `run`: runs a plan or a shard;
 //!   [`status`]: progress.
 //! * `keys`: hashed inputs of each stage; [`gaussians`]: predictions of sources, stored, rendered and compared with
-//!   their photographs; `picture_check`: compares pictures with the photographs that they predict; [`doubts`]: warnings
-//!   from a method's records.
+//!   their photographs; [`picture_check`]: compares pictures with the photographs that they predict; [`finding`]: what that
+//!   found; [`doubts`]: warnings from a method's records.
 //! * [`record`]: one result; [`mod@unit`]: a result with its keys, as stored; [`folder`]: the run folder; [`manifest`]:
 //!   facts common to all results of a folder; `differences`: which facts may differ between combined results.
 //! * [`aggregation`]: means over pairs.
@@ -32,6 +32,7 @@ mod differences;
 pub mod doubts;
 pub mod error;
 pub mod estimate;
+pub mod finding;
 pub mod folder;
 pub mod gaussians;
 pub mod job;

@@ -11,12 +11,10 @@ use image::imageops::{flip_horizontal, flip_vertical, rotate90, rotate180, rotat
 use image::{GenericImageView, Rgb, RgbImage};
 use sharp::color::{Quantization, linear_from_srgb, quantize, srgb_from_linear};
 
+use super::finding::Change;
 use super::gaussians::likeness::Likeness;
 use super::record::{Record, Status};
 use crate::scoring::Region;
-
-/// Topic of a record's warning that its picture was probably altered; shown only if most pictures agree.
-pub(super) const CHANGED: &str = "changed picture";
 
 /// Maximum width compared, pixels.
 const WIDTH: u32 = 160;
@@ -44,37 +42,20 @@ const AGREEMENT: (usize, f64) = (3, 0.8);
 const UNLIKE: f64 = 0.15;
 
 /// Orders of stored channels, and the channels that are red, green and blue in them.
-const PERMUTATIONS: [(&str, [usize; 3]); 5] = [
-    ("have red and blue exchanged", [2, 1, 0]),
-    ("have red and green exchanged", [1, 0, 2]),
-    ("have green and blue exchanged", [0, 2, 1]),
-    (
-        "contain green, blue and red but were read as red, green and blue",
-        [2, 0, 1],
-    ),
-    (
-        "contain blue, red and green but were read as red, green and blue",
-        [1, 2, 0],
-    ),
+const PERMUTATIONS: [(Change, [usize; 3]); 5] = [
+    (Change::Bgr, [2, 1, 0]),
+    (Change::Grb, [1, 0, 2]),
+    (Change::Rbg, [0, 2, 1]),
+    (Change::Gbr, [2, 0, 1]),
+    (Change::Brg, [1, 2, 0]),
 ];
-
-/// The picture is the photograph.
-const SAME: &str = "the photograph";
-/// No change explains that the picture is unlike the photograph.
-const OTHER: &str = "another picture";
-const LINEAR: &str = "contain linear light but were read as sRGB (exr=linear reads such EXR files)";
-const TWICE: &str = "are sRGB-encoded twice (exr=srgb reads EXR files that hold sRGB values)";
-const HALVED: &str =
-    "have half their contrast, as if values from 0 to 1 had been stored as values from −1 to 1";
-const LIMITED: &str = "have the limited range of video, 16 to 235, but were read as 0 to 255";
-const CLIPPED: &str = "have their darker half cut off, as if values from −1 to 1 had been stored as values from 0 to 1";
 
 /// Whether this kind of method reads pictures stored by other programs.
 pub(super) fn is_checked(kind: &str) -> bool {
     ["imported", "command"].contains(&kind)
 }
 
-/// Sets the record's warning [`CHANGED`] if undoing a change brings the picture significantly closer to the photograph,
+/// Sets [`Record::change`] if undoing a change brings the picture significantly closer to the photograph,
 /// or to the part that it covers.
 /// `source` reads the source's photograph, shrunk.
 pub(super) fn note_change(
@@ -86,29 +67,22 @@ pub(super) fn note_change(
     let part = record.crop.map(|crop| crop.region);
     let part = part.unwrap_or(Region::whole(photograph.dimensions()));
     let part = photograph.view(part.x, part.y, part.width, part.height);
-    record.warnings.remove(CHANGED);
     let part = part.to_image();
-    let change = match part == *picture {
-        true => Some(SAME),
+    record.change = match part == *picture {
+        true => Some(Change::Photograph),
         false => likely_change(&part, picture).or_else(|| {
             let (width, height) = part.dimensions();
             let to = width.min(WIDTH);
             let small = thumbnail(&part, to, (height * to / width).max(1));
             // A picture of a large motion that a method ignored is like the source.
             let is_other = is_unlike(&small, picture) && is_unlike(&source()?, picture);
-            is_other.then_some(OTHER)
+            is_other.then_some(Change::Unlike)
         }),
     };
-    if let Some(change) = change {
-        record
-            .warnings
-            .insert(CHANGED.to_owned(), change.to_owned());
-    }
 }
 
-/// The way in which a stored picture was probably altered, to end the sentence "it looks as if it"; `None` if no change
-/// brings it significantly nearer to its photograph.
-pub fn likely_change(photograph: &RgbImage, picture: &RgbImage) -> Option<&'static str> {
+/// How a stored picture was probably altered; `None` if no change brings it significantly nearer to its photograph.
+pub fn likely_change(photograph: &RgbImage, picture: &RgbImage) -> Option<Change> {
     let (width, height) = photograph.dimensions();
     let small = (width.min(WIDTH), (height * width.min(WIDTH) / width).max(1));
     let [seen, shown] = [photograph, picture].map(|all| thumbnail(all, small.0, small.1));
@@ -170,24 +144,21 @@ pub fn likely_change(photograph: &RgbImage, picture: &RgbImage) -> Option<&'stat
     let negative = nearer(&inverted(&shown), LEAST_GAIN);
     let negative = negative.filter(|_| as_read.correlation() < OPPOSED);
     let all = [
-        ("are negatives", negative),
-        (LINEAR, encoded(srgb_from_linear)),
-        (TWICE, encoded(linear_from_srgb)),
-        (HALVED, ranged(|v| 2.0 * v - 255.0, is_upper_half)),
-        (CLIPPED, ranged(|v| (v + 255.0) / 2.0, false)),
-        (LIMITED, full),
+        (Change::Negative, negative),
+        (Change::Linear, encoded(srgb_from_linear)),
+        (Change::EncodedTwice, encoded(linear_from_srgb)),
         (
-            "are mirrored left to right",
-            moved(&flip_horizontal(&shown)),
+            Change::HalfContrast,
+            ranged(|v| 2.0 * v - 255.0, is_upper_half),
         ),
-        ("are mirrored top to bottom", moved(&flip_vertical(&shown))),
-        ("are turned by 180°", moved(&rotate180(&shown))),
-        ("are turned by 90°", turned(rotate270)),
-        ("are turned by 270°", turned(rotate90)),
-        (
-            "have rows and columns exchanged",
-            turned(|p| rotate90(&flip_vertical(p))),
-        ),
+        (Change::DarkHalfCutOff, ranged(|v| (v + 255.0) / 2.0, false)),
+        (Change::LimitedRange, full),
+        (Change::Mirrored, moved(&flip_horizontal(&shown))),
+        (Change::UpsideDown, moved(&flip_vertical(&shown))),
+        (Change::Turned180, moved(&rotate180(&shown))),
+        (Change::Turned90, turned(rotate270)),
+        (Change::Turned270, turned(rotate90)),
+        (Change::Transposed, turned(|p| rotate90(&flip_vertical(p)))),
     ];
     let likely = all
         .into_iter()
@@ -248,10 +219,10 @@ fn ranked(picture: &RgbImage) -> RgbImage {
 
 /// A sentence for each dataset of which nearly all pictures were probably changed in one way.
 pub(super) fn changed_pictures<'a>(records: impl Iterator<Item = &'a Record>) -> Vec<String> {
-    let mut by_dataset: BTreeMap<&str, Vec<Option<&str>>> = BTreeMap::new();
+    let mut by_dataset: BTreeMap<&str, Vec<Option<Change>>> = BTreeMap::new();
     for record in records.filter(|record| record.status == Status::Ok) {
         let of_dataset = by_dataset.entry(&record.dataset).or_default();
-        of_dataset.push(record.warnings.get(CHANGED).map(String::as_str));
+        of_dataset.push(record.change);
     }
     let told = by_dataset.into_iter();
     told.filter_map(|(dataset, changes)| agreed_change(&changes, &format!("of {dataset}")))
@@ -260,20 +231,24 @@ pub(super) fn changed_pictures<'a>(records: impl Iterator<Item = &'a Record>) ->
 
 /// A sentence on the change that nearly all of some pictures have in common. `photographs` tells which photographs they
 /// were compared with.
-pub fn agreed_change(changes: &[Option<&str>], photographs: &str) -> Option<String> {
+pub fn agreed_change(changes: &[Option<Change>], photographs: &str) -> Option<String> {
     let all = changes.len();
     let same = |change| changes.iter().filter(|c| **c == Some(change)).count();
     let (count, change) = changes.iter().flatten().map(|c| (same(*c), *c)).max()?;
     let counted = format!("{count} of {all}");
     (all >= AGREEMENT.0 && count as f64 >= AGREEMENT.1 * all as f64).then(|| match change {
-        SAME => format!("its pictures are the photographs {photographs} themselves: {counted} are equal to them"),
-        OTHER => format!(
-            "its pictures have little in common with the photographs {photographs}: {counted} have a correlation below \
-             {UNLIKE} with them (another scene, another order of their bytes, or unfinished files?)"
+        Change::Photograph => {
+            format!("its pictures {}: {counted} are equal to those {photographs}", change.text())
+        }
+        Change::Unlike => format!(
+            "its pictures {}: {counted} have a correlation below {UNLIKE} with those {photographs} (another scene, \
+             another order of their bytes, or unfinished files?)",
+            change.text()
         ),
         change => format!(
-            "its pictures look as if they {change}: {counted} are significantly closer to the photographs {photographs} \
-             when this is undone"
+            "its pictures look as if they {}: {counted} are significantly closer to the photographs {photographs} when \
+             this is undone",
+            change.text()
         ),
     })
 }
@@ -295,7 +270,7 @@ mod tests {
         })
     }
 
-    fn told(shown: &RgbImage) -> Option<&'static str> {
+    fn told(shown: &RgbImage) -> Option<Change> {
         likely_change(&picture(0.0, 0), shown)
     }
 
@@ -318,21 +293,18 @@ mod tests {
         let proper = picture(1.0, 1);
         let transposed = |p: &RgbImage| rotate270(&flip_horizontal(p));
         for (name, done) in [
-            (
-                "have red and blue exchanged",
-                exchanged as fn(&RgbImage) -> RgbImage,
-            ),
-            (LINEAR, |p| recolored(p, linear_from_srgb)),
-            (TWICE, |p| recolored(p, srgb_from_linear)),
-            (HALVED, |p| levels(p, |v| (v + 255.0) / 2.0)),
-            (CLIPPED, |p| levels(p, |v| 2.0 * v - 255.0)),
-            ("are negatives", inverted),
-            ("are mirrored left to right", flip_horizontal),
-            ("are mirrored top to bottom", flip_vertical),
-            ("are turned by 180°", rotate180),
-            ("are turned by 90°", rotate90),
-            ("are turned by 270°", rotate270),
-            ("have rows and columns exchanged", transposed),
+            (Change::Bgr, exchanged as fn(&RgbImage) -> RgbImage),
+            (Change::Linear, |p| recolored(p, linear_from_srgb)),
+            (Change::EncodedTwice, |p| recolored(p, srgb_from_linear)),
+            (Change::HalfContrast, |p| levels(p, |v| (v + 255.0) / 2.0)),
+            (Change::DarkHalfCutOff, |p| levels(p, |v| 2.0 * v - 255.0)),
+            (Change::Negative, inverted),
+            (Change::Mirrored, flip_horizontal),
+            (Change::UpsideDown, flip_vertical),
+            (Change::Turned180, rotate180),
+            (Change::Turned90, rotate90),
+            (Change::Turned270, rotate270),
+            (Change::Transposed, transposed),
         ] {
             assert_eq!(told(&done(&proper)), Some(name));
         }
@@ -347,7 +319,7 @@ mod tests {
         let blurred = image::imageops::fast_blur(&proper, 3.0);
         assert_eq!(
             told(&levels(&proper, |v| 16.0 + v * 219.0 / 255.0)),
-            Some(LIMITED)
+            Some(Change::LimitedRange)
         );
         for poor in [proper.clone(), levels(&proper, |v| 30.0 + 0.8 * v), blurred] {
             assert_eq!(told(&poor), None);
@@ -392,11 +364,7 @@ mod tests {
                 .map(|at| {
                     let mut record = record();
                     record.status = Status::Ok;
-                    if at < changed {
-                        record
-                            .warnings
-                            .insert(CHANGED.to_owned(), "have red and blue exchanged".to_owned());
-                    }
+                    record.change = (at < changed).then_some(Change::Bgr);
                     record
                 })
                 .collect();

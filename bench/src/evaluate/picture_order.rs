@@ -10,17 +10,11 @@ use image::RgbImage;
 use image::imageops::thumbnail;
 use sharp_datasets::View;
 
+use super::finding::ShownTarget;
 use super::gaussians::likeness::Likeness;
 use super::record::Record;
 use crate::pairs::pair_list::ResolvedPair;
 use crate::scoring::Region;
-
-/// Topic of a record's finding about which target its picture shows; shown only if most pictures agree.
-pub(super) const ORDER: &str = "order of pictures";
-const OWN: &str = "its own target";
-const BEFORE: &str = "the target of the pair before theirs";
-const AFTER: &str = "the target of the pair after theirs";
-const ELSEWHERE: &str = "the target of another pair";
 
 /// Number of pairs per dataset whose pictures are compared, evenly spaced, and number of other targets for each.
 const SAMPLED: usize = 8;
@@ -33,7 +27,7 @@ const WIDTH: u32 = 160;
 const LEAST_GAIN: f64 = 2.0;
 
 /// For each pair, the other pairs with whose targets its picture is compared.
-pub(super) type OtherPairs<'a> = BTreeMap<String, Vec<(&'static str, ResolvedPair<'a>)>>;
+pub(super) type OtherPairs<'a> = BTreeMap<String, Vec<(ShownTarget, ResolvedPair<'a>)>>;
 
 /// Chooses the pairs whose pictures are compared. `pairs` must be all pairs of the plan, so that all shards choose the
 /// same.
@@ -59,10 +53,13 @@ pub(super) fn compared_pairs<'a>(pairs: &[ResolvedPair<'a>]) -> OtherPairs<'a> {
             let near: Vec<_> = spread(near.len(), OTHERS).map(|k| near[k]).collect();
             let far = spread(far.len(), OTHERS - near.len()).map(|k| far[k]);
             let elsewhere = near.into_iter().chain(far);
-            let others = [(BEFORE, all[(at + n - 1) % n]), (AFTER, all[(at + 1) % n])];
+            let others = [
+                (ShownTarget::Previous, all[(at + n - 1) % n]),
+                (ShownTarget::Next, all[(at + 1) % n]),
+            ];
             let others = others
                 .into_iter()
-                .chain(elsewhere.map(|other| (ELSEWHERE, other)));
+                .chain(elsewhere.map(|other| (ShownTarget::Other, other)));
             compared.insert(own.pair.pair_id.clone(), others.collect());
         }
     }
@@ -95,7 +92,7 @@ fn small(picture: &RgbImage) -> RgbImage {
     thumbnail(picture, to, (height * to / width).max(1))
 }
 
-/// Sets the record's finding [`ORDER`] if its picture is in the sample and covers the whole target.
+/// Sets the [`Record::shows`] if the picture is in the sample and covers the whole target.
 pub(super) fn note_order(
     record: &mut Record,
     planned: &ResolvedPair<'_>,
@@ -103,7 +100,7 @@ pub(super) fn note_order(
     (photograph, picture): (&RgbImage, &RgbImage),
     read: &mut Thumbnails,
 ) {
-    record.warnings.remove(ORDER);
+    record.shows = None;
     let others = others.get(&record.pair_id);
     let (Some(others), None) = (others, record.crop) else {
         return;
@@ -123,7 +120,7 @@ pub(super) fn note_order(
         let is_own_scene = other.scene.id == planned.scene.id;
         !(is_own_scene && [&planned.source.id, &planned.target.id].contains(&&other.target.id))
     };
-    let mut best: Option<(&str, Likeness)> = None;
+    let mut best: Option<(ShownTarget, Likeness)> = None;
     for (place, other) in others.iter().filter(|(_, other)| is_other(other)) {
         let Some(seen) = read.of(other, other.target) else {
             continue;
@@ -134,43 +131,44 @@ pub(super) fn note_order(
             && fit(&seen, &source).is_none_or(|copied| other.is_closer_than(&copied))
             && best.as_ref().is_none_or(|(_, b)| other.error() < b.error())
         {
-            best = Some((place, other));
+            best = Some((*place, other));
         }
     }
-    let found = best.map_or(OWN, |(place, _)| place);
-    record.warnings.insert(ORDER.to_owned(), found.to_owned());
+    let found = best.map_or(ShownTarget::Own, |(place, _)| place);
+    record.shows = Some(found);
 }
 
 /// A sentence for each dataset in which most compared pictures show other targets.
 pub(super) fn misplaced_pictures<'a>(records: impl Iterator<Item = &'a Record>) -> Vec<String> {
-    let mut by_dataset: BTreeMap<&str, BTreeMap<&str, usize>> = BTreeMap::new();
+    let mut by_dataset: BTreeMap<&str, BTreeMap<ShownTarget, usize>> = BTreeMap::new();
     for record in records {
-        if let Some(found) = record.warnings.get(ORDER) {
+        if let Some(found) = record.shows {
             let of_dataset = by_dataset.entry(&record.dataset).or_default();
             *of_dataset.entry(found).or_default() += 1;
         }
     }
     let told = by_dataset.into_iter().filter_map(|(dataset, found)| {
-        let count = |places: &[&str]| -> usize {
+        let count = |places: &[ShownTarget]| -> usize {
             places.iter().filter_map(|place| found.get(place)).sum()
         };
         let (all, others) = (
-            count(&[OWN, BEFORE, AFTER, ELSEWHERE]),
-            count(&[BEFORE, AFTER, ELSEWHERE]),
+            count(&[ShownTarget::Own, ShownTarget::Previous, ShownTarget::Next, ShownTarget::Other]),
+            count(&[ShownTarget::Previous, ShownTarget::Next, ShownTarget::Other]),
         );
-        let (shift, shifted) = [BEFORE, AFTER]
+        let (shift, shifted) = [ShownTarget::Previous, ShownTarget::Next]
             .map(|place| (place, count(&[place])))
             .into_iter()
             .max_by_key(|(_, count)| *count)?;
         let is_most = |count: usize| count >= FEWEST && 2 * count > all;
         let (what, count) = match is_most(shifted) {
             true => (shift, shifted),
-            false => (ELSEWHERE, others),
+            false => (ShownTarget::Other, others),
         };
         is_most(count).then(|| {
             format!(
                 "its pictures look as if they had the names of other pairs of {dataset}: {count} of the {all} \
-                 compared show {what} significantly better than their own; correct the file names"
+                 compared show {} significantly better than their own; correct the file names",
+                what.text()
             )
         })
     });

@@ -8,7 +8,7 @@ use sharp::render::{RenderError, RenderOutput};
 use sharp_datasets::{DepthMap, View};
 use sharp_metrics::Picture;
 
-use super::doubts::{RULE, TRAINED_ON};
+use super::doubts::TRAINED_ON;
 use super::error::EvaluateError;
 use super::folder::RunFolder;
 use super::gaussians::gaussian_store::{GaussianStore, StoreError};
@@ -139,6 +139,8 @@ impl From<MethodError> for Failure {
 struct Made {
     prediction: PicturePrediction,
     warnings: BTreeMap<String, String>,
+    /// See [`Record::rule`](super::record::Record::rule).
+    rule: Option<String>,
     scale: Option<ChosenScale>,
     rendering: Option<RenderOutput>,
     predict_secs: f64,
@@ -298,6 +300,7 @@ impl<'j, 'a> PairWork<'j, 'a> {
         unit.timing.inference = made.inference;
         unit.record.extras = prediction.extras;
         unit.record.warnings = made.warnings;
+        unit.record.rule = made.rule;
         for note in prediction.notes {
             // Tables show one note of each kind, identified by its first words.
             let about = note.split(' ').take(4).collect::<Vec<_>>().join(" ");
@@ -343,6 +346,7 @@ impl<'j, 'a> PairWork<'j, 'a> {
         let plain = |prediction: PicturePrediction, predict_secs: f64| Made {
             prediction,
             warnings: BTreeMap::new(),
+            rule: None,
             scale: None,
             rendering: None,
             predict_secs,
@@ -494,8 +498,6 @@ impl<'j, 'a> PairWork<'j, 'a> {
             picture.extras.extend(facts.extras.clone());
             warnings.clone_from(&facts.warnings);
         }
-        let rule = prediction.rule_note.clone();
-        warnings.extend(rule.map(|note| (RULE.to_owned(), note)));
         let trained = method.trained_on(pair_id).into_iter().flatten();
         let trained = TRAINED_ON.into_iter().zip(trained);
         let trained = trained.map(|(name, is)| (name.to_owned(), f64::from(u8::from(is))));
@@ -505,6 +507,7 @@ impl<'j, 'a> PairWork<'j, 'a> {
         Ok(Some(Made {
             prediction: picture,
             warnings,
+            rule: prediction.rule_note.clone(),
             scale: None,
             rendering: (self.job.options.keep == Keep::Float).then_some(output),
             predict_secs,

@@ -7,6 +7,7 @@ use std::collections::BTreeMap;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use super::finding::{Change, ShownTarget};
 use crate::scoring::Region;
 
 /// Outcome of a unit.
@@ -100,6 +101,15 @@ pub struct Record {
     /// Warnings about the prediction, by topic.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub warnings: BTreeMap<String, String>,
+    /// How the stored picture was probably altered.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub change: Option<Change>,
+    /// The target that the stored picture shows best, if it was compared with those of other pairs.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub shows: Option<ShownTarget>,
+    /// A note on the rendering rule of the Gaussians, if nobody stated one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub rule: Option<String>,
 }
 
 /// Hashes of a pair's files, 16 hexadecimal digits each. Results are shown together only if the hashes of each view,
@@ -317,6 +327,9 @@ pub(super) mod tests {
             files: None,
             extras: BTreeMap::from([("mean_alpha".into(), 0.5)]),
             warnings: BTreeMap::new(),
+            change: None,
+            shows: None,
+            rule: None,
         }
     }
 

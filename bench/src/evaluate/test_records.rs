@@ -51,5 +51,8 @@ pub(crate) fn record(dataset: &str, scene: usize, number: usize) -> Record {
         files: None,
         extras: BTreeMap::new(),
         warnings: BTreeMap::new(),
+        change: None,
+        shows: None,
+        rule: None,
     }
 }

@@ -247,6 +247,9 @@ mod tests {
             files: None,
             extras: BTreeMap::from([("mean_alpha".to_owned(), 0.1 + 0.2)]),
             warnings: BTreeMap::new(),
+            change: None,
+            shows: None,
+            rule: None,
         };
         let score = StoredScore {
             key: "k".to_owned(),

@@ -238,6 +238,7 @@ version = \"0.3.7\"
         "bench/src/evaluate/keys.rs",
         "bench/src/evaluate/manifest.rs",
         "bench/src/evaluate/mod.rs",
+        "bench/src/evaluate/finding.rs",
         "bench/src/evaluate/picture_check.rs",
         "bench/src/evaluate/picture_order.rs",
         "bench/src/evaluate/pipeline.rs",

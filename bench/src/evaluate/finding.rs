@@ -1,0 +1,97 @@
+//! Findings on a stored picture. What is shown of them depends on all pictures of a dataset.
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+/// How a stored picture was probably altered.
+#[derive(
+    Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, JsonSchema,
+)]
+#[serde(rename_all = "kebab-case")]
+pub enum Change {
+    /// It is the photograph.
+    Photograph,
+    /// It is unlike its photograph and the source's, and no other change explains that.
+    Unlike,
+    Linear,
+    EncodedTwice,
+    HalfContrast,
+    DarkHalfCutOff,
+    LimitedRange,
+    Negative,
+    /// Red and blue are exchanged.
+    Bgr,
+    Grb,
+    Rbg,
+    Gbr,
+    Brg,
+    Mirrored,
+    UpsideDown,
+    Turned180,
+    Turned90,
+    Turned270,
+    Transposed,
+}
+
+impl Change {
+    /// Completes the sentence "its pictures".
+    pub fn text(self) -> &'static str {
+        match self {
+            Self::Photograph => "are the photographs themselves",
+            Self::Unlike => "have little in common with the photographs",
+            Self::Linear => {
+                "contain linear light but were read as sRGB (exr=linear reads such EXR files)"
+            }
+            Self::EncodedTwice => {
+                "are sRGB-encoded twice (exr=srgb reads EXR files that hold sRGB values)"
+            }
+            Self::HalfContrast => {
+                "have half their contrast, as if values from 0 to 1 had been stored as values from −1 to 1"
+            }
+            Self::DarkHalfCutOff => {
+                "have their darker half cut off, as if values from −1 to 1 had been stored as values from 0 to 1"
+            }
+            Self::LimitedRange => {
+                "have the limited range of video, 16 to 235, but were read as 0 to 255"
+            }
+            Self::Negative => "are negatives",
+            Self::Bgr => "have red and blue exchanged",
+            Self::Grb => "have red and green exchanged",
+            Self::Rbg => "have green and blue exchanged",
+            Self::Gbr => "contain green, blue and red but were read as red, green and blue",
+            Self::Brg => "contain blue, red and green but were read as red, green and blue",
+            Self::Mirrored => "are mirrored left to right",
+            Self::UpsideDown => "are mirrored top to bottom",
+            Self::Turned180 => "are turned by 180°",
+            Self::Turned90 => "are turned by 90°",
+            Self::Turned270 => "are turned by 270°",
+            Self::Transposed => "have rows and columns exchanged",
+        }
+    }
+}
+
+/// The target that a stored picture shows best.
+#[derive(
+    Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, JsonSchema,
+)]
+#[serde(rename_all = "kebab-case")]
+pub enum ShownTarget {
+    Own,
+    /// That of the previous pair.
+    Previous,
+    /// That of the next pair.
+    Next,
+    Other,
+}
+
+impl ShownTarget {
+    /// Completes the sentence "pictures show".
+    pub fn text(self) -> &'static str {
+        match self {
+            Self::Own => "their own target",
+            Self::Previous => "the target of the pair before theirs",
+            Self::Next => "the target of the pair after theirs",
+            Self::Other => "the target of another pair",
+        }
+    }
+}
