@@ -115,7 +115,7 @@ fn open(spec: &DatasetSpec) -> Result<FoundScenes, DatasetError> {
     spec.conclude(found, expected, search.unsearched)
 }
 
-/// Notes which file was read if a folder has several candidates.
+/// A note on which file was read, if the folder has several candidates or no transforms.json.
 fn choice_note<'a>(
     folder: &Path,
     read: &str,

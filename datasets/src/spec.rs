@@ -172,7 +172,7 @@ impl DatasetSpec {
         match text.parse::<f64>() {
             Ok(value) if value.is_finite() && value > 0.0 => Ok(value),
             _ => Err(self.refused(format!(
-                "'{key}' cannot be '{text}'; it is a number above zero"
+                "'{key}' cannot be '{text}'; it must be a number above zero"
             ))),
         }
     }

@@ -41,8 +41,8 @@ impl FromStr for Binning {
         if !text.contains(',') {
             let step = Step::parse(text);
             return step.map(Self::Width).ok_or(
-                "a width is a decimal above 0 of at most 15 digits and without an exponent, such as 0.1; there are also \
-                 quantile:N, N from 1 to 1000, and edges such as 0,0.1,0.5",
+                "expected a width above 0 (a decimal of at most 15 digits, without an exponent, such as 0.1), quantile:N with N \
+                 from 1 to 1000, or a list of edges, such as 0,0.1,0.5",
             );
         }
         let edges: Result<Vec<f64>, _> = text.split(',').map(|edge| edge.trim().parse()).collect();

@@ -20,9 +20,9 @@ use crate::scoring::Scoring;
 /// Explain why a number differs from the published one
 ///
 /// Scores a run's kept predictions under every reading of the protocol that needs no new prediction: variants of the
-/// metrics, masks, rounding, truncation or no 8 bit, colour divided by alpha, cropped borders, averaging rules, one
-/// scene per place. Each cell of the paper's row gets a verdict: equal to rounding, ambiguous with the candidates,
-/// inside the protocol's spread, or outside. Readings that need other pairs or pictures are listed as not computed.
+/// metrics; masks; rounding or truncation to 8 bits, or neither; colour divided by alpha; cropped borders; averaging
+/// rules; only the first of several scenes of the same place. Each cell of the paper's row gets a verdict: equal after
+/// rounding, ambiguous (the candidates are listed), inside the protocol's spread, or outside it. Readings that need other pairs or pictures are listed as not computed.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:

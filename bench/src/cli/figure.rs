@@ -103,7 +103,7 @@ enum FigureCommand {
         #[arg(long, value_name = "DIR")]
         depth: Option<PathBuf>,
     },
-    /// Depth against that of the mirrored picture, mirrored back
+    /// The picture's depth, the mirrored picture's depth mirrored back, and their difference
     Uncertainty(UncertaintyArgs),
 }
 

@@ -39,8 +39,8 @@ pub(super) struct ReportArgs {
     /// Which of the paper's numbers to show next to ours
     #[arg(long, value_enum, default_value_t = PublishedNumbers::Matching)]
     published: PublishedNumbers,
-    /// How to average, instead of the runs' rule: over pairs, over scenes of means over pairs, or over source views of
-    /// means over targets
+    /// How to average, instead of the runs' rule: over pairs; over scenes, each the mean of its pairs; or over source
+    /// views, each the mean of its targets
     #[arg(long, value_enum, value_name = "OVER")]
     aggregate: Option<Aggregation>,
     /// Location of the page's pictures [default: in the page for up to 24 pairs, else next to it]

@@ -78,7 +78,7 @@ pub(super) fn execute(args: &TableArgs) -> anyhow::Result<Outcome> {
             .any(|name| name.eq_ignore_ascii_case(family.name()));
         if !is_shown || metrics[..at].iter().any(|before| before.family() == family) {
             let reason = format!(
-                "--metrics {key}: the columns of {} are {}, one variant each",
+                "--metrics {key}: the table {} has the columns {}; name at most one variant of each",
                 paper.name,
                 paper.metrics.join(", ")
             );

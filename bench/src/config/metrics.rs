@@ -59,7 +59,7 @@ impl MetricConfig {
         Ok(scoring)
     }
 
-    /// Scorer options for the chosen device, otherwise default.
+    /// Scorer options with the chosen device and defaults for everything else.
     pub fn options(&self) -> Result<ScorerOptions, ConfigError> {
         let device = self.device.unwrap_or_default();
         if !device.is_built() {

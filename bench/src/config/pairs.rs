@@ -28,8 +28,8 @@ pub struct OverlapConfig {
     /// Measure every overlap again and keep none
     #[arg(long)]
     pub no_cache: bool,
-    /// Skip the check of a few views of each scene for contradictions: units, focal lengths, poses of other pictures,
-    /// exchanged stereo pairs (`datasets check` checks more)
+    /// Skip the quick check, which looks at a few views of each scene for wrong units or focal lengths, poses that belong
+    /// to other pictures, and exchanged stereo pairs (`datasets check` checks more)
     #[arg(long)]
     pub no_check: bool,
 }

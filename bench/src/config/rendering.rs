@@ -17,13 +17,13 @@ use crate::rendering::RenderSettings;
 #[serde(rename_all = "kebab-case", default)]
 pub struct RenderingConfig {
     /// Low-pass added to both variances of a projected Gaussian without its own rendering rule: release (0), config
-    /// (0.01), gsplat (0.3; also 3dgs), or square pixels [default: release]
+    /// (0.01), gsplat or 3dgs (0.3), or a number in square pixels [default: release]
     #[arg(long, value_name = "X")]
     #[serde(with = "text")]
     #[schemars(with = "Option<String>")]
     pub eps2d: Option<LowPass>,
-    /// Background: black, white, #RRGGBB (sRGB), or R,G,B in the blended space: linear light, or encoded values for a
-    /// rule that blends those [default: black]
+    /// Background: black, white, #RRGGBB (sRGB), or R,G,B as they are blended: in linear light, or as encoded values
+    /// if the rule blends those [default: black]
     #[arg(long, value_name = "COLOUR")]
     #[serde(with = "text")]
     #[schemars(with = "Option<String>")]

@@ -51,7 +51,7 @@ pub struct RunConfig {
     /// Score all methods of a pair on the part of the target that all of them predict
     #[arg(long)]
     pub common_region: bool,
-    /// Score the scale with the lowest DISTS for each pair of methods that rendered several (the paper's rule for
+    /// For methods that provide several scales, score each pair at the scale with the lowest DISTS (the paper's rule for
     /// methods without metric scale); the report says "best of N scales by DISTS"
     #[arg(long)]
     pub scale_sweep: bool,

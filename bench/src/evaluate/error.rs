@@ -34,7 +34,7 @@ pub enum EvaluateError {
     #[error(transparent)]
     Renderer(#[from] RenderError),
     /// Two methods have the same label.
-    #[error("the label '{0}' is taken; give one of them label=NAME")]
+    #[error("two methods have the label '{0}'; give one of them another with label=NAME")]
     RepeatedLabel(String),
     /// The method's own depth selected the pairs.
     #[error(

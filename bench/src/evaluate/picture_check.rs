@@ -217,7 +217,7 @@ fn ranked(picture: &RgbImage) -> RgbImage {
     ranked
 }
 
-/// A sentence for each dataset of which nearly all pictures were probably changed in one way.
+/// A sentence for each dataset in which nearly all pictures were probably changed in the same way.
 pub(super) fn changed_pictures<'a>(records: impl Iterator<Item = &'a Record>) -> Vec<String> {
     let mut by_dataset: BTreeMap<&str, Vec<Option<Change>>> = BTreeMap::new();
     for record in records.filter(|record| record.status == Status::Ok) {

@@ -83,11 +83,11 @@ pub const KINDS: [MethodKind; 8] = [
         ],
         summary: "Gaussians made elsewhere, DIR/<dataset>/<scene>/<source>.ply|safetensors|spz|sog|splat, rendered by us",
         settings: "dir=DIR, file={scene}.ply for another layout, rendering=inria|gsplat-classic|mip-splatting|… for the rule they were made for, \
-                  depth=none|privileged: scaled by the median of true over rendered depth, color_space=linear|srgb for PLYs that \
-                  do not say; for files stored otherwise opacity=linear|byte, scales=linear|log-variance, \
-                  quaternions=xyzw, colors=rgb01|rgb255|logit|dc-uncentered, channels=bgr, harmonics=drop|interleaved, marks=ignore, space=world|target|normalized, \
-                  axes=rub|luf, scale=S, transform=dataparser_transforms.json, shift=X:Y, focal=F|X:Y; train=LIST.txt|GLOB for scenes trained on several views, align=pose: the target's camera is \
-                  moved to fit its photograph",
+                  depth=none, or privileged: scaled by the median of true over rendered depth, color_space=linear|srgb for PLYs \
+                  that do not state it; if the numbers are stored in another form: opacity=linear|byte, scales=linear|log-variance, \
+                  quaternions=xyzw, colors=rgb01|rgb255|logit|dc-uncentered, channels=bgr, harmonics=drop|interleaved, marks=ignore; if they are in another place: space=world|target|normalized, \
+                  axes=rub|luf, scale=S, transform=dataparser_transforms.json, shift=X:Y, focal=F|X:Y; train=LIST.txt|GLOB for scenes trained on several views; align=pose moves the target's \
+                  camera to fit its photograph",
         build: |spec, _| Ok(Box::new(GaussianFiles::from_spec(spec)?)),
     },
     MethodKind {
@@ -105,9 +105,9 @@ pub const KINDS: [MethodKind; 8] = [
             &["run", "timeout", "version", "files", "depth", "cwd"],
             &FitRules::OPTIONS,
         ],
-        summary: "someone's program, one line of JSON a pair",
+        summary: "an external program that gets one line of JSON per pair",
         settings: "run='python my.py', timeout=600, version=TEXT, resize=, \
-                  crop=x:y:w:h|center:W:H, depth=none|privileged: it gets the source's true depth, cwd=DIR that it starts in",
+                  crop=x:y:w:h|center:W:H, depth=none, or privileged: the program gets the source's true depth; cwd=DIR, the folder it starts in",
         build: |spec, _| Ok(Box::new(Command::from_spec(spec)?)),
     },
 ];

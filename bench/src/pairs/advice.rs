@@ -1,4 +1,5 @@
-//! Explains why a dataset has no pair to evaluate, or pairs chosen by depth that is too sparse, and suggests settings.
+//! Explains why a dataset has no pairs to evaluate, reports views that were left out, warns if pairs were chosen by depth
+//! that is too sparse, and suggests settings.
 
 use sharp_datasets::DatasetSpec;
 

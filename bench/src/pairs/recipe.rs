@@ -214,7 +214,7 @@ impl PairRecipe {
             return Err(PairError::DatasetSpec {
                 spec: own.config.to_string(),
                 reason:
-                    "--ambiguity varies a single list of choices: give them with --pair-options"
+                    "--ambiguity varies one set of pair options for all datasets: remove those of this spec and use --pair-options"
                         .to_owned(),
             });
         }

@@ -223,7 +223,8 @@ pub const PROTOCOLS: [Protocol; 15] = [
         quantised: Quantised::Float,
         metrics: &["psnr", "ssim[gauss11,valid]", "lpips[alex,v0.1,eps=tm]"],
         departures: &[
-            "size: of the pictures given; theirs halves them until no side exceeds 1600, with files made by other programs",
+            "size: as given here; theirs halves the pictures until no side exceeds 1600, reading reduced copies made by other \
+             programs",
         ],
         ..PLAIN
     },
@@ -246,7 +247,8 @@ pub const PROTOCOLS: [Protocol; 15] = [
             "surface models hand LPIPS pictures in 0..1 (lpips[alex,v0.1,unscaled])",
         ],
         departures: &[
-            "size: of the pictures given; theirs halves them until no side exceeds 1600, with files made by other programs",
+            "size: as given here; theirs halves the pictures until no side exceeds 1600, reading reduced copies made by other \
+             programs",
         ],
         ..PLAIN
     },

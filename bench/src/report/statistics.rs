@@ -26,7 +26,7 @@ pub struct CellStatistics {
     pub failures: Vec<(String, usize)>,
     /// Reasons for other missing scores with their counts, in the order encountered.
     pub absences: Vec<(String, usize)>,
-    /// Indices in the dataset of the pairs with a score.
+    /// For each pair with a score, its index in the dataset.
     pub scored: Vec<usize>,
 }
 

@@ -19,7 +19,7 @@ pub(super) enum Part {
     Depth,
 }
 
-/// Flips of pictures and depth maps that result from mistakes: horizontal, vertical, and the description.
+/// Flips that mistakes cause in pictures and depth maps: whether horizontally, whether vertically, and a description.
 pub(super) const FLIPS: [((bool, bool), &str); 3] = [
     ((false, true), "upside down"),
     ((true, false), "mirrored left to right"),

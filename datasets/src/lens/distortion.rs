@@ -84,7 +84,8 @@ impl Distortion {
         }
     }
 
-    /// Radial factor at r² of the models without a polynomial, and its derivative with respect to r².
+    /// For the models without a polynomial (FOV, DIVISION, EUCM): the radial factor at r² and its derivative with respect
+    /// to r². `None` for other models.
     fn scale_at(&self, r2: f64) -> Option<(f64, f64)> {
         match *self {
             Self::Fov { omega } => {

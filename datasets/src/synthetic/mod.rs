@@ -64,7 +64,11 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
             "number of cameras, at least 2 (auto: 24; 11 in a varied world)",
             "auto",
         ),
-        Setting::free("scenes", "1 to 1000, of this seed and those after it", "1"),
+        Setting::free(
+            "scenes",
+            "number of scenes, 1 to 1000: one for this seed and one for each of the seeds that follow",
+            "1",
+        ),
         Setting::choice(
             "world",
             "what the seed determines",
@@ -100,8 +104,8 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
         ),
         Setting::free(
             "step",
-            "of a sweep, which has views − 1 of them: metres (auto: 0.05; 10 in all at most), degrees (2; 90) or posts \
-             (1; 15)",
+            "size of each of a sweep's views − 1 steps: metres (auto: 0.05; at most 10 in total), degrees (auto: 2; at most 90 \
+             in total) or posts (auto: 1; at most 15 in total)",
             "auto",
         ),
     ],

@@ -42,7 +42,7 @@ impl SweepKind {
                     .parse()
                     .ok()
                     .filter(|s: &f64| s.is_finite() && *s > 0.0);
-                Some(step.ok_or_else(|| wrong("it is a number above zero"))?)
+                Some(step.ok_or_else(|| wrong("it must be a number above zero"))?)
             }
         };
         Ok(Some(match spec.setting("sweep") {
@@ -52,7 +52,7 @@ impl SweepKind {
                 posts if posts.fract() == 0.0 && posts <= MOST_POSTS => Self::Posts(posts as usize),
                 _ => {
                     return Err(wrong(&format!(
-                        "it is a whole number of posts up to {MOST_POSTS}"
+                        "it must be a whole number of posts up to {MOST_POSTS}"
                     )));
                 }
             },

@@ -39,7 +39,7 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
     download: "image sets of the seven training scenes, their SfM logs, alignments and laser scans",
     size: "1920x1080 pictures, some hundreds a scene (Barn: 410), and the scans",
     layout: "<Scene>/{<Scene>_COLMAP_SfM.log, <Scene>_trans.txt, <Scene>.ply, images/000001.jpg ...}; \
-             cameras.txt or .bin beside the log or in sparse/0, with images.* if it has several",
+             cameras.txt or .bin next to the log or in sparse/0, with images.* next to it if it has several cameras",
     paper_column: "Tanks and Temples",
     paper_overlap: PaperOverlap::Sparse,
     caveat: "intrinsics were never published: add a COLMAP model, or accept a guess with intrinsics=0.7w or 0.6w",

@@ -1,7 +1,7 @@
 //! Pass `ranges`: start and end of each tile's list, and the lists themselves.
 //!
-//! The GPU sorts (tile, Gaussian) pairs by tile and finds the boundaries. Within a bin it is cheaper to count, scan and
-//! fill, which gives the same lists in the same order.
+//! The GPU sorts (tile, Gaussian) pairs by tile and finds the boundaries. Here, on the CPU, it is cheaper to count, scan
+//! and fill within each bin, which gives the same lists in the same order.
 
 use super::emit::BIN;
 use super::project::{Footprint, Splat};

@@ -94,7 +94,7 @@ impl RenderView {
     }
 }
 
-/// Maximum distance beyond the field of view at which the Jacobian is evaluated, in half fields of view.
+/// How far beyond the edge of the image the Jacobian is still evaluated, as a multiple of half its width or height.
 const JACOBIAN_MARGIN: f64 = 0.3;
 
 /// The view in the form used by the inner loops; f64 here, f32 on the GPU.

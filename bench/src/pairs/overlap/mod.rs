@@ -80,7 +80,8 @@ pub struct OverlapOptions {
 }
 
 impl Default for OverlapOptions {
-    /// Depth within 5 % at the nearest pixel, over valid pixels, every pixel at full size.
+    /// Depths agree within 5 % at the nearest pixel; the share is that of the pixels with valid depth, all of which are
+    /// projected at full size.
     fn default() -> Self {
         Self {
             test: OverlapTest::Consistent { relative: 0.05 },

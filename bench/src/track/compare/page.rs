@@ -189,5 +189,5 @@ impl RunComparison {
 }
 
 const HOW_TO_READ: &str = "Differences are B − A over the same pairs; significance is computed over scenes. B is better or worse \
-                    if p < 0.05 after Holm's correction over the datasets of a metric. The verdict is none if both are equal \
-                    or the whole interval is too small to matter, and inconclusive otherwise.";
+                    if p < 0.05 after Holm's correction over the datasets of a metric. Otherwise the verdict is “none” if both \
+                    are equal or every difference in the interval is too small to matter, and “inconclusive” if not.";

@@ -207,15 +207,15 @@ impl FromStr for Limit {
         let (is_fitting, form) = match (either_way, metric.direction()) {
             (true, _) => (
                 is_above && bound >= 0.0,
-                format!("a limit on either direction reads '|{name}| > VALUE'"),
+                format!("write a limit on either direction as '|{name}| > VALUE'"),
             ),
             (false, Direction::Higher) => (
                 !is_above && bound <= 0.0,
-                format!("higher is better, so it reads '{name} < -VALUE'"),
+                format!("higher is better for {name}, so write the limit as '{name} < -VALUE'"),
             ),
             (false, Direction::Lower) => (
                 is_above && bound >= 0.0,
-                format!("lower is better, so it reads '{name} > +VALUE'"),
+                format!("lower is better for {name}, so write the limit as '{name} > +VALUE'"),
             ),
         };
         if !is_fitting {

@@ -78,7 +78,7 @@ fn device_difference(
     Some(format!("the {what} is {a} in A and {b} in B"))
 }
 
-/// Costs of A and B: mean seconds per pair over common pairs, or peak MiB.
+/// Costs of A and B over their common pairs: mean seconds per pair, or peak MiB.
 fn costs(cost: Resource, sides: &[BTreeMap<String, Timing>; 2]) -> Option<[f64; 2]> {
     let [a, b] = sides;
     let both = || a.iter().filter_map(|(pair, a)| Some([a, b.get(pair)?]));

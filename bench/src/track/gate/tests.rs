@@ -306,7 +306,7 @@ fn limits_read_back_as_they_are_written() {
         ("psnr", "expected a limit such as"),
         (
             "psnr > 0.1",
-            "higher is better, so it reads 'psnr < -VALUE'",
+            "higher is better for psnr, so write the limit as 'psnr < -VALUE'",
         ),
         ("psnr < 0.1", "higher is better"),
         ("lpips > -0.1", "lower is better"),

@@ -2,8 +2,8 @@
 //! semantic-segmentation-pytorch), in evaluation mode.
 //!
 //! Three 3×3 convolutions replace the 7×7 one, the first with stride 2; then max pooling and stages of 3, 4, 6 and 3
-//! blocks with 256 to 2048 channels. The last two stages preserve resolution: their first 3×3 convolution has dilation
-//! 1 and 2, the others 2 and 4. Features are compared after each stage.
+//! blocks with 256 to 2048 channels. The last two stages preserve resolution: in the third, the first 3×3 convolution
+//! has dilation 1 and the others 2; in the fourth, 2 and 4. Features are compared after each stage.
 
 use super::layers::Layer;
 use super::{Network, PerceptualError};
@@ -61,7 +61,7 @@ fn stem() -> [Spec; 3] {
     [first, conv(2, 64, 64), conv(3, 128, 64)]
 }
 
-/// Blocks of stages 0 to 3.
+/// Blocks of the given stage, 0 to 3.
 fn stage(stage: usize) -> Vec<BlockSpec> {
     let (narrow, before) = (64 << stage, if stage == 0 { 128 } else { 128 << stage });
     let wide = 4 * narrow;
