@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use image::{ColorType, DynamicImage};
-use sharp::image_file::{self, PictureRules};
+use sharp::image_file;
 
 use super::{FloatMap, FormatError};
 use crate::DatasetError;
@@ -13,7 +13,7 @@ use crate::DatasetError;
 /// # Errors
 /// As for a picture; also if it is not 16-bit grey.
 pub fn parse(bytes: &[u8]) -> Result<FloatMap, FormatError> {
-    let picture = image_file::read(bytes, &PictureRules::AS_STORED, None)?;
+    let picture = image_file::read_map(bytes)?;
     match picture.image {
         DynamicImage::ImageLuma16(map) if picture.header.color == ColorType::L16 => {
             let (width, height) = map.dimensions();

@@ -175,6 +175,23 @@ pub fn read(
     rules: &PictureRules,
     fit: Option<(u32, u32)>,
 ) -> Result<Picture, ImageFileError> {
+    decode(bytes, rules, fit, refuse_unscaled)
+}
+
+/// Decodes a map of integers, such as depth in millimetres, as stored.
+///
+/// # Errors
+/// As for [`read`], except that small values are no reason to refuse it.
+pub fn read_map(bytes: &[u8]) -> Result<Picture, ImageFileError> {
+    decode(bytes, &PictureRules::AS_STORED, None, |_| Ok(()))
+}
+
+fn decode(
+    bytes: &[u8],
+    rules: &PictureRules,
+    fit: Option<(u32, u32)>,
+    check: impl Fn(&DynamicImage) -> Result<(), ImageFileError>,
+) -> Result<Picture, ImageFileError> {
     let format = format::of(bytes)?;
     format::check_complete(bytes, format)?;
     dimensions(Cursor::new(bytes))?;
@@ -186,7 +203,7 @@ pub fn read(
     ) {
         return Err(ImageFileError::FloatingPoint);
     }
-    refuse_unscaled(&image)?;
+    check(&image)?;
     if rules.color == ColorRule::Convert {
         image = match &header.profile {
             Profile::Srgb | Profile::Ignored { .. } => image,
