@@ -59,6 +59,14 @@ impl Focal {
 }
 
 impl Change {
+    /// True for a change of intrinsics, which may leave depths as they agree.
+    pub(super) fn is_of_cameras(&self) -> bool {
+        matches!(
+            self,
+            Self::Focal(..) | Self::CentreExchanged | Self::CentreOff(_) | Self::Bent(_)
+        )
+    }
+
     pub(super) fn least_gain(&self) -> f64 {
         match self {
             Self::Scale(_) | Self::Focal(..) => LEAST_GAIN_OF_FACTORS,

@@ -11,6 +11,7 @@ use super::compare::{
 };
 use super::convention::alternatives;
 use super::explained::{DepthIs, Explained, Reading};
+use super::features::exchanged_focals;
 use super::neighbours::Neighbours;
 use super::plausible::{self, ONE_ROTATION, have_one_rotation};
 use super::search::{is_worth_a_word, least};
@@ -22,6 +23,12 @@ const CENTRES: i32 = 10;
 const CENTRE_STEP: f64 = 1.12;
 /// Minimum offset of a principal point that is reported, in widths.
 const LEAST_OFF: f64 = 0.004;
+
+/// Differences of colours, as a share of those of unrelated places, that are explained well; else they must have become
+/// so many times as large, of this at most.
+const WELL: f64 = 0.25;
+const LESS: f64 = 0.55;
+const MOST_UNEXPLAINED: f64 = 0.75;
 
 /// Samples per view in a quick search for a factor.
 const FINE_SAMPLES: usize = 800;
@@ -102,6 +109,7 @@ impl Neighbours<'_> {
             let by = short(factor);
             fitted(&with_depth(DepthIs::Short(by)), Change::Short(by));
         }
+        all.extend(self.exchanged_cameras());
         all.extend(self.orders(&as_read));
         all.extend(self.turned());
         all.extend(self.flipped());
@@ -114,7 +122,7 @@ impl Neighbours<'_> {
         let is_candidate = |(change, other): &(Change, Vec<Explained>)| {
             is_better(&as_read, other, change.least_gain())
                 && !is_refuted(&as_read, other)
-                && is_needed(&as_read, other)
+                && is_needed(&as_read, other, change.is_of_cameras())
                 && still
                     .as_ref()
                     .is_none_or(|still| is_better(still, other, LEAST_GAIN_OF_FACTORS))
@@ -139,7 +147,7 @@ impl Neighbours<'_> {
             change,
             as_read: forward(&as_read),
             explained: forward(&explained),
-            fits_well: fits_well(&explained),
+            fits_well: fits_well(&explained) && self.mends(&as_read, &explained),
         })
     }
 
@@ -172,6 +180,29 @@ impl Neighbours<'_> {
                 plausible::depth(median_m, units).or_else(disagreement)
             }
         }
+    }
+
+    /// False if colours fit hardly better, or not well, with another interpretation: something else is wrong, too.
+    fn mends(&self, as_read: &[Explained], other: &[Explained]) -> bool {
+        let (before, after) = (self.unexplained(as_read), self.unexplained(other));
+        after <= WELL || after <= LESS * before.min(MOST_UNEXPLAINED)
+    }
+
+    /// Tests two kinds of views with exchanged focal lengths.
+    fn exchanged_cameras(&self) -> Option<(Change, Vec<Explained>)> {
+        let (text, factors) = exchanged_focals(self.views)?;
+        let carries = self.carries.iter().map(|(a, b)| {
+            let focal = [factors[*a], factors[*b]];
+            self.explained_one(
+                (*a, *b),
+                &Reading {
+                    focal,
+                    ..Reading::AS_READ
+                },
+                self.stride,
+            )
+        });
+        Some((Change::Cameras(text), carries.collect()))
     }
 
     /// Tests pictures with the other interpretation of their EXIF orientation, if that also fits their cameras.
