@@ -27,6 +27,8 @@ pub(super) enum Change {
     Convention(&'static str),
     /// Parts of views belong to other pictures; a description of the assignment.
     Order(String, Moves),
+    /// Pairs of views fit the poses of others, but not as one list: two pictures would have one pose.
+    Unlisted,
     /// One or several views are wrong; a sentence on them.
     Views(String),
     /// Cameras are exchanged; a description.

@@ -24,11 +24,13 @@ const CENTRE_STEP: f64 = 1.12;
 /// Minimum offset of a principal point that is reported, in widths.
 const LEAST_OFF: f64 = 0.004;
 
-/// Differences of colours, as a share of those of unrelated places, that are explained well; else they must have become
-/// so many times as large, of this at most.
-const WELL: f64 = 0.25;
-const LESS: f64 = 0.55;
-const MOST_UNEXPLAINED: f64 = 0.75;
+/// Maximum differences of colours that count as explained, as a share of those of unrelated places; larger ones must
+/// have become smaller by this factor.
+const WELL: f64 = 0.8;
+const MUCH_LESS: f64 = 0.75;
+/// A factor of fx or fy alone that is larger must reduce them by this factor.
+const LARGE: f64 = 1.25;
+const LESS: f64 = 0.6;
 
 /// Samples per view in a quick search for a factor.
 const FINE_SAMPLES: usize = 800;
@@ -144,10 +146,10 @@ impl Neighbours<'_> {
         });
         let best = complex.or(simple);
         best.map(|(change, explained)| Better {
-            change,
             as_read: forward(&as_read),
             explained: forward(&explained),
-            fits_well: fits_well(&explained) && self.mends(&as_read, &explained),
+            fits_well: fits_well(&explained) && self.mends(&change, &as_read, &explained),
+            change,
         })
     }
 
@@ -182,10 +184,18 @@ impl Neighbours<'_> {
         }
     }
 
-    /// False if colours fit hardly better, or not well, with another interpretation: something else is wrong, too.
-    fn mends(&self, as_read: &[Explained], other: &[Explained]) -> bool {
+    /// False if colours fit hardly better with another interpretation, and still as if pictures were unrelated: it is
+    /// not the cause, or not the only one.
+    fn mends(&self, change: &Change, as_read: &[Explained], other: &[Explained]) -> bool {
         let (before, after) = (self.unexplained(as_read), self.unexplained(other));
-        after <= WELL || after <= LESS * before.min(MOST_UNEXPLAINED)
+        match change {
+            Change::Unlisted => false,
+            // A large error that is mended leaves little.
+            Change::Focal(Focal::X | Focal::Y, factor) if factor.ln().abs() > LARGE.ln() => {
+                after <= LESS * before
+            }
+            _ => after <= WELL || after <= MUCH_LESS * before,
+        }
     }
 
     /// Tests two kinds of views with exchanged focal lengths.

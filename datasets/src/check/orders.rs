@@ -169,7 +169,7 @@ impl Neighbours<'_> {
         let all: Vec<(usize, usize)> = (0..n).flat_map(|a| (0..n).map(move |b| (a, b))).collect();
         let rough = self.stride_of(SAMPLES_ELSEWHERE);
         let found = self.moves().iter().filter(|moves| **moves != Moves::Depth);
-        let found = found.filter_map(|&moves| {
+        let found = found.map(|&moves| {
             let mut explained = as_read.to_vec();
             let (mut texts, mut assigned) = (Vec::new(), Vec::new());
             // Every picture combined with the pose-dependent data of every view.
@@ -208,8 +208,11 @@ impl Neighbours<'_> {
                 }
             }
             // Of so many poses, some fit by chance, but hardly as one list.
-            let change = Change::Order(texts.join(", "), moves);
-            is_one_to_one(&assigned).then_some((change, explained))
+            let change = match is_one_to_one(&assigned) {
+                true => Change::Order(texts.join(", "), moves),
+                false => Change::Unlisted,
+            };
+            (change, explained)
         });
         found.collect()
     }
