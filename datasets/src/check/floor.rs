@@ -82,10 +82,8 @@ pub(super) fn contradiction(
         100.0 * worst.near_lines(),
         worst.matches
     );
-    let of = format!(
-        "{n} of {} pairs of neighbouring views that can be judged",
-        residuals.len()
-    );
+    let can_be_judged = |one: &&Residual| one.matches >= LEAST_MATCHES;
+    let judged = residuals.iter().filter(can_be_judged).count();
     let misses = worst.misses_by().map_or(String::new(), |median| {
         format!(
             ", and depth and poses lead {} past them (the median, at a width of {WIDEST} or less; below 1 is usual)",
@@ -95,17 +93,19 @@ pub(super) fn contradiction(
             }
         )
     });
-    let causes = match contradicted.all(Residual::is_on_lines) {
-        true => {
-            "pictures and poses fit each other, so depth does not fit them, and no known change mends it: is it nonlinear, \
-             wrapped around, or of another source or size?"
-        }
-        false => {
-            "pictures and poses contradict each other, and no known change mends it: are the poses of another model, \
-             delayed, or relative to the previous frame, or were the pictures repeated, cropped or turned?"
-        }
+    let (what, causes) = match contradicted.all(Residual::is_on_lines) {
+        true => (
+            "pictures and poses fit each other, so depth does not fit them",
+            "is depth nonlinear, wrapped around, or of another source or size?",
+        ),
+        false => (
+            "pictures and poses contradict each other",
+            "are the poses of another model, delayed, or relative to the previous frame, or were pictures repeated, cropped \
+             or turned?",
+        ),
     };
     Some(format!(
-        "{causes} In {of}, most features do not fit: {lines}{misses}"
+        "{what}, and no known change mends it: {lines}{misses}; so it is in {n} of {judged} pairs of neighbouring views \
+         that can be judged; {causes}"
     ))
 }
