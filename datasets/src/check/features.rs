@@ -50,6 +50,9 @@ const MOST_AS_READ: f64 = 0.5;
 /// Focal lengths whose relative difference is smaller are considered equal.
 const SAME: f64 = 0.02;
 
+/// Two views whose poses fit two pictures, a description, and the matches that they explain.
+type Elsewhere = ((usize, usize), String, Vec<Option<bool>>);
+
 /// Features that match between neighbouring views.
 pub(super) struct Matches<'a> {
     views: &'a [View],
@@ -221,11 +224,7 @@ impl<'a> Matches<'a> {
     }
 
     /// The poses of other views that explain most of the matches of a view and the next one.
-    fn elsewhere(
-        &self,
-        first: usize,
-        as_read: &[Option<bool>],
-    ) -> Option<((usize, usize), String, Vec<Option<bool>>)> {
+    fn elsewhere(&self, first: usize, as_read: &[Option<bool>]) -> Option<Elsewhere> {
         let all = 0..self.views.len();
         let some = evenly_spaced(self.views.len(), MOST_TRIED);
         let pairs = some.iter().flat_map(|a| some.iter().map(|b| (*a, *b)));
