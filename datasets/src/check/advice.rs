@@ -124,6 +124,7 @@ pub(super) fn sentence(
             format!("the pose convention looks wrong: with {name}: {evidence}")
         }
         Change::Views(sentence) => sentence.clone(),
+        Change::Unlisted => format!("pictures and poses contradict each other: {evidence}"),
         Change::Cameras(how) => format!("{how}: {evidence}; correct the cameras' file"),
         Change::Bent(by) => format!(
             "lens distortion was left in, k1 about {}: {evidence}; undistort the pictures, or put the coefficients \

@@ -27,6 +27,8 @@ pub(super) enum Change {
     Convention(&'static str),
     /// Parts of views belong to other pictures; a description of the assignment.
     Order(String, Moves),
+    /// Pairs of views fit the poses of others, but not as one list: two pictures would have one pose.
+    Unlisted,
     /// One or several views are wrong; a sentence on them.
     Views(String),
     /// Cameras are exchanged; a description.
@@ -59,6 +61,14 @@ impl Focal {
 }
 
 impl Change {
+    /// True for a change of intrinsics, which may leave depths as they agree.
+    pub(super) fn is_of_cameras(&self) -> bool {
+        matches!(
+            self,
+            Self::Focal(..) | Self::CentreExchanged | Self::CentreOff(_) | Self::Bent(_)
+        )
+    }
+
     pub(super) fn least_gain(&self) -> f64 {
         match self {
             Self::Scale(_) | Self::Focal(..) => LEAST_GAIN_OF_FACTORS,

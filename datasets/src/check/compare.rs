@@ -16,11 +16,15 @@ const LEAST_SHARE: f64 = 0.75;
 const LEAST_ERRORS: f64 = 3.0;
 /// Maximum mean loss of an interpretation that explains everything.
 const MOST_LEFT: f64 = 0.45;
+/// Minimum mean loss at which features are compared, too.
+const SUSPICIOUS: f64 = 0.25;
 /// Minimum fraction of depths that agree in valid data, where pixels are coarse and surfaces slanted.
 const MOSTLY_AGREEING: f64 = 0.8;
 /// Minimum fraction of depths that agree in valid data with little motion, and minimum gain over that.
 const AGREEING: f64 = 0.9;
 const MORE_AGREEING: f64 = 0.03;
+/// Maximum remaining colour differences, relative to those as read, of an interpretation that is needed for them.
+const NEARER_COLOURS: f64 = 0.9;
 /// Minimum number of samples to judge a part of a picture.
 const ENOUGH_IN_TILE: usize = 8;
 /// An interpretation is refuted if it increases colour differences by more than this factor, even if depth agrees
@@ -53,6 +57,11 @@ pub(super) fn fits_well(all: &[Explained]) -> bool {
     mean_loss(all) <= MOST_LEFT
 }
 
+/// True if an interpretation leaves more unexplained than valid data usually do.
+pub(super) fn is_suspicious(all: &[Explained]) -> bool {
+    mean_loss(all) >= SUSPICIOUS
+}
+
 /// True if most depths agree.
 pub(super) fn agrees(all: &[Explained]) -> bool {
     forward(all).agreement() >= MOSTLY_AGREEING
@@ -67,10 +76,14 @@ pub(super) fn is_refuted(as_read: &[Explained], other: &[Explained]) -> bool {
 }
 
 /// False if depths agree as read and another interpretation adds hardly any agreement: with little motion or few
-/// pixels, the difference is due to chance.
-pub(super) fn is_needed(as_read: &[Explained], other: &[Explained]) -> bool {
-    let (before, after) = (forward(as_read).agreement(), forward(other).agreement());
-    before < AGREEING || after >= before + MORE_AGREEING
+/// pixels, the difference is due to chance. `by_colours` is true for one that may show in colours alone.
+pub(super) fn is_needed(as_read: &[Explained], other: &[Explained], by_colours: bool) -> bool {
+    let [read, other] = [as_read, other].map(forward);
+    let levels = read.colour_levels().zip(other.colour_levels());
+    let levels = levels.filter(|_| by_colours);
+    read.agreement() < AGREEING
+        || other.agreement() >= read.agreement() + MORE_AGREEING
+        || levels.is_some_and(|(before, after)| after <= NEARER_COLOURS * before)
 }
 
 /// True if another interpretation explains the same pairs significantly better.

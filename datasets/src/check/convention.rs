@@ -81,9 +81,56 @@ const REORDERED: [Convention; 4] = [
 const W_LAST: &str = "the poses' quaternions taken as x, y, z, w instead of w, x, y, z";
 const W_FIRST: &str = "the poses' quaternions taken as w, x, y, z instead of x, y, z, w";
 
+/// Rotations that were transposed in the file, of world-to-camera poses, and of camera-to-world ones in OpenCV's and in
+/// OpenGL's axes.
+const TRANSPOSED: [Convention; 3] = [
+    of(ROTATION_TRANSPOSED, |pose| RigidTransform {
+        rotation: pose.rotation.transpose(),
+        ..*pose
+    }),
+    of(ROTATION_TRANSPOSED, |pose| {
+        turned_in_place(pose, pose.rotation.transpose())
+    }),
+    of(ROTATION_TRANSPOSED, |pose| {
+        let axes = DMat3::from_diagonal(DVec3::new(1.0, -1.0, -1.0));
+        turned_in_place(pose, axes * pose.rotation.transpose() * axes)
+    }),
+];
+/// Pictures that were turned, but not their poses.
+const TURNED: [Convention; 2] = [
+    of(
+        "the cameras turned by 90 degrees (pictures were turned clockwise, poses were not)",
+        |pose| rolled(pose, 1.0),
+    ),
+    of(
+        "the cameras turned by 90 degrees (pictures were turned counterclockwise, poses were not)",
+        |pose| rolled(pose, -1.0),
+    ),
+];
+const ROTATION_TRANSPOSED: &str = "the poses' rotations transposed";
+
 /// All conventions except the reader's.
 pub(super) fn alternatives() -> impl Iterator<Item = &'static Convention> {
-    CONVENTIONS[1..].iter().chain(&MIRRORED).chain(&REORDERED)
+    let axes = CONVENTIONS[1..].iter().chain(&MIRRORED);
+    axes.chain(&REORDERED).chain(&TRANSPOSED).chain(&TURNED)
+}
+
+/// Pose of a camera whose picture was turned by a quarter, clockwise if `sign` is 1.
+fn rolled(pose: &RigidTransform, sign: f64) -> RigidTransform {
+    let quarter = DMat3::from_cols(sign * DVec3::Y, -sign * DVec3::X, DVec3::Z);
+    RigidTransform {
+        rotation: quarter * pose.rotation,
+        translation: quarter * pose.translation,
+    }
+}
+
+/// Pose with another rotation at an unchanged position.
+fn turned_in_place(pose: &RigidTransform, rotation: DMat3) -> RigidTransform {
+    let place = pose.rotation.transpose() * -pose.translation;
+    RigidTransform {
+        rotation,
+        translation: -(rotation * place),
+    }
 }
 
 /// Reinterprets as x, y, z, w what was read as w, x, y, z.

@@ -9,7 +9,9 @@ use sharp::camera::{Intrinsics, RigidTransform};
 
 use super::change::{Change, Moves};
 use super::convention::{CONVENTIONS, alternatives};
-use super::orders::{neighbours, orders};
+use super::floor::Residual;
+use super::neighbours::Neighbours;
+use super::orders::{is_one_to_one, neighbours, orders};
 use super::small_view::{Grey, SmallView, ray};
 use super::{Effort, advice};
 use crate::View;
@@ -27,10 +29,12 @@ const LEAST_ALIKE: f32 = 0.85;
 const UNIQUE: f32 = 0.6;
 /// Maximum distance between a match and its epipolar line, in pixels.
 const NEAR: f64 = 1.0;
+/// [`NEAR`] for poses that are merely imprecise.
+const CLOSE: f64 = 3.0;
 /// Minimum width and height; in smaller pictures, a pixel is too large a fraction of the picture.
 const LEAST_SIDE: u32 = 48;
 /// Minimum number of matches to judge.
-const LEAST_MATCHES: usize = 30;
+pub(super) const LEAST_MATCHES: usize = 30;
 /// Minimum fraction of matches that another interpretation must explain, minimum increase of that fraction, and minimum
 /// number of standard errors.
 const LEAST_SHARE: f64 = 0.6;
@@ -45,6 +49,9 @@ const MOST_AS_READ: f64 = 0.5;
 
 /// Focal lengths whose relative difference is smaller are considered equal.
 const SAME: f64 = 0.02;
+
+/// Two views whose poses fit two pictures, a description, and the matches that they explain.
+type Elsewhere = ((usize, usize), String, Vec<Option<bool>>);
 
 /// Features that match between neighbouring views.
 pub(super) struct Matches<'a> {
@@ -118,7 +125,7 @@ impl<'a> Matches<'a> {
         let orders = orders.map(|(text, pose_of, _)| {
             (order(text), self.explained(CONVENTIONS[0].take, &*pose_of))
         });
-        let elsewhere = starts.iter().filter_map(|i| self.elsewhere(*i, &as_read));
+        let elsewhere = self.all_elsewhere(&starts, &as_read).into_iter();
         let elsewhere = elsewhere.map(|(text, explained)| (order(text), explained));
         let cameras = self.exchanged_cameras().into_iter();
         let cameras = cameras.map(|(text, cameras)| {
@@ -145,32 +152,41 @@ impl<'a> Matches<'a> {
         ))
     }
 
+    pub(super) fn id(&self, i: usize) -> &str {
+        &self.views[i].id
+    }
+
+    /// How well poses, cameras and, if given, depth explain the matches of each pair of views.
+    pub(super) fn residuals(&self, of: Option<&Neighbours<'_>>) -> Vec<Residual> {
+        let poses = |i: usize| (&self.views[i].camera_from_world, &self.cameras[&i]);
+        let mut all: BTreeMap<usize, Residual> = BTreeMap::new();
+        for (i, a, b) in &self.matches {
+            let ((pose, camera), (next_pose, next_camera)) = (poses(*i), poses(i + 1));
+            let next_from_view = next_pose.after(&pose.inverse());
+            let rays = (ray(camera, *a), ray(next_camera, *b));
+            let residual = all.entry(*i).or_insert(Residual::of(*i));
+            residual.matches += 1;
+            let [on, close] =
+                [NEAR, CLOSE].map(|near| lies(&next_from_view, rays, near / next_camera.fx));
+            residual.on_lines += usize::from(on);
+            residual.close += usize::from(close);
+            let miss = of.and_then(|of| of.miss((*i, camera, *a), next_camera, *b));
+            residual.misses.extend(miss);
+        }
+        for residual in all.values_mut() {
+            residual.misses.sort_by(f64::total_cmp);
+        }
+        all.into_values().collect()
+    }
+
     /// Description and cameras, if two kinds of views have exchanged focal lengths.
     fn exchanged_cameras(&self) -> Option<(String, BTreeMap<usize, Intrinsics>)> {
-        let focal = |view: &View| DVec2::new(view.intrinsics.fx, view.intrinsics.fy);
-        let is_same = |a: DVec2, b: DVec2| (a / b - 1.0).abs().max_element() < SAME;
-        let one = self.views.first()?;
-        let two = self
-            .views
-            .iter()
-            .find(|view| !is_same(focal(view), focal(one)))?;
-        let kinds = [one, two].map(focal);
-        let is_known = |view: &View| kinds.iter().any(|kind| is_same(focal(view), *kind));
+        let (text, factors) = exchanged_focals(self.views)?;
         let exchanged = self.cameras.iter().map(|(i, k)| {
-            let own = focal(&self.views[*i]);
-            let by = kinds[usize::from(is_same(own, kinds[0]))] / own;
-            let (fx, fy) = (k.fx * by.x, k.fy * by.y);
+            let (fx, fy) = (k.fx * factors[*i].x, k.fy * factors[*i].y);
             (*i, Intrinsics { fx, fy, ..*k })
         });
-        let text = format!(
-            "the focal lengths of {} ({} pixels) and {} ({}), and of views like them, appear to be exchanged",
-            one.id,
-            advice::number(kinds[0].x),
-            two.id,
-            advice::number(kinds[1].x)
-        );
-        let has_two = self.views.iter().all(is_known);
-        has_two.then(|| (text, exchanged.collect()))
+        Some((text, exchanged.collect()))
     }
 
     /// Evidence that the two pictures of a pair are exchanged, if it is significant.
@@ -180,12 +196,35 @@ impl<'a> Matches<'a> {
         Some(compared(&as_read, &other)?.evidence())
     }
 
-    /// The poses of other views that explain most of the matches of a view and the next one.
-    fn elsewhere(
+    /// The poses of other views that explain most of the matches of a view and the next one, of each such pair. None if
+    /// they leave other pairs unexplained, or give two pictures one pose: of so many poses, some fit by chance.
+    fn all_elsewhere(
         &self,
-        first: usize,
+        starts: &BTreeSet<usize>,
         as_read: &[Option<bool>],
-    ) -> Option<(String, Vec<Option<bool>>)> {
+    ) -> Vec<(String, Vec<Option<bool>>)> {
+        let (mut found, mut assigned) = (Vec::new(), Vec::new());
+        for &first in starts {
+            let own = self.matches.iter().zip(as_read);
+            let own = own.filter(|(found, _)| found.0 == first);
+            let own: Vec<Option<bool>> = own.map(|(_, explained)| *explained).collect();
+            if share(&own) > MOST_AS_READ {
+                assigned.extend([(first, first), (first + 1, first + 1)]);
+            } else if let Some(((a, b), text, explained)) = self.elsewhere(first, as_read) {
+                assigned.extend([(first, a), (first + 1, b)]);
+                found.push((text, explained));
+            } else if own.len() >= LEAST_MATCHES {
+                return Vec::new();
+            }
+        }
+        match is_one_to_one(&assigned) {
+            true => found,
+            false => Vec::new(),
+        }
+    }
+
+    /// The poses of other views that explain most of the matches of a view and the next one.
+    fn elsewhere(&self, first: usize, as_read: &[Option<bool>]) -> Option<Elsewhere> {
         let all = 0..self.views.len();
         let some = evenly_spaced(self.views.len(), MOST_TRIED);
         let pairs = some.iter().flat_map(|a| some.iter().map(|b| (*a, *b)));
@@ -207,7 +246,8 @@ impl<'a> Matches<'a> {
         let id = |i: usize| &self.views[i].id;
         let (one, next) = (id(first), id(first + 1));
         let text = format!("{one} and {next} fit the poses of {} and {}", id(a), id(b));
-        (share(&own) <= MOST_AS_READ && share(&best) >= LEAST_ELSEWHERE).then_some((text, best))
+        let is_needed = share(&own) <= MOST_AS_READ;
+        (is_needed && share(&best) >= LEAST_ELSEWHERE).then_some(((a, b), text, best))
     }
 
     /// For each match, whether an interpretation explains it; `None` if one of its pictures would have no pose.
@@ -237,6 +277,28 @@ impl<'a> Matches<'a> {
         };
         self.matches.iter().map(is_explained).collect()
     }
+}
+
+/// If views have two focal lengths: a description of their exchange, and the factors of each view's.
+pub(super) fn exchanged_focals(views: &[View]) -> Option<(String, Vec<DVec2>)> {
+    let focal = |view: &View| DVec2::new(view.intrinsics.fx, view.intrinsics.fy);
+    let is_same = |a: DVec2, b: DVec2| (a / b - 1.0).abs().max_element() < SAME;
+    let one = views.first()?;
+    let two = views
+        .iter()
+        .find(|view| !is_same(focal(view), focal(one)))?;
+    let kinds = [one, two].map(focal);
+    let is_known = |view: &View| kinds.iter().any(|kind| is_same(focal(view), *kind));
+    let factor = |view: &View| kinds[usize::from(is_same(focal(view), kinds[0]))] / focal(view);
+    let text = format!(
+        "exchanging the focal lengths of {} ({} pixels) and {} ({}), and of views like them, fits",
+        one.id,
+        advice::number(kinds[0].x),
+        two.id,
+        advice::number(kinds[1].x)
+    );
+    let has_two = views.iter().all(is_known);
+    has_two.then(|| (text, views.iter().map(factor).collect()))
 }
 
 fn share(explained: &[Option<bool>]) -> f64 {
@@ -294,12 +356,16 @@ fn fits(
     second: &Intrinsics,
     place: DVec2,
 ) -> bool {
+    let rays = (from, ray(second, place));
+    lies(second_from_first, rays, NEAR / second.fx)
+}
+
+/// True if two rays, one of each view, meet up to a distance at z = 1 of the second view.
+fn lies(second_from_first: &RigidTransform, (from, to): (DVec3, DVec3), near: f64) -> bool {
     let (turned, t) = (
         second_from_first.rotation * from,
         second_from_first.translation,
     );
-    let to = ray(second, place);
-    let near = NEAR / second.fx;
     let line = t.cross(turned);
     let slope = line.truncate().length();
     let parallax = to.cross(turned);

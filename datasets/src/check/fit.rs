@@ -11,6 +11,7 @@ use super::compare::{
 };
 use super::convention::alternatives;
 use super::explained::{DepthIs, Explained, Reading};
+use super::features::exchanged_focals;
 use super::neighbours::Neighbours;
 use super::plausible::{self, ONE_ROTATION, have_one_rotation};
 use super::search::{is_worth_a_word, least};
@@ -22,6 +23,14 @@ const CENTRES: i32 = 10;
 const CENTRE_STEP: f64 = 1.12;
 /// Minimum offset of a principal point that is reported, in widths.
 const LEAST_OFF: f64 = 0.004;
+
+/// Maximum differences of colours that count as explained, as a share of those of unrelated places; larger ones must
+/// have become smaller by this factor.
+const WELL: f64 = 0.8;
+const MUCH_LESS: f64 = 0.75;
+/// A factor of fx or fy alone that is larger must reduce them by this factor.
+const LARGE: f64 = 1.25;
+const LESS: f64 = 0.6;
 
 /// Samples per view in a quick search for a factor.
 const FINE_SAMPLES: usize = 800;
@@ -102,6 +111,7 @@ impl Neighbours<'_> {
             let by = short(factor);
             fitted(&with_depth(DepthIs::Short(by)), Change::Short(by));
         }
+        all.extend(self.exchanged_cameras());
         all.extend(self.orders(&as_read));
         all.extend(self.turned());
         all.extend(self.flipped());
@@ -114,7 +124,7 @@ impl Neighbours<'_> {
         let is_candidate = |(change, other): &(Change, Vec<Explained>)| {
             is_better(&as_read, other, change.least_gain())
                 && !is_refuted(&as_read, other)
-                && is_needed(&as_read, other)
+                && is_needed(&as_read, other, change.is_of_cameras())
                 && still
                     .as_ref()
                     .is_none_or(|still| is_better(still, other, LEAST_GAIN_OF_FACTORS))
@@ -136,10 +146,10 @@ impl Neighbours<'_> {
         });
         let best = complex.or(simple);
         best.map(|(change, explained)| Better {
-            change,
             as_read: forward(&as_read),
             explained: forward(&explained),
-            fits_well: fits_well(&explained),
+            fits_well: fits_well(&explained) && self.mends(&change, &as_read, &explained),
+            change,
         })
     }
 
@@ -172,6 +182,37 @@ impl Neighbours<'_> {
                 plausible::depth(median_m, units).or_else(disagreement)
             }
         }
+    }
+
+    /// False if colours fit hardly better with another interpretation, and still as if pictures were unrelated: it is
+    /// not the cause, or not the only one.
+    fn mends(&self, change: &Change, as_read: &[Explained], other: &[Explained]) -> bool {
+        let (before, after) = (self.unexplained(as_read), self.unexplained(other));
+        match change {
+            Change::Unlisted => false,
+            // A large error that is mended leaves little.
+            Change::Focal(Focal::X | Focal::Y, factor) if factor.ln().abs() > LARGE.ln() => {
+                after <= LESS * before
+            }
+            _ => after <= WELL || after <= MUCH_LESS * before,
+        }
+    }
+
+    /// Tests two kinds of views with exchanged focal lengths.
+    fn exchanged_cameras(&self) -> Option<(Change, Vec<Explained>)> {
+        let (text, factors) = exchanged_focals(self.views)?;
+        let carries = self.carries.iter().map(|(a, b)| {
+            let focal = [factors[*a], factors[*b]];
+            self.explained_one(
+                (*a, *b),
+                &Reading {
+                    focal,
+                    ..Reading::AS_READ
+                },
+                self.stride,
+            )
+        });
+        Some((Change::Cameras(text), carries.collect()))
     }
 
     /// Tests pictures with the other interpretation of their EXIF orientation, if that also fits their cameras.

@@ -19,6 +19,7 @@ mod depth_values;
 mod explained;
 mod features;
 mod fit;
+mod floor;
 mod neighbours;
 mod one_view;
 mod orders;
@@ -207,16 +208,22 @@ fn look(scene: &Scene, units: Units, effort: Effort) -> Look {
             note = said;
             contradiction
         }
-        (_, Some(neighbours)) => neighbours.contradictions(units).or_else(|| {
+        (_, Some(neighbours)) => {
+            let contradiction = neighbours.repeated();
+            let contradiction = contradiction.or_else(|| neighbours.contradictions(units));
             // For pictures that no interpretation assigns to their poses.
-            effort
-                .thorough
-                .then(|| Matches::new(&scene.views, effort).contradiction())?
-        }),
+            contradiction.or_else(|| {
+                let is_suspicious = effort.thorough || neighbours.is_poorly_explained();
+                let matches = is_suspicious.then(|| Matches::new(&scene.views, effort))?;
+                let named = effort.thorough.then(|| matches.contradiction()).flatten();
+                named.or_else(|| floor::contradiction(&matches, Some(neighbours)))
+            })
+        }
         (_, None) => {
             let matches = Matches::new(&scene.views, effort);
             note = Some(matches.note());
-            matches.contradiction()
+            let named = matches.contradiction();
+            named.or_else(|| floor::contradiction(&matches, None))
         }
     });
     if let Some(share) = neighbours.as_ref().and_then(Neighbours::excluded) {

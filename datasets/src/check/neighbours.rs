@@ -2,8 +2,11 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
+use glam::DVec2;
+use sharp::camera::Intrinsics;
+
 use super::Effort;
-use super::compare::forward;
+use super::compare::{forward, is_suspicious};
 use super::consistency::{Consistency, Fit};
 use super::convention::CONVENTIONS;
 use super::explained::{Explained, Reading};
@@ -13,6 +16,9 @@ use crate::View;
 
 /// Maximum number of views of a scene for a thorough check to read all of them.
 pub(super) const MOST_ALL: usize = 12;
+
+/// Minimum motion, in reduced pixels, of what a picture shows between two views that cannot have the same picture.
+const LEAST_MOVED: f64 = 1.5;
 
 /// Neighbouring views of a scene at reduced size.
 pub(super) struct Neighbours<'a> {
@@ -120,15 +126,21 @@ impl<'a> Neighbours<'a> {
     }
 
     pub(super) fn explained(&self, reading: &Reading, stride: usize) -> Vec<Explained> {
-        let carries = self.carries.iter().map(|(a, b)| {
-            let ((from, samples), (to, _)) = (&self.small[a], &self.small[b]);
-            let poses = (
-                &self.views[*a].camera_from_world,
-                &self.views[*b].camera_from_world,
-            );
-            Explained::new((from, samples), to, poses, reading, stride)
-        });
-        carries.collect()
+        let carries = self.carries.iter();
+        carries
+            .map(|carry| self.explained_one(*carry, reading, stride))
+            .collect()
+    }
+
+    pub(super) fn explained_one(
+        &self,
+        (a, b): (usize, usize),
+        reading: &Reading,
+        stride: usize,
+    ) -> Explained {
+        let ((from, samples), (to, _)) = (&self.small[&a], &self.small[&b]);
+        let [pose_a, pose_b] = [a, b].map(|i| &self.views[i].camera_from_world);
+        Explained::new((from, samples), to, (pose_a, pose_b), reading, stride)
     }
 
     /// Evaluates the projections with other pictures or depth for the views.
@@ -152,6 +164,33 @@ impl<'a> Neighbours<'a> {
         other.explained(&Reading::AS_READ, self.stride)
     }
 
+    /// Largest difference of colours in a projection, as a share of that of unrelated places.
+    pub(super) fn unexplained(&self, all: &[Explained]) -> f64 {
+        let shares = self.carries.iter().zip(all).filter_map(|((_, to), one)| {
+            Some(one.colour_levels()? / self.small[to].0.unrelated_levels().max(1.0))
+        });
+        shares.fold(0.0, f64::max)
+    }
+
+    /// Distance, in reduced pixels, between a place in the next view and the one to which depth and poses lead from a
+    /// place in a view. `None` without depth there. The cameras are those of the places.
+    pub(super) fn miss(
+        &self,
+        (i, camera, from): (usize, &Intrinsics, DVec2),
+        next_camera: &Intrinsics,
+        to: DVec2,
+    ) -> Option<f64> {
+        let ((view, _), (next, _)) = (self.small.get(&i)?, self.small.get(&(i + 1))?);
+        let from = from * (view.camera.fx / camera.fx);
+        let to = to * (next.camera.fx / next_camera.fx);
+        let (depth, _) = view.depth_at(from)?;
+        let pose = |i: usize| &self.views[i].camera_from_world;
+        let next_from_view = pose(i + 1).after(&pose(i).inverse());
+        let point = next_from_view.apply(view.camera.unproject(from, depth));
+        let place = next.camera.project(point);
+        Some(place.map_or(f64::INFINITY, |place| place.distance(to)))
+    }
+
     /// Fraction of pixels that masks exclude, if most are excluded.
     pub(super) fn excluded(&self) -> Option<f64> {
         let is_masked = |i: &usize| self.views[*i].content.processing().masked;
@@ -159,6 +198,36 @@ impl<'a> Neighbours<'a> {
         let shares: Vec<f64> = masked.map(|(_, (view, _))| view.excluded()).collect();
         let share = shares.iter().sum::<f64>() / shares.len() as f64;
         (share > 0.5).then_some(share)
+    }
+
+    pub(super) fn is_poorly_explained(&self) -> bool {
+        is_suspicious(&self.explained(&Reading::AS_READ, self.stride))
+    }
+
+    /// Neighbouring views with one picture, although what it shows moves from one to the other.
+    pub(super) fn repeated(&self) -> Option<String> {
+        let is_one = |(a, b): &&(usize, usize)| {
+            let ((one, samples), (other, _)) = (&self.small[a], &self.small[b]);
+            let is_moved = |sample: &Sample| {
+                let place = sample.middle();
+                let miss = self.miss((*a, &one.camera, place), &other.camera, place);
+                miss.is_some_and(|miss| miss >= LEAST_MOVED)
+            };
+            let moved = || {
+                samples
+                    .iter()
+                    .step_by(7)
+                    .filter(|one| is_moved(one))
+                    .count()
+            };
+            one.has_picture_of(other) && 2 * 7 * moved() > samples.len()
+        };
+        let (a, b) = self.carries.iter().step_by(2).find(is_one)?;
+        let [a, b] = [a, b].map(|i| &self.views[*i].id);
+        Some(format!(
+            "{a} and {b} have the same picture, but what it shows moves by {LEAST_MOVED} pixels or more between their poses \
+             (at a width of {WIDEST} or less); which of the two is it? Replace the other one"
+        ))
     }
 
     /// Single-coloured pictures among those read.

@@ -7,7 +7,7 @@ use sharp::camera::RigidTransform;
 
 use super::Effort;
 use super::change::{Change, Moves};
-use super::compare::{LEAST_GAIN, mean_loss};
+use super::compare::{LEAST_GAIN, fits_well, mean_loss};
 use super::explained::{Explained, Reading};
 use super::neighbours::{MOST_ALL, Neighbours};
 use super::small_view::{Sample, SmallView};
@@ -102,6 +102,14 @@ pub(super) fn orders(
     orders
 }
 
+/// True if no picture has two poses and no pose two pictures. Each pair is a picture and its pose.
+pub(super) fn is_one_to_one(assigned: &[(usize, usize)]) -> bool {
+    assigned.iter().all(|one| {
+        let mut others = assigned.iter();
+        others.all(|other| (one.0 == other.0) == (one.1 == other.1))
+    })
+}
+
 impl Neighbours<'_> {
     /// Evaluates other assignments of pictures to poses.
     pub(super) fn orders(&self, as_read: &[Explained]) -> Vec<(Change, Vec<Explained>)> {
@@ -159,7 +167,7 @@ impl Neighbours<'_> {
         let found = self.moves().iter().filter(|moves| **moves != Moves::Depth);
         let found = found.map(|&moves| {
             let mut explained = as_read.to_vec();
-            let mut texts = Vec::new();
+            let (mut texts, mut assigned) = (Vec::new(), Vec::new());
             // Every picture combined with the pose-dependent data of every view.
             let shown = |i: usize| -> Vec<Option<Read<'_>>> {
                 (0..n).map(|from| self.shown(i, from, moves)).collect()
@@ -184,14 +192,23 @@ impl Neighbours<'_> {
                 let own = mean_loss(&as_read[at..at + 2]);
                 let best =
                     best.filter(|(_, best)| mean_loss(best) <= (1.0 - LEAST_GAIN_ELSEWHERE) * own);
+                if best.is_none() && fits_well(&as_read[at..at + 2]) {
+                    assigned.extend([(one, one), (next, next)]);
+                }
                 if let Some(((a, b), best)) = best {
                     explained[at..at + 2].copy_from_slice(&best);
+                    assigned.extend([(one, a), (next, b)]);
                     let id = |i: usize| &self.views[i].id;
                     let (one, next, a, b) = (id(one), id(next), id(a), id(b));
                     texts.push(format!("{one} and {next} fit the poses of {a} and {b}"));
                 }
             }
-            (Change::Order(texts.join(", "), moves), explained)
+            // Of so many poses, some fit by chance, but hardly as one list.
+            let change = match is_one_to_one(&assigned) {
+                true => Change::Order(texts.join(", "), moves),
+                false => Change::Unlisted,
+            };
+            (change, explained)
         });
         found.collect()
     }

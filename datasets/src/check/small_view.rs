@@ -12,6 +12,9 @@ use crate::View;
 /// Maximum width of the reduced views.
 pub(super) const WIDEST: u32 = 256;
 
+/// Distance, in reduced pixels, at which colours count as unrelated.
+const APART: usize = 8;
+
 /// The part of a view that is flipped separately.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Part {
@@ -133,6 +136,30 @@ impl SmallView {
         let mut colours = self.colours.iter().flatten();
         let first = colours.next();
         first.is_some_and(|first| colours.all(|colour| colour == first))
+    }
+
+    /// True if both pictures are the same, pixel by pixel, and show something.
+    pub(super) fn has_picture_of(&self, other: &Self) -> bool {
+        self.colours == other.colours && !self.is_of_one_colour()
+    }
+
+    /// Root mean square difference of colours a few pixels apart, in levels: that of pictures that do not fit.
+    pub(super) fn unrelated_levels(&self) -> f64 {
+        let (w, h) = (self.camera.width as usize, self.camera.height as usize);
+        let all = (0..w * h).step_by(3);
+        let steps = all.flat_map(|i| {
+            [
+                (i, i % w + APART < w, i + APART),
+                (i, i / w + APART < h, i + APART * w),
+            ]
+        });
+        let pairs = steps.filter(|step| step.1);
+        let pairs = pairs.filter_map(|(i, _, j)| self.colours[i].zip(self.colours[j]));
+        let (n, squares) = pairs.fold((0.0, 0.0), |(n, sum), (a, b)| {
+            let squares = a.iter().zip(b).map(|(a, b)| f64::from(a - b).powi(2));
+            (n + 3.0, sum + squares.sum::<f64>())
+        });
+        (squares / f64::max(n, 1.0)).sqrt()
     }
 
     /// Flips the picture or the depth horizontally, vertically, or both.

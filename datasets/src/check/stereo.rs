@@ -28,6 +28,11 @@ const LEAST_RELATED: f64 = 0.1;
 /// is ignored.
 const ROWS: [f64; 7] = [0.25, 0.5, 1.0, 2.0, 3.0, 4.0, 6.0];
 
+/// Turns of the right picture that are tested in both directions: their number, and the step of their slope, about 0.2
+/// degrees.
+const SLOPES: i32 = 14;
+const SLOPE: f64 = 0.0035;
+
 /// The contradiction between a left and a right view, if there is one, and a note for a pair without disparity.
 pub(super) fn contradictions(views: &[View], effort: Effort) -> (Option<String>, Option<String>) {
     let [left, right] = views else {
@@ -38,6 +43,9 @@ pub(super) fn contradictions(views: &[View], effort: Effort) -> (Option<String>,
     let median_m = small.flatten().as_ref().and_then(median_depth);
     if let Some(implausible) = implausible_baseline(left, right, median_m) {
         return (Some(implausible), None);
+    }
+    if let Some(same) = same_picture(left, right) {
+        return (Some(same), None);
     }
     if has_disparity {
         return (by_disparity(left, right), None);
@@ -67,6 +75,13 @@ fn implausible_baseline(left: &View, right: &View, median_m: Option<f64>) -> Opt
         ));
     }
     None
+}
+
+fn same_picture(left: &View, right: &View) -> Option<String> {
+    let [a, b] = [left, right].map(|view| SmallView::new(view, false, WIDEST));
+    a?.has_picture_of(&b?).then(|| {
+        "the right picture is the same as the left one; put the right camera's picture in its place".to_owned()
+    })
 }
 
 /// True if the right camera is next to the left one and looks in the same direction; otherwise disparities are
@@ -155,15 +170,15 @@ impl Pair {
         disparity: &dyn Fn(f64) -> f64,
         stride: usize,
     ) -> Vec<Explained> {
-        self.explained_in_row((from, to), disparity, 0.0, stride)
+        self.explained_moved((from, to), disparity, &|_| DVec2::ZERO, stride)
     }
 
-    /// The same with the right picture's rows shifted down by this many pixels.
-    fn explained_in_row(
+    /// The same with what the right picture shows at a place moved by this.
+    fn explained_moved(
         &self,
         (from, to): (&SmallView, &SmallView),
         disparity: &dyn Fn(f64) -> f64,
-        rows: f64,
+        moved: &dyn Fn(DVec2) -> DVec2,
         stride: usize,
     ) -> Vec<Explained> {
         let mut bands = vec![Explained::default(); BANDS as usize];
@@ -171,10 +186,8 @@ impl Pair {
         for sample in self.samples.iter().step_by(stride) {
             let band = &mut bands[(sample.y * BANDS / size.height) as usize];
             band.samples += 1;
-            let place = DVec2::new(
-                sample.middle().x - disparity(sample.depth),
-                sample.middle().y + rows,
-            );
+            let mut place = sample.middle() - DVec2::new(disparity(sample.depth), 0.0);
+            place += moved(place);
             let colours = from.colour_at(sample.middle()).zip(to.colour_at(place));
             let Some((here, there)) = colours.filter(|_| size.contains(place)) else {
                 continue;
@@ -277,9 +290,36 @@ impl Pair {
             let (pixels, side) = (number(rows.abs() * full), if rows > 0.0 { "below" } else { "above" });
             (
                 format!("the right picture's rows are about {pixels} pixels {side} the left one's; rectify the pair"),
-                self.explained_in_row(left, &same, rows, stride),
+                self.explained_moved(left, &same, &|_| rows * DVec2::Y, stride),
             )
         }));
+        if self.is_rectified {
+            let turned = |slope: f64, stride: usize| {
+                let k = &self.right.camera;
+                let middle = DVec2::new(f64::from(k.width), f64::from(k.height)) / 2.0;
+                let by = |place: DVec2| slope * (place - middle).perp();
+                self.explained_moved(left, &same, &by, stride)
+            };
+            let all = (-SLOPES..=SLOPES).map(|i| f64::from(i) * SLOPE);
+            let loss = |slope: f64| mean_loss(&turned(slope, 4 * stride));
+            let slope = all
+                .min_by(|a, b| loss(*a).total_cmp(&loss(*b)))
+                .unwrap_or(0.0);
+            let most_off = slope.abs() * f64::from(self.left.camera.width) / 2.0;
+            if most_off * full >= 1.0 && most_off >= ROWS[0] {
+                let (degrees, way) = (
+                    slope.abs().atan().to_degrees(),
+                    if slope > 0.0 { "" } else { "counter" },
+                );
+                readings.push((
+                    format!(
+                        "the right picture is turned by about {} degrees {way}clockwise against the left one; rectify the pair",
+                        number((10.0 * degrees).round() / 10.0)
+                    ),
+                    turned(slope, stride),
+                ));
+            }
+        }
         // If they are read as disparities, the stored values are reciprocals of depth.
         let (camera, middle) = (
             &self.left.camera,

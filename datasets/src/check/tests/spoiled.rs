@@ -777,3 +777,222 @@ fn shuffled_pictures_are_named_and_not_called_exchanged() {
         }
     }
 }
+
+fn turned_in_place(pose: &RigidTransform, rotation: DMat3) -> RigidTransform {
+    let place = pose.rotation.transpose() * -pose.translation;
+    RigidTransform {
+        rotation,
+        translation: -(rotation * place),
+    }
+}
+
+#[test]
+fn transposed_rotations_are_named() {
+    fn each(views: &mut [View], take: fn(&RigidTransform) -> RigidTransform) {
+        for view in views {
+            view.camera_from_world = take(&view.camera_from_world);
+        }
+    }
+    named(&[
+        (
+            |v| {
+                each(v, |pose| RigidTransform {
+                    rotation: pose.rotation.transpose(),
+                    ..*pose
+                });
+            },
+            "the poses' rotations transposed",
+        ),
+        (
+            |v| each(v, |pose| turned_in_place(pose, pose.rotation.transpose())),
+            "the poses' rotations transposed",
+        ),
+        (
+            |v| {
+                each(v, |pose| {
+                    let axes = DMat3::from_diagonal(DVec3::new(1.0, -1.0, -1.0));
+                    turned_in_place(pose, axes * pose.rotation.transpose() * axes)
+                });
+            },
+            "the poses' rotations transposed",
+        ),
+    ]);
+}
+
+/// With and without depth, which is turned, too.
+#[test]
+fn pictures_turned_by_a_quarter_without_their_poses_are_named() {
+    let mut right = views(0, (192, 144));
+    for with_depth in [true, false] {
+        if !with_depth {
+            change(&mut right, |c| c.depth = None);
+        }
+        assert_eq!(found(&right), [""; 0]);
+        let mut wrong = right.clone();
+        change(&mut wrong, |c| {
+            c.turn(image::imageops::rotate90);
+            c.change(image::imageops::rotate90);
+        });
+        for view in &mut wrong {
+            let k = view.intrinsics;
+            (view.intrinsics.fx, view.intrinsics.fy) = (k.fy, k.fx);
+            (view.intrinsics.cx, view.intrinsics.cy) = (f64::from(k.height) - k.cy, k.cx);
+            (view.intrinsics.width, view.intrinsics.height) = (k.height, k.width);
+        }
+        let said = found(&wrong);
+        assert!(
+            said.len() == 1 && said[0].contains("pictures were turned clockwise, poses were not"),
+            "{with_depth}: {said:?}"
+        );
+    }
+}
+
+const CONTRADICT: &str = "pictures and poses contradict each other, and no known change mends it";
+
+fn shifted(pixels: &mut Pixels, (x, y): (i64, i64)) {
+    pixels.turn(|picture| {
+        let (w, h) = picture.dimensions();
+        let at = |i: u32, by: i64, n: u32| (i64::from(i) + by).clamp(0, i64::from(n) - 1) as u32;
+        RgbImage::from_fn(w, h, |i, j| *picture.get_pixel(at(i, x, w), at(j, y, h)))
+    });
+}
+
+/// Each picture cropped elsewhere, as video stabilisation does, or the second half of the poses of another model.
+#[test]
+fn what_no_change_explains_is_named_as_a_contradiction() {
+    let right = views(0, (256, 192));
+    let mut bare = right.clone();
+    change(&mut bare, |c| c.depth = None);
+    for right in [right, bare] {
+        assert_eq!(found(&right), [""; 0]);
+        let mut cropped = right.clone();
+        for (i, view) in cropped.iter_mut().enumerate() {
+            let by = [(14, 12), (-12, -14), (9, -13), (-15, 10)][i % 4];
+            change(std::slice::from_mut(view), |c| shifted(c, by));
+        }
+        let mut of_two = right.clone();
+        let to_other = RigidTransform {
+            rotation: DMat3::from_rotation_y(0.4) * DMat3::from_rotation_x(0.3),
+            translation: DVec3::new(1.0, 0.4, -0.7),
+        };
+        for view in &mut of_two[5..] {
+            view.camera_from_world = view.camera_from_world.after(&to_other);
+        }
+        for wrong in [cropped, of_two] {
+            for effort in [THOROUGH, QUICK] {
+                let said = super::found(&wrong, effort);
+                assert!(
+                    said.len() == 1 && said[0].starts_with(CONTRADICT),
+                    "{effort:?}: {said:?}"
+                );
+            }
+        }
+    }
+}
+
+/// A third of each picture shows something that moves on its own, and poses are imprecise.
+#[test]
+fn moving_objects_and_imprecise_poses_are_no_contradiction() {
+    for seed in 0..2 {
+        let mut views = views(seed, (256, 192));
+        for (i, view) in views.iter_mut().enumerate() {
+            let off = RigidTransform {
+                rotation: DMat3::from_rotation_y(0.004 * [1.0, -1.0, 0.5][i % 3]),
+                translation: DVec3::ZERO,
+            };
+            view.camera_from_world = off.after(&view.camera_from_world);
+            let left = 20 + 11 * i as u32;
+            change(std::slice::from_mut(view), |c| {
+                c.turn(|picture| {
+                    let mut picture = picture.clone();
+                    for (x, y, pixel) in picture.enumerate_pixels_mut() {
+                        if (left..left + 110).contains(&x) && (40..150).contains(&y) {
+                            let (x, y) = (f64::from(x - left), f64::from(y));
+                            let wave = 127.0
+                                + 60.0 * (x * 0.37).sin()
+                                + 60.0 * (y * 0.29 + x * x * 0.003).cos();
+                            pixel.0 = [wave as u8; 3];
+                        }
+                    }
+                    picture
+                });
+            });
+        }
+        for with_depth in [true, false] {
+            if !with_depth {
+                change(&mut views, |c| c.depth = None);
+            }
+            for effort in [THOROUGH, QUICK] {
+                let said = super::found(&views, effort);
+                let is_accused = said.iter().any(|said| said.contains("no known change"));
+                assert!(!is_accused, "{seed} {with_depth} {effort:?}: {said:?}");
+            }
+        }
+    }
+}
+
+/// A camera that stands still may give one picture twice.
+#[test]
+fn repeated_pictures_are_named_where_the_camera_moves() {
+    named(&[(
+        |v| v[3].content = v[2].content.clone(),
+        "view_02 and view_03 have the same picture",
+    )]);
+    let mut still = views(0, SIZE);
+    still[3] = View {
+        id: still[3].id.clone(),
+        ..still[2].clone()
+    };
+    assert_eq!(found(&still), [""; 0]);
+}
+
+#[test]
+fn pairs_of_one_picture_or_turned_against_each_other_are_named() {
+    let mut copied = pair(0);
+    let left = Pixels::of(&copied[0]);
+    change(&mut copied[1..], |c| c.picture = left.picture.clone());
+    let (said, _) = of_pair(copied);
+    assert!(
+        said.starts_with("the right picture is the same as the left one"),
+        "{said}"
+    );
+    for (degrees, way) in [(1.5_f64, "clockwise"), (-1.5, "counterclockwise")] {
+        let mut turned = pair_of_size(0, 2);
+        assert_eq!(of_pair(turned.clone()).0, "");
+        change(&mut turned[1..], |c| {
+            c.turn(|picture| {
+                let (w, h) = picture.dimensions();
+                let middle = DVec2::new(f64::from(w), f64::from(h)) / 2.0;
+                let back = DVec2::from_angle(-degrees.to_radians());
+                RgbImage::from_fn(w, h, |x, y| {
+                    let from = DVec2::new(f64::from(x), f64::from(y)) + 0.5 - middle;
+                    let from = middle + back.rotate(from);
+                    let at = |v: f64, n: u32| v.clamp(0.0, f64::from(n - 1)) as u32;
+                    *picture.get_pixel(at(from.x, w), at(from.y, h))
+                })
+            });
+        });
+        let (said, _) = of_pair(turned);
+        let right = format!("degrees {way} against the left one");
+        assert!(
+            said.contains("turned by about 1.") && said.contains(&right),
+            "{way}: {said}"
+        );
+    }
+}
+
+/// Where views agree in depth whatever the focal length, colours tell it, also in a thorough look.
+#[test]
+fn focal_lengths_that_depth_does_not_tell_are_named() {
+    let mut wrong = views(0, SIZE);
+    for view in &mut wrong {
+        zoom(view, 1.3);
+    }
+    for effort in [THOROUGH, QUICK] {
+        let said = super::found(&wrong, effort);
+        assert!(
+            said.len() == 1 && said[0].contains("a focal length 0.7"),
+            "{effort:?}: {said:?}"
+        );
+    }
+}

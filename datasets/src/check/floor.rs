@@ -1,0 +1,111 @@
+//! Contradictions that no known change explains: features that match between two pictures, but not where poses, cameras
+//! and depth lead.
+
+use super::features::LEAST_MATCHES;
+use super::features::Matches;
+use super::neighbours::Neighbours;
+use super::small_view::WIDEST;
+
+/// Minimum median distance, in reduced pixels, between features and the places to which depth leads, and maximum
+/// fraction of features within [`CLOSE`] pixels. Proper scenes have medians below 1 and fractions above 0.8.
+const LEAST_MISS: f64 = 2.5;
+const MOST_CLOSE: f64 = 0.35;
+const CLOSE: f64 = 2.0;
+/// Maximum fraction of features near their epipolar lines, where poses and pictures contradict each other, and minimum
+/// fraction on them where they agree. Also lines of unrelated poses pass near some features.
+const MOST_NEAR_LINES: f64 = 0.35;
+const LEAST_ON_LINES: f64 = 0.8;
+
+/// How well poses, cameras and depth explain the features that match between a view and the next.
+#[derive(Debug)]
+pub(super) struct Residual {
+    pub(super) first: usize,
+    pub(super) matches: usize,
+    /// Number of matches on each other's epipolar lines, and near them.
+    pub(super) on_lines: usize,
+    pub(super) close: usize,
+    /// Distances between a match and the place to which depth leads, in reduced pixels, in ascending order.
+    pub(super) misses: Vec<f64>,
+}
+
+impl Residual {
+    pub(super) fn of(first: usize) -> Self {
+        Self {
+            first,
+            matches: 0,
+            on_lines: 0,
+            close: 0,
+            misses: Vec::new(),
+        }
+    }
+
+    /// Fraction of the matches near their epipolar lines.
+    fn near_lines(&self) -> f64 {
+        self.close as f64 / self.matches.max(1) as f64
+    }
+
+    /// True if poses and pictures fit each other.
+    fn is_on_lines(&self) -> bool {
+        self.on_lines as f64 >= LEAST_ON_LINES * self.matches as f64
+    }
+
+    /// Median distance, if it is too large.
+    fn misses_by(&self) -> Option<f64> {
+        let n = self.misses.len();
+        let median = *self.misses.get(n / 2).filter(|_| n >= LEAST_MATCHES)?;
+        let close = self.misses.partition_point(|miss| *miss < CLOSE);
+        (median >= LEAST_MISS && close as f64 <= MOST_CLOSE * n as f64).then_some(median)
+    }
+
+    fn is_off_lines(&self) -> bool {
+        self.matches >= LEAST_MATCHES && self.near_lines() <= MOST_NEAR_LINES
+    }
+
+    fn is_contradicted(&self) -> bool {
+        self.is_off_lines() || self.misses_by().is_some()
+    }
+}
+
+/// A sentence on the pair that fits worst, if poses, cameras and depth contradict the features of any.
+pub(super) fn contradiction(
+    matches: &Matches<'_>,
+    neighbours: Option<&Neighbours<'_>>,
+) -> Option<String> {
+    let residuals = matches.residuals(neighbours);
+    let mut contradicted = residuals.iter().filter(|one| one.is_contradicted());
+    let n = contradicted.clone().count();
+    let by_lines = contradicted.clone();
+    let worst = by_lines.min_by(|a, b| a.near_lines().total_cmp(&b.near_lines()))?;
+    let [one, next] = [worst.first, worst.first + 1].map(|i| matches.id(i));
+    let lines = format!(
+        "{:.0} % of {} features that match between {one} and {next} lie near their epipolar lines",
+        100.0 * worst.near_lines(),
+        worst.matches
+    );
+    let can_be_judged = |one: &&Residual| one.matches >= LEAST_MATCHES;
+    let judged = residuals.iter().filter(can_be_judged).count();
+    let misses = worst.misses_by().map_or(String::new(), |median| {
+        format!(
+            ", and depth and poses lead {} past them (the median, at a width of {WIDEST} or less; below 1 is usual)",
+            match median.is_finite() {
+                true => format!("{median:.1} pixels"),
+                false => "far".to_owned(),
+            }
+        )
+    });
+    let (what, causes) = match contradicted.all(Residual::is_on_lines) {
+        true => (
+            "pictures and poses fit each other, so depth does not fit them",
+            "is depth nonlinear, wrapped around, or of another source or size?",
+        ),
+        false => (
+            "pictures and poses contradict each other",
+            "are the poses of another model, delayed, or relative to the previous frame, or were pictures repeated, cropped \
+             or turned?",
+        ),
+    };
+    Some(format!(
+        "{what}, and no known change mends it: {lines}{misses}; so it is in {n} of {judged} pairs of neighbouring views \
+         that can be judged; {causes}"
+    ))
+}
