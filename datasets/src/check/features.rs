@@ -291,7 +291,7 @@ pub(super) fn exchanged_focals(views: &[View]) -> Option<(String, Vec<DVec2>)> {
     let is_known = |view: &View| kinds.iter().any(|kind| is_same(focal(view), *kind));
     let factor = |view: &View| kinds[usize::from(is_same(focal(view), kinds[0]))] / focal(view);
     let text = format!(
-        "exchanging the focal lengths of {} ({} pixels) and {} ({}), and of views like them, fits",
+        "the focal lengths of {} ({} pixels) and {} ({}), and of views like them, appear to be exchanged",
         one.id,
         advice::number(kinds[0].x),
         two.id,
