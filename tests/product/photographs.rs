@@ -42,7 +42,7 @@ fn every_kind_of_photograph_is_accepted_several_at_once() {
     }
     // Two photographs of one name would be one file.
     args[1] = args[0];
-    predict(dir.path(), &args).is_error_with(&["grey.ply", "twice"]);
+    predict(dir.path(), &args).is_error_with(&["grey.ply", "same name"]);
     args.truncate(2);
     args.extend(["--out", "one.ply"]);
     predict(dir.path(), &args).is_error_with(&["one.ply", "folder"]);

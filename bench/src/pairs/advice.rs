@@ -210,7 +210,7 @@ mod tests {
     fn sparse_depth_is_told_from_little_overlap() {
         let eth3d = said("eth3d=/x", "", depth(10, 9)).unwrap();
         for part in [
-            "below 30 % of the pixels in 9 of the 10 views with depth",
+            "in 9 of the 10 views with depth, fewer than 30 % of these pixels",
             "overlap=given with --overlap-depth",
             "sharp-release",
             "sparse:8",

@@ -353,8 +353,11 @@ fn open<'a>(
     Ok((Box::new(decoder), header))
 }
 
+/// Pictures with fewer pixels are not judged by their levels.
+const FEWEST_PIXELS: u32 = 256;
+
 /// Refuses 16-bit pictures that are nearly black because their values have only 8 to 12 bits. Dark pictures that were
-/// converted from 8 bits have multiples of 257.
+/// converted from 8 bits have multiples of 257, and a few pixels prove nothing.
 fn refuse_unscaled(image: &DynamicImage) -> Result<(), ImageFileError> {
     let (values, has_alpha, channels) = match image {
         DynamicImage::ImageLuma16(image) => (image.as_raw(), false, 1),
@@ -369,7 +372,8 @@ fn refuse_unscaled(image: &DynamicImage) -> Result<(), ImageFileError> {
     };
     let highest = colors().copied().max().unwrap_or(0);
     let bits = (u16::BITS - highest.leading_zeros()).next_multiple_of(2);
-    if (8..=12).contains(&bits) && highest >= 128 && colors().any(|value| value % 257 != 0) {
+    let is_picture = image.width() * image.height() >= FEWEST_PIXELS;
+    if is_picture && (8..=12).contains(&bits) && colors().any(|value| value % 257 != 0) {
         return Err(ImageFileError::Unscaled {
             highest,
             bits,

@@ -200,12 +200,12 @@ fn formats_are_told_by_their_bytes_and_read_alike() {
 #[test]
 fn values_of_fewer_bits_in_sixteen_are_refused_and_dark_pictures_are_not() {
     let picture = |highest: u32, step: u32| {
-        let level = move |x: u32| (x * step % (highest + 1)) as u16;
+        let level = move |x: u32| (x % (highest / step + 1) * step) as u16;
         let image = ImageBuffer::from_fn(64, 4, |x, y| image::Luma([level(x + 64 * y)]));
         decode(&png(DynamicImage::ImageLuma16(image))).map_err(|error| error.to_string())
     };
-    for (highest, factor) in [(255, 257), (1023, 64), (4095, 16)] {
-        let error = picture(highest, 17).unwrap_err();
+    for (highest, step, factor) in [(255, 5, 257), (1023, 11, 64), (4095, 45, 16)] {
+        let error = picture(highest, step).unwrap_err();
         assert!(
             error.contains(&format!("multiply them by {factor}")),
             "{error}"
