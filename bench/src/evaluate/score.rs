@@ -275,6 +275,9 @@ pub(super) fn empty_record(pair: &Pair, cluster: &str, method: &str) -> Record {
         files: None,
         extras: BTreeMap::new(),
         warnings: BTreeMap::new(),
+        change: None,
+        shows: None,
+        rule: None,
     }
 }
 
