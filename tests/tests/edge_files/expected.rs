@@ -113,11 +113,9 @@ fn sixteen_bits(name: &str, entry: &Value) -> Outcome {
         (mean - entry["mean"].as_f64().unwrap()).abs() < 1e-9,
         || format!("{mean}"),
     )?;
-    // As a photograph it is gray, scaled from 16 bits: never mistaken for 8-bit values.
-    let first = picture::read(&fixture(name), &DROP, Some(SIZE))?
-        .get_pixel(0, 0)
-        .0;
-    check(first == [9, 9, 9], || format!("{first:?}"))
+    // No photograph has such levels.
+    let picture = picture::read(&fixture(name), &DROP, Some(SIZE));
+    refused(picture, name, "12-bit values had been stored unscaled")
 }
 
 /// Lossless files exactly, JPEG to 2 levels and a mean to 0.5: decoders differ.

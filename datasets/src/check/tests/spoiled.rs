@@ -991,7 +991,7 @@ fn focal_lengths_that_depth_does_not_tell_are_named() {
     for effort in [THOROUGH, QUICK] {
         let said = super::found(&wrong, effort);
         assert!(
-            said.len() == 1 && said[0].contains("a focal length 0.7"),
+            said.len() == 1 && said[0].contains("the focal length should be 0.7"),
             "{effort:?}: {said:?}"
         );
     }
