@@ -120,6 +120,32 @@ fn a_mask_adds_keys_of_its_own_and_leaves_the_others() {
 }
 
 #[test]
+fn masks_that_keep_little_are_warned_about_once() {
+    let dir = folder();
+    let masks = dir.path().join("masks");
+    std::fs::create_dir(&masks).unwrap();
+    for name in ["a.png", "b.png"] {
+        let narrow = GrayImage::from_fn(WIDTH, HEIGHT, |x, _| Luma([255 * u8::from(x < 16)]));
+        narrow.save(masks.join(name)).unwrap();
+    }
+    let warnings = |mask: &str| {
+        let said = metrics(
+            dir.path(),
+            &format!("p t --mask {mask} --metrics psnr --json"),
+        );
+        let count = said.err.matches("invert the masks").count();
+        (count, said.json()["warnings"].as_array().unwrap().len())
+    };
+    // A third of the pixels is not little.
+    assert_eq!(warnings("masks"), (0, 0));
+    for name in ["a.png", "b.png"] {
+        let narrow = GrayImage::from_fn(WIDTH, HEIGHT, |x, _| Luma([255 * u8::from(x < 6)]));
+        narrow.save(masks.join(name)).unwrap();
+    }
+    assert_eq!(warnings("masks"), (1, 1));
+}
+
+#[test]
 fn a_change_that_all_predictions_have_in_common_is_named() {
     let dir = tempfile::tempdir().unwrap();
     for side in ["t", "good", "bgr", "gbr"] {
@@ -156,8 +182,8 @@ fn a_change_that_all_predictions_have_in_common_is_named() {
         let said = metrics(dir.path(), &format!("{side} t --metrics psnr --json")).ends_with(0);
         assert!(said.err.contains(named), "{side}: {}", said.err);
         assert_eq!(
-            said.json().get("warning").is_some(),
-            !named.is_empty(),
+            said.json()["warnings"].as_array().unwrap().len(),
+            usize::from(!named.is_empty()),
             "{}",
             said.err
         );

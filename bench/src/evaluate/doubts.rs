@@ -30,7 +30,7 @@ pub(super) const TRAINED_ON: [&str; 2] = ["source_trained_on", "target_trained_o
 
 /// Notes on the rendering rules of a method's Gaussians that nobody stated.
 pub fn rule_notes<'a>(records: impl Iterator<Item = &'a Record>) -> Vec<String> {
-    let notes: BTreeSet<&String> = records.filter_map(|r| r.rule.as_ref()).collect();
+    let notes: BTreeSet<&String> = records.filter_map(|r| r.rule_note.as_ref()).collect();
     notes.into_iter().cloned().collect()
 }
 

@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
     Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, JsonSchema,
 )]
 #[serde(rename_all = "kebab-case")]
-pub enum Change {
+pub enum PictureChange {
     /// It is the photograph.
     Photograph,
     /// It is unlike its photograph and the source's, and no other change explains that.
@@ -33,7 +33,7 @@ pub enum Change {
     Transposed,
 }
 
-impl Change {
+impl PictureChange {
     /// Completes the sentence "its pictures".
     pub fn text(self) -> &'static str {
         match self {

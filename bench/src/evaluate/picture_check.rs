@@ -11,7 +11,7 @@ use image::imageops::{flip_horizontal, flip_vertical, rotate90, rotate180, rotat
 use image::{GenericImageView, Rgb, RgbImage};
 use sharp::color::{Quantization, linear_from_srgb, quantize, srgb_from_linear};
 
-use super::finding::Change;
+use super::finding::PictureChange;
 use super::gaussians::likeness::Likeness;
 use super::record::{Record, Status};
 use crate::scoring::Region;
@@ -26,9 +26,9 @@ const LEAST_GAIN_OF_CHANNELS: f64 = 0.25;
 const LEAST_GAIN_OF_TRANSFER: f64 = 3.0;
 /// Minimum gain for another range of levels, which other exposures resemble, dB.
 const LEAST_GAIN_OF_RANGE: f64 = 1.5;
-/// The same for the limited range, of which the ends of the levels say more.
+/// Minimum gain for the limited range of video, dB; the ends of the levels are stronger evidence.
 const LEAST_GAIN_OF_LIMITED: f64 = 0.25;
-/// Share of the levels below the dark end, and above the bright end: ringing of JPEG and of resampling goes beyond.
+/// Share of the levels ignored at each end, because ringing of JPEG and of resampling exceeds it.
 const BEYOND_ENDS: f64 = 0.002;
 /// Below this correlation with the photograph, red and blue are exchanged (for their difference) or the picture is a
 /// negative. Poor predictions have 0.4 to 0.8; a tint does not matter.
@@ -38,16 +38,16 @@ const EXPLAINED: f64 = 0.2;
 /// Minimum number of pictures in a dataset, and the share that must agree.
 const AGREEMENT: (usize, f64) = (3, 0.8);
 
-/// Below this correlation with the photograph a picture has little in common with it.
+/// Pictures whose correlation with the photograph is lower have little in common with it.
 const UNLIKE: f64 = 0.15;
 
-/// Orders of stored channels, and the channels that are red, green and blue in them.
-const PERMUTATIONS: [(Change, [usize; 3]); 5] = [
-    (Change::Bgr, [2, 1, 0]),
-    (Change::Grb, [1, 0, 2]),
-    (Change::Rbg, [0, 2, 1]),
-    (Change::Gbr, [2, 0, 1]),
-    (Change::Brg, [1, 2, 0]),
+/// Orders of stored channels: for each, which stored channel is red, which green, and which blue.
+const PERMUTATIONS: [(PictureChange, [usize; 3]); 5] = [
+    (PictureChange::Bgr, [2, 1, 0]),
+    (PictureChange::Grb, [1, 0, 2]),
+    (PictureChange::Rbg, [0, 2, 1]),
+    (PictureChange::Gbr, [2, 0, 1]),
+    (PictureChange::Brg, [1, 2, 0]),
 ];
 
 /// Whether this kind of method reads pictures stored by other programs.
@@ -69,24 +69,21 @@ pub(super) fn note_change(
     let part = photograph.view(part.x, part.y, part.width, part.height);
     let part = part.to_image();
     record.change = match part == *picture {
-        true => Some(Change::Photograph),
+        true => Some(PictureChange::Photograph),
         false => likely_change(&part, picture).or_else(|| {
-            let (width, height) = part.dimensions();
-            let to = width.min(WIDTH);
-            let small = thumbnail(&part, to, (height * to / width).max(1));
             // A picture of a large motion that a method ignored is like the source.
-            let is_other = is_unlike(&small, picture) && is_unlike(&source()?, picture);
-            is_other.then_some(Change::Unlike)
+            let is_other = is_unlike(&shrunk(&part), picture) && is_unlike(&source()?, picture);
+            is_other.then_some(PictureChange::Unlike)
         }),
     };
 }
 
 /// How a stored picture was probably altered; `None` if no change brings it significantly nearer to its photograph.
-pub fn likely_change(photograph: &RgbImage, picture: &RgbImage) -> Option<Change> {
+pub(crate) fn likely_change(photograph: &RgbImage, picture: &RgbImage) -> Option<PictureChange> {
     let (width, height) = photograph.dimensions();
-    let small = (width.min(WIDTH), (height * width.min(WIDTH) / width).max(1));
-    let [seen, shown] = [photograph, picture].map(|all| thumbnail(all, small.0, small.1));
-    let whole = Region::whole(small);
+    let seen = shrunk(photograph);
+    let shown = thumbnail(picture, seen.width(), seen.height());
+    let whole = Region::whole(seen.dimensions());
     let fit = |shown: &RgbImage| Likeness::of(&seen, whole, shown);
     let as_read = fit(&shown);
     let nearer = |changed: &RgbImage, gain: f64| {
@@ -144,21 +141,27 @@ pub fn likely_change(photograph: &RgbImage, picture: &RgbImage) -> Option<Change
     let negative = nearer(&inverted(&shown), LEAST_GAIN);
     let negative = negative.filter(|_| as_read.correlation() < OPPOSED);
     let all = [
-        (Change::Negative, negative),
-        (Change::Linear, encoded(srgb_from_linear)),
-        (Change::EncodedTwice, encoded(linear_from_srgb)),
+        (PictureChange::Negative, negative),
+        (PictureChange::Linear, encoded(srgb_from_linear)),
+        (PictureChange::EncodedTwice, encoded(linear_from_srgb)),
         (
-            Change::HalfContrast,
+            PictureChange::HalfContrast,
             ranged(|v| 2.0 * v - 255.0, is_upper_half),
         ),
-        (Change::DarkHalfCutOff, ranged(|v| (v + 255.0) / 2.0, false)),
-        (Change::LimitedRange, full),
-        (Change::Mirrored, moved(&flip_horizontal(&shown))),
-        (Change::UpsideDown, moved(&flip_vertical(&shown))),
-        (Change::Turned180, moved(&rotate180(&shown))),
-        (Change::Turned90, turned(rotate270)),
-        (Change::Turned270, turned(rotate90)),
-        (Change::Transposed, turned(|p| rotate90(&flip_vertical(p)))),
+        (
+            PictureChange::DarkHalfCutOff,
+            ranged(|v| (v + 255.0) / 2.0, false),
+        ),
+        (PictureChange::LimitedRange, full),
+        (PictureChange::Mirrored, moved(&flip_horizontal(&shown))),
+        (PictureChange::UpsideDown, moved(&flip_vertical(&shown))),
+        (PictureChange::Turned180, moved(&rotate180(&shown))),
+        (PictureChange::Turned90, turned(rotate270)),
+        (PictureChange::Turned270, turned(rotate90)),
+        (
+            PictureChange::Transposed,
+            turned(|p| rotate90(&flip_vertical(p))),
+        ),
     ];
     let likely = all
         .into_iter()
@@ -168,7 +171,14 @@ pub fn likely_change(photograph: &RgbImage, picture: &RgbImage) -> Option<Change
     best.map(|(change, _)| change)
 }
 
-/// True if a picture, which has some contrast, has little in common with a photograph, shrunk to compare them.
+/// A picture reduced to the size at which pictures are compared.
+pub(super) fn shrunk(picture: &RgbImage) -> RgbImage {
+    let (width, height) = picture.dimensions();
+    let to = width.min(WIDTH);
+    thumbnail(picture, to, (height * to / width).max(1))
+}
+
+/// True if a picture that is not uniform has little in common with a [`shrunk`] photograph.
 fn is_unlike(small: &RgbImage, picture: &RgbImage) -> bool {
     let shown = thumbnail(picture, small.width(), small.height());
     let [lowest, highest] = ends(&shown);
@@ -176,7 +186,7 @@ fn is_unlike(small: &RgbImage, picture: &RgbImage) -> bool {
     lowest < highest && fit.correlation() < UNLIKE
 }
 
-/// The darkest and the brightest level, but for a few beyond them.
+/// The darkest and the brightest level, ignoring [`BEYOND_ENDS`] of the levels at each end.
 fn ends(picture: &RgbImage) -> [u8; 2] {
     let mut counts = [0_usize; 256];
     picture
@@ -219,7 +229,7 @@ fn ranked(picture: &RgbImage) -> RgbImage {
 
 /// A sentence for each dataset in which nearly all pictures were probably changed in the same way.
 pub(super) fn changed_pictures<'a>(records: impl Iterator<Item = &'a Record>) -> Vec<String> {
-    let mut by_dataset: BTreeMap<&str, Vec<Option<Change>>> = BTreeMap::new();
+    let mut by_dataset: BTreeMap<&str, Vec<Option<PictureChange>>> = BTreeMap::new();
     for record in records.filter(|record| record.status == Status::Ok) {
         let of_dataset = by_dataset.entry(&record.dataset).or_default();
         of_dataset.push(record.change);
@@ -229,18 +239,21 @@ pub(super) fn changed_pictures<'a>(records: impl Iterator<Item = &'a Record>) ->
         .collect()
 }
 
-/// A sentence on the change that nearly all of some pictures have in common. `photographs` tells which photographs they
-/// were compared with.
-pub fn agreed_change(changes: &[Option<Change>], photographs: &str) -> Option<String> {
+/// A sentence on the change that nearly all of some pictures have in common. `photographs` completes "the photographs":
+/// which they were compared with.
+pub(crate) fn agreed_change(
+    changes: &[Option<PictureChange>],
+    photographs: &str,
+) -> Option<String> {
     let all = changes.len();
     let same = |change| changes.iter().filter(|c| **c == Some(change)).count();
     let (count, change) = changes.iter().flatten().map(|c| (same(*c), *c)).max()?;
     let counted = format!("{count} of {all}");
     (all >= AGREEMENT.0 && count as f64 >= AGREEMENT.1 * all as f64).then(|| match change {
-        Change::Photograph => {
+        PictureChange::Photograph => {
             format!("its pictures {}: {counted} are equal to those {photographs}", change.text())
         }
-        Change::Unlike => format!(
+        PictureChange::Unlike => format!(
             "its pictures {}: {counted} have a correlation below {UNLIKE} with those {photographs} (another scene, \
              another order of their bytes, or unfinished files?)",
             change.text()
@@ -270,7 +283,7 @@ mod tests {
         })
     }
 
-    fn told(shown: &RgbImage) -> Option<Change> {
+    fn told(shown: &RgbImage) -> Option<PictureChange> {
         likely_change(&picture(0.0, 0), shown)
     }
 
@@ -293,18 +306,24 @@ mod tests {
         let proper = picture(1.0, 1);
         let transposed = |p: &RgbImage| rotate270(&flip_horizontal(p));
         for (name, done) in [
-            (Change::Bgr, exchanged as fn(&RgbImage) -> RgbImage),
-            (Change::Linear, |p| recolored(p, linear_from_srgb)),
-            (Change::EncodedTwice, |p| recolored(p, srgb_from_linear)),
-            (Change::HalfContrast, |p| levels(p, |v| (v + 255.0) / 2.0)),
-            (Change::DarkHalfCutOff, |p| levels(p, |v| 2.0 * v - 255.0)),
-            (Change::Negative, inverted),
-            (Change::Mirrored, flip_horizontal),
-            (Change::UpsideDown, flip_vertical),
-            (Change::Turned180, rotate180),
-            (Change::Turned90, rotate90),
-            (Change::Turned270, rotate270),
-            (Change::Transposed, transposed),
+            (PictureChange::Bgr, exchanged as fn(&RgbImage) -> RgbImage),
+            (PictureChange::Linear, |p| recolored(p, linear_from_srgb)),
+            (PictureChange::EncodedTwice, |p| {
+                recolored(p, srgb_from_linear)
+            }),
+            (PictureChange::HalfContrast, |p| {
+                levels(p, |v| (v + 255.0) / 2.0)
+            }),
+            (PictureChange::DarkHalfCutOff, |p| {
+                levels(p, |v| 2.0 * v - 255.0)
+            }),
+            (PictureChange::Negative, inverted),
+            (PictureChange::Mirrored, flip_horizontal),
+            (PictureChange::UpsideDown, flip_vertical),
+            (PictureChange::Turned180, rotate180),
+            (PictureChange::Turned90, rotate90),
+            (PictureChange::Turned270, rotate270),
+            (PictureChange::Transposed, transposed),
         ] {
             assert_eq!(told(&done(&proper)), Some(name));
         }
@@ -319,7 +338,7 @@ mod tests {
         let blurred = image::imageops::fast_blur(&proper, 3.0);
         assert_eq!(
             told(&levels(&proper, |v| 16.0 + v * 219.0 / 255.0)),
-            Some(Change::LimitedRange)
+            Some(PictureChange::LimitedRange)
         );
         for poor in [proper.clone(), levels(&proper, |v| 30.0 + 0.8 * v), blurred] {
             assert_eq!(told(&poor), None);
@@ -364,7 +383,7 @@ mod tests {
                 .map(|at| {
                     let mut record = record();
                     record.status = Status::Ok;
-                    record.change = (at < changed).then_some(Change::Bgr);
+                    record.change = (at < changed).then_some(PictureChange::Bgr);
                     record
                 })
                 .collect();

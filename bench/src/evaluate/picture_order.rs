@@ -7,11 +7,11 @@
 use std::collections::BTreeMap;
 
 use image::RgbImage;
-use image::imageops::thumbnail;
 use sharp_datasets::View;
 
 use super::finding::ShownTarget;
 use super::gaussians::likeness::Likeness;
+use super::picture_check::shrunk;
 use super::record::Record;
 use crate::pairs::pair_list::ResolvedPair;
 use crate::scoring::Region;
@@ -21,8 +21,6 @@ const SAMPLED: usize = 8;
 const OTHERS: usize = 12;
 /// Minimum number of pictures in a dataset that must show other targets.
 const FEWEST: usize = 3;
-/// Width at which pictures are compared, pixels.
-const WIDTH: u32 = 160;
 /// Minimum gain of another target, dB.
 const LEAST_GAIN: f64 = 2.0;
 
@@ -81,15 +79,9 @@ impl Thumbnails {
     pub(super) fn of(&mut self, planned: &ResolvedPair<'_>, view: &View) -> Option<RgbImage> {
         let scene = planned.scene;
         let name = [&scene.dataset, &scene.id, &view.id].map(Clone::clone);
-        let read = || Some(small(&view.content.image().ok()?));
+        let read = || Some(shrunk(&view.content.image().ok()?));
         self.0.entry(name).or_insert_with(read).clone()
     }
-}
-
-fn small(picture: &RgbImage) -> RgbImage {
-    let (width, height) = picture.dimensions();
-    let to = width.min(WIDTH);
-    thumbnail(picture, to, (height * to / width).max(1))
 }
 
 /// Sets the [`Record::shows`] if the picture is in the sample and covers the whole target.
@@ -105,7 +97,7 @@ pub(super) fn note_order(
     let (Some(others), None) = (others, record.crop) else {
         return;
     };
-    let [seen, shown] = [photograph, picture].map(small);
+    let [seen, shown] = [photograph, picture].map(shrunk);
     let Some(source) = read.of(planned, planned.source) else {
         return;
     };

@@ -139,8 +139,8 @@ impl From<MethodError> for Failure {
 struct Made {
     prediction: PicturePrediction,
     warnings: BTreeMap<String, String>,
-    /// See [`Record::rule`](super::record::Record::rule).
-    rule: Option<String>,
+    /// See [`Record::rule_note`].
+    rule_note: Option<String>,
     scale: Option<ChosenScale>,
     rendering: Option<RenderOutput>,
     predict_secs: f64,
@@ -300,7 +300,7 @@ impl<'j, 'a> PairWork<'j, 'a> {
         unit.timing.inference = made.inference;
         unit.record.extras = prediction.extras;
         unit.record.warnings = made.warnings;
-        unit.record.rule = made.rule;
+        unit.record.rule_note = made.rule_note;
         for note in prediction.notes {
             // Tables show one note of each kind, identified by its first words.
             let about = note.split(' ').take(4).collect::<Vec<_>>().join(" ");
@@ -346,7 +346,7 @@ impl<'j, 'a> PairWork<'j, 'a> {
         let plain = |prediction: PicturePrediction, predict_secs: f64| Made {
             prediction,
             warnings: BTreeMap::new(),
-            rule: None,
+            rule_note: None,
             scale: None,
             rendering: None,
             predict_secs,
@@ -507,7 +507,7 @@ impl<'j, 'a> PairWork<'j, 'a> {
         Ok(Some(Made {
             prediction: picture,
             warnings,
-            rule: prediction.rule_note.clone(),
+            rule_note: prediction.rule_note.clone(),
             scale: None,
             rendering: (self.job.options.keep == Keep::Float).then_some(output),
             predict_secs,

@@ -7,7 +7,7 @@ use std::collections::BTreeMap;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::finding::{Change, ShownTarget};
+use super::finding::{PictureChange, ShownTarget};
 use crate::scoring::Region;
 
 /// Outcome of a unit.
@@ -103,13 +103,13 @@ pub struct Record {
     pub warnings: BTreeMap<String, String>,
     /// How the stored picture was probably altered.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub change: Option<Change>,
+    pub change: Option<PictureChange>,
     /// The target that the stored picture shows best, if it was compared with those of other pairs.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub shows: Option<ShownTarget>,
     /// A note on the rendering rule of the Gaussians, if nobody stated one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub rule: Option<String>,
+    pub rule_note: Option<String>,
 }
 
 /// Hashes of a pair's files, 16 hexadecimal digits each. Results are shown together only if the hashes of each view,
@@ -329,7 +329,7 @@ pub(super) mod tests {
             warnings: BTreeMap::new(),
             change: None,
             shows: None,
-            rule: None,
+            rule_note: None,
         }
     }
 

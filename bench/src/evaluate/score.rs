@@ -277,7 +277,7 @@ pub(super) fn empty_record(pair: &Pair, cluster: &str, method: &str) -> Record {
         warnings: BTreeMap::new(),
         change: None,
         shows: None,
-        rule: None,
+        rule_note: None,
     }
 }
 

@@ -53,6 +53,6 @@ pub(crate) fn record(dataset: &str, scene: usize, number: usize) -> Record {
         warnings: BTreeMap::new(),
         change: None,
         shows: None,
-        rule: None,
+        rule_note: None,
     }
 }

@@ -249,7 +249,7 @@ mod tests {
             warnings: BTreeMap::new(),
             change: None,
             shows: None,
-            rule: None,
+            rule_note: None,
         };
         let score = StoredScore {
             key: "k".to_owned(),

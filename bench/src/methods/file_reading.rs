@@ -268,12 +268,12 @@ impl FileReading {
         Ok(())
     }
 
-    /// Settings that differ from the defaults, in the form of [`Self::set`].
+    /// Settings that differ from the defaults, as the keys and values that [`Self::set`] accepts.
     pub fn settings(&self) -> Vec<(&'static str, String)> {
         self.changes_from(&Self::default())
     }
 
-    /// Settings that differ from `other`, in the form of [`Self::set`].
+    /// Settings that differ from `other`, as the keys and values that [`Self::set`] accepts.
     pub fn changes_from(&self, other: &Self) -> Vec<(&'static str, String)> {
         let before = other.stored.settings();
         let stored = self.stored.settings().into_iter();

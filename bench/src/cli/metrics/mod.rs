@@ -119,7 +119,7 @@ pub(super) struct MetricsArgs {
     methods_text: bool,
 }
 
-/// Masks that leave a smaller share of the pixels than this are doubted: most exclude a person, a sky or a logo.
+/// Masks that keep a smaller share of the pixels are probably inverted: most exclude a person, a sky or a logo.
 const LEAST_LEFT: f64 = 0.2;
 
 pub(super) fn execute(args: &MetricsArgs) -> anyhow::Result<Outcome> {
@@ -157,17 +157,18 @@ pub(super) fn execute(args: &MetricsArgs) -> anyhow::Result<Outcome> {
     }
     terminal.end();
     let changes: Vec<_> = scored.iter().map(|pair| pair.change).collect();
-    let warning = agreed_change(&changes, "given as targets");
-    if let Some(warning) = &warning {
-        output::remark(format!("warning: {warning}"));
-    }
     let mean_left = scored.iter().map(|pair| pair.left).sum::<f64>() / scored.len().max(1) as f64;
-    if mean_left < LEAST_LEFT {
-        output::remark(format!(
-            "warning: --mask: on average {:.1} % of the pixels are white, which counts; if white marks what to leave out, \
-             invert the masks",
+    let inverted = (mean_left < LEAST_LEFT).then(|| {
+        format!(
+            "--mask: on average {:.1} % of the pixels are white, which counts; if white marks what to leave out, invert \
+             the masks",
             100.0 * mean_left
-        ));
+        )
+    });
+    let changed = agreed_change(&changes, "given as targets");
+    let warnings: Vec<String> = changed.into_iter().chain(inverted).collect();
+    for warning in &warnings {
+        output::remark(format!("warning: {warning}"));
     }
     let results = show::ScoredPairs {
         scored: &scored,
@@ -175,7 +176,7 @@ pub(super) fn execute(args: &MetricsArgs) -> anyhow::Result<Outcome> {
         terms: args.terms,
         sought: args.find.as_ref(),
         resize: args.resize_prediction,
-        warning,
+        warnings,
     };
     if args.json {
         output::json(&results.json())?;

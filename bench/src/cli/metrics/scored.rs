@@ -7,7 +7,7 @@ use sharp_metrics::{Examined, MetricKey, Picture, Scorer, Selection, Terms, resi
 
 use super::inputs::Input;
 use super::{MetricsArgs, demand_explicit, output};
-use crate::evaluate::finding::Change;
+use crate::evaluate::finding::PictureChange;
 use crate::evaluate::picture_check::likely_change;
 use crate::io::{masks, pictures};
 use crate::pictures::keyed_scores::KeyedScores;
@@ -24,7 +24,7 @@ pub(super) struct Scored {
     /// Share of the pixels that the mask leaves; 1 without a mask.
     pub(super) left: f64,
     /// How the prediction was probably altered.
-    pub(super) change: Option<Change>,
+    pub(super) change: Option<PictureChange>,
     /// Width and height of the prediction before resizing; `None` if not resized.
     pub(super) resized_from: Option<(u32, u32)>,
     /// Depth of prediction and target as scored: `8 bit` or `f32`.

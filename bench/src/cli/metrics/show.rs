@@ -23,8 +23,8 @@ pub(super) struct ScoredPairs<'a> {
     pub(super) terms: bool,
     pub(super) sought: Option<&'a Sought>,
     pub(super) resize: Option<ResizeKernel>,
-    /// A change that nearly all predictions have in common.
-    pub(super) warning: Option<String>,
+    /// Warnings about all pairs together, one sentence each.
+    pub(super) warnings: Vec<String>,
 }
 
 impl ScoredPairs<'_> {
@@ -60,6 +60,7 @@ impl ScoredPairs<'_> {
             "pairs": self.scored.iter().map(|pair| self.pair_json(pair)).collect::<Vec<_>>(),
             "mean": self.means().map(|(key, v)| (key.to_string(), json_number(v))).collect::<Map<_, _>>(),
             "infinite": infinite.collect::<Map<_, _>>(),
+            "warnings": self.warnings,
             "metrics": self.scorer.info(),
             "conditions": {
                 "version": env!("CARGO_PKG_VERSION"),
@@ -69,9 +70,6 @@ impl ScoredPairs<'_> {
                 "resize_prediction": self.resize.map_or("none", ResizeKernel::name),
             },
         });
-        if let Some(warning) = &self.warning {
-            results["warning"] = json!(warning);
-        }
         if let Some(kernel) = self.resize {
             results["conditions"]["resize_prediction_as"] = json!(kernel.describe());
         }

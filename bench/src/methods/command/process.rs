@@ -179,7 +179,7 @@ impl Process {
         matches!(self.child.try_wait(), Ok(Some(_)))
     }
 
-    /// Closes the program's input, waits for [`GRACE`], then kills it.
+    /// Closes the program's input and kills the program if it is still running after [`GRACE`].
     pub(super) fn stop(mut self) -> Ended {
         self.end(GRACE)
     }
