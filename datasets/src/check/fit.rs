@@ -194,8 +194,6 @@ impl Neighbours<'_> {
             Change::Focal(Focal::X | Focal::Y, factor) if factor.ln().abs() > LARGE.ln() => {
                 after <= LESS * before
             }
-            // Some of the many conventions fit unrelated pictures a little better by chance.
-            Change::Convention(_) => after <= WELL || after <= LESS * before,
             _ => after <= WELL || after <= MUCH_LESS * before,
         }
     }
