@@ -45,7 +45,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         Scoring::new(&Selection::parse("psnr,ssim")?, &Weights::none())?,
     );
     let run = prepare(request, &Quiet)?.run(&folder.join("run"), RunOptions::default(), &Quiet)?;
-    for table in mean_tables(&run.results)? {
+    for table in mean_tables(&run.results, None)? {
         println!("{}", table.text());
     }
     Ok(())

@@ -65,8 +65,9 @@ fn main() -> Result<(), Box<dyn Error>> {
         missing: Default::default(),
         pictures: Vec::new(),
         damaged: Vec::new(),
+        methods_listed: false,
     };
-    for table in mean_tables(&results)? {
+    for table in mean_tables(&results, None)? {
         println!("{}", table.text());
     }
     let options = ReportOptions {

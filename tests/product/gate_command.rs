@@ -334,7 +334,20 @@ fn the_same_code_twice_is_the_same_to_the_byte() {
         "{said}"
     );
     let said = gate(dir, "one.zip", "two", &speed).ends_with(0).out;
-    assert!(said.contains("A has no times; bundles never do"), "{said}");
+    assert!(said.contains("A has no times; a bundle has them"), "{said}");
+    // A bundle with times is its run.
+    let with_times = ["bundle", "one", "--times", "--out", "times.zip"];
+    sharp_bench(dir, &with_times).ends_with(0);
+    let said = gate(dir, "times.zip", "two", &speed).ends_with(0).out;
+    assert!(said.contains("1 thread in A"), "{said}");
+    let same = ["--fail-if", "seconds_per_pair > +0 %", "--json"];
+    let same = gate(dir, "times.zip", "one", &same).ends_with(0).json();
+    let checks = same["gate"]["checks"].as_array().unwrap();
+    let cost = checks
+        .iter()
+        .find(|check| check["quantity"] == "seconds_per_pair");
+    let reason = cost.unwrap()["reason"].as_str().unwrap();
+    assert!(!reason.contains("has no times"), "{reason}");
 }
 
 #[test]
@@ -391,7 +404,8 @@ fn files_exit_codes_and_errors() {
     let said = gate(dir, "a", "b", &power).ends_with(5);
     assert!(said.out.contains("not the required 0.01"), "{}", said.out);
 
-    gate(dir, "a", "b", &[]).is_usage_error_with(&["a gate needs limits"]);
+    let any_loss = gate(dir, "a", "b", &[]).ends_with(0).out;
+    assert!(any_loss.contains("psnr < 0"), "{any_loss}");
     gate(dir, "a", "b", &["--fail-if", "ssim < -0.1"])
         .is_usage_error_with(&["ssim < -0.1", "which have psnr"]);
     std::fs::write(dir.join("gate.toml"), "fail_if = []\nspeed = 1\n").unwrap();

@@ -49,6 +49,8 @@ fn a_controlled_sweep_from_pictures_to_tables() {
         "psnr=99",
         "--against",
         "copy",
+        "--methods",
+        "copy,mean",
         "--out",
         "out",
         "--json",
@@ -138,8 +140,8 @@ fn figures_of_runs() {
             png.width()
         );
     }
-    figure("failure", &["--method", "copy"]).ends_with(0);
-    figure("failure", &[]).is_usage_error_with(&["--method"]);
+    figure("failure", &["--methods", "copy"]).ends_with(0);
+    figure("failure", &[]).is_usage_error_with(&["--methods"]);
     figure("motion", &[]).is_error_with(&["metric 'dists' is not in these runs", "psnr"]);
     figure("qualitative", &["--pair", "x"]).is_error_with(&["pair 'x'", "S/seed0/"]);
     let said = figure("qualitative", &["--crop", "1,2"]).ends_with(2);

@@ -18,6 +18,15 @@ impl Banded {
         let band = bin.std.map(|std| (bin.mean - std, bin.mean + std));
         Self { bin, band }
     }
+
+    /// Cuts the band off below the least value of the metric, if it has one.
+    #[must_use]
+    pub fn from(mut self, least: Option<f64>) -> Self {
+        if let (Some((low, _)), Some(least)) = (&mut self.band, least) {
+            *low = low.max(least);
+        }
+        self
+    }
 }
 
 /// A vertical axis that fits all finite means, bands and `others`.

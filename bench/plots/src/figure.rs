@@ -14,7 +14,7 @@ use plotters::style::{
 };
 
 use super::canvas::{Anchor, Lettering, Point, Shape, Surface};
-use super::ink::{Ink, PAPER};
+use super::ink::Ink;
 use super::style::Medium;
 use super::text::{self, FAMILY, Weight};
 use super::{pdf, png};
@@ -55,7 +55,7 @@ impl Figure {
     ) -> Result<Self, PlotError> {
         let (w, h) = (f64::from(width), f64::from(height));
         let mut surface = Surface::default();
-        surface.polygon(&[(0.0, 0.0), (w, 0.0), (w, h), (0.0, h)], PAPER);
+        surface.polygon(&[(0.0, 0.0), (w, 0.0), (w, h), (0.0, h)], medium.paper);
         picture(&mut surface);
         let shapes = surface.0;
         let failed = |reason: String| PlotError::new(title, reason);

@@ -3,7 +3,8 @@
 use image::Rgb;
 
 /// An sRGB colour with opacity.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Deserialize)]
+#[serde(try_from = "String")]
 pub struct Ink {
     pub rgb: (u8, u8, u8),
     /// Opacity, 0..1.
@@ -29,6 +30,21 @@ impl Ink {
     pub fn hex(self) -> String {
         let (r, g, b) = self.rgb;
         format!("#{r:02X}{g:02X}{b:02X}")
+    }
+}
+
+impl TryFrom<String> for Ink {
+    type Error = String;
+
+    /// From `#RRGGBB`.
+    fn try_from(text: String) -> Result<Self, String> {
+        let digits = text.strip_prefix('#').filter(|digits| digits.len() == 6);
+        let hex = digits.filter(|digits| digits.bytes().all(|c| c.is_ascii_hexdigit()));
+        let value = hex.and_then(|digits| u32::from_str_radix(digits, 16).ok());
+        match value.map(u32::to_be_bytes) {
+            Some([_, r, g, b]) => Ok(Self::opaque(r, g, b)),
+            None => Err(format!("'{text}' is not of the form #RRGGBB")),
+        }
     }
 }
 

@@ -25,7 +25,8 @@ pub struct Style {
 }
 
 /// Shape of a data point.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Deserialize)]
+#[serde(rename_all = "lowercase")]
 pub enum Marker {
     Disc,
     Square,

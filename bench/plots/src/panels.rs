@@ -25,6 +25,7 @@ const LABEL_LINES: usize = 3;
 const LEGEND_MARK: f64 = 33.0;
 const LEGEND_SPACE: f64 = 12.0;
 const CAPTION_ROW: f64 = 17.0;
+const TITLE_ROW: f64 = 26.0;
 const TICK_SIZE: f64 = 11.5;
 const LABEL_SIZE: f64 = 12.5;
 const TITLE_SIZE: f64 = 14.0;
@@ -55,6 +56,8 @@ pub struct PlotAxis {
     pub high: f64,
     /// Positions and texts of the ticks.
     pub ticks: Vec<(f64, String)>,
+    /// Whether positions are decimal logarithms of the values.
+    pub is_logarithmic: bool,
 }
 
 impl PlotAxis {
@@ -73,6 +76,22 @@ impl PlotAxis {
             low,
             high,
             ticks: ticks.map(|k| (step.at(k), step.text(k))).collect(),
+            is_logarithmic: false,
+        }
+    }
+
+    /// The axis as a style wants it.
+    fn styled(&self, label: Option<&String>, limits: Option<[f64; 2]>) -> Self {
+        let label = label.unwrap_or(&self.label);
+        match limits {
+            None => Self {
+                label: label.clone(),
+                ..self.clone()
+            },
+            Some([low, high]) if self.is_logarithmic => {
+                Self::logarithmic(label, low.max(f64::MIN_POSITIVE), high)
+            }
+            Some([low, high]) => Self::over(label, low, high, 6),
         }
     }
 
@@ -98,6 +117,7 @@ impl PlotAxis {
         let ticks = log_ticks(low, high).into_iter();
         Self {
             ticks: ticks.map(|tick| (tick.log10(), tick.to_string())).collect(),
+            is_logarithmic: true,
             ..Self::over(label, low.log10(), high.log10(), 1)
         }
     }
@@ -199,11 +219,22 @@ pub fn figure(
     Figure::draw(title, layout.size(), medium, |surface| {
         layout.surround(surface, &legend);
         for (i, panel) in panels.iter().enumerate() {
-            let area = layout.panel(surface, i, &panel.frame);
-            match &panel.content {
-                Ok(draw) => draw(surface, &area),
-                Err(reason) => area.remark(surface, reason),
+            let mut frame = panel.frame.clone();
+            if let Some(style) = print {
+                frame.x = frame.x.styled(style.xlabel.as_ref(), style.xlim);
+                frame.y = frame.y.styled(style.ylabel.as_ref(), style.ylim);
             }
+            let area = layout.panel(surface, i, &frame);
+            let mut data = Surface::default();
+            match &panel.content {
+                Ok(draw) => draw(&mut data, &area),
+                Err(reason) => area.remark(&mut data, reason),
+            }
+            if print.is_some_and(|style| style.xlim.or(style.ylim).is_some()) {
+                let top = area.y.to.min(area.infinity);
+                data.clip((area.x.from, top), (area.x.to, area.y.from));
+            }
+            surface.extend(data);
         }
     })
 }
@@ -218,6 +249,8 @@ struct PanelLayout {
     bottom: f64,
     /// Share of its room that text may fill.
     fill: f64,
+    /// Line above everything else; empty for none.
+    title: String,
     legend: Vec<Vec<LegendEntry>>,
     caption: Vec<String>,
 }
@@ -242,7 +275,7 @@ impl PanelLayout {
             Some(style) => {
                 let room = style.units() - 2.0 * MARGIN;
                 let fitting = (room / (LEFT + NARROWEST + RIGHT)) as usize;
-                let columns = fitting.clamp(1, panels.max(1));
+                let columns = style.columns.unwrap_or(fitting).clamp(1, panels.max(1));
                 let width = room / columns as f64 - LEFT - RIGHT;
                 (columns, (width, width * style.panel_aspect))
             }
@@ -253,6 +286,9 @@ impl PanelLayout {
             panel,
             bottom: BOTTOM,
             fill: if print.is_some() { PRINT_ROOM } else { ROOM },
+            title: print
+                .and_then(|style| style.title.clone())
+                .unwrap_or_default(),
             legend: Vec::new(),
             caption: Vec::new(),
         };
@@ -287,8 +323,16 @@ impl PanelLayout {
         2.0 * MARGIN + self.columns as f64 * (LEFT + self.panel.0 + RIGHT)
     }
 
+    /// Height of the title.
+    fn title_row(&self) -> f64 {
+        match self.title.is_empty() {
+            true => 0.0,
+            false => TITLE_ROW,
+        }
+    }
+
     fn head(&self) -> f64 {
-        MARGIN + self.legend.iter().map(|row| legend_row(row)).sum::<f64>()
+        MARGIN + self.title_row() + self.legend.iter().map(|row| legend_row(row)).sum::<f64>()
     }
 
     /// Lower edge of the panels.
@@ -304,7 +348,14 @@ impl PanelLayout {
 
     /// Draws the legend and the caption.
     fn surround(&self, surface: &mut Surface, entries: &[(&str, Style)]) {
-        let mut top = MARGIN;
+        let mut top = MARGIN + self.title_row();
+        let title = Lettering {
+            weight: Weight::Bold,
+            ..lettering(TITLE_SIZE, INK, Anchor::Middle)
+        };
+        let room = self.fill * (self.width() - 2.0 * MARGIN);
+        let text = fitted(&self.title, TITLE_SIZE, Weight::Bold, room);
+        surface.text(&text, (self.width() / 2.0, top - 10.0), title);
         for row in &self.legend {
             let y = top + (LEGEND_LINE + LEGEND_GAP) / 2.0;
             let mut x = MARGIN + LEFT;

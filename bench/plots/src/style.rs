@@ -1,11 +1,12 @@
 //! Size and colours of figures: for the screen by default, for print as set in a TOML file.
 
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-use serde::{Deserialize, Deserializer, de};
+use serde::Deserialize;
 
-use super::ink::Ink;
-use super::palette::{COLOURS, Style, style_of};
+use super::ink::{Ink, PAPER};
+use super::palette::{COLOURS, Marker, Style, style_of};
 
 /// Font size of axis labels in units; every length of a plot is relative to it.
 const LABEL_UNITS: f64 = 12.5;
@@ -18,6 +19,8 @@ pub struct Medium {
     pub zoom: f64,
     /// Resolution of the PNG, dots per inch.
     pub dpi: f64,
+    /// Colour behind the drawing.
+    pub paper: Ink,
 }
 
 impl Medium {
@@ -25,6 +28,7 @@ impl Medium {
     pub const SCREEN: Self = Self {
         zoom: 1.0,
         dpi: 192.0,
+        paper: PAPER,
     };
 }
 
@@ -43,8 +47,29 @@ pub struct FigureStyle {
     /// Whether plots have an explanatory line below.
     pub caption: bool,
     /// Colours of the methods in order, `#RRGGBB`.
-    #[serde(deserialize_with = "inks")]
     pub colours: Vec<Ink>,
+    /// Ends of the axes of plots; data beyond them are cut off.
+    pub xlim: Option<[f64; 2]>,
+    pub ylim: Option<[f64; 2]>,
+    /// Labels of the axes of plots.
+    pub xlabel: Option<String>,
+    pub ylabel: Option<String>,
+    /// Number of panels beside each other; by default as many as fit.
+    pub columns: Option<usize>,
+    /// A line above the plot.
+    pub title: Option<String>,
+    /// Colour behind a plot.
+    pub background: Ink,
+    /// Colours and markers of methods by their names.
+    pub methods: BTreeMap<String, MethodStyle>,
+}
+
+/// Colour and marker of one method; by default those of its place in the run.
+#[derive(Debug, Clone, Default, PartialEq, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct MethodStyle {
+    pub colour: Option<Ink>,
+    pub marker: Option<Marker>,
 }
 
 impl Default for FigureStyle {
@@ -56,6 +81,14 @@ impl Default for FigureStyle {
             panel_aspect: 0.62,
             caption: true,
             colours: COLOURS.into(),
+            xlim: None,
+            ylim: None,
+            xlabel: None,
+            ylabel: None,
+            columns: None,
+            title: None,
+            background: PAPER,
+            methods: BTreeMap::new(),
         }
     }
 }
@@ -101,21 +134,36 @@ impl FigureStyle {
                 )));
             }
         }
+        for (key, limits) in [("xlim", style.xlim), ("ylim", style.ylim)] {
+            if limits.is_some_and(|[low, high]| !(high - low).is_finite() || low >= high) {
+                return Err(wrong(format!("{key}: expected [LOW, HIGH]")));
+            }
+        }
+        if style.columns == Some(0) {
+            return Err(wrong("columns: at least 1".to_owned()));
+        }
         if style.colours.is_empty() {
             return Err(wrong("colours: at least one".to_owned()));
         }
         Ok(style)
     }
 
-    /// The style of method number `index`.
-    pub fn of_method(&self, index: usize) -> Style {
-        style_of(&self.colours, index)
+    /// The style of method number `index` with this name.
+    pub fn of_method(&self, name: &str, index: usize) -> Style {
+        let style = style_of(&self.colours, index);
+        let own = self.methods.get(name).cloned().unwrap_or_default();
+        Style {
+            ink: own.colour.unwrap_or(style.ink),
+            marker: own.marker.unwrap_or(style.marker),
+            ..style
+        }
     }
 
     pub(super) fn medium(&self) -> Medium {
         Medium {
             zoom: self.font_pt * 96.0 / 72.0 / LABEL_UNITS,
             dpi: self.dpi,
+            paper: self.background,
         }
     }
 
@@ -144,20 +192,6 @@ impl FigureStyle {
     pub fn font_pixels(&self) -> f64 {
         self.font_pt / 72.0 * self.dpi
     }
-}
-
-fn inks<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Vec<Ink>, D::Error> {
-    let texts = Vec::<String>::deserialize(deserializer)?;
-    let ink = |text: &String| {
-        let digits = text.strip_prefix('#').filter(|digits| digits.len() == 6);
-        let hex = digits.filter(|digits| digits.bytes().all(|c| c.is_ascii_hexdigit()));
-        let value = hex.and_then(|digits| u32::from_str_radix(digits, 16).ok());
-        let [_, r, g, b] = value.map(u32::to_be_bytes).ok_or_else(|| {
-            de::Error::custom(format!("colours: '{text}' is not of the form #RRGGBB"))
-        })?;
-        Ok(Ink::opaque(r, g, b))
-    };
-    texts.iter().map(ink).collect()
 }
 
 #[cfg(test)]
@@ -189,6 +223,17 @@ mod tests {
     }
 
     #[test]
+    fn a_method_has_its_colour_and_marker_by_name() {
+        let style = read("[methods.ours]\ncolour = \"#ff0000\"\nmarker = \"up\"\n").unwrap();
+        let ours = style.of_method("ours", 3);
+        assert_eq!(
+            (ours.ink, ours.marker),
+            (Ink::opaque(255, 0, 0), Marker::Up)
+        );
+        assert_eq!(style.of_method("other", 3), style_of(&COLOURS, 3));
+    }
+
+    #[test]
     fn what_is_wrong_is_named_with_its_file() {
         for (text, part) in [
             ("widht_mm = 3", "line 1: unknown field `widht_mm`"),
@@ -197,6 +242,9 @@ mod tests {
             ("colours = [\"red\"]", "'red' is not of the form #RRGGBB"),
             ("colours = [\"#+12345\"]", "#RRGGBB"),
             ("colours = []", "at least one"),
+            ("xlim = [1, 1]", "xlim: expected [LOW, HIGH]"),
+            ("columns = 0", "columns: at least 1"),
+            ("[methods.a]\nmarker = \"star\"", "unknown variant `star`"),
             ("dpi = ", "line 1"),
         ] {
             let error = read(text).unwrap_err();

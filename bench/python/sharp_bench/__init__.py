@@ -9,6 +9,7 @@ import hashlib
 import inspect
 import json
 import os
+import subprocess
 import sys
 import textwrap
 import threading
@@ -38,12 +39,17 @@ __all__ = [
     "conventions",
     "datasets",
     "evaluate",
+    "figure",
+    "gate",
+    "history",
     "load_scores",
     "metrics",
     "pairs",
     "predict",
     "render",
+    "report",
     "sweep",
+    "table",
 ]
 
 
@@ -129,6 +135,64 @@ def sweep(*runs, **options):
     return Sweep([os.fspath(run) for run in runs], **options)
 
 
+def report(*runs, out=None, **options):
+    """Writes the report of runs, ``"NAME=RUN"`` or a path each; the dictionary of ``sharp-bench report --json``.
+
+    ``options`` of this function and the four below are those of the command by name: ``methods=["a", "b"]``,
+    ``rename={"old": "New"}``, ``uncertainty="ci95"``, ``public=True``.
+    """
+    return _command("report", runs, out=out, **options)
+
+
+def table(name, rows=None, **options):
+    """A table of the SHARP paper with rows of yours, ``{"label": "RUN:METHOD"}``; the dictionary of ``sharp-bench table --json``."""
+    return _command("table", [name], row=rows, **options)
+
+
+def figure(name, *runs, out, **options):
+    """Makes a figure of the paper; the dictionary of ``sharp-bench figure NAME --json``."""
+    return _command("figure", [name, *runs], out=out, **options)
+
+
+def gate(baseline, candidate, fail_if=(), **options):
+    """Whether one run may replace another: the dictionary of ``sharp-bench gate --json``, whose ``["gate"]["state"]`` is
+    "passed", "fired" or "inconclusive"."""
+    return _command("gate", [], (3, 5), baseline=baseline, candidate=candidate, fail_if=fail_if, **options)
+
+
+def history(*arguments, **options):
+    """A history of runs: ``history("show", "FOLDER")`` is the dictionary of ``sharp-bench history show FOLDER --json``."""
+    return _command("history", arguments, **options)
+
+
+def _command(name, arguments, answers=(), **options):
+    """The JSON of a command. Exit codes 4 (with warnings, which are passed on) and ``answers`` are no errors."""
+    line = [sys.executable, "-m", "sharp_bench", name, *map(os.fspath, arguments), "--json"]
+    for key, value in options.items():
+        option = "--" + key.replace("_", "-")
+        if isinstance(value, dict):
+            value = [f"{one}={os.fspath(other)}" for one, other in value.items()]
+        elif not isinstance(value, (list, tuple)):
+            value = [value]
+        elif key in _LISTS:
+            value = [",".join(map(str, value))] if value else []
+        for one in value:
+            if one is True:
+                line.append(option)
+            elif one is not None and one is not False:
+                # In one word, so that a value may begin with a dash.
+                line.append(f"{option}={os.fspath(one) if isinstance(one, os.PathLike) else one}")
+    done = subprocess.run(line, capture_output=True, encoding="utf-8")
+    if done.returncode not in (0, 4, *answers):
+        reason = done.stderr.strip().removeprefix("error: ") or f"exit code {done.returncode}"
+        raise (ValueError if done.returncode == 2 else Error)(reason)
+    _warn(note.split(": ", 1)[1] for note in done.stderr.splitlines() if note.startswith(("warning: ", "note: ")))
+    return json.loads(done.stdout)
+
+
+_LISTS = ("methods", "datasets", "metrics", "require_power")
+
+
 def render(gaussians, camera, *, background="black", eps2d=0.0, backend="cpu"):
     """Renders Gaussians that lie in the camera's world, as a run does; see :class:`Rendering`."""
     return _sharp_bench.render(gaussians, camera, background=background, eps2d=eps2d, backend=backend)
@@ -202,7 +266,7 @@ def evaluate(
     ``methods`` are evaluated beside it (``"copy"``, ``"depth-splat"``, …), or alone with ``None`` for the function. ``config`` is
     a ``run.toml``; ``options`` are those of ``sharp-bench run`` by name (``limit=10``, ``pairs="pairs.csv"``,
     ``pair_options="order=once"``, ``common_region=True``) and take the place of the file's.
-    ``progress`` is called with phase, done and of how many; True prints them.
+    ``progress`` is called with phase, done and of how many; True shows a bar (of ``tqdm`` if it is installed, also in notebooks).
     """
     if privilege not in (None, "source-depth"):
         raise ValueError(f"privilege={privilege!r}: expected None or 'source-depth'")
@@ -305,12 +369,26 @@ def _interruptible(work):
 def _display(progress):
     if progress is not True:
         return progress or None
+    try:
+        from tqdm.auto import tqdm
+    except ImportError:
+        return _print_progress
+    bars = {}
 
-    def show(phase, done, of):
-        end = "\n" if of and done == of else ""
-        print(f"\r{phase or 'evaluating'}: {done} of {of or '?'}   ", end=end, file=sys.stderr, flush=True)
+    def draw(phase, done, of):
+        phase = phase or "evaluating"
+        bar = bars.setdefault(phase, None) or tqdm(desc=phase, total=of or None)
+        bars[phase] = bar
+        bar.update(done - bar.n)
+        if of and done >= of:
+            bar.close()
 
-    return show
+    return draw
+
+
+def _print_progress(phase, done, of):
+    end = "\n" if of and done == of else ""
+    print(f"\r{phase or 'evaluating'}: {done} of {of or '?'}   ", end=end, file=sys.stderr, flush=True)
 
 
 def _warn(notes):

@@ -78,7 +78,7 @@ pub(crate) fn load_scores(py: Python<'_>, run: PathBuf) -> PyResult<Table> {
 #[pyfunction]
 pub(crate) fn means_html(py: Python<'_>, run: PathBuf) -> PyResult<String> {
     let html = || -> anyhow::Result<String> {
-        let tables = mean_tables(&Results::read(&run)?)?;
+        let tables = mean_tables(&Results::read(&run)?, None)?;
         let figures = tables.iter().enumerate();
         let figures = figures.map(|(at, table)| table.html(&format!("means{at}")));
         Ok(figures.collect::<Result<String, _>>()?)
@@ -90,7 +90,7 @@ pub(crate) fn means_html(py: Python<'_>, run: PathBuf) -> PyResult<String> {
 #[pyfunction]
 pub(crate) fn means_text(py: Python<'_>, run: PathBuf) -> PyResult<String> {
     let text = || -> anyhow::Result<String> {
-        let tables = mean_tables(&Results::read(&run)?)?;
+        let tables = mean_tables(&Results::read(&run)?, None)?;
         let texts: Vec<String> = tables.iter().map(|table| table.text()).collect();
         Ok(texts.join("\n"))
     };

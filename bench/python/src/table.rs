@@ -93,6 +93,18 @@ impl Table {
         Ok(dict)
     }
 
+    /// A pandas DataFrame.
+    fn to_pandas<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        let pandas = py.import("pandas")?;
+        pandas.call_method1("DataFrame", (self.to_dict(py)?,))
+    }
+
+    /// A polars DataFrame.
+    fn to_polars<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        let polars = py.import("polars")?;
+        polars.call_method1("DataFrame", (self.to_dict(py)?,))
+    }
+
     fn __repr__(&self) -> String {
         format!(
             "Table of {} rows: {}",

@@ -12,8 +12,8 @@ use crate::io::hash::file_sha256;
 
 /// Pack the scores of a run into one small file, to share or to commit as a baseline
 ///
-/// Contains the exact scores, the manifest and the evaluated pairs, but no pictures or timings. Equal results give
-/// equal bytes. `report`, `compare`, `gate` and `history add` accept the file in place of a run folder.
+/// Contains the exact scores, the manifest and the evaluated pairs, but no pictures. Equal results give equal bytes,
+/// unless times are included. `report`, `compare`, `gate` and `history add` accept the file in place of a run folder.
 #[derive(Debug, Args)]
 #[command(after_help = "Example:\n  sharp-bench bundle runs/v1 --out baselines/v1.zip")]
 pub(super) struct BundleArgs {
@@ -22,13 +22,16 @@ pub(super) struct BundleArgs {
     /// The file to write
     #[arg(long, value_name = "FILE")]
     out: PathBuf,
+    /// Include the times of predictions, for a gate's limits on seconds_per_pair and peak_memory
+    #[arg(long)]
+    times: bool,
     /// Print JSON
     #[arg(long)]
     json: bool,
 }
 
 pub(super) fn execute(args: &BundleArgs) -> anyhow::Result<Outcome> {
-    let results = write_bundle(&args.run, &args.out)?;
+    let results = write_bundle(&args.run, &args.out, args.times)?;
     let bytes = std::fs::metadata(&args.out)?.len();
     let out = args.out.display().to_string();
     if args.json {

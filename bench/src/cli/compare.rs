@@ -9,9 +9,10 @@ use super::outcome::UsageError;
 use super::output::Terminal;
 use super::{Outcome, output};
 use crate::config::metrics::weights;
+use crate::evaluate::Shown;
 use crate::report::scenes;
 use crate::track::compare::breakdown::{Division, Stratum};
-use crate::track::compare::{CompareError, Practical, RunComparison, compare};
+use crate::track::compare::{CompareError, Practical, RunComparison, both_sides, compare_results};
 
 /// Compare two runs pair by pair: means, intervals, significance
 ///
@@ -36,12 +37,17 @@ pub(super) struct CompareArgs {
     /// Compare a method of A with one of B [default: those of the same label, or each run's only method]
     #[arg(long = "method", value_name = "OLD=NEW", value_parser = method_pair)]
     methods: Vec<(String, String)>,
+    #[command(flatten)]
+    shown: Shown,
     /// Largest negligible difference per metric [default: psnr=0.05,ssim=0.001,lpips=0.001,dists=0.001]
     #[arg(long, value_name = "METRIC=VALUE", value_delimiter = ',', value_parser = threshold)]
     practical: Vec<(Family, f64)>,
     /// Also show means by scene, baseline, rotation, overlap and relative motion
     #[arg(long)]
     breakdown: bool,
+    /// Also list the pairs on which two of the compared methods changed their order
+    #[arg(long)]
+    flips: bool,
     /// Also show the error by kind of pixel: visible in the source, hidden, outside, or near a depth edge. Needs both
     /// runs' kept pictures and datasets with depth
     #[arg(long)]
@@ -84,11 +90,22 @@ pub(super) fn execute(args: &CompareArgs) -> anyhow::Result<Outcome> {
     for (family, value) in &args.practical {
         practical.set(*family, *value);
     }
+    let both = args.shown.of(both_sides(&args.a, b)?);
+    let [of_a, of_b] = both.map_err(|error| UsageError(error.to_string()))?;
+    let sides = [(args.a.as_path(), of_a), (b, of_b)];
     let comparison =
-        compare(&args.a, b, &args.methods, &practical).map_err(|error| match error {
+        compare_results(sides, &args.methods, &practical).map_err(|error| match error {
             CompareError::Methods(reason) => anyhow::Error::from(UsageError(reason)),
             other => other.into(),
         })?;
+    if args.flips && comparison.against.len() < 2 {
+        let reason = "--flips needs two methods in both runs, or two --method OLD=NEW";
+        return Err(UsageError(reason.to_owned()).into());
+    }
+    if args.anatomy && !comparison.has_pictures() {
+        let reason = "--anatomy needs pictures that both runs kept: `run --keep all`";
+        return Err(UsageError(reason.to_owned()).into());
+    }
     let terminal = Terminal::default();
     let opened = match args.anatomy || args.out.is_some() {
         true => scenes(&comparison.results.manifest, &terminal),
@@ -133,6 +150,11 @@ fn print(comparison: &RunComparison, strata: &[Stratum], args: &CompareArgs) -> 
             if let Some(grid) = comparison.extremes(against, &metric.info) {
                 output::line(grid.text())?;
             }
+        }
+    }
+    if args.flips {
+        for grid in comparison.flip_grids() {
+            output::line(grid.text())?;
         }
     }
     let shown = strata.iter().filter(|stratum| match stratum.by {

@@ -89,7 +89,7 @@ pub(super) fn execute(args: &DemoArgs) -> anyhow::Result<Outcome> {
     )?;
     let outcome = outcome(finished.counts, true);
     if !args.json {
-        print_tables(&finished.results)?;
+        print_tables(&finished.results, None)?;
     }
     let files = report(
         &finished.results,

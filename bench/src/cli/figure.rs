@@ -9,10 +9,10 @@ use sharp_metrics::MetricKey;
 
 use super::outcome::UsageError;
 use super::output::Terminal;
-use super::report::warn_damaged;
+use super::report::{ShownRuns, warn_damaged};
 use super::sweep::{style, sweep};
 use super::{Outcome, output};
-use crate::evaluate::{Named, Results, join};
+use crate::evaluate::Results;
 use crate::io::atomic_files::{check_writable, write_all_over_own};
 use crate::io::pictures::read_rgb8;
 use crate::io::text::visible_line;
@@ -122,9 +122,8 @@ struct OutArgs {
 
 #[derive(Debug, Args)]
 struct RunsArgs {
-    /// Run folders or bundles
-    #[arg(required = true, value_name = "[NAME=]RUN")]
-    runs: Vec<Named>,
+    #[command(flatten)]
+    runs: ShownRuns,
     #[command(flatten)]
     out: OutArgs,
 }
@@ -244,7 +243,7 @@ fn plots(
     make: impl FnOnce(&Results, &FigureStyle) -> Result<Option<Figure>, ReportError>,
 ) -> anyhow::Result<Outcome> {
     let style = style(args.out.style.as_ref())?;
-    let results = join(&args.runs)?;
+    let results = args.runs.results(None)?;
     check_writable(&args.out.out)?;
     let figure = make(&results, &style)?;
     let figure = figure.ok_or_else(|| anyhow!("{stem}: the runs have nothing to show"))?;
@@ -256,7 +255,7 @@ fn plots(
 fn sheet(args: &PicturesArgs, stem: &str, kind: SheetKind) -> anyhow::Result<Outcome> {
     let out = &args.runs.out;
     let style = style(out.style.as_ref())?;
-    let results = join(&args.runs.runs)?;
+    let results = args.runs.runs.results(None)?;
     check_writable(&out.out)?;
     let scenes = scenes(&results.manifest, &Terminal::default());
     let sheet = kind.sheet(&args.shown, &results, &scenes)?;

@@ -18,7 +18,7 @@ use crate::track::gate::{CheckState, GateConfig, GateError, Limit, gate};
 /// Compare a run with a baseline in continuous integration: exit code 3 if it is worse than the limits allow
 ///
 /// A limit fires if B is worse than A by more than the limit, on a dataset or over all of them, with p < 0.05 after
-/// Holm's correction; limits `per scene` ignore p. Lost scores count as violations. Exit code 5: no limit fired, but
+/// Holm's correction; limits `per scene` ignore p. Without limits, any significant loss fires. Lost scores count as violations. Exit code 5: no limit fired, but
 /// one cannot be decided.
 #[derive(Debug, Args)]
 #[command(after_help = "\

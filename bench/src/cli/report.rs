@@ -9,7 +9,8 @@ use super::metrics::describe;
 use super::outcome::UsageError;
 use super::output::Terminal;
 use super::{Outcome, output};
-use crate::evaluate::{Aggregation, Named, Results, UnitCounts, join_under};
+use crate::evaluate::{Aggregation, Named, Results, Shown, UnitCounts, join_under};
+use crate::report::statistics::Uncertainty;
 use crate::report::tables::Table;
 use crate::report::{self, Layout, PublishedNumbers, ReportOptions};
 
@@ -30,9 +31,8 @@ Writes report.md, index.html (opens from disk), tables as .md, .csv and .tex, pl
 pictures of up to 24 pairs; with more, small pictures of all pairs are next to it in thumbs/, below 200 MB in total.
 Enlarged ones are read from the run, source and target from the datasets named in the run, if they are still in place.")]
 pub(super) struct ReportArgs {
-    /// Run folders or bundles
-    #[arg(required = true, value_name = "[NAME=]RUN")]
-    runs: Vec<Named>,
+    #[command(flatten)]
+    runs: ShownRuns,
     /// Where to write [default: RUN/report for a single run]
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
@@ -43,6 +43,9 @@ pub(super) struct ReportArgs {
     /// views, each the mean of its targets
     #[arg(long, value_enum, value_name = "OVER")]
     aggregate: Option<Aggregation>,
+    /// What follows each mean as ± [default: ci95 on the page, nothing elsewhere]
+    #[arg(long, value_enum)]
+    uncertainty: Option<Uncertainty>,
     /// Location of the page's pictures [default: in the page for up to 24 pairs, else next to it]
     #[arg(long, value_enum)]
     layout: Option<Layout>,
@@ -52,19 +55,41 @@ pub(super) struct ReportArgs {
     public: bool,
     /// Print a paragraph for a paper instead of a report, with references: datasets and pairs, conventions, metrics,
     /// differences from the SHARP paper. With --out, write methods.tex and methods.bib
-    #[arg(long, conflicts_with_all = ["published", "layout", "public"])]
+    #[arg(long, conflicts_with_all = ["published", "uncertainty", "layout", "public"])]
     methods_text: bool,
     /// Print JSON: the files written
     #[arg(long)]
     json: bool,
 }
 
+/// Runs, and what to show of them.
+#[derive(Debug, Args)]
+pub(super) struct ShownRuns {
+    /// Run folders or bundles
+    #[arg(required = true, value_name = "[NAME=]RUN")]
+    pub(super) runs: Vec<Named>,
+    #[command(flatten)]
+    pub(super) shown: Shown,
+}
+
+impl ShownRuns {
+    /// The runs as one set of results, averaged by `aggregation` if given.
+    pub(super) fn results(&self, aggregation: Option<Aggregation>) -> anyhow::Result<Results> {
+        let joined = join_under(&self.runs, aggregation)?;
+        let [shown] = self
+            .shown
+            .of([joined])
+            .map_err(|error| UsageError(error.to_string()))?;
+        Ok(shown)
+    }
+}
+
 pub(super) fn execute(args: &ReportArgs) -> anyhow::Result<Outcome> {
-    let results = join_under(&args.runs, args.aggregate)?;
+    let results = args.runs.results(args.aggregate)?;
     if args.methods_text {
         return methods_text(&results, args);
     }
-    let out = match (&args.out, args.runs.as_slice()) {
+    let out = match (&args.out, args.runs.runs.as_slice()) {
         (Some(out), _) => out.clone(),
         (None, [run]) if run.path.is_dir() => run.path.join("report"),
         (None, _) => {
@@ -84,6 +109,7 @@ pub(super) fn execute(args: &ReportArgs) -> anyhow::Result<Outcome> {
         layout: args.layout,
         public: args.public,
         published: args.published,
+        uncertainty: args.uncertainty,
         ..ReportOptions::default()
     };
     let files = report::report(&results, &scenes, &out, &options)?;
@@ -99,6 +125,7 @@ pub(super) fn execute(args: &ReportArgs) -> anyhow::Result<Outcome> {
             Layout::File => "one file",
             Layout::Folder => "its pictures beside it, in thumbs/",
         };
+        print_tables(&results, args.uncertainty)?;
         output::line(format!("report  {}  ({pictures})", files.html.display()))?;
     }
     warn_not_scored(&files.not_scored);
@@ -145,8 +172,11 @@ pub(super) fn warn_not_scored(paths: &[PathBuf]) {
 }
 
 /// Prints the tables of results.
-pub(super) fn print_tables(results: &Results) -> anyhow::Result<()> {
-    let tables = report::mean_tables(results)?;
+pub(super) fn print_tables(
+    results: &Results,
+    uncertainty: Option<Uncertainty>,
+) -> anyhow::Result<()> {
+    let tables = report::mean_tables(results, uncertainty)?;
     let texts: Vec<String> = tables.iter().map(Table::text).collect();
     output::line(texts.join("\n"))
 }

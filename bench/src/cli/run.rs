@@ -140,11 +140,7 @@ fn configuration(args: &RunArgs) -> anyhow::Result<RunConfig> {
         );
     }
     let config = RunConfig::read(&folder.config_path())?.overlaid(&args.config)?;
-    let mut programs = config
-        .methods
-        .iter()
-        .filter(|method| method.kind == "command");
-    if let Some(method) = programs.next().filter(|_| !args.allow_programs) {
+    if let Some(method) = config.program().filter(|_| !args.allow_programs) {
         let reason = format!(
             "the plan starts a program, --method {method}: if you trust it, add --allow-programs"
         );
@@ -232,7 +228,7 @@ pub(super) fn execute(args: &RunArgs) -> anyhow::Result<Outcome> {
             counts.units
         ))?;
     } else if args.stage == Stages::All || args.stage == Stages::Score {
-        print_tables(&finished.results)?;
+        print_tables(&finished.results, None)?;
         output::line(format!("scores  {scores}"))?;
         output::line(format!("run     {root}  (sharp-bench report {root})"))?;
     } else {

@@ -7,6 +7,8 @@ use serde_json::json;
 
 use super::outcome::UsageError;
 use super::{Outcome, output};
+use crate::config::RunConfig;
+use crate::evaluate::RunFolder;
 use crate::scale::{Kubernetes, Shards, Slurm, kubernetes, slurm};
 
 /// Write the files that run a plan on a cluster
@@ -149,6 +151,13 @@ pub(super) fn execute(args: &ScaleArgs) -> anyhow::Result<Outcome> {
             (files, &args.shards)
         }
     };
+    let config = RunConfig::read(&RunFolder::open(&shards.plan)?.config_path())?;
+    if let Some(method) = config.program().filter(|_| !shards.allow_programs) {
+        output::remark(format!(
+            "warning: the plan starts a program, --method {method}, which shards refuse; if you trust it, write the \
+             files again with --allow-programs"
+        ));
+    }
     if shards.json {
         output::json(&json!({ "files": output::names(&files) }))?;
     } else {

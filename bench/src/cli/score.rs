@@ -88,7 +88,7 @@ pub(super) fn execute(args: &ScoreArgs) -> anyhow::Result<Outcome> {
             "failed": counts.failed,
         }))?;
     } else {
-        print_tables(&results)?;
+        print_tables(&results, None)?;
     }
     if !results.missing.is_empty() {
         output::remark(format!(

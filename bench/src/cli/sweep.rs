@@ -8,9 +8,8 @@ use serde_json::json;
 use sharp_metrics::MetricKey;
 
 use super::outcome::UsageError;
-use super::report::warn_damaged;
+use super::report::{ShownRuns, warn_damaged};
 use super::{Outcome, output};
-use crate::evaluate::{Named, join};
 use crate::io::counts::counted;
 use crate::pictures::keyed_scores::json_number;
 use crate::report::sweep::spec::Threshold;
@@ -34,9 +33,8 @@ Writes sweep-METRIC.svg, .png and .pdf, sweep.csv (dataset,method,split,metric,x
 sweep.tex, and with --threshold or --against sweep-crossings.csv. The paper's own plots: sharp-bench figure motion,
 figure motion-privileged.")]
 pub(super) struct SweepArgs {
-    /// Run folders or bundles
-    #[arg(required = true, value_name = "[NAME=]RUN")]
-    runs: Vec<Named>,
+    #[command(flatten)]
+    runs: ShownRuns,
     /// Folder to write to
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
@@ -53,9 +51,6 @@ pub(super) struct SweepArgs {
     /// What each panel shows
     #[arg(long, value_enum, default_value_t)]
     split: Split,
-    /// Metrics, comma-separated [default: all of the runs]
-    #[arg(long, value_name = "LIST", value_delimiter = ',')]
-    metrics: Vec<MetricKey>,
     /// Report the motion beyond which each method's mean is worse than a value; repeatable
     #[arg(long = "threshold", value_name = "METRIC=VALUE")]
     thresholds: Vec<Threshold>,
@@ -71,7 +66,8 @@ pub(super) struct SweepArgs {
 }
 
 pub(super) fn execute(args: &SweepArgs) -> anyhow::Result<Outcome> {
-    let left_out = |key: &&MetricKey| !args.metrics.is_empty() && !args.metrics.contains(key);
+    let listed = &args.runs.shown.metrics;
+    let left_out = |key: &&MetricKey| !listed.is_empty() && !listed.contains(key);
     let mut limited = args.thresholds.iter().map(|threshold| &threshold.metric);
     if let Some(key) = limited.find(left_out) {
         let reason = format!("--threshold {key}=…: --metrics leaves {key} out");
@@ -82,7 +78,6 @@ pub(super) fn execute(args: &SweepArgs) -> anyhow::Result<Outcome> {
         x: args.x,
         band: args.band,
         split: args.split,
-        metrics: args.metrics.clone(),
         thresholds: args.thresholds.clone(),
         against: args.against.clone(),
         binning: args.bins.clone().unwrap_or(SweepSpec::default().binning),
@@ -101,13 +96,13 @@ pub(super) fn style(file: Option<&PathBuf>) -> anyhow::Result<FigureStyle> {
 
 /// Computes a sweep, writes it and prints a summary.
 pub(super) fn sweep(
-    runs: &[Named],
+    runs: &ShownRuns,
     spec: SweepSpec,
     (out, stem): (&Path, &str),
     style: &FigureStyle,
     as_json: bool,
 ) -> anyhow::Result<Outcome> {
-    let results = join(runs)?;
+    let results = runs.results(None)?;
     let sweep = Sweep::of(&results, spec)?;
     let files = files::write(&sweep, out, stem, style)?;
     if as_json {

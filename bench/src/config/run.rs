@@ -102,6 +102,12 @@ fn clap_method(text: &str) -> Result<MethodSpec, String> {
 }
 
 impl RunConfig {
+    /// The first method that starts a program.
+    pub(crate) fn program(&self) -> Option<&MethodSpec> {
+        let mut methods = self.methods.iter();
+        methods.find(|method| method.kind == "command")
+    }
+
     /// Reads a file and makes its paths absolute.
     ///
     /// # Errors

@@ -3,8 +3,8 @@
 //! A ZIP archive: `bundle.json` (version and digest), `manifest.json`, `pairs.csv` (only the evaluated pairs),
 //! `units.jsonl` (the status of each unit), `missing.json`, and `scores.bin`, with one column per metric of the
 //! manifest: the first bytes of all its numbers (f64, big endian), then all second bytes, and so on, which compresses
-//! better than number by number. It excludes pictures, timings, and values that methods report. Equal results give
-//! equal bytes.
+//! better than number by number. With times, `timings.json` has those of each method by pair. It excludes pictures, and
+//! values that methods report. Equal results without times give equal bytes.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::io::{Cursor, Read, Write};
@@ -18,8 +18,9 @@ use super::error::EvaluateError;
 use super::folder::RunFolder;
 use super::manifest::Manifest;
 use super::record::{ChosenScale, Crop, PairFiles, Record, Score, Status};
-use super::results::Results;
+use super::results::{Results, timings};
 use super::score::empty_record;
+use super::unit::Timing;
 use crate::io::atomic_files::{FileError, write_atomic};
 use crate::io::hash::StableHasher;
 use crate::pairs::PairList;
@@ -29,6 +30,9 @@ const FORMAT: u32 = 2;
 
 /// Maximum unpacked size of a text member, bytes: a hundred times that of the paper's whole evaluation.
 const MAX_MEMBER: u64 = 1 << 28;
+
+/// Member with the times, if there are any.
+const TIMINGS: &str = "timings.json";
 
 /// Marks a missing score: a NaN that arithmetic does not produce.
 const ABSENT: u64 = u64::MAX;
@@ -60,7 +64,12 @@ pub struct Bundle {
     /// The planned pairs.
     pub pairs: PairList,
     pub occasion: Option<Occasion>,
+    /// Times of each method by pair; usually none.
+    pub timings: Timings,
 }
+
+/// Times by method and pair.
+pub type Timings = BTreeMap<String, BTreeMap<String, Timing>>;
 
 /// A unit without its scores and without the columns of the pair list.
 #[derive(Serialize, Deserialize)]
@@ -86,12 +95,12 @@ struct UnitLine {
     files: Option<PairFiles>,
 }
 
-/// Writes the results of a run folder, or of another bundle, to a file.
+/// Writes the results of a run folder, or of another bundle, to a file, with its times if wanted.
 ///
 /// # Errors
 /// If the run cannot be read or the file cannot be written; also if the file exists and is not a bundle, or is one with
 /// an [`Occasion`], which belongs to a history.
-pub fn write_bundle(run: &Path, out: &Path) -> Result<Results, EvaluateError> {
+pub fn write_bundle(run: &Path, out: &Path, with_times: bool) -> Result<Results, EvaluateError> {
     let is_other = |there: Result<Bundle, _>| there.map_or(true, |there| there.occasion.is_some());
     if out.exists() && is_other(read_file(out)) {
         let reason = "the file exists and is not written over, because it is not a bundle or belongs to a history; choose \
@@ -100,6 +109,14 @@ pub fn write_bundle(run: &Path, out: &Path) -> Result<Results, EvaluateError> {
     }
     let mut bundle = Bundle::read(run)?;
     bundle.occasion = None;
+    if !with_times {
+        bundle.timings.clear();
+    } else if run.is_dir() {
+        for method in &bundle.results.manifest.methods {
+            let times = timings(run, &method.label)?;
+            bundle.timings.insert(method.label.clone(), times);
+        }
+    }
     let bytes = bundle.bytes().map_err(FileError::new(out, "encode"))?;
     write_atomic(out, &bytes)?;
     Ok(bundle.results)
@@ -141,6 +158,7 @@ impl Bundle {
             pairs: PairList::new("pairs.csv", pairs),
             results,
             occasion: None,
+            timings: Timings::new(),
         })
     }
 
@@ -219,6 +237,10 @@ impl Bundle {
         ] {
             archive.start_file(name, options)?;
             archive.write_all(&bytes)?;
+        }
+        if !self.timings.is_empty() {
+            archive.start_file(TIMINGS, options)?;
+            archive.write_all(&serde_json::to_vec(&self.timings)?)?;
         }
         Ok(archive.finish()?.into_inner())
     }
@@ -301,6 +323,13 @@ impl<'a> Members<'a> {
         value.map_err(|error| unreadable(self.path, error.to_string()))
     }
 
+    fn timings(&mut self) -> Result<Timings, EvaluateError> {
+        match self.archive.index_for_name(TIMINGS) {
+            Some(_) => self.json(TIMINGS),
+            None => Ok(Timings::new()),
+        }
+    }
+
     fn head(&mut self) -> Result<Head, EvaluateError> {
         let head: Head = self.json("bundle.json")?;
         match head.format {
@@ -323,6 +352,11 @@ fn unreadable(path: &Path, reason: String) -> EvaluateError {
 /// Reads only `bundle.json`, which works even if the rest is damaged.
 pub(crate) fn read_head(path: &Path) -> Result<Head, EvaluateError> {
     Members::open(path)?.head()
+}
+
+/// Times in a bundle; none if it was written without.
+pub(super) fn read_timings(path: &Path) -> Result<Timings, EvaluateError> {
+    Members::open(path)?.timings()
 }
 
 fn read_file(path: &Path) -> Result<Bundle, EvaluateError> {
@@ -400,10 +434,12 @@ fn read_file(path: &Path) -> Result<Bundle, EvaluateError> {
         missing,
         pictures: Vec::new(),
         damaged: Vec::new(),
+        methods_listed: false,
     };
     Ok(Bundle {
         results,
         pairs: list,
         occasion: head.occasion,
+        timings: members.timings()?,
     })
 }

@@ -91,7 +91,8 @@ pub fn join_results(
     let mut joined: Option<(PathBuf, Results)> = None;
     for (folder, mut results) in read {
         if let Some(name) = &folder.name {
-            rename(&mut results, name);
+            let methods = results.manifest.methods.len();
+            results.relabel(|label| label_under(name, label, methods));
         }
         joined = Some(match joined {
             None => (folder.path.clone(), results),
@@ -123,25 +124,6 @@ pub(crate) fn label_under(name: &str, label: &str, methods: usize) -> String {
     match methods {
         1 => name.to_owned(),
         _ => format!("{name}/{label}"),
-    }
-}
-
-fn rename(results: &mut Results, name: &str) {
-    let methods = results.manifest.methods.len();
-    let renamed = |label: &str| label_under(name, label, methods);
-    for record in &mut results.records {
-        record.method = renamed(&record.method);
-    }
-    for method in &mut results.manifest.methods {
-        method.label = renamed(&method.label);
-    }
-    let missing = std::mem::take(&mut results.missing).into_iter();
-    results.missing = missing
-        .map(|(pair, method)| (pair, renamed(&method)))
-        .collect();
-    for pictures in &mut results.pictures {
-        let labels = std::mem::take(&mut pictures.labels).into_values();
-        pictures.labels = labels.map(|label| (renamed(&label), label)).collect();
     }
 }
 
@@ -191,6 +173,7 @@ fn joined_results(a: Results, b: Results) -> Result<Results, String> {
         records,
         missing,
         pictures,
+        methods_listed: false,
     })
 }
 

@@ -24,6 +24,7 @@
 //!   facts common to all results of a folder; `differences`: which facts may differ between combined results.
 //! * [`aggregation`]: means over pairs.
 //! * [`results`]: a folder as records and tables; [`bundle`]: results in one file; [`mod@join`]: combines folders;
+//!   [`mod@shown`]: selects and renames what is shown;
 //!   [`mod@rescore`]: rescores kept predictions; [`readings`]: scores them under other readings of a protocol.
 
 pub mod aggregation;
@@ -52,6 +53,7 @@ pub mod results;
 mod run;
 mod score;
 pub mod shard;
+pub mod shown;
 pub mod speed;
 pub mod status;
 #[cfg(test)]
@@ -73,4 +75,5 @@ pub use rescore::{rescore, score_shard};
 pub use results::Results;
 pub use run::Finished;
 pub use shard::Shard;
+pub use shown::Shown;
 pub use status::RunProgress;

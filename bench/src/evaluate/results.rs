@@ -3,6 +3,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
+use super::bundle::read_timings;
 use super::doubts::{doubts_of, joint_doubts, rule_notes};
 use super::error::EvaluateError;
 use super::folder::RunFolder;
@@ -29,6 +30,8 @@ pub struct Results {
     pub pictures: Vec<PictureFolder>,
     /// Damaged files; their units count as missing.
     pub damaged: Vec<PathBuf>,
+    /// Whether the user listed the methods to show; see [`Shown`](super::Shown).
+    pub methods_listed: bool,
 }
 
 /// A folder of kept pictures.
@@ -251,7 +254,28 @@ impl Results {
                 folder: units_folder(folder, &current.manifest).unlocked(),
             }],
             manifest: current.manifest.clone(),
+            methods_listed: false,
         })
+    }
+
+    /// Gives methods other labels.
+    pub(super) fn relabel(&mut self, renamed: impl Fn(&str) -> String) {
+        for record in &mut self.records {
+            record.method = renamed(&record.method);
+        }
+        for method in &mut self.manifest.methods {
+            method.label = renamed(&method.label);
+        }
+        let missing = std::mem::take(&mut self.missing).into_iter();
+        self.missing = missing
+            .map(|(pair, method)| (pair, renamed(&method)))
+            .collect();
+        for pictures in &mut self.pictures {
+            let labels = std::mem::take(&mut pictures.labels).into_iter();
+            pictures.labels = labels
+                .map(|(label, kept)| (renamed(&label), kept))
+                .collect();
+        }
     }
 
     /// Warnings that depend on all results of a method; see `joint_doubts`.
@@ -304,13 +328,14 @@ impl Results {
     }
 }
 
-/// Times of a method's successful predictions by pair; empty for a bundle, which has no times.
+/// Times of a method's successful predictions by pair; empty for a bundle without times.
 ///
 /// # Errors
-/// If the folder cannot be read.
+/// If the folder or bundle cannot be read.
 pub fn timings(root: &Path, method: &str) -> Result<BTreeMap<String, Timing>, EvaluateError> {
     if !root.is_dir() {
-        return Ok(BTreeMap::new());
+        let mut times = read_timings(root)?;
+        return Ok(times.remove(method).unwrap_or_default());
     }
     let units = Current::read(&RunFolder::open(root)?)?.units.into_iter();
     let units = units.filter(|unit| unit.slot.method == method && unit.record.status == Status::Ok);

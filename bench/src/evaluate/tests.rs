@@ -735,8 +735,8 @@ fn a_bundle_is_the_results_without_pictures() {
     let finished = run_with(&path("r"), request, RunOptions::default());
     assert!(finished.results.failures() > 0);
 
-    write_bundle(&path("r"), &path("a.zip")).unwrap();
-    write_bundle(&path("r"), &path("b.zip")).unwrap();
+    write_bundle(&path("r"), &path("a.zip"), false).unwrap();
+    write_bundle(&path("r"), &path("b.zip"), false).unwrap();
     let bytes = std::fs::read(path("a.zip")).unwrap();
     assert!(bytes == std::fs::read(path("b.zip")).unwrap());
     let packed = Results::read(&path("a.zip")).unwrap();
@@ -820,11 +820,13 @@ fn a_bundle_of_the_papers_size_is_below_a_megabyte() {
         missing: BTreeSet::new(),
         pictures: Vec::new(),
         damaged: Vec::new(),
+        methods_listed: false,
     };
     let bundle = Bundle {
         results,
         pairs: PairList::new("pairs.csv", pairs),
         occasion: None,
+        timings: std::collections::BTreeMap::new(),
     };
     let bytes = bundle.bytes().unwrap().len();
     assert!(bytes < 1_000_000, "{bytes}");

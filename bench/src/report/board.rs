@@ -73,6 +73,9 @@ pub struct ReportMethod {
     pub unranked: Option<String>,
     /// Whether every real method is expected to beat this one.
     pub is_baseline: bool,
+    /// Whether plots and sheets show it: `target` and `mean` stretch the axes, and are left out unless the user lists
+    /// them or there is nothing else.
+    pub is_plotted: bool,
     /// Kernel used to enlarge smaller predictions, if named.
     pub resize_kernel: Option<String>,
     /// Doubts about its predictions, shown after its label below the first table.
@@ -138,17 +141,23 @@ impl<'a> Board<'a> {
         });
         let datasets = datasets.collect();
         let methods = manifest.methods.iter();
+        let mut methods: Vec<_> = methods.map(|m| ReportMethod::of(m, records)).collect();
+        if results.methods_listed || methods.iter().all(|method| !method.is_plotted) {
+            for method in &mut methods {
+                method.is_plotted = true;
+            }
+        }
         Ok(Self {
             datasets,
-            methods: methods.map(|m| ReportMethod::of(m, records)).collect(),
+            methods,
             metrics: manifest.metrics.iter().map(|m| (&m.info).into()).collect(),
         })
     }
 
-    /// Indices of the ranked methods.
-    pub fn ranked(&self) -> impl Iterator<Item = usize> {
+    /// Indices of the methods in plots and sheets.
+    pub fn plotted(&self) -> impl Iterator<Item = usize> {
         let methods = self.methods.iter().enumerate();
-        methods.filter_map(|(i, method)| method.unranked.is_none().then_some(i))
+        methods.filter_map(|(i, method)| method.is_plotted.then_some(i))
     }
 
     /// Counts with their nouns, for the summary and the tiles of a page.
@@ -294,6 +303,7 @@ impl ReportMethod {
                 bundled.as_deref().unwrap_or(summary)
             ),
             is_baseline: matches!(identity.kind.as_str(), "copy" | "mean"),
+            is_plotted: !matches!(identity.kind.as_str(), "target" | "mean"),
             unranked: (identity.kind == "target")
                 .then(|| "it is the ground truth itself".to_owned()),
             resize_kernel: kernel.map(str::to_owned),

@@ -174,6 +174,11 @@ impl Column {
         }
     }
 
+    /// The least value that the metric can have, if it has one.
+    pub(super) fn least(&self) -> Option<f64> {
+        matches!(self.family(), "lpips" | "dists").then_some(0.0)
+    }
+
     /// The key without variant and region: `ssim`.
     pub(super) fn family(&self) -> &str {
         self.key.split(['[', '@']).next().unwrap_or_default()

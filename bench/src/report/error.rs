@@ -31,7 +31,7 @@ pub enum ReportError {
     #[error(transparent)]
     Run(Box<EvaluateError>),
     /// The figure needs exactly one method.
-    #[error("this figure shows one method: name it with --method")]
+    #[error("this figure shows one method: name it with --methods")]
     NotOneMethod,
     #[error(transparent)]
     Plot(#[from] PlotError),

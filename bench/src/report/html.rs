@@ -25,6 +25,7 @@ use super::options::{Layout, ReportOptions};
 use super::page_data;
 use super::pictures::ReportPictures;
 use super::tables::Table;
+use super::tables::build::REPORTED;
 use super::write::withheld;
 use sharp_plots::Figure;
 use sharp_plots::ink::{GRID, INK, MUTED, PAPER};

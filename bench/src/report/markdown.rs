@@ -3,11 +3,12 @@
 use std::fmt::Write as _;
 
 use super::html::Page;
+use super::tables::Table;
 use super::tables::markdown::escape;
 
-/// The page as GitHub-flavoured Markdown, without its pairs. `plots` are titles and paths of PNGs relative to the
+/// The page as GitHub-flavoured Markdown, without its pairs. `tables` replace those of the page; `plots` are titles and paths of PNGs relative to the
 /// report, with `/` as separator.
-pub fn report(page: &Page<'_>, plots: &[(String, String)]) -> String {
+pub fn report(page: &Page<'_>, tables: &[Table], plots: &[(String, String)]) -> String {
     let mut out = format!("# {}\n\n{}\n\n", escape(page.title), escape(&page.lead));
     if let Some(comparison) = &page.options.comparison {
         let _ = write!(out, "{}\n\n", escape(&comparison.lead));
@@ -15,7 +16,7 @@ pub fn report(page: &Page<'_>, plots: &[(String, String)]) -> String {
             let _ = write!(out, "## {}\n\n{}\n", escape(&grid.title), grid.markdown());
         }
     }
-    for table in page.ours {
+    for table in tables {
         let _ = write!(out, "## {}\n\n{}\n", escape(&table.title), table.markdown());
     }
     let failures = page.board.failures();

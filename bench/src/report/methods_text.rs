@@ -315,6 +315,7 @@ mod tests {
             missing: BTreeSet::new(),
             pictures: Vec::new(),
             damaged: Vec::new(),
+            methods_listed: false,
         }
     }
 

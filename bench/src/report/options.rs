@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 
+use super::statistics::Uncertainty;
 use super::tables::grid::TextGrid;
 
 /// Which of the paper's numbers to show next to ours.
@@ -26,6 +27,8 @@ pub struct ReportOptions {
     /// Whether to leave out pictures of datasets whose terms forbid publishing them, and paths on this machine.
     pub public: bool,
     pub published: PublishedNumbers,
+    /// What follows a mean as ±; by default nothing, and on the page [`Uncertainty::Ci95`].
+    pub uncertainty: Option<Uncertainty>,
     /// Contents for a report that compares two runs.
     pub comparison: Option<ReportComparison>,
 }

@@ -9,13 +9,14 @@ use crate::io::text::visible;
 use crate::pairs::valid_depth::median_of;
 use crate::report::board::{Board, DatasetBoard};
 use crate::report::column::Column;
+use crate::report::statistics::{CellStatistics, Uncertainty, of_metric};
 use sharp_plots::PlotError;
 
 use sharp_plots::Figure;
 use sharp_plots::bins::{Binning, Cuts, bins};
 use sharp_plots::canvas::Surface;
 use sharp_plots::curves::{Banded, curve, shade, vertical};
-use sharp_plots::ink::Ink;
+use sharp_plots::ink::{INK, Ink};
 use sharp_plots::palette::{Style, style};
 use sharp_plots::panels::{Panel, PanelFrame, PlotArea, PlotAxis, figure};
 use sharp_plots::style::FigureStyle;
@@ -128,13 +129,17 @@ pub fn against_metric(board: &Board<'_>, metric: &Column) -> Result<Option<Figur
     let datasets = board.datasets.iter().map(|dataset| {
         let baselines = Baselines::new(dataset, &METRIC_BINS);
         let curves = methods.clone().map(|method| {
+            if !board.methods[method].is_plotted {
+                return Vec::new();
+            }
             let records = dataset.records_of(method);
             let scored = records.filter(|r| r.status == Status::Ok);
             let samples: Vec<(f64, f64)> = scored
                 .filter_map(|r| Some((r.baseline_m, r.scores.get(&metric.key)?.value()?)))
                 .collect();
             let found = bins(&samples, &baselines.cuts).into_iter();
-            found.map(Banded::deviation).collect()
+            let banded = found.map(|bin| Banded::deviation(bin).from(metric.least()));
+            banded.collect()
         });
         (curves.collect::<Vec<_>>(), baselines)
     });
@@ -186,5 +191,85 @@ pub fn against_metric(board: &Board<'_>, metric: &Column) -> Result<Option<Figur
         metric.direction_words()
     );
     let title = format!("{} against {LABEL}", metric.label);
+    figure(&title, &caption, &legend, &panels, None).map(Some)
+}
+
+/// Plots the scenes' means of a metric, one column of points per method, with the mean over all scenes and its 95 %
+/// interval as a cross. `None` if no method has scores of two scenes of a dataset.
+///
+/// # Errors
+/// If the drawing library fails.
+pub fn by_scene(board: &Board<'_>, metric: &Column) -> Result<Option<Figure>, PlotError> {
+    let methods: Vec<usize> = board.plotted().collect();
+    let columns = board.datasets.iter().map(|dataset| {
+        let column = |method: &usize| (of_metric(dataset, *method, &metric.key), *method);
+        let columns = methods.iter().map(column);
+        let columns = columns.filter(|(cell, _)| cell.spread.is_some());
+        columns.collect::<Vec<(CellStatistics, usize)>>()
+    });
+    let columns: Vec<Vec<(CellStatistics, usize)>> = columns.collect();
+    if columns.iter().all(Vec::is_empty) {
+        return Ok(None);
+    }
+    let values = columns.iter().flatten().flat_map(|(cell, _)| &cell.scenes);
+    let y = PlotAxis::around(&metric.axis_label(), values.copied(), 0.06);
+    let panels = columns
+        .iter()
+        .zip(&board.datasets)
+        .map(|(columns, dataset)| {
+            let scenes = columns.iter().map(|(cell, _)| cell.scenes.len()).max();
+            let x = PlotAxis {
+                ticks: Vec::new(),
+                ..PlotAxis::over("methods", -0.5, methods.len() as f64 - 0.5, 1)
+            };
+            let (methods, y) = (&methods, &y);
+            let draw = move |surface: &mut Surface, area: &PlotArea| {
+                for (cell, method) in columns {
+                    let place = methods.iter().position(|other| other == method);
+                    let place = place.unwrap_or_default() as f64;
+                    let style = style(*method);
+                    for (i, value) in cell.scenes.iter().enumerate() {
+                        // Spread sideways by the golden ratio, so that neighbours do not hide each other.
+                        let aside = (0.618 * i as f64).fract() - 0.5;
+                        let at = (area.x.place(place + 0.5 * aside), area.y.place(*value));
+                        surface.disc(at, 2.2, style.ink);
+                    }
+                    let (Some(mean), Some(spread)) = (cell.mean, cell.spread) else {
+                        continue;
+                    };
+                    let reach = spread.of(Uncertainty::Ci95);
+                    // Not beyond the axis, on which an interval over few scenes may leave the metric's range.
+                    let ends = [mean - reach, mean + reach].map(|end| end.clamp(y.low, y.high));
+                    let line = |from: (f64, f64), to: (f64, f64)| {
+                        [from, to].map(|(x, value)| (area.x.place(x), area.y.place(value)))
+                    };
+                    surface.line(&line((place - 0.35, mean), (place + 0.35, mean)), 2.0, INK);
+                    surface.line(&line((place, ends[0]), (place, ends[1])), 1.5, INK);
+                }
+            };
+            Panel {
+                frame: PanelFrame::new(
+                    dataset.dataset.title(),
+                    counted(scenes.unwrap_or_default(), "scene"),
+                    x,
+                    y.clone(),
+                ),
+                content: match columns.is_empty() {
+                    true => Err("fewer than two scenes"),
+                    false => Ok(Box::new(draw)),
+                },
+            }
+        });
+    let panels: Vec<Panel<'_>> = panels.collect();
+    let shown = |method: &&usize| columns.iter().flatten().any(|(_, drawn)| drawn == *method);
+    let shown = methods.iter().filter(shown);
+    let legend = shown.map(|&m| (board.methods[m].label.as_str(), style(m)));
+    let legend: Vec<(&str, Style)> = legend.collect();
+    let caption = format!(
+        "{}: {}. A point is the mean of a scene; the cross is the mean over the dataset with its 95 % interval.",
+        metric.label,
+        metric.direction_words()
+    );
+    let title = format!("{} by scene", metric.label);
     figure(&title, &caption, &legend, &panels, None).map(Some)
 }

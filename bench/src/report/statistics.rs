@@ -1,7 +1,11 @@
 //! Mean, spread and coverage of one metric over the pairs of one dataset, from the raw records.
 
-use sharp_statistics::sample_std;
+use std::collections::BTreeMap;
 
+use sharp_statistics::distributions::t_critical;
+use sharp_statistics::{ALPHA, Clusters, Jackknife, mean, sample_std};
+
+use crate::evaluate::Aggregation;
 use crate::evaluate::record::{Record, Score, Status};
 
 use super::board::DatasetBoard;
@@ -18,6 +22,10 @@ pub struct CellStatistics {
     pub mean: Option<f64>,
     /// Sample standard deviation over pairs (divisor n − 1); `None` for fewer than two scores or an infinite one.
     pub std: Option<f64>,
+    /// Mean of each physical scene, in the order of their names.
+    pub scenes: Vec<f64>,
+    /// Spread over scenes; `None` for a single scene or an infinite score.
+    pub spread: Option<Spread>,
     /// Number of infinite scores.
     pub infinite: usize,
     /// Mean over the finite scores; `None` if there are none.
@@ -28,6 +36,102 @@ pub struct CellStatistics {
     pub absences: Vec<(String, usize)>,
     /// For each pair with a score, its index in the dataset.
     pub scored: Vec<usize>,
+}
+
+/// What follows a mean as ±. The sample consists of scenes, as in a comparison.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+pub enum Uncertainty {
+    /// Standard deviation of the scenes' means
+    Sd,
+    /// Standard error of the mean
+    Se,
+    /// Half the width of the mean's 95 % confidence interval
+    Ci95,
+}
+
+impl Uncertainty {
+    /// Heading of a CSV column.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Sd => "sd_scenes",
+            Self::Se => "se",
+            Self::Ci95 => "ci95",
+        }
+    }
+
+    /// The sentence below a table.
+    pub fn sentence(self) -> &'static str {
+        match self {
+            Self::Sd => {
+                "±: standard deviation (n − 1) of the scenes' means; absent for a single scene."
+            }
+            Self::Se => {
+                "±: standard error of the mean, with scenes as the sample (cluster jackknife CV3); absent for a single \
+                 scene."
+            }
+            Self::Ci95 => {
+                "±: half the width of the mean's 95 % confidence interval, with scenes as the sample (Student's t over \
+                 the cluster jackknife CV3); absent for a single scene."
+            }
+        }
+    }
+}
+
+/// Spread of a mean over physical scenes.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Spread {
+    /// Number of physical scenes.
+    pub scenes: usize,
+    sd: f64,
+    se: f64,
+    ci95: f64,
+}
+
+impl Spread {
+    pub fn of(&self, uncertainty: Uncertainty) -> f64 {
+        match uncertainty {
+            Uncertainty::Sd => self.sd,
+            Uncertainty::Se => self.se,
+            Uncertainty::Ci95 => self.ci95,
+        }
+    }
+
+    /// From the values that a mean weights equally, with their scenes, and the scenes' means. `None` for fewer than two
+    /// scenes or a value that is not finite.
+    fn new(units: &[(&str, f64)], scenes: &[f64]) -> Option<Self> {
+        let sd = sample_std(scenes)?;
+        let clusters = Clusters::new(units.iter().map(|(scene, value)| (*scene, [0.0, *value])));
+        let jackknife = Jackknife::new(&clusters);
+        let se = jackknife.variance.sqrt();
+        let reach = match se > 0.0 {
+            true => t_critical(ALPHA, jackknife.degrees_of_freedom),
+            false => 0.0,
+        };
+        Some(Self {
+            scenes: scenes.len(),
+            sd,
+            se,
+            ci95: se * reach,
+        })
+    }
+}
+
+/// The values that a mean weights equally, pairs or means over groups of them, each with its physical scene.
+fn units<'a>(values: &[(&'a Record, f64)], aggregation: Aggregation) -> Vec<(&'a str, f64)> {
+    let mut units: BTreeMap<[&str; 2], (&str, Vec<f64>)> = BTreeMap::new();
+    for (record, value) in values {
+        let group = match aggregation {
+            Aggregation::Pairs => [record.pair_id.as_str(), ""],
+            Aggregation::Scenes => [record.scene.as_str(), ""],
+            Aggregation::Sources => [record.scene.as_str(), record.source.as_str()],
+        };
+        let unit = units.entry(group);
+        unit.or_insert((&record.cluster, Vec::new())).1.push(*value);
+    }
+    let units = units.into_values();
+    units
+        .filter_map(|(scene, values)| Some((scene, mean(&values)?)))
+        .collect()
 }
 
 /// Statistics of the metric `key` for method number `method`.
@@ -94,6 +198,13 @@ fn gather(
     cell.mean = aggregation.of(values.iter().copied());
     let numbers: Vec<f64> = values.iter().map(|(_, v)| *v).collect();
     cell.std = sample_std(&numbers);
+    let units = units(&values, aggregation);
+    let mut scenes: BTreeMap<&str, Vec<f64>> = BTreeMap::new();
+    for (scene, value) in &units {
+        scenes.entry(scene).or_default().push(*value);
+    }
+    cell.scenes = scenes.values().filter_map(|values| mean(values)).collect();
+    cell.spread = Spread::new(&units, &cell.scenes);
     cell.finite_mean = aggregation.of(values.into_iter().filter(|(_, v)| v.is_finite()));
     cell
 }

@@ -46,5 +46,6 @@ pub(crate) fn results(keys: &[MetricKey], records: Vec<Record>) -> Results {
         missing: BTreeSet::new(),
         pictures: Vec::new(),
         damaged: Vec::new(),
+        methods_listed: false,
     }
 }

@@ -26,6 +26,7 @@ use super::options::{Layout, ReportOptions};
 use super::paper;
 use super::pictures::ReportPictures;
 use super::plots;
+use super::statistics::Uncertainty;
 use super::tables::{Table, build, remarks};
 use sharp_plots::Figure;
 
@@ -99,6 +100,9 @@ pub fn report(
     }
 
     let mut files: Vec<(String, Vec<u8>)> = Vec::new();
+    let on_page = options.uncertainty.unwrap_or(Uncertainty::Ci95);
+    let on_page: Vec<Table> = with_uncertainty(&ours, Some(on_page));
+    let ours = with_uncertainty(&ours, options.uncertainty);
     for table in ours.iter().chain(&published) {
         let stem = format!("tables/{}", table.name);
         files.extend([
@@ -140,13 +144,13 @@ pub fn report(
         facts: &facts,
         counts,
         board: &board,
-        ours: &ours,
+        ours: &on_page,
         published: &published,
         figures: &figures,
         gallery: &gallery,
         pictures: &pictures,
     };
-    let text = markdown::report(&page, &plots);
+    let text = markdown::report(&page, &ours, &plots);
     files.push((MARKDOWN.into(), text.into_bytes()));
     files.push((PAGE.into(), page.render()?.into_bytes()));
     for (name, bytes) in &mut files {
@@ -233,8 +237,19 @@ fn summary(results: &Results) -> String {
 ///
 /// # Errors
 /// If the results contradict each other.
-pub fn mean_tables(results: &Results) -> Result<Vec<Table>, ReportError> {
-    Ok(score_tables(&Board::of(results)?, &results.records).1)
+pub fn mean_tables(
+    results: &Results,
+    uncertainty: Option<Uncertainty>,
+) -> Result<Vec<Table>, ReportError> {
+    let (_, tables) = score_tables(&Board::of(results)?, &results.records);
+    Ok(with_uncertainty(&tables, uncertainty))
+}
+
+fn with_uncertainty(tables: &[Table], uncertainty: Option<Uncertainty>) -> Vec<Table> {
+    let tables = tables.iter();
+    tables
+        .map(|table| table.with_uncertainty(uncertainty))
+        .collect()
 }
 
 /// The metrics to show and their tables; the first table has a remark on why other metrics are not shown.
@@ -324,12 +339,17 @@ fn pairs_here(board: &Board<'_>) -> Option<String> {
     (!of_paper.is_empty()).then(|| format!("Measured here: {}.", of_paper.join(", ")))
 }
 
-/// Plots of each metric against the baseline, then the histogram, by file stem.
+/// Plots of each metric against the baseline, of each metric by scene, and the histogram, by file stem.
 fn figures(metrics: &[Column], board: &Board<'_>) -> Result<Vec<(String, Figure)>, ReportError> {
     let mut figures = Vec::new();
     for metric in metrics {
         if let Some(figure) = plots::against_metric(board, metric)? {
             figures.push((format!("motion-{}", metric.slug()), figure));
+        }
+    }
+    for metric in metrics {
+        if let Some(figure) = plots::by_scene(board, metric)? {
+            figures.push((format!("scenes-{}", metric.slug()), figure));
         }
     }
     if let Some(figure) = plots::histogram(board, None)? {

@@ -377,3 +377,47 @@ done
         assert_eq!(program["psnr"], copy["psnr"], "{}", copy["pair_id"]);
     }
 }
+
+/// The scripts of a cluster, each run as its scheduler would.
+#[cfg(unix)]
+#[test]
+fn shards_start_a_program_only_with_leave() {
+    let dir = tempfile::tempdir().unwrap();
+    let dir = dir.path();
+    std::fs::write(dir.join("my.sh"), PROGRAM).unwrap();
+    // Beyond the pairs that fail.
+    std::fs::write(dir.join("count"), "7").unwrap();
+    let planned = [
+        "--method",
+        "command:label=mine,run='sh my.sh'",
+        "--plan-only",
+    ];
+    run(dir, "r", &planned).ends_with(0);
+    let scale = [
+        "scale", "slurm", "--plan", "r", "--shards", "2", "--out", "jobs",
+    ];
+    let script = |name: &str, task: &str| {
+        let status = std::process::Command::new("bash")
+            .arg(dir.join("jobs").join(name))
+            .current_dir(dir)
+            .envs([("SHARD_OFFSET", "0"), ("SLURM_ARRAY_TASK_ID", task)])
+            .output();
+        status.unwrap().status.success()
+    };
+    let said = sharp_bench(dir, &scale).ends_with(0);
+    assert!(
+        said.err.contains("again with --allow-programs"),
+        "{}",
+        said.err
+    );
+    assert!(!script("pictures.sbatch", "1") && !dir.join("r/units").exists());
+    let allowed = [&scale[..], &["--allow-programs"]].concat();
+    let said = sharp_bench(dir, &allowed).ends_with(0);
+    assert!(said.err.is_empty(), "{}", said.err);
+    for name in ["pictures.sbatch", "score.sbatch"] {
+        assert!(script(name, "1") && script(name, "2"), "{name}");
+    }
+    assert!(script("merge.sbatch", "0"));
+    let found = scores(dir, "r");
+    assert!(found["mine"].iter().all(|row| row["status"] == "ok"));
+}

@@ -13,7 +13,7 @@ use crate::cli::output;
 use crate::io::checkpoint::named_network;
 
 /// Options for the network.
-#[derive(Debug, Args)]
+#[derive(Debug, Clone, Args)]
 pub(crate) struct ModelArgs {
     /// Weights: .pt or .safetensors, or mini for the bundled small network [default: the release checkpoint in its own
     /// or our cache folder]

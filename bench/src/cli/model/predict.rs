@@ -16,6 +16,7 @@ use sharp::unprojection::{release_intrinsics, unproject};
 use super::args::{ModelArgs, PhotoArgs, focal_text};
 use crate::cli::{Outcome, output};
 use crate::io::atomic_files::{FileError, write_atomic};
+use crate::io::checkpoint::find_checkpoint;
 use crate::io::machine::peak_bytes;
 use crate::io::rendering_files;
 
@@ -77,7 +78,15 @@ pub(crate) fn execute(args: &PredictArgs) -> anyhow::Result<Outcome> {
     } else {
         named_after(&args.images, &args.out)?
     };
-    let predictor = args.model.load()?;
+    let mut model = args.model.clone();
+    if model.checkpoint.is_none() && model.config.is_none() && find_checkpoint().is_err() {
+        output::remark(
+            "note: the release's checkpoint was not found, so the bundled small network predicts; --checkpoint FILE \
+             chooses another, and `weights list` says where the release's is looked for",
+        );
+        model.checkpoint = Some("mini".into());
+    }
+    let predictor = model.load()?;
     let mut results = Vec::new();
     let mut failed = 0;
     for (image, ply) in args.images.iter().zip(&outputs) {

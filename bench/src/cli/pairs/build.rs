@@ -82,11 +82,10 @@ pub(super) fn execute(args: &BuildArgs) -> anyhow::Result<Outcome> {
         output::line(counted_pairs(dataset, counts))?;
     }
     for (dataset, choices) in &built.provenance {
-        output::line(format!("{dataset}: options {}", choices.options))?;
         for proxy in choices.options.proxies() {
-            output::line(format!("        {proxy} ({PROXY})"))?;
+            output::line(format!("{dataset}: {proxy} ({PROXY})"))?;
         }
-        output::line(format!("        depth {}", choices.overlap_depth))?;
+        output::line(format!("{dataset}: depth {}", choices.overlap_depth))?;
     }
     output::line(format!("sha256  {}", list.sha256))?;
     output::line(format!("list    {}", out.display()))?;

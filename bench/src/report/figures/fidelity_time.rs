@@ -83,8 +83,7 @@ pub fn figure(
         .datasets
         .iter()
         .map(|dataset| {
-            let methods = 0..board.methods.len();
-            let points = methods.filter_map(|m| {
+            let points = board.plotted().filter_map(|m| {
                 let label = board.methods[m].label.as_str();
                 let in_run = || {
                     let taken = seconds.get(label)?;
@@ -128,7 +127,8 @@ pub fn figure(
             Ok(Box::new(move |surface: &mut Surface, area: &PlotArea| {
                 for (m, secs, mean) in points {
                     let at = (area.x.place(secs.log10()), area.height(*mean));
-                    point(surface, at, style.of_method(*m), false);
+                    let label = &board.methods[*m].label;
+                    point(surface, at, style.of_method(label, *m), false);
                 }
             }))
         },
@@ -139,7 +139,7 @@ pub fn figure(
     let shown: Vec<_> = shown.collect();
     let legend: Vec<(&str, Style)> = shown
         .iter()
-        .map(|(m, method)| (method.label.as_str(), style.of_method(*m)))
+        .map(|(m, method)| (method.label.as_str(), style.of_method(&method.label, *m)))
         .collect();
     let measured: Vec<&str> = by_speed.iter().copied().collect();
     let caption = caption(&measured, shown.len());

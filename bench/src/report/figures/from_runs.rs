@@ -23,13 +23,6 @@ use sharp_plots::style::FigureStyle;
 /// What a sheet shows for its pairs.
 #[derive(Debug, Clone, Default, clap::Args)]
 pub struct SheetOptions {
-    /// Methods to show, in this order [default: all ranked ones]
-    #[arg(long = "method", value_name = "METHOD")]
-    pub methods: Vec<String>,
-    /// Metrics whose scores are shown below predictions, comma-separated; the first one selects the worst pairs
-    /// [default: all]
-    #[arg(long, value_name = "LIST", value_delimiter = ',')]
-    pub metrics: Vec<MetricKey>,
     /// A part to frame and enlarge, pixels of the target; repeatable
     #[arg(long = "crop", value_name = "X,Y,W,H", value_parser = region)]
     pub crops: Vec<Region>,
@@ -66,7 +59,7 @@ impl SheetKind {
     /// [problems](Sheet::problems).
     ///
     /// # Errors
-    /// If a given name is not in the results, or the results contradict each other.
+    /// If a given pair or source is not in the results, or the results contradict each other.
     pub fn sheet(
         &self,
         shown: &SheetOptions,
@@ -75,18 +68,17 @@ impl SheetKind {
     ) -> Result<Sheet, ReportError> {
         let pictures = ReportPictures::new(results, scenes);
         let board = Board::of(results)?;
-        let metrics = Column::chosen(&board.metrics, &shown.metrics)?;
         let pairs = match self {
             Self::ExtendedMotion(path) => along_path(&board, path)?,
             Self::Qualitative(pairs) | Self::Ablation(pairs) | Self::Failure(pairs, _) => {
-                chosen(&board, &metrics, pairs)?
+                chosen(&board, &board.metrics, pairs)?
             }
         };
         let content = SheetContent {
             pairs,
-            methods: methods(&board, &shown.methods)?,
+            methods: board.plotted().collect(),
             board: &board,
-            metrics: &metrics,
+            metrics: &board.metrics,
             pictures: &pictures,
             crops: shown.crops.clone(),
         };
@@ -97,19 +89,6 @@ impl SheetKind {
             Self::Failure(_, depth) => failure::sheet(&content, depth.as_deref())?,
         })
     }
-}
-
-/// Indices of the named methods, or of all ranked ones if no names are given.
-fn methods(board: &Board<'_>, names: &[String]) -> Result<Vec<usize>, ReportError> {
-    let labels = || board.methods.iter().map(|method| method.label.as_str());
-    if names.is_empty() {
-        return Ok(board.ranked().collect());
-    }
-    let of_name = |name: &String| {
-        let found = labels().position(|label| label == name);
-        found.ok_or_else(|| ReportError::absent("method", name, labels()))
-    };
-    names.iter().map(of_name).collect()
 }
 
 /// Histogram of pairs by camera baseline; `None` if there are no pairs.

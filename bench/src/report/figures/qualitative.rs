@@ -22,7 +22,7 @@ pub struct SheetContent<'a> {
     pub crops: Vec<Region>,
 }
 
-/// The pair of median difficulty of each dataset with the ranked methods, as PNG for a report. `None` if there are no
+/// The pair of median difficulty of each dataset with the plotted methods, as PNG for a report. `None` if there are no
 /// pictures.
 ///
 /// # Errors
@@ -35,7 +35,7 @@ pub fn figure(
     let comparison = SheetContent {
         board,
         pairs: chosen(board, metrics, &PairsChoice::default())?,
-        methods: board.ranked().collect(),
+        methods: board.plotted().collect(),
         metrics,
         pictures,
         crops: Vec::new(),

@@ -77,6 +77,7 @@ fn results() -> Results {
         missing: std::collections::BTreeSet::new(),
         pictures: Vec::new(),
         damaged: Vec::new(),
+        methods_listed: false,
     }
 }
 

@@ -52,7 +52,12 @@ fn figure(
     let y = vertical(all(sweep, k), &limits, &metric.axis_label());
     let infinity = all(sweep, k).any(|banded| banded.bin.mean.is_infinite());
     let lines = sweep.lines_with(k);
-    let legend = lines.map(|line| (line.label.as_str(), style.of_method(line.style)));
+    let legend = lines.map(|line| {
+        (
+            line.label.as_str(),
+            style.of_method(&line.label, line.style),
+        )
+    });
     let legend: Vec<(&str, Style)> = legend.collect();
     let panels = sweep.panels.iter();
     let shown = panels.filter(|panel| !panel.counts(k).is_empty());
@@ -72,7 +77,10 @@ fn figure(
             content: Ok(Box::new(move |surface: &mut Surface, area: &PlotArea| {
                 let lines = panel.lines.iter().map(|line| {
                     let banded = line.bins[k].iter().map(|bin| bin.banded.clone());
-                    (banded.collect::<Vec<_>>(), style.of_method(line.style))
+                    (
+                        banded.collect::<Vec<_>>(),
+                        style.of_method(&line.label, line.style),
+                    )
                 });
                 let lines: Vec<(Vec<Banded>, Style)> = lines.collect();
                 for (bins, style) in &lines {
@@ -98,7 +106,7 @@ fn figure(
                     });
                     if let (true, Some(line)) = (here && crossing.found.x.is_finite(), line) {
                         let at = (area.x.place(crossing.found.x), area.y.from - MARK);
-                        let ink = style.of_method(line.style).ink;
+                        let ink = style.of_method(&line.label, line.style).ink;
                         Marker::Down.draw(surface, at, MARK, ink);
                     }
                 }

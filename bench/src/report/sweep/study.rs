@@ -131,8 +131,9 @@ impl Sweep {
         }
         let shown: Vec<usize> = (0..board.methods.len())
             .filter(|m| {
-                let is = privileged.contains(board.methods[*m].label.as_str());
-                spec.privileged.is_none_or(|wanted| wanted == is)
+                let method = &board.methods[*m];
+                let is = privileged.contains(method.label.as_str());
+                method.is_plotted && spec.privileged.is_none_or(|wanted| wanted == is)
             })
             .collect();
         let all = || 0..board.datasets.len();
@@ -255,7 +256,10 @@ impl Sweep {
                 },
                 Band::None => Banded { bin, band: None },
             };
-            SweepBin { banded, interval }
+            SweepBin {
+                banded: banded.from(metric.least()),
+                interval,
+            }
         });
         found.collect()
     }

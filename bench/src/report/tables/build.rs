@@ -8,6 +8,9 @@ use super::footnotes::{cell_notes, feature_mark, prediction_marks, proxy_mark};
 use super::rank::{RankedValue, ranks};
 use super::{Cell, Group, Row, Table, remarks};
 
+/// Name of the table of values that methods report.
+pub const REPORTED: &str = "reported";
+
 /// Maximum number of value columns in a table, as in the paper's tables.
 const MAX_COLUMNS: usize = 12;
 
@@ -55,7 +58,7 @@ pub fn of_extras(board: &Board<'_>, extras: &[Column]) -> Option<Table> {
         return None;
     }
     let title = "What the methods report about their predictions";
-    let mut all = table(board, &present, "reported", title, of_extra);
+    let mut all = table(board, &present, REPORTED, title, of_extra);
     let mut position = 0..;
     all.rows.retain(|_| {
         let method = position.next().unwrap_or_default();
@@ -119,6 +122,7 @@ pub(in crate::report) fn table(
                     rank,
                     coverage: Some((cell.n, cell.total)),
                     std: cell.std,
+                    spread: cell.spread,
                     infinite: cell.infinite,
                     failed: cell.failures.iter().map(|(_, count)| count).sum(),
                     notes: texts.map(|text| Table::note(&mut notes, text)).collect(),

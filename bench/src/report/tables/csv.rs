@@ -56,7 +56,7 @@ impl Table {
                 let letters: Vec<String> = notes.clone().map(|note| letter(*note)).collect();
                 let texts = notes.filter_map(|note| self.notes.get(*note));
                 let texts: Vec<&str> = texts.map(String::as_str).collect();
-                [
+                let mut line = vec![
                     text(&row.label),
                     text(&group.name),
                     column.key.clone(),
@@ -70,9 +70,20 @@ impl Table {
                     column.decimals.to_string(),
                     letters.join(" "),
                     text(&texts.join(" ")),
-                ]
+                ];
+                if let Some(uncertainty) = self.uncertainty {
+                    line.push(count(cell.spread.map(|spread| spread.scenes)));
+                    line.push(optional(cell.spread.map(|spread| spread.of(uncertainty))));
+                }
+                line
             })
         });
-        csv_bytes(HEAD.split(','), rows)
+        let uncertainty = self
+            .uncertainty
+            .map(|uncertainty| ["scenes", uncertainty.name()]);
+        csv_bytes(
+            HEAD.split(',').chain(uncertainty.into_iter().flatten()),
+            rows,
+        )
     }
 }

@@ -56,7 +56,7 @@ impl Table {
             body.push_str(&escape(&self.label(row)));
             body.push_str(&marks(row.note.as_slice()));
             for (column, cell) in self.cells(row) {
-                let _ = write!(body, " & {}", number(cell, column));
+                let _ = write!(body, " & {}", number(&self.number(column, cell), cell));
             }
             body.push_str(" \\\\\n");
         }
@@ -154,7 +154,7 @@ pub fn grid(grid: &TextGrid) -> String {
     noted(environment.around(&body, &remarks.collect::<String>()))
 }
 
-fn number(cell: &Cell, column: &Column) -> String {
+fn number(number: &str, cell: &Cell) -> String {
     let colour = match cell.rank {
         Some(1) => "\\cellcolor{tab_first} ",
         Some(2) => "\\cellcolor{tab_second} ",
@@ -164,7 +164,7 @@ fn number(cell: &Cell, column: &Column) -> String {
     let pairs = cell.partial().map_or_else(String::new, |(n, total)| {
         format!("\\,{{\\scriptsize({n}/{total})}}")
     });
-    let number = escape(&cell.text(column));
+    let number = escape(number).replace(" $\\pm$ ", "\\,$\\pm$\\,");
     format!("{colour}{number}{pairs}{}", marks(&cell.notes))
 }
 

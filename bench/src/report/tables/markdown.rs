@@ -32,7 +32,7 @@ impl Table {
                 marks(row.note.as_slice())
             );
             for (column, cell) in self.cells(row) {
-                let _ = write!(out, " {} |", number(cell, column));
+                let _ = write!(out, " {} |", number(self.number(column, cell), cell));
             }
             out.push('\n');
         }
@@ -71,8 +71,7 @@ impl Table {
     }
 }
 
-fn number(cell: &Cell, column: &Column) -> String {
-    let text = cell.text(column);
+fn number(text: String, cell: &Cell) -> String {
     let text = match cell.rank {
         Some(1) => format!("**{text}**"),
         Some(2) => text + " ②",

@@ -21,6 +21,7 @@ pub mod text;
 pub use sharp_plots::scale::shown;
 
 use super::column::Column;
+use super::statistics::{Spread, Uncertainty};
 use crate::io::text::visible_line;
 
 /// A table that can be written in any format.
@@ -43,6 +44,8 @@ pub struct Table {
     pub notes: Vec<String>,
     /// Conditions for comparing the measured rows with the published ones.
     pub checklist: Vec<Condition>,
+    /// What follows a mean as ±.
+    pub uncertainty: Option<Uncertainty>,
 }
 
 /// A condition under which numbers would be comparable digit by digit.
@@ -110,6 +113,8 @@ pub struct Cell {
     pub coverage: Option<(usize, usize)>,
     /// Sample standard deviation over the pairs.
     pub std: Option<f64>,
+    /// Spread over scenes.
+    pub spread: Option<Spread>,
     /// Number of infinite scores.
     pub infinite: usize,
     /// Number of failed pairs.
@@ -196,12 +201,38 @@ impl Table {
             remarks: Vec::new(),
             notes: Vec::new(),
             checklist: Vec::new(),
+            uncertainty: None,
         }
     }
 
     /// The cells of a row with their columns.
     fn cells<'a>(&'a self, row: &'a Row) -> impl Iterator<Item = (&'a Column, &'a Cell)> {
         self.columns.iter().cycle().zip(&row.cells)
+    }
+
+    /// The table with the uncertainty of its means, if any cell has one.
+    pub(super) fn with_uncertainty(&self, uncertainty: Option<Uncertainty>) -> Self {
+        let mut table = self.clone();
+        let mut cells = self.rows.iter().flat_map(|row| &row.cells);
+        if let Some(uncertainty) = uncertainty
+            && cells.any(|cell| cell.spread.is_some())
+        {
+            table.uncertainty = Some(uncertainty);
+            table.remarks.insert(0, uncertainty.sentence().to_owned());
+        }
+        table
+    }
+
+    /// The number as displayed with its uncertainty, or `n/a`.
+    fn number(&self, column: &Column, cell: &Cell) -> String {
+        let number = cell.text(column);
+        match self.uncertainty.zip(cell.spread) {
+            Some((uncertainty, spread)) => {
+                let spread = shown(spread.of(uncertainty), column.decimals);
+                format!("{number} ± {spread}")
+            }
+            None => number,
+        }
     }
 
     /// Whether the table has both measured and published rows.

@@ -15,7 +15,8 @@ impl Table {
         }
         for row in &self.rows {
             let mut line = vec![self.label(row) + &marks(row.note.as_slice())];
-            line.extend(self.cells(row).map(|(column, cell)| number(cell, column)));
+            let cells = self.cells(row);
+            line.extend(cells.map(|(column, cell)| number(self.number(column, cell), cell)));
             grid.push(line);
         }
         let width = |column: usize| grid.iter().map(|line| length(&line[column])).max();
@@ -73,10 +74,10 @@ impl Table {
     }
 }
 
-fn number(cell: &Cell, column: &Column) -> String {
+fn number(number: String, cell: &Cell) -> String {
     let pairs = cell.partial().map(|(n, total)| format!(" ({n}/{total})"));
     let best = if cell.rank == Some(1) { '*' } else { ' ' };
-    let (number, pairs) = (cell.text(column), pairs.unwrap_or_default());
+    let pairs = pairs.unwrap_or_default();
     format!("{number}{pairs}{}{best}", marks(&cell.notes))
 }
 

@@ -85,13 +85,13 @@ fn an_empty_run_still_gives_a_report() {
     assert!(html.contains("No pair to show."));
     let mut results = psnr(small_run());
     results.records.clear();
-    let text = mean_tables(&results).unwrap().remove(0).text();
+    let text = mean_tables(&results, None).unwrap().remove(0).text();
     assert!(
         text.contains("n/a") && text.contains("d has no pairs."),
         "{text}"
     );
     results.manifest.metrics.clear();
-    assert!(mean_tables(&results).unwrap().is_empty());
+    assert!(mean_tables(&results, None).unwrap().is_empty());
 }
 
 #[test]

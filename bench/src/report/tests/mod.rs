@@ -18,6 +18,7 @@ use crate::evaluate::results::PictureFolder;
 use crate::evaluate::{Results, RunFolder, test_records};
 use crate::io::hash::file_sha256;
 
+use super::statistics::Uncertainty;
 use super::tables::{Table, build};
 use super::test_results::results;
 use super::*;

@@ -91,7 +91,7 @@ fn wide_runs_are_split_as_in_the_paper() {
         MetricKey::SSIM,
     ];
     let results = results(&keys, records.into());
-    let tables = mean_tables(&results).unwrap();
+    let tables = mean_tables(&results, None).unwrap();
     let names = tables.iter().map(|t| (t.name.as_str(), t.columns.len()));
     let names: Vec<_> = names.collect();
     assert_eq!(names, [("scores-perceptual", 2), ("scores-pixelwise", 2)]);
@@ -187,7 +187,7 @@ fn cropped_resized_and_chosen_predictions_are_marked() {
         let resize = "bicubic [a = -0.75]".to_owned();
         method.identity.settings.insert("resize".into(), resize);
     }
-    let table = mean_tables(&results).unwrap().remove(0);
+    let table = mean_tables(&results, None).unwrap().remove(0);
     let notes = |label: &str| -> String {
         let row = table.rows.iter().find(|row| row.label == label);
         let notes = row.unwrap().cells[0].notes.iter();
@@ -211,7 +211,7 @@ fn cropped_resized_and_chosen_predictions_are_marked() {
     assert!(table.rows.iter().all(|row| row.cells[0].rank == Some(1)));
     // A common region is no method's crop.
     results.manifest.common_region = true;
-    let table = mean_tables(&results).unwrap().remove(0);
+    let table = mean_tables(&results, None).unwrap().remove(0);
     let said = "d: 2 of 2 pairs scored on a part of the target only, on average 62.5 % of its pixels, the common region \
                 of all methods.";
     assert!(
@@ -330,7 +330,7 @@ fn numbers_from_features_that_are_not_the_published_ones_are_marked() {
     let scorer = sharp_metrics::Scorer::new(&selection, &weights).unwrap();
     let mut results = results(&[MetricKey::DISTS], records.into());
     results.manifest.metrics[0].info = scorer.info().remove(0);
-    let marked = mean_tables(&results).unwrap().remove(0).notes;
+    let marked = mean_tables(&results, None).unwrap().remove(0).notes;
     assert!(
         marked[0].starts_with("DISTS (`dists`): computed on `vgg16="),
         "{marked:?}"
@@ -365,9 +365,57 @@ fn means_over_scenes_or_sources_are_said_to_be_so() {
         ),
     ] {
         results.manifest.aggregation = aggregation;
-        let table = mean_tables(&results).unwrap().remove(0);
+        let table = mean_tables(&results, None).unwrap().remove(0);
         assert_eq!(table.rows[0].cells[0].value, Some(mean));
         assert_eq!(table.notes.is_empty(), said.is_empty());
         assert!(table.notes.concat().contains(said), "{:?}", table.notes);
     }
+}
+
+#[test]
+fn uncertainty_is_that_over_scenes_in_every_form() {
+    let scores = [
+        ("p1", 1.0),
+        ("p2", 3.0),
+        ("p3", 5.0),
+        ("p4", 7.0),
+        ("p5", 9.0),
+        ("p6", 11.0),
+    ];
+    let records = scores.iter().enumerate().map(|(i, (pair, score))| Record {
+        cluster: (i / 2).to_string(),
+        ..record("d", pair, "a", 0.1, &[("psnr", *score)])
+    });
+    let results = psnr(records.collect());
+    let of = |uncertainty| mean_tables(&results, Some(uncertainty)).unwrap().remove(0);
+    let spread = |uncertainty| {
+        of(uncertainty).rows[0].cells[0]
+            .spread
+            .unwrap()
+            .of(uncertainty)
+    };
+    // Scenes of two pairs each with means 2, 6 and 10: sd 4, se 4/√3, and t with two degrees of freedom.
+    assert_eq!(spread(Uncertainty::Sd), 4.0);
+    assert!((spread(Uncertainty::Se) - 4.0 / 3.0_f64.sqrt()).abs() < 1e-12);
+    assert!((spread(Uncertainty::Ci95) - 9.936_55).abs() < 1e-4);
+    let table = of(Uncertainty::Ci95);
+    assert!(table.text().contains("6.00 ± 9.94"), "{}", table.text());
+    assert!(table.markdown().contains("6.00 ± 9.94"));
+    assert!(
+        table.latex().contains("6.00\\,$\\pm$\\,9.94"),
+        "{}",
+        table.latex()
+    );
+    assert!(table.html("t").unwrap().contains("6.00 ± 9.94"));
+    let csv = String::from_utf8(table.csv()).unwrap();
+    let mut lines = csv.lines();
+    assert!(lines.next().unwrap().ends_with(",scenes,ci95"));
+    assert!(lines.next().unwrap().contains(",3,9.936"), "{csv}");
+    assert!(table.remarks[0].contains("95 % confidence interval"));
+    let plain = mean_tables(&results, None).unwrap().remove(0);
+    assert!(!plain.text().contains('±') && !plain.latex().contains("pm"));
+    // Of a single scene nothing can be said.
+    let one = psnr(small_run());
+    let one = mean_tables(&one, Some(Uncertainty::Se)).unwrap().remove(0);
+    assert!(!one.text().contains('±'), "{}", one.text());
 }

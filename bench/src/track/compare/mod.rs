@@ -199,6 +199,13 @@ impl RunComparison {
         changes
     }
 
+    /// Whether any compared pair has kept pictures of both sides.
+    pub fn has_pictures(&self) -> bool {
+        let is_kept = |record: &Record| self.results.kept_picture(record).is_some();
+        let mut sides = self.against.iter().map(|against| self.sides(against));
+        sides.any(|sides| sides.both().any(|(a, b)| is_kept(a) && is_kept(b)))
+    }
+
     fn sides(&self, against: &Against) -> Sides<'_> {
         let [a, b] = &against.joined;
         Sides {
@@ -232,12 +239,21 @@ pub fn compare(
     methods: &[(String, String)],
     practical: &Practical,
 ) -> Result<RunComparison, CompareError> {
+    let [of_a, of_b] = both_sides(a, b)?;
+    compare_results([(a, of_a), (b, of_b)], methods, practical)
+}
+
+/// Reads two runs, or one run as both sides.
+///
+/// # Errors
+/// If one cannot be read.
+pub fn both_sides(a: &Path, b: &Path) -> Result<[Results; 2], EvaluateError> {
     let of_a = Results::read(a)?;
     let of_b = match a == b {
         true => of_a.clone(),
         false => Results::read(b)?,
     };
-    compare_results([(a, of_a), (b, of_b)], methods, practical)
+    Ok([of_a, of_b])
 }
 
 /// Compares results in memory by the rules of [`compare`]; the paths are only used in errors.

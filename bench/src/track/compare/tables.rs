@@ -1,6 +1,6 @@
 //! A comparison as tables: overall differences, and differences by part.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use sharp_metrics::identity::MetricRegion;
 use sharp_metrics::{MetricInfo, MetricKey};
@@ -30,8 +30,59 @@ const HEADS: [&str; 11] = [
 pub const EXTREMES: usize = 3;
 
 impl RunComparison {
-    /// Overall differences, one table per metric and pair of methods.
+    /// Overall differences: one table of verdicts per pair of methods, metrics as rows and datasets as columns, then one
+    /// table per metric and pair of methods. A note that holds for several metrics is shown once.
     pub fn change_grids(&self) -> Vec<TextGrid> {
+        let mut grids: Vec<TextGrid> = self
+            .against
+            .iter()
+            .filter_map(|against| self.matrix(against))
+            .collect();
+        grids.extend(self.metric_grids());
+        let mut shown = BTreeSet::new();
+        for grid in &mut grids {
+            grid.remarks.retain(|remark| shown.insert(remark.clone()));
+        }
+        grids
+    }
+
+    /// Verdicts and differences by metric and dataset; `None` for fewer than two of them.
+    fn matrix(&self, against: &Against) -> Option<TextGrid> {
+        let of = |row: &&ScoreChange| row.method_a == against.a && row.method_b == against.b;
+        let rows: Vec<&ScoreChange> = self.rows.iter().filter(of).collect();
+        let name = |row: &ScoreChange| format!("{}{}", row.metric, region(row.region));
+        let (mut metrics, mut datasets) = (Vec::new(), Vec::new());
+        for row in &rows {
+            if !metrics.contains(&name(row)) {
+                metrics.push(name(row));
+            }
+            if !datasets.contains(&row.dataset) {
+                datasets.push(row.dataset.clone());
+            }
+        }
+        let cell = |metric: &String, dataset: &String| {
+            let mut rows = rows.iter();
+            let row = rows.find(|row| name(row) == *metric && row.dataset == *dataset);
+            GridCell::words(row.map_or_else(String::new, |row| {
+                let difference = shown(row.difference, row.decimals + 1);
+                let sign = if row.difference > 0.0 { "+" } else { "" };
+                format!("{} ({sign}{difference})", verdict_word(row.verdict))
+            }))
+        };
+        let lines = metrics.iter().map(|metric| {
+            let cells = datasets.iter().map(|dataset| cell(metric, dataset));
+            std::iter::once(GridCell::words(metric))
+                .chain(cells)
+                .collect()
+        });
+        let mut heads = vec!["metric"];
+        heads.extend(datasets.iter().map(String::as_str));
+        let title = format!("{} (B) against {} (A): B is (B - A)", against.b, against.a);
+        (rows.len() > 1).then(|| TextGrid::new(title, &heads, lines))
+    }
+
+    /// One table per metric and pair of methods.
+    fn metric_grids(&self) -> Vec<TextGrid> {
         let groups = self.rows.chunk_by(|one, other| {
             let key = |row: &ScoreChange| {
                 let methods = (row.method_a.clone(), row.method_b.clone());
@@ -67,8 +118,66 @@ impl RunComparison {
         let rows: Vec<_> = rows.map(row).collect();
         let key = MetricKey::whole(metric.key.metric()).to_string();
         let title = title(&key, metric.key.region(), [&against.a, &against.b]);
-        let title = format!("{title}: most lost and most won");
+        let what = match [changes.first(), changes.last()].map(|end| end.map(|c| c.loss < 0.0)) {
+            [Some(true), _] => "most won",
+            [_, Some(true)] => "most lost and most won",
+            _ => "most lost",
+        };
+        let title = format!("{title}: {what}");
         (!rows.is_empty()).then(|| TextGrid::new(title, &["pair", "A", "B", "B - A"], rows))
+    }
+
+    /// The pairs on which the order of two compared methods is another in B than in A, one table per metric and two
+    /// methods; ties do not count.
+    pub fn flip_grids(&self) -> Vec<TextGrid> {
+        let mut grids = Vec::new();
+        for metric in &self.results.manifest.metrics {
+            let of = |against: &Against| {
+                let changes = self.changes(against, &metric.info).into_iter();
+                let changes = changes.map(|change| (change.a.pair_id.as_str(), change.scores));
+                changes.collect::<BTreeMap<&str, [f64; 2]>>()
+            };
+            for (at, first) in self.against.iter().enumerate() {
+                let of_first = of(first);
+                for second in &self.against[at + 1..] {
+                    let of_second = of(second);
+                    let both = of_first.iter();
+                    let both =
+                        both.filter_map(|(pair, one)| Some((pair, one, of_second.get(pair)?)));
+                    let flipped = both
+                        .filter(|(_, one, other)| (one[0] - other[0]) * (one[1] - other[1]) < 0.0);
+                    let number = |value: f64| GridCell::rounded(value, metric.info.decimals + 1);
+                    let rows = flipped.map(|(pair, one, other)| {
+                        vec![
+                            GridCell::words(*pair),
+                            number(one[0]),
+                            number(other[0]),
+                            number(one[1]),
+                            number(other[1]),
+                        ]
+                    });
+                    let rows: Vec<_> = rows.collect();
+                    let (of, key) = (of_first.len(), metric.info.key);
+                    let title = format!(
+                        "{key}: {} of {} changed the order of {} and {}",
+                        rows.len(),
+                        counted(of, "pair"),
+                        first.b,
+                        second.b
+                    );
+                    let heads = [
+                        "pair".to_owned(),
+                        format!("{} in A", first.a),
+                        format!("{} in A", second.a),
+                        format!("{} in B", first.b),
+                        format!("{} in B", second.b),
+                    ];
+                    let heads = heads.each_ref().map(String::as_str);
+                    grids.push(TextGrid::new(title, &heads, rows));
+                }
+            }
+        }
+        grids
     }
 
     /// Differences by part, one table per metric, pair of methods and [`Division`].

@@ -164,6 +164,18 @@ pub enum Limit {
     Cost { cost: Resource, percent: f64 },
 }
 
+impl Limit {
+    /// Fires at any significant loss.
+    pub(super) fn any_loss(key: MetricKey) -> Self {
+        Self::Score {
+            metric: MetricName::Key(key),
+            bound: 0.0,
+            either_way: false,
+            scope: Scope::Everywhere,
+        }
+    }
+}
+
 impl FromStr for Limit {
     type Err = String;
 
@@ -253,6 +265,8 @@ impl fmt::Display for Limit {
                 scope,
             } => {
                 match (either_way, metric.direction()) {
+                    (false, Direction::Higher) if *bound == 0.0 => write!(f, "{metric} < 0")?,
+                    (false, Direction::Lower) if *bound == 0.0 => write!(f, "{metric} > 0")?,
                     (true, _) => write!(f, "|{metric}| > {bound}")?,
                     (false, Direction::Higher) => write!(f, "{metric} < -{bound}")?,
                     (false, Direction::Lower) => write!(f, "{metric} > +{bound}")?,

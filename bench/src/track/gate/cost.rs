@@ -52,7 +52,11 @@ fn device_difference(
         let known: BTreeSet<Option<&str>> = known.collect();
         match Vec::from_iter(known)[..] {
             [Some(machine)] => machines.push(machine.to_owned()),
-            [] => return Some(format!("{side} has no times; bundles never do")),
+            [] => {
+                return Some(format!(
+                    "{side} has no times; a bundle has them if it was written with --times"
+                ));
+            }
             [Some(one), other, ..] => {
                 let other = other.unwrap_or_default();
                 return Some(format!("{side} was predicted by {one}, and by {other}"));

@@ -30,7 +30,7 @@ pub enum GateError {
     /// The times of a run cannot be read.
     #[error(transparent)]
     Evaluate(#[from] EvaluateError),
-    /// There are no limits, or one names something that the runs do not have.
+    /// A limit names something that the runs do not have.
     #[error("{0}")]
     Limits(String),
 }
@@ -210,18 +210,23 @@ fn shell_word(text: &str) -> String {
 ///
 /// # Errors
 /// If the runs cannot be compared, or a limit names a metric or a dataset that they do not have.
+///
+/// Without limits, any significant loss in a metric of both runs fires.
 pub fn gate(
     a: &Path,
     b: &Path,
     methods: &[(String, String)],
     config: &GateConfig,
 ) -> Result<GateReport, GateError> {
-    if config.fail_if.is_empty() {
-        let reason = "a gate needs limits: --fail-if 'psnr < -0.1', or fail_if in gate.toml";
-        return Err(GateError::Limits(reason.to_owned()));
-    }
     let comparison = compare(a, b, methods, &Practical::default())?;
-    judge(&comparison, config, [a, b])
+    let mut config = config.clone();
+    if config.fail_if.is_empty() {
+        let [of_a, of_b] = &comparison.manifests;
+        let keys = of_a.metrics.iter().map(|metric| metric.info.key);
+        let common = keys.filter(|key| of_b.metrics.iter().any(|m| m.info.key == *key));
+        config.fail_if = common.map(Limit::any_loss).collect();
+    }
+    judge(&comparison, &config, [a, b])
 }
 
 #[cfg(test)]

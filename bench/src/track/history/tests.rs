@@ -91,9 +91,11 @@ impl Run {
                 missing: BTreeSet::new(),
                 pictures: Vec::new(),
                 damaged: Vec::new(),
+                methods_listed: false,
             },
             pairs: PairList::new("pairs.csv", pairs),
             occasion: None,
+            timings: std::collections::BTreeMap::new(),
         }
     }
 

@@ -117,7 +117,7 @@ impl Series {
             };
             let how = match mark.rule {
                 Rule::Step => "",
-                Rule::Drift => ", little by little",
+                Rule::Drift => ", over several entries",
             };
             let (word, against) = (verdict_word(mark.verdict), mark.against);
             events.push(format!(

@@ -363,6 +363,7 @@ impl MethodMetric<'_> {
             missing: missing.cloned().collect(),
             pictures: Vec::new(),
             damaged: Vec::new(),
+            methods_listed: true,
         }
     }
 
