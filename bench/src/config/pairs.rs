@@ -35,7 +35,7 @@ pub struct OverlapConfig {
 }
 
 impl OverlapConfig {
-    /// The recipe made of `options` and the files that they need.
+    /// The recipe with these `options` and the files that they need.
     pub fn recipe(&self, options: &PairOptions) -> Result<PairRecipe, ConfigError> {
         let recipe = PairRecipe {
             options: options.clone(),
@@ -84,10 +84,10 @@ pub struct PairConfig {
 }
 
 impl PairConfig {
-    /// Where the pairs are from: a list, or a recipe that builds one.
+    /// The origin of the pairs: a list, or a recipe that builds one.
     ///
     /// # Errors
-    /// If both a list and options that build one are given, or the recipe is missing a file.
+    /// If both a list and options that build one are given, or the recipe lacks a file.
     pub fn origin(&self) -> Result<PairOrigin, ConfigError> {
         let overlap = &self.overlap;
         let builds = [

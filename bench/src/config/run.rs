@@ -157,7 +157,7 @@ impl RunConfig {
         }
     }
 
-    /// The options by name, except those left at their defaults.
+    /// The options by name; those left at their defaults are omitted.
     ///
     /// # Errors
     /// If a path is not Unicode.
@@ -175,7 +175,7 @@ impl RunConfig {
         Ok(keys)
     }
 
-    /// This configuration, with the options set in `over` replaced.
+    /// This configuration, with each option that is set in `over` replaced.
     ///
     /// # Errors
     /// If the combination is not a valid configuration.

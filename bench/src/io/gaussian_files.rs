@@ -25,9 +25,9 @@ pub struct GaussianFile {
     /// Gaussians in the coordinate system of the program that wrote the file.
     pub gaussians: Gaussians,
     pub camera: Option<(Intrinsics, DAffine3)>,
-    /// Rendering rule.
+    /// How the Gaussians are to be rendered.
     pub rule: Rule,
-    /// Why this rule was chosen, if nobody stated it.
+    /// Why this rule was chosen, if it was stated neither by the file nor by the user.
     pub rule_note: Option<String>,
     /// How the stored numbers were interpreted.
     pub reading: StoredForm,
@@ -79,11 +79,13 @@ pub enum GaussianFileError {
     },
 }
 
-/// Reads `.safetensors` (`means` [N, 3], `quats_wxyz` [N, 4], `scales` `[N, 3]`, `opacities` `[N]`, and `colors_linear`
-/// `[N, 3]` or `sh` `[N, (degree + 1)², 3]`), with the extension in any case, or any other file, whose format is
-/// detected from its content ([`sharp::gaussian_files`]). `reading` sets how numbers are stored and, if the file does
-/// not say, how colours are encoded; its blending is replaced by that of the rule. Without a `rule`, uses the one that
-/// the file states, or SHARP's if the encoding of colours is known and nothing suggests another rule.
+/// Reads `.safetensors` (extension in any case), with arrays `means` `[N, 3]`, `quats_wxyz` `[N,
+/// 4]`, `scales` `[N, 3]`, `opacities` `[N]`, and `colors_linear` `[N, 3]` or `sh` `[N, (degree +
+/// 1)², 3]`. The format of any other file is detected from its content ([`sharp::gaussian_files`]).
+///
+/// `reading` sets how numbers are stored and, if the file does not say, how colours are encoded;
+/// the rule replaces its blending. Without a `rule`, uses the one that the file states, or SHARP's
+/// if the encoding of colours is known and nothing suggests another rule.
 pub fn read(
     path: &Path,
     reading: impl Into<StoredForm>,
@@ -186,7 +188,7 @@ fn read_as_marked(
                 let note = format!("drawn by the rule {rule} ({why}); rendering= sets another");
                 Ok((scene, rule, Some(note)))
             }
-            // Report the error of the requested reading.
+            // Report the error of the reading that was requested.
             Err(error) => Err(linear.err().unwrap_or(error)),
         },
     }
@@ -252,7 +254,8 @@ fn read_arrays_as(
     })
 }
 
-/// Reads a scene in any format other than arrays. View-dependent colours are an error if they cannot be blended.
+/// Reads a scene in any format other than arrays. Fails if view-dependent colours cannot be
+/// blended.
 fn read_scene(path: &Path, reading: StoredForm) -> Result<GaussianScene, GaussianFileError> {
     let scene = sharp::gaussian_files::load(path, reading)?;
     let is_lost = scene.is_view_dependent && reading.blending == ColorSpace::Linear;
@@ -280,7 +283,7 @@ pub fn is_sog_folder(path: &Path) -> bool {
     path.join("meta.json").is_file()
 }
 
-/// An f32 array of a safetensors file, little-endian on every machine.
+/// An f32 array of a safetensors file; little-endian, whatever the machine.
 pub(crate) struct Array {
     pub(crate) name: &'static str,
     pub(crate) shape: Vec<usize>,
@@ -465,7 +468,7 @@ mod tests {
         }
     }
 
-    /// Encoded values are ½ + 0.28209479 · f_dc; for linear light they are decoded.
+    /// Encoded values are ½ + 0.28209479 · f_dc; decode them for linear light.
     #[test]
     fn an_encoding_alone_keeps_linear_light_and_says_so() {
         let text = ply(&[], &NORMALS);

@@ -21,7 +21,7 @@ pub enum MaskError {
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct ReadMask {
     pub mask: Mask,
-    /// Number of pixels between black and white; those of 128 and more count.
+    /// Number of pixels between black and white. Of these, levels of 128 and more count as white.
     pub between: usize,
 }
 

@@ -115,9 +115,9 @@ pub const KINDS: [MethodKind; 8] = [
 /// A method with its spec; `None` for a method passed in as code.
 pub type BuiltMethod = (Option<MethodSpec>, Box<dyn Method>);
 
-/// Builds the methods; labels must be unique. For each method with aligned targets, adds the same method without
-/// alignment unless it is already listed, because an aligned score means little alone. `chooser` picks the scale for
-/// methods that predict several.
+/// Builds the methods; labels must be unique. An aligned score means little alone, so each method
+/// that aligns targets is accompanied by the same method without alignment, added if it is not
+/// listed. `chooser` picks the scale for methods that predict several.
 pub fn build(
     specs: &[MethodSpec],
     chooser: Option<&Arc<ScaleChooser>>,

@@ -33,7 +33,7 @@ impl Method for Target {
     }
 }
 
-/// Returns the source photograph unmoved: a method that moves the camera at all must beat it.
+/// Returns the source photograph unchanged. A method that moves the camera at all must beat it.
 pub(super) fn copy(spec: &MethodSpec) -> Box<dyn Method> {
     let identity = MethodIdentity::new("copy", []);
     Box::new(Closure::built_in(
@@ -54,9 +54,9 @@ fn copied(source: &SourceView, target: &TargetCamera) -> Result<PicturePredictio
     Ok(source.image().clone().into())
 }
 
-/// One colour everywhere, the mean of the source's 8-bit sRGB values rounded to nearest.
+/// A single colour: the mean of the source's 8-bit sRGB values, rounded to nearest.
 ///
-/// The paper's sensitivity table uses the mean of the *target*; a method must not see that one.
+/// The paper's sensitivity table uses the mean of the *target*, which a method must not see.
 pub(super) fn mean(spec: &MethodSpec) -> Box<dyn Method> {
     let identity = MethodIdentity::new("mean", [("of", "source".to_owned())]);
     Box::new(Closure::built_in(

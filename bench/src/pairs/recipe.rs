@@ -38,7 +38,8 @@ pub struct PairRecipe {
 pub struct BuiltList {
     pub build: PairBuild,
     pub provenance: BTreeMap<String, PairProvenance>,
-    /// A sentence for each dataset without a selected pair, or with depth that is too sparse for the choices.
+    /// One sentence for each dataset that has no selected pair, or whose depth is too sparse for
+    /// the choices.
     pub advice: Vec<String>,
     /// Notes on the pairs of a dataset, for its record.
     pub notes: BTreeMap<String, String>,
@@ -91,7 +92,7 @@ impl PairRecipe {
         Ok(self)
     }
 
-    /// The recipe of a dataset: this one, with the dataset's own pair options applied.
+    /// The recipe of a dataset: this one, changed by the dataset's own pair options.
     pub fn of(&self, dataset: &OpenDataset) -> Result<Self, PairError> {
         let own = &dataset.config.pairs;
         let named = |error: PairError| PairError::DatasetSpec {

@@ -1,4 +1,4 @@
-//! Opens everything that a configuration names.
+//! Opens everything that a configuration refers to.
 
 use std::path::Path;
 
@@ -12,11 +12,12 @@ use crate::pairs::{OpenDataset, PairOrigin};
 use crate::scoring::ScoringRules;
 
 impl Request {
-    /// Applies the protocol, opens the datasets and builds the methods of a configuration. With `plan`, a planned run
-    /// folder, the pairs are those of the plan.
+    /// Applies the protocol, opens the datasets and builds the methods of a configuration. If
+    /// `plan` is given, a planned run folder, the pairs are those of the plan.
     ///
     /// # Errors
-    /// If the configuration contradicts its protocol or itself, or names something that does not exist.
+    /// If the configuration contradicts its protocol or itself, or refers to something that does
+    /// not exist.
     pub fn of(config: &RunConfig, plan: Option<&Path>) -> Result<Self, ConfigError> {
         let usage = |reason: &str| Err(ConfigError::Usage(reason.to_owned()));
         let backend = config.backend()?;

@@ -28,7 +28,8 @@ pub struct NoCheckpoint {
     pub searched: Vec<PathBuf>,
 }
 
-/// The release's checkpoint, searched for in torch's hub folder (where the release keeps it) and in our cache.
+/// The release's checkpoint, searched for in torch's hub folder (where the release stores it) and
+/// in our cache.
 pub fn find_checkpoint() -> Result<PathBuf, NoCheckpoint> {
     let ours = cache_folder().map(|folder| folder.join(RELEASE_FILE));
     let torchs = torch_hub().map(|folder| folder.join(RELEASE_FILE));

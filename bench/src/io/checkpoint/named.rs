@@ -10,7 +10,7 @@ use super::{NoCheckpoint, find_checkpoint};
 use crate::io::atomic_files::FileError;
 use crate::io::hash::file_sha256;
 
-/// Why a name does not lead to a network.
+/// Why no network was found for a name.
 #[derive(Debug, thiserror::Error)]
 pub enum NetworkError {
     #[error(transparent)]
@@ -52,9 +52,9 @@ pub enum NetworkError {
     OtherWeights { path: PathBuf, sha256: String },
 }
 
-/// The network of a checkpoint, on the CPU. `mini` is the bundled network with its sizes. Any other name is a file,
-/// with the sizes of `config` (`FILE.json#NAME`), of a `.json` next to the file, or of the release. Without a name,
-/// searches for the official checkpoint.
+/// The network of a checkpoint, on the CPU. `mini` is the bundled network. Any other name is a
+/// file; its sizes are those of `config` (`FILE.json#NAME`), of a `.json` next to the file, or of
+/// the release. Without a name, searches for the official checkpoint.
 ///
 /// # Errors
 /// [`NetworkError`].
@@ -79,11 +79,11 @@ pub fn named_network(
     })
 }
 
-/// The network of a file. Its sizes are those of `config`, of `STEM.json` next to the file, of the release, or of the
-/// only configuration in a neighbouring `.json` that fits.
+/// The network of a file. Its sizes are those of `config`, of `STEM.json` next to the file, of the
+/// release, or of the only fitting configuration in the `.json` files next to it.
 fn network_of(file: &Path, config: Option<&str>) -> Result<NetworkSpec, NetworkError> {
     let source = CheckpointSource::open(file)?;
-    // Other tensors are allowed here; whether they may be unused is decided later.
+    // Allow further tensors here; whether they may stay unused is decided later.
     let fits = |config: &ModelConfig| source.check(config, &[String::new()]);
     let mut notes = Vec::new();
     notes.extend(source.left_out().map(|prefix| {
@@ -124,7 +124,8 @@ fn network_of(file: &Path, config: Option<&str>) -> Result<NetworkSpec, NetworkE
     })
 }
 
-/// Configurations in `STEM.json`, or if it has none, in all `.json` files next to a checkpoint, by `FILE#NAME`.
+/// Configurations by `FILE#NAME`, from `STEM.json` next to the checkpoint, or if that has none,
+/// from all `.json` files next to it.
 fn beside(checkpoint: &Path) -> Vec<(String, ModelConfig)> {
     let own = checkpoint.with_extension("json");
     let of_file = |path: &Path| {

@@ -24,7 +24,7 @@ pub struct CheckpointRecord {
 
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Standing {
-    /// There was no record to compare with; it has now been written to this file.
+    /// There was no record to compare with; one has now been written to this file.
     Unverified(PathBuf),
     Matches(String),
 }

@@ -82,7 +82,7 @@ pub(in crate::pairs) enum FrameName {
     Name(String),
 }
 
-/// Counts for a list.
+/// Numbers of entries and targets in a list.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 pub struct ForeignCounts {
     /// Number of scenes or lines.
@@ -127,11 +127,13 @@ impl ForeignList {
         forms::counts(&self.entries)
     }
 
-    /// Finds the list's pairs in the scenes of datasets. A scene matches by its id, or by the end of its id after a
-    /// `/`; repeated pairs are added once. All pairs are selected; overlaps and depths are not measured.
+    /// Finds the list's pairs in the scenes of datasets. A scene matches by its id, or by the end
+    /// of its id after a `/`; repeated pairs are added once. All pairs are selected; overlaps and
+    /// depths are not measured.
     ///
     /// # Errors
-    /// [`PairError::List`] if a named view does not exist in its scene, several scenes match, or no pair is left.
+    /// [`PairError::List`] if a scene lacks a listed view, several scenes match, or no pair is
+    /// left.
     pub fn import(
         &self,
         context: Context,

@@ -149,7 +149,7 @@ macro_rules! enums {
 }
 
 numbers! { usize u32 u64 f64 }
-// Number of sets or pairs, the side of a map in pixels, metres.
+// Limits for the number of sets or pairs, the side of a map in pixels, and distances in metres.
 limits! { usize, "all"; u32, "full"; f64, "none"; }
 enums! { Remainder PairOrder MissingDepth Denominator OverlapDirection SamplingRule }
 
