@@ -25,7 +25,8 @@ pub enum CameraError {
         Intrinsics::MAX_PIXELS
     )]
     TooLarge { width: u32, height: u32 },
-    /// The 3×3 part deviates from a rotation by more than [`RigidTransform::ORTHONORMALITY_TOLERANCE`].
+    /// The 3×3 part differs from a rotation by more than
+    /// [`RigidTransform::ORTHONORMALITY_TOLERANCE`].
     #[error(
         "pose is not rigid: |R Rᵀ - I| is {deviation:.3e} and det R is {determinant:.6} \
          (a scaled, mirrored or transposed matrix?)"

@@ -79,9 +79,10 @@ pub enum GaussianFileError {
     },
 }
 
-/// Reads `.safetensors` (extension in any case), with arrays `means` `[N, 3]`, `quats_wxyz` `[N,
-/// 4]`, `scales` `[N, 3]`, `opacities` `[N]`, and `colors_linear` `[N, 3]` or `sh` `[N, (degree +
-/// 1)², 3]`. The format of any other file is detected from its content ([`sharp::gaussian_files`]).
+/// Reads `.safetensors` (extension in any case), with arrays `means` `[N, 3]`, `quats_wxyz`
+/// `[N, 4]`, `scales` `[N, 3]`, `opacities` `[N]`, and `colors_linear` `[N, 3]` or `sh`
+/// `[N, (degree + 1)², 3]`. The format of any other file is detected from its content
+/// ([`sharp::gaussian_files`]).
 ///
 /// `reading` sets how numbers are stored and, if the file does not say, how colours are encoded;
 /// the rule replaces its blending. Without a `rule`, uses the one that the file states, or SHARP's

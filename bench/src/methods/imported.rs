@@ -22,14 +22,14 @@ use crate::scoring::Region;
 /// Subfolders follow the pair id: `DIR/dataset/scene/source__target.png`; `file=` overrides this
 /// with a template of `{dataset} {scene} {source} {target} {pair}`. `alpha=`, `color=`,
 /// `orientation=` and `exr=` set how to read pictures that are not opaque, upright sRGB
-/// ([`PictureReading`](crate::io::pictures::PictureReading)). As all predictions, the pictures are
-/// rounded to 8 bit.
+/// ([`PictureReading`](crate::io::pictures::PictureReading)). Like all predictions, the pictures
+/// are rounded to 8 bit.
 ///
 /// A picture must have the target's size, unless `resize=KERNEL` sets how a smaller one with the
 /// same aspect ratio is enlarged, or `crop=` sets which part of the target it covers: `x:y:w:h` in
 /// pixels of the target, `center:W:H` for the largest centred part with that aspect ratio, `center`
-/// for the largest with the picture's own, `sidecar` for `DIR/<pair_id>.json` with `{"crop": [x, y,
-/// width, height]}`.
+/// for the largest with the picture's own, `sidecar` for `DIR/<pair_id>.json` with
+/// `{"crop": [x, y, width, height]}`.
 #[derive(Debug, Clone)]
 pub struct Imported {
     label: String,

@@ -79,8 +79,8 @@ pub struct OtherReading {
 /// Counts pairs under the base options (first result), under each applicable alternative that
 /// differs from them, and under other readings of the datasets. Datasets of stereo pairs are
 /// counted only under choices that apply to such pairs. Overlaps are measured once per way of
-/// measuring and stored in the context's cache, or in memory if it has none. Calls `advance(done,
-/// all)` after each count.
+/// measuring and stored in the context's cache, or in memory if it has none. Calls
+/// `advance(done, all)` after each count.
 pub fn alternatives(
     scenes: &[Scene],
     base: &PairOptions,

@@ -117,7 +117,7 @@ pub fn foreign_format(bytes: &[u8], name: &str) -> Option<String> {
     Some(format!("{format}, which is not read; {CONVERT}"))
 }
 
-/// Reason that a compressed stream cannot be read, worded independently of the decompressor.
+/// Why a compressed stream cannot be read, in words that do not depend on the decompressor.
 fn unfolding(error: &std::io::Error) -> String {
     let why = match error.kind() {
         std::io::ErrorKind::UnexpectedEof => "it ends early: truncated?",

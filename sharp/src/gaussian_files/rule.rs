@@ -1,4 +1,4 @@
-//! Detection of the rendering rule that a file was made for, from its marks.
+//! Finds the rendering rule that a file was made for, from its marks.
 
 use crate::ply::{FileMarks, Generator, SplatRenderMode};
 use crate::render::Rule;

@@ -1,4 +1,5 @@
-//! PlayCanvas' SOG: lossless WebP pictures whose pixels are attributes, and a `meta.json` that describes them.
+//! PlayCanvas' SOG: lossless WebP pictures whose pixels hold the attributes, and a `meta.json` that
+//! describes them.
 
 use std::collections::BTreeMap;
 use std::io::{Cursor, Read};
@@ -219,7 +220,8 @@ impl Sog {
         let decoder = WebPDecoder::new(Cursor::new(bytes)).map_err(broken)?;
         let (width, height) = decoder.dimensions();
         let area = (width as usize).saturating_mul(height as usize);
-        // A file of a single colour takes hardly any bytes, so the bound is based on the size of all files together.
+        // A picture of a single colour takes hardly any bytes, so the limit is based on the size of
+        // all files together.
         let held: usize = self.files.values().map(Vec::len).sum();
         if area / MOST_EXPANSION > held {
             return Err(picture(format!(
@@ -307,8 +309,8 @@ impl Levels {
     }
 }
 
-/// The last byte identifies the largest of w, x, y, z, which is positive; the others follow in order. Other values of
-/// the last byte are interpreted as no rotation.
+/// The last byte identifies the largest of w, x, y, z, which is positive; the others follow in
+/// order. If the last byte has an undefined value, the result is no rotation.
 fn rotation_of([a, b, c, last]: [u8; 4]) -> [f32; 4] {
     let Some(largest) = last.checked_sub(252).map(usize::from) else {
         return [1.0, 0.0, 0.0, 0.0];

@@ -10,13 +10,14 @@ use super::reading::{
 };
 use crate::gaussians::Gaussians;
 
-/// Minimum number of Gaussians to judge.
+/// Files with fewer Gaussians are not judged.
 const LEAST: usize = 20;
 
 /// A doubt about the encoding of a file.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Suspicion {
-    /// Topic, used to report only one doubt of each kind. The setting that would fix it, if numbers alone suggest one.
+    /// Topic; only one doubt per topic is reported. If numbers alone suggest a setting that would
+    /// fix it, the topic is that setting.
     pub about: &'static str,
     /// The reason, and the setting that would fix it.
     pub text: String,
@@ -31,8 +32,8 @@ impl Suspicion {
     }
 }
 
-/// Doubts about stored numbers, for settings that were not given. `format` is the complete set of encodings, with the
-/// format's own where nothing was given.
+/// Doubts about stored numbers, for settings that were not given. `format` has all encodings: the
+/// given ones and, for the rest, the format's own.
 pub fn suspicions(stored: &Gaussians, given: &StoredForm, format: &StoredForm) -> Vec<Suspicion> {
     let finite: Vec<usize> = (0..stored.len()).filter(|&k| stored.is_finite(k)).collect();
     if finite.len() < LEAST {
@@ -68,7 +69,7 @@ pub fn suspicions(stored: &Gaussians, given: &StoredForm, format: &StoredForm) -
         && format.scales == Some(StoredScales::Log)
         && scales.least >= 0.0
         && scales.median.exp() > 0.05 * extent
-        // In a scene measured in millimetres, the logarithms are this large.
+        // In a scene measured in millimetres, logarithms have this magnitude.
         && (scales.median < 1.0 || scales.median.exp() > extent)
     {
         found.push(Suspicion::new(
@@ -144,8 +145,8 @@ impl Range {
         }
     }
 
-    /// True if all values are in 0..1 and spread enough to be colours: coefficients this close together would be a
-    /// single shade.
+    /// True if all values are in 0..1 and vary enough to be colours. Coefficients that vary less
+    /// would be a single shade.
     fn is_unit(&self) -> bool {
         self.least >= 0.0 && self.most <= 1.0 && self.spread >= 0.5
     }
@@ -161,8 +162,8 @@ impl Range {
         })
     }
 
-    /// True if all values are in 0..1. If there is only a single value, whichever is a round number is assumed to be
-    /// meant: the stored one, or its logistic.
+    /// True if all values are in 0..1. If all are equal, also requires the stored value to be a
+    /// round number and its logistic not to be.
     fn is_activated(&self) -> bool {
         let is_round = |value: f32| (value * 1000.0 - (value * 1000.0).round()).abs() < 1e-3;
         let inside = self.least >= 0.0 && self.most <= 1.0;

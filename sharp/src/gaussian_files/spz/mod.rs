@@ -124,7 +124,7 @@ pub(super) fn decode(bytes: &[u8]) -> Result<Decoded, PlyReason> {
         let step = (-f64::from(header.fractional_bits)).exp2();
         let rows = positions.as_chunks::<9>().0.iter();
         let axis = |row: &[u8; 9], k: usize| {
-            // The sign bit is shifted in.
+            // The 24 bits are in the upper bytes, so the shift extends their sign.
             let word = i32::from_le_bytes([0, row[3 * k], row[3 * k + 1], row[3 * k + 2]]) >> 8;
             (f64::from(word) * step) as f32
         };
