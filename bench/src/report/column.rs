@@ -81,9 +81,9 @@ pub struct Column {
     pub short: String,
     /// Unit such as `dB`; empty for a number without unit.
     pub unit: String,
-    /// Decimals shown; ranks use numbers rounded to them.
+    /// Decimals shown; numbers are ranked after rounding to them.
     pub decimals: usize,
-    /// Which values are better; `None` is not ranked.
+    /// Whether higher or lower values are better; if `None`, values are not ranked.
     pub direction: Option<Direction>,
     /// How the number is computed, including everything that affects its value.
     pub convention: String,
@@ -203,7 +203,7 @@ impl Column {
         heads.collect()
     }
 
-    /// The columns of these metrics, in their order; all columns if `keys` is empty.
+    /// The columns of the metrics in `keys`, in that order; all columns if `keys` is empty.
     ///
     /// # Errors
     /// If a metric has no column.

@@ -88,7 +88,7 @@ pub enum MissingPicture {
     /// An input of the error map is missing.
     #[error("no {0}")]
     Without(&'static str),
-    /// The pictures of an error map have different sizes. Width and height, pixels.
+    /// The pictures of an error map have different sizes: width and height, pixels.
     #[error("the prediction has {} × {} pixels, the target {} × {}", prediction.0, prediction.1, target.0, target.1)]
     Sizes {
         prediction: (u32, u32),

@@ -95,7 +95,8 @@ pub fn chosen<'a>(
         let first = match choose {
             Choice::Worst => 0,
             Choice::Best => n - count,
-            // Around the middle; for an even number of pairs, start with the easier one.
+            // The pairs around the middle; if the number of pairs is even, starts with the easier
+            // of the two.
             Choice::Median => (n / 2)
                 .saturating_sub(count.saturating_sub(1) / 2)
                 .min(n - count),
@@ -118,13 +119,13 @@ pub fn along_path<'a>(
     let id = |pair: &PairBoard<'a>| -> &'a str { source_of(&pair.facts.pair_id) };
     let mut sources: Vec<(&str, Vec<ChosenPair<'a>>)> = Vec::new();
     for dataset in &board.datasets {
-        // Pairs are sorted by id, and thereby by source.
+        // Pairs are sorted by id, so those of one source are adjacent.
         for pairs in dataset.pairs.chunk_by(|one, other| id(one) == id(other)) {
             let pairs_of = pairs.iter().map(|pair| ChosenPair { dataset, pair });
             sources.push((id(&pairs[0]), pairs_of.collect()));
         }
     }
-    // Steps of a controlled sweep are scenes with one pair each, which share their cluster's source.
+    // In a controlled sweep, each step is a scene with one pair; all have their cluster's source.
     let found = match source {
         Some(wanted) => sources.iter().position(|(id, _)| id == wanted),
         None => {

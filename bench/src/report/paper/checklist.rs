@@ -24,7 +24,7 @@ const PAPERS_LIMIT: usize = 512;
 pub(super) struct ChecklistInput<'a> {
     pub(super) paper: &'a PublishedTable,
     pub(super) manifest: &'a Manifest,
-    /// Number of units without a result.
+    /// Number of units that have no result.
     pub(super) missing: usize,
     /// The datasets as columns; empty if no row has any pair.
     pub(super) board: &'a Board<'a>,

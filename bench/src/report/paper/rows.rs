@@ -87,10 +87,10 @@ impl std::str::FromStr for RowSource {
 }
 
 impl RowSource {
-    /// The selected one of the available methods.
+    /// The selected method among the available ones.
     ///
     /// # Errors
-    /// If it is not available, or there are several and none is named.
+    /// If it is not available, or several are available and none is selected.
     pub fn chosen<'a>(
         &self,
         methods: impl IntoIterator<Item = &'a str>,
@@ -209,7 +209,8 @@ fn translations(paper: &PublishedTable, rows: &[OwnRow]) -> Result<OwnRows, RowE
         }
         let keys = heads.iter().map(|head| head.parse().ok()).enumerate();
         let keys: Vec<(usize, MetricKey)> = keys.filter_map(|(at, key)| Some((at, key?))).collect();
-        // The default variant of each metric, or else the first available one.
+        // The default variant of each metric, or the first available variant if there is no
+        // default.
         let places = paper.metrics.iter().map(|name| {
             let of_family =
                 |(_, key): &&(usize, MetricKey)| key.family().name().eq_ignore_ascii_case(name);

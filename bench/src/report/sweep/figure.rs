@@ -130,7 +130,7 @@ fn remark(panel: &SweepPanel) -> String {
 fn horizontal(x: Motion, panel: &SweepPanel, metric: usize) -> PlotAxis {
     let bins = panel.counts(metric).into_values();
     let (low, high) = finite_range(bins.flat_map(|bin| [bin.low, bin.high])).unwrap_or_default();
-    // Start at zero if that is not far.
+    // Start at zero if it is close to the data.
     let low = match x.start() {
         Some(start) if low >= start && low - start < 0.5 * (high - start) => start,
         _ => low,

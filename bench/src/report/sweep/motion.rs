@@ -71,7 +71,7 @@ impl Motion {
         }
     }
 
-    /// Definition to add to the label in a caption.
+    /// A definition, which captions add to the label.
     pub fn definition(self) -> &'static str {
         match self {
             Self::BaselineM => "Baseline: distance of the camera centres.",
@@ -89,7 +89,7 @@ impl Motion {
         }
     }
 
-    /// Largest permitted start of the axis; `None` if it starts at the smallest value.
+    /// Largest permitted start of the axis; if `None`, the axis starts at the smallest value.
     pub fn start(self) -> Option<f64> {
         (self != Self::Overlap).then_some(0.0)
     }

@@ -26,7 +26,7 @@ const HEADS: [&str; 11] = [
     "B is",
 ];
 
-/// Maximum number of losses and of gains in [`RunComparison::extremes`].
+/// Maximum number of losses, and of gains, in [`RunComparison::extremes`].
 pub const EXTREMES: usize = 3;
 
 impl RunComparison {
@@ -105,7 +105,8 @@ impl RunComparison {
     }
 }
 
-/// Up to `count` of the largest losses and of the largest gains, in the order of [`RunComparison::changes`].
+/// Up to `count` of the largest losses and up to `count` of the largest gains, in the order of
+/// [`RunComparison::changes`].
 pub(super) fn most_changed<'c, 'a>(
     changes: &'c [PairChange<'a>],
     count: usize,
@@ -139,7 +140,7 @@ pub(in crate::track) fn p_text(p: f64) -> String {
 }
 
 fn cells(row: &ScoreChange) -> Vec<GridCell> {
-    // One more decimal than single scores, because means of many pairs are compared.
+    // Single scores have one decimal fewer, because means of many pairs are compared here.
     let decimals = row.decimals + 1;
     let number = |value: f64| GridCell::rounded(value, decimals);
     let p = |value: Option<f64>| GridCell::optional(value, p_text);

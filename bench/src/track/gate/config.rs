@@ -21,9 +21,9 @@ use sharp_metrics::{Direction, Family, MetricInfo, MetricKey};
 #[serde(deny_unknown_fields, default)]
 pub struct GateConfig {
     pub fail_if: Vec<Limit>,
-    /// Maximum number of pairs per dataset that have a score in A but none in B.
+    /// Maximum number of pairs per dataset with a score in A but none in B.
     pub missing_pairs: usize,
-    /// Difference that the runs must be able to detect, by metric.
+    /// By metric, the difference that the runs must be able to detect.
     pub require_power: BTreeMap<MetricName, f64>,
 }
 

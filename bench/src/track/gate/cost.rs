@@ -40,7 +40,7 @@ pub(super) fn costs_of(
     checks.collect()
 }
 
-/// The first difference between the predicting devices, or why they are unknown.
+/// The first difference between the devices that predicted, or why they are unknown.
 fn device_difference(
     comparison: &RunComparison,
     against: &Against,
