@@ -37,7 +37,7 @@ pub(super) struct DemoArgs {
     json: bool,
 }
 
-/// The procedural scene: small enough for a demo, large enough to show its textures.
+/// The procedural scene: small enough for a demo, but large enough for its textures to be visible.
 const SYNTHETIC: &str = "Synthetic:synthetic=size=480x360,views=24";
 
 /// Methods, in the order of the tables.
@@ -65,7 +65,7 @@ pub(super) fn execute(args: &DemoArgs) -> anyhow::Result<Outcome> {
     let terminal = Terminal::default();
     let scoring = args.metrics.scoring()?;
     let mut methods = METHODS.to_vec();
-    // The program was copied without the files next to it.
+    // The program may have been copied without the files that belong next to it.
     if let Err(error @ NetworkError::NotBundled { .. }) = bundled_weights() {
         output::remark(format!("note: no rows of the network: {error}"));
         methods.retain(|method| !method.contains("checkpoint=mini"));

@@ -1,4 +1,4 @@
-//! `doctor`: available and missing components of this machine, and how to get those.
+//! `doctor`: reports which components this machine has, which are missing, and how to get them.
 
 use clap::Args;
 use serde::Serialize;
@@ -92,7 +92,7 @@ fn adapters() -> Vec<AdapterFacts> {
     sharp::render::GpuAdapter::all()
         .iter()
         .map(|adapter| AdapterFacts {
-            // The description of a software adapter already says that it is one.
+            // A software adapter's description already says what it is.
             name: match adapter.is_software() {
                 true => adapter.to_string(),
                 false => format!("{adapter} [{}]", adapter.kind()),

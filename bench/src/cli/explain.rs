@@ -1,4 +1,4 @@
-//! `explain`: finds why a number differs from the published one.
+//! `explain`: finds out why a number differs from the published one.
 
 use std::path::PathBuf;
 

@@ -1,4 +1,4 @@
-//! `gate --baseline A --candidate B`: decides whether B may replace A, for continuous integration.
+//! `gate --baseline A --candidate B`: decides in continuous integration whether B may replace A.
 
 use std::path::PathBuf;
 

@@ -151,7 +151,8 @@ pub(super) fn print_tables(results: &Results) -> anyhow::Result<()> {
     output::line(texts.join("\n"))
 }
 
-/// Exit code 4 if there are recorded failures; 75 if units are left, or still waiting although this was the last stage.
+/// Exit code 4 if there are recorded failures. Exit code 75 if units are left; after the last
+/// stage, also if units still wait for an earlier stage.
 pub(super) fn outcome(counts: UnitCounts, is_last_stage: bool) -> Outcome {
     if is_last_stage && counts.waiting > 0 {
         output::remark(format!(

@@ -126,7 +126,7 @@ fn configuration(args: &RunArgs) -> anyhow::Result<RunConfig> {
         });
     };
     let own = args.config.keys()?;
-    // A machine without the plan's kernels is reported later.
+    // If this machine lacks the plan's kernels, that is reported later.
     if let Some(key) = own.keys().find(|key| *key != "simd") {
         let reason =
             format!("--{key} cannot be combined with --plan: a shard uses the planned options");
@@ -286,7 +286,7 @@ fn dry_run(evaluation: &Evaluation, args: &RunArgs) -> anyhow::Result<Outcome> {
     Ok(Outcome::Done)
 }
 
-/// The result; `None` if the renderer's device failed, in which case the same command resumes the run.
+/// The result; `None` if the renderer's device failed. The same command then resumes the run.
 fn unless_stopped<T>(result: Result<T, EvaluateError>) -> anyhow::Result<Option<T>> {
     match result {
         Err(error @ EvaluateError::Device { .. }) => {

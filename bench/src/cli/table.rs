@@ -145,7 +145,7 @@ fn made_by(table: &PublishedTable) -> (&'static str, &'static str) {
     }
 }
 
-/// Which requirements of your own rows this machine has.
+/// Which of the requirements for your own rows this machine fulfils.
 fn at_hand(table: &PublishedTable) -> String {
     let weights = Weights::at_hand();
     match table.made_by {

@@ -9,10 +9,11 @@ use toml::Table;
 use super::TrainError;
 use crate::io::atomic_files::FileError;
 
-/// The text and the parsed form of a configuration file, with the overrides of `set` applied.
+/// The text and the parsed form of a configuration file, changed by the overrides in `set`.
 ///
 /// # Errors
-/// [`TrainError::Config`] if the file itself is invalid; [`TrainError::Set`] if an override is.
+/// [`TrainError::Config`] if the file itself is invalid; [`TrainError::Set`] if an override is
+/// invalid.
 pub(super) fn configured(
     file: &Path,
     set: &[String],
@@ -64,13 +65,13 @@ fn change(table: &mut Table, set: &str) -> Result<(), String> {
     let mut place = table;
     for name in names {
         let inner = place.entry(name).or_insert_with(|| Table::new().into());
-        // For example, `network.file` replaces a network's name.
+        // For example, `network.file` replaces the name of a network.
         if !inner.is_table() {
             *inner = Table::new().into();
         }
         place = inner.as_table_mut().ok_or("it is not a table")?;
     }
-    // Setting one of several alternative forms removes the others.
+    // Setting one of several alternative keys removes the others.
     if chooses {
         place.clear();
     }

@@ -21,12 +21,13 @@ pub(super) struct TrainingFolder {
 const CONFIG: &str = "config.toml";
 
 impl TrainingFolder {
-    /// Creates the folder for a configuration, or opens one created with the same configuration. The text is saved as
-    /// `config.toml`. Keys that affect no result may change, and before the first step any key may.
+    /// Creates the folder for a configuration, or opens one created with the same configuration.
+    /// The text is saved as `config.toml`. Keys that affect no result may differ; before the first
+    /// step, any key may.
     ///
     /// # Errors
-    /// [`TrainError::OtherFolder`] if the folder contains other files, or a training with another configuration; the
-    /// error names a differing key.
+    /// [`TrainError::OtherFolder`] if the folder contains other files, or a training with another
+    /// configuration; the error names a key that differs.
     pub(super) fn open(
         root: &Path,
         text: &str,
@@ -52,7 +53,7 @@ impl TrainingFolder {
         } else {
             let entries = fs::read_dir(root).map_err(FileError::new(root, "read"))?;
             let mut entries = entries.filter_map(Result::ok);
-            // As in a run folder, dot files are ours.
+            // Dot files are ours, as in a run folder.
             if entries.any(|entry| !entry.file_name().to_string_lossy().starts_with('.')) {
                 return Err(refused(format!("it holds other files but no {CONFIG}")));
             }
@@ -75,7 +76,8 @@ impl TrainingFolder {
     }
 }
 
-/// True after the first step. Before that, changing the configuration (a wrong path, say) loses nothing.
+/// True after the first step. Until then, changing the configuration (to fix a path, for instance)
+/// loses nothing.
 fn has_begun(root: &Path) -> bool {
     let log = read_text(&root.join("log.csv")).unwrap_or_default();
     log.lines().count() > 1 || root.join("checkpoints").exists()
@@ -135,7 +137,7 @@ mod tests {
         let dir = tempfile::tempdir().unwrap();
         open(dir.path(), PLAIN).unwrap();
         open(dir.path(), PLAIN).unwrap();
-        // Such a key may change any number of times.
+        // A key that affects no result may change at any time.
         open(
             dir.path(),
             &PLAIN.replace("checkpoint = 7", "checkpoint = 9"),

@@ -1,5 +1,5 @@
-//! A page with the progress of a training, which opens from disk: curves from its logs, samples from its last
-//! validation.
+//! A page with the progress of a training, which opens from disk: curves from the training's logs,
+//! samples from its last validation.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -21,7 +21,7 @@ use sharp_plots::curves::{Banded, curve, shade, vertical};
 use sharp_plots::palette::{stroke, style};
 use sharp_plots::panels::{Panel, PanelFrame, PlotArea, PlotAxis, figure, point};
 
-/// Maximum number of intervals that a curve is averaged over.
+/// Maximum number of intervals of a curve; values are averaged within each.
 const STRETCHES: usize = 30;
 /// Number of pairs shown, and the longest side of their pictures, pixels.
 const SAMPLES: usize = 8;
@@ -45,7 +45,7 @@ struct TrainPage {
 /// A pair of the last validation.
 struct Sample {
     pair: String,
-    /// Source, target and prediction, each a URL or the reason for its absence.
+    /// Source, target and prediction; each is a URL, or the reason why the picture is missing.
     pictures: [(&'static str, Result<String, String>); 3],
 }
 
@@ -185,7 +185,7 @@ fn validated(log: &Log, steps: &BTreeMap<Place, f64>) -> Result<Option<Figure>, 
     let values = log.places()?.into_iter().zip(log.values(2)?);
     for ((place, value), row) in values.zip(&log.rows) {
         let name = row.get(3).unwrap_or_default();
-        // A validation in a stage without steps has no place on the axis.
+        // A validation in a stage without steps has no position on the axis.
         let Some(step) = steps.get(&place) else {
             continue;
         };

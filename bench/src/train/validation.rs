@@ -1,4 +1,4 @@
-//! Validates weights on held-out pairs, measured as any run measures a method.
+//! Validates weights on held-out pairs in the same way as a run evaluates a method.
 
 use std::collections::HashSet;
 use std::fs;
@@ -33,7 +33,7 @@ pub struct ValidationRequest {
 }
 
 impl ValidationRequest {
-    /// Eight procedural scenes; with [`Self::PAIRS`] pairs, one pair is taken from each.
+    /// Eight procedural scenes; [`Self::PAIRS`] pairs are one of each.
     pub const DATASET: &'static str =
         "Validation:synthetic=world=varied,seed=900000,scenes=8,size=256x256";
     pub const PAIRS: usize = 8;
@@ -85,7 +85,7 @@ impl Validation {
         }
         let path = folder.root().join("validation-pairs.csv");
         let list = PairList::new(&path, chosen.iter().map(|pair| pair.pair.clone()).collect());
-        // Before the first measurement there is no curve that a change could distort.
+        // Before the first measurement, there is no curve that other pairs could distort.
         let curve = read_text(&folder.root().join("validation.csv")).unwrap_or_default();
         if curve.lines().count() > 1 && PairList::read(&path)?.sha256 != list.sha256 {
             return Err(TrainError::OtherFolder {
@@ -104,7 +104,8 @@ impl Validation {
         })
     }
 
-    /// The mean of every metric, by key; prefixed with the dataset's name if there are several.
+    /// The mean of every metric, by key. If there are several datasets, keys are prefixed with the
+    /// dataset's name.
     ///
     /// # Errors
     /// If a pair cannot be predicted, or the run fails.
@@ -209,7 +210,7 @@ fn means(results: &Results) -> Result<Vec<(String, f64)>, TrainError> {
     Ok(means)
 }
 
-/// Ignores stop requests during a validation, which is short, so that its step gets checkpointed.
+/// Ignores stop requests during a validation: it is short, and afterwards its step is checkpointed.
 struct Unstopped<'a>(&'a dyn Observer);
 
 impl Observer for Unstopped<'_> {

@@ -62,7 +62,7 @@ pub struct Windows<'a> {
 }
 
 impl<'a> Windows<'a> {
-    /// The largest window that can move by all of the shifts.
+    /// The largest window that can be moved by each of the shifts.
     ///
     /// # Errors
     /// If the window would be narrower than two pixels.

@@ -1,4 +1,4 @@
-//! `datasets`: lists datasets, names the files that a pair list needs, checks a dataset.
+//! `datasets`: lists datasets and the files that a pair list needs, and checks datasets.
 
 mod check;
 mod list;

@@ -119,7 +119,8 @@ pub(super) struct MetricsArgs {
     methods_text: bool,
 }
 
-/// Masks that keep a smaller share of the pixels are probably inverted: most exclude a person, a sky or a logo.
+/// A mask that keeps a smaller share of the pixels is probably inverted, because most masks exclude
+/// a person, a sky or a logo.
 const LEAST_LEFT: f64 = 0.2;
 
 pub(super) fn execute(args: &MetricsArgs) -> anyhow::Result<Outcome> {
@@ -189,7 +190,7 @@ pub(super) fn execute(args: &MetricsArgs) -> anyhow::Result<Outcome> {
     Ok(Outcome::Done)
 }
 
-/// Fails if a metric that was named explicitly is unavailable.
+/// Fails if an explicitly named metric is unavailable.
 pub(super) fn demand_explicit(
     selection: &Selection,
     scores: &KeyedScores,
@@ -217,7 +218,8 @@ impl MetricsArgs {
         }
     }
 
-    /// The requested metrics; with a mask, each also inside it, unless the list itself has masked metrics.
+    /// The requested metrics. With a mask, each metric is also computed inside it, unless the list
+    /// names masked metrics itself.
     fn selection(&self) -> anyhow::Result<Selection> {
         let selection = self.metrics.selection()?;
         let has = |region| selection.keys().any(|key| key.region() == region);

@@ -107,7 +107,7 @@ impl PhotoArgs {
     }
 }
 
-/// Source of a focal length, as text.
+/// Where the focal length is from, as text.
 pub(crate) fn focal_text(photo: &Photo) -> String {
     let source = match photo.focal_source {
         FocalSource::Given => "given".to_owned(),

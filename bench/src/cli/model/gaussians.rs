@@ -92,7 +92,7 @@ pub(crate) fn execute(args: &GaussiansArgs) -> anyhow::Result<Outcome> {
             }
             let made_for = MarkedRule::of(&scene.marks);
             if given.color_space.is_some() {
-                // SHARP's files are marked as such in the result.
+                // A file that needs a given colour space is SHARP's; mark the result as such.
                 scene.marks.generator = Some(Generator::Sharp);
             }
             if to == TargetForm::Release {
@@ -115,7 +115,8 @@ pub(crate) fn execute(args: &GaussiansArgs) -> anyhow::Result<Outcome> {
                     true => format!("states the rule {}", rule.rule),
                     false => "states no rule".to_owned(),
                 };
-                // The rule blends linear light, and the result does not state that its colours are encoded.
+                // The rule blends linear light, but the result cannot state that its colours are
+                // encoded.
                 let colors = match made_for.rule == Rule::SHARP {
                     true => ",color_space=srgb",
                     false => "",
@@ -200,7 +201,8 @@ impl Distribution {
 #[derive(Debug, Serialize)]
 struct Info {
     gaussians: usize,
-    /// Gaussians per layer if there are two equal layers in sequence, as SHARP writes them.
+    /// Number of Gaussians per layer; `None` unless there are two equal layers, one after the
+    /// other, as SHARP writes them.
     per_layer: Option<usize>,
     not_finite: usize,
     /// Number of Gaussians with a zero quaternion.
@@ -211,7 +213,7 @@ struct Info {
     /// Degree of the colours' spherical harmonics.
     color_degree: usize,
     is_view_dependent: bool,
-    /// The program that wrote the file, as far as marks or columns show.
+    /// The program that wrote the file, if marks or columns reveal it.
     generator: Option<&'static str>,
     /// Marks of the rendering rule that the file was made for.
     marks: Vec<&'static str>,
@@ -222,11 +224,12 @@ struct Info {
     x: Option<Distribution>,
     y: Option<Distribution>,
     depth: Option<Distribution>,
-    /// Share of Gaussians behind the camera, 0..1; a large share indicates other axes or another space.
+    /// Share of Gaussians behind the camera, 0..1. A large share indicates that the axes or the
+    /// space differ.
     behind: f64,
-    /// Contradictions to camera space, OpenCV axes and metres.
+    /// Evidence that the file is not in camera space with OpenCV axes and metres.
     implausible: Vec<String>,
-    /// Contradictions to the reading of the file's numbers.
+    /// Evidence that the file's numbers are encoded differently.
     doubts: Vec<String>,
 }
 

@@ -93,7 +93,7 @@ pub(super) fn execute(args: &BuildArgs) -> anyhow::Result<Outcome> {
     Ok(outcome)
 }
 
-/// Prints how the number of pairs changes over the open choices, for `pairs --ambiguity`.
+/// For `pairs --ambiguity`: prints how the number of pairs depends on each open choice.
 fn print_ambiguity(
     rows: &[Alternative],
     base: &PairOptions,

@@ -108,7 +108,7 @@ impl<'a> RenderJob<'a> {
             (true, range @ Some(_)) => range,
             (true, None) => Some(
                 DepthRange::seen_from(&scene, &camera_from_scene)
-                    // Nothing will be coloured.
+                    // No Gaussian is in front of the camera, so nothing will be coloured.
                     .map_or([1.0, 2.0], |range| [range.near as f32, range.far as f32]),
             ),
         };
@@ -154,7 +154,7 @@ impl<'a> RenderJob<'a> {
         let mut pictures = Vec::with_capacity(chosen.len());
         renderer
             .render::<RenderError>(scene, &chosen, |_, view| {
-                // Views of `--out` have already been counted.
+                // If there is an `--out`, its views have already been counted.
                 if self.out.is_none() {
                     summary.add(&view);
                 }
@@ -170,7 +170,7 @@ impl<'a> RenderJob<'a> {
         Ok(())
     }
 
-    /// Renders on this thread and writes on another, one view behind, so that two views are in memory.
+    /// Renders on this thread and writes on another, one view behind; so two views are in memory.
     fn draw(
         &self,
         renderer: &mut BatchRenderer,
@@ -201,7 +201,7 @@ impl<'a> RenderJob<'a> {
             (rendered, written)
         });
         terminal.end();
-        // If writing failed, the rendering error only says that it was stopped.
+        // If writing failed, the rendering error only states that rendering was stopped.
         written?;
         rendered.with_context(|| self.args.scene.display().to_string())?;
         view_writer.finish()
@@ -220,7 +220,8 @@ enum Stopped {
 }
 
 impl Output<'_> {
-    /// Checks that the number of views fits the output: one view to a picture, a path to frames or a movie.
+    /// Checks that the views fit the output: a picture needs a single view, frames or a movie a
+    /// path.
     fn check(&self, args: &RenderArgs, rule: &Rule, moved: Option<usize>) -> anyhow::Result<()> {
         let out = self.path.display();
         match (self.kind, moved) {

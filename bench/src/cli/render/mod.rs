@@ -115,7 +115,7 @@ pub(super) struct RenderArgs {
 
 #[derive(Debug, Serialize)]
 struct Summary {
-    /// The output as given; `None` if only a page was requested.
+    /// The output as the user gave it; `None` if only a page was requested.
     out: Option<String>,
     width: u32,
     height: u32,
@@ -127,10 +127,10 @@ struct Summary {
     pixels: usize,
     /// Mean over all pixels of all views.
     mean_alpha: f64,
-    /// Number of views, counted per layer.
+    /// Number of views; a view rendered for several layers counts once per layer.
     views: usize,
     backend: String,
-    /// Why `auto` selected this backend; `None` if it was named.
+    /// Why `auto` selected this backend; `None` if the user named the backend.
     backend_reason: Option<String>,
     /// Why rendering fell back from a device to the CPU.
     fallback: Option<String>,
@@ -144,7 +144,7 @@ impl RenderArgs {
         self.rule.is_some() || rule.blending == ColorSpace::Srgb
     }
 
-    /// The rule with the changes of single options.
+    /// The rule, changed by the options that set a single choice.
     fn over(&self, mut rule: Rule) -> Rule {
         rule.low_pass = self.rendering.eps2d.map_or(rule.low_pass, |LowPass(x)| x);
         rule.near = self.near.unwrap_or(rule.near);

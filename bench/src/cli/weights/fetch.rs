@@ -72,8 +72,8 @@ fn wanted(names: &[String]) -> anyhow::Result<(BTreeSet<Backbone>, bool)> {
     Ok((backbones, sharp))
 }
 
-/// Downloads a backbone's features into the cache, unless they are present and were not named explicitly. Returns their
-/// location.
+/// Downloads a backbone's features into the cache; if they are already present, only if the
+/// backbone was named explicitly. Returns their location.
 fn backbone_features(args: &FetchArgs, backbone: Backbone, cache: &Path) -> anyhow::Result<Value> {
     let by_name = args.names.iter().any(|name| name == backbone.name());
     let at_hand = Weights::at_hand();
