@@ -269,7 +269,8 @@ impl Mask {
     /// picture's border count as inside.
     pub(crate) fn eroded(&self, radius: usize, beyond: bool) -> Self {
         let (width, height) = (self.width as usize, self.height as usize);
-        // One axis after the other: a pixel is kept if no pixel outside the mask is within its radius.
+        // Filter one axis, then the other: a pixel is kept if no pixel within its radius is outside
+        // the mask.
         let along = |values: &[bool], n: usize, stride: usize, lines: usize, step: usize| {
             let mut out = vec![false; values.len()];
             for line in 0..lines {

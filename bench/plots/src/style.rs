@@ -7,7 +7,7 @@ use serde::{Deserialize, Deserializer, de};
 use super::ink::Ink;
 use super::palette::{COLOURS, Style, style_of};
 
-/// Font size of axis labels in units; every length of a plot is relative to it.
+/// Font size of axis labels in units; all lengths in a plot scale with it.
 const LABEL_UNITS: f64 = 12.5;
 const MM_PER_INCH: f64 = 25.4;
 
@@ -21,7 +21,7 @@ pub struct Medium {
 }
 
 impl Medium {
-    /// One unit is a CSS pixel; the PNG has two dots per CSS pixel in each direction.
+    /// One unit is a CSS pixel; the PNG has two dots per CSS pixel along each axis.
     pub const SCREEN: Self = Self {
         zoom: 1.0,
         dpi: 192.0,

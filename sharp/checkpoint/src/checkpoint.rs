@@ -13,8 +13,8 @@ use crate::{legacy, pickle, safetensors, zip};
 
 /// An open checkpoint: a file and the validated table of its tensors.
 ///
-/// Opening reads the table of contents only. If the file is modified afterwards, reads return the new values, or an
-/// error if it became shorter.
+/// Opening reads only the table of contents. If the file is modified afterwards, reads return the
+/// new values, or an error if the file became shorter.
 #[derive(Debug)]
 pub struct Checkpoint {
     path: PathBuf,

@@ -21,7 +21,7 @@ const MAX_PICKLES: usize = 64 << 20;
 
 /// Reads the table of contents.
 pub(crate) fn read(file: &(impl Bytes + ?Sized)) -> Result<NamedTensors, Fault> {
-    // The length of the pickles is only known once they have been run.
+    // The length of the pickles is known only after they were run.
     let mut len = 1 << 17;
     loop {
         match contents(file, &file.start(len)?) {
