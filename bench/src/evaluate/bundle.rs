@@ -1,10 +1,11 @@
 //! The scores of a run in a single file, small enough to send, publish or commit as a baseline.
 //!
-//! A ZIP archive: `bundle.json` (version and digest), `manifest.json`, `pairs.csv` (only the evaluated pairs),
-//! `units.jsonl` (the status of each unit), `missing.json`, and `scores.bin`, with one column per metric of the
-//! manifest: the first bytes of all its numbers (f64, big endian), then all second bytes, and so on, which compresses
-//! better than number by number. It excludes pictures, timings, and values that methods report. Equal results give
-//! equal bytes.
+//! A ZIP archive: `bundle.json` (version and digest), `manifest.json`, `pairs.csv` (only the
+//! evaluated pairs), `units.jsonl` (the status of each unit), `missing.json`, and `scores.bin`. The
+//! last has one column per metric of the manifest: the first bytes of all its numbers (f64, big
+//! endian), then all second bytes, and so on, which compresses better than number by number.
+//! Pictures, timings and values reported by methods are not included. Equal results give equal
+//! bytes.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::io::{Cursor, Read, Write};
@@ -27,7 +28,8 @@ use crate::pairs::PairList;
 /// Version of the layout. Older versions remain readable.
 const FORMAT: u32 = 2;
 
-/// Maximum unpacked size of a text member, bytes: a hundred times that of the paper's whole evaluation.
+/// Maximum unpacked size of a text member, bytes: a hundred times what the paper's whole evaluation
+/// needs.
 const MAX_MEMBER: u64 = 1 << 28;
 
 /// Marks a missing score: a NaN that arithmetic does not produce.
@@ -62,7 +64,7 @@ pub struct Bundle {
     pub occasion: Option<Occasion>,
 }
 
-/// A unit without its scores and without the columns of the pair list.
+/// A unit, without its scores and without the columns of the pair list.
 #[derive(Serialize, Deserialize)]
 struct UnitLine {
     /// Index in `pairs.csv`.
@@ -89,8 +91,8 @@ struct UnitLine {
 /// Writes the results of a run folder, or of another bundle, to a file.
 ///
 /// # Errors
-/// If the run cannot be read or the file cannot be written; also if the file exists and is not a bundle, or is one with
-/// an [`Occasion`], which belongs to a history.
+/// If the run cannot be read or the file cannot be written; also if the file exists and is not a
+/// bundle, or is a bundle with an [`Occasion`], because that belongs to a history.
 pub fn write_bundle(run: &Path, out: &Path) -> Result<Results, EvaluateError> {
     let is_other = |there: Result<Bundle, _>| there.map_or(true, |there| there.occasion.is_some());
     if out.exists() && is_other(read_file(out)) {
@@ -106,10 +108,11 @@ pub fn write_bundle(run: &Path, out: &Path) -> Result<Results, EvaluateError> {
 }
 
 impl Results {
-    /// Reads a bundle, or a folder, even of an unfinished run.
+    /// Reads a bundle or a folder, even that of an unfinished run.
     ///
     /// # Errors
-    /// If `run` is neither a folder nor a bundle, has another format, or pairs are missing from its pair list or plan.
+    /// If `run` is neither a folder nor a bundle, has another format, or its pair list or plan
+    /// lacks pairs.
     pub fn read(run: &Path) -> Result<Self, EvaluateError> {
         match run.exists() && !run.is_dir() {
             true => Ok(read_file(run)?.results),
@@ -122,7 +125,7 @@ impl Bundle {
     /// Reads a file written by [`write_bundle`], or creates a bundle from a run folder.
     ///
     /// # Errors
-    /// If `run` is neither, or of a later version.
+    /// If `run` is neither, or was written by a later version.
     pub fn read(run: &Path) -> Result<Self, EvaluateError> {
         if run.exists() && !run.is_dir() {
             return read_file(run);
@@ -223,11 +226,11 @@ impl Bundle {
         Ok(archive.finish()?.into_inner())
     }
 
-    /// Hash of pairs with their photographs, manifest and records: equal for two runs of the same evaluation, wherever
-    /// its files were.
+    /// Hash of pairs with their photographs, manifest and records: equal for two runs of the same
+    /// evaluation, wherever their files are.
     ///
     /// # Errors
-    /// Errors of the encoder, which only writes to memory here.
+    /// Those of the encoder, which only writes to memory here.
     pub fn content_sha256(&self) -> serde_json::Result<String> {
         let mut manifest = self.results.manifest.clone();
         for dataset in &mut manifest.datasets {

@@ -22,7 +22,7 @@ pub enum EvaluateError {
     RunDataset {
         spec: String,
         reason: Box<PairError>,
-        /// What the path is relative to; empty for an absolute path.
+        /// The folder to which the path is relative; empty for an absolute path.
         from: String,
     },
     #[error("dataset '{0}': this version cannot read the location of its files from the manifest")]
@@ -36,7 +36,7 @@ pub enum EvaluateError {
     /// Two methods have the same label.
     #[error("two methods have the label '{0}'; give one of them another with label=NAME")]
     RepeatedLabel(String),
-    /// The method's own depth selected the pairs.
+    /// The pairs were selected by this method's own depth.
     #[error(
         "the pairs were chosen by the depth of the checkpoint that method '{method}' is evaluated with; choose them by \
          other depth, such as --overlap-depth DIR"
@@ -73,7 +73,7 @@ pub enum EvaluateError {
     /// A file that was expected to be a bundle.
     #[error("{}: not a bundle of scores: {reason}", path.display())]
     Bundle { path: PathBuf, reason: String },
-    /// Results of two folders cannot be shown together.
+    /// Results of two folders contradict each other and cannot be shown together.
     #[error("{} and {} cannot be joined: {difference}", a.display(), b.display())]
     Conflict {
         a: PathBuf,
@@ -82,7 +82,7 @@ pub enum EvaluateError {
     },
     #[error(transparent)]
     Shard(#[from] ShardError),
-    /// The folder is missing something that the command needs.
+    /// The folder lacks something that the command needs.
     #[error("{}: {reason}", folder.display())]
     NotKept {
         folder: PathBuf,
