@@ -110,7 +110,8 @@ fn calibration_of(number: &str) -> String {
     format!("calib_00-{number}.xml")
 }
 
-/// True if the folders above the scene, including those above the dataset's root, match `split` and `set`.
+/// True if the folders that contain the scene, including those above the dataset's root, match
+/// `split` and `set`.
 fn is_wanted(folder: &Path, split: &str, set: &str) -> bool {
     let above: Vec<_> = folder
         .parent()
@@ -128,7 +129,8 @@ fn is_wanted(folder: &Path, split: &str, set: &str) -> bool {
     split_fits && set_fits
 }
 
-/// Reads a scene for each pair of pictures. Fails with the folder if its pictures cannot be determined.
+/// Reads a scene for each pair of pictures. If the pictures of a folder cannot be determined, the
+/// error contains the folder.
 fn read_scenes(
     spec: &DatasetSpec,
     root: &Root,

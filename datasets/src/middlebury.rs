@@ -1,12 +1,13 @@
 //! Middlebury 2014 stereo, in the layouts of the `scenes2014` archives and of MiddEval3.
 //!
-//! A scene is any folder with `im0.png`, `im1.png` and `calib.txt`; a folder with only some of them is a broken scene.
-//! Depth is computed from `disp0.pfm` (scenes2014) or `disp0GT.pfm` (MiddEval3, whose ground truth is a separate
-//! download) by Middlebury's own formula, `Z = baseline · f / (d + doffs)`.
+//! A scene is any folder with `im0.png`, `im1.png` and `calib.txt`; a folder with only some of them
+//! is a broken scene. Depth is computed from `disp0.pfm` (scenes2014) or `disp0GT.pfm` (MiddEval3,
+//! whose ground truth is a separate download) by Middlebury's own formula,
+//! `Z = baseline · f / (d + doffs)`.
 //!
-//! `calib.txt` does not specify its pixel-centre convention. It is assumed to be OpenCV's, in which the centre of the
-//! first pixel is (0, 0), so 0.5 is added to each principal point. Depth depends only on the difference between the
-//! two, which this does not change.
+//! `calib.txt` does not specify its pixel-centre convention. It is assumed to be OpenCV's, in which
+//! the centre of the first pixel is (0, 0), so 0.5 is added to each principal point. This does not
+//! affect depth, which depends only on the difference of the principal points.
 
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
@@ -102,7 +103,7 @@ fn open(spec: &DatasetSpec) -> Result<FoundScenes, DatasetError> {
     let right_name = format!("{right}.png");
     let rectification = spec.setting("rectification");
     let search = root.find_folders(4, &|folder| {
-        // Stray text files and maps next to the scenes' folders do not belong to a scene.
+        // Stray text files and maps next to the scenes' folders are not part of any scene.
         (folder != root.path() && has_part(folder))
             || PICTURES.iter().any(|name| folder.join(name).is_file())
     })?;
@@ -145,8 +146,8 @@ fn open(spec: &DatasetSpec) -> Result<FoundScenes, DatasetError> {
 
 const PICTURES: [&str; 2] = ["im0.png", "im1.png"];
 
-/// True if a folder has a file of a scene, even in another format or with an upper-case name; such a scene is reported
-/// as excluded rather than overlooked.
+/// True if a folder has a file of a scene, even in another format or with an upper-case name. Such
+/// a scene is reported as excluded rather than overlooked.
 fn has_part(folder: &Path) -> bool {
     let names = files::list(folder).unwrap_or_default().into_iter();
     names
@@ -268,7 +269,7 @@ mod tests {
             std::fs::write(folder.join(name), "").unwrap();
             assert!(has_part(&folder), "{name}");
         }
-        // From another exposure of the same scene.
+        // A file of another exposure of the same scene.
         std::fs::write(dir.path().join("im0e0.png"), "").unwrap();
         assert!(!has_part(dir.path()));
     }

@@ -1,7 +1,8 @@
 //! The user's own pictures with a `transforms.json`.
 //!
-//! The conventions are nerfstudio's: OpenGL camera-to-world poses, pixel centres at half integers, paths relative to
-//! the JSON. Its centring and rescaling of poses is not applied; the file's units are converted to metres by `scale`.
+//! The conventions are nerfstudio's: OpenGL camera-to-world poses, pixel centres at half integers,
+//! paths relative to the JSON. Unlike in nerfstudio, poses are not centred and rescaled; the file's
+//! units are converted to metres by `scale`.
 
 use std::path::{Path, PathBuf};
 
@@ -73,7 +74,7 @@ fn required_files(photo: &PhotographPath<'_>) -> Vec<RequiredFile> {
 
 /// File names that are searched for in a folder; the first that exists is read.
 const NAMES: [&str; 2] = ["transforms.json", "transforms_train.json"];
-/// Names of the same kind of file, read only if given as the path.
+/// Other files of the same kind, which are read only if given as the path.
 const OTHERS: [&str; 2] = ["transforms_val.json", "transforms_test.json"];
 
 fn open(spec: &DatasetSpec) -> Result<FoundScenes, DatasetError> {
@@ -84,7 +85,7 @@ fn open(spec: &DatasetSpec) -> Result<FoundScenes, DatasetError> {
         (spec.path.as_path(), None)
     };
     let root = Root::open(folder)?.allowing_outside(spec.setting("outside") == "allow");
-    // Parsed once, before any scene, because an invalid value is not a scene's fault.
+    // Parsed once, before any scene, because an invalid value is not an error of a scene.
     let units = (spec.positive("scale")?, spec.positive("depth-unit")?);
     let mut found = FoundScenes::default();
     if let Some(json) = only {
@@ -203,7 +204,7 @@ fn read_scene(
         ["depth", "depths"].map(|name| (folder.join(name), "are no frame's depth_file_path"));
     folders.extend(depth);
     folders.retain(|(unused, _)| unused != folder);
-    // The file of a single split does not use all pictures.
+    // A file for a single split does not use all pictures.
     if json.ends_with(NAMES[0]) {
         scene.note_unused(&folders);
     }

@@ -16,7 +16,8 @@ use crate::{DatasetSpec, Pairing, Scene, View, files};
 const HEADERS: usize = 64;
 /// Maximum number of masks decoded per scene, evenly spaced.
 const MASKS: usize = 4;
-/// Minimum fraction of pixels that a plausible mask keeps: most masks exclude a person, a sky or a logo.
+/// A plausible mask keeps at least this fraction of the pixels, because most masks exclude a
+/// person, a sky or a logo.
 const LEAST_LEFT: f64 = 0.2;
 
 /// A note on masks next to the pictures that are not read; `hint` explains how to read them.
@@ -90,7 +91,7 @@ pub(crate) fn add(scene: &mut Scene, spec: &DatasetSpec) {
             .notes
             .push(format!("pictures: {count} of {of} have {text}"));
     }
-    // A polarity that was asked for by name, or that the format defines, is not in doubt.
+    // A polarity that the user named, or that the format defines, is not in doubt.
     let has_polarity = |s: &Setting| s.allows("masks", "keep-black");
     if spec.setting("masks") != "apply" || !spec.entry.settings.iter().any(has_polarity) {
         return;
@@ -115,7 +116,8 @@ pub(crate) fn add(scene: &mut Scene, spec: &DatasetSpec) {
     }
 }
 
-/// Notes on the processing of a scene's pixels, and on views without data that others have; one line each.
+/// Notes on the processing of a scene's pixels, and on views that lack data which other views have;
+/// one line each.
 fn processing(scene: &Scene) -> Vec<String> {
     let all = scene.views.len();
     let mut notes = Vec::new();

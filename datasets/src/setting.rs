@@ -33,7 +33,7 @@ impl Setting {
         }
     }
 
-    /// A setting with any value, some of which are described; the others count as proxies.
+    /// A setting with any value. Some values are described; all others count as proxies.
     pub(crate) const fn named(
         key: &'static str,
         meaning: &'static str,
@@ -102,8 +102,8 @@ pub(crate) const fn proxy(value: &'static str, meaning: &'static str) -> Setting
     }
 }
 
-/// Settings for reading pictures, available in every file-based format. They only become part of a dataset's identity
-/// if given explicitly.
+/// Settings for reading pictures, available in every file-based format. They are part of a
+/// dataset's identity only if given explicitly.
 pub static PICTURES: [Setting; 3] = [
     Setting::choice(
         "alpha",

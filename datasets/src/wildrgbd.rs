@@ -1,9 +1,10 @@
 //! WildRGB-D: phone captures of objects, with LiDAR depth in millimetres.
 //!
-//! A category has `nvs_list.json` and `scenes/scene_000/` with `rgb/00000.png`, `depth/00000.png`, `metadata` (JSON)
-//! and `cam_poses.txt` (frame number and camera-to-world matrix, metres, OpenCV axes). K in `metadata` is column-major,
-//! with the first pixel's centre at (0, 0), so 0.5 is added to the principal point. The dataset has terabytes of data,
-//! so the lists are read first, and only the folders that they name are accessed.
+//! A category has `nvs_list.json` and `scenes/scene_000/` with `rgb/00000.png`, `depth/00000.png`,
+//! `metadata` (JSON) and `cam_poses.txt` (frame number and camera-to-world matrix, metres, OpenCV
+//! axes). K in `metadata` is column-major, with the first pixel's centre at (0, 0), so 0.5 is added
+//! to the principal point. The dataset has terabytes of data, so the lists are read first, and only
+//! the folders that they list are accessed.
 
 use std::path::{Path, PathBuf};
 
@@ -82,7 +83,7 @@ fn open(spec: &DatasetSpec) -> Result<FoundScenes, DatasetError> {
         } else {
             every_scene(&root, category)
         };
-        // A list that cannot be read, or a name that points outside, must not hide the other scenes.
+        // If a list cannot be read, or a name points outside, the other scenes must still be found.
         let folders = folders.unwrap_or_else(|error| vec![(root.id_of(category), Err(error))]);
         for (id, folder) in folders {
             let by_frame = split == "val-frames";
@@ -94,7 +95,7 @@ fn open(spec: &DatasetSpec) -> Result<FoundScenes, DatasetError> {
     spec.conclude(found, expected, categories.unsearched)
 }
 
-/// Ids and folders of a category's scenes; an error for names that are not scenes.
+/// Ids and folders of a category's scenes; an error for a name that is not a scene's.
 type Folders = Vec<(String, Result<PathBuf, DatasetError>)>;
 
 /// Folders of the scenes that the category's list names, in natural order.
@@ -243,7 +244,7 @@ fn read_lens(file: &Path) -> Result<Lens, DatasetError> {
         .map(|k| k.iter().filter_map(Value::as_f64).collect())
         .unwrap_or_default();
     let k = <[f64; 9]>::try_from(k).map_err(|_| malformed("'K' is not nine numbers".into()))?;
-    // K is column-major: the principal point is where a row-major K has zeros.
+    // K is column-major, so the principal point is where a row-major K has zeros.
     if k[2] != 0.0 || k[5] != 0.0 {
         return Err(malformed(
             "'K' is not column-major: its third and sixth numbers are not zero".into(),

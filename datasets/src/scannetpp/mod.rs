@@ -130,7 +130,7 @@ fn required_files(photo: &PhotographPath<'_>) -> Vec<RequiredFile> {
         photo.above(&format!("nerfstudio/{json}")),
     )];
     if undistorted {
-        // Depth is rendered with the fisheye camera; a mesh does not need it.
+        // Depth maps are rendered with the fisheye camera; depth from a mesh does not need it.
         let fisheye = RequiredFile::depth(photo.above("nerfstudio/transforms.json"));
         files.push(fisheye.or(mesh()));
     }
@@ -168,7 +168,7 @@ fn open(spec: &DatasetSpec) -> Result<FoundScenes, DatasetError> {
     let cache = ScanCache::default();
     let mut found = FoundScenes::default();
     for name in &names {
-        // A name that points outside must not hide the other scenes.
+        // A name that points outside the folder must not prevent reading the other scenes.
         let scene = root.resolve_listed(&list, &data, &format!("{name}/dslr"));
         let scene = scene.and_then(|dslr| {
             let scene = root.resolve(&data, name)?;

@@ -15,15 +15,15 @@ pub(super) struct DslrPhotographs {
     pub(super) file: Transforms,
     pub(super) images: PathBuf,
     pub(super) masks: PathBuf,
-    /// Folder of pictures undistorted by the toolbox; `None` for the fisheye ones.
+    /// Folder of pictures undistorted by the toolbox; `None` if the fisheye pictures are used.
     pub(super) published: Option<String>,
     /// Fisheye cameras and their file, if the pictures are undistorted but depth is not.
     pub(super) fisheye: Option<(PathBuf, Transforms)>,
 }
 
 impl DslrPhotographs {
-    /// Finds the photographs selected by `choice`, a value of the setting `images`. If `depth_in_fisheye`, the fisheye
-    /// cameras are also required for undistorted pictures.
+    /// Finds the photographs selected by `choice`, a value of the setting `images`. If
+    /// `depth_in_fisheye`, undistorted pictures require the fisheye cameras as well.
     ///
     /// # Errors
     /// Names the file that is broken or missing, with a remedy.

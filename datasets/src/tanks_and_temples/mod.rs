@@ -1,12 +1,14 @@
 //! Tanks and Temples' training set.
 //!
-//! A scene is a folder with `<S>_COLMAP_SfM.log` (camera-to-world, structure-from-motion units), `<S>_trans.txt` (the
-//! similarity to the laser scan's metric coordinates) and `<S>.ply` (the scan).
+//! A scene is a folder with `<S>_COLMAP_SfM.log` (camera-to-world, structure-from-motion units),
+//! `<S>_trans.txt` (the similarity to the laser scan's metric coordinates) and `<S>.ply` (the
+//! scan).
 //!
 //! * `photographs`: block i of the log, counted from 0, belongs to the picture numbered i + 1.
-//! * `cameras`: intrinsics were never published. Provide a COLMAP model (`cameras.txt` or `.bin` next to the log or in
-//!   `sparse/0`, with `images` if it has several cameras). A focal length given as a share of the width is a guess,
-//!   which depth rendered with the same camera cannot disprove; it is used only if requested by a setting.
+//! * `cameras`: intrinsics were never published. Provide a COLMAP model (`cameras.txt` or `.bin`
+//!   next to the log or in `sparse/0`, with `images` if it has several cameras). A focal length
+//!   given as a share of the width is a guess, which cannot be checked with depth rendered by the
+//!   same camera; it is used only if a setting requests it.
 
 mod cameras;
 mod photographs;
@@ -171,7 +173,7 @@ impl TanksReader<'_> {
                 "{name}: the pictures are numbered from 0, so block i is assigned to picture i"
             ));
         }
-        // Uses the size of a picture that is used, if there is one.
+        // Uses the size of a matched picture, if there is one.
         let first = by_block.files.values().next().copied();
         let cameras = self.cameras(first.unwrap_or(&photos.files[0]), &mut scene.notes)?;
         let camera_files = [&[log.clone(), trans], cameras.files.as_slice()].concat();
