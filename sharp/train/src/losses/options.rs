@@ -1,4 +1,4 @@
-//! The published loss weights, and options for choices that the paper leaves open.
+//! The published loss weights, and options for the choices that the paper leaves open.
 
 use super::perceptual::PerceptualOptions;
 use serde::{Deserialize, Serialize};
