@@ -232,8 +232,8 @@ impl TrainingConfig {
                 .map_or(1, |at| 1 + text[..at.start].matches('\n').count()),
             reason: error.message().replace('\n', ", "),
         })?;
-        // If only one stage is configured, require the other too: the second's default of 60 000 steps
-        // at 1536 pixels would be unintended.
+        // If only one stage is configured, require the other too: the second's default of 60 000
+        // steps at 1536 pixels would be unintended.
         let named: toml::Table = toml::from_str(text).unwrap_or_default();
         let [first, second] = ["stage1", "stage2"].map(|stage| named.contains_key(stage));
         let missing = (first != second).then(|| {
