@@ -318,6 +318,6 @@ fn what_was_lost_or_damaged_is_named() {
         ];
         sharp_bench(dir, &args)
     };
-    named("all").is_error_with(&["'all' is the mean over datasets"]);
+    named("all").is_error_with(&["'all' is reserved for the mean over datasets"]);
     named("new\nline").is_usage_error_with(&["line breaks"]);
 }

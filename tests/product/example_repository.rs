@@ -70,7 +70,7 @@ fn the_python_repository_passes_and_its_broken_model_fails() {
     assert_eq!(code, 3, "{said}");
     let comment = read(dir.join("lost/comment.md"));
     assert!(
-        comment.contains("1 pair without a score that A has"),
+        comment.contains("1 pair with a score in A but not in B"),
         "{comment}"
     );
 }

@@ -230,7 +230,7 @@ fn one_scene_that_broke_is_found_where_its_dataset_says_nothing() {
     let said = gate(dir, "good", "lost", &limits).ends_with(3);
     assert!(
         said.out
-            .contains("1 pair without a score that A has, the first is S/seed5/"),
+            .contains("1 pair with a score in A but not in B; the first is S/seed5/"),
         "{}",
         said.out
     );
@@ -383,7 +383,7 @@ fn files_exit_codes_and_errors() {
             "a",
             &["--fail-if", "psnr < -0.1", option, "a/manifest.json"],
         );
-        said.is_error_with(&["a/manifest.json", "not written over"]);
+        said.is_error_with(&["a/manifest.json", "not overwritten"]);
     }
 
     gate(dir, "a", "b", &["--fail-if", "psnr < -0.1"]).ends_with(0);

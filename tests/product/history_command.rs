@@ -33,7 +33,11 @@ fn a_history_holds_each_run_once_and_says_what_changed() {
     assert_eq!(said.out, "h/0001.zip  base\n");
     // The same again, of the folder or of its bundle.
     let said = add("base", &["--commit", "abc1"]).ends_with(0);
-    assert!(said.out.contains("there since 2026-01-31"), "{}", said.out);
+    assert!(
+        said.out.contains("already added on 2026-01-31"),
+        "{}",
+        said.out
+    );
     sharp_bench(dir, &["bundle", "base", "--out", "base.zip"]).ends_with(0);
     let said = add("base.zip", &["--commit", "abc1", "--json"])
         .ends_with(0)
@@ -47,7 +51,7 @@ fn a_history_holds_each_run_once_and_says_what_changed() {
     let bytes = |name: &str| std::fs::read(dir.join(name)).unwrap();
     assert!(bytes("plain.zip") == bytes("base.zip"));
     sharp_bench(dir, &["bundle", "base", "--out", "h/0001.zip"])
-        .is_error_with(&["h/0001.zip", "not written over"]);
+        .is_error_with(&["h/0001.zip", "not overwritten"]);
     // Other results under the same name.
     let said = add("worse", &["--label", "base", "--commit", "abc1", "--json"])
         .ends_with(0)

@@ -46,7 +46,7 @@ fn import(dir: &Path) {
         (&Value::from(4), &Value::from(3))
     );
     with(&["--dataset", DATASET, "--out", "theirs.json"])
-        .is_error_with(&["theirs.json", "not written over"]);
+        .is_error_with(&["theirs.json", "not overwritten"]);
 }
 
 /// A method's score on the first pair.

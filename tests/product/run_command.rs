@@ -278,7 +278,7 @@ fn a_folder_grows_and_is_reported_joined_and_scored_again() {
     sharp_bench(path, &["bundle", "r", "--out", "r.zip"]).ends_with(0);
     sharp_bench(path, &["bundle", "r", "--out", "r.zip"]).ends_with(0);
     sharp_bench(path, &["bundle", "r", "--out", "r/scores.csv"])
-        .is_error_with(&["r/scores.csv", "not written over"]);
+        .is_error_with(&["r/scores.csv", "not overwritten"]);
     sharp_bench(path, &["report", "r.zip"]).is_usage_error_with(&["--out"]);
     sharp_bench(path, &["report", "r", "--out", "of-folder"]).ends_with(0);
     sharp_bench(path, &["report", "r.zip", "--out", "of-bundle"]).ends_with(0);

@@ -91,7 +91,7 @@ fn a_controlled_sweep_from_pictures_to_tables() {
         sharp_bench(dir.path(), &[&common, more].concat())
     };
     let limits = ["--metrics", "psnr", "--threshold", "ssim=0.5"];
-    sweep(&limits).is_usage_error_with(&["--threshold ssim", "--metrics leaves"]);
+    sweep(&limits).is_usage_error_with(&["--threshold ssim", "--metrics does not include"]);
     let said = sweep(&["--bins", "1e3"]).ends_with(2);
     assert!(said.err.contains("at most 15 digits"), "{}", said.err);
     // Without crossings, those of before go; pairs beyond the edges are counted.
@@ -106,7 +106,7 @@ fn a_controlled_sweep_from_pictures_to_tables() {
     // What is somebody else's stays, and nothing else is written then.
     let drawn = read(dir.path().join("out/sweep-psnr.svg"));
     std::fs::write(dir.path().join("out/sweep.csv"), "mine\n").unwrap();
-    sharp_bench(dir.path(), &args).is_error_with(&["sweep.csv", "something else"]);
+    sharp_bench(dir.path(), &args).is_error_with(&["sweep.csv", "of another kind"]);
     assert_eq!(read(dir.path().join("out/sweep.csv")), "mine\n");
     assert_eq!(read(dir.path().join("out/sweep-psnr.svg")), drawn);
 }

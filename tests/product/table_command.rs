@@ -113,14 +113,14 @@ fn rows_of_ones_own_stand_below_the_published_ones() {
         .json();
     assert_eq!(narrow["cells"].as_array().unwrap().len(), 9 * 2);
     std::fs::write(dir.join("out/psnr-ssim.md"), "mine").unwrap();
-    table(&["--out", "out"]).is_error_with(&["psnr-ssim.md", "not written over"]);
+    table(&["--out", "out"]).is_error_with(&["psnr-ssim.md", "not overwritten"]);
 
     for (args, said) in [
         (["nope", "--row", "a=run:copy"], "no table 'nope'"),
         (["psnr-ssim", "--row", "run"], "LABEL=RUN"),
         (
             ["psnr-ssim", "--row", "a\nb=run:copy"],
-            "'a\\nb' holds a control character",
+            "'a\\nb' contains a control character",
         ),
     ] {
         sharp_bench(dir, &[&["table"], &args[..]].concat()).is_usage_error_with(&[said]);
@@ -320,7 +320,7 @@ fn a_number_is_explained_by_the_readings_of_its_pictures() {
     );
     // The path of its dataset is relative, and nothing is there from elsewhere.
     sharp_bench(&dir.join("why"), &args).is_error_with(&[
-        "middlebury=data, from which the run has its pictures",
+        "middlebury=data, which the run's pictures are read from",
         "relative to the folder where `run` was started",
         "why",
     ]);

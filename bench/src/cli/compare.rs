@@ -65,17 +65,18 @@ pub(super) fn method_pair(text: &str) -> Result<(String, String), &'static str> 
 fn threshold(text: &str) -> Result<(Family, f64), &'static str> {
     let (name, value) = text.split_once('=').ok_or("expected METRIC=VALUE")?;
     let family = Family::ALL.into_iter().find(|family| family.name() == name);
-    let family = family.ok_or("metrics are psnr, ssim, lpips, dists")?;
+    let family = family.ok_or("expected psnr, ssim, lpips or dists")?;
     let value = value.parse().ok();
     let value = value.filter(|v: &f64| v.is_finite() && *v >= 0.0);
-    Ok((family, value.ok_or("the value is a number, 0 or more")?))
+    Ok((family, value.ok_or("expected a number of 0 or more")?))
 }
 
 pub(super) fn execute(args: &CompareArgs) -> anyhow::Result<Outcome> {
     let b = match (&args.b, args.methods.as_slice()) {
         (Some(b), _) => b,
         (None, []) => {
-            let reason = "a run is compared with another, or with itself by --method OLD=NEW";
+            let reason = "give a second run, or compare two methods of one run with --method \
+                          OLD=NEW";
             return Err(UsageError(reason.to_owned()).into());
         }
         (None, _) => &args.a,

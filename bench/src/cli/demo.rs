@@ -67,7 +67,9 @@ pub(super) fn execute(args: &DemoArgs) -> anyhow::Result<Outcome> {
     let mut methods = METHODS.to_vec();
     // The program may have been copied without the files that belong next to it.
     if let Err(error @ NetworkError::NotBundled { .. }) = bundled_weights() {
-        output::remark(format!("note: no rows of the network: {error}"));
+        output::remark(format!(
+            "note: the tables have no rows for the network: {error}"
+        ));
         methods.retain(|method| !method.contains("checkpoint=mini"));
     }
     let specs: Vec<MethodSpec> = methods

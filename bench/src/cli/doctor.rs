@@ -121,7 +121,7 @@ fn gpu_adapters(adapters: &[AdapterFacts]) -> Vec<Finding> {
     let of_adapter = |(index, adapter): (usize, &AdapterFacts)| {
         let advice = match (adapter.software, chosen == Some(index)) {
             (true, _) => "software: used only when named, `render --adapter NAME`",
-            (false, true) => "what `render` chooses by itself",
+            (false, true) => "used by `render` by default",
             (false, false) => "used when named, `render --adapter NAME`",
         };
         finding(WHAT, &adapter.name, advice)

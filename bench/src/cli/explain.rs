@@ -62,7 +62,7 @@ pub(super) fn execute(args: &ExplainArgs) -> anyhow::Result<Outcome> {
         let tables = TABLES.iter().filter(|table| made_by_runs(table.made_by));
         let names: Vec<&str> = tables.map(|table| table.name).collect();
         let reason = format!(
-            "no table of scores '{}'; there are {}",
+            "there is no table of scores '{}'; available: {}",
             args.table,
             names.join(", ")
         );
@@ -71,7 +71,7 @@ pub(super) fn execute(args: &ExplainArgs) -> anyhow::Result<Outcome> {
     if !table.rows.iter().any(|(label, _)| *label == args.row) {
         let labels: Vec<&str> = table.rows.iter().map(|(label, _)| *label).collect();
         let reason = format!(
-            "--row {}: {} has the rows {}",
+            "--row {}: no such row in {}, which has {}",
             args.row,
             table.name,
             labels.join(", ")
@@ -86,15 +86,15 @@ pub(super) fn execute(args: &ExplainArgs) -> anyhow::Result<Outcome> {
         let explained = explain_run(table, &args.row, &run, &scoring, &Terminal::default())?;
         if explained.changed > 0 {
             output::remark(format!(
-                "warning: {}: {} of the run's scores differ from those of its pictures today: weights or code have \
-                 changed since",
+                "warning: {}: {} of the run's scores differ from those recomputed from its \
+                 pictures: weights or code changed after the run",
                 explained.path.display(),
                 explained.changed
             ));
         }
         if explained.lacks_pairs() {
             output::remark(format!(
-                "warning: {}: pairs without a kept and scored picture are missing from these numbers",
+                "warning: {}: these numbers exclude pairs whose scored picture was not kept",
                 explained.path.display()
             ));
         }

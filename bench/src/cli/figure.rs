@@ -247,7 +247,7 @@ fn plots(
     let results = join(&args.runs)?;
     check_writable(&args.out.out)?;
     let figure = make(&results, &style)?;
-    let figure = figure.ok_or_else(|| anyhow!("{stem}: the runs have nothing to show"))?;
+    let figure = figure.ok_or_else(|| anyhow!("{stem}: the runs have nothing to plot"))?;
     let files = report_plots::files(figure, &args.out.out, stem);
     say(&write_all_over_own(&files)?, &[], &args.out)?;
     Ok(Outcome::of_problems(warn_damaged(&results)))
@@ -274,7 +274,11 @@ fn of_depth(args: &UncertaintyArgs) -> anyhow::Result<Outcome> {
         (.., Some(checkpoint)) => {
             uncertainty::by_network(&picture, checkpoint, args.config.as_deref())?
         }
-        _ => return Err(UsageError("--depth and --mirrored, or --checkpoint".to_owned()).into()),
+        _ => {
+            return Err(
+                UsageError("give --depth and --mirrored, or --checkpoint".to_owned()).into(),
+            );
+        }
     };
     let sheet = uncertainty::sheet(&picture, &maps)?;
     write_sheet(&sheet, "uncertainty", &args.out, &style).map(Outcome::of_problems)

@@ -66,7 +66,7 @@ fn power(text: &str) -> Result<(MetricName, f64), String> {
     let (name, value) = text.split_once('=').ok_or("expected METRIC=D")?;
     let value = value.parse().ok();
     let value = value.filter(|d: &f64| d.is_finite() && *d > 0.0);
-    Ok((name.parse()?, value.ok_or("D is a number above 0")?))
+    Ok((name.parse()?, value.ok_or("expected a number above 0")?))
 }
 
 pub(super) fn execute(args: &GateArgs) -> anyhow::Result<Outcome> {

@@ -104,7 +104,8 @@ fn add(args: &AddArgs) -> anyhow::Result<Outcome> {
         output::line(match added.is_new {
             true => format!("{path}  {label}"),
             false => format!(
-                "{path}  {label}, there since {} with the same results; use another --label or --commit for a new entry",
+                "{path}  {label}, already added on {} with the same results; use another --label \
+                 or --commit for a new entry",
                 added.occasion.date
             ),
         })?;

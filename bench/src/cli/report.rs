@@ -97,7 +97,7 @@ pub(super) fn execute(args: &ReportArgs) -> anyhow::Result<Outcome> {
     } else {
         let pictures = match files.layout {
             Layout::File => "one file",
-            Layout::Folder => "its pictures beside it, in thumbs/",
+            Layout::Folder => "its pictures next to it, in thumbs/",
         };
         output::line(format!("report  {}  ({pictures})", files.html.display()))?;
     }

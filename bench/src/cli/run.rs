@@ -160,7 +160,7 @@ pub(super) fn execute(args: &RunArgs) -> anyhow::Result<Outcome> {
         Simd::pin(set).map_err(|error| UsageError(format!("--simd {set}: {error}")))?;
     }
     if config.methods.is_empty() {
-        let reason = "no method: --method SPEC names one (`run --help-all` has the kinds)";
+        let reason = "no method: give one with --method SPEC (`run --help-all` lists the kinds)";
         return Err(UsageError(reason.to_owned()).into());
     }
     let plan = args.plan.as_deref().map(std::path::absolute).transpose()?;
@@ -169,7 +169,7 @@ pub(super) fn execute(args: &RunArgs) -> anyhow::Result<Outcome> {
     say_what_was_opened(&request.datasets);
     if let Some(protocol) = &request.protocol {
         for departure in &protocol.departures {
-            output::remark(format!("note: not as in {}: {departure}", protocol.name));
+            output::remark(format!("note: differs from {}: {departure}", protocol.name));
         }
     }
     let evaluation = prepare(request, &terminal)?;
@@ -366,7 +366,8 @@ fn print_estimate(estimate: &Estimate, as_json: bool) -> anyhow::Result<()> {
         ))?;
     }
     output::line(
-        "times assume this machine's present pace; the disk of `all` is what stays in the run folder",
+        "times assume this machine's current speed; for `all`, disk is the final size of the run \
+         folder",
     )?;
     if measured_failures > 0 {
         output::remark(format!(

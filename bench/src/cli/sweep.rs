@@ -74,7 +74,7 @@ pub(super) fn execute(args: &SweepArgs) -> anyhow::Result<Outcome> {
     let left_out = |key: &&MetricKey| !args.metrics.is_empty() && !args.metrics.contains(key);
     let mut limited = args.thresholds.iter().map(|threshold| &threshold.metric);
     if let Some(key) = limited.find(left_out) {
-        let reason = format!("--threshold {key}=…: --metrics leaves {key} out");
+        let reason = format!("--threshold {key}=…: --metrics does not include {key}");
         return Err(UsageError(reason).into());
     }
     let style = style(args.style.as_ref())?;
@@ -139,7 +139,7 @@ pub(super) fn sweep(
     }
     for file in output::names(&files.removed) {
         output::remark(format!(
-            "note: {file} was left by an earlier sweep and is removed"
+            "note: {file} was left by an earlier sweep and has been removed"
         ));
     }
     let x = sweep.spec.x.title();
@@ -152,7 +152,7 @@ pub(super) fn sweep(
     }
     for panel in &sweep.panels {
         for (count, what) in [
-            (panel.unplaced, "have no known place"),
+            (panel.unplaced, "have an unknown value"),
             (panel.outside, "lie outside all bins"),
         ] {
             if count > 0 {

@@ -69,7 +69,8 @@ pub(super) struct TrainArgs {
 pub(super) fn execute(args: &TrainArgs) -> anyhow::Result<Outcome> {
     super::set_threads(args.threads)?;
     if args.validation_pairs == 0 {
-        let reason = "--validation-pairs 0: `intervals.validation = 0` in the configuration validates nothing";
+        let reason = "--validation-pairs 0: to disable validation, set `intervals.validation = 0` \
+                      in the configuration";
         return Err(UsageError(reason.to_owned()).into());
     }
     let selection = args.metrics.selection()?;
@@ -121,7 +122,7 @@ pub(super) fn execute(args: &TrainArgs) -> anyhow::Result<Outcome> {
             None => format!("stopped after {position}; the same command resumes it"),
         })?;
         output::line(format!(
-            "network {}, of which {learning} learnt",
+            "network {}, of which {learning} trained",
             counted(all, "parameter")
         ))?;
         if let Some(network) = perceptual_network {

@@ -113,7 +113,7 @@ pub fn backend(backend: &Backend, adapter: Option<&str>) -> Result<Backend, Conf
             "--adapter names a GPU, but --backend cpu uses none: use --backend wgpu".to_owned(),
         ),
         (Backend::Wgpu(Some(_)), Some(_)) => {
-            usage(format!("--backend {backend} names an adapter already"))
+            usage(format!("--backend {backend} already names an adapter"))
         }
     }
 }

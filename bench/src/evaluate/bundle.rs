@@ -96,8 +96,8 @@ struct UnitLine {
 pub fn write_bundle(run: &Path, out: &Path) -> Result<Results, EvaluateError> {
     let is_other = |there: Result<Bundle, _>| there.map_or(true, |there| there.occasion.is_some());
     if out.exists() && is_other(read_file(out)) {
-        let reason = "the file exists and is not written over, because it is not a bundle or belongs to a history; choose \
-             another file";
+        let reason = "the file exists and is not overwritten, because it is not a bundle or \
+                      belongs to a history; choose another file";
         return Err(FileError::new(out, "write")(std::io::Error::other(reason)).into());
     }
     let mut bundle = Bundle::read(run)?;
@@ -350,7 +350,7 @@ fn read_file(path: &Path) -> Result<Bundle, EvaluateError> {
     let scores = members.bytes("scores.bin", expected as u64 + 1)?;
     if scores.len() != expected {
         return Err(unreadable(
-            "scores.bin does not have its units' length".to_owned(),
+            "the length of scores.bin does not match the number of units".to_owned(),
         ));
     }
     let mut records = Vec::with_capacity(n);
@@ -394,7 +394,7 @@ fn read_file(path: &Path) -> Result<Bundle, EvaluateError> {
     let found = found.map_err(|error| unreadable(error.to_string()))?;
     if found != head.digest {
         return Err(unreadable(
-            "damaged: its contents are not what was packed".to_owned(),
+            "damaged: its contents differ from what was packed".to_owned(),
         ));
     }
     let results = Results {

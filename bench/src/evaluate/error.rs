@@ -18,7 +18,7 @@ pub enum EvaluateError {
     #[error(transparent)]
     Pairs(#[from] PairError),
     /// A dataset of a run cannot be reopened.
-    #[error("{spec}, from which the run has its pictures: {reason}{from}")]
+    #[error("{spec}, which the run's pictures are read from: {reason}{from}")]
     RunDataset {
         spec: String,
         reason: Box<PairError>,

@@ -245,7 +245,8 @@ impl RunFolder {
         let text =
             text.map_err(|error| FileError::new(&path, "write")(std::io::Error::other(error)))?;
         let text = format!(
-            "# What was asked for: `sharp-bench run --config FILE --out OTHER` does it again.\n{text}"
+            "# The requested options; `sharp-bench run --config FILE --out OTHER` uses them \
+             again.\n{text}"
         );
         write_atomic(&path, text.as_bytes())
     }

@@ -26,7 +26,7 @@ pub struct Named {
 
 /// Why a folder cannot have this name.
 #[derive(Debug, thiserror::Error)]
-#[error("the name '{}' holds a control character", .0.escape_debug())]
+#[error("the name '{}' contains a control character", .0.escape_debug())]
 pub struct NameError(String);
 
 impl std::str::FromStr for Named {

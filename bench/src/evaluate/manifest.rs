@@ -397,7 +397,8 @@ impl Manifest {
             let mut pairs = facts(info).into_iter().zip(facts(&own));
             if let Some(((what, said), (_, is))) = pairs.find(|(said, is)| said != is) {
                 return Err(format!(
-                    "manifest.json was changed: it gives {} the {what} '{}', which is '{is}'",
+                    "manifest.json was changed: the {what} of {} is '{}' there, but should be \
+                     '{is}'",
                     info.key,
                     visible_line(&said)
                 ));

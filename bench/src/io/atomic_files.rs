@@ -98,7 +98,7 @@ fn is_file_that(path: &Path, test: impl Fn(&[u8]) -> bool) -> bool {
 fn refuse_others(path: &Path, is_own: impl Fn(&[u8]) -> bool) -> Result<(), FileError> {
     if path.exists() && !is_file_that(path, is_own) {
         let reason =
-            "the file there is something else, and is not written over; choose another file";
+            "the existing file is of another kind and is not overwritten; choose another file";
         return Err(FileError::new(path, "write")(io::Error::other(reason)));
     }
     Ok(())

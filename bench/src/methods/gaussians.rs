@@ -30,7 +30,7 @@ const LEAST_SHIFT: f64 = 0.75;
 
 /// Extras that count Gaussians dropped by the renderer, and the reasons as text.
 pub const UNUSABLE: [(&str, &str); 2] = [
-    ("not_finite", "hold values that are not finite"),
+    ("not_finite", "have values that are not finite"),
     ("zero_quaternions", "have a quaternion of zero"),
 ];
 
@@ -43,7 +43,7 @@ pub const UNUSABLE: [(&str, &str); 2] = [
 /// metres, OpenCV axes, as written by `sharp predict` and `sharp-bench predict`. Any camera stored
 /// in a file is ignored: the dataset's poses and intrinsics place and render the Gaussians. If a
 /// PLY does not state the encoding of its colours, `color_space=` must. Gaussians that are not
-/// finite or have a zero quaternion are dropped, counted in the extras `not_finite` and
+/// finite or have a quaternion of zero are dropped, counted in the extras `not_finite` and
 /// `zero_quaternions`, and warned about. Stored numbers that contradict the settings also cause a
 /// warning.
 #[derive(Debug)]

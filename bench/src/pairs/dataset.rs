@@ -61,9 +61,14 @@ impl OpenDataset {
             let is_taken = open.iter().any(|other| other.name == dataset.name);
             if is_taken || dataset.name == ALL_DATASETS {
                 let reason = match is_taken {
-                    true => format!("the name '{}' is taken; give this one NAME:", dataset.name),
+                    true => format!(
+                        "the name '{}' is taken; give this dataset another one with \
+                                     NAME:",
+                        dataset.name
+                    ),
                     false => format!(
-                        "'{ALL_DATASETS}' is the mean over datasets; give this one another NAME:"
+                        "'{ALL_DATASETS}' is reserved for the mean over datasets; give this \
+                         dataset another name with NAME:"
                     ),
                 };
                 return Err(PairError::DatasetSpec {

@@ -76,7 +76,7 @@ impl Frame {
         };
         let smaller = |to_w: u32, to_h: u32| match w < to_w || h < to_h {
             true => Err(format!(
-                "frame={self}: a view is {w}x{h}, and pictures are only reduced"
+                "frame={self}: a view is {w}x{h}, and pictures are never enlarged"
             )),
             false => Ok(()),
         };

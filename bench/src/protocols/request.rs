@@ -30,7 +30,10 @@ impl Request {
             return usage("--limit 0: no pair to evaluate");
         }
         if config.datasets.is_empty() {
-            return usage("no dataset: --dataset SPEC names one (`datasets list` has the formats)");
+            return usage(
+                "no dataset: give one with --dataset SPEC (`datasets list` shows the \
+                          formats)",
+            );
         }
         let protocol = config
             .protocol

@@ -59,7 +59,7 @@ fn change(table: &mut Table, set: &str) -> Result<(), String> {
         let removed = place.and_then(|table| table.remove(last));
         return removed
             .map(drop)
-            .ok_or_else(|| format!("the configuration does not give `{key}`"));
+            .ok_or_else(|| format!("the configuration does not set `{key}`"));
     }
     let chooses = matches!(names.last(), Some(&("network" | "data")));
     let mut place = table;

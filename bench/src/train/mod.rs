@@ -83,8 +83,9 @@ pub fn train(request: TrainRequest<'_>, observer: &dyn Observer) -> Result<Train
     let is_vgg = config.loss_options.percep.resnet50dilated.is_none();
     if is_vgg && weight > VGG_WEIGHT_AT_MOST {
         observer.warn(&format!(
-            "`losses.percep` is {weight}, a weight for the paper's network (`loss_options.percep.resnet50dilated`); \
-             values over VGG16 are some hundred times as large and need a weight near 0.01"
+            "`losses.percep` is {weight}, a weight for the paper's network \
+             (`loss_options.percep.resnet50dilated`); with VGG16, its values are about a hundred \
+             times as large and need a weight near 0.01"
         ));
     }
     // The saved configuration keeps the network's name, because its path depends on where the

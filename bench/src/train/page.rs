@@ -90,7 +90,7 @@ impl Log {
         let cell = row.get(column).unwrap_or_default();
         cell.parse().map_err(|_| TrainError::Log {
             path: self.path.clone(),
-            reason: format!("'{cell}' is no number"),
+            reason: format!("'{cell}' is not a number"),
         })
     }
 
@@ -173,8 +173,9 @@ fn losses(log: &Log, count: usize) -> Result<Option<Figure>, TrainError> {
             })),
         });
     }
-    let caption = "Mean over each stretch of steps; shade: ± one sample standard deviation; hollow: a single step. Losses \
-                   are before their weights, the gradient's norm before clipping; steps of both stages count on.";
+    let caption = "Mean over each stretch of steps; shade: ± one sample standard deviation; \
+                   hollow: a single step. Losses are before their weights, the gradient's norm \
+                   before clipping; steps are counted across both stages.";
     let figure = figure("Losses", caption, &[], &panels, None);
     Ok(Some(figure.map_err(ReportError::from)?))
 }
@@ -221,7 +222,8 @@ fn validated(log: &Log, steps: &BTreeMap<Place, f64>) -> Result<Option<Figure>, 
     if panels.is_empty() {
         return Ok(None);
     }
-    let caption = "Mean over the pairs of validation-pairs.csv, none of which is learnt from.";
+    let caption =
+        "Mean over the pairs of validation-pairs.csv, none of which is used for training.";
     let figure = figure("Validation", caption, &[], &panels, None);
     Ok(Some(figure.map_err(ReportError::from)?))
 }

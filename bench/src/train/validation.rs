@@ -67,7 +67,7 @@ impl Validation {
                 return Err(TrainError::NotHeldOut {
                     spec: dataset.to_string(),
                     reason:
-                        "networks are trained on its seeds; use seeds below 1000 or from 900000"
+                        "networks are trained on these seeds; use seeds below 1000 or from 900000"
                             .to_owned(),
                 });
             }

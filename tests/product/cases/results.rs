@@ -153,7 +153,7 @@ fn what_a_manifest_says_of_a_metric_has_to_be_so() {
     )
     .unwrap();
     case.run("sharp-bench report changed.zip --out rep")
-        .is_error_with(&["changed.zip", "not what was packed"]);
+        .is_error_with(&["changed.zip", "differ from what was packed"]);
 }
 
 #[test]

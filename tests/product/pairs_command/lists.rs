@@ -220,7 +220,7 @@ fn help_lists_what_each_choice_may_be() {
     let said = sharp_bench(dir.path(), &["pairs", "--help-all"]).ends_with(0);
     for part in [
         "sets           consecutive, strided, whole, random:SEED\n",
-        "limit          all or a number\n                 default 512; pairs of a dataset",
+        "limit          all or a number\n                 default 512; maximum number of",
         "at-threshold   out, in\n                 default out; ",
     ] {
         assert!(said.out.contains(part), "{}", said.out);

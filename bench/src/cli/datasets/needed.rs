@@ -43,7 +43,8 @@ pub(super) fn execute(list: &Path, specs: &[String], json: bool) -> anyhow::Resu
     let names: BTreeSet<&str> = list.pairs.iter().map(|p| p.dataset.as_str()).collect();
     if let Some(unused) = specs.keys().find(|name| !names.contains(name.as_str())) {
         anyhow::bail!(
-            "--dataset {unused}: the list has no dataset of that name, but {}; give it as NAME:FORMAT=PATH",
+            "--dataset {unused}: the list has no dataset of that name; it has {}: give the dataset \
+             as NAME:FORMAT=PATH",
             names.into_iter().collect::<Vec<_>>().join(", ")
         );
     }
@@ -176,7 +177,7 @@ fn print(needed: &Needed) -> anyhow::Result<()> {
     let format = match needed.format {
         Some(format) if format != needed.dataset => format!(" ({format})"),
         Some(_) => String::new(),
-        None => " (format unknown: name it with --dataset NAME:FORMAT=PATH)".to_owned(),
+        None => " (format unknown: give it with --dataset NAME:FORMAT=PATH)".to_owned(),
     };
     output::line(format!(
         "{}{format}: {}, {}",

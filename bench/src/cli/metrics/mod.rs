@@ -161,8 +161,8 @@ pub(super) fn execute(args: &MetricsArgs) -> anyhow::Result<Outcome> {
     let mean_left = scored.iter().map(|pair| pair.left).sum::<f64>() / scored.len().max(1) as f64;
     let inverted = (mean_left < LEAST_LEFT).then(|| {
         format!(
-            "--mask: on average {:.1} % of the pixels are white, which counts; if white marks what to leave out, invert \
-             the masks",
+            "--mask: on average only {:.1} % of the pixels are white, which means scored; if white \
+             marks the pixels to exclude, invert the masks",
             100.0 * mean_left
         )
     });
@@ -235,7 +235,7 @@ impl MetricsArgs {
             .keys()
             .any(|key| key.inside(MetricRegion::Given).is_none())
         {
-            output::remark("note: DISTS has no masked form; it is given over the whole picture");
+            output::remark("note: DISTS has no masked form; it is computed over the whole picture");
         }
         Ok(with_mask)
     }

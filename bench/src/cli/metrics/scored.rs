@@ -147,7 +147,8 @@ fn read_mask(path: &Path) -> anyhow::Result<sharp_metrics::Mask> {
     let found = masks::read(path)?;
     if found.between > 0 {
         output::remark(format!(
-            "warning: {}: {} pixels are neither black nor white; levels of 128 and more count",
+            "warning: {}: {} pixels are neither black nor white; levels of 128 and more count as \
+             white",
             path.display(),
             found.between
         ));

@@ -92,7 +92,7 @@ pub(super) fn execute(args: &ExportArgs) -> anyhow::Result<Outcome> {
     let found = list.verify(&scenes);
     if let Some(first) = found.different.first() {
         output::remark(format!(
-            "warning: differ from those that the list was made from: {}, such as {}/{}/{}",
+            "warning: not the ones that the list was made from: {}, such as {}/{}/{}",
             counted(found.different.len(), "photograph"),
             first.dataset,
             first.scene,

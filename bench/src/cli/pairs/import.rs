@@ -85,7 +85,7 @@ pub(super) fn execute(args: &ImportArgs) -> anyhow::Result<Outcome> {
                 .map(String::as_str)
                 .collect();
             output::remark(format!(
-                "warning: {} of the list not in the datasets, such as {}",
+                "warning: {} of the list missing from the datasets, such as {}",
                 counted(imported.absent.len(), "scene"),
                 named.join(", ")
             ));
@@ -93,7 +93,7 @@ pub(super) fn execute(args: &ImportArgs) -> anyhow::Result<Outcome> {
         }
         if imported.repeated > 0 {
             output::remark(format!(
-                "note: the list names {} again, which {} kept once",
+                "note: the list repeats {}, which {} kept once",
                 counted(imported.repeated, "pair"),
                 if imported.repeated == 1 { "is" } else { "are" }
             ));

@@ -54,7 +54,7 @@ impl<'a> RenderJob<'a> {
             ensure!(
                 page.extension()
                     .is_some_and(|end| end.eq_ignore_ascii_case("html")),
-                "{}: the name of a page ends in .html",
+                "{}: the page's name must end in .html",
                 page.display()
             );
         }
@@ -227,7 +227,8 @@ impl Output<'_> {
         match (self.kind, moved) {
             (OutputKind::Picture, Some(n)) if n != 1 => {
                 bail!(
-                    "{out}: a picture holds one view, the path has {n}: choose a folder, .gif or .mp4"
+                    "{out}: a picture can show only one view, but the path has {n}: choose a \
+                     folder, .gif or .mp4"
                 )
             }
             (OutputKind::Gif | OutputKind::Mp4, None) => {
@@ -240,7 +241,7 @@ impl Output<'_> {
         }
         ensure!(
             args.fps.is_none() || matches!(self.kind, OutputKind::Gif | OutputKind::Mp4),
-            "{out}: --fps is for .gif and .mp4"
+            "{out}: --fps applies only to .gif and .mp4"
         );
         let blended = args.writes_blended(rule) && writer::ends_in(self.path, &["safetensors"]);
         let options = [
@@ -253,7 +254,8 @@ impl Output<'_> {
         writer::refuse_for_floats(self.path, &options)?;
         ensure!(
             rule.blending == ColorSpace::Linear || !writer::ends_in(self.path, &["exr"]),
-            "{out}: an .exr holds linear light, which {} does not blend: choose .safetensors or .png",
+            "{out}: an .exr stores linear light, but {} does not blend in linear light: choose \
+             .safetensors or .png",
             rule
         );
         Ok(())

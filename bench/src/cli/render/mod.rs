@@ -177,7 +177,7 @@ pub(super) fn execute(args: &RenderArgs) -> anyhow::Result<Outcome> {
     let part = |layer| {
         Layers::of(&job.scene, layer).with_context(|| {
             let (scene, n) = (args.scene.display(), job.scene.len());
-            format!("{scene}: {n} Gaussians are not two layers of equal size")
+            format!("{scene}: {n} Gaussians cannot be divided into two layers of equal size")
         })
     };
     if let Some(out) = &job.out {
@@ -206,7 +206,7 @@ pub(super) fn execute(args: &RenderArgs) -> anyhow::Result<Outcome> {
 fn report(args: &RenderArgs, summary: &Summary, last_backend: &str) -> anyhow::Result<Outcome> {
     if summary.dropped_not_finite > 0 {
         output::remark(format!(
-            "warning: {}: {} Gaussians hold values that are not finite and were dropped",
+            "warning: {}: {} Gaussians have values that are not finite and were dropped",
             args.scene.display(),
             summary.dropped_not_finite
         ));

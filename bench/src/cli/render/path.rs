@@ -44,8 +44,10 @@ impl PathArgs {
                 kind: path.into(),
                 steps: self.frames as usize,
             };
-            let depth = DepthRange::seen_from(scene, camera_from_scene)
-                .context("no Gaussian is in front of the camera, so the path has no size")?;
+            let depth = DepthRange::seen_from(scene, camera_from_scene).context(
+                "no Gaussian is in front of the camera, so the size of the path cannot be \
+                          determined",
+            )?;
             return Ok(Some(trajectory.poses(photo, &depth)));
         }
         let eyes = self.offset_m.iter().copied();

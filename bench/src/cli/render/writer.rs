@@ -33,7 +33,7 @@ impl OutputKind {
             None => Self::Frames,
             Some(_) if out.is_dir() => Self::Frames,
             Some(_) => bail!(
-                "{}: OUT ends in .png, .exr, .safetensors, .gif or .mp4, or is a folder",
+                "{}: OUT must end in .png, .exr, .safetensors, .gif or .mp4, or be a folder",
                 out.display()
             ),
         })

@@ -23,7 +23,7 @@ pub(in crate::evaluate) enum PredictionFileError {
     #[error(transparent)]
     Gaussians(#[from] GaussianFileError),
     /// The file is truncated or was changed.
-    #[error("{}: not a whole prediction", .0.display())]
+    #[error("{}: not a complete prediction", .0.display())]
     Damaged(PathBuf),
 }
 

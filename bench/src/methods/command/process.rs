@@ -76,7 +76,7 @@ impl Ended {
             text += &format!(" ({status})");
         }
         if !self.last_words.is_empty() {
-            text += &format!("; its last words: {}", excerpt(&self.last_words));
+            text += &format!("; its last output: {}", excerpt(&self.last_words));
         }
         text
     }

@@ -99,7 +99,8 @@ impl Answer {
                 || matches!(name.as_str(), "scored_share" | "valid_share");
             if name.is_empty() || !name.chars().all(plain) || reserved {
                 return Err(format!(
-                    "its extra '{}' is not a name of lower-case letters, digits and '_', or is one of ours",
+                    "its extra '{}' is not a name of lower-case letters, digits and '_', or is a \
+                     reserved name",
                     excerpt(name)
                 ));
             }

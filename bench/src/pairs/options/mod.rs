@@ -210,7 +210,7 @@ impl PairOptions {
         if looks_itself && self.overlap.lookup != DepthLookup::Nearest {
             return wrong(
                 "lookup",
-                "left alone with overlap=sparse, which looks around",
+                "left at its default with overlap=sparse, which searches the neighbourhood itself",
             );
         }
         if self.overlap.max_side == Some(0) {

@@ -80,7 +80,7 @@ impl PairList {
         if !header.iter().eq(COLUMNS) {
             return Err(wrong(
                 1,
-                format!("the columns have to be {}", COLUMNS.join(",")),
+                format!("the columns must be {}", COLUMNS.join(",")),
             ));
         }
         let mut list = Self {
@@ -183,7 +183,7 @@ impl PairList {
                 return match dataset.and_then(|d| d.leaves_out(&pair.scene)) {
                     Some(group) if !group.by_choice => Ok(None),
                     Some(group) => Err(absent(format!(
-                        "scene '{}' of dataset '{}' is ruled out: {}",
+                        "scene '{}' of dataset '{}' is excluded: {}",
                         pair.scene, pair.dataset, group.reason
                     ))),
                     None => Err(absent(absent_scene(pair, scenes))),

@@ -39,7 +39,7 @@ pub struct OwnRow {
 pub enum RowError {
     #[error("'{0}': expected LABEL=RUN or LABEL=RUN:METHOD")]
     Form(String),
-    #[error("the label '{}' holds a control character", .0.escape_debug())]
+    #[error("the label '{}' contains a control character", .0.escape_debug())]
     Label(String),
     #[error("the label '{0}' is given twice")]
     Repeated(String),
@@ -226,7 +226,7 @@ fn translations(paper: &PublishedTable, rows: &[OwnRow]) -> Result<OwnRows, RowE
         if measured.is_empty() {
             columns = of_row;
         } else if columns != of_row {
-            let reason = "its metrics are other variants than those of the rows before";
+            let reason = "its metrics are not the same variants as those of the rows before";
             return Err(unusable(reason.to_owned()));
         }
         for line in csv.records() {

@@ -144,7 +144,7 @@ impl<'a> Judge<'a> {
         for (name, required) in &self.config.require_power {
             if !(required.is_finite() && *required > 0.0) {
                 return Err(format!(
-                    "power is required of {name} at {required}: expected a number above 0"
+                    "power is required for {name} at {required}: expected a number above 0"
                 ));
             }
             let is_tested = |limit: &Limit| match limit {
@@ -156,7 +156,7 @@ impl<'a> Judge<'a> {
             };
             if !self.config.fail_if.iter().any(is_tested) {
                 return Err(format!(
-                    "power is required of {name}, on which no limit asks for significance"
+                    "power is required for {name}, but no limit on it tests significance"
                 ));
             }
         }
@@ -231,7 +231,7 @@ impl<'a> Judge<'a> {
             }
             let reason = lost.first().map_or_else(String::new, |first| {
                 let pairs = counted(lost.len(), "pair");
-                format!("{pairs} without a score that A has, the first is {first}")
+                format!("{pairs} with a score in A but not in B; the first is {first}")
             });
             let allowed = self.config.missing_pairs;
             let limit = format!("missing_pairs > {allowed}");

@@ -272,7 +272,7 @@ fn a_gate_that_checks_nothing_is_refused() {
     assert!(said.contains("which have D, and all"), "{said}");
     let mut power = config(&["psnr < -1 per scene"]);
     power.require_power.insert("psnr".parse().unwrap(), 1.0);
-    assert!(refused(&power).contains("on which no limit asks for significance"));
+    assert!(refused(&power).contains("but no limit on it tests significance"));
     power.require_power.insert("psnr".parse().unwrap(), 0.0);
     assert!(refused(&power).contains("psnr at 0: expected a number above 0"));
     let none = gate(Path::new("a"), Path::new("b"), &[], &GateConfig::default());
