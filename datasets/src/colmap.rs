@@ -25,13 +25,13 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
     display_name: "COLMAP",
     title: "your own pictures with a COLMAP model",
     page: "https://colmap.github.io/format.html",
-    layout: "images/, sparse/0/{cameras, images}.{bin or txt}; depth/ if there is any",
+    layout: "images/, sparse/0/{cameras, images}.{bin or txt}; depth/ if available",
     caveat: "the unit is assumed to be metres; otherwise set scale=",
     settings: &[
-        Setting::free("scale", "metres of one unit of the model", "1"),
+        Setting::free("scale", "length of one unit of the model in metres", "1"),
         Setting::free(
             "images",
-            "folder of the pictures, beside the model's",
+            "folder of the pictures, next to the model's folder",
             "images",
         ),
         Setting::free(
@@ -49,14 +49,14 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
                 ),
                 choice(
                     "points",
-                    "the triangulated points that each picture sees: sparse",
+                    "the triangulated points that each picture sees (sparse)",
                 ),
                 choice("none", "no depth"),
             ],
         ),
         Setting::free(
             "depth-unit",
-            "metres of one unit of the maps in depth/",
+            "length of one unit of the maps in depth/ in metres",
             "0.001",
         ),
         DepthKind::SETTING,

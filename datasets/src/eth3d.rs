@@ -28,7 +28,7 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
     download: "<scene>_dslr_jpg.7z and _dslr_depth.7z of 13 scenes; _dslr_undistorted.7z for images=undistorted",
     size: "24-megapixel pictures; every depth map is 97,542,144 bytes",
     layout: "<scene>/{images/dslr_images, dslr_calibration_jpg, ground_truth_depth/dslr_images}; \
-             or images/dslr_images_undistorted and dslr_calibration_undistorted beside them",
+             or images/dslr_images_undistorted and dslr_calibration_undistorted next to them",
     paper_column: "ETH3D",
     paper_overlap: PaperOverlap::Sparse,
     caveat: "depth is semi-sparse; the paper estimates overlap from monocular depth",
@@ -38,11 +38,11 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
         &[
             choice(
                 "distorted",
-                "as taken, 6048x4032 as the paper states, undistorted by us at that size",
+                "as taken, 6048x4032 as the paper states, undistorted by sharp-bench at that size",
             ),
             proxy(
                 "undistorted",
-                "as published without distortion: 6198x4129 to 6214x4138, a size a camera",
+                "as published without distortion: 6198x4129 to 6214x4138, depending on the camera",
             ),
         ],
     )],
@@ -185,7 +185,8 @@ fn read_scene(
     }
     if stored.is_some() {
         let note = if scene.has_depth() {
-            "depth: ground_truth_depth/dslr_images, each sample carried by us to the pinhole camera"
+            "depth: ground_truth_depth/dslr_images, each sample moved by sharp-bench to the \
+             pinhole camera"
         } else {
             "depth: none in ground_truth_depth/dslr_images"
         };

@@ -256,7 +256,7 @@ pub fn what_lies_in(folder: &Path) -> String {
         .collect();
     match names.is_empty() {
         true => format!("{} is empty", folder.display()),
-        false => format!("{} holds {}", folder.display(), first_few(&names)),
+        false => format!("{} contains {}", folder.display(), first_few(&names)),
     }
 }
 

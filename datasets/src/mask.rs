@@ -59,7 +59,7 @@ pub(crate) fn check_size(
     Err(DatasetError::malformed(
         path,
         format!(
-            "is {}x{}, but its camera is for {}x{}",
+            "is {}x{}, but its camera is for {}x{} pixels",
             found.0, found.1, expected.0, expected.1
         ),
     ))

@@ -50,13 +50,14 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
         .left_open(),
         Setting::choice(
             "rectification",
-            "which of the two rectifications of a scene (folders without the suffix always count)",
+            "which of the two rectifications of a scene (folders without the suffix are always \
+             read)",
             &[
                 choice(
                     "one",
-                    "<Scene>-perfect, or <Scene>-imperfect where that is all there is",
+                    "<Scene>-perfect, or <Scene>-imperfect if that is the only one",
                 ),
-                choice("any", "every scene folder found, both of one scene too"),
+                choice("any", "every scene folder found, even both of one scene"),
                 choice("perfect", "only <Scene>-perfect"),
                 choice("imperfect", "only <Scene>-imperfect"),
             ],
@@ -67,8 +68,8 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
             "which right picture is the target",
             &[
                 choice("im1", "the default exposure and lighting"),
-                proxy("im1E", "another exposure, where there is one"),
-                proxy("im1L", "another lighting, where there is one"),
+                proxy("im1E", "another exposure, if available"),
+                proxy("im1L", "another lighting, if available"),
             ],
         ),
     ],
@@ -130,7 +131,7 @@ fn open(spec: &DatasetSpec) -> Result<FoundScenes, DatasetError> {
         } else if other {
             found.rule_out(id, format!("rectification={rectification}"));
         } else if right != "im1" && !folder.join(&right_name).is_file() {
-            let reason = format!("there is no {right_name}, which right={right} asks for");
+            let reason = format!("there is no {right_name}, which right={right} requires");
             found.rule_out(id, reason);
         } else {
             found.add(id, read_scene(spec, &root, folder, id.clone(), right));

@@ -29,16 +29,16 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
     layout: "transforms.json (or transforms_train.json) and the pictures it names",
     caveat: "the poses' unit is assumed to be metres; otherwise set scale=",
     settings: &[
-        Setting::free("scale", "metres of one unit of the poses", "1"),
+        Setting::free("scale", "length of one unit of the poses in metres", "1"),
         Setting::free(
             "depth-unit",
-            "metres of one unit of the depth maps, whatever their format (nerfstudio's rule)",
+            "length of one unit of the depth maps in metres, for every format (nerfstudio's rule)",
             "0.001",
         ),
         DepthKind::SETTING,
         Setting::choice(
             "intrinsics",
-            "which to use where a frame and the file disagree",
+            "which intrinsics to use if a frame and the file disagree",
             &[
                 choice("frame", "the frame's own"),
                 choice("file", "the file's, as in nerfstudio"),
@@ -55,7 +55,8 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
                 ),
                 choice(
                     "keep-black",
-                    "as keep-white, where a mask is above 0: for masks that mark the pixels to exclude",
+                    "as keep-white, but excludes pixels where a mask is above 0: for masks that \
+                     mark the pixels to exclude",
                 ),
                 choice("apply", "as keep-white"),
             ],
@@ -178,7 +179,7 @@ fn read_scene(
     }
     let masks = file.frames.iter().filter(|f| f.mask_path.is_some()).count();
     if masks == 0 {
-        let hint = "; a frame names its mask by mask_path";
+        let hint = "; a frame names its mask with mask_path";
         scene.notes.extend(scene_notes::unread_masks(folder, hint));
     } else if reader.masks.is_none() {
         scene.notes.push(format!(
@@ -199,7 +200,7 @@ fn read_scene(
             }
         ));
     }
-    let mut folders = vec![(scene.folder_of_pictures(), "are named by no frame")];
+    let mut folders = vec![(scene.folder_of_pictures(), "are not listed by any frame")];
     let depth =
         ["depth", "depths"].map(|name| (folder.join(name), "are no frame's depth_file_path"));
     folders.extend(depth);

@@ -33,7 +33,7 @@ pub(crate) fn unread_masks(folder: &Path, hint: &str) -> Option<String> {
         .count();
     (count > 0).then(|| {
         format!(
-            "masks: {} holds {count} file(s), which are not read{hint}",
+            "masks: {} contains {count} file(s), which are not read{hint}",
             folder.display()
         )
     })
@@ -81,8 +81,9 @@ pub(crate) fn add(scene: &mut Scene, spec: &DatasetSpec) {
             )),
             (false, false) => scene.notes.push(format!("{have} and are read as stored, as their cameras are")),
             (false, true) => scene.warnings.push(format!(
-                "{have} and are read as stored, as COLMAP and nerfstudio do; if their cameras are for the upright \
-                 pictures, set orientation=upright (orientation=stored: as now, without this warning)"
+                "{have} and are read as stored, as COLMAP and nerfstudio do; if their cameras are \
+                 for the upright pictures, set orientation=upright (orientation=stored: the same \
+                 reading without this warning)"
             )),
         }
     }
@@ -109,8 +110,8 @@ pub(crate) fn add(scene: &mut Scene, spec: &DatasetSpec) {
     let left = shares.iter().sum::<f64>() / shares.len().max(1) as f64;
     if !shares.is_empty() && left < LEAST_LEFT {
         scene.warnings.push(format!(
-            "masks: on average they leave {:.1} % of the pixels; if their black side marks what counts, say masks=keep-black \
-             (masks=keep-white: as now, without this warning)",
+            "masks: on average they leave {:.1} % of the pixels; if black marks the pixels to \
+             keep, set masks=keep-black (masks=keep-white: the same reading without this warning)",
             100.0 * left
         ));
     }
@@ -148,7 +149,8 @@ fn processing(scene: &Scene) -> Vec<String> {
     let masked = masked.count();
     if masked > 0 {
         notes.push(format!(
-            "masks: {masked} of {all} pictures have one; what it excludes is black and without depth"
+            "masks: {masked} of {all} pictures have one; excluded pixels are black and without \
+             depth"
         ));
     }
     let lacking = without_depth(&scene.views);

@@ -132,7 +132,7 @@ pub static PICTURES: [Setting; 3] = [
         &[
             choice(
                 "auto",
-                "are read as stored where that fits the camera, upright where only that does",
+                "are read as stored if that fits the camera, upright if only that does",
             ),
             choice("stored", "are read as stored"),
             choice("upright", "are turned upright"),
@@ -143,7 +143,7 @@ pub static PICTURES: [Setting; 3] = [
 /// Permission to refer to files outside the dataset's folder.
 pub(crate) const OUTSIDE: Setting = Setting::choice(
     "outside",
-    "files that `..`, an absolute path or a symbolic link puts outside the folder",
+    "files outside the folder that `..`, an absolute path or a symbolic link points to",
     &[
         choice("refuse", "are an error"),
         choice("allow", "are read; only for files you trust"),

@@ -30,13 +30,13 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
     page: "https://github.com/wildrgbd/wildrgbd",
     terms: "MIT (the repository's licence; no separate terms for the data)",
     may_publish: true,
-    download: "one archive in parts a category; join the parts before unpacking",
+    download: "one multi-part archive per category; join the parts before unpacking",
     size: "3.37 TB for all 46 categories, 4 TB unpacked",
     layout: "<category>/nvs_list.json, <category>/scenes/scene_*/{rgb, depth, metadata, \
              cam_poses.txt}",
     paper_column: "WildRGBD",
     paper_overlap: PaperOverlap::Dense,
-    caveat: "'validation split from nvs list in each scene' reads as scenes or as frames",
+    caveat: "'validation split from nvs list in each scene' may mean scenes or frames",
     settings: &[Setting::choice(
         "split",
         "which scenes and frames of the nvs list",
@@ -109,7 +109,7 @@ fn listed_scenes(root: &Root, category: &Path, split: &str) -> Result<Folders, D
         let nested = root.resolve_listed(&file, category, &format!("scenes/{name}"))?;
         let mut both = [direct, nested].into_iter();
         let there = both.find(|folder| folder.is_dir());
-        there.ok_or_else(|| DatasetError::malformed(&file, "names scenes that are not there"))
+        there.ok_or_else(|| DatasetError::malformed(&file, "lists scenes that do not exist"))
     };
     let with_id = |name: String| match folder_of(&name) {
         Ok(folder) => (root.id_of(&folder), Ok(folder)),
@@ -131,7 +131,7 @@ fn names_in(file: &Path, key: &str) -> Result<Vec<String>, DatasetError> {
         .map(|name| match name {
             Value::String(name) => Ok(name.clone()),
             Value::Number(n) => Ok(n.to_string()),
-            other => Err(malformed(format!("'{key}' holds {other}, not a name"))),
+            other => Err(malformed(format!("'{key}' contains {other}, not a name"))),
         })
         .collect()
 }
@@ -163,7 +163,7 @@ fn read_scene(
     let wanted: Option<Vec<i64>> = if by_frame {
         let list = root.resolve(folder, LIST)?;
         let number = |name: &String| {
-            let reason = || format!("'val' holds '{name}', which is not a frame's number");
+            let reason = || format!("'val' contains '{name}', which is not a frame's number");
             number_of(name).ok_or_else(|| DatasetError::malformed(&list, reason()))
         };
         let frames = names_in(&list, "val")?;

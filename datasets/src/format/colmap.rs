@@ -155,7 +155,7 @@ fn unread_notes(folder: &Path, model: &Model, kind: &str) -> Vec<String> {
         contradictions.push("other pictures or poses");
     }
     let what = match whole {
-        true => format!("the {unread} model beside it"),
+        true => format!("the {unread} model next to it"),
         false => format!("cameras.{other} beside it"),
     };
     let contradiction = match contradictions.is_empty() {

@@ -31,7 +31,7 @@ pub(crate) fn read_map_if(
         .map_err(|e| DatasetError::io(path, e))?
         .len();
     if length / 8 > Intrinsics::MAX_PIXELS {
-        let reason = format!("holds {length} bytes, more than any map");
+        let reason = format!("is {length} bytes long, more than any map");
         return Err(DatasetError::malformed(path, reason));
     }
     let bytes = files::read(path)?;

@@ -89,14 +89,14 @@ fn unpacked(bytes: &[u8], most: u64) -> Result<Vec<u8>, FormatError> {
     let names: Vec<String> = names.map(Cow::into_owned).collect();
     let usual = ["arr_0.npy", "depth.npy", "disp.npy"].map(str::to_owned);
     let name = match names.as_slice() {
-        [] => return Err("the archive holds no array".into()),
+        [] => return Err("the archive contains no array".into()),
         [only] => only,
         several => usual
             .iter()
             .find(|name| several.contains(name))
             .ok_or_else(|| {
                 let first = several[..several.len().min(8)].join(", ");
-                invalid!("the archive holds several arrays: {first}")
+                invalid!("the archive contains several arrays: {first}")
             })?,
     };
     let member = archive.by_name(name).map_err(refused)?;
@@ -258,7 +258,8 @@ impl NpyType {
             .starts_with('O')
         {
             return Err(
-                "an array of Python objects; it would have to be unpickled, which is never done"
+                "an array of Python objects, which are refused because they would have to be \
+                 unpickled"
                     .into(),
             );
         }

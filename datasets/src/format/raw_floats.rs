@@ -23,7 +23,7 @@ pub fn parse(bytes: &[u8], (width, height): (u32, u32)) -> Result<FloatMap, Form
     };
     if bytes.len() as u64 != expected {
         return Err(invalid!(
-            "holds {} bytes; the depth of a {width}x{height} picture takes exactly {expected}",
+            "has {} bytes; the depth of a {width}x{height} picture takes exactly {expected}",
             bytes.len()
         ));
     }

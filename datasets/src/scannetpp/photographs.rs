@@ -58,13 +58,14 @@ impl DslrPhotographs {
         if use_undistorted {
             if !pinhole_json.is_file() {
                 let remedy = "it comes with the toolbox's undistorted pictures; images=fisheye \
-                              reads those that were taken, by nerfstudio/transforms.json";
+                              reads the original pictures with nerfstudio/transforms.json";
                 return Err(missing(&pinhole_json, remedy));
             }
             let fisheye = if depth_in_fisheye {
                 if !fisheye_json.is_file() {
-                    let remedy = "dslr/render_depth was drawn in its cameras: add it (it is in the download's \
-                                  nerfstudio/), or set depth=mesh, points or none";
+                    let remedy = "dslr/render_depth was rendered with its cameras: add it (it \
+                                  is in the download's nerfstudio/), or set depth=mesh, points or \
+                                  none";
                     return Err(missing(&fisheye_json, remedy));
                 }
                 let parsed = files::parse_text(&fisheye_json, transforms::parse)?;

@@ -66,7 +66,7 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
         ),
         Setting::free(
             "scenes",
-            "number of scenes, 1 to 1000: one for this seed and one for each of the seeds that follow",
+            "number of scenes, 1 to 1000: one for this seed and one for each following seed",
             "1",
         ),
         Setting::choice(
@@ -98,14 +98,16 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
                 ),
                 choice(
                     "occlusion",
-                    "the target's camera is 10 cm to the right, and posts in front of both become more",
+                    "the target's camera is 10 cm to the right, and the number of posts in front \
+                     of both increases",
                 ),
             ],
         ),
         Setting::free(
             "step",
-            "size of each of a sweep's views − 1 steps: metres (auto: 0.05; at most 10 in total), degrees (auto: 2; at most 90 \
-             in total) or posts (auto: 1; at most 15 in total)",
+            "size of a sweep's steps, one fewer than views: metres (auto: 0.05; at most 10 in \
+             total), degrees (auto: 2; at most 90 in total) or posts (auto: 1; at most 15 in \
+             total)",
             "auto",
         ),
     ],
@@ -200,7 +202,7 @@ impl SyntheticScene {
         let pixels = u64::from(options.width) * u64::from(options.height);
         if pixels == 0 || pixels > 1 << 28 {
             return Err(refuse(format!(
-                "cannot make pictures of {}x{}",
+                "cannot make pictures of {}x{} pixels",
                 options.width, options.height
             )));
         }

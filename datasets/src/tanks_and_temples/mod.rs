@@ -36,10 +36,10 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
     display_name: "Tanks and Temples",
     title: "Tanks and Temples, training set",
     page: "https://www.tanksandtemples.org/",
-    terms: "non-commercial research without redistribution, beside a CC BY 4.0 notice",
+    terms: "non-commercial research without redistribution; there is also a CC BY 4.0 notice",
     may_publish: false,
     download: "image sets of the seven training scenes, their SfM logs, alignments and laser scans",
-    size: "1920x1080 pictures, some hundreds a scene (Barn: 410), and the scans",
+    size: "1920x1080 pictures, several hundred per scene (Barn: 410), and the scans",
     layout: "<Scene>/{<Scene>_COLMAP_SfM.log, <Scene>_trans.txt, <Scene>.ply, images/000001.jpg ...}; \
              cameras.txt or .bin next to the log or in sparse/0, with images.* next to it if it has several cameras",
     paper_column: "Tanks and Temples",
@@ -63,7 +63,8 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
         ),
         Setting::free(
             "splat-radius",
-            "radius in pixels within which a scan's point sets the depth; with 0, hidden surfaces show through",
+            "radius in pixels within which a scan's point sets the depth; at 0, hidden surfaces \
+             show through",
             "1",
         ),
         CAMERA_SIZE,

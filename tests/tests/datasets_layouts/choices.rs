@@ -278,10 +278,10 @@ fn names_that_are_not_there_are_counted_as_scenes() {
     assert_eq!(found.scenes.len(), 2);
     let [broken, _] = left_out("wildrgbd", folder.path());
     has_note(&broken, "1 scene left out (apple/scenes/scene_007)");
-    has_note(&broken, "nvs_list.json: names scenes that are not there");
+    has_note(&broken, "nvs_list.json: lists scenes that do not exist");
     // All or nothing, for who asks for the scenes alone.
     let error = refusal("wildrgbd", folder.path());
-    assert!(error.contains("names scenes that are not there"), "{error}");
+    assert!(error.contains("lists scenes that do not exist"), "{error}");
 }
 
 #[cfg(unix)]

@@ -83,7 +83,7 @@ fn a_scene_that_is_there_is_read_or_named_with_its_reason() {
             "",
             Removed,
             "t",
-            "nvs_test.txt: names scenes that are not there",
+            "nvs_test.txt: lists scenes that do not exist",
         ),
         ("scannetpp", "dslr", Removed, "t", "there is no dslr/"),
         (
@@ -112,7 +112,7 @@ fn a_scene_that_is_there_is_read_or_named_with_its_reason() {
             "",
             Removed,
             "cup/scenes/scene_001",
-            "nvs_list.json: names scenes",
+            "nvs_list.json: lists scenes",
         ),
         (
             "wildrgbd",
@@ -314,7 +314,7 @@ fn what_settings_rule_out_is_listed_and_is_no_fault() {
     assert!(broken.is_empty(), "{broken:?}");
     assert_eq!(
         ruled_out,
-        ["1 scene left out (s): split=mine does not name them"]
+        ["1 scene left out (s): split=mine does not list them"]
     );
     let report = check(&spec("scannetpp,split=mine", folder.path()), 1, &|_, _| {}).unwrap();
     assert_eq!((report.unreadable.len(), report.ruled_out), (0, ruled_out));

@@ -259,7 +259,7 @@ fn wildrgbd() {
     assert_eq!(
         left_out("wildrgbd", folder.path())[0],
         [format!(
-            "1 scene left out (cup/scenes/scene_777): {}: names scenes that are not there",
+            "1 scene left out (cup/scenes/scene_777): {}: lists scenes that do not exist",
             list_path.display()
         )]
     );

@@ -119,7 +119,7 @@ fn what_was_done_to_pictures_is_said_once_a_scene() {
     let k = found.views[0].intrinsics;
     says(&found, "pictures: 5", &format!("fx {:.3}", k.fx));
     says(&found, "pictures: 5", "96x72");
-    says(&found, "masks: 1 of 5", "what it excludes is black");
+    says(&found, "masks: 1 of 5", "excluded pixels are black");
     says(
         &found,
         "depth: dslr/render_depth",
