@@ -198,7 +198,8 @@ pub enum IdentityError {
     #[error("'{name}' requires a mask: use '{name}@mask' or '{name}@frustum'")]
     NeedsMask { name: String },
     #[error(
-        "'{name}' is the same as 'psnr': pictures are in 0..1 before scoring, so clipping has no effect"
+        "'{name}' is the same as 'psnr': pictures are already in 0..1 when scored, so clipping has \
+         no effect"
     )]
     ClippedPsnr { name: String },
     #[error(

@@ -18,7 +18,7 @@ pub enum PictureError {
         "area only reduces pictures; to enlarge: bilinear, bilinear-antialias, bicubic or lanczos"
     )]
     AreaEnlarges,
-    #[error("the picture is {width}x{height}: it has no pixel")]
+    #[error("the picture is {width}x{height}: it has no pixels")]
     Empty {
         /// Width in pixels.
         width: u32,

@@ -9,7 +9,7 @@ use glam::{DAffine3, DMat3, DMat4, DVec2, DVec3};
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum CameraError {
     /// An entry is NaN or infinite.
-    #[error("{what} holds a value that is not finite")]
+    #[error("{what} has a value that is not finite")]
     NotFinite { what: &'static str },
     /// A focal length is zero or negative, or the image has no pixel.
     #[error("intrinsics are degenerate: fx {fx}, fy {fy}, image {width}x{height}")]

@@ -24,7 +24,7 @@ pub enum InitializerError {
         found: usize,
     },
     /// A side is zero or not a multiple of the stride, or there are no layers.
-    #[error("a grid of {0:?} is empty or not a whole number of blocks")]
+    #[error("a grid of {0:?} is empty or cannot be divided into whole blocks")]
     Grid(Grid),
     /// A predictor's depth is NaN, infinite or not positive.
     #[error("{count} of {total} depth values are not finite and positive")]

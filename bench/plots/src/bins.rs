@@ -36,7 +36,7 @@ impl FromStr for Binning {
                 .filter(|n: &NonZeroUsize| n.get() <= 1000);
             return count
                 .map(Self::Quantiles)
-                .ok_or("quantile:N has N from 1 to 1000");
+                .ok_or("quantile:N needs N from 1 to 1000");
         }
         if !text.contains(',') {
             let step = Step::parse(text);
@@ -46,12 +46,12 @@ impl FromStr for Binning {
             );
         }
         let edges: Result<Vec<f64>, _> = text.split(',').map(|edge| edge.trim().parse()).collect();
-        let edges = edges.map_err(|_| "edges are numbers, as in 0,0.1,0.5")?;
+        let edges = edges.map_err(|_| "edges must be numbers, as in 0,0.1,0.5")?;
         let ascend = edges.windows(2).all(|two| two[0] < two[1]);
         let bounded = edges.iter().all(|edge| edge.abs() <= FARTHEST_EDGE);
         (ascend && bounded)
             .then_some(Self::Edges(edges))
-            .ok_or("edges ascend and lie between -1e15 and 1e15")
+            .ok_or("edges must ascend and lie between -1e15 and 1e15")
     }
 }
 

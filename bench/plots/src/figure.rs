@@ -69,7 +69,7 @@ impl Figure {
         let size = drawn(density * REDUCE);
         if f64::from(size.0) * f64::from(size.1) > MAX_DRAWN {
             return Err(failed(format!(
-                "{} × {} pixels are too many to draw; a smaller width or fewer dpi",
+                "{} × {} pixels are too many to draw; use a smaller width or fewer dpi",
                 size.0, size.1
             )));
         }

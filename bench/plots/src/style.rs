@@ -97,12 +97,12 @@ impl FigureStyle {
         for (key, value, least, most) in ranges {
             if !(least..=most).contains(&value) {
                 return Err(wrong(format!(
-                    "{key} = {value}: between {least} and {most}"
+                    "{key} = {value}: expected a number between {least} and {most}"
                 )));
             }
         }
         if style.colours.is_empty() {
-            return Err(wrong("colours: at least one".to_owned()));
+            return Err(wrong("colours: at least one is needed".to_owned()));
         }
         Ok(style)
     }
@@ -130,7 +130,8 @@ impl FigureStyle {
             width_mm, font_pt, ..
         } = self;
         format!(
-            "a width of {width_mm} mm has no room for text of {font_pt} pt: a width_mm of {:.0}, or a smaller font_pt",
+            "a width of {width_mm} mm has no room for text of {font_pt} pt: use a width_mm of \
+             {:.0}, or a smaller font_pt",
             (width_mm * times).ceil()
         )
     }

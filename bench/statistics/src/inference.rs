@@ -59,7 +59,10 @@ pub enum NoInference {
     NotFinite,
     #[error("a single cluster shows no spread between clusters")]
     OneCluster,
-    #[error("all clusters of a dataset differ by the same, and datasets in opposite directions")]
+    #[error(
+        "within each dataset all clusters have the same difference, and the datasets differ in \
+             opposite directions"
+    )]
     NoSpread,
 }
 

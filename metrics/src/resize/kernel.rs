@@ -79,7 +79,10 @@ by_name!(ResizeKernel, ResizeKernelError);
 
 /// Error: there is no kernel of that name.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-#[error("no resize kernel {0:?}: bilinear, bilinear-antialias, bicubic, lanczos and area exist")]
+#[error(
+    "unknown resize kernel {0:?}: expected bilinear, bilinear-antialias, bicubic, lanczos or \
+         area"
+)]
 pub struct ResizeKernelError(String);
 
 /// Resizes the picture to `width` × `height` pixels, exactly as the kernel's library does.

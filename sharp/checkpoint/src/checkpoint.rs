@@ -152,7 +152,7 @@ fn guess(start: &[u8]) -> &'static str {
     } else if text.starts_with(b"<") {
         ": it looks like a web page"
     } else if text.starts_with(b"version https://git-lfs") {
-        ": it is a Git LFS pointer, fetch the file behind it"
+        ": it is a Git LFS pointer; fetch the file that it points to"
     } else {
         " (or its header is damaged)"
     }
@@ -183,7 +183,7 @@ fn read_zip(file: &(impl Bytes + ?Sized)) -> Result<NamedTensors, Fault> {
             .and_then(|n| n.checked_mul(storage.dtype.size()));
         if told != Some(range.len()) {
             return malformed!(
-                "storage '{}' has {} bytes, the pickle says {} elements of {}",
+                "storage '{}' has {} bytes, but the pickle states {} elements of {}",
                 storage.key,
                 range.len(),
                 storage.numel,

@@ -40,7 +40,7 @@ fn contents(file: &(impl Bytes + ?Sized), start: &[u8]) -> Result<NamedTensors, 
         let (value, used) = pickle::load(&start[at..], &mut heap)?;
         at += used;
         if nth == 0 && value != Value::Long(&MAGIC) {
-            return malformed!("a pickle, but not one that PyTorch wrote");
+            return malformed!("a pickle, but not written by PyTorch");
         }
         *slot = value;
     }
@@ -75,7 +75,10 @@ fn storages<'a>(
             .insert(storage.key, storage)
             .is_some_and(|other| other != storage)
         {
-            return malformed!("storage '{}' is described in two ways", storage.key);
+            return malformed!(
+                "storage '{}' has two contradicting descriptions",
+                storage.key
+            );
         }
     }
     let Value::List(id) = keys else {
@@ -97,7 +100,7 @@ fn storages<'a>(
         let numel = u64::from_le_bytes(count);
         if numel != storage.numel {
             return malformed!(
-                "storage '{key}' has {numel} elements, its tensors say {}",
+                "storage '{key}' has {numel} elements, but its tensors state {}",
                 storage.numel
             );
         }

@@ -110,10 +110,13 @@ impl TensorLayout {
             return malformed!("shape {shape:?} and strides {strides:?} differ in length");
         }
         if shape.len() > MAX_RANK {
-            return malformed!("a tensor of {} axes; at most {MAX_RANK}", shape.len());
+            return malformed!(
+                "a tensor of {} axes; at most {MAX_RANK} are supported",
+                shape.len()
+            );
         }
         if storage.start > storage.end || storage.end > file_len {
-            return malformed!("a storage at bytes {storage:?} of a file of {file_len}");
+            return malformed!("a storage at bytes {storage:?} of a file of {file_len} bytes");
         }
         let numel = shape.iter().try_fold(1_usize, |n, &s| n.checked_mul(s));
         // An empty axis makes the product zero only if no earlier product overflowed.

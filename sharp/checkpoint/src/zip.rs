@@ -62,7 +62,7 @@ pub(crate) fn read(file: &(impl Bytes + ?Sized)) -> Result<Directory, Fault> {
     let directory = slice(file, start, size, "the central directory")?;
     let mut rest = directory.as_slice();
     if count > (rest.len() / CENTRAL_LEN) as u64 {
-        return malformed!("zip: {count} entries announced in a directory of {size} bytes");
+        return malformed!("zip: the directory of {size} bytes is too small for {count} entries");
     }
     let mut entries = BTreeMap::new();
     for _ in 0..count {

@@ -57,7 +57,7 @@ fn read(mut file: impl FnMut(&str) -> Result<Vec<u8>, String>) -> Result<Decoded
     let meta: Value = serde_json::from_slice(&meta).map_err(|error| {
         let (line, column) = (error.line(), error.column());
         damaged(format!(
-            "meta.json: no valid JSON from line {line}, column {column} on"
+            "meta.json: not valid JSON from line {line}, column {column}"
         ))
     })?;
     let names = ["means", "scales", "quats", "sh0", "shN"];
@@ -88,7 +88,7 @@ impl Sog {
             Some(Some(2)) => false,
             Some(_) => {
                 let what = format!(
-                    "version {} is not supported; versions 1 and 2 are",
+                    "version {} is not supported; only versions 1 and 2 are",
                     meta["version"]
                 );
                 return Err(damaged(what));
@@ -162,7 +162,7 @@ impl Sog {
         let is_whole = palette.width == PALETTE_COLUMNS * each;
         let degree = degree.filter(|_| is_whole).ok_or_else(|| {
             damaged(format!(
-                "a palette of view-dependent colours {} pixels wide",
+                "a palette of view-dependent colours that is {} pixels wide",
                 palette.width
             ))
         })?;
@@ -176,7 +176,7 @@ impl Sog {
             let pixels = palette.pixels.get(first..first + each);
             let pixels = pixels.ok_or_else(|| {
                 damaged(format!(
-                    "Gaussian {k} has entry {entry} of a shorter palette"
+                    "Gaussian {k} refers to entry {entry}, beyond the end of the palette"
                 ))
             })?;
             let value = |pixel: &[u8; 4]| [0, 1, 2].map(|channel| levels.at(0, pixel[channel]));

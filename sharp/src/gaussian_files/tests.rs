@@ -121,7 +121,7 @@ fn other_formats_are_named_with_what_converts_them() {
             "a.ply",
             "convert it to float",
         ),
-        (&[0; 33], "a.splat", "not a multiple of the 32"),
+        (&[0; 33], "a.splat", "not a multiple of 32"),
     ] {
         let found = reason(bytes, name);
         assert!(found.contains(part), "{name}: {found}");

@@ -73,7 +73,7 @@ pub(super) fn check_complete(bytes: &[u8], format: ImageFormat) -> Result<(), Im
     match needed <= bytes.len() {
         true => Ok(()),
         false => Err(ImageFileError::Damaged(format!(
-            "the file has {} bytes of {needed} (truncated?)",
+            "the file has only {} of {needed} bytes (truncated?)",
             bytes.len()
         ))),
     }

@@ -58,8 +58,8 @@ pub enum ImageFileError {
     )]
     Alpha { percent: f64 },
     #[error(
-        "its colour profile '{name}' cannot be converted to sRGB ({reason}): convert the file, or use its values as \
-         they are with color=as-stored"
+        "its colour profile '{name}' cannot be converted to sRGB ({reason}): convert the file, or \
+         use its stored values with color=as-stored"
     )]
     Profile { name: String, reason: &'static str },
     #[error(

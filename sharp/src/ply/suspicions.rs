@@ -53,8 +53,9 @@ pub fn suspicions(stored: &Gaussians, given: &StoredForm, format: &StoredForm) -
             found.push(Suspicion::new(
                 "opacity=linear",
                 format!(
-                    "its opacities may have been stored without the logit (all stored values are in {:.3}..{:.3}, so \
-                     every opacity is in {:.3}..{:.3}; only a photograph can decide): `opacity=linear` reads them so",
+                    "its opacities may have been stored without the logit (all stored values are \
+                     in {:.3}..{:.3}, so every opacity is in {:.3}..{:.3}; only a photograph can \
+                     decide): `opacity=linear` reads them that way",
                     opacities.least,
                     opacities.most,
                     logistic(opacities.least),
@@ -75,8 +76,9 @@ pub fn suspicions(stored: &Gaussians, given: &StoredForm, format: &StoredForm) -
         found.push(Suspicion::new(
             "scales=linear",
             format!(
-                "its scales do not look like logarithms (none is negative; as logarithms, half of the standard \
-                 deviations would exceed {:.3} in a scene {extent:.1} across): `scales=linear` reads them as they are",
+                "its scales do not look like logarithms (none is negative; as logarithms, half of \
+                 the standard deviations would exceed {:.3} in a scene {extent:.1} across): \
+                 `scales=linear` reads them without exponentiation",
                 scales.median.exp()
             ),
         ));
@@ -87,8 +89,9 @@ pub fn suspicions(stored: &Gaussians, given: &StoredForm, format: &StoredForm) -
             found.push(Suspicion::new(
                 "colors=rgb01",
                 format!(
-                    "its colours may be 0..1 instead of coefficients (all stored values are in {:.3}..{:.3}, as in a \
-                     pastel scene; only a photograph can decide): `colors=rgb01` reads them so",
+                    "its colours may be 0..1 instead of coefficients (all stored values are in \
+                     {:.3}..{:.3}, as in a pastel scene; only a photograph can decide): \
+                     `colors=rgb01` reads them that way",
                     colors.least, colors.most
                 ),
             ));
@@ -116,8 +119,9 @@ pub fn suspicions(stored: &Gaussians, given: &StoredForm, format: &StoredForm) -
     if is_viewer_normalised(stored, &finite) {
         found.push(Suspicion::new(
             "space",
-            "its coordinates look normalised for a viewer (median 0, 95 % within 1), as the exports of pixelSplat \
-             and Flash3D write them: scale and camera are lost; take the Gaussians from before the export",
+            "its coordinates look normalised for a viewer (median 0, 95 % within 1), as the \
+             exports of pixelSplat and Flash3D write them: scale and camera are lost; use the \
+             Gaussians from before the export",
         ));
     }
     found
@@ -156,7 +160,8 @@ impl Range {
         let Self { least, most, .. } = self;
         (*least >= 0.0 && *most > 20.0).then(|| {
             let text = format!(
-                "its {what} look like 0..255 (stored values {least}..{most}): `{about}` reads them so"
+                "its {what} look like 0..255 (stored values {least}..{most}): `{about}` reads them \
+                 that way"
             );
             Suspicion::new(about, text)
         })

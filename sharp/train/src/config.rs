@@ -371,9 +371,10 @@ impl TrainingData {
                 Some("has photographs, which have no depth, but this stage needs depth".to_owned())
             }
             (Self::Datasets(_), Stage::SelfSupervised) => Some(
-                "has datasets; this stage learns from procedural scenes or photographs".to_owned(),
+                "has datasets, but this stage is trained on procedural scenes or photographs"
+                    .to_owned(),
             ),
-            (Self::Datasets(specs), _) if specs.is_empty() => Some("names no dataset".to_owned()),
+            (Self::Datasets(specs), _) if specs.is_empty() => Some("lists no dataset".to_owned()),
             (Self::Datasets(specs), _) => {
                 let error = specs
                     .iter()

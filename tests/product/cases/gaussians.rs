@@ -125,7 +125,7 @@ fn rows_that_are_longer_than_declared_are_refused_and_bytes_at_the_end_named() {
 #[test]
 fn opacities_without_the_logit_are_named_by_numbers_and_by_the_photograph() {
     let case = case("A09-opacity-activated");
-    case.is_said_everywhere("r", "`opacity=linear` reads them so");
+    case.is_said_everywhere("r", "`opacity=linear` reads them that way");
     let info = &case.said[1].out;
     assert!(info.contains("opacity=linear"), "{info}");
     close(with(&case, "opacity=linear"), 20.9783);
@@ -141,7 +141,7 @@ fn another_order_of_quaternions_is_found_by_the_photograph() {
 #[test]
 fn scales_that_are_no_logarithms_are_named_by_numbers_and_by_the_photograph() {
     let case = case("A11-scales-linear");
-    case.is_said_everywhere("r", "`scales=linear` reads them as they are");
+    case.is_said_everywhere("r", "`scales=linear` reads them without exponentiation");
     case.is_said_everywhere("r", "with `scales=linear`: 26.91 dB");
     assert!(
         case.said[1].out.contains("scales=linear"),

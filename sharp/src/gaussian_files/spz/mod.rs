@@ -62,11 +62,11 @@ impl Header {
             Self {
                 version: 0 | 5.., ..
             } => Err(damaged(format!(
-                "version {} is not supported; versions 1 to 4 are",
+                "version {} is not supported; only versions 1 to 4 are",
                 header.version
             ))),
             Self { degree, .. } if degree > Harmonics::MAX_DEGREE => Err(damaged(format!(
-                "degree {degree} of view-dependent colour is not supported; at most 4 is"
+                "degree {degree} of view-dependent colour is not supported; the maximum is 4"
             ))),
             _ => Ok(header),
         }

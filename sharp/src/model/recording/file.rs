@@ -48,7 +48,7 @@ impl Recording {
             file: Checkpoint::open(path)?,
         };
         if recording.prefixes().is_empty() {
-            return Err(recording.error("no stages, so not a recording"));
+            return Err(recording.error("it contains no stages, so it is not a recording"));
         }
         Ok(recording)
     }

@@ -106,7 +106,7 @@ pub(super) fn decode(header: &Header, mut body: Body<'_>) -> Result<Decoded, Ply
     if chunks.len() * CHUNK < count {
         let held = chunks.len();
         return Err(damaged(format!(
-            "{held} chunks do not hold {count} Gaussians"
+            "{held} chunks are not the right number for {count} Gaussians"
         )));
     }
     if rest.len() != count * coefficients {

@@ -188,7 +188,7 @@ impl LossOptions {
             (
                 percep.crop.is_none_or(|crop| crop >= 8),
                 "percep.crop",
-                "is less than 8 pixels, too small for features",
+                "is less than 8 pixels, which is too small for features",
             ),
         ];
         let (_, key, reason) = checks.into_iter().find(|(holds, ..)| !holds)?;

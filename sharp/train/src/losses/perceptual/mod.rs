@@ -91,9 +91,12 @@ pub enum PerceptualError {
     Tensor(#[from] candle_core::Error),
     #[error("not the encoder resnet50dilated: {0}")]
     Incomplete(#[from] Incomplete),
-    #[error("{}: {tensor} holds a value that is not finite", path.display())]
+    #[error("{}: {tensor} has a value that is not finite", path.display())]
     NotFinite { path: PathBuf, tensor: String },
-    #[error("{network} needs {smallest} pixels a side, and a picture has {width}x{height}")]
+    #[error(
+        "{network} needs at least {smallest} pixels per side, but a picture has \
+             {width}x{height}"
+    )]
     TooSmall {
         network: &'static str,
         smallest: usize,

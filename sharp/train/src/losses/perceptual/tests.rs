@@ -358,7 +358,7 @@ fn a_crop_is_the_loss_of_its_pixels_wherever_it_lies_and_bytes_do_not_depend_on_
         }
         assert!(places.len() > 1, "{places:?}");
         let error = loss.compare(&x[..70], &y[..70], 10, None, 0).unwrap_err();
-        assert!(error.to_string().contains("8 pixels a side"), "{error}");
+        assert!(error.to_string().contains("8 pixels per side"), "{error}");
     });
 }
 
