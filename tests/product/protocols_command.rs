@@ -74,7 +74,7 @@ fn a_protocol_is_followed_recorded_and_not_mixed_with_others() {
     let unisharp = ["--protocol", "unisharp", "--method", "target", "--out", "u"];
     let said = with_list(&unisharp).ends_with(0);
     assert!(
-        said.err.contains("not as in unisharp: quantisation"),
+        said.err.contains("differs from unisharp: quantisation"),
         "{}",
         said.err
     );

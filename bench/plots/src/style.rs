@@ -193,7 +193,10 @@ mod tests {
     fn what_is_wrong_is_named_with_its_file() {
         for (text, part) in [
             ("widht_mm = 3", "line 1: unknown field `widht_mm`"),
-            ("\ndpi = 1", "dpi = 1: between 50 and 1200"),
+            (
+                "\ndpi = 1",
+                "dpi = 1: expected a number between 50 and 1200",
+            ),
             ("font_pt = nan", "font_pt"),
             ("colours = [\"red\"]", "'red' is not of the form #RRGGBB"),
             ("colours = [\"#+12345\"]", "#RRGGBB"),

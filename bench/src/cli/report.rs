@@ -68,7 +68,7 @@ pub(super) fn execute(args: &ReportArgs) -> anyhow::Result<Outcome> {
         (Some(out), _) => out.clone(),
         (None, [run]) if run.path.is_dir() => run.path.join("report"),
         (None, _) => {
-            let reason = "--out DIR is needed for a report on several runs or on a bundle";
+            let reason = "a report on several runs or on a bundle needs --out DIR";
             return Err(UsageError(reason.to_owned()).into());
         }
     };
@@ -137,8 +137,8 @@ pub(super) fn warn_damaged(results: &Results) -> bool {
 pub(super) fn warn_not_scored(paths: &[PathBuf]) {
     for path in paths {
         output::remark(format!(
-            "warning: {}: differs from the picture that was scored, so it is not shown; `run` with the same options \
-             makes it again",
+            "warning: {}: differs from the picture that was scored, so it is not shown; `run` with \
+             the same options recreates it",
             path.display()
         ));
     }
@@ -156,7 +156,8 @@ pub(super) fn print_tables(results: &Results) -> anyhow::Result<()> {
 pub(super) fn outcome(counts: UnitCounts, is_last_stage: bool) -> Outcome {
     if is_last_stage && counts.waiting > 0 {
         output::remark(format!(
-            "warning: {} of {} units are waiting: they have no prediction to score, or their scenes cannot be read",
+            "warning: {} of {} units are waiting: their predictions are missing, or their scenes \
+             cannot be read",
             counts.waiting, counts.units
         ));
         return Outcome::Resumable;
@@ -168,7 +169,7 @@ pub(super) fn outcome(counts: UnitCounts, is_last_stage: bool) -> Outcome {
         return Outcome::Done;
     }
     output::remark(format!(
-        "warning: {} of {} units failed; their reasons are in scores.csv and in the report",
+        "warning: {} of {} units failed; scores.csv and the report state the reasons",
         counts.failed, counts.units
     ));
     Outcome::RecordedFailures

@@ -135,7 +135,7 @@ fn configuration(args: &RunArgs) -> anyhow::Result<RunConfig> {
     let folder = RunFolder::open(root)?;
     if folder.plan()?.estimate.is_none() {
         bail!(
-            "{}: it was not planned by `run --plan-only`, so it has no shards",
+            "{}: not planned by `run --plan-only`, so it has no shards",
             root.display()
         );
     }
@@ -146,7 +146,7 @@ fn configuration(args: &RunArgs) -> anyhow::Result<RunConfig> {
         .filter(|method| method.kind == "command");
     if let Some(method) = programs.next().filter(|_| !args.allow_programs) {
         let reason = format!(
-            "the plan starts a program, --method {method}: if you trust it, add --allow-programs"
+            "the plan starts a program (--method {method}); if you trust it, add --allow-programs"
         );
         return Err(UsageError(reason).into());
     }
@@ -237,7 +237,7 @@ pub(super) fn execute(args: &RunArgs) -> anyhow::Result<Outcome> {
         output::line(format!("run     {root}  (sharp-bench report {root})"))?;
     } else {
         output::line(format!(
-            "{} and {} made; `--stage score` scores the pictures",
+            "{} and {} created; `--stage score` scores the pictures",
             counted(counts.predicted, "prediction"),
             counted(counts.rendered, "rendering")
         ))?;
@@ -371,8 +371,8 @@ fn print_estimate(estimate: &Estimate, as_json: bool) -> anyhow::Result<()> {
     )?;
     if measured_failures > 0 {
         output::remark(format!(
-            "warning: {} of those measured failed, so the estimate is too low; `run --limit {measured_pairs}` shows \
-             why",
+            "warning: {} of the measured units failed, so the estimate is too low; `run --limit \
+             {measured_pairs}` shows why",
             counted(measured_failures, "unit")
         ));
     }

@@ -111,7 +111,7 @@ fn own_program() -> anyhow::Result<PathBuf> {
     let program = std::env::current_exe()?;
     let stem = program.file_stem().unwrap_or_default();
     if stem != env!("CARGO_PKG_NAME") {
-        let reason = "--binary FILE is needed: the program's path on the nodes";
+        let reason = "give the program's path on the nodes with --binary FILE";
         return Err(UsageError(reason.to_owned()).into());
     }
     Ok(program)

@@ -77,7 +77,7 @@ pub(super) struct SpeedArgs {
 pub(super) fn execute(args: &SpeedArgs) -> anyhow::Result<Outcome> {
     super::set_threads(args.threads)?;
     if args.limit == 0 || args.repeat == 0 {
-        return Err(UsageError("--limit and --repeat: at least 1".to_owned()).into());
+        return Err(UsageError("--limit and --repeat must be at least 1".to_owned()).into());
     }
     let report = SpeedReport {
         measured: match args.methods.is_empty() {

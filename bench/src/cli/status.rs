@@ -67,7 +67,7 @@ pub(super) fn execute(args: &StatusArgs) -> anyhow::Result<Outcome> {
         if let (Some((units, secs)), true) = (progress.pace, progress.open() > 0) {
             let left = span(progress.secs_left().unwrap_or_default());
             output::line(format!(
-                "{units} units in the last {}; {left} left at this pace",
+                "{units} units in the last {}; {left} left at this speed",
                 span(secs)
             ))?;
         }

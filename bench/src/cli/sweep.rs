@@ -163,7 +163,7 @@ pub(super) fn sweep(
     }
     let nothing = sweep.panels.is_empty();
     if nothing && sweep.without_lines.is_empty() {
-        output::remark("warning: the runs have no such method, or no pair");
+        output::remark("warning: the runs have no such method or no pairs");
     }
     Ok(Outcome::of_problems(
         warn_damaged(&results) || nothing || !sweep.without_lines.is_empty(),

@@ -310,7 +310,7 @@ impl<'a> Members<'a> {
             ..=FORMAT => Ok(head),
             later => Err(unreadable(
                 self.path,
-                format!("format {later}; this version reads formats up to {FORMAT}"),
+                format!("format {later}, but this version reads formats only up to {FORMAT}"),
             )),
         }
     }

@@ -122,7 +122,8 @@ pub(super) fn differences(before: &Manifest, now: &Manifest) -> Vec<ManifestDiff
         found.compare(RULE, &format!("the renderer's {what}"), [before, now]);
     }
     if before.common_region || now.common_region {
-        let what = "a common region (--common-region) is that of a folder's own methods: evaluate all of them in one";
+        let what = "a common region (--common-region) depends on all methods of a folder: evaluate \
+                    all methods in one folder";
         found.add(CONVENTION, what.to_owned());
     }
     let metrics = by_name(&before.metrics, &now.metrics, |metric| metric.info.key);

@@ -38,8 +38,8 @@ pub enum EvaluateError {
     RepeatedLabel(String),
     /// The pairs were selected by this method's own depth.
     #[error(
-        "the pairs were chosen by the depth of the checkpoint that method '{method}' is evaluated with; choose them by \
-         other depth, such as --overlap-depth DIR"
+        "the pairs were selected with depth predicted by the checkpoint of method '{method}'; \
+         select them with other depth, such as --overlap-depth DIR"
     )]
     ChosenByMethod { method: String },
     /// The renderer's device failed. The unit is not recorded, and the same run resumes from there.
@@ -53,7 +53,7 @@ pub enum EvaluateError {
     },
     /// The folder's results cannot share a table with this run's.
     #[error(
-        "{}: {difference}; a folder can only have one: choose another folder",
+        "{}: {difference}; a folder can have only one: choose another folder",
         folder.display()
     )]
     OtherMachine {
@@ -62,7 +62,8 @@ pub enum EvaluateError {
         difference: String,
     },
     #[error(
-        "{}: a run folder of format {found}; this version reads format {expected}: run the command again into a new folder",
+        "{}: a run folder of format {found}, but this version reads format {expected}: run the \
+         command again with a new folder",
         folder.display()
     )]
     Format {

@@ -217,7 +217,7 @@ impl Keys {
         let refused = |record: &Record, what: &str| EvaluateError::NotKept {
             folder: folder.root().to_owned(),
             reason: format!(
-                "method '{}' was evaluated on {} with {what} than is there now; {fix}",
+                "method '{}' was evaluated on {} with {what} than the current one; {fix}",
                 record.method, record.pair_id
             ),
         };

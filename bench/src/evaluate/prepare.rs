@@ -271,9 +271,9 @@ fn check_files(
             path: list.path.clone(),
             line: first.line,
             reason: format!(
-                "the cameras of {} are {found_m} m and {found_deg}° apart, but {listed_m} m and {listed_deg}° in the \
-                 list ({} in all): the list was made from other poses or with other settings; `pairs verify` \
-                 compares the two, `pairs` makes a new list",
+                "the cameras of {} are {found_m} m and {found_deg}° apart, but {listed_m} m and \
+                 {listed_deg}° in the list ({} in all): the list was made from other poses or with \
+                 other settings; `pairs verify` compares the two; `pairs` builds a new list",
                 first.pair_id,
                 counted(found.moved.len(), "such pair"),
             ),

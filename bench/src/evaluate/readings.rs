@@ -178,9 +178,12 @@ fn score_unit(
                 .as_ref()
                 .is_some_and(|picture| picture.float_sha256.is_some()) =>
         {
-            Err("its linear picture is gone, or not the one that was rendered".to_owned())
+            Err(
+                "its linear picture is missing, or differs from the one that was rendered"
+                    .to_owned(),
+            )
         }
-        false => Err("only renderings of a run with --keep float have it".to_owned()),
+        false => Err("only runs with --keep float have it, for their renderings".to_owned()),
     };
     let region = record.crop.map(|crop| crop.region);
     let mut pictures: Vec<(PictureReading, Picture)> = Vec::new();

@@ -194,7 +194,8 @@ pub(crate) fn file_difference<'a>(records: impl IntoIterator<Item = &'a Record>)
             && *gaussians.entry([method, dataset, file]).or_insert(hash) != hash
         {
             return Some(format!(
-                "the Gaussians {file} of '{method}' changed: some targets were made from another file than {}",
+                "the Gaussians {file} of '{method}' changed: some targets were rendered from \
+                 another file than {}",
                 record.pair_id
             ));
         }

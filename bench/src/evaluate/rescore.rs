@@ -57,7 +57,7 @@ pub fn rescore(
     manifest = extended;
     for what in replaced {
         observer.warn(&format!(
-            "{what} before; units that are not rescored now have no such score"
+            "{what} before; units that are not rescored now lose this score"
         ));
     }
     folder.remove_tables()?;
@@ -250,7 +250,8 @@ impl Kept<'_> {
         if not_kept > 0 {
             counts.waiting = not_kept;
             observer.warn(&format!(
-            "{not_kept} of {} units have no kept picture; `run` with these metrics predicts them again",
+            "{not_kept} of {} units have no kept picture; `run` with these metrics repeats their \
+             predictions",
             counts.units
         ));
         }

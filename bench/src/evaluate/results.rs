@@ -223,7 +223,7 @@ impl Results {
             return Err(EvaluateError::NotKept {
                 folder: folder.root().to_owned(),
                 reason: format!(
-                    "{difference}; run both on the same files, into this folder or another"
+                    "{difference}; run both on the same files, in this folder or another"
                 ),
             });
         }

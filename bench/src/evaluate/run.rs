@@ -51,7 +51,7 @@ impl Evaluation {
         if self.common_region && (options.keep == Keep::None || options.stages != Stages::All) {
             return Err(refused(
                 out,
-                "--common-region scores kept predictions again: use --keep all and all stages",
+                "--common-region scores kept predictions once more: use --keep all and all stages",
             ));
         }
         let pairs = self.pairs()?;
@@ -115,7 +115,7 @@ impl Evaluation {
         if plan.blocks.len() > 1 {
             return Err(refused(
                 out,
-                "it holds another run: plan into a new folder (`merge` joins folders)",
+                "it contains another run: plan into a new folder (`merge` joins folders)",
             ));
         }
         let estimate = self.estimate(options)?;
@@ -169,7 +169,8 @@ impl Evaluation {
             if readable.count() > pairs.len() {
                 return Err(refused(
                     root,
-                    "its run.toml chooses other pairs than its plan lists: one of them was changed",
+                    "its run.toml selects other pairs than its plan lists: one of the two was \
+                     changed",
                 ));
             }
             observer.warn(&format!(

@@ -147,8 +147,8 @@ fn of_array(
             None if size.is_some() && size == last => Shard::new(index, size.unwrap_or(index)),
             // If tasks 2,5 of 8 are submitted, the environment does not state the total of 8.
             None => Err(ShardError::Count(
-                "the indices of this Slurm array are not 1-N without gaps, so the number of shards is unknown: use \
-                 --shard auto/N",
+                "the indices of this Slurm array are not 1 to N without gaps, so the number of \
+                 shards is unknown: use --shard auto/N",
             )),
         };
     }
@@ -158,7 +158,7 @@ fn of_array(
     };
     let (index, size) = batch.ok_or(ShardError::NoArray)?;
     let count = count.or(size).ok_or(ShardError::Count(
-        "this job does not say how many indices it has: use --shard auto/N",
+        "this job does not state its number of indices: use --shard auto/N",
     ))?;
     // These schedulers count from 0.
     Shard::new(index.saturating_add(1), count)

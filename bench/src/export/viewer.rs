@@ -98,7 +98,7 @@ impl Viewer<'_> {
         let focus = depth.map_or(1.0, |depth| depth.focus);
         let [near, far] = depth.map_or([1.0, 2.0], |depth| [depth.near, depth.far]);
         let Some(first) = self.views.first() else {
-            return Err(io::Error::other("a page needs a view"));
+            return Err(io::Error::other("a page needs at least one view"));
         };
         let (k, rule) = (first.intrinsics, first.rule);
         // Leave out harmonics that are not drawn.

@@ -136,8 +136,8 @@ mod tests {
             ("zeros_return.a=1", "expected a boolean"),
             ("stage1.steps=200", "`stage1.schedule.warmup_steps` leaves"),
             ("stage1.stesp=200", "stesp"),
-            ("stage1.stesp=", "does not give `stage1.stesp`"),
-            ("stage2.seed=", "does not give `stage2.seed`"),
+            ("stage1.stesp=", "does not set `stage1.stesp`"),
+            ("stage2.seed=", "does not set `stage2.seed`"),
             ("losses.percep=much", "much"),
         ] {
             let error = configure(&[set]).unwrap_err();

@@ -129,7 +129,7 @@ fn lists_of_others_are_counted_and_imported() {
     assert!(dir.join("p.csv.json").exists());
     let ours = ["--dataset", SYNTHETIC, "--out", "p.csv"];
     let said = import(&ours).ends_with(0);
-    assert!(said.err.contains("names 1 pair again"), "{}", said.err);
+    assert!(said.err.contains("repeats 1 pair"), "{}", said.err);
     assert_eq!(read(dir.join("p.csv")).lines().count(), 4);
     assert!(!dir.join("p.csv.json").exists());
     // A file of somebody else stays.

@@ -191,7 +191,7 @@ fn a_checkpoint_decides_overlap_and_is_not_judged_on_its_own_choice() {
         "--out",
         "r",
     ];
-    sharp_bench(dir.path(), &run).is_error_with(&["method 'sharp' is evaluated with"]);
+    sharp_bench(dir.path(), &run).is_error_with(&["checkpoint of method 'sharp'"]);
     // Without the official file nothing stands in for it.
     let absent = [
         "--pair-options",

@@ -70,7 +70,7 @@ pub fn figure(experiment: &Experiment) -> Result<Option<Figure>, PlotError> {
         return Ok(None);
     }
     let legend = [("translated", moved_style), ("mean image", mean_style)];
-    let caption = "Against the untranslated picture; each panel has its own scale.";
+    let caption = "Compared with the untranslated picture; each panel has its own scale.";
     draw(
         "Metrics against small translations",
         caption,

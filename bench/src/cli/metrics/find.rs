@@ -19,7 +19,7 @@ impl FromStr for Sought {
             .parse()
             .map_err(|_| format!("'{text}' is not a number"))?;
         if !value.is_finite() || text.contains(['e', 'E']) {
-            return Err("write it in decimals, as in 0.652".to_owned());
+            return Err("write it as a decimal number, such as 0.652".to_owned());
         }
         let decimals = text
             .split_once('.')

@@ -142,7 +142,7 @@ pub(super) fn execute(args: &MetricsArgs) -> anyhow::Result<Outcome> {
     }
     demand_weights(&selection, &scorer)?;
     let (Some(prediction), Some(target)) = (&args.prediction, &args.target) else {
-        bail!("PREDICTION and TARGET are needed");
+        bail!("give PREDICTION and TARGET");
     };
     let inputs = inputs::pairs(prediction, target, args.mask.as_deref(), args.match_by)?;
     // Check before hours of work, not after.

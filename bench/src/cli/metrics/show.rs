@@ -235,7 +235,7 @@ impl ScoredPairs<'_> {
             is_found = true;
             let value = number(form.value);
             output::line(format!(
-                "{} is {} ({value}), which is not a column here",
+                "{} is {} ({value}), which is not among the columns here",
                 sought.text, form.name
             ))?;
             output::line(format!("    {}", form.convention))?;

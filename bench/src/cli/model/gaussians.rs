@@ -122,7 +122,7 @@ pub(crate) fn execute(args: &GaussiansArgs) -> anyhow::Result<Outcome> {
                     false => "",
                 };
                 output::remark(format!(
-                    "note: {} {}, {} {}: rendering={}{colors} draws it as before",
+                    "note: {} {}, {} {}: rendering={}{colors} renders it as before",
                     ply.display(),
                     says(&made_for),
                     out.display(),
@@ -149,7 +149,8 @@ impl TargetForm {
             }
         }
         anyhow::bail!(
-            "{}: unknown output format; use a name ending in .ply, .compressed.ply or .spz, or set --to",
+            "{}: unknown output format; use a name that ends in .ply, .compressed.ply or .spz, or \
+             set --to",
             path.display()
         )
     }
@@ -259,7 +260,8 @@ fn describe(scene: &GaussianScene) -> Info {
     }
     if behind > 0.1 {
         implausible.push(format!(
-            "{:.0} % are behind the camera: the axes may be OpenGL's, or the space may not be the camera's",
+            "{:.0} % are behind the camera: the axes may be OpenGL's, or the file may not be in \
+             camera space",
             100.0 * behind
         ));
     }
@@ -360,7 +362,7 @@ fn info(ply: &Path, given: &ReadingArgs, json: bool) -> anyhow::Result<Outcome> 
     };
     output::line(format!(
         "colours          {}, degree {}, {view}",
-        space.unwrap_or("linear or srgb, the file does not say"),
+        space.unwrap_or("linear or srgb; the file does not say"),
         info.color_degree
     ))?;
     if let Some(generator) = info.generator {

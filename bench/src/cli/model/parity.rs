@@ -80,7 +80,7 @@ pub(crate) fn execute(args: &ParityArgs) -> anyhow::Result<Outcome> {
     match (&args.port, &args.golden, &args.image) {
         (Some(port), ..) => of_port(args, port),
         (None, Some(golden), Some(image)) => of_stages(args, golden, image),
-        _ => bail!("--golden and --image, or --port, are needed"),
+        _ => bail!("give --golden and --image, or --port"),
     }
 }
 
@@ -106,7 +106,7 @@ fn reference(args: &ParityArgs) -> anyhow::Result<(Gaussians, Intrinsics)> {
             let intrinsics = release_intrinsics(photo.focal_px, width, height)?;
             Ok((unproject(&predicted.gaussians, &intrinsics), intrinsics))
         }
-        (None, None) => bail!("--against or --image is needed"),
+        (None, None) => bail!("give --against or --image"),
     }
 }
 

@@ -69,7 +69,7 @@ pub(crate) fn execute(args: &PredictArgs) -> anyhow::Result<Outcome> {
     let to_file = args.out.extension().is_some_and(|e| e == "ply");
     ensure!(
         !to_file || args.images.len() == 1,
-        "--out {}: several photographs need a folder",
+        "--out {}: for several photographs, give a folder",
         args.out.display()
     );
     let outputs = if to_file {
@@ -117,7 +117,7 @@ fn named_after(images: &[PathBuf], folder: &Path) -> anyhow::Result<Vec<PathBuf>
         let ply = folder.join(name);
         ensure!(
             !outputs.contains(&ply),
-            "{}: two photographs with the same name would both be written here",
+            "{}: two photographs have the same name, so both would be written here",
             ply.display()
         );
         outputs.push(ply);

@@ -53,7 +53,7 @@ pub(super) fn execute(args: &BuildArgs) -> anyhow::Result<Outcome> {
         let rows = recipe.ambiguity(&datasets, &readings, cache.as_ref(), &terminal)?;
         return print_ambiguity(&rows, &recipe.options, args.json);
     }
-    let out = args.out.as_deref().context("--out FILE is needed")?;
+    let out = args.out.as_deref().context("give --out FILE")?;
     let built = recipe.build(&datasets, cache.as_ref(), &terminal)?;
     let list = built.list(out);
     write_over_own(out, list.bytes(), LIST_MARK)?;
@@ -133,8 +133,8 @@ fn print_ambiguity(
         }
     }
     output::line(
-        "shared: pairs that are also selected with the given options; choices that do not affect a dataset are left \
-         out",
+        "shared: pairs that the given options select too; choices that do not affect a dataset are \
+         omitted",
     )?;
     output::line(format!("as given: {base}"))?;
     Ok(Outcome::Done)

@@ -203,8 +203,9 @@ pub(in crate::evaluate) fn absurd_coverage(
     let widest = |&k: &usize| f64::from(scales[k].into_iter().fold(0.0, f32::max));
     let middle = median_of(seen.members.iter().map(widest).collect());
     let text = format!(
-        "{:.0} of its Gaussians cover a pixel on average (half of them are wider than {:.3}), which takes very long \
-         to render; are the scales linear (`scales=linear`) or in another unit (`scale=`)? ({})",
+        "{:.0} of its Gaussians cover a pixel on average (half of them are wider than {:.3}), \
+         which takes very long to render; are the scales linear (`scales=linear`) or in another \
+         unit (`scale=`)? ({})",
         seen.layers,
         middle.unwrap_or_default(),
         source.id
@@ -290,7 +291,8 @@ fn add_doubts(
         }
         _ if is_lost => {
             let text = format!(
-                "{shown}, that is hardly at all, and no other reading that was tried shows it better"
+                "{shown}, so it is hardly recognisable, and no other reading that was tried is \
+                 better"
             );
             warnings.insert("unrelated".to_owned(), text);
         }
@@ -387,8 +389,8 @@ fn depth_doubt(truth: &DepthMap, seen: &DepthMap, scale: f64, id: &str) -> Optio
     let ((middle, spread), (_, of_inverse)) = (middle_and_spread(1.0)?, middle_and_spread(-1.0)?);
     if of_inverse * INVERSE_SIGNIFICANCE < spread {
         return Some(format!(
-            "its Gaussians are far where the dataset's depth is near, and near where it is far ({id}): probably \
-             inverse depth was taken for depth, which no setting corrects"
+            "its Gaussians are far where the dataset's depth is near, and near where it is far \
+             ({id}): inverse depth was probably mistaken for depth, which no setting corrects"
         ));
     }
     let is_unit = middle.abs() > LEAST_FACTOR.ln().max(FACTOR_SIGNIFICANCE * 1.4826 * spread);
@@ -720,7 +722,7 @@ mod tests {
     fn few_or_blurred_gaussians_show_something_and_plain_ones_do_not() {
         let round = mapped(&wall(), DAffine3::IDENTITY);
         let said = |gaussians: Gaussians| doubt_about(gaussians).unwrap_or_default();
-        let nothing = "that is hardly at all";
+        let nothing = "so it is hardly recognisable";
         // One Gaussian in forty; the rest of the picture stays black.
         let few = round.filtered(|k| k % 41 == 0);
         assert!(
