@@ -100,7 +100,7 @@ fn a_list_with_a_broken_scene_is_evaluated_without_it_and_completed_later() {
     let said = run(dir, &["--pairs", "p.csv"]).ends_with(4);
     for part in [
         "(B): set/B/calib.txt",
-        "1 of the list's 2 pairs are not evaluated",
+        "1 of the 2 pairs in the list are not evaluated",
     ] {
         assert!(said.err.contains(part), "{}", said.err);
     }

@@ -170,7 +170,8 @@ pub fn prepare(mut request: Request, observer: &dyn Observer) -> Result<Evaluati
             if left > 0 {
                 let all = list.pairs.len();
                 observer.warn(&format!(
-                    "{left} of the list's {all} pairs are not evaluated: their scenes or views cannot be read"
+                    "{left} of the {all} pairs in the list are not evaluated: their scenes or \
+                     views cannot be read"
                 ));
             }
             let companion = ListCompanion::of(&list);

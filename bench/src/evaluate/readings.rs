@@ -129,7 +129,7 @@ pub fn score_readings(
         if !store.has_picture(unit) {
             readings.lacks(
                 "every reading",
-                "the prediction was not kept, or is not the one that was scored",
+                "the prediction was not kept, or differs from the one that was scored",
             );
             continue;
         }

@@ -256,7 +256,7 @@ impl Evaluation {
             )?;
             for what in replaced {
                 observer.warn(&format!(
-                    "{what} before; its earlier results stay in {} and tables no longer show them",
+                    "{what} before; its earlier results stay in {}, but tables no longer show them",
                     out.display()
                 ));
             }

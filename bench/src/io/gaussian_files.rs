@@ -61,16 +61,18 @@ pub enum GaussianFileError {
     Stored { path: PathBuf, source: PlyReason },
     /// View-dependent colours cannot be blended in linear light.
     #[error(
-        "{}: colours depend on the view ({coefficients} coefficients f_rest_*), which is not rendered; \
-         `harmonics=drop` draws only the constant term, or bake them into it for the source's view", path.display()
+        "{}: colours depend on the view ({coefficients} coefficients f_rest_*), which is not \
+         rendered; `harmonics=drop` renders only the constant term; or bake the colours of the \
+         source's view into it", path.display()
     )]
     ViewDependent { path: PathBuf, coefficients: usize },
     #[error("{}: sh has shape {shape:?}, expected [N, (degree + 1)², 3] with a degree up to 4", path.display())]
     Harmonics { path: PathBuf, shape: Vec<usize> },
     /// The rendering rule is stated neither in the file nor by the user.
     #[error(
-        "{}: it does not say which renderer it was made for: set the rule with rendering=NAME (--rendering NAME), \
-         probably {likely} ({why}); for a file of SHARP's, set color_space= instead", path.display()
+        "{}: it does not say which renderer it was made for: set the rule with rendering=NAME \
+         (--rendering NAME), probably {likely} ({why}); for a file from SHARP, set color_space= \
+         instead", path.display()
     )]
     RuleUnknown {
         path: PathBuf,
@@ -106,7 +108,7 @@ pub fn read(
             let differs = stated.is_stated && stated.rule != rule;
             let note = (differs && reading.marks != Some(ply::Marks::Ignore)).then(|| {
                 format!(
-                    "drawn by the rule {rule}, as requested, but made for {} ({})",
+                    "rendered by the rule {rule}, as requested, but made for {} ({})",
                     stated.rule, stated.why
                 )
             });
@@ -140,7 +142,8 @@ fn undrawn(gaussians: &Gaussians, rule: &Rule) -> Option<Suspicion> {
     let degree = gaussians.harmonics.degree;
     (degree > rule.degree).then(|| {
         let text = format!(
-            "harmonics above degree {} are not drawn by the rule {rule}; it has some of degree {degree}",
+            "the rule {rule} ignores harmonics above degree {}, but the file has some of degree \
+             {degree}",
             rule.degree
         );
         Suspicion::new("degree", text)
@@ -186,7 +189,7 @@ fn read_as_marked(
                         why,
                     });
                 }
-                let note = format!("drawn by the rule {rule} ({why}); rendering= sets another");
+                let note = format!("rendered by the rule {rule} ({why}); rendering= sets another");
                 Ok((scene, rule, Some(note)))
             }
             // Report the error of the reading that was requested.

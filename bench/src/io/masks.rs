@@ -51,7 +51,8 @@ pub fn read(path: &Path) -> Result<ReadMask, MaskError> {
             let [r, g, b] = [0, 1, 2].map(|channel| picture.value(x, y, channel));
             if r != g || g != b {
                 return Err(refused(format!(
-                    "coloured at x {x}, y {y}; a mask is white where pixels count and black elsewhere"
+                    "coloured at x {x}, y {y}; a mask is white for scored pixels and black for the \
+                     others"
                 )));
             }
             // Levels of 128 and more, or floats of 0.5 and more.

@@ -133,8 +133,8 @@ pub fn dimensions(path: &Path, rules: &PictureRules) -> Result<Option<(u32, u32)
         (orientation, OrientationRule::Auto) => Err(malformed(
             path,
             format!(
-                "its EXIF orientation is {orientation}: set whether it is read as stored (orientation=stored) or \
-                 turned (orientation=upright)"
+                "its EXIF orientation is {orientation}: choose whether to read it as stored \
+                 (orientation=stored) or turned (orientation=upright)"
             ),
         )),
     }
@@ -318,7 +318,7 @@ fn read_safetensors(path: &Path) -> Result<Picture, ReadError> {
     let [name] = names.as_slice() else {
         return Err(malformed(
             path,
-            format!("{} tensors; a picture is one tensor [H, W, 3]", names.len()),
+            format!("{} tensors; expected one tensor [H, W, 3]", names.len()),
         ));
     };
     let shape = file.shape(name)?.to_vec();

@@ -194,7 +194,7 @@ impl FitRules {
         if (w, h) == (to_w, to_h) {
             return Ok(None);
         }
-        let sizes = format!("the picture is {w}x{h}, {what} {to_w}x{to_h}");
+        let sizes = format!("the picture is {w}x{h}, but {what} is {to_w}x{to_h}");
         if w > to_w || h > to_h {
             return Err(format!("{sizes}: larger pictures are never reduced"));
         }
@@ -204,8 +204,8 @@ impl FitRules {
         let width = f64::from(h) * f64::from(to_w) / f64::from(to_h);
         if (height - f64::from(h)).abs() >= 1.0 && (width - f64::from(w)).abs() >= 1.0 {
             return Err(format!(
-                "{sizes}, with another aspect ratio: set which part of the target it shows (crop=center, \
-                 crop=x:y:w:h or crop=sidecar)"
+                "{sizes}, with another aspect ratio: set the part of the target that it shows \
+                 (crop=center, crop=x:y:w:h or crop=sidecar)"
             ));
         }
         self.kernel.map(Some).ok_or_else(|| {
@@ -214,7 +214,7 @@ impl FitRules {
                 .filter(|k| **k != ResizeKernel::Area);
             let names: Vec<&str> = enlarging.map(|k| k.name()).collect();
             format!(
-                "{sizes}: set the kernel to enlarge it with (resize={})",
+                "{sizes}: set a kernel to enlarge it (resize={})",
                 names.join("|")
             )
         })

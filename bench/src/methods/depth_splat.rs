@@ -118,7 +118,10 @@ impl PredictGaussians for DepthSplat {
         })?;
         if depth.dimensions() != image.dimensions() {
             let (depth, image) = (depth.dimensions(), image.dimensions());
-            let reason = format!("depth is {depth:?} pixels, the photograph {image:?}");
+            let reason = format!(
+                "the depth map is {depth:?} pixels, but the photograph is \
+                                  {image:?}"
+            );
             return Err(MethodError::unsuitable(view, reason));
         }
         let base = self.base_gaussians(image, depth, view)?;

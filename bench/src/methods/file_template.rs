@@ -146,7 +146,7 @@ pub(super) fn suggestion(
     });
     let (there, all, template) = found.max_by_key(|(there, ..)| *there)?;
     Some(format!(
-        "none of its files was found, but {there} of {all} exist with file={}",
+        "none of its files were found, but {there} of {all} exist with file={}",
         template.text()
     ))
 }

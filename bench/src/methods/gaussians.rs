@@ -87,7 +87,7 @@ impl GaussianFiles {
         let aligned = match spec.option("align") {
             None | Some("none") => false,
             Some("pose") => true,
-            Some(other) => return Err(spec.error(format!("align={other}: none or pose"))),
+            Some(other) => return Err(spec.error(format!("align={other}: expected none or pose"))),
         };
         let train = match spec.option("train") {
             None | Some("source") => None,
@@ -158,7 +158,7 @@ impl GaussianFiles {
             });
             let reason = match other.into_iter().next() {
                 None => looked,
-                Some((format, name)) => format!("{looked}, but {name} is there: {format}"),
+                Some((format, name)) => format!("{looked}, but {name} exists: {format}"),
             };
             MethodError::file(&self.dir.join(id), reason)
         })
@@ -183,8 +183,8 @@ fn other_principal_point(stored: &Intrinsics, own: &Intrinsics) -> Option<String
     let [x, y] = by;
     (is_same_size && by.iter().any(|by| by.abs() > LEAST_SHIFT)).then(|| {
         format!(
-            "it was predicted with the principal point ({:.1}, {:.1}), the dataset's is ({:.1}, {:.1}): \
-             `shift={x}:{y}` corrects this",
+            "it was predicted with the principal point ({:.1}, {:.1}), but the dataset's is \
+             ({:.1}, {:.1}): `shift={x}:{y}` corrects this",
             stored.cx, stored.cy, own.cx, own.cy
         )
     })
@@ -340,7 +340,7 @@ impl PredictGaussians for GaussianFiles {
             .filter(|&k| gaussians.is_finite(k))
             .collect();
         if finite.is_empty() {
-            return Err(MethodError::file(&path, "it holds no finite Gaussian"));
+            return Err(MethodError::file(&path, "it has no finite Gaussian"));
         }
         let zero = finite
             .iter()

@@ -81,7 +81,9 @@ pub const KINDS: [MethodKind; 8] = [
             &FileReading::PLACEMENT_KEYS,
             &[FileReading::RULE_KEY],
         ],
-        summary: "Gaussians made elsewhere, DIR/<dataset>/<scene>/<source>.ply|safetensors|spz|sog|splat, rendered by us",
+        summary: "Gaussians made elsewhere, \
+                  DIR/<dataset>/<scene>/<source>.ply|safetensors|spz|sog|splat, rendered by \
+                  sharp-bench",
         settings: "dir=DIR, file={scene}.ply for another layout, rendering=inria|gsplat-classic|mip-splatting|… for the rule they were made for, \
                   depth=none, or privileged: scaled by the median of true over rendered depth, color_space=linear|srgb for PLYs \
                   that do not state it; if the numbers are stored in another form: opacity=linear|byte, scales=linear|log-variance, \

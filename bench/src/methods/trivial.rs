@@ -47,8 +47,9 @@ pub(super) fn copy(spec: &MethodSpec) -> Box<dyn Method> {
 fn copied(source: &SourceView, target: &TargetCamera) -> Result<PicturePrediction, MethodError> {
     let (own, wanted) = (source.image().dimensions(), target.size());
     if own != wanted {
-        let reason =
-            format!("the source is {own:?} and the target {wanted:?} pixels; copy never resizes");
+        let reason = format!(
+            "the source is {own:?} pixels and the target {wanted:?}, but copy never resizes"
+        );
         return Err(MethodError::unsuitable(&source.camera().id, reason));
     }
     Ok(source.image().clone().into())

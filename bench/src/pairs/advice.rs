@@ -61,10 +61,10 @@ fn of_pairs(dataset: &DatasetSpec, counts: &PairCounts, options: &PairOptions) -
         "no set has two views; sets= and remainder= define the sets".to_owned()
     } else if counts.too_near + counts.too_far == counts.considered {
         let farthest = options.max_baseline_m.map_or_else(String::new, |most| {
-            format!(" or farther than max-baseline={most}")
+            format!(" or farther apart than max-baseline={most}")
         });
         format!(
-            "all of its pairs are nearer than min-baseline={}{farthest}",
+            "the cameras of all its pairs are closer than min-baseline={}{farthest}",
             options.min_baseline_m
         )
     } else if sparse {
@@ -106,7 +106,7 @@ pub(super) fn sparse_pairs(counts: &PairCounts, options: &PairOptions) -> Option
     let is_sparse = counts.is_sparse() && options.depth.is_ground_truth();
     is_sparse.then(|| {
         format!(
-            "{}; so overlaps are measured at single pixels; better use --pair-options {DENSE}",
+            "{}, so overlaps are measured at single pixels; better use --pair-options {DENSE}",
             sparseness(counts)
         )
     })
@@ -256,7 +256,7 @@ mod tests {
             ..depth(0, 0)
         };
         let near = said("eth3d=/x", "min-baseline=3", near).unwrap();
-        assert!(near.contains("nearer than min-baseline=3"), "{near}");
+        assert!(near.contains("closer than min-baseline=3"), "{near}");
         let limited = PairCounts {
             qualified: 5,
             ..depth(10, 0)

@@ -233,7 +233,7 @@ fn read(path: &Path, key: &str, views: usize) -> Result<Option<SceneOverlaps>, S
         return Err("damaged (its checksum differs)".to_owned());
     }
     if !file.content.fits(views) {
-        return Err("it names views that the scene does not have".to_owned());
+        return Err("it lists views that the scene does not have".to_owned());
     }
     Ok(Some(file.content))
 }

@@ -86,7 +86,8 @@ impl PairRecipe {
             return Err(PairError::Recipe(reason));
         }
         if depth != OverlapDepth::SharpRelease && self.overlap_checkpoint.is_some() {
-            let reason = "--overlap-checkpoint is for --pair-options overlap=sharp-release";
+            let reason =
+                "--overlap-checkpoint applies only to --pair-options overlap=sharp-release";
             return Err(PairError::Recipe(reason.to_owned()));
         }
         Ok(self)
@@ -185,7 +186,7 @@ impl PairRecipe {
             Some(given) => match given.digest(&dataset.scenes)? {
                 (0, _) => {
                     let reason = format!(
-                        "--overlap-depth: no view of '{}' has a map there",
+                        "--overlap-depth: no map found for any view of '{}'",
                         dataset.name
                     );
                     return Err(PairError::Recipe(reason));

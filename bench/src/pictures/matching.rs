@@ -13,10 +13,10 @@ use crate::io::pictures;
 pub enum MatchError {
     #[error(transparent)]
     List(#[from] DatasetError),
-    #[error("{}: no picture in it (looked for {}); {inside}", path.display(), pictures::EXTENSIONS.join(", "))]
+    #[error("{}: no picture found in it (looked for {}); {inside}", path.display(), pictures::EXTENSIONS.join(", "))]
     Empty { path: PathBuf, inside: String },
     /// A picture without a counterpart.
-    #[error("{}: no picture of the same {by} in {}", path.display(), other.display())]
+    #[error("{}: no picture with the same {by} in {}", path.display(), other.display())]
     Unmatched {
         path: PathBuf,
         /// The folder that was searched.

@@ -153,7 +153,7 @@ impl Protocol {
     pub fn departures(&self) -> Vec<String> {
         let of_pairs = match self.pairs {
             PairRule::NoSource(rule) => Some(format!(
-                "pairs: those of the list that is given; theirs has no source view: {rule}"
+                "pairs: from the given list; this protocol has no source view: {rule}"
             )),
             _ => None,
         };
@@ -196,7 +196,7 @@ impl Protocol {
             },
             PairRule::List(what) => needs(format!("its pairs are {what}; see `pairs import`")),
             PairRule::NoSource(rule) => needs(format!(
-                "it has no source view ({rule}), so the list must state the source of each target"
+                "it has no source view ({rule}), so the list must state a source for each target"
             )),
             PairRule::Refused(reason) => Err(ProtocolError::Refused {
                 protocol: self.name,

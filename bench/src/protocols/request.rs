@@ -23,7 +23,8 @@ impl Request {
         let backend = config.backend()?;
         if backend == Backend::Auto {
             return usage(
-                "--backend auto is for `render`: scores must not depend on the machine's hardware; set cpu or wgpu",
+                "--backend auto is only for `render`, because scores must not depend on the \
+                 machine's hardware; set cpu or wgpu",
             );
         }
         if config.limit == Some(0) {

@@ -39,7 +39,7 @@ fn smaller_pictures_are_resized_up_by_a_named_kernel_only() {
         assert_ne!(cubic["psnr"], linear["psnr"]);
     }
     for (method, part) in [
-        ("imported", "48x36, the target 96x72: set the kernel"),
+        ("imported", "48x36, but the target is 96x72: set a kernel"),
         ("square", "another aspect"),
         ("large", "never reduced"),
     ] {

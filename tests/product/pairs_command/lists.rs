@@ -138,7 +138,7 @@ fn lists_of_others_are_counted_and_imported() {
     assert_eq!(read(dir.join("p.csv.json")), "{}");
     let empty = r#"{"seed0": {"context": [4, 0], "target": []}}"#;
     std::fs::write(dir.join("theirs.json"), empty).unwrap();
-    import(&ours).is_error_with(&["theirs.json", "names no target"]);
+    import(&ours).is_error_with(&["theirs.json", "it has no targets"]);
 }
 
 #[test]

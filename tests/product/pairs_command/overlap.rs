@@ -136,7 +136,10 @@ fn somebody_elses_depth_decides_overlap_and_is_named() {
         &["nowhere", "not a folder"],
     );
     std::fs::create_dir(dir.path().join("empty")).unwrap();
-    wrong(&["--overlap-depth", "empty"], &["no view of"]);
+    wrong(
+        &["--overlap-depth", "empty"],
+        &["no map found for any view of"],
+    );
     wrong(
         &["--pair-options", "overlap=given"],
         &["--overlap-depth DIR"],

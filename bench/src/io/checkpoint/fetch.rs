@@ -40,7 +40,7 @@ pub fn fetch(
     let download = Download {
         address: release.address.clone(),
         sizes: release.sizes.clone(),
-        size_text: format!("{least} to {most} bytes, by the network's parameters"),
+        size_text: format!("{least} to {most} bytes, by the network's number of parameters"),
     };
     download.fetch(&part, progress)?;
     let complete =

@@ -19,9 +19,9 @@ pub use release::{RELEASE_ADDRESS, RELEASE_FILE};
 
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error(
-    "no SHARP checkpoint found (looked for {}); get the official one with `sharp-bench weights fetch sharp` or from \
-     {RELEASE_ADDRESS}, or name one with --checkpoint FILE (checkpoint=FILE in a method); `mini` is the small \
-     network that comes with this program",
+    "no SHARP checkpoint found (looked for {}); get the official one with `sharp-bench weights \
+     fetch sharp` or from {RELEASE_ADDRESS}, or give one with --checkpoint FILE (checkpoint=FILE \
+     in a method); `mini` is the small network that comes with this program",
     searched.iter().map(|path| path.display().to_string()).collect::<Vec<_>>().join(", ")
 )]
 pub struct NoCheckpoint {

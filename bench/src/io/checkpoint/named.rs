@@ -20,8 +20,8 @@ pub enum NetworkError {
     #[error(transparent)]
     File(#[from] FileError),
     #[error(
-        "{source}: its sizes are not those of `{preset}`; name its configuration with config=FILE.json#NAME \
-         (--config)"
+        "{source}: its sizes differ from those of `{preset}`; give its configuration with \
+         config=FILE.json#NAME (--config)"
     )]
     Sizes {
         preset: String,
@@ -32,7 +32,8 @@ pub enum NetworkError {
     )]
     SeveralConfigs { checkpoint: PathBuf, names: String },
     #[error(
-        "checkpoint `{}` has its own configuration; remove the other one, or name a file as ./{}",
+        "checkpoint `{}` has its own configuration; remove the given one, or write ./{} if you \
+         mean a file",
         bundled::NAME,
         bundled::NAME
     )]
@@ -45,7 +46,7 @@ pub enum NetworkError {
     )]
     NotBundled { searched: Vec<PathBuf> },
     #[error(
-        "{}: not the weights that belong to this program: sha256 {sha256}, not {}",
+        "{}: not the weights that belong to this program: sha256 is {sha256}, expected {}",
         path.display(),
         bundled::weights_sha256()
     )]
@@ -100,7 +101,7 @@ fn network_of(file: &Path, config: Option<&str>) -> Result<NetworkSpec, NetworkE
             match &found[..] {
                 [] => release,
                 [(name, config)] => {
-                    notes.push(format!("its sizes are those of {name} beside it"));
+                    notes.push(format!("its sizes fit {name} next to it"));
                     config.clone()
                 }
                 several => {

@@ -42,12 +42,12 @@ impl GifMovie {
         };
         if !(1..=MAX_FPS).contains(&fps) {
             return Err(format(format!(
-                "a GIF has 1 to {MAX_FPS} frames a second, not {fps}"
+                "a GIF can have 1 to {MAX_FPS} frames per second, not {fps}"
             )));
         }
         let (Ok(w), Ok(h)) = (u16::try_from(width), u16::try_from(height)) else {
             return Err(format(format!(
-                "{width}x{height}: a GIF's sides are at most 65535 pixels"
+                "{width}x{height}: the sides of a GIF cannot exceed 65535 pixels"
             )));
         };
         let file = PartialFile::create(path)?;

@@ -100,7 +100,8 @@ impl Command {
         let fit = FitRules::parse(|key| spec.option(key)).map_err(|reason| spec.error(reason))?;
         if fit.needs_file() {
             return Err(spec.error(
-                "crop=center and crop=sidecar need files; a program takes crop=x:y:w:h or crop=center:W:H",
+                "crop=center and crop=sidecar need files; for a program use crop=x:y:w:h or \
+                 crop=center:W:H",
             ));
         }
         let folder = spec.option("cwd").map(PathBuf::from).unwrap_or_default();
@@ -231,8 +232,8 @@ fn notes_of(files: &NamedFiles) -> Vec<String> {
     });
     let unseen = files.unseen.iter().map(|word| {
         format!(
-            "its command line names {word}, which may stand for files that are not hashed; name them with \
-             files=PATTERN, so that results are made again when they change"
+            "its command line names {word}, which may stand for files that are not hashed; list \
+             them with files=PATTERN, so that results are made again when they change"
         )
     });
     absent.chain(unseen).collect()

@@ -236,7 +236,7 @@ impl Drop for Process {
 fn unasked(heard: &Heard) -> Trouble {
     Trouble::Garbage(match heard {
         Heard::Line(text) => no_answer(text),
-        Heard::TooLong => format!("it wrote a line of more than {LONGEST_LINE} bytes"),
+        Heard::TooLong => format!("it wrote a line longer than {LONGEST_LINE} bytes"),
         Heard::NotText => "it wrote bytes that are not UTF-8".to_owned(),
     })
 }

@@ -81,7 +81,7 @@ pub fn find_map(stem: &Path) -> Result<Option<PathBuf>, PairError> {
         [file, png] if png.extension().is_some_and(|e| e == "png") => Ok(Some(file.clone())),
         [first, second, ..] => Err(wrong(
             first,
-            &format!("ambiguous, {} exists too", second.display()),
+            &format!("ambiguous, because {} exists too", second.display()),
         )),
     }
 }

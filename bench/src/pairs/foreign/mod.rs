@@ -190,10 +190,10 @@ impl ForeignList {
                 (several, key) => {
                     let reason = format!(
                         "{} matches {} scenes of the datasets; choose with --scenes",
-                        key.as_ref()
-                            .map_or("the list, which names no scene,".to_owned(), |key| format!(
-                                "'{key}'"
-                            )),
+                        key.as_ref().map_or(
+                            "the list, which has no scene names,".to_owned(),
+                            |key| format!("'{key}'")
+                        ),
                         several.len()
                     );
                     return Err(wrong(pair.line, reason));
@@ -216,7 +216,7 @@ impl ForeignList {
         }
         if pairs.is_empty() {
             let reason = match self.counts().targets {
-                0 => "it names no target: its scenes are null or their targets empty",
+                0 => "it has no targets: its scenes are null or their targets are empty",
                 _ => "none of its scenes with targets is in the datasets",
             };
             return Err(wrong(1, reason.to_owned()));
