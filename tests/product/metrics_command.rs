@@ -90,7 +90,7 @@ fn folders_are_matched_by_stem_and_averaged() {
     assert!((mean - (scores[0] + scores[1]) / 2.0).abs() < 1e-12);
 
     std::fs::remove_file(dir.path().join("t/b.png")).unwrap();
-    sharp_bench(dir.path(), &args).is_error_with(&["p/b.png", "no picture of the same stem"]);
+    sharp_bench(dir.path(), &args).is_error_with(&["p/b.png", "no picture with the same stem"]);
 }
 
 #[test]

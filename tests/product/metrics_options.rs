@@ -197,7 +197,7 @@ fn masks_of_a_folder_are_matched_and_must_fit() {
     std::fs::create_dir(&masks).unwrap();
     half_mask(&masks.join("a.png"));
     let args = "p t --mask masks --metrics psnr --json";
-    metrics(dir.path(), args).is_error_with(&["p/b.png", "no picture of the same stem in masks"]);
+    metrics(dir.path(), args).is_error_with(&["p/b.png", "no picture with the same stem in masks"]);
     GrayImage::from_pixel(WIDTH, HEIGHT, Luma([255]))
         .save(masks.join("b.png"))
         .unwrap();

@@ -145,7 +145,7 @@ pub(super) fn sweep(
     let x = sweep.spec.x.title();
     for panel in &sweep.without_lines {
         output::remark(format!(
-            "warning: {}: not shown, because none of {} has a score and a known {x} within the bins",
+            "warning: {}: not shown, as none of {} has a score and a known {x} within the bins",
             panel.split,
             counted(panel.pairs, "pair")
         ));

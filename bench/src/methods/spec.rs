@@ -66,11 +66,11 @@ impl MethodSpec {
         match self.options.keys().find(|k| !known.contains(&k.as_str())) {
             None => Ok(()),
             Some(key) if known.is_empty() => Err(self.error(format!(
-                "unknown option '{key}'; {} has only label",
+                "unknown option '{key}'; the only option of {} is label",
                 self.kind
             ))),
             Some(key) => Err(self.error(format!(
-                "unknown option '{key}'; {} has label, {}",
+                "unknown option '{key}'; the options of {} are label, {}",
                 self.kind,
                 known.join(", ")
             ))),
