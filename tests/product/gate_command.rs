@@ -393,7 +393,7 @@ fn files_exit_codes_and_errors() {
 
     gate(dir, "a", "b", &[]).is_usage_error_with(&["a gate needs limits"]);
     gate(dir, "a", "b", &["--fail-if", "ssim < -0.1"])
-        .is_usage_error_with(&["ssim < -0.1", "which have psnr"]);
+        .is_usage_error_with(&["ssim < -0.1", "they share psnr"]);
     std::fs::write(dir.join("gate.toml"), "fail_if = []\nspeed = 1\n").unwrap();
     with(&[]).is_usage_error_with(&["gate.toml: line 2", "speed"]);
     gate(dir, "a", "b", &["--config", "absent.toml"]).is_error_with(&["absent.toml"]);

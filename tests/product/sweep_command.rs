@@ -178,7 +178,7 @@ fn what_is_wrong_with_a_sheet_is_said() {
         sharp_bench(dir.path(), &[&common, more].concat())
     };
     let said = figure("qualitative", "run", &["--crop", "40,0,12,9", "--json"]).ends_with(4);
-    let outside = "reaches out of its 48 × 36 pixels";
+    let outside = "extends beyond its 48 × 36 pixels";
     // Two predictions and the truth.
     assert_eq!(said.err.matches(outside).count(), 3, "{}", said.err);
     assert_eq!(said.json()["problems"].as_array().unwrap().len(), 3);

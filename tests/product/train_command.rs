@@ -168,7 +168,7 @@ fn what_cannot_be_trained_is_one_clear_error() {
     set(&["stage1.steps=2", "losses.tv=0"]).ends_with(0);
     let log = std::fs::read_to_string(dir.path().join("u/log.csv")).unwrap();
     assert_eq!(log.lines().count(), 3);
-    train(dir.path(), "u").is_error_with(&["`losses.tv` is 0 there and not given here"]);
+    train(dir.path(), "u").is_error_with(&["`losses.tv` was 0 and is now not given"]);
 
     // The paper's weight is for another network than the bundled one.
     let heavy = ["--set", "losses.percep=", "--set", "initial=absent.pt"];

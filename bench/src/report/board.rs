@@ -118,7 +118,7 @@ impl<'a> Board<'a> {
             };
             if let Some(what) = differing_fact(pair.facts, record) {
                 return Err(conflict(format!(
-                    "its {what} differs from that in the record of '{}'",
+                    "its {what} differs from the one in the record of '{}'",
                     pair.facts.method
                 )));
             }

@@ -42,13 +42,13 @@ const REPORTED: [(&str, &str, usize, &str); 10] = [
         "pose_translation_m",
         "Moved by (m)",
         4,
-        "how far it was moved, metres",
+        "how far the target's camera was moved to fit its photograph, metres",
     ),
     (
         "median_scale",
         "Depth scale",
         3,
-        "the factor that median alignment put on the predicted depth",
+        "the factor by which median alignment scaled the predicted depth",
     ),
     (
         "dropped_blocks",
@@ -66,7 +66,7 @@ const REPORTED: [(&str, &str, usize, &str); 10] = [
         "best_scale",
         "Best scale",
         3,
-        "the scale of the scene whose picture had the least DISTS, of those that the method rendered",
+        "the scale of the scene with the lowest DISTS, among the scales that the method rendered",
     ),
 ];
 

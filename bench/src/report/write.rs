@@ -294,7 +294,7 @@ fn check_folder(out: &Path) -> Result<(), FileError> {
         false => refused(
             out,
             &format!(
-                "it holds {} and is not a report of sharp-bench",
+                "it contains {} and is not a report of sharp-bench",
                 first.display()
             ),
         ),

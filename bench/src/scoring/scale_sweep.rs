@@ -65,7 +65,7 @@ impl ScaleChooser {
                 Some((_, Ok(value))) if !value.is_nan() => value,
                 Some((key, Ok(_))) => return Err(wrong(format!("{key} is not a number"))),
                 Some((key, Err(reason))) => return Err(wrong(format!("{key}: {reason}"))),
-                None => return Err(wrong("no metric chooses".to_owned())),
+                None => return Err(wrong("no metric is available to choose by".to_owned())),
             };
             if best.is_none_or(|(least, _)| distance < least) {
                 best = Some((distance, at));

@@ -47,7 +47,7 @@ pub(super) fn configured(
 
 /// Applies `KEY=VALUE`; an empty value resets the key to its default.
 fn change(table: &mut Table, set: &str) -> Result<(), String> {
-    let (key, value) = set.split_once('=').ok_or("it is not KEY=VALUE")?;
+    let (key, value) = set.split_once('=').ok_or("expected KEY=VALUE")?;
     let (key, value) = (key.trim(), value.trim());
     let mut names: Vec<&str> = key.split('.').collect();
     let last = names.pop().unwrap_or_default();
@@ -132,7 +132,7 @@ mod tests {
     #[test]
     fn what_cannot_be_set_is_named() {
         for (set, reason) in [
-            ("stage1.steps", "it is not KEY=VALUE"),
+            ("stage1.steps", "expected KEY=VALUE"),
             ("zeros_return.a=1", "expected a boolean"),
             ("stage1.steps=200", "`stage1.schedule.warmup_steps` leaves"),
             ("stage1.stesp=200", "stesp"),

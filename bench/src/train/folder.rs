@@ -55,7 +55,7 @@ impl TrainingFolder {
             let mut entries = entries.filter_map(Result::ok);
             // Dot files are ours, as in a run folder.
             if entries.any(|entry| !entry.file_name().to_string_lossy().starts_with('.')) {
-                return Err(refused(format!("it holds other files but no {CONFIG}")));
+                return Err(refused(format!("it contains other files but no {CONFIG}")));
             }
         }
         let (lock, _) = lock(root, File::try_lock)?;
@@ -95,11 +95,11 @@ fn difference(before: &str, now: &str) -> String {
     });
     let mut keys = before.keys().chain(now.keys());
     let Some(key) = keys.find(|key| before.get(*key) != now.get(*key)) else {
-        return "a default, or a file that it names, has changed".to_owned();
+        return "a default value, or a file named in it, has changed".to_owned();
     };
     let text = |value: Option<&String>| value.cloned().unwrap_or_else(|| "not given".to_owned());
     let (before, now) = (text(before.get(key)), text(now.get(key)));
-    format!("`{key}` is {before} there and {now} here")
+    format!("`{key}` was {before} and is now {now}")
 }
 
 /// Flattens a table to values by dotted keys.
@@ -147,14 +147,14 @@ mod tests {
         assert!(kept.contains("checkpoint = 9"));
         let error = open(dir.path(), &PLAIN.replace("steps = 20", "steps = 30")).unwrap_err();
         assert!(
-            error.contains("`stage1.steps` is 20 there and 30 here"),
+            error.contains("`stage1.steps` was 20 and is now 30"),
             "{error}"
         );
         let clipped = PLAIN.replace("schedule", "clip_norm = inf\nschedule");
         let error = open(dir.path(), &clipped).unwrap_err();
-        assert!(error.contains("is not given there and inf here"), "{error}");
+        assert!(error.contains("was not given and is now inf"), "{error}");
         let error = open(dir.path(), &format!("initial = \"a.pt\"\n{PLAIN}")).unwrap_err();
-        assert!(error.contains("`initial` is not given there"), "{error}");
+        assert!(error.contains("`initial` was not given"), "{error}");
     }
 
     #[test]

@@ -90,8 +90,9 @@ impl Validation {
         if curve.lines().count() > 1 && PairList::read(&path)?.sha256 != list.sha256 {
             return Err(TrainError::OtherFolder {
                 folder: folder.root().to_owned(),
-                reason: "its training was validated on other pairs (validation-pairs.csv), so its curves would mix \
-                         them; use the same datasets and number of pairs, or another folder"
+                reason: "this training was validated on other pairs (validation-pairs.csv), which \
+                         its curves must not mix with new ones; use the same datasets and number \
+                         of pairs, or another folder"
                     .to_owned(),
             });
         }

@@ -145,7 +145,7 @@ impl Sheet {
                 let outside = tile.crops.iter().filter(|crop| !crop.fits((w, h)));
                 let said = outside.map(|crop| {
                     format!(
-                        "{}: the part {},{},{},{} reaches out of its {w} × {h} pixels",
+                        "{}: the part {},{},{},{} extends beyond its {w} × {h} pixels",
                         tile.name, crop.x, crop.y, crop.width, crop.height
                     )
                 });
@@ -420,7 +420,7 @@ mod tests {
         };
         assert_eq!(
             sheet.problems(),
-            ["p, m: the part 45,0,10,5 reaches out of its 50 × 25 pixels"]
+            ["p, m: the part 45,0,10,5 extends beyond its 50 × 25 pixels"]
         );
         let drawn = sheet.draw(&medium()).unwrap();
         // The picture is enlarged twice, the part ten times.

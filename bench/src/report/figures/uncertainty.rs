@@ -60,7 +60,7 @@ impl Mirrored {
         let (d, m) = (self.depth.dimensions(), self.of_mirror.dimensions());
         if d != m {
             return Err(format!(
-                "the depth map has {} × {} pixels, that of the mirrored picture {} × {}",
+                "the depth map has {} × {} pixels, but that of the mirrored picture has {} × {}",
                 d.0, d.1, m.0, m.1
             ));
         }

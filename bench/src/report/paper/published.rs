@@ -190,14 +190,15 @@ impl PublishedTable {
                  ranked with them"
             }
             MadeBy::Translation => {
-                "for a picture that it does not name, without the LPIPS network, the SSIM window or how pictures were \
-                 shifted: to be compared in kind, not in digits"
+                "for a picture that it does not name, without the LPIPS network, the SSIM window \
+                 or how pictures were shifted: compare trends, not digits"
             }
             MadeBy::Speed if self.name == "ablation_loss_render" => {
                 "median latency per frame, milliseconds, on a device that it does not name for this table"
             }
             MadeBy::Speed => {
-                "seconds on an A100, SVC and TMPI on ETH3D on an H100, rendered at each dataset's own resolution"
+                "seconds on an A100 (SVC and TMPI on ETH3D: on an H100), rendered at each \
+                 dataset's own resolution"
             }
             MadeBy::Checkpoint => {
                 "millions (M) and billions (B) as reported by the methods or counted in their sources; the trainable ones \
@@ -225,8 +226,8 @@ impl PublishedTable {
             percent("LPIPS"),
         ) {
             text.push_str(&format!(
-                " The gains of its abstract are those over {STRONGEST}, the least and the largest over its datasets: DISTS \
-                 {dists}, LPIPS {lpips}."
+                " The gains in its abstract are over {STRONGEST}, the smallest and the largest \
+                 among its datasets: DISTS {dists}, LPIPS {lpips}."
             ));
         }
         if self.label == "tab:quantitative-aligned" {
@@ -268,7 +269,7 @@ fn column(name: &str) -> Column {
         "Inference" => (
             "s",
             Some(Direction::Lower),
-            "from a photograph to what is rendered, or to the picture",
+            "from a photograph to a renderable representation, or to the picture",
         ),
         "Render" => ("s", Some(Direction::Lower), "of a view"),
         "Latency" => ("ms", Some(Direction::Lower), "of rendering a frame, median"),

@@ -43,7 +43,7 @@ pub enum RowError {
     Label(String),
     #[error("the label '{0}' is given twice")]
     Repeated(String),
-    #[error("{}: it has {what}; name one of them, {}:METHOD", path.display(), path.display())]
+    #[error("{}: it has {what}; select one of them, {}:METHOD", path.display(), path.display())]
     Method {
         path: PathBuf,
         /// Description of the available methods.
@@ -51,7 +51,7 @@ pub enum RowError {
     },
     #[error("{}: {reason}", path.display())]
     Unusable { path: PathBuf, reason: String },
-    #[error("the paper has one column of {column}, and the rows have the datasets {}", names.join(" and "))]
+    #[error("the paper has only one column for {column}, but the rows have the datasets {}", names.join(" and "))]
     Ambiguous {
         column: &'static str,
         names: Vec<String>,

@@ -32,7 +32,7 @@ pub fn compute(runs: &[PathBuf]) -> Result<TextGrid, EvaluateError> {
         if rows.is_empty() {
             return Err(EvaluateError::NotKept {
                 folder: run.clone(),
-                reason: "it has no times: bundles have none, nor have runs without predictions"
+                reason: "it has no times: bundles and runs without predictions have none"
                     .to_owned(),
             });
         }

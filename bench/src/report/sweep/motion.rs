@@ -80,7 +80,7 @@ impl Motion {
                 "Overlap: share of the target's pixels with depth that the source sees, as the pair list measured it."
             }
             Self::RelativeMotion => {
-                "Median depth: the target's; the source's where only that has depth."
+                "Median depth: the target's, or the source's if only that has depth."
             }
             Self::Disoccluded => {
                 "Not seen: 1 − overlap, the share of the target's pixels with depth that are hidden from the source or \

@@ -87,7 +87,7 @@ pub(super) fn prediction_marks(
     }
     for (count, pairs) in tried {
         marks.push(format!(
-            "{label} on {name}: best of {count} scales by DISTS, chosen by looking at the target, for each of \
+            "{label} on {name}: best of {count} scales by DISTS against the target, for each of \
              {pairs} pairs."
         ));
     }

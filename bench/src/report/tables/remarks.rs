@@ -110,7 +110,8 @@ pub(super) fn of_baselines(board: &Board<'_>, table: &Table) -> Vec<String> {
                 continue;
             }
             text += &format!(
-                " {} leaves on average {:.1} % of a picture empty, and these holes are scored like any other pixel",
+                " {} leaves {:.1} % of a picture empty on average, and these holes are scored like \
+                 any other pixels",
                 board.methods[method].label,
                 100.0 * share
             );

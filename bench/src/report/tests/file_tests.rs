@@ -336,7 +336,7 @@ fn pictures_are_linked_but_to_the_public_which_sees_what_terms_allow() {
     );
     assert!(public.contains("…/run 1/b.png: is gone") && public.contains("dir=…/run 1"));
     assert_eq!(public.matches("\"no target\"").count(), 0, "{public}");
-    let withheld = "terms do not let it be published";
+    let withheld = "terms do not allow it to be published";
     // For each of two datasets: source, target and the depth of both; prediction, error and alpha.
     assert_eq!(public.matches(withheld).count(), 14, "{public}");
 }

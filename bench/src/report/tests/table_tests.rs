@@ -308,9 +308,9 @@ fn baselines_that_methods_do_not_surpass_are_remarked_upon() {
     assert_eq!(
         remarks(&records),
         [
-            "d: a baseline beats every other method in PSNR (mean 16.00; good 12.00). holed leaves on \
-          average 20.9 % of a picture empty, and these holes are scored like any other pixel; a baseline is better in \
-          PSNR (mean 16.00; holed 10.00)."
+            "d: a baseline beats every other method in PSNR (mean 16.00; good 12.00). holed \
+             leaves 20.9 % of a picture empty on average, and these holes are scored like any \
+             other pixels; a baseline is better in PSNR (mean 16.00; holed 10.00)."
         ]
     );
     // A baseline that is equal as displayed is not better. Without baselines there is no remark.

@@ -181,7 +181,11 @@ impl RunComparison {
         }
         let pictures = ReportPictures::new(&self.results, scenes);
         let pairs: Vec<(&Record, &Record)> = self.sides(against).both().collect();
-        observer.begin("looking where pictures differ", pairs.len(), "pairs");
+        observer.begin(
+            "locating differences between pictures",
+            pairs.len(),
+            "pairs",
+        );
         let mut datasets: BTreeMap<&str, Vec<ClassScores<'_>>> = BTreeMap::new();
         let mut without: BTreeMap<String, usize> = BTreeMap::new();
         for (done, (a, b)) in pairs.into_iter().enumerate() {
@@ -231,7 +235,8 @@ impl RunComparison {
             .partition(|metric| metric.key.family() != Family::Dists);
         for metric in others {
             notes.push(format!(
-                "{} compares statistics of whole pictures: it has no value at a pixel, and no error anatomy",
+                "{} compares statistics of whole pictures, so it has no value per pixel and no \
+                 error anatomy",
                 metric.key
             ));
         }

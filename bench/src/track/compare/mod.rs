@@ -329,7 +329,7 @@ fn rows(
         let scores = |manifest: &Manifest| manifest.metrics.iter().any(|m| m.info.key == key);
         if !comparison.manifests.iter().all(scores) {
             notes.push(format!(
-                "{key} is in only one of the runs, and is not compared"
+                "{key} is in only one of the runs and is not compared"
             ));
             continue;
         }
@@ -363,11 +363,11 @@ fn notes([a, b]: &[Manifest; 2]) -> Vec<String> {
     }
     if a.version != b.version {
         notes.push(format!(
-            "A is by version {} and B by {}",
+            "A was made by version {} and B by {}",
             a.version, b.version
         ));
     } else if a.sources != b.sources {
-        notes.push("A and B were made by different sources of this program".to_owned());
+        notes.push("A and B were made by builds of different source code".to_owned());
     }
     if a.aggregation != Aggregation::default() {
         let (here, there) = (Aggregation::default(), a.aggregation);
@@ -426,7 +426,7 @@ fn chosen_methods(
     }
     if chosen.is_empty() {
         let reason = format!(
-            "no method is in both: {}; --method OLD=NEW pairs them",
+            "no method is in both runs: {}; --method OLD=NEW pairs methods",
             sides()
         );
         return Err(CompareError::Methods(reason));
@@ -467,7 +467,7 @@ fn pair_difference([a, b]: &[BTreeSet<&str>; 2]) -> Option<String> {
         _ => "",
     };
     Some(format!(
-        "their pairs differ: {} only in A, {} only in B, the first is {first}{hint}",
+        "their pairs differ: {} only in A, {} only in B; the first is {first}{hint}",
         counted(only_a, "pair"),
         only_b
     ))

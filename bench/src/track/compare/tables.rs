@@ -67,7 +67,7 @@ impl RunComparison {
         let rows: Vec<_> = rows.map(row).collect();
         let key = MetricKey::whole(metric.key.metric()).to_string();
         let title = title(&key, metric.key.region(), [&against.a, &against.b]);
-        let title = format!("{title}: most lost and most won");
+        let title = format!("{title}: largest losses and gains");
         (!rows.is_empty()).then(|| TextGrid::new(title, &["pair", "A", "B", "B - A"], rows))
     }
 
@@ -188,7 +188,8 @@ fn remarks(row: &ScoreChange) -> Vec<String> {
     let dataset = &row.dataset;
     if let (Some(p), Some(floor), 2..) = (row.p_sign_flip, row.p_sign_flip_floor, row.n_scenes) {
         remarks.push(format!(
-            "{dataset}: by the signs of {} scenes alone p = {p:.4}, at least {floor:.4} with so many",
+            "{dataset}: from the signs of {} scenes alone, p = {p:.4}; with this many scenes it is \
+             at least {floor:.4}",
             row.n_scenes
         ));
     }
@@ -215,7 +216,7 @@ fn remarks(row: &ScoreChange) -> Vec<String> {
     if row.left_out > 0 {
         let pairs = counted(row.left_out, "pair");
         remarks.push(format!(
-            "{dataset}: {pairs} without a score on both sides left out"
+            "{dataset}: {pairs} left out, without a score on both sides"
         ));
     }
     if row.n_infinite > 0 {

@@ -31,7 +31,7 @@ pub(super) fn costs_of(
             (None, _) => check.decided(
                 CheckState::NotCompared,
                 format!(
-                    "not measured, or below {}, where noise decides",
+                    "not measured, or below {}, where noise dominates",
                     cost.least()
                 ),
             ),
@@ -55,7 +55,9 @@ fn device_difference(
             [] => return Some(format!("{side} has no times; bundles never do")),
             [Some(one), other, ..] => {
                 let other = other.unwrap_or_default();
-                return Some(format!("{side} was predicted by {one}, and by {other}"));
+                return Some(format!(
+                    "{side} was predicted partly by {one} and partly by {other}"
+                ));
             }
             [None, ..] => {
                 return Some(format!("{side} does not say which processor predicted"));

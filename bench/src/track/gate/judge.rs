@@ -130,14 +130,14 @@ impl<'a> Judge<'a> {
                 let have: Vec<&str> = self.metrics.iter().map(|m| m.alias.as_str()).collect();
                 let have = have.join(", ");
                 return Err(format!(
-                    "'{limit}': not a metric of both runs, which have {have}"
+                    "'{limit}': not a metric of both runs; they share {have}"
                 ));
             }
             let known = |name: &str| name == ALL || self.datasets.contains(&name);
             if scope.dataset().is_some_and(|name| !known(name)) {
                 let have = self.datasets.join(", ");
                 return Err(format!(
-                    "'{limit}': not a dataset of the runs, which have {have}, and {ALL}"
+                    "'{limit}': not a dataset of the runs; expected {have} or {ALL}"
                 ));
             }
         }
@@ -437,7 +437,7 @@ fn why_not_significant(row: &ScoreChange) -> String {
         Some(reason) => format!("beyond the limit, but without p: {reason}"),
         None => {
             let scenes = counted(row.n_scenes, "scene");
-            format!("beyond the limit, but with {scenes} it may be chance")
+            format!("beyond the limit, but with {scenes} this may be chance")
         }
     }
 }

@@ -189,7 +189,7 @@ pub fn add(dir: &Path, run: &Path, occasion: Occasion) -> Result<Added, HistoryE
         // After a mistyped path, do not mix entries with other files.
         if let (true, Some(name)) = (numbers.is_empty(), foreign) {
             let reason =
-                format!("it holds {name} but no entry of a history; choose another folder");
+                format!("it contains {name} but no entry of a history; choose another folder");
             return Err(no_history(reason));
         }
         for &number in numbers.iter().filter(|number| **number > seen) {
@@ -209,7 +209,8 @@ pub fn add(dir: &Path, run: &Path, occasion: Occasion) -> Result<Added, HistoryE
         }
         seen = numbers.last().copied().unwrap_or(0);
         let number = seen.checked_add(1);
-        let number = number.ok_or_else(|| no_history("its last number is taken".to_owned()))?;
+        let number =
+            number.ok_or_else(|| no_history("no number is left for another entry".to_owned()))?;
         let path = entry_path(dir, number);
         let mut file = PartialFile::create(&path)?;
         file.write_all(&bytes)
@@ -236,7 +237,7 @@ pub fn read(dir: &Path) -> Result<History, HistoryError> {
     if numbers.is_empty() {
         return Err(HistoryError::NoHistory {
             dir: dir.to_owned(),
-            reason: "it holds no entry; add one with `history add DIR RUN`".to_owned(),
+            reason: "it contains no entry; add one with `history add DIR RUN`".to_owned(),
         });
     }
     let (mut trend, mut entries, mut damaged) = (Trend::default(), Vec::new(), Vec::new());

@@ -540,7 +540,7 @@ fn folders_of_others_are_left_alone() {
         .try_add(&Run::default(), "x", None)
         .unwrap_err()
         .to_string();
-    assert!(error.contains("last number"), "{error}");
+    assert!(error.contains("no number is left"), "{error}");
 }
 
 #[test]
