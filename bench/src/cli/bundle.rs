@@ -12,8 +12,9 @@ use crate::io::hash::file_sha256;
 
 /// Pack the scores of a run into one small file, to share or to commit as a baseline
 ///
-/// Contains the exact scores, the manifest and the evaluated pairs, but no pictures or timings. Equal results give
-/// equal bytes. `report`, `compare`, `gate` and `history add` accept the file in place of a run folder.
+/// Contains the exact scores, the manifest and the evaluated pairs, but no pictures or timings.
+/// Equal results produce identical files. `report`, `compare`, `gate` and `history add` accept the
+/// file in place of a run folder.
 #[derive(Debug, Args)]
 #[command(after_help = "Example:\n  sharp-bench bundle runs/v1 --out baselines/v1.zip")]
 pub(super) struct BundleArgs {

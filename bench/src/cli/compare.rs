@@ -33,7 +33,8 @@ pub(super) struct CompareArgs {
     /// Run folder B, after [default: A itself]
     #[arg(value_name = "B")]
     b: Option<PathBuf>,
-    /// Compare a method of A with one of B [default: those of the same label, or each run's only method]
+    /// Compare a method of A with one of B [default: methods with the same label, or each run's
+    /// only method]
     #[arg(long = "method", value_name = "OLD=NEW", value_parser = method_pair)]
     methods: Vec<(String, String)>,
     /// Largest negligible difference per metric [default: psnr=0.05,ssim=0.001,lpips=0.001,dists=0.001]
@@ -42,11 +43,12 @@ pub(super) struct CompareArgs {
     /// Also show means by scene, baseline, rotation, overlap and relative motion
     #[arg(long)]
     breakdown: bool,
-    /// Also show the error by kind of pixel: visible in the source, hidden, outside, or near a depth edge. Needs both
-    /// runs' kept pictures and datasets with depth
+    /// Also show the error by kind of pixel: visible in the source, hidden, outside, or near a
+    /// depth edge. Requires kept pictures of both runs and datasets with depth
     #[arg(long)]
     anatomy: bool,
-    /// A backbone's weights for --anatomy, NAME=FILE, if the runs used other weights than those found here
+    /// A backbone's weights for --anatomy, NAME=FILE; needed if the runs used other weights than
+    /// those found here
     #[arg(long, value_name = "NAME=FILE", requires = "anatomy")]
     weights: Vec<String>,
     /// Write Markdown, CSV and a page with pictures of the most changed pairs into this folder

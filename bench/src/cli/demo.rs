@@ -17,10 +17,10 @@ use crate::report::{Layout, PictureBudget, ReportOptions, report};
 
 /// Run the main job on bundled data: evaluate, tabulate, plot
 ///
-/// Evaluates the bundled small network, with and without the true depth's scale, and methods without a network. The
-/// data are Middlebury's Motorcycle, a real stereo pair with measured depth, and a procedural multi-view scene. Writes
-/// a report and downloads nothing. The network has SHARP's architecture but was trained on procedural scenes; it is not
-/// Apple's model.
+/// Evaluates the bundled small network, with and without the scale of the true depth, and methods
+/// that use no network. The data are Middlebury's Motorcycle, a real stereo pair with measured
+/// depth, and a procedural multi-view scene. Writes a report and downloads nothing. The network has
+/// SHARP's architecture but was trained on procedural scenes; it is not Apple's model.
 #[derive(Debug, Args)]
 #[command(after_help = "Example:\n  sharp-bench demo --out demo-run")]
 pub(super) struct DemoArgs {

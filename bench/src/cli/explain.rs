@@ -33,10 +33,10 @@ Examples:
 Writes explain.md and readings.csv, one line per reading. Without --keep float, truncation and division by alpha are not
 computed.")]
 pub(super) struct ExplainArgs {
-    /// A table of scores by its name in `table list`
+    /// A table of scores, by its name in `table list`
     #[arg(value_name = "TABLE")]
     table: String,
-    /// Run folders, with a method if they have several
+    /// Run folders, each with a method if it has several
     #[arg(value_name = "RUN[:METHOD]", required = true)]
     runs: Vec<String>,
     /// The published row to compare with

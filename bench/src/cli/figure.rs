@@ -64,10 +64,11 @@ enum FigureCommand {
     FidelityTime {
         #[command(flatten)]
         runs: RunsArgs,
-        /// Which metric of the runs
+        /// A metric of the runs
         #[arg(long, default_value_t = MetricKey::DISTS)]
         metric: MetricKey,
-        /// A folder of `speed`, or its speed.csv, whose times replace the run's for the methods and datasets in it
+        /// An output folder of `speed`, or its speed.csv; its times replace the run's for the
+        /// methods and datasets that it contains
         #[arg(long, value_name = "PATH")]
         speed: Option<PathBuf>,
     },
@@ -112,7 +113,7 @@ struct OutArgs {
     /// Folder to write to
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
-    /// Sizes and colours, a TOML file
+    /// A TOML file with sizes and colours
     #[arg(long, value_name = "FILE")]
     style: Option<PathBuf>,
     /// Print JSON: the files written, and problems with them
@@ -145,10 +146,10 @@ struct UncertaintyArgs {
     /// Its depth: .npy, .npz, .exr, .pfm (metres) or 16-bit .png (millimetres)
     #[arg(long, value_name = "FILE", requires = "mirrored")]
     depth: Option<PathBuf>,
-    /// The depth of the mirrored picture, as it was predicted
+    /// The depth predicted for the mirrored picture, not mirrored back
     #[arg(long, value_name = "FILE", requires = "depth")]
     mirrored: Option<PathBuf>,
-    /// A SHARP checkpoint, or mini, that predicts both; each of its two layers is a row
+    /// A SHARP checkpoint, or mini, that predicts both depths; each of its two layers is a row
     #[arg(
         long,
         value_name = "FILE",

@@ -17,9 +17,9 @@ use crate::track::gate::{CheckState, GateConfig, GateError, Limit, gate};
 
 /// Compare a run with a baseline in continuous integration: exit code 3 if it is worse than the limits allow
 ///
-/// A limit fires if B is worse than A by more than the limit, on a dataset or over all of them, with p < 0.05 after
-/// Holm's correction; limits `per scene` ignore p. Lost scores count as violations. Exit code 5: no limit fired, but
-/// one cannot be decided.
+/// A limit fires if B is worse than A by more than the limit, on a dataset or over all of them,
+/// with p < 0.05 after Holm's correction; limits `per scene` ignore p. Missing scores count as
+/// violations. Exit code 5: no limit fired, but one cannot be decided.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Limits:
@@ -48,7 +48,8 @@ pub(super) struct GateArgs {
     /// Exit code 5 if the runs could not detect a difference of this size: psnr=0.5,lpips=0.01
     #[arg(long, value_name = "METRIC=D", value_delimiter = ',', value_parser = power)]
     require_power: Vec<(MetricName, f64)>,
-    /// Compare a method of A with one of B [default: those of the same label, or each run's only method]
+    /// Compare a method of A with one of B [default: methods with the same label, or each run's
+    /// only method]
     #[arg(long = "method", value_name = "OLD=NEW", value_parser = method_pair)]
     methods: Vec<(String, String)>,
     /// Write JUnit XML

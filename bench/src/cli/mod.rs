@@ -59,7 +59,7 @@ use outcome::{Outcome, UsageError, is_stopped, is_usage};
                   Start with: sharp-bench demo"
 )]
 struct Cli {
-    /// Show no progress; warnings, results and errors stay
+    /// Show no progress; warnings, results and errors are still shown
     #[arg(long, short, global = true)]
     quiet: bool,
     #[command(subcommand)]

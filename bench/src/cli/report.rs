@@ -15,9 +15,9 @@ use crate::report::{self, Layout, PublishedNumbers, ReportOptions};
 
 /// Write tables, plots and a browsable page from runs
 ///
-/// Several runs are joined into one report: equal units once, different pairs, methods and datasets together. NAME=RUN
-/// prefixes each method of a run with the name, or renames its only method. An unfinished run is reported with the
-/// results so far.
+/// Several runs are joined into one report: equal units appear once, different pairs, methods and
+/// datasets are combined. NAME=RUN prefixes each method of a run with the name, or renames its only
+/// method. An unfinished run is reported with the results so far.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:
@@ -33,21 +33,21 @@ pub(super) struct ReportArgs {
     /// Run folders or bundles
     #[arg(required = true, value_name = "[NAME=]RUN")]
     runs: Vec<Named>,
-    /// Where to write [default: RUN/report for a single run]
+    /// Folder to write to [default: RUN/report for a single run]
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
     /// Which of the paper's numbers to show next to ours
     #[arg(long, value_enum, default_value_t = PublishedNumbers::Matching)]
     published: PublishedNumbers,
-    /// How to average, instead of the runs' rule: over pairs; over scenes, each the mean of its pairs; or over source
-    /// views, each the mean of its targets
+    /// How to average, instead of the runs' own rule: over pairs; over scenes, each with the mean
+    /// of its pairs; or over source views, each with the mean of its targets
     #[arg(long, value_enum, value_name = "OVER")]
     aggregate: Option<Aggregation>,
     /// Location of the page's pictures [default: in the page for up to 24 pairs, else next to it]
     #[arg(long, value_enum)]
     layout: Option<Layout>,
-    /// Leave out pictures of datasets whose terms forbid publishing them (the page names them), and paths on this
-    /// machine
+    /// Omit pictures of datasets whose terms forbid publishing them (the page lists these
+    /// datasets), and paths on this machine
     #[arg(long)]
     public: bool,
     /// Print a paragraph for a paper instead of a report, with references: datasets and pairs, conventions, metrics,

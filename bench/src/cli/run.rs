@@ -24,9 +24,10 @@ use crate::methods::KINDS;
 
 /// Evaluate methods on datasets into a run folder
 ///
-/// The same command resumes a stopped run: finished units are kept, and recorded failures are retried. A failed pair is
-/// recorded, the run continues, and the exit code is 4. More methods, pairs, metrics and datasets can be added to the
-/// folder later without repeating finished work.
+/// The same command resumes a stopped run: finished units are kept, and recorded failures are
+/// retried. If a pair fails, the failure is recorded, the run continues, and the exit code is 4.
+/// More methods, pairs, metrics and datasets can be added to the folder later without repeating
+/// finished work.
 #[derive(Debug, Args)]
 #[command(
     after_help = help(),
@@ -36,9 +37,9 @@ use crate::methods::KINDS;
                       sharp-bench run --plan <DIR> --shard <I/N> [OPTIONS]"
 )]
 pub(super) struct RunArgs {
-    /// Read options from a TOML file, by their names without dashes (`limit = 10`, `method = ["copy"]`); relative paths
-    /// are resolved against its folder. Options on the command line take precedence. Every run folder has its own as
-    /// run.toml
+    /// Read options from a TOML file, by their names without dashes (`limit = 10`, `method =
+    /// ["copy"]`); relative paths are resolved against its folder. Options on the command line take
+    /// precedence. Every run folder contains its options as run.toml
     #[arg(long = "config", value_name = "FILE")]
     file: Option<PathBuf>,
     #[command(flatten)]
@@ -49,8 +50,8 @@ pub(super) struct RunArgs {
     /// Write a plan with its estimated cost into --out, for shards
     #[arg(long, conflicts_with_all = ["dry_run", "estimate"])]
     plan_only: bool,
-    /// Execute a shard of the plan in this folder, with the options it was planned with. Writes units only; `merge`
-    /// makes the tables
+    /// Execute a shard of the plan in this folder, with the options of the plan. Writes units only;
+    /// `merge` writes the tables
     #[arg(
         long,
         value_name = "DIR",
@@ -61,13 +62,14 @@ pub(super) struct RunArgs {
     /// Which shard, I/N with I from 1 to N; auto, or auto/N, in an array of Slurm, Kubernetes or AWS Batch
     #[arg(long, value_name = "I/N", requires = "plan")]
     shard: Option<Shard>,
-    /// Start the programs of `command` methods in the plan; check a plan from elsewhere first
+    /// Allow the programs of `command` methods in the plan to start; check a plan from elsewhere
+    /// first
     #[arg(long, requires = "plan")]
     allow_programs: bool,
     /// Start no unit after this time (90s, 55m, 3h) and end with exit code 75, as after SIGTERM or SIGUSR1
     #[arg(long, value_name = "TIME", value_parser = time)]
     time_budget: Option<Duration>,
-    /// Stages to do; the others can follow on another machine
+    /// Stages to execute; the others can follow on another machine
     #[arg(long, value_enum, default_value_t = Stages::All)]
     stage: Stages,
     #[command(flatten)]

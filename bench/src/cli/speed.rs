@@ -35,7 +35,7 @@ Examples:
 
 Writes speed.md, speed.tex and, for measured methods, speed.csv. Run nothing else meanwhile.")]
 pub(super) struct SpeedArgs {
-    /// Run folders whose hours and hardware are summed up
+    /// Run folders whose hours and hardware to total
     #[arg(value_name = "RUN", required_unless_present = "methods")]
     runs: Vec<PathBuf>,
     /// A method to measure, KIND[:key=value,…]; repeatable

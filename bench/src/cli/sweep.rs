@@ -18,11 +18,11 @@ use crate::report::sweep::{Band, Motion, Split, Sweep, SweepSpec, files, table};
 use sharp_plots::bins::Binning;
 use sharp_plots::style::FigureStyle;
 
-/// Plot scores against how far the camera moved, with the table behind the plot
+/// Plot scores against camera motion, with a table of the plotted values
 ///
-/// Pairs are binned. Each bin shows the mean of each method's scores, their standard deviation, and the 95 % interval
-/// of the mean, computed over scenes because pairs of one scene are correlated. Lines and shades do not bridge empty
-/// bins; a single pair is a hollow point.
+/// Pairs are binned. Each bin shows the mean of each method's scores, their standard deviation, and
+/// the 95 % interval of the mean, computed over scenes because pairs of one scene are correlated.
+/// Lines and shaded bands stop at empty bins; a bin with a single pair is a hollow point.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:

@@ -12,8 +12,9 @@ use crate::pairs::{OverlapCache, PairOptions, PairOrigin, PairRecipe, SceneCheck
 #[derive(Debug, Clone, Default, PartialEq, Args, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case", default)]
 pub struct OverlapConfig {
-    /// Your own depth maps, which decide overlap: `DIR/<dataset>/<scene>/<view>.npy|npz|exr|pfm|png`; scaled to the
-    /// dataset's depth by the median of ratios (overlap=given)
+    /// Your own depth maps, which determine overlap:
+    /// `DIR/<dataset>/<scene>/<view>.npy|npz|exr|pfm|png`; scaled to the dataset's depth by the
+    /// median of ratios (overlap=given)
     #[arg(long, value_name = "DIR")]
     pub overlap_depth: Option<PathBuf>,
     /// Checkpoint for overlap=sharp-release, or mini for the bundled network [default: the release's own location]
@@ -25,7 +26,7 @@ pub struct OverlapConfig {
     /// Folder for measured overlaps [default: the user's cache]
     #[arg(long, value_name = "DIR", conflicts_with = "no_cache")]
     pub cache: Option<PathBuf>,
-    /// Measure every overlap again and keep none
+    /// Measure every overlap again and do not cache it
     #[arg(long)]
     pub no_cache: bool,
     /// Skip the quick check, which looks at a few views of each scene for wrong units or focal lengths, poses that belong

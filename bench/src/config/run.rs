@@ -61,8 +61,8 @@ pub struct RunConfig {
     /// Keep predicted Gaussians, so that other targets or another renderer need no new prediction
     #[arg(long)]
     pub keep_gaussians: bool,
-    /// The renderer: cpu, or wgpu (a GPU through Vulkan, Metal or Direct3D 12). A run has one, recorded with every
-    /// result [default: cpu]
+    /// The renderer: cpu, or wgpu (a GPU through Vulkan, Metal or Direct3D 12). A run uses only
+    /// one, which is recorded with every result [default: cpu]
     #[arg(long, value_name = "BACKEND")]
     #[serde(with = "text")]
     #[schemars(with = "Option<String>")]

@@ -20,7 +20,7 @@ pub enum Stages {
     /// All stages
     #[default]
     All,
-    /// Predict sources only; keeps predictions and predicted pictures
+    /// Only predict; keeps predictions and predicted pictures
     Predict,
     /// Render pictures from kept predictions and keep them
     Render,

@@ -61,29 +61,32 @@ pub(super) struct MetricsArgs {
     target: Option<PathBuf>,
     #[command(flatten)]
     metrics: MetricConfig,
-    /// How pictures of two folders are paired
+    /// How to pair the pictures of two folders
     #[arg(long = "match", value_enum, default_value_t = MatchBy::Stem)]
     match_by: MatchBy,
     /// Also score inside a mask, under keys ending in @mask: one picture for all pairs, or a folder with one per pair
     ///
-    /// White counts (levels of 128 and more). PSNR takes the squared error of the pixels inside, SSIM the mean of its
-    /// map over the window centres inside, LPIPS the mean of its spatial map inside; DISTS has no masked form.
+    /// Only white pixels (levels of 128 and more) are scored. PSNR takes the squared error of the
+    /// pixels inside, SSIM the mean of its map over the window centres inside, LPIPS the mean of
+    /// its spatial map inside; DISTS has no masked form.
     #[arg(long, value_name = "FILE|DIR")]
     mask: Option<PathBuf>,
-    /// Write maps of the difference, of SSIM and of LPIPS for each pair: PNG, dark where the pictures are alike and bright
-    /// where they differ (--json has the values of both ends), and EXR with the values
+    /// Write maps of the difference, of SSIM and of LPIPS for each pair: as PNG, dark where the
+    /// pictures agree and bright where they differ (--json has the values of both extremes), and as
+    /// EXR with the values
     #[arg(long, value_name = "DIR")]
     maps: Option<PathBuf>,
     /// Show the terms of LPIPS and DISTS, layer by layer
     #[arg(long)]
     terms: bool,
-    /// Find which of the selected metrics, or of variants in other packages, give this number, to its digits
+    /// Find which of the selected metrics, or variants in other packages, give this number when
+    /// rounded to its digits
     #[arg(long, value_name = "NUMBER", allow_negative_numbers = true)]
     find: Option<find::Sought>,
     /// Resize each prediction to its target's size first, by a library's method; recorded with the results
     ///
-    /// bilinear and bilinear-antialias are torch's interpolate, bicubic and lanczos PIL's, area is OpenCV's and
-    /// only reduces. Without it unequal sizes are an error.
+    /// bilinear and bilinear-antialias are torch's interpolate, bicubic and lanczos PIL's, area is
+    /// OpenCV's and only reduces. Without this option, unequal sizes are an error.
     #[arg(long, value_name = "KERNEL")]
     resize_prediction: Option<ResizeKernel>,
     /// For pictures that are not opaque: refuse, black or white (composite over it, in encoded values) or drop (colours
@@ -114,7 +117,7 @@ pub(super) struct MetricsArgs {
     /// Print what each metric key means and which public code computes the same
     #[arg(long)]
     explain: bool,
-    /// Print a LaTeX paragraph that says which metrics these are, and its BibTeX entries
+    /// Print a LaTeX paragraph that defines these metrics, with its BibTeX entries
     #[arg(long, conflicts_with = "explain")]
     methods_text: bool,
 }

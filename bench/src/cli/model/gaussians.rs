@@ -25,7 +25,8 @@ pub(crate) struct GaussiansArgs {
 
 #[derive(Debug, Subcommand)]
 enum GaussiansCommand {
-    /// Counts, histograms of opacity, scale and position, and whether positions can be metres in camera space
+    /// Show counts, histograms of opacity, scale and position, and whether positions can be metres
+    /// in camera space
     Info {
         /// The file
         ply: PathBuf,
@@ -35,7 +36,7 @@ enum GaussiansCommand {
         #[arg(long)]
         json: bool,
     },
-    /// Rewrite a file for other viewers, or without its nearly invisible Gaussians
+    /// Rewrite a file for other viewers, or without nearly invisible Gaussians
     #[command(
         after_help = "Examples:\n  sharp-bench gaussians convert photo.ply plain.ply --to plain --min-opacity 0.005\n  \
                       sharp-bench gaussians convert scene.spz scene.ply --axes rub"
@@ -45,13 +46,13 @@ enum GaussiansCommand {
         ply: PathBuf,
         /// The file to write
         out: PathBuf,
-        /// Output format; axes are OpenCV's, for SPZ its own (rub) [default: by file name: .spz, .compressed.ply or
-        /// .ply]
+        /// Output format; axes are OpenCV's, or for SPZ the format's own (rub) [default: by file
+        /// name: .spz, .compressed.ply or .ply]
         #[arg(long, value_enum)]
         to: Option<TargetForm>,
         #[command(flatten)]
         reading: ReadingArgs,
-        /// Drop Gaussians of lower opacity, 0..1
+        /// Drop Gaussians with lower opacity, 0..1
         #[arg(long, value_name = "X", default_value_t = 0.0)]
         min_opacity: f32,
     },
@@ -59,7 +60,7 @@ enum GaussiansCommand {
 
 #[derive(Debug, Clone, Copy, PartialEq, ValueEnum)]
 enum TargetForm {
-    /// PLY with only the Gaussians, as 3D Gaussian Splatting lays them out, for any viewer
+    /// PLY with only the Gaussians, in the layout of 3D Gaussian Splatting, for any viewer
     Plain,
     /// PLY with the release's extra elements, without view-dependent colours
     Release,

@@ -60,15 +60,16 @@ pub(crate) struct ParityArgs {
     /// A port's Gaussians, in any format
     #[arg(long, value_name = "FILE", conflicts_with = "golden")]
     port: Option<PathBuf>,
-    /// The release's or our Gaussians of the same photograph [default: those that the network predicts]
+    /// Gaussians predicted from the same photograph by the release or by `predict` [default: the
+    /// network's prediction]
     #[arg(long, value_name = "PLY", requires = "port")]
     against: Option<PathBuf>,
     #[command(flatten)]
     reading: ReadingArgs,
-    /// Which recording of the file; found by the photograph without it
+    /// Which recording in the file [default: the one of the photograph]
     #[arg(long, value_name = "P")]
     prefix: Option<String>,
-    /// Largest error that passes [default: 1e-4 of a stage, half a pixel or per cent of a port]
+    /// Largest acceptable error [default: 1e-4 for a stage, 0.5 pixels or per cent for a port]
     #[arg(long, value_name = "X")]
     tolerance: Option<f64>,
     /// Print JSON

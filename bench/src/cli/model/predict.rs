@@ -46,7 +46,7 @@ pub(crate) struct PredictArgs {
     /// A .ply file, or a folder (needed for several photographs)
     #[arg(long, value_name = "PLY_OR_DIR")]
     out: PathBuf,
-    /// Leave out the release's extra elements, which some viewers cannot read
+    /// Omit the release's extra elements, which some viewers cannot read
     #[arg(long)]
     plain: bool,
     /// Also write both depth layers next to the PLY

@@ -34,7 +34,7 @@ pub(super) struct ImportArgs {
     /// Which of several input views is the source
     #[arg(long, value_enum, value_name = "WHICH", default_value_t)]
     context: Context,
-    /// Which target of Flash3D's and MINE's lines
+    /// Which target to take from each line of Flash3D's and MINE's lists
     #[arg(long, value_enum, value_name = "WHICH", default_value_t)]
     slot: TargetSlot,
     /// A dataset, [NAME:]FORMAT=PATH[,key=value…]; repeatable

@@ -13,8 +13,9 @@ use crate::pairs::PairOptions;
 
 /// Build, compare, check, export and import lists of pairs
 ///
-/// A list is a CSV with a sha256, which can be published, compared and evaluated with `run --pairs`. A list without
-/// selected pairs is still written, with a warning that gives the reason and exit code 4.
+/// A list is a CSV file with a sha256; it can be published, compared and evaluated with `run
+/// --pairs`. A list without selected pairs is still written, with a warning that gives the reason
+/// and exit code 4.
 #[derive(Debug, Args)]
 #[command(after_help = help(), args_conflicts_with_subcommands = true, subcommand_negates_reqs = true)]
 pub(super) struct PairsArgs {

@@ -51,13 +51,14 @@ pub(super) struct RenderArgs {
     scene: PathBuf,
     #[command(flatten)]
     reading: ReadingArgs,
-    /// The camera [default: that in the PLY]
+    /// The camera [default: the one in the PLY]
     #[arg(long, value_name = "CAM.json")]
     camera: Option<PathBuf>,
     /// Output: .png, .exr, .safetensors, .gif, .mp4, or a folder for frames
     #[arg(long, value_name = "OUT", required_unless_present = "viewer")]
     out: Option<PathBuf>,
-    /// Write a self-contained page that draws the Gaussians in a browser (WebGPU), from these views or any other
+    /// Write a self-contained page that renders the Gaussians in a browser (WebGPU), from these
+    /// views or any other
     #[arg(long, value_name = "OUT.html")]
     viewer: Option<PathBuf>,
     /// The renderer: cpu, wgpu (a GPU through Vulkan, Metal or Direct3D 12), or auto (the first hardware adapter, else
@@ -74,22 +75,24 @@ pub(super) struct RenderArgs {
     /// [default: the file's, or sharp]
     #[arg(long = "rendering", value_name = "RULE")]
     rule: Option<Rule>,
-    /// Drop Gaussians whose centre is nearer, metres [default: the rule's; 0.01 for sharp]
+    /// Drop Gaussians whose centre is nearer than this, metres [default: the rule's; 0.01 for
+    /// sharp]
     #[arg(long, value_name = "M")]
     near: Option<f32>,
-    /// Drop Gaussians whose centre is farther, metres [default: the rule's; 1e10 for sharp]
+    /// Drop Gaussians whose centre is farther than this, metres [default: the rule's; 1e10 for
+    /// sharp]
     #[arg(long, value_name = "M")]
     far: Option<f32>,
-    /// Render as the release's `sharp render`: principal point at ((W-1)/2, (H-1)/2), pictures higher than 3000 pixels
-    /// halved, odd sides enlarged by one, truncation to 8 bit
+    /// Render like the release's `sharp render`: principal point at ((W-1)/2, (H-1)/2), pictures
+    /// higher than 3000 pixels halved, odd sides enlarged by one, truncation to 8 bit
     #[arg(long)]
     release_screen: bool,
     /// Also write expected depth in metres (.depth.exr, channel Z) and inverse depth in turbo colours (.depth.png, or a
     /// movie)
     #[arg(long)]
     depth: bool,
-    /// Depths of the colours' ends, metres: dark red and dark blue [default: the 0.001 and 0.999 quantiles of all
-    /// Gaussians in front of the camera]
+    /// Depths shown as dark red and dark blue, the ends of the colour scale, in metres [default:
+    /// the 0.001 and 0.999 quantiles of all Gaussians in front of the camera]
     #[arg(long, value_name = "NEAR,FAR", requires = "depth", value_parser = args::depth_range)]
     depth_range: Option<[f32; 2]>,
     /// Also write coverage as linear grey levels (.alpha.png, or a movie)

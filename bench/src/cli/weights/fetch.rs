@@ -29,7 +29,7 @@ pub(super) struct FetchArgs {
     /// Only report whether they are present
     #[arg(long)]
     offline: bool,
-    /// You have read the licence of SHARP's checkpoint, which is shown without this, and accept it
+    /// Accept the licence of SHARP's checkpoint, which is shown without this option; read it first
     #[arg(long)]
     accept_licence: bool,
     /// Print JSON

@@ -25,11 +25,12 @@ use crate::io::atomic_files::FileError;
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum ListForm {
-    /// pixelSplat, MVSplat, DepthSplat, LVSM: JSON, scene to context and target positions, or null
+    /// pixelSplat, MVSplat, DepthSplat, LVSM: JSON that maps each scene to context and target
+    /// positions, or null
     Index,
     /// Flash3D: one line `key source +5 +10 random` of positions per source
     Flash3d,
-    /// MINE: one JSON object per line, frames by their time stamps
+    /// MINE: one JSON object per line, with frames given by time stamp
     Mine,
     /// UniSHARP: lines `scene|source|target,…`, with one or two more fields in some datasets
     Unisharp,
@@ -47,18 +48,19 @@ pub enum Context {
     /// The second
     #[value(name = "1")]
     Second,
-    /// For each target the one at the nearest position, the first of equally near ones
+    /// For each target, the context view at the nearest position; of two equally near ones, the
+    /// first
     Nearest,
 }
 
 /// The target that is taken from a line with three.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, ValueEnum)]
 pub enum TargetSlot {
-    /// Five frames on
+    /// Five frames later
     #[default]
     #[value(name = "5")]
     Five,
-    /// Ten frames on
+    /// Ten frames later
     #[value(name = "10")]
     Ten,
     /// A random one

@@ -11,7 +11,8 @@ use crate::report::error::ReportError;
 /// How pairs of each dataset are chosen.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, clap::ValueEnum)]
 pub enum Choice {
-    /// Pairs of median difficulty: by the mean over the ranked methods, for the first metric
+    /// The pairs of median difficulty, which is the mean score of the ranked methods in the first
+    /// metric
     #[default]
     Median,
     /// The pairs with the worst scores
@@ -26,7 +27,7 @@ pub struct PairsChoice {
     /// A pair by its id in pairs.csv; repeatable
     #[arg(long = "pair", value_name = "ID")]
     pub ids: Vec<String>,
-    /// Which pairs of each dataset to choose, without --pair
+    /// Which pairs of each dataset to choose if --pair is not given
     #[arg(long, value_enum, default_value_t)]
     pub choose: Choice,
     /// Number of pairs per dataset
@@ -37,7 +38,8 @@ pub struct PairsChoice {
 /// Targets of one source.
 #[derive(Debug, Clone, clap::Args)]
 pub struct PathChoice {
-    /// The source, as at the start of its pairs' ids: DATASET/SCENE/VIEW [default: that with the most targets]
+    /// The source as DATASET/SCENE/VIEW, like the start of its pairs' ids [default: the one with
+    /// the most targets]
     #[arg(long, value_name = "ID")]
     pub source: Option<String>,
     /// Maximum number of targets, spread over the baselines

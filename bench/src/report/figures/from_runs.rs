@@ -30,7 +30,7 @@ pub struct SheetOptions {
     /// [default: all]
     #[arg(long, value_name = "LIST", value_delimiter = ',')]
     pub metrics: Vec<MetricKey>,
-    /// A part to frame and enlarge, pixels of the target; repeatable
+    /// A part to outline and enlarge, in pixels of the target; repeatable
     #[arg(long = "crop", value_name = "X,Y,W,H", value_parser = region)]
     pub crops: Vec<Region>,
 }

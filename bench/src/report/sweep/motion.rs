@@ -20,10 +20,10 @@ pub enum Motion {
     /// Share of the target's pixels with depth that the source sees, as measured in the pair list
     #[value(name = "overlap")]
     Overlap,
-    /// Baseline over the target's median depth (the source's where only that has depth)
+    /// Baseline divided by the target's median depth (the source's, if only the source has depth)
     #[value(name = "baseline/median_depth")]
     RelativeMotion,
-    /// 1 − overlap: share of the target that the source does not see, hidden or outside its picture
+    /// 1 − overlap: share of the target that is hidden from the source or outside its picture
     #[value(name = "disoccluded")]
     Disoccluded,
 }

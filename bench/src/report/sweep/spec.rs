@@ -27,7 +27,7 @@ pub enum Split {
     Dataset,
     /// One panel per method, one line per dataset
     Method,
-    /// As dataset, with separate panels for methods with the source's true depth or its scale
+    /// As dataset, with separate panels for methods that use the source's true depth or its scale
     Privileged,
 }
 
