@@ -26,9 +26,9 @@ Examples:
   sharp-bench report base=runs/v1 new=runs/v2 --out comparison
   sharp-bench report runs/first --methods-text
 
-Writes report.md, index.html (opens from disk), tables as .md, .csv and .tex, plots as .svg and .png. The page holds the
-pictures of up to 24 pairs; with more, small pictures of all pairs are next to it in thumbs/, below 200 MB in total.
-Enlarged ones are read from the run, source and target from the datasets named in the run, if they are still in place.")]
+Writes report.md, index.html (opens from disk), tables as .md, .csv and .tex, plots as .svg and .png. The page contains
+the pictures of up to 24 pairs; for more pairs, small pictures are stored next to it in thumbs/, below 200 MB in total.
+Enlarged predictions are read from the run, sources and targets from the run's datasets, if these are still in place.")]
 pub(super) struct ReportArgs {
     /// Run folders or bundles
     #[arg(required = true, value_name = "[NAME=]RUN")]

@@ -33,7 +33,7 @@ Examples:
   sharp-bench speed --method sharp:checkpoint=sharp.pt --dataset middlebury=data/Middlebury2014 --out speed
   sharp-bench speed runs/sharp --out speed
 
-Writes speed.md, speed.tex and, for measured methods, speed.csv. Run nothing else meanwhile.")]
+Writes speed.md, speed.tex and, for measured methods, speed.csv. Run nothing else at the same time.")]
 pub(super) struct SpeedArgs {
     /// Run folders whose hours and hardware to total
     #[arg(value_name = "RUN", required_unless_present = "methods")]

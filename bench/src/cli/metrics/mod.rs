@@ -50,8 +50,8 @@ Examples:
   sharp-bench metrics --explain --metrics all
   sharp-bench metrics --methods-text --metrics lpips-alex,dists
 
-A metric named explicitly must be computable, or the command fails; within `all` and `paper`, one that is not is listed
-as unavailable, with the reason.")]
+If a metric named explicitly cannot be computed, the command fails; within `all` and `paper`, it is listed as
+unavailable, with the reason.")]
 pub(super) struct MetricsArgs {
     /// The prediction: a picture or a folder
     #[arg(required_unless_present_any = ["explain", "methods_text"])]

@@ -26,26 +26,26 @@ use crate::io::gaussian_files;
 use crate::pictures::keyed_scores::json_number;
 use crate::rendering::SharedRenderer;
 
-/// Compare a network with a recording, stage by stage, and name the first stage that diverges; or a port's Gaussians with ours
+/// Compare a network with a recording, stage by stage, and report the first stage that diverges; or compare a port's Gaussians with ours
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Example:
   sharp-bench parity --checkpoint tiny_model.pt --config tiny_config.json#tiny \\
       --image main_640x480.png --focal-px 500 --golden golden_tiny.safetensors
 
-The error of a stage is the largest difference over the stage's largest absolute value. Exit code 1 if an error exceeds
+The error of a stage is its largest difference divided by its largest absolute value. Exit code 1 if an error exceeds
 --tolerance or a stage was not computed (then its error is \"inf\", also in --json).
 
 To trace a change of the full network: `record` before it, `parity` after it. The comparison with the recordings of the
 official network at full size is a test: cargo test --release -p sharp-tests --test golden_model -- --ignored
 --test-threads=1
 
-A port of SHARP to another framework is compared by its output, a PLY of the same photograph:
-  sharp-bench parity --port theirs.ply --against photo.ply          (of the release or of predict)
-  sharp-bench parity --port theirs.ply --image photo.jpg            (the network runs)
-For each attribute it prints the median, the 99th percentile and the largest difference of a Gaussian, and names the
-settings (axes, order, encodings) that explain large differences. Exit code 1 if a 99th percentile exceeds --tolerance,
-in pixels or per cent.")]
+A port of SHARP to another framework is compared by its output, a PLY for the same photograph:
+  sharp-bench parity --port theirs.ply --against photo.ply          (from the release or from predict)
+  sharp-bench parity --port theirs.ply --image photo.jpg            (runs the network)
+For each attribute it prints the median, the 99th percentile and the maximum of the differences between Gaussians, and
+the settings (axes, order, encodings) that explain large differences. Exit code 1 if a 99th percentile exceeds
+--tolerance, in pixels or per cent.")]
 pub(crate) struct ParityArgs {
     #[command(flatten)]
     model: ModelArgs,

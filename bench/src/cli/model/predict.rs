@@ -33,8 +33,8 @@ The focal length sets the metric scale. It comes from --focal-px, else from the 
 30 mm lens on 35 mm film, with a warning.
 
 Photographs are PNG, JPEG, WebP, TIFF or BMP: colour, grey, palette, 8 or 16 bit, CMYK. Palettes, 16 bit and CMYK keep
-their colours, whereas the release reads indices as grey, 16 bit as 8, and inks as light. Of several photographs, one
-that cannot be read is skipped: exit code 4.")]
+their colours, whereas the release reads palette indices as grey, 16 bit as 8 bit, and inks as light. If one of several
+photographs cannot be read, it is skipped, with exit code 4.")]
 pub(crate) struct PredictArgs {
     /// Photographs
     #[arg(required = true, value_name = "IMAGE")]

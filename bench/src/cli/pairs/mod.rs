@@ -40,7 +40,7 @@ Sparse depth (ETH3D, Tanks and Temples): the paper predicts dense depth with Dep
   overlap=given-metric   the same maps unscaled, in metres
   overlap=sharp-release  the first depth layer of SHARP's official checkpoint, scaled the same way
   overlap=sparse:8       the dataset's sparse depth: agreement within 8 pixels of where a point lands
-None of them is the method under test. With Depth Pro (github.com/apple/ml-depth-pro, its environment and checkpoint):
+None of them uses the method under test. With Depth Pro (github.com/apple/ml-depth-pro, its environment and checkpoint):
   sharp-bench cameras export --dataset eth3d=data/eth3d --out views
   for each views/<dataset>/<scene>/<view>.png, in Python:
     image, _, _ = depth_pro.load_rgb(png); f_px = json.load(open(camera))['K'][0]

@@ -40,7 +40,7 @@ Examples:
   sharp-bench render photo.ply --trajectory rotate_forward --viewer photo.html
   sharp-bench render scene.safetensors --rendering gsplat-antialiased --camera cam.json --out view.png
 
-cam.json, pixel centres at +0.5, camera_from_world any affine map, both row by row:
+cam.json, with pixel centres at +0.5, and both matrices row by row (camera_from_world may be any affine map):
   {\"width\": 640, \"height\": 480, \"K\": [500,0,320, 0,500,240, 0,0,1],
    \"camera_from_world\": [1,0,0,0.1, 0,1,0,0, 0,0,1,0, 0,0,0,1]}
 
