@@ -26,7 +26,8 @@ use crate::io::gaussian_files;
 use crate::pictures::keyed_scores::json_number;
 use crate::rendering::SharedRenderer;
 
-/// Compare a network with a recording, stage by stage, and report the first stage that diverges; or compare a port's Gaussians with ours
+/// Compare a network with a recording, stage by stage, and report the first stage that diverges; or
+/// compare a port's Gaussians with ours
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Example:
