@@ -1,5 +1,5 @@
-//! Datasets of which something is broken or missing: what is left out is said on standard error, in the manifest,
-//! on the page and by the exit code, and costs nothing else.
+//! Datasets in which something is broken or missing: standard error, the manifest, the page and the
+//! exit code report what is left out, and nothing else is affected.
 
 use std::path::Path;
 
@@ -63,7 +63,7 @@ fn a_broken_scene_is_skipped_with_its_reason_and_can_be_avoided() {
     let page = read(dir.join("r/report/index.html"));
     assert!(reasons.iter().all(|reason| page.contains(reason)));
 
-    // Every command that reads the scenes says so.
+    // Every command that reads the scenes reports it.
     with_dataset(dir, &["pairs", "--out", "p.csv"], &[]).ends_with(4);
     with_dataset(dir, &["cameras", "export", "--out", "c"], &[]).ends_with(4);
     let check = sharp_bench(dir, &["datasets", "check", "middlebury=set"]).ends_with(4);
@@ -84,7 +84,7 @@ fn a_broken_scene_is_skipped_with_its_reason_and_can_be_avoided() {
     let ruled_out = json!([{"reason": "--scenes A", "by_choice": true, "scenes": ["B", "C"]}]);
     assert_eq!(left_out(dir), ruled_out);
     with_dataset(dir, &["pairs", "--out", "p.csv"], &["--scenes", "A"]).ends_with(0);
-    // Without a scene that can be read, the first fault is the error.
+    // If no scene can be read, the first fault is the error.
     run(dir, &["--scenes", "C"]).is_error_with(&[reasons[1]]);
     run(dir, &["--scenes", "D"]).is_error_with(&["no scene matches --scenes D"]);
 }
@@ -105,7 +105,7 @@ fn a_list_with_a_broken_scene_is_evaluated_without_it_and_completed_later() {
         assert!(said.err.contains(part), "{}", said.err);
     }
     assert_eq!(read(dir.join("r/scores.csv")).lines().count(), 2);
-    // Neither does it keep the others from being scored again.
+    // It also does not prevent the others from being scored again.
     let score = || {
         sharp_bench(
             dir,
