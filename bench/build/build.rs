@@ -1,5 +1,5 @@
-//! Hashes the sources and locked dependencies of each stage, so that result keys change when the code that made the
-//! results changes and not otherwise. Also records the picture decoders.
+//! Hashes the sources and locked dependencies of each stage, so that result keys change if and only
+//! if the code behind the results changes. Also records the picture decoders.
 
 mod fingerprint;
 
@@ -18,7 +18,7 @@ fn main() -> io::Result<()> {
     let variable = |name| std::env::var(name).unwrap_or_default();
     let bench = PathBuf::from(variable("CARGO_MANIFEST_DIR"));
     let workspace = bench.parent().unwrap_or(&bench);
-    // A crate from a registry has no workspace around it and brings its own lock file.
+    // A crate from a registry is not in a workspace and has its own lock file.
     let packaged = bench.join("Cargo.lock").is_file();
     let mut files = BTreeMap::new();
     let mut folders: Vec<&str> = GROUPS.iter().flat_map(|group| group.sources()).collect();

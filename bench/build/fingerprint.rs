@@ -1,5 +1,5 @@
-//! Which sources and dependencies each stage is built from. Part of the build script; also included by the library's
-//! tests.
+//! The sources and dependencies of each stage. Part of the build script; also included in the
+//! library's tests.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -220,8 +220,8 @@ pub(crate) struct Code {
     /// Locked versions by crate name, each with its dependencies.
     locked: BTreeMap<String, Vec<Locked>>,
     compiler: String,
-    /// Whether the other workspace crates come from a registry; if so, their versions replace their sources in the
-    /// hash.
+    /// Whether the other workspace crates are from a registry. If so, the hash contains their
+    /// versions instead of their sources.
     packaged: bool,
 }
 
@@ -295,8 +295,8 @@ impl Code {
         sha256_hex(&parts)
     }
 
-    /// `name version` of the root crates and their transitive dependencies. If a crate is locked in several versions,
-    /// all of them are included.
+    /// `name version` of the root crates and their transitive dependencies. A crate that is locked
+    /// in several versions is included in all of them.
     fn closure(&self, roots: &[&str]) -> BTreeSet<String> {
         let mut found = BTreeSet::new();
         let mut open: Vec<&str> = roots.to_vec();

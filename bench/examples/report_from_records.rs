@@ -3,7 +3,7 @@
 //! ```console
 //! $ cargo run --release -p sharp-bench --example report_from_records -- [FOLDER]
 //! ```
-//! `sharp-bench schema record` and `schema manifest` print what a record and a manifest may hold. The report is written
+//! `sharp-bench schema record` and `schema manifest` print what a record and a manifest may contain. The report is written
 //! to FOLDER, or to a temporary folder.
 
 #![allow(clippy::print_stdout, reason = "an example that prints its result")]

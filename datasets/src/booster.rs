@@ -35,11 +35,11 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
              disp_02.npy, calib_00-02.xml}",
     paper_column: "Booster",
     paper_overlap: PaperOverlap::Stereo,
-    caveat: "the paper does not say whether every illumination counts (228 pairs) or one (38)",
+    caveat: "the paper does not say if it uses every illumination (228 pairs) or only one (38)",
     settings: &[
         Setting::choice(
             "split",
-            "which part, by the folder's name; a folder that is neither always counts",
+            "which part, by the folder's name; a folder with neither name is always read",
             &[
                 choice(
                     "train",
@@ -110,7 +110,8 @@ fn calibration_of(number: &str) -> String {
     format!("calib_00-{number}.xml")
 }
 
-/// True if the folders above the scene, including those above the dataset's root, match `split` and `set`.
+/// True if the folders that contain the scene, including those above the dataset's root, match
+/// `split` and `set`.
 fn is_wanted(folder: &Path, split: &str, set: &str) -> bool {
     let above: Vec<_> = folder
         .parent()
@@ -128,7 +129,8 @@ fn is_wanted(folder: &Path, split: &str, set: &str) -> bool {
     split_fits && set_fits
 }
 
-/// Reads a scene for each pair of pictures. Fails with the folder if its pictures cannot be determined.
+/// Reads a scene for each pair of pictures. If the pictures of a folder cannot be determined, the
+/// error contains the folder.
 fn read_scenes(
     spec: &DatasetSpec,
     root: &Root,
@@ -280,7 +282,7 @@ fn camera(
         {
             let found = [data[0], data[columns + 1], data[2], data[columns + 2]];
             if !found.iter().all(|v| v.is_finite()) {
-                return Err(format!("{name} holds a value that is not finite").into());
+                return Err(format!("{name} has a value that is not finite").into());
             }
             return Ok(found);
         }

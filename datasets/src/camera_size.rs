@@ -1,4 +1,5 @@
-//! Pictures whose size differs from their camera's: rejected, or the camera is scaled on request.
+//! Pictures whose size differs from their camera's: they are rejected, or the camera is scaled if
+//! requested.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -32,7 +33,7 @@ pub(crate) struct CameraSizes {
     file: PathBuf,
     scale: bool,
     rules: PictureRules,
-    /// Number of cameras scaled, by the camera's size and the picture's.
+    /// Number of scaled cameras, by the camera's size and the picture's.
     scaled: BTreeMap<(PixelSize, PixelSize), usize>,
 }
 
@@ -126,7 +127,8 @@ fn is_same_ratio(from: PixelSize, to: PixelSize) -> bool {
         [from.0, from.1].map(i128::from),
         [to.0, to.1].map(i128::from),
     );
-    // For each axis, the factors that give the new side form an interval; the two intervals must overlap.
+    // For each axis, the factors that give the new side form an interval. The intervals of both
+    // axes must overlap.
     let down = v * h < (u + 1) * w && u * w < (v + 1) * h;
     let nearest = (2 * v - 1) * h <= (2 * u + 1) * w && (2 * u - 1) * w <= (2 * v + 1) * h;
     down || nearest
@@ -142,7 +144,7 @@ mod tests {
         for (from, to, same) in [
             ((160, 120), (80, 60), true),
             ((160, 120), (320, 240), true),
-            // Halves, rounded down; a third, rounded to the nearest.
+            // Half the size, rounded down; a third, rounded to nearest.
             ((1921, 1081), (960, 540), true),
             ((1921, 1081), (640, 360), true),
             ((160, 120), (80, 61), false),

@@ -25,13 +25,13 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
     display_name: "COLMAP",
     title: "your own pictures with a COLMAP model",
     page: "https://colmap.github.io/format.html",
-    layout: "images/, sparse/0/{cameras, images}.{bin or txt}; depth/ if there is any",
+    layout: "images/, sparse/0/{cameras, images}.{bin or txt}; depth/ if available",
     caveat: "the unit is assumed to be metres; otherwise set scale=",
     settings: &[
-        Setting::free("scale", "metres of one unit of the model", "1"),
+        Setting::free("scale", "length of one unit of the model in metres", "1"),
         Setting::free(
             "images",
-            "folder of the pictures, beside the model's",
+            "folder of the pictures, next to the model's folder",
             "images",
         ),
         Setting::free(
@@ -49,14 +49,14 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
                 ),
                 choice(
                     "points",
-                    "the triangulated points that each picture sees: sparse",
+                    "the triangulated points that each picture sees (sparse)",
                 ),
                 choice("none", "no depth"),
             ],
         ),
         Setting::free(
             "depth-unit",
-            "metres of one unit of the maps in depth/",
+            "length of one unit of the maps in depth/ in metres",
             "0.001",
         ),
         DepthKind::SETTING,
@@ -87,7 +87,7 @@ fn required_files(photo: &PhotographPath<'_>) -> Vec<RequiredFile> {
 
 fn open(spec: &DatasetSpec) -> Result<FoundScenes, DatasetError> {
     let root = Root::open(&spec.path)?.allowing_outside(spec.setting("outside") == "allow");
-    // Parsed once, before any scene, because an invalid value is not a scene's fault.
+    // Parsed once, before any scene, because an invalid value is not an error of a scene.
     let units = (spec.positive("scale")?, spec.positive("depth-unit")?);
     let chosen = Some(spec.setting("model")).filter(|model| *model != "first");
     let places = chosen.map_or(MODELS.to_vec(), |model| vec![model]);
@@ -196,7 +196,8 @@ fn read_scene(
     scene.finish_with_views(root.id_of(folder), &hint)
 }
 
-/// Other models in a scene's folder besides the one that was read, with their sizes and the setting that selects each.
+/// The models in a scene's folder that were not read, with their sizes and the setting that selects
+/// each.
 fn other_models(folder: &Path, read: &Path) -> Vec<String> {
     let mut models: Vec<PathBuf> = MODELS.iter().map(|place| folder.join(place)).collect();
     for place in ["sparse", "colmap/sparse"] {

@@ -92,7 +92,8 @@ impl ViewDepth {
     }
 }
 
-/// Minimum ratio of negative to positive disparities for the sign to be considered inverted.
+/// If there are this many times as many negative disparities as positive ones, the sign is
+/// considered inverted.
 const MOSTLY: u64 = 20;
 
 /// Conversion from disparity to depth: `Z = baseline · f / (d + doffs)`.
@@ -107,7 +108,8 @@ pub(crate) struct StereoGeometry {
 }
 
 impl StereoGeometry {
-    /// Depth in metres; 0 if the disparity is not finite or not positive, or corresponds to a point behind the cameras.
+    /// Depth in metres; 0 if the disparity is not finite or not positive, or if its point would be
+    /// behind the cameras.
     fn depth(&self, disparity: f32) -> f32 {
         let shifted = f64::from(disparity) + self.doffs;
         if !disparity.is_finite() || disparity <= 0.0 || shifted <= 0.0 {
@@ -118,8 +120,8 @@ impl StereoGeometry {
 
     /// Converts a disparity map.
     ///
-    /// Rejects a map that contains values but no disparity within the picture's width: in the wrong byte order,
-    /// disparities become denormal or astronomical. Also rejects negative disparities.
+    /// Rejects a map that has values but no disparity within the picture's width: if the byte order
+    /// is wrong, disparities are denormal or astronomical. Also rejects negative disparities.
     fn depth_map(&self, path: &Path, disparity: &FloatMap) -> Result<DepthMap, DatasetError> {
         let widest = f64::from(disparity.width());
         let (mut sane, mut strange, mut negative, mut mark) = (0_u64, 0_u64, 0_u64, None);
@@ -127,14 +129,14 @@ impl StereoGeometry {
             .as_raw()
             .iter()
             .map(|&d| {
-                // Zero and -1 are common marks of invalid pixels and are no evidence.
+                // Zero and -1 are common marks of invalid pixels and prove nothing.
                 let magnitude = f64::from(d.abs());
                 if d.is_finite() && (magnitude >= widest || (magnitude > 0.0 && magnitude < 1e-6)) {
                     strange += 1;
                 } else if d.is_finite() && d > 0.0 {
                     sane += 1;
                 } else if d.is_finite() && d < 0.0 {
-                    // A negative value that is the same everywhere is a mark.
+                    // If all negative values are equal, they are a mark.
                     negative += u64::from(d != *mark.get_or_insert(d));
                 }
                 self.depth(d)
@@ -194,16 +196,18 @@ impl DepthKind {
 /// Encoding of a stored depth map, which also determines how it is resampled to the pinhole camera.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) enum DepthEncoding {
-    /// A self-describing file; one unit is this many metres, or one over this many for reciprocals. In integer maps,
-    /// 65535 means no depth, as 0 does. Dense: each pixel looks up the nearest stored one.
+    /// A self-describing file. A stored unit is this many metres or, for reciprocals, this many per
+    /// metre. In integer maps, 65535 means no depth, as 0 does. Dense: each pixel looks up the
+    /// nearest stored one.
     Units(f64, DepthKind),
     /// Bare f32 metres. Sparse: each stored sample is projected to its new position.
     RawFloats,
 }
 
 impl DepthEncoding {
-    /// Reads z-depth for a photograph that is stored at `size`. A map with the same aspect ratio but another size is
-    /// resized by the nearest value (phones store depth at a fraction of the picture's size).
+    /// Reads z-depth for a photograph that is stored at `size`. A map with the same aspect ratio
+    /// but another size is resized by nearest neighbour (phones store depth at a fraction of the
+    /// picture's size).
     fn read(self, file: &Path, size: (u32, u32)) -> Result<DepthMap, DatasetError> {
         let (stored, unit_m) = match self {
             Self::Units(unit_m, _) => {
@@ -237,8 +241,8 @@ impl DepthEncoding {
     }
 }
 
-/// Maximum ratio of a picture's width to its depth map's: no device stores smaller depth, and a small map must not
-/// cause a huge allocation.
+/// Maximum ratio of a picture's width to its depth map's. No device stores smaller depth, and a
+/// small map must not cause a huge allocation.
 const LARGEST_FACTOR: f64 = 64.0;
 /// Maximum ratio of a depth map's width to its picture's.
 const LARGEST_MAP: f64 = 8.0;
@@ -247,7 +251,7 @@ const LARGEST_MAP: f64 = 8.0;
 fn check_shape(path: &Path, found: (u32, u32), size: (u32, u32)) -> Result<(), DatasetError> {
     let (w, h) = (f64::from(found.0), f64::from(found.1));
     let width = f64::from(size.0);
-    // The other side may differ by a pixel of rounding from the one implied by this side's ratio.
+    // Given this side's ratio, rounding may make the other side differ by one pixel.
     let other = w * f64::from(size.1) / width;
     let other_size = w * LARGEST_FACTOR < width || w > LARGEST_MAP * width;
     if other_size || (other - h).abs() > 1.0 {

@@ -11,8 +11,8 @@ pub(crate) fn valid_depth(z: f64) -> f32 {
     if z.is_finite() && z > 0.0 { z } else { 0.0 }
 }
 
-/// Depth of scattered points by z-buffer: each point marks the pixels within `radius` of its position; the nearest
-/// point wins.
+/// Depth of scattered points by z-buffer: each point marks the pixels within `radius` of its
+/// position; where points overlap, the nearest one counts.
 pub(crate) fn z_buffer(
     size: (u32, u32),
     radius: u32,

@@ -43,7 +43,7 @@ pub enum DatasetError {
     #[error("unknown dataset format '{name}'; {known}")]
     UnknownFormat {
         name: String,
-        /// The known formats, after the nearest one.
+        /// The known formats; the nearest one comes first.
         known: String,
     },
 }

@@ -1,8 +1,9 @@
 //! ETH3D's high-resolution multi-view training set.
 //!
-//! `dslr_calibration_undistorted` and `dslr_calibration_jpg` are COLMAP text models in metres; picture names are
-//! relative to `images/`. Ground-truth depth is bare f32 metres in the geometry of the *distorted* pictures and
-//! semi-sparse, so its samples are projected to the pinhole camera one by one instead of being looked up.
+//! `dslr_calibration_undistorted` and `dslr_calibration_jpg` are COLMAP text models in metres;
+//! picture names are relative to `images/`. Ground-truth depth consists of bare f32 metres in the
+//! geometry of the *distorted* pictures. It is semi-sparse, so its samples are projected to the
+//! pinhole camera one by one instead of being looked up.
 
 use std::path::Path;
 
@@ -27,7 +28,7 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
     download: "<scene>_dslr_jpg.7z and _dslr_depth.7z of 13 scenes; _dslr_undistorted.7z for images=undistorted",
     size: "24-megapixel pictures; every depth map is 97,542,144 bytes",
     layout: "<scene>/{images/dslr_images, dslr_calibration_jpg, ground_truth_depth/dslr_images}; \
-             or images/dslr_images_undistorted and dslr_calibration_undistorted beside them",
+             or images/dslr_images_undistorted and dslr_calibration_undistorted next to them",
     paper_column: "ETH3D",
     paper_overlap: PaperOverlap::Sparse,
     caveat: "depth is semi-sparse; the paper estimates overlap from monocular depth",
@@ -37,11 +38,11 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
         &[
             choice(
                 "distorted",
-                "as taken, 6048x4032 as the paper states, undistorted by us at that size",
+                "as taken, 6048x4032 as the paper states, undistorted by sharp-bench at that size",
             ),
             proxy(
                 "undistorted",
-                "as published without distortion: 6198x4129 to 6214x4138, a size a camera",
+                "as published without distortion: 6198x4129 to 6214x4138, depending on the camera",
             ),
         ],
     )],
@@ -130,7 +131,7 @@ fn read_scene(
     let model = colmap::read_model_in(root, &root.resolve(folder, calibration)?)?;
     let id = root.id_of(folder);
     let mut scene = SceneBuilder::new(spec, root, model.images_file());
-    // Only the distorted cameras give the position of a depth sample.
+    // Only the distorted cameras can tell where a depth sample is.
     let stored_folder = root.resolve(folder, DISTORTED)?;
     let stored = if colmap::is_model(&stored_folder) {
         Some(colmap::read_model_in(root, &stored_folder)?)
@@ -158,7 +159,8 @@ fn read_scene(
             (Some(map), Some(stored)) => {
                 root.check(&map)?;
                 cameras.extend(stored.files.iter().cloned());
-                // The entry of the same photograph, by file name, or else with the same camera id.
+                // The entry of the same photograph: that with the same file name, or else with the
+                // same camera id.
                 let mut entries = stored.images.iter();
                 let entry = entries.find(|other| other.name.rsplit('/').next() == Some(name));
                 let lens = stored.needed_lens(entry.unwrap_or(image))?;
@@ -183,7 +185,8 @@ fn read_scene(
     }
     if stored.is_some() {
         let note = if scene.has_depth() {
-            "depth: ground_truth_depth/dslr_images, each sample carried by us to the pinhole camera"
+            "depth: ground_truth_depth/dslr_images, each sample moved by sharp-bench to the \
+             pinhole camera"
         } else {
             "depth: none in ground_truth_depth/dslr_images"
         };

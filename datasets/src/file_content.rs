@@ -62,7 +62,8 @@ impl FileContent {
         if let Some(undistortion) = &self.geometry.undistortion {
             image = undistortion.image(&image);
         }
-        // The picture is resampled before masking; otherwise black would bleed into neighbouring pixels.
+        // Resample the picture before masking, because black would otherwise bleed into
+        // neighbouring pixels.
         if let Some(mask) = self.valid_pixels()? {
             let pixels = image.chunks_exact_mut(3).zip(mask.iter());
             let excluded = pixels.filter(|(_, keep)| **keep == 0);
@@ -74,7 +75,7 @@ impl FileContent {
 
 impl ViewContent for FileContent {
     fn image(&self) -> Result<RgbImage, DatasetError> {
-        // Checks the header first, so that no picture larger than its camera is decoded.
+        // Check the header first, so that a picture larger than its camera is not decoded.
         self.fitting()?;
         self.image_under(&self.rules)
     }
@@ -109,8 +110,8 @@ impl ViewContent for FileContent {
         let Some(depth) = &self.depth else {
             return Ok(None);
         };
-        // Depth is allocated at the camera's size, so this must match the photograph's; otherwise a few bytes of text
-        // could request any amount of memory.
+        // Depth is allocated at the camera's size. Check that this matches the photograph's,
+        // because a few bytes of text could otherwise request any amount of memory.
         self.fitting()?;
         let mut depth = depth.load(&self.geometry)?;
         if let Some(mask) = self.valid_pixels()? {

@@ -1,5 +1,5 @@
-//! Lookup of files whose names on disk differ in case or extension from those in a list, or have no extension in the
-//! list.
+//! Finds files whose names on disk differ from those in a list in case or extension, or that the
+//! list gives without an extension.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -11,7 +11,7 @@ use crate::left_out::first_few;
 /// [`folded`] stems of a folder's files, each with the files that have it, in natural order.
 type Stems = BTreeMap<String, Vec<String>>;
 
-/// Finds the files named in a list. Each folder is read only once.
+/// Finds files by the names in a list. Each folder is read only once.
 #[derive(Debug)]
 pub(crate) struct FileFinder<'a> {
     root: &'a Root,
@@ -32,10 +32,10 @@ impl<'a> FileFinder<'a> {
         }
     }
 
-    /// Finds the file of that name below `base`. An exact match is preferred, then the same name in another case, then
-    /// the same stem with one of the extensions (those with the stem's own case first, then in the order of the
-    /// extensions). [`Self::notes`] reports ambiguous matches of the last two kinds. `None` if no file matches or the
-    /// folder is missing.
+    /// Finds the file of that name below `base`. An exact match is preferred, then the same name in
+    /// another case, then the same stem with one of the extensions (files with the stem's own case
+    /// first, then in the order of the extensions). If a match of the last two kinds is ambiguous,
+    /// [`Self::notes`] reports it. `None` if no file matches or the folder is missing.
     ///
     /// # Errors
     /// If the name points outside the dataset's folder; the error names the list.
@@ -117,7 +117,7 @@ impl<'a> FileFinder<'a> {
         self.find(base, name, &["png", "npy", "npz", "exr", "pfm"])
     }
 
-    /// The names that match several files, as at most one note.
+    /// The names that match several files; at most one note.
     pub(crate) fn notes(&self) -> Vec<String> {
         if self.passed_over.is_empty() {
             return Vec::new();
@@ -198,7 +198,7 @@ mod tests {
         for (name, found, others) in [
             // An exact match.
             ("a.jpg", "a.jpg", None),
-            // The whole name in another case is preferred to another extension.
+            // A name that differs only in case is preferred to one with another extension.
             ("b.jpg", "b.JPG", None),
             ("A.JPG", "a.jpg", None),
             // PNG is preferred to JPEG if the name has no extension.

@@ -19,7 +19,7 @@ pub struct Root {
     pub(crate) canonical: PathBuf,
     given: PathBuf,
     pub(crate) outside_allowed: bool,
-    /// The setting that permits names and links to lead outside, if the dataset has one.
+    /// The setting, if the dataset has one, that allows names and links to lead outside.
     pub(crate) remedy: &'static str,
 }
 
@@ -41,8 +41,8 @@ impl Root {
         })
     }
 
-    /// Permits names and links to lead outside the folder, for files that the user trusts. Errors mention the setting
-    /// that does so.
+    /// Allows names and links to lead outside the folder, for files that the user trusts. Errors
+    /// mention the setting that allows this.
     pub(crate) fn allowing_outside(self, outside_allowed: bool) -> Self {
         Self {
             outside_allowed,
@@ -161,8 +161,8 @@ impl Root {
     }
 }
 
-/// Names and paths in a folder in natural order, except files left by operating systems: hidden files, `__MACOSX`,
-/// AppleDouble `._*`. Names that are not UTF-8 are converted lossily.
+/// Names and paths in a folder in natural order, without files left by operating systems: hidden
+/// files, `__MACOSX`, AppleDouble `._*`. Names that are not UTF-8 are converted lossily.
 ///
 /// # Errors
 /// [`DatasetError::Io`].
@@ -192,7 +192,7 @@ pub(crate) fn pictures(folder: &Path) -> Result<Vec<(String, PathBuf)>, DatasetE
     Ok(entries)
 }
 
-/// A name in Unicode's NFC, so that names that differ only in the composition of accents are equal.
+/// A name in Unicode's NFC, so that names that differ only in how accents are composed are equal.
 pub fn composed(name: &str) -> String {
     name.nfc().map(|(c, _)| c).collect()
 }
@@ -202,8 +202,9 @@ pub fn folded(name: &str) -> String {
     composed(name).to_lowercase()
 }
 
-/// The files in a folder with the given stem and any of the given lower-case extensions, in the folder's order. Exact
-/// names if there are any, else names that are equal once [`folded`]. Empty if the folder does not exist.
+/// The files in a folder with the given stem and one of the given lower-case extensions, in the
+/// folder's order. If no name matches exactly, the names that are equal once [`folded`]. Empty if
+/// the folder does not exist.
 pub fn of_stem(folder: &Path, stem: &str, extensions: &[&str]) -> Vec<PathBuf> {
     let exact = extensions
         .iter()
@@ -224,7 +225,8 @@ pub fn of_stem(folder: &Path, stem: &str, extensions: &[&str]) -> Vec<PathBuf> {
     fitting.map(|(_, path)| path).collect()
 }
 
-/// The spelling of a path on disk, where each component below `base` may differ in ways that [`folded`] ignores.
+/// A path as spelled on disk, where the components below `base` may differ in ways that [`folded`]
+/// ignores.
 pub(crate) fn spelled(base: &Path, path: &Path) -> PathBuf {
     let Ok(relative) = path.strip_prefix(base) else {
         return path.to_owned();
@@ -254,7 +256,7 @@ pub fn what_lies_in(folder: &Path) -> String {
         .collect();
     match names.is_empty() {
         true => format!("{} is empty", folder.display()),
-        false => format!("{} holds {}", folder.display(), first_few(&names)),
+        false => format!("{} contains {}", folder.display(), first_few(&names)),
     }
 }
 

@@ -18,7 +18,7 @@ pub struct LeftOutScene {
     pub why: Why,
 }
 
-/// Reason that a scene was excluded.
+/// Reason why a scene was excluded.
 #[derive(Debug)]
 pub enum Why {
     /// It cannot be read or is incomplete.
@@ -39,7 +39,7 @@ impl FoundScenes {
         }
     }
 
-    /// Adds a scene that was excluded by a setting.
+    /// Adds a scene that a setting excludes.
     pub(crate) fn rule_out(&mut self, id: impl Into<String>, reason: impl Into<String>) {
         self.left_out.push(LeftOutScene {
             id: id.into(),
@@ -62,7 +62,7 @@ impl FoundScenes {
             .for_each(|scene| self.rule_out(scene.id, reason));
     }
 
-    /// Returns the scenes, or the first fault if there is one.
+    /// Returns the scenes if none is faulty.
     ///
     /// # Errors
     /// The first fault.

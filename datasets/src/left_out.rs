@@ -6,14 +6,14 @@ use std::path::Path;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// Scenes excluded for the same reason. Displayed as a line that includes the first few.
+/// Scenes excluded for the same reason. Displayed as a line that lists the first few.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub struct LeftOutScenes {
     /// Description of the reason; names the faulty file.
     pub reason: String,
     /// True if excluded by a setting or an option, false if broken or incomplete.
     pub by_choice: bool,
-    /// Ids of the scenes, or of folders of which no more is known.
+    /// Ids of the scenes, or of folders if nothing more is known about them.
     pub scenes: Vec<String>,
 }
 
@@ -23,8 +23,8 @@ impl std::fmt::Display for LeftOutScenes {
     }
 }
 
-/// Views of a scene excluded for the same reason: a file that they need is missing, incomplete or unreadable. Displayed
-/// as a line that includes the first few.
+/// Views of a scene excluded for the same reason: a file that they need is missing, incomplete or
+/// unreadable. Displayed as a line that lists the first few.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct LeftOutViews {
     /// Description of the reason; names the file.
@@ -82,7 +82,7 @@ impl LeftOut {
         names.push(name.into());
     }
 
-    /// One note per reason; `file` is the list that contains the names.
+    /// One note per reason; `file` is the list of the excluded names.
     pub(crate) fn notes(&self, file: &Path) -> Vec<String> {
         let reasons = self.by_reason.iter();
         reasons

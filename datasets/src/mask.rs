@@ -8,7 +8,7 @@ use crate::DatasetError;
 use crate::format::picture;
 use crate::undistort::Undistortion;
 
-/// The level of a mask that marks pixels to keep; all other levels exclude pixels.
+/// The level of a mask that marks valid pixels; all other levels exclude pixels.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Keep {
     /// 255.
@@ -25,8 +25,8 @@ pub(crate) struct MaskFile {
 }
 
 impl MaskFile {
-    /// Reads the mask for a view: 255 for valid pixels, else 0. `size` is that of the stored picture, which the mask
-    /// must match; `undistortion` is the picture's.
+    /// Reads the mask for a view: 255 for valid pixels, 0 for others. `size` is that of the stored
+    /// picture, which the mask must match; `undistortion` is the picture's.
     pub(crate) fn read(
         &self,
         size: (u32, u32),
@@ -59,7 +59,7 @@ pub(crate) fn check_size(
     Err(DatasetError::malformed(
         path,
         format!(
-            "is {}x{}, but its camera is for {}x{}",
+            "is {}x{}, but its camera is for {}x{} pixels",
             found.0, found.1, expected.0, expected.1
         ),
     ))

@@ -1,12 +1,13 @@
 //! Middlebury 2014 stereo, in the layouts of the `scenes2014` archives and of MiddEval3.
 //!
-//! A scene is any folder with `im0.png`, `im1.png` and `calib.txt`; a folder with only some of them is a broken scene.
-//! Depth is computed from `disp0.pfm` (scenes2014) or `disp0GT.pfm` (MiddEval3, whose ground truth is a separate
-//! download) by Middlebury's own formula, `Z = baseline · f / (d + doffs)`.
+//! A scene is any folder with `im0.png`, `im1.png` and `calib.txt`; a folder with only some of them
+//! is a broken scene. Depth is computed from `disp0.pfm` (scenes2014) or `disp0GT.pfm` (MiddEval3,
+//! whose ground truth is a separate download) by Middlebury's own formula,
+//! `Z = baseline · f / (d + doffs)`.
 //!
-//! `calib.txt` does not specify its pixel-centre convention. It is assumed to be OpenCV's, in which the centre of the
-//! first pixel is (0, 0), so 0.5 is added to each principal point. Depth depends only on the difference between the
-//! two, which this does not change.
+//! `calib.txt` does not specify its pixel-centre convention. It is assumed to be OpenCV's, in which
+//! the centre of the first pixel is (0, 0), so 0.5 is added to each principal point. This does not
+//! affect depth, which depends only on the difference of the principal points.
 
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
@@ -49,13 +50,14 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
         .left_open(),
         Setting::choice(
             "rectification",
-            "which of the two rectifications of a scene (folders without the suffix always count)",
+            "which of the two rectifications of a scene (folders without the suffix are always \
+             read)",
             &[
                 choice(
                     "one",
-                    "<Scene>-perfect, or <Scene>-imperfect where that is all there is",
+                    "<Scene>-perfect, or <Scene>-imperfect if that is the only one",
                 ),
-                choice("any", "every scene folder found, both of one scene too"),
+                choice("any", "every scene folder found, even both of one scene"),
                 choice("perfect", "only <Scene>-perfect"),
                 choice("imperfect", "only <Scene>-imperfect"),
             ],
@@ -66,8 +68,8 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
             "which right picture is the target",
             &[
                 choice("im1", "the default exposure and lighting"),
-                proxy("im1E", "another exposure, where there is one"),
-                proxy("im1L", "another lighting, where there is one"),
+                proxy("im1E", "another exposure, if available"),
+                proxy("im1L", "another lighting, if available"),
             ],
         ),
     ],
@@ -102,7 +104,7 @@ fn open(spec: &DatasetSpec) -> Result<FoundScenes, DatasetError> {
     let right_name = format!("{right}.png");
     let rectification = spec.setting("rectification");
     let search = root.find_folders(4, &|folder| {
-        // Stray text files and maps next to the scenes' folders do not belong to a scene.
+        // Stray text files and maps next to the scenes' folders are not part of any scene.
         (folder != root.path() && has_part(folder))
             || PICTURES.iter().any(|name| folder.join(name).is_file())
     })?;
@@ -129,7 +131,7 @@ fn open(spec: &DatasetSpec) -> Result<FoundScenes, DatasetError> {
         } else if other {
             found.rule_out(id, format!("rectification={rectification}"));
         } else if right != "im1" && !folder.join(&right_name).is_file() {
-            let reason = format!("there is no {right_name}, which right={right} asks for");
+            let reason = format!("there is no {right_name}, which right={right} requires");
             found.rule_out(id, reason);
         } else {
             found.add(id, read_scene(spec, &root, folder, id.clone(), right));
@@ -145,8 +147,8 @@ fn open(spec: &DatasetSpec) -> Result<FoundScenes, DatasetError> {
 
 const PICTURES: [&str; 2] = ["im0.png", "im1.png"];
 
-/// True if a folder has a file of a scene, even in another format or with an upper-case name; such a scene is reported
-/// as excluded rather than overlooked.
+/// True if a folder has a file of a scene, even in another format or with an upper-case name. Such
+/// a scene is reported as excluded rather than overlooked.
 fn has_part(folder: &Path) -> bool {
     let names = files::list(folder).unwrap_or_default().into_iter();
     names
@@ -268,7 +270,7 @@ mod tests {
             std::fs::write(folder.join(name), "").unwrap();
             assert!(has_part(&folder), "{name}");
         }
-        // From another exposure of the same scene.
+        // A file of another exposure of the same scene.
         std::fs::write(dir.path().join("im0e0.png"), "").unwrap();
         assert!(!has_part(dir.path()));
     }

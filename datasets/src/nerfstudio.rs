@@ -1,7 +1,8 @@
 //! The user's own pictures with a `transforms.json`.
 //!
-//! The conventions are nerfstudio's: OpenGL camera-to-world poses, pixel centres at half integers, paths relative to
-//! the JSON. Its centring and rescaling of poses is not applied; the file's units are converted to metres by `scale`.
+//! The conventions are nerfstudio's: OpenGL camera-to-world poses, pixel centres at half integers,
+//! paths relative to the JSON. Unlike in nerfstudio, poses are not centred and rescaled; the file's
+//! units are converted to metres by `scale`.
 
 use std::path::{Path, PathBuf};
 
@@ -28,16 +29,16 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
     layout: "transforms.json (or transforms_train.json) and the pictures it names",
     caveat: "the poses' unit is assumed to be metres; otherwise set scale=",
     settings: &[
-        Setting::free("scale", "metres of one unit of the poses", "1"),
+        Setting::free("scale", "length of one unit of the poses in metres", "1"),
         Setting::free(
             "depth-unit",
-            "metres of one unit of the depth maps, whatever their format (nerfstudio's rule)",
+            "length of one unit of the depth maps in metres, for every format (nerfstudio's rule)",
             "0.001",
         ),
         DepthKind::SETTING,
         Setting::choice(
             "intrinsics",
-            "which to use where a frame and the file disagree",
+            "which intrinsics to use if a frame and the file disagree",
             &[
                 choice("frame", "the frame's own"),
                 choice("file", "the file's, as in nerfstudio"),
@@ -54,7 +55,8 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
                 ),
                 choice(
                     "keep-black",
-                    "as keep-white, where a mask is above 0: for masks that mark the pixels to exclude",
+                    "as keep-white, but excludes pixels where a mask is above 0: for masks that \
+                     mark the pixels to exclude",
                 ),
                 choice("apply", "as keep-white"),
             ],
@@ -73,7 +75,7 @@ fn required_files(photo: &PhotographPath<'_>) -> Vec<RequiredFile> {
 
 /// File names that are searched for in a folder; the first that exists is read.
 const NAMES: [&str; 2] = ["transforms.json", "transforms_train.json"];
-/// Names of the same kind of file, read only if given as the path.
+/// Other files of the same kind, which are read only if given as the path.
 const OTHERS: [&str; 2] = ["transforms_val.json", "transforms_test.json"];
 
 fn open(spec: &DatasetSpec) -> Result<FoundScenes, DatasetError> {
@@ -84,7 +86,7 @@ fn open(spec: &DatasetSpec) -> Result<FoundScenes, DatasetError> {
         (spec.path.as_path(), None)
     };
     let root = Root::open(folder)?.allowing_outside(spec.setting("outside") == "allow");
-    // Parsed once, before any scene, because an invalid value is not a scene's fault.
+    // Parsed once, before any scene, because an invalid value is not an error of a scene.
     let units = (spec.positive("scale")?, spec.positive("depth-unit")?);
     let mut found = FoundScenes::default();
     if let Some(json) = only {
@@ -177,7 +179,7 @@ fn read_scene(
     }
     let masks = file.frames.iter().filter(|f| f.mask_path.is_some()).count();
     if masks == 0 {
-        let hint = "; a frame names its mask by mask_path";
+        let hint = "; a frame names its mask with mask_path";
         scene.notes.extend(scene_notes::unread_masks(folder, hint));
     } else if reader.masks.is_none() {
         scene.notes.push(format!(
@@ -198,12 +200,12 @@ fn read_scene(
             }
         ));
     }
-    let mut folders = vec![(scene.folder_of_pictures(), "are named by no frame")];
+    let mut folders = vec![(scene.folder_of_pictures(), "are not listed by any frame")];
     let depth =
         ["depth", "depths"].map(|name| (folder.join(name), "are no frame's depth_file_path"));
     folders.extend(depth);
     folders.retain(|(unused, _)| unused != folder);
-    // The file of a single split does not use all pictures.
+    // A file for a single split does not use all pictures.
     if json.ends_with(NAMES[0]) {
         scene.note_unused(&folders);
     }

@@ -1,4 +1,4 @@
-//! Processing steps from files to pixels, with one note per scene for each kind.
+//! Processing steps from files to pixels. Each scene gets one note for each kind of step.
 
 /// Processing steps of one view's files.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]

@@ -1,4 +1,5 @@
-//! The files that belong to a photograph, i.e. that must be downloaded before a list of pairs can be evaluated.
+//! The files that belong to a photograph: they must be downloaded before a list of pairs can be
+//! evaluated.
 
 use serde::Serialize;
 
@@ -62,7 +63,7 @@ impl RequiredFile {
     }
 }
 
-/// Location of a photograph in a layout, before any files exist.
+/// Location of a photograph according to the layout, before any file exists.
 pub(crate) struct PhotographPath<'a> {
     pub(crate) scene: &'a str,
     /// Path relative to the dataset's folder.
@@ -95,7 +96,7 @@ impl<'a> PhotographPath<'a> {
         self.picture.split('/').next().unwrap_or("")
     }
 
-    /// Parent of the photograph's folder.
+    /// Folder that contains the photograph's folder.
     pub(crate) fn up(&self) -> &'a str {
         self.folder.rsplit_once('/').map_or("", |(up, _)| up)
     }

@@ -13,8 +13,8 @@ use crate::{DatasetError, DepthMap, files};
 /// Minimum depth that is drawn, in metres (the near plane of ScanNet++'s toolbox).
 const NEAR_M: f64 = 0.05;
 
-/// The most recently used scan, so that it is read only once for the views of a scene. Shared by all scenes of a
-/// dataset, of which only one is in memory at a time.
+/// The scan that was used last, so that it is read only once for the views of a scene. Shared by
+/// all scenes of a dataset, so that only one scan is in memory at a time.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct ScanCache(Arc<Mutex<Option<CachedScan>>>);
 
@@ -48,7 +48,7 @@ impl ScanCache {
 pub(crate) struct ScanFile {
     pub(crate) file: PathBuf,
     pub(crate) cache: ScanCache,
-    /// Points mark all pixels within this distance; triangles are filled and do not need it.
+    /// Points mark all pixels within this distance. Triangles are filled and do not use it.
     pub(crate) splat_radius: u32,
 }
 
@@ -115,7 +115,8 @@ fn draw(pinhole: &Intrinsics, corners: [DVec3; 3], depth: &mut DepthMap) {
     }
 }
 
-/// Draws a triangle into a z-buffer, sampled at pixel centres; 1/z is linear in the picture.
+/// Draws a triangle into a z-buffer, sampled at pixel centres. Uses that 1/z is linear in the
+/// picture.
 fn fill(pinhole: &Intrinsics, corners: [DVec3; 3], depth: &mut DepthMap) {
     let places = corners.map(|c| place(pinhole, c));
     let [Some((a, za)), Some((b, zb)), Some((c, zc))] = places else {
@@ -127,7 +128,7 @@ fn fill(pinhole: &Intrinsics, corners: [DVec3; 3], depth: &mut DepthMap) {
     }
     let low = a.min(b).min(c);
     let high = a.max(b).max(c);
-    // Range of pixels whose centres may be inside.
+    // Range of pixels whose centres may be inside the triangle.
     let range = |low: f64, high: f64, side: u32| {
         let first = (low - 0.5).ceil().max(0.0);
         let last = (high - 0.5).floor().min(f64::from(side) - 1.0);
@@ -180,7 +181,7 @@ mod tests {
             filled += 1;
         }
         assert!(filled > 700, "{filled}");
-        // A nearer point wins; a point behind the camera is not drawn.
+        // The nearer surface is visible; a triangle behind the camera is not drawn.
         let behind = [(-9.0, -9.0), (9.0, -9.0), (0.0, 9.0)];
         let before = depth.clone();
         draw(
@@ -199,7 +200,7 @@ mod tests {
     fn a_triangle_through_the_near_plane_is_cut_there() {
         let pinhole = Intrinsics::new((50.0, 50.0), (20.0, 15.0), (40, 30)).unwrap();
         let floor = |x: f64, z: f64| DVec3::new(x, 1.5, z);
-        // One corner beyond the plane, then two.
+        // First one corner is beyond the plane, then two.
         for corners in [
             [floor(-900.0, -9.0), floor(0.0, 60.0), floor(900.0, -9.0)],
             [floor(-900.0, 60.0), floor(900.0, 60.0), floor(0.0, -90.0)],

@@ -1,4 +1,4 @@
-//! Construction of multi-view scenes, photograph by photograph, recording what is excluded.
+//! Builds multi-view scenes, photograph by photograph, and records what is excluded.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
@@ -69,8 +69,8 @@ impl<'a> SceneBuilder<'a> {
         self.of_left_out.extend(map);
     }
 
-    /// Picture and pose of a frame, if it has both and the picture was not used before; otherwise the frame is
-    /// excluded.
+    /// Picture and pose of a frame. If it lacks one of them, or its picture was used before, the
+    /// frame is excluded.
     pub(crate) fn usable<P>(
         &mut self,
         name: &str,
@@ -89,8 +89,8 @@ impl<'a> SceneBuilder<'a> {
         None
     }
 
-    /// Adds a view. Its camera is scaled if the settings request it, and the view is resampled to a pinhole camera if
-    /// its lens requires it.
+    /// Adds a view. Its camera is scaled if the settings request this, and the view is resampled to
+    /// a pinhole camera if its lens requires it.
     ///
     /// # Errors
     /// If its lens cannot be resampled to a pinhole; names the picture.
@@ -115,8 +115,8 @@ impl<'a> SceneBuilder<'a> {
         first.map_or_else(PathBuf::new, Path::to_owned)
     }
 
-    /// Adds a note on files in the given folders that no view uses, with the reason for each folder. Excluded pictures
-    /// have their own note.
+    /// Adds a note on the files in these folders that no view uses, with the reason for each
+    /// folder. Excluded pictures have a note of their own.
     pub(crate) fn note_unused(&mut self, folders: &[(PathBuf, &'static str)]) {
         let used = self.views.iter().flat_map(|view| view.content.files());
         let known = self.seen.iter().chain(&self.of_left_out).cloned();
@@ -139,8 +139,9 @@ impl<'a> SceneBuilder<'a> {
         }
     }
 
-    /// Finishes the scene. Views are in natural order; their ids are shortened by the folders that all share, and
-    /// include extensions only where these distinguish pictures. The scene's id is also its cluster.
+    /// Finishes the scene. Views are in natural order. The folders that all views share are removed
+    /// from their ids; extensions are included only if they distinguish pictures. The scene's id is
+    /// also its cluster.
     pub(crate) fn finish(mut self, id: String) -> Scene {
         let shared = shorten_ids(&mut self.views);
         let broken = self.broken.iter_mut().flat_map(|group| &mut group.views);
@@ -250,7 +251,7 @@ impl PosedFrame {
     }
 }
 
-/// Removes from the ids of views the folders that all share, and returns these folders.
+/// Removes the folders that all views share from their ids, and returns these folders.
 fn shorten_ids(views: &mut [View]) -> String {
     let folders = views
         .iter()
@@ -262,7 +263,7 @@ fn shorten_ids(views: &mut [View]) -> String {
     shared
 }
 
-/// Adds extensions to the ids of pictures that share an id.
+/// Adds extensions to the ids of pictures whose ids would be equal.
 fn tell_apart(views: &mut [View]) {
     let mut counts: BTreeMap<String, usize> = BTreeMap::new();
     for view in views.iter() {
@@ -306,7 +307,7 @@ fn common_folders<'a>(a: &'a str, b: &str) -> &'a str {
     &a[..length]
 }
 
-/// Id of a picture: its name without extension and `./`, and with `/` between folders.
+/// Id of a picture: its name without `./` and extension, with `/` between folders.
 pub(crate) fn frame_id(name: &str) -> String {
     let name = name.replace('\\', "/");
     let name = name.trim_start_matches("./");

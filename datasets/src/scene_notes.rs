@@ -16,7 +16,8 @@ use crate::{DatasetSpec, Pairing, Scene, View, files};
 const HEADERS: usize = 64;
 /// Maximum number of masks decoded per scene, evenly spaced.
 const MASKS: usize = 4;
-/// Minimum fraction of pixels that a plausible mask keeps: most masks exclude a person, a sky or a logo.
+/// A plausible mask keeps at least this fraction of the pixels, because most masks exclude a
+/// person, a sky or a logo.
 const LEAST_LEFT: f64 = 0.2;
 
 /// A note on masks next to the pictures that are not read; `hint` explains how to read them.
@@ -32,7 +33,7 @@ pub(crate) fn unread_masks(folder: &Path, hint: &str) -> Option<String> {
         .count();
     (count > 0).then(|| {
         format!(
-            "masks: {} holds {count} file(s), which are not read{hint}",
+            "masks: {} contains {count} file(s), which are not read{hint}",
             folder.display()
         )
     })
@@ -80,8 +81,9 @@ pub(crate) fn add(scene: &mut Scene, spec: &DatasetSpec) {
             )),
             (false, false) => scene.notes.push(format!("{have} and are read as stored, as their cameras are")),
             (false, true) => scene.warnings.push(format!(
-                "{have} and are read as stored, as COLMAP and nerfstudio do; if their cameras are for the upright \
-                 pictures, set orientation=upright (orientation=stored: as now, without this warning)"
+                "{have} and are read as stored, as COLMAP and nerfstudio do; if their cameras are \
+                 for the upright pictures, set orientation=upright (orientation=stored: the same \
+                 reading without this warning)"
             )),
         }
     }
@@ -90,7 +92,7 @@ pub(crate) fn add(scene: &mut Scene, spec: &DatasetSpec) {
             .notes
             .push(format!("pictures: {count} of {of} have {text}"));
     }
-    // A polarity that was asked for by name, or that the format defines, is not in doubt.
+    // A polarity that the user named, or that the format defines, is not in doubt.
     let has_polarity = |s: &Setting| s.allows("masks", "keep-black");
     if spec.setting("masks") != "apply" || !spec.entry.settings.iter().any(has_polarity) {
         return;
@@ -108,14 +110,15 @@ pub(crate) fn add(scene: &mut Scene, spec: &DatasetSpec) {
     let left = shares.iter().sum::<f64>() / shares.len().max(1) as f64;
     if !shares.is_empty() && left < LEAST_LEFT {
         scene.warnings.push(format!(
-            "masks: on average they leave {:.1} % of the pixels; if their black side marks what counts, say masks=keep-black \
-             (masks=keep-white: as now, without this warning)",
+            "masks: on average they leave {:.1} % of the pixels; if black marks the pixels to \
+             keep, set masks=keep-black (masks=keep-white: the same reading without this warning)",
             100.0 * left
         ));
     }
 }
 
-/// Notes on the processing of a scene's pixels, and on views without data that others have; one line each.
+/// Notes on the processing of a scene's pixels, and on views that lack data which other views have;
+/// one line each.
 fn processing(scene: &Scene) -> Vec<String> {
     let all = scene.views.len();
     let mut notes = Vec::new();
@@ -146,7 +149,8 @@ fn processing(scene: &Scene) -> Vec<String> {
     let masked = masked.count();
     if masked > 0 {
         notes.push(format!(
-            "masks: {masked} of {all} pictures have one; what it excludes is black and without depth"
+            "masks: {masked} of {all} pictures have one; excluded pixels are black and without \
+             depth"
         ));
     }
     let lacking = without_depth(&scene.views);

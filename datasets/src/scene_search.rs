@@ -1,4 +1,4 @@
-//! Search for scenes in a dataset's folder, recording what could not be searched.
+//! Searches a dataset's folder for scenes, and records what could not be searched.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::io::ErrorKind;
@@ -22,10 +22,11 @@ pub(crate) struct FoundFolders {
 }
 
 impl Root {
-    /// Finds the folders, at most `depth` levels below the root (and including the root itself), for which `is_scene`
-    /// returns true, in natural order. Folders inside a scene are not searched. Records what could not be searched:
-    /// broken links, links that lead outside the root, and folders that cannot be listed. A folder reached through
-    /// several links is found once, under its first name.
+    /// Finds the folders for which `is_scene` returns true, in natural order, at most `depth`
+    /// levels below the root; the root itself is included. Folders inside a scene are not searched.
+    /// Records what could not be searched: broken links, links that lead outside the root, and
+    /// folders that cannot be listed. A folder that several links lead to is found once, under its
+    /// first name.
     ///
     /// # Errors
     /// [`DatasetError::Io`] if the root cannot be listed.
@@ -47,8 +48,8 @@ impl Root {
         Ok(search.found)
     }
 
-    /// Files of a folder by name, without a system call for each: only symbolic links are followed, and those that lead
-    /// outside are excluded and counted. Empty if the folder does not exist.
+    /// Files of a folder by name, without a system call for each: only symbolic links are followed,
+    /// and links that lead outside are excluded and counted. Empty if the folder does not exist.
     pub(crate) fn files_in(
         &self,
         folder: &Path,
@@ -121,7 +122,8 @@ impl Search<'_> {
         for (_, path) in list(folder)? {
             match std::fs::metadata(&path) {
                 Ok(found) if found.is_dir() => {
-                    // An unreadable nested folder must not hide the scenes next to it.
+                    // A nested folder that cannot be read must not prevent finding the scenes next
+                    // to it.
                     if let Err(error) = self.walk(&path, depth - 1) {
                         self.found.unsearched.push(LeftOutScene {
                             id: self.root.id_of(&path),
@@ -129,7 +131,7 @@ impl Search<'_> {
                         });
                     }
                 }
-                // Deleted since the folder was listed.
+                // The folder was deleted after its parent was listed.
                 Err(error) if error.kind() == ErrorKind::NotFound => {
                     self.pass_over(self.root.id_of(&path), LINK_NOWHERE);
                 }

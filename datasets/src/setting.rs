@@ -33,7 +33,7 @@ impl Setting {
         }
     }
 
-    /// A setting with any value, some of which are described; the others count as proxies.
+    /// A setting with any value. Some values are described; all others count as proxies.
     pub(crate) const fn named(
         key: &'static str,
         meaning: &'static str,
@@ -102,8 +102,8 @@ pub(crate) const fn proxy(value: &'static str, meaning: &'static str) -> Setting
     }
 }
 
-/// Settings for reading pictures, available in every file-based format. They only become part of a dataset's identity
-/// if given explicitly.
+/// Settings for reading pictures, available in every file-based format. They are part of a
+/// dataset's identity only if given explicitly.
 pub static PICTURES: [Setting; 3] = [
     Setting::choice(
         "alpha",
@@ -132,7 +132,7 @@ pub static PICTURES: [Setting; 3] = [
         &[
             choice(
                 "auto",
-                "are read as stored where that fits the camera, upright where only that does",
+                "are read as stored if that fits the camera, upright if only that does",
             ),
             choice("stored", "are read as stored"),
             choice("upright", "are turned upright"),
@@ -143,7 +143,7 @@ pub static PICTURES: [Setting; 3] = [
 /// Permission to refer to files outside the dataset's folder.
 pub(crate) const OUTSIDE: Setting = Setting::choice(
     "outside",
-    "files that `..`, an absolute path or a symbolic link puts outside the folder",
+    "files outside the folder that `..`, an absolute path or a symbolic link points to",
     &[
         choice("refuse", "are an error"),
         choice("allow", "are read; only for files you trust"),

@@ -1,4 +1,4 @@
-//! A dataset: what is known about it without its files, and as asked for on a command line.
+//! A dataset: static facts about it, and its specification on a command line.
 
 use std::collections::BTreeMap;
 use std::fmt;
@@ -36,7 +36,8 @@ pub struct DatasetEntry {
     /// Column group in the paper's tables; empty for data that the paper does not use.
     #[serde(rename = "table_column")]
     pub paper_column: &'static str,
-    /// Criterion by which the paper chooses pairs; for other data, the rule that it would apply.
+    /// The paper's rule for choosing pairs; for data that the paper does not use, the rule that
+    /// would apply.
     #[serde(skip)]
     pub paper_overlap: PaperOverlap,
     /// Remaining uncertainties.
@@ -73,10 +74,11 @@ impl DatasetEntry {
         archives: |_| Vec::new(),
     };
 
-    /// The photograph of a scene and its associated files in the dataset, in order of
-    /// [`FileRole`](crate::required_files::FileRole), according to the layout alone; for a stereo pair, only the
-    /// source's (left) depth is included. Files that are named in other files (`transforms.json`) or found by their
-    /// stem are only known once those exist: see [`View::required_files`](crate::View::required_files).
+    /// The photograph of a scene and the files that belong to it, in order of
+    /// [`FileRole`](crate::required_files::FileRole), according to the layout alone. For a stereo
+    /// pair, only the source's (left) depth is included. Files that other files list
+    /// (`transforms.json`) or that are found by their stem are known only once they exist; see
+    /// [`View::required_files`](crate::View::required_files).
     pub fn required_files(&self, scene: &str, picture: &str) -> Vec<RequiredFile> {
         let photograph = PhotographPath::new(scene, picture);
         let mut files = vec![RequiredFile::picture(picture)];
@@ -184,11 +186,11 @@ impl DatasetSpec {
         }
     }
 
-    /// Completes the result of a reader with the folders that could not be searched.
+    /// Completes the result of a reader by adding the folders that could not be searched.
     ///
     /// # Errors
-    /// [`DatasetError::NoScene`] if there is no scene, not even a broken one; `expected` describes the layout that was
-    /// searched for.
+    /// [`DatasetError::NoScene`] if there is no scene, not even a broken one; `expected` describes
+    /// the layout that was searched for.
     pub(crate) fn conclude(
         &self,
         mut found: FoundScenes,

@@ -25,7 +25,7 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
     format: "stereo",
     display_name: "stereo",
     title: "your own rectified pairs",
-    layout: "<pair>/{left.png, right.png, rig.txt}; disparity_left.pfm if there is any",
+    layout: "<pair>/{left.png, right.png, rig.txt}; disparity_left.pfm if available",
     paper_overlap: PaperOverlap::Stereo,
     open,
     required_files,

@@ -59,7 +59,8 @@ impl Side {
     }
 }
 
-/// Note on a left side without depth; `file` is the file that is expected to contain its disparity.
+/// Note on a left side without depth; `file` is the file that was expected to contain its
+/// disparity.
 pub(crate) fn without_depth(left: &Side, id: &str, file: &str) -> Vec<String> {
     let note = || format!("{id}: no {file}, so the left view has no depth");
     left.disparity.is_none().then(note).into_iter().collect()

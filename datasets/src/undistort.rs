@@ -10,7 +10,7 @@ use sharp::camera::{Intrinsics, RigidTransform};
 use crate::DepthMap;
 use crate::lens::{Lens, LensError};
 
-/// From the stored picture of a view to its pinhole camera and pose.
+/// Geometry of a view, from its stored picture to its pinhole camera and pose.
 #[derive(Debug)]
 pub(crate) struct ViewGeometry {
     /// Size of the stored picture according to the camera, before resampling.
@@ -39,8 +39,8 @@ impl Undistortion {
         }
     }
 
-    /// Resamples to the pinhole camera with the same size and principal point that has the widest field of view showing
-    /// nothing beyond the stored picture (COLMAP's `blank_pixels = 0`).
+    /// Resamples to a pinhole camera of the same size and principal point: the one with the widest
+    /// field of view that shows nothing beyond the stored picture (COLMAP's `blank_pixels = 0`).
     ///
     /// # Errors
     /// [`LensError::NoWholePinhole`].
@@ -50,7 +50,7 @@ impl Undistortion {
             fy: lens.intrinsics().fy * zoom,
             ..lens.intrinsics()
         };
-        // Quantised to 1/4096, so that the last bits of atan do not affect the result.
+        // Zoom is quantised to 1/4096, so that the last bits of atan do not affect the result.
         let (mut narrow, mut wide) = (16 * 4096_u32, 512_u32);
         if !shows_only_the_picture(&lens, &scaled(f64::from(narrow) / 4096.0)) {
             return Err(LensError::NoWholePinhole);
@@ -188,11 +188,12 @@ impl Undistortion {
         })
     }
 
-    /// Projects each valid pixel of a sparse depth map to its new position; the nearest one wins. Unlike
-    /// [`Self::depth_nearest`], this loses no samples when the picture shrinks.
+    /// Projects each valid pixel of a sparse depth map to its new position; if several meet, the
+    /// nearest one counts. Unlike [`Self::depth_nearest`], this loses no samples when the picture
+    /// shrinks.
     pub fn depth_splat(&self, stored: &DepthMap) -> DepthMap {
         let (width, height) = (self.pinhole.width, self.pinhole.height);
-        // The bits of positive floats have the same order as the floats.
+        // For positive floats, the order of the bits is that of the values.
         let nothing = f32::INFINITY.to_bits();
         let mut nearest = Vec::new();
         nearest.resize_with(width as usize * height as usize, || AtomicU32::new(nothing));
@@ -210,7 +211,7 @@ impl Undistortion {
                     }
                 }
             });
-        // In place, because both take four bytes.
+        // Collected in place, because both types take four bytes.
         let depths = nearest.into_iter().map(AtomicU32::into_inner);
         let depths = depths.map(|bits| {
             if bits == nothing {
@@ -222,7 +223,7 @@ impl Undistortion {
         DepthMap::from_vec(width, height, depths.collect()).unwrap_or_default()
     }
 
-    /// A picture whose pixels are computed from their positions in the stored one.
+    /// A picture in which each pixel is computed from its position in the stored one.
     fn gathered<P>(
         &self,
         pixel: impl Fn(Option<DVec2>) -> P + Sync,
@@ -275,7 +276,7 @@ fn shows_only_the_picture(lens: &Lens, pinhole: &Intrinsics) -> bool {
         .all(|pixel| {
             let ray: DVec3 = pinhole.unproject(pixel, 1.0);
             lens.project_unfolded(ray).is_some_and(|p| {
-                // A border that maps onto itself must not fail because of rounding.
+                // A tolerance, because rounding must not reject a border that maps onto itself.
                 (-1e-9..=w + 1e-9).contains(&p.x) && (-1e-9..=h + 1e-9).contains(&p.y)
             })
         })
@@ -376,8 +377,8 @@ mod tests {
         assert!(expected.iter().filter(|z| **z > 0.0).count() > 10_000);
     }
 
-    /// A masked pixel also masks the pixels whose bilinear footprint reaches it; pixels beyond the stored mask count as
-    /// valid.
+    /// A masked pixel also masks the pixels whose bilinear footprint includes it. Pixels beyond the
+    /// stored mask count as valid.
     #[test]
     fn a_resampled_mask_takes_all_that_a_masked_pixel_reaches() {
         let lens = Lens::new((40.0, 40.0), (10.0, 10.0), (20, 20), Distortion::None).unwrap();

@@ -31,17 +31,17 @@ pub trait ViewContent: Send + Sync + std::fmt::Debug {
     /// Names the file and the reason that it cannot be read, or that its size disagrees with the intrinsics.
     fn image(&self) -> Result<RgbImage, DatasetError>;
 
-    /// 255 for valid pixels of the photograph; `None` if the dataset excludes none. Excluded pixels are black in
-    /// [`ViewContent::image`] and have no depth.
+    /// 255 for valid pixels of the photograph; `None` if the dataset excludes none. Excluded pixels
+    /// are black in [`ViewContent::image`] and have no depth.
     ///
     /// # Errors
-    /// Names the file and the reason that it cannot be read.
+    /// Names the file and why it cannot be read.
     fn valid_pixels(&self) -> Result<Option<GrayImage>, DatasetError>;
 
     /// Ground-truth depth with the photograph's size; `None` if the dataset has none for this view.
     ///
     /// # Errors
-    /// Names the file and the reason that it cannot be read.
+    /// Names the file and why it cannot be read.
     fn depth(&self) -> Result<Option<DepthMap>, DatasetError>;
 
     /// File of the photograph; `None` if procedural.
@@ -67,14 +67,14 @@ pub trait ViewContent: Send + Sync + std::fmt::Debug {
     /// Information from the photograph's header; `None` if procedural.
     ///
     /// # Errors
-    /// Names the file and the reason that it cannot be read.
+    /// Names the file and why it cannot be read.
     fn found(&self) -> Result<Option<FoundPicture>, DatasetError> {
         Ok(None)
     }
 
-    /// The photograph with the other interpretation of its EXIF orientation, with the size of [`ViewContent::image`],
-    /// and the setting that selects it. `None` if it has no orientation, or if only one interpretation matches the
-    /// camera.
+    /// The photograph with the other interpretation of its EXIF orientation, at the size of
+    /// [`ViewContent::image`], and the setting that selects this interpretation. `None` if it has
+    /// no orientation, or if only one interpretation matches the camera.
     ///
     /// # Errors
     /// As for [`ViewContent::image`].
@@ -82,12 +82,12 @@ pub trait ViewContent: Send + Sync + std::fmt::Debug {
         Ok(None)
     }
 
-    /// Hash of the photograph: SHA-256 of the file's bytes or, for a procedural view, of the RGB bytes, as 64
-    /// lower-case hexadecimal digits.
+    /// Hash of the photograph: SHA-256 of the file's bytes or, for a procedural view, of the RGB
+    /// bytes, as 64 lower-case hexadecimal digits.
     ///
     /// # Errors
-    /// Names the file and the reason: it is missing, incomplete (as far as this is visible without decoding), or its
-    /// size differs from its camera's.
+    /// Names the file and the reason: it is missing, it is incomplete (if that can be detected
+    /// without decoding), or its size differs from its camera's.
     fn image_sha256(&self) -> Result<String, DatasetError>;
 }
 
@@ -102,7 +102,8 @@ pub struct View {
 }
 
 impl View {
-    /// The files of this view as its reader found them, relative to `folder`; files elsewhere have their whole paths.
+    /// The files of this view, as found by its reader. Paths are relative to `folder`, or complete
+    /// if a file is elsewhere.
     pub fn required_files(&self, folder: &Path) -> Vec<RequiredFile> {
         let relative = |file: &Path| {
             let inside = file.strip_prefix(folder).unwrap_or(file);
@@ -130,7 +131,7 @@ pub enum Pairing {
 /// Views in a common world coordinate system.
 #[derive(Debug, Clone)]
 pub struct Scene {
-    /// Name of the dataset instance, as given, or else the format's name.
+    /// Name of the dataset instance: the user's choice, or the format's name by default.
     pub dataset: String,
     /// Unique within the dataset; `/` separates levels.
     pub id: String,

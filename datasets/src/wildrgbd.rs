@@ -1,9 +1,10 @@
 //! WildRGB-D: phone captures of objects, with LiDAR depth in millimetres.
 //!
-//! A category has `nvs_list.json` and `scenes/scene_000/` with `rgb/00000.png`, `depth/00000.png`, `metadata` (JSON)
-//! and `cam_poses.txt` (frame number and camera-to-world matrix, metres, OpenCV axes). K in `metadata` is column-major,
-//! with the first pixel's centre at (0, 0), so 0.5 is added to the principal point. The dataset has terabytes of data,
-//! so the lists are read first, and only the folders that they name are accessed.
+//! A category has `nvs_list.json` and `scenes/scene_000/` with `rgb/00000.png`, `depth/00000.png`,
+//! `metadata` (JSON) and `cam_poses.txt` (frame number and camera-to-world matrix, metres, OpenCV
+//! axes). K in `metadata` is column-major, with the first pixel's centre at (0, 0), so 0.5 is added
+//! to the principal point. The dataset has terabytes of data, so the lists are read first, and only
+//! the folders that they list are accessed.
 
 use std::path::{Path, PathBuf};
 
@@ -29,13 +30,13 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
     page: "https://github.com/wildrgbd/wildrgbd",
     terms: "MIT (the repository's licence; no separate terms for the data)",
     may_publish: true,
-    download: "one archive in parts a category; join the parts before unpacking",
+    download: "one multi-part archive per category; join the parts before unpacking",
     size: "3.37 TB for all 46 categories, 4 TB unpacked",
     layout: "<category>/nvs_list.json, <category>/scenes/scene_*/{rgb, depth, metadata, \
              cam_poses.txt}",
     paper_column: "WildRGBD",
     paper_overlap: PaperOverlap::Dense,
-    caveat: "'validation split from nvs list in each scene' reads as scenes or as frames",
+    caveat: "'validation split from nvs list in each scene' may mean scenes or frames",
     settings: &[Setting::choice(
         "split",
         "which scenes and frames of the nvs list",
@@ -82,7 +83,7 @@ fn open(spec: &DatasetSpec) -> Result<FoundScenes, DatasetError> {
         } else {
             every_scene(&root, category)
         };
-        // A list that cannot be read, or a name that points outside, must not hide the other scenes.
+        // If a list cannot be read, or a name points outside, the other scenes must still be found.
         let folders = folders.unwrap_or_else(|error| vec![(root.id_of(category), Err(error))]);
         for (id, folder) in folders {
             let by_frame = split == "val-frames";
@@ -94,7 +95,7 @@ fn open(spec: &DatasetSpec) -> Result<FoundScenes, DatasetError> {
     spec.conclude(found, expected, categories.unsearched)
 }
 
-/// Ids and folders of a category's scenes; an error for names that are not scenes.
+/// Ids and folders of a category's scenes; an error for a name that is not a scene's.
 type Folders = Vec<(String, Result<PathBuf, DatasetError>)>;
 
 /// Folders of the scenes that the category's list names, in natural order.
@@ -108,7 +109,7 @@ fn listed_scenes(root: &Root, category: &Path, split: &str) -> Result<Folders, D
         let nested = root.resolve_listed(&file, category, &format!("scenes/{name}"))?;
         let mut both = [direct, nested].into_iter();
         let there = both.find(|folder| folder.is_dir());
-        there.ok_or_else(|| DatasetError::malformed(&file, "names scenes that are not there"))
+        there.ok_or_else(|| DatasetError::malformed(&file, "lists scenes that do not exist"))
     };
     let with_id = |name: String| match folder_of(&name) {
         Ok(folder) => (root.id_of(&folder), Ok(folder)),
@@ -130,7 +131,7 @@ fn names_in(file: &Path, key: &str) -> Result<Vec<String>, DatasetError> {
         .map(|name| match name {
             Value::String(name) => Ok(name.clone()),
             Value::Number(n) => Ok(n.to_string()),
-            other => Err(malformed(format!("'{key}' holds {other}, not a name"))),
+            other => Err(malformed(format!("'{key}' contains {other}, not a name"))),
         })
         .collect()
 }
@@ -162,7 +163,7 @@ fn read_scene(
     let wanted: Option<Vec<i64>> = if by_frame {
         let list = root.resolve(folder, LIST)?;
         let number = |name: &String| {
-            let reason = || format!("'val' holds '{name}', which is not a frame's number");
+            let reason = || format!("'val' contains '{name}', which is not a frame's number");
             number_of(name).ok_or_else(|| DatasetError::malformed(&list, reason()))
         };
         let frames = names_in(&list, "val")?;
@@ -243,7 +244,7 @@ fn read_lens(file: &Path) -> Result<Lens, DatasetError> {
         .map(|k| k.iter().filter_map(Value::as_f64).collect())
         .unwrap_or_default();
     let k = <[f64; 9]>::try_from(k).map_err(|_| malformed("'K' is not nine numbers".into()))?;
-    // K is column-major: the principal point is where a row-major K has zeros.
+    // K is column-major, so the principal point is where a row-major K has zeros.
     if k[2] != 0.0 || k[5] != 0.0 {
         return Err(malformed(
             "'K' is not column-major: its third and sixth numbers are not zero".into(),

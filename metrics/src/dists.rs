@@ -1,8 +1,9 @@
-//! DISTS (Ding et al. 2020): channel means (structure) and covariances (texture) of features.
+//! DISTS (Ding et al. 2020): compares channel means (structure) and covariances (texture) of
+//! features.
 //!
-//! There are six taps: the picture itself and five VGG16 layers with L2 pooling. Features are f32. Their sums over the
-//! picture, from which means, variances and covariances are computed, are f64: in f32 the covariance, a difference of
-//! nearly equal numbers, would be off in the third digit.
+//! There are six taps: the picture itself and five VGG16 layers with L2 pooling. Features are f32.
+//! Means, variances and covariances are computed from f64 sums over the picture: in f32 the
+//! covariance, a difference of nearly equal numbers, would be wrong in the third digit.
 
 use std::sync::Arc;
 
@@ -35,7 +36,8 @@ impl Similarity {
 #[derive(Debug)]
 pub(crate) struct Dists {
     network: Arc<Extractor>,
-    /// Weights of the structure terms for all taps' channels; with those of the texture terms they sum to 1.
+    /// Weights of the structure terms, for the channels of all taps. Together with those of the
+    /// texture terms they sum to 1.
     alpha: Vec<f64>,
     beta: Vec<f64>,
 }

@@ -31,7 +31,7 @@ pub(crate) struct Engines {
     strip: Option<usize>,
 }
 
-/// Input range and ε of a variant. Each input range requires a separate pass of the network.
+/// Input range and ε of a variant. Each input range needs its own pass of the network.
 fn convention(variant: LpipsVariant) -> (InputRange, Epsilon) {
     match variant {
         LpipsVariant::Official | LpipsVariant::BoxPaste => (InputRange::Signed, Epsilon::Outside),
@@ -105,7 +105,8 @@ impl Engines {
         Ok(distance.layers.iter().sum())
     }
 
-    /// LPIPS of version 0.0, using the network loaded for version 0.1; `None` if that is not loaded.
+    /// LPIPS of version 0.0, using the network of version 0.1; `None` if that network is not
+    /// loaded.
     pub(crate) fn lpips_v0(
         &self,
         net: LpipsNet,
@@ -132,7 +133,8 @@ impl Engines {
         let lpips = self.lpips.values().map(|engine| of(engine.network()));
         let dists = self.dists.iter().map(|engine| of(engine.network()));
         let rows = lpips.chain(dists).max().unwrap_or(0);
-        // Local distances of masked keys: at most those of one tap at full resolution, plus taps that each halve it.
+        // Local distances of masked keys: at most one tap at full resolution, and each further tap
+        // at half the resolution of the one before.
         let maps = keys.iter().filter(|key| {
             key.is_masked() && matches!(key.metric(), Metric::Lpips(_, variant) if variant != LpipsVariant::BoxPaste)
         });
@@ -140,9 +142,9 @@ impl Engines {
         rows + maps.count() * predictions * map
     }
 
-    /// Runs the learned metrics among `keys` that apply to whole pictures; returns the results of each prediction. The
-    /// target is the first of `pictures`, which must all have the same size. Maps are kept if requested and for masked
-    /// keys.
+    /// Runs the learned metrics among `keys` that apply to whole pictures; returns the results of
+    /// each prediction. The target is the first of `pictures`, which must all have the same size.
+    /// Maps are kept for masked keys, and for all keys if requested.
     pub(crate) fn run(
         &self,
         pictures: &[&Picture],

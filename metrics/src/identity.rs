@@ -1,7 +1,7 @@
-//! Keys of metrics: a separate key for every number that must not be confused with another.
+//! Keys of metrics: numbers that must not be confused have different keys.
 //!
-//! Public code computes at least eight different values under the name SSIM alone. Numbers with different keys never
-//! share a column.
+//! Under the name SSIM alone, public code computes at least eight different values. Numbers with
+//! different keys never share a column.
 
 use std::fmt;
 use std::str::FromStr;
@@ -59,7 +59,7 @@ impl LpipsNet {
     }
 }
 
-/// The input range and normalisation of an LPIPS.
+/// The input range and normalisation of LPIPS.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum LpipsVariant {
     /// As published: pictures scaled to −1..1, ε = 1e-10 added to the norm.
@@ -89,7 +89,7 @@ impl LpipsVariant {
     }
 }
 
-/// A metric without the region of pixels on which it is evaluated.
+/// A metric, without the region of pixels that it evaluates.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Metric {
     /// Peak signal-to-noise ratio of one picture, dB.
@@ -198,7 +198,8 @@ pub enum IdentityError {
     #[error("'{name}' requires a mask: use '{name}@mask' or '{name}@frustum'")]
     NeedsMask { name: String },
     #[error(
-        "'{name}' is the same as 'psnr': pictures are in 0..1 before scoring, so clipping has no effect"
+        "'{name}' is the same as 'psnr': pictures are already in 0..1 when scored, so clipping has \
+         no effect"
     )]
     ClippedPsnr { name: String },
     #[error(
@@ -252,8 +253,8 @@ impl MetricKey {
         }
     }
 
-    /// The same metric over a region; `None` if undefined: DISTS over a mask, or a mask-only metric over the whole
-    /// picture.
+    /// The same metric over a region; `None` if it is undefined there: DISTS over a mask, or a
+    /// mask-only metric over the whole picture.
     pub fn inside(self, region: MetricRegion) -> Option<Self> {
         let exists = match region {
             MetricRegion::Whole => !self.metric.needs_mask(),
@@ -278,7 +279,7 @@ impl MetricKey {
         keys
     }
 
-    /// Every key for a given mask, including those that exist only there.
+    /// Every key with a given mask, including those that exist only with a mask.
     fn with_mask_only() -> Vec<Self> {
         let mut keys = Self::all_inside(MetricRegion::Given);
         keys.retain(|key| key.metric.needs_mask());

@@ -432,8 +432,9 @@ const DISTS_256: &str = "Pictures whose shorter side exceeds 256 are first reduc
      256 (bilinear with antialiasing on 8-bit values, as PIL does).";
 const DISTS_256_SAME: &str = "Same as the reference script's prepare_image with resize=True.";
 
-/// Names of the terms into which [`Scorer::examine`](crate::Scorer::examine) splits a metric, in order: layers of the
-/// network, preceded by the picture itself for DISTS. Empty for metrics that are not split.
+/// Names of the terms into which [`Scorer::examine`](crate::Scorer::examine) splits a metric, in
+/// order: the layers of the network, and for DISTS before them the picture itself. Empty for
+/// metrics that are not split.
 pub fn term_names(metric: Metric) -> &'static [&'static str] {
     match metric {
         Metric::Psnr | Metric::PsnrFloored | Metric::Ssim(_) => &[],

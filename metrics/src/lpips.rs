@@ -71,13 +71,13 @@ pub(crate) struct Distance {
     pub(crate) maps: Vec<TapMap>,
 }
 
-/// For each tap of VGG16, the radius of the receptive field, in positions of the preceding tap, of the convolutions in
-/// between: half the side of the square, rounded down.
+/// For each tap of VGG16, the radius of the receptive field of the convolutions since the preceding
+/// tap, in positions of that tap: half the side of the square, rounded down.
 const VGG_REACH: [usize; 5] = [2, 2, 3, 3, 3];
 
 impl Distance {
-    /// Sum over VGG16's layers of the mean over positions that are not influenced by any pixel outside the mask. Pixels
-    /// beyond the picture's border count as inside. Requires maps.
+    /// Sum over VGG16's layers of the mean over those positions that no pixel outside the mask
+    /// influences. Pixels beyond the picture's border count as inside. Requires maps.
     pub(crate) fn inside_layers(&self, mask: &Mask) -> Result<f64, Unavailable> {
         let mut reached = mask.clone();
         let mut distance = 0.0;
@@ -118,9 +118,9 @@ impl Lpips {
         &self.network
     }
 
-    /// Distances of predictions from their target, with one pass of the network over each picture. For each prediction,
-    /// returns one distance per element of `epsilons`. The target is the first of `pictures`, which must all have the
-    /// same size.
+    /// Distances of predictions from their target, with one pass of the network over each picture.
+    /// Returns, for each prediction, one distance per element of `epsilons`. The target is the
+    /// first of `pictures`, which must all have the same size.
     pub(crate) fn distances(
         &self,
         pictures: &[&Picture],

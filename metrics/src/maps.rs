@@ -8,8 +8,8 @@ use rayon::prelude::*;
 pub struct ScoreMap {
     /// Local values of the metric, one per pixel.
     pub values: ImageBuffer<Luma<f32>, Vec<f32>>,
-    /// Column and row of the picture to which the first value belongs; 0 unless the metric has no values near the
-    /// border.
+    /// Column and row of the picture that the first value belongs to; 0 unless the metric has no
+    /// values near the border.
     pub origin: u32,
 }
 
@@ -76,7 +76,8 @@ mod tests {
 
     #[test]
     fn halves_and_borders() {
-        // Two columns enlarged to four: the outer ones equal the edge, the inner ones are mixed 3 : 1.
+        // Two columns enlarged to four: the outer ones equal the edges, the inner ones are mixed 3
+        // : 1.
         let map = TapMap {
             width: 2,
             height: 1,

@@ -7,7 +7,8 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use sharp_kernels::{Algorithm, InstructionSet, Simd};
 
-/// Options of the networks' computation. All except `strip_rows` affect values, in the last digits of f32.
+/// Options of the networks' computation. All except `strip_rows` affect values, but only in the
+/// last digits of f32.
 #[derive(Debug, Clone, Copy)]
 pub struct ScorerOptions {
     /// The device. `simd` and `algorithm` only apply to the CPU kernels.
@@ -20,12 +21,12 @@ pub struct ScorerOptions {
     pub strip_rows: Option<NonZeroUsize>,
 }
 
-/// Everything that affects the networks' features besides weights and pictures, for records. The number of threads has
-/// no effect on any bit, nor (with the CPU kernels) does the height of strips.
+/// Everything that affects the networks' features besides weights and pictures, for records. The
+/// number of threads does not affect any bit; nor does, with the CPU kernels, the height of strips.
 ///
-/// Features from different devices, instruction sets or algorithms differ in the last digits of f32. In JSON,
-/// `{"device": "cpu", "instruction_set": "avx512", "algorithm": "winograd"}` or `{"device": "cuda"}`; displayed as
-/// `avx512, winograd` or `candle on cuda`.
+/// Features from different devices, instruction sets or algorithms differ in the last digits of
+/// f32. In JSON, `{"device": "cpu", "instruction_set": "avx512", "algorithm": "winograd"}` or
+/// `{"device": "cuda"}`; displayed as `avx512, winograd` or `candle on cuda`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub struct Arithmetic {
     #[schemars(with = "String")]
@@ -72,13 +73,15 @@ impl Default for ScorerOptions {
     }
 }
 
-/// Device that computes the networks. Everything after their features is the same f64 code on the CPU.
+/// Device that computes the networks. Everything after their features is the same f64 code on the
+/// CPU.
 ///
-/// Devices differ in the last digits of f32, so a record states the one used.
+/// Devices differ in the last digits of f32, so a record states which one was used.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum Device {
-    /// This project's CPU kernels: the fastest on a CPU, and the ones with which all published tolerances were tested.
+    /// This project's CPU kernels: the fastest choice on a CPU. All published tolerances were
+    /// tested with them.
     #[default]
     Cpu,
     /// candle's tensors on the CPU: slow; tests the code that GPUs run.

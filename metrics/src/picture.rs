@@ -18,7 +18,7 @@ pub enum PictureError {
         "area only reduces pictures; to enlarge: bilinear, bilinear-antialias, bicubic or lanczos"
     )]
     AreaEnlarges,
-    #[error("the picture is {width}x{height}: it has no pixel")]
+    #[error("the picture is {width}x{height}: it has no pixels")]
     Empty {
         /// Width in pixels.
         width: u32,
@@ -269,7 +269,8 @@ impl Mask {
     /// picture's border count as inside.
     pub(crate) fn eroded(&self, radius: usize, beyond: bool) -> Self {
         let (width, height) = (self.width as usize, self.height as usize);
-        // One axis after the other: a pixel is kept if no pixel outside the mask is within its radius.
+        // Filter one axis, then the other: a pixel is kept if no pixel within its radius is outside
+        // the mask.
         let along = |values: &[bool], n: usize, stride: usize, lines: usize, step: usize| {
             let mut out = vec![false; values.len()];
             for line in 0..lines {

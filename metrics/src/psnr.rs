@@ -39,7 +39,7 @@ pub fn psnr(
         }
         _ => squared_error(prediction, target, mask) / samples,
     };
-    // The subtraction gives +inf for identical pictures, and 0 rather than -0 for black against white.
+    // The subtraction gives +inf for identical pictures, and avoids -0 for black against white.
     Ok(0.0 - 10.0 * mse.log10())
 }
 
@@ -66,7 +66,8 @@ fn squared_error_8bit(a: &[u8], b: &[u8], width: usize, mask: Option<&Mask>) -> 
         .sum()
 }
 
-/// At most 66,000 levels, so that the sum of squared differences does not overflow.
+/// The slices must have at most 66,000 levels, so that the sum of squared differences does not
+/// overflow.
 fn sum_of_squares(a: &[u8], b: &[u8]) -> u32 {
     a.iter()
         .zip(b)

@@ -13,7 +13,8 @@ use crate::unavailable::{ScoreError, Unavailable};
 use crate::weights::{Backbone, Weights, WeightsError, WeightsUsed};
 use crate::{dists::Similarity, lpips::Distance, psnr, ssim};
 
-/// Computes a selection of metrics. A prediction's scores depend only on the prediction, its target and the mask.
+/// Computes a selection of metrics. A prediction's scores depend on nothing but the prediction, its
+/// target and the mask.
 #[derive(Debug)]
 pub struct Scorer {
     keys: Vec<MetricKey>,
@@ -59,8 +60,8 @@ impl Scorer {
     /// Prepares a selection of metrics with the available weights.
     ///
     /// # Errors
-    /// If a weights file that a selected metric needs was given but cannot be used. Metrics whose weights were not
-    /// given are [`Unavailable`].
+    /// If a weights file that a selected metric needs was given but cannot be used. Metrics for
+    /// which no weights were given are [`Unavailable`].
     pub fn new(selection: &Selection, weights: &Weights) -> Result<Self, WeightsError> {
         Self::with_options(selection, weights, ScorerOptions::default())
     }
@@ -83,7 +84,7 @@ impl Scorer {
         })
     }
 
-    /// A scorer for some of the metrics, in this scorer's order; shares the networks.
+    /// A scorer for some of the metrics, in this scorer's order; both share the networks.
     #[must_use]
     pub fn restricted(&self, keys: &[MetricKey]) -> Self {
         let kept = self.keys.iter().copied();
@@ -94,11 +95,11 @@ impl Scorer {
         }
     }
 
-    /// LPIPS of version 0.0, which is not a column; used to identify the origin of a number. `None` unless a metric
-    /// with that network is selected and its weights are available.
+    /// LPIPS of version 0.0, which is not a column; used to find the origin of a number. `None`
+    /// unless a metric with that network is selected and its weights are available.
     ///
     /// # Errors
-    /// The reason that there is no value for these pictures, which must have the same size.
+    /// Why there is no value for these pictures, which must have the same size.
     pub fn lpips_v0(
         &self,
         net: LpipsNet,
@@ -130,8 +131,8 @@ impl Scorer {
         &self.engines.used
     }
 
-    /// The metrics for whose network no weights are available, each with that network; they have no value for any
-    /// picture.
+    /// The metrics that have no value for any picture because no weights are available for their
+    /// network, each with that network.
     pub fn missing_weights(&self) -> impl Iterator<Item = (MetricKey, Backbone)> + '_ {
         let used = |backbone| self.weights().iter().any(|used| used.backbone == backbone);
         let needed = self.keys.iter();
@@ -190,15 +191,15 @@ impl Scorer {
         results
     }
 
-    /// Approximate memory in bytes that [`score_all`](Self::score_all) uses for predictions of a size, in addition to
-    /// the pictures and the networks' weights: the rows that the networks buffer for each picture, and the local
-    /// distances of masked metrics. Device memory is not included.
+    /// Approximate memory in bytes that [`score_all`](Self::score_all) uses for predictions of a
+    /// size: the rows that the networks buffer for each picture, and the local distances of masked
+    /// metrics. The pictures, the networks' weights and device memory are not included.
     pub fn memory_bytes(&self, size: (u32, u32), predictions: usize) -> u64 {
         self.engines.memory(size, predictions, &self.keys) as u64
     }
 
-    /// [`score`](Self::score), together with the terms of LPIPS and DISTS and, if requested, the maps of SSIM and
-    /// LPIPS, for the cost of scoring alone. Terms and maps cover the whole picture.
+    /// [`score`](Self::score), with the terms of LPIPS and DISTS and, if requested, the maps of
+    /// SSIM and LPIPS, at no extra cost. Terms and maps cover the whole picture.
     ///
     /// # Errors
     /// As for [`score`](Self::score).
@@ -445,8 +446,9 @@ mod tests {
         };
         let (whole, full) = masked(&|_, _| true);
         assert!((whole - full.unwrap()).abs() < 1e-6);
-        // Columns 0 and 1 are outside the mask. They influence 4 columns at the first layer; after halving 2, plus the
-        // second layer's reach of 2 is 4; then 2 + 3, 3 + 3 and 3 + 3 of 32, 16 and 8.
+        // Columns 0 and 1 are outside the mask. They influence 4 columns of the first layer.
+        // Halving makes these 2, and the second layer's reach of 2 makes them 4; then 2 + 3, 3 + 3
+        // and 3 + 3 of 32, 16 and 8 columns.
         let engine = scorer
             .engines
             .run(&[&b, &a], &[MetricKey::LPIPS, scorer.keys()[0]], true);
@@ -470,7 +472,7 @@ mod tests {
         let (_, found) = masked(&|x, _| x > 1);
         let found = found.unwrap();
         assert!((found - expected).abs() < 1e-6, "{found} {expected}");
-        // Half the picture leaves no position of the last layers.
+        // With less than half of the picture inside, no position of the last layers remains.
         let (_, nothing) = masked(&|x, _| x > 100);
         assert_eq!(nothing, Err(Unavailable::EmptyMask));
     }
@@ -588,7 +590,8 @@ mod tests {
         }
     }
 
-    /// Scores 1, 3 and all predictions together, and compares the bits with those of each one scored alone.
+    /// Scores 1, 3 and all predictions together, and compares the bits with those of the
+    /// predictions scored one by one.
     fn assert_as_alone(scorer: &Scorer, target: &Picture, predictions: &[Picture], mask: &Mask) {
         let bits = |scores: Result<Scores, ScoreError>| {
             let scores = scores.map(|scores| {

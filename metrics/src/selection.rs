@@ -5,8 +5,9 @@ use crate::identity::{Family, IdentityError, MetricKey, MetricRegion};
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Selected {
     pub key: MetricKey,
-    /// True if the metric was requested by key, alias or family name. Such a metric must be computed, or else the
-    /// request fails; one that was included by `paper` or `all` may be listed as unavailable.
+    /// True if the metric was requested by key, alias or family name. The request fails if such a
+    /// metric cannot be computed; a metric included by `paper` or `all` may be listed as
+    /// unavailable.
     pub explicit: bool,
 }
 
@@ -93,8 +94,8 @@ impl Selection {
             .any(|entry| entry.key == key && entry.explicit)
     }
 
-    /// This selection, in which each metric over the whole picture is followed by its variant for `region`, if it
-    /// exists.
+    /// This selection with each metric over the whole picture followed by its variant for `region`,
+    /// if that exists.
     #[must_use]
     pub fn with_region(&self, region: MetricRegion) -> Self {
         let mut selection = Self { entries: vec![] };

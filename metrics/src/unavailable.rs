@@ -1,4 +1,4 @@
-//! Reasons that a metric has no value.
+//! Reasons why a metric has no value.
 
 use crate::options::Device;
 use crate::picture::PictureError;

@@ -1,5 +1,6 @@
-//! Renders whole frames of the speed scene. CPU times are seconds of the process, summed over threads, which a busy
-//! machine distorts less than wall time. With the feature `gpu`, every adapter is also measured, in wall time.
+//! Renders whole frames of the speed scene. CPU times are seconds of the process, summed over
+//! threads; a busy machine distorts them less than wall time. With the feature `gpu`, also measures
+//! every adapter, in wall time.
 //!
 //! `cargo bench -p sharp --features gpu --bench render`
 

@@ -9,7 +9,7 @@ use glam::{DAffine3, DMat3, DMat4, DVec2, DVec3};
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum CameraError {
     /// An entry is NaN or infinite.
-    #[error("{what} holds a value that is not finite")]
+    #[error("{what} has a value that is not finite")]
     NotFinite { what: &'static str },
     /// A focal length is zero or negative, or the image has no pixel.
     #[error("intrinsics are degenerate: fx {fx}, fy {fy}, image {width}x{height}")]
@@ -25,7 +25,8 @@ pub enum CameraError {
         Intrinsics::MAX_PIXELS
     )]
     TooLarge { width: u32, height: u32 },
-    /// The 3×3 part deviates from a rotation by more than [`RigidTransform::ORTHONORMALITY_TOLERANCE`].
+    /// The 3×3 part differs from a rotation by more than
+    /// [`RigidTransform::ORTHONORMALITY_TOLERANCE`].
     #[error(
         "pose is not rigid: |R Rᵀ - I| is {deviation:.3e} and det R is {determinant:.6} \
          (a scaled, mirrored or transposed matrix?)"

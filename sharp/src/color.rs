@@ -30,7 +30,7 @@ pub fn srgb_from_linear(x: f32) -> f32 {
     }
 }
 
-/// Rule to quantise a value in 0..1 to one of 256 levels.
+/// Rule for quantising a value in 0..1 to one of 256 levels.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Quantization {
     /// To the nearest level, as in scoring.
@@ -49,7 +49,7 @@ impl std::fmt::Display for Quantization {
     }
 }
 
-/// The 8-bit level of a value in 0..1; clamped first, NaN becomes 0.
+/// The 8-bit level of a value, which is first clamped to 0..1; NaN becomes 0.
 pub fn quantize(x: f32, rule: Quantization) -> u8 {
     let level = x.clamp(0.0, 1.0) * 255.0;
     // `as` saturates and maps NaN to 0.

@@ -1,8 +1,8 @@
 //! Combines base Gaussians and the network's deltas into the predicted Gaussians.
 //!
-//! Each attribute is refined in the space of an activation function, so that any real delta gives a valid value. The
-//! activations are evaluated in f64 and rounded once, because `log(1 − exp(−t))` loses digits in f32 exactly where most
-//! depths are.
+//! Each attribute is refined in the space of an activation function, so that any real delta gives a
+//! valid value. The activations are evaluated in f64 and rounded once, because in f32
+//! `log(1 − exp(−t))` loses digits exactly where most depths are.
 
 #[cfg(feature = "render")]
 mod backward;
@@ -14,13 +14,14 @@ use crate::color::linear_from_srgb;
 use crate::gaussians::{Gaussians, Harmonics};
 use crate::initializer::BaseGaussians;
 
-/// Factors of the deltas, as in the release; the others are 1.
+/// Factors of the deltas, as in the release; factors not listed are 1.
 const XY_FACTOR: f32 = 1e-3;
 const INVERSE_DEPTH_FACTOR: f32 = 1e-3;
 const COLOR_FACTOR: f32 = 0.1;
 /// Maximum multiple of the base scale; the minimum is 0.
 const MAX_SCALE: f64 = 10.0;
-/// Steepness of the scale's logistic curve, chosen so that it has slope 1 where its value is 1.
+/// Steepness of the logistic curve for scales, chosen so that the curve has slope 1 where its value
+/// is 1.
 const SCALE_SLOPE: f64 = MAX_SCALE / (MAX_SCALE - 1.0);
 
 /// Number of deltas per Gaussian: x, y, inverse depth; three scales; quaternion w, x, y, z; r, g, b; opacity.
@@ -119,7 +120,7 @@ fn logit(p: f64) -> f64 {
 }
 
 fn softplus(x: f64) -> f64 {
-    // As defined in the release, the function is the identity above 20.
+    // The release defines the function as the identity above 20.
     if x > 20.0 { x } else { x.exp().ln_1p() }
 }
 

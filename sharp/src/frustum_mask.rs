@@ -41,11 +41,11 @@ impl Default for FrustumMaskOptions {
     }
 }
 
-/// Unprojects every pixel of the `target` camera with its `depth`, projects the point into the `source`, and keeps the
-/// pixel if |x| and |y| are within the margin.
+/// Unprojects every pixel of the `target` camera with its `depth`, projects the point into the
+/// `source`, and keeps the pixel if |x| and |y| are within the margin.
 ///
-/// The paper's formula also accepts points behind the source camera; here they are outside (z > 0 is required), as are
-/// pixels without valid depth. There is no test for occlusion.
+/// The paper's formula also accepts points behind the source camera. Here they are outside (z > 0
+/// is required), and so are pixels without valid depth. Occlusion is not tested.
 pub fn frustum_mask(
     depth: &DepthMap,
     target: &Intrinsics,
@@ -168,8 +168,8 @@ mod tests {
 
     #[test]
     fn the_sources_bounds_are_counted_from_its_first_pixels_centre() {
-        // f = w / 2 and depth 2: a source 1 to the right sees pixel x at x - 1, so the first column's centre is
-        // projected to -0.5, outside the picture, and all others inside.
+        // f = w / 2 and depth 2: a source 1 to the right sees pixel x at x - 1. The centres of the
+        // first column are projected to -0.5, outside the picture; those of all others inside it.
         let target = DepthMap::from_pixel(4, 4, Luma([2.0]));
         let mask = |x: f64| source_bounds_mask(&target, &camera(4), &camera(4), &shifted(x, 0.0));
         let columns = |mask: FrustumMask| -> Vec<u8> { mask.as_raw()[..4].to_vec() };

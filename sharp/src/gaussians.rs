@@ -12,8 +12,8 @@ pub struct LengthMismatch {
     pub scales: usize,
     pub opacities: usize,
     pub colors: usize,
-    /// Number of Gaussians with coefficients of view-dependent colour; equals that of the means if colours do not
-    /// depend on the view.
+    /// Number of Gaussians that have coefficients of view-dependent colour; if colours do not
+    /// depend on the view, the number of means.
     pub harmonics: usize,
 }
 
@@ -22,8 +22,8 @@ pub struct LengthMismatch {
 pub struct Harmonics {
     /// 0 to [`Self::MAX_DEGREE`]; 0 if colours do not depend on the view.
     pub degree: usize,
-    /// `[N, (degree + 1)² − 1, 3]`: RGB coefficients of the harmonics `k = l² + l + m`, `k` ≥ 1, in the coordinate
-    /// system of the means.
+    /// `[N, (degree + 1)² − 1, 3]`: RGB coefficients of the harmonics with index `k = l² + l + m`,
+    /// `k` ≥ 1, in the coordinate system of the means.
     pub coefficients: Vec<[f32; 3]>,
 }
 
@@ -94,7 +94,7 @@ impl Gaussians {
         Ok(new)
     }
 
-    /// The check of [`Self::new`], for containers built field by field.
+    /// Like the check of [`Self::new`], for containers built field by field.
     ///
     /// # Errors
     /// [`LengthMismatch`] with every length.
@@ -156,7 +156,7 @@ impl Gaussians {
             let [qw, qx, qy, qz] = *quaternion;
             *quaternion = [qw, qx * y * z, qy * x * z, qz * x * y];
         }
-        // Each harmonic is odd or even in each axis. Listed in order of their index, starting at 1.
+        // Each harmonic is odd or even in each axis. Listed by index, from 1.
         let parity = [
             [y, z, x].as_slice(),
             &[x * y, y * z, 1.0, x * z, 1.0],

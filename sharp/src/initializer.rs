@@ -24,7 +24,7 @@ pub enum InitializerError {
         found: usize,
     },
     /// A side is zero or not a multiple of the stride, or there are no layers.
-    #[error("a grid of {0:?} is empty or not a whole number of blocks")]
+    #[error("a grid of {0:?} is empty or cannot be divided into whole blocks")]
     Grid(Grid),
     /// A predictor's depth is NaN, infinite or not positive.
     #[error("{count} of {total} depth values are not finite and positive")]
@@ -74,7 +74,8 @@ impl Grid {
         self.columns() * self.rows()
     }
 
-    /// Standard deviation of a Gaussian at depth 1. Depends on the width only, even if the picture is not square.
+    /// Standard deviation of a Gaussian at depth 1. Depends only on the picture's width, even if it
+    /// is not square.
     fn size_at_unit_depth(&self) -> f32 {
         2.0 * self.stride as f32 / self.width as f32
     }
@@ -126,8 +127,8 @@ fn check_length(
 pub enum InvalidDepth {
     /// An error: predictors never produce such values.
     Refuse,
-    /// For measured depth, which has holes: minimum and pooling use valid pixels only, and blocks without valid pixels
-    /// are omitted.
+    /// For measured depth, which has holes: minimum and pooling use valid pixels only, and blocks
+    /// without a valid pixel are omitted.
     Skip,
 }
 
@@ -386,7 +387,8 @@ mod tests {
         let base = BaseGaussians::new(&image(), &holed, GRID, InvalidDepth::Skip).unwrap();
         assert_eq!(base.dropped(), 1);
         assert_eq!(base.inverse_depth[1], 0.0);
-        // Nearest valid value of the first block is now 3, which is also the nearest of all.
+        // The nearest valid value of the first block is now 3, which is also the nearest of the
+        // whole picture.
         assert!((base.inverse_depth[0] - 1.0).abs() < 1e-6);
         assert!((base.global_scale - 3.0).abs() < 1e-5);
     }

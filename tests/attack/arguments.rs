@@ -1,10 +1,10 @@
-//! Options with values that nobody means.
+//! Options with unintended values.
 
 use std::sync::LazyLock;
 
 use super::case::{Case, Verdict};
 
-/// Option and value; whether a run with it has to have the scores of one without.
+/// Option, value, and whether a run with them must have the same scores as a run without.
 const OPTIONS: [(&str, &str, bool); 45] = [
     ("--limit", "0", false),
     ("--limit", "-1", false),
@@ -72,7 +72,7 @@ static SCORES: LazyLock<Result<String, String>> = LazyLock::new(|| {
 
 pub(crate) fn options(case: &mut Case) -> Result<Verdict, String> {
     let (option, value, is_harmless) = *case.random.pick(&OPTIONS);
-    // What a message names: the option, its value, or the part of it that is wrong.
+    // A message must name the option, its value, or the wrong part of the value.
     case.note(
         format!("{option} {value:?}"),
         option.trim_start_matches('-'),

@@ -1,4 +1,4 @@
-//! Bundles of scores, histories and gates that were spoiled.
+//! Damaged bundles of scores, histories and gates.
 
 use std::sync::LazyLock;
 
@@ -19,7 +19,7 @@ const RUN: [&str; 9] = [
 
 const GATE: &str = "fail_if = [\"psnr < -0.5\", \"|psnr| > 9 on S\", \"psnr < -90 per scene\"]\nmissing_pairs = 0\n";
 
-/// Bundles of two runs, a history of both, a gate, and what `compare` says.
+/// Bundles of two runs, a history of both, a gate, and the result of `compare`.
 static WHOLE: LazyLock<Result<(Case, serde_json::Value), String>> = LazyLock::new(|| {
     let mut case = Case::new("whole", 1);
     for (out, method) in [("a", "copy:label=m"), ("b", "mean:label=m")] {
@@ -64,7 +64,7 @@ pub(crate) fn bundles(case: &mut Case) -> Result<Verdict, String> {
         if !matches!(said.code, 0 | 3 | 5) {
             return Ok(Verdict::Error);
         }
-        // Whatever is asked, differences are those of the runs.
+        // For any request, the differences are those of the runs.
         let psnr = rows[0]["difference"].as_f64();
         let json = said.json()?;
         let checks = json["gate"]["checks"].as_array().ok_or("no checks")?;
@@ -99,7 +99,7 @@ pub(crate) fn bundles(case: &mut Case) -> Result<Verdict, String> {
         .find(|row| first(row))
         .and_then(|row| row["mean"].as_f64());
     let expected = rows[0]["mean_a"].as_f64();
-    // Sums by scene and by pair round differently.
+    // Sums over scenes and over pairs round differently.
     match mean.zip(expected) {
         Some((mean, expected)) if (mean - expected).abs() < 1e-12 => Ok(Verdict::Number),
         _ => Err(format!("another mean: {}", said.out)),

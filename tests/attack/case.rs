@@ -1,4 +1,4 @@
-//! One case: a folder, a stream of random numbers, and the binary within limits.
+//! A case: a folder, a sequence of random numbers, and limits for the binary.
 
 use std::fs::File;
 use std::os::unix::process::{CommandExt, ExitStatusExt};
@@ -12,25 +12,25 @@ use tempfile::TempDir;
 /// Address space of one invocation, KiB.
 const MEMORY_KIB: u64 = 3 << 20;
 
-/// Memory that one invocation may touch, bytes.
+/// Maximum resident memory of one invocation, bytes.
 const RESIDENT: u64 = 1 << 30;
 
-/// One invocation takes at most this long; most take a tenth of a second.
+/// Maximum time of one invocation; most take a tenth of a second.
 const PATIENCE: Duration = Duration::from_secs(40);
 
-/// Bytes that an invocation may write to each of its outputs.
+/// Maximum number of bytes that an invocation may write to each of its outputs.
 const OUTPUT: u64 = 1 << 20;
 
-/// How a case ended well.
+/// Acceptable ends of a case.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Verdict {
-    /// It was refused, or recorded as a failure, with a reason that names what is wrong.
+    /// It was refused, or recorded as a failure, and the reason names what is wrong.
     Error,
-    /// It gave a number that the oracle has too.
+    /// It gave the same number as the oracle.
     Number,
 }
 
-/// What an invocation said.
+/// The output of an invocation.
 pub(crate) struct Said {
     pub(crate) code: i32,
     pub(crate) out: String,
@@ -48,9 +48,9 @@ pub(crate) struct Case {
     seed: u64,
     dir: TempDir,
     pub(crate) random: Random,
-    /// What was done, for whoever repeats it.
+    /// Steps done so far, for repeating the case.
     history: Vec<String>,
-    /// What a message may name besides paths in the case's folder.
+    /// What a message may name, in addition to paths in the case's folder.
     names: Vec<String>,
 }
 
@@ -86,18 +86,18 @@ impl Case {
         String::from_utf8_lossy(&std::fs::read(self.path(name)).unwrap_or_default()).into_owned()
     }
 
-    /// Says what was done, and what a message about it would name.
+    /// Records a step, and what a message about it would name.
     pub(crate) fn note(&mut self, what: impl Into<String>, name: &str) {
         self.history.push(what.into());
         self.may_name(name);
     }
 
-    /// What else a message may name.
+    /// Adds something that a message may name.
     pub(crate) fn may_name(&mut self, name: &str) {
         self.names.push(name.to_owned());
     }
 
-    /// How to repeat a case that failed. Its folder stays.
+    /// How to repeat a failed case. Its folder is kept.
     pub(crate) fn failure(mut self, what: &str) -> String {
         self.dir.disable_cleanup(true);
         format!(
@@ -110,8 +110,9 @@ impl Case {
         )
     }
 
-    /// Runs the binary in the case's folder. Whatever it was asked, it ends by itself, soon, within its memory, without
-    /// a panic, with a documented exit code, and writes nothing that a terminal would obey.
+    /// Runs the binary in the case's folder. Whatever the request, it must end by itself, in time,
+    /// within its memory, without a panic and with a documented exit code, and it must not write
+    /// anything that a terminal would interpret.
     pub(crate) fn run(&mut self, args: &[&str]) -> Result<Said, String> {
         let quoted: Vec<String> = args.iter().map(|arg| format!("'{arg}'")).collect();
         self.history
@@ -173,13 +174,14 @@ impl Case {
         }
         match code {
             1 => self.judge_error(err),
-            // clap adds what to try.
+            // clap adds suggestions.
             2 if !err.contains("error: ") => Err(format!("no error: {err}")),
             _ => Ok(()),
         }
     }
 
-    /// One line, the last one, that names a file, an option or what was noted.
+    /// The error must be a single line, the last one, and name a file, an option or something
+    /// noted.
     fn judge_error(&self, err: &str) -> Result<(), String> {
         let mut errors = err.lines().filter(|line| line.starts_with("error: "));
         let (Some(error), None) = (errors.next(), errors.next()) else {
@@ -191,7 +193,7 @@ impl Case {
         self.judge_reason(error)
     }
 
-    /// A reason is one line of bounded length that names something.
+    /// A reason must be a single line of limited length that names something.
     pub(crate) fn judge_reason(&self, reason: &str) -> Result<(), String> {
         let known = self.names.iter().any(|name| reason.contains(name.as_str()));
         let folder = self.dir.path().file_name().unwrap().to_string_lossy();
@@ -204,7 +206,7 @@ impl Case {
         }
     }
 
-    /// For an invocation that must not succeed.
+    /// Runs an invocation that must not succeed.
     pub(crate) fn refused(&mut self, args: &[&str]) -> Result<Verdict, String> {
         let said = self.run(args)?;
         match said.code {
@@ -214,7 +216,7 @@ impl Case {
     }
 }
 
-/// Most memory that a process has touched so far.
+/// Peak resident memory of a process so far.
 fn peak_bytes(pid: u32) -> u64 {
     let status = std::fs::read_to_string(format!("/proc/{pid}/status")).unwrap_or_default();
     let peak = status.lines().find_map(|line| line.strip_prefix("VmHWM:"));
@@ -237,7 +239,8 @@ fn said(status: ExitStatus, outputs: &[PathBuf; 2]) -> Result<Said, String> {
     }
 }
 
-/// What a terminal or a page would obey: control characters, and marks that turn the direction of text.
+/// Characters that a terminal or a page would interpret: control characters, and marks that change
+/// the direction of text.
 pub(crate) fn is_obeyed(c: char) -> bool {
     let turns = matches!(c, '\u{61c}' | '\u{200e}' | '\u{200f}' | '\u{202a}'..='\u{202e}' | '\u{2066}'..='\u{2069}');
     turns || (c.is_control() && c != '\n' && c != '\t')

@@ -1,4 +1,4 @@
-//! Small datasets in every layout with one file spoiled.
+//! Small datasets in every layout, with one damaged file.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -10,7 +10,7 @@ use super::case::{Case, Verdict};
 use super::oracle::{Known, judge_run, psnr_of_files, rows};
 use super::spoil;
 
-/// Format with settings, whose pictures are scored as they are.
+/// Formats, with settings for which pictures are scored unchanged.
 const FORMATS: [&str; 9] = [
     "booster",
     "colmap",
@@ -23,7 +23,7 @@ const FORMATS: [&str; 9] = [
     "wildrgbd",
 ];
 
-/// By role, how the names of files end.
+/// Endings of file names, by role.
 const METADATA: [&str; 7] = [".txt", ".xml", ".json", ".log", "metadata", "split", ".csv"];
 const DEPTH_FOLDERS: [&str; 4] = ["depth", "disp", "ground_truth_depth", "render_depth"];
 
@@ -61,7 +61,7 @@ fn is_depth(name: &str) -> bool {
     !name.ends_with(".txt") && DEPTH_FOLDERS.iter().any(|part| name.contains(part))
 }
 
-/// Copies the dataset of a format into a case: no lens distorts its pictures and no mask excludes their pixels.
+/// Copies the dataset of a format into a case, without lens distortion and masks.
 fn put(case: &Case, format: &str) -> Vec<String> {
     let root = Path::new(env!("CARGO_MANIFEST_DIR"))
         .join("../tests/fuzz/datasets")
@@ -112,7 +112,7 @@ fn evaluate(case: &mut Case, format: &str) -> Result<super::case::Said, String> 
     ])
 }
 
-/// Scores of the unharmed datasets.
+/// Scores of the undamaged datasets.
 static UNHARMED: LazyLock<Mutex<BTreeMap<String, String>>> = LazyLock::new(Mutex::default);
 
 fn unharmed(format: &str) -> Result<String, String> {
@@ -147,7 +147,7 @@ fn attack(
     };
     let name = case.random.pick(&names).clone();
     let harmless = spoil::file(case, &name, spoil);
-    // What a message may name instead: the dataset, its scene, or a file beside it.
+    // A message may name the dataset, its scene, or a file next to it instead.
     for word in ["data", "D/", "D:"] {
         case.may_name(word);
     }

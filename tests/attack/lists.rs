@@ -1,4 +1,4 @@
-//! Pair lists, what stands beside them, and kept overlaps.
+//! Pair lists, the files next to them, and cached overlaps.
 
 use std::collections::BTreeMap;
 use std::sync::LazyLock;
@@ -12,7 +12,7 @@ const DATASET: &str = "S:synthetic=size=32x24,views=5";
 /// By source and target.
 type Copies = BTreeMap<(String, String), f64>;
 
-/// PSNR of a copy, of every ordered pair: the target's own pictures against each other.
+/// PSNR of a copy for every ordered pair, computed from the dataset's pictures.
 static COPIES: LazyLock<Result<Copies, String>> = LazyLock::new(|| {
     let mut case = Case::new("copies", 0);
     let said = case.run(&[
@@ -113,7 +113,7 @@ pub(crate) fn pairs(case: &mut Case) -> Result<Verdict, String> {
             listed.len()
         ));
     }
-    // What the run says it was made from is what lies there.
+    // The number of listed pairs in the manifest must be that of the list in the folder.
     let manifest: serde_json::Value = serde_json::from_str(&case.read("r/manifest.json")).unwrap();
     match manifest["pairs"]["listed"].as_u64()
         == Some(rows(&case.path("r/pairs.csv"))?.len() as u64)

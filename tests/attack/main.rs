@@ -1,13 +1,14 @@
-//! The attack: hostile invocations of the real binary, generated from seeds. Each has to end as users may expect of it:
-//! with a clean error, or with a number that an oracle of its own finds right.
+//! The attack: hostile invocations of the real binary, generated from seeds. Each must end as users
+//! may expect: with a clean error, or with a number that an independent oracle confirms.
 //!
-//! * `case`: one invocation with its limits, and what must hold of any.
-//! * `oracle`: numbers computed here, to compare with.
-//! * `spoil`: what is done to files and texts.
-//! * the others: the kinds of attack, by what is hostile.
+//! * `case`: one invocation with its limits, and conditions that any invocation must meet.
+//! * `oracle`: independently computed numbers.
+//! * `spoil`: ways to damage files and texts.
+//! * the others: kinds of attack, by the hostile input.
 //!
-//! `SHARP_ATTACK_CASES` is how many there are of all kinds together, `SHARP_ATTACK_SEED` the first seed; a case depends on
-//! its kind and seed alone. A failing one says how to repeat it, and keeps its folder.
+//! `SHARP_ATTACK_CASES` is the number of cases of all kinds together, `SHARP_ATTACK_SEED` the first
+//! seed; a case depends only on its kind and seed. A failing case reports how to repeat it, and
+//! keeps its folder.
 
 #![allow(
     clippy::unwrap_used,
@@ -36,10 +37,10 @@ use std::time::Instant;
 use case::{Case, Verdict};
 use libtest_mimic::{Arguments, Trial};
 
-/// One case; what went wrong otherwise.
+/// Runs one case; an error describes what went wrong.
 type Attack = fn(&mut Case) -> Result<Verdict, String>;
 
-/// What is hostile, and the attack.
+/// The hostile input and the attack.
 const KINDS: [(&str, Attack); 15] = [
     ("arguments", arguments::options),
     ("bundles", bundles::bundles),
@@ -58,10 +59,10 @@ const KINDS: [(&str, Attack); 15] = [
     ("run_folders", runs::runs),
 ];
 
-/// Cases of all kinds together where no number is given.
+/// Default number of cases of all kinds together.
 const CASES: u64 = 45;
 
-/// Of a kind: clean errors, right numbers, failures.
+/// For one kind: numbers of clean errors, right numbers and failures.
 type Tally = [u64; 3];
 
 static TALLIES: Mutex<[Tally; KINDS.len()]> = Mutex::new([[0; 3]; KINDS.len()]);

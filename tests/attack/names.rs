@@ -1,4 +1,4 @@
-//! Names that mean something to whoever reads them: terminals, pages, spreadsheets, file systems.
+//! Names with a special meaning to terminals, pages, spreadsheets or file systems.
 
 use std::path::Path;
 
@@ -96,7 +96,7 @@ pub(crate) fn names(case: &mut Case) -> Result<Verdict, String> {
             }
         }
     }
-    // The list is read again, and is the same.
+    // If the list is read again, it is the same.
     let again = case.run(
         &[
             &["run"],

@@ -1,4 +1,4 @@
-//! Numbers computed here: from decoded pixels, without any code of the product.
+//! Independently computed numbers, from decoded pixels, without code of the product.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -7,7 +7,7 @@ use image::RgbImage;
 
 use super::case::{Case, Said, Verdict};
 
-/// Relative error of a PSNR; both sides sum squares of whole numbers in f64.
+/// Relative tolerance of a PSNR; both sides sum squares of integers in f64.
 const TOLERANCE: f64 = 1e-9;
 
 /// Rows of a CSV file by column.
@@ -26,7 +26,7 @@ pub(crate) fn rows(path: &Path) -> Result<Rows, String> {
     Ok(rows)
 }
 
-/// Peak signal-to-noise ratio, dB; infinite for equal pictures, none for unequal sizes.
+/// Peak signal-to-noise ratio, dB; infinite for equal pictures, `None` for unequal sizes.
 pub(crate) fn psnr(a: &RgbImage, b: &RgbImage) -> Option<f64> {
     if a.dimensions() != b.dimensions() {
         return None;
@@ -39,7 +39,7 @@ pub(crate) fn psnr(a: &RgbImage, b: &RgbImage) -> Option<f64> {
     Some(20.0 * 255_f64.log10() - 10.0 * mean.log10())
 }
 
-/// The pixels of a file, whatever its name; none where its bytes are no picture.
+/// The pixels of a file, whatever its name; `None` if its bytes are not a picture.
 pub(crate) fn pixels(path: &Path) -> Option<RgbImage> {
     let reader = image::ImageReader::open(path)
         .ok()?
@@ -53,8 +53,8 @@ pub(crate) fn same(found: &str, expected: f64) -> bool {
     found == expected || (found - expected).abs() <= TOLERANCE * expected.abs()
 }
 
-/// What a run gave: a clean error, or rows that failed for a reason or have the number of the oracle, which is asked for a
-/// row and knows some; `None` if it knows that there can be none.
+/// Judges a run: it must end with a clean error, or with rows that failed for a reason or have the
+/// oracle's number, if the oracle knows one.
 pub(crate) fn judge_run(
     case: &Case,
     said: &Said,
@@ -68,7 +68,7 @@ pub(crate) fn judge_run(
     let mut verdict = Verdict::Error;
     for row in &rows {
         if row["status"] != "ok" {
-            // A view names itself.
+            // A reason may name a view of its pair.
             let is_of_view = [&row["source"], &row["target"]]
                 .iter()
                 .any(|view| row["reason"].starts_with(&format!("{view}: ")));
@@ -95,10 +95,10 @@ pub(crate) fn judge_run(
     }
 }
 
-/// What the oracle knows of a row's PSNR.
+/// What is known about a row's PSNR.
 pub(crate) enum Known {
     Number(f64),
-    /// Why there can be none.
+    /// There cannot be a PSNR, for this reason.
     Impossible(&'static str),
     Nothing,
 }

@@ -1,4 +1,4 @@
-//! Pictures that are handed in to be scored.
+//! External pictures to be scored.
 
 use exr::prelude::write_rgb_file;
 use image::{ImageFormat, Rgb, RgbImage};
@@ -33,7 +33,8 @@ fn floats(image: &RgbImage) -> Vec<u8> {
         .collect()
 }
 
-/// Writes a picture; the forms with floats hold whole 255ths, so that rounding gives the same bytes again.
+/// Writes a picture; formats with floats get multiples of 1/255, so that rounding gives the same
+/// bytes again.
 fn put(case: &Case, name: &str, image: &RgbImage) {
     let extension = name.rsplit('.').next().unwrap();
     let (width, height) = image.dimensions();
@@ -74,8 +75,8 @@ fn put(case: &Case, name: &str, image: &RgbImage) {
 
 const FORMS: [&str; 5] = ["png", "jpg", "npy", "safetensors", "exr"];
 
-/// What a spoiled picture's score can be, if it is one of 8 bits. Of floats only this is known: the same bytes, the same
-/// score.
+/// The possible score of a damaged picture, if it has 8 bits. For floats it is only known that
+/// equal bytes give equal scores.
 fn known(case: &Case, name: &str, before: &[u8], image: &RgbImage, target: &RgbImage) -> Known {
     let path = case.path(name);
     if std::fs::read(&path).is_ok_and(|bytes| bytes == before) {
@@ -144,7 +145,7 @@ pub(crate) fn metrics(case: &mut Case) -> Result<Verdict, String> {
     let rows = rows(&case.path("s.csv"))?;
     match known(case, &name, &before, &image, &target) {
         Known::Number(expected) if same(&rows[0]["psnr"], expected) => Ok(Verdict::Number),
-        // A float is scored as it is: rounding to f32 moves a level of 255 by 3e-8 at most.
+        // Floats are scored unchanged; rounding to f32 changes a level of 255 by at most 3e-8.
         Known::Number(expected) if !name.ends_with('g') => {
             let found: f64 = rows[0]["psnr"].parse().unwrap();
             match (found - expected).abs() < 1e-5 {
@@ -166,7 +167,7 @@ pub(crate) fn metrics(case: &mut Case) -> Result<Verdict, String> {
     }
 }
 
-/// The four pairs of the procedural scene that are predicted.
+/// The four pairs of the procedural scene that have predictions.
 const RUN: [&str; 8] = [
     "run",
     "--dataset",
@@ -220,7 +221,7 @@ pub(crate) fn predictions(case: &mut Case) -> Result<Verdict, String> {
     } else {
         spoil::file(case, &made[which].1.clone(), spoil::binary);
     }
-    // The reasons of others name the folder.
+    // Reasons for the other pairs name the folder.
     case.may_name("mine");
     let method = if crops {
         "imported:dir=mine,crop=sidecar"
@@ -231,7 +232,7 @@ pub(crate) fn predictions(case: &mut Case) -> Result<Verdict, String> {
     judge_run(case, &said, "r", &|row| {
         let (id, name, before, image, target) =
             made.iter().find(|made| made.0 == row["pair_id"]).unwrap();
-        // A spoiled crop may still be one.
+        // A damaged crop may still be valid.
         if sidecar && *id == ids[which] {
             return Known::Nothing;
         }

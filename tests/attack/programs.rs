@@ -1,9 +1,9 @@
-//! Programs of others that misbehave.
+//! External programs that misbehave.
 
 use super::case::{Case, Verdict};
 use super::oracle::{Known, judge_run, rows, same};
 
-/// What a program does for a pair, and whether it still hands back the source.
+/// Behaviours of a program for a pair, and whether it still returns the source.
 const DEEDS: [(&str, &str, bool); 28] = [
     ("is silent", "sleep 1000", false),
     (
@@ -134,7 +134,7 @@ while IFS= read -r line; do
 
 pub(crate) fn programs(case: &mut Case) -> Result<Verdict, String> {
     let (what, deed, hands_back) = *case.random.pick(&DEEDS);
-    // From the first pair on, or after one that went well.
+    // From the first pair on, or after a successful one.
     let from = 1 + case.random.below(2);
     let script = format!(
         "{HEAD}  if [ $n -lt {from} ]; then cp \"$source\" \"$to\"; answer; continue; fi\n  {deed}\ndone\n"
@@ -179,7 +179,7 @@ pub(crate) fn programs(case: &mut Case) -> Result<Verdict, String> {
     if hands_back && mine().all(|row| row["status"] != "ok") {
         return Err("no pair went well".to_owned());
     }
-    // One that misbehaved cannot have a score, unless it handed back what it was given.
+    // A program that misbehaved cannot have a score, unless it returned its input.
     if !hands_back
         && mine().any(|row| row["status"] == "ok" && !same(&row["psnr"], copy_of(&found, row)))
     {
@@ -198,7 +198,7 @@ pub(crate) fn programs(case: &mut Case) -> Result<Verdict, String> {
     }) {
         return Err("a scratch folder is left".to_owned());
     }
-    // What was started ends with the run.
+    // Processes started by the program end with the run.
     for pid in case.read("pids").lines() {
         let alive = || {
             let status = std::fs::read_to_string(format!("/proc/{pid}/stat")).unwrap_or_default();

@@ -1,4 +1,4 @@
-//! Run folders of which a file was spoiled, read again by every command that reads them.
+//! Run folders with one damaged file, read again by every command that reads them.
 
 use std::path::Path;
 use std::sync::LazyLock;
@@ -92,7 +92,7 @@ pub(crate) fn runs(case: &mut Case) -> Result<Verdict, String> {
         0 => {
             let said = case.run(&[&RUN[..], &["--out", "r"]].concat())?;
             if harmless && said.code == 1 {
-                // Refused for a byte order mark, for example.
+                // It may be refused, for example because of a byte order mark.
                 return Ok(Verdict::Error);
             }
             settle(case, said.code, scores)
@@ -141,7 +141,7 @@ fn find(folder: &Path, found: &mut Vec<std::path::PathBuf>) {
     }
 }
 
-/// A command that says all is well leaves the scores that there were.
+/// If a command reports success, the scores must be unchanged.
 fn settle(case: &Case, code: i32, scores: &str) -> Result<Verdict, String> {
     match code {
         0 if case.read("r/scores.csv") == scores => Ok(Verdict::Number),
@@ -150,7 +150,7 @@ fn settle(case: &Case, code: i32, scores: &str) -> Result<Verdict, String> {
     }
 }
 
-/// Means of the same pairs are the same; fewer pairs are said to be fewer.
+/// Means of the same pairs must be equal; if pairs are missing, this must be reported.
 fn reported(case: &Case, whole: &Case, is_partial: bool) -> Result<Verdict, String> {
     let (before, after) = ["r/report/tables/scores.csv"; 2].map(|name| name).into();
     let (before, after) = (rows(&whole.path(before))?, rows(&case.path(after))?);
@@ -169,7 +169,7 @@ fn reported(case: &Case, whole: &Case, is_partial: bool) -> Result<Verdict, Stri
             }
             Some(same) if same["n"] != row["n"] => {}
             Some(same) => return Err(format!("another mean: {same:?} instead of {row:?}")),
-            // A spoiled label is another method; its numbers are looked up in vain.
+            // A damaged label is another method, so its numbers are not found.
             None => {}
         }
     }

@@ -1,4 +1,4 @@
-//! Gaussians, the cameras that look at them, and checkpoints.
+//! Gaussians, cameras for rendering them, and checkpoints.
 
 use std::path::Path;
 
@@ -10,7 +10,7 @@ use sharp_tests::hostile_checkpoints;
 use super::case::{Case, Verdict};
 use super::spoil;
 
-/// Twelve Gaussians before a camera of 32 x 24 pixels.
+/// Twelve Gaussians in front of a camera of 32 x 24 pixels.
 fn put(case: &Case) {
     let mut scene = Gaussians::default();
     for k in 0..12_u8 {
@@ -56,7 +56,7 @@ pub(crate) fn gaussians(case: &mut Case) -> Result<Verdict, String> {
         if said.code != 0 {
             return Ok(Verdict::Error);
         }
-        // As many as the header says, of those that the file has bytes for.
+        // The number that the header states, unless the file has bytes for fewer.
         let text = case.read("s.ply");
         let said_count = text
             .lines()
@@ -78,7 +78,7 @@ pub(crate) fn gaussians(case: &mut Case) -> Result<Verdict, String> {
     }
 }
 
-/// The picture has the size that was said.
+/// Checks that the picture has the reported size.
 fn rendered(case: &Case, said: &super::case::Said) -> Result<Verdict, String> {
     let json = said.json()?;
     let size = image::image_dimensions(case.path("x.png")).map_err(|error| error.to_string())?;
@@ -96,7 +96,7 @@ pub(crate) fn cameras(case: &mut Case) -> Result<Verdict, String> {
 "#;
     case.write("cam.json", camera);
     spoil::file(case, "cam.json", spoil::text);
-    // Drawing Gaussians is what may name the size instead.
+    // A message about rendering may name the file of Gaussians instead of the size.
     case.may_name("s.ply");
     let said = render(case, &["--camera", "cam.json"])?;
     if said.code != 0 {
@@ -119,7 +119,7 @@ pub(crate) fn cameras(case: &mut Case) -> Result<Verdict, String> {
 pub(crate) fn checkpoints(case: &mut Case) -> Result<Verdict, String> {
     let golden = Path::new(env!("CARGO_MANIFEST_DIR")).join("../tests/golden/model");
     let hostile = hostile_checkpoints::all();
-    // Beside those that lie, the tiny network with bytes changed.
+    // Besides files with false claims, the tiny network with changed bytes.
     let is_mutant = case.random.below(2) == 0;
     if is_mutant {
         case.write("w.pt", std::fs::read(golden.join("tiny_model.pt")).unwrap());

@@ -1,14 +1,14 @@
-//! What is done to files.
+//! Ways to damage files.
 
 use sharp_tests::mutants::{Random, bomb, mend_checksums, mutate};
 
 use super::case::Case;
 
-/// A spoiled file.
+/// A damaged file.
 pub(crate) struct Spoiled {
     pub(crate) bytes: Vec<u8>,
     pub(crate) how: String,
-    /// Whether what it says is what it said before: a number may not change then.
+    /// Whether its meaning is unchanged, so that numbers must not change.
     pub(crate) harmless: bool,
 }
 
@@ -37,7 +37,7 @@ const NUMBERS: [&str; 14] = [
     "１２",
 ];
 
-/// Text that is cut, doubled, re-encoded, or has a number exchanged.
+/// Cuts, doubles or re-encodes text, or exchanges a number in it.
 pub(crate) fn text(bytes: &[u8], random: &mut Random) -> Spoiled {
     let text = String::from_utf8_lossy(bytes).into_owned();
     let lines: Vec<&str> = text.split_inclusive('\n').collect();
@@ -94,7 +94,7 @@ pub(crate) fn text(bytes: &[u8], random: &mut Random) -> Spoiled {
     }
 }
 
-/// Where one of the numbers of a text is.
+/// Position of one of the numbers in a text.
 fn number_in(text: &str, random: &mut Random) -> (usize, usize) {
     let is_part = |c: char| c.is_ascii_digit() || matches!(c, '.' | '-' | '+' | 'e');
     let mut found = Vec::new();
@@ -117,7 +117,8 @@ fn number_in(text: &str, random: &mut Random) -> (usize, usize) {
     }
 }
 
-/// A picture, map or array that is cut, changed, of another size, or that promises far more than it holds.
+/// Cuts or changes a picture, map or array, or changes its size, or makes it declare far more than
+/// it contains.
 pub(crate) fn binary(bytes: &[u8], random: &mut Random) -> Spoiled {
     match random.below(10) {
         9 => {
@@ -159,7 +160,7 @@ pub(crate) fn binary(bytes: &[u8], random: &mut Random) -> Spoiled {
     }
 }
 
-/// The same pixels or numbers in another file; none where there is no such form of it here.
+/// The same pixels or numbers in another file; `None` if there is no other form here.
 fn otherwise(bytes: &[u8]) -> Option<Vec<u8>> {
     match bytes {
         // A chunk of text before the pixels.
@@ -252,7 +253,8 @@ fn giant(bytes: &[u8]) -> Vec<u8> {
     out
 }
 
-/// Exchanges a file of a case for something that is no such file, or for spoiled bytes; true if that is harmless.
+/// Replaces a file of a case by something that is not such a file, or by damaged bytes; true if
+/// that is harmless.
 pub(crate) fn file(case: &mut Case, name: &str, spoil: fn(&[u8], &mut Random) -> Spoiled) -> bool {
     let path = case.path(name);
     let bytes = std::fs::read(&path).unwrap();

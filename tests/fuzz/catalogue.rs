@@ -1,4 +1,4 @@
-// Whole datasets with one file exchanged: what the readers do with what the parsers let through.
+// Whole datasets with one file replaced: how readers treat input that the parsers accept.
 
 use std::cell::OnceCell;
 use std::path::{Path, PathBuf};
@@ -68,7 +68,7 @@ pub(crate) const FILES: &[(&str, &[u8])] = files![
 ];
 
 thread_local! {
-    /// The files on disk, once a thread.
+    /// The files on disk, written once per thread.
     static FOLDER: OnceCell<Folder> = const { OnceCell::new() };
 }
 
@@ -99,7 +99,7 @@ impl Drop for Folder {
     }
 }
 
-/// The first byte says which file the others stand for.
+/// The first byte selects the file that the other bytes replace.
 pub(crate) fn catalogue(bytes: &[u8]) {
     let Some((which, content)) = bytes.split_first() else {
         return;
@@ -114,7 +114,7 @@ pub(crate) fn catalogue(bytes: &[u8]) {
     });
 }
 
-/// Everything that a view has; no file outside of the dataset's folder.
+/// Reads everything in a view, and checks that no file is outside the dataset's folder.
 fn read(format: &str, root: &Path) {
     let plain = format!("{format}={}", root.display());
     read_as(&plain, root);

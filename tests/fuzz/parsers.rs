@@ -15,11 +15,12 @@ use sharp_datasets::lens::Lens;
 
 pub(crate) use catalogue::FILES as DATASET_FILES;
 
-/// A parser, and how the files begin that it is fed with.
+/// A parser, with the endings of its seed files.
 pub(crate) struct Parser {
     pub name: &'static str,
     pub run: fn(&[u8]),
-    /// Files of `tests/fixtures/edge` and `gaussian_formats` with one of these ends are its seeds.
+    /// Files of `tests/fixtures/edge` and `gaussian_formats` with one of these endings are its
+    /// seeds.
     pub seeds: &'static [&'static str],
 }
 
@@ -222,7 +223,7 @@ fn gaussian_ply(bytes: &[u8]) {
     let _ = sharp::ply::from_bytes(bytes, Some(sharp::ply::ColorSpace::Srgb));
 }
 
-/// Gaussians of any format; one has no mark but its name.
+/// Gaussians in any format; one format is recognised only by its name.
 fn gaussian_files(bytes: &[u8]) {
     let form = sharp::ply::StoredForm {
         blending: sharp::ply::ColorSpace::Srgb,
@@ -231,7 +232,7 @@ fn gaussian_files(bytes: &[u8]) {
     let _ = sharp::gaussian_files::from_bytes(bytes, "scene.splat", form);
 }
 
-/// For readers that want a file of a certain name.
+/// A file for readers that require a certain extension.
 fn file_of(bytes: &[u8], extension: &str) -> tempfile::NamedTempFile {
     let file = tempfile::Builder::new().suffix(extension).tempfile();
     let file = file.expect("a temporary file");
@@ -251,7 +252,7 @@ fn photo(bytes: &[u8]) {
     }
 }
 
-/// A picture to be scored; its name says what it is.
+/// A picture to be scored; its extension determines the format.
 fn prediction(bytes: &[u8]) {
     let extension = match bytes {
         [0x76, 0x2F, 0x31, 0x01, ..] => ".exr",
@@ -270,7 +271,8 @@ fn scene_arrays(bytes: &[u8]) {
         sharp_bench::io::gaussian_files::read(file_of(bytes, ".safetensors").path(), None, None);
 }
 
-/// `.pt` of either age and `.safetensors`; the reader maps files, so there has to be one.
+/// `.pt` in both forms and `.safetensors`; the reader maps files, so the bytes must be written to
+/// one.
 fn checkpoint(bytes: &[u8]) {
     let file = file_of(bytes, "");
     if let Ok(checkpoint) = Checkpoint::open(file.path()) {
@@ -282,7 +284,7 @@ fn checkpoint(bytes: &[u8]) {
 
 fn pair_list(bytes: &[u8]) {
     if let Ok(list) = PairList::parse(Path::new("pairs.csv"), bytes) {
-        // What was read can be written and read again.
+        // A list that was read can be written and read again.
         let own = PairList::new("pairs.csv", list.pairs.clone());
         let again = PairList::parse(Path::new("pairs.csv"), own.bytes());
         assert_eq!(again.expect("its own form").pairs, own.pairs);
@@ -300,7 +302,7 @@ fn camera_file(bytes: &[u8]) {
     }
 }
 
-/// A lens of any parameters must answer or refuse.
+/// A lens with any parameters must give a result or refuse.
 fn through(lens: &Lens) {
     let k = lens.intrinsics();
     let corner = glam::DVec2::new(f64::from(k.width), f64::from(k.height));

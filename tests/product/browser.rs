@@ -1,4 +1,5 @@
-//! The pages in a browser, along the path of someone who looks for what went wrong. Ignored, by name, where no Chromium is.
+//! The pages in a browser, used like someone who looks for the cause of a failure. Reported as
+//! ignored, by name, if there is no Chromium.
 
 #![allow(
     clippy::unwrap_used,
@@ -53,7 +54,7 @@ fn main() -> ExitCode {
     libtest_mimic::run(&arguments, trials).exit_code()
 }
 
-/// What a person does, as functions for the scripts below; what is `said` comes back.
+/// User actions, as functions for the scripts below; `said` collects what they return.
 const HANDS: &str = r"
   var one = function (selector) { return document.querySelector(selector); };
   var all = function (selector) { return Array.from(document.querySelectorAll(selector)); };
@@ -67,8 +68,8 @@ const HANDS: &str = r"
   var titles = function () { return all('.pair h3').map(function (title) { return title.textContent; }); };
 ";
 
-/// Opens a page and does what the script says. The copy lies beside the page and lacks only its security policy, which
-/// would forbid the script.
+/// Opens a page and runs a script in it. The page is copied next to itself without its security
+/// policy, which would forbid the script.
 fn done(browser: &str, page: &Path, script: &str) -> BTreeMap<String, String> {
     let html = read(page);
     let policy = html.find("<meta http-equiv=").unwrap();
@@ -77,7 +78,7 @@ fn done(browser: &str, page: &Path, script: &str) -> BTreeMap<String, String> {
         "<pre id=\"said\"></pre><script>addEventListener('error', function (e) {{ document.querySelector('#said').append('error=' + \
          e.message + '\\n'); }});{HANDS}addEventListener('load', async function () {{ await later(); {script} }});</script>"
     );
-    // Before the page's own script, whose errors it is to hear.
+    // Insert the script before the page's own, so that it notices errors of that.
     let (before, after) = html[end..].rsplit_once("<script>").unwrap();
     let folder = page.parent().unwrap();
     let copy = folder.join("driven.html");
@@ -110,7 +111,8 @@ fn done(browser: &str, page: &Path, script: &str) -> BTreeMap<String, String> {
         .collect()
 }
 
-/// Evaluates into a folder: more pairs than one file shows, whose renderings have an alpha.
+/// Evaluates into a folder: more pairs than fit into one file, with renderings that have an alpha
+/// channel.
 fn run(dir: &Path, out: &str, resolution: &str) {
     let method = format!("depth-splat:resolution={resolution}");
     let args = [
@@ -263,14 +265,14 @@ const SCENE: &str = concat!(
     "/../tests/golden/model/tiny_golden.ply"
 );
 
-/// Gaussians with colours of degree 1 in no camera's space.
+/// Gaussians with colours of degree 1, not in the space of a camera.
 const VIEW_DEPENDENT: &str = concat!(
     env!("CARGO_MANIFEST_DIR"),
     "/../tests/fixtures/gaussian_formats/src_d1.ply"
 );
 
-/// Their frame, and one of a camera elsewhere on the path, are within a level of what `render` writes, by SHARP's rule and by
-/// others.
+/// The first frame, and one with the camera elsewhere on the path, are within one level of what
+/// `render` writes, by SHARP's rule and by others.
 fn gaussians(browser: &str) {
     let camera = r#"{"width":61,"height":43,"K":[50,0,24,0,50,26,0,0,1],
         "camera_from_world":[1,0,0,0,0,1,0,0,0,0,1,0.5,0,0,0,1]}"#;
@@ -365,15 +367,16 @@ fn pictures(browser: &str) {
         &["--disable-features=WebGPU", "--disable-gpu"],
         script,
     );
-    // Twelve of thirty: every 29/11.
+    // Twelve of thirty views: every 29/11th.
     assert_eq!(
         said,
         "0|6|15|This browser has no WebGPU here: shown are 12 pictures rendered with the page."
     );
 }
 
-/// Opens a page without its security policy, with a script of the test before its own, and returns what that sends:
-/// in real time, because a browser with virtual time does not wait for a GPU.
+/// Opens a page without its security policy but with a script of the test before its own, and
+/// returns what that script sends. Runs in real time, because a browser with virtual time does not
+/// wait for a GPU.
 fn sent(browser: &str, page: &Path, flags: &[&str], script: &str) -> String {
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();
     listener.set_nonblocking(true).unwrap();
@@ -420,7 +423,7 @@ fn sent(browser: &str, page: &Path, flags: &[&str], script: &str) -> String {
     said
 }
 
-/// What was posted.
+/// The body of a POST request.
 fn body(mut stream: TcpStream) -> String {
     stream.set_nonblocking(false).unwrap();
     let mut request = Vec::new();

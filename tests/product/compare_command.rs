@@ -33,7 +33,7 @@ fn runs_are_compared_by_pair_and_unlike_ones_refused() {
     run(dir, "b", "4", "depth-splat:resolution=64");
     run(dir, "other", "3", "copy");
 
-    // The same thing twice.
+    // A run compared with its repetition.
     let same = compare(dir, &["a", "again", "--json"]).ends_with(0).json();
     assert_eq!(
         (&same["schema"], &same["a"], &same["b"]),
@@ -52,7 +52,7 @@ fn runs_are_compared_by_pair_and_unlike_ones_refused() {
         );
     }
 
-    // Other methods: their only ones, or named ones of one folder.
+    // Different methods: the only one of each run, or methods named explicitly within one folder.
     let json = compare(dir, &["a", "b", "--json"]).ends_with(0).json();
     let psnr = &json["rows"][0];
     assert_eq!(
@@ -91,7 +91,7 @@ fn runs_are_compared_by_pair_and_unlike_ones_refused() {
     let better = compare(dir, &["a", "a", "--method", "copy=copy"])
         .ends_with(0)
         .out;
-    assert!(!better.contains("most"), "{better}");
+    assert!(!better.contains("largest"), "{better}");
     sharp_bench(dir, &["merge", "a", "b", "--out", "both"]).ends_with(0);
     let within = compare(dir, &["both", "--method", "copy=depth-splat", "--json"])
         .ends_with(0)
@@ -114,7 +114,7 @@ fn runs_are_compared_by_pair_and_unlike_ones_refused() {
     let bundled = compare(dir, &["a.zip", "b", "--json"]).ends_with(0).json();
     assert_eq!(bundled["rows"], json["rows"]);
 
-    // What cannot be compared.
+    // Runs that cannot be compared.
     compare(dir, &["a", "other"]).is_error_with(&["a and other cannot be compared", "only in A"]);
     compare(dir, &["a", "absent"]).is_error_with(&["absent"]);
     compare(dir, &["a"]).is_usage_error_with(&["--method OLD=NEW"]);
@@ -188,7 +188,7 @@ fn where_it_changed_is_told() {
         .map(|s| s["n_pairs"].as_u64().unwrap())
         .sum();
     assert_eq!(by_baseline, 6);
-    // Most lost first.
+    // Largest losses first.
     let pairs = json["pairs"].as_array().unwrap();
     let losses: Vec<f64> = pairs
         .iter()
@@ -199,7 +199,7 @@ fn where_it_changed_is_told() {
         losses.len() == 6 && losses.is_sorted_by(|a, b| a >= b),
         "{losses:?}"
     );
-    // The page has both sides, the change of the error, and a link per pair.
+    // The page has both sides, the change of the error, and a link for each pair.
     let read = |name: &str| std::fs::read_to_string(dir.join("page").join(name)).unwrap();
     let page = read("index.html");
     for what in [
@@ -223,7 +223,7 @@ fn where_it_changed_is_told() {
         );
     }
     assert_eq!(read("tables/pairs.csv").lines().count(), 1 + 3 * 6);
-    // Equal input, equal bytes.
+    // Equal inputs give identical files.
     compare(dir, &["a", "b", "--anatomy", "--out", "again"]).ends_with(0);
     let again = |name: &str| std::fs::read(dir.join("again").join(name)).unwrap();
     assert_eq!(again("index.html"), page.as_bytes());
@@ -239,7 +239,8 @@ fn where_it_changed_is_told() {
     compare(dir, &["a", "b", "--out", "mine"]).is_error_with(&["is not a report of sharp-bench"]);
 }
 
-/// Numbers up to what mathematical libraries differ by, everything else exactly.
+/// Compares numbers up to the differences between mathematical libraries, and everything else
+/// exactly.
 fn same_cells(found: &str, committed: &str) {
     assert_eq!(found.lines().count(), committed.lines().count());
     for (found, committed) in found.lines().zip(committed.lines()) {
@@ -319,7 +320,7 @@ fn what_was_lost_or_damaged_is_named() {
     ];
     assert_eq!(told.collect::<Vec<_>>(), expected);
 
-    // A unit that is not whole any more.
+    // A damaged unit.
     let unit = sharp_tests::files_below(&dir.join("b/units")).unwrap()[0].clone();
     let text = std::fs::read_to_string(&unit).unwrap();
     std::fs::write(&unit, text.replacen("\"pair_id\"", "\"pair\"", 1)).unwrap();
@@ -337,7 +338,7 @@ fn what_was_lost_or_damaged_is_named() {
         );
     }
 
-    // Names that would be mistaken for something else.
+    // Names that would be confused with something else.
     let named = |name: &str| {
         let dataset = scenes(name, 0);
         let args = [
@@ -353,6 +354,6 @@ fn what_was_lost_or_damaged_is_named() {
         ];
         sharp_bench(dir, &args)
     };
-    named("all").is_error_with(&["'all' is the mean over datasets"]);
+    named("all").is_error_with(&["'all' is reserved for the mean over datasets"]);
     named("new\nline").is_usage_error_with(&["line breaks"]);
 }

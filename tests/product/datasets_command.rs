@@ -1,4 +1,4 @@
-//! `sharp-bench datasets`: what there is, what a pair list needs, what is broken.
+//! `sharp-bench datasets`: available datasets, files that a pair list needs, broken files.
 
 use std::path::Path;
 
@@ -8,7 +8,7 @@ use sharp_datasets::format::read_map;
 use crate::own_pictures::own_pictures;
 use crate::support::{read, sharp_bench};
 
-/// The bundled scene twice, as two scenes of Middlebury.
+/// The bundled scene, stored twice as two scenes of Middlebury.
 fn middlebury(folder: &Path) {
     let bundled = sharp_datasets::bundled::extract(folder).unwrap();
     let scene = bundled.join("Motorcycle-quarter");
@@ -210,7 +210,7 @@ fn a_pair_list_needs_exactly_these_files() {
         .concat();
         sharp_bench(dir.path(), &args)
     };
-    // The name M says nothing about the format: only the pictures are known.
+    // The name M does not determine the format, so only the pictures are known.
     let json = needed(&[]).ends_with(0).json();
     assert_eq!(json["datasets"][0]["format"], Value::Null);
     assert_eq!(json["datasets"][0]["files"].as_array().unwrap().len(), 2);
@@ -282,10 +282,10 @@ fn own_pictures_need_what_their_camera_file_names() {
     assert_eq!(named("picture"), ["0.png", "1.png", "2.png", "3.png"]);
     assert_eq!(named("camera"), ["transforms.json"]);
     assert_eq!(named("depth"), ["0.npy", "1.npy", "2.npy", "3.npy"]);
-    // The file itself may be the dataset.
+    // The dataset may also be given as the file itself.
     let same = needed("nerfstudio=own/transforms.json").ends_with(0).json();
     assert_eq!(same["datasets"], json["datasets"]);
-    // Under another name, what the reader found.
+    // Under another name: the files that the reader found.
     let own = dir.path().join("own");
     let train = own.join("transforms_train.json");
     std::fs::rename(own.join("transforms.json"), &train).unwrap();
@@ -294,7 +294,7 @@ fn own_pictures_need_what_their_camera_file_names() {
     let cameras = files.iter().filter(|file| file["role"] == "camera");
     let cameras: Vec<_> = cameras.map(|file| file["path"].as_str().unwrap()).collect();
     assert_eq!(cameras, ["transforms_train.json"]);
-    // Without the cameras, what the layout tells.
+    // Without the cameras: the files that the layout lists.
     std::fs::remove_file(train).unwrap();
     let json = needed("nerfstudio=own").ends_with(4).json();
     assert_eq!(json["missing"], 1);

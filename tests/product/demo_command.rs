@@ -1,4 +1,4 @@
-//! What `sharp-bench demo` leaves, as a visitor reads it.
+//! The output of `sharp-bench demo`, as a visitor reads it.
 
 use std::path::Path;
 
@@ -56,10 +56,10 @@ fn the_demo_shows_the_papers_metrics_and_depth_splat_beats_copy_on_a_real_pair()
         assert_eq!(empty, 0, "{metric}");
     }
     let report = read(file("report").with_file_name("report.md"));
-    // What methods report of themselves, the table after, not all of them do.
+    // Not every method reports extras, which are in the table after this one.
     let (scores, _) = report.split_once("Mean alpha").unwrap();
     assert!(!scores.contains("n/a"), "{scores}");
-    // The network is called what it is, beside its numbers.
+    // The network's description is next to its numbers.
     let network = "sharp-mini: SHARP architecture, ";
     assert!(
         report.contains(network) && report.contains("not Apple's model"),

@@ -1,5 +1,5 @@
-//! The binary on what a machine may or may not have: GPU adapters, ffmpeg and TeX. What is not there is reported as
-//! ignored, by name.
+//! Tests that need GPU adapters, ffmpeg or TeX. If the machine lacks one of these, its tests are
+//! reported as ignored, by name.
 
 #![allow(
     clippy::unwrap_used,
@@ -59,7 +59,7 @@ fn has(program: &str) -> bool {
     Command::new(program).arg("-version").output().is_ok()
 }
 
-/// As `doctor` lists them.
+/// The adapters that `doctor` lists.
 fn adapters() -> Vec<String> {
     let said = sharp_bench(Path::new("."), &["doctor", "--json"]).ends_with(0);
     let found = said.json();
@@ -105,8 +105,9 @@ fn view(adapter: &str) {
         let bytes = std::fs::read(dir.join(name)).unwrap();
         image::load_from_memory(&bytes).unwrap().to_rgb8()
     });
-    // A threshold that falls the other way moves a pixel by at most one part in 255 of linear light, 13 levels of
-    // sRGB in the dark; it may happen to a pixel here and there. Rounding moves one level.
+    // If a threshold is decided differently, a pixel changes by at most 1/255 of linear light,
+    // which is 13 levels of sRGB in dark areas; this may happen to a few pixels. Rounding changes a
+    // pixel by one level.
     let levels = gpu
         .as_raw()
         .iter()
@@ -121,7 +122,7 @@ fn view(adapter: &str) {
         most <= 13 && far <= gpu.as_raw().len() / 100,
         "{most} {far}"
     );
-    // A path: one upload, the same first view as a view of its own.
+    // A path: one upload; its first view equals the same view rendered alone.
     render(
         dir,
         &[
@@ -183,7 +184,7 @@ fn evaluate(adapter: &str) {
         "{backend}"
     );
     assert_eq!(run("gpu", &wgpu).ends_with(0).json()["reused"], 2);
-    // A run has one backend.
+    // A run uses a single backend.
     run("gpu", &[]).is_error_with(&["gpu", &backend, "cpu-"]);
 
     run("cpu", &[]).ends_with(0);
@@ -241,12 +242,12 @@ fn paper() {
     let log = String::from_utf8_lossy(&log);
     assert!(!log.contains("undefined citations"), "{log}");
 
-    // Tables of the paper come with a document each.
+    // Each of the paper's tables is written with a complete document.
     let tables = |args: &[&str]| {
         let out = ["--out", "tables"];
         sharp_bench(dir, &[&["table"], args, &out[..]].concat())
     };
-    // The row has no number of the paper's datasets, which is said.
+    // The row has no numbers for the paper's datasets, which is reported.
     tables(&["quantitative", "--row", "a_%_& ^~<b>#{$=r"]).ends_with(4);
     tables(&["ablation_loss"]).ends_with(0);
     tables(&["param-count"]).ends_with(0);

@@ -1,4 +1,5 @@
-//! `tests/example_repository`: what a model's author would have, run as its workflow runs it.
+//! `tests/example_repository`: an example of a model author's repository, run as its workflow runs
+//! it.
 
 use std::path::Path;
 use std::process::Command;
@@ -45,7 +46,7 @@ fn the_python_repository_passes_and_its_broken_model_fails() {
         "{comment}"
     );
 
-    // Half a pixel, which nobody sees in the pictures.
+    // A shift by half a pixel, which is not visible in the pictures.
     let script = read(dir.join("predict.py"));
     let broken = script.replace("x - 0.5,", "x,").replace("y - 0.5,", "y,");
     assert_ne!(broken, script);
@@ -59,7 +60,7 @@ fn the_python_repository_passes_and_its_broken_model_fails() {
     );
     assert!(read(dir.join("broken/gate.xml")).contains("<failure message="));
 
-    // A pair that the model does not predict.
+    // A pair without a prediction by the model.
     let lost = script.replace(
         "    for path in sorted(pairs.rglob(\"pair.json\")):",
         "    for path in sorted(pairs.rglob(\"pair.json\"))[1:]:",
@@ -70,7 +71,7 @@ fn the_python_repository_passes_and_its_broken_model_fails() {
     assert_eq!(code, 3, "{said}");
     let comment = read(dir.join("lost/comment.md"));
     assert!(
-        comment.contains("1 pair without a score that A has"),
+        comment.contains("1 pair with a score in A but not in B"),
         "{comment}"
     );
 }

@@ -1,4 +1,4 @@
-//! Pixels that a dataset's masks exclude have no say in scores.
+//! Pixels excluded by a dataset's masks do not affect scores.
 
 use std::path::Path;
 
@@ -76,7 +76,7 @@ fn excluded_pixels_have_no_say_in_scores() {
         "e",
     ];
     sharp_bench(dir, &export).ends_with(0);
-    // The target but for the excluded pixels.
+    // The target, changed only in the excluded pixels.
     let ids: Vec<String> = read(dir.join("p.csv"))
         .lines()
         .skip(1)
@@ -124,7 +124,7 @@ fn excluded_pixels_have_no_say_in_scores() {
         copy.iter()
             .all(|row| row[psnr].parse::<f64>().unwrap() < 60.0)
     );
-    // Where masks are not read, everything counts.
+    // If masks are not read, every pixel is scored.
     let plain = "nerfstudio=own,depth-unit=1";
     let said = run(
         dir,

@@ -1,4 +1,4 @@
-//! Regressions planted in a model's pictures, and what `gate` and `compare` say of them.
+//! Regressions planted in a model's pictures, and how `gate` and `compare` report them.
 
 use std::path::Path;
 
@@ -23,7 +23,7 @@ const LIMITS: [&str; 6] = [
     "psnr < -1 per scene",
 ];
 
-/// Two pairs of each scene, in pictures 96 wide, or wider where a regression is smaller.
+/// Runs two pairs of each scene, with pictures 96 pixels wide, or wider for a smaller regression.
 fn run_at(width: u32, dir: &Path, out: &str, metrics: &str, more: &[&str]) -> Said {
     let height = width * 3 / 4;
     let dataset = format!("S:synthetic=size={width}x{height},views={VIEWS},scenes={SCENES}");
@@ -40,8 +40,8 @@ fn gate(dir: &Path, baseline: &str, candidate: &str, more: &[&str]) -> Said {
     sharp_bench(dir, &[&args[..], more].concat())
 }
 
-/// A model: a Gaussian on each pixel of a source, at its true distance times `scale`. `DIR/S/<scene>/<source>.ply`, of
-/// the sources in a run.
+/// A model: one Gaussian per pixel of a source, at its true distance times `scale`. Writes
+/// `DIR/S/<scene>/<source>.ply` for the sources in a run.
 fn model(dir: &Path, run: &Path, width: u32, scale: f64) {
     for record in Results::read(run).unwrap().records {
         let options = SyntheticOptions {
@@ -80,21 +80,21 @@ fn model(dir: &Path, run: &Path, width: u32, scale: f64) {
     }
 }
 
-/// The pictures that a model makes: those of a run that renders it, `OUT/predictions/model`.
+/// The model's pictures, from a run that renders it: `OUT/predictions/model`.
 fn rendered(dir: &Path, width: u32, out: &str, gaussians: &str, more: &[&str]) {
     let method = format!("gaussians:label=model,dir={gaussians}");
     let method = ["--method", &method, "--background", "0.3,0.3,0.3"];
     run_at(width, dir, out, "psnr", &[&method[..], more].concat()).ends_with(0);
 }
 
-/// A run on someone's pictures.
+/// A run with external pictures.
 fn imported(dir: &Path, width: u32, out: &str, pictures: &str) {
     let method = format!("imported:label=model,dir={pictures}");
     let metrics = "psnr,psnr@frustum,ssim@frustum,lpips";
     run_at(width, dir, out, metrics, &["--method", &method]).ends_with(0);
 }
 
-/// The pictures of the model below another folder, each spoiled.
+/// Modified copies of the model's pictures, in another folder.
 fn spoiled(dir: &Path, to: &str, spoil: impl Fn(&str, RgbImage) -> RgbImage) {
     let results = Results::read(&dir.join("good")).unwrap();
     for record in &results.records {
@@ -106,7 +106,7 @@ fn spoiled(dir: &Path, to: &str, spoil: impl Fn(&str, RgbImage) -> RgbImage) {
     }
 }
 
-/// Moved to the right by half a pixel, bilinearly.
+/// The picture, moved to the right by half a pixel with bilinear interpolation.
 fn shifted(picture: &RgbImage) -> RgbImage {
     ImageBuffer::from_fn(picture.width(), picture.height(), |x, y| {
         let (a, b) = (
@@ -126,7 +126,7 @@ fn with_good_model(dir: &Path, width: u32) {
     imported(dir, width, "good", "raw/predictions/model");
 }
 
-/// States of the checks, as `limit` or `limit scene`, in order, that are not `passed`.
+/// Checks whose state is not `passed`, as `limit` or `limit scene`, in order.
 fn told(said: &Said) -> Vec<String> {
     let json = said.json();
     let checks = json["gate"]["checks"].as_array().unwrap();
@@ -146,7 +146,8 @@ fn told(said: &Said) -> Vec<String> {
 fn planted_regressions_are_caught() {
     let dir = tempfile::tempdir().unwrap();
     let dir = dir.path();
-    // At 96 pixels, 2 % of the depth move few by more than a quarter of one.
+    // At 96 pixels, a 2 % error of the depth moves only few pixels by more than a quarter of a
+    // pixel.
     let width = 256;
     with_good_model(dir, width);
     rendered(dir, width, "blurred-raw", "gaussians", &["--eps2d", "0.3"]);
@@ -174,7 +175,7 @@ fn planted_regressions_are_caught() {
     assert_eq!(found[0], ("eps2d", 3, all.clone()));
     assert_eq!(found[2], ("half a pixel", 3, all.clone()));
     assert_eq!(found[1], ("scale", 3, all[..2].to_vec()));
-    // The same setting, said: no regression, but another convention.
+    // The same setting, stated explicitly: not a regression, but another convention.
     gate(dir, "raw", "blurred-raw", &LIMITS[..2]).is_error_with(&["eps2d is"]);
 }
 
@@ -201,7 +202,7 @@ fn one_scene_that_broke_is_found_where_its_dataset_says_nothing() {
     assert!(worst.as_str().unwrap().starts_with("S/seed5/"), "{worst}");
     gate(dir, "good", "broken", &LIMITS[..4]).ends_with(0);
 
-    // Where it is, by the scenes of the comparison.
+    // The scenes of the comparison show where it is.
     let json = sharp_bench(dir, &["compare", "good", "broken", "--json"])
         .ends_with(0)
         .json();
@@ -216,7 +217,7 @@ fn one_scene_that_broke_is_found_where_its_dataset_says_nothing() {
         .collect();
     assert_eq!(moved, ["seed5"]);
 
-    // Pictures that are not there any more.
+    // Missing pictures.
     let lost = format!("one/{}.png", worst.as_str().unwrap());
     std::fs::remove_file(dir.join(lost)).unwrap();
     run(
@@ -230,7 +231,7 @@ fn one_scene_that_broke_is_found_where_its_dataset_says_nothing() {
     let said = gate(dir, "good", "lost", &limits).ends_with(3);
     assert!(
         said.out
-            .contains("1 pair without a score that A has, the first is S/seed5/"),
+            .contains("1 pair with a score in A but not in B; the first is S/seed5/"),
         "{}",
         said.out
     );
@@ -244,8 +245,8 @@ fn one_scene_that_broke_is_found_where_its_dataset_says_nothing() {
     .ends_with(0);
 }
 
-/// LPIPS wants pictures in −1..1. A build that hands over 0..1 stores what the metric's own variant for that mistake
-/// computes.
+/// LPIPS expects pictures in −1..1. A build that passes 0..1 instead stores the value of the
+/// metric's own variant for that mistake.
 #[test]
 fn a_wrong_range_of_lpips_is_caught() {
     let dir = tempfile::tempdir().unwrap();
@@ -268,7 +269,7 @@ fn a_wrong_range_of_lpips_is_caught() {
         unit.scores.get_mut(right).unwrap().score = Score::Value(value);
         folder.save(unit).unwrap();
     }
-    // It makes distances smaller, so that only a limit on either direction sees it.
+    // The mistake makes distances smaller, so only a limit in both directions detects it.
     let limits = [
         "--fail-if",
         "lpips-vgg > +0.005",
@@ -326,7 +327,7 @@ fn the_same_code_twice_is_the_same_to_the_byte() {
         );
     }
 
-    // Times of other thread counts, and of bundles, are not compared.
+    // Times are not compared if the thread counts differ, and bundles have no times.
     let speed = ["--fail-if", "seconds_per_pair > +0 %"];
     let said = gate(dir, "one", "two", &speed).ends_with(0).out;
     assert!(
@@ -388,7 +389,7 @@ fn files_exit_codes_and_errors() {
         (xml, comment)
     );
 
-    // Not over anything else.
+    // Other files are not overwritten.
     for option in ["--junit", "--markdown"] {
         let said = gate(
             dir,
@@ -396,7 +397,7 @@ fn files_exit_codes_and_errors() {
             "a",
             &["--fail-if", "psnr < -0.1", option, "a/manifest.json"],
         );
-        said.is_error_with(&["a/manifest.json", "not written over"]);
+        said.is_error_with(&["a/manifest.json", "not overwritten"]);
     }
 
     gate(dir, "a", "b", &["--fail-if", "psnr < -0.1"]).ends_with(0);
@@ -407,7 +408,7 @@ fn files_exit_codes_and_errors() {
     let any_loss = gate(dir, "a", "b", &[]).ends_with(0).out;
     assert!(any_loss.contains("psnr < 0"), "{any_loss}");
     gate(dir, "a", "b", &["--fail-if", "ssim < -0.1"])
-        .is_usage_error_with(&["ssim < -0.1", "which have psnr"]);
+        .is_usage_error_with(&["ssim < -0.1", "they share psnr"]);
     std::fs::write(dir.join("gate.toml"), "fail_if = []\nspeed = 1\n").unwrap();
     with(&[]).is_usage_error_with(&["gate.toml: line 2", "speed"]);
     gate(dir, "a", "b", &["--config", "absent.toml"]).is_error_with(&["absent.toml"]);

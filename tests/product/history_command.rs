@@ -22,7 +22,7 @@ fn history(dir: &Path, args: &[&str]) -> Said {
 fn a_history_holds_each_run_once_and_says_what_changed() {
     let dir = tempfile::tempdir().unwrap();
     let dir = dir.path();
-    // Scenes that all differ by the same are significant from six on.
+    // If all scenes have the same difference, it is significant from six scenes on.
     middlebury(dir, &["A", "B", "C", "D", "E", "F", "G", "H"]);
     run(dir, "base", "copy", "psnr");
     run(dir, "worse", "mean", "psnr");
@@ -31,9 +31,13 @@ fn a_history_holds_each_run_once_and_says_what_changed() {
 
     let said = add("base", &["--commit", "abc1", "--date", "2026-01-31"]).ends_with(0);
     assert_eq!(said.out, "h/0001.zip  base\n");
-    // The same again, of the folder or of its bundle.
+    // The same results again, from the folder or from its bundle.
     let said = add("base", &["--commit", "abc1"]).ends_with(0);
-    assert!(said.out.contains("there since 2026-01-31"), "{}", said.out);
+    assert!(
+        said.out.contains("already added on 2026-01-31"),
+        "{}",
+        said.out
+    );
     sharp_bench(dir, &["bundle", "base", "--out", "base.zip"]).ends_with(0);
     let said = add("base.zip", &["--commit", "abc1", "--json"])
         .ends_with(0)
@@ -42,12 +46,12 @@ fn a_history_holds_each_run_once_and_says_what_changed() {
         (&said["entry"], &said["is_new"]),
         (&1.into(), &false.into())
     );
-    // An entry is that bundle and what was said of it.
+    // An entry consists of that bundle with its label, commit and date.
     sharp_bench(dir, &["bundle", "h/0001.zip", "--out", "plain.zip"]).ends_with(0);
     let bytes = |name: &str| std::fs::read(dir.join(name)).unwrap();
     assert!(bytes("plain.zip") == bytes("base.zip"));
     sharp_bench(dir, &["bundle", "base", "--out", "h/0001.zip"])
-        .is_error_with(&["h/0001.zip", "not written over"]);
+        .is_error_with(&["h/0001.zip", "not overwritten"]);
     // Other results under the same name.
     let said = add("worse", &["--label", "base", "--commit", "abc1", "--json"])
         .ends_with(0)
@@ -95,7 +99,7 @@ fn a_history_holds_each_run_once_and_says_what_changed() {
         (&of_psnr[0]["n_pairs"], &of_psnr[0]["n_scenes"]),
         (&8.into(), &8.into())
     );
-    // As `compare` has it.
+    // The same numbers as from `compare`.
     let compared = sharp_bench(dir, &["compare", "h/0001.zip", "worse", "--json"]);
     let compared = compared.ends_with(0).json();
     assert_eq!(compared["rows"][0]["difference"], change["difference"]);

@@ -1,4 +1,5 @@
-//! Folders that others, kills and hostile text have been at: what `run` and `report` do with them.
+//! How `run` and `report` treat folders that other programs changed, that a kill left incomplete,
+//! or that contain hostile text.
 
 use std::path::{Path, PathBuf};
 
@@ -38,7 +39,7 @@ fn a_report_writes_into_its_own_folder_alone() {
     let report = |out: &str| sharp_bench(dir, &["report", "r", "--out", out]);
     let foreign = [
         ("site/index.html", "<h1>mine</h1>"),
-        // One that names files for removal.
+        // A list that names files for removal.
         ("list/files.txt", "index.html\nplots/thesis.png\n"),
         ("list/plots/thesis.png", "mine"),
         ("notes/thesis.tex", "mine"),
@@ -64,7 +65,7 @@ fn a_report_writes_into_its_own_folder_alone() {
     }
     assert_eq!(files_below(&dir.join("notes")).unwrap().len(), 1);
 
-    // Its own: empty, begun, finished, with what someone put beside it.
+    // The report's own folder: empty, unfinished, finished, and with a user's file next to its own.
     std::fs::create_dir(dir.join("own")).unwrap();
     report("own").ends_with(0);
     std::fs::write(dir.join("own/notes.txt"), "mine").unwrap();
@@ -83,7 +84,7 @@ fn a_report_shows_the_pictures_that_were_scored() {
     sharp_bench(dir, &["report", "r"]).ends_with(0);
     let shown = page().matches("base64,").count();
     let kept = files_below(&dir.join("r/predictions")).unwrap();
-    // Of the same size, and a picture: only its bytes tell.
+    // It is a picture of the same size; only its bytes differ.
     let black = image::RgbImage::new(48, 36);
     black.save(&kept[0]).unwrap();
     let said = sharp_bench(dir, &["report", "r", "--json"]).ends_with(4);
@@ -98,7 +99,7 @@ fn a_report_shows_the_pictures_that_were_scored() {
     );
     assert_eq!(said.json()["not_scored"].as_array().unwrap().len(), 1);
     assert!(page().contains("not the one that was scored"));
-    // Neither the prediction nor its error, nor a link to the file.
+    // The page shows neither the prediction nor its error, nor links to the file.
     assert_eq!(page().matches("base64,").count(), shown - 2);
     let stem = name.trim_end_matches(".png");
     assert!(!page().contains(&format!("{stem}.png\"")), "{stem}");
@@ -125,11 +126,11 @@ fn a_list_or_plan_that_lost_pairs_is_refused_until_the_run_writes_it_anew() {
         sharp_bench(dir, &["report", "r"]).ends_with(0);
         assert_eq!(read(&list), whole);
     };
-    // Cut at a line end.
+    // Truncated at the end of a line.
     std::fs::write(&list, lines[..4].concat()).unwrap();
     refused("pairs.csv has 3 of the");
     mended();
-    // Another digit of a baseline.
+    // Changed by one digit of a baseline.
     let baseline = lines[1].split(',').nth(10).unwrap();
     let moved = lines[1].replace(&format!(",{baseline},"), &format!(",1{baseline},"));
     std::fs::write(&list, whole.replace(lines[1], &moved)).unwrap();
@@ -167,7 +168,7 @@ fn a_unit_that_leads_out_of_the_folder_or_is_not_its_own_counts_for_nothing() {
         let path = dir.join("r/units/00").join(format!("{name}.json"));
         std::fs::create_dir_all(path.parent().unwrap()).unwrap();
         std::fs::write(&path, serde_json::to_string(unit).unwrap()).unwrap();
-        // Told from others by its name, its seal or its pair, and named.
+        // It is detected by its name, its checksum or its pair, and reported.
         let (shown, said) = report(4);
         assert_eq!(shown, table, "{}", unit.slot.pair_id);
         assert!(said.contains(name) && said.contains("damaged"), "{said}");
@@ -186,7 +187,7 @@ fn a_unit_that_leads_out_of_the_folder_or_is_not_its_own_counts_for_nothing() {
         let hostile = hostile.sealed();
         plant(&hostile, &hostile.slot.file_stem());
     }
-    // A record of another pair than the slot's, and a copy under another name.
+    // A record for another pair than the slot's, and a copy under another name.
     let mut other = honest.clone();
     other.record.source = "elsewhere".to_owned();
     let other = other.sealed();
@@ -240,7 +241,7 @@ fn what_a_killed_run_left_goes_at_the_next_start() {
         let names = entries.map(|entry| entry.file_name().into_string().unwrap());
         names.filter(|name| name.starts_with(".scratch-")).count()
     };
-    // Where the next run finds it, and nowhere else.
+    // The next run looks for it there and nowhere else.
     assert_eq!(
         (left(), std::fs::read_dir(dir.join("tmp")).unwrap().count()),
         (1, 0)
@@ -359,14 +360,14 @@ fn names_are_shown_and_not_obeyed() {
             "{file}"
         );
     }
-    // The list still means the same scenes.
+    // The list still refers to the same scenes.
     with(&["--pairs", "r/pairs.csv", "--out", "s"]).ends_with(0);
     assert_eq!(
         read(dir.join("r/scores.csv")),
         read(dir.join("s/scores.csv"))
     );
 
-    // Errors name a file as it is, visibly.
+    // Errors show a file's name unchanged, with its control characters escaped.
     std::fs::write(dir.join("data").join(hostile[2]).join("calib.txt"), "cam0=").unwrap();
     let said = with(&["--out", "t"]);
     assert!(

@@ -1,5 +1,5 @@
-//! Datasets of which something is broken or missing: what is left out is said on standard error, in the manifest,
-//! on the page and by the exit code, and costs nothing else.
+//! Datasets in which something is broken or missing: standard error, the manifest, the page and the
+//! exit code report what is left out, and nothing else is affected.
 
 use std::path::Path;
 
@@ -63,7 +63,7 @@ fn a_broken_scene_is_skipped_with_its_reason_and_can_be_avoided() {
     let page = read(dir.join("r/report/index.html"));
     assert!(reasons.iter().all(|reason| page.contains(reason)));
 
-    // Every command that reads the scenes says so.
+    // Every command that reads the scenes reports it.
     with_dataset(dir, &["pairs", "--out", "p.csv"], &[]).ends_with(4);
     with_dataset(dir, &["cameras", "export", "--out", "c"], &[]).ends_with(4);
     let check = sharp_bench(dir, &["datasets", "check", "middlebury=set"]).ends_with(4);
@@ -84,7 +84,7 @@ fn a_broken_scene_is_skipped_with_its_reason_and_can_be_avoided() {
     let ruled_out = json!([{"reason": "--scenes A", "by_choice": true, "scenes": ["B", "C"]}]);
     assert_eq!(left_out(dir), ruled_out);
     with_dataset(dir, &["pairs", "--out", "p.csv"], &["--scenes", "A"]).ends_with(0);
-    // Without a scene that can be read, the first fault is the error.
+    // If no scene can be read, the first fault is the error.
     run(dir, &["--scenes", "C"]).is_error_with(&[reasons[1]]);
     run(dir, &["--scenes", "D"]).is_error_with(&["no scene matches --scenes D"]);
 }
@@ -100,12 +100,12 @@ fn a_list_with_a_broken_scene_is_evaluated_without_it_and_completed_later() {
     let said = run(dir, &["--pairs", "p.csv"]).ends_with(4);
     for part in [
         "(B): set/B/calib.txt",
-        "1 of the list's 2 pairs are not evaluated",
+        "1 of the 2 pairs in the list are not evaluated",
     ] {
         assert!(said.err.contains(part), "{}", said.err);
     }
     assert_eq!(read(dir.join("r/scores.csv")).lines().count(), 2);
-    // Neither does it keep the others from being scored again.
+    // It also does not prevent the others from being scored again.
     let score = || {
         sharp_bench(
             dir,
@@ -138,7 +138,7 @@ fn of_two_rectifications_one_counts_and_a_list_that_names_the_other_is_refused()
     let refused = [
         "p.csv:2",
         "'A-imperfect'",
-        "ruled out: rectification=one",
+        "excluded: rectification=one",
         "any takes both",
     ];
     run(dir, &["--pairs", "p.csv"]).is_error_with(&refused);

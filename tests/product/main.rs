@@ -1,4 +1,4 @@
-//! The whole product, as people run it: the binary, its files, its exit codes.
+//! Tests of the whole product as users run it: the binary, its files, its exit codes.
 
 #[cfg(test)]
 mod analyze_command;

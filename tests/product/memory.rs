@@ -1,4 +1,4 @@
-//! Memory: within its limit, and not more after twenty minutes of trouble than after five.
+//! Memory stays within its limit, and does not grow between five and twenty minutes of faults.
 
 use std::fs;
 use std::path::Path;
@@ -10,8 +10,8 @@ use super::{random, run, send, start, unit_files};
 
 const MIB: u64 = 1 << 20;
 
-/// Eight predictions of a picture as wide as those of ETH3D, whose features are what takes memory, scored all together and
-/// within a limit that takes a few of them.
+/// Eight predictions of a picture as wide as ETH3D's, whose features need most of the memory;
+/// scored once all together, and once within a limit that fits only a few of them.
 pub(crate) fn limit() {
     let dir = tempfile::tempdir().unwrap();
     let labels: Vec<String> = (0..8).map(|i| format!("copy:label=copy{i}")).collect();
@@ -54,7 +54,7 @@ pub(crate) fn limit() {
     assert!(scores[0] == scores[1]);
 }
 
-/// The most memory that a process had at a time; `None` if that cannot be known.
+/// Peak memory of a process; `None` if unknown.
 pub(crate) fn peak_bytes(process: u32) -> Option<u64> {
     of_process(process, "VmHWM:")
 }
@@ -66,13 +66,14 @@ fn of_process(process: u32, key: &str) -> Option<u64> {
     Some(kib * 1024)
 }
 
-/// Minutes that are asked for by `SHARP_BENCH_SOAK`, at least 6.
+/// Minutes requested by `SHARP_BENCH_SOAK`, at least 6.
 pub(crate) fn minutes() -> Option<usize> {
     let minutes: usize = std::env::var("SHARP_BENCH_SOAK").ok()?.parse().ok()?;
     Some(minutes.max(6))
 }
 
-/// Answers, refuses, floods, lies, hangs and dies by turns, over its own ends too.
+/// A program that in turn answers, refuses, floods, lies, hangs and dies, and continues the
+/// sequence after each restart.
 const PROGRAM: &str = r#"
 field() { printf '%s' "$line" | sed "s/.*\"$1\":\"\([^\"]*\)\".*/\1/"; }
 while read -r line; do
@@ -144,7 +145,7 @@ pub(crate) fn soak() {
     let mib: Vec<u64> = peaks.iter().map(|bytes| bytes / MIB).collect();
     let told = format!("{faults} faults; resident at most, MiB, minute by minute: {mib:?}");
     eprintln!("{told}");
-    // Stopped by the time budget: otherwise it was too short.
+    // The time budget must have stopped it; otherwise there was too little work.
     assert_eq!(ended.code(), Some(75), "{told}");
     assert!(
         peaks[minutes - 1] as f64 <= 1.05 * peaks[4] as f64,
@@ -156,31 +157,31 @@ pub(crate) fn soak() {
 fn disturb(root: &Path, fault: usize, child: &Child, seed: &mut u64) {
     let units = unit_files(root);
     match fault {
-        // A unit is spoilt.
+        // Damage a unit.
         0 if !units.is_empty() => {
             let path = &units[random(seed, units.len() as u64) as usize];
             let text = fs::read_to_string(path).unwrap_or_default();
             let _ = fs::write(path, text.replacen('1', "2", 1));
         }
-        // Kept pictures vanish.
+        // Remove kept pictures.
         1 => {
             let _ = fs::remove_dir_all(root.join("P/predictions/mean"));
         }
-        // A method's input is away for a while.
+        // Remove a method's input for a while.
         2 => {
             let (here, away) = (root.join("there"), root.join("away"));
             fs::rename(&here, &away).unwrap();
             std::thread::sleep(Duration::from_millis(random(seed, 3000)));
             fs::rename(&away, &here).unwrap();
         }
-        // Another process does the same shard, and is killed.
+        // Run the same shard in another process, and kill that.
         3 => {
             let mut other = start(root, "1/1", &["--allow-programs"]);
             std::thread::sleep(Duration::from_millis(random(seed, 4000)));
             other.kill().unwrap();
             other.wait().unwrap();
         }
-        // The process is held up.
+        // Stop the process for a while.
         _ => {
             send("STOP", child);
             std::thread::sleep(Duration::from_millis(random(seed, 2000)));

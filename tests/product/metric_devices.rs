@@ -1,4 +1,4 @@
-//! `--device` of `metrics` and `run`: what it changes, what it is refused for, and what must not be mixed.
+//! `--device` of `metrics` and `run`: its effects, its errors, and results that must not be mixed.
 
 use std::borrow::Cow;
 use std::collections::BTreeMap;
@@ -9,7 +9,7 @@ use sharp_checkpoint::{DType, OutTensor, write_safetensors};
 
 use crate::support::{read, sharp_bench as run};
 
-/// Index, inputs, squeezed channels, outputs of each half of SqueezeNet's modules.
+/// Index, inputs, squeezed channels and outputs per half of each of SqueezeNet's modules.
 const FIRES: [(usize, usize, usize, usize); 8] = [
     (3, 64, 16, 64),
     (4, 128, 16, 64),
@@ -90,7 +90,7 @@ fn candles_tensors_give_the_same_numbers_and_say_where_they_were_computed() {
     }
     score("tpu").ends_with(2);
 
-    // Two runs that differ in the device alone are not put into one table.
+    // Two runs that differ only in the device are not combined in one table.
     for (device, method) in [("cpu", "copy"), ("candle-cpu", "mean")] {
         let args = [
             "run",

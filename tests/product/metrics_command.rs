@@ -1,4 +1,4 @@
-//! `sharp-bench metrics` as people script it.
+//! `sharp-bench metrics` as used in scripts.
 
 use crate::support::sharp_bench;
 use image::{Rgb, RgbImage};
@@ -44,7 +44,7 @@ fn two_pictures_and_their_json() {
     assert_eq!(pair["prediction"], "p/a.png");
     assert_eq!(pair["target"], "t/a.png");
     let psnr = pair["scores"]["psnr"].as_f64().unwrap();
-    // The same from the definition, in integers.
+    // The same value, computed from the definition in integers.
     let (p, t) = (picture(0, 40, 30), picture(1, 40, 30));
     let sse: u64 = p
         .as_raw()
@@ -90,7 +90,7 @@ fn folders_are_matched_by_stem_and_averaged() {
     assert!((mean - (scores[0] + scores[1]) / 2.0).abs() < 1e-12);
 
     std::fs::remove_file(dir.path().join("t/b.png")).unwrap();
-    sharp_bench(dir.path(), &args).is_error_with(&["p/b.png", "no picture of the same stem"]);
+    sharp_bench(dir.path(), &args).is_error_with(&["p/b.png", "no picture with the same stem"]);
 }
 
 #[test]
@@ -182,7 +182,8 @@ fn float_pictures_are_read_and_checked() {
         "--json",
     ];
     let json = sharp_bench(dir.path(), &args).ends_with(0).json();
-    // f32(v / 255) is not v / 255, so the score is finite, and above any real prediction's.
+    // f32(v / 255) differs from v / 255, so the score is finite, but higher than that of any real
+    // prediction.
     let psnr = &json["pairs"][0]["scores"]["psnr"];
     assert!(psnr == "inf" || psnr.as_f64().unwrap() > 140.0, "{psnr}");
 

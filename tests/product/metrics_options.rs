@@ -1,4 +1,5 @@
-//! Options of `sharp-bench metrics`: masks, maps, terms, kernels, resizing, CSV, descriptions, and what they refuse.
+//! Options of `sharp-bench metrics`: masks, maps, terms, kernels, resizing, CSV, descriptions, and
+//! their errors.
 
 use std::path::Path;
 
@@ -41,7 +42,7 @@ fn half_mask(path: &Path) {
     .unwrap();
 }
 
-/// Deterministic weights of AlexNet's convolutions, as a file of a user's.
+/// Deterministic weights of AlexNet's convolutions, as a user's file.
 fn alexnet(path: &Path) {
     let layers: [(&str, &[usize]); 5] = [
         ("0", &[64, 3, 11, 11]),
@@ -76,7 +77,7 @@ fn metrics(dir: &Path, args: &str) -> Said {
     sharp_bench(dir, &args)
 }
 
-/// −10 log₁₀ of the mean squared error over the pixels that count, from the definition.
+/// −10 log₁₀ of the mean squared error over the scored pixels, computed from the definition.
 fn psnr(a: &RgbImage, b: &RgbImage, counts: impl Fn(u32) -> bool) -> f64 {
     let (mut sum, mut n) = (0.0, 0.0);
     for (x, y, pixel) in a.enumerate_pixels().filter(|(x, ..)| counts(*x)) {
@@ -110,7 +111,7 @@ fn a_mask_adds_keys_of_its_own_and_leaves_the_others() {
         scores["ssim[gauss11,valid]@mask"]
     );
     assert!(scores.get("psnr@frustum").is_none());
-    // A list that names masked keys is taken as it is.
+    // A list that names masked keys is used unchanged.
     let json = metrics(
         dir.path(),
         "p/a.png t/a.png --mask mask.png --metrics psnr@mask --json",
@@ -136,7 +137,7 @@ fn masks_that_keep_little_are_warned_about_once() {
         let count = said.err.matches("invert the masks").count();
         (count, said.json()["warnings"].as_array().unwrap().len())
     };
-    // A third of the pixels is not little.
+    // A third of the pixels is not suspiciously few.
     assert_eq!(warnings("masks"), (0, 0));
     for name in ["a.png", "b.png"] {
         let narrow = GrayImage::from_fn(WIDTH, HEIGHT, |x, _| Luma([255 * u8::from(x < 6)]));
@@ -197,7 +198,7 @@ fn masks_of_a_folder_are_matched_and_must_fit() {
     std::fs::create_dir(&masks).unwrap();
     half_mask(&masks.join("a.png"));
     let args = "p t --mask masks --metrics psnr --json";
-    metrics(dir.path(), args).is_error_with(&["p/b.png", "no picture of the same stem in masks"]);
+    metrics(dir.path(), args).is_error_with(&["p/b.png", "no picture with the same stem in masks"]);
     GrayImage::from_pixel(WIDTH, HEIGHT, Luma([255]))
         .save(masks.join("b.png"))
         .unwrap();
@@ -319,7 +320,7 @@ fn learned_metrics_come_with_terms_maps_weights_and_kernels() {
     );
     assert_eq!(fast["pairs"][0]["bit_depth"]["target"], "8 bit");
 
-    // Other arithmetic, the same number within its tolerance.
+    // Other arithmetic gives the same number within its tolerance.
     for (more, arithmetic) in [
         ("--exact", ", direct"),
         ("--simd portable", "portable, winograd"),
@@ -444,7 +445,7 @@ fn keys_are_explained_and_described_for_papers_without_any_picture() {
     ] {
         assert!(said.out.contains(part), "{part}");
     }
-    // On other features nobody else's numbers are the same.
+    // With other features, no other program gives the same numbers.
     let args = "--explain --metrics lpips --weights alexnet=alexnet.safetensors";
     let said = metrics(dir.path(), args).ends_with(0);
     assert!(!said.out.contains("Same as") && said.out.contains("not those torchvision published"));

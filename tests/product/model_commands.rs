@@ -13,7 +13,7 @@ fn a_photograph_becomes_gaussians_that_can_be_looked_at_and_rendered() {
         "predict", &image, "--out", "p.ply", "--depth", "exr", "--json",
     ];
     let said = run(dir.path(), &[&predict[..], &model].concat()).ends_with(0);
-    // The photograph has no EXIF tags: the default focal length is announced.
+    // The photograph has no EXIF tags, so the default focal length is reported.
     assert!(said.err.contains("30 mm"), "{}", said.err);
     let json = said.json();
     let count = json[0]["gaussians"].as_u64().unwrap();
@@ -85,7 +85,8 @@ fn predicted_and_imported_gaussians_are_evaluated_alike() {
         assert_eq!(row[scale].is_empty(), &row[method] == "tiny");
     }
 
-    // Someone's Gaussians for the same source, here the official writer's: rendered from its poses.
+    // External Gaussians for the same source (here from the official writer), rendered in the
+    // dataset's poses.
     let scores = std::fs::read_to_string(dir.path().join("r/scores.csv")).unwrap();
     let source = scores
         .lines()
@@ -119,7 +120,8 @@ fn predicted_and_imported_gaussians_are_evaluated_alike() {
 fn colours_that_a_file_does_not_explain_are_asked_for() {
     let dir = tempfile::tempdir().unwrap();
     let dataset = "S:synthetic=size=96x72,views=4";
-    // Our own splats, as someone else's program would write them: without a word on their colours.
+    // Our own Gaussians as another program would write them, without stating the encoding of
+    // colours.
     let tagged = dir.path().join("tagged.ply");
     crate::render_scene::write(&tagged, crate::render_scene::gaussians());
     run(
@@ -136,7 +138,7 @@ fn colours_that_a_file_does_not_explain_are_asked_for() {
     let info = run(dir.path(), &["gaussians", "info", "untagged.ply"]).ends_with(0);
     assert!(info.out.contains("the file does not say"), "{}", info.out);
     assert!(info.out.contains("plausible as the camera's space"));
-    // In OpenGL axes, and in millimetres.
+    // With OpenGL axes, and in millimetres.
     for (scale, words) in [
         (-1.0, "the axes may be OpenGL's"),
         (1000.0, "median depth of 4"),
@@ -187,7 +189,7 @@ fn colours_that_a_file_does_not_explain_are_asked_for() {
         evaluate(",color_space=srgb").ends_with(0).json()["failed"],
         0
     );
-    // Taken for linear, they give themselves away in their own source.
+    // If they are read as linear, the rendering of their own source reveals it.
     let wrong = evaluate(",color_space=linear").ends_with(0);
     assert!(
         wrong.err.contains("photograph they were predicted from"),
@@ -202,7 +204,7 @@ fn colours_that_a_file_does_not_explain_are_asked_for() {
         report.out
     );
     assert!(page.contains("Source PSNR"));
-    // What is dropped is said.
+    // Dropped Gaussians are reported.
     let mut still = crate::render_scene::gaussians();
     still.quaternions[3] = [0.0; 4];
     for view in 0..4 {

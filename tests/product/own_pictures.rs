@@ -1,4 +1,4 @@
-//! One's own pictures: a small dataset with `transforms.json`.
+//! A user's own pictures: a small dataset with `transforms.json`.
 
 use std::path::Path;
 

@@ -1,4 +1,4 @@
-//! `predict` on photographs of every kind, and on what is none.
+//! `predict` on photographs of every kind, and on files that are not photographs.
 
 use std::path::{Path, PathBuf};
 
@@ -36,11 +36,11 @@ fn every_kind_of_photograph_is_accepted_several_at_once() {
         assert!(result["image"].as_str().unwrap().ends_with(name));
         assert!(dir.path().join(result["ply"].as_str().unwrap()).is_file());
         assert!(result["seconds"].as_f64().unwrap() > 0.0);
-        // None of them says its focal length, which is announced for each.
+        // None of them states its focal length, which is reported for each.
         let warned = |line: &str| line.contains(name) && line.contains("30 mm");
         assert!(said.err.lines().any(warned), "{name}: {}", said.err);
     }
-    // Two photographs of one name would be one file.
+    // Two photographs with the same name would be written to the same file.
     args[1] = args[0];
     predict(dir.path(), &args).is_error_with(&["grey.ply", "same name"]);
     args.truncate(2);
@@ -54,7 +54,7 @@ fn what_is_no_photograph_is_one_line() {
     let file = |name: &str| dir.path().join(name);
     std::fs::write(file("note.jpg"), b"hello").unwrap();
     std::fs::write(file("cut.png"), b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR").unwrap();
-    // A decoder alone would take this for a picture whose lower half is grey.
+    // A decoder alone would accept this as a picture with a grey lower half.
     image::RgbImage::new(64, 64).save(file("cut.jpg")).unwrap();
     let jpeg = std::fs::read(file("cut.jpg")).unwrap();
     std::fs::write(file("cut.jpg"), &jpeg[..jpeg.len() - 20]).unwrap();
@@ -106,13 +106,14 @@ fn time_memory_and_focal_length_are_printed() {
     if cfg!(target_os = "linux") {
         assert!(said.out.contains("peak memory"), "{}", said.out);
     }
-    // Stage by stage, where no terminal shows a bar too.
+    // The parts are printed one by one, because there is no terminal for a progress bar.
     for part in ["patch encoder", "depth decoder", "Gaussian decoder"] {
         assert!(said.err.contains(part), "{part}: {}", said.err);
     }
 }
 
-/// The numbers of a PLY file of the release's form, one row a Gaussian, and the bytes around them.
+/// The numbers of a PLY file in the release's form, one row per Gaussian, and the bytes before and
+/// after them.
 fn ply(bytes: &[u8]) -> (&[u8], Vec<[f32; 14]>, &[u8]) {
     let end = b"end_header\n";
     let at = bytes.windows(end.len()).position(|w| w == end).unwrap() + end.len();
@@ -139,11 +140,11 @@ fn the_file_is_the_official_writers() {
     let ((our_head, our_rows, our_tail), (head, rows, tail)) = (ply(&ours), ply(&theirs));
     assert_eq!(our_head, head);
     assert_eq!(our_rows.len(), rows.len());
-    // Positions, colours, opacities, sizes; rotations are fixed by covariances alone.
+    // Positions, colours, opacities, scales; rotations are compared only through covariances.
     for column in 0..10 {
         let largest = rows.iter().map(|row| row[column].abs()).fold(0.0, f32::max);
         for (a, b) in our_rows.iter().zip(&rows) {
-            // A small axis of an f32 covariance is known only to the rounding of the large one.
+            // A small axis of an f32 covariance is known only up to the rounding of the large one.
             let condition = match column {
                 7..10 => f32::exp(2.0 * (b[7] - b[column])),
                 _ => 0.0,
@@ -153,7 +154,8 @@ fn the_file_is_the_official_writers() {
             assert!(off <= allowed, "column {column}: {off:e}");
         }
     }
-    // Camera, size, frame, quantiles of disparity, colour space, version: bytes, but for the rounding of two quantiles.
+    // Camera, size, frame, quantiles of disparity, colour space and version are compared as bytes,
+    // except for the rounding of two quantiles.
     assert_eq!(our_tail.len(), tail.len());
     let quantiles = tail.len() - 4 - 8;
     for (at, (a, b)) in our_tail.iter().zip(tail).enumerate() {

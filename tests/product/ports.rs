@@ -1,4 +1,4 @@
-//! `parity --port`: Gaussians of someone else's port beside those of the release.
+//! `parity --port`: Gaussians of a port compared with those of the release.
 
 use std::path::Path;
 
@@ -10,7 +10,7 @@ use sharp::ply::{ColorSpace, GaussianScene, PlyForm, StoredForm, to_bytes};
 use crate::support::{Said, sharp_bench};
 use crate::tiny::{golden, recorded_input, tiny};
 
-/// Of the recorded prediction: two layers of 96×96 Gaussians.
+/// Number of Gaussians in the recorded prediction: two layers of 96×96.
 const COUNT: usize = 18_432;
 const SIDE: usize = 96;
 
@@ -45,7 +45,7 @@ fn the_same_gaussians_pass_and_the_differences_have_units() {
         "{}",
         said.out
     );
-    // All a pixel to the right, 2 % wider, a hundredth more opaque.
+    // All Gaussians are moved by a pixel to the right, 2 % wider, and more opaque by 0.01.
     let changed = with(|g| {
         for k in 0..g.len() {
             let [_, _, z] = g.means[k];
@@ -148,7 +148,7 @@ fn another_order_is_named_and_gaussians_left_out_are_counted() {
         let said = parity(dir.path(), &port, &[]).ends_with(0);
         assert!(said.out.contains(name), "{name}: {}", said.out);
     }
-    // A port that drops what can hardly be seen, and one that adds something of its own.
+    // A port that drops nearly invisible Gaussians, and one that adds Gaussians.
     let mut fewer = release();
     let visible = fewer.gaussians.opacities.clone();
     fewer.gaussians = fewer.gaussians.filtered(|k| visible[k] > 0.2);
@@ -181,7 +181,7 @@ fn doubled_and_broken_gaussians_are_counted() {
             "18432 Gaussians without a match of their own in the reference",
         ),
         (broken, "1 Gaussians not finite"),
-        // An offset is no other order.
+        // An offset does not count as another order.
         (far, "depth"),
     ] {
         let found = parity(dir.path(), &port, &[]).ends_with(1);

@@ -1,4 +1,4 @@
-//! Other people's evaluations, followed from their list to the report.
+//! Other projects' evaluations, from importing their list to the report.
 
 use std::path::Path;
 
@@ -15,7 +15,7 @@ fn run(dir: &Path, more: &[&str]) -> Said {
     )
 }
 
-/// A list of theirs, of two targets for one source in each scene, as one of ours.
+/// Writes a list in their format, with two targets for one source in each scene, and imports it.
 fn import(dir: &Path) {
     let args = [
         "pairs",
@@ -46,7 +46,7 @@ fn import(dir: &Path) {
         (&Value::from(4), &Value::from(3))
     );
     with(&["--dataset", DATASET, "--out", "theirs.json"])
-        .is_error_with(&["theirs.json", "not written over"]);
+        .is_error_with(&["theirs.json", "not overwritten"]);
 }
 
 /// A method's score on the first pair.
@@ -74,7 +74,7 @@ fn a_protocol_is_followed_recorded_and_not_mixed_with_others() {
     let unisharp = ["--protocol", "unisharp", "--method", "target", "--out", "u"];
     let said = with_list(&unisharp).ends_with(0);
     assert!(
-        said.err.contains("not as in unisharp: quantisation"),
+        said.err.contains("differs from unisharp: quantisation"),
         "{}",
         said.err
     );
@@ -98,7 +98,7 @@ fn a_protocol_is_followed_recorded_and_not_mixed_with_others() {
     ] {
         assert!(report.contains(part), "{part}");
     }
-    // More metrics later, under the same rules.
+    // Metrics added later follow the same rules.
     sharp_bench(dir, &["score", "u", "--metrics", "psnr@mask"]).ends_with(0);
     with_list(&["--metrics", "psnr@mask", "--out", "plain"]).ends_with(0);
     let masked = |folder: &str| scored(dir, folder, "copy", "psnr@mask");
@@ -107,11 +107,11 @@ fn a_protocol_is_followed_recorded_and_not_mixed_with_others() {
     sharp_bench(dir, &join).is_error_with(&["the protocol", "unisharp"]);
     let again = with_list(&["--metrics", "psnr@mask", "--out", "u"]);
     again.is_error_with(&["the protocol", "unisharp", "choose another folder"]);
-    // Another mean than the tables' is told.
+    // A mean that differs from that of the runs' tables is reported.
     let compared = sharp_bench(dir, &["compare", "u", "u"]).ends_with(0);
     let note = "the runs' own tables have the mean over source views of means over targets";
     assert!(compared.err.contains(note), "{}", compared.err);
-    // The report's reader may ask for other means.
+    // Whoever writes the report can request other means.
     let over = ["report", "plain", "--aggregate", "scenes", "--out", "over"];
     sharp_bench(dir, &over).ends_with(0);
     assert!(read(dir.join("over/report.md")).contains("mean over scenes of means over pairs"));
@@ -135,13 +135,14 @@ fn pictures_are_seen_at_the_protocols_size() {
     let methods = ["--method", "copy", "--method", "target", "--out", "r"];
     sharp_bench(dir, &[&args[..], &methods].concat()).ends_with(0);
     let manifest: Value = serde_json::from_str(&read(dir.join("r/manifest.json"))).unwrap();
-    // Settings are printed in the order of their names.
+    // Settings are printed in alphabetical order.
     let spec = "S:synthetic=scenes=2,size=64x48,views=6,frame=cover:32x32:lanczos";
     assert_eq!(manifest["datasets"][0]["spec"], spec);
     let mut sizes = walk(&dir.join("r"));
     sizes.dedup();
     assert_eq!(sizes, [(32, 32)]);
-    // Opened again as it was: pictures of the report, further metrics.
+    // The dataset is opened with the same settings for the report's pictures and for further
+    // metrics.
     sharp_bench(dir, &["score", "r", "--metrics", "ssim"]).ends_with(0);
     sharp_bench(dir, &["report", "r"]).ends_with(0);
     // 64x48 is too small for 256x256.

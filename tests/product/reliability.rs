@@ -1,7 +1,9 @@
-//! Runs that are killed, starved and disturbed: whatever happens, the scores are those of a run that was left alone. Where
-//! a test needs what a machine may lack (a small disk of its own, Slurm), it is reported as ignored, by name.
+//! Runs that are killed, starved and disturbed: in all cases, the scores equal those of an
+//! undisturbed run. If a test needs something that a machine may lack (a small disk of its own,
+//! Slurm), it is reported as ignored, by name.
 //!
-//! `SHARP_BENCH_KILLS=N` kills N times instead of 10; `SHARP_BENCH_SOAK=MINUTES` also disturbs one run for that long.
+//! `SHARP_BENCH_KILLS=N` kills N times instead of 10; `SHARP_BENCH_SOAK=MINUTES` also disturbs one
+//! run for that long.
 
 #![allow(
     clippy::unwrap_used,
@@ -57,7 +59,7 @@ fn main() -> ExitCode {
     libtest_mimic::run(&arguments, trials).exit_code()
 }
 
-/// 24 pairs by three methods.
+/// 24 pairs and three methods.
 const WHAT: [&str; 11] = [
     "--dataset",
     "S:synthetic=size=96x72,views=20",
@@ -76,7 +78,7 @@ pub(crate) fn run(folder: &Path, args: &[&str]) -> support::Said {
     sharp_bench(folder, &[&["run"], args].concat())
 }
 
-/// The scores of a run that was left alone, and a plan of the same.
+/// The scores of an undisturbed run, and a plan of the same evaluation.
 pub(crate) fn undisturbed(folder: &Path) -> Vec<u8> {
     run(folder, &[&WHAT[..], &["--out", "alone"]].concat()).ends_with(0);
     run(
@@ -91,7 +93,7 @@ fn shard(folder: &Path, shard: &str) -> support::Said {
     run(folder, &["--plan", "P", "--shard", shard])
 }
 
-/// The same, left to itself.
+/// Starts a shard of the plan in the background.
 pub(crate) fn start(folder: &Path, shard: &str, more: &[&str]) -> Child {
     Command::new(env!("CARGO_BIN_EXE_sharp-bench"))
         .args(["run", "--plan", "P", "--shard", shard])
@@ -103,7 +105,7 @@ pub(crate) fn start(folder: &Path, shard: &str, more: &[&str]) -> Child {
         .unwrap()
 }
 
-/// Whether the process was there to get the signal.
+/// Sends a signal; false if the process had already ended.
 pub(crate) fn send(signal: &str, child: &Child) -> bool {
     Command::new("kill")
         .args(["-s", signal, &child.id().to_string()])
@@ -112,13 +114,13 @@ pub(crate) fn send(signal: &str, child: &Child) -> bool {
         .success()
 }
 
-/// What a merge makes of the plan.
+/// The scores after merging the plan.
 pub(crate) fn merged(folder: &Path) -> Vec<u8> {
     sharp_bench(folder, &["merge", "P"]).ends_with(0);
     fs::read(folder.join("P/scores.csv")).unwrap()
 }
 
-/// Numbers that look random and are the same each time.
+/// Reproducible pseudorandom numbers.
 pub(crate) fn random(state: &mut u64, below: u64) -> u64 {
     *state = state
         .wrapping_mul(6_364_136_223_846_793_005)
@@ -148,7 +150,7 @@ fn kills() {
         let count = [1, 3, 7][random(&mut seed, 3) as usize];
         let index = 1 + random(&mut seed, count);
         let mut child = start(dir.path(), &format!("{index}/{count}"), &[]);
-        // Up to a second: from before the first unit to after the last of a small shard.
+        // Up to a second: from before the first unit until after the last of a small shard.
         std::thread::sleep(Duration::from_millis(random(&mut seed, 1000)));
         if child.try_wait().unwrap().is_none() {
             child.kill().unwrap();
@@ -159,7 +161,7 @@ fn kills() {
         if killed == kills {
             break;
         }
-        // All is done: from the start again, so that there is something to kill.
+        // If everything is finished, start again, so that there is something to kill.
         if unit_files(dir.path()).len() == 72 {
             let _ = fs::remove_dir_all(dir.path().join("P/units"));
         }
@@ -173,7 +175,7 @@ fn kills() {
         shard(dir.path(), &format!("{index}/3")).ends_with(0);
     }
     assert!(merged(dir.path()) == expected);
-    // Whoever has the folder alone sweeps what the killed ones left.
+    // The next process that has the folder to itself removes the files left by the killed ones.
     run(dir.path(), &[&WHAT[..], &["--out", "P"]].concat()).ends_with(0);
     let left = walk(&dir.path().join("P"));
     let left: Vec<_> = left
@@ -199,7 +201,7 @@ fn walk(folder: &Path) -> Vec<String> {
 fn disturbed() {
     let dir = tempfile::tempdir().unwrap();
     let expected = undisturbed(dir.path());
-    // Two processes on one shard, and one on another.
+    // Two processes for one shard, and one for another.
     let mut children = ["1/2", "1/2", "2/2"].map(|shard| start(dir.path(), shard, &[]));
     for child in &mut children {
         assert!(child.wait().unwrap().success());
@@ -207,7 +209,7 @@ fn disturbed() {
     let files = unit_files(dir.path());
     assert_eq!(files.len(), 72);
     for (i, file) in files.iter().enumerate() {
-        // Clocks that were wrong in both directions.
+        // Clocks that are wrong in both directions.
         let time = match i % 2 {
             0 => SystemTime::UNIX_EPOCH + Duration::from_secs(1),
             _ => SystemTime::now() + Duration::from_secs(400_000_000),
@@ -220,7 +222,7 @@ fn disturbed() {
             .unwrap();
         let text = fs::read(file).unwrap();
         match i {
-            // A digit, the end, everything, and another unit's content.
+            // Change a digit, the end or everything, or write another unit's content.
             3 => {
                 let text = String::from_utf8(text).unwrap();
                 let at = text.find("\"baseline_m\": 0.").unwrap() + 16;
@@ -286,7 +288,7 @@ fn vanished_input() {
         (&24.into(), &0.into())
     );
     fs::rename(dir.path().join("gone"), dir.path().join("there/S")).unwrap();
-    // Failures are results, unless they are to be tried again; a shard tries them.
+    // Failures count as results unless a retry is requested; a shard always retries them.
     let unfinished = |more: &[&str]| {
         let args = [&["status", "Q", "--unfinished-shards", "2"], more].concat();
         sharp_bench(dir.path(), &args)
@@ -306,8 +308,8 @@ fn vanished_input() {
     assert!(fs::read(dir.path().join("Q/scores.csv")).unwrap() == expected);
 }
 
-/// A command of the program's, disturbed at a system call and then left alone: it ends well and leaves nothing half
-/// written, wherever the disturbance came.
+/// A command that is disturbed at a system call and then repeated undisturbed: wherever the
+/// disturbance occurs, it ends successfully and leaves no partial file.
 fn at_system_calls() {
     const RUN: &str = "run --quiet --no-cache --dataset synthetic=views=3,size=64x48 --method copy --metrics psnr --out";
     let dir = tempfile::tempdir().unwrap();
@@ -427,12 +429,12 @@ fn stopped() {
         }
         let sent = send(signal, &child);
         let code = child.wait().unwrap().code();
-        // Another exit than these would be death by the signal.
+        // Any other exit code would mean that the signal killed the process.
         assert!(matches!(code, Some(75 | 0)), "{signal}: {code:?}");
         ended_early += usize::from(sent && code == Some(75));
     }
     assert!(ended_early >= 1);
-    // A plain run likewise, and it leaves no table that looks like its end.
+    // A plain run behaves the same, and leaves no table that looks complete.
     let budget = [&WHAT[..], &["--out", "plain", "--time-budget", "0s"]].concat();
     run(dir.path(), &budget).ends_with(75);
     assert!(!dir.path().join("plain/scores.csv").exists());
@@ -445,14 +447,14 @@ fn stopped() {
 fn planned() {
     let dir = tempfile::tempdir().unwrap();
     let expected = undisturbed(dir.path());
-    // From another folder: the plan's own paths start where it was made.
+    // From another folder: the plan's paths are relative to the folder where it was made.
     let elsewhere = tempfile::tempdir().unwrap();
     let plan = dir.path().join("P");
     let plan = plan.to_str().unwrap();
     run(elsewhere.path(), &["--plan", plan, "--shard", "1/1"]).ends_with(0);
     assert!(!plan_file(dir.path(), "scores.csv").exists());
     assert!(merged(dir.path()) == expected);
-    // Another class of kernels would give other last digits in one table.
+    // Another class of kernels would change the last digits within one table.
     run(
         dir.path(),
         &["--plan", "P", "--shard", "1/1", "--simd", "portable"],
@@ -469,10 +471,10 @@ fn planned() {
         let name = option.split('=').next().unwrap();
         assert!(said.err.contains(name), "{}", said.err);
     }
-    // What was changed since is said, not worked around.
+    // Changes made since the plan are reported, not worked around.
     for (name, from, to) in [
         ("run.toml", "limit = 24", "limit = 3"),
-        // Or a plan could start programs by itself.
+        // Otherwise, a plan could start programs by itself.
         (
             "run.toml",
             "limit = 24",
@@ -524,13 +526,13 @@ fn planned() {
     ];
     sharp_bench(dir.path(), &[&job[..], &["--sbatch", "gpu=1"]].concat())
         .is_usage_error_with(&["gpu=1", "pictures"]);
-    // A folder with results of another run is no place for a plan.
+    // A folder with another run's results cannot be used for a plan.
     run(
         dir.path(),
         &[&WHAT[..10], &["--limit=3", "--plan-only", "--out", "alone"]].concat(),
     )
     .is_error_with(&["alone", "merge"]);
-    // Programs of a plan from elsewhere start only where that is asked for.
+    // Programs of a plan from elsewhere start only if this is requested.
     let program = ["--method", "command:label=p,run='touch started; cat'"];
     run(
         dir.path(),
@@ -570,10 +572,10 @@ fn stages() {
         .sum();
     assert_eq!(scored, 72);
     assert!(merged(dir.path()) == expected);
-    // The metrics are the plan's.
+    // The plan determines the metrics.
     let other = ["score", "P", "--shard", "1/1", "--metrics", "psnr"];
     assert_eq!(sharp_bench(dir.path(), &other).code, 2);
-    // So is the class of kernels, whatever is the fastest here.
+    // It also determines the class of kernels, whatever is the fastest on this machine.
     let pinned = ["--simd=portable", "--limit=2", "--plan-only", "--out", "R"];
     run(dir.path(), &[&WHAT[..], &pinned].concat()).ends_with(0);
     run(
@@ -632,7 +634,8 @@ fn full_disk() {
     fs::rename(dir.path().join("P"), dir.path().join("Q")).unwrap();
     copy(&dir.path().join("Q"), &dir.path().join("small/P"));
     let small = dir.path().join("small");
-    // Until there is no room, and again: what was finished stays, nothing half written is taken for a result.
+    // Run until the disk is full, then again: finished units remain, and no partial file is used as
+    // a result.
     let said = run(&small, &["--plan", "P", "--shard", "1/1"]);
     said.is_error_with(&["No space left"]);
     let done = unit_files(&small).len();
@@ -654,7 +657,7 @@ fn read_only() {
     mount.remount("ro");
     shard(&small, "2/2").is_error_with(&["P", "Read-only"]);
     sharp_bench(&small, &["merge", "P"]).is_error_with(&["Read-only"]);
-    // Reading needs no more than that.
+    // Reading needs no further space.
     sharp_bench(&small, &["status", "P"]).ends_with(75);
     mount.remount("rw");
     shard(&small, "2/2").ends_with(0);

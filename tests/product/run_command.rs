@@ -1,4 +1,4 @@
-//! `pairs`, `run` and `report`: whole runs, their bytes, their failures, their restarts.
+//! `pairs`, `run` and `report`: whole runs, exact files, failures, restarts.
 
 use std::path::Path;
 
@@ -105,7 +105,7 @@ fn bytes_do_not_depend_on_threads_or_on_being_stopped_in_between() {
         read(dir.path().join("three/pairs.csv"))
     );
 
-    // As after a kill: some units are there, the tables are not.
+    // The state after a kill: some units exist, but the tables do not.
     std::fs::remove_file(dir.path().join("three/scores.csv")).unwrap();
     let units = dir.path().join("three/units");
     let mut files: Vec<_> = std::fs::read_dir(&units)
@@ -127,7 +127,7 @@ fn bytes_do_not_depend_on_threads_or_on_being_stopped_in_between() {
 fn a_failing_pair_is_recorded_and_the_others_go_on() {
     let dir = tempfile::tempdir().unwrap();
     run(dir.path(), "truth", &["--method", "target"]).ends_with(0);
-    // Someone's pictures, one of them missing and one of the wrong size.
+    // External pictures, one of them missing and one with a wrong size.
     let pictures = dir.path().join("truth/predictions/target");
     let rows_of_truth = rows(&dir.path().join("truth/scores.csv"));
     let ids: Vec<&str> = rows_of_truth[1..]
@@ -157,12 +157,12 @@ fn a_failing_pair_is_recorded_and_the_others_go_on() {
     assert!(by_id(ids[1])[reason].contains("5x5"));
     assert_eq!(by_id(ids[1])[psnr], "");
     assert_eq!(by_id(ids[2])[psnr], "inf");
-    // The table says n of N.
+    // The table shows n of N.
     let report = sharp_bench(dir.path(), &["report", "r"]).ends_with(0);
     assert!(report.out.contains("index.html"));
     assert!(read(dir.path().join("r/report/report.md")).contains("2/4"));
 
-    // Mended pictures are picked up; what had worked is kept.
+    // Corrected pictures are used; earlier successes are kept.
     std::fs::copy(
         pictures.join(format!("{}.png", ids[2])),
         pictures.join(format!("{}.png", ids[0])),
@@ -199,7 +199,7 @@ fn pair_lists_are_artifacts() {
     assert_eq!(json["manifest"]["pairs"]["sha256"], a["sha256"]);
     assert_eq!(json["manifest"]["pairs"]["lists"][0]["origin"], "given");
 
-    // A view that is not there.
+    // A view that does not exist.
     let rows = rows(&dir.path().join("a.csv"));
     let (row, source) = (rows[1].join(","), &rows[1][4]);
     let elsewhere = row
@@ -217,7 +217,7 @@ fn dry_runs_write_nothing() {
     let dir = tempfile::tempdir().unwrap();
     let said = run(dir.path(), "r", &["--method", "copy", "--dry-run"]).ends_with(0);
     assert!(said.out.contains("units   4: 0 done"), "{}", said.out);
-    // But for overlaps, in the user's cache, which the tests have here.
+    // Only overlaps are written, to the user's cache, which is in this folder during tests.
     let found = std::fs::read_dir(dir.path()).unwrap();
     let found: Vec<_> = found.map(|entry| entry.unwrap().file_name()).collect();
     assert_eq!(found, [".cache"]);
@@ -238,7 +238,7 @@ fn a_folder_grows_and_is_reported_joined_and_scored_again() {
     let standing = run(path, "r", &["--method", "copy", "--dry-run", "--json"]).json();
     assert_eq!(standing["units"]["done"], 4);
 
-    // Another metric, from kept pictures.
+    // Add another metric, from kept pictures.
     let json = sharp_bench(
         path,
         &["score", "r", "--metrics", "ssim-uniform7-sample", "--json"],
@@ -253,7 +253,7 @@ fn a_folder_grows_and_is_reported_joined_and_scored_again() {
     let ssim = column(&table, "ssim[uniform7,sample]");
     assert!(table[1..].iter().all(|row| !row[ssim].is_empty()));
 
-    // Joined with other pairs and methods, by name where they would collide.
+    // Join with other pairs and methods, renamed to avoid a collision.
     run(path, "more", &["--method", "copy"]).ends_with(0);
     let json = sharp_bench(path, &["merge", "r", "more", "--out", "all", "--json"])
         .ends_with(0)
@@ -274,11 +274,11 @@ fn a_folder_grows_and_is_reported_joined_and_scored_again() {
         "{report}"
     );
 
-    // A bundle stands for its folder, but for the pictures.
+    // A bundle can replace its folder, except for the pictures.
     sharp_bench(path, &["bundle", "r", "--out", "r.zip"]).ends_with(0);
     sharp_bench(path, &["bundle", "r", "--out", "r.zip"]).ends_with(0);
     sharp_bench(path, &["bundle", "r", "--out", "r/scores.csv"])
-        .is_error_with(&["r/scores.csv", "not written over"]);
+        .is_error_with(&["r/scores.csv", "not overwritten"]);
     sharp_bench(path, &["report", "r.zip"]).is_usage_error_with(&["--out"]);
     sharp_bench(path, &["report", "r", "--out", "of-folder"]).ends_with(0);
     sharp_bench(path, &["report", "r.zip", "--out", "of-bundle"]).ends_with(0);
@@ -289,7 +289,7 @@ fn a_folder_grows_and_is_reported_joined_and_scored_again() {
     sharp_bench(path, &["report", "r/scores.csv", "--out", "x"])
         .is_error_with(&["r/scores.csv", "not a bundle"]);
 
-    // A run that has not ended is reported as far as it is.
+    // An unfinished run is reported with the results so far.
     let unit = std::fs::read_dir(path.join("more/units")).unwrap().next();
     std::fs::remove_dir_all(unit.unwrap().unwrap().path()).unwrap();
     let said = sharp_bench(path, &["report", "more"]).ends_with(0);
@@ -297,7 +297,7 @@ fn a_folder_grows_and_is_reported_joined_and_scored_again() {
     assert!(read(path.join("more/report/report.md")).contains("has not ended"));
     sharp_bench(path, &["merge", "more"]).ends_with(75);
 
-    // An earlier version's folder.
+    // A folder of an earlier version.
     std::fs::create_dir(path.join("old")).unwrap();
     std::fs::write(path.join("old/manifest.json"), "{\"format\": 1}").unwrap();
     sharp_bench(path, &["report", "old"]).is_error_with(&["old", "format 1", "new folder"]);
@@ -412,7 +412,7 @@ fn an_estimate_and_a_count_write_nothing() {
         .ends_with(0)
         .json();
     assert_eq!(estimate["units"], count["units"]["units"]);
-    // Two pairs of each of three sources.
+    // Two pairs from each of three sources.
     assert_eq!(estimate["measured_pairs"], 6);
     assert_eq!(estimate["measured_failures"], 0);
     for field in ["cpu_secs", "wall_secs", "disk_bytes"] {
@@ -461,7 +461,7 @@ fn what_the_paper_leaves_unsaid_about_renderings_is_a_recorded_choice() {
         let manifest = read(dir.path().join(out).join("manifest.json"));
         assert!(manifest.contains(recorded), "{manifest}");
         assert_ne!(scores(out), scores("r"), "{option}");
-        // One folder has one choice.
+        // A folder has only one value for each choice.
         splat("r", &[option, value]).is_error_with(&["r:", "renderer"]);
     }
 }
@@ -531,7 +531,7 @@ fn a_run_is_repeated_from_its_own_file() {
     }
     sharp_bench(path, &["run", "--dataset", "synthetic", "--out", "w"])
         .is_usage_error_with(&["no method"]);
-    // A list that was handed in may change; the folder has its own.
+    // The given list may change; the folder has its own copy.
     std::fs::copy(path.join("r/pairs.csv"), path.join("list.csv")).unwrap();
     let study = ["run", "--config", "study/study.toml"];
     sharp_bench(

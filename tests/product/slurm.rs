@@ -1,4 +1,4 @@
-//! A plan on a Slurm of three nodes, all of them on this machine, of which one dies.
+//! Runs a plan on a Slurm cluster of three nodes, all on this machine; one of them dies.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 
 use super::support::{read, sharp_bench};
 
-/// Whether Slurm's daemons and MUNGE are, and may be started.
+/// Whether Slurm's daemons and MUNGE are installed and may be started.
 pub(crate) fn is_there() -> bool {
     let user = Command::new("id").arg("-u").output();
     let is_root = user.is_ok_and(|user| user.stdout.trim_ascii() == b"0");
@@ -21,11 +21,12 @@ pub(crate) fn is_there() -> bool {
     is_root && programs.iter().all(has)
 }
 
-/// A cluster of its own: configuration, ports and processes; all of it ends when it is dropped.
+/// A separate cluster with its own configuration, ports and processes, all of which end when it is
+/// dropped.
 struct Cluster {
     root: PathBuf,
     host: String,
-    /// MUNGE was not running before.
+    /// True if MUNGE was not running before.
     started_munge: bool,
 }
 
@@ -66,7 +67,7 @@ impl Cluster {
 
     fn configuration(&self) -> String {
         let (host, root) = (&self.host, self.root.display());
-        // Apart from others that run at the same time, and from a Slurm that this machine has.
+        // Separate from other tests that run at the same time, and from the machine's own Slurm.
         let port = 20_000 + std::process::id() % 10_000 * 4;
         let nodes: String = (1..=3)
             .map(|i| {
@@ -115,7 +116,7 @@ impl Cluster {
         String::from_utf8_lossy(&output.stdout).into_owned()
     }
 
-    /// Submits what is left of the plan in a folder and waits for the end of all jobs.
+    /// Submits the remaining shards of the plan in a folder and waits until all jobs have ended.
     fn submit(&self, folder: &Path) -> String {
         let submitted = self
             .command("bash")
@@ -131,7 +132,7 @@ impl Cluster {
 
     fn drain(&self) {
         wait("jobs do not end", 240, || {
-            // What is requeued would wait two minutes.
+            // A requeued job would wait for two minutes.
             for job in self
                 .ask("squeue", &["-h", "-t", "PD", "-r", "-o", "%i %r"])
                 .lines()
@@ -147,7 +148,7 @@ impl Cluster {
         });
     }
 
-    /// Ends the daemon of a node and everything that it started, as a loss of power would.
+    /// Kills the daemon of a node and everything that it started, like a power failure.
     fn lose(&self, node: &str) {
         let jobs = self.ask("squeue", &["-h", "-w", node, "-t", "R", "-o", "%A"]);
         let mut doomed: Vec<u32> = Vec::new();
@@ -224,7 +225,7 @@ fn kill(process: u32, signal: &str) {
     kill.unwrap();
 }
 
-/// Id, parent and title of each.
+/// Id, parent and title of each process.
 fn processes() -> Vec<(u32, u32, String)> {
     let of = |entry: fs::DirEntry| {
         let id: u32 = entry.file_name().to_str()?.parse().ok()?;
@@ -267,7 +268,7 @@ pub(crate) fn survives_a_dead_node() {
     let dir = tempfile::tempdir().unwrap();
     let folder = dir.path();
     let expected = super::undisturbed(folder);
-    // Six shards where an array has indices up to 4: two arrays.
+    // Six shards, but array indices up to 4 only: two arrays are needed.
     let scale = [
         "scale", "slurm", "--plan", "P", "--shards", "6", "--cpus", "1", "--out", "jobs",
     ];
@@ -290,7 +291,7 @@ pub(crate) fn survives_a_dead_node() {
         cluster.drain();
     }
     assert!(fs::read(folder.join("P/scores.csv")).unwrap() == expected);
-    // Of what is lost afterwards, no more than its shard is submitted.
+    // For a unit lost afterwards, only its shard is submitted.
     fs::remove_file(&super::unit_files(folder)[40]).unwrap();
     let unfinished = sharp_bench(folder, &["status", "P", "--unfinished-shards", "6"]).out;
     assert_eq!(unfinished.trim().len(), 1, "{unfinished}");

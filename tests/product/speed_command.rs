@@ -1,4 +1,4 @@
-//! `speed` and `report --methods-text`: what a paper says besides its scores.
+//! `speed` and `report --methods-text`: what a paper reports besides its scores.
 
 use std::path::Path;
 
@@ -79,7 +79,7 @@ fn speed_measures_methods_apart_and_sums_up_runs() {
     sharp_bench(dir, &["bundle", "r", "--out", "r.zip"]).ends_with(0);
     sharp_bench(dir, &["speed", "r.zip", "--out", "s"]).is_error_with(&["r.zip", "no times"]);
     std::fs::write(dir.join("speed.md"), "mine").unwrap();
-    sharp_bench(dir, &["speed", "r", "--out", "."]).is_error_with(&["speed.md", "something else"]);
+    sharp_bench(dir, &["speed", "r", "--out", "."]).is_error_with(&["speed.md", "of another kind"]);
 }
 
 #[test]
@@ -109,6 +109,6 @@ fn a_run_describes_itself_for_a_paper() {
     std::fs::create_dir(dir.join("u")).unwrap();
     std::fs::write(dir.join("u/methods.bib"), "mine").unwrap();
     sharp_bench(dir, &["report", "r", "--methods-text", "--out", "u"])
-        .is_error_with(&["methods.bib", "something else"]);
+        .is_error_with(&["methods.bib", "of another kind"]);
     assert!(!dir.join("u/methods.tex").exists());
 }

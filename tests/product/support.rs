@@ -1,4 +1,4 @@
-//! Runs the binary and looks at what it says.
+//! Runs the binary and checks its output.
 
 use std::path::Path;
 use std::process::{Command, Output};
@@ -19,12 +19,12 @@ impl Said {
         serde_json::from_str(&self.out).unwrap_or_else(|e| panic!("{e}: {} {}", self.out, self.err))
     }
 
-    /// Fails unless the command ended with exit code 1 and one line that holds all parts.
+    /// Fails unless the command ended with exit code 1 and a single line that contains all parts.
     pub(crate) fn is_error_with(&self, parts: &[&str]) {
         self.is_line_with(1, parts);
     }
 
-    /// The same for a command line that asks for something that cannot be: exit code 2.
+    /// The same for a command line that requests something impossible: exit code 2.
     pub(crate) fn is_usage_error_with(&self, parts: &[&str]) {
         self.is_line_with(2, parts);
     }
@@ -78,7 +78,8 @@ pub(crate) fn ascii_ply(rows: &[[f32; 14]]) -> String {
     text
 }
 
-/// Runs `sharp-bench` in a folder, where nothing of the user's is seen: no cache of overlaps, no weights.
+/// Runs `sharp-bench` in a folder without access to the user's files: no cache of overlaps, no
+/// weights.
 pub(crate) fn sharp_bench(folder: &Path, args: &[&str]) -> Said {
     sharp_bench_with(folder, &[], args)
 }

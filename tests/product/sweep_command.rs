@@ -69,7 +69,7 @@ fn a_controlled_sweep_from_pictures_to_tables() {
         .map(|line| line.split(',').collect())
         .collect();
     let edges: Vec<(&str, &str, &str)> = of_copy.iter().map(|r| (r[5], r[6], r[7])).collect();
-    // A step a bin, two scenes each.
+    // One bin per step, with two scenes each.
     assert_eq!(
         edges,
         [
@@ -84,7 +84,7 @@ fn a_controlled_sweep_from_pictures_to_tables() {
         read(dir.path().join("out/sweep-crossings.csv")).contains("S,mean,S,psnr,behind copy,")
     );
 
-    // The same again is the same, and takes the place of what was there.
+    // A repetition gives the same files and replaces the earlier ones.
     let before = std::fs::read(dir.path().join("out/sweep-psnr.pdf")).unwrap();
     sharp_bench(dir.path(), &args).ends_with(0);
     assert!(before == std::fs::read(dir.path().join("out/sweep-psnr.pdf")).unwrap());
@@ -93,10 +93,11 @@ fn a_controlled_sweep_from_pictures_to_tables() {
         sharp_bench(dir.path(), &[&common, more].concat())
     };
     let limits = ["--metrics", "psnr", "--threshold", "ssim=0.5"];
-    sweep(&limits).is_usage_error_with(&["--threshold ssim", "--metrics leaves"]);
+    sweep(&limits).is_usage_error_with(&["--threshold ssim", "--metrics does not include"]);
     let said = sweep(&["--bins", "1e3"]).ends_with(2);
     assert!(said.err.contains("at most 15 digits"), "{}", said.err);
-    // Without crossings, those of before go; pairs beyond the edges are counted.
+    // Without crossings, the earlier file of crossings is removed; pairs beyond the edges are
+    // counted.
     let said = sweep(&["--bins", "0,0.11"]).ends_with(0);
     for part in [
         "sweep-crossings.csv was left by",
@@ -105,10 +106,10 @@ fn a_controlled_sweep_from_pictures_to_tables() {
         assert!(said.err.contains(part), "{part}: {}", said.err);
     }
     assert!(!dir.path().join("out/sweep-crossings.csv").exists());
-    // What is somebody else's stays, and nothing else is written then.
+    // A user's own file is kept, and then nothing else is written either.
     let drawn = read(dir.path().join("out/sweep-psnr.svg"));
     std::fs::write(dir.path().join("out/sweep.csv"), "mine\n").unwrap();
-    sharp_bench(dir.path(), &args).is_error_with(&["sweep.csv", "something else"]);
+    sharp_bench(dir.path(), &args).is_error_with(&["sweep.csv", "of another kind"]);
     assert_eq!(read(dir.path().join("out/sweep.csv")), "mine\n");
     assert_eq!(read(dir.path().join("out/sweep-psnr.svg")), drawn);
 }
@@ -133,7 +134,7 @@ fn figures_of_runs() {
     for name in ["qualitative", "ablation", "extended-motion"] {
         figure(name, &["--crop", "4,4,12,9"]).ends_with(0);
         let png = image::open(dir.path().join(format!("f/{name}.png"))).unwrap();
-        // 60 mm at 100 dpi, less what columns leave.
+        // 60 mm at 100 dpi, minus the pixels that remain after division into equal columns.
         assert!(
             (230..=236).contains(&png.width()),
             "{name}: {}",
@@ -180,7 +181,7 @@ fn what_is_wrong_with_a_sheet_is_said() {
         sharp_bench(dir.path(), &[&common, more].concat())
     };
     let said = figure("qualitative", "run", &["--crop", "40,0,12,9", "--json"]).ends_with(4);
-    let outside = "reaches out of its 48 × 36 pixels";
+    let outside = "extends beyond its 48 × 36 pixels";
     // Two predictions and the truth.
     assert_eq!(said.err.matches(outside).count(), 3, "{}", said.err);
     assert_eq!(said.json()["problems"].as_array().unwrap().len(), 3);
@@ -198,7 +199,7 @@ fn what_is_wrong_with_a_sheet_is_said() {
         said.err
     );
 
-    // A bundle holds no predictions; the dataset is at hand.
+    // A bundle has no predictions, but the dataset is available.
     sharp_bench(dir.path(), &["bundle", "run", "--out", "b.zip"]).ends_with(0);
     let said = figure("ablation", "b.zip", &["--count", "6"]).ends_with(4);
     let warnings = said
@@ -211,8 +212,8 @@ fn what_is_wrong_with_a_sheet_is_said() {
     assert_eq!(warnings[10], "warning: and 2 more");
 }
 
-/// Three upright strips, 2, 3 and 4 m away, the one in the middle half transparent: the panel has their inverse depth, not the
-/// dataset's, and alpha does not count.
+/// Three vertical strips, at 2, 3 and 4 m; the middle one is half transparent. The panel shows
+/// their inverse depth, not the dataset's, and alpha has no effect on it.
 #[test]
 fn the_depth_beside_a_failure_is_that_of_the_rendering() {
     let dir = tempfile::tempdir().unwrap();
@@ -279,7 +280,8 @@ fn the_depth_beside_a_failure_is_that_of_the_rendering() {
         .unwrap()
         .into_rgb8();
     let (width, height) = sheet.dimensions();
-    // Inferno's values of matplotlib at 1, at (1/3 − 1/4) / (1/2 − 1/4) and at 0; the panel is the last third.
+    // Matplotlib's values of Inferno at 1, at (1/3 − 1/4) / (1/2 − 1/4) and at 0; the panel is the
+    // last third.
     let strips = [[252, 255, 164], [120, 28, 109], [0, 0, 4]];
     for (strip, expected) in strips.into_iter().enumerate() {
         let x = width * 2 / 3 + width / 3 * [10, 50, 90][strip] / 100;
@@ -320,14 +322,14 @@ fn depth_against_that_of_the_mirrored_picture() {
     ];
     sharp_bench(dir.path(), &args_of_maps).ends_with(0);
     is_there(dir.path(), "f/uncertainty.png");
-    // Both layers of a network, a row each.
+    // Both layers of a network, one row each.
     let (photo, _) = recorded_input();
     let mut args = vec!["figure", "uncertainty", "--picture", &photo, "--out", "n"];
     let network = tiny();
     args.extend(network.iter().map(String::as_str));
     sharp_bench(dir.path(), &args).ends_with(0);
     let size = |file: &str| image::open(path(file)).unwrap().height();
-    // The heads are there once.
+    // The column headings appear only once.
     assert!(2 * size("n/uncertainty.png") > 3 * size("f/uncertainty.png"));
 
     image::ImageBuffer::<image::Luma<u16>, _>::new(8, 6)

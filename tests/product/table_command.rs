@@ -1,11 +1,11 @@
-//! The paper's tables with rows of one's own, and why they differ.
+//! The paper's tables with a user's own rows, and explanations of differences.
 
 use std::path::Path;
 
 use crate::support::sharp_bench;
 use crate::tiny::golden;
 
-/// Motorcycle of Middlebury, quarter size.
+/// Middlebury's Motorcycle at quarter size.
 fn middlebury() -> String {
     let data = Path::new(env!("CARGO_MANIFEST_DIR")).join("../tests/fixtures/middeval3");
     format!("M:middlebury={}", data.display())
@@ -17,7 +17,7 @@ fn run(dir: &Path, out: &str, args: &[&str]) {
     sharp_bench(dir, &[&always[..], args].concat()).ends_with(0);
 }
 
-/// A label that means something to every form.
+/// A label with special characters of every output format.
 const ODD: &str = "<b>a_1 & 5 %</b>";
 
 #[test]
@@ -43,7 +43,7 @@ fn rows_of_ones_own_stand_below_the_published_ones() {
     };
     let json = table(&["--json", "--out", "out"]).ends_with(0).json();
     let cells = json["cells"].as_array().unwrap();
-    // Seven published rows and two of one's own, six datasets, two metrics.
+    // Seven published rows and two own rows, six datasets, two metrics.
     assert_eq!(cells.len(), 9 * 12);
     let cell = |row: &str, dataset: &str, metric: &str| {
         let found = cells.iter().find(|cell| {
@@ -58,7 +58,7 @@ fn rows_of_ones_own_stand_below_the_published_ones() {
     );
     let own = cell(ODD, "Middlebury", "psnr");
     assert_eq!((&own["origin"], &own["n"]), (&"measured".into(), &1.into()));
-    // Of two rows of one's own one is the best, whatever the published ones are.
+    // One of the two own rows is the best, whatever the published ones are.
     let ranks = [own, cell("mean", "Middlebury", "psnr")].map(|cell| cell["rank"].as_u64());
     assert!(
         ranks.contains(&Some(1)) && ranks.contains(&Some(2)),
@@ -107,20 +107,20 @@ fn rows_of_ones_own_stand_below_the_published_ones() {
         "{md}"
     );
 
-    // Only what was measured, and the same again over it.
+    // Only measured datasets; overwrites the earlier files.
     let narrow = table(&["--only-measured", "--json", "--out", "out"])
         .ends_with(0)
         .json();
     assert_eq!(narrow["cells"].as_array().unwrap().len(), 9 * 2);
     std::fs::write(dir.join("out/psnr-ssim.md"), "mine").unwrap();
-    table(&["--out", "out"]).is_error_with(&["psnr-ssim.md", "not written over"]);
+    table(&["--out", "out"]).is_error_with(&["psnr-ssim.md", "not overwritten"]);
 
     for (args, said) in [
         (["nope", "--row", "a=run:copy"], "no table 'nope'"),
         (["psnr-ssim", "--row", "run"], "LABEL=RUN"),
         (
             ["psnr-ssim", "--row", "a\nb=run:copy"],
-            "'a\\nb' holds a control character",
+            "'a\\nb' contains a control character",
         ),
     ] {
         sharp_bench(dir, &[&["table"], &args[..]].concat()).is_usage_error_with(&[said]);
@@ -249,7 +249,7 @@ fn a_number_is_explained_by_the_readings_of_its_pictures() {
             .unwrap()
     };
     let pairs = "mean over pairs";
-    // What the run scored.
+    // The scores of the run.
     let scores = std::fs::read_to_string(dir.join("run/scores.csv")).unwrap();
     let at = scores
         .lines()
@@ -269,9 +269,9 @@ fn a_number_is_explained_by_the_readings_of_its_pictures() {
         .unwrap();
     assert_eq!(of("psnr", "as scored", pairs), scored);
     assert_eq!(run["cells"][0]["here"].as_f64(), Some(scored));
-    // Of one pair every mean is the number itself.
+    // For a single pair, every mean equals the number itself.
     assert!((of("psnr", "as scored", "PSNR of the mean squared error") - scored).abs() < 1e-9);
-    // Rounding moves it by less than truncation; holes that take a colour are no longer black.
+    // Rounding changes it less than truncation; holes that are given a colour are no longer black.
     let moved = |picture: &str| (of("psnr", picture, pairs) - scored).abs();
     assert!(
         moved("not rounded") < moved("truncated"),
@@ -287,7 +287,7 @@ fn a_number_is_explained_by_the_readings_of_its_pictures() {
         text.contains("right=im1E") && text.contains("verdict"),
         "{text}"
     );
-    // The folder is as it was, and so are the files of a second time.
+    // The run folder is unchanged, and a repetition writes the same files.
     let before = std::fs::read(dir.join("why/readings.csv")).unwrap();
     explain(&["--out", "why"]).ends_with(0);
     assert_eq!(std::fs::read(dir.join("why/readings.csv")).unwrap(), before);
@@ -318,13 +318,13 @@ fn a_number_is_explained_by_the_readings_of_its_pictures() {
         (&cell["here"], &cell["spread"][1]),
         (&"inf".into(), &"inf".into())
     );
-    // The path of its dataset is relative, and nothing is there from elsewhere.
+    // The dataset's path is relative, so it does not exist when seen from another folder.
     sharp_bench(&dir.join("why"), &args).is_error_with(&[
-        "middlebury=data, from which the run has its pictures",
+        "middlebury=data, which the run's pictures are read from",
         "relative to the folder where `run` was started",
         "why",
     ]);
-    // A prediction that is not kept any more is in no number, in either form.
+    // A prediction that is no longer kept is excluded from all numbers, in both forms.
     std::fs::remove_dir_all(dir.join("itself/predictions")).unwrap();
     for args in [&args[..], &args[..5]] {
         sharp_bench(dir, args).ends_with(4);

@@ -1,4 +1,4 @@
-//! The tiny network and what it was recorded on.
+//! The tiny network and its recorded input.
 
 use std::path::PathBuf;
 
@@ -8,12 +8,12 @@ pub(crate) fn golden(name: &str) -> String {
     path.join(name).display().to_string()
 }
 
-/// Arguments that name the tiny network.
+/// Arguments that select the tiny network.
 pub(crate) fn tiny() -> [String; 4] {
     with_checkpoint(&golden("tiny_model.pt"))
 }
 
-/// Arguments that name the tiny network with other weights.
+/// Arguments that select the tiny network with other weights.
 pub(crate) fn with_checkpoint(file: &str) -> [String; 4] {
     [
         "--checkpoint".into(),
@@ -23,7 +23,7 @@ pub(crate) fn with_checkpoint(file: &str) -> [String; 4] {
     ]
 }
 
-/// The photograph that the tiny network was recorded on, with its focal length.
+/// The photograph with which the tiny network was recorded, and its focal length.
 pub(crate) fn recorded_input() -> (String, String) {
     (golden("inputs/main_640x480.png"), "500".into())
 }

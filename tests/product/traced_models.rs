@@ -1,4 +1,4 @@
-//! `record` and `parity`: where a changed model begins to differ.
+//! `record` and `parity`: the stage at which a changed model first differs.
 
 use std::borrow::Cow;
 use std::collections::BTreeMap;
@@ -10,7 +10,7 @@ use sharp_checkpoint::{Checkpoint, OutTensor, write_safetensors};
 use crate::support::{Said, sharp_bench as run};
 use crate::tiny::{golden, recorded_input, tiny, with_checkpoint};
 
-/// `parity` of a checkpoint with the official recording.
+/// Runs `parity` of a checkpoint against the official recording.
 fn parity(dir: &Path, model: &[String; 4], focal: &str, more: &[&str]) -> Said {
     let (image, _) = recorded_input();
     let recording = golden("golden_tiny.safetensors");
@@ -56,7 +56,7 @@ fn keys(value: &Value) -> Vec<&str> {
 #[test]
 fn parity_with_the_official_recording_in_the_documented_form() {
     let dir = tempfile::tempdir().unwrap();
-    // The photograph finds the recording within the file.
+    // The recording in the file is found by the photograph's name.
     let json = parity(
         dir.path(),
         &tiny(),
@@ -86,7 +86,7 @@ fn parity_with_the_official_recording_in_the_documented_form() {
     ] {
         assert!(names.contains(&stage), "{stage}");
     }
-    // Large stages are sampled there, small ones whole.
+    // In the recording, large stages are sampled and small ones are complete.
     let values = |name: &str| {
         let stage = stages.iter().find(|s| s["stage"] == name).unwrap();
         stage["values"].as_u64().unwrap()
@@ -122,10 +122,10 @@ fn the_first_stage_that_diverges_is_named() {
         assert_eq!(said.json()["first_divergence"], stage, "{tensor}");
         let named = format!("diverges first at stage {stage}");
         assert!(said.err.contains(&named), "{}", said.err);
-        // A tolerance beyond the change lets it pass.
+        // A tolerance larger than the change accepts it.
         parity(dir.path(), &model, "500", &["--tolerance", "1e9"]).ends_with(0);
     }
-    // Another focal length is another prediction.
+    // Another focal length gives another prediction.
     let said = parity(dir.path(), &tiny(), "77", &["--json"]).ends_with(1);
     assert_eq!(said.json()["first_divergence"], "disparity_factor");
 }
@@ -169,7 +169,8 @@ fn a_device_that_this_build_lacks_is_an_error_that_says_how_to_get_it() {
     parity(dir.path(), &tiny(), "500", &["--device", "tpu"]).ends_with(2);
 }
 
-/// In two folders, in one run and after each other, and one in the place of the other.
+/// Two models with the same file name: in two folders, in one run, one after the other, and one
+/// replacing the other.
 #[test]
 fn two_models_of_one_file_name_share_no_number() {
     let dir = tempfile::tempdir().unwrap();
@@ -204,11 +205,11 @@ fn two_models_of_one_file_name_share_no_number() {
     let (of_a, _) = evaluated("alone-a", &net("a"));
     let (of_b, _) = evaluated("alone-b", &net("b"));
     assert_ne!(of_a, of_b);
-    // After each other in one folder.
+    // One after the other in the same folder.
     assert_eq!(evaluated("r", &net("a")), (of_a.clone(), 0));
     assert_eq!(evaluated("r", &net("a")), (of_a.clone(), 2));
     assert_eq!(evaluated("r", &net("b")), (of_b.clone(), 0));
-    // Side by side.
+    // In the same run.
     let (both, _) = evaluated("both", &[method("one", "a"), method("two", "b")]);
     let rows = |label: &str| -> String {
         let named = format!(",{label},");
@@ -217,7 +218,7 @@ fn two_models_of_one_file_name_share_no_number() {
             .collect()
     };
     assert!(of_a.ends_with(&rows("one")) && of_b.ends_with(&rows("two")));
-    // In each other's place, with the times of the first.
+    // Exchanged, keeping the modification times of the first.
     let (file, other) = (
         dir.join("a/model.safetensors"),
         dir.join("b/model.safetensors"),

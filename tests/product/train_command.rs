@@ -1,4 +1,4 @@
-//! `train` on the tiny network, and the bundled one wherever a checkpoint is named.
+//! `train` on the tiny network, and the bundled network wherever a checkpoint can be given.
 
 use std::path::Path;
 use std::process::{Command, Stdio};
@@ -9,7 +9,7 @@ use sharp::model::inventory::CheckpointSource;
 use crate::support::{Said, read, sharp_bench};
 use crate::tiny::{golden, recorded_input};
 
-/// Four steps of the first stage, without the perceptual loss, whose network takes longest.
+/// Four steps of the first stage, without the perceptual loss, whose network takes the most time.
 fn config(folder: &Path) -> String {
     let text = format!(
         "network.file = {:?}\nlosses.percep = 0.0\n\
@@ -44,7 +44,8 @@ fn train(folder: &Path, out: &str) -> Said {
     sharp_bench(folder, &arguments(out))
 }
 
-/// Starts a training and sends a signal as soon as its log has that many lines; its exit code.
+/// Starts a training and sends a signal as soon as its log has `lines` lines; returns its exit
+/// code.
 fn signalled(folder: &Path, out: &str, lines: usize, signal: &str) -> Option<i32> {
     let mut child = Command::new(env!("CARGO_BIN_EXE_sharp-bench"))
         .args(arguments(out))
@@ -65,7 +66,7 @@ fn signalled(folder: &Path, out: &str, lines: usize, signal: &str) -> Option<i32
     child.wait().unwrap().code()
 }
 
-/// What follows from configuration and seed.
+/// The output that configuration and seed determine.
 fn bytes(folder: &Path) -> Vec<Vec<u8>> {
     let names = ["log.csv", "validation.csv", "weights.safetensors"];
     let files = names.map(|name| std::fs::read(folder.join(name)).unwrap());
@@ -92,7 +93,7 @@ fn a_training_is_validated_and_goes_on_where_it_was_killed_or_interrupted() {
         validation.contains(&format!("1,4,{psnr},\"psnr\"")),
         "{validation}"
     );
-    // The last validation is a run like any other.
+    // The last validation is an ordinary run.
     let scores = read(whole.join("validation/scores.csv"));
     assert!(
         scores.lines().nth(1).unwrap().contains(&psnr.to_string()),
@@ -111,7 +112,7 @@ fn a_training_is_validated_and_goes_on_where_it_was_killed_or_interrupted() {
 
     assert_eq!(signalled(dir.path(), "c", 2, "-INT"), Some(75));
     assert!(!dir.path().join("c/weights.safetensors").exists());
-    // Half a training is not what a file of that name stands for.
+    // The file is not written before training is complete.
     let halves = [&arguments("c")[..], &["--export-f16", "half.safetensors"]].concat();
     let stopped = [&halves[..], &["--time-budget", "0s"]].concat();
     sharp_bench(dir.path(), &stopped).ends_with(75);
@@ -122,11 +123,11 @@ fn a_training_is_validated_and_goes_on_where_it_was_killed_or_interrupted() {
     half.check(&tiny, &[]).unwrap();
     assert_eq!(bytes(&whole), bytes(&dir.path().join("c")));
 
-    // Of a complete one nothing is left to do.
+    // A complete training has nothing left to do.
     let again = train(dir.path(), "a").ends_with(0).json();
     assert_eq!(again["weights_sha256"], json["weights_sha256"]);
 
-    // The weights are a checkpoint of the network beside them.
+    // The weights are a checkpoint for the network described next to them.
     let method = "sharp:checkpoint=a/weights.safetensors,config=a/network.json";
     let run = [
         "run",
@@ -168,9 +169,9 @@ fn what_cannot_be_trained_is_one_clear_error() {
     set(&["stage1.steps=2", "losses.tv=0"]).ends_with(0);
     let log = std::fs::read_to_string(dir.path().join("u/log.csv")).unwrap();
     assert_eq!(log.lines().count(), 3);
-    train(dir.path(), "u").is_error_with(&["`losses.tv` is 0 there and not given here"]);
+    train(dir.path(), "u").is_error_with(&["`losses.tv` was 0 and is now not given"]);
 
-    // The paper's weight is for another network than the bundled one.
+    // The paper's weight is meant for another network than the bundled one.
     let heavy = ["--set", "losses.percep=", "--set", "initial=absent.pt"];
     let said = sharp_bench(dir.path(), &[&arguments("v")[..], &heavy].concat());
     said.is_error_with(&["absent.pt"]);
@@ -210,7 +211,7 @@ fn configurations_of_the_bundled_network_fit_together() {
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
     let load = |name| {
         let file = root.join("sharp/train/configs").join(name);
-        // The first two name their network from the folder of these sources.
+        // The first two give their network relative to the folder of these sources.
         let text = std::fs::read_to_string(&file).unwrap();
         let text = text.replace("sharp/mini/", &format!("{}/sharp/mini/", root.display()));
         sharp_train::config::TrainingConfig::parse(&text, &file).unwrap()
@@ -240,12 +241,12 @@ fn a_training_may_begin_with_the_bundled_network() {
         .unwrap()
         .check(&bundled, &[])
         .unwrap();
-    // Killed before its first checkpoint, it begins anew with the same weights.
+    // If it is killed before its first checkpoint, it starts again with the same weights.
     let bytes = std::fs::read(&learnt).unwrap();
     std::fs::remove_dir_all(dir.path().join("t/checkpoints")).unwrap();
     train(dir.path(), "t").ends_with(0);
     assert_eq!(std::fs::read(&learnt).unwrap(), bytes);
-    // Random weights would begin elsewhere.
+    // Random weights would start with another loss.
     let loss = |out: &str| {
         let log = read(dir.path().join(out).join("log.csv"));
         let row = log.lines().nth(1).unwrap();
@@ -294,7 +295,7 @@ fn the_bundled_network_predicts_records_and_compares() {
     assert_eq!(json[0]["gaussians"], 2 * 256 * 256);
     let both = [&predict[..], &["--config", "x.json"]].concat();
     sharp_bench(dir.path(), &both).is_error_with(&["own configuration", "./mini"]);
-    // Without a name it is not used, but named.
+    // If no checkpoint is given, the network is not used, but mentioned.
     let none = ["predict", &image, "--out", "q.ply"];
     sharp_bench(dir.path(), &none).is_error_with(&["no SHARP checkpoint", "`mini`"]);
 }

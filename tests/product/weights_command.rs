@@ -1,4 +1,5 @@
-//! `weights`: what is in files, what they are refused for, and how the official checkpoint is got and recognised.
+//! `weights`: contents of files, reasons for rejecting them, and how the official checkpoint is
+//! fetched and recognised.
 
 use std::borrow::Cow;
 use std::collections::BTreeMap;
@@ -30,7 +31,7 @@ fn weights_are_made_checked_and_converted() {
         ],
     )
     .ends_with(0);
-    // Another salt makes other values of the same shapes; the same makes the same bytes.
+    // Another salt gives other values with the same shapes; the same salt gives the same bytes.
     let synth = ["weights", "synth", "--config", &config, "--out"];
     let salted = |salt: &str, out: &str| {
         run(dir.path(), &[&synth[..], &[out, "--salt", salt]].concat()).ends_with(0);
@@ -53,7 +54,7 @@ fn weights_are_made_checked_and_converted() {
     assert_eq!(synthetic["modules"], converted["modules"]);
     assert_eq!(converted["not_finite"], 0);
 
-    // The release's network is another one: everything that does not fit is listed.
+    // The release's network is different, so everything that does not fit is listed.
     let said = run(dir.path(), &["weights", "check", "a.safetensors", "--json"]).ends_with(1);
     assert!(
         said.err.contains("missing") && said.err.contains("shape"),
@@ -80,7 +81,7 @@ fn hostile_files_are_refused_in_one_line_and_nothing_is_run() {
 
 #[test]
 fn the_release_has_its_702_305_169_parameters() {
-    // The official names and shapes over a hole in a file: nothing is written but the header.
+    // The official names and shapes in a sparse file: only the header is written.
     let dir = tempfile::tempdir().unwrap();
     let mut header = serde_json::Map::new();
     let mut at = 0;
@@ -135,7 +136,7 @@ fn values_that_are_not_finite_are_counted() {
     assert!(said.out.contains("not finite    2"), "{}", said.out);
 }
 
-/// The tiny network's weights and a tensor that it does not have.
+/// The tiny network's weights with an additional tensor.
 fn with_a_surplus_tensor(path: &Path) {
     let official = Checkpoint::open(golden("tiny_model.pt")).unwrap();
     let mut tensors: Vec<OutTensor> = official
@@ -203,7 +204,7 @@ fn surplus_tensors_are_refused_until_they_are_allowed_everywhere() {
     );
 }
 
-/// Runs a command of someone whose home and caches lie in `dir`.
+/// Runs a command for a user whose home and caches are in `dir`.
 fn at_home(dir: &Path, args: &[&str]) -> Said {
     let (home, cache, torch, ours) = (
         dir.join("home"),
@@ -216,7 +217,7 @@ fn at_home(dir: &Path, args: &[&str]) -> Said {
         ("XDG_CACHE_HOME", &*cache),
         ("TORCH_HOME", &*torch),
         ("SHARP_BENCH_WEIGHTS", &*ours),
-        // Where nobody listens.
+        // An address without a server.
         ("SHARP_BENCH_MIRROR", Path::new("http://127.0.0.1:9")),
     ];
     sharp_bench_with(dir, &variables, args)
@@ -238,7 +239,7 @@ fn networks_that_ship_are_at_hand_and_others_are_fetched_from_the_mirror() {
     assert!(mini == Some("mini") && file(3).unwrap().ends_with("mini.safetensors"));
 
     let fetch = |name: &str| at_home(dir.path(), &["weights", "fetch", name]);
-    // Only what is not at hand, unless it is asked for by name.
+    // Fetches only missing weights, unless they are requested by name.
     fetch("metrics").is_error_with(&["http://127.0.0.1:9/squeezenet1_1-b8a52dc0.pth"]);
     fetch("vgg16").is_error_with(&["http://127.0.0.1:9/vgg16-397923af.pth"]);
     let offline = ["weights", "fetch", "metrics", "--offline"];
@@ -276,7 +277,7 @@ fn without_a_checkpoint_the_licence_and_the_ways_to_get_it_are_shown() {
         "{}",
         list.out
     );
-    // `predict` says where it looked.
+    // `predict` reports where it searched.
     let (image, _) = recorded_input();
     at_home(dir.path(), &["predict", &image, "--out", "p.ply"]).is_error_with(&[
         "torch/hub/checkpoints",
@@ -312,11 +313,12 @@ fn a_checkpoint_in_torchs_folder_is_found_recorded_and_recognised() {
     assert_eq!(again[0]["record"], matches);
     let list = at_home(dir.path(), &["weights", "list"]).ends_with(0);
     assert!(list.out.contains(record["sha256"].as_str().unwrap()));
-    // `check` compares too, before it finds that this is another network than the release.
+    // `check` also compares with the record, before it finds that the network differs from the
+    // release's.
     let check = ["weights", "check", file.to_str().unwrap()];
     let checked = at_home(dir.path(), &check).ends_with(1);
     assert!(checked.out.contains(&matches), "{}", checked.out);
-    // Another file under the same name is no longer taken.
+    // Another file with the same name is no longer accepted.
     let mut bytes = fs::read(&file).unwrap();
     let middle = bytes.len() / 2;
     bytes[middle] ^= 1;

@@ -32,7 +32,7 @@ def test_what_a_page_is_not_written_to(program, tmp_path):
         return found.value.stderr
 
     assert "--out" in refused()
-    assert "ends in .html" in refused("--viewer", tmp_path / "page.png")
+    assert "end in .html" in refused("--viewer", tmp_path / "page.png")
     mine = tmp_path / "mine.html"
     mine.write_text("mine")
     assert "mine.html" in refused("--viewer", mine) and mine.read_text() == "mine"

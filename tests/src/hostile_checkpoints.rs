@@ -1,6 +1,7 @@
-//! Checkpoint files that lie, swell or want to run code.
+//! Checkpoint files that contain false claims, expand excessively or try to run code.
 
-/// Every hostile file with what it does. None is larger than 5 MB; none may cost much more than that to refuse.
+/// Every hostile file with its name. None exceeds 5 MB, and refusing one may not cost much more
+/// memory than that.
 pub fn all() -> Vec<(&'static str, Vec<u8>)> {
     let ordered = [
         &b"]q\x00("[..],
@@ -72,7 +73,7 @@ pub fn all() -> Vec<(&'static str, Vec<u8>)> {
     ]
 }
 
-/// A pickle after the three that precede the object in PyTorch's older format.
+/// Prepends the three pickles that precede the object in PyTorch's older format.
 pub fn older(object: &[u8]) -> Vec<u8> {
     let mut out = b"\x80\x02\x8a\x0a\x6c\xfc\x9c\x46\xf9\x20\x6a\xa8\x50\x19.".to_vec();
     out.extend(b"\x80\x02M\xe9\x03.\x80\x02}.");
@@ -80,12 +81,12 @@ pub fn older(object: &[u8]) -> Vec<u8> {
     out
 }
 
-/// What an entry of a zip file holds, or says it holds.
+/// The real or claimed content of an entry of a zip file.
 enum Entry {
     Stored(&'static [u8]),
-    /// Stored, of another size than there is.
+    /// Stored, but with a wrong size.
     Claims(u32),
-    /// A few compressed bytes that claim to swell to so many.
+    /// A few compressed bytes that claim this uncompressed size.
     Deflated {
         claims: u32,
     },
@@ -101,7 +102,7 @@ fn zip_of(entries: &[(&str, Entry)]) -> Vec<u8> {
         };
         let start = file.len() as u32;
         let mut fields = method.to_le_bytes().to_vec();
-        // Time, date and checksum, which nobody reads.
+        // Time, date and checksum, which are never read.
         fields.extend([0; 8]);
         fields.extend(packed.to_le_bytes());
         fields.extend(size.to_le_bytes());

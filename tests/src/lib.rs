@@ -1,4 +1,4 @@
-//! What tests of several crates share.
+//! Helpers for tests of several crates.
 
 pub mod hostile_checkpoints;
 pub mod mutants;

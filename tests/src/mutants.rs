@@ -64,7 +64,7 @@ pub fn mutate(seed: &[u8], other: &[u8], random: &mut Random) -> Vec<u8> {
     bytes
 }
 
-/// Makes the checksums of a PNG's chunks right again, so that mutants get past them.
+/// Corrects the checksums of a PNG's chunks, so that mutants pass this check.
 pub fn mend_checksums(bytes: &mut [u8]) {
     if !bytes.starts_with(b"\x89PNG\r\n\x1a\n") {
         return;
@@ -95,7 +95,8 @@ pub fn mend_checksums(bytes: &mut [u8]) {
 pub fn bomb() -> Vec<u8> {
     const SIDE: u32 = 20_000;
     let bytes = u64::from(SIDE) * u64::from(SIDE / 8 + 1);
-    // Deflate with fixed codes: a zero, then 258 bytes from one before, until all are there.
+    // Deflate with fixed codes: a zero, then runs that repeat the previous byte 258 times, until
+    // all bytes are written.
     let (mut packed, mut bits, mut held) = (vec![0x78, 0x01], 0_u64, 0);
     let mut put = |code: u64, length: u32| {
         bits |= code << held;
@@ -135,12 +136,12 @@ pub fn bomb() -> Vec<u8> {
     png
 }
 
-/// A small generator whose numbers stay the same for ever: splitmix64.
+/// A small generator with permanently reproducible numbers: splitmix64.
 #[derive(Debug)]
 pub struct Random(u64);
 
 impl Random {
-    /// The stream of a seed.
+    /// The sequence for a seed.
     pub fn new(seed: u64) -> Self {
         Self(seed)
     }
@@ -154,7 +155,7 @@ impl Random {
         ((z ^ (z >> 31)) % n as u64) as usize
     }
 
-    /// One of some things.
+    /// A random element.
     pub fn pick<'a, T>(&mut self, things: &'a [T]) -> &'a T {
         &things[self.below(things.len())]
     }

@@ -2,9 +2,9 @@
 
 use std::path::{Path, PathBuf};
 
-/// The folder of data that the repository may not hold: what the environment variable
-/// `SHARP_BENCH_SHARED` names, else `../shared` beside the checkout. It need not be there; tests that
-/// take something from it are reported as ignored then.
+/// The folder of data that may not be part of the repository: the environment variable
+/// `SHARP_BENCH_SHARED`, or else `../shared` next to the checkout. If it is missing, tests that
+/// need it are reported as ignored.
 pub fn shared_data() -> PathBuf {
     std::env::var_os("SHARP_BENCH_SHARED").map_or_else(
         || Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared"),

@@ -1,4 +1,4 @@
-//! A local HTTP server that misbehaves as told.
+//! A local HTTP server that misbehaves as instructed.
 
 #![allow(
     clippy::unwrap_used,
@@ -9,20 +9,20 @@ use std::io::{self, BufRead, BufReader, Write};
 use std::net::{TcpListener, TcpStream};
 use std::sync::{Arc, Mutex, PoisonError};
 
-/// What the server does with one request for `bytes[start..]`.
+/// Reaction of the server to a request for `bytes[start..]`.
 #[derive(Debug, Clone, Copy)]
 pub enum Answer {
-    /// Sends everything, whatever was asked for.
+    /// Sends everything, whatever range was requested.
     Whole,
-    /// Resumes, as asked; says so when nothing is left.
+    /// Sends the requested range; reports if nothing is left.
     Rest,
-    /// Closes the connection after so many bytes.
+    /// Closes the connection after this many bytes.
     Break(usize),
-    /// Announces another length and sends that much.
+    /// Announces this length instead of the true one, and sends as many bytes.
     Length(usize),
-    /// A page of HTML.
+    /// Sends an HTML page.
     Page,
-    /// A status without a body.
+    /// Sends a status without a body.
     Status(u16),
 }
 
@@ -34,7 +34,7 @@ pub struct Server {
 }
 
 impl Server {
-    /// Serves `bytes` under `tag`, one answer a request; the last one again and again.
+    /// Serves `bytes` under `tag`, with one answer per request; the last answer is repeated.
     pub fn start(bytes: Vec<u8>, tag: &'static str, answers: Vec<Answer>) -> Self {
         let listener = TcpListener::bind("127.0.0.1:0").unwrap();
         let host = format!("http://{}", listener.local_addr().unwrap());
@@ -43,7 +43,7 @@ impl Server {
         std::thread::spawn(move || {
             for (i, stream) in listener.incoming().enumerate() {
                 let answer = answers[i.min(answers.len() - 1)];
-                // A client that hangs up early is part of the tests.
+                // Some tests close the connection early.
                 let _ = respond(stream.unwrap(), &bytes, tag, answer, &log);
             }
         });
@@ -55,7 +55,7 @@ impl Server {
         &self.host
     }
 
-    /// The address of a file there; every path is the same file.
+    /// The address of a file; every path is the same file.
     pub fn address(&self) -> String {
         format!("{}/weights.pth", self.host)
     }
@@ -66,7 +66,7 @@ impl Server {
         asked.clone()
     }
 
-    /// From which byte on each request asked.
+    /// The first byte that each request asked for.
     pub fn starts(&self) -> Vec<usize> {
         self.requests().iter().map(|head| start_of(head)).collect()
     }

@@ -1,5 +1,5 @@
-//! `datasets check` as a library: what is broken is named, wrong poses are noticed, nothing is
-//! written into a dataset.
+//! `datasets check` as a library: broken files are reported, wrong poses are detected, and nothing
+//! is written into a dataset.
 
 #![allow(clippy::unwrap_used, reason = "test code outside of #[test] functions")]
 

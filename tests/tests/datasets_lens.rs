@@ -1,5 +1,5 @@
-//! Camera models against OpenCV's own numbers (`tests/golden/geometry`). The golden data puts the
-//! centre of pixel (i, j) at (i, j), so its principal points are used as they are.
+//! Camera models compared with OpenCV's own numbers (`tests/golden/geometry`). In the golden data,
+//! the centre of pixel (i, j) is at (i, j), so its principal points are used unchanged.
 
 #![allow(clippy::unwrap_used, reason = "test code outside of #[test] functions")]
 
@@ -51,7 +51,7 @@ impl Golden {
         Lens::from_colmap(model, (1752, 1168), &params).unwrap()
     }
 
-    /// Every point projects to within 1e-9 px of OpenCV's place.
+    /// Checks that every point is projected to within 1e-9 px of OpenCV's result.
     fn check_forward(&self, lens: &Lens, expected: &str) {
         let points = self.rows::<3>("dist_points_cam_f64");
         let places = self.rows::<2>(expected);
@@ -63,7 +63,8 @@ impl Golden {
         }
     }
 
-    /// Pixels return to their normalised coordinates; also to OpenCV's, where it recorded them.
+    /// Checks that pixels return to their normalised coordinates, and to OpenCV's if it recorded
+    /// them.
     fn check_inverse(&self, lens: &Lens, name: &str, skipped: &[usize], tolerance: f64) {
         let points = self.rows::<3>("dist_points_cam_f64");
         let places = self.rows::<2>(&format!("dist_uv_{name}"));
@@ -127,7 +128,7 @@ fn fisheye_inverse() {
     golden.check_inverse(&lens, "fisheye", &[], 1e-9);
 }
 
-/// Rows 2, 12, 33 and 37 lie where the polynomial is not reliably invertible (r ≥ 1.44).
+/// In rows 2, 12, 33 and 37 (r ≥ 1.44), the polynomial cannot be inverted reliably.
 #[test]
 fn opencv_inverse() {
     let golden = Golden::load();

@@ -1,6 +1,6 @@
-//! Middlebury's Motorcycle in both of its layouts: the right picture, warped by the left view's
-//! depth and the two cameras, must give the published left picture back as well as the disparity
-//! itself does. A wrong sign, unit, row order or principal point shows at once.
+//! Middlebury's Motorcycle in both of its layouts. The right picture, warped by the left view's
+//! depth and the two cameras, must match the published left picture as well as if it is warped by
+//! the disparity itself. This reveals a wrong sign, unit, row order or principal point.
 
 #![allow(
     clippy::unwrap_used,
@@ -32,14 +32,15 @@ fn read(folder: &Path) -> Scene {
     scenes.remove(0)
 }
 
-/// What becomes of pixels that land outside the other picture.
+/// Treatment of pixels that are projected outside the other picture.
 #[derive(Clone, Copy, PartialEq)]
 enum Outside {
     LeftOut,
     Black,
 }
 
-/// Squared error and pixel count of the source warped from the target, where `keep` holds.
+/// Squared error and pixel count of the source warped into the target, for pixels that satisfy
+/// `keep`.
 fn warp_error(
     source: &View,
     target: &View,
@@ -74,9 +75,11 @@ fn warp_error(
     (sum, count)
 }
 
-/// Colour at integer-centred coordinates, blended with black beyond the border pixels' centres.
+/// Colour at integer-centred coordinates, blended with black beyond the centres of the border
+/// pixels.
 fn bilinear(image: &RgbImage, p: DVec2, outside: Outside) -> Option<[f64; 3]> {
-    // Rows agree up to rounding in a rectified pair; do not lose the first and last for 1e-13 px.
+    // In a rectified pair, rows agree up to rounding; do not lose the first and last row because of
+    // 1e-13 px.
     let p = DVec2::new(
         p.x,
         if (p.y - p.y.round()).abs() < 1e-6 {
@@ -120,7 +123,7 @@ fn check_warp(scene: &Scene) {
     assert_eq!(all.1, 332_144);
     assert!((psnr(all) - 22.42).abs() < 0.005, "{}", psnr(all));
     let mask = not_occluded();
-    // 201 of them land up to a pixel left of the first pixel's centre.
+    // 201 of them are projected up to a pixel to the left of the first pixel's centre.
     let visible = warp_error(left, right, Outside::Black, |x, y| {
         mask.get_pixel(x, y).0[0] == 255
     });
@@ -138,8 +141,8 @@ fn middeval3_layout_warps_as_published() {
     check_warp(&middeval3_scene());
 }
 
-/// The same pixels in Booster's layout, whose right view has a disparity map of its own, made by
-/// carrying the left one over: it has holes where the left view sees nothing.
+/// The same pixels in Booster's layout. Its right view has its own disparity map, which was made by
+/// warping the left one, so it has holes where the left view sees nothing.
 #[test]
 fn booster_layout_warps_in_both_directions() {
     let folder = repository().join("tests/fixtures/booster");

@@ -1,6 +1,6 @@
-//! What readers do with a dataset's folder, in every layout: nothing outside of it is read, through
-//! symbolic links or names, and nothing is written into it. The layouts are the fuzz targets' small
-//! datasets.
+//! How readers treat a dataset's folder, in every layout: they read nothing outside it, through
+//! symbolic links or names, and write nothing into it. The layouts are the small datasets of the
+//! fuzz targets.
 
 #![allow(clippy::unwrap_used, reason = "test code outside of #[test] functions")]
 
@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 
 use sharp_datasets::{DatasetSpec, Scene, open_each};
 
-/// With the settings under which other files of a layout are read.
+/// Formats, with the settings for which other files of a layout are read.
 const FORMATS: [&str; 10] = [
     "middlebury",
     "booster",
@@ -29,7 +29,7 @@ fn source(format: &str) -> PathBuf {
         .join(layout)
 }
 
-/// Everything below a folder with its bytes, folders without; sorted.
+/// Everything below a folder, sorted; files with their bytes, folders without.
 fn tree(folder: &Path) -> Vec<(PathBuf, Option<Vec<u8>>)> {
     let mut found = Vec::new();
     let mut open = vec![folder.to_owned()];
@@ -69,7 +69,7 @@ fn read(format: &str, folder: &Path) -> Result<Vec<Scene>, sharp_datasets::Datas
     Ok(found.scenes)
 }
 
-/// Decodes everything; the number of views and of depth maps.
+/// Decodes everything; returns the number of views and of depth maps.
 fn decode(scenes: &[Scene]) -> (usize, usize) {
     let views = scenes.iter().flat_map(|scene| &scene.views);
     let (mut pictures, mut maps) = (0, 0);
@@ -106,8 +106,8 @@ fn set_readonly(path: &Path, readonly: bool) {
     std::fs::set_permissions(path, permissions).unwrap();
 }
 
-/// Each file and each folder in turn becomes a link to its own copy outside: the reader refuses it or
-/// leaves it out, and no view names a file outside.
+/// Each file and folder in turn is replaced by a link to its own copy outside. The reader must
+/// refuse it or leave it out, and no view may refer to a file outside.
 #[cfg(unix)]
 #[test]
 fn no_symbolic_link_leaves_a_dataset() {
@@ -144,7 +144,7 @@ fn no_symbolic_link_leaves_a_dataset() {
     }
 }
 
-/// Names inside of lists and cameras that lead outside are refused by name.
+/// Names in lists and camera files that lead outside are refused, and the error states the name.
 #[test]
 fn no_name_in_a_file_leaves_a_dataset() {
     for (format, file, from, to) in [

@@ -1,5 +1,5 @@
-//! Downloads go through the proxy that the environment names. A test of its own, because the environment is the
-//! process's.
+//! Downloads use the proxy given by the environment. This test has its own process, because it
+//! changes the environment.
 
 use sharp_checkpoint::download::Download;
 use sharp_tests::unreliable_server::{Answer, Server};
@@ -11,7 +11,7 @@ fn the_proxy_of_the_environment_is_asked() {
     unsafe { std::env::set_var("ALL_PROXY", proxy.host()) };
     let folder = tempfile::tempdir().unwrap();
     let download = Download {
-        // Reserved: no such host exists, so that only a proxy can be asked for it.
+        // A reserved name: no such host exists, so only a proxy can answer.
         address: "http://weights.invalid/sharp.pt".to_owned(),
         sizes: 1..=100,
         size_text: "7 bytes".to_owned(),

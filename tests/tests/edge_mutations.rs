@@ -1,5 +1,6 @@
-//! Mutants of the fixtures, fed to every parser: it may refuse, but must not panic, hang or take
-//! memory that the bytes do not justify. Seeded; `SHARP_FUZZ_SECONDS` gives each parser that long.
+//! Mutants of the fixtures as input of every parser, which may refuse them but must not panic, hang
+//! or use memory that the bytes do not justify. Mutants are seeded; `SHARP_FUZZ_SECONDS` sets the
+//! time per parser.
 
 #![allow(
     clippy::unwrap_used,
@@ -21,29 +22,29 @@ use libtest_mimic::{Arguments, Failed, Trial};
 use parsers::{DATASET_FILES, PARSERS, Parser};
 use sharp_tests::mutants::{Random, mutate};
 
-/// Mutants of each parser when no time is given.
+/// Number of mutants per parser if no time is given.
 const MUTANTS: usize = 20_000;
 
-/// Parsers that read folders are slow: they stop after this long when no time is given.
+/// Parsers that read folders are slow; if no time is given, they stop after this time.
 const PATIENCE: Duration = Duration::from_secs(5);
 
-/// Counts what each thread has asked for, to catch allocations that only a header justifies.
+/// Counts the bytes that each thread allocates, to detect allocations based only on a header.
 struct Counting;
 
 thread_local! {
     static LARGEST: Cell<usize> = const { Cell::new(0) };
 }
 
-// SAFETY: every call is handed to the system's allocator unchanged.
+// SAFETY: every call is passed to the system's allocator unchanged.
 unsafe impl GlobalAlloc for Counting {
     unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
         LARGEST.with(|largest| largest.set(largest.get().max(layout.size())));
-        // SAFETY: the caller keeps `alloc`'s contract.
+        // SAFETY: the caller fulfils `alloc`'s contract.
         unsafe { System.alloc(layout) }
     }
 
     unsafe fn dealloc(&self, pointer: *mut u8, layout: Layout) {
-        // SAFETY: the caller keeps `dealloc`'s contract.
+        // SAFETY: the caller fulfils `dealloc`'s contract.
         unsafe { System.dealloc(pointer, layout) }
     }
 }
@@ -97,13 +98,14 @@ fn attack(parser: &Parser) -> Result<(), Failed> {
     Ok(())
 }
 
-/// Runs the parser; a mutant that breaks it is left in the system's folder for temporary files.
+/// Runs the parser; a mutant that breaks it is saved in the system's folder for temporary files.
 fn feed(parser: &Parser, bytes: &[u8], what: &str) -> Result<(), Failed> {
     LARGEST.with(|largest| largest.set(0));
     let begin = Instant::now();
     let outcome = catch_unwind(AssertUnwindSafe(|| (parser.run)(bytes)));
     let largest = LARGEST.with(Cell::get);
-    // Deflate's 1032 times eight one-bit pixels a byte, as three bytes of colour each.
+    // Deflate's maximum factor of 1032, times eight one-bit pixels per byte, times three bytes of
+    // colour.
     let justified = (bytes.len() + 4096) * 1032 * 24;
     let reason = if outcome.is_err() {
         "panicked"

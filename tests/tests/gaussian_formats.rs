@@ -1,5 +1,6 @@
-//! Files of the field's formats, written by other programs, against what an independent reader gets from them. They are
-//! read from the folder that `SHARP_BENCH_SHARED` names, and without it the tests are reported as ignored.
+//! Files in common formats, written by other programs, compared with the results of an independent
+//! reader. They are read from the folder given by `SHARP_BENCH_SHARED`; without it, the tests are
+//! reported as ignored.
 
 use std::path::Path;
 
@@ -48,7 +49,7 @@ fn main() {
             Box::new(move || round_trips(&path)),
         );
     }
-    // Libtest's own would pass without any.
+    // Libtest's own check would pass without any sample.
     add("all_samples_are_listed".to_owned(), {
         let count = trials_of(&expected);
         Box::new(move || match count {
@@ -193,7 +194,7 @@ fn of(value: &Value) -> usize {
     value.as_u64().map_or(usize::MAX, |v| v as usize)
 }
 
-/// Doubts that have to name each wrong file, and marks of proper ones.
+/// Warnings that must name each wrong file, and marks of proper files.
 fn variant(path: &Path, name: &str, about: &Value) -> Result<(), Failed> {
     let read = load(path, encoded());
     if name == "two_scales.ply" {
@@ -300,11 +301,11 @@ fn variant(path: &Path, name: &str, about: &Value) -> Result<(), Failed> {
     Ok(())
 }
 
-/// What each writer loses of a scene, by the bounds of the format. Rows keep their order but in compressed PLY, where
-/// the nearest centre is the same Gaussian.
+/// The loss of each writer stays within the bounds of its format. Rows keep their order, except in
+/// compressed PLY, where Gaussians are matched by the nearest centre.
 fn round_trips(path: &Path) -> Result<(), Failed> {
     let mut scene = load(path, encoded())?;
-    // Within what every format can hold.
+    // Values that every format can store.
     let (g, degree) = (&scene.gaussians, scene.gaussians.harmonics.degree);
     let holds = |k: usize| {
         let rest = g.harmonics.of(k).as_flattened();
@@ -367,7 +368,8 @@ fn round_trips(path: &Path) -> Result<(), Failed> {
         gaussians: g.subset(&order),
         ..compressed.clone()
     };
-    // Bounds of the samples that splat-transform wrote of the same scenes, for all but opacity and harmonics.
+    // Bounds from the samples that splat-transform wrote of the same scenes, except for opacity and
+    // harmonics.
     compare(
         &scene,
         &ordered,

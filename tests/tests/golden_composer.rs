@@ -1,5 +1,5 @@
-//! Initializer, composer, unprojection and PLY writer against recordings of the official network
-//! (`tests/golden/model`), fed with the recording's own disparity and deltas.
+//! Initializer, composer, unprojection and PLY writer compared with recordings of the official
+//! network (`tests/golden/model`); their input is the recording's own disparity and deltas.
 
 #![allow(clippy::unwrap_used, reason = "test code outside of #[test] functions")]
 
@@ -13,7 +13,7 @@ use sharp::ply::{GaussianScene, PlyForm};
 use sharp::resize::bilinear_align_corners;
 use sharp::unprojection::{covariance, release_intrinsics, unproject};
 
-/// Largest deviation over the stage's largest magnitude.
+/// Largest deviation divided by the stage's largest absolute value.
 const TOLERANCE: f64 = 5e-6;
 
 const TINY: Grid = Grid {
@@ -50,7 +50,7 @@ impl Golden {
         self.f32s(stage).unwrap()
     }
 
-    /// Compares `found` with a stage, whole or at its sampled indices.
+    /// Compares `found` with a stage, completely or at its sampled indices.
     fn check(&self, stage: &str, found: &[f32]) {
         let stats = self.bytes(&format!("{stage}.stats")).unwrap();
         let absmax = f64::from_le_bytes(stats[16..24].try_into().unwrap());
@@ -183,9 +183,9 @@ fn reader_takes_the_official_file() {
     assert_eq!(scene.version, Some([1, 5, 0]));
 }
 
-/// The official file read and written again: header and every trailing element byte for byte,
-/// positions and rotations bit for bit, encoded attributes within the roundings of one decoding
-/// and one encoding.
+/// Reads the official file and writes it again: the header and all further elements agree byte for
+/// byte, positions and rotations bit for bit, and encoded attributes up to the rounding of one
+/// decoding and one encoding.
 #[test]
 fn writer_repeats_the_official_file() {
     let path = golden_dir().join("tiny_golden.ply");
@@ -210,9 +210,9 @@ fn writer_repeats_the_official_file() {
     }
 }
 
-/// The whole way from the recording's disparity and deltas. Rotations are compared through the
-/// covariances above, because their signs are not determined. A small axis of an f32 covariance
-/// is known only to the rounding of the large one, hence its wider bound.
+/// All steps from the recording's disparity and deltas. Rotations are compared through the
+/// covariances above, because their signs are not determined. A small axis of an f32 covariance is
+/// known only up to the rounding of the large one, so its bound is wider.
 #[test]
 fn writer_follows_the_official_file_from_disparity_and_deltas() {
     let golden = Golden::load();

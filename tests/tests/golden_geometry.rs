@@ -1,7 +1,8 @@
-//! Overlap, frustum masks, median scales and projections against the golden geometry: three cameras
-//! before a plane, a wall and a sphere, computed by numpy in f64. One named test a case.
+//! Overlap, frustum masks, median scales and projections compared with the golden geometry: three
+//! cameras in front of a plane, a wall and a sphere, computed by numpy in f64. One named test per
+//! case.
 //!
-//! The golden data puts the centre of pixel (i, j) at (i, j); ours lies at (i + 0.5, j + 0.5).
+//! In the golden data, the centre of pixel (i, j) is at (i, j); here it is at (i + 0.5, j + 0.5).
 
 use std::fs;
 use std::path::PathBuf;
@@ -89,7 +90,7 @@ impl Golden {
             json: serde_json::from_slice(&read("geometry.json")?)?,
             tensors: read("geometry.safetensors")?,
         };
-        // What is empty would be compared with nothing.
+        // Empty data would not be compared with anything.
         if golden.pairs().is_empty() || golden.medians().is_empty() {
             return Err("geometry.json lacks pairs or medians".into());
         }
@@ -148,7 +149,7 @@ impl Golden {
         Ok(PosedDepth::new(name, intrinsics, pose, depth)?)
     }
 
-    /// The view whose pixels are projected and the one that they are projected into.
+    /// The view whose pixels are projected, and the view that they are projected into.
     fn pair(&self, index: usize) -> Result<(PosedDepth, PosedDepth, String), Failed> {
         let pair = &self.pairs()[index];
         let (i, j) = (text(pair, "i")?, text(pair, "j")?);
@@ -170,7 +171,7 @@ fn text<'a>(value: &'a Value, key: &str) -> Result<&'a str, Failed> {
         .ok_or_else(|| format!("no text '{key}'").into())
 }
 
-/// A nested array of numbers, flattened; the texts `nan` and `inf` are numbers too.
+/// A nested array of numbers, flattened; `nan` and `inf` may be given as text.
 fn numbers(value: &Value) -> Result<Vec<f64>, Failed> {
     Ok(match value {
         Value::Array(items) => {
@@ -293,8 +294,7 @@ fn frustum(golden: &Golden, index: usize) -> Outcome {
     )
 }
 
-/// The default definition lies up to 1.7 points below what exact ray casting says is visible, never
-/// above it.
+/// The default definition gives up to 1.7 points less than exact ray casting, and never more.
 fn analytic_visibility(golden: &Golden, index: usize) -> Outcome {
     let (view, other, _) = golden.pair(index)?;
     let options = OverlapOptions::default();
@@ -355,7 +355,7 @@ fn projection(golden: &Golden) -> Outcome {
         return Err("z has two dimensions".into());
     };
     let (width, height) = a.depth().dimensions();
-    // The golden grid is every sixth pixel; where depth is invalid it takes 1 m.
+    // The golden grid has every sixth pixel and a depth of 1 m where depth is invalid.
     let (step_x, step_y) = (width as usize / columns, height as usize / rows);
     let b_from_a = b
         .camera_from_world()

@@ -1,5 +1,5 @@
-//! The wgpu backend on every adapter of this machine: golden pictures, bytes, limits, and
-//! agreement with the CPU. Without an adapter each test is reported as ignored.
+//! The wgpu backend on every adapter of this machine: golden pictures, bytes, limits, and agreement
+//! with the CPU. Without an adapter, each test is reported as ignored.
 
 #![allow(
     clippy::unwrap_used,
@@ -57,7 +57,7 @@ fn main() -> ExitCode {
     libtest_mimic::run(&arguments, trials).exit_code()
 }
 
-/// A trial an adapter; an ignored one where there is none.
+/// One trial per adapter, or a single ignored trial if there is none.
 fn on_each(
     adapters: &[GpuAdapter],
     title: &str,
@@ -95,7 +95,7 @@ fn golden(adapter: &GpuAdapter, name: &str, suffix: &str) {
     let expected = CpuRenderer::new()
         .render(&golden.scene, &golden.view)
         .unwrap();
-    // f32 may judge one that grazes a plane or the picture's edge the other way.
+    // For a Gaussian that touches a plane or the picture's edge, f32 may decide differently.
     assert!(found.drawn.abs_diff(expected.drawn) <= 1, "{}", found.drawn);
     assert_eq!(found.dropped.invalid(), expected.dropped.invalid());
 }
@@ -121,7 +121,7 @@ fn split_into_sub_frames(adapter: &GpuAdapter) {
         renderer.render(&golden.scene, &view)
     };
     let whole = render(u64::MAX).unwrap();
-    // 4 MiB holds the picture and not the pairs; 320 KB are what 20 000 Gaussians need.
+    // 4 MiB can hold the picture but not the pairs; 20 000 Gaussians need 320 KB.
     for limit in [4 << 20, 1 << 20, 320_000] {
         assert!(whole == render(limit).unwrap(), "{limit}");
     }
@@ -155,7 +155,8 @@ fn permuted(adapter: &GpuAdapter) {
     assert!(first == renderer.render(&shuffled, &golden.view).unwrap());
 }
 
-/// A renderer keeps what a small view and a small scene needed; larger ones must find room.
+/// A renderer keeps the buffers of a small view and a small scene; larger views and scenes must
+/// still fit.
 fn growth(adapter: &GpuAdapter) {
     let (small, large) = (case("s4_rand2k", ".eps0"), case("s5_degenerate20k", ""));
     let mut wide = large.view;
@@ -243,7 +244,7 @@ fn degenerate(adapter: &GpuAdapter) {
     assert_eq!(behind.rgb, vec![[0.0; 3]; 3500]);
 }
 
-/// One Gaussian at or beyond each threshold: the same count, and equality survives.
+/// One Gaussian at or beyond each threshold: the counts agree, and a Gaussian at a threshold is kept.
 fn reasons(adapter: &GpuAdapter) {
     let mut renderer = GpuRenderer::new(adapter).unwrap();
     let next_down = |x: f32| f32::from_bits(x.to_bits() - 1);
@@ -303,7 +304,7 @@ fn needles(adapter: &GpuAdapter) {
     let mut renderer = GpuRenderer::new(adapter).unwrap();
     for seed in 100..112 {
         let mut random = Random(seed);
-        // Elongations up to 5000, most of them far thinner than a pixel.
+        // Elongations of up to 5000; most Gaussians are far thinner than a pixel.
         let recipe = Recipe {
             count: 400,
             scales: (0.0002, 1.0),
@@ -378,7 +379,7 @@ fn speed_scene_psnr(adapter: &GpuAdapter) {
     assert!(largest <= 1.0 / 255.0 + 1e-4, "{largest}");
 }
 
-/// Prints what the buffers take; a picture of 24 megapixels has three bindings' worth of pixels.
+/// Prints the size of the buffers; the pixels of a 24-megapixel picture need three bindings.
 fn large(adapter: &GpuAdapter) {
     let scene = speed_scene::scene(1.0);
     let view = speed_scene::view(6048, 4032);
@@ -391,7 +392,7 @@ fn large(adapter: &GpuAdapter) {
     assert!(psnr(&found, &cpu) >= 90.0);
 }
 
-/// Of colour and alpha, range 1.
+/// PSNR of colour and alpha, range 1.
 fn psnr(a: &RenderOutput, b: &RenderOutput) -> f64 {
     let mut sum = 0.0;
     for i in 0..a.alpha.len() {

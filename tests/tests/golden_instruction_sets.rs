@@ -1,9 +1,9 @@
-//! The learned metrics against the f64 references with every instruction set and algorithm forced,
-//! one named test a pair, and their bits for any number of threads and any strips. The same by candle's
-//! tensors on the CPU, which is the code that GPUs run.
+//! The learned metrics compared with the f64 references, with every instruction set and algorithm
+//! forced, one named test per pair; also the equality of their bits for any number of threads and
+//! any strips. The same for candle's tensors on the CPU, the code that GPUs run.
 //!
-//! What a machine lacks is reported as ignored. `golden_metrics` checks every pair and variant with
-//! what the machine does best; here a few pairs of each kind suffice.
+//! What a machine does not support is reported as ignored. `golden_metrics` checks every pair and
+//! variant with the machine's default; here, a few pairs of each kind suffice.
 
 use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
@@ -15,7 +15,7 @@ use sharp_metrics::{
     Algorithm, Device, InstructionSet, Picture, Scorer, ScorerOptions, Selection, Simd, Weights,
 };
 
-/// Odd sides, the smallest sides, gray, a strong and a hardly visible difference.
+/// Odd sides, minimum sides, grey, and a strong and a barely visible difference.
 const PAIRS: [&str; 6] = [
     "rocket_odd97x131",
     "tiny33x20",
@@ -79,7 +79,8 @@ fn on_tensors(strip: Option<usize>) -> Result<Scorer, String> {
     with_options(options)
 }
 
-/// The height of strips must not matter beyond the rounding of f32 features; a row at a wrong place does.
+/// The height of strips may change results only by the rounding of f32 features; a misplaced row
+/// changes them more.
 fn strips_of_tensors() -> Result<(), Failed> {
     let pair = ["ref", "dist"]
         .map(|side| picture(&Value::from(format!("images/rocket_odd97x131_{side}.png"))));
@@ -134,8 +135,8 @@ fn scores(scorer: &Scorer, pair: &[Picture; 2]) -> Result<Vec<Result<f64, String
         .collect())
 }
 
-/// LPIPS within max(1e-6, 2e-5 relative), DISTS within 1e-6 of the f64 references; no value where
-/// the reference has none.
+/// LPIPS must be within max(1e-6, 2e-5 relative) and DISTS within 1e-6 of the f64 references, and
+/// there must be no value if the reference has none.
 fn agrees(recorded: &Value, scorer: &Scorer) -> Result<(), Failed> {
     let pair = [picture(&recorded["dist"])?, picture(&recorded["ref"])?];
     let lpips = &recorded["lpips"];
@@ -165,7 +166,7 @@ fn agrees(recorded: &Value, scorer: &Scorer) -> Result<(), Failed> {
     Ok(())
 }
 
-/// One thread and the whole picture at once against other numbers of threads and strips.
+/// Compares one thread and the whole picture at once with other numbers of threads and strips.
 fn same_bits(level: InstructionSet, algorithm: Algorithm) -> Result<(), Failed> {
     let pair = ["ref", "dist"]
         .map(|side| picture(&Value::from(format!("images/rocket_odd97x131_{side}.png"))));

@@ -1,10 +1,10 @@
-//! Every metric against the values of the reference implementations, one named test per picture
-//! pair and key.
+//! Every metric compared with the values of the reference implementations, one named test per
+//! picture pair and key.
 //!
-//! Expectations are those of `golden/metrics/golden.json`; `null`, an error or a value that is not
-//! a number there means that the metric must be unavailable here. Pairs whose pictures may not be
-//! redistributed are read from the folder named by `SHARP_BENCH_SHARED` (default `../shared`
-//! beside the checkout) and reported as ignored where it is absent.
+//! Expected values are in `golden/metrics/golden.json`; if it has `null`, an error or a value that
+//! is not a number, the metric must be unavailable here. Pairs whose pictures may not be
+//! redistributed are read from the folder given by `SHARP_BENCH_SHARED` (default `../shared` next
+//! to the checkout); without it, they are reported as ignored.
 
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, LazyLock, OnceLock};
@@ -17,8 +17,8 @@ use sharp_metrics::{
 };
 use sharp_tests::shared_data;
 
-/// Keys, the entries of `golden.json` that they must equal, and how closely. Entries computed by
-/// their authors in f64 hold to 1e-9, OpenCV's and kornia's, which are f32, to 1e-5.
+/// Keys, the entries of `golden.json` that they must equal, and the tolerances: 1e-9 for entries
+/// that their authors compute in f64, 1e-5 for OpenCV's and kornia's, which are f32.
 const SSIM: [(&str, &[(&str, f64)]); 9] = [
     (
         "ssim[gauss11,valid]",
@@ -28,7 +28,7 @@ const SSIM: [(&str, &[(&str, f64)]); 9] = [
             ("kornia_valid", 1e-5),
         ],
     ),
-    // What dm_pix bounds is below what it rounds in f64.
+    // In f64, dm_pix's bound changes less than its rounding does.
     (
         "ssim[gauss11,valid,cov=bounded]",
         &[("gauss11_valid", 1e-9)],
@@ -68,16 +68,16 @@ const SSIM: [(&str, &[(&str, f64)]); 9] = [
     ),
 ];
 
-/// kornia adds 1e-12 to the denominator. Where both windows are black that is C1·C2 = 9e-8, and its value lies
-/// 1.11e-5 below the definition's.
+/// kornia adds 1e-12 to the denominator, which is C1·C2 = 9e-8 where both windows are black; there,
+/// its value is 1.11e-5 below the definition's.
 const KORNIA_BLACK: f64 = 1.2e-5;
 
-/// How closely a learned metric must agree: absolutely, or relatively where that is more.
+/// Tolerance of a learned metric: absolute, or relative if that is more.
 type Tolerance = (f64, f64);
-/// The sum of squares is a whole number here.
+/// Here, the sum of squares is an integer.
 const PSNR: Tolerance = (1e-9, 0.0);
 const LPIPS: Tolerance = (1e-6, 2e-5);
-/// Where the reference itself is f32.
+/// If the reference itself is f32.
 const LPIPS_F32: Tolerance = (2e-5, 5e-5);
 const LPIPS_REAL: Tolerance = (2e-6, 0.0);
 const DISTS: Tolerance = (1e-6, 0.0);
@@ -90,7 +90,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let json: Value = serde_json::from_str(&text)?;
     let mut trials = Vec::new();
     let pairs = json["pairs"].as_array().ok_or("golden.json has no pairs")?;
-    // Not every pair has these, but some do: a name that none has would ignore every trial.
+    // Not every pair has these, but some must: if no pair had them, every trial would be ignored.
     for (net, reference) in [("vgg", "f64_torchmetrics_eps"), ("vgg", "f64_unscaled01")] {
         if pairs
             .iter()
@@ -113,23 +113,23 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     libtest_mimic::run(&arguments, trials).exit();
 }
 
-/// All metrics with the weights of the golden data, ready once for all pairs.
+/// All metrics with the weights of the golden data, created once for all pairs.
 static SCORER: LazyLock<Result<Scorer, String>> =
     LazyLock::new(|| scorer("all", &Weights::deterministic("")));
-/// Those whose layers are checked too.
+/// Metrics whose layers are compared too.
 static TERMS: LazyLock<Result<Scorer, String>> = LazyLock::new(|| {
     scorer(
         "lpips-alex,lpips-vgg,lpips-squeeze,dists",
         &Weights::deterministic(""),
     )
 });
-/// LPIPS with the weights that SqueezeNet was really trained to.
+/// LPIPS with the published, trained weights of SqueezeNet.
 static REAL: LazyLock<Result<Scorer, String>> = LazyLock::new(|| {
     let weights = Weights::none().with_file(Backbone::SqueezeNet1_1, real_squeezenet());
     scorer("lpips-squeeze", &weights)
 });
 
-/// The metrics that everyone's numbers are of: on the published weights that ship with the product.
+/// The metrics as everyone uses them, with the published weights that ship with the product.
 static PUBLISHED: LazyLock<Result<Scorer, String>> = LazyLock::new(|| {
     scorer(
         "lpips-alex,lpips-vgg,lpips-vgg-unscaled,dists",
@@ -283,7 +283,7 @@ impl Pair {
         });
         let resized: Check = Box::new(|pair| {
             let expected = match &pair.json["dists"]["resize256_f32"] {
-                // Not larger than 256: nothing is reduced.
+                // The shorter side is not above 256, so nothing is reduced.
                 Value::Null => &Value::from(pair.score("dists")??),
                 expected => expected,
             };
@@ -296,7 +296,7 @@ impl Pair {
         ]
     }
 
-    /// LPIPS with the published weights of SqueezeNet, which the repository may not hold.
+    /// LPIPS with the published weights of SqueezeNet, which may not be part of the repository.
     fn real_squeeze(self: &Arc<Self>) -> Trial {
         let check: Check = Box::new(|pair| {
             let [prediction, target] = pair.pictures()?;
@@ -337,7 +337,8 @@ impl Pair {
     }
 }
 
-/// LPIPS and DISTS as users publish them: values of the packages of their authors, in f64, with torchvision's weights.
+/// LPIPS and DISTS as users publish them, compared with the values of their authors' packages in
+/// f64, with torchvision's weights.
 fn published_weights() -> Result<Vec<Trial>, Box<dyn std::error::Error>> {
     let text = std::fs::read_to_string(golden().join("published_weights.json"))?;
     let json: serde_json::Map<String, Value> = serde_json::from_str(&text)?;
@@ -369,7 +370,7 @@ fn published_weights() -> Result<Vec<Trial>, Box<dyn std::error::Error>> {
     Ok(trials)
 }
 
-/// The spatial maps of LPIPS, for the pairs for which they are recorded.
+/// The spatial maps of LPIPS, for pairs that have recorded maps.
 fn spatial_maps(json: &Value) -> Result<Vec<Trial>, Box<dyn std::error::Error>> {
     let bytes = Arc::new(std::fs::read(golden().join("spatial_maps.safetensors"))?);
     let names = SafeTensors::deserialize(&bytes)?;
@@ -432,7 +433,7 @@ fn compare_all(ours: &[f64], expected: &Value, tolerance: Tolerance) -> Result<(
     Ok(())
 }
 
-/// `expected` is a number, `"inf"`, or something that stands for no value.
+/// `expected` is a number, `"inf"`, or anything else for an unavailable value.
 fn compare(
     score: Result<f64, String>,
     expected: &Value,

@@ -1,9 +1,10 @@
-//! The network against recordings of the official one, one test a stage.
+//! The network compared with recordings of the official one, one test per stage.
 //!
-//! `tiny` and `narrow` run always. The full network (702 M deterministic parameters, minutes of
-//! arithmetic, 8 GiB of memory) runs with
-//! `cargo test --release -p sharp-tests --test golden_model -- --ignored full::`. On an NVIDIA GPU `--features cuda` adds the
-//! same networks there, and `--include-ignored cuda` runs them all.
+//! `tiny` and `narrow` always run. The full network (702 M deterministic parameters, minutes of
+//! computing, 8 GiB of memory) runs with
+//! `cargo test --release -p sharp-tests --test golden_model -- --ignored full::`. On an NVIDIA GPU,
+//! `--features cuda` adds the same networks on the GPU, and `--include-ignored cuda` runs all of
+//! them.
 
 #![allow(clippy::unwrap_used, reason = "test code outside of #[test] functions")]
 
@@ -17,7 +18,7 @@ use sharp::model::recording::{Recording, RecordingComparison, compare};
 use sharp::model::synth::Synth;
 use sharp::model::{Algorithm, Compute, DeviceChoice, ModelConfig, Predictor};
 
-/// A network, what computes it, and what it is compared with.
+/// A network, the backend that computes it, and the recording to compare with.
 struct Case {
     name: &'static str,
     config: fn() -> ModelConfig,
@@ -30,7 +31,7 @@ struct Case {
 
 const MAIN: &[&str] = &["main_640x480.png"];
 
-/// Its tolerance is tight enough to catch an epsilon of 1e-5 in layer norms.
+/// The tolerance is small enough to detect an epsilon of 1e-5 in layer norms.
 const TINY: Case = Case {
     name: "tiny",
     config: || from_file("tiny"),
@@ -62,7 +63,7 @@ const FULL: Case = Case {
 
 const CASES: [Case; 8] = [
     TINY,
-    // Fast convolutions round more.
+    // Fast convolutions have larger rounding errors.
     Case {
         name: "tiny-fast",
         compute: NARROW.compute,
@@ -76,7 +77,7 @@ const CASES: [Case; 8] = [
     },
     NARROW,
     FULL,
-    // Group norms' statistics are summed in f32 there.
+    // There, the statistics of group norms are summed in f32.
     Case {
         name: "tiny-cuda",
         compute: cuda,
@@ -116,7 +117,8 @@ fn from_file(name: &str) -> ModelConfig {
     ModelConfig::load(&format!("{}#{name}", file.display())).unwrap()
 }
 
-/// Held while a network runs: each uses all cores, and two full ones too much memory.
+/// Locked while a network runs, because each uses all cores, and two full networks need too much
+/// memory.
 static ONE_AT_A_TIME: Mutex<()> = Mutex::new(());
 
 fn run(case: &Case, image: &str) -> Result<RecordingComparison, String> {
@@ -180,8 +182,8 @@ fn judge(
     Err(format!("{:.2e} above {tolerance:.0e} {note}", found.rel_error).into())
 }
 
-/// `tiny` with an epsilon of 1e-5 in its layer norms, a likely mistake, by kernels and by candle: the first block must be
-/// beyond the tolerance, and every stage before it within.
+/// `tiny` with an epsilon of 1e-5 in its layer norms, a likely mistake, computed by kernels and by
+/// candle. The first block must exceed the tolerance; every stage before it must not.
 fn another_epsilon_is_seen(compute: fn() -> Compute) -> Result<(), Failed> {
     let mistaken = Case {
         name: "tiny-eps-1e-5",
@@ -217,7 +219,8 @@ fn main() {
         for image in case.images {
             let prefix = recording.prefix_for(Path::new(image)).unwrap();
             let result = Arc::new(OnceLock::new());
-            // The stages whose values the official implementation does not determine or was given.
+            // Stages whose values the official implementation does not determine, or received as
+            // input.
             let skipped = ["world.quaternions", "alignment.gt_depth"];
             for stage in recording.stages(prefix) {
                 if skipped.contains(&stage) {

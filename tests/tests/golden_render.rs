@@ -21,7 +21,7 @@ fn check(name: &str, suffix: &str, eps2d: f32) {
         let deviation = golden.deviation(&found);
         println!("{name}{suffix} {}: {deviation:?}", renderer.name());
         assert!(deviation.is_within_bars(), "{deviation:?}");
-        // All levels give the same bytes.
+        // All instruction sets give the same bytes.
         assert!(*first.get_or_insert(found.clone()) == found);
     }
 }
@@ -34,13 +34,13 @@ macro_rules! golden {
                 check($name, $suffix, $eps2d);
                 let golden = Golden::load($name, $suffix, $eps2d);
                 let found = CpuRenderer::new().render(&golden.scene, &golden.view).unwrap();
-                // The oracle's own count of visible Gaussians.
+                // The number of visible Gaussians according to the oracle.
                 assert_eq!(found.drawn, $drawn);
                 assert_eq!(found.drawn + found.dropped.total(), golden.scene.len() as u64);
             }
         )*
 
-        /// The list of tests above is the list of cases.
+        /// The list of tests above equals the list of cases.
         #[test]
         fn every_case_has_its_test() {
             let tested = [$(($name, $suffix, $eps2d)),*];

@@ -1,5 +1,6 @@
-//! Every picture of `golden/render3dgs`, by every rule of rendering, on the CPU's instruction sets
-//! and on every adapter; and that a wrong rule, or a wrong reading of the scene, shows in them.
+//! Every picture of `golden/render3dgs`, by every rendering rule, on the CPU's instruction sets and
+//! on every adapter. Also checks that a wrong rule, or a wrong reading of the scene, changes the
+//! pictures.
 
 #![allow(
     clippy::unwrap_used,
@@ -20,7 +21,7 @@ use libtest_mimic::{Arguments, Trial};
 use sharp::render::{CpuRenderer, Renderer, Simd};
 use std::process::ExitCode;
 
-/// Largest change of a fragile pixel: at a tile's edge or at the stop.
+/// Largest permitted change of a fragile pixel: at a tile's edge or at the stopping threshold.
 const FRAGILE_BOUND: f32 = 0.02;
 
 fn main() -> ExitCode {

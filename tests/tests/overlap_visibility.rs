@@ -1,5 +1,5 @@
-//! Overlap measured on depth maps against exact visibility in the procedural scene, decided there by
-//! casting rays.
+//! Overlap measured on depth maps, compared with exact visibility in the procedural scene, which is
+//! determined by casting rays.
 
 #![allow(clippy::unwrap_used, reason = "test code outside of #[test] functions")]
 
@@ -9,8 +9,8 @@ use sharp_bench::pairs::overlap::{OverlapOptions, OverlapTest, overlap};
 use sharp_bench::pairs::{Pair, PairOptions};
 use sharp_datasets::synthetic::{SyntheticOptions, SyntheticScene};
 
-/// How far below exact visibility the default definition may lie: the largest of six pairs of an
-/// independent scene measured in numpy.
+/// Maximum shortfall of the default definition from exact visibility: the largest of six pairs of
+/// an independent scene, measured in numpy.
 const MOST_BELOW: f64 = 0.017;
 
 fn scene(width: u32, height: u32) -> SyntheticScene {
@@ -29,7 +29,7 @@ fn view(scene: &SyntheticScene, index: usize) -> PosedDepth {
     PosedDepth::of_view(view, depth).unwrap()
 }
 
-/// Exact share of the target that the source sees, minus the measured one.
+/// Exact share of the target that the source sees, minus the measured share.
 fn shortfall(scene: &SyntheticScene, source: usize, target: usize, how: &OverlapOptions) -> f64 {
     let measured = overlap(&view(scene, target), &view(scene, source), how);
     scene.visible_share(target, source).unwrap() - measured.share(how.denominator).unwrap()
@@ -71,7 +71,7 @@ fn the_other_column_is_the_other_direction() {
             .visible_share(index(&pair.source), index(&pair.target))
             .unwrap();
         let found = pair.overlap_source_to_target.unwrap();
-        // Half the resolution, twice the discretisation.
+        // Half the resolution doubles the discretisation error.
         assert!(
             (0.0..=2.0 * MOST_BELOW).contains(&(exact - found)),
             "{}: {exact} {found}",

@@ -1,11 +1,10 @@
-//! Other people's pair lists as they published them, and what they hold. They
-//! may not be part of this repository; without the folder that `SHARP_BENCH_SHARED` names the tests are reported as
-//! ignored.
+//! Pair lists as published by other projects, and their contents. They may not be part of this
+//! repository; without the folder given by `SHARP_BENCH_SHARED`, the tests are reported as ignored.
 
 use libtest_mimic::{Arguments, Failed, Trial};
 use sharp_bench::pairs::foreign::{ForeignCounts, ForeignList, ListForm};
 
-/// Entries, entries with pairs, targets, and targets that are inputs, too.
+/// Entries, entries with pairs, targets, and targets that are also inputs.
 const LISTS: [(&str, ListForm, [usize; 4]); 8] = [
     (
         "pixelsplat/evaluation_index_re10k.json",

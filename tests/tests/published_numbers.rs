@@ -1,5 +1,6 @@
-//! Every published number against the paper's own source. The source may not be redistributed; it is read from the folder
-//! that `SHARP_BENCH_SHARED` names, and without it the tests are reported as ignored.
+//! Every published number compared with the paper's own source. The source may not be
+//! redistributed; it is read from the folder given by `SHARP_BENCH_SHARED`, and without it the
+//! tests are reported as ignored.
 
 use libtest_mimic::{Arguments, Failed, Trial};
 use sharp_bench::report::paper::{PublishedTable, TABLES};
@@ -21,7 +22,7 @@ fn main() {
     libtest_mimic::run(&Arguments::from_args(), trials).exit();
 }
 
-/// Labels, numbers as printed, and the marks of the first three where the paper has any.
+/// Compares labels, numbers as printed, and the marks of the first three if the paper has any.
 fn compare(source: &str, table: &PublishedTable) -> Result<(), Failed> {
     let grid = parse(source, table)?;
     equal("datasets", &grid.datasets, &strings(&table.datasets))?;
@@ -41,7 +42,8 @@ fn compare(source: &str, table: &PublishedTable) -> Result<(), Failed> {
             row.cells.iter().map(|cell| cell.number.clone()).collect();
         equal(label, &numbers, &printed)?;
         for (column, (cell, shown)) in row.cells.iter().zip(&shown.cells).enumerate() {
-            // The paper ranks before rounding: of numbers that print alike it marks one before the other.
+            // The paper ranks before rounding: of numbers that print alike, it marks one ahead of
+            // the other.
             let marked = grid.rows.iter().any(|row| row.cells[column].rank.is_some());
             if marked && !grid.has_ties(column) {
                 equal(
@@ -55,7 +57,7 @@ fn compare(source: &str, table: &PublishedTable) -> Result<(), Failed> {
     Ok(())
 }
 
-/// Tables of the source whose body holds measured numbers are ours, each.
+/// Checks that every table of measured numbers in the source is one of our tables.
 fn every_table_of_numbers_is_there(source: &str) -> Result<(), Failed> {
     let labels = source.split("\\label{tab:").skip(1);
     for label in labels.filter_map(|rest| rest.split('}').next()) {
@@ -164,7 +166,7 @@ fn parse(source: &str, table: &PublishedTable) -> Result<Source, Failed> {
         let label = match label {
             [one] => plain(one),
             terms => {
-                // Marks of the terms of a loss, as in the table's head.
+                // The terms of a loss are marked as in the table's head.
                 let names = ["color+alpha", "depth", "percep", "reg"].iter().zip(terms);
                 let present = names.filter(|(_, mark)| plain(mark) == "yes");
                 present.map(|(name, _)| *name).collect::<Vec<_>>().join("+")

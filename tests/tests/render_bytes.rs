@@ -1,4 +1,4 @@
-//! The picture's bytes depend on the scene and the view alone.
+//! The picture's bytes depend only on the scene and the view.
 
 #![allow(
     clippy::unwrap_used,
@@ -20,7 +20,7 @@ fn in_pool(threads: usize, scene: &Gaussians, view: &RenderView) -> RenderOutput
     pool.install(|| CpuRenderer::new().render(scene, view).unwrap())
 }
 
-/// The largest scenes of the golden data, at a size that needs several bins either way.
+/// The largest scenes of the golden data, at a size that needs several bins in both directions.
 fn scenes() -> impl Iterator<Item = (Gaussians, RenderView)> {
     let large = CASES
         .into_iter()

@@ -1,4 +1,4 @@
-//! What must hold for any scene, and scenes that try to break the renderer.
+//! Properties that hold for any scene, and scenes that are meant to break the renderer.
 
 #![allow(
     clippy::unwrap_used,
@@ -78,7 +78,7 @@ fn random_scenes_equal_the_reference() {
 fn needles_and_discs_equal_the_reference() {
     for seed in 100..124 {
         let mut random = Random(seed);
-        // Elongations up to 5000, most of them far thinner than a pixel.
+        // Elongations of up to 5000; most Gaussians are far thinner than a pixel.
         let recipe = Recipe {
             count: 400,
             scales: (0.0002, 1.0),
@@ -160,7 +160,7 @@ fn what_lies_behind_an_opaque_wall_changes_nothing() {
     );
     let view = view(20, 20);
     let alone = render_cpu(&wall, &view).unwrap();
-    // 0.999 twice would leave 1e-6: the second one stops the pixel and is not added.
+    // 0.999 twice would leave 1e-6; the second one stops the pixel and is not added.
     assert!(alone.alpha.iter().all(|a| (a - 0.999).abs() < 1e-6));
     let mut random = Random(2);
     let mut far = scene(&mut random, COMMON);
@@ -174,7 +174,7 @@ fn what_lies_behind_an_opaque_wall_changes_nothing() {
 #[test]
 fn depth_slices_composite_to_the_whole() {
     let mut random = Random(3);
-    // Faint enough that no pixel stops early.
+    // So faint that no pixel stops early.
     let faint = Recipe {
         opacities: (0.0, 0.1),
         count: 120,
@@ -218,7 +218,8 @@ fn a_mirrored_world_gives_the_mirrored_picture() {
 fn a_crop_is_a_window_of_the_whole() {
     let mut random = Random(5);
     let mut scene = scene(&mut random, COMMON);
-    // Within the crop's field of view: the Jacobian's clamp depends on the picture's size.
+    // All means are within the crop's field of view, because the Jacobian's clamp depends on the
+    // picture's size.
     for mean in &mut scene.means {
         mean[0] *= 0.3;
         mean[1] *= 0.3;
@@ -254,7 +255,7 @@ fn one_colour_stays_one_colour_and_alpha_stays_below_one() {
     );
     wall.colors.fill([0.25, 0.5, 1.0]);
     for mean in &mut wall.means {
-        // A plane at 2 m.
+        // Moves the mean to a plane at 2 m.
         *mean = [mean[0] * 2.0 / mean[2], mean[1] * 2.0 / mean[2], 2.0];
     }
     let found = render_cpu(&wall, &view(96, 72)).unwrap();
@@ -309,7 +310,7 @@ fn every_reason_to_drop_is_counted_under_its_name() {
         ..none
     };
     assert_eq!(with(&|s| s.quaternions[0] = [0.0; 4]), zero_quaternion);
-    // Equality survives at both planes.
+    // Gaussians exactly at the near or far plane are kept.
     let near = Dropped { near: 1, ..none };
     let below = f32::from_bits(0.01_f32.to_bits() - 1);
     assert_eq!(with(&|s| s.means[0][2] = 0.01), none);
@@ -328,7 +329,7 @@ fn every_reason_to_drop_is_counted_under_its_name() {
         ..none
     };
     assert_eq!(with(&|s| s.scales[0] = [0.0; 3]), degenerate);
-    // A rod without width. Without a thickness in depth a disc is fine.
+    // A rod without width is degenerate; a disc without thickness in depth is not.
     assert_eq!(with(&|s| s.scales[0] = [0.1, 0.0, 0.0]), degenerate);
     assert_eq!(with(&|s| s.scales[0] = [0.1, 0.1, 0.0]), none);
     let transparent = Dropped {

@@ -1,13 +1,14 @@
-//! What the paper's table of small translations says, on photographs: a shift of 1 % costs PSNR nearly as much as
-//! replacing the picture by its mean colour, and SSIM cannot tell 5 % from that either, while DISTS and LPIPS can.
+//! Statements of the paper's table of small translations, checked on photographs: a shift by 1 %
+//! costs PSNR nearly as much as replacing the picture by its mean colour, and SSIM cannot
+//! distinguish even 5 % from that, while DISTS and LPIPS can.
 //!
-//! The fact about PSNR holds where the texture is finer than the shift, as in the garage behind the motorcycle; on a
-//! smooth picture of the retina, or a portrait so small that 1 % is one and a half pixels, it does not, and is not
-//! asked for.
+//! The statement about PSNR is true if the texture is finer than the shift, as in the garage behind
+//! the motorcycle. It is false, and not required, for a smooth picture of the retina, or a portrait
+//! so small that 1 % is one and a half pixels.
 //!
-//! Facts about DISTS are checked with deterministic weights, and with the published ones where they were fetched;
-//! those about LPIPS with the published SqueezeNet weights, which may not be redistributed. A test whose weights are
-//! absent is reported as ignored.
+//! Statements about DISTS are checked with deterministic weights, and with the published ones if
+//! they were fetched; those about LPIPS with the published SqueezeNet weights, which may not be
+//! redistributed. A test without its weights is reported as ignored.
 
 use std::path::Path;
 
@@ -28,7 +29,7 @@ const PHOTOGRAPHS: [(&str, &str); 4] = [
     ("astronaut", "golden/metrics/images/astro_identical_ref.png"),
 ];
 
-/// A metric's values in the order of the shifts, and that of the mean image.
+/// A metric's values in the order of the shifts, and its value for the mean image.
 struct Values {
     moved: Vec<f64>,
     mean: f64,
@@ -96,12 +97,12 @@ fn grows_below(values: &Values) -> bool {
     all.is_sorted_by(|a, b| a < b)
 }
 
-/// The paper has 0.121 against 0.859: less than a third is asked for.
+/// The paper has 0.121 against 0.859; less than a third is required.
 fn grows_far_below(values: &Values) -> bool {
     grows_below(values) && values.moved[2] < values.mean / 3.0
 }
 
-/// The published weights of SqueezeNet 1.1, below the folder that `SHARP_BENCH_SHARED` names.
+/// The published weights of SqueezeNet 1.1, in the folder given by `SHARP_BENCH_SHARED`.
 fn squeezenet() -> Option<Weights> {
     let shared = sharp_tests::shared_data();
     let file = shared.join("golden/metrics/weights/squeezenet1_1_features_real.safetensors");

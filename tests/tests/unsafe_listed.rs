@@ -1,4 +1,4 @@
-//! `bench/docs/security.md` lists every `unsafe` of the product, with tests that exist.
+//! `bench/docs/security.md` lists every `unsafe` of the product, with existing tests.
 
 #![allow(clippy::unwrap_used, reason = "test code outside of #[test] functions")]
 
@@ -23,7 +23,7 @@ fn rust_files(folder: &Path, into: &mut Vec<PathBuf>) {
     }
 }
 
-/// Whether code, not a comment, says `unsafe`.
+/// Whether the code, rather than a comment, contains `unsafe`.
 fn is_unsafe(text: &str) -> bool {
     let code = text
         .lines()

@@ -36,7 +36,7 @@ impl FromStr for Binning {
                 .filter(|n: &NonZeroUsize| n.get() <= 1000);
             return count
                 .map(Self::Quantiles)
-                .ok_or("quantile:N has N from 1 to 1000");
+                .ok_or("quantile:N needs N from 1 to 1000");
         }
         if !text.contains(',') {
             let step = Step::parse(text);
@@ -46,12 +46,12 @@ impl FromStr for Binning {
             );
         }
         let edges: Result<Vec<f64>, _> = text.split(',').map(|edge| edge.trim().parse()).collect();
-        let edges = edges.map_err(|_| "edges are numbers, as in 0,0.1,0.5")?;
+        let edges = edges.map_err(|_| "edges must be numbers, as in 0,0.1,0.5")?;
         let ascend = edges.windows(2).all(|two| two[0] < two[1]);
         let bounded = edges.iter().all(|edge| edge.abs() <= FARTHEST_EDGE);
         (ascend && bounded)
             .then_some(Self::Edges(edges))
-            .ok_or("edges ascend and lie between -1e15 and 1e15")
+            .ok_or("edges must ascend and lie between -1e15 and 1e15")
     }
 }
 
@@ -89,7 +89,7 @@ impl Binning {
             Self::Round(count) => {
                 let span = ends.map_or(0.0, |(first, last)| {
                     let span = last - low.map_or(*first, |low| low.min(*first));
-                    // Places that differ by rounding alone count as one.
+                    // Places that differ only by rounding count as one.
                     if span > ROUNDING * last.abs() {
                         span
                     } else {
@@ -110,11 +110,12 @@ impl Binning {
     }
 }
 
-/// Values this close below an edge, as a fraction of the bin's width, count as on the edge, because camera centres are
-/// rounded.
+/// Values below an edge by less than this fraction of the bin's width count as on the edge, because
+/// camera centres are rounded.
 const ROUNDING: f64 = 1e-9;
 
-/// Largest multiple of a step that can reliably be told from the next in floating point.
+/// Maximum number of steps from zero: beyond it, floating point cannot reliably distinguish a
+/// multiple of the step from the next.
 const LAST_STEP: u64 = 1 << 50;
 
 impl Cuts {
@@ -198,7 +199,7 @@ pub fn bins(samples: &[(f64, f64)], cuts: &Cuts) -> Vec<Bin> {
                 number,
                 low,
                 high,
-                // Rounding must not move the mean out of its bin.
+                // Rounding could move the mean out of its bin.
                 x: mean(&of(|sample| sample.0))?.clamp(low, high),
                 mean: mean(&values)?,
                 std: sample_std(&values),
@@ -247,7 +248,7 @@ mod tests {
                 (7, 0.7, 1, 5.0, None),
             ]
         );
-        // Rounding leaves this sum below 0.3.
+        // This sum is rounded to slightly less than 0.3.
         let below = [(0.1 + 0.7 - 0.5, 1.0)];
         assert!(below[0].0 < 0.3);
         assert_eq!(cut("0.1", &below), [(0.3, 0.4, 1, 1.0)]);
@@ -284,7 +285,7 @@ mod tests {
         );
         assert_eq!(counts("5", &[2.0, 2.0, 2.0]), [(2.0, 2.0, 3)]);
         assert_eq!(counts("5", &[2.0]), [(2.0, 2.0, 1)]);
-        // More bins than samples: one each.
+        // More bins than samples: each sample has its own.
         assert_eq!(
             counts("9", &[1.0, 2.0, 4.0]),
             [(1.0, 2.0, 1), (2.0, 4.0, 1), (4.0, 4.0, 1)]
@@ -299,7 +300,8 @@ mod tests {
         let cuts = |low: f64, high: f64| Binning::Round(10).cuts([low, high], None);
         assert!(!cuts(0.0, f64::MAX).hold(f64::MAX));
         assert!(cuts(0.0, 1e30).hold(1e30));
-        // These would be far more than ten steps from zero if their rounding difference counted as a distance.
+        // The values are one place. If their rounding difference counted as a distance, they would
+        // be far more than ten steps from zero.
         let close = [0.75, 0.75_f64.next_up()];
         assert_eq!(
             bins(&close.map(|x| (x, 1.0)), &cuts(close[0], close[1])).len(),

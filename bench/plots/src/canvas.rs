@@ -18,7 +18,7 @@ pub struct Lettering {
     pub size: f64,
     pub weight: Weight,
     pub ink: Ink,
-    /// Horizontal anchor; the point's y is the baseline.
+    /// Horizontal anchor; the vertical anchor is the baseline.
     pub anchor: Anchor,
     /// Whether the text runs bottom to top.
     pub upwards: bool,

@@ -1,4 +1,4 @@
-//! Bin means as lines with a shaded band for their spread. Neither spans an empty bin.
+//! Bin means as lines, with a shaded band for their spread. Lines and bands do not span empty bins.
 
 use super::bins::{Bin, neighbours};
 use super::canvas::{Point, Surface};
@@ -111,7 +111,7 @@ mod tests {
         for bin in [0.0, 1.0, 3.0, 4.0, 5.0, 6.0] {
             samples.extend([(bin, 1.0), (bin, 3.0)]);
         }
-        // A single sample has no deviation: the line passes through it, the shade does not.
+        // A single sample has no deviation: the line passes through it, but the shade does not.
         samples.push((7.0, 2.0));
         samples.extend([(8.0, 1.0), (8.0, f64::INFINITY), (9.0, 1.0), (9.0, 3.0)]);
         let cuts = "1".parse::<Binning>().unwrap().cuts([], None);

@@ -1,7 +1,7 @@
 //! The three output files of a drawing: SVG, PNG and PDF.
 //!
-//! plotters draws on whole pixels. Therefore the SVG is drawn at four times its size, which its view box undoes, and
-//! the PNG at twice its size, which also antialiases it. The PDF is exact.
+//! plotters draws on whole pixels. Therefore the SVG is drawn at four times its size, which its
+//! view box reverses, and the PNG at twice its size, which also antialiases it. The PDF is exact.
 
 use std::fmt::Display;
 
@@ -69,7 +69,7 @@ impl Figure {
         let size = drawn(density * REDUCE);
         if f64::from(size.0) * f64::from(size.1) > MAX_DRAWN {
             return Err(failed(format!(
-                "{} × {} pixels are too many to draw; a smaller width or fewer dpi",
+                "{} × {} pixels are too many to draw; use a smaller width or fewer dpi",
                 size.0, size.1
             )));
         }
@@ -89,7 +89,8 @@ impl Figure {
     }
 }
 
-/// Sets the SVG's size in CSS pixels and its title for screen readers, and makes baselines exact.
+/// Sets the SVG's size in CSS pixels and its title for screen readers, and corrects the positions
+/// of baselines.
 fn tidy(svg: &str, title: &str, (width, height): (f64, f64), zoom: f64) -> String {
     let body = svg.split_once('>').map_or("", |(_, body)| body);
     let title: String = title.chars().map(escaped).collect();
@@ -114,7 +115,8 @@ fn escaped(c: char) -> String {
     }
 }
 
-/// Draws on a plotters backend at `scale` pixels per unit. `letters` sets a text on its baseline, with sizes in pixels.
+/// Draws on a plotters backend at `scale` pixels per unit. `letters` draws a text on its baseline;
+/// its sizes are in pixels.
 fn paint<B: DrawingBackend>(
     mut backend: B,
     scale: f64,
@@ -191,7 +193,7 @@ fn svg_letters(
     backend.draw_text(text, &style, at).map_err(reason)
 }
 
-/// Lays text out itself, because plotters ignores the side bearings of glyphs.
+/// Sets text glyph by glyph, because plotters ignores the side bearings of glyphs.
 fn bitmap_letters(
     backend: &mut BitMapBackend<'_>,
     text: &str,

@@ -18,7 +18,7 @@ pub const COLOURS: [Ink; 6] = [
 pub struct Style {
     /// Colour of line and marker.
     pub ink: Ink,
-    /// Differs between methods as well, so that colour is never the only cue.
+    /// Also differs between methods, so that colour is never the only cue.
     pub marker: Marker,
     /// On and off lengths of a dashed line in CSS pixels; `None` is solid.
     pub dash: Option<(f64, f64)>,
@@ -50,7 +50,7 @@ pub fn style(index: usize) -> Style {
     style_of(&COLOURS, index)
 }
 
-/// As [`style`], with the user's colours; the text colour if `colours` is empty.
+/// Like [`style`], but with the user's colours; uses the text colour if `colours` is empty.
 pub fn style_of(colours: &[Ink], index: usize) -> Style {
     let turns = colours.len().max(1);
     Style {
@@ -99,8 +99,8 @@ pub fn stroke(surface: &mut Surface, points: &[Point], width: f64, style: Style)
                 let point = |t: f64| (x0 + (x1 - x0) * t / length, y0 + (y1 - y0) * t / length);
                 surface.line(&[point(at), point(end)], width, style.ink);
             }
-            // Compare with the dash's end, not with the remaining length: a remainder too small to move `at` would loop
-            // forever.
+            // Compare with the dash's end rather than the remaining length: if a remainder were too
+            // small to move `at`, the loop would never end.
             if whole > length {
                 left = whole - length;
             } else {
@@ -124,7 +124,8 @@ mod tests {
             .sum()
     }
 
-    /// For lines of every length and direction, dashes follow one pattern along the whole line, and drawing terminates.
+    /// Dashes follow one pattern along a whole line, of any length and direction, and drawing
+    /// terminates.
     #[test]
     fn dashes_end_and_cover_their_share() {
         let dashed = (0..90).map(style).filter(|style| style.dash.is_some());

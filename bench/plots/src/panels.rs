@@ -30,8 +30,8 @@ const TICK_SIZE: f64 = 11.5;
 const LABEL_SIZE: f64 = 12.5;
 const TITLE_SIZE: f64 = 14.0;
 
-/// Share of its room that a line of text may fill: less on a screen, where fallback fonts may be wider than the bundled
-/// one, than in print.
+/// Share of the available room that a line of text may fill. It is smaller on a screen than in
+/// print, because fallback fonts may be wider than the bundled one.
 const ROOM: f64 = 0.8;
 const PRINT_ROOM: f64 = 0.96;
 /// Preferred minimum panel width in print.
@@ -112,7 +112,8 @@ impl PlotAxis {
         self
     }
 
-    /// An axis of decimal logarithms over `low..=high`, both positive; the data drawn on it must be logarithms.
+    /// An axis of decimal logarithms over `low..=high`, both positive; data drawn on it must be
+    /// logarithms too.
     pub fn logarithmic(label: &str, low: f64, high: f64) -> Self {
         let ticks = log_ticks(low, high).into_iter();
         Self {
@@ -134,7 +135,8 @@ pub struct PanelFrame {
     pub y: PlotAxis,
     /// Whether to reserve a strip for infinite values.
     pub infinity: bool,
-    /// Number of samples per part of the horizontal axis, drawn in a strip below the data; may be empty.
+    /// Number of samples in each part of the horizontal axis, drawn in a strip below the data; may
+    /// be empty.
     pub counts: Vec<BinCount>,
 }
 
@@ -162,7 +164,7 @@ impl PanelFrame {
 pub struct BinCount {
     pub low: f64,
     pub high: f64,
-    /// Fewest and most samples, if curves differ.
+    /// Fewest and most samples of any curve; equal if the curves agree.
     pub n: (usize, usize),
 }
 
@@ -182,7 +184,7 @@ pub type DrawData<'a> = Box<dyn Fn(&mut Surface, &PlotArea) + 'a>;
 /// A panel of a figure.
 pub struct Panel<'a> {
     pub frame: PanelFrame,
-    /// `Err` is the reason for missing data.
+    /// `Err` is the reason why there are no data.
     pub content: Result<DrawData<'a>, &'static str>,
 }
 
@@ -247,7 +249,7 @@ struct PanelLayout {
     panel: (f64, f64),
     /// Distance from a panel to the content below it.
     bottom: f64,
-    /// Share of its room that text may fill.
+    /// Share of the available room that text may fill.
     fill: f64,
     /// Line above everything else; empty for none.
     title: String,
@@ -484,7 +486,7 @@ pub fn point(surface: &mut Surface, at: Point, style: Style, hollow: bool) {
     }
 }
 
-/// Draws bars of the sample counts with their numbers above, if they fit; `foot` is the lower edge.
+/// Draws bars of the sample counts, with the numbers above if they fit; `foot` is the lower edge.
 fn count_strip(surface: &mut Surface, counts: &[BinCount], x: &Scale, foot: f64) {
     let most = counts.iter().map(|count| count.n.1).max().unwrap_or(1);
     let text_of = |(least, most): (usize, usize)| match least == most {

@@ -1,7 +1,8 @@
 //! Writes a drawing as a one-page PDF, deterministically (no clock, no random numbers).
 //!
-//! Drawn directly instead of converted from the SVG: a converter would add a second font renderer and some forty
-//! crates. Glyphs are filled outlines, which every publisher accepts; a font would have to be embedded.
+//! The drawing is not converted from the SVG: a converter would add a second font renderer and some
+//! forty crates. Glyphs are filled outlines, which every publisher accepts; a font would have to be
+//! embedded.
 
 use std::collections::BTreeSet;
 use std::io::{self, Write as _};
@@ -201,7 +202,7 @@ mod tests {
         ];
         let bytes = render(") >> é", &shapes, (100.0, 50.0), 0.75).unwrap();
         let file = hayro_syntax::Pdf::new(bytes).unwrap();
-        // MuPDF reads the count, others the list.
+        // MuPDF reads the count, other programs read the list.
         let catalog: Dict<'_> = file.xref().get(file.xref().root_id()).unwrap();
         let pages: Dict<'_> = catalog.get("Pages").unwrap();
         assert_eq!((pages.get("Count"), file.pages().len()), (Some(1), 1));

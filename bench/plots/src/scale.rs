@@ -1,7 +1,7 @@
 //! Round steps for ticks and bins, exact in decimal.
 
-/// A step of `mantissa × 10^exponent`. Its multiples are the floating-point numbers nearest to the decimals, so
-/// that 3 × 0.1 is 0.3 and a sample of 0.3 lies exactly on the edge.
+/// A step of `mantissa × 10^exponent`. Its multiples are the floating-point numbers nearest to the
+/// decimal ones, so that 3 × 0.1 is 0.3 and a sample of 0.3 is exactly on the edge.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Step {
     mantissa: i64,
@@ -9,7 +9,8 @@ pub struct Step {
 }
 
 impl Step {
-    /// The smallest of 1, 2, 5 × 10ⁿ of which at most `count` cover `span`; 1 if the span is not positive.
+    /// The smallest step of 1, 2 or 5 × 10ⁿ such that at most `count` steps cover `span`; 1 if the
+    /// span is not positive.
     pub fn nice(span: f64, count: usize) -> Self {
         let fallback = Self {
             mantissa: 1,
@@ -93,8 +94,8 @@ pub fn finite_range(values: impl IntoIterator<Item = f64>) -> Option<(f64, f64)>
     })
 }
 
-/// Powers of ten within `low..=high`; if there are fewer than three, also twice and five times them. Empty unless `0 <
-/// low < high < ∞`.
+/// Powers of ten within `low..=high`, with their doubles and fives if there are fewer than three.
+/// Empty unless `0 < low < high < ∞`.
 pub fn log_ticks(low: f64, high: f64) -> Vec<f64> {
     if !(low > 0.0 && high > low && high.is_finite()) {
         return Vec::new();

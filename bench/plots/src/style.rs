@@ -8,7 +8,7 @@ use serde::Deserialize;
 use super::ink::{Ink, PAPER};
 use super::palette::{COLOURS, Marker, Style, style_of};
 
-/// Font size of axis labels in units; every length of a plot is relative to it.
+/// Font size of axis labels in units; all lengths in a plot scale with it.
 const LABEL_UNITS: f64 = 12.5;
 const MM_PER_INCH: f64 = 25.4;
 
@@ -24,7 +24,7 @@ pub struct Medium {
 }
 
 impl Medium {
-    /// One unit is a CSS pixel; the PNG has two dots per CSS pixel in each direction.
+    /// One unit is a CSS pixel; the PNG has two dots per CSS pixel along each axis.
     pub const SCREEN: Self = Self {
         zoom: 1.0,
         dpi: 192.0,
@@ -130,7 +130,7 @@ impl FigureStyle {
         for (key, value, least, most) in ranges {
             if !(least..=most).contains(&value) {
                 return Err(wrong(format!(
-                    "{key} = {value}: between {least} and {most}"
+                    "{key} = {value}: expected a number between {least} and {most}"
                 )));
             }
         }
@@ -143,7 +143,7 @@ impl FigureStyle {
             return Err(wrong("columns: at least 1".to_owned()));
         }
         if style.colours.is_empty() {
-            return Err(wrong("colours: at least one".to_owned()));
+            return Err(wrong("colours: at least one is needed".to_owned()));
         }
         Ok(style)
     }
@@ -178,7 +178,8 @@ impl FigureStyle {
             width_mm, font_pt, ..
         } = self;
         format!(
-            "a width of {width_mm} mm has no room for text of {font_pt} pt: a width_mm of {:.0}, or a smaller font_pt",
+            "a width of {width_mm} mm has no room for text of {font_pt} pt: use a width_mm of \
+             {:.0}, or a smaller font_pt",
             (width_mm * times).ceil()
         )
     }
@@ -237,7 +238,10 @@ mod tests {
     fn what_is_wrong_is_named_with_its_file() {
         for (text, part) in [
             ("widht_mm = 3", "line 1: unknown field `widht_mm`"),
-            ("\ndpi = 1", "dpi = 1: between 50 and 1200"),
+            (
+                "\ndpi = 1",
+                "dpi = 1: expected a number between 50 and 1200",
+            ),
             ("font_pt = nan", "font_pt"),
             ("colours = [\"red\"]", "'red' is not of the form #RRGGBB"),
             ("colours = [\"#+12345\"]", "#RRGGBB"),

@@ -138,8 +138,9 @@ pub fn fitted(text: &str, size: f64, weight: Weight, room: f64) -> String {
     String::new()
 }
 
-/// Wraps a text into lines no wider than `room`. Words, and words joined by no-break spaces, are broken only if they do
-/// not fit on a line of their own; if not even one character fits, they stay whole.
+/// Wraps a text into lines no wider than `room`. Words, and words joined by no-break spaces, are
+/// broken only if they do not fit on a line of their own. If not even one character fits, they stay
+/// whole.
 pub fn wrapped(text: &str, size: f64, weight: Weight, room: f64) -> Vec<String> {
     let fits = |text: &str| width(text, size, weight) <= room;
     let one_fits = |word: &str| word.chars().any(|c| fits(c.encode_utf8(&mut [0; 4])));
@@ -274,7 +275,7 @@ mod tests {
             lines("x numbernumberb", room),
             ["x", "number", "number", "b"]
         );
-        // An M does not fit, but still gets a line.
+        // An M does not fit, but still gets a line of its own.
         let narrow = width("i", 10.0, Weight::Regular);
         assert_eq!(lines("iMMi", narrow), ["i", "M", "M", "i"]);
         let long = "no_space_at_all/".repeat(20);
@@ -296,7 +297,7 @@ mod tests {
             two.iter()
                 .all(|line| width(line, 10.0, Weight::Regular) <= 40.0)
         );
-        // Runs that differ at one end only.
+        // The texts differ at one end only.
         assert_ne!(first(&format!("{long}1"), 2), first(&format!("{long}2"), 2));
         assert_ne!(first(&format!("1{long}"), 2), first(&format!("2{long}"), 2));
         assert_eq!(first("short", 2), ["short"]);

@@ -78,8 +78,8 @@ struct Function {
     label: String,
     version: String,
     privileged: bool,
-    /// If true, the function takes a source and returns Gaussians; otherwise it takes a source and a camera and returns
-    /// a picture or Gaussians.
+    /// If true, the function takes a source and returns Gaussians. If false, it takes a source and
+    /// a camera, and returns a picture or Gaussians.
     of_source: bool,
     function: Py<PyAny>,
 }

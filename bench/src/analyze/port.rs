@@ -1,5 +1,5 @@
-//! Compares a port of SHARP with the release or with this implementation: two predictions from one photograph, Gaussian
-//! by Gaussian.
+//! Compares a port of SHARP with the release or with this implementation: two predictions from the
+//! same photograph, Gaussian by Gaussian.
 
 use std::collections::HashMap;
 
@@ -17,19 +17,19 @@ use sharp::unprojection::covariance;
 use crate::methods::file_reading::{Axes, FileReading, FileSpace, Placement};
 use crate::pairs::PosedCamera;
 
-/// Largest number of Gaussians that hypotheses are judged by.
+/// Maximum number of Gaussians on which hypotheses are tested.
 const SAMPLE: usize = 4096;
-/// Below this median distance, pixels, Gaussians count as matched.
+/// Gaussians count as matched if their median distance is below this, pixels.
 const SAME_PLACE: f64 = 2.0;
 /// Another reading of the numbers must reduce the median difference by at least this factor.
 const MUCH_LESS: f64 = 10.0;
 /// Median differences below this, per cent, need no explanation.
 const NEGLIGIBLE: f64 = 0.1;
-/// Smaller shifts of all Gaussians, pixels, are not reported as a cause.
+/// A common shift of all Gaussians is reported as a cause only from this size on, pixels.
 const LEAST_SHIFT: f64 = 0.05;
 /// Side of a cell of the neighbour search, pixels.
 const CELL: f64 = 4.0;
-/// Pixels that a relative depth distance of 1 is equivalent to: 1 % is one pixel.
+/// How many pixels a relative difference of 1 in depth is worth: 1 % counts as one pixel.
 const PIXELS_OF_DEPTH: f64 = 100.0;
 
 /// Differences in one attribute.
@@ -45,16 +45,16 @@ pub struct FieldDifference {
 
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct PortComparison {
-    /// How Gaussians were matched: the order found in the port's file.
+    /// How Gaussians were matched: the order in the port's file.
     pub order: &'static str,
-    /// Gaussians of the port with no Gaussian of the reference to themselves.
+    /// Gaussians of the port without a Gaussian of the reference of their own.
     pub extra: usize,
-    /// Gaussians of the reference that the port does not have.
+    /// Gaussians of the reference without a Gaussian of the port.
     pub missing: usize,
     /// Gaussians of the port with a non-finite value.
     pub not_finite: usize,
     pub as_read: Vec<FieldDifference>,
-    /// Settings for reading the file that explain much of the differences.
+    /// Settings for reading the file that explain most of the differences.
     pub settings: Vec<(&'static str, String)>,
     /// Differences that remain with these settings.
     pub with_settings: Vec<FieldDifference>,
@@ -73,7 +73,8 @@ const COVARIANCE: usize = 2;
 const OPACITY: usize = 3;
 const COLOUR: usize = 4;
 
-/// Orders of a port's file. Each maps Gaussian `i` of `n`, in two layers of `side` rows, to its index in the reference.
+/// Orders of a port's file. Each maps the index `i` of `n` Gaussians, in two layers of `side` rows,
+/// to the index in the reference.
 type Order = (&'static str, fn(usize, usize, usize) -> usize);
 const ORDERS: [Order; 6] = [
     ("the same order", |i, _, _| i),
@@ -101,8 +102,8 @@ fn in_layer(i: usize, side: usize, map: impl Fn(usize, usize) -> (usize, usize))
     (layer * side + row) * side + column
 }
 
-/// Compares a port's Gaussians with the reference's, both with linear colours and in the space of the photograph's
-/// camera. `stored` is the form in which the port's were read.
+/// Compares a port's Gaussians with the reference's. Both have linear colours and are in the space
+/// of the photograph's camera. `stored` is the form in which the port's file was read.
 pub fn compare(
     port: &Gaussians,
     stored: StoredForm,
@@ -177,12 +178,12 @@ struct Pair<'a> {
 }
 
 impl Pair<'_> {
-    /// The placement and order that bring most of the port's Gaussians onto the reference's, and the matched pairs of
-    /// indices.
+    /// The placement and order that match the most of the port's Gaussians with the reference's,
+    /// and the matched pairs of indices.
     fn matched(&self) -> (Placement, &'static str, Vec<[u32; 2]>) {
         let n = self.port.len();
         let placements = || {
-            // OpenCV's axes first, because ties go to the first.
+            // OpenCV's axes are tried first, because ties go to the first.
             let axes = [Axes::OPENCV]
                 .into_iter()
                 .chain(Axes::every())
@@ -228,7 +229,7 @@ impl Pair<'_> {
             median((0..gaussians.len() as u32).map(|k| map.transform_point3(mean(gaussians, k)).z))
         };
         let true_depth = depth(self.reference, DAffine3::IDENTITY);
-        // Try the same unit, and the unit suggested by the median depth.
+        // Try an equal unit, and the unit that the median depth suggests.
         let scaled = placements().map(|placement| {
             let ratio = true_depth / depth(self.port, placement.camera_from_file(&self.camera));
             let scale = Some(ratio).filter(|ratio| ratio.is_finite() && *ratio > 0.0);
@@ -263,13 +264,14 @@ impl Pair<'_> {
         median(sample.iter().map(|[i, j]| {
             let own = map.transform_point3(mean(self.port, *i));
             apart(k, own, mean(self.reference, *j)).map_or(f64::MAX, |[pixels, depth]| {
-                // The unit must not decide between axes.
+                // Axes must not be chosen by the unit of depth.
                 pixels + depth.min(1.0) * 1e-3
             })
         }))
     }
 
-    /// Whether opacities or colours show that Gaussians of equal index correspond, wherever they lie.
+    /// Whether opacities or colours show that Gaussians of the same index correspond, wherever they
+    /// are.
     fn is_same_order(&self, in_order: &[[u32; 2]]) -> bool {
         let sample: Vec<[u32; 2]> = spread(in_order).collect();
         let reading = FileReading {
@@ -306,7 +308,7 @@ impl Pair<'_> {
         })
     }
 
-    /// The unit of the port's means in metres; `None` if it is the same.
+    /// The unit of the port's means in metres; `None` if it is a metre.
     fn scale(&self, placement: &Placement, matches: &[[u32; 2]]) -> Option<f64> {
         let map = placement.camera_from_file(&self.camera);
         let ratio = median(spread(matches).map(|[i, j]| {
@@ -473,7 +475,8 @@ impl<'a> Cells<'a> {
         (p.z > 0.0).then(|| [at(self.k.fx, p.x), at(self.k.fy, p.y)])
     }
 
-    /// Pairs each of the port's Gaussians with the nearest of the reference's; those without one are skipped.
+    /// Pairs each of the port's Gaussians with the nearest of the reference's; skips those that
+    /// have none nearby.
     fn nearest(
         &self,
         port: &Gaussians,

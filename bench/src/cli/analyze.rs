@@ -38,8 +38,8 @@ enum AnalyzeCommand {
 
 /// How much each metric reacts to a small shift of a picture, and to replacing it by its mean colour
 ///
-/// The paper's table of sensitivity. A window moves over the picture, so that no border is filled in. Sub-pixel shifts
-/// are interpolated linearly; all pictures are rounded to 8 bits.
+/// The paper's table of sensitivity. A window moves over the picture, so that no border has to be
+/// filled in. Sub-pixel shifts are interpolated linearly; all pictures are rounded to 8 bits.
 #[derive(Debug, Args)]
 struct TranslationArgs {
     /// The picture

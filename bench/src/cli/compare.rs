@@ -34,7 +34,8 @@ pub(super) struct CompareArgs {
     /// Run folder B, after [default: A itself]
     #[arg(value_name = "B")]
     b: Option<PathBuf>,
-    /// Compare a method of A with one of B [default: those of the same label, or each run's only method]
+    /// Compare a method of A with one of B [default: methods with the same label, or each run's
+    /// only method]
     #[arg(long = "method", value_name = "OLD=NEW", value_parser = method_pair)]
     methods: Vec<(String, String)>,
     #[command(flatten)]
@@ -52,7 +53,8 @@ pub(super) struct CompareArgs {
     /// runs' kept pictures and datasets with depth
     #[arg(long)]
     anatomy: bool,
-    /// A backbone's weights for --anatomy, NAME=FILE, if the runs used other weights than those found here
+    /// A backbone's weights for --anatomy, NAME=FILE; needed if the runs used other weights than
+    /// those found here
     #[arg(long, value_name = "NAME=FILE", requires = "anatomy")]
     weights: Vec<String>,
     /// Write Markdown, CSV and a page with pictures of the most changed pairs into this folder
@@ -71,17 +73,18 @@ pub(super) fn method_pair(text: &str) -> Result<(String, String), &'static str> 
 fn threshold(text: &str) -> Result<(Family, f64), &'static str> {
     let (name, value) = text.split_once('=').ok_or("expected METRIC=VALUE")?;
     let family = Family::ALL.into_iter().find(|family| family.name() == name);
-    let family = family.ok_or("metrics are psnr, ssim, lpips, dists")?;
+    let family = family.ok_or("expected psnr, ssim, lpips or dists")?;
     let value = value.parse().ok();
     let value = value.filter(|v: &f64| v.is_finite() && *v >= 0.0);
-    Ok((family, value.ok_or("the value is a number, 0 or more")?))
+    Ok((family, value.ok_or("expected a number of 0 or more")?))
 }
 
 pub(super) fn execute(args: &CompareArgs) -> anyhow::Result<Outcome> {
     let b = match (&args.b, args.methods.as_slice()) {
         (Some(b), _) => b,
         (None, []) => {
-            let reason = "a run is compared with another, or with itself by --method OLD=NEW";
+            let reason = "give a second run, or compare two methods of one run with --method \
+                          OLD=NEW";
             return Err(UsageError(reason.to_owned()).into());
         }
         (None, _) => &args.a,

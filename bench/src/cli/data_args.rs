@@ -30,7 +30,7 @@ impl DatasetArgs {
     }
 }
 
-/// Prints which scenes are left out, and the readers' assumptions.
+/// Prints which scenes were left out, and the readers' assumptions.
 pub(super) fn say_what_was_opened(datasets: &[OpenDataset]) {
     for dataset in datasets {
         for group in &dataset.left_out {
@@ -91,9 +91,9 @@ pub(super) fn formats_help() -> String {
         .map(|s| format!("    {}={}  {}\n", s.key, s.default, s.meaning));
     let pictures: String = pictures.collect();
     text += &format!(
-        "  settings of every format\n    frame=RULE  its views at another size, with cameras adjusted: \
-         {}\n{pictures}    pairs.KEY=VALUE  a pair option for this dataset only (keys: `pairs --help-all`)\n  \
-         `datasets list` has the values of each setting\n",
+        "  settings of every format\n    frame=RULE  resizes its views and adjusts their cameras: \
+         {}\n{pictures}    pairs.KEY=VALUE  a pair option for this dataset only (keys: `pairs \
+         --help-all`)\n  `datasets list` shows the values of each setting\n",
         Frame::forms()
     );
     text

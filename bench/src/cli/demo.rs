@@ -17,10 +17,10 @@ use crate::report::{Layout, PictureBudget, ReportOptions, report};
 
 /// Run the main job on bundled data: evaluate, tabulate, plot
 ///
-/// Evaluates the bundled small network, with and without the true depth's scale, and methods without a network. The
-/// data are Middlebury's Motorcycle, a real stereo pair with measured depth, and a procedural multi-view scene. Writes
-/// a report and downloads nothing. The network has SHARP's architecture but was trained on procedural scenes; it is not
-/// Apple's model.
+/// Evaluates the bundled small network, with and without the scale of the true depth, and methods
+/// that use no network. The data are Middlebury's Motorcycle, a real stereo pair with measured
+/// depth, and a procedural multi-view scene. Writes a report and downloads nothing. The network has
+/// SHARP's architecture but was trained on procedural scenes; it is not Apple's model.
 #[derive(Debug, Args)]
 #[command(after_help = "Example:\n  sharp-bench demo --out demo-run")]
 pub(super) struct DemoArgs {
@@ -37,7 +37,7 @@ pub(super) struct DemoArgs {
     json: bool,
 }
 
-/// The procedural scene: small enough for a demo, large enough to show its textures.
+/// The procedural scene: small enough for a demo, but large enough for its textures to be visible.
 const SYNTHETIC: &str = "Synthetic:synthetic=size=480x360,views=24";
 
 /// Methods, in the order of the tables.
@@ -65,9 +65,11 @@ pub(super) fn execute(args: &DemoArgs) -> anyhow::Result<Outcome> {
     let terminal = Terminal::default();
     let scoring = args.metrics.scoring()?;
     let mut methods = METHODS.to_vec();
-    // The program was copied without the files next to it.
+    // The program may have been copied without the files that belong next to it.
     if let Err(error @ NetworkError::NotBundled { .. }) = bundled_weights() {
-        output::remark(format!("note: no rows of the network: {error}"));
+        output::remark(format!(
+            "note: the tables have no rows for the network: {error}"
+        ));
         methods.retain(|method| !method.contains("checkpoint=mini"));
     }
     let specs: Vec<MethodSpec> = methods

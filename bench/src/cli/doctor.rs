@@ -1,4 +1,4 @@
-//! `doctor`: available and missing components of this machine, and how to get those.
+//! `doctor`: reports which components this machine has, which are missing, and how to get them.
 
 use clap::Args;
 use serde::Serialize;
@@ -92,7 +92,7 @@ fn adapters() -> Vec<AdapterFacts> {
     sharp::render::GpuAdapter::all()
         .iter()
         .map(|adapter| AdapterFacts {
-            // The description of a software adapter already says that it is one.
+            // A software adapter's description already says what it is.
             name: match adapter.is_software() {
                 true => adapter.to_string(),
                 false => format!("{adapter} [{}]", adapter.kind()),
@@ -121,7 +121,7 @@ fn gpu_adapters(adapters: &[AdapterFacts]) -> Vec<Finding> {
     let of_adapter = |(index, adapter): (usize, &AdapterFacts)| {
         let advice = match (adapter.software, chosen == Some(index)) {
             (true, _) => "software: used only when named, `render --adapter NAME`",
-            (false, true) => "what `render` chooses by itself",
+            (false, true) => "used by `render` by default",
             (false, false) => "used when named, `render --adapter NAME`",
         };
         finding(WHAT, &adapter.name, advice)

@@ -1,4 +1,4 @@
-//! `explain`: finds why a number differs from the published one.
+//! `explain`: finds out why a number differs from the published one.
 
 use std::path::PathBuf;
 
@@ -33,10 +33,10 @@ Examples:
 Writes explain.md and readings.csv, one line per reading. Without --keep float, truncation and division by alpha are not
 computed.")]
 pub(super) struct ExplainArgs {
-    /// A table of scores by its name in `table list`
+    /// A table of scores, by its name in `table list`
     #[arg(value_name = "TABLE")]
     table: String,
-    /// Run folders, with a method if they have several
+    /// Run folders, each with a method if it has several
     #[arg(value_name = "RUN[:METHOD]", required = true)]
     runs: Vec<String>,
     /// The published row to compare with
@@ -62,7 +62,7 @@ pub(super) fn execute(args: &ExplainArgs) -> anyhow::Result<Outcome> {
         let tables = TABLES.iter().filter(|table| made_by_runs(table.made_by));
         let names: Vec<&str> = tables.map(|table| table.name).collect();
         let reason = format!(
-            "no table of scores '{}'; there are {}",
+            "there is no table of scores '{}'; available: {}",
             args.table,
             names.join(", ")
         );
@@ -71,7 +71,7 @@ pub(super) fn execute(args: &ExplainArgs) -> anyhow::Result<Outcome> {
     if !table.rows.iter().any(|(label, _)| *label == args.row) {
         let labels: Vec<&str> = table.rows.iter().map(|(label, _)| *label).collect();
         let reason = format!(
-            "--row {}: {} has the rows {}",
+            "--row {}: no such row in {}, which has {}",
             args.row,
             table.name,
             labels.join(", ")
@@ -86,15 +86,15 @@ pub(super) fn execute(args: &ExplainArgs) -> anyhow::Result<Outcome> {
         let explained = explain_run(table, &args.row, &run, &scoring, &Terminal::default())?;
         if explained.changed > 0 {
             output::remark(format!(
-                "warning: {}: {} of the run's scores differ from those of its pictures today: weights or code have \
-                 changed since",
+                "warning: {}: {} of the run's scores differ from those recomputed from its \
+                 pictures: weights or code changed after the run",
                 explained.path.display(),
                 explained.changed
             ));
         }
         if explained.lacks_pairs() {
             output::remark(format!(
-                "warning: {}: pairs without a kept and scored picture are missing from these numbers",
+                "warning: {}: these numbers exclude pairs whose scored picture was not kept",
                 explained.path.display()
             ));
         }

@@ -64,10 +64,11 @@ enum FigureCommand {
     FidelityTime {
         #[command(flatten)]
         runs: RunsArgs,
-        /// Which metric of the runs
+        /// A metric of the runs
         #[arg(long, default_value_t = MetricKey::DISTS)]
         metric: MetricKey,
-        /// A folder of `speed`, or its speed.csv, whose times replace the run's for the methods and datasets in it
+        /// An output folder of `speed`, or its speed.csv; its times replace the run's for the
+        /// methods and datasets that it contains
         #[arg(long, value_name = "PATH")]
         speed: Option<PathBuf>,
     },
@@ -112,7 +113,7 @@ struct OutArgs {
     /// Folder to write to
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
-    /// Sizes and colours, a TOML file
+    /// A TOML file with sizes and colours
     #[arg(long, value_name = "FILE")]
     style: Option<PathBuf>,
     /// Print JSON: the files written, and problems with them
@@ -144,10 +145,10 @@ struct UncertaintyArgs {
     /// Its depth: .npy, .npz, .exr, .pfm (metres) or 16-bit .png (millimetres)
     #[arg(long, value_name = "FILE", requires = "mirrored")]
     depth: Option<PathBuf>,
-    /// The depth of the mirrored picture, as it was predicted
+    /// The depth predicted for the mirrored picture, not mirrored back
     #[arg(long, value_name = "FILE", requires = "depth")]
     mirrored: Option<PathBuf>,
-    /// A SHARP checkpoint, or mini, that predicts both; each of its two layers is a row
+    /// A SHARP checkpoint, or mini, that predicts both depths; each of its two layers is a row
     #[arg(
         long,
         value_name = "FILE",
@@ -246,7 +247,7 @@ fn plots(
     let results = args.runs.results(None)?;
     check_writable(&args.out.out)?;
     let figure = make(&results, &style)?;
-    let figure = figure.ok_or_else(|| anyhow!("{stem}: the runs have nothing to show"))?;
+    let figure = figure.ok_or_else(|| anyhow!("{stem}: the runs have nothing to plot"))?;
     let files = report_plots::files(figure, &args.out.out, stem);
     say(&write_all_over_own(&files)?, &[], &args.out)?;
     Ok(Outcome::of_problems(warn_damaged(&results)))
@@ -273,7 +274,11 @@ fn of_depth(args: &UncertaintyArgs) -> anyhow::Result<Outcome> {
         (.., Some(checkpoint)) => {
             uncertainty::by_network(&picture, checkpoint, args.config.as_deref())?
         }
-        _ => return Err(UsageError("--depth and --mirrored, or --checkpoint".to_owned()).into()),
+        _ => {
+            return Err(
+                UsageError("give --depth and --mirrored, or --checkpoint".to_owned()).into(),
+            );
+        }
     };
     let sheet = uncertainty::sheet(&picture, &maps)?;
     write_sheet(&sheet, "uncertainty", &args.out, &style).map(Outcome::of_problems)

@@ -1,4 +1,4 @@
-//! `gate --baseline A --candidate B`: decides whether B may replace A, for continuous integration.
+//! `gate --baseline A --candidate B`: decides in continuous integration whether B may replace A.
 
 use std::path::PathBuf;
 
@@ -18,8 +18,8 @@ use crate::track::gate::{CheckState, GateConfig, GateError, Limit, gate};
 /// Compare a run with a baseline in continuous integration: exit code 3 if it is worse than the limits allow
 ///
 /// A limit fires if B is worse than A by more than the limit, on a dataset or over all of them, with p < 0.05 after
-/// Holm's correction; limits `per scene` ignore p. Without limits, any significant loss fires. Lost scores count as violations. Exit code 5: no limit fired, but
-/// one cannot be decided.
+/// Holm's correction; limits `per scene` ignore p. Without limits, any significant loss fires. Missing scores count as
+/// violations. Exit code 5: no limit fired, but one cannot be decided.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Limits:
@@ -48,7 +48,8 @@ pub(super) struct GateArgs {
     /// Exit code 5 if the runs could not detect a difference of this size: psnr=0.5,lpips=0.01
     #[arg(long, value_name = "METRIC=D", value_delimiter = ',', value_parser = power)]
     require_power: Vec<(MetricName, f64)>,
-    /// Compare a method of A with one of B [default: those of the same label, or each run's only method]
+    /// Compare a method of A with one of B [default: methods with the same label, or each run's
+    /// only method]
     #[arg(long = "method", value_name = "OLD=NEW", value_parser = method_pair)]
     methods: Vec<(String, String)>,
     /// Write JUnit XML
@@ -66,7 +67,7 @@ fn power(text: &str) -> Result<(MetricName, f64), String> {
     let (name, value) = text.split_once('=').ok_or("expected METRIC=D")?;
     let value = value.parse().ok();
     let value = value.filter(|d: &f64| d.is_finite() && *d > 0.0);
-    Ok((name.parse()?, value.ok_or("D is a number above 0")?))
+    Ok((name.parse()?, value.ok_or("expected a number above 0")?))
 }
 
 pub(super) fn execute(args: &GateArgs) -> anyhow::Result<Outcome> {

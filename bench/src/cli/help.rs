@@ -45,7 +45,7 @@ const RARE: [&str; 36] = [
     "weights",
 ];
 
-/// Openings of those paragraphs after the options that `--help` also shows.
+/// Paragraphs after the options that `--help` also shows begin with one of these.
 const ON_A_SCREEN: [&str; 2] = ["Example", "Start with"];
 
 /// Commands on the first page; `--help-all` lists the others.

@@ -12,11 +12,11 @@ use crate::io::atomic_files::write_all_over_own;
 use crate::io::text::visible_line;
 use crate::track::history::{self, HistoryError};
 
-/// Runs over time: means with intervals, and which run changed them
+/// Track runs over time: means with intervals, and which run changed them
 ///
-/// A history is a folder with one small file per run: a bundle of its scores with label, commit and date. Entries are
-/// numbered in the order of adding and never changed. Damaged entries are named and make the exit code 4; the others
-/// still count.
+/// A history is a folder with one small file per run: a bundle of its scores with label, commit and
+/// date. Entries are numbered in the order in which they were added and are never changed. Damaged
+/// entries are reported with exit code 4; the others are still used.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:
@@ -44,7 +44,7 @@ struct AddArgs {
     dir: PathBuf,
     /// Run folder or bundle
     run: PathBuf,
-    /// Its name in tables and plots [default: the name of RUN]
+    /// The entry's name in tables and plots [default: the name of RUN]
     #[arg(long, value_name = "TEXT")]
     label: Option<String>,
     /// The version of your code, such as a git hash
@@ -104,7 +104,8 @@ fn add(args: &AddArgs) -> anyhow::Result<Outcome> {
         output::line(match added.is_new {
             true => format!("{path}  {label}"),
             false => format!(
-                "{path}  {label}, there since {} with the same results; use another --label or --commit for a new entry",
+                "{path}  {label}, already added on {} with the same results; use another --label \
+                 or --commit for a new entry",
                 added.occasion.date
             ),
         })?;

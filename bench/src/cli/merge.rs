@@ -11,8 +11,8 @@ use crate::io::counts::counted;
 
 /// Join run folders
 ///
-/// Equal units are kept once; different pairs, methods and datasets are combined; contradictions are an error. A single
-/// folder without --out gets its tables rewritten from its units.
+/// Equal units are kept once; different pairs, methods and datasets are combined; contradictions
+/// are an error. For a single folder without --out, its tables are rewritten from its units.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:
@@ -22,7 +22,7 @@ pub(super) struct MergeArgs {
     /// Run folders
     #[arg(required = true, value_name = "FOLDER")]
     folders: Vec<PathBuf>,
-    /// Where to write
+    /// Folder to write to
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
     /// Print JSON

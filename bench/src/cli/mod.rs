@@ -59,7 +59,7 @@ use outcome::{Outcome, UsageError, is_stopped, is_usage};
                   Start with: sharp-bench demo"
 )]
 struct Cli {
-    /// Show no progress; warnings, results and errors stay
+    /// Show no progress; warnings, results and errors are still shown
     #[arg(long, short, global = true)]
     quiet: bool,
     #[command(subcommand)]
@@ -103,7 +103,8 @@ enum CliCommand {
     Man(man::ManArgs),
 }
 
-/// Runs a command line, which starts with the program's name. Returns the exit code; see `sharp-bench --help`.
+/// Runs a command line, whose first argument is the program's name. Returns the exit code; see
+/// `sharp-bench --help`.
 pub fn main(arguments: Vec<OsString>) -> u8 {
     let mut command = help::command();
     let matches = command.try_get_matches_from_mut(arguments);
@@ -115,7 +116,8 @@ pub fn main(arguments: Vec<OsString>) -> u8 {
         },
         Err(error) => {
             let text = error.render().to_string();
-            // Report an invalid value like any other error, on one line, whatever the value contains.
+            // Report an invalid value on one line like any other error, whatever the value
+            // contains.
             let hint = "\n\nFor more information, try '--help'.\n";
             if error.kind() == ErrorKind::ValueValidation
                 && let Some(error) = text.strip_suffix(hint)
@@ -134,7 +136,8 @@ pub fn main(arguments: Vec<OsString>) -> u8 {
     }
 }
 
-/// Maximum length of a printed error, characters; otherwise a file with a single line would be printed whole.
+/// Maximum length of a printed error, characters. Errors may quote a line, and a file may consist
+/// of a single line.
 const LONGEST_ERROR: usize = 4000;
 
 fn failed(error: &anyhow::Error) -> u8 {
@@ -199,7 +202,7 @@ impl Cli {
     }
 }
 
-/// More threads than any machine has; starting more would take longer than the work.
+/// More threads than any machine has. Starting more would take longer than the work itself.
 const MAX_THREADS: usize = 4096;
 
 /// Sizes the global thread pool; `None` uses all cores.

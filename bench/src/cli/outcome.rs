@@ -28,8 +28,8 @@ pub(super) enum Outcome {
 }
 
 impl Outcome {
-    /// Replaces `Done` by `RecordedFailures` if scenes or views of the datasets are broken or incomplete and therefore
-    /// missing in results.
+    /// Replaces `Done` by `RecordedFailures` if results lack scenes or views of the datasets
+    /// because they are broken or incomplete.
     pub(super) fn with_scenes_of(self, datasets: &[OpenDataset]) -> Self {
         let broken = datasets
             .iter()
@@ -37,7 +37,7 @@ impl Outcome {
         self.or(Self::of_problems(broken))
     }
 
-    /// `other` instead of `Done`.
+    /// Replaces `Done` by `other`.
     pub(super) fn or(self, other: Self) -> Self {
         if self == Self::Done { other } else { self }
     }
@@ -91,7 +91,8 @@ pub(super) fn is_usage(error: &anyhow::Error) -> bool {
     })
 }
 
-/// Whether a signal or the time budget stopped the command: exit code 75; the same command continues.
+/// Whether a signal or the time budget stopped the command, so that the same command continues:
+/// exit code 75.
 pub(super) fn is_stopped(error: &anyhow::Error) -> bool {
     let of_evaluation =
         |error: &EvaluateError| matches!(error, EvaluateError::Pairs(PairError::Stopped));

@@ -1,4 +1,5 @@
-//! Results go to standard output, so that they can be piped; notes, warnings and progress to standard error.
+//! Prints results to standard output, so that they can be piped, and notes, warnings and progress
+//! to standard error.
 
 use std::io::{self, IsTerminal, Write};
 use std::path::PathBuf;
@@ -79,7 +80,7 @@ struct Phase {
     bar: ProgressBar,
     unit: String,
     failed: u64,
-    /// Time and progress of the last plain line; initially the start of the phase.
+    /// Time and progress when the last plain line was printed; initially, when the phase began.
     said: (Instant, u64),
     lines: usize,
 }
@@ -115,8 +116,8 @@ impl Phase {
         }
     }
 
-    /// A progress line, at most once per interval. The time left is estimated from the last interval, because units
-    /// reused from an earlier run take no time.
+    /// A progress line, at most one per interval. Units reused from an earlier run take no time, so
+    /// the time left is estimated from the last interval only.
     fn plain_line(&mut self, now: Instant) -> Option<String> {
         let (then, before) = self.said;
         let elapsed = now.saturating_duration_since(then);
@@ -153,7 +154,8 @@ pub(super) fn span(secs: f64) -> String {
 }
 
 impl Terminal {
-    /// A terminal that requests a stop after `budget`, and on the signals that schedulers send before a kill.
+    /// A terminal that requests a stop after `budget`, or on a signal that schedulers send before
+    /// they kill a process.
     pub(super) fn until(budget: Option<Duration>) -> io::Result<Self> {
         Self::obeying(
             budget,
@@ -162,7 +164,7 @@ impl Terminal {
         )
     }
 
-    /// As [`Self::until`], but also on Ctrl-C, for work that would lose much if killed.
+    /// Like [`Self::until`], but also on Ctrl-C; for work that would lose much if killed.
     pub(super) fn until_interrupted(budget: Option<Duration>) -> io::Result<Self> {
         Self::obeying(
             budget,
@@ -180,7 +182,8 @@ impl Terminal {
         #[cfg(unix)]
         for &signal in signals {
             let asked = &terminal.asked_to_stop;
-            // A second signal shuts down at once; registered first, because handlers run in this order.
+            // A second signal exits at once. Registered first, because handlers run in the order of
+            // registration.
             signal_hook::flag::register_conditional_shutdown(signal, 75, Arc::clone(asked))?;
             signal_hook::flag::register(signal, Arc::clone(asked))?;
         }
@@ -274,7 +277,7 @@ mod tests {
             phase.plain_line(start + Duration::from_secs(secs))
         };
         assert_eq!(at(10, 400, 0), None);
-        // Units reused from an earlier run.
+        // All units so far are reused from an earlier run.
         assert_eq!(at(30, 500, 0).as_deref(), Some("500 of 1000 units"));
         assert_eq!(at(59, 501, 0), None);
         // 10 units per minute.

@@ -8,8 +8,8 @@ use crate::protocols::{PROTOCOLS, PairRule, Protocol};
 
 /// List published evaluation protocols, or show one
 ///
-/// `run --protocol NAME` follows one: metrics, size, masks, rounding, means. The report states where this harness
-/// differs.
+/// `run --protocol NAME` follows one: its metrics, sizes, masks, rounding and averages. The report
+/// states where sharp-bench differs.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:

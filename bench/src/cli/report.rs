@@ -16,9 +16,9 @@ use crate::report::{self, Layout, PublishedNumbers, ReportOptions};
 
 /// Write tables, plots and a browsable page from runs
 ///
-/// Several runs are joined into one report: equal units once, different pairs, methods and datasets together. NAME=RUN
-/// prefixes each method of a run with the name, or renames its only method. An unfinished run is reported with the
-/// results so far.
+/// Several runs are joined into one report: equal units appear once, different pairs, methods and
+/// datasets are combined. NAME=RUN prefixes each method of a run with the name, or renames its only
+/// method. An unfinished run is reported with the results so far.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:
@@ -27,9 +27,9 @@ Examples:
   sharp-bench report base=runs/v1 new=runs/v2 --out comparison
   sharp-bench report runs/first --methods-text
 
-Writes report.md, index.html (opens from disk), tables as .md, .csv and .tex, plots as .svg and .png. The page holds the
-pictures of up to 24 pairs; with more, small pictures of all pairs are next to it in thumbs/, below 200 MB in total.
-Enlarged ones are read from the run, source and target from the datasets named in the run, if they are still in place.")]
+Writes report.md, index.html (opens from disk), tables as .md, .csv and .tex, plots as .svg and .png. The page contains
+the pictures of up to 24 pairs; for more pairs, small pictures are stored next to it in thumbs/, below 200 MB in total.
+Enlarged predictions are read from the run, sources and targets from the run's datasets, if these are still in place.")]
 pub(super) struct ReportArgs {
     #[command(flatten)]
     runs: ShownRuns,
@@ -39,8 +39,8 @@ pub(super) struct ReportArgs {
     /// Which of the paper's numbers to show next to ours
     #[arg(long, value_enum, default_value_t = PublishedNumbers::Matching)]
     published: PublishedNumbers,
-    /// How to average, instead of the runs' rule: over pairs; over scenes, each the mean of its pairs; or over source
-    /// views, each the mean of its targets
+    /// How to average, instead of the runs' own rule: over pairs; over scenes, each with the mean
+    /// of its pairs; or over source views, each with the mean of its targets
     #[arg(long, value_enum, value_name = "OVER")]
     aggregate: Option<Aggregation>,
     /// What follows each mean as ± [default: ci95 on the page, nothing elsewhere]
@@ -49,8 +49,8 @@ pub(super) struct ReportArgs {
     /// Location of the page's pictures [default: in the page for up to 24 pairs, else next to it]
     #[arg(long, value_enum)]
     layout: Option<Layout>,
-    /// Leave out pictures of datasets whose terms forbid publishing them (the page names them), and paths on this
-    /// machine
+    /// Omit pictures of datasets whose terms forbid publishing them (the page lists these
+    /// datasets), and paths on this machine
     #[arg(long)]
     public: bool,
     /// Print a paragraph for a paper instead of a report, with references: datasets and pairs, conventions, metrics,
@@ -93,7 +93,7 @@ pub(super) fn execute(args: &ReportArgs) -> anyhow::Result<Outcome> {
         (Some(out), _) => out.clone(),
         (None, [run]) if run.path.is_dir() => run.path.join("report"),
         (None, _) => {
-            let reason = "--out DIR is needed for a report on several runs or on a bundle";
+            let reason = "a report on several runs or on a bundle needs --out DIR";
             return Err(UsageError(reason.to_owned()).into());
         }
     };
@@ -123,7 +123,7 @@ pub(super) fn execute(args: &ReportArgs) -> anyhow::Result<Outcome> {
     } else {
         let pictures = match files.layout {
             Layout::File => "one file",
-            Layout::Folder => "its pictures beside it, in thumbs/",
+            Layout::Folder => "its pictures next to it, in thumbs/",
         };
         print_tables(&results, args.uncertainty)?;
         output::line(format!("report  {}  ({pictures})", files.html.display()))?;
@@ -164,8 +164,8 @@ pub(super) fn warn_damaged(results: &Results) -> bool {
 pub(super) fn warn_not_scored(paths: &[PathBuf]) {
     for path in paths {
         output::remark(format!(
-            "warning: {}: differs from the picture that was scored, so it is not shown; `run` with the same options \
-             makes it again",
+            "warning: {}: differs from the picture that was scored, so it is not shown; `run` with \
+             the same options recreates it",
             path.display()
         ));
     }
@@ -181,11 +181,13 @@ pub(super) fn print_tables(
     output::line(texts.join("\n"))
 }
 
-/// Exit code 4 if there are recorded failures; 75 if units are left, or still waiting although this was the last stage.
+/// Exit code 4 if there are recorded failures. Exit code 75 if units are left; after the last
+/// stage, also if units still wait for an earlier stage.
 pub(super) fn outcome(counts: UnitCounts, is_last_stage: bool) -> Outcome {
     if is_last_stage && counts.waiting > 0 {
         output::remark(format!(
-            "warning: {} of {} units are waiting: they have no prediction to score, or their scenes cannot be read",
+            "warning: {} of {} units are waiting: their predictions are missing, or their scenes \
+             cannot be read",
             counts.waiting, counts.units
         ));
         return Outcome::Resumable;
@@ -197,7 +199,7 @@ pub(super) fn outcome(counts: UnitCounts, is_last_stage: bool) -> Outcome {
         return Outcome::Done;
     }
     output::remark(format!(
-        "warning: {} of {} units failed; their reasons are in scores.csv and in the report",
+        "warning: {} of {} units failed; scores.csv and the report state the reasons",
         counts.failed, counts.units
     ));
     Outcome::RecordedFailures

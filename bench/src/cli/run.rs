@@ -24,9 +24,10 @@ use crate::methods::KINDS;
 
 /// Evaluate methods on datasets into a run folder
 ///
-/// The same command resumes a stopped run: finished units are kept, and recorded failures are retried. A failed pair is
-/// recorded, the run continues, and the exit code is 4. More methods, pairs, metrics and datasets can be added to the
-/// folder later without repeating finished work.
+/// The same command resumes a stopped run: finished units are kept, and recorded failures are
+/// retried. If a pair fails, the failure is recorded, the run continues, and the exit code is 4.
+/// More methods, pairs, metrics and datasets can be added to the folder later without repeating
+/// finished work.
 #[derive(Debug, Args)]
 #[command(
     after_help = help(),
@@ -36,9 +37,9 @@ use crate::methods::KINDS;
                       sharp-bench run --plan <DIR> --shard <I/N> [OPTIONS]"
 )]
 pub(super) struct RunArgs {
-    /// Read options from a TOML file, by their names without dashes (`limit = 10`, `method = ["copy"]`); relative paths
-    /// are resolved against its folder. Options on the command line take precedence. Every run folder has its own as
-    /// run.toml
+    /// Read options from a TOML file, by their names without dashes (`limit = 10`, `method =
+    /// ["copy"]`); relative paths are resolved against its folder. Options on the command line take
+    /// precedence. Every run folder contains its options as run.toml
     #[arg(long = "config", value_name = "FILE")]
     file: Option<PathBuf>,
     #[command(flatten)]
@@ -49,8 +50,8 @@ pub(super) struct RunArgs {
     /// Write a plan with its estimated cost into --out, for shards
     #[arg(long, conflicts_with_all = ["dry_run", "estimate"])]
     plan_only: bool,
-    /// Execute a shard of the plan in this folder, with the options it was planned with. Writes units only; `merge`
-    /// makes the tables
+    /// Execute a shard of the plan in this folder, with the options of the plan. Writes units only;
+    /// `merge` writes the tables
     #[arg(
         long,
         value_name = "DIR",
@@ -61,13 +62,14 @@ pub(super) struct RunArgs {
     /// Which shard, I/N with I from 1 to N; auto, or auto/N, in an array of Slurm, Kubernetes or AWS Batch
     #[arg(long, value_name = "I/N", requires = "plan")]
     shard: Option<Shard>,
-    /// Start the programs of `command` methods in the plan; check a plan from elsewhere first
+    /// Allow the programs of `command` methods in the plan to start; check a plan from elsewhere
+    /// first
     #[arg(long, requires = "plan")]
     allow_programs: bool,
     /// Start no unit after this time (90s, 55m, 3h) and end with exit code 75, as after SIGTERM or SIGUSR1
     #[arg(long, value_name = "TIME", value_parser = time)]
     time_budget: Option<Duration>,
-    /// Stages to do; the others can follow on another machine
+    /// Stages to execute; the others can follow on another machine
     #[arg(long, value_enum, default_value_t = Stages::All)]
     stage: Stages,
     #[command(flatten)]
@@ -126,7 +128,7 @@ fn configuration(args: &RunArgs) -> anyhow::Result<RunConfig> {
         });
     };
     let own = args.config.keys()?;
-    // A machine without the plan's kernels is reported later.
+    // If this machine lacks the plan's kernels, that is reported later.
     if let Some(key) = own.keys().find(|key| *key != "simd") {
         let reason =
             format!("--{key} cannot be combined with --plan: a shard uses the planned options");
@@ -135,14 +137,14 @@ fn configuration(args: &RunArgs) -> anyhow::Result<RunConfig> {
     let folder = RunFolder::open(root)?;
     if folder.plan()?.estimate.is_none() {
         bail!(
-            "{}: it was not planned by `run --plan-only`, so it has no shards",
+            "{}: not planned by `run --plan-only`, so it has no shards",
             root.display()
         );
     }
     let config = RunConfig::read(&folder.config_path())?.overlaid(&args.config)?;
     if let Some(method) = config.program().filter(|_| !args.allow_programs) {
         let reason = format!(
-            "the plan starts a program, --method {method}: if you trust it, add --allow-programs"
+            "the plan starts a program (--method {method}); if you trust it, add --allow-programs"
         );
         return Err(UsageError(reason).into());
     }
@@ -156,7 +158,7 @@ pub(super) fn execute(args: &RunArgs) -> anyhow::Result<Outcome> {
         Simd::pin(set).map_err(|error| UsageError(format!("--simd {set}: {error}")))?;
     }
     if config.methods.is_empty() {
-        let reason = "no method: --method SPEC names one (`run --help-all` has the kinds)";
+        let reason = "no method: give one with --method SPEC (`run --help-all` lists the kinds)";
         return Err(UsageError(reason.to_owned()).into());
     }
     let plan = args.plan.as_deref().map(std::path::absolute).transpose()?;
@@ -165,7 +167,7 @@ pub(super) fn execute(args: &RunArgs) -> anyhow::Result<Outcome> {
     say_what_was_opened(&request.datasets);
     if let Some(protocol) = &request.protocol {
         for departure in &protocol.departures {
-            output::remark(format!("note: not as in {}: {departure}", protocol.name));
+            output::remark(format!("note: differs from {}: {departure}", protocol.name));
         }
     }
     let evaluation = prepare(request, &terminal)?;
@@ -233,7 +235,7 @@ pub(super) fn execute(args: &RunArgs) -> anyhow::Result<Outcome> {
         output::line(format!("run     {root}  (sharp-bench report {root})"))?;
     } else {
         output::line(format!(
-            "{} and {} made; `--stage score` scores the pictures",
+            "{} and {} created; `--stage score` scores the pictures",
             counted(counts.predicted, "prediction"),
             counted(counts.rendered, "rendering")
         ))?;
@@ -282,7 +284,7 @@ fn dry_run(evaluation: &Evaluation, args: &RunArgs) -> anyhow::Result<Outcome> {
     Ok(Outcome::Done)
 }
 
-/// The result; `None` if the renderer's device failed, in which case the same command resumes the run.
+/// The result; `None` if the renderer's device failed. The same command then resumes the run.
 fn unless_stopped<T>(result: Result<T, EvaluateError>) -> anyhow::Result<Option<T>> {
     match result {
         Err(error @ EvaluateError::Device { .. }) => {
@@ -362,12 +364,13 @@ fn print_estimate(estimate: &Estimate, as_json: bool) -> anyhow::Result<()> {
         ))?;
     }
     output::line(
-        "times assume this machine's present pace; the disk of `all` is what stays in the run folder",
+        "times assume this machine's current speed; for `all`, disk is the final size of the run \
+         folder",
     )?;
     if measured_failures > 0 {
         output::remark(format!(
-            "warning: {} of those measured failed, so the estimate is too low; `run --limit {measured_pairs}` shows \
-             why",
+            "warning: {} of the measured units failed, so the estimate is too low; `run --limit \
+             {measured_pairs}` shows why",
             counted(measured_failures, "unit")
         ));
     }

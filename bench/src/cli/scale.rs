@@ -13,9 +13,9 @@ use crate::scale::{Kubernetes, Shards, Slurm, kubernetes, slurm};
 
 /// Write the files that run a plan on a cluster
 ///
-/// The plan, made by `run --plan-only`, must be visible to all nodes. Jobs request what the plan estimated; read the
-/// files before you submit them. With any other scheduler, run `run --plan DIR --shard I/N` for I from 1 to N, then
-/// `merge DIR`.
+/// The plan, made by `run --plan-only`, must be visible to all nodes. Jobs request the resources
+/// that the plan estimated; read the files before you submit them. With any other scheduler, run
+/// `run --plan DIR --shard I/N` for I from 1 to N, then `merge DIR`.
 #[derive(Debug, Args)]
 pub(super) struct ScaleArgs {
     #[command(subcommand)]
@@ -24,13 +24,14 @@ pub(super) struct ScaleArgs {
 
 #[derive(Debug, Subcommand)]
 enum Scheduler {
-    /// Slurm array jobs: a script per stage, one for merging, and submit.sh, which submits what is left
+    /// Write Slurm array jobs: a script per stage, one for merging, and submit.sh, which submits
+    /// the remaining shards
     #[command(after_help = "\
 Example:
   sharp-bench scale slurm --plan /shared/runs/all --shards 64 --cpus 8 --sbatch pictures=--gres=gpu:1 \\
       --sbatch every=--partition=main --out jobs && bash jobs/submit.sh")]
     Slurm(SlurmArgs),
-    /// An indexed Kubernetes Job, and a Job that merges
+    /// Write an indexed Kubernetes Job, and a Job that merges
     #[command(after_help = "\
 Example:
   sharp-bench scale kubernetes --plan /data/runs/all --shards 64 --image registry/sharp-bench:1 --claim data \\
@@ -43,13 +44,13 @@ struct ShardArgs {
     /// The plan's run folder, as the nodes see it
     #[arg(long, value_name = "DIR")]
     plan: PathBuf,
-    /// Number of shards; each loads its model, so it should run for minutes at least
+    /// Number of shards; each loads its models again, so it should run for at least some minutes
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
     shards: u32,
     /// Cores per job
     #[arg(long, value_name = "N", default_value_t = 4, value_parser = clap::value_parser!(u32).range(1..=4096))]
     cpus: u32,
-    /// Start the programs of `command` methods that the plan names
+    /// Allow the programs of `command` methods in the plan to start
     #[arg(long)]
     allow_programs: bool,
     /// Folder to write to
@@ -100,7 +101,7 @@ struct KubernetesArgs {
     /// A container image that includes sharp-bench
     #[arg(long)]
     image: String,
-    /// Claim of the volume with plan and datasets
+    /// PersistentVolumeClaim of the volume with plan and datasets
     #[arg(long)]
     claim: String,
     /// Mount point of the volume
@@ -113,7 +114,7 @@ fn own_program() -> anyhow::Result<PathBuf> {
     let program = std::env::current_exe()?;
     let stem = program.file_stem().unwrap_or_default();
     if stem != env!("CARGO_PKG_NAME") {
-        let reason = "--binary FILE is needed: the program's path on the nodes";
+        let reason = "give the program's path on the nodes with --binary FILE";
         return Err(UsageError(reason.to_owned()).into());
     }
     Ok(program)

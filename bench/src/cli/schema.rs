@@ -24,7 +24,7 @@ enum SchemaFile {
     Manifest,
     /// units/*/*.json
     Unit,
-    /// A result in another program's records: the record of a unit with its scores
+    /// A record for `report_from_records`: a unit's result with its scores
     Record,
     /// plan.json
     Plan,

@@ -20,7 +20,7 @@ use crate::io::counts::counted;
 
 /// Add metrics to a run from its kept predictions
 ///
-/// Predicts and renders nothing. Units without kept pictures are counted and get no new values.
+/// Predicts and renders nothing. Units without kept pictures are counted and receive no new scores.
 #[derive(Debug, Args)]
 #[command(after_help = "Example:\n  sharp-bench score runs/first --metrics lpips-vgg,ssim-all")]
 pub(super) struct ScoreArgs {

@@ -33,9 +33,9 @@ Examples:
   sharp-bench speed --method sharp:checkpoint=sharp.pt --dataset middlebury=data/Middlebury2014 --out speed
   sharp-bench speed runs/sharp --out speed
 
-Writes speed.md, speed.tex and, for measured methods, speed.csv. Run nothing else meanwhile.")]
+Writes speed.md, speed.tex and, for measured methods, speed.csv. Run nothing else at the same time.")]
 pub(super) struct SpeedArgs {
-    /// Run folders whose hours and hardware are summed up
+    /// Run folders whose hours and hardware to total
     #[arg(value_name = "RUN", required_unless_present = "methods")]
     runs: Vec<PathBuf>,
     /// A method to measure, KIND[:key=value,…]; repeatable
@@ -77,7 +77,7 @@ pub(super) struct SpeedArgs {
 pub(super) fn execute(args: &SpeedArgs) -> anyhow::Result<Outcome> {
     super::set_threads(args.threads)?;
     if args.limit == 0 || args.repeat == 0 {
-        return Err(UsageError("--limit and --repeat: at least 1".to_owned()).into());
+        return Err(UsageError("--limit and --repeat must be at least 1".to_owned()).into());
     }
     let report = SpeedReport {
         measured: match args.methods.is_empty() {

@@ -25,7 +25,7 @@ pub(super) struct StatusArgs {
     /// Print only the unfinished shards of N, as a list for a scheduler (2,17-19)
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
     unfinished_shards: Option<u32>,
-    /// Split the list into arrays with indices up to INDEX, one line each: offset and indices
+    /// Split the list into arrays with indices up to INDEX; each line has an offset and indices
     #[arg(long, value_name = "INDEX", requires = "unfinished_shards", value_parser = clap::value_parser!(u32).range(1..))]
     max_index: Option<u32>,
     /// Count shards with recorded failures as unfinished
@@ -67,7 +67,7 @@ pub(super) fn execute(args: &StatusArgs) -> anyhow::Result<Outcome> {
         if let (Some((units, secs)), true) = (progress.pace, progress.open() > 0) {
             let left = span(progress.secs_left().unwrap_or_default());
             output::line(format!(
-                "{units} units in the last {}; {left} left at this pace",
+                "{units} units in the last {}; {left} left at this speed",
                 span(secs)
             ))?;
         }

@@ -17,11 +17,11 @@ use crate::report::sweep::{Band, Motion, Split, Sweep, SweepSpec, files, table};
 use sharp_plots::bins::Binning;
 use sharp_plots::style::FigureStyle;
 
-/// Plot scores against how far the camera moved, with the table behind the plot
+/// Plot scores against camera motion, with a table of the plotted values
 ///
-/// Pairs are binned. Each bin shows the mean of each method's scores, their standard deviation, and the 95 % interval
-/// of the mean, computed over scenes because pairs of one scene are correlated. Lines and shades do not bridge empty
-/// bins; a single pair is a hollow point.
+/// Pairs are binned. Each bin shows the mean of each method's scores, their standard deviation, and
+/// the 95 % interval of the mean, computed over scenes because pairs of one scene are correlated.
+/// Lines and shaded bands stop at empty bins; a bin with a single pair is a hollow point.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:
@@ -70,7 +70,7 @@ pub(super) fn execute(args: &SweepArgs) -> anyhow::Result<Outcome> {
     let left_out = |key: &&MetricKey| !listed.is_empty() && !listed.contains(key);
     let mut limited = args.thresholds.iter().map(|threshold| &threshold.metric);
     if let Some(key) = limited.find(left_out) {
-        let reason = format!("--threshold {key}=…: --metrics leaves {key} out");
+        let reason = format!("--threshold {key}=…: --metrics does not include {key}");
         return Err(UsageError(reason).into());
     }
     let style = style(args.style.as_ref())?;
@@ -134,20 +134,20 @@ pub(super) fn sweep(
     }
     for file in output::names(&files.removed) {
         output::remark(format!(
-            "note: {file} was left by an earlier sweep and is removed"
+            "note: {file} was left by an earlier sweep and has been removed"
         ));
     }
     let x = sweep.spec.x.title();
     for panel in &sweep.without_lines {
         output::remark(format!(
-            "warning: {}: none of {} has a score and a known {x} within the bins; it is not shown",
+            "warning: {}: not shown, as none of {} has a score and a known {x} within the bins",
             panel.split,
             counted(panel.pairs, "pair")
         ));
     }
     for panel in &sweep.panels {
         for (count, what) in [
-            (panel.unplaced, "have no known place"),
+            (panel.unplaced, "have an unknown value"),
             (panel.outside, "lie outside all bins"),
         ] {
             if count > 0 {
@@ -158,7 +158,7 @@ pub(super) fn sweep(
     }
     let nothing = sweep.panels.is_empty();
     if nothing && sweep.without_lines.is_empty() {
-        output::remark("warning: the runs have no such method, or no pair");
+        output::remark("warning: the runs have no such method or no pairs");
     }
     Ok(Outcome::of_problems(
         warn_damaged(&results) || nothing || !sweep.without_lines.is_empty(),

@@ -20,8 +20,8 @@ use crate::report::tables::{Origin, Table};
 
 /// Show the SHARP paper's tables with your own rows
 ///
-/// Published rows and yours share a grid, separated by a rule and ranked apart. A checklist below it names what still
-/// prevents a digit-by-digit comparison.
+/// Published rows and yours share a table, separated by a line and ranked separately. A checklist
+/// below it states what still prevents a digit-by-digit comparison.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:
@@ -32,17 +32,17 @@ Examples:
 
 Writes NAME.md, NAME.csv, NAME.html, NAME.tex for a paper, and NAME-document.tex, which compiles by itself.")]
 pub(super) struct TableArgs {
-    /// A table by its name in `table list`, or `list`
+    /// A table, by its name in `table list`, or `list`
     #[arg(value_name = "NAME")]
     name: String,
-    /// A row of yours: a run folder or bundle, with a method if it has several; repeatable. `table list` shows the
-    /// requirements of other tables
+    /// Your own row: a run folder or bundle, with a method if it has several; repeatable. `table
+    /// list` shows what the other tables need
     #[arg(long = "row", value_name = "LABEL=RUN[:METHOD]")]
     rows: Vec<String>,
     /// The variants to show, at most one per metric [default: the default variants that all rows have]
     #[arg(long, value_name = "LIST")]
     metrics: Option<String>,
-    /// Leave out datasets that none of your rows has
+    /// Omit datasets that none of your rows has
     #[arg(long, requires = "rows")]
     only_measured: bool,
     /// Write Markdown, CSV, LaTeX and HTML into this folder
@@ -145,7 +145,7 @@ fn made_by(table: &PublishedTable) -> (&'static str, &'static str) {
     }
 }
 
-/// Which requirements of your own rows this machine has.
+/// Which of the requirements for your own rows this machine fulfils.
 fn at_hand(table: &PublishedTable) -> String {
     let weights = Weights::at_hand();
     match table.made_by {

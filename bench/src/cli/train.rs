@@ -18,12 +18,13 @@ use crate::pairs::DatasetConfig;
 use crate::pictures::keyed_scores::json_number;
 use crate::train::{TrainRequest, Trained, ValidationRequest, train};
 
-/// Train a network of SHARP's architecture, both stages
+/// Train a network with SHARP's architecture, in both stages
 ///
-/// The configuration sets the network, losses, data, schedule and intervals; omitted keys are as in the paper. The same
-/// command resumes a stopped training (Ctrl-C, SIGTERM, --time-budget), and log and weights get the same bytes as
-/// without the stop. Weights are validated on held-out pairs, as a run evaluates a method. --device also selects the
-/// device for training; the last bits of the weights depend on it.
+/// The configuration sets the network, losses, data, schedule and intervals; omitted keys have the
+/// paper's values. The same command resumes a stopped training (Ctrl-C, SIGTERM, --time-budget),
+/// with the same log and weights, byte for byte, as without the stop. Weights are validated on
+/// held-out pairs, in the same way as `run` evaluates a method. --device also selects the device
+/// for training; the last bits of the weights depend on it.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Example:
@@ -36,8 +37,8 @@ pub(super) struct TrainArgs {
     /// The configuration
     #[arg(value_name = "CONFIG.toml")]
     config: PathBuf,
-    /// Override a value of the configuration by its dotted key: stage1.steps=500, losses.percep=0; without a value, the
-    /// default; repeatable
+    /// Override a value of the configuration by its dotted key: stage1.steps=500, losses.percep=0;
+    /// an empty value restores the default; repeatable
     #[arg(long, value_name = "KEY=VALUE")]
     set: Vec<String>,
     /// Output folder; a training in it is resumed
@@ -69,7 +70,8 @@ pub(super) struct TrainArgs {
 pub(super) fn execute(args: &TrainArgs) -> anyhow::Result<Outcome> {
     super::set_threads(args.threads)?;
     if args.validation_pairs == 0 {
-        let reason = "--validation-pairs 0: `intervals.validation = 0` in the configuration validates nothing";
+        let reason = "--validation-pairs 0: to disable validation, set `intervals.validation = 0` \
+                      in the configuration";
         return Err(UsageError(reason.to_owned()).into());
     }
     let selection = args.metrics.selection()?;
@@ -121,7 +123,7 @@ pub(super) fn execute(args: &TrainArgs) -> anyhow::Result<Outcome> {
             None => format!("stopped after {position}; the same command resumes it"),
         })?;
         output::line(format!(
-            "network {}, of which {learning} learnt",
+            "network {}, of which {learning} trained",
             counted(all, "parameter")
         ))?;
         if let Some(network) = perceptual_network {

@@ -36,7 +36,7 @@ pub enum ConfigError {
 }
 
 impl ConfigError {
-    /// Whether the command line or the configuration must change, rather than the data.
+    /// Whether the user must change the command line or the configuration, rather than the data.
     pub fn is_usage(&self) -> bool {
         match self {
             Self::Usage(_) | Self::Selection { .. } | Self::Backbone(_) => true,

@@ -51,8 +51,8 @@ impl MetricConfig {
         Ok(Scoring::with_options(selection, &weights, options)?)
     }
 
-    /// As [`scoring`](Self::scoring), but missing weights of an explicitly named metric are an error now, instead of an
-    /// empty column hours later.
+    /// Like [`scoring`](Self::scoring), but fails at once if an explicitly named metric lacks its
+    /// weights, rather than leaving its column empty after hours.
     pub fn complete_scoring(&self, selection: &Selection) -> Result<Scoring, ConfigError> {
         let scoring = self.scoring_of(selection)?;
         demand_weights(selection, &scoring.scorer)?;
@@ -81,7 +81,7 @@ impl MetricConfig {
     }
 }
 
-/// Loads weights given as `NAME=FILE`; those of other networks are searched for.
+/// Loads weights given as `NAME=FILE`; searches for those of other networks.
 pub fn weights(files: &[String]) -> Result<Weights, ConfigError> {
     let mut weights = Weights::at_hand();
     for spec in files {

@@ -12,8 +12,9 @@ use crate::pairs::{OverlapCache, PairOptions, PairOrigin, PairRecipe, SceneCheck
 #[derive(Debug, Clone, Default, PartialEq, Args, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case", default)]
 pub struct OverlapConfig {
-    /// Your own depth maps, which decide overlap: `DIR/<dataset>/<scene>/<view>.npy|npz|exr|pfm|png`; scaled to the
-    /// dataset's depth by the median of ratios (overlap=given)
+    /// Your own depth maps, which determine overlap:
+    /// `DIR/<dataset>/<scene>/<view>.npy|npz|exr|pfm|png`; scaled to the dataset's depth by the
+    /// median of ratios (overlap=given)
     #[arg(long, value_name = "DIR")]
     pub overlap_depth: Option<PathBuf>,
     /// Checkpoint for overlap=sharp-release, or mini for the bundled network [default: the release's own location]
@@ -25,7 +26,7 @@ pub struct OverlapConfig {
     /// Folder for measured overlaps [default: the user's cache]
     #[arg(long, value_name = "DIR", conflicts_with = "no_cache")]
     pub cache: Option<PathBuf>,
-    /// Measure every overlap again and keep none
+    /// Measure every overlap again and do not cache it
     #[arg(long)]
     pub no_cache: bool,
     /// Skip the quick check, which looks at a few views of each scene for wrong units or focal lengths, poses that belong
@@ -35,7 +36,7 @@ pub struct OverlapConfig {
 }
 
 impl OverlapConfig {
-    /// The recipe made of `options` and the files that they need.
+    /// The recipe with these `options` and the files that they need.
     pub fn recipe(&self, options: &PairOptions) -> Result<PairRecipe, ConfigError> {
         let recipe = PairRecipe {
             options: options.clone(),
@@ -84,10 +85,10 @@ pub struct PairConfig {
 }
 
 impl PairConfig {
-    /// Where the pairs are from: a list, or a recipe that builds one.
+    /// The origin of the pairs: a list, or a recipe that builds one.
     ///
     /// # Errors
-    /// If both a list and options that build one are given, or the recipe is missing a file.
+    /// If both a list and options that build one are given, or the recipe lacks a file.
     pub fn origin(&self) -> Result<PairOrigin, ConfigError> {
         let overlap = &self.overlap;
         let builds = [
@@ -97,7 +98,7 @@ impl PairConfig {
         ];
         match (&self.pairs, builds.iter().find(|(_, is_given)| *is_given)) {
             (Some(_), Some((option, _))) => Err(ConfigError::Usage(format!(
-                "pairs and {option} exclude each other: the list is either given or built"
+                "pairs and {option} exclude each other: the list is either read or built"
             ))),
             (Some(path), None) => Ok(PairOrigin::Given(path.clone())),
             (None, _) => {

@@ -16,8 +16,9 @@ use crate::rendering::RenderSettings;
 #[derive(Debug, Clone, Default, PartialEq, Args, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case", default)]
 pub struct RenderingConfig {
-    /// Low-pass added to both variances of a projected Gaussian without its own rendering rule: release (0), config
-    /// (0.01), gsplat or 3dgs (0.3), or a number in square pixels [default: release]
+    /// Low-pass added to both variances of projected Gaussians that have no rendering rule of their
+    /// own: release (0), config (0.01), gsplat or 3dgs (0.3), or a number in square pixels
+    /// [default: release]
     #[arg(long, value_name = "X")]
     #[serde(with = "text")]
     #[schemars(with = "Option<String>")]
@@ -113,7 +114,7 @@ pub fn backend(backend: &Backend, adapter: Option<&str>) -> Result<Backend, Conf
             "--adapter names a GPU, but --backend cpu uses none: use --backend wgpu".to_owned(),
         ),
         (Backend::Wgpu(Some(_)), Some(_)) => {
-            usage(format!("--backend {backend} names an adapter already"))
+            usage(format!("--backend {backend} already names an adapter"))
         }
     }
 }

@@ -61,8 +61,8 @@ pub struct RunConfig {
     /// Keep predicted Gaussians, so that other targets or another renderer need no new prediction
     #[arg(long)]
     pub keep_gaussians: bool,
-    /// The renderer: cpu, or wgpu (a GPU through Vulkan, Metal or Direct3D 12). A run has one, recorded with every
-    /// result [default: cpu]
+    /// The renderer: cpu, or wgpu (a GPU through Vulkan, Metal or Direct3D 12). A run uses only
+    /// one, which is recorded with every result [default: cpu]
     #[arg(long, value_name = "BACKEND")]
     #[serde(with = "text")]
     #[schemars(with = "Option<String>")]
@@ -163,7 +163,7 @@ impl RunConfig {
         }
     }
 
-    /// The options by name, except those left at their defaults.
+    /// The options by name; those left at their defaults are omitted.
     ///
     /// # Errors
     /// If a path is not Unicode.
@@ -181,7 +181,7 @@ impl RunConfig {
         Ok(keys)
     }
 
-    /// This configuration, with the options set in `over` replaced.
+    /// This configuration, with each option that is set in `over` replaced.
     ///
     /// # Errors
     /// If the combination is not a valid configuration.

@@ -1,11 +1,11 @@
-//! Serialises optional values in the form that the command line takes.
+//! Serialises optional values in the form that the command line accepts.
 
 use std::fmt::Display;
 use std::str::FromStr;
 
 use serde::{Deserialize, Deserializer, Serialize, Serializer, de};
 
-/// A text, or a number in place of its text.
+/// A text, or a number that stands for its text.
 #[derive(Deserialize)]
 #[serde(untagged)]
 enum Form {

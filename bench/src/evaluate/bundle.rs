@@ -28,7 +28,8 @@ use crate::pairs::PairList;
 /// Version of the layout. Older versions remain readable.
 const FORMAT: u32 = 2;
 
-/// Maximum unpacked size of a text member, bytes: a hundred times that of the paper's whole evaluation.
+/// Maximum unpacked size of a text member, bytes: a hundred times what the paper's whole evaluation
+/// needs.
 const MAX_MEMBER: u64 = 1 << 28;
 
 /// Member with the times, if there are any.
@@ -103,8 +104,8 @@ struct UnitLine {
 pub fn write_bundle(run: &Path, out: &Path, with_times: bool) -> Result<Results, EvaluateError> {
     let is_other = |there: Result<Bundle, _>| there.map_or(true, |there| there.occasion.is_some());
     if out.exists() && is_other(read_file(out)) {
-        let reason = "the file exists and is not written over, because it is not a bundle or belongs to a history; choose \
-             another file";
+        let reason = "the file exists and is not overwritten, because it is not a bundle or \
+                      belongs to a history; choose another file";
         return Err(FileError::new(out, "write")(std::io::Error::other(reason)).into());
     }
     let mut bundle = Bundle::read(run)?;
@@ -123,10 +124,11 @@ pub fn write_bundle(run: &Path, out: &Path, with_times: bool) -> Result<Results,
 }
 
 impl Results {
-    /// Reads a bundle, or a folder, even of an unfinished run.
+    /// Reads a bundle or a folder, even that of an unfinished run.
     ///
     /// # Errors
-    /// If `run` is neither a folder nor a bundle, has another format, or pairs are missing from its pair list or plan.
+    /// If `run` is neither a folder nor a bundle, has another format, or its pair list or plan
+    /// lacks pairs.
     pub fn read(run: &Path) -> Result<Self, EvaluateError> {
         match run.exists() && !run.is_dir() {
             true => Ok(read_file(run)?.results),
@@ -139,7 +141,7 @@ impl Bundle {
     /// Reads a file written by [`write_bundle`], or creates a bundle from a run folder.
     ///
     /// # Errors
-    /// If `run` is neither, or of a later version.
+    /// If `run` is neither, or was written by a later version.
     pub fn read(run: &Path) -> Result<Self, EvaluateError> {
         if run.exists() && !run.is_dir() {
             return read_file(run);
@@ -245,11 +247,11 @@ impl Bundle {
         Ok(archive.finish()?.into_inner())
     }
 
-    /// Hash of pairs with their photographs, manifest and records: equal for two runs of the same evaluation, wherever
-    /// its files were.
+    /// Hash of pairs with their photographs, manifest and records: equal for two runs of the same
+    /// evaluation, wherever their files are.
     ///
     /// # Errors
-    /// Errors of the encoder, which only writes to memory here.
+    /// Those of the encoder, which only writes to memory here.
     pub fn content_sha256(&self) -> serde_json::Result<String> {
         let mut manifest = self.results.manifest.clone();
         for dataset in &mut manifest.datasets {
@@ -336,7 +338,7 @@ impl<'a> Members<'a> {
             ..=FORMAT => Ok(head),
             later => Err(unreadable(
                 self.path,
-                format!("format {later}; this version reads formats up to {FORMAT}"),
+                format!("format {later}, but this version reads formats only up to {FORMAT}"),
             )),
         }
     }
@@ -381,7 +383,7 @@ fn read_file(path: &Path) -> Result<Bundle, EvaluateError> {
     let scores = members.bytes("scores.bin", expected as u64 + 1)?;
     if scores.len() != expected {
         return Err(unreadable(
-            "scores.bin does not have its units' length".to_owned(),
+            "the length of scores.bin does not match the number of units".to_owned(),
         ));
     }
     let mut records = Vec::with_capacity(n);
@@ -425,7 +427,7 @@ fn read_file(path: &Path) -> Result<Bundle, EvaluateError> {
     let found = found.map_err(|error| unreadable(error.to_string()))?;
     if found != head.digest {
         return Err(unreadable(
-            "damaged: its contents are not what was packed".to_owned(),
+            "damaged: its contents differ from what was packed".to_owned(),
         ));
     }
     let results = Results {

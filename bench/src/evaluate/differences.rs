@@ -1,4 +1,4 @@
-//! Compares two manifests, decides whether their results may be combined, and combines the manifests.
+//! Compares two manifests, decides whether their results may be combined, and if so combines them.
 
 use std::fmt;
 use std::path::Path;
@@ -30,7 +30,7 @@ pub(super) enum Effect {
 }
 use Effect::{Allowed, Refused, Replaced};
 
-/// The effect for each [`Purpose`]. The constants below form the whole table.
+/// The effect for each [`Purpose`]. The whole table consists of the constants below.
 type Row = [Effect; 4];
 /// Facts that affect every value.
 const RULE: Row = [Refused, Refused, Refused, Refused];
@@ -50,7 +50,7 @@ pub(super) struct ManifestDifference {
     row: Row,
     /// What differs; a complete sentence if there are no values.
     what: String,
-    /// Old and new value.
+    /// The old and the new value.
     values: Option<[String; 2]>,
     /// Advice that follows the sentence.
     advice: &'static str,
@@ -69,7 +69,7 @@ impl ManifestDifference {
         }
     }
 
-    /// A sentence; `one` and `other` say where each value is from.
+    /// A sentence; `one` and `other` name the sources of the two values.
     pub(super) fn between(&self, one: &str, other: &str) -> String {
         let what = &self.what;
         match &self.values {
@@ -97,7 +97,7 @@ pub(super) fn refusal(
     refused.next()
 }
 
-/// All differences that affect values, including what only `now` has.
+/// All differences that affect values, including facts that only `now` has.
 pub(super) fn differences(before: &Manifest, now: &Manifest) -> Vec<ManifestDifference> {
     let mut found = Found(Vec::new());
     let both = [before, now];
@@ -122,7 +122,8 @@ pub(super) fn differences(before: &Manifest, now: &Manifest) -> Vec<ManifestDiff
         found.compare(RULE, &format!("the renderer's {what}"), [before, now]);
     }
     if before.common_region || now.common_region {
-        let what = "a common region (--common-region) is that of a folder's own methods: evaluate all of them in one";
+        let what = "a common region (--common-region) depends on all methods of a folder: evaluate \
+                    all methods in one folder";
         found.add(CONVENTION, what.to_owned());
     }
     let metrics = by_name(&before.metrics, &now.metrics, |metric| metric.info.key);
@@ -243,8 +244,9 @@ fn metric_facts(info: &MetricInfo) -> [(&'static str, String); 4] {
     ]
 }
 
-/// The first setting with different values in both manifests, else both specs. Settings that only one manifest has are
-/// ignored, because versions may record more or fewer.
+/// Both values of the first setting that differs between the manifests; if there is none, both
+/// specs. Settings that only one manifest has are ignored, because versions may record more or
+/// fewer.
 fn readings(before: &DatasetRecord, now: &DatasetRecord) -> [String; 2] {
     let mut differing = before.readings.iter().filter_map(|old| {
         let new = now.readings.iter().find(|new| new.key == old.key)?;
@@ -255,11 +257,11 @@ fn readings(before: &DatasetRecord, now: &DatasetRecord) -> [String; 2] {
     differing.next().unwrap_or_else(specs)
 }
 
-/// The manifest of a folder after adding `new`, and a sentence for each earlier result that tables no longer show
-/// because its name has a new meaning.
+/// The manifest of a folder after adding `new`. Also returns a sentence for each earlier result
+/// that tables no longer show because its name has a new meaning.
 ///
 /// # Errors
-/// If both results cannot share a table, because the folder's renderer, kernels, protocol, … differ.
+/// If both results cannot share a table because the folder's renderer, kernels, protocol, … differ.
 pub(super) fn extended(
     before: Manifest,
     new: Manifest,
@@ -278,7 +280,7 @@ pub(super) fn extended(
         });
     }
     let replaced = of(Replaced).map(ManifestDifference::replaced).collect();
-    // Keep the record of the networks if the remaining columns were computed with them.
+    // If the remaining columns were computed with the earlier networks, keep their record.
     let metric_networks = match new.has_networks() {
         true => new.metric_networks,
         false => before.metric_networks,
@@ -317,7 +319,7 @@ pub(super) fn extended(
 /// Combines two manifests for results that are shown together.
 ///
 /// # Errors
-/// The first difference that prevents results from sharing columns or names.
+/// The first difference because of which the results cannot share columns or names.
 pub(super) fn joined(one: Manifest, other: Manifest) -> Result<Manifest, String> {
     if let Some(difference) = refusal(&one, &other, Purpose::Read) {
         return Err(difference.to_string());
@@ -357,7 +359,8 @@ pub(super) fn joined(one: Manifest, other: Manifest) -> Result<Manifest, String>
     })
 }
 
-/// The items of `all`, then those of `new` with other names; `meet` combines two items of the same name.
+/// The items of `all`, then those items of `new` whose names are not in `all`. `meet` combines two
+/// items of the same name.
 fn union<T, N: PartialEq>(
     mut all: Vec<T>,
     new: Vec<T>,
@@ -379,7 +382,7 @@ mod tests {
     use crate::evaluate::test_records::manifest;
     use crate::methods::TrueDepth;
 
-    /// The effect of the only difference for each purpose.
+    /// By purpose, the effect of the only difference.
     fn effects(change: impl Fn(&mut Manifest)) -> [Effect; 4] {
         let before = manifest("psnr");
         let mut now = before.clone();

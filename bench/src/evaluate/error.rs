@@ -18,11 +18,11 @@ pub enum EvaluateError {
     #[error(transparent)]
     Pairs(#[from] PairError),
     /// A dataset of a run cannot be reopened.
-    #[error("{spec}, from which the run has its pictures: {reason}{from}")]
+    #[error("{spec}, which the run's pictures are read from: {reason}{from}")]
     RunDataset {
         spec: String,
         reason: Box<PairError>,
-        /// What the path is relative to; empty for an absolute path.
+        /// The folder to which the path is relative; empty for an absolute path.
         from: String,
     },
     #[error("dataset '{0}': this version cannot read the location of its files from the manifest")]
@@ -36,10 +36,10 @@ pub enum EvaluateError {
     /// Two methods have the same label.
     #[error("two methods have the label '{0}'; give one of them another with label=NAME")]
     RepeatedLabel(String),
-    /// The method's own depth selected the pairs.
+    /// The pairs were selected by this method's own depth.
     #[error(
-        "the pairs were chosen by the depth of the checkpoint that method '{method}' is evaluated with; choose them by \
-         other depth, such as --overlap-depth DIR"
+        "the pairs were selected with depth predicted by the checkpoint of method '{method}'; \
+         select them with other depth, such as --overlap-depth DIR"
     )]
     ChosenByMethod { method: String },
     /// The renderer's device failed. The unit is not recorded, and the same run resumes from there.
@@ -53,7 +53,7 @@ pub enum EvaluateError {
     },
     /// The folder's results cannot share a table with this run's.
     #[error(
-        "{}: {difference}; a folder can only have one: choose another folder",
+        "{}: {difference}; a folder can have only one: choose another folder",
         folder.display()
     )]
     OtherMachine {
@@ -62,7 +62,8 @@ pub enum EvaluateError {
         difference: String,
     },
     #[error(
-        "{}: a run folder of format {found}; this version reads format {expected}: run the command again into a new folder",
+        "{}: a run folder of format {found}, but this version reads format {expected}: run the \
+         command again with a new folder",
         folder.display()
     )]
     Format {
@@ -73,7 +74,7 @@ pub enum EvaluateError {
     /// A file that was expected to be a bundle.
     #[error("{}: not a bundle of scores: {reason}", path.display())]
     Bundle { path: PathBuf, reason: String },
-    /// Results of two folders cannot be shown together.
+    /// Results of two folders contradict each other and cannot be shown together.
     #[error("{} and {} cannot be joined: {difference}", a.display(), b.display())]
     Conflict {
         a: PathBuf,
@@ -82,7 +83,7 @@ pub enum EvaluateError {
     },
     #[error(transparent)]
     Shard(#[from] ShardError),
-    /// The folder is missing something that the command needs.
+    /// The folder lacks something that the command needs.
     #[error("{}: {reason}", folder.display())]
     NotKept {
         folder: PathBuf,

@@ -43,8 +43,9 @@ pub struct RunFolder {
 }
 
 impl RunFolder {
-    /// Opens or creates a run folder for writing and removes partial files of a killed process. Fails for a folder that
-    /// is neither empty nor a run, so that a mistyped path never mixes results with other files.
+    /// Opens or creates a run folder for writing, and removes partial files of a killed process.
+    /// Fails for a folder that is neither empty nor a run, so that results are not mixed with other
+    /// files after a mistyped path.
     ///
     /// # Errors
     /// Names the folder and why it cannot be used.
@@ -56,7 +57,7 @@ impl RunFolder {
             .filter_map(Result::ok)
             .any(|entry| !entry.file_name().to_string_lossy().starts_with('.'));
         let started = ["manifest.json", "units"].map(|name| root.join(name));
-        // A run that was killed before its first unit leaves only the lock.
+        // A run that was killed before its first unit leaves nothing but the lock.
         let is_ours = || {
             let lock = root.join(".lock");
             lock.is_file() && read(&lock).is_ok_and(|text| text.starts_with(MARK.as_bytes()))
@@ -83,8 +84,8 @@ impl RunFolder {
         })
     }
 
-    /// Opens a planned run for writing units concurrently with other processes. Units are written atomically, and a
-    /// unit computed twice gets the same values.
+    /// Opens a planned run for writing units concurrently with other processes. Units are written
+    /// atomically; if a unit is computed twice, both results are equal.
     ///
     /// # Errors
     /// If there is no manifest, or a process holds the exclusive lock.
@@ -244,7 +245,8 @@ impl RunFolder {
         let text =
             text.map_err(|error| FileError::new(&path, "write")(std::io::Error::other(error)))?;
         let text = format!(
-            "# What was asked for: `sharp-bench run --config FILE --out OTHER` does it again.\n{text}"
+            "# The requested options; `sharp-bench run --config FILE --out OTHER` uses them \
+             again.\n{text}"
         );
         write_atomic(&path, text.as_bytes())
     }
@@ -258,7 +260,8 @@ impl RunFolder {
             .join(format!("{stem}.json"))
     }
 
-    /// The stored result of a unit; `None` if it is missing, damaged or another unit's, so that the unit is redone.
+    /// The stored result of a unit; `None` if it is missing, damaged or belongs to another unit, so
+    /// that the unit is redone.
     ///
     /// # Errors
     /// If a file exists but cannot be read.
@@ -313,7 +316,7 @@ impl RunFolder {
         for folder in entries(&self.root.join("units"))? {
             let files = entries(&folder)?.into_iter();
             let changed = files.map(|path| fs::metadata(path).and_then(|file| file.modified()));
-            // Skip files that have been removed meanwhile or have no modification time.
+            // Skip files that were removed in the meantime or have no modification time.
             times.extend(changed.flatten());
         }
         Ok(times)
@@ -336,7 +339,8 @@ impl RunFolder {
         sha256.is_some_and(|sha256| file_sha256(&path).is_ok_and(|found| found == *sha256))
     }
 
-    /// Removes `scores.csv` and `timings.csv` before results change. A folder without them is an unfinished run.
+    /// Removes `scores.csv` and `timings.csv` before results change. A folder without these files
+    /// is an unfinished run.
     ///
     /// # Errors
     /// Names the file and the system's error.
@@ -385,7 +389,8 @@ const MARK: &str = "sharp-bench run\n";
 /// Subfolders that runs write into.
 const WRITTEN: [&str; 4] = ["units", "predictions", "gaussians", "common-region"];
 
-/// Opens the lock file and locks it with `take`. The flag is false on file systems without locks.
+/// Opens the lock file and locks it with `take`. Returns a flag that is false on file systems
+/// without locks.
 pub(crate) fn lock(
     root: &Path,
     take: fn(&File) -> Result<(), TryLockError>,
@@ -393,7 +398,8 @@ pub(crate) fn lock(
     let path = root.join(".lock");
     let mut options = OpenOptions::new();
     options.write(true).create(true).truncate(false);
-    // Otherwise a planted link would create a file elsewhere, and a planted pipe would wait for a reader.
+    // Do not follow links or wait for pipes: a planted link could create a file elsewhere, and a
+    // planted pipe would wait for a reader.
     #[cfg(unix)]
     std::os::unix::fs::OpenOptionsExt::custom_flags(
         &mut options,

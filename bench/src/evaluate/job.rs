@@ -20,7 +20,7 @@ pub enum Stages {
     /// All stages
     #[default]
     All,
-    /// Predict sources only; keeps predictions and predicted pictures
+    /// Only predict; keeps predictions and predicted pictures
     Predict,
     /// Render pictures from kept predictions and keep them
     Render,
@@ -45,8 +45,9 @@ pub struct RunOptions {
     pub stages: Stages,
     pub keep: Keep,
     pub keep_gaussians: bool,
-    /// Memory limit, bytes. Gaussians beyond their share are stored on disk, and a pair's predictions are made and
-    /// scored in parts, of at least one picture each. Excludes the memory of the networks.
+    /// Memory limit, bytes. Gaussians beyond their share of it are stored on disk, and a pair's
+    /// predictions are made and scored in parts of at least one picture. The memory of the networks
+    /// is not included.
     pub memory_limit_bytes: u64,
 }
 
@@ -82,7 +83,7 @@ pub(super) struct Job<'a> {
     pub(super) pairs: Vec<ResolvedPair<'a>>,
     /// Sources for which other readings of their Gaussians are tried.
     pub(super) checked: BTreeSet<String>,
-    /// For a sample of pairs, other pairs whose targets their pictures might show.
+    /// For a sample of pairs, other pairs whose targets might be what their pictures show.
     pub(super) others: OtherPairs<'a>,
     pub(super) methods: &'a [Box<dyn Method>],
     pub(super) scoring: &'a Scoring,
@@ -98,9 +99,10 @@ pub(super) struct Job<'a> {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize)]
 pub struct UnitCounts {
     pub units: usize,
-    /// Units that were already complete.
+    /// Units that were complete before.
     pub reused: usize,
-    /// Number of predictions: one per source for methods that make Gaussians, else one per pair.
+    /// Number of predictions: one per source for methods that predict Gaussians, one per pair for
+    /// other methods.
     pub predicted: usize,
     pub rendered: usize,
     pub scored: usize,

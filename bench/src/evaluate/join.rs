@@ -1,4 +1,5 @@
-//! Combines folders: keeps equal units once and all different ones; contradictions are an error with the reason.
+//! Combines folders: equal units are kept once, different units are all kept; contradictions are an
+//! error with the reason.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -25,7 +26,7 @@ pub struct Named {
 
 /// Why a folder cannot have this name.
 #[derive(Debug, thiserror::Error)]
-#[error("the name '{}' holds a control character", .0.escape_debug())]
+#[error("the name '{}' contains a control character", .0.escape_debug())]
 pub struct NameError(String);
 
 impl std::str::FromStr for Named {
@@ -55,12 +56,12 @@ impl std::str::FromStr for Named {
 /// Reads folders or bundles as one set of results.
 ///
 /// # Errors
-/// If one cannot be read, or two of them contradict each other.
+/// If a folder or bundle cannot be read, or two of them contradict each other.
 pub fn join(folders: &[Named]) -> Result<Results, EvaluateError> {
     join_under(folders, None)
 }
 
-/// Like [`join`], but averages all of them by `aggregation`, if given.
+/// Like [`join`], but if `aggregation` is given, averages all of them by it.
 ///
 /// # Errors
 /// As [`join`].
@@ -156,7 +157,7 @@ fn joined_results(a: Results, b: Results) -> Result<Results, String> {
         let at = |record: &Record| order.get(record.method.as_str()).copied();
         a.pair_id.cmp(&b.pair_id).then_with(|| at(a).cmp(&at(b)))
     });
-    // What is missing in one folder may be in the other.
+    // A unit that is missing in one folder may exist in the other.
     let mut missing = a.missing;
     missing.extend(b.missing);
     for record in &records {

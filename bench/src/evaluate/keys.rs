@@ -1,13 +1,14 @@
 //! Keys of a unit's stages: each hashes exactly what can change that stage's result.
 //!
-//! * *predict*: the method's identity and code, the source's photograph and camera, its depth if the method may see it,
-//!   the files that the method reads, and for methods that make pictures the target's camera.
-//! * *picture*: the prediction; for Gaussians also the target's camera, the renderer with its code, and the true depth
-//!   if they are scaled to it.
-//! * *score*, one per metric: the picture's pixels and region, the ground truth with its mask, the metric with its
-//!   code.
+//! * *predict*: the method's identity and code, the source's photograph and camera, its depth if
+//!   the method may see it, the files that the method reads, and for methods that make pictures the
+//!   target's camera.
+//! * *picture*: the prediction; for Gaussians also the target's camera, the renderer with its code,
+//!   and the true depth if they are scaled to it.
+//! * *score*, one per metric: the picture's pixels and region, the ground truth with its mask, the
+//!   metric with its code.
 //!
-//! A file that cannot be read is hashed as its error: the unit fails anyway, with that reason.
+//! If a file cannot be read, its error is hashed instead: the unit fails anyway, for that reason.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -199,11 +200,12 @@ impl Keys {
         (!files.is_empty()).then_some(hash)
     }
 
-    /// Compares the input files of stored units with those on disk. Skips failed units, and datasets and methods that
-    /// are not given.
+    /// Compares the input files of stored units with those on disk. Skips failed units, and units
+    /// whose dataset or method is not given.
     ///
     /// # Errors
-    /// [`EvaluateError::NotKept`] for the first unit made from other files; `fix` completes the sentence.
+    /// [`EvaluateError::NotKept`] for the first unit made from other files; `fix` completes the
+    /// sentence.
     pub(super) fn check_files<'u>(
         &self,
         folder: &RunFolder,
@@ -215,7 +217,7 @@ impl Keys {
         let refused = |record: &Record, what: &str| EvaluateError::NotKept {
             folder: folder.root().to_owned(),
             reason: format!(
-                "method '{}' was evaluated on {} with {what} than is there now; {fix}",
+                "method '{}' was evaluated on {} with {what} than the current one; {fix}",
                 record.method, record.pair_id
             ),
         };
@@ -260,7 +262,8 @@ impl Keys {
         Ok(())
     }
 
-    /// The reason if a pair's keys are out of date because a file of the pair or of `method` changed after hashing.
+    /// Why a pair's keys are out of date: a file of the pair or of `method` changed after it was
+    /// hashed. `None` if no file did.
     pub(super) fn changed(
         &self,
         method: Option<&dyn Method>,

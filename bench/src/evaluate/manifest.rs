@@ -26,15 +26,16 @@ use crate::scoring::{Scoring, ScoringRules};
 /// Version of a run folder's layout: manifest, units and plan.
 pub const FORMAT: u32 = 2;
 
-/// Facts common to all results of a folder. Contains no times, and only paths that the user gave, so two identical runs
-/// have the same manifest.
+/// Facts common to all results of a folder. Contains no times, and no paths except those that the
+/// user gave, so two identical runs have the same manifest.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Manifest {
     /// [`FORMAT`] of the writer.
     pub format: u32,
     /// Version of the harness.
     pub version: String,
-    /// Hashes of source code and locked dependencies, by the part of the program that they affect.
+    /// Hashes of source code and locked dependencies, by the part of the program whose results they
+    /// affect.
     pub sources: BTreeMap<String, String>,
     /// The renderer, one for the whole folder.
     pub renderer: RendererRecord,
@@ -74,9 +75,10 @@ pub struct ProtocolRecord {
     pub name: String,
     /// Repository and commit of its rules.
     pub source: String,
-    /// How the original treats failed targets. Here failures are recorded, and tables state their coverage.
+    /// How the original treats failed targets. Here, failures are recorded and tables state their
+    /// coverage.
     pub failures: String,
-    /// Misleading rules that are followed nevertheless.
+    /// Misleading rules that the run follows nevertheless.
     pub traps: Vec<String>,
     /// Differences between this harness and the original.
     pub departures: Vec<String>,
@@ -93,7 +95,7 @@ pub struct RendererRecord {
     pub far: f64,
     /// Added to the diagonal of projected covariances, pixels², for Gaussians without their own rendering rule.
     pub eps2d: f64,
-    /// Background: `black`, `white`, `#rrggbb` in sRGB, or RGB in the space in which the rule blends.
+    /// Background: `black`, `white`, `#rrggbb` in sRGB, or RGB in the rule's blending space.
     pub background: String,
     /// Rounding from 0..1 to 8 bit: `round` or `truncate`.
     #[serde(default = "rounded")]
@@ -115,7 +117,7 @@ impl RendererRecord {
             backend: renderer.name().to_owned(),
             near: 0.01,
             far: 1e10,
-            // The decimal as given, not the nearest f32.
+            // The decimal number that the user gave, not the nearest f32.
             eps2d: eps2d.to_string().parse().unwrap_or(f64::from(eps2d)),
             background: background.to_string(),
             quantization: quantization.to_string(),
@@ -160,7 +162,7 @@ pub struct DatasetRecord {
     #[serde(with = "spec_text")]
     #[schemars(with = "String")]
     pub spec: Option<DatasetConfig>,
-    /// Format that the reader handles.
+    /// Format as which the dataset is read.
     pub format: String,
     /// Hash of reader and settings, without the path.
     pub identity: String,
@@ -302,7 +304,7 @@ pub struct MethodRecord {
     #[serde(with = "spec_text")]
     #[schemars(with = "String")]
     pub spec: Option<MethodSpec>,
-    /// Everything that the method's predictions depend on.
+    /// Everything that determines the method's predictions.
     pub identity: MethodIdentity,
     #[serde(flatten)]
     pub privilege: Privilege,
@@ -311,10 +313,11 @@ pub struct MethodRecord {
     /// Warnings about the method's options, one sentence each.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub notes: Vec<String>,
-    /// Rendering rules used for the method's files of Gaussians, if nobody stated one.
+    /// Rendering rules for the method's files of Gaussians that neither the files nor the user
+    /// stated.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub drawn: Vec<String>,
-    /// Warnings about the method's predictions, each kind once.
+    /// Warnings about the method's predictions, one of each kind.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub warnings: Vec<String>,
 }
@@ -341,15 +344,16 @@ pub struct MetricRecord {
 }
 
 impl Manifest {
-    /// Sets how the tables average scores.
+    /// Sets the rule by which tables average scores.
     pub fn aggregate(&mut self, aggregation: Aggregation) {
         self.aggregation = aggregation;
         let text = aggregation_convention(aggregation);
         self.scoring.insert(AGGREGATION.to_owned(), text);
     }
 
-    /// Updates bundles of format 1, which were scored before colour profiles were converted. Pictures in sRGB score the
-    /// same, so today's convention is stated, and a note on each dataset says which pictures differ.
+    /// Updates bundles of format 1, which were scored before colour profiles were converted.
+    /// Pictures in sRGB score the same, so today's convention is stated; a note on each dataset
+    /// says which pictures differ.
     pub(super) fn restate_target_convention(&mut self) {
         self.scoring
             .insert(TARGET.to_owned(), TARGET_CONVENTION.to_owned());
@@ -360,7 +364,8 @@ impl Manifest {
         }
     }
 
-    /// Returns a predicate for units that count: their method and dataset must still have the same identity.
+    /// Returns a predicate for the units that count: those whose method and dataset still have the
+    /// same identity.
     pub(super) fn counted_slots(&self) -> impl Fn(&Slot) -> bool + '_ {
         let methods = self.methods.iter();
         let methods: BTreeMap<&str, String> = methods
@@ -373,8 +378,8 @@ impl Manifest {
         }
     }
 
-    /// Rejects a metric whose direction, unit, label or decimals differ from those of its key: an edited manifest must
-    /// not change what counts as better.
+    /// Rejects a metric whose direction, unit, label or decimals differ from those of its key, so
+    /// that editing a manifest cannot change what counts as better.
     pub(super) fn check_metrics(&self) -> Result<(), String> {
         for MetricRecord { info, .. } in &self.metrics {
             let own = MetricInfo::new(info.key, &[]);
@@ -392,7 +397,8 @@ impl Manifest {
             let mut pairs = facts(info).into_iter().zip(facts(&own));
             if let Some(((what, said), (_, is))) = pairs.find(|(said, is)| said != is) {
                 return Err(format!(
-                    "manifest.json was changed: it gives {} the {what} '{}', which is '{is}'",
+                    "manifest.json was changed: the {what} of {} is '{}' there, but should be \
+                     '{is}'",
                     info.key,
                     visible_line(&said)
                 ));

@@ -15,18 +15,19 @@ use super::predict::{PairWork, Prepared, Reuse, Sources};
 use super::score::{MemoryShares, PairTruth, score_pair};
 use crate::io::observer::Observer;
 
-/// A pair with its prepared units, or as many of them as fit into memory.
+/// A pair with its prepared units, or with as many of them as fit into memory.
 struct PreparedPair<'a> {
     truth: Arc<PairTruth<'a>>,
     units: Vec<(String, Prepared)>,
     made: UnitCounts,
 }
 
-/// Executes a plan in a folder. Finished units are reused and recorded failures retried. A failed pair is recorded, and
-/// the run continues.
+/// Executes a plan in a folder. Finished units are reused, recorded failures are retried. If a pair
+/// fails, this is recorded and the run continues.
 ///
-/// While a pair is scored, only the next one is predicted: at most the pictures of two pairs are in memory, or of two
-/// parts of a pair if not all methods' pictures fit. Results do not depend on this.
+/// While a pair is scored, only the next one is predicted. So at most the pictures of two pairs are
+/// in memory, or of two parts of a pair if the pictures of all methods do not fit. Results do not
+/// depend on this.
 pub(super) fn run(
     job: &Job,
     folder: &RunFolder,
@@ -103,7 +104,8 @@ pub(super) fn run(
     })
 }
 
-/// Prepares the pairs in order and sends them, until an error, a stop or the receiver's end.
+/// Prepares the pairs in order and sends them, until an error occurs, a stop is requested or the
+/// receiver is closed.
 fn prepare_all<'a>(
     job: &Job<'a>,
     folder: &RunFolder,

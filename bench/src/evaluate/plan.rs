@@ -8,7 +8,8 @@ use serde::{Deserialize, Serialize};
 use super::manifest::FORMAT;
 use super::unit::UnitProgress;
 
-/// `plan.json`: the planned pairs and methods. A folder that several runs added to has several blocks.
+/// `plan.json`: the planned pairs and methods. If several runs added to a folder, there are several
+/// blocks.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct RunPlan {
     /// [`FORMAT`] of the writer.
@@ -63,9 +64,9 @@ impl RunPlan {
 
 /// Estimated cost of a whole evaluation, including finished units.
 ///
-/// Linear in sources and pairs: if a method predicts Gaussians, only the first pair of a source pays for the
-/// prediction. Excludes rescoring by `common_region`. Only [`wall_secs`](StageCost::wall_secs) includes the time of
-/// `command` programs.
+/// Linear in sources and pairs: if a method predicts Gaussians, only the first pair of a source
+/// includes the prediction. Excludes rescoring by `common_region`. The time of `command` programs
+/// is included only in [`wall_secs`](StageCost::wall_secs).
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Estimate {
     /// Number of units (pairs times methods).
@@ -78,10 +79,10 @@ pub struct Estimate {
     pub measured_pairs: usize,
     /// Number of measured units that failed.
     pub measured_failures: usize,
-    /// All stages together; disk space is that remaining in the run folder.
+    /// All stages together; disk space is what remains in the run folder.
     #[serde(flatten)]
     pub total: StageCost,
-    /// Predicting Gaussians and pictures; disk space is that used if stages run separately.
+    /// Predicting Gaussians and pictures; disk space is what is used if stages run separately.
     pub predict: StageCost,
     /// Rendering.
     pub render: StageCost,

@@ -54,14 +54,14 @@ pub(super) enum Reuse {
     New,
 }
 
-/// State shared by the pairs of a source, which are consecutive because pairs are sorted.
+/// State shared by the pairs of a source, which follow each other because pairs are sorted.
 pub(super) struct Sources<'a> {
     gaussians: GaussianStore,
     photograph: Option<(&'a View, RgbImage)>,
     depth: Option<(&'a View, Option<DepthMap>)>,
-    /// Depth scale, with the key of its prediction.
+    /// Depth scale, with the key of the prediction that it belongs to.
     scale: Option<(String, Result<f64, String>)>,
-    /// Source check, with the key of its prediction.
+    /// Source check, with the key of the prediction that it belongs to.
     check: Option<(String, SourceFacts)>,
 }
 
@@ -109,7 +109,7 @@ enum Failure {
     Pair(String),
     /// Ends the run.
     Run(EvaluateError),
-    /// A kept prediction that this stage needs does not exist.
+    /// This stage needs a kept prediction that does not exist.
     Waiting,
 }
 
@@ -261,7 +261,7 @@ impl<'j, 'a> PairWork<'j, 'a> {
         }
     }
 
-    /// A stored unit, updated with the current pair list's data.
+    /// A stored unit, updated from the current pair list.
     fn refreshed(&self, method: &dyn Method, mut unit: Unit) -> Result<Unit, EvaluateError> {
         let ResolvedPair { pair, scene, .. } = self.truth.planned;
         let refreshed = Record {
@@ -273,7 +273,8 @@ impl<'j, 'a> PairWork<'j, 'a> {
             files: self.job.keys.pair_files(method, &self.truth.planned),
             ..unit.record.clone()
         };
-        // Scores by metrics that this run does not compute would remain those of the old files.
+        // Otherwise, scores by metrics that this run does not compute would remain those of the old
+        // files.
         if refreshed.files != unit.record.files {
             unit.scores.clear();
         }
@@ -284,8 +285,8 @@ impl<'j, 'a> PairWork<'j, 'a> {
         Ok(self.folder.save(unit)?)
     }
 
-    /// Records the picture and, if requested, stores it before scoring, so that a run killed while scoring need not
-    /// predict again.
+    /// Records the picture and stores it, if requested. This happens before scoring, so that a run
+    /// killed while scoring need not predict again.
     fn keep(&self, unit: &mut Unit, made: Made) -> Result<RgbImage, EvaluateError> {
         let prediction = made.prediction;
         let picture = match prediction.picture {
@@ -302,7 +303,7 @@ impl<'j, 'a> PairWork<'j, 'a> {
         unit.record.warnings = made.warnings;
         unit.record.rule_note = made.rule_note;
         for note in prediction.notes {
-            // Tables show one note of each kind, identified by its first words.
+            // Tables show one note of each kind; a kind is identified by the note's first words.
             let about = note.split(' ').take(4).collect::<Vec<_>>().join(" ");
             let id = &self.truth.planned.pair.pair_id;
             unit.record
@@ -438,7 +439,7 @@ impl<'j, 'a> PairWork<'j, 'a> {
                 let source = SourceView::new(name, &self.source, image, seen);
                 let (made, secs) = self.timed(|| gaussians.predict(&source, target.as_ref()));
                 let made = made?;
-                // Check before the prediction is stored for other targets.
+                // Check for changed files before the prediction is stored for other targets.
                 match self.job.keys.changed(Some(method), &self.truth.planned) {
                     Some(reason) => Err(MethodError::Model(reason)),
                     None => Ok((made, secs)),
@@ -537,7 +538,7 @@ impl<'j, 'a> PairWork<'j, 'a> {
         let planned = self.truth.planned;
         let absurd = absurd_coverage(prediction, &self.source);
         if let Some((_, text)) = &absurd {
-            // Warn immediately, because the warning is about the duration of the rendering.
+            // Warn at once, because the warning is about how long the rendering will take.
             self.observer
                 .warn(&format!("method '{}': {text}", method.label()));
         }
@@ -549,7 +550,7 @@ impl<'j, 'a> PairWork<'j, 'a> {
             _ => None,
         };
         let photograph = sources.photograph(planned.source)?;
-        // An unreadable mask is a failure of the pairs with that target.
+        // If a mask is unreadable, the pairs with that target fail.
         let valid = planned.source.content.valid_pixels().ok().flatten();
         let valid = valid.as_ref().and_then(valid_mask);
         let source = CheckedSource {
@@ -566,7 +567,8 @@ impl<'j, 'a> PairWork<'j, 'a> {
         Ok(facts)
     }
 
-    /// A lost or exhausted device is not the pair's fault: the run ends, and a restart retries the unit.
+    /// If a device is lost or out of memory, the pair is not at fault: the run ends, and a restart
+    /// retries the unit.
     fn render_failure(&self, method: &dyn Method, error: &RenderError) -> Failure {
         if error.is_device_fault() {
             Failure::Run(EvaluateError::Device {

@@ -40,7 +40,7 @@ use crate::scoring::Scoring;
 /// Input of [`prepare`].
 pub struct Request {
     pub datasets: Vec<OpenDataset>,
-    /// Checks scenes for contradictions first; `None` skips the check.
+    /// Checks scenes for contradictions before anything else; `None` skips the check.
     pub checks: Option<SceneChecks>,
     /// The pattern of `--scenes`, for the record.
     pub only_scenes: Option<String>,
@@ -58,7 +58,8 @@ pub struct Request {
     pub protocol: Option<ProtocolRecord>,
     pub backend: Backend,
     pub rendering: RenderSettings,
-    /// The configuration behind the request, stored in the run folder; `None` for a request made by code.
+    /// The configuration that the request was made from, stored in the run folder; `None` if the
+    /// request was made by code.
     pub config: Option<RunConfig>,
 }
 
@@ -104,7 +105,8 @@ pub struct Evaluation {
     limit: Option<usize>,
     specs: Vec<Option<MethodSpec>>,
     pub(super) config: Option<RunConfig>,
-    /// [`DatasetRecord::unreadable_views`] of a plan, by dataset: shards build no pairs.
+    /// By dataset, the [`DatasetRecord::unreadable_views`] of the plan, because shards build no
+    /// pairs.
     planned_unreadable: BTreeMap<String, usize>,
     pub(super) methods: Vec<Box<dyn Method>>,
     pub(super) scoring: Scoring,
@@ -142,7 +144,7 @@ pub fn prepare(mut request: Request, observer: &dyn Observer) -> Result<Evaluati
     let (list, origin, choices) = match request.pairs {
         PairOrigin::Built { recipe, cache } => {
             let built = recipe.build(&request.datasets, cache.as_ref(), observer)?;
-            // The manifest and the report show which files the pairs are missing.
+            // The manifest and the report list the files because of which pairs are missing.
             for problem in built.build.left_out() {
                 let mut scenes = request.datasets.iter_mut().flat_map(|d| &mut d.scenes);
                 let is_of = |scene: &&mut Scene| {
@@ -168,7 +170,8 @@ pub fn prepare(mut request: Request, observer: &dyn Observer) -> Result<Evaluati
             if left > 0 {
                 let all = list.pairs.len();
                 observer.warn(&format!(
-                    "{left} of the list's {all} pairs are not evaluated: their scenes or views cannot be read"
+                    "{left} of the {all} pairs in the list are not evaluated: their scenes or \
+                     views cannot be read"
                 ));
             }
             let companion = ListCompanion::of(&list);
@@ -234,7 +237,7 @@ pub fn prepare(mut request: Request, observer: &dyn Observer) -> Result<Evaluati
     Ok(evaluation)
 }
 
-/// Fails if a method is to be evaluated on pairs chosen by its own checkpoint.
+/// Fails if a method would be evaluated on pairs chosen by its own checkpoint.
 fn check_independence(
     choices: &BTreeMap<String, PairProvenance>,
     methods: &[Box<dyn Method>],
@@ -255,8 +258,8 @@ fn check_independence(
     Ok(())
 }
 
-/// Warns of a list made from other photographs. Fails for one made from other poses, because the baselines and
-/// rotations used for sorting and plotting would be wrong.
+/// Warns if the list was made from other photographs. Fails if it was made from other poses,
+/// because its baselines and rotations, which are used for sorting and plotting, would be wrong.
 fn check_files(
     list: &PairList,
     scenes: &[Scene],
@@ -269,9 +272,9 @@ fn check_files(
             path: list.path.clone(),
             line: first.line,
             reason: format!(
-                "the cameras of {} are {found_m} m and {found_deg}° apart, but {listed_m} m and {listed_deg}° in the \
-                 list ({} in all): the list was made from other poses or with other settings; `pairs verify` \
-                 compares the two, `pairs` makes a new list",
+                "the cameras of {} are {found_m} m and {found_deg}° apart, but {listed_m} m and \
+                 {listed_deg}° in the list ({} in all): the list was made from other poses or with \
+                 other settings; `pairs verify` compares the two; `pairs` builds a new list",
                 first.pair_id,
                 counted(found.moved.len(), "such pair"),
             ),

@@ -1,5 +1,5 @@
-//! Scores kept predictions under readings of the protocol that differ from the run's. Predicts and renders nothing, and
-//! does not change the folder.
+//! Scores kept predictions under other readings of the protocol than the run's. Predicts and
+//! renders nothing, and does not change the folder.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
@@ -23,7 +23,7 @@ use crate::pairs::dataset::scenes_of;
 use crate::scoring::rules::{Border, ScoringRules};
 use crate::scoring::{Region, Scoring};
 
-/// Minimum alpha for dividing a colour by it, as in UniSHARP's trainer.
+/// Colours are divided by alpha only from this alpha on, as in UniSHARP's trainer.
 const LEAST_ALPHA: f32 = 1e-4;
 
 /// How a prediction is converted to the scored picture.
@@ -79,7 +79,7 @@ pub struct Readings {
     pub scores: BTreeMap<(PictureReading, MetricKey), Vec<Option<f64>>>,
     /// Reasons for missing scores, with the number of pairs for each.
     pub absent: BTreeMap<(String, String), usize>,
-    /// Number of the run's scores that the kept pictures no longer reproduce.
+    /// Number of the run's scores that differ when recomputed from the kept pictures.
     pub changed: usize,
 }
 
@@ -129,7 +129,7 @@ pub fn score_readings(
         if !store.has_picture(unit) {
             readings.lacks(
                 "every reading",
-                "the prediction was not kept, or is not the one that was scored",
+                "the prediction was not kept, or differs from the one that was scored",
             );
             continue;
         }
@@ -178,9 +178,12 @@ fn score_unit(
                 .as_ref()
                 .is_some_and(|picture| picture.float_sha256.is_some()) =>
         {
-            Err("its linear picture is gone, or not the one that was rendered".to_owned())
+            Err(
+                "its linear picture is missing, or differs from the one that was rendered"
+                    .to_owned(),
+            )
         }
-        false => Err("only renderings of a run with --keep float have it".to_owned()),
+        false => Err("only runs with --keep float have it, for their renderings".to_owned()),
     };
     let region = record.crop.map(|crop| crop.region);
     let mut pictures: Vec<(PictureReading, Picture)> = Vec::new();

@@ -71,8 +71,8 @@ pub struct Record {
     pub baseline_m: f64,
     /// Angle between the two cameras, degrees.
     pub rotation_deg: f64,
-    /// Median ground-truth depth of the target view, metres; for a stereo pair whose target has no depth, that of its
-    /// source.
+    /// Median ground-truth depth of the target view, metres. If the target of a stereo pair has no
+    /// depth, that of the source.
     pub median_depth_m: Option<f64>,
     /// Share of the target's valid-depth pixels visible in the source, 0..1.
     pub overlap: Option<f64>,
@@ -107,13 +107,14 @@ pub struct Record {
     /// The target that the stored picture shows best, if it was compared with those of other pairs.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub shows: Option<ShownTarget>,
-    /// A note on the rendering rule of the Gaussians, if nobody stated one.
+    /// A note on the rendering rule of the Gaussians, if it was stated neither by the file nor by
+    /// the user.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub rule_note: Option<String>,
 }
 
-/// Hashes of a pair's files, 16 hexadecimal digits each. Results are shown together only if the hashes of each view,
-/// and of a method's Gaussians for each source, agree.
+/// Hashes of a pair's files, 16 hexadecimal digits each. Results are shown together only if these
+/// hashes agree: per view, and for a method's Gaussians per source.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub struct PairFiles {
     /// The source's camera, photograph, mask and depth.
@@ -185,7 +186,7 @@ pub(crate) fn file_difference<'a>(records: impl IntoIterator<Item = &'a Record>)
                 ));
             }
         }
-        // A file may belong to one source or to all sources of a scene.
+        // A file of Gaussians may belong to one source, or to all sources of a scene.
         let Record {
             method, dataset, ..
         } = record;
@@ -193,7 +194,8 @@ pub(crate) fn file_difference<'a>(records: impl IntoIterator<Item = &'a Record>)
             && *gaussians.entry([method, dataset, file]).or_insert(hash) != hash
         {
             return Some(format!(
-                "the Gaussians {file} of '{method}' changed: some targets were made from another file than {}",
+                "the Gaussians {file} of '{method}' changed: some targets were rendered from \
+                 another file than {}",
                 record.pair_id
             ));
         }
@@ -236,8 +238,8 @@ impl Record {
     }
 }
 
-/// Serialises finite numbers as numbers, and others as `"inf"`, `"-inf"` or `"nan"`, which JSON numbers cannot
-/// represent.
+/// Serialises finite numbers as numbers, and all others, which JSON numbers cannot represent, as
+/// `"inf"`, `"-inf"` or `"nan"`.
 pub mod finite_or_text {
     use serde::{Deserialize, Deserializer, Serializer, de};
 

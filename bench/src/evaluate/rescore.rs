@@ -26,7 +26,7 @@ use crate::pairs::pair_list::ResolvedPair;
 use crate::pairs::{OpenDataset, PairList};
 use crate::scoring::{Region, Scoring};
 
-/// Scores a folder's kept predictions with the metrics that are missing.
+/// Scores a folder's kept predictions with those metrics whose scores are missing.
 ///
 /// # Errors
 /// If the folder or its datasets cannot be read, or its networks were computed on another device.
@@ -36,7 +36,7 @@ pub fn rescore(
     memory_limit_bytes: u64,
     observer: &dyn Observer,
 ) -> Result<(UnitCounts, Results), EvaluateError> {
-    // Read first, so that a mistyped path is not created.
+    // Read the results first, so that a mistyped path does not create a folder.
     Results::read(root)?;
     let folder = RunFolder::create(root)?;
     let current = Current::read(&folder)?;
@@ -57,7 +57,7 @@ pub fn rescore(
     manifest = extended;
     for what in replaced {
         observer.warn(&format!(
-            "{what} before; units that are not rescored now have no such score"
+            "{what} before; units that are not rescored now lose this score"
         ));
     }
     folder.remove_tables()?;
@@ -79,11 +79,12 @@ pub fn rescore(
     Ok((counts, results))
 }
 
-/// As [`rescore`], for a shard of a plan, concurrently with other processes. Needs the datasets but no method; writes
-/// units, but neither manifest nor tables.
+/// Like [`rescore`], for a shard of a plan, concurrently with other processes. Needs the datasets
+/// but no method; writes units, but neither manifest nor tables.
 ///
 /// # Errors
-/// If the metrics, or the device and code that compute them, are not the plan's; as [`rescore`].
+/// If the metrics, or the device or code that computes them, differ from the plan's; as
+/// [`rescore`].
 pub fn score_shard(
     root: &Path,
     scoring: &Scoring,
@@ -132,8 +133,8 @@ pub fn score_shard(
     Ok(counts)
 }
 
-/// Advice for kept pictures whose input files have changed: an old prediction must not be scored against a new
-/// photograph.
+/// Advice if input files of kept pictures have changed: an old prediction must not be scored
+/// against a new photograph.
 const EVALUATE_AGAIN: &str = "`run` with the same options evaluates it again";
 
 /// The manifest with its metrics replaced by those of `scoring`.
@@ -242,14 +243,15 @@ impl Kept<'_> {
             }
         }
         observer.end();
-        // Units whose scenes or views are left out.
+        // The remaining units, whose scenes or views are left out.
         let unread = units.into_values().flatten().count();
         counts.units += unread;
         counts.failed += unread;
         if not_kept > 0 {
             counts.waiting = not_kept;
             observer.warn(&format!(
-            "{not_kept} of {} units have no kept picture; `run` with these metrics predicts them again",
+            "{not_kept} of {} units have no kept picture; `run` with these metrics repeats their \
+             predictions",
             counts.units
         ));
         }
@@ -276,8 +278,9 @@ fn kept_picture(folder: &RunFolder, unit: &Unit) -> Option<RgbImage> {
     read_rgb8(&path).ok()
 }
 
-/// Scores units on the region of each target that all methods of the folder predict, ignoring methods that failed on
-/// the pair. The results depend on the set of methods, so they are stored in a subfolder.
+/// Scores units on the region of each target that all methods of the folder predict; methods that
+/// failed on the pair are ignored. The results depend on the set of methods, so they are stored in
+/// a subfolder.
 pub(super) fn score_common_region(
     folder: &RunFolder,
     pairs: &[ResolvedPair],
@@ -354,7 +357,7 @@ pub(super) fn score_common_region(
     Ok(())
 }
 
-/// Stores the scored part of a picture for reports.
+/// For reports, stores the part of a picture that was scored.
 fn keep_cut(folder: &RunFolder, item: &mut Unscored) -> Result<(), EvaluateError> {
     let Slot {
         method, pair_id, ..

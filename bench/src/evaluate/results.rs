@@ -28,7 +28,7 @@ pub struct Results {
     pub missing: BTreeSet<(String, String)>,
     /// Folders of kept pictures.
     pub pictures: Vec<PictureFolder>,
-    /// Damaged files; their units count as missing.
+    /// Damaged files. Their units count as missing.
     pub damaged: Vec<PathBuf>,
     /// Whether the user listed the methods to show; see [`Shown`](super::Shown).
     pub methods_listed: bool,
@@ -100,8 +100,8 @@ impl Current {
         })
     }
 
-    /// Checks that pair list and plan have not lost rows since the manifest was written, and that the list does not
-    /// contradict the units.
+    /// Checks that pair list and plan have lost no rows since the manifest was written, and that
+    /// the list agrees with the units.
     fn check_list(&self, folder: &RunFolder, list: &PairList) -> Result<(), EvaluateError> {
         let said = &self.manifest.pairs;
         check_rows(folder, said, &folder.plan()?, list)?;
@@ -133,7 +133,7 @@ impl Current {
         let metrics = self.manifest.metric_identities();
         let pairs: BTreeMap<&str, &Pair> = pairs.iter().map(|p| (p.pair_id.as_str(), p)).collect();
         let done = || self.units.iter().filter(|unit| unit.is_done());
-        // Each name becomes a column, and a program may have sent different names with each answer.
+        // Each name becomes a column, and a program may have used different names in each answer.
         let mut names: BTreeMap<&str, BTreeSet<&str>> = BTreeMap::new();
         for Unit { slot, record, .. } in done() {
             let of_method = names.entry(&slot.method).or_default();
@@ -162,7 +162,7 @@ impl Current {
     }
 }
 
-/// Checks that pair list and plan have not lost rows since the manifest was written.
+/// Checks that pair list and plan have lost no rows since the manifest was written.
 pub(super) fn check_rows(
     folder: &RunFolder,
     said: &PairsRecord,
@@ -201,7 +201,7 @@ fn changed(folder: &RunFolder, what: &str) -> EvaluateError {
     }
 }
 
-/// The folder of the units shown in tables.
+/// The folder with the units that tables show.
 pub(super) fn units_folder(folder: &RunFolder, manifest: &Manifest) -> RunFolder {
     match manifest.common_region {
         true => folder.common_region(),
@@ -210,7 +210,7 @@ pub(super) fn units_folder(folder: &RunFolder, manifest: &Manifest) -> RunFolder
 }
 
 impl Results {
-    /// Reads a folder, even of an unfinished run.
+    /// Reads a folder, even that of an unfinished run.
     ///
     /// # Errors
     /// If it is not a run folder, has another format, or its pair list or plan has lost pairs.
@@ -226,7 +226,7 @@ impl Results {
             return Err(EvaluateError::NotKept {
                 folder: folder.root().to_owned(),
                 reason: format!(
-                    "{difference}; run both on the same files, into this folder or another"
+                    "{difference}; run both on the same files, in this folder or another"
                 ),
             });
         }
@@ -295,12 +295,14 @@ impl Results {
         failed.count()
     }
 
-    /// The kept picture of a record; if several folders have one, prefers one with the scored bytes.
+    /// The kept picture of a record. If several folders have one, prefers the one with the scored
+    /// bytes.
     pub fn kept_picture(&self, record: &Record) -> Option<KeptPicture> {
         self.kept(record, "png", |pictures| &pictures.sha256)
     }
 
-    /// The rendering of a record kept as floats (linear RGB and alpha); as [`Self::kept_picture`].
+    /// The rendering of a record that was kept as floats (linear RGB and alpha); chosen like
+    /// [`Self::kept_picture`].
     pub fn kept_rendering(&self, record: &Record) -> Option<KeptPicture> {
         self.kept(record, "exr", |pictures| &pictures.float_sha256)
     }
@@ -314,7 +316,8 @@ impl Results {
         let kept = self.pictures.iter().filter_map(|pictures| {
             let label = pictures.labels.get(&record.method)?;
             let unit = (record.pair_id.clone(), label.clone());
-            // Ids are only looked up: a picture without a unit is not ours, wherever its path leads.
+            // Paths are made only from known ids: if there is no unit for a picture, it is not
+            // ours.
             let sha256 = hashes(pictures).get(&unit)?;
             let path = pictures.folder.prediction_path(label, &unit.0, extension);
             path.is_file().then(|| KeptPicture {
@@ -390,8 +393,9 @@ pub fn number(value: f64) -> String {
     finite_or_text::text(value).map_or_else(|| value.to_string(), str::to_owned)
 }
 
-/// The table as CSV: [`FIXED_COLUMNS`], then a column per metric key in the given order, then the records' extras
-/// (`mean_alpha`, …) by name, and last the reason for a failure. Unavailable scores and unknown values are empty cells.
+/// The table as CSV: [`FIXED_COLUMNS`], then one column per metric key in the given order, then the
+/// records' extras (`mean_alpha`, …) by name, and last the reason for a failure. Unavailable scores
+/// and unknown values are empty cells.
 pub fn scores_csv(records: &[Record], metric_keys: &[String]) -> Vec<u8> {
     let extras: BTreeSet<&str> = records
         .iter()

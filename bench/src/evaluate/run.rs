@@ -36,11 +36,11 @@ pub struct Finished {
 }
 
 impl Evaluation {
-    /// Evaluates into a folder, which may have results of other methods, pairs, metrics and datasets. These remain
-    /// visible, and finished units are reused.
+    /// Evaluates into a folder, which may have results of other methods, pairs, metrics and
+    /// datasets. These remain visible, and finished units are reused.
     ///
     /// # Errors
-    /// If the folder cannot be used, or the renderer's device fails; finished units are kept.
+    /// If the folder cannot be used, or the renderer's device fails. Finished units are kept.
     pub fn run(
         self,
         out: &Path,
@@ -51,7 +51,7 @@ impl Evaluation {
         if self.common_region && (options.keep == Keep::None || options.stages != Stages::All) {
             return Err(refused(
                 out,
-                "--common-region scores kept predictions again: use --keep all and all stages",
+                "--common-region scores kept predictions once more: use --keep all and all stages",
             ));
         }
         let pairs = self.pairs()?;
@@ -95,7 +95,8 @@ impl Evaluation {
     /// Writes the plan of a run for shards, with its estimated cost.
     ///
     /// # Errors
-    /// If the folder has another run, or the evaluation needs all units at once; as [`Self::estimate`].
+    /// If the folder has another run, or the evaluation needs all units at once; also as
+    /// [`Self::estimate`].
     pub fn plan(
         &self,
         out: &Path,
@@ -114,7 +115,7 @@ impl Evaluation {
         if plan.blocks.len() > 1 {
             return Err(refused(
                 out,
-                "it holds another run: plan into a new folder (`merge` joins folders)",
+                "it contains another run: plan into a new folder (`merge` joins folders)",
             ));
         }
         let estimate = self.estimate(options)?;
@@ -168,7 +169,8 @@ impl Evaluation {
             if readable.count() > pairs.len() {
                 return Err(refused(
                     root,
-                    "its run.toml chooses other pairs than its plan lists: one of them was changed",
+                    "its run.toml selects other pairs than its plan lists: one of the two was \
+                     changed",
                 ));
             }
             observer.warn(&format!(
@@ -192,7 +194,7 @@ impl Evaluation {
         Ok(counts)
     }
 
-    /// Checks that photographs and cameras are the plan's.
+    /// Checks that photographs and cameras are those of the plan.
     fn check_files(&self, root: &Path, pairs: &[ResolvedPair<'_>]) -> Result<(), EvaluateError> {
         let pairs = pairs.iter().map(|planned| planned.pair.clone()).collect();
         let found = PairList::new(root.join("pairs.csv"), pairs).verify(&self.scenes);
@@ -236,7 +238,8 @@ impl Evaluation {
         if let Some(before) = folder.manifest()? {
             let (extended, replaced) = extended(before, manifest, out)?;
             manifest = extended;
-            // Units of this run are updated; units of other runs must have been made from the same files.
+            // Units of this run will be updated. Units of other runs must have been made from the
+            // same files.
             let own = RunPlan::default().with(block);
             let own = own.units();
             let (units, _) = folder.units()?;
@@ -253,7 +256,7 @@ impl Evaluation {
             )?;
             for what in replaced {
                 observer.warn(&format!(
-                    "{what} before; its earlier results stay in {} and tables no longer show them",
+                    "{what} before; its earlier results stay in {}, but tables no longer show them",
                     out.display()
                 ));
             }
@@ -267,7 +270,8 @@ impl Evaluation {
         folder.write_plan(plan)?;
         if let Some(config) = &self.config {
             let mut config = config.clone();
-            // Refer to the folder's own copy of the list, unless it also has pairs of other runs.
+            // Refer to the folder's own copy of the list, unless the copy also has pairs of other
+            // runs.
             if config.pairs.pairs.is_some() && list.sha256 == self.list.sha256 {
                 config.pairs.pairs = Some(folder.pairs_path());
             }

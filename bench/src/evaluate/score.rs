@@ -37,7 +37,7 @@ impl<'a> PairTruth<'a> {
         }
     }
 
-    /// The target's photograph. Errors do not name the pair.
+    /// The target's photograph, read on first use. Errors do not name the pair.
     pub(super) fn get(&self) -> Result<&GroundTruth, String> {
         let content = &self.planned.target.content;
         let read = || {
@@ -79,7 +79,7 @@ impl<'a> PairTruth<'a> {
         if with_given {
             let bounds = mask(&|depth| source_bounds_mask(depth, seen, seer, pose));
             let size = (target.intrinsics.width, target.intrinsics.height);
-            // Without depth or with too few pixels, the mask is empty.
+            // If the target has no depth, or too few pixels are inside, the mask is empty.
             let enough = bounds.filter(|mask| mask.count() >= LEAST_PIXELS);
             let nothing = || Mask::new(size.0, size.1, vec![false; Region::whole(size).area()]);
             masks.given = enough.or_else(nothing);
@@ -115,8 +115,8 @@ pub(super) fn missing<'s>(
         .collect()
 }
 
-/// Shares of the memory limit, bytes. The rest is for the metrics' networks, the target, and the picture being
-/// rendered.
+/// Shares of the memory limit, bytes. The rest is for the metrics' networks, the target, and the
+/// picture that is being rendered.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct MemoryShares {
     /// For Gaussians of a source.
@@ -137,14 +137,14 @@ impl MemoryShares {
         }
     }
 
-    /// Number of predictions of a target that are passed to [`score_pair`] at once, at least 1. The same number is
-    /// prepared meanwhile.
+    /// How many predictions of a target to pass to [`score_pair`] at once, at least 1. Equally many
+    /// are prepared at the same time.
     pub(super) fn pictures_of(self, target: &View) -> usize {
         let picture = 3 * u64::from(target.intrinsics.width) * u64::from(target.intrinsics.height);
         (self.pictures / (2 * picture).max(1)).max(1) as usize
     }
 
-    /// How many of at most `most` predictions to compare at once, at least 1.
+    /// How many of at most `most` predictions the metrics compare at once, at least 1.
     fn compared(self, truth: &GroundTruth, scorer: &Scorer, most: usize) -> usize {
         let fits = |count: &usize| {
             let copies = *count as u64 * truth.copied_bytes();
@@ -154,8 +154,8 @@ impl MemoryShares {
     }
 }
 
-/// Computes and saves the missing scores of a pair's units. Units that need the same metrics share each network's pass
-/// over the target, as far as memory allows.
+/// Computes and saves the missing scores of a pair's units. Units that need the same metrics share
+/// each network's pass over the target, if memory allows.
 pub(super) fn score_pair(
     truth: &PairTruth,
     unscored: Vec<Unscored>,

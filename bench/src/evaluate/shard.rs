@@ -6,9 +6,9 @@ use std::str::FromStr;
 
 use crate::pairs::pair_id::source_of;
 
-/// One of `count` shares of a plan. The shares are disjoint and complete.
+/// One of `count` shares of a plan. Shares do not overlap, and together they are the whole plan.
 ///
-/// Units are independent, so a plan can be continued with another number of shards.
+/// Units are independent, so a plan can be continued with another number of shares.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Shard {
     /// Index, from 1.
@@ -33,8 +33,8 @@ impl Shard {
         }
     }
 
-    /// This share of a list sorted by pair id. Pairs of a source stay together, because they share its prediction;
-    /// groups are assigned to the smallest share, largest groups first.
+    /// This share of a list sorted by pair id. The pairs of a source form a group, because they
+    /// share its prediction. Groups are assigned to the smallest share, largest groups first.
     pub(super) fn of<T>(self, list: Vec<T>, pair_id: impl Fn(&T) -> &str) -> Vec<T> {
         self.deal(list, pair_id).swap_remove(self.index - 1)
     }
@@ -54,7 +54,7 @@ impl Shard {
         }
         // The sort is stable, so equal groups stay in the order of their ids.
         groups.sort_by_key(|group| Reverse(group.len()));
-        // The smallest load first; ties go to the lowest number.
+        // The share with the smallest load gets the next group; ties go to the lowest number.
         let mut loads: BTreeSet<(usize, usize)> = (0..self.count).map(|share| (0, share)).collect();
         let mut share_of = vec![0; list.len()];
         for group in groups {
@@ -104,7 +104,8 @@ pub enum ShardError {
 impl FromStr for Shard {
     type Err = ShardError;
 
-    /// Parses `3/8`, `auto` if the scheduler provides number and count, or `auto/8` if it provides the number.
+    /// Parses `3/8`; `auto` if the scheduler provides index and count; `auto/8` if it provides only
+    /// the index.
     fn from_str(text: &str) -> Result<Self, ShardError> {
         let form = || ShardError::Form(text.to_owned());
         let number = |text: &str| text.parse().map_err(|_| form());
@@ -121,7 +122,7 @@ fn environment(name: &str) -> Option<String> {
     std::env::var(name).ok()
 }
 
-/// The share of a scheduler's array task.
+/// The share that belongs to a scheduler's array task.
 fn of_array(
     count: Option<usize>,
     variable: impl Fn(&str) -> Option<String>,
@@ -144,10 +145,10 @@ fn of_array(
         return match count {
             Some(count) => Shard::new(index, count),
             None if size.is_some() && size == last => Shard::new(index, size.unwrap_or(index)),
-            // For 2,5 of 8, the total of 8 is not in the environment.
+            // If tasks 2,5 of 8 are submitted, the environment does not state the total of 8.
             None => Err(ShardError::Count(
-                "the indices of this Slurm array are not 1-N without gaps, so the number of shards is unknown: use \
-                 --shard auto/N",
+                "the indices of this Slurm array are not 1 to N without gaps, so the number of \
+                 shards is unknown: use --shard auto/N",
             )),
         };
     }
@@ -157,7 +158,7 @@ fn of_array(
     };
     let (index, size) = batch.ok_or(ShardError::NoArray)?;
     let count = count.or(size).ok_or(ShardError::Count(
-        "this job does not say how many indices it has: use --shard auto/N",
+        "this job does not state its number of indices: use --shard auto/N",
     ))?;
     // These schedulers count from 0.
     Shard::new(index.saturating_add(1), count)

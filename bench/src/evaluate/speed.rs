@@ -36,12 +36,13 @@ pub struct Speed {
     /// Widths and heights of the targets, pixels.
     pub sizes: BTreeSet<(u32, u32)>,
     pub pairs: usize,
-    /// Seconds per round from the source picture in memory to Gaussians in memory, or to the picture for methods that
-    /// make pictures. Empty for methods that read external files.
+    /// Seconds per round from the source picture in memory to Gaussians in memory, or for methods
+    /// that make pictures, to the picture. Empty for methods that read external files.
     pub inference_secs: Vec<f64>,
     /// Seconds from Gaussians in memory until the renderer is ready (the upload on a GPU).
     pub load_secs: Vec<f64>,
-    /// Seconds from there to the 8-bit picture in memory. Empty for methods that make pictures.
+    /// Seconds from a ready renderer to the 8-bit picture in memory. Empty for methods that make
+    /// pictures.
     pub render_secs: Vec<f64>,
     /// Numbers that explain the rendering times, per pair.
     pub splats: Vec<Splats>,
@@ -57,7 +58,8 @@ pub struct Splats {
     pub count: u64,
     /// Number of Gaussians that reach the picture.
     pub visible: u64,
-    /// Sum over visible Gaussians of the 16 × 16 pixel tiles that they touch, which determines sorting and blending.
+    /// The number of 16 × 16 pixel tiles that each visible Gaussian touches, summed over Gaussians.
+    /// It determines the time of sorting and blending.
     pub tiles: u64,
     /// Number of tiles of the picture.
     pub picture_tiles: u64,
@@ -70,11 +72,12 @@ enum Round {
 }
 
 impl Evaluation {
-    /// Measures every method on the pairs of each dataset, except `target` and the scale sweep, which are not methods
-    /// with a cost.
+    /// Measures every method on the pairs of each dataset. `target` and the scale sweep are
+    /// skipped, because they have no cost of their own.
     ///
     /// # Errors
-    /// If the renderer's device fails. Other failures of a pair are counted, and the measurement continues.
+    /// If the renderer's device fails. Other failures of a pair are counted, and the measurement
+    /// continues.
     pub fn speed(
         &self,
         options: SpeedOptions,

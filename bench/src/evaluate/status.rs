@@ -21,9 +21,9 @@ pub struct RunProgress {
     pub all: RunStatus,
     /// By method, in the order of the plan.
     pub methods: Vec<(String, RunStatus)>,
-    /// Number of units finished in the last minutes of work, and the seconds they took.
+    /// Number of units finished in the last minutes of work, and the seconds that they took.
     pub pace: Option<(usize, f64)>,
-    /// The cost as estimated by the plan.
+    /// The cost estimated by the plan.
     pub estimate: Option<Estimate>,
     /// Damaged files; their units count as missing.
     pub damaged: usize,
@@ -94,10 +94,11 @@ impl RunProgress {
     }
 }
 
-/// The shards of `count` with units without a result or, with `retry_failed`, with failed ones.
+/// Of `count` shards, those with units without a result; with `retry_failed`, also those with
+/// failed units.
 ///
 /// # Errors
-/// As [`RunProgress::read`], and if `count` is out of range.
+/// As [`RunProgress::read`]; also if `count` is out of range.
 pub fn unfinished_shards(
     root: &Path,
     count: usize,
@@ -131,8 +132,8 @@ fn read(folder: &RunFolder) -> Result<(RunPlan, Current), EvaluateError> {
     Ok((plan, current))
 }
 
-/// Number of units finished within [`WINDOW`] before the last one, and the seconds they took; `None` if the last one is
-/// older than that.
+/// Number of units finished within [`WINDOW`] before the last one, and the seconds that they took;
+/// `None` if the last one finished longer ago than that.
 fn pace(mut times: Vec<SystemTime>) -> Option<(usize, f64)> {
     times.sort();
     let last = *times.last()?;
@@ -156,7 +157,7 @@ mod tests {
         let ago = |secs: u64| now - Duration::from_secs(secs);
         assert_eq!(pace(vec![]), None);
         assert_eq!(pace(vec![ago(5)]), None);
-        // An old burst does not count; the first unit in the window only starts the clock.
+        // Units before the window are ignored; the first unit in the window only starts the clock.
         let times = vec![ago(9000), ago(8999), ago(100), ago(50), ago(0)];
         assert_eq!(pace(times), Some((2, 100.0)));
         assert_eq!(pace(vec![ago(9000), ago(8000)]), None);

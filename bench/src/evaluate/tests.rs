@@ -1,4 +1,5 @@
-//! Whole evaluations of the procedural scene: which stages are redone after which change, and what a folder shows.
+//! Whole evaluations of the procedural scene: which change causes which stages to be redone, and
+//! what a folder shows.
 
 use std::collections::BTreeSet;
 use std::path::Path;
@@ -86,7 +87,7 @@ struct Network {
     depth: TrueDepth,
     splat: Box<dyn Method>,
     asked: Arc<AtomicUsize>,
-    /// A clock in milliseconds; each inference advances it by more than the previous one.
+    /// A clock in milliseconds. Each inference advances it by more than the one before.
     clock: Option<&'static AtomicU64>,
 }
 
@@ -131,7 +132,7 @@ impl PredictGaussians for Network {
         if let Some(clock) = self.clock {
             clock.fetch_add(1000 * (before + 1), Ordering::SeqCst);
         }
-        // Guesses a plane, because it never sees the true depth, whatever its privilege.
+        // Predicts a plane, because it never sees the true depth, whatever its privilege.
         assert!(source.depth().is_none());
         let (width, height) = source.image().dimensions();
         let plane = sharp_datasets::DepthMap::from_pixel(width, height, image::Luma([2.0]));
@@ -176,7 +177,7 @@ fn a_shared_inference_is_charged_whole_to_every_method_in_any_order() {
     let scaled = ("scaled", TrueDepth::DepthScale);
     let (sources, one, other) = seconds("a", [plain, scaled]);
     assert_eq!(one, other);
-    // Every inference took a different time; each pair has its source's.
+    // Every inference took a different time; each pair has the time of its source's inference.
     let different: BTreeSet<u64> = one.values().map(|(secs, _)| *secs as u64).collect();
     assert_eq!(different, (1..=sources as u64).collect());
     assert_eq!(seconds("b", [scaled, plain]), (sources, one, other));
@@ -212,7 +213,7 @@ fn another_metric_predicts_and_renders_nothing() {
     );
     assert_eq!(scores(&out), scores(&whole));
     assert!(scores(&out).len() > psnr.len());
-    // Running with fewer metrics hides none.
+    // A run with fewer metrics does not hide the scores of others.
     let again = run(&out, network(TrueDepth::None), "psnr", 3);
     assert_eq!(again.counts.reused, 3);
     assert_eq!(scores(&out), scores(&whole));
@@ -300,7 +301,7 @@ fn stages_run_apart_and_give_the_same_bytes() {
     assert_eq!(asked.load(Ordering::SeqCst), networks);
     assert_eq!(scores(&whole), scores(&apart));
 
-    // If the network cannot be opened, kept pictures can still be scored by name.
+    // If the network cannot be opened, kept pictures can still be scored.
     let elsewhere = dir.path().join("elsewhere");
     for stages in [Stages::Predict, Stages::Render] {
         let options = RunOptions {
@@ -328,7 +329,8 @@ fn another_renderer_runs_no_network() {
     let out = dir.path().join("r");
     let first = run_with(&out, request(network(), "psnr", 3), options);
     let before = asked.load(Ordering::SeqCst);
-    // Picture keys name the renderer, but a folder has only one, so only its manifest shows the difference.
+    // Picture keys include the renderer. But a folder has only one, so the difference is in its
+    // manifest alone.
     let mut evaluation = prepare(request(network(), "psnr", 3), &Quiet).unwrap();
     evaluation.renderer = mortal(usize::MAX);
     let mut manifest = first.results.manifest;
@@ -443,7 +445,7 @@ fn a_changed_identity_replaces_its_label_and_nothing_is_lost() {
         let kept = image::open(kept.unwrap().path).unwrap().into_rgb8();
         assert_eq!(kept.get_pixel(0, 0).0, [level; 3]);
     }
-    // Without kept pictures, returning to the previous settings finds the earlier result.
+    // Without kept pictures, a return to the earlier settings finds the earlier result.
     let options = RunOptions {
         keep: Keep::None,
         ..RunOptions::default()
@@ -499,7 +501,7 @@ fn a_truth_that_could_not_be_read_costs_no_prediction() {
     let scene = std::fs::read_dir(&data).unwrap().next().unwrap().unwrap();
     let target = scene.path().join("im1.png");
     let whole = std::fs::read(&target).unwrap();
-    // Chunks with correct checksums: only decoding detects the damage.
+    // Chunks with correct checksums, so that only decoding detects the damage.
     let mut broken = whole.clone();
     let kind = broken.windows(4).position(|at| at == b"IDAT").unwrap();
     let length = u32::from_be_bytes(whole[kind - 4..kind].try_into().unwrap()) as usize;
@@ -661,7 +663,7 @@ struct Watch<'a> {
 
 impl Observer for Watch<'_> {
     fn progress(&self, _done: usize, _current: &str) {
-        // The other thread goes as far as it may; give it time to go further, which it must not.
+        // The other thread goes as far as it may. Give it time to go farther, which it must not do.
         let mut seen = self.seen.lock().unwrap();
         let expected = (seen.len() + 2).min(6);
         let patience = Instant::now() + Duration::from_secs(20);
@@ -748,7 +750,8 @@ fn a_bundle_is_the_results_without_pictures() {
     assert_eq!(packed.manifest, finished.results.manifest);
     assert_eq!(packed.missing, finished.results.missing);
 
-    // Damaged or cut anywhere, or not a bundle at all: an error, never wrong numbers.
+    // Damaged anywhere, truncated anywhere, or not a bundle at all: always an error, never wrong
+    // numbers.
     for at in (0..bytes.len()).step_by(bytes.len() / 200) {
         let mut other = bytes.clone();
         other[at] ^= 0x10;
@@ -763,7 +766,8 @@ fn a_bundle_is_the_results_without_pictures() {
     assert!(error.to_string().contains("not a bundle"), "{error}");
 }
 
-/// 3000 pairs of 7 methods under 4 metrics, every score with all digits: the size limit for a baseline in a repository.
+/// 3000 pairs of 7 methods under 4 metrics, all scores with all digits: within the size limit for a
+/// baseline in a repository.
 #[test]
 fn a_bundle_of_the_papers_size_is_below_a_megabyte() {
     let dir = tempfile::tempdir().unwrap();

@@ -87,17 +87,19 @@ pub struct StoredScore {
 /// Times of a unit, and the machine it ran on.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize, JsonSchema)]
 pub struct Timing {
-    /// Wall time of inference without reading files, while an earlier pair was being scored. For methods that make
-    /// Gaussians, the time of the whole inference of the source, recorded for every target and method that uses it;
-    /// else that of the pair.
+    /// Wall time of inference without reading files, measured while an earlier pair was being
+    /// scored. For methods that predict Gaussians, the time of the whole inference of the source,
+    /// recorded for every target and method that uses it; for other methods, the time of the pair.
     pub predict_secs: f64,
     /// Wall time of placing and rendering the Gaussians; 0 for methods that make pictures.
     #[serde(default)]
     pub render_secs: f64,
-    /// Key of the inference, equal for units that share it; `None` if each unit has its own.
+    /// Key of the inference; units that share an inference have the same key. `None` if each unit
+    /// has its own.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub inference: Option<String>,
-    /// The unit's share of the wall time of the pair's metrics, while the next pair was being predicted.
+    /// The unit's share of the wall time of the pair's metrics, measured while the next pair was
+    /// being predicted.
     pub score_secs: f64,
     /// Processor and number of threads of the prediction, if known.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -144,7 +146,8 @@ impl Unit {
             && check_label(method).is_ok()
     }
 
-    /// Resets the unit to its state before scoring, so that failed scoring is retried; `None` if there is no picture.
+    /// Resets the unit to its state before scoring, so that scoring is retried if it failed; `None`
+    /// if there is no picture.
     pub(super) fn scorable(mut self) -> Option<Self> {
         self.picture.as_ref()?;
         self.record.status = Status::Ok;
@@ -156,12 +159,12 @@ impl Unit {
             checksum: String::new(),
             ..self.clone()
         };
-        // Plain values in ordered maps: serialising cannot fail, and equal units give equal bytes.
+        // Ordered maps of plain values: serialising cannot fail, and equal units give equal bytes.
         sha256_hex(&serde_json::to_vec(&open).unwrap_or_default())
     }
 
-    /// The record with the scores of `metrics`, given as key and identity. A score with another identity counts as
-    /// missing.
+    /// The record, with scores for `metrics` (keys and identities). A score with another identity
+    /// counts as missing.
     pub fn record_with(&self, metrics: &[(String, String)]) -> Record {
         let scores = metrics.iter().filter_map(|(key, identity)| {
             let stored = self.scores.get(key)?;
@@ -191,7 +194,7 @@ impl Unit {
         self.record.status != Status::Ok
     }
 
-    /// Whether it is scored or a recorded failure.
+    /// Whether the unit is scored or a recorded failure.
     pub(super) fn is_done(&self) -> bool {
         self.progress(self.scores.is_empty()) != UnitProgress::Unscored
     }
@@ -200,7 +203,7 @@ impl Unit {
 /// Progress of a planned unit.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum UnitProgress {
-    /// No result, or one made from other files or by another method.
+    /// No result, or a result made from other files or by another method.
     Missing,
     Failed,
     Unscored,

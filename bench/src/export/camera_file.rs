@@ -26,7 +26,7 @@ pub struct CameraFileError {
     pub reason: NoCamera,
 }
 
-/// Why a text is not a camera.
+/// Why a text cannot be read as a camera.
 #[derive(Debug, thiserror::Error)]
 pub enum NoCamera {
     #[error(transparent)]

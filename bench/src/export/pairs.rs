@@ -1,8 +1,9 @@
-//! Exports the pairs of a list as folders: `OUT/<pair_id>/{source.png, pair.json}`, optionally with `target.png` and
-//! depth.
+//! Exports the pairs of a list as folders: `OUT/<pair_id>/{source.png, pair.json}`, optionally with
+//! `target.png` and depth.
 //!
-//! `pair.json` is written last and contains the names and SHA-256 of its files, and a hash of their inputs: an
-//! interrupted export continues, and an export whose dataset changed is redone.
+//! `pair.json` is written last and contains the names and SHA-256 of its files, and a hash of their
+//! inputs. An interrupted export therefore continues, and pairs whose dataset changed are exported
+//! again.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::io::ErrorKind;
@@ -24,15 +25,16 @@ use crate::pairs::description::{FORMAT, PairDescription};
 use crate::pairs::pair_id::path_of;
 use crate::pairs::pair_list::ResolvedPair;
 
-/// Files to write in addition to the source's picture and the cameras, and the settings with which the datasets were
-/// read.
+/// Which files to write in addition to the source's picture and the cameras, and the settings with
+/// which the datasets were read.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct ExportOptions {
     /// Write `target.png`, the ground truth.
     pub target: bool,
     /// Write `source_depth.npy` and `target_depth.npy`, float32 metres; skipped for views without depth.
     pub depth: bool,
-    /// Reading settings by dataset, which determine the meaning of depth. A change of settings redoes the export.
+    /// Reader settings by dataset, which determine the meaning of depth. If they change, the pairs
+    /// are exported again.
     pub readings: BTreeMap<String, String>,
     /// Scales for which cameras are written, each with the folder name of its predictions.
     pub scales: Vec<(String, f64)>,

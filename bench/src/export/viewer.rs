@@ -34,7 +34,7 @@ const SCREEN: (&str, &str) = (
     "screen",
     include_str!("../../templates/gaussians/screen.wgsl"),
 );
-/// Largest number of pictures of a path.
+/// Maximum number of pictures of a path.
 const PICTURES: usize = 12;
 /// Marks a page as written by this program.
 const MARK: &str = "<meta name=\"generator\" content=\"sharp-bench viewer\">";
@@ -43,9 +43,9 @@ const MARK: &str = "<meta name=\"generator\" content=\"sharp-bench viewer\">";
 pub struct Viewer<'a> {
     pub title: &'a str,
     pub scene: &'a Gaussians,
-    /// Reference camera, such as the photograph's.
+    /// Reference camera, for example that of the photograph.
     pub photograph: DAffine3,
-    /// At least one view; all with the same intrinsics and the same rendering rule.
+    /// At least one view; all have the same intrinsics and the same rendering rule.
     pub views: &'a [RenderView],
     pub background: Background,
     pub quantization: Quantization,
@@ -98,7 +98,7 @@ impl Viewer<'_> {
         let focus = depth.map_or(1.0, |depth| depth.focus);
         let [near, far] = depth.map_or([1.0, 2.0], |depth| [depth.near, depth.far]);
         let Some(first) = self.views.first() else {
-            return Err(io::Error::other("a page needs a view"));
+            return Err(io::Error::other("a page needs at least one view"));
         };
         let (k, rule) = (first.intrinsics, first.rule);
         // Leave out harmonics that are not drawn.
@@ -171,8 +171,8 @@ fn rows(map: &DAffine3) -> [[f64; 4]; 3] {
     std::array::from_fn(|i| [rows[i].x, rows[i].y, rows[i].z, offset[i]])
 }
 
-/// Columns of means, opacities, quaternions, scales, colours and harmonics, as f32 split into byte planes, which
-/// deflate to about three quarters of the size.
+/// Columns of means, opacities, quaternions, scales, colours and harmonics, as f32 split into byte
+/// planes, which deflate compresses to about three quarters.
 fn packed(scene: &Gaussians) -> io::Result<Vec<u8>> {
     let n = scene.len();
     let columns: [&dyn Fn(usize) -> f32; 14] = [

@@ -44,8 +44,9 @@ pub fn write_atomic(path: &Path, bytes: &[u8]) -> Result<(), FileError> {
     file.commit()
 }
 
-/// Like [`write_atomic`], but without syncing to disk, for many small files that can be regenerated. A reader, or a
-/// restart after a kill, sees all of the content or nothing; after a power loss the file may be empty.
+/// Like [`write_atomic`], but without syncing to disk, for many small files that can be
+/// regenerated. A reader, or a restart after a kill, sees the complete content or none; after a
+/// power loss the file may be empty.
 pub fn write_replaceable(path: &Path, bytes: &[u8]) -> Result<(), FileError> {
     let mut file = PartialFile::create(path)?;
     file.write_all(bytes)
@@ -55,13 +56,14 @@ pub fn write_replaceable(path: &Path, bytes: &[u8]) -> Result<(), FileError> {
     Ok(())
 }
 
-/// Like [`write_atomic`], but overwrites only an earlier file of the same kind, which contains `mark`.
+/// Like [`write_atomic`], but overwrites only an earlier file of the same kind, recognised by
+/// `mark` in its content.
 pub fn write_over_own(path: &Path, bytes: &[u8], mark: &str) -> Result<(), FileError> {
     write_all_over_own(&[(path, bytes, mark)]).map(drop)
 }
 
-/// Like [`write_over_own`] for several files, each with its mark. Checks all files before writing the first, so that a
-/// refusal leaves nothing half done. Returns the paths.
+/// Like [`write_over_own`] for several files, each with its mark. Checks all files before writing
+/// the first, so that either all are written or none. Returns the paths.
 pub fn write_all_over_own(
     files: &[(impl AsRef<Path>, impl AsRef<[u8]>, &str)],
 ) -> Result<Vec<PathBuf>, FileError> {
@@ -88,7 +90,7 @@ fn has_mark(bytes: &[u8], mark: &str) -> bool {
     String::from_utf8_lossy(bytes).contains(mark)
 }
 
-/// Whether `path` is a regular file that passes `test`; false for devices and pipes.
+/// Whether `path` is a regular file whose content passes `test`; false for devices and pipes.
 fn is_file_that(path: &Path, test: impl Fn(&[u8]) -> bool) -> bool {
     path.is_file() && sharp::files::read(path).is_ok_and(|there| test(&there))
 }
@@ -96,7 +98,7 @@ fn is_file_that(path: &Path, test: impl Fn(&[u8]) -> bool) -> bool {
 fn refuse_others(path: &Path, is_own: impl Fn(&[u8]) -> bool) -> Result<(), FileError> {
     if path.exists() && !is_file_that(path, is_own) {
         let reason =
-            "the file there is something else, and is not written over; choose another file";
+            "the existing file is of another kind and is not overwritten; choose another file";
         return Err(FileError::new(path, "write")(io::Error::other(reason)));
     }
     Ok(())
@@ -110,8 +112,8 @@ pub fn write_json(path: &Path, value: &impl serde::Serialize) -> Result<(), File
     write_atomic(path, &bytes)
 }
 
-/// A file under construction, for content written piece by piece: it gets its name at [`Self::commit`]; dropped before
-/// that, it leaves nothing behind.
+/// A file under construction, written piece by piece. It gets its name at [`Self::commit`]; if
+/// dropped before, it is removed.
 #[derive(Debug)]
 pub struct PartialFile {
     path: PathBuf,
@@ -132,8 +134,8 @@ impl PartialFile {
             builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
             loop {
                 let file = builder.tempfile_in(folder)?;
-                // The lock marks the file as in use. Before it was locked, another process may have removed the file as
-                // abandoned.
+                // The lock marks the file as in use. Another process may have removed it as
+                // abandoned before it was locked.
                 let locked = file.as_file().lock();
                 if locked.is_err() || file.path().exists() {
                     return Ok(file);
@@ -165,8 +167,8 @@ impl PartialFile {
         commit().map_err(FileError::new(&path, "write"))
     }
 
-    /// As [`Self::commit`], but if the name is taken, even by another process in the meantime, the existing file is
-    /// kept and the result is false.
+    /// Like [`Self::commit`], but keeps an existing file of that name, even if another process has
+    /// just created it, and returns false.
     pub fn commit_new(self) -> Result<bool, FileError> {
         let Self { path, file } = self;
         let commit = || -> io::Result<bool> {
@@ -191,8 +193,8 @@ impl Write for PartialFile {
     }
 }
 
-/// Removes unlocked partial files, whose processes have ended. Runs once per folder and process; does nothing on file
-/// systems without locks.
+/// Removes partial files that are not locked: their processes have ended. Runs once per folder and
+/// process; does nothing on file systems without locks.
 fn remove_abandoned(folder: &Path) {
     static SEEN: Mutex<BTreeSet<PathBuf>> = Mutex::new(BTreeSet::new());
     let is_new = |seen: &mut BTreeSet<PathBuf>| match fs::canonicalize(folder) {
@@ -242,9 +244,10 @@ pub fn scratch_folder(within: &Path) -> Result<TempDir, FileError> {
     made.map_err(FileError::new(within, "write into"))
 }
 
-/// Removes leftovers of killed processes in `folder`, and recursively in its subfolders named in `below` (in all of
-/// them if that is empty). Removes only entries unchanged for longer than `age`; zero, which removes all, is for
-/// folders where no other process writes. Entries that cannot be removed are harmless and stay.
+/// Removes leftovers of killed processes in `folder`, and recursively in its subfolders named in
+/// `below` (in all subfolders if `below` is empty). Removes only entries unchanged for longer than
+/// `age`; an age of zero removes all, and is for folders where no other process writes. Entries
+/// that cannot be removed are harmless and stay.
 pub fn remove_leftovers(folder: &Path, below: &[&str], age: Duration) {
     for entry in fs::read_dir(folder).into_iter().flatten().flatten() {
         let (path, name) = (entry.path(), entry.file_name());
@@ -267,7 +270,7 @@ pub fn remove_leftovers(folder: &Path, below: &[&str], age: Duration) {
     }
 }
 
-/// Makes a rename survive a power loss on systems where folders can be synced.
+/// On systems where folders can be synced, makes a rename survive a power loss.
 fn sync_folder(folder: &Path) -> io::Result<()> {
     if cfg!(unix) {
         File::open(folder)?.sync_all()

@@ -5,8 +5,8 @@ use std::time::{SystemTime, UNIX_EPOCH};
 /// The UTC day of a moment.
 pub(crate) fn day(moment: SystemTime) -> String {
     let since = moment.duration_since(UNIX_EPOCH).unwrap_or_default();
-    // Years start in March, so that a leap day comes last. One cycle is 400 years; one began on 1 March 0000, 719 468
-    // days before the epoch.
+    // Years start in March, so that a leap day comes last. Dates repeat every 400 years; one such
+    // cycle began on 1 March 0000, 719 468 days before the epoch.
     let days = since.as_secs() / 86_400 + 719_468;
     let (cycle, day) = (days / 146_097, days % 146_097);
     let year = (day - day / 1_460 + day / 36_524 - day / 146_096) / 365;
@@ -30,7 +30,8 @@ pub(crate) fn minute(moment: SystemTime) -> String {
 
 /// Whether a text is a valid `YYYY-MM-DD` or `YYYY-MM-DDTHH:MM`.
 pub(crate) fn is_date(text: &str) -> bool {
-    // The parser also accepts a space for the T, and lower case; only the canonical form prints back unchanged.
+    // The parser also accepts lower case, and a space instead of the T; only the canonical form is
+    // printed back unchanged.
     let parsed = text.parse::<toml::value::Datetime>();
     let is_form = |date: toml::value::Datetime| date.date.is_some() && date.to_string() == text;
     matches!(text.len(), 10 | 16) && parsed.is_ok_and(is_form)

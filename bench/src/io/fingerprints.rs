@@ -1,5 +1,6 @@
-//! Hashes of the sources, locked dependencies and compiler that determine the results of each stage, computed when the
-//! harness was built. Equal fingerprints mean equal code; changes to reports or help texts do not affect them.
+//! For each stage, a hash of the sources, locked dependencies and compiler that determine its
+//! results, computed when the harness was built. Equal fingerprints mean equal code; changes to
+//! reports or help texts do not affect them.
 
 use std::collections::BTreeMap;
 
@@ -182,7 +183,7 @@ version = \"0.3.7\"
 
     #[test]
     fn a_released_crate_stands_for_its_sources() {
-        // Every source belongs to this crate or to a known one.
+        // Every source is part of this crate or of a known one.
         for source in GROUPS.iter().flat_map(|group| group.sources()) {
             assert!(
                 source.starts_with("bench/") != crate_of(source).is_some(),

@@ -25,9 +25,9 @@ pub struct GaussianFile {
     /// Gaussians in the coordinate system of the program that wrote the file.
     pub gaussians: Gaussians,
     pub camera: Option<(Intrinsics, DAffine3)>,
-    /// Rendering rule.
+    /// How the Gaussians are to be rendered.
     pub rule: Rule,
-    /// Why this rule was chosen, if nobody stated it.
+    /// Why this rule was chosen, if it was stated neither by the file nor by the user.
     pub rule_note: Option<String>,
     /// How the stored numbers were interpreted.
     pub reading: StoredForm,
@@ -61,16 +61,18 @@ pub enum GaussianFileError {
     Stored { path: PathBuf, source: PlyReason },
     /// View-dependent colours cannot be blended in linear light.
     #[error(
-        "{}: colours depend on the view ({coefficients} coefficients f_rest_*), which is not rendered; \
-         `harmonics=drop` draws only the constant term, or bake them into it for the source's view", path.display()
+        "{}: colours depend on the view ({coefficients} coefficients f_rest_*), which is not \
+         rendered; `harmonics=drop` renders only the constant term; or bake the colours of the \
+         source's view into it", path.display()
     )]
     ViewDependent { path: PathBuf, coefficients: usize },
     #[error("{}: sh has shape {shape:?}, expected [N, (degree + 1)², 3] with a degree up to 4", path.display())]
     Harmonics { path: PathBuf, shape: Vec<usize> },
     /// The rendering rule is stated neither in the file nor by the user.
     #[error(
-        "{}: it does not say which renderer it was made for: set the rule with rendering=NAME (--rendering NAME), \
-         probably {likely} ({why}); for a file of SHARP's, set color_space= instead", path.display()
+        "{}: it does not say which renderer it was made for: set the rule with rendering=NAME \
+         (--rendering NAME), probably {likely} ({why}); for a file from SHARP, set color_space= \
+         instead", path.display()
     )]
     RuleUnknown {
         path: PathBuf,
@@ -79,11 +81,14 @@ pub enum GaussianFileError {
     },
 }
 
-/// Reads `.safetensors` (`means` [N, 3], `quats_wxyz` [N, 4], `scales` `[N, 3]`, `opacities` `[N]`, and `colors_linear`
-/// `[N, 3]` or `sh` `[N, (degree + 1)², 3]`), with the extension in any case, or any other file, whose format is
-/// detected from its content ([`sharp::gaussian_files`]). `reading` sets how numbers are stored and, if the file does
-/// not say, how colours are encoded; its blending is replaced by that of the rule. Without a `rule`, uses the one that
-/// the file states, or SHARP's if the encoding of colours is known and nothing suggests another rule.
+/// Reads `.safetensors` (extension in any case), with arrays `means` `[N, 3]`, `quats_wxyz`
+/// `[N, 4]`, `scales` `[N, 3]`, `opacities` `[N]`, and `colors_linear` `[N, 3]` or `sh`
+/// `[N, (degree + 1)², 3]`. The format of any other file is detected from its content
+/// ([`sharp::gaussian_files`]).
+///
+/// `reading` sets how numbers are stored and, if the file does not say, how colours are encoded;
+/// the rule replaces its blending. Without a `rule`, uses the one that the file states, or SHARP's
+/// if the encoding of colours is known and nothing suggests another rule.
 pub fn read(
     path: &Path,
     reading: impl Into<StoredForm>,
@@ -103,7 +108,7 @@ pub fn read(
             let differs = stated.is_stated && stated.rule != rule;
             let note = (differs && reading.marks != Some(ply::Marks::Ignore)).then(|| {
                 format!(
-                    "drawn by the rule {rule}, as requested, but made for {} ({})",
+                    "rendered by the rule {rule}, as requested, but made for {} ({})",
                     stated.rule, stated.why
                 )
             });
@@ -137,7 +142,8 @@ fn undrawn(gaussians: &Gaussians, rule: &Rule) -> Option<Suspicion> {
     let degree = gaussians.harmonics.degree;
     (degree > rule.degree).then(|| {
         let text = format!(
-            "harmonics above degree {} are not drawn by the rule {rule}; it has some of degree {degree}",
+            "the rule {rule} ignores harmonics above degree {}, but the file has some of degree \
+             {degree}",
             rule.degree
         );
         Suspicion::new("degree", text)
@@ -183,10 +189,10 @@ fn read_as_marked(
                         why,
                     });
                 }
-                let note = format!("drawn by the rule {rule} ({why}); rendering= sets another");
+                let note = format!("rendered by the rule {rule} ({why}); rendering= sets another");
                 Ok((scene, rule, Some(note)))
             }
-            // Report the error of the requested reading.
+            // Report the error of the reading that was requested.
             Err(error) => Err(linear.err().unwrap_or(error)),
         },
     }
@@ -252,7 +258,8 @@ fn read_arrays_as(
     })
 }
 
-/// Reads a scene in any format other than arrays. View-dependent colours are an error if they cannot be blended.
+/// Reads a scene in any format other than arrays. Fails if view-dependent colours cannot be
+/// blended.
 fn read_scene(path: &Path, reading: StoredForm) -> Result<GaussianScene, GaussianFileError> {
     let scene = sharp::gaussian_files::load(path, reading)?;
     let is_lost = scene.is_view_dependent && reading.blending == ColorSpace::Linear;
@@ -280,7 +287,7 @@ pub fn is_sog_folder(path: &Path) -> bool {
     path.join("meta.json").is_file()
 }
 
-/// An f32 array of a safetensors file, little-endian on every machine.
+/// An f32 array of a safetensors file; little-endian, whatever the machine.
 pub(crate) struct Array {
     pub(crate) name: &'static str,
     pub(crate) shape: Vec<usize>,
@@ -465,7 +472,7 @@ mod tests {
         }
     }
 
-    /// Encoded values are ½ + 0.28209479 · f_dc; for linear light they are decoded.
+    /// Encoded values are ½ + 0.28209479 · f_dc; decode them for linear light.
     #[test]
     fn an_encoding_alone_keeps_linear_light_and_says_so() {
         let text = ply(&[], &NORMALS);

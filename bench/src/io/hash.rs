@@ -27,7 +27,7 @@ pub struct HashedFile {
     stamp: Mutex<Option<FileStamp>>,
 }
 
-/// Metadata that changes with a file's content.
+/// Metadata that changes when a file's content does.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct FileStamp {
     len: u64,
@@ -129,13 +129,13 @@ mod tests {
         std::fs::write(&path, "one").unwrap();
         let file = HashedFile::read(&path).unwrap();
         assert!(file.is_unchanged());
-        // The same bytes in another file.
+        // Another file with the same bytes.
         std::fs::write(folder.path().join("new"), "one").unwrap();
         std::fs::rename(folder.path().join("new"), &path).unwrap();
         assert!(file.is_unchanged());
         std::fs::write(&path, "two!").unwrap();
         assert!(!file.is_unchanged());
-        // The content used in between is unknown.
+        // Whoever read the file in between may have used other content.
         std::fs::write(&path, "one").unwrap();
         assert!(!file.is_unchanged());
     }

@@ -5,7 +5,7 @@ use std::time::{Duration, Instant};
 
 use super::counts::counted;
 
-/// Peak resident size, bytes. `None` if the system does not report it (Linux does).
+/// Peak resident size, bytes. `None` if the system does not report it (Linux reports it).
 pub fn peak_bytes() -> Option<u64> {
     let status = std::fs::read_to_string("/proc/self/status").ok()?;
     let line = status.lines().find(|line| line.starts_with("VmHWM:"))?;
@@ -24,8 +24,8 @@ pub fn monotonic() -> Duration {
     START.get_or_init(Instant::now).elapsed()
 }
 
-/// The processor and number of threads, `AMD EPYC 7R13, 8 threads`; timings are comparable only if it is the same.
-/// `None` if the system does not report it.
+/// The processor and number of threads, `AMD EPYC 7R13, 8 threads`. Timings are comparable only if
+/// both are the same. `None` if the system does not report them.
 pub fn cpu_and_threads() -> Option<String> {
     static CPU: OnceLock<Option<String>> = OnceLock::new();
     let cpu = CPU.get_or_init(|| {

@@ -21,7 +21,7 @@ pub enum MaskError {
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct ReadMask {
     pub mask: Mask,
-    /// Number of pixels between black and white; those of 128 and more count.
+    /// Number of pixels between black and white. Of these, levels of 128 and more count as white.
     pub between: usize,
 }
 
@@ -51,7 +51,8 @@ pub fn read(path: &Path) -> Result<ReadMask, MaskError> {
             let [r, g, b] = [0, 1, 2].map(|channel| picture.value(x, y, channel));
             if r != g || g != b {
                 return Err(refused(format!(
-                    "coloured at x {x}, y {y}; a mask is white where pixels count and black elsewhere"
+                    "coloured at x {x}, y {y}; a mask is white for scored pixels and black for the \
+                     others"
                 )));
             }
             // Levels of 128 and more, or floats of 0.5 and more.

@@ -1,14 +1,17 @@
 //! Files: atomic writes, hashes, pictures, renderings, Gaussians, checkpoints.
 //!
-//! * [`atomic_files`]: files that appear complete or not at all; [`hash`]: SHA-256 of bytes and files.
-//! * [`fingerprints`]: hashes of the sources and dependencies that determine a result, by stage.
+//! * [`atomic_files`]: files that appear complete or not at all; [`hash`]: SHA-256 of bytes and
+//!   files.
+//! * [`fingerprints`]: for each stage, a hash of the sources and dependencies that determine its
+//!   results.
 //! * [`observer`]: reports warnings and progress without printing.
-//! * [`pictures`]: pictures in PNG, JPEG, EXR and float arrays; [`rendering_files`]: renderings as PNG, EXR,
-//!   safetensors.
+//! * [`pictures`]: pictures in PNG, JPEG, EXR and float arrays; [`rendering_files`]: renderings as
+//!   PNG, EXR, safetensors.
 //! * [`gaussian_files`]: Gaussians as PLY or safetensors; [`masks`]: masks as files.
 //! * [`movie`]: picture sequences as GIF and MP4.
 //! * [`checkpoint`]: SHARP's official checkpoint: location, integrity, download.
-//! * [`machine`]: processor and peak memory; [`text`]: escaping of untrusted text; `calendar`: days and minutes.
+//! * [`machine`]: processor and peak memory; [`text`]: escaping of untrusted text; `calendar`: days
+//!   and minutes.
 
 pub mod atomic_files;
 pub(crate) mod calendar;

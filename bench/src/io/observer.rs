@@ -2,24 +2,24 @@
 
 /// Receives warnings and progress. Every method does nothing unless overridden, and may be called from any thread.
 pub trait Observer: Sync {
-    /// Reports something the user should know that is not an error.
+    /// Reports a fact that the user should know but that is not an error.
     fn warn(&self, _text: &str) {}
 
-    /// A new phase of work begins, with its name, number of steps (0 if unknown) and unit.
+    /// Begins a phase of work, given its name, number of steps (0 if unknown) and unit.
     fn begin(&self, _phase: &str, _steps: usize, _unit: &'static str) {}
 
-    /// `done` steps of the phase are done; `current` names the one in progress.
+    /// Reports that `done` steps of the phase are done; `current` names the step in progress.
     fn progress(&self, _done: usize, _current: &str) {}
 
-    /// One more step of the phase is done.
+    /// Reports that one more step of the phase is done.
     fn step(&self) {}
 
-    /// One of the finished steps has failed.
+    /// Reports that one of the finished steps failed.
     fn failed(&self) {}
 
     fn end(&self) {}
 
-    /// Whether to stop. Resumable work ends after its current step.
+    /// Whether to stop. Work that can be resumed ends after its current step.
     fn stop(&self) -> bool {
         false
     }

@@ -49,11 +49,12 @@ pub const EXTENSIONS: [&str; 11] = [
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct PictureReading {
     pub rules: PictureRules,
-    /// Transfer function of EXR files; `None` makes an EXR that does not state its own an error.
+    /// Transfer function of EXR files; if `None`, an EXR that does not state its own is an error.
     pub exr: Option<ExrTransfer>,
 }
 
-/// A picture with a note for each conversion that affects scores; each note names its setting.
+/// A picture, and a note for each conversion that affects scores. A note names the setting for its
+/// conversion.
 #[derive(Debug)]
 pub struct ReadPicture {
     pub picture: Picture,
@@ -76,13 +77,13 @@ pub fn read(path: &Path) -> Result<Picture, ReadError> {
     Ok(read_as(path, &PictureReading::default())?.picture)
 }
 
-/// Reads a picture: formats of [`image_file`] as 8 bit; `.exr`, `.npy` and `.safetensors` as floats [H, W, 3] of
-/// sRGB-encoded values in 0..1. An EXR that our renderer wrote is marked as linear and counts as composited over its
-/// background.
+/// Reads a picture: formats of [`image_file`] as 8 bit; `.exr`, `.npy` and `.safetensors` as floats
+/// [H, W, 3] of sRGB-encoded values in 0..1. An EXR written by our renderer is known to be linear
+/// and counts as composited over its background.
 ///
 /// # Errors
-/// Names the file and the reason: unreadable, not a picture, wrong shape, values not finite or outside 0..1, or
-/// something that `reading` must decide.
+/// Names the file and the reason: unreadable, not a picture, wrong shape, values not finite or
+/// outside 0..1, or a choice that `reading` must state.
 pub fn read_as(path: &Path, reading: &PictureReading) -> Result<ReadPicture, ReadError> {
     if path.is_dir() {
         let inside = files::what_lies_in(path);
@@ -114,11 +115,11 @@ pub fn read_as(path: &Path, reading: &PictureReading) -> Result<ReadPicture, Rea
     Ok(ReadPicture { picture, notes })
 }
 
-/// Width and height from the header of a compressed picture; `None` for arrays, whose size in memory is that of their
-/// file. A picture with an EXIF orientation must be read under a stated rule.
+/// Width and height from the header of a compressed picture; `None` for arrays, which need no more
+/// memory than their files. A picture with an EXIF orientation must be read under a stated rule.
 ///
 /// # Errors
-/// As [`read_as`], as far as the header shows.
+/// The errors of [`read_as`] that the header reveals.
 pub fn dimensions(path: &Path, rules: &PictureRules) -> Result<Option<(u32, u32)>, ReadError> {
     match extension(path).as_deref() {
         Some("exr") => return exr_dimensions(path).map(Some),
@@ -132,8 +133,8 @@ pub fn dimensions(path: &Path, rules: &PictureRules) -> Result<Option<(u32, u32)
         (orientation, OrientationRule::Auto) => Err(malformed(
             path,
             format!(
-                "its EXIF orientation is {orientation}: set whether it is read as stored (orientation=stored) or \
-                 turned (orientation=upright)"
+                "its EXIF orientation is {orientation}: choose whether to read it as stored \
+                 (orientation=stored) or turned (orientation=upright)"
             ),
         )),
     }
@@ -179,7 +180,8 @@ fn malformed(path: &Path, reason: impl Into<String>) -> ReadError {
     }
 }
 
-/// Size of the first layer. The header determines how much is allocated, so it is checked against the file's size.
+/// Size of the first layer. It determines how much memory is allocated, so it is checked against
+/// the file's size.
 fn exr_dimensions(path: &Path) -> Result<(u32, u32), ReadError> {
     let bytes = std::fs::metadata(path)
         .map_err(|error| malformed(path, error.to_string()))?
@@ -205,7 +207,8 @@ fn exr_dimensions(path: &Path) -> Result<(u32, u32), ReadError> {
     first.ok_or_else(|| malformed(path, "it has no layer"))
 }
 
-/// Linear light above this changes an 8-bit pixel when clipped to white: half a level above 1.
+/// Linear light above this value changes its 8-bit pixel when clipped to white, because it exceeds
+/// 1 by half a level.
 const BEYOND_WHITE: f32 = 1.0045;
 
 fn read_exr(
@@ -223,7 +226,7 @@ fn read_exr(
              write) or exr=srgb",
         )
     })?;
-    // OpenEXR's colours are premultiplied, so unchanged they lie over black.
+    // OpenEXR's colours are premultiplied: unchanged, they are composited over black.
     let varying = alpha.iter().filter(|alpha| **alpha < 1.0).count();
     let white = match reading.rules.alpha {
         AlphaRule::Refuse if varying > 0 && !is_ours => {
@@ -247,7 +250,7 @@ fn read_exr(
     for (pixel, alpha) in rgb.pixels_mut().zip(alpha.iter()) {
         for value in &mut pixel.0 {
             *value += white * (1.0 - alpha.clamp(0.0, 1.0));
-            // Infinities are refused later, like NaN.
+            // Infinities are rejected later, like NaN.
             if transfer == ExrTransfer::Linear && value.is_finite() {
                 *value = srgb_from_linear(value.clamp(0.0, 1.0));
             }
@@ -315,7 +318,7 @@ fn read_safetensors(path: &Path) -> Result<Picture, ReadError> {
     let [name] = names.as_slice() else {
         return Err(malformed(
             path,
-            format!("{} tensors; a picture is one tensor [H, W, 3]", names.len()),
+            format!("{} tensors; expected one tensor [H, W, 3]", names.len()),
         ));
     };
     let shape = file.shape(name)?.to_vec();

@@ -62,13 +62,13 @@ fn png(
     Ok(bytes)
 }
 
-/// EXR layer attribute with the transfer function of the colours. Other programs' files do not have it, so users must
-/// state theirs.
+/// EXR layer attribute that states the colours' transfer function. Files of other programs lack it,
+/// so users must state the function.
 pub(crate) const TRANSFER: &str = "sharpBenchTransfer";
 
-/// Writes RGB as blended (`R`, `G`, `B`, premultiplied over black), alpha (`A`) and accumulated depth (`Z`: Σ w z,
-/// metres; divide by alpha for the expected depth) as lossless f32. The file records whether it is linear light, so
-/// that reading it as a picture applies the encoding.
+/// Writes RGB as blended (`R`, `G`, `B`, premultiplied over black), alpha (`A`) and accumulated
+/// depth (`Z`: Σ w z, metres; divide by alpha for the expected depth) as lossless f32. The file
+/// states whether RGB is linear light, so that it is encoded if the file is read as a picture.
 pub fn write_exr(path: &Path, rendered: &RenderOutput) -> Result<(), FileError> {
     let [r, g, b] = [0, 1, 2].map(|channel| {
         let values = rendered.rgb.iter().map(|rgb| rgb[channel]);
@@ -108,7 +108,8 @@ fn write_layer(
     let channels = channels
         .iter()
         .map(|(name, values)| AnyChannel::new(name.as_str(), FlatSamples::F32(values.to_vec())));
-    // A fixed order, whichever thread compresses a block first, so that equal pixels give equal bytes.
+    // Store blocks in a fixed order, whichever thread compresses one first, so that equal pixels
+    // give equal bytes.
     let encoding = Encoding {
         line_order: LineOrder::Increasing,
         ..Encoding::FAST_LOSSLESS
@@ -132,7 +133,8 @@ pub fn write_safetensors(path: &Path, rendered: &RenderOutput) -> Result<(), Fil
     write_pixels(path, rendered, "rgb_linear", rendered.rgb.as_flattened())
 }
 
-/// As [`write_safetensors`], but writes `rgb`: in blending space, over the background, not clamped.
+/// Like [`write_safetensors`], but writes `rgb`: in blending space, over the background, not
+/// clamped.
 pub fn write_blended(
     path: &Path,
     rendered: &RenderOutput,
@@ -207,7 +209,7 @@ mod tests {
                 .unwrap();
             pictures::read_as(&path, &linear)
         };
-        // Values up to the precision of half floats, or whose excess is lost in rounding to 8 bit.
+        // Excesses within the precision of half floats, or too small to change the 8-bit value.
         let within = read([0.0, 0.1, 0.2, 0.5, 0.9, 1.0, 1.004, -0.01]).unwrap();
         assert_eq!(within.notes, Vec::<String>::new());
         let bright = read([0.0, 0.1, 0.2, 0.5, 0.9, 1.0, 1.1, 30.0]).unwrap();

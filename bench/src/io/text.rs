@@ -58,8 +58,8 @@ pub fn reason_line(text: &str) -> String {
     shortened(&line, LONGEST_REASON).into_owned()
 }
 
-/// Shortens a text of more than `longest` characters to both of its ends, with the number of omitted characters between
-/// them.
+/// Shortens a text of more than `longest` characters: keeps both ends, with the number of omitted
+/// characters between them.
 pub fn shortened(text: &str, longest: usize) -> Cow<'_, str> {
     let length = text.chars().count();
     if length <= longest {
@@ -75,8 +75,9 @@ pub fn shortened(text: &str, longest: usize) -> Cow<'_, str> {
     .into()
 }
 
-/// Shortens absolute paths to what follows the last slash, for readers on other machines: `/home/me/a.png` becomes
-/// `…/a.png`. A path ends at a blank, a quote or other punctuation that ends a phrase.
+/// For readers on other machines, shortens absolute paths to the part after the last slash:
+/// `/home/me/a.png` becomes `…/a.png`. A path ends at a blank, a quote or other punctuation that
+/// ends a phrase.
 pub fn without_folders(text: &str) -> String {
     let mut out = String::with_capacity(text.len());
     let mut rest = text;
@@ -105,8 +106,8 @@ fn is_formula(text: &str) -> bool {
     start.starts_with(['=', '+', '-', '@', '\t', '\r', '＝', '＋', '－', '＠'])
 }
 
-/// A CSV cell for untrusted text: prefixes `'` if a spreadsheet would evaluate it; [`csv_text`] removes it. Not needed
-/// for numbers.
+/// A CSV cell for untrusted text: prefixes `'` if a spreadsheet would evaluate the text;
+/// [`csv_text`] removes the prefix. Numbers do not need this.
 pub fn csv_cell(text: &str) -> Cow<'_, str> {
     match is_formula(text) {
         true => format!("'{text}").into(),
@@ -114,7 +115,7 @@ pub fn csv_cell(text: &str) -> Cow<'_, str> {
     }
 }
 
-/// CSV of a header and the rows below it.
+/// CSV of a header and rows.
 pub fn csv_bytes<R: IntoIterator<Item: AsRef<[u8]>>>(
     head: impl IntoIterator<Item: AsRef<[u8]>>,
     rows: impl IntoIterator<Item = R>,

@@ -1,4 +1,4 @@
-//! Hashes of the files that a view is read from. A file shared by many views (a laser scan, a list of cameras) is read
+//! Hashes of a view's files. A file shared by many views (a laser scan, a list of cameras) is read
 //! once.
 
 use std::collections::BTreeMap;
@@ -11,14 +11,15 @@ use sharp_datasets::{DatasetError, View, ViewContent};
 use crate::io::atomic_files::FileError;
 use crate::io::hash::{HashedFile, sha256_hex};
 
-/// A file once its hash is known; locked while it is being computed.
+/// A file and its hash, once known; locked while the hash is computed.
 type HashSlot = Arc<Mutex<Option<HashedFile>>>;
 
-/// Hashes of procedural views by the address of their content; the `Arc` keeps that address from being reused.
+/// Hashes of procedural views by the address of their content; holding the `Arc` keeps the address
+/// from being reused.
 type ProceduralHashes = BTreeMap<usize, (Arc<dyn ViewContent>, String)>;
 
-/// Caches file hashes for its lifetime. A file that changes in the meantime keeps its hash; [`changed`](Self::changed)
-/// detects it.
+/// Caches file hashes for as long as it exists. The cached hash of a file is kept if the file
+/// changes; [`changed`](Self::changed) detects that.
 #[derive(Debug, Default)]
 pub(crate) struct ViewHashes {
     files: Mutex<BTreeMap<PathBuf, HashSlot>>,
@@ -53,13 +54,15 @@ impl ViewHashes {
         self.of_roles(view, |_| true)
     }
 
-    /// Hash of a view's camera and photograph, including whatever changes its pixels (lens, mask), without depth.
+    /// Hash of a view's camera and photograph, and of everything else that changes its pixels
+    /// (lens, mask), without depth.
     pub(crate) fn photograph(&self, view: &View) -> Result<String, DatasetError> {
         self.of_roles(view, |role| role != FileRole::Depth)
     }
 
-    /// 16 hexadecimal digits over a view's camera and the bytes of its photograph, mask and depth. Independent of the
-    /// location and names of these files, and of other entries of a shared camera list.
+    /// 16 hexadecimal digits over a view's camera and the bytes of its photograph, mask and depth.
+    /// They do not depend on the location and names of these files, nor on other entries of a
+    /// shared camera list.
     pub(crate) fn short(&self, view: &View) -> Result<String, DatasetError> {
         let mut text = format!("{:?} {:?}\n", view.intrinsics, view.camera_from_world);
         let mut files = view.content.files_by_role();
@@ -117,7 +120,7 @@ impl ViewHashes {
     }
 }
 
-/// Locks a mutex, ignoring poisoning: no holder panics in the middle of a change.
+/// Locks a mutex, ignoring poisoning: no code that holds one panics in the middle of a change.
 pub(crate) fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }

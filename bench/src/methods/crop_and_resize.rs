@@ -1,8 +1,9 @@
-//! Crops and resizes imported pictures for scoring, by the paper's rules for smaller and cropped predictions.
+//! Crops and resizes imported pictures for scoring, by the paper's rules for smaller and cropped
+//! predictions.
 //!
-//! Scores are computed at the target's full resolution. A smaller prediction of the same aspect is enlarged by a named
-//! kernel; a cropped one is compared with the equally cropped target, which its record states. Nothing is padded or
-//! downsized.
+//! Scores are computed at the target's full resolution. A smaller prediction with the same aspect
+//! ratio is enlarged by a named kernel. A cropped one is compared with the target cropped in the
+//! same way; its record states the crop. Nothing is padded or downsized.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -125,8 +126,9 @@ impl FitRules {
         Ok((region != Region::whole(target)).then_some(region))
     }
 
-    /// Reads a picture as 8 bit and resizes it to the part that it covers. A picture whose header has a wrong size is
-    /// not decoded: a small file may hold more pixels than fit in memory.
+    /// Reads a picture as 8 bit and resizes it to the part that it covers. If the size in its
+    /// header is wrong, the picture is not decoded, because a small file may hold more pixels than
+    /// fit in memory.
     pub(super) fn read(
         &self,
         path: &Path,
@@ -140,7 +142,7 @@ impl FitRules {
         }
         let read = pictures::read_as(path, &self.reading).map_err(unreadable)?;
         let fitted = self.fit(read.picture, region, target).map_err(named)?;
-        // No note for conversions that were requested.
+        // Conversions that the user requested are not noted.
         let given: Vec<String> = self
             .reading
             .rules
@@ -192,17 +194,18 @@ impl FitRules {
         if (w, h) == (to_w, to_h) {
             return Ok(None);
         }
-        let sizes = format!("the picture is {w}x{h}, {what} {to_w}x{to_h}");
+        let sizes = format!("the picture is {w}x{h}, but {what} is {to_w}x{to_h}");
         if w > to_w || h > to_h {
             return Err(format!("{sizes}: larger pictures are never reduced"));
         }
-        // The aspect is the same if rounding the smaller picture to whole pixels explains the difference.
+        // The aspect ratios count as equal if they differ only because the smaller picture has
+        // whole pixels.
         let height = f64::from(w) * f64::from(to_h) / f64::from(to_w);
         let width = f64::from(h) * f64::from(to_w) / f64::from(to_h);
         if (height - f64::from(h)).abs() >= 1.0 && (width - f64::from(w)).abs() >= 1.0 {
             return Err(format!(
-                "{sizes}, with another aspect ratio: set which part of the target it shows (crop=center, \
-                 crop=x:y:w:h or crop=sidecar)"
+                "{sizes}, with another aspect ratio: set the part of the target that it shows \
+                 (crop=center, crop=x:y:w:h or crop=sidecar)"
             ));
         }
         self.kernel.map(Some).ok_or_else(|| {
@@ -211,7 +214,7 @@ impl FitRules {
                 .filter(|k| **k != ResizeKernel::Area);
             let names: Vec<&str> = enlarging.map(|k| k.name()).collect();
             format!(
-                "{sizes}: set the kernel to enlarge it with (resize={})",
+                "{sizes}: set a kernel to enlarge it (resize={})",
                 names.join("|")
             )
         })
@@ -297,7 +300,7 @@ mod tests {
         let resized = fit(Some("bicubic"), 32, 24).unwrap();
         assert_eq!(resized.picture.dimensions(), (96, 72));
         assert_eq!(resized.resized_from, Some((32, 24)));
-        // 72 / 96 · 50 is 37.5: both neighbours are that aspect after rounding.
+        // 72 / 96 · 50 is 37.5, so both heights are that aspect ratio after rounding.
         for height in [37, 38] {
             fit(Some("lanczos"), 50, height).unwrap();
         }

@@ -1,4 +1,5 @@
-//! Splats the dataset's own depth: the quality of SHARP's representation with perfect depth and no learning.
+//! Splats the dataset's own depth: shows the quality of SHARP's representation with perfect depth
+//! and no learning.
 
 use std::collections::BTreeMap;
 
@@ -19,11 +20,12 @@ use crate::io::pictures::planes;
 
 /// SHARP's initializer and composer on ground-truth depth, rendered by our renderer.
 ///
-/// The source's depth fills both layers, nearest-resized to a square of [`Self::resolution`] pixels, as the release
-/// resizes everything; the photograph is resized bilinearly with aligned corners. Pooling and the global minimum use
-/// valid pixels only; blocks without one are dropped. Deltas are zero. Gaussians are placed by the affine map E_t E_s⁻¹
-/// K_s⁻¹ with the dataset's own intrinsics, composited over black in linear light, encoded to sRGB and rounded to 8
-/// bit.
+/// The source's depth fills both layers, resized by nearest neighbour to a square of
+/// [`Self::resolution`] pixels, as the release resizes all inputs; the photograph is resized
+/// bilinearly with aligned corners. Pooling and the global minimum use valid pixels only; blocks
+/// without a valid pixel are dropped. Deltas are zero. Gaussians are placed by the affine map E_t
+/// E_s⁻¹ K_s⁻¹ with the dataset's own intrinsics, composited over black in linear light, encoded to
+/// sRGB and rounded to 8 bit.
 ///
 /// Extras: `dropped_blocks` (blocks of both layers without valid depth).
 #[derive(Debug, Clone)]
@@ -116,7 +118,10 @@ impl PredictGaussians for DepthSplat {
         })?;
         if depth.dimensions() != image.dimensions() {
             let (depth, image) = (depth.dimensions(), image.dimensions());
-            let reason = format!("depth is {depth:?} pixels, the photograph {image:?}");
+            let reason = format!(
+                "the depth map is {depth:?} pixels, but the photograph is \
+                                  {image:?}"
+            );
             return Err(MethodError::unsuitable(view, reason));
         }
         let base = self.base_gaussians(image, depth, view)?;

@@ -1,4 +1,5 @@
-//! Settings for reading a Gaussian file: the form of its numbers, and its space relative to the source's camera.
+//! Settings for reading a Gaussian file: how its numbers are stored, and where its space lies
+//! relative to the source's camera.
 
 use std::path::Path;
 
@@ -64,7 +65,8 @@ impl Axes {
         DMat3::from_cols(x, y, z)
     }
 
-    /// Parses axes that are flips of OpenCV's, as the signs of x, y and z. The error lists the possible ones.
+    /// Parses axes that are flips of OpenCV's axes and returns the signs of x, y and z. The error
+    /// lists the accepted values.
     pub fn parse_flip(text: &str) -> Result<[f32; 3], String> {
         let matrix = Self::parse(text).map_or(DMat3::ZERO, Self::matrix);
         let signs = [matrix.x_axis.x, matrix.y_axis.y, matrix.z_axis.z];
@@ -101,7 +103,7 @@ pub struct Placement {
     pub scale: f64,
     /// Map from the file's coordinates, in OpenCV's axes and metres, to its space.
     pub transform: Option<DAffine3>,
-    /// Shift (right, down) of everything as seen by the source's camera, pixels.
+    /// Shift (right, down) of the whole scene as seen by the source's camera, pixels.
     pub shift: [f64; 2],
     /// Horizontal and vertical focal length used to unproject the file's points, as multiples of the source's.
     pub focal: [f64; 2],
@@ -125,7 +127,7 @@ impl Default for Placement {
 pub struct FileReading {
     pub stored: StoredForm,
     pub placement: Placement,
-    /// Rendering rule; `None` for the one that the file states, or else SHARP's.
+    /// Rendering rule; `None` for the rule that the file states, or SHARP's if it states none.
     pub rule: Option<Rule>,
 }
 
@@ -144,7 +146,8 @@ impl Placement {
             space.to_owned(),
             self.axes.name(),
             self.scale.to_string(),
-            // The matrix by columns, not the file's name: the file may change or disappear.
+            // Print the matrix by columns, not the file's name, because the file may change or
+            // disappear.
             self.transform.map_or_else(
                 || "none".to_owned(),
                 |map| map.to_cols_array().map(|v| v.to_string()).join(":"),
@@ -170,7 +173,7 @@ impl Placement {
             }
         };
         let [x, y] = self.shift;
-        // A pixel is a direction, so the shift grows in proportion to depth.
+        // A pixel is a direction, so the shift is proportional to depth.
         let shifted = DMat3::from_cols(DVec3::X, DVec3::Y, DVec3::new(x / fx, y / fy, 1.0));
         let widened = DMat3::from_diagonal(DVec3::new(self.focal[0], self.focal[1], 1.0));
         let space_from_file = self.transform.unwrap_or(DAffine3::IDENTITY) * own;

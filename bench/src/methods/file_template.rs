@@ -43,13 +43,13 @@ impl FileTemplate {
         &self.0
     }
 
-    /// Possible paths in `folder` of the file of a pair, or of a source if `id` is one: first with plain names, then
-    /// with names encoded as in ids. Does not check that the files exist.
+    /// Possible paths in `folder` of the file for `id`, a pair or a source: first with plain names,
+    /// then with names encoded as in ids. Does not check that the files exist.
     pub(super) fn candidates(&self, folder: &Path, id: &str) -> Vec<PathBuf> {
         let encoded = path_of(id);
         let plain = match id.contains("__") {
             true => PairName::decode(id),
-            // Placeholder for the target, which no template of source files names.
+            // Stands in for the target; templates for a source's files do not contain `{target}`.
             false => PairName::decode(&format!("{id}__x")),
         };
         let mut of_parts = encoded.splitn(3, '/');
@@ -72,8 +72,8 @@ impl FileTemplate {
             .collect()
     }
 
-    /// The first of the [candidates](Self::candidates) that is there. `absent` is what the error says is missing, and
-    /// the key of the template's option.
+    /// The first of the [candidates](Self::candidates) that exists. `absent` is used in the error:
+    /// what is missing, and the key of the template's option.
     pub(super) fn find(
         &self,
         folder: &Path,
@@ -111,8 +111,8 @@ fn is_below(path: &Path) -> bool {
     parts.clone().next().is_some() && parts.all(|part| matches!(part, Component::Normal(_)))
 }
 
-/// A message with the template that finds the most of the pairs' files in a folder; `None` if none finds any.
-/// `extensions` are those of the method's files.
+/// A message with the template that finds the most of the pairs' files in a folder; `None` if no
+/// template finds any. `extensions` are those of the method's files.
 pub(super) fn suggestion(
     folder: &Path,
     ids: &BTreeSet<String>,
@@ -146,7 +146,7 @@ pub(super) fn suggestion(
     });
     let (there, all, template) = found.max_by_key(|(there, ..)| *there)?;
     Some(format!(
-        "none of its files was found, but {there} of {all} exist with file={}",
+        "none of its files were found, but {there} of {all} exist with file={}",
         template.text()
     ))
 }

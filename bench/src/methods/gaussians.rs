@@ -30,20 +30,22 @@ const LEAST_SHIFT: f64 = 0.75;
 
 /// Extras that count Gaussians dropped by the renderer, and the reasons as text.
 pub const UNUSABLE: [(&str, &str); 2] = [
-    ("not_finite", "hold values that are not finite"),
+    ("not_finite", "have values that are not finite"),
     ("zero_quaternions", "have a quaternion of zero"),
 ];
 
-/// Reads `DIR/<dataset>/<scene>/<source>.ply` or another of [`EXTENSIONS`] (percent-encoded like pair ids), or a folder
-/// of that name with an unpacked SOG. With `space=world`, falls back to `DIR/<dataset>/<scene>.ply`; with
-/// `space=target`, reads `DIR/<pair_id>.ply`. `file=` overrides the path with a template of `{dataset} {scene} {source}
-/// {target} {pair}`.
+/// Reads `DIR/<dataset>/<scene>/<source>.ply` or another of [`EXTENSIONS`] (percent-encoded like
+/// pair ids), or a folder of that name with an unpacked SOG. With `space=world`, falls back to
+/// `DIR/<dataset>/<scene>.ply`; with `space=target`, reads `DIR/<pair_id>.ply`. `file=` overrides
+/// the path with a template of `{dataset} {scene} {source} {target} {pair}`.
 ///
-/// Unless [`FileReading`]'s settings say otherwise, the Gaussians are in the source's camera space, metres, OpenCV
-/// axes: the output of `sharp predict` and `sharp-bench predict`. Any camera stored in a file is ignored; the dataset's
-/// poses and intrinsics place and render the Gaussians. Colours of a PLY that does not state their encoding need
-/// `color_space=`. Gaussians that are not finite or have a zero quaternion are dropped, counted in the extras
-/// `not_finite` and `zero_quaternions`, and warned about; so are stored numbers that contradict the reading.
+/// Unless [`FileReading`]'s settings say otherwise, the Gaussians are in the source's camera space,
+/// metres, OpenCV axes, as written by `sharp predict` and `sharp-bench predict`. Any camera stored
+/// in a file is ignored: the dataset's poses and intrinsics place and render the Gaussians. If a
+/// PLY does not state the encoding of its colours, `color_space=` must. Gaussians that are not
+/// finite or have a quaternion of zero are dropped, counted in the extras `not_finite` and
+/// `zero_quaternions`, and warned about. Stored numbers that contradict the settings also cause a
+/// warning.
 #[derive(Debug)]
 pub struct GaussianFiles {
     label: String,
@@ -51,14 +53,14 @@ pub struct GaussianFiles {
     depth: TrueDepth,
     /// Whether `align=pose` was given.
     aligned: bool,
-    /// The views that the method was trained on, if `train=` names them.
+    /// The views that the method was trained on, if given by `train=`.
     train: Option<TrainingViews>,
     several_views: bool,
     /// The settings as given.
     reading: FileReading,
-    /// Template of the scenes' transform files, if each has its own.
+    /// Template for the paths of the scenes' transform files, if each scene has its own.
     transform: Option<FileTemplate>,
-    /// Template of the files, if not the default.
+    /// Template for the files' paths, if not the default.
     file: Option<FileTemplate>,
     /// Whether `axes=` was given; SPZ files need it.
     has_axes: bool,
@@ -85,13 +87,14 @@ impl GaussianFiles {
         let aligned = match spec.option("align") {
             None | Some("none") => false,
             Some("pose") => true,
-            Some(other) => return Err(spec.error(format!("align={other}: none or pose"))),
+            Some(other) => return Err(spec.error(format!("align={other}: expected none or pose"))),
         };
         let train = match spec.option("train") {
             None | Some("source") => None,
             Some(text) => Some(TrainingViews::read(text).map_err(|reason| spec.refused(reason))?),
         };
-        // A file shared by all sources of a scene was made from more than one of them, unless the user says otherwise.
+        // If all sources of a scene share a file, it was made from several views, unless the user
+        // says otherwise.
         let is_of_scene = reading.placement.space == FileSpace::World
             && match &file {
                 Some(template) => !template.names(&["source", "target", "pair"]),
@@ -111,7 +114,7 @@ impl GaussianFiles {
         })
     }
 
-    /// The id that names a pair's file: the source's, or the pair's if each target has a file.
+    /// The id that a file is named after: the pair's if each target has a file, else the source's.
     fn file_id<'p>(&self, pair_id: &'p str) -> &'p str {
         match self.needs_target() {
             true => pair_id,
@@ -129,7 +132,7 @@ impl GaussianFiles {
         found.map(Some)
     }
 
-    /// The file for the id of [`Self::file_id`].
+    /// The file for an id returned by [`Self::file_id`].
     fn find(&self, id: &str) -> Result<PathBuf, MethodError> {
         if let Some(template) = &self.file {
             let is_there = |path: &Path| path.is_file() || is_sog_folder(path);
@@ -155,14 +158,14 @@ impl GaussianFiles {
             });
             let reason = match other.into_iter().next() {
                 None => looked,
-                Some((format, name)) => format!("{looked}, but {name} is there: {format}"),
+                Some((format, name)) => format!("{looked}, but {name} exists: {format}"),
             };
             MethodError::file(&self.dir.join(id), reason)
         })
     }
 }
 
-/// Size of a file, or of the files in a folder, bytes.
+/// Size of a file, or total size of a folder's files, bytes.
 fn size(path: &Path) -> u64 {
     let of_file = |path: &Path| std::fs::metadata(path).map_or(0, |about| about.len());
     let inside = std::fs::read_dir(path).map(|entries| {
@@ -172,16 +175,16 @@ fn size(path: &Path) -> u64 {
     inside.unwrap_or_else(|_| of_file(path))
 }
 
-/// A warning if a file was made for another principal point than the dataset's; SHARP assumes the middle of the
-/// photograph.
+/// A warning if a file was made for another principal point than the dataset's. SHARP assumes that
+/// it is the centre of the photograph.
 fn other_principal_point(stored: &Intrinsics, own: &Intrinsics) -> Option<String> {
     let is_same_size = (stored.width, stored.height) == (own.width, own.height);
     let by = [stored.cx - own.cx, stored.cy - own.cy].map(|by| (by * 1000.0).round() / 1000.0);
     let [x, y] = by;
     (is_same_size && by.iter().any(|by| by.abs() > LEAST_SHIFT)).then(|| {
         format!(
-            "it was predicted with the principal point ({:.1}, {:.1}), the dataset's is ({:.1}, {:.1}): \
-             `shift={x}:{y}` corrects this",
+            "it was predicted with the principal point ({:.1}, {:.1}), but the dataset's is \
+             ({:.1}, {:.1}): `shift={x}:{y}` corrects this",
             stored.cx, stored.cy, own.cx, own.cy
         )
     })
@@ -337,7 +340,7 @@ impl PredictGaussians for GaussianFiles {
             .filter(|&k| gaussians.is_finite(k))
             .collect();
         if finite.is_empty() {
-            return Err(MethodError::file(&path, "it holds no finite Gaussian"));
+            return Err(MethodError::file(&path, "it has no finite Gaussian"));
         }
         let zero = finite
             .iter()
@@ -363,7 +366,7 @@ impl PredictGaussians for GaussianFiles {
             first_layer: None,
             extras,
             rule: (rule != Rule::SHARP).then_some(rule),
-            // Files in a target's space are not tried in other spaces.
+            // A file in the target's space is not tried in other spaces.
             reading: (placement.space != FileSpace::Target).then_some(FileReading {
                 stored,
                 placement,
@@ -372,7 +375,7 @@ impl PredictGaussians for GaussianFiles {
             rule_note,
             warnings: doubts
                 .into_iter()
-                // A rotation about z is then explained by the axes.
+                // If the axes are not OpenCV's, they already explain a rotation about z.
                 .filter(|d| d.about != StoredQuaternions::KEY || placement.axes == Axes::OPENCV)
                 .filter(|d| d.about != AXES)
                 .map(|doubt| {

@@ -19,20 +19,22 @@ use crate::scoring::Region;
 
 /// Reads a folder of predicted pictures.
 ///
-/// Subfolders follow the pair id: `DIR/dataset/scene/source__target.png`; `file=` overrides this with a template of
-/// `{dataset} {scene} {source} {target} {pair}`. `alpha=`, `color=`, `orientation=` and `exr=` set how to read pictures
-/// that are not opaque, upright sRGB ([`PictureReading`](crate::io::pictures::PictureReading)); every picture is
-/// rounded to 8 bit, like every other prediction.
+/// Subfolders follow the pair id: `DIR/dataset/scene/source__target.png`; `file=` overrides this
+/// with a template of `{dataset} {scene} {source} {target} {pair}`. `alpha=`, `color=`,
+/// `orientation=` and `exr=` set how to read pictures that are not opaque, upright sRGB
+/// ([`PictureReading`](crate::io::pictures::PictureReading)). Like all predictions, the pictures
+/// are rounded to 8 bit.
 ///
-/// A picture whose size is not the target's is an error unless `resize=KERNEL` sets how a smaller one of the same
-/// aspect is enlarged, or `crop=` sets the part of the target that it covers: `x:y:w:h` in pixels of the target,
-/// `center:W:H` for the largest part of that aspect in the middle, `center` for the picture's own aspect, `sidecar` for
-/// `DIR/<pair_id>.json` with `{"crop": [x, y, width, height]}`.
+/// A picture must have the target's size, unless `resize=KERNEL` sets how a smaller one with the
+/// same aspect ratio is enlarged, or `crop=` sets which part of the target it covers: `x:y:w:h` in
+/// pixels of the target, `center:W:H` for the largest centred part with that aspect ratio, `center`
+/// for the largest with the picture's own, `sidecar` for `DIR/<pair_id>.json` with
+/// `{"crop": [x, y, width, height]}`.
 #[derive(Debug, Clone)]
 pub struct Imported {
     label: String,
     dir: PathBuf,
-    /// Template of the pictures' paths, if not the default.
+    /// Template for the pictures' paths, if not the default.
     file: Option<FileTemplate>,
     fit: FitRules,
 }
@@ -97,7 +99,7 @@ impl Imported {
                 let other = second.file_name().unwrap_or_default().to_string_lossy();
                 Err(MethodError::file(
                     first,
-                    format!("ambiguous, {other} exists too"),
+                    format!("ambiguous, because {other} exists too"),
                 ))
             }
         }

@@ -81,7 +81,9 @@ pub const KINDS: [MethodKind; 8] = [
             &FileReading::PLACEMENT_KEYS,
             &[FileReading::RULE_KEY],
         ],
-        summary: "Gaussians made elsewhere, DIR/<dataset>/<scene>/<source>.ply|safetensors|spz|sog|splat, rendered by us",
+        summary: "Gaussians made elsewhere, \
+                  DIR/<dataset>/<scene>/<source>.ply|safetensors|spz|sog|splat, rendered by \
+                  sharp-bench",
         settings: "dir=DIR, file={scene}.ply for another layout, rendering=inria|gsplat-classic|mip-splatting|… for the rule they were made for, \
                   depth=none, or privileged: scaled by the median of true over rendered depth, color_space=linear|srgb for PLYs \
                   that do not state it; if the numbers are stored in another form: opacity=linear|byte, scales=linear|log-variance, \
@@ -115,9 +117,9 @@ pub const KINDS: [MethodKind; 8] = [
 /// A method with its spec; `None` for a method passed in as code.
 pub type BuiltMethod = (Option<MethodSpec>, Box<dyn Method>);
 
-/// Builds the methods; labels must be unique. For each method with aligned targets, adds the same method without
-/// alignment unless it is already listed, because an aligned score means little alone. `chooser` picks the scale for
-/// methods that predict several.
+/// Builds the methods; labels must be unique. An aligned score means little alone, so each method
+/// that aligns targets is accompanied by the same method without alignment, added if it is not
+/// listed. `chooser` picks the scale for methods that predict several.
 pub fn build(
     specs: &[MethodSpec],
     chooser: Option<&Arc<ScaleChooser>>,

@@ -85,14 +85,14 @@ impl<'a> SourceView<'a> {
         self.image
     }
 
-    /// Ground-truth z-depth in metres, 0 where unknown. `None` unless the method has the [`Privilege`] to see it and
-    /// the dataset provides it.
+    /// Ground-truth z-depth in metres, 0 where unknown. `None` if the dataset has none, or the
+    /// method does not have the [`Privilege`] to see it.
     pub fn depth(&self) -> Option<&'a DepthMap> {
         self.depth
     }
 }
 
-/// The target's camera, the only thing a method knows about the target.
+/// The target's camera; a method knows nothing else about the target.
 #[derive(Debug, Clone, Copy)]
 pub struct TargetCamera<'a> {
     pair_id: &'a str,
@@ -139,7 +139,8 @@ pub struct PicturePrediction {
     pub resized_from: Option<(u32, u32)>,
     /// Extra values that the method reports; each becomes a column.
     pub extras: BTreeMap<String, f64>,
-    /// Implicit conversions of the file, one sentence each that names the setting.
+    /// Conversions of the file that nobody requested: one sentence each, which names the setting
+    /// for it.
     pub notes: Vec<String>,
 }
 
@@ -167,7 +168,7 @@ pub enum GaussianSpace {
     /// The source's normalised space: the picture's edges are at ±1, z is in metres. Placed by E_t E_s⁻¹ K_s⁻¹.
     #[default]
     Normalized,
-    /// A space that this map transforms to the source camera's, metres.
+    /// A space that this affine map transforms to the source camera's space, metres.
     Camera(DAffine3),
 }
 
@@ -179,24 +180,26 @@ impl GaussianSpace {
 /// Gaussians predicted from a source for all targets.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct GaussianPrediction {
-    /// Gaussians with colours in the space that the rule blends.
+    /// Gaussians with colours in the rule's blending space.
     pub gaussians: Gaussians,
     /// Rendering rule; `None` for SHARP's under the run's settings.
     pub rule: Option<Rule>,
     pub space: GaussianSpace,
-    /// The network's first depth layer, metres; it is aligned to the true depth for methods with that [`Privilege`].
+    /// The network's first depth layer, metres. If the method has the [`Privilege`], it is aligned
+    /// to the true depth.
     pub first_layer: Option<DepthMap>,
     /// Extra values that the method reports; each becomes a column.
     pub extras: BTreeMap<String, f64>,
     /// How the Gaussians were read, if from an external file.
     pub reading: Option<FileReading>,
-    /// Warnings about that reading, by topic.
+    /// Warnings about how the file was read, by topic.
     pub warnings: BTreeMap<String, String>,
-    /// Why this rendering rule was chosen, if nobody stated it.
+    /// Why this rendering rule was chosen, if it was stated neither by the file nor by the user.
     pub rule_note: Option<String>,
 }
 
-/// Everything besides the pair that a method's predictions depend on, printed as `kind(key=value,…)`.
+/// Everything except the pair that a method's predictions depend on, printed as
+/// `kind(key=value,…)`.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub struct MethodIdentity {
     /// The kind in `--method KIND`.
@@ -274,8 +277,9 @@ pub trait Method: Send + Sync {
     /// Everything about the instance that a prediction depends on.
     fn identity(&self) -> MethodIdentity;
 
-    /// Hash of the predicting code, so that changed code predicts again; see [`fingerprints`](crate::io::fingerprints).
-    /// External methods put a version into their identity instead.
+    /// Hash of the predicting code, so that predictions are renewed when it changes; see
+    /// [`fingerprints`](crate::io::fingerprints). External methods have a version in their identity
+    /// instead.
     fn sources(&self) -> &'static str {
         ""
     }
@@ -302,7 +306,7 @@ pub trait Method: Send + Sync {
     /// Checks for the files of the pairs with these ids, before the first prediction.
     ///
     /// # Errors
-    /// If none of the files is where it is expected, but some are elsewhere; the error says where.
+    /// If no file is at its expected place, but some are elsewhere; the error says where.
     fn check_files(&self, _pair_ids: &BTreeSet<String>) -> Result<(), String> {
         Ok(())
     }

@@ -1,14 +1,15 @@
 //! Methods that predict a target view from a source view.
 //!
 //! * [`method`]: the traits, with their input and output.
-//! * [`spec`]: an instance on the command line, `KIND[:key=value,…]`; [`kinds`]: builds instances from specs.
+//! * [`spec`]: an instance on the command line, `KIND[:key=value,…]`; [`kinds`]: builds instances
+//!   from specs.
 //! * [`trivial`]: `target`, `copy` and `mean`, the ends of the scale.
 //! * [`depth_splat`]: the dataset's depth, splatted by SHARP's own initializer and composer.
 //! * [`sharp`]: the SHARP network.
-//! * [`gaussians`]: Gaussians of an external method; [`file_reading`]: how their files are read. `file_template`: paths
-//!   of the files; `placement_file`: transforms of their Gaussians.
-//! * [`imported`]: pictures of an external method; `crop_and_resize`: rules for cropped and smaller ones;
-//!   [`scale_sweep`]: pictures at several scales.
+//! * [`gaussians`]: Gaussians of an external method; [`file_reading`]: how their files are read.
+//!   `file_template`: paths of the files; `placement_file`: transforms of their Gaussians.
+//! * [`imported`]: pictures of an external method; `crop_and_resize`: rules for cropped and smaller
+//!   pictures; [`scale_sweep`]: pictures at several scales.
 //! * [`command`]: an external program, queried pair by pair.
 
 pub mod command;

@@ -34,7 +34,7 @@ pub(super) fn read(path: &Path) -> Result<DAffine3, String> {
     };
     let (Some([x, y, z]), None | Some([0.0, 0.0, 0.0, 1.0])) = (rows.first_chunk(), rows.get(3))
     else {
-        return Err("expected three rows, or four with the last being 0 0 0 1".to_owned());
+        return Err("expected three rows, or four, the last of which is 0 0 0 1".to_owned());
     };
     let linear =
         DMat3::from_cols_array_2d(&[x, y, z].map(|row| [row[0], row[1], row[2]])).transpose();

@@ -20,10 +20,10 @@ pub struct Privilege {
 pub enum TrueDepth {
     #[default]
     None,
-    /// Its scale only: predicted Gaussians are scaled about the source camera by the median of true over predicted
-    /// depth (the paper's "privileged depth evaluation", eq. global_scale). The predicted depth is the method's first
-    /// depth layer, or else the depth of its Gaussians as rendered in the source camera. The method itself sees no
-    /// depth.
+    /// Only its scale: predicted Gaussians are scaled about the source camera by the median of true
+    /// over predicted depth (the paper's "privileged depth evaluation", eq. global_scale). The
+    /// predicted depth is the method's first depth layer, or else the depth of its Gaussians
+    /// rendered from the source camera. The method itself does not see the true depth.
     DepthScale,
     SourceDepth,
 }
@@ -40,7 +40,8 @@ impl Privilege {
         }
     }
 
-    /// One phrase per privilege, except for methods that see the depth itself, whose descriptions state it.
+    /// One phrase per privilege. The privilege to see depth is omitted, because those methods'
+    /// descriptions state it.
     pub fn phrases(self) -> impl Iterator<Item = &'static str> {
         let scale = self.depth == TrueDepth::DepthScale;
         [

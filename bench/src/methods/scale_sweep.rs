@@ -13,8 +13,8 @@ use crate::scoring::ScaleChooser;
 
 /// Reads `DIR/<scale>/<pair_id>.png` for every scale and keeps the best.
 ///
-/// A pair with a missing picture at any scale is a failure, because the best of fewer scales is not comparable. Ties go
-/// to the scale named first.
+/// If a pair's picture is missing at any scale, the pair fails, because the best of fewer scales is
+/// not comparable. Ties go to the scale listed first.
 ///
 /// Extras: `best_scale`, `scales_tried`, and those of [`Imported`].
 #[derive(Debug)]

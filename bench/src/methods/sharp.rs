@@ -36,7 +36,7 @@ impl Sharp {
     pub const OPTIONS: [&'static str; 5] =
         ["checkpoint", "config", "depth", "device", "allow_unused"];
 
-    /// Key of the identity with remarks on reading the checkpoint.
+    /// Key in the identity for notes on how the checkpoint was read.
     pub const NOTE: &'static str = "note";
 
     /// Parses the options; the weights are loaded at the first prediction.
@@ -66,8 +66,8 @@ impl Sharp {
             ..named.map_err(|error| refused(&error))?
         };
         let sharp = Self::new(&spec.label, network, depth).map_err(|error| refused(&error))?;
-        // The official checkpoint, if found rather than named, must be the one used before. An unwritable cache is not
-        // an error.
+        // An official checkpoint that was found rather than named must be the one used before. An
+        // unwritable cache is not an error.
         if let (None, Some(record)) = (checkpoint, record_file()) {
             let Self {
                 network, identity, ..

@@ -66,11 +66,11 @@ impl MethodSpec {
         match self.options.keys().find(|k| !known.contains(&k.as_str())) {
             None => Ok(()),
             Some(key) if known.is_empty() => Err(self.error(format!(
-                "unknown option '{key}'; {} takes none but label",
+                "unknown option '{key}'; the only option of {} is label",
                 self.kind
             ))),
             Some(key) => Err(self.error(format!(
-                "unknown option '{key}'; {} knows label, {}",
+                "unknown option '{key}'; the options of {} are label, {}",
                 self.kind,
                 known.join(", ")
             ))),
@@ -81,12 +81,12 @@ impl MethodSpec {
         self.options.get(key).map(String::as_str)
     }
 
-    /// Parses `depth=none|privileged`; `privileged` is the use of depth that this kind offers.
+    /// Parses `depth=none|privileged`; the argument is what `privileged` means for this kind.
     pub(super) fn depth(&self, privileged: TrueDepth) -> Result<TrueDepth, SpecError> {
         match self.option("depth") {
             None | Some("none") => Ok(TrueDepth::None),
             Some("privileged") => Ok(privileged),
-            Some(other) => Err(self.error(format!("depth={other}: none or privileged"))),
+            Some(other) => Err(self.error(format!("depth={other}: expected none or privileged"))),
         }
     }
 
@@ -187,7 +187,7 @@ pub fn check_label(label: &str) -> Result<(), String> {
     }
     if label.starts_with('.') || label.chars().any(|c| c.is_control() || "/\\".contains(c)) {
         return Err(format!(
-            "label '{}' may not start with a dot or hold a slash or control character",
+            "label '{}' must not start with a dot or contain a slash or control character",
             label.escape_debug()
         ));
     }

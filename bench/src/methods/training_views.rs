@@ -35,7 +35,7 @@ impl TrainingViews {
             names.flatten().map(name_matcher).collect();
         let patterns = patterns.map_err(|error| format!("train={text}: {error}"))?;
         match patterns.is_empty() {
-            true => Err(format!("train={text}: it names no view")),
+            true => Err(format!("train={text}: it lists no view")),
             false => Ok(Self {
                 patterns,
                 sha256: sha256_hex(list.as_bytes()),
@@ -48,7 +48,7 @@ impl TrainingViews {
         &self.sha256[..16]
     }
 
-    /// Whether a pair's source and target are among these views; `None` for an invalid id.
+    /// Whether a pair's source and target were trained on; `None` for an invalid id.
     pub(super) fn hold(&self, pair_id: &str) -> Option<[bool; 2]> {
         let name = PairName::decode(pair_id).ok()?;
         let views = [&name.source, &name.target];

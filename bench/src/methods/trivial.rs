@@ -33,7 +33,7 @@ impl Method for Target {
     }
 }
 
-/// Returns the source photograph unmoved: a method that moves the camera at all must beat it.
+/// Returns the source photograph unchanged. A method that moves the camera at all must beat it.
 pub(super) fn copy(spec: &MethodSpec) -> Box<dyn Method> {
     let identity = MethodIdentity::new("copy", []);
     Box::new(Closure::built_in(
@@ -47,16 +47,17 @@ pub(super) fn copy(spec: &MethodSpec) -> Box<dyn Method> {
 fn copied(source: &SourceView, target: &TargetCamera) -> Result<PicturePrediction, MethodError> {
     let (own, wanted) = (source.image().dimensions(), target.size());
     if own != wanted {
-        let reason =
-            format!("the source is {own:?} and the target {wanted:?} pixels; copy never resizes");
+        let reason = format!(
+            "the source is {own:?} pixels and the target {wanted:?}, but copy never resizes"
+        );
         return Err(MethodError::unsuitable(&source.camera().id, reason));
     }
     Ok(source.image().clone().into())
 }
 
-/// One colour everywhere, the mean of the source's 8-bit sRGB values rounded to nearest.
+/// A single colour: the mean of the source's 8-bit sRGB values, rounded to nearest.
 ///
-/// The paper's sensitivity table uses the mean of the *target*; a method must not see that one.
+/// The paper's sensitivity table uses the mean of the *target*, which a method must not see.
 pub(super) fn mean(spec: &MethodSpec) -> Box<dyn Method> {
     let identity = MethodIdentity::new("mean", [("of", "source".to_owned())]);
     Box::new(Closure::built_in(

@@ -12,7 +12,7 @@ const DENSE: &str = "overlap=given with --overlap-depth DIR (other dense depth, 
                      paper), overlap=sharp-release (the same with depth by SHARP's checkpoint) or overlap=sparse:8 \
                      (the dataset's depth, agreement within 8 pixels)";
 
-/// A line with the counts of a dataset's pairs.
+/// One line with the counts of a dataset's pairs.
 pub fn counted_pairs(dataset: &str, counts: &PairCounts) -> String {
     format!(
         "{dataset}: {}, {}, {}, {}; without depth {}, too little overlap {}, too near {}, too far {}; {} qualify, {} selected",
@@ -29,8 +29,8 @@ pub fn counted_pairs(dataset: &str, counts: &PairCounts) -> String {
     )
 }
 
-/// Advice if views are left out, no pair is selected, or depth is too sparse for the options. `broken` are the views
-/// left out.
+/// Advice if views were left out (`broken`), no pair was selected, or depth is too sparse for the
+/// options.
 pub(super) fn advice(
     dataset: &DatasetSpec,
     counts: &PairCounts,
@@ -61,10 +61,10 @@ fn of_pairs(dataset: &DatasetSpec, counts: &PairCounts, options: &PairOptions) -
         "no set has two views; sets= and remainder= define the sets".to_owned()
     } else if counts.too_near + counts.too_far == counts.considered {
         let farthest = options.max_baseline_m.map_or_else(String::new, |most| {
-            format!(" or farther than max-baseline={most}")
+            format!(" or farther apart than max-baseline={most}")
         });
         format!(
-            "all of its pairs are nearer than min-baseline={}{farthest}",
+            "the cameras of all its pairs are closer than min-baseline={}{farthest}",
             options.min_baseline_m
         )
     } else if sparse {
@@ -78,8 +78,8 @@ fn of_pairs(dataset: &DatasetSpec, counts: &PairCounts, options: &PairOptions) -
     Some(format!("{}: {why}", counted_pairs(name, counts)))
 }
 
-/// A sentence on views that are left out because their files cannot be read, and on their pairs; `None` if there are
-/// none.
+/// Reports the views left out because their files cannot be read, and the pairs lost with them;
+/// `None` if no view was left out.
 fn left_out(name: &str, counts: &PairCounts, broken: &[&Problem]) -> Option<String> {
     let first =
         |problem: &&Problem| format!("{}/{} ({})", problem.scene, problem.view, problem.reason);
@@ -98,15 +98,15 @@ fn left_out(name: &str, counts: &PairCounts, broken: &[&Problem]) -> Option<Stri
     })
 }
 
-/// Maximum number of views named.
+/// Maximum number of left-out views listed by name.
 const NAMED: usize = 3;
 
-/// Says that the overlaps of a dataset's pairs are those of single pixels, if they are.
+/// Warns if depth is sparse, so that overlaps are measured at single pixels.
 pub(super) fn sparse_pairs(counts: &PairCounts, options: &PairOptions) -> Option<String> {
     let is_sparse = counts.is_sparse() && options.depth.is_ground_truth();
     is_sparse.then(|| {
         format!(
-            "{}; so overlaps are measured at single pixels; better use --pair-options {DENSE}",
+            "{}, so overlaps are measured at single pixels; better use --pair-options {DENSE}",
             sparseness(counts)
         )
     })
@@ -147,7 +147,8 @@ fn without_depth(dataset: &DatasetSpec, options: &PairOptions) -> String {
 mod tests {
     use super::*;
 
-    /// Advice on a dataset of 90 pairs from 10 views, with these counts of views with depth and with sparse depth.
+    /// Advice for a dataset of 90 pairs from 10 views, given its counts of views with depth and
+    /// with sparse depth.
     fn said(spec: &str, options: &str, counts: PairCounts) -> Option<String> {
         let counts = PairCounts {
             scenes: 1,
@@ -255,7 +256,7 @@ mod tests {
             ..depth(0, 0)
         };
         let near = said("eth3d=/x", "min-baseline=3", near).unwrap();
-        assert!(near.contains("nearer than min-baseline=3"), "{near}");
+        assert!(near.contains("closer than min-baseline=3"), "{near}");
         let limited = PairCounts {
             qualified: 5,
             ..depth(10, 0)

@@ -1,5 +1,5 @@
-//! The global scale that brings predicted depth to the ground truth's (the paper's equation
-//! `eq:global_scale`): `s = median over p of gt(p) / pred(p)`, adjusted depth `s · pred`.
+//! The global scale from predicted to ground-truth depth (the paper's equation `eq:global_scale`):
+//! `s = median over p of gt(p) / pred(p)`; the adjusted depth is `s · pred`.
 
 use image::Luma;
 use rayon::prelude::*;
@@ -8,7 +8,7 @@ use sharp_datasets::DepthMap;
 use super::PairError;
 use super::valid_depth::{is_valid_depth, median_of};
 
-/// A scale and the number of pixels behind it.
+/// A scale and the number of pixels it is computed from.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct MedianScale {
     pub scale: f64,
@@ -102,10 +102,11 @@ mod tests {
 
     #[test]
     fn a_prediction_of_another_size_is_sampled_at_the_ground_truths_centres() {
-        // A plane in x: centres of a 4-pixel row at 1, 3, 5, 7 of 8; the gt's 8 centres at 0.5, 1.5 …
+        // A plane in x: a 4-pixel row has its centres at 1, 3, 5, 7 of 8; the ground truth's 8
+        // centres are at 0.5, 1.5 …
         let prediction = map(4, 1, &[1.0, 3.0, 5.0, 7.0]);
-        // Inside, the bilinear sample is the plane itself, so the ratio is exactly 2; elsewhere the ground truth is
-        // sparse.
+        // Inside, bilinear samples lie on the plane, so the ratio is exactly 2. The ground truth is
+        // sparse: it has no depth at the other pixels.
         let gt = map(8, 1, &[0.0, 3.0, 5.0, 7.0, 9.0, 11.0, 13.0, f32::NAN]);
         let found = median_scale(&gt, &prediction).unwrap();
         assert_eq!(

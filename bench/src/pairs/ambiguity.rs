@@ -1,5 +1,5 @@
-//! Sensitivity of the pairs to the open choices: changes one choice at a time. The choices are those of [`PairOptions`]
-//! and alternative settings of the datasets' readers.
+//! Sensitivity of the pairs to the open choices: counts the pairs with one choice changed at a
+//! time. Choices are those of [`PairOptions`] and alternative settings of the datasets' readers.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -12,7 +12,7 @@ use super::dataset::OpenDataset;
 use super::options::PairOptions;
 use super::overlap_cache::OverlapCache;
 
-/// Subject of the only choices that also apply to stereo datasets.
+/// The only subject whose choices also apply to stereo datasets.
 const OF_ALL: &str = "sampling";
 
 /// Subject of alternative reader settings.
@@ -60,7 +60,7 @@ pub struct Alternative {
     pub change: String,
     #[serde(rename = "datasets")]
     pub counts: BTreeMap<String, Count>,
-    /// Why pairs cannot be counted under this choice, by dataset.
+    /// By dataset, why pairs cannot be counted under this choice.
     pub unavailable: BTreeMap<String, String>,
 }
 
@@ -76,10 +76,11 @@ pub struct OtherReading {
     pub scenes: Result<Vec<Scene>, String>,
 }
 
-/// Counts pairs under the base options (first result), under each applicable alternative that differs from them, and
-/// under other readings of the datasets. Choices that do not apply to stereo pairs are skipped for datasets that have
-/// only those. Overlaps are measured once per way of measuring and stored in the context's cache, or else in memory.
-/// Calls `advance(done, all)` after each count.
+/// Counts pairs under the base options (first result), under each applicable alternative that
+/// differs from them, and under other readings of the datasets. Datasets of stereo pairs are
+/// counted only under choices that apply to such pairs. Overlaps are measured once per way of
+/// measuring and stored in the context's cache, or in memory if it has none. Calls
+/// `advance(done, all)` after each count.
 pub fn alternatives(
     scenes: &[Scene],
     base: &PairOptions,
@@ -110,7 +111,7 @@ pub fn alternatives(
     let options: Vec<(&str, &str, PairOptions)> = changed
         .filter(|(about, _)| *about == OF_ALL || !of_multi_view.is_empty())
         .filter_map(|(about, change)| Some((about, change, base.with(change).ok()?)))
-        // Another source of depth would need other files.
+        // Another source of depth would need other files, so it replaces only the ground truth.
         .filter(|(_, change, options)| {
             options != base && (!change.starts_with("overlap=") || base.depth.is_ground_truth())
         })
@@ -209,7 +210,8 @@ fn counts(build: &PairBuild, base: &BTreeSet<&str>) -> BTreeMap<String, Count> {
 /// that do not match their camera's size.
 const NO_READINGS: [&str; 2] = ["outside", "camera-size"];
 
-/// Each dataset under every alternative setting of its reader, as far as its files can be opened.
+/// Each dataset under every alternative setting of its reader. If its files cannot be opened that
+/// way, the reason is kept.
 pub fn other_readings(
     datasets: &[OpenDataset],
     only_scenes: Option<&str>,

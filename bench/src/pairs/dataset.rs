@@ -22,9 +22,10 @@ pub struct OpenDataset {
     pub name: String,
     /// The configuration as given.
     pub config: DatasetConfig,
-    /// The reader and its settings, without the folder: everything that determines how files are interpreted.
+    /// The reader and its settings except the folder: everything that determines how files are
+    /// interpreted.
     pub settings: String,
-    /// The settings that interpret the paper.
+    /// Settings that resolve what the paper leaves open.
     pub readings: Vec<DatasetReading>,
     /// Units of the dataset's files.
     pub units: Units,
@@ -60,9 +61,14 @@ impl OpenDataset {
             let is_taken = open.iter().any(|other| other.name == dataset.name);
             if is_taken || dataset.name == ALL_DATASETS {
                 let reason = match is_taken {
-                    true => format!("the name '{}' is taken; give this one NAME:", dataset.name),
+                    true => format!(
+                        "the name '{}' is taken; give this dataset another one with \
+                                     NAME:",
+                        dataset.name
+                    ),
                     false => format!(
-                        "'{ALL_DATASETS}' is the mean over datasets; give this one another NAME:"
+                        "'{ALL_DATASETS}' is reserved for the mean over datasets; give this \
+                         dataset another name with NAME:"
                     ),
                 };
                 return Err(PairError::DatasetSpec {
@@ -81,7 +87,7 @@ impl OpenDataset {
     /// Opens a dataset with the settings recorded by a run, even if a default has changed since.
     ///
     /// # Errors
-    /// As [`Self::open_all`], except that no matching scene is not an error.
+    /// As [`Self::open_all`], but it is no error if no scene matches.
     pub fn open_recorded(
         config: &DatasetConfig,
         recorded: &[DatasetReading],
@@ -104,7 +110,7 @@ impl OpenDataset {
             found.choose(|id| glob.is_match(id), &format!("--scenes {pattern}"));
         }
         let left_out = by_reason(&found.left_out);
-        // If nothing is left and something is broken, report that as the reason.
+        // If no scene is left and some are broken, report the broken ones as the reason.
         let scenes = match found.scenes.is_empty() {
             true => found.all()?,
             false => found.scenes,
@@ -165,8 +171,8 @@ impl OpenDataset {
         groups.map(|group| group.views.len()).sum()
     }
 
-    /// Why a scene was not read, looked up by its id or that of a parent folder; `None` if it was read or does not
-    /// exist.
+    /// Why a scene was not read, given its id or that of a parent folder; `None` if it was read or
+    /// does not exist.
     pub fn leaves_out(&self, scene: &str) -> Option<&LeftOutScenes> {
         let holds = |id: &String| {
             let rest = scene.strip_prefix(id.as_str());
@@ -177,7 +183,8 @@ impl OpenDataset {
         groups.find(|group| group.scenes.iter().any(holds))
     }
 
-    /// Doubts about the dataset's files, one line for all scenes that share it.
+    /// Doubts about the dataset's files, one line each; a doubt shared by several scenes is listed
+    /// once.
     pub fn warnings(&self) -> Vec<String> {
         let mut scenes: BTreeMap<String, Vec<String>> = BTreeMap::new();
         for scene in &self.scenes {
@@ -296,7 +303,7 @@ mod tests {
         let open =
             |readings: &[DatasetReading]| OpenDataset::open_recorded(&config, readings, None);
         let now = open(&[]).unwrap();
-        // An earlier version's default; then an unknown value and an unknown key.
+        // Recorded settings: an earlier version's default, an unknown value, an unknown key.
         let then = open(&[recorded("rectification", "any")]).unwrap();
         let odd = open(&[recorded("rectification", "none"), recorded("left", "im1")]).unwrap();
         let counts = [&now, &then, &odd].map(|open| (open.scenes.len(), open.left_out.len()));

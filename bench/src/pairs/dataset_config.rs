@@ -11,7 +11,7 @@ use sharp_datasets::{DatasetError, DatasetSpec};
 use crate::pairs::PairError;
 use crate::pairs::frame::Frame;
 
-/// Prefix of pair options among a dataset's keys, which avoids collisions with reader settings.
+/// Prefix that distinguishes pair options from reader settings among a dataset's keys.
 const PAIR_OPTION: &str = "pairs.";
 
 /// Prefix of the setting with a dataset's [`Frame`].
@@ -40,7 +40,8 @@ pub struct PairOverrides {
 }
 
 impl PairOverrides {
-    /// Comma-separated `key=value`, as [`PairOptions::with`](crate::pairs::PairOptions::with) takes it.
+    /// Comma-separated `key=value`, the form that
+    /// [`PairOptions::with`](crate::pairs::PairOptions::with) parses.
     pub fn options_text(&self) -> String {
         self.options().join(",")
     }

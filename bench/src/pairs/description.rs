@@ -9,7 +9,8 @@ use sharp_datasets::View;
 
 use super::pair_id::{PairName, path_of};
 
-/// Format version; increased whenever a reader of an earlier `pair.json` would misinterpret it.
+/// Format version; increased whenever a reader written for an earlier `pair.json` would
+/// misinterpret a new one.
 pub const FORMAT: u32 = 1;
 
 /// A pair: both cameras, the motion between them, and the expected output. Contains nothing of the target's content.
@@ -31,7 +32,8 @@ pub struct PairDescription {
     pub target_from_source: [f64; 16],
     /// Location and size of the expected prediction.
     pub prediction: ExpectedPrediction,
-    /// Cameras for methods without metric scale, which render several scales; the best is scored.
+    /// Cameras at several scales for methods without metric scale, which render each; the best
+    /// scale is scored.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub scales: Vec<ScaledCamera>,
     pub conventions: BTreeMap<&'static str, &'static str>,
@@ -109,7 +111,7 @@ impl PairDescription {
     }
 }
 
-/// The camera of a view; of the target, all that a method may know.
+/// The camera of a view. Of the target, a method may know nothing else.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PosedCamera {
     pub id: String,
@@ -208,7 +210,7 @@ mod tests {
             ("synthetic", "a")
         );
         assert_eq!(described.prediction.file, "synthetic/a/x__y.png");
-        // A point in front of the source, transformed with the numbers of the description alone.
+        // Transforms a point in front of the source using only the description's numbers.
         let point = [0.1, -0.2, 3.0, 1.0];
         let m = described.target_from_source;
         let moved: Vec<f64> = (0..3)

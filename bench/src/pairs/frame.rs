@@ -38,7 +38,7 @@ pub enum FrameRule {
     AtMostWidth(u32),
 }
 
-/// Resize and crop parameters for pictures of one size.
+/// How pictures of one size are resized and cropped.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 struct Fit {
     resized: (u32, u32),
@@ -63,7 +63,7 @@ impl Frame {
         )
     }
 
-    /// Resize and crop parameters for a picture of this size. Errors do not name the view.
+    /// How a picture of this size is resized and cropped. Errors do not name the view.
     fn fit(&self, (w, h): (u32, u32)) -> Result<Fit, String> {
         let fit = |resized, size: (u32, u32)| {
             let (rw, rh): (u32, u32) = resized;
@@ -76,7 +76,7 @@ impl Frame {
         };
         let smaller = |to_w: u32, to_h: u32| match w < to_w || h < to_h {
             true => Err(format!(
-                "frame={self}: a view is {w}x{h}, and pictures are only reduced"
+                "frame={self}: a view is {w}x{h}, and pictures are never enlarged"
             )),
             false => Ok(()),
         };
@@ -183,7 +183,8 @@ struct Framed {
 }
 
 impl Framed {
-    /// The range (first, one past the last) of original pixels that row or column `at` of the crop covers.
+    /// The range (first, one past the last) of original pixels covered by row or column `at` of the
+    /// crop.
     fn covered(at: u32, corner: u32, from: u32, resized: u32) -> (u32, u32) {
         let place = |at: u32| f64::from(at) * f64::from(from) / f64::from(resized);
         let (first, end) = (place(at + corner), place(at + corner + 1));

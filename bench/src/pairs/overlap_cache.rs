@@ -1,9 +1,9 @@
 //! Content-addressed cache of measured overlaps.
 //!
-//! A scene's table is keyed by a hash of everything that its numbers depend on: the sources of this program, the
-//! reader's settings, every view's camera and the bytes of its files, the source of depth, and the measuring options.
-//! Sets, thresholds and sampling are not part of the key, so one table serves all of them; it grows with the requested
-//! views.
+//! A scene's table is keyed by a hash of everything that its numbers depend on: the sources of this
+//! program, the reader's settings, every view's camera and the bytes of its files, the source of
+//! depth, and the measuring options. Sets, thresholds and sampling are not part of the key, so all
+//! of them share one table, which grows as more views are requested.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::io::ErrorKind;
@@ -233,7 +233,7 @@ fn read(path: &Path, key: &str, views: usize) -> Result<Option<SceneOverlaps>, S
         return Err("damaged (its checksum differs)".to_owned());
     }
     if !file.content.fits(views) {
-        return Err("it names views that the scene does not have".to_owned());
+        return Err("it lists views that the scene does not have".to_owned());
     }
     Ok(Some(file.content))
 }

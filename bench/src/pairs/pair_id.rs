@@ -1,13 +1,15 @@
 //! The name of a pair: `dataset/scene/source__target`.
 //!
-//! Each of the four parts is percent-encoded from its UTF-8 bytes. ASCII letters and digits, `-`, `.`, `_` and `~` (RFC
-//! 3986's unreserved characters) are kept; everything else, including a `/` within a scene's id, becomes `%XX` with
-//! upper-case digits. Two further rules make the id decodable and a safe relative path:
-//! * a `_` that begins or ends its part, or is next to another `_`, is encoded, so that the only `__` is the one
-//!   between source and target;
-//! * a `.` that begins or ends its part is encoded, so that no part is `.`, `..` or hidden.
+//! Each of the four parts is percent-encoded from its UTF-8 bytes. ASCII letters and digits, `-`,
+//! `.`, `_` and `~` (RFC 3986's unreserved characters) are kept; everything else, including a `/`
+//! within a scene's id, becomes `%XX` with upper-case digits. Two further rules make the id
+//! decodable and a safe relative path:
+//! * a `_` at either end of a part, or next to another `_`, is encoded, so that the only `__` is
+//!   the one between source and target;
+//! * a `.` at either end of a part is encoded, so that no part is `.`, `..` or hidden.
 //!
-//! Any percent-decoder (Python's `urllib.parse.unquote`) can decode it after splitting at `/` and `__`.
+//! After splitting at `/` and `__`, any percent-decoder (Python's `urllib.parse.unquote`) decodes
+//! the parts.
 
 use super::PairError;
 use crate::io::hash::sha256_hex;
@@ -67,12 +69,13 @@ pub fn source_of(pair_id: &str) -> &str {
     pair_id.split("__").next().unwrap_or(pair_id)
 }
 
-/// Maximum length of a file or folder name made from an id, bytes. File systems allow 255, including extensions and
-/// affixes of partial files.
+/// Maximum length of a file or folder name made from an id, bytes. File systems allow 255, but
+/// partial files add affixes and extensions.
 const LONGEST: usize = 180;
 
-/// Converts an id (of a pair, or `dataset/scene/view`) to a relative path without extension. The path equals the id,
-/// except that parts too long for a file name are cut, and end with `~` and the first 16 digits of the part's SHA-256.
+/// Converts an id (of a pair, or `dataset/scene/view`) to a relative path without extension. The
+/// path equals the id, except that a part too long for a file name is cut and ends with `~` and the
+/// first 16 digits of its SHA-256.
 pub fn path_of(id: &str) -> String {
     let parts: Vec<String> = id.split('/').map(short).collect();
     parts.join("/")

@@ -89,7 +89,8 @@ impl ListCompanion {
         serde_json::from_slice(&sharp::files::read(path).ok()?).ok()
     }
 
-    /// Removes the companion of an overwritten list. Keeps other files of that name.
+    /// Removes the companion of an overwritten list. Files of that name that are no companions are
+    /// kept.
     pub fn remove(list: &Path) -> Result<(), FileError> {
         let path = Self::path(list);
         match Self::read(&path) {

@@ -38,7 +38,8 @@ pub struct PairRecipe {
 pub struct BuiltList {
     pub build: PairBuild,
     pub provenance: BTreeMap<String, PairProvenance>,
-    /// A sentence for each dataset without a selected pair, or with depth that is too sparse for the choices.
+    /// One sentence for each dataset that has no selected pair, or whose depth is too sparse for
+    /// the choices.
     pub advice: Vec<String>,
     /// Notes on the pairs of a dataset, for its record.
     pub notes: BTreeMap<String, String>,
@@ -85,13 +86,14 @@ impl PairRecipe {
             return Err(PairError::Recipe(reason));
         }
         if depth != OverlapDepth::SharpRelease && self.overlap_checkpoint.is_some() {
-            let reason = "--overlap-checkpoint is for --pair-options overlap=sharp-release";
+            let reason =
+                "--overlap-checkpoint applies only to --pair-options overlap=sharp-release";
             return Err(PairError::Recipe(reason.to_owned()));
         }
         Ok(self)
     }
 
-    /// The recipe of a dataset: this one, with the dataset's own pair options applied.
+    /// The recipe of a dataset: this one, changed by the dataset's own pair options.
     pub fn of(&self, dataset: &OpenDataset) -> Result<Self, PairError> {
         let own = &dataset.config.pairs;
         let named = |error: PairError| PairError::DatasetSpec {
@@ -184,7 +186,7 @@ impl PairRecipe {
             Some(given) => match given.digest(&dataset.scenes)? {
                 (0, _) => {
                     let reason = format!(
-                        "--overlap-depth: no view of '{}' has a map there",
+                        "--overlap-depth: no map found for any view of '{}'",
                         dataset.name
                     );
                     return Err(PairError::Recipe(reason));

@@ -79,8 +79,8 @@ pub fn sample(pairs: &[(&str, f64)], options: &SamplingOptions) -> Vec<bool> {
     selected
 }
 
-/// At most `limit` pairs of a list: round-robin over datasets, and within each over scenes, with scenes and their pairs
-/// shuffled. A smaller limit gives a subset of a larger one.
+/// At most `limit` pairs of a list: round-robin over datasets, then over the scenes of each.
+/// Scenes, and the pairs of a scene, are shuffled. A smaller limit gives a subset of a larger one.
 pub fn spread<'a>(pairs: &[ResolvedPair<'a>], limit: usize) -> Vec<ResolvedPair<'a>> {
     let names = pairs.iter().map(|p| (&*p.pair.dataset, &*p.pair.scene));
     let chosen = spread_positions(&names.collect::<Vec<_>>(), limit);
@@ -193,9 +193,9 @@ mod tests {
 
     #[test]
     fn the_uniform_draw_is_the_documented_one() {
-        // The first three entries of an independent implementation's shuffle of 0..10: 5, 1, 9.
+        // An independent implementation of the shuffle of 0..10 begins with 5, 1, 9.
         assert_eq!(chosen(&["s"; 10], 3, SamplingRule::Uniform, 0), [1, 5, 9]);
-        // And of 0..7 with seed 3: 2, 4, 6.
+        // The same for 0..7 with seed 3: 2, 4, 6.
         assert_eq!(chosen(&["s"; 7], 3, SamplingRule::Uniform, 3), [2, 4, 6]);
     }
 
@@ -210,7 +210,7 @@ mod tests {
             [&"a", &"b"]
         );
         assert_eq!(scenes(4).len(), 4);
-        // Not the first one of the large scene.
+        // Pairs are shuffled, so the pair drawn from the large scene is not its first.
         assert_ne!(chosen(4)[0], 0);
         for limit in 1..names.len() {
             let (less, more) = (chosen(limit), chosen(limit + 1));

@@ -15,7 +15,7 @@ use crate::io::hash::sha256_hex;
 use crate::io::observer::Observer;
 use crate::io::view_hashes::ViewHashes;
 
-/// Maximum number of scenes checked per dataset, evenly spaced.
+/// Maximum number of scenes checked per dataset; they are evenly spaced.
 const SCENES: usize = 64;
 /// Maximum number of scenes that a warning names.
 const NAMED: usize = 3;

@@ -6,7 +6,7 @@ use sharp_metrics::MetricKey;
 use crate::evaluate::record::finite_or_text;
 use crate::evaluate::results::number;
 
-/// Each metric's score, or the reason for its absence.
+/// Each metric's score, or the reason why it is missing.
 pub type KeyedScores = Vec<(MetricKey, Result<f64, String>)>;
 
 /// The number, or `"inf"`, `"-inf"` or `"nan"` for values that JSON cannot represent.
@@ -26,7 +26,7 @@ pub fn json_scores(scores: &KeyedScores) -> [Map<String, Value>; 2] {
     [values, unavailable]
 }
 
-/// One cell per score, empty if missing, and a last cell with the reasons.
+/// One cell per score, empty if the score is missing, and a last cell with the reasons.
 pub fn csv_cells(scores: &KeyedScores) -> Vec<String> {
     let value = |score: &Result<f64, String>| {
         score

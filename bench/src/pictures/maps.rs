@@ -39,7 +39,8 @@ impl ColourScale {
         different: 0.0,
     };
 
-    /// Position of a value on the scale: 0 at the dark end, 1 at the bright end, outside 0..1 beyond them.
+    /// Position of a value on the scale: 0 at the dark end, 1 at the bright end; below 0 or above 1
+    /// if the value lies beyond them.
     pub fn share(&self, value: f32) -> f32 {
         ((f64::from(value) - self.alike) / (self.different - self.alike)) as f32
     }
@@ -112,8 +113,9 @@ impl LocalMap {
         }
     }
 
-    /// The map in inferno colours, whose lightness grows in equal steps with the difference, so that their order
-    /// survives in grey and under every form of colour blindness; grey for NaN.
+    /// The map in inferno colours; grey for NaN. Lightness grows in equal steps with the
+    /// difference, so that the order of values survives in grey and under every form of colour
+    /// blindness.
     fn picture(&self) -> RgbImage {
         false_colours(&self.values, |value| {
             (!value.is_nan()).then(|| self.scale.share(value))

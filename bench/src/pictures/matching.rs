@@ -13,10 +13,10 @@ use crate::io::pictures;
 pub enum MatchError {
     #[error(transparent)]
     List(#[from] DatasetError),
-    #[error("{}: no picture in it (looked for {}); {inside}", path.display(), pictures::EXTENSIONS.join(", "))]
+    #[error("{}: no picture found in it (looked for {}); {inside}", path.display(), pictures::EXTENSIONS.join(", "))]
     Empty { path: PathBuf, inside: String },
     /// A picture without a counterpart.
-    #[error("{}: no picture of the same {by} in {}", path.display(), other.display())]
+    #[error("{}: no picture with the same {by} in {}", path.display(), other.display())]
     Unmatched {
         path: PathBuf,
         /// The folder that was searched.
@@ -32,7 +32,7 @@ pub enum MatchError {
     },
 }
 
-/// The part of the file name by which two pictures are matched.
+/// The part of the file name that two matching pictures share.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, clap::ValueEnum)]
 pub enum MatchBy {
     /// The file name without its extension: `a.png` and `a.jpg` match
@@ -54,7 +54,8 @@ impl std::fmt::Display for MatchBy {
 /// A prediction and its target.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Match {
-    /// The matching part of the name, preceded by the subfolders below the searched folder; unique among the matches.
+    /// The matching part of the name, preceded by the subfolders below the searched folder; unique
+    /// among the matches.
     pub key: String,
     pub prediction: PathBuf,
     pub target: PathBuf,

@@ -1,8 +1,8 @@
-//! Variants that other packages compute under the names of our metrics. They help to identify a published number and
-//! are never a column.
+//! Variants that other packages compute under the names of our metrics. They help to identify a
+//! published number and are never a column.
 //!
-//! Each form is that of a public package at its defaults. The code is simple rather than fast, because only `metrics
-//! --find` uses it.
+//! Each variant is that of a public package at its defaults. The code is simple rather than fast,
+//! because only `metrics --find` uses it.
 
 use image::{Rgb, Rgb32FImage};
 use sharp_metrics::{
@@ -16,13 +16,14 @@ pub struct OtherForm {
     /// Name, such as `piq.DISTS`.
     pub name: &'static str,
     pub family: Family,
-    /// How it differs from our form, and public code that computes it.
+    /// How it differs from our metric, and which public code computes it.
     pub convention: &'static str,
     pub value: f64,
 }
 
-/// All variants that have a value for two pictures of the same size; `mask` marks the pixels that count. Networks are
-/// taken from `scorer`; variants of a network that it has not loaded are skipped.
+/// All variants that have a value for two pictures of the same size; `mask` marks the pixels that
+/// count. Networks are taken from `scorer`; a variant is skipped if its network is not loaded
+/// there.
 pub fn other_forms(
     scorer: &Scorer,
     prediction: &Picture,
@@ -216,10 +217,11 @@ fn similarity([a, b]: &[Picture; 2]) -> Option<f64> {
     ssim(SsimVariant::Gauss11Valid, a, b, None).ok()
 }
 
-/// Multi-scale SSIM (Wang et al. 2003) with windows inside the coarsest picture, and with reflected borders.
+/// Multi-scale SSIM (Wang et al. 2003): with windows inside the coarsest picture, and with
+/// reflected borders.
 fn multi_scale(pictures: [&Picture; 2]) -> Option<[f64; 2]> {
     const WEIGHTS: [f64; 5] = [0.0448, 0.2856, 0.3001, 0.2363, 0.1333];
-    // Negative values have no real power.
+    // Powers of negative values are not real.
     let power = |value: f64, weight: f64| value.max(0.0).powf(weight);
     let mut product = 1.0;
     let [mut a, mut b] = pictures.map(Picture::clone);

@@ -1,7 +1,7 @@
 //! Published evaluation procedures by name, and the settings of a run that each fixes.
 //!
-//! Every preset follows the rules of the original code, including misleading ones, and states where this harness
-//! differs.
+//! Every preset follows the rules of the original code, even misleading ones, and states where this
+//! harness differs.
 //!
 //! * `table`: the presets; `request`: applies a protocol and opens a configuration.
 
@@ -43,7 +43,7 @@ pub struct Protocol {
     pub mask: PairMask,
     /// Treatment of failed targets.
     pub failures: &'static str,
-    /// Misleading rules that are followed nevertheless.
+    /// Misleading rules that this harness follows nevertheless.
     pub traps: &'static [&'static str],
     /// Differences between this harness and the original.
     pub departures: &'static [&'static str],
@@ -59,7 +59,7 @@ pub enum PairRule {
     List(&'static str),
     /// Only targets are fixed; the user chooses the sources with `--pairs`.
     NoSource(&'static str),
-    /// Cannot be run here, for this reason.
+    /// Cannot be run here; the text says why.
     Refused(&'static str),
 }
 
@@ -153,7 +153,7 @@ impl Protocol {
     pub fn departures(&self) -> Vec<String> {
         let of_pairs = match self.pairs {
             PairRule::NoSource(rule) => Some(format!(
-                "pairs: those of the list that is given; theirs has no source view: {rule}"
+                "pairs: from the given list; this protocol has no source view: {rule}"
             )),
             _ => None,
         };
@@ -196,7 +196,7 @@ impl Protocol {
             },
             PairRule::List(what) => needs(format!("its pairs are {what}; see `pairs import`")),
             PairRule::NoSource(rule) => needs(format!(
-                "it has no source view ({rule}), so the list must state the source of each target"
+                "it has no source view ({rule}), so the list must state a source for each target"
             )),
             PairRule::Refused(reason) => Err(ProtocolError::Refused {
                 protocol: self.name,
@@ -205,7 +205,7 @@ impl Protocol {
         }
     }
 
-    /// Sets a dataset to the protocol's size and, unless it has its own, the protocol's background.
+    /// Sets a dataset to the protocol's size, and to its background unless the dataset sets one.
     fn show(&self, dataset: &mut DatasetConfig) -> Result<(), ProtocolError> {
         let own = dataset.frame;
         let of_protocol = self.frame.map(str::parse::<Frame>).and_then(Result::ok);
@@ -420,7 +420,7 @@ mod tests {
         }
         let error = Protocol::named("nerf").unwrap_err().to_string();
         assert!(error.contains("unisharp"), "{error}");
-        // Additional columns contradict nothing.
+        // Additional columns do not contradict the protocol.
         let more = RunConfig {
             metrics: metrics("dists,psnr,ssim-gauss11-valid-sample,lpips-vgg"),
             ..plain

@@ -1,4 +1,4 @@
-//! Opens everything that a configuration names.
+//! Opens everything that a configuration refers to.
 
 use std::path::Path;
 
@@ -12,24 +12,29 @@ use crate::pairs::{OpenDataset, PairOrigin};
 use crate::scoring::ScoringRules;
 
 impl Request {
-    /// Applies the protocol, opens the datasets and builds the methods of a configuration. With `plan`, a planned run
-    /// folder, the pairs are those of the plan.
+    /// Applies the protocol, opens the datasets and builds the methods of a configuration. If
+    /// `plan` is given, a planned run folder, the pairs are those of the plan.
     ///
     /// # Errors
-    /// If the configuration contradicts its protocol or itself, or names something that does not exist.
+    /// If the configuration contradicts its protocol or itself, or refers to something that does
+    /// not exist.
     pub fn of(config: &RunConfig, plan: Option<&Path>) -> Result<Self, ConfigError> {
         let usage = |reason: &str| Err(ConfigError::Usage(reason.to_owned()));
         let backend = config.backend()?;
         if backend == Backend::Auto {
             return usage(
-                "--backend auto is for `render`: scores must not depend on the machine's hardware; set cpu or wgpu",
+                "--backend auto is only for `render`, because scores must not depend on the \
+                 machine's hardware; set cpu or wgpu",
             );
         }
         if config.limit == Some(0) {
             return usage("--limit 0: no pair to evaluate");
         }
         if config.datasets.is_empty() {
-            return usage("no dataset: --dataset SPEC names one (`datasets list` has the formats)");
+            return usage(
+                "no dataset: give one with --dataset SPEC (`datasets list` shows the \
+                          formats)",
+            );
         }
         let protocol = config
             .protocol

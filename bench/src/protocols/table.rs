@@ -1,4 +1,5 @@
-//! The presets. Facts are taken from reading the original code at the named commits; no code is copied.
+//! The presets. The facts are from reading the original code at the stated commits; no code is
+//! copied.
 
 use super::{Border, PairMask, PairRule, Protocol, Quantised};
 use crate::evaluate::Aggregation;

@@ -1,9 +1,11 @@
-//! Renders many views of one scene: uploads it once, and falls back to the CPU if the device fails.
+//! Renders many views of one scene: uploads the scene once, and falls back to the CPU if the device
+//! fails.
 
 use sharp::gaussians::Gaussians;
 use sharp::render::{Backend, CpuRenderer, RenderError, RenderOutput, RenderView, Renderer};
 
-/// Renders batches of views. After a device is lost or out of memory, all further views are rendered on the CPU.
+/// Renders batches of views. After a device was lost or ran out of memory, all further views are
+/// rendered on the CPU.
 pub struct BatchRenderer {
     device: Option<Box<dyn Renderer>>,
     cpu: CpuRenderer,
@@ -116,7 +118,7 @@ mod tests {
 
     use super::*;
 
-    /// A device that counts its uploads and is lost after a number of views.
+    /// A device that counts uploads, and that is lost after a number of views.
     struct Fragile {
         uploads: Arc<AtomicUsize>,
         views_left: usize,
@@ -219,7 +221,7 @@ mod tests {
             assert_eq!(render(&mut renderer, &views()), expected);
             assert!(renderer.fallback().unwrap().contains("lost"));
             assert!(renderer.name().starts_with("cpu-"));
-            // The device is not tried again.
+            // The lost device is not tried again.
             render(&mut renderer, &views());
             assert_eq!(uploads.load(Ordering::Relaxed), 1);
         }

@@ -1,9 +1,10 @@
-//! Moves a target's camera until the rendering fits its photograph, as done in evaluations of methods without known
-//! poses (NoPoSplat, AnySplat).
+//! Moves a target's camera until the rendering fits its photograph, as done in evaluations of
+//! methods without known poses (NoPoSplat, AnySplat).
 //!
-//! Starts at the shift that brings a small rendering closest to the photograph. Gauss-Newton steps with Levenberg's
-//! damping then reduce the squared difference of sRGB values over the covered pixels, at increasing picture sizes.
-//! Derivatives are central differences of renderings, so that they are exact for every rule and both renderers.
+//! Starts at the shift that brings a small rendering closest to the photograph. Gauss-Newton steps
+//! with Levenberg's damping then reduce the squared difference of sRGB values over the covered
+//! pixels, at increasing picture sizes. Derivatives are central differences of renderings, so that
+//! they apply to every rule and both renderers.
 
 use glam::{DAffine3, DQuat, DVec3};
 use image::imageops::{FilterType, resize};
@@ -20,23 +21,26 @@ use crate::pairs::depth::median_depth_m;
 const WIDEST: u32 = 640;
 /// Minimum picture width, pixels.
 const NARROWEST: u32 = 60;
-/// Minimum low-pass of all pictures but the last, px², so that few Gaussians are smaller than a pixel.
+/// Minimum low-pass for all pictures but the last, px², so that few Gaussians are smaller than a
+/// pixel.
 const LOW_PASS: f32 = 0.3;
-/// The initial shift is searched for in a picture of at most this width, pixels, up to this share of the width.
+/// The initial shift is searched for in a picture of at most this width (pixels), up to this share
+/// of the width.
 const SHIFT: (u32, f64) = (160, 0.1);
-/// Maximum number of steps per width and reach.
+/// Maximum number of steps for each width and reach.
 const STEPS: usize = 20;
 /// Half the distance between the two renderings of a central difference, pixels.
 const REACH: f64 = 0.5;
-/// Half distances of the final rounds at the last width: smaller ones are less affected by single pixels.
+/// Reaches of the final rounds at the last width; with a smaller reach, single pixels have less
+/// effect.
 const FINE_REACHES: [f64; 2] = [0.25, 0.1];
-/// A step smaller than this ends a width, pixels.
+/// No further steps are taken at a width after one smaller than this, pixels.
 const LAST_STEP: f64 = 0.01;
 /// Initial damping, and the damping above which no further step is tried.
 const DAMPING: [f64; 2] = [1e-3, 1e3];
 
-/// A description of the procedure for identities. The procedure is defined by this file, whose hash is part of each
-/// method's code.
+/// Describes the procedure, for identities. This file defines it, and the file's hash is part of
+/// each method's code.
 pub fn procedure() -> String {
     format!(
         "pose ({NARROWEST} to {WIDEST} px wide, at most {STEPS} steps each, until {LAST_STEP} px)"
@@ -46,7 +50,7 @@ pub fn procedure() -> String {
 /// How a camera was moved.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Moved {
-    /// Maps the given camera's coordinates to the moved one's.
+    /// Maps coordinates of the given camera to those of the moved one.
     pub map: DAffine3,
     pub rotation_deg: f64,
     /// Length of the translation, metres.
@@ -69,8 +73,8 @@ struct Level<'a> {
     valid: Option<Vec<bool>>,
 }
 
-/// Moves a camera so that the rendering fits the photograph, which has the size of `intrinsics`, within its mask, if
-/// given. The camera stays in place if nothing is drawn.
+/// Moves a camera so that the rendering fits the photograph inside its mask, if given. The
+/// photograph has the size of `intrinsics`. The camera stays in place if nothing is drawn.
 ///
 /// # Errors
 /// See [`RenderError`].
@@ -137,7 +141,8 @@ impl Level<'_> {
         self.valid.as_ref().is_none_or(|valid| valid[pixel])
     }
 
-    /// The rotation that shifts the rendering by the whole number of pixels that brings it closest to the photograph.
+    /// The rotation that shifts the rendering by whole pixels to where it is closest to the
+    /// photograph.
     fn shifted(&self, output: &RenderOutput) -> DAffine3 {
         let shown = self.shown(output);
         let (width, height) = (shown.width() as i32, shown.height() as i32);
@@ -159,7 +164,7 @@ impl Level<'_> {
                     }
                 }
             }
-            // A few pixels may be alike by chance.
+            // The overlap must not be small: a few pixels may be alike by chance.
             match 4 * count > width * height {
                 true => sum / f64::from(count),
                 false => f64::INFINITY,
@@ -184,7 +189,8 @@ impl Level<'_> {
         ])
     }
 
-    /// Takes steps until they are small; returns their number. Derivatives are differences over twice `reach` pixels.
+    /// Takes steps until one is small; returns their number. Derivatives are differences over twice
+    /// `reach` pixels.
     fn fit(
         &self,
         loaded: &mut dyn LoadedScene,
@@ -330,7 +336,7 @@ fn at_width(whole: Intrinsics, width: u32) -> Intrinsics {
     whole.resized(width, (height.round() as u32).max(1))
 }
 
-/// Pixels that only valid pixels contribute to.
+/// Pixels to which only valid pixels contribute.
 fn shrunk_mask(valid: &Mask, to: Intrinsics) -> Vec<bool> {
     let (width, height) = valid.dimensions();
     let inside = |x: u32, y: u32| valid.values()[(y * width + x) as usize];
@@ -359,7 +365,7 @@ fn shrunk(photograph: &RgbImage, to: Intrinsics) -> Rgb32FImage {
 mod tests {
     use super::*;
 
-    /// A wall of blobs at a distance of 2 to 4 m.
+    /// A wall of blobs, 2 to 4 m away.
     fn blobs() -> Gaussians {
         let mut scene = Gaussians::default();
         let share = |k: usize, of: usize| (k * of % 97) as f32 / 96.0;

@@ -13,16 +13,17 @@ use sharp::render::{
 };
 use sharp_datasets::DepthMap;
 
-/// A pixel with less alpha counts as a hole: it shows more background than surface.
+/// A pixel with alpha below this counts as a hole, because it shows more background than surface.
 pub const HOLE_ALPHA: f32 = 0.5;
 
-/// Settings other than the backend that determine a rendering's pixels. The paper states none of them; the defaults are
-/// the release's, except that the release truncates to 8 bit.
+/// Settings other than the backend that determine a rendering's pixels. The paper states none of
+/// them; the defaults are the release's, except that the release truncates when converting to 8
+/// bit.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct RenderSettings {
     /// Added to both diagonal entries of projected covariances, px², for Gaussians without their own rendering rule.
     pub eps2d: f32,
-    /// Background in the space in which Gaussians are blended.
+    /// Background in the rule's blending space.
     pub background: Background,
     /// Rounding from 0..1 to 8 bit.
     pub quantization: Quantization,
@@ -71,8 +72,8 @@ impl SharedRenderer {
         &self.name
     }
 
-    /// Renders a scene into a camera; `camera_from_scene` may be any affine map. Without a `rule`, uses SHARP's with
-    /// this renderer's low-pass.
+    /// Renders a scene from a camera; `camera_from_scene` may be any affine map. Without a `rule`,
+    /// uses SHARP's with this renderer's low-pass.
     pub fn render(
         &self,
         scene: &Gaussians,

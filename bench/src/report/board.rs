@@ -39,7 +39,7 @@ pub struct DatasetBoard<'a> {
 /// One pair and its predictions.
 #[derive(Debug)]
 pub struct PairBoard<'a> {
-    /// Any record of the pair, for facts that do not depend on the method.
+    /// Any record of the pair; used for facts that do not depend on the method.
     pub facts: &'a Record,
     /// Records by method, in the order of [`Board::methods`]; `None` if the method has no record.
     pub by_method: Vec<Option<&'a Record>>,
@@ -48,11 +48,11 @@ pub struct PairBoard<'a> {
 /// A column group of the tables.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct ReportDataset {
-    /// Name as in the records: chosen by the user, or else the format.
+    /// Name as in the records: the user's choice, or the format by default.
     pub name: String,
     /// Format that the dataset was read as; `None` if only its name is known.
     pub format: Option<String>,
-    /// One line on the dataset and how much of it was read.
+    /// One line that describes the dataset and how much of it was read.
     pub description: String,
     /// Settings and pair options known to differ from the paper, as `key=value`; shown in a footnote of the column.
     pub proxies: Vec<String>,
@@ -67,7 +67,7 @@ pub struct ReportDataset {
 pub struct ReportMethod {
     /// Label as in the records.
     pub label: String,
-    /// One line on the method and its options.
+    /// One line that describes the method and its options.
     pub description: String,
     /// Why this row has no rank (`it is the ground truth itself`); `None` if it is ranked.
     pub unranked: Option<String>,
@@ -78,7 +78,7 @@ pub struct ReportMethod {
     pub is_plotted: bool,
     /// Kernel used to enlarge smaller predictions, if named.
     pub resize_kernel: Option<String>,
-    /// Doubts about its predictions, shown after its label below the first table.
+    /// Doubts about its predictions, shown next to its label below the first table.
     pub doubt: Option<String>,
     /// Notes on the method, shown like `doubt`.
     pub note: Option<String>,
@@ -99,8 +99,8 @@ impl<'a> Board<'a> {
     /// Arranges results.
     ///
     /// # Errors
-    /// If a pair and method has two records, or two records of a pair disagree on its geometry, in which case means
-    /// over them would be meaningless.
+    /// If a pair has two records of one method, or two records of a pair disagree on its geometry:
+    /// means over them would be meaningless.
     pub fn of(results: &'a Results) -> Result<Self, ReportError> {
         let Results {
             manifest, records, ..
@@ -121,7 +121,7 @@ impl<'a> Board<'a> {
             };
             if let Some(what) = differing_fact(pair.facts, record) {
                 return Err(conflict(format!(
-                    "its {what} differs from that in the record of '{}'",
+                    "its {what} differs from the one in the record of '{}'",
                     pair.facts.method
                 )));
             }
@@ -243,7 +243,8 @@ impl ReportDataset {
         self.entry().is_some_and(|entry| entry.may_publish)
     }
 
-    /// The dataset's entry: by format, because users choose names freely; by name if the format is unknown.
+    /// The dataset's entry, found by format, because users choose names freely; by name only if the
+    /// format is unknown.
     pub(super) fn entry(&self) -> Option<&'static DatasetEntry> {
         let name = self.format.as_ref().unwrap_or(&self.name);
         let mut entries = ENTRIES.into_iter();
@@ -264,7 +265,7 @@ pub(super) fn proxies(
     let of_dataset = records.iter().filter(|r| r.dataset == dataset.name);
     let ids: BTreeSet<&str> = of_dataset.map(|record| record.pair_id.as_str()).collect();
     for list in &manifest.pairs.lists {
-        // A limited run does not record how many pairs were selected.
+        // A limited run does not record how many pairs of the list were selected.
         let selected = list.limit.map_or(ids.len(), |_| usize::MAX);
         let choices = list.choices.get(&dataset.name).into_iter();
         for proxy in choices.flat_map(|choices| choices.proxies(&dataset.format, selected)) {
@@ -293,7 +294,7 @@ impl ReportMethod {
         let notes = notes.cloned().collect();
         let doubts = doubts_of(of_method, &identity.kind, record.privilege.depth);
         let joined = |texts: Vec<String>| Some(texts.join("; ")).filter(|text| !text.is_empty());
-        // For example "bicubic [a = -0.75, …]"; the name is enough for a footnote.
+        // The value is, for example, "bicubic [a = -0.75, …]"; its name is enough for a footnote.
         let kernel = identity.settings.get("resize");
         let kernel = kernel.and_then(|text| text.split(' ').next());
         Self {

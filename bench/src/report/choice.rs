@@ -5,9 +5,10 @@ use sharp_metrics::Direction;
 use super::board::{Board, PairBoard};
 use super::column::Column;
 
-/// At most `limit` pairs, each with the index of its dataset. The limit is divided equally among datasets, as far as
-/// they have pairs. Half of each share are the pairs with the largest `badness`; the other half are spread evenly over
-/// the rest or, unless `evenly`, have the smallest.
+/// At most `limit` pairs, each with the index of its dataset. The limit is divided equally among
+/// datasets, except those with too few pairs. Half of a dataset's share are its pairs with the
+/// largest `badness`. The other half are spread evenly over the rest if `evenly`, else have the
+/// smallest `badness`.
 pub(super) fn choose<'a>(
     board: &'a Board<'a>,
     limit: usize,
@@ -72,8 +73,8 @@ fn worst_first<'a>(
     order.into_iter().map(|(pair, _)| pair).collect()
 }
 
-/// Mean over the ranked methods of the first metric with finite scores, negated if higher is better, so that larger is
-/// worse.
+/// How bad a pair's scores are: the mean over the ranked methods of the first metric with finite
+/// scores, negated if higher is better.
 pub(super) fn badness(board: &Board<'_>, pair: &PairBoard<'_>, metrics: &[Column]) -> f64 {
     let mean_of = |metric: &Column| {
         let sign = match metric.direction? {

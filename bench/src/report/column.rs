@@ -42,13 +42,13 @@ const REPORTED: [(&str, &str, usize, &str); 10] = [
         "pose_translation_m",
         "Moved by (m)",
         4,
-        "how far it was moved, metres",
+        "how far the target's camera was moved to fit its photograph, metres",
     ),
     (
         "median_scale",
         "Depth scale",
         3,
-        "the factor that median alignment put on the predicted depth",
+        "the factor by which median alignment scaled the predicted depth",
     ),
     (
         "dropped_blocks",
@@ -66,7 +66,7 @@ const REPORTED: [(&str, &str, usize, &str); 10] = [
         "best_scale",
         "Best scale",
         3,
-        "the scale of the scene whose picture had the least DISTS, of those that the method rendered",
+        "the scale of the scene with the lowest DISTS, among the scales that the method rendered",
     ),
 ];
 
@@ -81,9 +81,9 @@ pub struct Column {
     pub short: String,
     /// Unit such as `dB`; empty for a number without unit.
     pub unit: String,
-    /// Decimals shown; ranks use numbers rounded to them.
+    /// Decimals shown; numbers are ranked after rounding to them.
     pub decimals: usize,
-    /// Which values are better; `None` is not ranked.
+    /// Whether higher or lower values are better; if `None`, values are not ranked.
     pub direction: Option<Direction>,
     /// How the number is computed, including everything that affects its value.
     pub convention: String,
@@ -208,7 +208,7 @@ impl Column {
         heads.collect()
     }
 
-    /// The columns of these metrics, in their order; all columns if `keys` is empty.
+    /// The columns of the metrics in `keys`, in that order; all columns if `keys` is empty.
     ///
     /// # Errors
     /// If a metric has no column.

@@ -71,7 +71,7 @@ impl ReportError {
 /// Why a picture is missing, as a short text shown in its place.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum MissingPicture {
-    #[error("its dataset's terms do not let it be published")]
+    #[error("its dataset's terms do not allow it to be published")]
     NotPublic,
     #[error("the dataset is not available")]
     NoDataset,
@@ -88,8 +88,8 @@ pub enum MissingPicture {
     /// An input of the error map is missing.
     #[error("no {0}")]
     Without(&'static str),
-    /// The pictures of an error map have different sizes. Width and height, pixels.
-    #[error("the prediction has {} × {} pixels, the target {} × {}", prediction.0, prediction.1, target.0, target.1)]
+    /// The pictures of an error map have different sizes: width and height, pixels.
+    #[error("the prediction has {} × {} pixels, but the target has {} × {}", prediction.0, prediction.1, target.0, target.1)]
     Sizes {
         prediction: (u32, u32),
         target: (u32, u32),

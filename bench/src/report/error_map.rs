@@ -87,8 +87,9 @@ pub fn absolute_error(
     }))
 }
 
-/// The error in colour, with `max` at the top of the scale, reduced to fit `side` pixels. Errors are averaged before
-/// colouring, over the pixels that are `scored`; pixels that are mostly not scored are [`hatched`].
+/// The error in colour, with `max` at the top of the scale, reduced to fit `side` pixels. Errors
+/// are averaged over the `scored` pixels before colouring; a reduced pixel is [`hatched`] if most
+/// of it is not scored.
 ///
 /// # Errors
 /// If the sizes differ.
@@ -105,7 +106,7 @@ pub fn picture(
     }))
 }
 
-/// Minimum scored share of a reduced pixel, below which it is hatched.
+/// A reduced pixel is hatched if a smaller share of it is scored.
 const HALF: f32 = 0.5;
 
 /// Values in colour, averaged over the scored pixels and reduced to fit `side`; [`hatched`] if the share of scored
@@ -136,8 +137,8 @@ pub(super) fn averaged(
     })
 }
 
-/// Change of the error between two predictions: vermilion if it grew, blue if it shrank, grey if equal; `max` is at
-/// both ends of the scale. Otherwise like [`picture`].
+/// Change of the error between two predictions: vermilion if it grew, blue if it shrank, grey if
+/// equal. The scale ends at ±`max`. Otherwise like [`picture`].
 ///
 /// # Errors
 /// If the sizes differ.
@@ -193,7 +194,8 @@ mod tests {
 
     #[test]
     fn the_scale_runs_from_black_to_pale_yellow_and_grows_lighter() {
-        // The ends of inferno are (0.001, 0.000, 0.014) and (0.988, 0.998, 0.645); the fit is off by up to 4/255.
+        // Inferno's ends are (0.001, 0.000, 0.014) and (0.988, 0.998, 0.645); the polynomials
+        // differ by up to 4/255.
         assert!(colour(0.0).0.iter().all(|c| *c <= 2), "{:?}", colour(0.0));
         let Rgb([r, g, b]) = colour(1.0);
         assert!(r.abs_diff(252) <= 4 && g.abs_diff(255) <= 4 && b.abs_diff(164) <= 4);
@@ -220,13 +222,13 @@ mod tests {
                 .get_pixel(0, 0),
             &colour(0.0)
         );
-        // Unscored pixels do not affect their neighbours' error at any size.
+        // At any size, unscored pixels do not affect the error of their neighbours.
         let half = picture(&a, &b, |x, _| x == 1, 60.0 / 765.0, 100).unwrap();
         assert_eq!(
             (half.get_pixel(0, 0), half.get_pixel(1, 0)),
             (&hatched(0, 0), &colour(1.0))
         );
-        // b is better than a by the full scale; an unchanged pixel is grey.
+        // b is better than a by the full scale at one pixel; the unchanged pixel is grey.
         let target = RgbImage::from_fn(2, 1, |x, _| {
             if x == 0 {
                 Rgb([40, 20, 0])

@@ -23,9 +23,10 @@ pub(super) const PAIRS_IN_FILE: usize = 24;
 pub(super) const ERROR_MAX: f32 = 0.5;
 /// Change of the absolute error at both ends of its colour scale.
 pub(super) const CHANGE_MAX: f32 = 0.2;
-/// Minimum side in a single-file page, pixels; it shows fewer pairs rather than smaller pictures.
+/// Minimum side of pictures in a single-file page, pixels. To save space, the page shows fewer
+/// pairs rather than smaller pictures.
 const MIN_SIDE: u32 = 240;
-/// Minimum side in a folder, which shows all pairs, pixels.
+/// Minimum side of pictures in a folder, pixels. A folder shows all pairs.
 const MIN_SIDE_IN_FOLDER: u32 = 96;
 /// Number of pairs per dataset that are encoded to estimate the size of all pictures.
 const PROBES: usize = 5;
@@ -37,7 +38,7 @@ const FILLED: f64 = 0.9;
 pub enum PictureKind {
     Source,
     Target,
-    /// The target, hatched where it is not scored.
+    /// The target, hatched at pixels that are not scored.
     Mask,
     /// Inverse depth of the target in colour; [`Self::SourceDepth`] is the source's.
     Depth,
@@ -123,8 +124,8 @@ impl GalleryPair<'_> {
 }
 
 impl<'a> Gallery<'a> {
-    /// Selects pairs, then reduces and encodes their pictures to a size that is likely to fit the budget. A single-file
-    /// page that still exceeds it drops pairs from the end.
+    /// Selects pairs, then reduces and encodes their pictures to a size that is likely to fit the
+    /// budget. If a single-file page still exceeds it, pairs are dropped from the end.
     pub fn new(
         board: &'a Board<'a>,
         metrics: &[Column],
@@ -209,7 +210,7 @@ fn side<'a>(
         Layout::File => MIN_SIDE,
         Layout::Folder => MIN_SIDE_IN_FOLDER,
     };
-    // Each probe with the number of pairs that it represents.
+    // Each probe is weighted by the number of pairs that it represents.
     let probes: Vec<_> = chosen
         .chunk_by(|a, b| a.0 == b.0)
         .flat_map(|pairs| {

@@ -1,8 +1,9 @@
-//! The report as a page that opens from disk, without server or network. Tables and plots are readable without scripts.
+//! The report as a page that opens from disk, without server or network. Tables and plots are
+//! readable without scripts.
 //!
-//! The templates, the style and the scripts are in `bench/templates`. Untrusted text reaches the page only through
-//! templates, which escape it, and as data, which the script shows as text; a content security policy forbids anything
-//! else.
+//! The templates, the style and the scripts are in `bench/templates`. Untrusted text enters the
+//! page only through templates, which escape it, and as data, which the script shows as text. A
+//! content security policy forbids everything else.
 
 use std::path::{Component, Path, PathBuf, absolute};
 
@@ -41,7 +42,7 @@ const SCRIPT: &str = concat!(
     "}());\n"
 );
 pub(crate) const VERSION: &str = env!("CARGO_PKG_VERSION");
-/// Maximum number of failures listed on the page.
+/// Maximum number of failed pairs listed on the page.
 const FAILURES: usize = 200;
 
 /// Contents of the page; rendered by [`Template::render`].
@@ -49,7 +50,7 @@ const FAILURES: usize = 200;
 #[template(path = "report.html")]
 pub struct Page<'a> {
     pub title: &'static str,
-    /// Text below the title: the counts and what was run.
+    /// Text below the title: counts, and a summary of the run.
     pub lead: String,
     pub results: &'a Results,
     pub options: &'a ReportOptions,
@@ -117,7 +118,8 @@ impl Page<'_> {
         self.gallery.has(kind)
     }
 
-    /// Link to the full prediction; `None` for a crop, which the page shows at its position in the target.
+    /// Link to the full prediction; `None` for a crop, because the page shows it at its position in
+    /// the target.
     pub(super) fn full_path(&self, record: &Record) -> Option<String> {
         let kept = self.pictures.linked(record);
         self.link(&kept.filter(|_| record.crop.is_none())?)
@@ -129,7 +131,8 @@ impl Page<'_> {
         page.is_file().then(|| self.link(&page))?
     }
 
-    /// Links to the full source and target. The target is the one kept by the self-test, or else the dataset's.
+    /// Links to the full source and target. The target is the one kept by the self-test, or the
+    /// dataset's if none was kept.
     pub(super) fn full_views(&self, pair: &PairBoard<'_>) -> [Option<String>; 2] {
         let mut records = pair.by_method.iter().zip(&self.board.methods);
         let itself = records.find(|(_, method)| method.unranked.is_some());

@@ -6,8 +6,9 @@ use super::html::Page;
 use super::tables::Table;
 use super::tables::markdown::escape;
 
-/// The page as GitHub-flavoured Markdown, without its pairs. `tables` replace those of the page; `plots` are titles and paths of PNGs relative to the
-/// report, with `/` as separator.
+/// The page as GitHub-flavoured Markdown, without its pairs. `tables` replace those of the page;
+/// `plots` are the titles and paths of PNGs; paths are relative to the report, with `/` as
+/// separator.
 pub fn report(page: &Page<'_>, tables: &[Table], plots: &[(String, String)]) -> String {
     let mut out = format!("# {}\n\n{}\n\n", escape(page.title), escape(&page.lead));
     if let Some(comparison) = &page.options.comparison {

@@ -222,7 +222,8 @@ fn predictions(manifest: &Manifest, records: &[Record]) -> Vec<String> {
     sentences
 }
 
-/// Choices that are known to differ from the paper's, and those that it leaves open.
+/// The choices that are known to differ from the paper's, and the choices that the paper leaves
+/// open.
 fn deviations(manifest: &Manifest, records: &[Record]) -> String {
     let of_datasets = |choices: &dyn Fn(&DatasetRecord) -> Vec<String>| {
         let datasets = manifest.datasets.iter().filter_map(|dataset| {

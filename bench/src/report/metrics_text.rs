@@ -24,7 +24,8 @@ pub struct MethodsText {
     pub latex: String,
     /// BibTeX entries of the cited references.
     pub bibtex: String,
-    /// Networks whose weights are missing; the paragraph has a visible gap in place of their hashes.
+    /// Networks whose weights are missing. In place of their hashes, the paragraph has a visible
+    /// gap.
     pub missing: Vec<Backbone>,
 }
 
@@ -76,8 +77,8 @@ impl MethodsText {
     }
 }
 
-/// The metric's sentence from `metrics --explain` without the list of equivalent code, with network and weights by
-/// hash.
+/// The metric's sentence from `metrics --explain`, with network and weights by hash, but without
+/// the list of equivalent code.
 fn sentence(info: &MetricInfo) -> String {
     const COMPARED: [&str; 3] = ["Same as", "Not the same as", "With VGG16 the same as"];
     let name = match info.family {
@@ -126,8 +127,8 @@ fn backbone(info: &MetricInfo) -> String {
     format!("{name}{file}, sha256 of the features \\texttt{{{features}}}")
 }
 
-/// The first digits of a hash. Other characters are dropped, because a hash that a file states about itself may be
-/// anything.
+/// The first digits of a hash. Other characters are dropped, because files state their own hashes
+/// and may contain any text.
 pub(crate) fn short(hash: &str) -> String {
     let digits = hash.chars().filter(char::is_ascii_hexdigit);
     digits.take(DIGITS).collect()

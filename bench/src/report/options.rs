@@ -20,11 +20,12 @@ pub enum PublishedNumbers {
 /// Presentation options; they do not change any number.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct ReportOptions {
-    /// Location of the page's pictures; by default depends on the number of pairs.
+    /// Location of the page's pictures; the default depends on the number of pairs.
     pub layout: Option<Layout>,
     /// Limits on the pictures; by default [`Layout::budget`].
     pub pictures: Option<PictureBudget>,
-    /// Whether to leave out pictures of datasets whose terms forbid publishing them, and paths on this machine.
+    /// Whether to omit paths on this machine, and pictures of datasets whose terms forbid
+    /// publishing them.
     pub public: bool,
     pub published: PublishedNumbers,
     /// What follows a mean as ±; by default nothing, and on the page [`Uncertainty::Ci95`].

@@ -31,7 +31,8 @@ pub(super) fn json(page: &Page<'_>) -> String {
         "heads": Column::heads(page.metrics),
         "keys": page.metrics.iter().map(|metric| &metric.key).collect::<Vec<_>>(),
     });
-    // Serialise pair by pair: a JSON tree of all pairs would take many times the memory of their text.
+    // Serialise pair by pair: a JSON tree of all pairs would take many times as much memory as the
+    // text.
     let pairs = page.gallery.pairs.iter();
     let pairs = pairs.map(|pair| without_tags(&pair_data(page, pair)));
     let mut text = without_tags(&shared);
@@ -85,7 +86,7 @@ fn pair_data(page: &Page<'_>, shown: &GalleryPair<'_>) -> Value {
     })
 }
 
-/// `[address, width, height]` or the reason for a missing picture, by kind.
+/// By kind, `[address, width, height]` or the reason why the picture is missing.
 fn pictures(page: &Page<'_>, pictures: &Pictures) -> Value {
     let address = |picture: &Thumbnail| match page.gallery.layout {
         Layout::File => picture.address(),
@@ -101,7 +102,7 @@ fn pictures(page: &Page<'_>, pictures: &Pictures) -> Value {
     Value::Object(shown.collect())
 }
 
-/// `[number, displayed text]` or the reason for a missing score.
+/// `[number, displayed text]`, or the reason why the score is missing.
 fn score(record: &Record, metric: &Column) -> Value {
     match record.scores.get(&metric.key) {
         Some(Score::Value(value)) => json!([json_number(*value), metric.shown(*value)]),

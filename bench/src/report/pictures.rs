@@ -24,19 +24,21 @@ use crate::io::view_hashes::lock;
 
 use super::error::MissingPicture;
 
-/// Pictures of records, 8-bit sRGB: source and target from the datasets, predictions from the run folder. A kept file
-/// that differs from the scored one is not shown, but [listed](Self::not_scored).
+/// Pictures of records, 8-bit sRGB: source and target from the datasets, predictions from the run
+/// folder. If a kept file differs from the scored one, it is not shown but
+/// [listed](Self::not_scored).
 pub struct ReportPictures<'a> {
     results: &'a Results,
     /// Scenes by dataset and id.
     scenes: BTreeMap<(&'a str, &'a str), &'a Scene>,
-    /// For a public report, the datasets whose pictures are withheld; such a report also shows no paths. `None`
-    /// otherwise.
+    /// In a public report, the datasets whose pictures are withheld; `None` otherwise. A public
+    /// report also shows no paths.
     withheld: Option<BTreeSet<String>>,
     /// Kept pictures by pair and method, so that each file is hashed once.
     kept: Mutex<BTreeMap<(String, String), Option<KeptPicture>>>,
     not_scored: Mutex<BTreeSet<PathBuf>>,
-    /// The first photographs that were read, by address of their view, because a view is in many pairs.
+    /// The photographs that were read first, by address of their view. They are cached because a
+    /// view is in many pairs.
     photographs: Mutex<BTreeMap<usize, RgbImage>>,
 }
 
@@ -66,7 +68,7 @@ impl<'a> ReportPictures<'a> {
         }
     }
 
-    /// Requested kept pictures that differ from the scored ones, sorted.
+    /// Kept pictures that were requested but differ from the scored ones, sorted.
     pub fn not_scored(&self) -> Vec<PathBuf> {
         lock(&self.not_scored).iter().cloned().collect()
     }
@@ -172,7 +174,8 @@ impl<'a> ReportPictures<'a> {
         Err(MissingPicture::NotScored)
     }
 
-    /// The prediction at the target's size; a cropped one is placed at its position in the target, on black.
+    /// The prediction at the target's size. A cropped prediction is placed at its position in the
+    /// target, on black.
     ///
     /// # Errors
     /// The reason if it is missing.
@@ -233,7 +236,8 @@ impl<'a> ReportPictures<'a> {
             .filter(|_| self.withheld.is_none())
     }
 
-    /// The files of [`Self::source`] and [`Self::target`] for links, if their stored pixels are the shown ones.
+    /// Links to the files of [`Self::source`] and [`Self::target`], if the stored pixels are those
+    /// shown.
     pub(super) fn linked_photographs(&self, record: &Record) -> [Option<PathBuf>; 2] {
         [&record.source, &record.target].map(|id| {
             let content = &self.view(record, id).ok()?.content;
@@ -261,7 +265,8 @@ pub fn scenes(manifest: &Manifest, observer: &dyn Observer) -> Vec<Scene> {
     scenes
 }
 
-/// JPEG quality of all pictures in the page. Does not affect scores, which are computed from the original pictures.
+/// JPEG quality of all pictures in the page. Scores are unaffected, because they are computed from
+/// the original pictures.
 const QUALITY: u8 = 88;
 
 /// A small picture for the page; sizes in pixels.
@@ -297,7 +302,8 @@ impl Thumbnail {
     }
 }
 
-/// The size with the same shape whose longer side is at most `side`; never larger, at least one pixel.
+/// The size with the same aspect ratio whose longer side is at most `side`; never larger than the
+/// original, at least one pixel.
 pub fn fitted((width, height): (u32, u32), side: u32) -> (u32, u32) {
     let longest = width.max(height);
     if longest <= side || longest == 0 {

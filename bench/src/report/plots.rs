@@ -119,8 +119,9 @@ pub fn histogram(
     figure(&title, caption, &[], &panels, print).map(Some)
 }
 
-/// Plots a metric against the baseline: the mean of each bin as a line, the sample standard deviation as a shade. Bins
-/// with a single sample have no shade; neither spans an empty bin. `None` if no method has a score of this metric.
+/// Plots a metric against the baseline: the mean of each bin as a line, the sample standard
+/// deviation as a shade. A bin with a single sample has no shade. Lines and shades do not span
+/// empty bins. `None` if no method has a score of this metric.
 ///
 /// # Errors
 /// If the drawing library fails.

@@ -32,7 +32,7 @@ pub struct CellStatistics {
     pub finite_mean: Option<f64>,
     /// Reasons for failed predictions with their counts, in the order encountered.
     pub failures: Vec<(String, usize)>,
-    /// Reasons for other missing scores with their counts, in the order encountered.
+    /// Reasons why other scores are missing, with their counts, in the order encountered.
     pub absences: Vec<(String, usize)>,
     /// For each pair with a score, its index in the dataset.
     pub scored: Vec<usize>,

@@ -9,8 +9,8 @@ use sharp_metrics::{MetricInfo, MetricKey};
 use crate::evaluate::Results;
 use crate::evaluate::record::Record;
 
-/// Results scored by some metrics. Datasets and methods are taken from the records, in natural order; formats and kinds
-/// equal their names.
+/// Results scored by some metrics. Datasets and methods are those in the records, in natural order;
+/// their formats and kinds equal their names.
 pub(crate) fn results(keys: &[MetricKey], records: Vec<Record>) -> Results {
     let named = |name: fn(&Record) -> &str, make: &dyn Fn(&str) -> Value| -> Vec<Value> {
         let names: BTreeSet<&str> = records.iter().map(name).collect();

@@ -6,7 +6,7 @@ use sharp_datasets::DepthMap;
 
 use super::error_map::{averaged, hatched};
 
-/// Maximum number of depth values sampled to choose the ends of the colour scale.
+/// Maximum number of depth values used to choose the ends of the colour scale.
 const SAMPLES: usize = 1 << 16;
 /// Share of values beyond each end of the colour scale.
 const BEYOND: f64 = 0.02;
@@ -21,8 +21,8 @@ pub fn masked(picture: &RgbImage, scored: impl Fn(u32, u32) -> bool) -> RgbImage
     })
 }
 
-/// Inverse depth in turbo colours, near in red, reduced to fit `side` pixels. The nearest and the farthest 2 % are
-/// beyond the ends of the colour scale. Stripes where depth is unknown.
+/// Inverse depth in turbo colours, near in red, reduced to fit `side` pixels. The colour scale
+/// excludes the nearest and the farthest 2 %. Unknown depth is striped.
 pub fn inverse_depth(depth: &DepthMap, side: u32) -> RgbImage {
     let (width, height) = depth.dimensions();
     let inverse = ImageBuffer::from_fn(width, height, |x, y| {
@@ -41,7 +41,8 @@ pub fn inverse_depth(depth: &DepthMap, side: u32) -> RgbImage {
     let end = |share: f64| known.get((share * last).round() as usize).copied();
     let (least, most) = end(BEYOND).zip(end(1.0 - BEYOND)).unwrap_or((0.0, 1.0));
     let is_known = |x, y| depth.get_pixel(x, y).0[0] > 0.0;
-    // Sparse maps may know one pixel in twenty: any known pixel colours the reduced one.
+    // Sparse maps may know only one pixel in twenty, so a reduced pixel is coloured if any of its
+    // pixels is known.
     averaged(inverse, is_known, f32::MIN_POSITIVE, side, |value| {
         let share = match most > least {
             true => (value - least) / (most - least),
@@ -71,7 +72,8 @@ mod tests {
         assert_eq!(picture.get_pixel(0, 0).0, turbo(1.0));
         assert_eq!(*picture.get_pixel(1, 0), hatched(1, 0));
         assert_eq!(picture.get_pixel(2, 0).0, turbo(0.0));
-        // Reduced to one pixel, the known values decide: the mean of 1 and 1/2 per metre, in the middle.
+        // Reduced to one pixel, only the known values count: the mean of 1 and 1/2 per metre, the
+        // middle of the scale.
         let one = inverse_depth(&depth, 1);
         assert_eq!(one.get_pixel(0, 0).0, turbo(0.5));
         let unknown = inverse_depth(&DepthMap::new(1, 1), 10);

@@ -252,7 +252,8 @@ fn with_uncertainty(tables: &[Table], uncertainty: Option<Uncertainty>) -> Vec<T
         .collect()
 }
 
-/// The metrics to show and their tables; the first table has a remark on why other metrics are not shown.
+/// The metrics to show, and their tables. The first table has a remark on why the other metrics are
+/// not shown.
 fn score_tables(board: &Board<'_>, records: &[Record]) -> (Vec<Column>, Vec<Table>) {
     let (metrics, remark) = remarks::scored(records, &board.metrics);
     let mut tables = build::of_scores(board, &metrics);
@@ -267,8 +268,9 @@ fn score_tables(board: &Board<'_>, records: &[Record]) -> (Vec<Column>, Vec<Tabl
     (metrics, tables)
 }
 
-/// Fails for a folder that is neither empty nor a report. A report has a page with our mark or, if the page is not yet
-/// written, a list that names it. Also fails if the report's subfolders are links. Dot files are ignored.
+/// Fails unless the folder is empty or a report: it has a page with our mark or, if the page is not
+/// yet written, a list that names it. Also fails if the report's subfolders are links. Dot files
+/// are ignored.
 fn check_folder(out: &Path) -> Result<(), FileError> {
     let refused = |path: &Path, reason: &str| {
         let reason = format!("{reason}; choose another folder with --out");
@@ -307,14 +309,14 @@ fn check_folder(out: &Path) -> Result<(), FileError> {
         false => refused(
             out,
             &format!(
-                "it holds {} and is not a report of sharp-bench",
+                "it contains {} and is not a report of sharp-bench",
                 first.display()
             ),
         ),
     }
 }
 
-/// The names in an earlier report's list, limited to names that a report can have written.
+/// The names in an earlier report's list, limited to those that a report can write.
 fn listed_earlier(list: &Path) -> Vec<String> {
     let text = sharp::files::read_text(list).unwrap_or_default();
     let ours = |name: &&str| {
@@ -327,7 +329,7 @@ fn listed_earlier(list: &Path) -> Vec<String> {
     text.lines().filter(ours).map(str::to_owned).collect()
 }
 
-/// Number of pairs measured here for datasets of the paper, as text.
+/// As text, the number of pairs measured here for datasets of the paper.
 fn pairs_here(board: &Board<'_>) -> Option<String> {
     let datasets = board.datasets.iter();
     let of_paper = datasets.filter(|d| paper::column(&d.dataset).is_some());

@@ -22,9 +22,9 @@ pub struct Shards {
     pub count: usize,
     /// Cores per shard.
     pub cpus: usize,
-    /// Resubmit shards with recorded failures.
+    /// Whether to resubmit shards with recorded failures.
     pub retry_failed: bool,
-    /// Allow shards to start the programs of `command` methods.
+    /// Whether shards may start the programs of `command` methods.
     pub allow_programs: bool,
 }
 
@@ -48,13 +48,13 @@ pub enum ScaleError {
     },
 }
 
-/// Marks a file as ours in its first lines.
+/// Marks a file as ours; in its first lines.
 const MARK: &str = "sharp-bench scale";
 
 /// Template values by name.
 type Values = Vec<(&'static str, String)>;
 
-/// Fills a template in one pass, so that values are not expanded again.
+/// Fills a template in one pass, so that placeholders in values are not expanded.
 fn fill(template: &str, values: &Values) -> String {
     let mut parts = template.split("{{");
     let mut filled = parts.next().unwrap_or_default().to_owned();
@@ -99,7 +99,8 @@ fn planned(shards: &Shards) -> Result<(Estimate, String), ScaleError> {
         .file_name()
         .unwrap_or_default()
         .to_string_lossy();
-    // Restrict the name to what all schedulers accept. Kubernetes is the strictest, and job names must be unique.
+    // Restrict the name to what all schedulers accept; Kubernetes is the strictest. Job names must
+    // be unique.
     let plain = name.chars().map(|c| match c.to_ascii_lowercase() {
         c if c.is_ascii_alphanumeric() => c,
         _ => '-',

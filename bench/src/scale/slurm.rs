@@ -13,7 +13,8 @@ pub struct Slurm {
     pub binary: PathBuf,
     /// Whether pictures and scores run as separate arrays instead of one.
     pub stages_apart: bool,
-    /// sbatch options as (job, option); the job is pictures, score, all, merge, or every.
+    /// sbatch options as (job, option). The job is pictures, score, all or merge; `every` stands
+    /// for each of them.
     pub options: Vec<(String, String)>,
     pub out: PathBuf,
 }
@@ -46,7 +47,7 @@ pub fn slurm(request: &Slurm) -> Result<Vec<PathBuf>, ScaleError> {
             ("memory_mib", memory_mib(cost.peak_bytes).to_string()),
             ("minutes", minutes(cost.cpu_secs, shards).to_string()),
             ("options", options(&request.options, stage)?),
-            // Scoring opens no method, so it needs none of their files and devices.
+            // Scoring opens no method, so it does not need the files and devices of methods.
             (
                 "command",
                 match stage {

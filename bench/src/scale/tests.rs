@@ -59,7 +59,8 @@ fn each_stage_asks_for_what_it_was_estimated_to_need() {
         read(dir, "score.sbatch"),
         read(dir, "merge.sbatch"),
     );
-    // 9 GiB plus half; 2 h on one core, divided by 8 shards and half of 4 cores, times three.
+    // 9 GiB plus half of it. 2 h on one core, divided by 8 shards and by half of 4 cores, times
+    // three.
     assert!(pictures.contains("#SBATCH --mem=14336M\n"), "{pictures}");
     assert!(
         pictures.contains("#SBATCH --time=30\n") && score.contains("#SBATCH --time=180\n"),
@@ -98,7 +99,7 @@ fn each_stage_asks_for_what_it_was_estimated_to_need() {
         );
         assert!(!read(dir, name).contains("{{"), "{name}");
     }
-    // Overwrites our own files, but no others.
+    // Our own files are overwritten, others are not.
     slurm(&request).unwrap();
     std::fs::write(dir.join("jobs/submit.sh"), "mine").unwrap();
     assert!(slurm(&request).is_err());
@@ -152,7 +153,7 @@ fn an_indexed_job_is_one_pod_a_shard() {
     let name = job.lines().find_map(|line| line.strip_prefix("  name: "));
     let name = name.unwrap();
     assert!(name.starts_with("sharp-gr--e--1--"), "{name}");
-    // A plan with the same name in another folder gets another Job name.
+    // A plan in another folder gets another Job name, even if the folder has the same name.
     let mut second = request.clone();
     second.shards = shards(plan(&dir.join("second"), "Größe \"1\""));
     kubernetes(&second).unwrap();
@@ -233,7 +234,7 @@ fn no_name_changes_what_runs() {
         );
         assert_eq!(called("merge.sbatch"), format!("{own}\nmerge\n{plan}\n"));
         let submitted = called("submit.sh");
-        // As sbatch expands a file name.
+        // sbatch expands `%` in file names.
         let logs = format!("--output={plan}/logs/slurm/").replace('%', "%%");
         assert_eq!(submitted.matches(&logs).count(), 3, "{submitted}");
         assert!(submitted.contains(&format!("{own}\nstatus\n{plan}\n--unfinished-shards\n8\n")));

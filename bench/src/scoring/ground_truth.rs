@@ -35,8 +35,8 @@ pub(crate) fn valid_mask(valid: &GrayImage) -> Option<Mask> {
 }
 
 impl GroundTruth {
-    /// An 8-bit sRGB photograph in which only those pixels count whose `valid`, of the same size, is 255; the dataset excludes the
-    /// others (anonymised faces, for instance).
+    /// An 8-bit sRGB photograph. Pixels count if they are 255 in `valid`, which has the same size;
+    /// the dataset excludes the others (anonymised faces, for instance).
     pub fn of(image: RgbImage, valid: Option<&GrayImage>) -> Self {
         let valid = valid.and_then(valid_mask);
         Self { image, valid }
@@ -73,12 +73,14 @@ impl GroundTruth {
             }
     }
 
-    /// Scores pictures, each covering a region or the whole target. Pictures of the same region share each network's
-    /// pass over the target. Errors are per picture and name neither file nor pair.
+    /// Scores pictures, each covering a region or the whole target. Pictures of the same region
+    /// share each network's pass over the target. Errors are per picture and name neither file nor
+    /// pair.
     ///
-    /// Excluded pixels do not count: in both pictures they are filled with the mean colour of the region's valid target
-    /// pixels, and PSNR is computed over valid pixels only. Metrics `@mask` use the unfilled pictures, inside the given
-    /// mask or else the pixels that are not excluded.
+    /// Excluded pixels do not count: in both pictures they are filled with the mean colour of the
+    /// region's valid target pixels, and PSNR is computed over valid pixels only. Metrics with
+    /// `@mask` use the unfilled pictures, inside the given mask or, without one, at the pixels that
+    /// are not excluded.
     pub(crate) fn score(
         &self,
         scorer: &Scorer,
@@ -218,8 +220,8 @@ struct Shown<'a> {
 }
 
 impl Shown<'_> {
-    /// The picture in the form in which it is compared. One of the wrong size is unchanged; the scorer reports both
-    /// sizes.
+    /// The picture as it is compared. A picture of the wrong size is returned unchanged; the scorer
+    /// reports both sizes.
     fn seen<'p>(&self, picture: &'p Picture) -> Cow<'p, Picture> {
         match &self.excluding {
             Some((valid, colour)) if picture.dimensions() == self.truth.dimensions() => {
@@ -242,7 +244,7 @@ fn scored(
         .collect()
 }
 
-/// Share of the mask's pixels that are inside; `None` if it is empty.
+/// Share of the picture's pixels that are inside the mask; `None` if the mask has no pixels.
 fn share(mask: &Mask) -> Option<f64> {
     let inside = mask.values().iter().filter(|inside| **inside).count();
     let all = mask.values().len();
@@ -360,7 +362,7 @@ mod tests {
             }
         }
         assert_eq!(scores(&truth, &other), before);
-        // The target's own excluded pixels do not matter either.
+        // The target's own values at excluded pixels do not matter either.
         assert_eq!(
             scores(&GroundTruth::of(black, Some(&valid)), &other),
             before

@@ -26,8 +26,8 @@ pub struct ScoredMetric {
     pub key: MetricKey,
     /// Description of the metric, including its weights.
     pub info: MetricInfo,
-    /// Hash of convention, weights, arithmetic and code. Values with different identities never share a column of a run
-    /// folder.
+    /// Hash of convention, weights, arithmetic and code. Values with different identities are never
+    /// in the same column of a run folder.
     pub identity: String,
 }
 

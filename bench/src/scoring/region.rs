@@ -35,8 +35,9 @@ impl Region {
         }
     }
 
-    /// The largest centred rectangle with the aspect `width : height`; sides are rounded to the nearest pixel, and an
-    /// odd remainder is on the right and below. `None` if any side is 0.
+    /// The largest centred rectangle with the aspect ratio `width : height`; sides are rounded to
+    /// the nearest pixel, and the right and lower margins get the odd pixel. `None` if any side is
+    /// 0.
     pub fn centered((aspect_w, aspect_h): (u32, u32), (width, height): (u32, u32)) -> Option<Self> {
         if [aspect_w, aspect_h, width, height].contains(&0) {
             return None;
@@ -90,7 +91,8 @@ impl Region {
         })
     }
 
-    /// This region relative to the corner of `outer`; `None` if it is not inside.
+    /// This region in coordinates relative to the corner of `outer`; `None` if it does not lie
+    /// inside `outer`.
     pub fn within(&self, outer: &Self) -> Option<Self> {
         let moved = Self {
             x: self.x.checked_sub(outer.x)?,

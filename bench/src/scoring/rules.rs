@@ -23,12 +23,13 @@ pub enum PairMask {
     /// The target's pixels that the dataset does not exclude.
     #[default]
     NotExcluded,
-    /// Target pixels with depth whose point projects into the source, without an occlusion test. A mask of fewer than
-    /// [`LEAST_PIXELS`] is discarded.
+    /// Target pixels with depth whose points project into the source's image; occlusion is not
+    /// tested. If it has fewer than [`LEAST_PIXELS`], the mask is discarded.
     SourceBounds,
 }
 
-/// Minimum number of pixels inside [`PairMask::SourceBounds`] for a value: UniSHARP's rule.
+/// Minimum number of pixels inside [`PairMask::SourceBounds`] for a value to be computed:
+/// UniSHARP's rule.
 pub const LEAST_PIXELS: usize = 8;
 
 /// The border that is excluded from comparison.

@@ -1,8 +1,10 @@
-//! Chooses the best of several scales, as the paper does for methods without metric scale (LVSM, SVC).
+//! Chooses the best of several scales, as the paper does for methods without metric scale (LVSM,
+//! SVC).
 //!
-//! "For each pair, we apply a linear scale sweep to find the best scale that minimizes the DISTS score": the method
-//! renders each pair at several scales of the scene, and the picture closest to the target under DISTS is scored. This
-//! choice uses the target; reports state it next to the numbers.
+//! "For each pair, we apply a linear scale sweep to find the best scale that minimizes the DISTS
+//! score": the method renders each pair at several scales of the scene, and the picture closest to
+//! the target under DISTS is scored. The choice depends on the target, which reports state next to
+//! the numbers.
 
 use sharp_metrics::{MetricKey, Picture, Scorer, ScorerOptions, Selection, Weights, WeightsError};
 
@@ -44,8 +46,8 @@ impl ScaleChooser {
         &self.identity
     }
 
-    /// Index of the best picture. Each candidate is a scale, a picture and the part of the target that it covers; ties
-    /// go to the first. Errors name no file or pair.
+    /// Index of the best picture. Each candidate is a scale, a picture and the part of the target
+    /// that the picture covers; ties go to the first. Errors name neither file nor pair.
     pub(crate) fn best(
         &self,
         truth: &GroundTruth,
@@ -63,7 +65,7 @@ impl ScaleChooser {
                 Some((_, Ok(value))) if !value.is_nan() => value,
                 Some((key, Ok(_))) => return Err(wrong(format!("{key} is not a number"))),
                 Some((key, Err(reason))) => return Err(wrong(format!("{key}: {reason}"))),
-                None => return Err(wrong("no metric chooses".to_owned())),
+                None => return Err(wrong("no metric is available to choose by".to_owned())),
             };
             if best.is_none_or(|(least, _)| distance < least) {
                 best = Some((distance, at));

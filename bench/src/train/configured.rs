@@ -9,10 +9,11 @@ use toml::Table;
 use super::TrainError;
 use crate::io::atomic_files::FileError;
 
-/// The text and the parsed form of a configuration file, with the overrides of `set` applied.
+/// The text and the parsed form of a configuration file, changed by the overrides in `set`.
 ///
 /// # Errors
-/// [`TrainError::Config`] if the file itself is invalid; [`TrainError::Set`] if an override is.
+/// [`TrainError::Config`] if the file itself is invalid; [`TrainError::Set`] if an override is
+/// invalid.
 pub(super) fn configured(
     file: &Path,
     set: &[String],
@@ -46,7 +47,7 @@ pub(super) fn configured(
 
 /// Applies `KEY=VALUE`; an empty value resets the key to its default.
 fn change(table: &mut Table, set: &str) -> Result<(), String> {
-    let (key, value) = set.split_once('=').ok_or("it is not KEY=VALUE")?;
+    let (key, value) = set.split_once('=').ok_or("expected KEY=VALUE")?;
     let (key, value) = (key.trim(), value.trim());
     let mut names: Vec<&str> = key.split('.').collect();
     let last = names.pop().unwrap_or_default();
@@ -58,19 +59,19 @@ fn change(table: &mut Table, set: &str) -> Result<(), String> {
         let removed = place.and_then(|table| table.remove(last));
         return removed
             .map(drop)
-            .ok_or_else(|| format!("the configuration does not give `{key}`"));
+            .ok_or_else(|| format!("the configuration does not set `{key}`"));
     }
     let chooses = matches!(names.last(), Some(&("network" | "data")));
     let mut place = table;
     for name in names {
         let inner = place.entry(name).or_insert_with(|| Table::new().into());
-        // For example, `network.file` replaces a network's name.
+        // For example, `network.file` replaces the name of a network.
         if !inner.is_table() {
             *inner = Table::new().into();
         }
         place = inner.as_table_mut().ok_or("it is not a table")?;
     }
-    // Setting one of several alternative forms removes the others.
+    // Setting one of several alternative keys removes the others.
     if chooses {
         place.clear();
     }
@@ -131,12 +132,12 @@ mod tests {
     #[test]
     fn what_cannot_be_set_is_named() {
         for (set, reason) in [
-            ("stage1.steps", "it is not KEY=VALUE"),
+            ("stage1.steps", "expected KEY=VALUE"),
             ("zeros_return.a=1", "expected a boolean"),
             ("stage1.steps=200", "`stage1.schedule.warmup_steps` leaves"),
             ("stage1.stesp=200", "stesp"),
-            ("stage1.stesp=", "does not give `stage1.stesp`"),
-            ("stage2.seed=", "does not give `stage2.seed`"),
+            ("stage1.stesp=", "does not set `stage1.stesp`"),
+            ("stage2.seed=", "does not set `stage2.seed`"),
             ("losses.percep=much", "much"),
         ] {
             let error = configure(&[set]).unwrap_err();

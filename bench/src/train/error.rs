@@ -35,13 +35,13 @@ pub enum TrainError {
     Method(#[from] MethodError),
     #[error(transparent)]
     Network(#[from] NetworkError),
-    /// The folder contains something else.
+    /// The folder has other contents.
     #[error("{}: {reason}", folder.display())]
     OtherFolder { folder: PathBuf, reason: String },
     /// The validation dataset overlaps the training data.
     #[error("validation dataset '{spec}': {reason}")]
     NotHeldOut { spec: String, reason: String },
-    /// A pair has no prediction, so means would not be comparable with others.
+    /// A pair has no prediction, so means would not be comparable with other means.
     #[error("pair '{pair}': {reason}")]
     Unpredicted { pair: String, reason: String },
     /// A log was modified or damaged.

@@ -21,12 +21,13 @@ pub(super) struct TrainingFolder {
 const CONFIG: &str = "config.toml";
 
 impl TrainingFolder {
-    /// Creates the folder for a configuration, or opens one created with the same configuration. The text is saved as
-    /// `config.toml`. Keys that affect no result may change, and before the first step any key may.
+    /// Creates the folder for a configuration, or opens one created with the same configuration.
+    /// The text is saved as `config.toml`. Keys that affect no result may differ; before the first
+    /// step, any key may.
     ///
     /// # Errors
-    /// [`TrainError::OtherFolder`] if the folder contains other files, or a training with another configuration; the
-    /// error names a differing key.
+    /// [`TrainError::OtherFolder`] if the folder contains other files, or a training with another
+    /// configuration; the error names a key that differs.
     pub(super) fn open(
         root: &Path,
         text: &str,
@@ -52,9 +53,9 @@ impl TrainingFolder {
         } else {
             let entries = fs::read_dir(root).map_err(FileError::new(root, "read"))?;
             let mut entries = entries.filter_map(Result::ok);
-            // As in a run folder, dot files are ours.
+            // Dot files are ours, as in a run folder.
             if entries.any(|entry| !entry.file_name().to_string_lossy().starts_with('.')) {
-                return Err(refused(format!("it holds other files but no {CONFIG}")));
+                return Err(refused(format!("it contains other files but no {CONFIG}")));
             }
         }
         let (lock, _) = lock(root, File::try_lock)?;
@@ -75,7 +76,8 @@ impl TrainingFolder {
     }
 }
 
-/// True after the first step. Before that, changing the configuration (a wrong path, say) loses nothing.
+/// True after the first step. Until then, changing the configuration (to fix a path, for instance)
+/// loses nothing.
 fn has_begun(root: &Path) -> bool {
     let log = read_text(&root.join("log.csv")).unwrap_or_default();
     log.lines().count() > 1 || root.join("checkpoints").exists()
@@ -93,11 +95,11 @@ fn difference(before: &str, now: &str) -> String {
     });
     let mut keys = before.keys().chain(now.keys());
     let Some(key) = keys.find(|key| before.get(*key) != now.get(*key)) else {
-        return "a default, or a file that it names, has changed".to_owned();
+        return "a default value, or a file named in it, has changed".to_owned();
     };
     let text = |value: Option<&String>| value.cloned().unwrap_or_else(|| "not given".to_owned());
     let (before, now) = (text(before.get(key)), text(now.get(key)));
-    format!("`{key}` is {before} there and {now} here")
+    format!("`{key}` was {before} and is now {now}")
 }
 
 /// Flattens a table to values by dotted keys.
@@ -135,7 +137,7 @@ mod tests {
         let dir = tempfile::tempdir().unwrap();
         open(dir.path(), PLAIN).unwrap();
         open(dir.path(), PLAIN).unwrap();
-        // Such a key may change any number of times.
+        // A key that affects no result may change at any time.
         open(
             dir.path(),
             &PLAIN.replace("checkpoint = 7", "checkpoint = 9"),
@@ -145,14 +147,14 @@ mod tests {
         assert!(kept.contains("checkpoint = 9"));
         let error = open(dir.path(), &PLAIN.replace("steps = 20", "steps = 30")).unwrap_err();
         assert!(
-            error.contains("`stage1.steps` is 20 there and 30 here"),
+            error.contains("`stage1.steps` was 20 and is now 30"),
             "{error}"
         );
         let clipped = PLAIN.replace("schedule", "clip_norm = inf\nschedule");
         let error = open(dir.path(), &clipped).unwrap_err();
-        assert!(error.contains("is not given there and inf here"), "{error}");
+        assert!(error.contains("was not given and is now inf"), "{error}");
         let error = open(dir.path(), &format!("initial = \"a.pt\"\n{PLAIN}")).unwrap_err();
-        assert!(error.contains("`initial` is not given there"), "{error}");
+        assert!(error.contains("`initial` was not given"), "{error}");
     }
 
     #[test]

@@ -38,8 +38,8 @@ use crate::io::observer::Observer;
 pub struct TrainRequest<'a> {
     /// The configuration file, TOML.
     pub config: &'a Path,
-    /// Overrides of the file's values, as `KEY=VALUE`: a dotted key and a TOML value, text without quotes, or nothing
-    /// for the default.
+    /// Overrides of the file's values, as `KEY=VALUE`: a dotted key, and a TOML value, a text
+    /// without quotes, or nothing for the default.
     pub set: &'a [String],
     /// Output folder; an interrupted training resumes from it.
     pub folder: &'a Path,
@@ -55,7 +55,7 @@ pub struct TrainRequest<'a> {
 pub struct Trained {
     pub ended: Ended,
     pub position: Position,
-    /// Network whose features the perceptual loss compared.
+    /// Network whose features the perceptual loss compares.
     pub perceptual_network: Option<&'static str>,
     /// Number of trainable parameters, and of all parameters.
     pub parameters: (usize, usize),
@@ -66,7 +66,7 @@ pub struct Trained {
     pub page: PathBuf,
 }
 
-/// Trains, or resumes a training, until it is complete or the observer asks to stop.
+/// Trains, or resumes a training, until it is complete or the observer requests a stop.
 ///
 /// # Errors
 /// [`TrainError`]. Checkpoints are kept, and the same call resumes from them.
@@ -83,11 +83,13 @@ pub fn train(request: TrainRequest<'_>, observer: &dyn Observer) -> Result<Train
     let is_vgg = config.loss_options.percep.resnet50dilated.is_none();
     if is_vgg && weight > VGG_WEIGHT_AT_MOST {
         observer.warn(&format!(
-            "`losses.percep` is {weight}, a weight for the paper's network (`loss_options.percep.resnet50dilated`); \
-             values over VGG16 are some hundred times as large and need a weight near 0.01"
+            "`losses.percep` is {weight}, a weight for the paper's network \
+             (`loss_options.percep.resnet50dilated`); with VGG16, its values are about a hundred \
+             times as large and need a weight near 0.01"
         ));
     }
-    // The saved configuration keeps the name, which does not depend on where the program is installed.
+    // The saved configuration keeps the network's name, because its path depends on where the
+    // program is installed.
     let named = config
         .initial
         .as_deref()
@@ -133,7 +135,7 @@ pub fn train(request: TrainRequest<'_>, observer: &dyn Observer) -> Result<Train
     })
 }
 
-/// Weight of the perceptual loss with VGG16 above which it outweighs all other losses.
+/// With VGG16, a perceptual loss of a larger weight outweighs all other losses together.
 const VGG_WEIGHT_AT_MOST: f64 = 0.3;
 
 /// Forwards the trainer's events to an observer, and its weights to the validation.
@@ -145,7 +147,8 @@ struct Watching<'a> {
     /// The stage whose progress is currently displayed.
     phase: Option<Stage>,
     validated: Vec<(String, f64)>,
-    /// Set after a validation; the page is rewritten at the next step, when the log has the validation's values.
+    /// Set after a validation. The page is rewritten at the next step, because by then the log has
+    /// the validation's values.
     page_due: bool,
 }
 
@@ -175,7 +178,7 @@ impl Watcher for Watching<'_> {
             return Ok(Vec::new());
         };
         self.observer.end();
-        // The validation shows its own phases.
+        // The validation displays phases of its own.
         self.phase = None;
         let measured = validation.measure(weights, config, self.observer);
         let measured = measured.map_err(|error| error.to_string())?;

@@ -1,5 +1,5 @@
-//! A page with the progress of a training, which opens from disk: curves from its logs, samples from its last
-//! validation.
+//! A page with the progress of a training, which opens from disk: curves from the training's logs,
+//! samples from its last validation.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -21,7 +21,7 @@ use sharp_plots::curves::{Banded, curve, shade, vertical};
 use sharp_plots::palette::{stroke, style};
 use sharp_plots::panels::{Panel, PanelFrame, PlotArea, PlotAxis, figure, point};
 
-/// Maximum number of intervals that a curve is averaged over.
+/// Maximum number of intervals of a curve; values are averaged within each.
 const STRETCHES: usize = 30;
 /// Number of pairs shown, and the longest side of their pictures, pixels.
 const SAMPLES: usize = 8;
@@ -45,7 +45,7 @@ struct TrainPage {
 /// A pair of the last validation.
 struct Sample {
     pair: String,
-    /// Source, target and prediction, each a URL or the reason for its absence.
+    /// Source, target and prediction; each is a URL, or the reason why the picture is missing.
     pictures: [(&'static str, Result<String, String>); 3],
 }
 
@@ -90,7 +90,7 @@ impl Log {
         let cell = row.get(column).unwrap_or_default();
         cell.parse().map_err(|_| TrainError::Log {
             path: self.path.clone(),
-            reason: format!("'{cell}' is no number"),
+            reason: format!("'{cell}' is not a number"),
         })
     }
 
@@ -173,8 +173,9 @@ fn losses(log: &Log, count: usize) -> Result<Option<Figure>, TrainError> {
             })),
         });
     }
-    let caption = "Mean over each stretch of steps; shade: ± one sample standard deviation; hollow: a single step. Losses \
-                   are before their weights, the gradient's norm before clipping; steps of both stages count on.";
+    let caption = "Mean over each stretch of steps; shade: ± one sample standard deviation; \
+                   hollow: a single step. Losses are before their weights, the gradient's norm \
+                   before clipping; steps are counted across both stages.";
     let figure = figure("Losses", caption, &[], &panels, None);
     Ok(Some(figure.map_err(ReportError::from)?))
 }
@@ -185,7 +186,7 @@ fn validated(log: &Log, steps: &BTreeMap<Place, f64>) -> Result<Option<Figure>, 
     let values = log.places()?.into_iter().zip(log.values(2)?);
     for ((place, value), row) in values.zip(&log.rows) {
         let name = row.get(3).unwrap_or_default();
-        // A validation in a stage without steps has no place on the axis.
+        // A validation in a stage without steps has no position on the axis.
         let Some(step) = steps.get(&place) else {
             continue;
         };
@@ -221,7 +222,8 @@ fn validated(log: &Log, steps: &BTreeMap<Place, f64>) -> Result<Option<Figure>, 
     if panels.is_empty() {
         return Ok(None);
     }
-    let caption = "Mean over the pairs of validation-pairs.csv, none of which is learnt from.";
+    let caption =
+        "Mean over the pairs of validation-pairs.csv, none of which is used for training.";
     let figure = figure("Validation", caption, &[], &panels, None);
     Ok(Some(figure.map_err(ReportError::from)?))
 }

@@ -1,4 +1,4 @@
-//! Validates weights on held-out pairs, measured as any run measures a method.
+//! Validates weights on held-out pairs in the same way as a run evaluates a method.
 
 use std::collections::HashSet;
 use std::fs;
@@ -33,7 +33,7 @@ pub struct ValidationRequest {
 }
 
 impl ValidationRequest {
-    /// Eight procedural scenes; with [`Self::PAIRS`] pairs, one pair is taken from each.
+    /// Eight procedural scenes; [`Self::PAIRS`] pairs are one of each.
     pub const DATASET: &'static str =
         "Validation:synthetic=world=varied,seed=900000,scenes=8,size=256x256";
     pub const PAIRS: usize = 8;
@@ -67,7 +67,7 @@ impl Validation {
                 return Err(TrainError::NotHeldOut {
                     spec: dataset.to_string(),
                     reason:
-                        "networks are trained on its seeds; use seeds below 1000 or from 900000"
+                        "networks are trained on these seeds; use seeds below 1000 or from 900000"
                             .to_owned(),
                 });
             }
@@ -85,13 +85,14 @@ impl Validation {
         }
         let path = folder.root().join("validation-pairs.csv");
         let list = PairList::new(&path, chosen.iter().map(|pair| pair.pair.clone()).collect());
-        // Before the first measurement there is no curve that a change could distort.
+        // Before the first measurement, there is no curve that other pairs could distort.
         let curve = read_text(&folder.root().join("validation.csv")).unwrap_or_default();
         if curve.lines().count() > 1 && PairList::read(&path)?.sha256 != list.sha256 {
             return Err(TrainError::OtherFolder {
                 folder: folder.root().to_owned(),
-                reason: "its training was validated on other pairs (validation-pairs.csv), so its curves would mix \
-                         them; use the same datasets and number of pairs, or another folder"
+                reason: "this training was validated on other pairs (validation-pairs.csv), which \
+                         its curves must not mix with new ones; use the same datasets and number \
+                         of pairs, or another folder"
                     .to_owned(),
             });
         }
@@ -104,7 +105,8 @@ impl Validation {
         })
     }
 
-    /// The mean of every metric, by key; prefixed with the dataset's name if there are several.
+    /// The mean of every metric, by key. If there are several datasets, keys are prefixed with the
+    /// dataset's name.
     ///
     /// # Errors
     /// If a pair cannot be predicted, or the run fails.
@@ -209,7 +211,7 @@ fn means(results: &Results) -> Result<Vec<(String, f64)>, TrainError> {
     Ok(means)
 }
 
-/// Ignores stop requests during a validation, which is short, so that its step gets checkpointed.
+/// Ignores stop requests during a validation: it is short, and afterwards its step is checkpointed.
 struct Unstopped<'a>(&'a dyn Observer);
 
 impl Observer for Unstopped<'_> {

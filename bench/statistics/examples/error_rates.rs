@@ -11,7 +11,8 @@ use rayon::prelude::*;
 use sharp::random::{SplitMix64, mix};
 use sharp_statistics::{ALPHA, Clusters, Inference, NoInference, Resampling, infer};
 
-/// Spread of a pair's difference around its scene's, and of scenes around the true mean, relative to the score.
+/// Standard deviation of a pair's difference around its scene's, and of scenes around the true
+/// mean, as a fraction of the score.
 const PAIR_NOISE: f64 = 0.05;
 const SCENE_NOISE: f64 = 0.02;
 /// Size of a simulated change on every second scene.
@@ -240,13 +241,14 @@ fn main() -> Result<(), Box<dyn Error>> {
 mod tests {
     use super::*;
 
-    /// Upper bound that an observed rate stays within in 97.5 % of cases if the true rate is 5 % and 1000 simulations
-    /// are run. The tests run twice as many, so that rounding on another machine cannot decide.
+    /// With a true rate of 5 % and 1000 simulations, the observed rate is below this bound in 97.5
+    /// % of cases. The tests run twice as many simulations, so that rounding on another machine
+    /// cannot change their outcome.
     const MOST_ALARMS: f64 = 0.064;
 
     #[test]
     fn false_alarms_and_coverage_keep_their_bounds() {
-        // The four kinds: many and few scenes in all, very few, and unequal ones.
+        // The four kinds of designs: many scenes, few, very few, and scenes of unequal size.
         for design in &regular()[..6] {
             let (alarms, coverage) = (design.false_alarms(2000), design.coverage(2000));
             let name = &design.name;

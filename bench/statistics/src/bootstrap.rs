@@ -32,7 +32,7 @@ impl Bootstrap {
         });
         let mut means: Vec<f64> = drawn.collect();
         means.sort_unstable_by(f64::total_cmp);
-        // Equal means of different draws may differ by rounding.
+        // Equal means from different draws may be rounded differently.
         let (observed, rounding) = (sample.mean(), sample.rounding() / sample.n_pairs() as f64);
         let below = means.partition_point(|m| *m < observed - rounding);
         let not_above = means.partition_point(|m| *m <= observed + rounding);
@@ -57,7 +57,8 @@ impl Bootstrap {
         (self.end(z), self.end(-z))
     }
 
-    /// The smallest level at which the interval excludes zero; 0 if no resampled mean is on the other side of it.
+    /// The smallest level at which the interval excludes zero; 0 if all resampled means are on one
+    /// side of zero.
     pub fn p(&self) -> f64 {
         const FARTHEST: f64 = 37.0;
         let centre = self.end(0.0);
@@ -75,7 +76,7 @@ impl Bootstrap {
     fn end(&self, z: f64) -> f64 {
         let shifted = self.bias + z;
         let stretch = 1.0 - self.acceleration * shifted;
-        // Beyond the pole of the correction lies the whole distribution.
+        // Beyond the pole of the correction, the share is all or nothing of the distribution.
         let share = if stretch <= 0.0 {
             if shifted > 0.0 { 1.0 } else { 0.0 }
         } else {

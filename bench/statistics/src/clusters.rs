@@ -14,9 +14,9 @@ pub(crate) struct Cluster {
 
 /// The scores of one dataset's pairs on side A and on side B, by cluster; differences are B − A.
 ///
-/// A pair without a score on both sides must be left out; count it where the result is shown. Two equal scores differ
-/// by zero, even if infinite (the PSNR of two identical pictures); a score that is infinite on one side only makes the
-/// mean infinite, and NaN makes it NaN.
+/// A pair without a score on both sides must be left out, and should be counted in the output. Two
+/// equal scores differ by zero, even if infinite (the PSNR of two identical pictures). A score that
+/// is infinite on only one side makes the mean infinite; NaN makes it NaN.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Clusters {
     clusters: Vec<Cluster>,
@@ -30,7 +30,8 @@ pub struct Clusters {
 }
 
 impl Clusters {
-    /// Takes the cluster of each pair and its scores `[a, b]`. The order of pairs affects only the rounding of sums.
+    /// Builds the sums from the cluster of each pair and its scores `[a, b]`. The order of pairs
+    /// affects only rounding.
     pub fn new<K: Ord>(pairs: impl IntoIterator<Item = (K, [f64; 2])>) -> Self {
         let mut by_key: BTreeMap<K, Cluster> = BTreeMap::new();
         let mut all = Self {
@@ -93,10 +94,10 @@ impl Clusters {
         self.all_equal
     }
 
-    /// The number of clusters of equal size that would carry as much information: (Σn)² / Σn² for clusters of n pairs.
-    /// This is the effective number of Carter, Schnepel and Steigerwald ("Asymptotic behavior of a t-test robust to
-    /// cluster heterogeneity", Review of Economics and Statistics, 2017) for a mean over pairs that move together
-    /// within a cluster.
+    /// The number of clusters of equal size that would carry as much information: (Σn)² / Σn² for
+    /// clusters of n pairs. This is the effective number of Carter, Schnepel and Steigerwald
+    /// ("Asymptotic behavior of a t-test robust to cluster heterogeneity", Review of Economics and
+    /// Statistics, 2017) for a mean over pairs whose differences are equal within each cluster.
     pub fn effective_clusters(&self) -> f64 {
         let squares: f64 = self.clusters.iter().map(|c| c.pairs * c.pairs).sum();
         (self.n_pairs as f64).powi(2) / squares
@@ -122,7 +123,8 @@ impl Clusters {
         self.clusters.iter().map(move |c| c.sum - mean * c.pairs)
     }
 
-    /// Whether all clusters have the same mean up to rounding, so that their spread cannot be estimated.
+    /// Whether all clusters have the same mean up to rounding: their spread then cannot be
+    /// estimated.
     pub(crate) fn without_spread(&self) -> bool {
         self.residuals().all(|r| r.abs() <= self.rounding())
     }

@@ -1,4 +1,4 @@
-//! From p and interval to a verdict.
+//! Derives a verdict from p and interval.
 
 use crate::inference::{ALPHA, Inference};
 
@@ -28,8 +28,9 @@ pub enum Verdict {
     Inconclusive,
 }
 
-/// The claim that a mean difference supports. Significance uses the corrected p. A difference can be significant and
-/// still too small to matter: `practical` is the largest magnitude that does not matter.
+/// The verdict that a mean difference supports. Significance uses the corrected p. A difference can
+/// be significant and still too small to matter: `practical` is the largest magnitude that does not
+/// matter.
 pub fn verdict(
     inference: Option<&Inference>,
     p_corrected: Option<f64>,
@@ -98,7 +99,7 @@ mod tests {
         let judge = |p, higher, practical| verdict(Some(&found), p, false, higher, practical);
         assert_eq!(judge(Some(0.049), true, 0.0), Verdict::Better);
         assert_eq!(judge(Some(0.049), false, 0.0), Verdict::Worse);
-        // Significant, however small in practice.
+        // Significant, even if too small to matter.
         assert_eq!(judge(Some(0.049), false, 2.0), Verdict::Worse);
         assert_eq!(judge(Some(0.05), false, 0.0), Verdict::Inconclusive);
         assert_eq!(judge(Some(0.05), false, 1.0), Verdict::Inconclusive);

@@ -13,7 +13,7 @@ use crate::sign_flip::SignFlip;
 pub const ALPHA: f64 = 0.05;
 /// The power at which a difference counts as detectable.
 pub const POWER: f64 = 0.8;
-/// Minimum effective clusters at which a dataset counts as large.
+/// A dataset counts as large if it has at least this many effective clusters.
 pub const MANY_CLUSTERS: f64 = 30.0;
 
 /// The method used for the interval and p.
@@ -34,7 +34,8 @@ pub struct Inference {
     pub mean: f64,
     /// 95 % confidence interval; an unbounded end is infinite.
     pub interval: (f64, f64),
-    /// Two-sided p of the hypothesis that the mean is zero. It is below 0.05 exactly if the interval excludes zero.
+    /// Two-sided p for the hypothesis that the mean is zero. It is below 0.05 if and only if the
+    /// interval excludes zero.
     pub p: f64,
     /// Standard error by the cluster jackknife, whatever the procedure; 0 if all clusters differ by the same amount.
     pub standard_error: f64,
@@ -43,9 +44,9 @@ pub struct Inference {
     pub n_pairs: usize,
     pub n_clusters: usize,
     pub procedure: Procedure,
-    /// The sign-flip test, which assumes no normal distribution: shown next to the p of a single dataset, with the
-    /// floor below which it cannot fall. `None` for several datasets, because it would take the differences between
-    /// them for noise.
+    /// The sign-flip test, which does not assume a normal distribution. It is shown next to the p
+    /// of a single dataset, with the floor below which its own p cannot fall. `None` for several
+    /// datasets, because it would treat the differences between them as noise.
     pub sign_flip: Option<SignFlip>,
 }
 
@@ -58,12 +59,15 @@ pub enum NoInference {
     NotFinite,
     #[error("a single cluster shows no spread between clusters")]
     OneCluster,
-    #[error("all clusters of a dataset differ by the same, and datasets in opposite directions")]
+    #[error(
+        "within each dataset all clusters have the same difference, and the datasets differ in \
+             opposite directions"
+    )]
     NoSpread,
 }
 
-/// Mean difference over datasets with equal weights, whatever their numbers of pairs: interval, p and detectable
-/// difference, by the rule of the [crate's documentation](crate).
+/// Mean difference over datasets, all with equal weight whatever their numbers of pairs: interval,
+/// p and detectable difference, by the rule in the [crate's documentation](crate).
 pub fn infer(datasets: &[&Clusters], resampling: Resampling) -> Result<Inference, NoInference> {
     if datasets.is_empty() || datasets.iter().any(|d| d.n_pairs() == 0) {
         return Err(NoInference::NoPairs);
@@ -143,8 +147,8 @@ fn standard_error(datasets: &[&Clusters]) -> (f64, f64) {
     (variance.sqrt() / number, degrees_of_freedom)
 }
 
-/// The sign-flip p if all clusters of a dataset have the same difference: only keeping every sign, or flipping every
-/// one, gives a mean as far from zero.
+/// The sign-flip p if all clusters of a dataset have the same difference: a mean as far from zero
+/// requires that either every sign is kept, or every one is flipped.
 fn p_without_spread(datasets: &[&Clusters]) -> Result<f64, NoInference> {
     let moved = || datasets.iter().filter(|d| !d.all_equal());
     if moved().any(|d| d.mean() > 0.0) && moved().any(|d| d.mean() < 0.0) {

@@ -1,4 +1,5 @@
-//! The cluster jackknife: how far the mean of a dataset moves when each of its clusters is left out.
+//! The cluster jackknife: how much the mean of a dataset changes if each of its clusters is left
+//! out in turn.
 
 use std::f64::consts::FRAC_PI_2;
 
@@ -11,11 +12,12 @@ use crate::numeric::{integrate, root};
 pub struct Jackknife {
     /// The estimator CV3: (G − 1)/G Σ (mean without cluster g − mean)², for G clusters.
     pub variance: f64,
-    /// Degrees of freedom of the t distribution that mean / √variance is compared with: G − 1 for clusters of equal
-    /// size. For unequal sizes, the degrees of freedom with which Student's t has the critical value of the exact
-    /// statistic at the 5 % level, if cluster means are normal; the smaller of two results, one assuming the same
-    /// variance for all clusters, the other using the estimated variances of clusters and of their pairs, which are
-    /// unreliable for few clusters.
+    /// Degrees of freedom of the t distribution that mean / √variance is compared with: G − 1 for
+    /// clusters of equal size. For unequal sizes, at these degrees of freedom Student's t has the
+    /// critical value of the exact statistic at the 5 % level, assuming normal cluster means. The
+    /// smaller of two results is used: one assumes the same variance for all clusters; the other
+    /// uses the estimated variances of clusters and of their pairs, which are unreliable for few
+    /// clusters.
     pub degrees_of_freedom: f64,
 }
 
@@ -35,7 +37,7 @@ impl Jackknife {
     }
 }
 
-/// Level at which Student's distribution is fitted to the exact one.
+/// The level at which Student's distribution is fitted to the exact one.
 const FITTED_AT: f64 = 0.05;
 
 /// See [`Jackknife::degrees_of_freedom`].
@@ -53,13 +55,14 @@ fn degrees_of_freedom(sample: &Clusters) -> f64 {
         let critical = root(-2.0, 8.0, excess).exp();
         let tail = |log: f64| t_two_sided(critical, log.exp()).max(f64::MIN_POSITIVE);
         let excess = |log: f64| tail(log).ln() - FITTED_AT.ln();
-        // A critical value below the normal's, possible with one large cluster among many, yields the upper bound.
+        // With one large cluster among many, the critical value may be below the normal's; the
+        // result is then the upper bound.
         root(-2.0, MOST_DEGREES.ln(), excess).exp()
     };
     fitted(&vec![1.0; clusters.len()]).min(fitted(&estimated_variances(sample)))
 }
 
-/// Degrees of freedom from which Student's distribution is treated as normal.
+/// From this many degrees of freedom, Student's distribution is treated as normal.
 const MOST_DEGREES: f64 = 1e6;
 
 /// Variances of the clusters' means: the variance between clusters plus that between pairs divided by their number n,
@@ -145,8 +148,8 @@ impl Statistic {
         let sign = |log: f64| self.determinant(log.exp(), c).1;
         let zero = root(start - 1.0, start + 60.0, sign).exp();
         let product = |phi: f64| {
-            // At sin φ = 1 the determinant and its factor both vanish, so their quotient is taken slightly off that
-            // point.
+            // At sin φ = 1 the determinant and its factor both vanish, so take their quotient
+            // slightly off that point.
             let s = (1.0 / phi.sin().powi(2)).max(1.0 + 1e-7);
             let (log, rest) = self.determinant(s * zero, c);
             (-0.5 * log).exp() / (rest / (1.0 - s)).sqrt()
@@ -198,8 +201,8 @@ mod tests {
 
     #[test]
     fn many_clusters_of_unequal_sizes_have_many_degrees_of_freedom() {
-        // Two in three clusters have one pair, the others two. The degrees of freedom are close to the effective number
-        // of clusters, (Σn)² / Σn², less one.
+        // Two in three clusters have one pair, the others have two. The degrees of freedom are
+        // close to the effective number of clusters, (Σn)² / Σn², minus one.
         for clusters in [139, 200, 1000, 5000] {
             let sizes: Vec<usize> = (0..clusters).map(|k| 1 + usize::from(k % 3 == 0)).collect();
             let sample = constant(&sizes);

@@ -1,4 +1,4 @@
-//! Means, quadrature and root finding, as far as the distributions here need them.
+//! The means, quadrature and root finding that the distributions here need.
 
 use std::f64::consts::FRAC_PI_2;
 use std::sync::LazyLock;

@@ -8,21 +8,22 @@ use crate::resampling::Resampling;
 /// With more clusters than this, sign patterns are sampled instead of enumerated (2¹³ patterns).
 pub(crate) const MOST_ENUMERATED: usize = 14;
 
-/// Sign-flip test of the clusters' differences: exact if each cluster's sum of (difference − true mean) is as
-/// likely as its negative, whatever the clusters' sizes and spreads (Fisher 1935; Romano, "On the behavior of
-/// randomization tests without a group invariance assumption", JASA 1990, for means that are not symmetric).
+/// Sign-flip test of the clusters' differences. It is exact if each cluster's sum of (difference −
+/// true mean) is as likely as its negative, whatever the clusters' sizes and spreads (Fisher 1935).
+/// For means that are not symmetric, see Romano, "On the behavior of randomization tests without a
+/// group invariance assumption", JASA 1990.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SignFlip {
-    /// Share of sign patterns whose mean is at least as far from zero as the observed one: of all patterns if
-    /// enumerated, else of those drawn plus the observed one.
+    /// Share of sign patterns whose mean is at least as far from zero as the observed one: of all
+    /// patterns if enumerated, else of the drawn patterns and the observed one.
     pub p: f64,
     /// The smallest possible `p` for this number of clusters: 2/2^G if enumerated, so that no sign test is significant
     /// at 5 % with fewer than six.
     pub floor: f64,
     /// How patterns were drawn; `None` if all were enumerated.
     pub resampling: Option<Resampling>,
-    /// Per pattern, the lower bounds of the true means under which it is as likely as the observed one, sorted; `highs`
-    /// has the upper bounds.
+    /// For each pattern, the lower bound of the true means under which it is as far from its
+    /// expectation as the observed one; sorted. `highs` has the upper bounds.
     lows: Vec<f64>,
     highs: Vec<f64>,
 }
@@ -45,7 +46,8 @@ impl SignFlip {
                 range(sample, || random.next_u64())
             });
             let mut all: Vec<_> = match sample.all_equal() {
-                // Same result for any flips; comparing two identical runs is common and must be quick.
+                // All flips have the same result. Skip drawing them: comparing two identical runs
+                // is common and should be quick.
                 true => vec![(0.0, 0.0); resampling.count.get() as usize],
                 false => drawn.collect(),
             };

@@ -1,4 +1,4 @@
-//! What the inference answers for the samples that come, the odd ones among them.
+//! Results of the inference for typical and for unusual samples.
 
 use rayon::ThreadPoolBuilder;
 use sharp::random::SplitMix64;

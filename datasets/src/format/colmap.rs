@@ -19,7 +19,7 @@ pub struct Model {
     pub cameras: Cameras,
     /// Images in file order.
     pub images: Vec<ColmapImage>,
-    /// The files that were read: that of the cameras, then that of the images.
+    /// The files that were read: first that of the cameras, then that of the images.
     pub files: Vec<PathBuf>,
     /// Notes on files in the same folder that were not read.
     pub notes: Vec<String>,
@@ -31,7 +31,7 @@ impl Model {
         &self.files[1]
     }
 
-    /// Lens of an image's camera. The inner error is a reason that only affects the camera's pictures.
+    /// Lens of an image's camera. The inner error affects only the camera's pictures.
     ///
     /// # Errors
     /// If the image's camera does not exist; names the file.
@@ -66,7 +66,7 @@ fn has_model(folder: &Path, extension: &str) -> bool {
     names.all(|name| folder.join(format!("{name}.{extension}")).is_file())
 }
 
-/// Binary if both kinds are complete, as in COLMAP, or if neither is.
+/// Binary if both kinds are complete (as in COLMAP), or neither is.
 fn kind(folder: &Path) -> &'static str {
     let only_text = has_model(folder, "txt") && !has_model(folder, "bin");
     if only_text { "txt" } else { "bin" }
@@ -105,7 +105,7 @@ fn check_inside(root: &Root, folder: &Path) -> Result<(), DatasetError> {
     Ok(())
 }
 
-/// Reads a model; binary if both kinds exist, as in COLMAP. All files are of the same kind.
+/// Reads a model; binary if both kinds exist, as in COLMAP. All files must be of the same kind.
 ///
 /// # Errors
 /// Names the file and what is wrong with it.
@@ -133,7 +133,8 @@ fn read_images(folder: &Path, kind: &str) -> Result<(PathBuf, Vec<ColmapImage>),
     Ok((file, images))
 }
 
-/// Notes on files of the other kind in a model's folder, which also report any contradictions.
+/// Notes on files of the other kind in a model's folder. If they contradict the model, the notes
+/// say so.
 fn unread_notes(folder: &Path, model: &Model, kind: &str) -> Vec<String> {
     let (read, unread, other) = match kind {
         "bin" => ("binary", "text", "txt"),
@@ -154,7 +155,7 @@ fn unread_notes(folder: &Path, model: &Model, kind: &str) -> Vec<String> {
         contradictions.push("other pictures or poses");
     }
     let what = match whole {
-        true => format!("the {unread} model beside it"),
+        true => format!("the {unread} model next to it"),
         false => format!("cameras.{other} beside it"),
     };
     let contradiction = match contradictions.is_empty() {
@@ -238,7 +239,8 @@ fn read_cameras_of(file: &Path) -> Result<Cameras, DatasetError> {
     }
 }
 
-/// Reads the points of a model, of the same kind as its other files; `None` if there are none.
+/// Reads the points of a model; their file is of the same kind as the other files. `None` if there
+/// are none.
 ///
 /// # Errors
 /// Names the file and what is wrong with it.
@@ -246,7 +248,7 @@ pub fn read_points(folder: &Path) -> Result<Option<(PathBuf, Vec<ColmapPoint>)>,
     let of_kind = |kind: &str| Some(folder.join(format!("points3D.{kind}")));
     let first = of_kind(kind(folder)).filter(|file| file.is_file());
     let others = ["bin", "txt"].iter().filter_map(|kind| of_kind(kind));
-    // A folder without a complete model may still have points of either kind.
+    // A folder without a complete model may still have a file of points, of either kind.
     let others = others.filter(|file| !is_model(folder) && file.is_file());
     let Some(file) = first.into_iter().chain(others).next() else {
         return Ok(None);

@@ -11,8 +11,9 @@ use crate::lens::COLMAP_MODELS;
 /// Maximum number of parameters tried for an unknown camera model; COLMAP's own have at most 16.
 const MOST_PARAMS: usize = 32;
 
-/// Parses `cameras.bin`. Its records do not state their length. Cameras of a single unknown model, which is then named
-/// by its number, are accepted if exactly one parameter count makes the records end at the end of the file.
+/// Parses `cameras.bin`. Its records do not state their length. Cameras of an unknown model, named
+/// by its number, are accepted if there is only one such model and exactly one number of parameters
+/// makes the last record end with the file.
 ///
 /// # Errors
 /// Truncated file, more records than the bytes can contain, or camera models of unknown length.
@@ -34,8 +35,8 @@ pub fn cameras(bytes: &[u8]) -> Result<BTreeMap<u32, ColmapCamera>, FormatError>
     }
 }
 
-/// Reads cameras. `params_of` returns the number of parameters of unknown models, if known; in that case the records
-/// must fill the file.
+/// Reads cameras. `params_of` returns the number of parameters of a model that is not built in, if
+/// known; the records must then fill the file.
 fn cameras_with(
     bytes: &[u8],
     params_of: &mut dyn FnMut(i32) -> Option<usize>,
@@ -145,7 +146,8 @@ impl<'a> RecordReader<'a> {
         Ok(taken)
     }
 
-    /// Reads a count of records of at least `smallest` bytes, and checks that the rest of the file can contain them.
+    /// Reads a number of records of at least `smallest` bytes each, and checks that the rest of the
+    /// file can contain them.
     fn count(&mut self, smallest: usize) -> Result<usize, FormatError> {
         let n = self.u64()?;
         match usize::try_from(n) {
@@ -263,7 +265,7 @@ mod tests {
                 (&*unknown.to_string(), 12)
             );
             assert!(read.lens().is_err());
-            // No integer number of parameters fills the file.
+            // No whole number of parameters fills the file.
             let error = cameras(&bytes[..bytes.len() - 4]).unwrap_err();
             assert!(
                 error

@@ -27,8 +27,8 @@ pub fn cameras(text: &str) -> Result<BTreeMap<u32, ColmapCamera>, FormatError> {
     Ok(cameras)
 }
 
-/// Parses `images.txt`: two lines per image, of which the second may be empty, or missing as in files from which
-/// observations were removed.
+/// Parses `images.txt`: two lines per image. The second may be empty, or missing if observations
+/// were removed from the file.
 ///
 /// # Errors
 /// The line number and what is wrong with the line.
@@ -40,7 +40,7 @@ pub fn images(text: &str) -> Result<Vec<ColmapImage>, FormatError> {
             continue;
         }
         images.push(image(number, line)?);
-        // The observations belong to this image even if the line is blank.
+        // The next line has this image's observations, even if it is blank.
         let Some((number, line)) =
             lines.next_if(|(number, line)| image(*number, line).is_err() || is_track(line))
         else {

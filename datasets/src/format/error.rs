@@ -1,4 +1,4 @@
-//! Why bytes are not a file of a format.
+//! Why bytes cannot be read as a file of a format.
 
 use sharp::image_file::ImageFileError;
 use sharp::ply::table::TableError;
@@ -8,7 +8,7 @@ use crate::lens::LensError;
 /// Errors of parsing a file format.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum FormatError {
-    /// The data is shorter than the header states.
+    /// The file has less data than its header states.
     #[error("{what} takes {needed} bytes; only {available} follow the header (truncated?)")]
     Truncated {
         what: String,

@@ -67,7 +67,7 @@ pub(super) fn size(bytes: &[u8]) -> Result<(u32, u32), FormatError> {
         let pixels = width.saturating_mul(height);
         let samples = pixels.saturating_mul(header.channels.list.len());
         all = all.saturating_add(samples);
-        // The strongest of EXR's compressions is deflate.
+        // Deflate is the strongest of EXR's compressions.
         if samples / 1032 > bytes.len() || all as u64 / 4 > Intrinsics::MAX_PIXELS {
             return Err(invalid!(
                 "the header declares {width}x{height} pixels, too many for {} bytes or for any map",

@@ -1,5 +1,6 @@
-//! JSON as written by Python and by hand: bare `NaN` and `Infinity`, trailing commas. Implemented as a pass before
-//! `serde_json`, which limits nesting; JSON5 would accept far more than these files contain.
+//! JSON as written by Python and by hand: bare `NaN` and `Infinity`, trailing commas. Implemented
+//! as a pass before `serde_json`, which limits nesting. JSON5 would accept far more than these
+//! files contain.
 
 use serde_json::Value;
 
@@ -13,7 +14,7 @@ pub fn parse(text: &str) -> Result<Value, FormatError> {
     serde_json::from_str(&strict(text)).map_err(|e| invalid!("not JSON: {e}"))
 }
 
-/// Converts the document to strict JSON, with the same length up to the replaced words.
+/// Converts the document to strict JSON. Its length changes only by the replaced words.
 fn strict(text: &str) -> String {
     let mut out = String::with_capacity(text.len());
     let mut rest = text.trim_start_matches('\u{feff}');

@@ -17,8 +17,8 @@ pub fn read_map(path: &Path) -> Result<FloatMap, DatasetError> {
     read_map_if(path, &|_| Ok(()))
 }
 
-/// Like [`read_map`], but first passes the width and height in the header to `accepts`, since a small compressed file
-/// may contain a map that exhausts memory.
+/// Like [`read_map`], but first passes the width and height in the header to `accepts`, because a
+/// small compressed file may contain a map that exhausts memory.
 ///
 /// # Errors
 /// As for [`read_map`], and any error of `accepts`.
@@ -26,12 +26,12 @@ pub(crate) fn read_map_if(
     path: &Path,
     accepts: &dyn Fn((u32, u32)) -> Result<(), DatasetError>,
 ) -> Result<FloatMap, DatasetError> {
-    // An uncompressed map is limited by its file: at most eight bytes per pixel.
+    // The size of an uncompressed map is limited by its file; pixels have at most eight bytes.
     let length = std::fs::metadata(path)
         .map_err(|e| DatasetError::io(path, e))?
         .len();
     if length / 8 > Intrinsics::MAX_PIXELS {
-        let reason = format!("holds {length} bytes, more than any map");
+        let reason = format!("is {length} bytes long, more than any map");
         return Err(DatasetError::malformed(path, reason));
     }
     let bytes = files::read(path)?;
@@ -81,7 +81,7 @@ mod tests {
 
     use super::*;
 
-    /// Only who unpacks all of the archive notices that its array ends early.
+    /// Only unpacking the whole archive reveals that its array is truncated.
     #[test]
     fn an_archived_map_is_judged_by_its_header() {
         let folder = tempfile::tempdir().unwrap();

@@ -1,7 +1,7 @@
 //! NumPy's `.npy` arrays and `.npz` archives of them, numeric types only.
 //!
-//! Implemented here because the crate `npyz` allocates whatever length a header claims (4 GiB from 14 bytes), and
-//! `ndarray-npy` would add a dependency on `ndarray`.
+//! Implemented here because the crate `npyz` allocates whatever length a header states (4 GiB from
+//! 14 bytes), and `ndarray-npy` would add a dependency on `ndarray`.
 
 use std::borrow::Cow;
 use std::fmt::Display;
@@ -72,7 +72,7 @@ pub fn parse(bytes: &[u8]) -> Result<NpyArray, FormatError> {
 /// Width and height of an `.npz`'s map; decompresses only its header.
 ///
 /// # Errors
-/// As for [`parse`] and [`NpyArray::into_map`], as far as the header reveals it.
+/// The errors of [`parse`] and [`NpyArray::into_map`] that the header reveals.
 pub(super) fn archived_size(bytes: &[u8]) -> Result<(u32, u32), FormatError> {
     const LONGEST_HEADER: u64 = 1 << 17;
     let start = unpacked(bytes, LONGEST_HEADER)?;
@@ -89,20 +89,20 @@ fn unpacked(bytes: &[u8], most: u64) -> Result<Vec<u8>, FormatError> {
     let names: Vec<String> = names.map(Cow::into_owned).collect();
     let usual = ["arr_0.npy", "depth.npy", "disp.npy"].map(str::to_owned);
     let name = match names.as_slice() {
-        [] => return Err("the archive holds no array".into()),
+        [] => return Err("the archive contains no array".into()),
         [only] => only,
         several => usual
             .iter()
             .find(|name| several.contains(name))
             .ok_or_else(|| {
                 let first = several[..several.len().min(8)].join(", ");
-                invalid!("the archive holds several arrays: {first}")
+                invalid!("the archive contains several arrays: {first}")
             })?,
     };
     let member = archive.by_name(name).map_err(refused)?;
     let (packed, size) = (member.compressed_size(), member.size());
     let damaged = |why: &dyn Display| invalid!("the archive's member '{name}' is damaged: {why}");
-    // Deflate cannot expand by more than this.
+    // Deflate cannot compress by a larger factor.
     if size / 1032 > packed.min(bytes.len() as u64) {
         return Err(damaged(&format_args!("{packed} bytes cannot hold {size}")));
     }
@@ -252,13 +252,14 @@ struct NpyType {
 impl NpyType {
     fn parse(text: &str) -> Result<Self, FormatError> {
         let unknown = || FormatError::Unsupported(format!("arrays of type '{text}' are not read"));
-        // NumPy writes `|O`; without a byte order it is understood, too.
+        // NumPy writes `|O`; `O` without a byte order is recognised too.
         if text
             .trim_start_matches(['|', '<', '>', '='])
             .starts_with('O')
         {
             return Err(
-                "an array of Python objects; it would have to be unpickled, which is never done"
+                "an array of Python objects, which are refused because they would have to be \
+                 unpickled"
                     .into(),
             );
         }

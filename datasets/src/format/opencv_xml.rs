@@ -60,7 +60,7 @@ fn node(element: roxmltree::Node<'_, '_>) -> Result<Node, FormatError> {
     let (rows, cols) = (side(rows)?, side(cols)?);
     let data = text_of(data)
         .split_ascii_whitespace()
-        .map(|t| number(t).ok_or_else(|| invalid!("{name} holds '{t}'")))
+        .map(|t| number(t).ok_or_else(|| invalid!("{name} contains '{t}'")))
         .collect::<Result<Vec<_>, _>>()?;
     if rows.checked_mul(cols) != Some(data.len()) {
         let entries = data.len();

@@ -105,7 +105,7 @@ impl<'a> PfmHeader<'a> {
             }
         }
         let rest = &self.bytes[self.at..];
-        // Numbers are short; a longer run is not a header.
+        // Numbers are short, so a longer run is not part of a header.
         let end = rest
             .iter()
             .take(64)
@@ -124,8 +124,9 @@ impl<'a> PfmHeader<'a> {
             .map_err(|_| invalid!("the {what} in the header is '{token}'"))
     }
 
-    /// The data after the header, which ends with one byte of white space or CR LF. If a lone CR is followed by a data
-    /// byte that happens to be LF, the number of bytes needed resolves the ambiguity.
+    /// The data after the header, which ends with one byte of white space or with CR LF. If a lone
+    /// CR ends the header and the first data byte happens to be LF, this is recognised by the
+    /// number of bytes needed.
     fn data(&self, needed: Option<usize>) -> &'a [u8] {
         let rest = &self.bytes[self.at..];
         let after_cr = rest.len().saturating_sub(1);
@@ -182,7 +183,7 @@ mod tests {
 
     #[test]
     fn a_data_byte_that_looks_like_a_line_feed_is_kept() {
-        // f32 whose first little-endian byte is 0x0A, after a header that ends in a lone CR.
+        // A f32 whose first little-endian byte is 0x0A, after a header that ends with a lone CR.
         let value = f32::from_le_bytes([0x0A, 0x00, 0x80, 0x3F]);
         let bytes = [b"Pf\r1 1\r-1\r".as_slice(), &value.to_le_bytes()].concat();
         assert_eq!(parse(&bytes).unwrap().as_raw(), &[value]);

@@ -58,13 +58,14 @@ pub fn read_mask(path: &Path) -> Result<GrayImage, DatasetError> {
 /// Reads a photograph's header without decoding its pixels.
 ///
 /// # Errors
-/// As for [`read`], as far as the header reveals it.
+/// The errors of [`read`] that the header reveals.
 pub fn header(path: &Path) -> Result<Header, DatasetError> {
     let file = BufReader::new(files::open(path)?);
     image_file::header(file).map_err(|error| DatasetError::format(path, error))
 }
 
-/// Width and height, as read by `rules`, of a photograph without a camera size to match.
+/// Width and height of a photograph as read by `rules`, if there is no camera whose size it has to
+/// match.
 ///
 /// # Errors
 /// As for [`header`].
@@ -78,7 +79,7 @@ pub fn size_as_read(path: &Path, rules: &PictureRules) -> Result<(u32, u32), Dat
 /// Width and height of a photograph as stored; reads only its header.
 ///
 /// # Errors
-/// As for [`read`], as far as the header reveals it.
+/// The errors of [`read`] that the header reveals.
 pub fn dimensions(path: &Path) -> Result<(u32, u32), DatasetError> {
     let file = BufReader::new(files::open(path)?);
     image_file::dimensions(file).map_err(|error| DatasetError::format(path, error))

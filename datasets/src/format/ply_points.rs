@@ -25,7 +25,7 @@ pub fn parse(bytes: &[u8]) -> Result<Geometry, FormatError> {
         match element.name.as_str() {
             "vertex" => read_vertices(element, &mut body, &mut geometry.points)?,
             "face" => read_faces(element, &mut body, &mut geometry.triangles)?,
-            // The remaining elements are not needed and may be of any kind.
+            // The remaining elements are not needed, so they may be of any kind.
             _ if !geometry.points.is_empty() => break,
             _ => body.rows(element, |_| Ok::<_, FormatError>(()))?,
         }

@@ -8,7 +8,7 @@ use super::{FloatMap, FormatError};
 /// Reads `width · height` values; gzip-compressed files are decompressed. +inf means no depth.
 ///
 /// # Errors
-/// The expected length, if the data has another.
+/// The expected length, if the data has another length.
 pub fn parse(bytes: &[u8], (width, height): (u32, u32)) -> Result<FloatMap, FormatError> {
     let expected = u64::from(width) * u64::from(height) * 4;
     let mut unpacked = Vec::new();
@@ -23,7 +23,7 @@ pub fn parse(bytes: &[u8], (width, height): (u32, u32)) -> Result<FloatMap, Form
     };
     if bytes.len() as u64 != expected {
         return Err(invalid!(
-            "holds {} bytes; the depth of a {width}x{height} picture takes exactly {expected}",
+            "has {} bytes; the depth of a {width}x{height} picture takes exactly {expected}",
             bytes.len()
         ));
     }

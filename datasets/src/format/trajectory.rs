@@ -7,7 +7,8 @@ use sharp::camera::{CameraError, RigidTransform, affine_from_row_major};
 
 use super::FormatError;
 
-/// A pose with its frame number, camera to world in OpenCV's axes, or the reason that it is invalid.
+/// A frame number with its pose (camera to world in OpenCV's axes) or the reason why the pose is
+/// invalid.
 #[derive(Debug, Clone, PartialEq)]
 pub struct NumberedPose {
     /// Frame number as written.
@@ -26,9 +27,9 @@ pub struct Log {
     pub poses: Vec<NumberedPose>,
 }
 
-/// Parses a `.log`: blocks of three integers and a 4×4 matrix, separated by any white space. The first of the three
-/// numbers is the block's index. If it is the same in all blocks, it is ignored and the blocks' positions, from 0, are
-/// the indices.
+/// Parses a `.log`: blocks of three integers and a 4×4 matrix, separated by any white space. The
+/// first integer is the block's index. If it is the same in all blocks, it is ignored, and the
+/// blocks are numbered from 0 instead.
 ///
 /// # Errors
 /// An incomplete block, something that is not a number, or an index that is negative or repeated.

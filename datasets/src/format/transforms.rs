@@ -28,12 +28,13 @@ pub struct JsonFrame {
     pub mask_path: Option<String>,
     /// True if the pose is unreliable (ScanNet++).
     pub is_bad: bool,
-    /// Camera to world in OpenCV's axes, with the translation as written, or the reason that the pose is invalid.
+    /// Camera to world in OpenCV's axes, with the translation as in the file, or the reason why the
+    /// pose is invalid.
     pub world_from_camera: Result<RigidTransform, CameraError>,
     intrinsics: RawIntrinsics,
     /// Intrinsics that the file states for all its frames.
     shared: Arc<RawIntrinsics>,
-    /// True if the frame's own intrinsics differ from the file's. The frame's take precedence unless
+    /// True if the frame's own intrinsics differ from the file's. The frame's are used unless
     /// [`JsonFrame::prefer_file`] is called.
     pub contradicts_file: bool,
 }
@@ -68,8 +69,8 @@ const INTRINSIC_KEYS: [&str; 18] = [
 /// Parses a `transforms.json`.
 ///
 /// # Errors
-/// Not JSON, no frames, or a frame without a path or with a matrix of another shape. A pose that is not finite or not
-/// rigid is not an error here but stored in its frame.
+/// Not JSON, no frames, or a frame without a path or with a matrix of another shape. A pose that is
+/// not finite or not rigid is no error here; its frame records it.
 pub fn parse(text: &str) -> Result<Transforms, FormatError> {
     let document = lenient_json::parse(text)?;
     let top = document
@@ -245,7 +246,7 @@ impl JsonFrame {
             _ if fisheye => "OPENCV_FISHEYE",
             _ => "OPENCV",
         };
-        // nerfstudio also uses coefficients with these model names, if there are any.
+        // Like nerfstudio, use coefficients with these model names, if there are any.
         let model = match model {
             "PINHOLE" | "SIMPLE_PINHOLE" | "PERSPECTIVE" => "OPENCV",
             other => other,
@@ -279,8 +280,8 @@ impl JsonFrame {
     }
 }
 
-/// Undoes, for a camera-to-world pose, the change of world axes that is applied to COLMAP models in nerfstudio's files
-/// (and in ScanNet++'s, which do not record it).
+/// For a camera-to-world pose, undoes the change of world axes that nerfstudio applies to COLMAP
+/// models. ScanNet++'s files have the same change but do not state it.
 pub fn undo_colmap_axes(world_from_camera: &RigidTransform) -> RigidTransform {
     // (x, y, z) was written as (y, x, −z), which is its own inverse.
     let swap = |v: DVec3| DVec3::new(v.y, v.x, -v.z);
@@ -350,7 +351,7 @@ mod tests {
                 k: [0.0, 0.0, 0.0, 0.1]
             })
         );
-        // Coefficients are also used if the model's name is that of a pinhole.
+        // Coefficients are used even if the model's name is that of a pinhole.
         assert_eq!(
             of("\"camera_model\": \"PINHOLE\", \"k1\": 0.1,"),
             of("\"k1\": 0.1,")

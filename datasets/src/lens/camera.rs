@@ -134,8 +134,8 @@ impl Lens {
         self.distortion == Distortion::None
     }
 
-    /// Projects a camera-space point to pixels; `None` unless it is in front of the camera (z > 0). Far outside the
-    /// picture, the polynomials fold back: see [`Self::project_unfolded`].
+    /// Projects a camera-space point to pixels; `None` unless it is in front of the camera (z > 0).
+    /// Far outside the picture, the polynomials fold back; see [`Self::project_unfolded`].
     pub fn project(&self, point: DVec3) -> Option<DVec2> {
         (point.z > 0.0).then(|| {
             let k = &self.intrinsics;
@@ -250,7 +250,8 @@ mod tests {
 
     type Projected = (&'static str, &'static [f64], [[f64; 2]; 2]);
 
-    /// Models, each with the pixels to which pycolmap 4.2.1 projects (0.3, -0.2, 1) and (-0.7, 0.5, 1).
+    /// Models, each with the pixels to which pycolmap 4.2.1 projects (0.3, -0.2, 1) and (-0.7, 0.5,
+    /// 1).
     const OF_COLMAP_4: [Projected; 7] = [
         (
             "FOV",

@@ -53,7 +53,8 @@ impl Distortion {
         Self::Perspective { model, k, p }
     }
 
-    /// COLMAP's name of the model; for a family, that of the model with the most parameters.
+    /// COLMAP's name of the model. For a family of models, the name of the one with the most
+    /// parameters.
     pub fn name(&self) -> &'static str {
         match self {
             Self::None => "PINHOLE",
@@ -91,7 +92,8 @@ impl Distortion {
             Self::Fov { omega } => {
                 let t = 2.0 * (omega / 2.0).tan();
                 let x2 = r2 * t * t;
-                // atan(x)/x and its derivative with respect to x²: below this, the series is exact up to rounding.
+                // atan(x)/x and its derivative with respect to x². For smaller x², the series is
+                // exact up to rounding.
                 let (ratio, slope) = if x2 < 1e-8 {
                     (1.0 - x2 / 3.0, -1.0 / 3.0 + 0.4 * x2)
                 } else {
@@ -227,7 +229,7 @@ fn by_r2(r2: f64, k: [f64; 4]) -> f64 {
 /// `(u, v) θ/r` with θ = atan r: makes the radius equal to the angle from the axis.
 fn equidistant(uv: DVec2) -> DVec2 {
     let r = uv.length();
-    // θ/r = 1 − r²/3 + …: below this the difference is rounding.
+    // θ/r = 1 − r²/3 + …: for smaller r, the difference from 1 is below rounding.
     if r < 1e-9 { uv } else { uv * (r.atan() / r) }
 }
 
@@ -235,8 +237,8 @@ fn equidistant(uv: DVec2) -> DVec2 {
 mod tests {
     use super::*;
 
-    /// Central differences of step 1e-5: their own error is 1e-10 times the third derivative, and
-    /// rounding 1e-11.
+    /// Central differences of step 1e-5: their error is 1e-10 times the third derivative, plus
+    /// 1e-11 from rounding.
     #[test]
     fn slopes_are_those_of_small_differences() {
         let p = [5e-3, -3e-3];

@@ -5,8 +5,8 @@ use glam::DVec2;
 use super::Distortion;
 
 impl Distortion {
-    /// Converts the coordinates that [`Self::bend`] acts on to normalised ones; `None` for a fisheye's rays at 90° and
-    /// beyond.
+    /// Converts the coordinates that [`Self::bend`] acts on to normalised coordinates; `None` for
+    /// rays of a fisheye at 90° and beyond.
     pub(super) fn straightened(&self, bent: DVec2) -> Option<DVec2> {
         if !self.is_fisheye() {
             return Some(bent);
@@ -32,7 +32,7 @@ impl Distortion {
             return Some(distorted);
         }
         let mut x = distorted;
-        // Far outside, the polynomial may explode, so start where it is close to the identity.
+        // Far outside, the polynomial may diverge, so start where it is close to the identity.
         let mut error = self.bend(x) - distorted;
         if error.length_squared() > x.length_squared() {
             x = DVec2::ZERO;
@@ -59,7 +59,7 @@ impl Distortion {
                     break None;
                 }
             };
-            // At the limit of rounding, no step helps any more.
+            // At the limit of rounding, no step reduces the error.
             let Some((candidate, next_error)) = next else {
                 break;
             };
@@ -75,8 +75,9 @@ impl Distortion {
         slope.determinant() > 0.0 && (slope * x).dot(x) > 0.0 || x == DVec2::ZERO
     }
 
-    /// Radius within which the map does not fold back, to 1/128, in normalised coordinates (for fisheyes, the angle in
-    /// radians). Infinite for a pinhole, at most 10 (84°) for perspective lenses.
+    /// Radius within which the map does not fold back, accurate to 1/128, in normalised coordinates
+    /// (for fisheyes, the angle in radians). Infinite for a pinhole, at most 10 (84°) for
+    /// perspective lenses.
     pub(super) fn fold_radius(&self) -> f64 {
         if *self == Self::None {
             return f64::INFINITY;

@@ -31,7 +31,7 @@ pub enum LensError {
     OutOfRange { model: String },
     #[error(transparent)]
     Camera(#[from] CameraError),
-    /// No field of view is narrow enough for a pinhole view without blank pixels.
+    /// Even the narrowest pinhole view has blank pixels.
     #[error("the lens distorts too strongly for a pinhole view without blank pixels")]
     NoWholePinhole,
     #[error("the midpoints of the picture's edges are outside the lens's field of view")]

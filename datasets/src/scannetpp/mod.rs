@@ -38,8 +38,8 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
              data/<scene>/scans/mesh_aligned_0.05.ply",
     paper_column: "ScanNet++",
     paper_overlap: PaperOverlap::Dense,
-    caveat: "the paper says 'nvs test split': whether that is the list nvs_test, whose meshes and \
-             test pictures are withheld, or the test pictures of other scenes, is open",
+    caveat: "the paper says 'nvs test split', which may mean the list nvs_test, whose meshes and \
+             test pictures are withheld, or the test pictures of other scenes",
     settings: &[
         Setting::named(
             "split",
@@ -52,17 +52,17 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
                 ),
                 choice(
                     "nvs_sem_val",
-                    "has meshes and test pictures: with frames=test another reading",
+                    "has meshes and test pictures; with frames=test, another interpretation",
                 ),
                 proxy("nvs_test_small", "twelve scenes of nvs_test"),
-                choice("all", "every scene that is there: with frames=test a third"),
+                choice("all", "every scene found; with frames=test, a third interpretation"),
             ],
         ).left_open(),
         Setting::choice(
             "frames",
             "which pictures of a scene",
             &[
-                choice("train", "'frames': all that is there of nvs_test"),
+                choice("train", "'frames': for nvs_test the only available pictures"),
                 choice("test", "'test_frames'"),
                 choice("all", "both"),
             ],
@@ -71,11 +71,11 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
             "images",
             "which photographs",
             &[
-                choice("auto", "undistorted if they are there, else fisheye"),
+                choice("auto", "undistorted if available, else fisheye"),
                 choice("undistorted", "as the toolbox undistorts them"),
                 choice(
                     "fisheye",
-                    "as taken, undistorted by us to the toolbox's camera",
+                    "as taken, undistorted by sharp-bench to the toolbox's camera",
                 ),
             ],
         ).left_open(),
@@ -85,11 +85,11 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
             &[
                 choice(
                     "auto",
-                    "rendered if it is there, else the mesh if it is there",
+                    "rendered if available, else mesh if available",
                 ),
                 choice("rendered", "the toolbox's dslr/render_depth, millimetres"),
-                choice("mesh", "scans/mesh_aligned_0.05.ply, drawn by us"),
-                choice("points", "COLMAP's points that each picture sees: sparse"),
+                choice("mesh", "scans/mesh_aligned_0.05.ply, rendered by sharp-bench"),
+                choice("points", "COLMAP's points that each picture sees (sparse)"),
                 choice("none", "no depth"),
             ],
         ).left_open(),
@@ -130,7 +130,7 @@ fn required_files(photo: &PhotographPath<'_>) -> Vec<RequiredFile> {
         photo.above(&format!("nerfstudio/{json}")),
     )];
     if undistorted {
-        // Depth is rendered with the fisheye camera; a mesh does not need it.
+        // Depth maps are rendered with the fisheye camera; depth from a mesh does not need it.
         let fisheye = RequiredFile::depth(photo.above("nerfstudio/transforms.json"));
         files.push(fisheye.or(mesh()));
     }
@@ -168,14 +168,14 @@ fn open(spec: &DatasetSpec) -> Result<FoundScenes, DatasetError> {
     let cache = ScanCache::default();
     let mut found = FoundScenes::default();
     for name in &names {
-        // A name that points outside must not hide the other scenes.
+        // A name that points outside the folder must not prevent reading the other scenes.
         let scene = root.resolve_listed(&list, &data, &format!("{name}/dslr"));
         let scene = scene.and_then(|dslr| {
             let scene = root.resolve(&data, name)?;
             if !scene.is_dir() {
                 return Err(DatasetError::malformed(
                     &list,
-                    "names scenes that are not there",
+                    "lists scenes that do not exist",
                 ));
             }
             if !dslr.is_dir() {
@@ -196,7 +196,7 @@ fn open(spec: &DatasetSpec) -> Result<FoundScenes, DatasetError> {
         found.add(name, scene);
     }
     for name in there.iter().filter(|name| !names.contains(name)) {
-        found.rule_out(name, format!("split={split} does not name them"));
+        found.rule_out(name, format!("split={split} does not list them"));
     }
     let expected = "splits/<split>.txt and data/<scene>/dslr of its scenes, or split=all";
     spec.conclude(found, expected, Vec::new())
@@ -229,7 +229,7 @@ impl ScanNetPpReader<'_> {
         for frame in chosen {
             let file_name = &frame.file_path;
             if frame.is_bad && self.spec.setting("bad") == "drop" {
-                scene.leave_out("ScanNet++ calls the pose bad", file_name);
+                scene.leave_out("ScanNet++ marks the pose as bad", file_name);
                 continue;
             }
             let image = scene.finder.picture(&photos.images, file_name)?;
@@ -295,7 +295,7 @@ impl ScanNetPpReader<'_> {
         }
         let hint = match choice {
             "all" => String::new(),
-            other => format!("; frames={other} are the pictures looked for"),
+            other => format!("; pictures read: frames={other}"),
         };
         scene.finish_with_views(name.to_owned(), &hint)
     }
@@ -339,7 +339,7 @@ impl DepthFrom {
         Some(match (self, setting) {
             (Self::Rendered(_), _) if has_depth => "dslr/render_depth, rendered by the toolbox",
             (Self::Rendered(_), _) => "none, no map of these pictures in dslr/render_depth",
-            (Self::Mesh(_), _) => "scans/mesh_aligned_0.05.ply, drawn by us",
+            (Self::Mesh(_), _) => "scans/mesh_aligned_0.05.ply, rendered by sharp-bench",
             (Self::Points(..), _) => "COLMAP's points that each picture sees",
             (Self::None, "none") => return None,
             (Self::None, "rendered") => "none, there is no dslr/render_depth",

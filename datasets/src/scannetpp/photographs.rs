@@ -15,15 +15,15 @@ pub(super) struct DslrPhotographs {
     pub(super) file: Transforms,
     pub(super) images: PathBuf,
     pub(super) masks: PathBuf,
-    /// Folder of pictures undistorted by the toolbox; `None` for the fisheye ones.
+    /// Folder of pictures undistorted by the toolbox; `None` if the fisheye pictures are used.
     pub(super) published: Option<String>,
     /// Fisheye cameras and their file, if the pictures are undistorted but depth is not.
     pub(super) fisheye: Option<(PathBuf, Transforms)>,
 }
 
 impl DslrPhotographs {
-    /// Finds the photographs selected by `choice`, a value of the setting `images`. If `depth_in_fisheye`, the fisheye
-    /// cameras are also required for undistorted pictures.
+    /// Finds the photographs selected by `choice`, a value of the setting `images`. If
+    /// `depth_in_fisheye`, undistorted pictures require the fisheye cameras as well.
     ///
     /// # Errors
     /// Names the file that is broken or missing, with a remedy.
@@ -58,13 +58,14 @@ impl DslrPhotographs {
         if use_undistorted {
             if !pinhole_json.is_file() {
                 let remedy = "it comes with the toolbox's undistorted pictures; images=fisheye \
-                              reads those that were taken, by nerfstudio/transforms.json";
+                              reads the original pictures with nerfstudio/transforms.json";
                 return Err(missing(&pinhole_json, remedy));
             }
             let fisheye = if depth_in_fisheye {
                 if !fisheye_json.is_file() {
-                    let remedy = "dslr/render_depth was drawn in its cameras: add it (it is in the download's \
-                                  nerfstudio/), or set depth=mesh, points or none";
+                    let remedy = "dslr/render_depth was rendered with its cameras: add it (it \
+                                  is in the download's nerfstudio/), or set depth=mesh, points or \
+                                  none";
                     return Err(missing(&fisheye_json, remedy));
                 }
                 let parsed = files::parse_text(&fisheye_json, transforms::parse)?;

@@ -19,8 +19,8 @@ pub(super) fn unit_circle(turns: f64) -> (f64, f64) {
     }
 }
 
-/// Horner form of 1 − x²/(n−1)n·(1 − …): the cosine's series if `highest` is even, the sine's divided by x if it is
-/// odd.
+/// Horner form of 1 − x²/(n−1)n·(1 − …): the series of the cosine if `highest` is even, that of the
+/// sine divided by x if it is odd.
 fn series(x2: f64, highest: f64) -> f64 {
     let mut sum = 1.0;
     let mut n = highest;
@@ -31,8 +31,8 @@ fn series(x2: f64, highest: f64) -> f64 {
     sum
 }
 
-/// The largest integer not above `x`, for |x| < 2⁶³. `f64::floor` would be a function call on processors with only
-/// SSE2.
+/// The largest integer not above `x`, for |x| < 2⁶³. On processors with only SSE2, `f64::floor`
+/// would be a function call.
 pub(super) fn floor(x: f64) -> f64 {
     let towards_zero = x as i64 as f64;
     towards_zero - f64::from(u8::from(towards_zero > x))

@@ -1,10 +1,12 @@
-//! Lists of the objects that a bundle of rays can hit: they allow others to be skipped, but never change a result.
+//! Lists of the objects that a bundle of rays can hit. They allow skipping all other objects, but
+//! never change a result.
 
 use glam::DVec3;
 
 use super::shapes::SurfaceShape;
 
-/// Distance in metres by which a shape may miss a bundle and still count as touching it: far more than rounding.
+/// A shape that misses a bundle by less than this, in metres, still counts as touching it: far more
+/// than rounding.
 const SLACK_M: f64 = 1e-7;
 /// Cells along each side of the sun's grid, and of each of the six sides of a lamp's cube.
 const SUN_CELLS: usize = 40;

@@ -14,7 +14,7 @@ pub(super) struct Light {
     /// Ambient light on surfaces that face away from `dome` and on those that face it.
     pub(super) ambient: [DVec3; 2],
     pub(super) to_sun: DVec3,
-    /// Light from the sun on a surface that faces it; zero without a sun.
+    /// Light from the sun on a surface that faces it; zero if there is no sun.
     pub(super) sun: DVec3,
     pub(super) lamps: Vec<Lamp>,
     /// Distance in metres at which half of the light comes from haze; infinite in clear air.

@@ -1,11 +1,12 @@
 //! A procedural scene, ray-cast in f64: photographs, exact depth and exact visibility.
 //!
-//! Textured planes, boxes, spheres, thin poles and wires, an occluder close to the cameras, and a sky without depth,
-//! seen by concentric rings of cameras, no two of which are more than 60 cm apart (the rig of the paper's synthetic
-//! data). Everything is determined by a seed.
+//! Textured planes, boxes, spheres, thin poles and wires, an occluder close to the cameras, and a
+//! sky without depth, seen by concentric rings of cameras, no two of which are more than 60 cm
+//! apart (the rig of the paper's synthetic data). A seed determines everything.
 //!
-//! Only additions, multiplications, divisions, square roots and integer hashes are used, all of which are exactly
-//! defined (by IEEE 754), so pictures and depths are the same on every machine and for any number of threads.
+//! Only additions, multiplications, divisions, square roots and integer hashes are used, all of
+//! which are exactly defined (by IEEE 754), so pictures and depths are the same on every machine
+//! and for any number of threads.
 //!
 //! * `arithmetic`: replacements for the few libm functions needed.
 //! * `shapes`: rectangles, boxes, spheres, cylinders, and their intersections with rays.
@@ -17,7 +18,6 @@
 //! * `rig`: the cameras.
 //! * `sweep`: sweeps of a single motion, step by step.
 //! * `content`: pictures and depth of views.
-//! * `content`: pictures and depth as views.
 
 mod arithmetic;
 mod candidates;
@@ -66,7 +66,7 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
         ),
         Setting::free(
             "scenes",
-            "number of scenes, 1 to 1000: one for this seed and one for each of the seeds that follow",
+            "number of scenes, 1 to 1000: one for this seed and one for each following seed",
             "1",
         ),
         Setting::choice(
@@ -98,14 +98,16 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
                 ),
                 choice(
                     "occlusion",
-                    "the target's camera is 10 cm to the right, and posts in front of both become more",
+                    "the target's camera is 10 cm to the right, and the number of posts in front \
+                     of both increases",
                 ),
             ],
         ),
         Setting::free(
             "step",
-            "size of each of a sweep's views − 1 steps: metres (auto: 0.05; at most 10 in total), degrees (auto: 2; at most 90 \
-             in total) or posts (auto: 1; at most 15 in total)",
+            "size of a sweep's steps, one fewer than views: metres (auto: 0.05; at most 10 in \
+             total), degrees (auto: 2; at most 90 in total) or posts (auto: 1; at most 15 in \
+             total)",
             "auto",
         ),
     ],
@@ -113,10 +115,11 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
     ..DatasetEntry::OWN
 };
 
-/// Seeds on which networks may be trained. All others are held out, so that measurements on them are on unseen scenes.
+/// Seeds on which networks may be trained. All other seeds are held out, so that measurements with
+/// them use unseen scenes.
 pub const TRAINING_SEEDS: RangeInclusive<u64> = 1_000..=899_999;
 
-/// What is randomised by a seed.
+/// What a seed randomises.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum WorldKind {
     /// Positions and colours of the objects in a fixed layout.
@@ -175,8 +178,8 @@ impl SyntheticOptions {
     }
 }
 
-/// A procedural scene with exact visibility. For a lens without distortion, its depth is 0 exactly where the sky is
-/// visible.
+/// A procedural scene with exact visibility. For a lens without distortion, its depth is 0 at
+/// exactly the pixels that show the sky.
 #[derive(Debug, Clone)]
 pub struct SyntheticScene {
     world: Arc<World>,
@@ -199,7 +202,7 @@ impl SyntheticScene {
         let pixels = u64::from(options.width) * u64::from(options.height);
         if pixels == 0 || pixels > 1 << 28 {
             return Err(refuse(format!(
-                "cannot make pictures of {}x{}",
+                "cannot make pictures of {}x{} pixels",
                 options.width, options.height
             )));
         }
@@ -473,7 +476,8 @@ mod tests {
         assert_ne!(hash(5), hash(6));
     }
 
-    /// Recorded once. It changes only if the scene itself changes, never with the machine or the number of threads.
+    /// The hash was recorded once. It changes only with the scene itself, never with the machine or
+    /// the number of threads.
     #[test]
     fn pictures_are_the_same_on_every_machine() {
         let options = SyntheticOptions {

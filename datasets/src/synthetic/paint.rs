@@ -1,5 +1,5 @@
-//! Paints for the surfaces of varied scenes: many patterns, faded out where they are finer than a pixel. Linear light;
-//! cheaper than the classic textures.
+//! Paints for the surfaces of varied scenes: many patterns, which fade out if they are finer than a
+//! pixel. In linear light; cheaper than the classic textures.
 
 use glam::DVec3;
 use sharp::random::{SplitMix64, mix, unit};
@@ -145,7 +145,7 @@ impl Paint {
             2 => (p.x, p.y),
             _ => (p.x + 0.7 * p.z, p.y - 0.4 * p.z),
         };
-        // Different faces of a box have different parts of the pattern.
+        // Each face of a box shows another part of the pattern.
         let apart = 31.7 * meeting.across as f64;
         let (c, s) = self.turn;
         let u = (c * x - s * y) / self.scale_m + apart;
@@ -233,7 +233,7 @@ fn color(random: &mut SplitMix64, tone: Tone) -> DVec3 {
     let any = DVec3::new(channel(0.0, 1.0), channel(0.0, 1.0), channel(0.0, 1.0));
     let bright = channel(0.0, 1.0);
     let vivid = channel(0.0, 1.0);
-    // Base colour, maximum deviation of single channels from it, and range of its brightness.
+    // Base colour, how far single channels may deviate from it, and range of its brightness.
     let (base, stray, low, high) = match tone {
         // Most objects are not colourful.
         Tone::Any => (DVec3::splat(0.5), 0.2 + 0.8 * vivid * vivid, 0.06, 1.4),
@@ -247,8 +247,8 @@ fn color(random: &mut SplitMix64, tone: Tone) -> DVec3 {
     (strayed * (low + (high - low) * bright)).clamp(DVec3::splat(0.02), DVec3::splat(0.9))
 }
 
-/// Value noise of up to `octaves` octaves, each half as strong as the previous one, omitting those finer than a pixel
-/// of `size`; about 0..1 with mean 0.5.
+/// Value noise of up to `octaves` octaves, each half as strong as the one before. Octaves finer
+/// than a pixel of `size` are omitted. About 0..1 with mean 0.5.
 pub(super) fn fractal_noise(seed: u64, u: f64, v: f64, (octaves, size): (u32, f64)) -> f64 {
     let (mut sum, mut weight, mut total) = (0.0, 1.0, 0.0);
     let (mut u, mut v, mut size) = (u, v, size);
@@ -270,8 +270,8 @@ fn value_noise(seed: u64, u: f64, v: f64) -> f64 {
     blended(seed, u, v, smooth)
 }
 
-/// Random values on a square lattice. `blend` maps the fractional position between two neighbours to the weight of the
-/// further one.
+/// Random values on a square lattice. `blend` maps the fractional position between two neighbours
+/// to the weight of the farther one.
 fn blended(seed: u64, u: f64, v: f64, blend: impl Fn(f64) -> f64) -> f64 {
     let (column, row) = (floor(u), floor(v));
     let (x, y) = (blend(u - column), blend(v - row));

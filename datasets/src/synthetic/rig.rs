@@ -21,7 +21,8 @@ pub(super) struct Rig {
 }
 
 impl Rig {
-    /// Including the 2 cm by which some cameras are moved forward, no two are more than 60 cm apart.
+    /// With this radius, no two cameras are more than 60 cm apart, even though some are moved
+    /// forward by 2 cm.
     pub(super) const WIDEST_RADIUS_M: f64 = 0.2995;
 
     /// Horizontal field of view of 58 degrees.
@@ -66,7 +67,8 @@ impl Rig {
                 // Rings are rotated relative to each other, so that cameras do not line up in spokes.
                 let turns = i as f64 / on_ring as f64 + 0.07 * ring as f64;
                 let (c, s) = unit_circle(turns);
-                // Not quite in a plane: every other camera is moved forward by 2 cm.
+                // The cameras are not quite in a plane: every other camera is moved forward by 2
+                // cm.
                 let forward = if i % 2 == 0 { 0.0 } else { 0.02 };
                 centers.push(DVec3::new(radius * c, radius * s, forward));
             }

@@ -39,7 +39,8 @@ pub(super) struct Meeting {
     pub(super) normal: DVec3,
     /// The point in the shape's own axes, in metres from its centre.
     pub(super) local: DVec3,
-    /// Index of the local axis perpendicular to the surface; texture uses the other two. 3 if the surface is curved.
+    /// Index of the local axis perpendicular to the surface; textures use the other two axes. 3 if
+    /// the surface is curved.
     pub(super) across: usize,
 }
 
@@ -377,7 +378,8 @@ mod tests {
                 };
                 let point = direction * meeting.distance;
                 assert!(shape.distance_to(point) < 1e-9);
-                // Back along the ray, no further from the shape than the step, and outside.
+                // A step back along the ray is outside the shape, and no farther from it than the
+                // step.
                 let back = point - direction * 0.05;
                 let away = shape.distance_to(back);
                 assert!(away > 0.0 && away <= 0.05 * direction.length() + 1e-9);

@@ -1,4 +1,5 @@
-//! Controlled sweeps: from one camera to others that differ in a single quantity, which increases step by step.
+//! Controlled sweeps: from one camera to others that differ from it in a single quantity, which
+//! increases step by step.
 
 use std::sync::Arc;
 
@@ -61,8 +62,8 @@ impl SweepKind {
         }))
     }
 
-    /// One scene from the first camera to all others; with posts, one scene per step, because each has its own. All
-    /// scenes are in the seed's cluster.
+    /// One scene from the first camera to all others; with posts, one scene per step, because each
+    /// step has its own posts. All scenes are in the seed's cluster.
     ///
     /// # Errors
     /// [`DatasetError::Spec`] if the last step is too large.

@@ -16,7 +16,8 @@ pub(super) struct Object {
     /// Centre and squared radius of its bounding sphere.
     bounds: (DVec3, f64),
     surface: Surface,
-    /// True if it casts shadows; floors and the walls of a room need not, because nothing is behind them.
+    /// True if it casts shadows; the floor and walls of a room need not, because nothing is behind
+    /// them.
     casts: bool,
 }
 
@@ -77,8 +78,8 @@ pub(super) struct Hit {
     meeting: Meeting,
 }
 
-/// Rays of one pixel that hit the same side of an object, or the sky, and are shaded together. Stored as sums, so that
-/// for a single ray the values are exact.
+/// Rays of one pixel that hit the same side of an object, or the sky, and are shaded together.
+/// Values are stored as sums, so that they are exact for a single ray.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Sight {
     rays: f64,
@@ -184,8 +185,8 @@ impl World {
         }
     }
 
-    /// Objects that a bundle of rays can hit, seen from a camera that looks `forward` (unit vector). All objects if
-    /// there is no bundle.
+    /// Objects that a bundle of rays can hit, seen from a camera that looks `forward` (unit
+    /// vector); without a bundle, all objects.
     pub(super) fn candidates(
         &self,
         eye: DVec3,
@@ -231,8 +232,8 @@ impl World {
         matches!(self.light.sky, Sky::Varied { .. }) && surface(a) == surface(b)
     }
 
-    /// Linear light arriving along the rays, summed over them. `sample` is the size of one ray's part of the picture at
-    /// a depth of 1.
+    /// Linear light that arrives along the rays, summed over them. `sample` is the size of one
+    /// ray's part of the picture at a depth of 1.
     pub(super) fn radiance(&self, sight: &Sight, sample: f64) -> DVec3 {
         let (light, share) = (&self.light, 1.0 / sight.rays);
         let direction = sight.direction * share;
@@ -267,7 +268,7 @@ impl World {
         let albedo = match &self.objects[object].surface {
             Surface::Classic(texture) => texture.color(meeting),
             Surface::Varied(paint) => {
-                // On a slanted surface a pixel covers more, in one direction.
+                // On a slanted surface, a pixel covers a larger area, stretched in one direction.
                 let facing = (normal.dot(direction).abs() / direction.length()).max(0.1);
                 let footprint_m = meeting.distance * size / facing.sqrt();
                 let albedo = paint.color(meeting, footprint_m);
@@ -277,7 +278,7 @@ impl World {
                 albedo
             }
         };
-        // Starts slightly above the surface, to avoid self-shadowing.
+        // Start slightly above the surface, to avoid self-shadowing.
         let above = point + normal * 1e-6;
         let facing_dome = 0.5 + 0.5 * normal.dot(light.dome);
         let mut arriving = light.ambient[0] + (light.ambient[1] - light.ambient[0]) * facing_dome;
@@ -317,7 +318,8 @@ mod tests {
     use super::*;
     use crate::synthetic::varied;
 
-    /// Lists only skip objects that cannot be hit: hits and shadows are the same as with all objects.
+    /// Lists only skip objects that cannot be hit: hits and shadows are the same with and without
+    /// them.
     #[test]
     fn lists_never_change_what_is_seen_or_shaded() {
         const TILES: usize = 12;
@@ -357,7 +359,7 @@ mod tests {
         assert!(hits > 100_000 && shaded > 10_000, "{hits} {shaded}");
     }
 
-    /// Number of lights blocked from a point, by the lists and by all objects.
+    /// Number of lights that are blocked from a point; the same by the lists as by all objects.
     fn shadows_agree(world: &World, hit: &Hit, point: DVec3) -> usize {
         let casting: Vec<u32> = (0..)
             .zip(&world.objects)

@@ -24,11 +24,13 @@ enum Kind {
 }
 
 impl SceneCameras {
-    /// Cameras of the first COLMAP model found: next to the log, in `sparse/0` or in `sparse`; `None` if there is none.
-    /// A single camera applies to all pictures; with several, the model's `images` assigns one to each picture.
+    /// Cameras of the first COLMAP model found: next to the log, in `sparse/0` or in `sparse`;
+    /// `None` if there is none. If it has only one camera, that applies to all pictures; otherwise
+    /// the model's `images` assigns a camera to each picture.
     ///
     /// # Errors
-    /// Names the file that is broken, or that has several cameras without an assignment to pictures.
+    /// Names the file that is broken, or that has several cameras without an assignment to
+    /// pictures.
     pub(super) fn of_model(root: &Root, folder: &Path) -> Result<Option<Self>, DatasetError> {
         for place in [".", "sparse/0", "sparse"] {
             let model = root.resolve(folder, place)?;

@@ -1,12 +1,14 @@
 //! Tanks and Temples' training set.
 //!
-//! A scene is a folder with `<S>_COLMAP_SfM.log` (camera-to-world, structure-from-motion units), `<S>_trans.txt` (the
-//! similarity to the laser scan's metric coordinates) and `<S>.ply` (the scan).
+//! A scene is a folder with `<S>_COLMAP_SfM.log` (camera-to-world, structure-from-motion units),
+//! `<S>_trans.txt` (the similarity to the laser scan's metric coordinates) and `<S>.ply` (the
+//! scan).
 //!
 //! * `photographs`: block i of the log, counted from 0, belongs to the picture numbered i + 1.
-//! * `cameras`: intrinsics were never published. Provide a COLMAP model (`cameras.txt` or `.bin` next to the log or in
-//!   `sparse/0`, with `images` if it has several cameras). A focal length given as a share of the width is a guess,
-//!   which depth rendered with the same camera cannot disprove; it is used only if requested by a setting.
+//! * `cameras`: intrinsics were never published. Provide a COLMAP model (`cameras.txt` or `.bin`
+//!   next to the log or in `sparse/0`, with `images` if it has several cameras). A focal length
+//!   given as a share of the width is a guess, which cannot be checked with depth rendered by the
+//!   same camera; it is used only if a setting requests it.
 
 mod cameras;
 mod photographs;
@@ -34,10 +36,10 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
     display_name: "Tanks and Temples",
     title: "Tanks and Temples, training set",
     page: "https://www.tanksandtemples.org/",
-    terms: "non-commercial research without redistribution, beside a CC BY 4.0 notice",
+    terms: "non-commercial research without redistribution; there is also a CC BY 4.0 notice",
     may_publish: false,
     download: "image sets of the seven training scenes, their SfM logs, alignments and laser scans",
-    size: "1920x1080 pictures, some hundreds a scene (Barn: 410), and the scans",
+    size: "1920x1080 pictures, several hundred per scene (Barn: 410), and the scans",
     layout: "<Scene>/{<Scene>_COLMAP_SfM.log, <Scene>_trans.txt, <Scene>.ply, images/000001.jpg ...}; \
              cameras.txt or .bin next to the log or in sparse/0, with images.* next to it if it has several cameras",
     paper_column: "Tanks and Temples",
@@ -61,7 +63,8 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
         ),
         Setting::free(
             "splat-radius",
-            "radius in pixels within which a scan's point sets the depth; with 0, hidden surfaces show through",
+            "radius in pixels within which a scan's point sets the depth; at 0, hidden surfaces \
+             show through",
             "1",
         ),
         CAMERA_SIZE,
@@ -171,7 +174,7 @@ impl TanksReader<'_> {
                 "{name}: the pictures are numbered from 0, so block i is assigned to picture i"
             ));
         }
-        // Uses the size of a picture that is used, if there is one.
+        // Uses the size of a matched picture, if there is one.
         let first = by_block.files.values().next().copied();
         let cameras = self.cameras(first.unwrap_or(&photos.files[0]), &mut scene.notes)?;
         let camera_files = [&[log.clone(), trans], cameras.files.as_slice()].concat();

@@ -1,7 +1,7 @@
 //! Matching of a scene's pictures with the blocks of its log.
 //!
-//! A missing or extra picture must not shift the poses of all that follow, so pictures are matched by their numbers,
-//! and by order only if every block has its picture.
+//! A missing or extra picture must not shift the poses of all pictures after it. So pictures are
+//! matched by their numbers, or by order if every block has a picture.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
@@ -14,7 +14,7 @@ use crate::left_out::first_few;
 #[derive(Debug)]
 pub(super) struct ScenePhotographs {
     pub(super) folder: PathBuf,
-    /// In natural order; at least one.
+    /// The pictures in natural order; at least one.
     pub(super) files: Vec<PathBuf>,
     /// Notes on other folders that contain pictures but are not read.
     pub(super) notes: Vec<String>,
@@ -97,12 +97,13 @@ impl ScenePhotographs {
 
     /// The pictures by the block of the log that they belong to, and those without a block.
     ///
-    /// If any name is a number, block i belongs to the picture numbered i + 1, or to the one numbered i if the
-    /// pictures' numbers start with 0 and end with the last block; pictures without a number have no block. If no name
-    /// is a number, there must be as many pictures as blocks, which are matched by order.
+    /// If any name is a number, block i belongs to the picture numbered i + 1, or to the one
+    /// numbered i if the pictures' numbers start with 0 and end with the last block; pictures
+    /// without a number have no block. If no name is a number, there must be as many pictures as
+    /// blocks, and they are matched by order.
     ///
     /// # Errors
-    /// The reason that pictures cannot be matched with poses.
+    /// Why pictures cannot be matched with poses.
     pub(super) fn by_block(&self, log: &Log) -> Result<ByBlock<'_>, String> {
         let last = log.blocks.last().copied().unwrap_or(-1);
         let (numbered, unnumbered) = self.numbered()?;
@@ -275,7 +276,7 @@ mod tests {
             (&["1.jpg", "2.jpg", "3.jpg"], &[0, 2], "0:1 2:3", 1),
             (&["2.jpg", "3.jpg"], &[0, 1], "1:2", 1),
             (&["0.jpg", "2.jpg"], &[0, 1, 2], "0:0 2:2", 0),
-            // Pictures without a number have no block, however many pictures there are.
+            // Pictures without a number have no block, however many they are.
             (
                 &["000000_preview.jpg", "1.jpg", "3.jpg", "cover.jpg"],
                 &[0, 1, 2, 3],

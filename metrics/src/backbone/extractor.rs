@@ -43,7 +43,7 @@ impl Extractor {
         Err(refused(device.how_to_build()))
     }
 
-    /// The same network with DISTS's L2 pooling instead of max pooling; shares the weights.
+    /// The same network with DISTS's L2 pooling instead of max pooling; both share the weights.
     pub(crate) fn with_l2_pooling(&self) -> Result<Self, WeightsError> {
         match self {
             Self::Kernels(network, kernels) => {

@@ -22,7 +22,7 @@ pub(crate) struct Layer {
     pub(crate) op: Arc<dyn RowOp>,
     /// Index of the tap on its output.
     pub(crate) tap: Option<usize>,
-    /// True for max pooling, which DISTS replaces.
+    /// True for max pooling, which DISTS replaces by L2 pooling.
     pub(super) pools: bool,
 }
 
@@ -110,7 +110,7 @@ impl Network {
         }
     }
 
-    /// The same network with DISTS's L2 pooling instead of max pooling; shares the weights.
+    /// The same network with DISTS's L2 pooling instead of max pooling; both share the weights.
     pub(crate) fn with_l2_pooling(&self, kernels: Kernels) -> Self {
         let mut network = self.clone();
         for layer in network.layers.iter_mut().filter(|layer| layer.pools) {

@@ -24,7 +24,7 @@ impl Blocks {
     fn take(&mut self, len: usize) -> Vec<f32> {
         let mut block = self.0.pop().unwrap_or_default();
         if block.len() < len {
-            // Reallocated rather than resized, which would copy irrelevant values.
+            // Allocate a new block, because resizing would copy irrelevant values.
             block = vec![0.0; len];
         }
         block
@@ -37,8 +37,8 @@ impl Blocks {
     }
 }
 
-/// Rows of a feature map that the next layer still needs: new ones in a borrowed block, and the few that are needed
-/// again.
+/// Rows of a feature map that the next layer still needs: the new rows in a borrowed block, and the
+/// few older ones.
 #[derive(Debug)]
 pub(crate) struct Buffer {
     size: MapSize,
@@ -128,7 +128,8 @@ mod tests {
                 next += 1.0;
             }
         };
-        // Rows pushed, and first row kept afterwards: within the new ones, within the old ones, all.
+        // Number of rows pushed, and the first row kept afterwards: one of the new rows, one of the
+        // old ones, all rows.
         for (count, from) in [(5, 3), (4, 4), (2, 7), (1, 7), (3, 15)] {
             push(&mut buffer, &mut blocks, count);
             let (first, end) = (buffer.first, buffer.end());

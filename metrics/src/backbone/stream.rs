@@ -1,10 +1,11 @@
 //! Runs pictures of equal size through a network strip by strip, in lockstep.
 //!
-//! Each layer buffers only the rows that its next output rows need, so memory grows with the number and width of the
-//! pictures and with the strip's height, but not with the pictures' height. Deep layers, which get few rows per strip,
-//! wait for more, because their weights exceed any cache and should not be read for a handful of pixels. Every output
-//! row is computed once, from the same inputs by the same operations, so results are bit-identical for any strip height
-//! and number of pictures.
+//! Each layer buffers only the rows that its next output rows need, so memory grows with the number
+//! and width of the pictures and with the strip's height, but not with the pictures' height. Deep
+//! layers get few rows per strip. They wait for more, because their weights exceed any cache and
+//! should not be read for a handful of pixels. Every output row is computed once, from the same
+//! inputs by the same operations, so results are bit-identical for any strip height and number of
+//! pictures.
 
 use std::ops::Range;
 
@@ -25,20 +26,21 @@ pub(crate) struct Taps<'a> {
 /// Memory in bytes for new rows of one layer's input and output, if the strip's height is not given.
 const MEMORY: usize = 64 << 20;
 
-/// Minimum number of pixels for which a layer with weights runs; fewer would not justify reading the weights.
+/// Minimum number of pixels for which a layer with weights runs; fewer do not justify reading the
+/// weights.
 const BATCH_PIXELS: usize = 2048;
 
 /// Maximum number of rows of a batch.
 const BATCH: usize = 16;
 
-/// Rows per Winograd tile. A batch that ends within a tile wastes the tile's other rows.
+/// Rows per Winograd tile. A batch that ends within a tile wastes the tile's remaining rows.
 const TILE: usize = 4;
 
-/// Number of pictures processed concurrently. At every layer, the others wait for their turn, so that scratch memory
+/// Number of pictures processed concurrently. The others wait at each layer, so that scratch memory
 /// does not grow with the number of pictures.
 const LANES: usize = 2;
 
-/// Working memory shared in turn by the pictures of a lane.
+/// Working memory that the pictures of a lane use in turn.
 #[derive(Default)]
 struct Lane {
     blocks: Blocks,
@@ -74,7 +76,7 @@ pub(crate) fn stream(
             }
         });
         for (i, layer) in network.layers.iter().enumerate() {
-            // In lockstep: the same rows are ready for all pictures as for the first.
+            // In lockstep, all pictures have the same rows ready as the first.
             let rows = ready(layer, &held[0][i], &held[0][i + 1], strip);
             in_lanes(&mut held, &mut lanes, |_, buffers, lane| {
                 let (inputs, outputs) = buffers.split_at_mut(i + 1);
@@ -102,7 +104,7 @@ pub(crate) fn stream(
     Some(tapped.map(|(_, &size)| size).collect())
 }
 
-/// Calls `work` for every picture, half of them in each lane.
+/// Calls `work` for every picture; each lane processes half of them.
 fn in_lanes(
     pictures: &mut [Vec<Buffer>],
     [a, b]: &mut [Lane; LANES],
@@ -118,8 +120,8 @@ fn in_lanes(
     rayon::join(|| run(first, 0, a), || run(second, half, b));
 }
 
-/// The next output rows of a layer whose input is complete, in whole tiles if the strips are, and empty if there are
-/// too few. At the end of the picture, all remaining rows.
+/// The next output rows of a layer whose input rows are complete; all remaining rows at the end of
+/// the picture. Whole tiles if strips are; empty if there are too few rows.
 fn ready(layer: &Layer, input: &Buffer, output: &Buffer, strip: usize) -> Range<usize> {
     let (first, MapSize { height, width, .. }) = (output.end(), output.size());
     let needs = |y: usize| layer.op.in_rows(y..y + 1, input.size().height);

@@ -1,9 +1,10 @@
 //! The networks on candle tensors, on a GPU or, for reference, on the CPU.
 //!
-//! Like [`stream`](super::stream()) on the CPU kernels, this works in strips of rows, and each layer buffers what its
-//! next rows need, so that memory does not grow with the picture's height. Each picture is a separate batch: a device's
-//! summation order may depend on the batch size, and a score must not depend on what else is scored. Features leave the
-//! device as f32; everything after them is the same f64 code as for the kernels.
+//! Like [`stream`](super::stream()) on the CPU kernels, this works in strips of rows, and each
+//! layer buffers what its next rows need, so that memory does not grow with the picture's height.
+//! Each picture is a separate batch, because a device's summation order may depend on the batch
+//! size, but a score must not depend on what else is scored. Features leave the device as f32;
+//! everything after them is the same f64 code as for the kernels.
 
 use std::ops::Range;
 
@@ -50,7 +51,7 @@ struct ConvWeights {
     bias: Tensor,
 }
 
-/// Window of inputs of each output, the same along rows and columns.
+/// The window of inputs for each output; the same along rows and columns.
 #[derive(Debug, Clone, Copy)]
 struct Window {
     size: usize,
@@ -74,7 +75,8 @@ impl Window {
         }
     }
 
-    /// Range of inputs, out of `side`, for the outputs `out`, and the number of zeros to pad before and after.
+    /// Range of inputs, out of `side`, for the outputs `out`, and the numbers of padding zeros
+    /// before and after.
     fn inputs(&self, out: &Range<usize>, side: usize) -> (Range<usize>, usize, usize) {
         let start = out.start * self.stride;
         let end = (out.end - 1) * self.stride + self.size;
@@ -118,8 +120,8 @@ impl TensorLayer {
         }
     }
 
-    /// Output rows `out` of a map of `size`. `x` contains its input rows starting at `first`, `[1, channels, rows,
-    /// columns]`.
+    /// Output rows `out` of a map of `size`. `x` has its input rows from `first` on,
+    /// `[1, channels, rows, columns]`.
     fn rows(&self, x: &Tensor, first: usize, size: MapSize, out: &Range<usize>) -> Result<Tensor> {
         let columns = 0..self.window.out_side(size.width);
         let (rows, above, below) = self.window.inputs(out, size.height);
@@ -216,7 +218,7 @@ impl TensorNetwork {
         })
     }
 
-    /// The same network with DISTS's L2 pooling instead of max pooling; shares the weights.
+    /// The same network with DISTS's L2 pooling instead of max pooling; both share the weights.
     pub(crate) fn with_l2_pooling(&self) -> Result<Self> {
         let hann = [1.0, 2.0, 1.0, 2.0, 4.0, 2.0, 1.0, 2.0, 1.0].map(|w: f32| w / 16.0);
         let hann = Tensor::from_slice(&hann, (1, 1, 3, 3), &self.device)?;
@@ -269,7 +271,8 @@ impl TensorNetwork {
         mut each: impl FnMut(Taps),
     ) -> Result<Vec<MapSize>> {
         let sizes = self.sizes(width, height);
-        // Sized as for a pair, because a device's summation order may also depend on the strip's height.
+        // The strip is chosen as for two pictures, because a device's summation order may also
+        // depend on the strip's height.
         let strip = strip.unwrap_or_else(|| default_strip(&sizes, 2));
         let hold_none = |_| sizes.iter().map(|_| Held::default()).collect();
         let mut held: Vec<Vec<Held>> = (0..pictures).map(hold_none).collect();
@@ -288,7 +291,7 @@ impl TensorNetwork {
             }
             for (i, layer) in self.layers.iter().enumerate() {
                 let (from, to) = (sizes[i], sizes[i + 1]);
-                // In lockstep: the same rows are ready for all pictures as for the first.
+                // In lockstep, all pictures have the same rows ready as the first.
                 let out = layer.ready(from, to, &held[0][i], held[0][i + 1].end);
                 let mut tapped = Vec::new();
                 for held in &mut held {

@@ -1,4 +1,4 @@
-//! Features against the recorded statistics, and streaming against itself.
+//! Compares features with recorded statistics, and streamed results with each other.
 
 use image::RgbImage;
 use serde_json::Value;
@@ -70,7 +70,7 @@ fn features_are_those_of_torch() {
             if name == "dists" {
                 network = network.with_l2_pooling(kernels);
                 norm = &dists;
-                // The picture itself is the first tap there.
+                // DISTS's first tap is the picture itself.
                 taps.push(Vec::new());
             }
             taps.extend(features(&network, &picture, norm, 1000));

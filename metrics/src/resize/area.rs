@@ -73,12 +73,12 @@ pub(super) fn shrink<T: AreaSample>(picture: &[T], from: Size, to: Size) -> Vec<
     out
 }
 
-/// Input pixels per output pixel, rounded as in OpenCV, because this decides which of its code paths is used.
+/// Input pixels per output pixel, rounded as in OpenCV, because OpenCV chooses its code path by it.
 fn scale(inputs: usize, outputs: usize) -> f64 {
     1.0 / (outputs as f64 / inputs as f64)
 }
 
-/// The scale if it is a whole number.
+/// The scale as an integer, if it is one.
 fn whole(scale: f64) -> Option<usize> {
     let nearest = scale.round_ties_even();
     ((scale - nearest).abs() < f64::EPSILON).then_some(nearest as usize)
@@ -105,8 +105,9 @@ fn cells<T: AreaSample>(
     }
 }
 
-/// For each output pixel, the input pixels that it covers with their shares of its width. As in OpenCV, shares are
-/// computed in f64, rounded to f32, and ignored below a thousandth of a pixel.
+/// For each output pixel, the input pixels that it covers, with their shares of its width. As in
+/// OpenCV, shares are computed in f64, rounded to f32, and ignored if below a thousandth of a
+/// pixel.
 fn shares(inputs: usize, outputs: usize, scale: f64) -> Vec<Vec<(usize, f32)>> {
     const NOTHING: f64 = 1e-3;
     (0..outputs)

@@ -79,20 +79,24 @@ by_name!(ResizeKernel, ResizeKernelError);
 
 /// Error: there is no kernel of that name.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-#[error("no resize kernel {0:?}: bilinear, bilinear-antialias, bicubic, lanczos and area exist")]
+#[error(
+    "unknown resize kernel {0:?}: expected bilinear, bilinear-antialias, bicubic, lanczos or \
+         area"
+)]
 pub struct ResizeKernelError(String);
 
 /// Resizes the picture to `width` × `height` pixels, exactly as the kernel's library does.
 ///
 /// * torch's kernels return floats (f32 in 0..1), even for 8-bit pictures;
-/// * PIL's and OpenCV's return 8 bits for 8 bits (bit-identical), and f32 for f32.
+/// * PIL's and OpenCV's return 8 bits for 8 bits (bit-identical to the library), and f32 for f32.
 ///
-/// Floats agree with the library up to its own rounding (1e-6). Values of bicubic and Lanczos outside 0..1 are clamped.
-/// A picture that already has the size is returned unchanged. Results are bit-identical for any number of threads.
+/// Floats agree with the library up to its own rounding (1e-6). Values outside 0..1, which bicubic
+/// and Lanczos can produce, are clamped. A picture that already has the size is returned unchanged.
+/// Results are bit-identical for any number of threads.
 ///
 /// # Errors
-/// [`PictureError`] if the picture is empty or has a value outside 0..1, if `width` or `height` is 0, or if
-/// [`ResizeKernel::Area`] would have to enlarge a side.
+/// [`PictureError`] if the picture is empty or has a value outside 0..1, if `width` or `height` is
+/// 0, or if [`ResizeKernel::Area`] would have to enlarge a side.
 pub fn resize(
     picture: &Picture,
     width: u32,
@@ -156,7 +160,8 @@ fn floats(picture: &Picture) -> Vec<f32> {
     }
 }
 
-/// Clamps to 0..1. Weights that sum to one up to rounding may exceed the range by an ulp, negative weights by more.
+/// Clamps to 0..1. Rounding of weights that sum to one may exceed the range by an ulp, negative
+/// weights by more.
 fn unit_range(mut values: Vec<f32>, size: Size) -> ImageBuffer<Rgb<f32>, Vec<f32>> {
     for value in &mut values {
         *value = value.clamp(0.0, 1.0);

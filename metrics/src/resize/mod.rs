@@ -1,8 +1,8 @@
 //! Resizing exactly as in the libraries used for published numbers.
 //!
-//! A prediction smaller than its ground truth is resized before it is scored, and the libraries disagree in the second
-//! decimal of a PSNR. Therefore a [`ResizeKernel`] is one function of one library, not a family of filters, and its
-//! name is part of the number's identity.
+//! A prediction smaller than its ground truth is resized before it is scored, and the libraries'
+//! results differ in the second decimal of a PSNR. Therefore a [`ResizeKernel`] is one function of
+//! one library, not a family of filters, and its name is part of the number's identity.
 //!
 //! # Contents
 //! * [`ResizeKernel`], [`resize`]: the kernels by name and the entry point.

@@ -1,7 +1,9 @@
-//! PIL's `Image.resize` (version 13): antialiased by widening the filter, one side after the other.
+//! PIL's `Image.resize` (version 13): antialiased by widening the filter, along one axis after the
+//! other.
 //!
-//! 8-bit pictures use its fixed-point arithmetic (22-bit weights, rounded to 8 bits after each pass) and are
-//! bit-identical; floats use its 32-bit path (mode `F`: f64 weights and sums, f32 after each pass).
+//! 8-bit pictures use its fixed-point arithmetic (22-bit weights, rounded to 8 bits after each
+//! pass) and are bit-identical; floats use its 32-bit path (mode `F`: f64 weights and sums, f32
+//! after each pass).
 
 use rayon::prelude::*;
 
@@ -25,7 +27,7 @@ pub(super) const BICUBIC: Filter = Filter {
     support: 2.0,
 };
 
-/// A sinc windowed by the central lobe of a sinc three times as wide.
+/// A sinc, windowed by the central lobe of a sinc that is three times as wide.
 pub(super) const LANCZOS: Filter = Filter {
     value: lanczos,
     support: 3.0,

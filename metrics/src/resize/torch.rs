@@ -34,7 +34,7 @@ fn neighbours(inputs: usize, outputs: usize) -> Vec<LinearNeighbours> {
         .collect()
 }
 
-/// Without antialiasing: four neighbours, even when reducing. `picture` is interleaved RGB.
+/// Without antialiasing: uses four neighbours even when reducing. `picture` is interleaved RGB.
 pub(super) fn bilinear(picture: &[f32], from: Size, to: Size) -> Vec<f32> {
     let columns = neighbours(from.width, to.width);
     let rows = neighbours(from.height, to.height);
@@ -135,8 +135,8 @@ mod tests {
 
     #[test]
     fn only_the_antialiased_one_sees_every_pixel_when_it_reduces() {
-        // Nine pixels to three, centres on pixels 1, 4 and 7. Four neighbours miss a lone bright pixel
-        // between them.
+        // Nine pixels to three, whose centres are on pixels 1, 4 and 7. Four neighbours miss a
+        // single bright pixel between them.
         let mut row = [0.0; 9];
         row[2] = 1.0;
         let plain = bilinear(&gray(&row), size(9, 1), size(3, 1));

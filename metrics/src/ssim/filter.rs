@@ -4,7 +4,7 @@ use crate::simd::with_widest_vectors;
 
 /// Elements that the inner loops process at once; row buffers are padded to a multiple of it.
 const BLOCK: usize = 32;
-/// Number of filtered quantities: a, b, a² + b², a b, and a² if the covariance is bounded.
+/// Maximum number of filtered quantities: a, b, a² + b², a b, and if the covariance is bounded, a².
 pub(super) const QUANTITIES: usize = 5;
 /// Minimum variance in dm_pix: f32's ε squared.
 const LEAST_VARIANCE: f64 = f32::EPSILON as f64 * f32::EPSILON as f64;

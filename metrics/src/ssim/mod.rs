@@ -1,9 +1,9 @@
 //! Structural similarity (SSIM) in every variant that public code computes.
 //!
-//! Wang et al. 2004: (2 μₐμᵦ + C₁)(2 σₐᵦ + C₂) / ((μₐ² + μᵦ² + C₁)(σₐ² + σᵦ² + C₂)) per channel, with C₁ = (0.01 L)²
-//! and C₂ = (0.03 L)², averaged over pixels and channels. The variants differ in window, border, covariance and L. All
-//! computations are f64: in f32, the variances (differences of nearly equal numbers in flat areas) would be off in the
-//! fifth decimal.
+//! Wang et al. 2004: (2 μₐμᵦ + C₁)(2 σₐᵦ + C₂) / ((μₐ² + μᵦ² + C₁)(σₐ² + σᵦ² + C₂)) per channel,
+//! with C₁ = (0.01 L)² and C₂ = (0.03 L)², averaged over pixels and channels. The variants differ
+//! in window, border, covariance and L. All computations are f64: in f32, the variances (in flat
+//! areas, differences of nearly equal numbers) would be wrong in the fifth decimal.
 //!
 //! # Contents
 //! * [`variant`]: the variants and the choices that define them.
@@ -26,8 +26,9 @@ use map::map_rows;
 use spec::SsimSpec;
 pub use variant::{SsimBorder, SsimCovariance, SsimForm, SsimVariant, SsimWindow};
 
-/// Mean of the SSIM map. With a mask, the mean over windows whose centre is inside it or, if the variant requires it,
-/// over windows that are entirely inside. The pictures (and the mask) must have the same size.
+/// Mean of the SSIM map. With a mask, the mean over windows whose centre is inside the mask, or if
+/// the variant requires it, over windows that are entirely inside. The pictures (and the mask) must
+/// have the same size.
 ///
 /// # Errors
 /// If the pictures are smaller than a window, or no window qualifies.
@@ -77,7 +78,7 @@ pub fn ssim(
 /// If the pictures are smaller than a window.
 pub fn ssim_contrast(prediction: &Picture, target: &Picture) -> Result<f64, Unavailable> {
     let form = SsimSpec {
-        // C₁ is so large that the means are negligible: the luminance factor is 1.
+        // C₁ is so large that the means are negligible and the luminance factor is 1.
         k1: 1e50,
         ..SsimSpec::of(SsimVariant::Gauss11Valid)
     };

@@ -1,4 +1,4 @@
-//! Every variant against its definition, window by window.
+//! Compares every variant with its definition, window by window.
 
 use image::{Rgb, RgbImage};
 
@@ -146,7 +146,7 @@ fn the_mask_selects_window_centres() {
         let whole = ssim(variant, &a, &b, None).unwrap();
         assert!((ssim(variant, &a, &b, Some(&full)).unwrap() - whole).abs() < 1e-12);
     }
-    // A pixel whose window leaves the picture has no value in a valid variant.
+    // In a valid variant, a pixel whose window extends beyond the picture has no value.
     let mut corner = vec![false; 30 * 24];
     corner[0] = true;
     let mask = Mask::new(30, 24, corner).unwrap();
@@ -204,8 +204,8 @@ fn constant_pictures_have_no_data_range() {
     assert_eq!(score, Ok(0.0));
 }
 
-/// Flat pictures, where the bound and the guard act: the bound on what rounding leaves of a covariance (at most 1e-9),
-/// the guard on black.
+/// Flat pictures, in which the bound and the guard have an effect: the bound limits the rounding
+/// error of a covariance (at most 1e-9), the guard lowers the value for black.
 #[test]
 fn flat_areas_under_a_bound_and_a_guard() {
     let flat = |level: u8| Picture::from(RgbImage::from_pixel(12, 12, Rgb([level; 3])));
@@ -222,7 +222,8 @@ fn flat_areas_under_a_bound_and_a_guard() {
 
 #[test]
 fn the_range_of_the_data_scales_both_constants() {
-    // Half the contrast with constants of half the range is the same similarity.
+    // The similarity is unchanged if the contrast and the range behind the constants are both
+    // halved.
     let full = |seed| texture(30, 24, seed);
     let Picture::Rgb8(image) = full(3) else {
         panic!()
@@ -242,7 +243,7 @@ fn the_range_of_the_data_scales_both_constants() {
     let other_full = Picture::from(other.clone());
     let whole = score(&full(3), &other_full);
     assert!((whole - score(&half(&image), &half(&other))).abs() < 1e-6);
-    // The other picture has black and white: its range is 1, as in the plain form.
+    // The other picture contains black and white, so its range is 1, as in the plain variant.
     let plain = ssim(SsimVariant::Gauss11Valid, &full(3), &other_full, None).unwrap();
     assert!((whole - plain).abs() < 1e-12);
 }

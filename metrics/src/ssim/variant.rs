@@ -28,7 +28,8 @@ pub struct SsimForm {
     pub gray: bool,
     /// The data range is the larger of the two pictures' maximum minus minimum, instead of 1.
     pub range_of_data: bool,
-    /// 1e-8 is added to the denominator, whose minimum is 9e-8; lowers values in dark flat areas by a tenth.
+    /// 1e-8 is added to the denominator, whose minimum is 9e-8. This lowers values in dark flat
+    /// areas by a tenth.
     pub guarded: bool,
     /// Inside a mask, only windows entirely inside it are used, instead of all whose centre is.
     pub whole_windows: bool,

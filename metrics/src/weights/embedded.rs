@@ -1,4 +1,5 @@
-//! Weights compiled into the program: the metrics' own, and those of the one network that is small enough.
+//! Weights compiled into the program: the metrics' own, and those of the only network that is small
+//! enough.
 
 use safetensors::SafeTensors;
 

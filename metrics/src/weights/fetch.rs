@@ -33,12 +33,13 @@ pub enum FetchError {
     Weights(#[from] WeightsError),
 }
 
-/// Downloads published weights into a cache folder and returns the path of the features-only copy. Does nothing if that
-/// copy already exists and is valid.
+/// Downloads published weights into a cache folder and returns the path of the features-only copy.
+/// Does nothing if a valid copy already exists.
 ///
-/// A transfer that was interrupted during this or an earlier call is resumed. The size must equal the published one
-/// before anything is transferred, and the hash must start with the published digits afterwards; invalid files are
-/// deleted. The copy records the full hash of the original. Proxies are configured by the usual environment variables.
+/// A transfer that was interrupted during this or an earlier call is resumed. Before anything is
+/// transferred, the size must equal the published one; afterwards, the hash must start with the
+/// published digits. Invalid files are deleted. The copy records the full hash of the original.
+/// Proxies are configured by the usual environment variables.
 ///
 /// # Errors
 /// [`FetchError`] with the address and the reason.

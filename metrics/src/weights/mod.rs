@@ -59,7 +59,7 @@ pub enum WeightsError {
         reason: String,
     },
     /// A weight is NaN or infinite.
-    #[error("{}: {tensor} holds a value that is not finite", path.display())]
+    #[error("{}: {tensor} has a value that is not finite", path.display())]
     NotFinite { path: PathBuf, tensor: String },
     /// The network cannot be loaded onto the requested device.
     #[error("the networks cannot be computed on {device}: {reason}")]

@@ -53,8 +53,8 @@ impl Published {
         cache.join(format!("{stem}.features.safetensors"))
     }
 
-    /// The network's weights in a folder: named as fetched by this program, as torchvision names its file, or after the
-    /// network.
+    /// The network's weights in a folder: the file as named by this program's download, by
+    /// torchvision, or after the network.
     fn in_folder(&self, folder: &Path) -> Option<PathBuf> {
         let plain = folder.join(format!("{}.safetensors", self.backbone));
         let files = [self.cached(folder), folder.join(&*self.file), plain];
@@ -120,22 +120,23 @@ fn variable(name: &str) -> Option<PathBuf> {
 /// Folder of bundled files, if this code runs inside another program.
 static OWN_FOLDER: OnceLock<PathBuf> = OnceLock::new();
 
-/// Sets the folder of the program's bundled files, instead of the executable's own folder; for a library inside another
-/// program. Only the first call has an effect; call it before any weights are searched for.
+/// For a library inside another program: sets the folder of bundled files, which is otherwise the
+/// executable's own. Only the first call has an effect; call it before any weights are searched
+/// for.
 pub fn lies_in(folder: impl Into<PathBuf>) {
     OWN_FOLDER.get_or_init(|| folder.into());
 }
 
-/// Folder of the program's bundled files: [as set](lies_in), else the executable's.
+/// Folder of the program's bundled files: [as set](lies_in), or else the executable's.
 pub fn own_folder() -> Option<PathBuf> {
     let beside = || Some(std::env::current_exe().ok()?.parent()?.to_owned());
     OWN_FOLDER.get().cloned().or_else(beside)
 }
 
 impl Weights {
-    /// Locally available weights. For each network, the first source that has them is used: the download folder
-    /// ([`cache_folder`]); the program itself, which contains AlexNet's; the folder of its executable ([or
-    /// another](lies_in)) or of the sources it was built from, which contain VGG16's; torch's hub folder.
+    /// Locally available weights. For each network, uses the first source that has them: the
+    /// download folder ([`cache_folder`]); the program itself, for AlexNet; the folder of its
+    /// executable ([or another](lies_in)) or of its sources, for VGG16; torch's hub folder.
     pub fn at_hand() -> Self {
         let sources = Path::new(env!("CARGO_MANIFEST_DIR")).join("weights");
         let bundled = [own_folder(), Some(sources)].map(Option::unwrap_or_default);

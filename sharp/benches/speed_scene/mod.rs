@@ -11,7 +11,8 @@ const GRID: usize = 768;
 /// Focal length at a width of 1536 pixels.
 const FOCAL: f64 = 1536.0 * 0.85;
 
-/// The scene with Gaussians of about `sigma_px` pixels standard deviation at a picture width of 1536.
+/// The scene, with Gaussians whose standard deviation is about `sigma_px` pixels at a picture width
+/// of 1536.
 ///
 /// Random numbers are splitmix64(1), splitmix64(2), …, twelve per Gaussian.
 pub(crate) fn scene(sigma_px: f64) -> Gaussians {

@@ -13,8 +13,8 @@ use crate::{legacy, pickle, safetensors, zip};
 
 /// An open checkpoint: a file and the validated table of its tensors.
 ///
-/// Opening reads the table of contents only. If the file is modified afterwards, reads return the new values, or an
-/// error if it became shorter.
+/// Opening reads only the table of contents. If the file is modified afterwards, reads return the
+/// new values, or an error if the file became shorter.
 #[derive(Debug)]
 pub struct Checkpoint {
     path: PathBuf,
@@ -152,7 +152,7 @@ fn guess(start: &[u8]) -> &'static str {
     } else if text.starts_with(b"<") {
         ": it looks like a web page"
     } else if text.starts_with(b"version https://git-lfs") {
-        ": it is a Git LFS pointer, fetch the file behind it"
+        ": it is a Git LFS pointer; fetch the file that it points to"
     } else {
         " (or its header is damaged)"
     }
@@ -183,7 +183,7 @@ fn read_zip(file: &(impl Bytes + ?Sized)) -> Result<NamedTensors, Fault> {
             .and_then(|n| n.checked_mul(storage.dtype.size()));
         if told != Some(range.len()) {
             return malformed!(
-                "storage '{}' has {} bytes, the pickle says {} elements of {}",
+                "storage '{}' has {} bytes, but the pickle states {} elements of {}",
                 storage.key,
                 range.len(),
                 storage.numel,

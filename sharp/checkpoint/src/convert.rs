@@ -86,7 +86,7 @@ pub fn write_safetensors<'a>(
             let bytes = data(tensor)?;
             if bytes.len() != len {
                 return Err(malformed(format!(
-                    "tensor '{}' needs {len} bytes, {} were given",
+                    "tensor '{}' needs {len} bytes, but {} were given",
                     tensor.name,
                     bytes.len()
                 )));

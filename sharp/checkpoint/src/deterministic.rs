@@ -57,7 +57,8 @@ fn model_rule(name: &str, shape: &[usize]) -> (f64, f64) {
         1 => (0.0, 0.05),
         3 => (0.0, 0.5),
         4 => {
-            // All 2x2 filters are transposed convolutions, except for the image encoder's input layer.
+            // All 2x2 filters belong to transposed convolutions, except in the image encoder's
+            // input layer.
             let transposed = shape[2..] == [2, 2] && !name.ends_with("image_encoder.conv.weight");
             let fan_in = if transposed {
                 shape[0]
@@ -106,7 +107,7 @@ mod tests {
 
     #[test]
     fn every_rule_of_the_network_matches_its_recorded_bits() {
-        // Name, shape, first four values, last value: one row per rule.
+        // One row per rule: name, shape, first four values, last value.
         let rows: [(&str, &[usize], [u32; 4], u32); 10] = [
             (
                 "monodepth_model.monodepth_predictor.encoder.patch_encoder.blocks.0.attn.qkv.weight",

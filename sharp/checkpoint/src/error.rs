@@ -1,4 +1,4 @@
-//! Errors of opening and reading checkpoints: always the file and one reason.
+//! Errors of opening and reading checkpoints; each names the file and one reason.
 
 use std::path::{Path, PathBuf};
 
@@ -40,7 +40,7 @@ pub enum CheckpointError {
 pub(crate) enum Fault {
     Io(std::io::Error),
     Malformed(String),
-    /// The pickle continues beyond this many bytes, which is all that was read of it.
+    /// The pickle continues beyond this many bytes; no more were read.
     CutOff(usize),
     ForbiddenGlobal(String),
     StateDict(String),

@@ -21,7 +21,7 @@ const MAX_PICKLES: usize = 64 << 20;
 
 /// Reads the table of contents.
 pub(crate) fn read(file: &(impl Bytes + ?Sized)) -> Result<NamedTensors, Fault> {
-    // The length of the pickles is only known once they have been run.
+    // The length of the pickles is known only after they were run.
     let mut len = 1 << 17;
     loop {
         match contents(file, &file.start(len)?) {
@@ -40,7 +40,7 @@ fn contents(file: &(impl Bytes + ?Sized), start: &[u8]) -> Result<NamedTensors, 
         let (value, used) = pickle::load(&start[at..], &mut heap)?;
         at += used;
         if nth == 0 && value != Value::Long(&MAGIC) {
-            return malformed!("a pickle, but not one that PyTorch wrote");
+            return malformed!("a pickle, but not written by PyTorch");
         }
         *slot = value;
     }
@@ -75,7 +75,10 @@ fn storages<'a>(
             .insert(storage.key, storage)
             .is_some_and(|other| other != storage)
         {
-            return malformed!("storage '{}' is described in two ways", storage.key);
+            return malformed!(
+                "storage '{}' has two contradicting descriptions",
+                storage.key
+            );
         }
     }
     let Value::List(id) = keys else {
@@ -97,7 +100,7 @@ fn storages<'a>(
         let numel = u64::from_le_bytes(count);
         if numel != storage.numel {
             return malformed!(
-                "storage '{key}' has {numel} elements, its tensors say {}",
+                "storage '{key}' has {numel} elements, but its tensors state {}",
                 storage.numel
             );
         }

@@ -53,7 +53,7 @@ impl<'de> Deserialize<'de> for SafetensorsHeader {
                     if name == "__metadata__" {
                         header.metadata = map.next_value()?;
                     } else if header.entries.insert(name, map.next_value()?).is_some() {
-                        return Err(serde::de::Error::custom("a tensor is named twice"));
+                        return Err(serde::de::Error::custom("a tensor is listed twice"));
                     }
                 }
                 Ok(header)

@@ -8,7 +8,7 @@ use half::{bf16, f16};
 use crate::bytes::Bytes;
 use crate::error::{Fault, malformed};
 
-/// Maximum number of axes of a tensor, which bounds the shapes that a hostile file can declare.
+/// Maximum number of axes of a tensor; limits the shapes that a hostile file can declare.
 pub(crate) const MAX_RANK: usize = 32;
 
 /// Element type of a stored tensor. All are little-endian in every format.
@@ -94,9 +94,10 @@ pub(crate) struct TensorLayout {
 impl TensorLayout {
     /// Creates a view into a storage.
     ///
-    /// `storage` is the byte range of the whole storage in a file of `file_len` bytes, `offset` the index of the first
-    /// element in it. The tensor may overlap itself (stride 0), but may not have more elements than the file has bytes:
-    /// real state dicts never do, and this bounds the allocation when reading.
+    /// `storage` is the byte range of the whole storage in a file of `file_len` bytes, `offset` the
+    /// index of the first element in it. The tensor may overlap itself (stride 0), but may not have
+    /// more elements than the file has bytes. Real state dicts never do, and this limits the memory
+    /// for reading.
     pub(crate) fn new(
         dtype: DType,
         shape: Vec<usize>,
@@ -109,10 +110,13 @@ impl TensorLayout {
             return malformed!("shape {shape:?} and strides {strides:?} differ in length");
         }
         if shape.len() > MAX_RANK {
-            return malformed!("a tensor of {} axes; at most {MAX_RANK}", shape.len());
+            return malformed!(
+                "a tensor of {} axes; at most {MAX_RANK} are supported",
+                shape.len()
+            );
         }
         if storage.start > storage.end || storage.end > file_len {
-            return malformed!("a storage at bytes {storage:?} of a file of {file_len}");
+            return malformed!("a storage at bytes {storage:?} of a file of {file_len} bytes");
         }
         let numel = shape.iter().try_fold(1_usize, |n, &s| n.checked_mul(s));
         // An empty axis makes the product zero only if no earlier product overflowed.

@@ -1,8 +1,9 @@
-//! The subset of the zip format that PyTorch writes: stored entries, located through the central directory, with 64-bit
-//! sizes if needed.
+//! The subset of the zip format that PyTorch writes: stored entries, located through the central
+//! directory, with 64-bit sizes if needed.
 //!
-//! Implemented here because the `zip` crate reads entries as streams, guesses at damaged directories and lets the last
-//! of several equal names win. This implementation rejects every inconsistency.
+//! Implemented here because the `zip` crate reads entries as streams, guesses at damaged
+//! directories, and if several names are equal, silently uses the last. This implementation rejects
+//! every inconsistency.
 
 use std::collections::BTreeMap;
 use std::ops::Range;
@@ -61,7 +62,7 @@ pub(crate) fn read(file: &(impl Bytes + ?Sized)) -> Result<Directory, Fault> {
     let directory = slice(file, start, size, "the central directory")?;
     let mut rest = directory.as_slice();
     if count > (rest.len() / CENTRAL_LEN) as u64 {
-        return malformed!("zip: {count} entries announced in a directory of {size} bytes");
+        return malformed!("zip: the directory of {size} bytes is too small for {count} entries");
     }
     let mut entries = BTreeMap::new();
     for _ in 0..count {

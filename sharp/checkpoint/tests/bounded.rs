@@ -1,4 +1,4 @@
-//! Hostile files are refused without large allocations: every allocation is counted.
+//! Hostile files are rejected without large allocations; every allocation is counted.
 
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::fs::{self, File};
@@ -32,7 +32,7 @@ unsafe impl GlobalAlloc for Counting {
 #[global_allocator]
 static ALLOCATOR: Counting = Counting;
 
-/// Bytes allocated at the peak while the file is opened and, if that works, read.
+/// Peak number of bytes allocated while the file is opened and, if it can be opened, read.
 fn peak(path: &Path) -> usize {
     let before = LIVE.load(Relaxed);
     PEAK.store(before, Relaxed);
@@ -44,7 +44,7 @@ fn peak(path: &Path) -> usize {
     PEAK.load(Relaxed) - before
 }
 
-// One test, so that no other one allocates meanwhile.
+// A single test, so that no other test allocates at the same time.
 #[test]
 fn hostile_files_allocate_little() {
     let dir = tempfile::tempdir().unwrap();

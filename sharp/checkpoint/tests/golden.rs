@@ -1,4 +1,4 @@
-//! A file that PyTorch wrote, against the weights it is known to hold.
+//! Compares a file written by PyTorch with the weights that it is known to contain.
 
 use std::path::Path;
 

@@ -1,4 +1,4 @@
-//! GELU over a slice, for callers that do not fuse it into a matrix product, and its gradient.
+//! GELU over a slice and its gradient, for callers that do not fuse GELU into a matrix product.
 
 use rayon::prelude::*;
 
@@ -40,7 +40,7 @@ fn forward_body<const FMA: bool>(x: &[f32], out: &mut [f32]) {
 }
 
 per_instruction_set! {
-    /// Multiplies by the slope.
+    /// Multiplies the gradient by GELU's slope.
     fn backward(x: &[f32], out: &mut [f32]) = backward_body
 }
 

@@ -60,7 +60,8 @@ fn normalise_rows_body<const FMA: bool>(
         for (sum, v) in sums.iter_mut().zip(tail) {
             *sum += v;
         }
-        // The mean is split into two parts; otherwise its rounding error would be amplified when the variance is small.
+        // Split the mean into two parts, because its rounding error would otherwise be amplified if
+        // the variance is small.
         let exact = total(&sums) / dim as f64;
         let mean = exact as f32;
         let rest = (exact - f64::from(mean)) as f32;

@@ -85,8 +85,8 @@ impl RowOp for MaxPool {
 }
 
 per_instruction_set! {
-    /// Takes the maximum over one input row's part of the windows, combined with the existing `output` unless this is
-    /// the `first` row.
+    /// Takes the maximum over the row of the windows that is in this input row. Unless this is the
+    /// `first` row, includes the existing `output`.
     fn max_row(
         input: &[f32],
         output: &mut [f32],
@@ -114,7 +114,7 @@ fn max_row_body<const FMA: bool>(
                 output.copy_from_slice(pixel);
             } else {
                 for (max, v) in output.iter_mut().zip(pixel) {
-                    // Propagates NaN, which must not be lost on the way to a score.
+                    // Propagates NaN, which must not disappear before it reaches a score.
                     *max = if *max >= *v || max.is_nan() { *max } else { *v };
                 }
             }

@@ -33,8 +33,8 @@ impl<'a> RowWindow<'a> {
         Self::in_two(&[], data, rows, height, width, channels)
     }
 
-    /// Like [`new`](Self::new), with the rows in two slices: all rows of `head` lie above those of `tail`. This way
-    /// rows kept from a previous strip need not be moved next to the new ones.
+    /// Like [`new`](Self::new), with the rows in two slices, all rows of `head` above those of
+    /// `tail`. Rows kept from the strip before need not be moved next to the new ones.
     ///
     /// # Panics
     /// If the total length is wrong, `head` ends within a row, or the rows lie outside the image.
@@ -130,10 +130,12 @@ pub trait RowOp: Send + Sync {
 
     fn out_channels(&self, in_channels: usize) -> usize;
 
-    /// Input rows that the output rows `out` depend on, for an image of `in_height` rows. Clamped to the image.
+    /// Input rows that the output rows `out` depend on, for an image of `in_height` rows. Clamped
+    /// to the image.
     ///
-    /// Winograd convolutions work on blocks of four output rows that start at multiples of four, and need the input of
-    /// whole blocks. Cut strips at multiples of four to avoid computing rows twice.
+    /// Winograd convolutions work on blocks of four output rows that start at multiples of four,
+    /// and need the input of whole blocks. To avoid computing rows twice, cut strips at multiples
+    /// of four.
     fn in_rows(&self, out: Range<usize>, in_height: usize) -> Range<usize>;
 
     /// Writes the output rows `out` to `output` as `[row][column][channel]`.

@@ -59,7 +59,7 @@ pub struct Simd(InstructionSet);
 /// The instruction set of this process, fixed by the first call of `detect` or `pin`.
 static IN_USE: OnceLock<Simd> = OnceLock::new();
 
-/// Reason that a process cannot be pinned to an instruction set.
+/// Reason why a process cannot be pinned to an instruction set.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum PinError {
     #[error(

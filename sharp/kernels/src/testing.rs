@@ -1,6 +1,6 @@
 //! Helpers shared by the tests of several modules.
 
-/// Reproducible values, nearly normal: sums of four uniform ones, of variance 1.
+/// Reproducible, nearly normal values of variance 1: sums of four uniform values.
 pub(crate) fn noise(seed: u64, len: usize) -> Vec<f32> {
     let mut state = seed.wrapping_mul(0x9e37_79b9_7f4a_7c15);
     let mut uniform = || {
@@ -29,7 +29,7 @@ pub(crate) fn relative_error(found: &[f32], exact: &[f64]) -> f64 {
     (error / norm).sqrt()
 }
 
-/// Runs `work` in a pool of that many threads.
+/// Runs `work` in a pool of `threads` threads.
 pub(crate) fn with_threads<R: Send>(threads: usize, work: impl FnOnce() -> R + Send) -> R {
     rayon::ThreadPoolBuilder::new()
         .num_threads(threads)

@@ -1,4 +1,4 @@
-//! Pinning, in a process of its own.
+//! Tests pinning in a process of its own.
 
 use sharp_kernels::{InstructionSet, PinError, Simd};
 

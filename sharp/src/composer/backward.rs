@@ -153,7 +153,7 @@ impl Block {
     }
 }
 
-/// Uses both sides, so that the slope does not underflow before f64 does.
+/// Multiplies the sigmoids of x and −x, so that the slope does not underflow before f64 does.
 fn sigmoid_slope(x: f64) -> f64 {
     sigmoid(x) * sigmoid(-x)
 }

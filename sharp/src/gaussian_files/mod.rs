@@ -57,7 +57,7 @@ pub fn load(path: &Path, reading: impl Into<StoredForm>) -> Result<GaussianScene
     let name = path.file_name().unwrap_or_default().to_string_lossy();
     let read = || match () {
         () if path.is_dir() && !path.join("meta.json").is_file() => Err(PlyReason::Foreign(
-            "a folder, without the meta.json that an unpacked SOG has".to_owned(),
+            "a folder without meta.json, so not an unpacked SOG".to_owned(),
         )),
         () if path.is_dir() => sog::from_folder(path)?.scene(&given),
         () if name.eq_ignore_ascii_case("meta.json") => {
@@ -102,7 +102,7 @@ pub fn foreign_format(bytes: &[u8], name: &str) -> Option<String> {
     let format = match bytes {
         [0xef, 0xbb, 0xbf, ..] => {
             let mark =
-                "text with a byte order mark: a text editor has changed the file; write it again";
+                "text with a byte order mark: a text editor changed the file; write it again";
             return Some(mark.to_owned());
         }
         [b'g', b'l', b'T', b'F', ..] => "glTF",
@@ -117,7 +117,7 @@ pub fn foreign_format(bytes: &[u8], name: &str) -> Option<String> {
     Some(format!("{format}, which is not read; {CONVERT}"))
 }
 
-/// Reason that a compressed stream cannot be read, worded independently of the decompressor.
+/// Why a compressed stream cannot be read, in words that do not depend on the decompressor.
 fn unfolding(error: &std::io::Error) -> String {
     let why = match error.kind() {
         std::io::ErrorKind::UnexpectedEof => "it ends early: truncated?",

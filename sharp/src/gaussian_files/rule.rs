@@ -1,4 +1,4 @@
-//! Detection of the rendering rule that a file was made for, from its marks.
+//! Finds the rendering rule that a file was made for, from its marks.
 
 use crate::ply::{FileMarks, Generator, SplatRenderMode};
 use crate::render::Rule;
@@ -27,11 +27,11 @@ impl MarkedRule {
         match (marks.generator, marks.antialiased) {
             (Some(Generator::Sharp), _) => stated(
                 Rule::SHARP,
-                "it states the encoding of its colours, as SHARP's do",
+                "it states the encoding of its colours, as SHARP's files do",
             ),
             _ if marks.has_filter_3d => stated(
                 Rule::MIP_SPLATTING,
-                "its filter_3D is Mip-Splatting's, and was folded in",
+                "its filter_3D is Mip-Splatting's and was folded in",
             ),
             (Some(Generator::Brush), _) if marks.mode == Some(SplatRenderMode::Mip) => {
                 stated(Rule::BRUSH_MIP, "brush exported it in mode mip")

@@ -1,4 +1,5 @@
-//! PlayCanvas' SOG: lossless WebP pictures whose pixels are attributes, and a `meta.json` that describes them.
+//! PlayCanvas' SOG: lossless WebP pictures whose pixels hold the attributes, and a `meta.json` that
+//! describes them.
 
 use std::collections::BTreeMap;
 use std::io::{Cursor, Read};
@@ -56,7 +57,7 @@ fn read(mut file: impl FnMut(&str) -> Result<Vec<u8>, String>) -> Result<Decoded
     let meta: Value = serde_json::from_slice(&meta).map_err(|error| {
         let (line, column) = (error.line(), error.column());
         damaged(format!(
-            "meta.json: no valid JSON from line {line}, column {column} on"
+            "meta.json: not valid JSON from line {line}, column {column}"
         ))
     })?;
     let names = ["means", "scales", "quats", "sh0", "shN"];
@@ -87,7 +88,7 @@ impl Sog {
             Some(Some(2)) => false,
             Some(_) => {
                 let what = format!(
-                    "version {} is not supported; versions 1 and 2 are",
+                    "version {} is not supported; only versions 1 and 2 are",
                     meta["version"]
                 );
                 return Err(damaged(what));
@@ -161,7 +162,7 @@ impl Sog {
         let is_whole = palette.width == PALETTE_COLUMNS * each;
         let degree = degree.filter(|_| is_whole).ok_or_else(|| {
             damaged(format!(
-                "a palette of view-dependent colours {} pixels wide",
+                "a palette of view-dependent colours that is {} pixels wide",
                 palette.width
             ))
         })?;
@@ -175,7 +176,7 @@ impl Sog {
             let pixels = palette.pixels.get(first..first + each);
             let pixels = pixels.ok_or_else(|| {
                 damaged(format!(
-                    "Gaussian {k} has entry {entry} of a shorter palette"
+                    "Gaussian {k} refers to entry {entry}, beyond the end of the palette"
                 ))
             })?;
             let value = |pixel: &[u8; 4]| [0, 1, 2].map(|channel| levels.at(0, pixel[channel]));
@@ -219,7 +220,8 @@ impl Sog {
         let decoder = WebPDecoder::new(Cursor::new(bytes)).map_err(broken)?;
         let (width, height) = decoder.dimensions();
         let area = (width as usize).saturating_mul(height as usize);
-        // A file of a single colour takes hardly any bytes, so the bound is based on the size of all files together.
+        // A picture of a single colour takes hardly any bytes, so the limit is based on the size of
+        // all files together.
         let held: usize = self.files.values().map(Vec::len).sum();
         if area / MOST_EXPANSION > held {
             return Err(picture(format!(
@@ -307,8 +309,8 @@ impl Levels {
     }
 }
 
-/// The last byte identifies the largest of w, x, y, z, which is positive; the others follow in order. Other values of
-/// the last byte are interpreted as no rotation.
+/// The last byte identifies the largest of w, x, y, z, which is positive; the others follow in
+/// order. If the last byte has an undefined value, the result is no rotation.
 fn rotation_of([a, b, c, last]: [u8; 4]) -> [f32; 4] {
     let Some(largest) = last.checked_sub(252).map(usize::from) else {
         return [1.0, 0.0, 0.0, 0.0];

@@ -12,7 +12,7 @@ pub(super) fn decode(bytes: &[u8]) -> Result<Decoded, PlyReason> {
         return Err(PlyReason::Damaged {
             format: ".splat",
             what: format!(
-                "{} bytes are not a multiple of the {ROW} of a Gaussian (truncated?)",
+                "{} bytes are not a multiple of {ROW}, the size of a Gaussian (truncated?)",
                 bytes.len()
             ),
         });

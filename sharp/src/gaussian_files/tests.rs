@@ -1,4 +1,5 @@
-//! Hostile, truncated and mistaken files. Files of other programs are compared in the tests of the whole product.
+//! Hostile, truncated and malformed files. The tests of the whole product compare files of other
+//! programs.
 
 use std::io::Write;
 
@@ -71,7 +72,7 @@ fn truncated_files_are_refused_wherever_they_end() {
         assert!(from_bytes(&bytes, name, encoded()).is_ok(), "{name}");
         for end in (0..bytes.len()).step_by(7).filter(|end| end % 32 != 0) {
             let found = from_bytes(&bytes[..end], name, encoded());
-            // The last bytes of gzip are a checksum of what was read.
+            // Without its last bytes, a gzip file lacks only a checksum.
             assert!(found.is_err() || name.ends_with("spz") && end + 8 >= bytes.len());
         }
     }
@@ -120,7 +121,7 @@ fn other_formats_are_named_with_what_converts_them() {
             "a.ply",
             "convert it to float",
         ),
-        (&[0; 33], "a.splat", "not a multiple of the 32"),
+        (&[0; 33], "a.splat", "not a multiple of 32"),
     ] {
         let found = reason(bytes, name);
         assert!(found.contains(part), "{name}: {found}");
@@ -161,7 +162,7 @@ fn what_is_made_for_another_rule_is_refused_where_colours_are_linear() {
 
 #[test]
 fn flipped_harmonics_give_the_flipped_colours() {
-    // z and x² − y² keep their sign where x and y are flipped, x does not.
+    // Flipping x and y preserves the signs of z and x² − y², but not that of x.
     let mut one = scene().gaussians.subset(&[0]);
     one.harmonics = Harmonics {
         degree: 2,

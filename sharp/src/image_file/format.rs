@@ -50,9 +50,10 @@ pub(super) fn of(bytes: &[u8]) -> Result<ImageFormat, ImageFileError> {
     Err(ImageFileError::Format(what))
 }
 
-/// Rejects a truncated file, if this can be detected without decoding.
+/// Rejects a truncated file if truncation can be detected without decoding.
 pub(super) fn check_complete(bytes: &[u8], format: ImageFormat) -> Result<(), ImageFileError> {
-    // RIFF stores the number of bytes after the first eight, BMP the size of the whole file (0 in some files).
+    // RIFF stores the number of bytes after its first eight; BMP stores the size of the whole file
+    // (0 in some files).
     let promised = |at: usize| {
         let length = bytes.get(at..)?.first_chunk::<4>()?;
         Some(u32::from_le_bytes(*length) as usize)
@@ -72,7 +73,7 @@ pub(super) fn check_complete(bytes: &[u8], format: ImageFormat) -> Result<(), Im
     match needed <= bytes.len() {
         true => Ok(()),
         false => Err(ImageFileError::Damaged(format!(
-            "the file has {} bytes of {needed} (truncated?)",
+            "the file has only {} of {needed} bytes (truncated?)",
             bytes.len()
         ))),
     }

@@ -31,7 +31,9 @@ pub(super) fn check_complete(bytes: &[u8]) -> Result<(), String> {
         let length = bytes.get(at..at + 2).ok_or(TRUNCATED)?;
         let length = usize::from(u16::from_be_bytes([length[0], length[1]]));
         if length < 2 {
-            return Err(format!("a JPEG segment of {length} bytes, at byte {at}"));
+            return Err(format!(
+                "invalid length of a JPEG segment: {length} bytes, at byte {at}"
+            ));
         }
         at += length;
         if code == 0xDA {

@@ -58,8 +58,8 @@ pub enum ImageFileError {
     )]
     Alpha { percent: f64 },
     #[error(
-        "its colour profile '{name}' cannot be converted to sRGB ({reason}): convert the file, or use its values as \
-         they are with color=as-stored"
+        "its colour profile '{name}' cannot be converted to sRGB ({reason}): convert the file, or \
+         use its stored values with color=as-stored"
     )]
     Profile { name: String, reason: &'static str },
     #[error(
@@ -128,8 +128,8 @@ pub struct Picture {
 }
 
 impl Picture {
-    /// Notes for readers of scores, one sentence each that names the setting; empty for an opaque, upright sRGB
-    /// picture.
+    /// Notes for readers of scores: one sentence per conversion, which names the setting for it.
+    /// Empty for an opaque, upright sRGB picture.
     pub fn notes(&self, rules: &PictureRules) -> Vec<String> {
         let mut notes = Vec::new();
         let orientation = self.header.orientation;
@@ -181,7 +181,7 @@ pub fn read(
 /// Decodes a map of integers, such as depth in millimetres, as stored.
 ///
 /// # Errors
-/// As for [`read`], except that small values are no reason to refuse it.
+/// As for [`read`], but small values are not an error.
 pub fn read_map(bytes: &[u8]) -> Result<Picture, ImageFileError> {
     decode(bytes, &PictureRules::AS_STORED, None, |_| Ok(()))
 }
@@ -264,7 +264,7 @@ pub fn check_complete(bytes: &[u8]) -> Result<(), ImageFileError> {
 /// Reads a file's header without decoding its pixels.
 ///
 /// # Errors
-/// [`ImageFileError`], as far as the header reveals it.
+/// Every [`ImageFileError`] that the header reveals.
 pub fn header(mut file: impl BufRead + Seek) -> Result<Header, ImageFileError> {
     dimensions(&mut file)?;
     file.rewind()?;
@@ -281,7 +281,7 @@ pub fn header(mut file: impl BufRead + Seek) -> Result<Header, ImageFileError> {
 /// Width and height as stored; reads only the file's header.
 ///
 /// # Errors
-/// [`ImageFileError`], as far as the header reveals it.
+/// Every [`ImageFileError`] that the header reveals.
 pub fn dimensions(mut file: impl BufRead + Seek) -> Result<(u32, u32), ImageFileError> {
     let file_bytes = file.seek(std::io::SeekFrom::End(0))?;
     file.rewind()?;
@@ -320,7 +320,7 @@ fn open<'a>(
     let icc = decoder.icc_profile().ok().flatten();
     let exif = decoder.exif_metadata().ok().flatten();
     let exif = exif.and_then(|bytes| exif::Reader::new().read_raw(bytes).ok());
-    // The EXIF mark of Adobe RGB, which cameras set if no profile is embedded.
+    // Adobe RGB is marked in EXIF by cameras that embed no profile.
     let is_adobe_rgb = exif
         .as_ref()
         .and_then(|exif| exif.get_field(Tag::InteroperabilityIndex, In::PRIMARY))
@@ -353,11 +353,12 @@ fn open<'a>(
     Ok((Box::new(decoder), header))
 }
 
-/// Pictures with fewer pixels are not judged by their levels.
+/// 16-bit levels are not judged in pictures with fewer pixels.
 const FEWEST_PIXELS: u32 = 256;
 
-/// Refuses 16-bit pictures that are nearly black because their values have only 8 to 12 bits. Dark pictures that were
-/// converted from 8 bits have multiples of 257, and a few pixels prove nothing.
+/// Rejects 16-bit pictures that are nearly black because their values have only 8 to 12 bits. Dark
+/// pictures converted from 8 bits are accepted: their values are multiples of 257. So are pictures
+/// with few pixels, which prove nothing.
 fn refuse_unscaled(image: &DynamicImage) -> Result<(), ImageFileError> {
     let (values, has_alpha, channels) = match image {
         DynamicImage::ImageLuma16(image) => (image.as_raw(), false, 1),

@@ -32,9 +32,10 @@ pub struct MatrixProfile {
     matrix: DMat3,
 }
 
-/// Samples of a curve: exact for 8 bit, interpolated for 16.
+/// Number of samples of a curve: enough to be exact for 8 bit; 16-bit values are interpolated.
 const SAMPLES: usize = 255 * 16 + 1;
-/// Tolerance, in levels of 255, within which a profile counts as sRGB: files round its curves and primaries.
+/// A profile counts as sRGB within this tolerance, in levels of 255, because files round the curves
+/// and primaries.
 const SRGB_LEVELS: f64 = 2.0;
 
 impl Profile {
@@ -203,7 +204,7 @@ fn description(profile: &ColorProfile) -> Option<String> {
     (!text.trim().is_empty()).then(|| text.trim().to_owned())
 }
 
-/// sRGB encoding of linear light, clipped to 0..1.
+/// sRGB-encoded value of linear light, clipped to 0..1.
 fn encoded(linear: f64) -> f64 {
     let linear = linear.clamp(0.0, 1.0);
     match linear <= 0.003_130_8 {
@@ -213,7 +214,7 @@ fn encoded(linear: f64) -> f64 {
 }
 
 impl MatrixProfile {
-    /// Linear sRGB of encoded values in 0..1.
+    /// Linear sRGB values for encoded values in 0..1.
     fn linear(&self, rgb: [f64; 3]) -> [f64; 3] {
         let linear = [0, 1, 2].map(|c| {
             let at = rgb[c] * (SAMPLES - 1) as f64;
@@ -267,7 +268,8 @@ impl MatrixProfile {
     }
 }
 
-/// Nearest 8-bit level of linear light once encoded: the same as rounding `encoded`, without a power per pixel.
+/// The 8-bit level nearest to encoded linear light. Equal to rounding `encoded`, but computes no
+/// power per pixel.
 fn level_of(linear: f64) -> u8 {
     /// Upper bound of each level.
     static ENDS: LazyLock<[f64; 255]> = LazyLock::new(|| {

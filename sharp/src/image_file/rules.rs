@@ -104,7 +104,7 @@ impl PictureRules {
         orientation: OrientationRule::Stored,
     };
 
-    /// Reads `alpha`, `color` and `orientation` where given. Errors contain the reason only.
+    /// Parses `alpha`, `color` and `orientation` if given. Errors contain the reason only.
     pub fn parse<'a>(option: impl Fn(&str) -> Option<&'a str>) -> Result<Self, String> {
         Ok(Self {
             alpha: parsed("alpha", &option)?.unwrap_or_default(),
@@ -113,7 +113,7 @@ impl PictureRules {
         })
     }
 
-    /// Rules that differ from the default, by the keys of [`Self::parse`].
+    /// The rules that differ from the default, by the keys of [`Self::parse`].
     pub fn given(&self) -> impl Iterator<Item = (&'static str, &'static str)> + use<> {
         let named = |rules: &Self| {
             [

@@ -1,4 +1,4 @@
-//! Files made on the spot.
+//! Tests on files that the tests create.
 
 use super::*;
 
@@ -98,7 +98,8 @@ fn truncated_files_are_refused() {
 
 #[test]
 fn what_a_file_can_hold_depends_on_its_pixels() {
-    // A megapixel: 1,048,576 bytes of gray deflate to 1,016 at best, of 16-bit colour to 6,096.
+    // At best, deflate reduces a megapixel of 8-bit grey (1,048,576 bytes) to 1,016 bytes, and one
+    // of 16-bit colour to 6,096.
     let start = |kind, depth| [&[0; 24][..], &[depth, kind, 0, 0]].concat();
     for (start, format, least) in [
         (start(0, 8), ImageFormat::Png, 1016),
@@ -110,7 +111,7 @@ fn what_a_file_can_hold_depends_on_its_pixels() {
         assert!(check(least).is_ok(), "{format:?}");
         assert!(check(least - 2).is_err(), "{format:?}");
     }
-    // Beyond every camera, whatever the file can hold.
+    // Sizes beyond every camera are rejected, whatever the file can hold.
     let check = |size| format::check_size(size, u64::MAX, &[], ImageFormat::Jpeg);
     assert!(check((1 << 14, 1 << 14)).is_ok());
     let error = check((1 << 14, (1 << 14) + 1)).unwrap_err();
@@ -211,7 +212,8 @@ fn values_of_fewer_bits_in_sixteen_are_refused_and_dark_pictures_are_not() {
             "{error}"
         );
     }
-    // From 8 bits, of full range, black, and all levels of a picture with sensor noise.
+    // Converted from 8 bits; full range; black; levels of more than 12 bits; levels of fewer than
+    // 8.
     for (highest, step) in [(257 * 9, 257), (65_535, 257), (0, 1), (5000, 17), (60, 1)] {
         assert!(picture(highest, step).is_ok(), "{highest}");
     }
@@ -253,7 +255,7 @@ fn chunks_that_contradict_srgb_are_named_where_they_alone_speak() {
     let (rounded, wide) = (words(&rounded), words(&p3));
     let said = |chunks: &[(&[u8; 4], &[u8])], rules: &PictureRules| {
         let found = read(&with_chunks(chunks), rules, None).unwrap();
-        // Whatever is said, the values stay.
+        // The values are unchanged, whatever the notes say.
         assert_eq!(found.image.to_rgb8()[(0, 0)].0, [100; 3]);
         found.notes(rules).join("; ")
     };
@@ -265,7 +267,7 @@ fn chunks_that_contradict_srgb_are_named_where_they_alone_speak() {
         &[(b"gAMA", &linear), (b"sRGB", &[0])],
         &[(b"cHRM", &wide), (b"cICP", &[1, 13, 0, 1])],
         &[(b"gAMA", &gamma(0))],
-        // Shorter than its values.
+        // Chunks that are too short for their values.
         &[(b"gAMA", &[1, 2]), (b"cHRM", &wide[..31])],
     ] {
         assert_eq!(said(chunks, &rules), "", "{chunks:?}");

@@ -16,14 +16,16 @@ pub struct BaseGradient {
     pub global_scale: f64,
 }
 
-/// Gradient with respect to metric depth, `[layers, height, width]`, in 1/m. It is computed from the gradient of the
-/// base Gaussians and that of the inverse-depth planes of [`NormalizedDepth::feature_input`] (`features`, `[layers,
-/// height, width]`); `normalized` is the result of normalising `depth`.
+/// Gradient with respect to metric depth, `[layers, height, width]`, in 1/m, computed from the
+/// gradient of the base Gaussians and that of the inverse-depth planes of
+/// [`NormalizedDepth::feature_input`] (`features`, `[layers, height, width]`). `normalized` is the
+/// result of normalising `depth`.
 ///
-/// Subgradients match torch's: a block's value belongs to the first of its nearest pixels, row by row. Pixels beyond
-/// [`MAX_NORMALIZED_DEPTH`] get no gradient, but those exactly on it do. The gradient of the factor is divided evenly
-/// among all nearest pixels, as in torch's `amin`; the release's `min` assigns it to one of them, and its two layers
-/// start as copies of each other. The gradient is zero for invalid depth.
+/// Subgradients match torch's: a block's value belongs to the first of its nearest pixels, row by
+/// row. Pixels beyond [`MAX_NORMALIZED_DEPTH`] get no gradient, but those exactly on it do. The
+/// gradient of the factor is divided evenly among all nearest pixels, as in torch's `amin`; the
+/// release's `min` assigns it to one of them, and its two layers start as copies of each other. The
+/// gradient is zero for invalid depth.
 ///
 /// # Errors
 /// [`InitializerError::Grid`], [`InitializerError::Length`].

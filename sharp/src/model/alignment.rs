@@ -43,7 +43,7 @@ impl NormResidualBlock {
         self.norm0.forward(x)
     }
 
-    /// Output of the block for `x` and its [`normalized`](Self::normalized) form.
+    /// Output of the block, given `x` and its [`normalized`](Self::normalized) form.
     pub(super) fn refined(&self, x: &Tensor, normal: Tensor) -> Result<Tensor> {
         let inner = self.conv2.forward(&normal)?;
         drop(normal);
@@ -88,7 +88,8 @@ impl DepthAlignment {
             pair(p, width(k), width(k + 1))
         };
         let up = |k: usize| {
-            // Every step but the first also receives its predecessor's output, concatenated to the encoder's map.
+            // Every step but the first also receives the output of the step before it, concatenated
+            // to the encoder's map.
             let input = width(steps - k) * if k == 0 { 1 } else { 2 };
             let p = decoder.pp("convs_up").pp(k);
             pair(p, input, width(steps - k - 1))

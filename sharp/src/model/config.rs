@@ -176,7 +176,7 @@ impl ModelConfig {
             let names: Vec<&str> = entries.keys().map(String::as_str).collect();
             match name {
                 Some(name) => format!("no configuration `{name}`, only {}", names.join(", ")),
-                None => format!("several configurations, pick one: {}", names.join(", ")),
+                None => format!("several configurations; select one: {}", names.join(", ")),
             }
         })?;
         serde_json::from_value(chosen.clone()).map_err(|e| e.to_string())
@@ -243,7 +243,7 @@ impl ModelConfig {
             ),
             (
                 !self.use_patch_overlap || vit.tokens_per_side().is_multiple_of(8),
-                "overlapping patches need a token grid that eight divides",
+                "overlapping patches need a token grid divisible by eight",
             ),
             (
                 self.monodepth_dims_decoder

@@ -31,11 +31,11 @@ pub struct CheckpointSource {
 }
 
 impl CheckpointSource {
-    /// Opens a `.pt` or `.safetensors` file. Prefixes and components that wrappers add to all names (`module.`,
-    /// `_orig_mod.`, `model.`) are removed.
+    /// Opens a `.pt` or `.safetensors` file. Prefixes and components that wrappers add to all names
+    /// (`module.`, `_orig_mod.`, `model.`) are removed.
     ///
     /// # Errors
-    /// [`ModelError::Checkpoint`]; [`ModelError::Config`] if the names have several different prefixes.
+    /// [`ModelError::Checkpoint`]; [`ModelError::Config`] if names have different prefixes.
     pub fn open(path: &Path) -> Result<Self, ModelError> {
         let mut file = Checkpoint::open(path)?;
         let left_out = file.without_prefix(&roots()?).map_err(|prefixes| {
@@ -49,7 +49,7 @@ impl CheckpointSource {
         Ok(Self { file, left_out })
     }
 
-    /// Wrapper prefix or components that were removed from all names, e.g. `module._orig_mod.`.
+    /// Wrapper prefix or components removed from all names, e.g. `module._orig_mod.`.
     pub fn left_out(&self) -> Option<&str> {
         self.left_out.as_deref()
     }
@@ -137,7 +137,7 @@ mod tests {
     use super::*;
     use std::collections::BTreeMap;
 
-    /// The official state dict, names and shapes, against ours.
+    /// Compares names and shapes of our parameters with the official state dict.
     #[test]
     fn the_releases_parameters_are_exactly_the_official_ones() {
         let csv = include_str!("../../../tests/golden/model/state_dict.csv");

@@ -40,7 +40,7 @@ impl<'a> StageValue<'a> {
         Self(StageData::Image(tensor, true))
     }
 
-    /// A value that is the images made up by tokens `[images, 1 + side², channels]`, without their class tokens.
+    /// The images formed by tokens `[images, 1 + side², channels]`; class tokens are left out.
     pub(super) fn tokens(tensor: &'a Tensor) -> Self {
         Self(StageData::Tokens(tensor))
     }

@@ -237,11 +237,13 @@ pub(super) fn check_input(image: Planes<'_>, disparity_factor: f32) -> Result<()
     } = image;
     let refuse = |what: String| Err(ModelError::Image(what));
     if width < 2 || height < 2 {
-        return refuse(format!("an image of {width}x{height}: at least 2x2 needed"));
+        return refuse(format!(
+            "an image of {width}x{height} pixels; at least 2x2 are needed"
+        ));
     }
     if values.len() != 3 * width * height {
         return refuse(format!(
-            "{} values for three planes of {width}x{height}",
+            "{} values instead of three planes of {width}x{height}",
             values.len()
         ));
     }

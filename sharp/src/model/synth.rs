@@ -1,4 +1,4 @@
-//! Deterministic weights as a network's source, to compare implementations without a checkpoint.
+//! Deterministic weights for a network, to compare implementations without a checkpoint.
 
 use std::borrow::Cow;
 use std::collections::BTreeMap;

@@ -36,13 +36,13 @@ pub struct TrainingInput<'a> {
     pub image: Planes<'a>,
     /// Focal length divided by width, both in pixels of the original image.
     pub disparity_factor: f32,
-    /// True depth of the image, `[R, R]` in metres, to which the alignment network scales the predicted depth; without
-    /// it the factors are 1. Infinite in the sky. Where it is 0 (unknown), the network receives the predicted depth
-    /// instead.
+    /// True depth of the image, `[R, R]` in metres, to which the alignment network scales the
+    /// predicted depth; without it the factors are 1. It is infinite in the sky. At pixels where it
+    /// is 0 (unknown), the network receives the predicted depth instead.
     pub known_depth: Option<&'a [f32]>,
-    /// If true, disparity at or below its lower bound still passes gradients that would raise it. Otherwise a randomly
-    /// initialised network may lose all of its depth at once and never recover; the release has a clamp for this
-    /// purpose, which it does not use.
+    /// If true, disparity at or below its lower bound still passes gradients that would raise it.
+    /// If false, a randomly initialised network may lose all of its depth at once and never
+    /// recover. The release has a clamp for this purpose but does not use it.
     pub zeros_return: bool,
     /// Skips the refinement of Gaussians, for losses that depend on depth alone: deltas are 0.
     pub depth_only: bool,

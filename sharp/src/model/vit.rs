@@ -9,8 +9,9 @@ use super::observer::{StageObserver, StageValue};
 use super::ops::{Linear, attention, gather, layer_norm};
 use super::params::{Params, Weight};
 
-/// Number of images whose intermediate values are in memory at a time. For the release none of them exceeds 32 MiB, the
-/// limit up to which glibc reuses freed memory; fresh pages would cost a twentieth of a prediction.
+/// Number of images whose intermediate values are in memory at a time. In the release's network,
+/// none of these values exceeds 32 MiB, the size up to which glibc reuses freed memory; fresh pages
+/// would cost a twentieth of a prediction.
 const IMAGES_AT_ONCE: usize = 3;
 
 /// Weight and bias of a linear layer or a normalisation.
@@ -86,7 +87,7 @@ struct Shape {
     norm_eps: f32,
 }
 
-/// Outputs of a transformer.
+/// Outputs of the transformer.
 pub(super) struct Features {
     /// Images made of the tokens of the tapped blocks, not normalised, in block order.
     pub(super) taps: Vec<Tensor>,

@@ -43,8 +43,8 @@ pub struct FileMarks {
 }
 
 impl FileMarks {
-    /// Reads a PLY's comments and columns: uses the first comment that names a program and the last one about a mode.
-    /// `stated` is the colour encoding that the file states.
+    /// Reads a PLY's comments and columns: the first comment that names a program and the last one
+    /// about a mode. `stated` is the colour encoding that the file states.
     pub(super) fn of_ply(header: &Header, vertex: &Element, stated: Option<ColorSpace>) -> Self {
         let mut marks = Self {
             generator: stated.map(|_| Generator::Sharp),
@@ -90,8 +90,8 @@ impl FileMarks {
         self.antialiased = Some(mode == SplatRenderMode::Mip);
     }
 
-    /// Rejects files that are not made for SHARP's rendering rule, if that rule is to be used, and flat Gaussians,
-    /// which no rule supports.
+    /// Rejects flat Gaussians, which no rule supports. If SHARP's rendering rule is to be used,
+    /// also rejects files made for another.
     ///
     /// # Errors
     /// [`PlyReason::OtherRule`].

@@ -157,7 +157,7 @@ pub enum PlyReason {
     )]
     ColorSpaceUnknown,
     /// The file is in another, recognised format.
-    #[error("not a file of Gaussians but {0}")]
+    #[error("not a file of Gaussians, but {0}")]
     Foreign(String),
     #[error("it is empty: nothing was written, or its download failed")]
     Empty,

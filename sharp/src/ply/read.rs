@@ -199,10 +199,10 @@ pub fn check_stored(stored: &Gaussians, reading: &StoredForm) -> Result<(), PlyR
     Ok(())
 }
 
-/// Rejects files whose rows are longer than the header states, which is the case if the surplus bytes are a multiple of
-/// the rows.
+/// The error for files whose rows are longer than the header states, which is assumed if the number
+/// of surplus bytes is a multiple of the number of rows.
 fn longer_rows(surplus: usize, count: usize) -> Option<PlyReason> {
-    // With few rows, a small surplus may be a multiple by chance.
+    // With few rows, it may be a multiple by chance.
     let is_padding = count >= 20 && surplus > 0 && surplus.is_multiple_of(count);
     is_padding.then(|| PlyReason::LongerRows {
         surplus,

@@ -1,4 +1,4 @@
-//! Encodings of stored numbers, for programs that use others than 3D Gaussian Splatting.
+//! Encodings of stored numbers, for programs whose encodings differ from 3D Gaussian Splatting's.
 
 use super::SH_CONSTANT;
 use crate::color::{linear_from_srgb, srgb_from_linear};
@@ -64,8 +64,8 @@ setting!(
     ColorSpace, "color_space":
     /// Linear light, code 1. The release assumes it for files that do not state their encoding.
     Linear = "linear",
-    /// sRGB-encoded, code 0. The release writes it for viewers that blend encoded values, and 3D Gaussian Splatting
-    /// optimises it without stating so.
+    /// sRGB-encoded, code 0. The release writes it for viewers that blend encoded values. 3D
+    /// Gaussian Splatting optimises encoded colours but does not state this in its files.
     Srgb = "srgb",
 );
 impl Default for ColorSpace {
@@ -154,12 +154,13 @@ pub struct StoredForm {
     pub channels: Option<StoredChannels>,
     pub harmonics: Option<Harmonics>,
     pub marks: Option<Marks>,
-    /// Encoding of the decoded colours. It is determined by the rendering rule and is therefore not one of the
-    /// settings. With linear light, view-dependent colours cannot be read. With sRGB they can, and files that do not
-    /// state their colour encoding are assumed to use that of 3D Gaussian Splatting.
+    /// Encoding of the decoded colours. The rendering rule determines it, so it is not one of the
+    /// settings. If it is linear light, view-dependent colours cannot be read. If it is sRGB, they
+    /// can, and files that do not state their colour encoding are assumed to have that of 3D
+    /// Gaussian Splatting.
     pub blending: ColorSpace,
-    /// True if a rendering rule was explicitly chosen; marks of another rule are then no reason to reject a file. Not
-    /// one of the settings either.
+    /// True if a rendering rule was chosen explicitly; a file is then not rejected for marks of
+    /// another rule. Not one of the settings either.
     pub is_ruled: bool,
 }
 
@@ -237,7 +238,7 @@ impl StoredForm {
         }
     }
 
-    /// Fills unset settings with the encodings of `format`.
+    /// Sets the settings that are unset to the encodings of `format`.
     pub fn or_of(self, format: &Self) -> Self {
         Self {
             opacity: self.opacity.or(format.opacity),
@@ -341,7 +342,8 @@ impl StoredForm {
         if self.harmonics == Some(Harmonics::Interleaved) {
             let each = gaussians.harmonics.per_gaussian().max(1);
             for own in gaussians.harmonics.coefficients.chunks_mut(each) {
-                // By the position in the file: `place / each` is the channel as read, `place % 3` that of the program.
+                // The reference uses positions in the file: `place / each` is the channel as read,
+                // `place % 3` the channel that the program wrote.
                 let as_read = own.to_vec();
                 for place in 0..3 * own.len() {
                     let (one, other) = ((place % each, place / each), (place / 3, place % 3));

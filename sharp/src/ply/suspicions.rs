@@ -10,13 +10,14 @@ use super::reading::{
 };
 use crate::gaussians::Gaussians;
 
-/// Minimum number of Gaussians to judge.
+/// Files with fewer Gaussians are not judged.
 const LEAST: usize = 20;
 
 /// A doubt about the encoding of a file.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Suspicion {
-    /// Topic, used to report only one doubt of each kind. The setting that would fix it, if numbers alone suggest one.
+    /// Topic; only one doubt per topic is reported. If numbers alone suggest a setting that would
+    /// fix it, the topic is that setting.
     pub about: &'static str,
     /// The reason, and the setting that would fix it.
     pub text: String,
@@ -31,8 +32,8 @@ impl Suspicion {
     }
 }
 
-/// Doubts about stored numbers, for settings that were not given. `format` is the complete set of encodings, with the
-/// format's own where nothing was given.
+/// Doubts about stored numbers, for settings that were not given. `format` has all encodings: the
+/// given ones and, for the rest, the format's own.
 pub fn suspicions(stored: &Gaussians, given: &StoredForm, format: &StoredForm) -> Vec<Suspicion> {
     let finite: Vec<usize> = (0..stored.len()).filter(|&k| stored.is_finite(k)).collect();
     if finite.len() < LEAST {
@@ -52,8 +53,9 @@ pub fn suspicions(stored: &Gaussians, given: &StoredForm, format: &StoredForm) -
             found.push(Suspicion::new(
                 "opacity=linear",
                 format!(
-                    "its opacities may have been stored without the logit (all stored values are in {:.3}..{:.3}, so \
-                     every opacity is in {:.3}..{:.3}; only a photograph can decide): `opacity=linear` reads them so",
+                    "its opacities may have been stored without the logit (all stored values are \
+                     in {:.3}..{:.3}, so every opacity is in {:.3}..{:.3}; only a photograph can \
+                     decide): `opacity=linear` reads them that way",
                     opacities.least,
                     opacities.most,
                     logistic(opacities.least),
@@ -68,14 +70,15 @@ pub fn suspicions(stored: &Gaussians, given: &StoredForm, format: &StoredForm) -
         && format.scales == Some(StoredScales::Log)
         && scales.least >= 0.0
         && scales.median.exp() > 0.05 * extent
-        // In a scene measured in millimetres, the logarithms are this large.
+        // In a scene measured in millimetres, logarithms have this magnitude.
         && (scales.median < 1.0 || scales.median.exp() > extent)
     {
         found.push(Suspicion::new(
             "scales=linear",
             format!(
-                "its scales do not look like logarithms (none is negative; as logarithms, half of the standard \
-                 deviations would exceed {:.3} in a scene {extent:.1} across): `scales=linear` reads them as they are",
+                "its scales do not look like logarithms (none is negative; as logarithms, half of \
+                 the standard deviations would exceed {:.3} in a scene {extent:.1} across): \
+                 `scales=linear` reads them without exponentiation",
                 scales.median.exp()
             ),
         ));
@@ -86,8 +89,9 @@ pub fn suspicions(stored: &Gaussians, given: &StoredForm, format: &StoredForm) -
             found.push(Suspicion::new(
                 "colors=rgb01",
                 format!(
-                    "its colours may be 0..1 instead of coefficients (all stored values are in {:.3}..{:.3}, as in a \
-                     pastel scene; only a photograph can decide): `colors=rgb01` reads them so",
+                    "its colours may be 0..1 instead of coefficients (all stored values are in \
+                     {:.3}..{:.3}, as in a pastel scene; only a photograph can decide): \
+                     `colors=rgb01` reads them that way",
                     colors.least, colors.most
                 ),
             ));
@@ -115,8 +119,9 @@ pub fn suspicions(stored: &Gaussians, given: &StoredForm, format: &StoredForm) -
     if is_viewer_normalised(stored, &finite) {
         found.push(Suspicion::new(
             "space",
-            "its coordinates look normalised for a viewer (median 0, 95 % within 1), as the exports of pixelSplat \
-             and Flash3D write them: scale and camera are lost; take the Gaussians from before the export",
+            "its coordinates look normalised for a viewer (median 0, 95 % within 1), as the \
+             exports of pixelSplat and Flash3D write them: scale and camera are lost; use the \
+             Gaussians from before the export",
         ));
     }
     found
@@ -144,8 +149,8 @@ impl Range {
         }
     }
 
-    /// True if all values are in 0..1 and spread enough to be colours: coefficients this close together would be a
-    /// single shade.
+    /// True if all values are in 0..1 and vary enough to be colours. Coefficients that vary less
+    /// would be a single shade.
     fn is_unit(&self) -> bool {
         self.least >= 0.0 && self.most <= 1.0 && self.spread >= 0.5
     }
@@ -155,14 +160,15 @@ impl Range {
         let Self { least, most, .. } = self;
         (*least >= 0.0 && *most > 20.0).then(|| {
             let text = format!(
-                "its {what} look like 0..255 (stored values {least}..{most}): `{about}` reads them so"
+                "its {what} look like 0..255 (stored values {least}..{most}): `{about}` reads them \
+                 that way"
             );
             Suspicion::new(about, text)
         })
     }
 
-    /// True if all values are in 0..1. If there is only a single value, whichever is a round number is assumed to be
-    /// meant: the stored one, or its logistic.
+    /// True if all values are in 0..1. If all are equal, also requires the stored value to be a
+    /// round number and its logistic not to be.
     fn is_activated(&self) -> bool {
         let is_round = |value: f32| (value * 1000.0 - (value * 1000.0).round()).abs() < 1e-3;
         let inside = self.least >= 0.0 && self.most <= 1.0;

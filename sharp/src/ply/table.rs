@@ -259,8 +259,8 @@ impl<'a> Body<'a> {
         self.bytes
     }
 
-    /// Bytes in excess of the rows that a binary header announces. `None` for text, for lists (whose length is stored
-    /// in their rows), and for a file that is too short.
+    /// Number of bytes beyond the rows that a binary header announces. `None` for text, for lists
+    /// (whose lengths are stored in their rows), and for a file that is too short.
     pub fn surplus(&self, header: &Header) -> Option<usize> {
         let binary = self.encoding != Encoding::Ascii;
         let size = header.elements.iter().try_fold(0_usize, |sum, element| {
@@ -289,7 +289,8 @@ impl<'a> Body<'a> {
             element: element.name.clone(),
             count: element.count,
         };
-        // Minimum bytes per row: a list has its length, a number in text a digit and a separator.
+        // Minimum bytes per row: a list has at least its length; a number in text, a digit and a
+        // separator.
         let least: usize = element
             .properties
             .iter()

@@ -1,4 +1,4 @@
-//! Round trips, other programs' files and hostile ones.
+//! Round trips, other programs' files and hostile files.
 
 use super::*;
 use crate::unprojection::release_intrinsics;
@@ -37,7 +37,7 @@ fn assert_same(found: &Gaussians, expected: &Gaussians) {
     }
 }
 
-/// A text file with the given columns, one Gaussian, every value 0 but z = 2.
+/// A text file with the given columns and one Gaussian; every value is 0 except z = 2.
 fn text(columns: &[&str], rest: &str) -> Vec<u8> {
     let mut out = String::from("ply\nformat ascii 1.0\nelement vertex 1\n");
     for column in columns {
@@ -87,7 +87,7 @@ fn text_in_any_order_of_columns() {
     assert_eq!(found.gaussians.means, [[0.0, 0.0, 2.0]]);
     assert_eq!(found.gaussians.opacities, [0.5]);
     assert_eq!(found.gaussians.scales, [[1.0; 3]]);
-    // As it was told, since the file does not say.
+    // The file does not state its colour encoding; `read` says that colours are linear.
     assert_eq!(found.gaussians.colors, [[0.5; 3]]);
 }
 
@@ -99,7 +99,7 @@ fn colours_are_never_guessed() {
     let color = |space| from_bytes(&plain, Some(space)).unwrap().gaussians.colors[0][0];
     assert_eq!(color(ColorSpace::Linear), 0.5);
     assert!((color(ColorSpace::Srgb) - 0.214_041).abs() < 1e-6);
-    // Our own files say.
+    // Our own files state it.
     let tagged = to_bytes(&scene(), PlyForm::Plain);
     assert!(from_bytes(&tagged, None).is_ok());
     let contradicted = from_bytes(&tagged, Some(ColorSpace::Linear)).unwrap_err();
@@ -202,7 +202,7 @@ fn hostile_headers_fail_without_large_allocations() {
         (with("float rot_0", "list uchar float rot_0"), Ok("rot_0")),
         (b"ply\n".repeat(100_000), header(2)),
         (
-            // A list that claims four billion entries.
+            // A list whose stated length is four billion entries.
             b"ply\nformat binary_little_endian 1.0\nelement face 1\n\
               property list uint float v\nend_header\n\xff\xff\xff\xff\x00"
                 .to_vec(),
@@ -215,7 +215,7 @@ fn hostile_headers_fail_without_large_allocations() {
         ),
     ];
     for (bytes, expected) in cases {
-        // Either a line of the header (none: not a PLY at all), or what is missing.
+        // Names a line of the header (unless the file is not a PLY at all), or what is missing.
         let found = match read(&bytes).unwrap_err() {
             PlyReason::Table(TableError::NotPly) => Err(None),
             PlyReason::Table(TableError::Header { line, .. }) => Err(Some(line)),
@@ -272,7 +272,7 @@ fn impossible_extras_are_named() {
     assert!(matches!(read(&no_focal), Err(PlyReason::Camera(_))));
 }
 
-/// As a file for 3D Gaussian Splatting's rule of rendering is read.
+/// Reads a file for the rendering rule of 3D Gaussian Splatting.
 fn read_encoded(bytes: &[u8]) -> Result<GaussianScene, PlyReason> {
     let reading = StoredForm {
         blending: ColorSpace::Srgb,
@@ -296,7 +296,7 @@ fn encoded_colours_are_kept_with_their_harmonics() {
     let [first, second, third] = [[1.0, 4.0, 7.0], [2.0, 5.0, 8.0], [3.0, 6.0, 9.0]];
     assert_eq!(found.gaussians.harmonics.of(0), [first, second, third]);
     assert_eq!(found.gaussians.colors, [[0.5; 3]]);
-    // Zeros take no time to draw.
+    // If all coefficients are zero, no harmonics are drawn, which saves time.
     let flat = read_encoded(flat.as_bytes()).unwrap();
     assert_eq!(flat.gaussians.harmonics.degree, 0);
     assert_eq!(flat.color_coefficients, 9);

@@ -28,8 +28,8 @@ const IDENTITY: [f32; 16] = [
 
 /// Encodes the scene as a binary little-endian PLY file.
 ///
-/// Nothing is clamped: an opacity of exactly 1 becomes +∞, one of 0 becomes −∞. The disparity quantiles are those of
-/// 1/z over all Gaussians for which it is a number.
+/// Nothing is clamped: an opacity of exactly 1 becomes +∞, one of 0 becomes −∞. The disparity
+/// quantiles are computed over all Gaussians for which 1/z is a number.
 pub fn to_bytes(scene: &GaussianScene, form: PlyForm) -> Vec<u8> {
     let n = scene.gaussians.len();
     let mut out = header(scene, form).into_bytes();

@@ -48,7 +48,8 @@ fn open_gpu(name: Option<&str>) -> Result<Box<dyn Renderer>, RenderError> {
         return Err(RenderError::NoAdapter(match name {
             Some(name) => format!("no adapter's description contains \"{name}\"; found: {found}"),
             None => format!(
-                "no hardware adapter (a software one must be named, such as wgpu:llvmpipe); found: {found}"
+                "no hardware adapter (a software adapter must be named explicitly, such as \
+                 wgpu:llvmpipe); found: {found}"
             ),
         }));
     };

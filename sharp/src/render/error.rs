@@ -17,7 +17,7 @@ pub enum RenderError {
     )]
     Size { width: u32, height: u32 },
     /// The scene has more Gaussians than a 32-bit index allows.
-    #[error("cannot render {0} Gaussians, at most {max} fit", max = u32::MAX)]
+    #[error("cannot render {0} Gaussians; at most {max} fit", max = u32::MAX)]
     TooMany(usize),
     #[error(transparent)]
     Scene(#[from] LengthMismatch),

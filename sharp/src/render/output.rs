@@ -42,7 +42,7 @@ impl RenderOutput {
     }
 }
 
-/// Gaussians that were not drawn, each counted under the first reason that holds, in this order.
+/// Gaussians that were not drawn, each counted under the first of these reasons that applies.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Dropped {
     /// An attribute is NaN or infinite.

@@ -29,7 +29,8 @@ pub(super) struct Splat {
     pub(super) color: [f32; 3],
 }
 
-/// Pixels where a Gaussian can reach 1/255, and its depth: everything that sorting into tiles needs.
+/// The pixels where a Gaussian's alpha can reach 1/255, and its depth: everything needed to sort it
+/// into tiles.
 ///
 /// Pixels from `x0` to `x1` and `y0` to `y1`, inclusive; empty if `x0 > x1`.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -76,10 +77,11 @@ pub(super) const ALPHA_MIN: f32 = 1.0 / 255.0;
 const MAX_EXTENT: f64 = 3.33;
 /// Side of the tiles that bound the support, in pixels.
 const SUPPORT_TILE: f64 = 16.0;
-/// Margin of the box beyond what rounding in `raster` could extend the 1/255 contour: relative, and in pixels.
+/// Margin of the box, relative and in pixels: more than rounding in `raster` can move the 1/255
+/// contour.
 const BOX_MARGIN: (f64, f64) = (1e-4, 1e-4);
 
-/// Margin of the exponent at which `raster` stops, for its rounding and that of `log2`.
+/// Margin of the exponent at which `raster` stops; allows for its rounding and that of `log2`.
 const CUT_MARGIN: f32 = 1e-3;
 
 /// Runs the pass on the threads of the current pool.

@@ -22,11 +22,13 @@ pub(super) struct LocalSplat<S = f32> {
     pub(super) reach: [u8; 4],
     /// See [`Splat::cut`].
     pub(super) cut: f32,
-    /// True if the ellipse covers so little of its box that computing the tile columns of each row pays off.
+    /// True if the ellipse covers so little of its box that it pays to compute the tile columns of
+    /// each row.
     pub(super) slanted: bool,
 }
 
-/// A Gaussian is slanted if the share of the box that the ellipse covers, squared and without π/4, is below this.
+/// A Gaussian is slanted if the ellipse's share of the box, squared and without the factor π/4, is
+/// below this.
 const SLANTED: f32 = 0.5;
 
 impl LocalSplat {

@@ -1,7 +1,8 @@
 //! Named rendering conventions: the choices in which renderers of 3D Gaussians differ.
 //!
-//! Everything else in the definition is common to all of them (see [`super`]). Handling of o' = o · compensation below
-//! 1/255 is not a choice: whether such a Gaussian is dropped early or skipped in every pixel, the picture is the same.
+//! Everything else in the definition is common to all of them (see [`super`]). It is not a choice
+//! how o' = o · compensation below 1/255 is handled: whether such a Gaussian is dropped early or
+//! skipped at every pixel, the picture is the same.
 
 use crate::gaussians::Harmonics;
 use crate::ply::{ColorSpace, setting};
@@ -350,7 +351,7 @@ mod tests {
         assert_eq!(Rule::default().to_string(), "sharp");
     }
 
-    /// Every choice of every rule, on top of every name.
+    /// Sets every choice of every rule in every named rule.
     #[test]
     fn each_choice_can_be_set_alone() {
         for (name, rule) in Rule::NAMED {

@@ -7,9 +7,10 @@ const MAX_HEIGHT: u32 = 3000;
 
 /// Intrinsics with which the release's `sharp render` shows a scene predicted from a photograph.
 ///
-/// The principal point is ((W − 1) / 2, (H − 1) / 2), whatever the photograph's is: half a pixel off the (W / 2, H / 2)
-/// of the release's own prediction. A photograph higher than 3000 pixels is halved in both directions; then odd sides
-/// grow by one pixel, as its video encoder requires. Focal lengths and principal point are scaled accordingly.
+/// The principal point is ((W − 1) / 2, (H − 1) / 2), whatever the photograph's is: half a pixel
+/// away from (W / 2, H / 2), which the release's own prediction uses. A photograph higher than 3000
+/// pixels is halved in both directions; then odd sides grow by one pixel, as the release's video
+/// encoder requires. Focal lengths and principal point are scaled accordingly.
 pub fn release_screen(photo: &Intrinsics) -> Intrinsics {
     let halve = photo.height > MAX_HEIGHT;
     let [width, height] = [photo.width, photo.height].map(|side| {

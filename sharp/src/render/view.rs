@@ -67,7 +67,7 @@ impl RenderView {
         }
     }
 
-    /// Checks the fields, which are public; renderers rely on them only after this.
+    /// Checks the fields, which are public; renderers rely on them after this check.
     pub(super) fn check(&self) -> Result<(), RenderError> {
         let Intrinsics {
             fx,

@@ -50,7 +50,7 @@ pub enum ConfigError {
     },
 }
 
-/// Everything that determines a training, and how often it is monitored.
+/// Everything that determines a training, and how often it is validated and saved.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct TrainingConfig {
@@ -58,8 +58,9 @@ pub struct TrainingConfig {
     /// or `{ inline = { … } }`.
     #[serde(deserialize_with = "network")]
     pub network: ModelConfig,
-    /// Checkpoint of this network, for any picture size, that initialises the weights instead of random values. The
-    /// harness also accepts `"mini"`, the bundled network, for this field and the next.
+    /// Checkpoint of this network, for any picture size, used to initialise the weights; without it
+    /// they are random. In this field and the next, the harness also accepts `"mini"`, the bundled
+    /// network.
     pub initial: Option<PathBuf>,
     /// Checkpoint that initialises the depth network only; all other weights are random.
     pub initial_depth: Option<PathBuf>,
@@ -157,7 +158,7 @@ impl Default for Intervals {
 }
 
 impl Default for TrainingConfig {
-    /// One sample per GPU, on the paper's 128 and 32 GPUs.
+    /// One sample per GPU; the paper uses 128 and 32 GPUs.
     fn default() -> Self {
         let stage = |steps, batch| StageConfig {
             steps,
@@ -231,8 +232,8 @@ impl TrainingConfig {
                 .map_or(1, |at| 1 + text[..at.start].matches('\n').count()),
             reason: error.message().replace('\n', ", "),
         })?;
-        // If a first stage is configured, the second must be given too: its default of 60 000 steps at 1536 pixels
-        // would be unintended.
+        // If only one stage is configured, require the other too: the second's default of 60 000
+        // steps at 1536 pixels would be unintended.
         let named: toml::Table = toml::from_str(text).unwrap_or_default();
         let [first, second] = ["stage1", "stage2"].map(|stage| named.contains_key(stage));
         let missing = (first != second).then(|| {
@@ -370,9 +371,10 @@ impl TrainingData {
                 Some("has photographs, which have no depth, but this stage needs depth".to_owned())
             }
             (Self::Datasets(_), Stage::SelfSupervised) => Some(
-                "has datasets; this stage learns from procedural scenes or photographs".to_owned(),
+                "has datasets, but this stage is trained on procedural scenes or photographs"
+                    .to_owned(),
             ),
-            (Self::Datasets(specs), _) if specs.is_empty() => Some("names no dataset".to_owned()),
+            (Self::Datasets(specs), _) if specs.is_empty() => Some("lists no dataset".to_owned()),
             (Self::Datasets(specs), _) => {
                 let error = specs
                     .iter()

@@ -13,7 +13,7 @@ use crate::position::Stage;
 use crate::self_supervision::SelfSupervisedSamples;
 
 pub(crate) struct Examples {
-    /// Used in turn.
+    /// Sources of examples, used in turn.
     sources: Vec<Box<dyn Source<Sample>>>,
     /// Excluded parts of the data, each with its reason.
     pub left_out: Vec<String>,

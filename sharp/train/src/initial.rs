@@ -11,17 +11,20 @@ use sharp::resize::bilinear_align_corners;
 
 /// Random weights of an untrained network.
 ///
-/// * Convolutions and linear layers: normal with variance 1 / fan-in, zero biases; 2 / fan-in for inputs after a ReLU,
-///   1 / (2 fan-in) for inputs that are the sum of two maps (at the end of a fusion). Features thus stay of order 1
-///   from the encoder to the heads; if they were larger, every optimiser step would change depth abruptly. The last
-///   convolution of a residual branch is divided by four, so that the branches do not accumulate. The four taps of a
-///   transposed convolution are equal, so that it starts as nearest-neighbour doubling, without a pattern.
-/// * Normalisation: 1 and 0. LayerScale: the configuration's `vit.init_values`. Class token: standard deviation 0.02.
-///   Positions: sines and cosines of column and row, because the position in a picture is the best predictor of depth.
-/// * Prediction heads: 0, so that the Gaussians are the base Gaussians. Alignment: last weight 0, so that its factors
-///   are 1. Both as in the release.
-/// * Both channels of the depth head are equal (paper, section on the depth decoder), with a bias of 0.3, because a
-///   ReLU output that starts at 0 never learns.
+/// * Convolutions and linear layers: normal with variance 1 / fan-in, zero biases. The variance is
+///   2 / fan-in for inputs after a ReLU, and 1 / (2 fan-in) for inputs that are the sum of two maps
+///   (at the end of a fusion). Features thus stay of order 1 from the encoder to the heads; if they
+///   were larger, every optimiser step would change depth abruptly. The last convolution of a
+///   residual branch is divided by four, so that the branches do not accumulate. The four taps of a
+///   transposed convolution are equal, so that it starts as nearest-neighbour doubling, without a
+///   pattern.
+/// * Normalisation: 1 and 0. LayerScale: the configuration's `vit.init_values`. Class token:
+///   standard deviation 0.02. Positions: sines and cosines of column and row, because the position
+///   in a picture is the best predictor of depth.
+/// * Prediction heads: 0, so that the Gaussians are the base Gaussians. Alignment: the last weight
+///   is 0, so that its factors are 1. Both as in the release.
+/// * Both channels of the depth head are equal (paper, section on the depth decoder), with a bias
+///   of 0.3, because a ReLU output that starts at 0 never learns.
 pub(crate) struct Untrained {
     seed: u64,
     layer_scale: f32,
@@ -140,8 +143,9 @@ impl WeightSource for Untrained {
     }
 }
 
-/// Weights of a checkpoint, which may be of the same network for another picture size: its position embeddings are then
-/// resampled with the network's resampling of pictures. Nothing else depends on the size.
+/// Weights of a checkpoint. It may be for another picture size of the same network: position
+/// embeddings are then resampled as the network resamples pictures. Nothing else depends on the
+/// size.
 pub(crate) struct Pretrained(CheckpointSource);
 
 impl Pretrained {
@@ -185,8 +189,8 @@ fn side(tokens: usize) -> usize {
     tokens.saturating_sub(1).isqrt()
 }
 
-/// Resamples position embeddings `[1, tokens, channels]` to another number of tokens; that of the class token, the
-/// first, is kept.
+/// Resamples position embeddings `[1, tokens, channels]` to another number of tokens. The first,
+/// which is the class token's, is kept.
 fn resample_positions(values: &[f32], tokens: usize, channels: usize) -> Vec<f32> {
     let (class, grid) = values.split_at(channels);
     let [from, to] = [values.len() / channels, tokens].map(side);
@@ -198,9 +202,9 @@ fn resample_positions(values: &[f32], tokens: usize, channels: usize) -> Vec<f32
     class.iter().copied().chain(rest).collect()
 }
 
-/// The depth network of a checkpoint, combined with an untrained Gaussian decoder. Both layers start as the
-/// checkpoint's first one (paper, section on the depth decoder), because a training of depth alone has no loss for the
-/// second.
+/// The depth network of a checkpoint, combined with an untrained Gaussian decoder. Both depth
+/// layers start as the checkpoint's first layer (paper, section on the depth decoder), because
+/// training on depth alone has no loss for the second.
 pub(crate) struct TrainedDepth {
     depth: Pretrained,
     rest: Untrained,
@@ -266,7 +270,7 @@ mod tests {
         let compute = Compute::cpu(Algorithm::Winograd);
         let predictor = Predictor::from_source(&config, source, compute).unwrap();
         let mut random = SplitMix64::new(1);
-        // Blocks as coarse as the content of real pictures.
+        // Blocks that are as coarse as the content of real pictures.
         let blocks: Vec<f32> = (0..3 * 24 * 24)
             .map(|_| unit(random.next_u64()) as f32)
             .collect();

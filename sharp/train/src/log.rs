@@ -1,5 +1,6 @@
-//! Log of a training: one row per step, and the validation results. `log.csv` contains what depends only on
-//! configuration and seed, and is identical with and without an interruption; `timing.csv` contains the rest.
+//! Log of a training: one row per step, and the validation results. `log.csv` has everything that
+//! depends only on configuration and seed; it is identical with and without an interruption.
+//! `timing.csv` has the rest.
 
 use std::fs::{File, OpenOptions};
 use std::io::{self, Write};
@@ -25,7 +26,7 @@ pub struct StepRecord {
     pub learning_rate: f64,
     /// Losses before weighting, in the order of [`TERMS`].
     pub terms: [f64; TERMS.len()],
-    /// Weighted sum, which was minimised.
+    /// The weighted sum, which the training minimises.
     pub total: f64,
     /// Norm before clipping.
     pub gradient_norm: f64,
@@ -128,7 +129,7 @@ impl Rows {
         let (file, text) = opened?;
         let last = Position::START;
         let mut rows = Self { path, file, last };
-        // Rewrites a header that was only partially written when the process was killed.
+        // Complete a header that was only partially written when the process was killed.
         if header.starts_with(&text) && text != header {
             rows.cut(0)?;
             rows.append(header)?;
@@ -152,8 +153,8 @@ impl Rows {
         Ok(rows)
     }
 
-    /// Fails if rows up to `after` are missing, because they cannot be recomputed. A stage that has not started has
-    /// none.
+    /// Fails if rows up to `after` are missing, because they cannot be recomputed. A stage that has
+    /// not started needs no rows.
     fn reaching(self, after: Position) -> Result<Self, LogError> {
         match after.step == 0 || self.last == after {
             true => Ok(self),
@@ -269,7 +270,8 @@ mod tests {
                 0 => 0,
                 made => expected.match_indices('\n').nth(made).unwrap().0 + 1,
             };
-            // Eleven does not divide a row's length, so writing is interrupted at every position within a row.
+            // A row's length is not a multiple of eleven, so writing is interrupted at every
+            // position within a row.
             for killed in (at_least..=expected.len()).step_by(11) {
                 let dir = tempfile::tempdir().unwrap();
                 fs::write(dir.path().join("log.csv"), &expected[..killed]).unwrap();

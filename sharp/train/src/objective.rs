@@ -1,8 +1,9 @@
-//! The objective of one example: all of the paper's losses for one pass of the network, and their gradient with respect
-//! to the network's outputs.
+//! The objective of one example: all of the paper's losses for one pass of the network, and their
+//! gradient with respect to the network's outputs.
 //!
-//! Pixel gradients of a view are accumulated and propagated through the renderer at once, so that no data of a view is
-//! kept while the next is rendered (the paper's graph surgery, applied to all losses).
+//! The pixel gradients of a view are first accumulated and then propagated through the renderer
+//! together, so that no data of a view is kept while the next is rendered (the paper's graph
+//! surgery, applied to all losses).
 
 use glam::DVec3;
 use image::RgbImage;

@@ -50,15 +50,15 @@ pub enum OptimizerError {
     },
 }
 
-/// Adam (Kingma and Ba, 2015) as in torch: ε is added to the root after its bias correction, and weight decay to the
-/// gradient. The paper only names Adam; the defaults are torch's.
+/// Adam (Kingma and Ba, 2015) as in torch: ε is added to the root after bias correction, and weight
+/// decay is added to the gradient. The paper only names Adam; the defaults are torch's.
 #[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Adam {
     /// Decay rates of the first and second moments.
     pub betas: [f64; 2],
     pub epsilon: f64,
-    /// Multiplied by the parameter and added to its gradient.
+    /// Weight decay: this multiple of the parameter is added to its gradient.
     pub weight_decay: f64,
 }
 
@@ -73,13 +73,13 @@ impl Default for Adam {
 }
 
 impl Adam {
-    /// Updates every parameter that is not frozen. `gradients` has one element for each of these, in their order;
-    /// `step` counts the updates of the moments from 1, including this one.
+    /// Updates every parameter that is not frozen. `gradients` has one element for each of these,
+    /// in their order; `step` counts the updates of the moments, including this one, from 1.
     ///
     /// Computed in f64 and rounded once, on the threads of the current pool.
     ///
     /// # Errors
-    /// [`OptimizerError`]; in that case nothing was changed.
+    /// [`OptimizerError`]; nothing was changed then.
     pub fn update(
         &self,
         weights: &mut [ParameterState],
@@ -215,7 +215,8 @@ mod tests {
         assert_eq!(all[0], frozen("f", &[7.0]));
     }
 
-    /// Decay alone gives a gradient of 0.5 · 4 = 2; with ε = 2 the first step is half the rate.
+    /// Weight decay alone gives a gradient of 0.5 · 4 = 2. With ε = 2, the first step is half the
+    /// learning rate.
     #[test]
     fn weight_decay_is_part_of_the_gradient() {
         let mut all = [weights("w", &[4.0])];

@@ -121,11 +121,13 @@ mod tests {
             off(|p| p.gaussian_decoder = false),
             off(|p| p.alignment = false),
         ];
-        // Norms are within the encoders; all other parts are disjoint and together cover everything.
+        // Norms are inside the encoders. All other parts are disjoint, and together they are the
+        // whole network.
         let all = trained(ALL);
         let lost: usize = [0, 1, 3, 4, 5].iter().map(|&k| all - counts[k]).sum();
         assert_eq!(lost, all);
-        // Two LayerNorms in each of 24 blocks and one after them, twice, of 1024 channels.
+        // Two LayerNorms in each of 24 blocks and one after the last, for both encoders; 1024
+        // channels each.
         assert_eq!(all - counts[2], 2 * 49 * 2 * 1024);
     }
 }

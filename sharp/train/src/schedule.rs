@@ -10,7 +10,7 @@ pub struct Schedule {
     pub peak: f64,
     /// Learning rate at the last step.
     pub last: f64,
-    /// Number of steps from 0 to the peak; with 0, the first step is already close to the peak.
+    /// Number of steps from 0 to the peak. If it is 0, the first step is already close to the peak.
     pub warmup_steps: u64,
 }
 

@@ -1,14 +1,16 @@
-//! Examples of the second stage (paper, self-supervised fine-tuning): a photograph without depth serves as the novel
-//! view of a picture that the network itself generated from it.
+//! Examples of the second stage (paper, self-supervised fine-tuning): a photograph without depth
+//! serves as the novel view of a picture that the network itself generated from it.
 //!
-//! The teacher is the network at the end of the first stage. It predicts the Gaussians of a photograph, which are
-//! rendered from a nearby camera. That rendering becomes the input, and the photograph, whose pixels are real, the
-//! ground truth for the novel view.
+//! The teacher is the network at the end of the first stage. It predicts the Gaussians of a
+//! photograph, which are rendered from a nearby camera. That rendering becomes the input. The
+//! photograph, whose pixels are real, becomes the ground truth for the novel view.
 //!
-//! Choices that the paper leaves open: cameras are distributed over a disc around the photograph's camera, with the
-//! configured radius but at most 0.26 of the median depth. They look at a point at that depth, at most a tenth of it to
-//! each side of the photograph's axis. Pixels of the rendering with an alpha below 0.99 are excluded from all losses.
-//! Its expected depth is the depth of the input; the teacher's first layer is that of the photograph.
+//! Choices that the paper leaves open: cameras are distributed over a disc around the photograph's
+//! camera, with the configured radius but at most 0.26 of the median depth. They look at a point at
+//! that depth, whose distance from the photograph's axis is at most a tenth of the depth in each
+//! direction. Pixels of the rendering with an alpha below 0.99 are excluded from all losses. The
+//! input's depth is the rendering's expected depth; the photograph's depth is the teacher's first
+//! layer.
 
 use std::path::Path;
 
@@ -25,7 +27,8 @@ use sharp::resize::nearest;
 
 use crate::data::{DataError, Photograph, Sample, Source, TrainingView, draws};
 
-/// Maximum distance of the pseudo-novel cameras, as a fraction of the distance to the point they look at.
+/// Maximum distance of the pseudo-novel cameras from the photograph's, as a fraction of the
+/// distance to the point that they look at.
 const PART_OF_DISTANCE: f64 = 0.26;
 /// Maximum offset of that point, horizontally and vertically, as a fraction of its distance.
 const PART_ASIDE: f64 = 0.1;
@@ -168,7 +171,7 @@ mod tests {
                 (photograph.intrinsics, photograph.intrinsics)
             );
             assert_ne!(source.image, target.image);
-            // Colours are used where the rendering covers a pixel, and only there is depth known.
+            // Colours are used only at pixels that the rendering covers; depth is known only there.
             let covered = source.valid.as_ref().unwrap();
             assert!(
                 covered

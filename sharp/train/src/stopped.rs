@@ -10,8 +10,8 @@ use serde_json::json;
 use crate::data::Sample;
 use crate::losses::TERMS;
 
-/// Writes pictures, depth (f32, little-endian, row by row), masks, cameras and losses, as far as available, to a
-/// folder.
+/// Writes the available pictures, depth (f32, little-endian, row by row), masks, cameras and losses
+/// to a folder.
 pub(crate) fn save(
     folder: &Path,
     sample: &Sample,

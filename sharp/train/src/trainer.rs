@@ -62,7 +62,7 @@ pub trait Watcher {
     fn stop(&self) -> bool;
 }
 
-/// Reason that a training ended.
+/// Reason why a training ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Ended {
     Complete,
@@ -106,7 +106,7 @@ impl Trainer {
         folder: &Path,
         compute: Compute,
     ) -> Result<Self, TrainingError> {
-        // Checked here rather than only after the first stage.
+        // Check this now rather than after the first stage.
         if let (1.., TrainingData::Photographs(folder)) = (config.stage2.steps, &config.stage2.data)
         {
             FolderPhotographs::open(folder, config.stage2.seed, (1, 1))?;
@@ -180,7 +180,8 @@ impl Trainer {
         for stage in Stage::ALL {
             let Position { stage: at, step } = self.position();
             let is_first = stage == Stage::Supervised;
-            // The first stage exports weights even if it has no steps, because they are the second stage's teacher.
+            // The first stage exports weights even if it has no steps, because the second stage
+            // needs them as its teacher.
             if at > stage || (self.config.stage(stage).steps == 0 && !is_first) {
                 continue;
             }
@@ -414,8 +415,8 @@ impl Trainer {
 const FIRST_STAGE: &str = "stage1";
 /// Number of examples prefetched while a step computes.
 const SAMPLES_AHEAD: usize = 3;
-/// Number of examples of a batch computed concurrently. Much of a pass is too small for several threads, and two passes
-/// fill each other's idle time; more would only need more memory.
+/// Number of examples of a batch computed concurrently. Much of a pass is too small for several
+/// threads, and two passes fill each other's idle time. More than two would only need more memory.
 const EXAMPLES_AT_ONCE: usize = 2;
 
 #[cfg(test)]

@@ -59,7 +59,7 @@ impl Case {
         self
     }
 
-    /// A differentiated input of f32, and its loss.
+    /// Adds a differentiated f32 input and its loss.
     fn loss(self, name: &str, shape: &[usize], values: &[f32], loss: &Loss<f32>) -> Self {
         self.f32(name, shape, values)
             .f64("value", &[1], &[loss.value])
@@ -76,7 +76,7 @@ impl Case {
     }
 }
 
-/// Values of one case after another.
+/// Generates the values of one case after another.
 struct Values(SplitMix64);
 
 impl Values {
@@ -106,7 +106,7 @@ fn colour(loss: Loss<[f32; 3]>) -> Loss<f32> {
     }
 }
 
-/// Every choice but the default, where torch is to be told of it.
+/// Every option with a value other than the default, which must be passed to torch.
 fn others() -> LossOptions {
     LossOptions {
         color_channels: Channels::Sum,
@@ -160,7 +160,7 @@ fn losses(values: &mut Values, folder: &Path) -> Done {
 
         let (shape, columns) = ([2, HEIGHT, WIDTH], HEIGHT * WIDTH);
         let opacity = values.between(0.0, 1.0, 2 * columns);
-        // Steps on both sides of the margin, in either unit.
+        // The steps are on both sides of the margin, in either unit.
         let inverse = values.between(0.01, 0.05, 2 * columns);
         let found = grad(&opacity, &inverse, size, 0.5, &options);
         let mut case = Case::default()
@@ -171,7 +171,7 @@ fn losses(values: &mut Values, folder: &Path) -> Done {
         }
         case.write(folder, &format!("grad{suffix}"))?;
 
-        // Variances from below 0.1 to above 100 px² of 1536 columns, in a picture of 96.
+        // Variances from below 0.1 to above 100 px² for 1536 columns, in a picture of 96 columns.
         let shapes = values.between(-0.012, 0.012, 3 * 300);
         let widths = values.between(0.001, 0.9, 300);
         let (three, _) = shapes.as_chunks::<3>();
@@ -230,7 +230,7 @@ fn losses(values: &mut Values, folder: &Path) -> Done {
         .write(folder, "srgb")
 }
 
-/// Smooth waves, so that features of all sizes are met, with noise.
+/// Smooth waves with noise, so that there are features of all sizes.
 fn picture(values: &mut Values, [height, width]: [usize; 2]) -> Vec<[f32; 3]> {
     let waves = values.three(0.1, 1.0, 3);
     let noise = values.three(-0.1, 0.1, height * width);
@@ -254,7 +254,8 @@ fn perceptual(values: &mut Values, folder: &Path, resnet50dilated: &Path) -> Don
         mask: PerceptualMask::Features,
         ..PerceptualOptions::default()
     };
-    // A unit that is nearly 0 may be active here and not there; torch tells which pictures have none.
+    // A unit that is nearly 0 may be active here but not in torch; torch reports which pictures
+    // have none.
     for (name, options, size, pictures) in [
         ("vgg16", PerceptualOptions::default(), [16, 25], 12),
         ("vgg16 features", on_features, [19, 24], 12),
@@ -276,7 +277,8 @@ fn perceptual(values: &mut Values, folder: &Path, resnet50dilated: &Path) -> Don
     Ok(())
 }
 
-/// Gaussians before a camera, some far beside its picture, some large, needles, opaque and faint ones.
+/// Gaussians in front of a camera: some far outside its picture, some large, needles, opaque and
+/// faint ones.
 fn scene(values: &mut Values, count: usize) -> Gaussians {
     let random = &mut values.0;
     let mut scene = Gaussians::default();
@@ -305,7 +307,7 @@ fn scene(values: &mut Values, count: usize) -> Gaussians {
     scene
 }
 
-/// A camera that is not rigid: the paper's own out of the normalised space is not either.
+/// A camera that is not rigid, like the paper's own camera for the normalised space.
 fn view(values: &mut Values, camera: Intrinsics, eps2d: f32) -> RenderView {
     let entries = values.between(-0.1, 0.1, 12);
     let mut affine = DAffine3 {
@@ -318,7 +320,7 @@ fn view(values: &mut Values, camera: Intrinsics, eps2d: f32) -> RenderView {
     RenderView::new(affine, camera).with_low_pass(eps2d)
 }
 
-/// Scene and view, and gradients of all that places a Gaussian.
+/// Scene and view, with gradients of everything that determines a Gaussian's position and shape.
 fn seen(scene: &Gaussians, view: &RenderView, gradient: &[GaussianGradient]) -> Case {
     let n = scene.len();
     let part = |take: fn(&GaussianGradient) -> &[f32]| gradient.iter().flat_map(take).copied();
@@ -350,7 +352,7 @@ fn seen(scene: &Gaussians, view: &RenderView, gradient: &[GaussianGradient]) -> 
         .f32("d scales", &[n, 3], &part(|g| &g.scales))
 }
 
-/// [`seen`], and what a Gaussian is painted with.
+/// Like [`seen`], with the colours and opacities.
 fn painted(scene: &Gaussians, view: &RenderView, gradient: &[GaussianGradient]) -> Case {
     let n = scene.len();
     let opacities: Vec<f32> = gradient.iter().map(|g| g.opacity).collect();
@@ -419,7 +421,8 @@ fn renderer(values: &mut Values, folder: &Path) -> Done {
     Ok(())
 }
 
-/// The perceptual loss of a rendering, its gradient handed from the picture to the renderer, where torch has one graph.
+/// The perceptual loss of a rendering. Its gradient is passed from the picture to the renderer,
+/// where torch has a single graph.
 fn surgery(values: &mut Values, folder: &Path) -> Done {
     let [height, width] = [16, 22];
     let loss = Perceptual::new(

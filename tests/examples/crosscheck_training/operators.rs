@@ -1,7 +1,7 @@
-//! Operators of the network with what they are differentiated by, and the network's parts that are
-//! made of them: base Gaussians, composer, alignment.
+//! Operators of the network with their derivatives, and parts of the network made of them: base
+//! Gaussians, composer, alignment.
 //!
-//! `value` is the output times `upstream`, summed.
+//! `value` is the sum of the output times `upstream`.
 
 use std::path::Path;
 
@@ -34,7 +34,7 @@ fn dot(a: &[f32], b: &[f32]) -> f64 {
     both.map(|(a, b)| f64::from(*a) * f64::from(*b)).sum()
 }
 
-/// With everything that is fused into one: a rectified input, a residual, a rectified output.
+/// Convolutions with everything fused into them: a rectified input, a residual, a rectified output.
 fn convolutions(values: &mut Values, folder: &Path) -> Done {
     let simd = Simd::detect();
     let (height, width) = (20, 28);
@@ -130,7 +130,7 @@ fn activation(values: &mut Values, folder: &Path) -> Done {
         .write(folder, "gelu")
 }
 
-/// Depth and deltas to Gaussians and to the decoder's input, in one.
+/// From depth and deltas to Gaussians and to the decoder's input, in one step.
 fn gaussians(values: &mut Values, folder: &Path) -> Done {
     let (height, width, stride) = (12, 20, 2);
     let grid = Grid {
@@ -141,7 +141,7 @@ fn gaussians(values: &mut Values, folder: &Path) -> Done {
     };
     let blocks = grid.layers * grid.blocks();
     let image = values.between(0.0, 1.0, 3 * height * width);
-    // The farthest are beyond the clamp at a hundred times the nearest.
+    // The farthest depths are beyond the clamp at a hundred times the nearest.
     let mut depth = values.between(0.7, 20.0, 2 * height * width);
     (depth[5], depth[77]) = (300.0, 90.0);
     let deltas = values.between(-2.0, 2.0, composer::ATTRIBUTES * blocks);
@@ -188,13 +188,13 @@ fn gaussians(values: &mut Values, folder: &Path) -> Done {
         .write(folder, "gaussians")
 }
 
-/// Weights from a seed. The depth head gives one disparity everywhere.
+/// Seeded weights. The depth head gives the same disparity everywhere.
 #[derive(Clone, Copy)]
 struct Seeded(u64);
 
-/// That disparity.
+/// The disparity given by the depth head.
 const DISPARITY: f32 = 0.3;
-/// Focal length over width.
+/// Focal length divided by width.
 const FACTOR: f32 = 0.75;
 
 impl WeightSource for Seeded {
@@ -223,8 +223,8 @@ impl WeightSource for Seeded {
     }
 }
 
-/// The alignment network as the product runs it: pooling, doubling, concatenation and fused
-/// convolutions in their places.
+/// The alignment network as the product runs it, including pooling, doubling, concatenation and
+/// fused convolutions.
 fn alignment(values: &mut Values, folder: &Path) -> Done {
     const SIDE: usize = 64;
     let mut config = ModelConfig::release();
@@ -243,7 +243,7 @@ fn alignment(values: &mut Values, folder: &Path) -> Done {
     config.internal_resolution = SIDE;
     let network = TrainableNetwork::new(&config, Compute::cpu(Algorithm::Winograd))?;
     let image = vec![0.5; 3 * SIDE * SIDE];
-    // A unit that is nearly 0 leaves a case out.
+    // A case is left out if a unit is nearly 0.
     for number in 0..12 {
         let source = Seeded(values.0.next_u64());
         let known = values.between(1.0, 6.0, SIDE * SIDE);

@@ -1,4 +1,4 @@
-//! What the fuzz targets share.
+//! Helpers for the fuzz targets.
 
 #[path = "../parsers.rs"]
 #[allow(
@@ -8,7 +8,7 @@
 )]
 pub mod parsers;
 
-/// Runs one parser; an unknown name is a mistake in a target.
+/// Runs one parser; panics on unknown names, which are mistakes in a target.
 pub fn run(name: &str, bytes: &[u8]) {
     let parser = parsers::PARSERS.iter().find(|p| p.name == name);
     (parser.expect("a parser of that name").run)(bytes);

@@ -4,13 +4,13 @@ use super::{Case, case, untried};
 
 use crate::support::Said;
 
-/// Fails unless a command said the text.
+/// Fails unless the command printed the text.
 fn says(said: &Said, text: &str) {
     let all = said.out.clone() + &said.err;
     assert!(all.contains(text), "{text}: {all}");
 }
 
-/// Fails unless it ended with this code and said the text.
+/// Fails unless the command ended with this code and printed the text.
 fn ends(said: &Said, code: i32, text: &str) {
     assert_eq!(said.code, code, "{}{}", said.out, said.err);
     says(said, text);
@@ -75,7 +75,8 @@ fn camera_models_of_colmap_4_are_read() {
     says(&case.said[0], "1 of 8 undistorted by us");
 }
 
-/// A spherical camera has no pinhole view of its whole picture: its pictures are left out, not the scene.
+/// A spherical camera has no pinhole view that covers its whole picture: only its pictures are left
+/// out, not the scene.
 #[test]
 fn a_camera_that_is_not_read_costs_its_pictures() {
     let case = untried("A01-images-one-line");
@@ -178,7 +179,7 @@ fn a_unit_that_fits_is_named_with_its_setting() {
     }
 }
 
-/// The quick look before pairs are chosen: its warning explains why there is none.
+/// The quick check before pairs are selected: its warning explains why there are none.
 #[test]
 fn runs_and_pair_lists_warn_of_units_first() {
     let case = case("X25-depth-metres-npy");
@@ -193,7 +194,7 @@ fn runs_and_pair_lists_warn_of_units_first() {
     let first = other.run(&format!("{run} r"));
     ends(&first, 0, "warning: colmap/c: scale=5 fits");
     other.is_said_everywhere("r", "scale=5 fits");
-    // Remembered, and said again.
+    // The result is cached, and the warning is repeated.
     let again = other.run(&format!("{run} r"));
     says(&again, "warning: colmap/c: scale=5 fits");
     let unchecked = other.run(&format!("{run} r2 --no-check"));
@@ -330,7 +331,8 @@ fn the_reading_of_an_orientation_that_fits_is_named() {
     }
 }
 
-/// Whatever file of a view is missing or incomplete: the view is left out and named, and the others are evaluated.
+/// If any file of a view is missing or incomplete, that view is left out and reported, and the
+/// others are evaluated.
 #[test]
 fn a_view_without_one_of_its_files_is_left_out_and_named() {
     let run = "sharp-bench run -q --dataset nerfstudio=ns,depth-unit=1 --method copy --metrics psnr --limit 3";
@@ -378,7 +380,7 @@ fn a_view_without_one_of_its_files_is_left_out_and_named() {
     assert!(!ran.err.contains("no view has depth"), "{}", ran.err);
 }
 
-/// The others are paired, and everything that counts them says what is short.
+/// The other views are paired, and all counts report what is missing.
 #[test]
 fn pairs_of_a_view_that_cannot_be_read_are_counted() {
     let case = untried("X25-depth-metres-npy");
@@ -395,7 +397,7 @@ fn pairs_of_a_view_that_cannot_be_read_are_counted() {
     ends(&said, 4, "psnr");
     let fewer = case.scores("whole", "psnr").len() > case.scores("r", "psnr").len();
     assert!(fewer && said.err.contains("14 of 56 pairs"), "{}", said.err);
-    // Shards build no pairs, and say as much.
+    // Shards do not build pairs; they report the same.
     let planned = format!("{run} --out p --plan-only");
     for command in [
         &*planned,
@@ -414,7 +416,7 @@ fn pairs_of_a_view_that_cannot_be_read_are_counted() {
     all.is_said_everywhere("r", "only 872 follow the header");
 }
 
-/// Where most pixels are excluded, what else is found may come of that.
+/// If most pixels are excluded, that may be the cause of other findings.
 #[test]
 fn masks_that_exclude_most_pixels_are_named_with_what_else_is_found() {
     let case = untried("A06-mask-inverted");

@@ -9,7 +9,8 @@ fn psnr(case: &Case, run: &str) -> f64 {
     case.scores(run, "psnr")[0].parse().unwrap()
 }
 
-/// Runs the case's pairs with settings of its Gaussians, into a folder `again`, and returns the PSNR.
+/// Runs the case's pairs with the given settings for its Gaussians into the folder `again`, and
+/// returns the PSNR.
 fn with(case: &Case, settings: &str) -> f64 {
     let method = format!("gaussians:dir=g,color_space=srgb,{settings}");
     let said = run_method(case, &method, "again");
@@ -18,7 +19,7 @@ fn with(case: &Case, settings: &str) -> f64 {
     psnr(case, "again")
 }
 
-/// As [`with`], of settings that are warned about, into a folder of their own.
+/// Like [`with`], but for settings that cause warnings; uses a separate folder.
 fn with_any(case: &Case, settings: &str) -> f64 {
     let method = format!("gaussians:dir=g,color_space=srgb,{settings}");
     ends(&run_method(case, &method, "other"), 0);
@@ -43,7 +44,7 @@ fn close(found: f64, expected: f64) {
     );
 }
 
-/// The run failed at its one unit, and the reason has all parts.
+/// Checks that the run failed at its only unit, and that the reason contains all parts.
 fn refused(case: &Case, parts: &[&str]) {
     ends(&case.said[0], 4);
     let reason = &case.scores("r", "reason")[0];
@@ -71,7 +72,8 @@ fn proper_files_are_scored_without_a_word() {
     }
 }
 
-/// The expected values are those of another program's splatter, which blends in linear light as the cases' other files are.
+/// The expected values are from another program's rasteriser, which blends in linear light like the
+/// other files of the cases.
 #[test]
 fn files_that_state_their_rule_are_drawn_by_it_or_by_the_one_that_is_named() {
     for (name, stated, ways) in [
@@ -125,7 +127,7 @@ fn rows_that_are_longer_than_declared_are_refused_and_bytes_at_the_end_named() {
 #[test]
 fn opacities_without_the_logit_are_named_by_numbers_and_by_the_photograph() {
     let case = case("A09-opacity-activated");
-    case.is_said_everywhere("r", "`opacity=linear` reads them so");
+    case.is_said_everywhere("r", "`opacity=linear` reads them that way");
     let info = &case.said[1].out;
     assert!(info.contains("opacity=linear"), "{info}");
     close(with(&case, "opacity=linear"), 20.9783);
@@ -141,7 +143,7 @@ fn another_order_of_quaternions_is_found_by_the_photograph() {
 #[test]
 fn scales_that_are_no_logarithms_are_named_by_numbers_and_by_the_photograph() {
     let case = case("A11-scales-linear");
-    case.is_said_everywhere("r", "`scales=linear` reads them as they are");
+    case.is_said_everywhere("r", "`scales=linear` reads them without exponentiation");
     case.is_said_everywhere("r", "with `scales=linear`: 26.91 dB");
     assert!(
         case.said[1].out.contains("scales=linear"),
@@ -159,7 +161,7 @@ fn turned_and_world_space_files_are_named_with_the_setting_that_mends_them() {
     let world = case("A14-world");
     world.is_said_everywhere("r", "with `space=world`: 33.92 dB");
     close(with(&world, "space=world"), 19.0306);
-    // One file a scene.
+    // One file per scene.
     let folder = world.path("g/synthetic");
     std::fs::rename(folder.join("seed0/view_00.ply"), folder.join("seed0.ply")).unwrap();
     close(with(&world, "space=world,label=scene"), 19.0306);
@@ -169,7 +171,7 @@ fn turned_and_world_space_files_are_named_with_the_setting_that_mends_them() {
 fn harmonics_need_a_rule_or_are_dropped() {
     let case = case("A15-sh3");
     refused(&case, &["rendering=NAME", "probably gsplat-classic"]);
-    // 3D Gaussian Splatting's layout keeps them, the release's has no place for them.
+    // 3D Gaussian Splatting's layout stores them; the release's layout cannot.
     ends(&case.said[2], 0);
     let view = "g/synthetic/seed0/view_00.ply";
     let kept = case.run("sharp-bench gaussians info out.ply");
@@ -187,11 +189,16 @@ fn harmonics_need_a_rule_or_are_dropped() {
         "{}",
         release.err
     );
-    // Where the constant terms alone are drawn, over the mean colour, they are closer to the photograph than that colour.
+    // Rendered with constant terms only, over the mean colour, they are closer to the photograph
+    // than that colour alone.
     let method = "gaussians:dir=g,color_space=srgb,harmonics=drop";
     let said = run_method(&case, method, "again");
     ends(&said, 0);
-    assert!(!said.err.contains("that is hardly at all"), "{}", said.err);
+    assert!(
+        !said.err.contains("so it is hardly recognisable"),
+        "{}",
+        said.err
+    );
     let dropped = psnr(&case, "again");
     case.run("sharp-bench gaussians convert g/synthetic/seed0/view_00.ply out.ply --color-space srgb --read harmonics=drop")
         .ends_with(0);
@@ -221,7 +228,7 @@ fn other_forms_are_refused_by_name_with_what_helps() {
 
 #[test]
 fn other_formats_are_scored_as_the_ply_they_were_made_of() {
-    // Quantised, hence close to the 20.9783 dB of A10-good.
+    // The file is quantised, so the result is only close to the 20.9783 dB of A10-good.
     for (name, settings) in [
         ("A23-compressed-ply", "label=read"),
         ("A26-sog", "label=read"),
@@ -231,7 +238,7 @@ fn other_formats_are_scored_as_the_ply_they_were_made_of() {
         let found = with(&untried(name), settings);
         assert!((found - 20.9783).abs() < 0.1, "{name}: {found}");
     }
-    // Wrong axes show something else.
+    // With wrong axes, something else is visible.
     assert!(with_any(&untried("A26-spz"), "axes=rdf") < 20.0);
 }
 
@@ -252,7 +259,7 @@ fn files_may_lie_elsewhere_and_the_layout_that_finds_them_is_named() {
         said.err
     );
     assert!(!case.path("none").join("manifest.json").exists());
-    // Moved by a matrix and back by another: what nerfstudio's normalisation needs.
+    // Moved by one matrix and back by another, as nerfstudio's normalisation requires.
     let turn = "[[0,-1,0,0],[1,0,0,0],[0,0,1,0],[0,0,0,1]]";
     std::fs::write(case.path("turn.json"), turn).unwrap();
     let turned = with_any(&case, "file={scene}.ply,transform=turn.json,label=turned");
@@ -270,7 +277,7 @@ fn conversions_follow_the_name_and_tell_what_the_result_does_not_say() {
     ends(&refused, 1);
     assert!(refused.err.contains("--axes"), "{}", refused.err);
     ends(&case.run(&format!("{render} o.png --axes rub")), 0);
-    // A PLY and an SPZ can say that they are antialiased, but not Mip-Splatting's rule.
+    // PLY and SPZ can state that they are antialiased, but not that they need Mip-Splatting's rule.
     let ply = "g/synthetic/seed0/view_00.ply";
     for (name, note) in [
         ("A03-mip-comment", ""),
@@ -481,7 +488,8 @@ fn a_network_that_predicts_poorly_stays_silent_and_its_files_misread_are_named()
          --out g/synthetic/seed0 e/synthetic/seed0/view_0[0-7].png"
     ))
     .ends_with(0);
-    // `predict` takes the middle of the picture for the principal point, which lies at 81.28, 58.68.
+    // `predict` assumes that the principal point is the middle of the picture; it is at 81.28,
+    // 58.68.
     let aside = "shift=-1.28:1.32";
     for (setting, mends) in [
         (aside, None),
@@ -555,7 +563,8 @@ fn gaussians_that_would_take_minutes_to_draw_are_noticed_and_many_small_ones_are
     assert!(!said.err.contains("cover a pixel"), "{}", said.err);
 }
 
-/// Two sources of eight that are neither the first, nor the middle, nor the last of their dataset have another's file.
+/// Two of eight sources have the file of another source; neither is the first, the middle or the
+/// last of their dataset.
 #[test]
 fn wrong_files_among_right_ones_are_named_by_run_and_merge() {
     let case = empty();
@@ -597,7 +606,7 @@ fn wrong_files_among_right_ones_are_named_by_run_and_merge() {
     assert!(said[0].err.contains(named), "{}", said[0].err);
     let all = Case { said, ..case };
     all.is_said_everywhere("wrong", text);
-    // The same from shards, once they are joined.
+    // Shards give the same result once they are joined.
     all.run(&format!("sharp-bench run -q {options} --out p --plan-only"))
         .ends_with(0);
     for shard in ["1/2", "2/2"] {
@@ -610,7 +619,8 @@ fn wrong_files_among_right_ones_are_named_by_run_and_merge() {
     assert!(scores("p") == scores("wrong"));
 }
 
-/// A world whose first camera lies in its origin, in millimetres, feet and a unit of its own: only where the unit is.
+/// A world whose first camera is at its origin, in millimetres, in feet and in an arbitrary unit:
+/// only the unit is wrong.
 #[test]
 fn units_are_mended_by_scale_and_broken_files_named_in_plain_words() {
     for (name, settings) in [("00-good", ""), ("A14-world", ",space=world")] {

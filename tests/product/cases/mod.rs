@@ -1,4 +1,5 @@
-//! Inputs that people really have, from `tests/cases`: each gives its right value or names its cause.
+//! Inputs that users really have, from `tests/cases`: each gives its correct value or an error that
+//! names the cause.
 
 mod datasets;
 mod gaussians;
@@ -11,7 +12,7 @@ use std::process::Command;
 
 use super::support::Said;
 
-/// A case in a folder of its own, with what its commands said.
+/// A case copied into its own folder, with the output of its commands.
 pub(crate) struct Case {
     folder: tempfile::TempDir,
     /// One per line of `cmd`.
@@ -34,7 +35,7 @@ impl Case {
         self.said.iter().map(|s| s.out.clone() + &s.err).collect()
     }
 
-    /// A column of `FOLDER/scores.csv`, one value a row.
+    /// A column of `FOLDER/scores.csv`, one value per row.
     pub(crate) fn scores(&self, folder: &str, column: &str) -> Vec<String> {
         let path = self.path(folder).join("scores.csv");
         let mut rows = csv::Reader::from_path(&path).unwrap();
@@ -45,7 +46,8 @@ impl Case {
             .collect()
     }
 
-    /// Fails unless the manifest, the report's page and the terminal of some command all hold the text.
+    /// Fails unless the manifest, the report's page and the output of some command all contain the
+    /// text.
     pub(crate) fn is_said_everywhere(&self, run: &str, text: &str) {
         assert!(self.all().contains(text), "terminal: {}", self.all());
         let manifest = std::fs::read_to_string(self.path(run).join("manifest.json")).unwrap();
@@ -73,7 +75,7 @@ pub(crate) fn untried(name: &str) -> Case {
     case
 }
 
-/// A folder of its own with nothing in it.
+/// A new, empty folder.
 pub(crate) fn empty() -> Case {
     Case {
         folder: tempfile::tempdir().unwrap(),
@@ -94,7 +96,8 @@ fn copy(from: &Path, to: &Path) {
     }
 }
 
-/// Runs a line of a shell where `sharp-bench` is this build's program and nothing of the user's is seen.
+/// Runs a shell command line in which `sharp-bench` is the program of this build and the user's own
+/// files are not visible.
 fn run_line(folder: &Path, line: &str) -> Said {
     let program = Path::new(env!("CARGO_BIN_EXE_sharp-bench"));
     let path = std::env::var_os("PATH").unwrap_or_default();

@@ -8,7 +8,7 @@ use image::imageops::flip_horizontal;
 use super::{Case, case, empty, untried};
 use crate::support::Said;
 
-/// What the terminal says, both streams.
+/// The terminal output, both streams.
 fn both(said: &Said) -> String {
     format!("{}{}", said.out, said.err)
 }
@@ -51,7 +51,7 @@ fn a_truth_with_alpha_is_refused_until_it_is_said_what_lies_behind_it() {
         );
         holds(&both(&case.said[1]), &["alpha=white"]);
         case.said[2].is_error_with(&["view_01.png", "--alpha white"]);
-        // The prediction is the truth over white, exactly.
+        // The prediction is exactly the truth composited over white.
         case.run(&run_line(",alpha=white", "w")).ends_with(0);
         assert_eq!(case.scores("w", "psnr"), ["inf"], "{name}");
         case.run(&run_line(",alpha=drop", "d")).ends_with(0);
@@ -106,7 +106,7 @@ fn the_polarity_of_masks_is_a_setting_and_small_rests_are_doubted() {
     assert!(!said.err.contains("they leave"), "{}", said.err);
     let found: f64 = case.scores("k", "psnr@mask")[0].parse().unwrap();
     assert!((found - 19.74).abs() < 0.005, "{found}");
-    // Not read, and said.
+    // It is not read, and this is reported.
     let ignored = case
         .run("sharp-bench datasets check nerfstudio=ns")
         .ends_with(0);
@@ -152,7 +152,7 @@ fn upright_photographs_fit_upright_cameras() {
 #[test]
 fn metrics_turns_pictures_as_predict_does_and_says_so() {
     let case = case("X21-metrics-exif");
-    // Decoders of JPEG differ by a level or two.
+    // JPEG decoders differ by a level or two.
     assert!((psnr(&case.said[0]) - 34.09).abs() < 0.03, "{}", case.all());
     holds(
         &case.said[0].err,
@@ -230,7 +230,7 @@ fn formats_are_read_or_refused_by_name() {
         ))
         .ends_with(0);
     }
-    // The same pixels whatever holds them.
+    // The same pixels in other formats.
     for file in ["p.bmp", "p.tiff"] {
         let said = case
             .run(&format!("sharp-bench metrics --metrics psnr p.png {file}"))
@@ -308,7 +308,7 @@ fn predict_names_its_own_options() {
     assert!(predict("--alpha white").ends_with(0).err.is_empty());
 }
 
-/// Nothing new is said of proper files.
+/// Proper files cause no new messages.
 #[test]
 fn proper_pictures_are_read_in_silence() {
     let silent = |case: &Case, line: &str| {
@@ -324,7 +324,7 @@ fn proper_pictures_are_read_in_silence() {
         &case,
         &format!("sharp-bench metrics {prediction} ns/images/view_01.png --metrics psnr"),
     );
-    // Opaque alpha is no alpha.
+    // A fully opaque alpha channel counts as none.
     let picture = image::open(case.path("ns/images/view_01.png"))
         .unwrap()
         .into_rgba8();
@@ -333,7 +333,7 @@ fn proper_pictures_are_read_in_silence() {
         &case,
         "sharp-bench metrics opaque.png ns/images/view_01.png --metrics psnr",
     );
-    // A picture of the same levels in each format.
+    // A picture with the same levels in each format.
     for format in ["webp", "bmp", "tiff"] {
         image::open(case.path("ns/images/view_01.png"))
             .unwrap()
@@ -397,7 +397,8 @@ fn pictures_in_subfolders_count_beside_those_above_them() {
     assert_eq!(said.json()["pairs"].as_array().unwrap().len(), 5);
 }
 
-/// Pictures that are stored otherwise than they are read, of a network that predicts poorly, and proper ones of several kinds.
+/// Pictures stored in another form than they are read in, from a network that predicts poorly, and
+/// proper pictures of several kinds.
 #[test]
 fn pictures_that_are_stored_otherwise_are_told_by_the_photographs_and_poor_ones_are_not() {
     let case = empty();
@@ -442,7 +443,8 @@ fn pictures_that_are_stored_otherwise_are_told_by_the_photographs_and_poor_ones_
     all.is_said_everywhere("r-mirrored", "look as if they are mirrored left to right: ");
 }
 
-/// Pictures under the names of other pairs, of other ranges, and poor ones that are neither.
+/// Pictures named after other pairs, pictures with other ranges, and poor pictures with neither
+/// mistake.
 #[test]
 fn pictures_of_other_pairs_and_ranges_are_told_and_poor_ones_are_not() {
     let case = empty();
@@ -462,7 +464,7 @@ fn pictures_of_other_pairs_and_ranges_are_told_and_poor_ones_are_not() {
     let ids: std::collections::BTreeSet<String> = ids.collect();
     let ids: Vec<String> = ids.into_iter().collect();
     let n = ids.len();
-    // The picture of pair `from(k)`, changed, under the name of pair k.
+    // Stores the changed picture of pair `from(k)` under the name of pair k.
     let stored = |to: &str, of: &str, from: &dyn Fn(usize) -> usize, level: &dyn Fn(f64) -> f64| {
         for (k, id) in ids.iter().enumerate() {
             let made = format!("made/predictions/{of}/{}.png", ids[from(k) % n]);

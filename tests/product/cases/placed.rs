@@ -1,4 +1,5 @@
-//! Gaussians where other programs put them: layouts and spaces, views they were trained on, cameras they do not know.
+//! Gaussians as other programs store them: layouts and spaces, views used for training, cameras
+//! that the programs do not support.
 
 use std::path::Path;
 
@@ -13,7 +14,8 @@ use super::{Case, case, empty, untried};
 
 const PAIR: &str = "synthetic/seed0/view_00__view_01";
 
-/// Runs the one pair with methods, without a warning, and returns a column of the scores.
+/// Runs the single pair with the given methods, which must not cause warnings, and returns a column
+/// of the scores.
 fn column(case: &Case, methods: &[&str], column: &str) -> Vec<f64> {
     let methods: Vec<String> = methods
         .iter()
@@ -43,7 +45,7 @@ fn near(found: f64, expected: f64, within: f64) {
     );
 }
 
-/// The Gaussians of a case, in the space of their file.
+/// The Gaussians of a case, in the file's own space.
 fn scene(case: &Case) -> GaussianScene {
     let reading = StoredForm {
         blending: ColorSpace::Srgb,
@@ -52,7 +54,7 @@ fn scene(case: &Case) -> GaussianScene {
     load(&case.path("g/synthetic/seed0/view_00.ply"), reading).unwrap()
 }
 
-/// Under a rotation, one scale and a shift.
+/// Applies a rotation, a uniform scale and a shift.
 fn moved(mut scene: GaussianScene, map: DAffine3) -> GaussianScene {
     let (scale, rotation, _) = map.to_scale_rotation_translation();
     for mean in &mut scene.gaussians.means {
@@ -72,10 +74,10 @@ fn moved(mut scene: GaussianScene, map: DAffine3) -> GaussianScene {
     scene
 }
 
-/// With opacities from 0 to 1 in their column.
+/// Stores opacities from 0 to 1 in their column.
 fn with_plain_opacities(mut scene: GaussianScene) -> GaussianScene {
     for opacity in &mut scene.gaussians.opacities {
-        // Their logarithm of odds is what is written.
+        // The writer stores the logit of this value.
         *opacity = 1.0 / (1.0 + (-*opacity).exp());
     }
     scene
@@ -103,7 +105,7 @@ fn view(id: &str) -> View {
     found.unwrap().clone()
 }
 
-/// Settings of `bench/docs/recipes.md`, on files as these programs lay them out.
+/// The settings of `bench/docs/recipes.md`, with files in the layouts of these programs.
 #[test]
 fn files_of_other_programs_are_evaluated_by_the_settings_of_the_docs() {
     let docs = Path::new(env!("CARGO_MANIFEST_DIR")).join("docs/recipes.md");
@@ -300,7 +302,7 @@ fn a_scene_moved_by_three_pixels_comes_back_with_align() {
              --method gaussians:label=mine,dir={folder},color_space=srgb,align=pose"
         ));
         assert_eq!(said.code, 0, "{}", said.err);
-        // The method itself stands beside it.
+        // The unaligned method is in the table too.
         assert_eq!(case.scores("out", "method"), ["mine", "mine-unaligned"]);
         let found: Vec<f64> = case
             .scores("out", "psnr")

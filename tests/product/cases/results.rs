@@ -1,11 +1,11 @@
-//! Results that belong to other files, interrupted folders, other people's numbers.
+//! Results that belong to other files, interrupted folders, and published numbers.
 
 use std::fs;
 use std::path::Path;
 
 use super::{Case, empty, untried};
 
-/// Three stereo scenes whose photographs hold one colour each.
+/// Three stereo scenes whose photographs each have a single colour.
 fn stereo(root: &Path, level: u8) {
     for scene in ["s0", "s1", "s2"] {
         let folder = root.join(scene);
@@ -25,7 +25,7 @@ fn stereo(root: &Path, level: u8) {
     }
 }
 
-/// A run of `copy`, whose dataset is then another one under the same names.
+/// A run of `copy` whose dataset was then replaced by another one with the same names.
 fn replaced() -> Case {
     let case = empty();
     stereo(&case.path("D"), 10);
@@ -52,7 +52,7 @@ fn another_method_on_replaced_photographs_is_refused_beside_the_old_one() {
     let fresh = case.scores("new", "psnr");
     let of_copy: Vec<String> = case.scores("r", "psnr").into_iter().step_by(2).collect();
     assert_eq!(of_copy, fresh);
-    // Part of a run again: the scenes left out are of the old files.
+    // Repeat part of the run: the scenes left out still have the old files.
     case.run("cp -r N/. D/; cp D/s0/left.png D/s1/left.png")
         .ends_with(0);
     let said = case.run("sharp-bench run -q --dataset stereo=D --method copy --method mean --metrics psnr --out r --scenes s1");
@@ -88,7 +88,7 @@ fn cameras_and_photographs_of_two_folders_have_to_be_the_same() {
         assert_eq!(said.code, 1, "{line}: {}{}", said.out, said.err);
         assert!(said.err.contains("stereo/s0/left"), "{line}: {}", said.err);
     }
-    // Bundles know it, too.
+    // Bundles detect this too.
     case.run("sharp-bench bundle r --out r.zip && sharp-bench bundle b --out b.zip")
         .ends_with(0);
     let said = case.run("sharp-bench compare r.zip b.zip");
@@ -153,7 +153,7 @@ fn what_a_manifest_says_of_a_metric_has_to_be_so() {
     )
     .unwrap();
     case.run("sharp-bench report changed.zip --out rep")
-        .is_error_with(&["changed.zip", "not what was packed"]);
+        .is_error_with(&["changed.zip", "differ from what was packed"]);
 }
 
 #[test]
@@ -162,7 +162,7 @@ fn a_folder_that_was_begun_is_ours_and_one_of_others_is_not() {
     let run = "sharp-bench run -q --no-cache --dataset synthetic=views=2,size=64x48 --method copy --metrics psnr --out r";
     case.run(run).ends_with(0);
     let scores = fs::read(case.path("r/scores.csv")).unwrap();
-    // As a kill leaves it between its first files.
+    // The state after a kill while the first files were written.
     for left in ["pairs.csv", "pairs.csv plan.json"] {
         case.run(&format!(
             "mkdir k; cd r; cp .lock {left} ../k; cd ..; touch k/.partial-abc; rm -rf r; mv k r"
@@ -175,7 +175,7 @@ fn a_folder_that_was_begun_is_ours_and_one_of_others_is_not() {
     case.run("mkdir mine; touch mine/pairs.csv").ends_with(0);
     case.run(&run.replace("--out r", "--out mine"))
         .is_error_with(&["mine", "it holds other files"]);
-    // Also where pictures are copied before the first unit.
+    // Also if pictures were copied before the first unit was finished.
     case.run("mkdir m; cp r/.lock m; cp -r r/predictions m")
         .ends_with(0);
     case.run("sharp-bench merge r --out m").ends_with(0);
@@ -290,7 +290,7 @@ done
         assert_eq!(psnr("dark"), dark, "{line}");
         case.run("rm -r r").ends_with(0);
     }
-    // One row of a table is of one generation of weights, in a folder and between folders.
+    // All scores of a table row must be from the same weights, within a folder and between folders.
     let run = |weights: &str, rest: &str| {
         fs::write(case.path("w.txt"), weights).unwrap();
         case.run(&format!(
@@ -351,7 +351,7 @@ fn pictures_made_again_are_not_averaged_with_those_before() {
     assert_eq!(case.scores("r", "psnr"), before);
     run("").ends_with(0);
     assert_ne!(case.scores("r", "psnr"), before);
-    // Unchanged ones are no matter, and neither is another folder of the same pictures.
+    // Unchanged pictures are accepted, and so is another folder with the same pictures.
     run("--limit 1").ends_with(0);
     case.run("mv p q; ln -s q p").ends_with(0);
     run("--scenes s2").ends_with(0);
@@ -373,7 +373,7 @@ fn gaussians_of_one_source_are_one_file() {
     run("1", "a").ends_with(0);
     run("2", "same").ends_with(0);
     case.run("sharp-bench merge a same --out m").ends_with(0);
-    // One Gaussian fewer would do; another header is another file, too.
+    // A changed header is enough to make it another file.
     case.run(&format!(
         "sed -i '2a comment made again' {file}; head -c 60 {file} | head -4"
     ))

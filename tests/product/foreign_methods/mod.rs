@@ -1,4 +1,4 @@
-//! Methods of others: programs and pictures.
+//! External methods: programs and pictures.
 
 mod pictures;
 mod programs;
@@ -25,7 +25,7 @@ fn run(dir: &Path, out: &str, more: &[&str]) -> Said {
     sharp_bench(dir, &[&args[..], more].concat())
 }
 
-/// Rows of scores.csv by method, then by pair, each by column.
+/// Rows of scores.csv by method and pair; each row by column.
 type Scores = BTreeMap<String, Vec<BTreeMap<String, String>>>;
 
 fn scores(dir: &Path, run: &str) -> Scores {
@@ -44,7 +44,7 @@ fn scores(dir: &Path, run: &str) -> Scores {
     scores
 }
 
-/// Predictions that are the targets themselves, to be spoiled: `DIR/truth/predictions/target`.
+/// Predictions that equal the targets, to be modified: `DIR/truth/predictions/target`.
 fn truth(dir: &Path, limit: &str) -> Vec<String> {
     run(dir, "truth", &["--method", "target", "--limit", limit]).ends_with(0);
     let rows = scores(dir, "truth");

@@ -39,7 +39,7 @@ fn smaller_pictures_are_resized_up_by_a_named_kernel_only() {
         assert_ne!(cubic["psnr"], linear["psnr"]);
     }
     for (method, part) in [
-        ("imported", "48x36, the target 96x72: set the kernel"),
+        ("imported", "48x36, but the target is 96x72: set a kernel"),
         ("square", "another aspect"),
         ("large", "never reduced"),
     ] {
@@ -71,7 +71,7 @@ fn cropped_pictures_are_scored_on_the_equally_cropped_truth() {
     let ids = truth(dir, "2");
     for id in &ids {
         let target = picture(dir, id);
-        // The middle square, exact; the left half, every level one too high.
+        // The middle square is exact; in the left half, every level is one too high.
         save(
             dir,
             "square",
@@ -113,7 +113,7 @@ fn cropped_pictures_are_scored_on_the_equally_cropped_truth() {
         said.out
     );
     let found = scores(dir, "r");
-    // Every level is off by one: 20 log10 255.
+    // Every level is off by one, so PSNR is 20 log10 255.
     let off_by_one = 20.0 * 255_f64.log10();
     for n in 0..2 {
         for label in ["square", "own"] {
@@ -134,7 +134,7 @@ fn cropped_pictures_are_scored_on_the_equally_cropped_truth() {
     let report = sharp_bench(dir, &["report", "r"]).ends_with(0);
     assert!(report.out.contains("index.html"));
 
-    // All on what all of them show: columns 12 to 47.
+    // All methods are scored on the part that all of them show: columns 12 to 47.
     let common = [
         &methods[..6],
         &["--method", "imported:label=left,dir=left,crop=sidecar"],
@@ -168,7 +168,7 @@ fn cropped_pictures_are_scored_on_the_equally_cropped_truth() {
         serde_json::from_str(&read(dir.join("c/manifest.json"))).unwrap();
     assert_eq!(manifest["common_region"], true);
 
-    // Crops that cannot be.
+    // Invalid crops.
     std::fs::write(
         dir.join(format!("left/{}.json", ids[0])),
         r#"{"crop": [60, 0, 48, 72]}"#,

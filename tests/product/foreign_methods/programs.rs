@@ -1,8 +1,9 @@
-//! Someone's program, asked pair by pair.
+//! An external program that receives one request per pair.
 
 use super::*;
 
-/// A program in shell: the n-th pair that it is ever asked for decides what it does; it hands back the source.
+/// A shell program that returns the source; the number of pairs requested so far determines its
+/// behaviour.
 #[cfg(unix)]
 const PROGRAM: &str = r#"
 echo "hello from $$" >&2
@@ -66,14 +67,14 @@ fn a_program_is_asked_pair_by_pair_and_each_failure_is_its_own() {
         assert_eq!(mine[n - 1]["psnr"], copy[n - 1]["psnr"]);
         assert_eq!(mine[n - 1]["steps"], n.to_string());
     }
-    // Started at first, then after the crash, the noise and the silence.
+    // Started once at first, then again after the crash, the noise and the silence.
     let log = read(dir.join("r/logs/mine.log"));
     let count = |text: &str| log.lines().filter(|l| l.contains(text)).count();
     assert_eq!(count("== started: sh my.sh"), 4, "{log}");
     assert_eq!(count("hello from"), 4, "{log}");
     assert_eq!(count("input ended"), 1, "{log}");
 
-    // Only what failed is asked again; a changed script is another method.
+    // Only failed pairs are requested again; a changed script is another method.
     let json = run(dir, "r", &[&method[..], &["--json"]].concat())
         .ends_with(0)
         .json();
@@ -91,7 +92,7 @@ fn a_program_is_asked_pair_by_pair_and_each_failure_is_its_own() {
     assert_eq!(settings["content"].as_str().map(str::len), Some(16));
 }
 
-/// Each answer has names of its own, no more than one answer may have, and so do all of them together.
+/// Each answer has its own names, no more than an answer may have; together they exceed the limit.
 #[cfg(unix)]
 #[test]
 fn the_columns_of_a_program_are_bounded_over_all_of_its_answers() {
@@ -112,7 +113,8 @@ done
     let rows = &scores(dir.path(), "r")["command"];
     assert_eq!(rows.len(), 6);
     let names: Vec<&String> = rows[0].keys().filter(|k| k.starts_with('a')).collect();
-    // The first by name, of three answers and a part of the fourth; each beside its own pair.
+    // The first names in alphabetical order, from three answers and part of the fourth; each next
+    // to its own pair.
     assert_eq!(names.len(), 32, "{names:?}");
     assert!(!rows[0].contains_key("shared") && names.contains(&&"a14_1".to_owned()));
     for (n, row) in (11..).zip(rows) {
@@ -176,7 +178,8 @@ fn programs_that_are_not_there_fail_pair_by_pair() {
 fn nothing_that_a_program_started_outlives_a_run_that_is_ended() {
     use std::process::{Command, Stdio};
     use std::time::{Duration, Instant};
-    // A shell without job control lets what it starts in the background ignore interrupts, us and all that we start.
+    // A shell without job control makes background processes ignore interrupts. This process, and
+    // all that it starts, may be one of them.
     let status = read("/proc/self/status");
     let ignored = status.lines().find_map(|line| line.strip_prefix("SigIgn:"));
     let ignored = u64::from_str_radix(ignored.unwrap().trim(), 16).unwrap();
@@ -186,7 +189,8 @@ fn nothing_that_a_program_started_outlives_a_run_that_is_ended() {
     };
     for signal in signals {
         let dir = tempfile::tempdir().unwrap();
-        // Neither the shell that is started first nor the program itself: what that has started.
+        // The process to check is neither the first shell nor the program, but a process started by
+        // the program.
         let script = "sleep 1000 & echo $! > pid.new; mv pid.new pid; wait";
         std::fs::write(dir.path().join("my.sh"), script).unwrap();
         let mut run = Command::new(env!("CARGO_BIN_EXE_sharp-bench"))
@@ -222,7 +226,7 @@ fn nothing_that_a_program_started_outlives_a_run_that_is_ended() {
         let process = format!("/proc/{}/comm", pid.trim());
         assert!(Path::new(&process).exists());
         let number = run.id().to_string();
-        // At the first TERM it would wait for the program.
+        // At the first SIGTERM, it would wait for the program.
         while run.try_wait().unwrap().is_none() {
             let _ = Command::new("kill")
                 .args(["-s", signal, &number])
@@ -236,7 +240,7 @@ fn nothing_that_a_program_started_outlives_a_run_that_is_ended() {
     }
 }
 
-/// The Python program of bench/docs/your-method.md, with a model that copies.
+/// The Python program of bench/docs/your-method.md, with a model that returns its input.
 #[cfg(unix)]
 #[test]
 #[ignore = "needs python3"]

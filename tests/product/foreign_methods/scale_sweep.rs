@@ -48,7 +48,7 @@ fn the_best_of_several_scales_is_chosen_by_dists_and_said() {
     let chooser = settings["chosen_by"].as_str().unwrap();
     assert!(chooser.starts_with("dists vgg16=2b36fb93"), "{chooser}");
 
-    // The best of fewer would be another number.
+    // The best of fewer scales would be another number.
     std::fs::remove_file(dir.join(format!("scales/1/{}.png", ids[0]))).unwrap();
     run(dir, "r", &args).ends_with(4);
     assert!(scores(dir, "r")["lvsm"][0]["reason"].contains("no picture"));

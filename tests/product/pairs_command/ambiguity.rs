@@ -15,7 +15,7 @@ fn the_open_choices_are_counted() {
         let row = choices.iter().find(|c| c["change"] == change).unwrap();
         row["datasets"]["S"][what].as_u64().unwrap()
     };
-    // The counts are those of lists that are built so.
+    // The counts equal those of lists built with these options.
     for change in ["", "threshold=0.7", "test=frustum", "sets=strided"] {
         let list = build(dir.path(), "p.csv", &["--pair-options", change, "--json"])
             .ends_with(0)
@@ -51,7 +51,7 @@ fn readings_of_a_dataset_are_choices_too() {
         found.unwrap_or_else(|| panic!("no {change} in {json}"))
     };
     assert_eq!(of("")["datasets"]["M"]["selected"], 1);
-    // The bundle has one exposure.
+    // The bundled scene has only one exposure.
     let other = of("right=im1E");
     assert!(other["unavailable"]["M"].is_string(), "{other}");
     assert!(rows.iter().all(|row| row["about"] != "threshold"));

@@ -45,7 +45,7 @@ fn exported_pairs_are_what_is_scored() {
     );
     assert!(!folder.join("target.png").exists());
 
-    // The exported source, handed back, is what `copy` predicts.
+    // The exported source, used as an external prediction, equals the prediction of `copy`.
     let predictions = dir.path().join("predictions");
     for id in ids {
         let to = predictions.join(format!("{id}.png"));
@@ -78,7 +78,8 @@ fn exported_pairs_are_what_is_scored() {
     assert_eq!(psnr(",copy,"), psnr(",mine,"));
     assert_eq!(psnr(",mine,").len(), 3);
 
-    // Again: nothing to do. More asked for, or a file damaged: done anew.
+    // A repetition has nothing to do. If more is requested, or a file is damaged, it is written
+    // again.
     assert_eq!(export(&[]).ends_with(0).json()["kept"], 3);
     let before = modified(&folder.join("pair.json"));
     std::fs::write(folder.join("source.png"), b"half").unwrap();
@@ -146,7 +147,7 @@ fn views_are_exported_with_their_cameras() {
         let path = find(&dir.path().join("v/S"), &format!("{}.json", view.id));
         let camera: serde_json::Value = serde_json::from_str(&read(&path)).unwrap();
         assert!(!camera["conventions"].is_null());
-        // What `render --camera` reads.
+        // `render --camera` can read it.
         let (intrinsics, camera_from_world) = CameraFile::read(&path).unwrap();
         assert_eq!(intrinsics, view.intrinsics);
         assert_eq!(camera_from_world, view.camera_from_world.to_affine());
@@ -183,7 +184,7 @@ fn depth_is_exported_where_there_is_some() {
     let pair: serde_json::Value = serde_json::from_str(&read(folder.join("pair.json"))).unwrap();
     let files: Vec<&String> = pair["files"].as_object().unwrap().keys().collect();
     assert_eq!(files, ["source.png", "source_depth.npy"]);
-    // What is kept lacks it just as well.
+    // The kept export lacks depth too.
     let json = export().json();
     assert_eq!(
         (&json["kept"], &json["without_depth"]),
@@ -211,7 +212,7 @@ fn cameras_of_a_scale_sweep_are_exported() {
     };
     let written = export("0.5,1,2").ends_with(0).json()["written"].clone();
     assert_eq!(written, 1);
-    // Other scales are another export.
+    // Other scales are a separate export.
     assert_eq!(export("0.5,2").ends_with(0).json()["written"], 1);
     assert_eq!(export("0.5,2").ends_with(0).json()["kept"], 1);
     let list = read(dir.path().join("p.csv"));

@@ -1,4 +1,4 @@
-//! Lists: why they are empty, what they say of their choices, compared and verified.
+//! Lists: why they are empty, how they report their choices, comparison and verification.
 
 use super::*;
 
@@ -61,7 +61,7 @@ fn lists_are_verified_against_files() {
     assert_eq!(json["photographs"], 2);
     assert_eq!(json["equal"], 2);
 
-    // Another photograph, and a calibration of another day.
+    // Another photograph, and another calibration.
     let picture = find(&data, "im1.png");
     let mut image = image::open(&picture).unwrap().to_rgb8();
     image.put_pixel(0, 0, image::Rgb([1, 2, 3]));
@@ -79,7 +79,7 @@ fn lists_are_verified_against_files() {
     assert!(said.out.contains("another photograph: M/"), "{}", said.out);
     assert!(said.out.contains("other cameras: M/"), "{}", said.out);
 
-    // What is not there is named, and is no reason to stop.
+    // Missing data is reported, but does not stop the command.
     let other = ["pairs", "verify", "p.csv", "--dataset", SYNTHETIC, "--json"];
     let json = sharp_bench(dir.path(), &other).ends_with(4).json();
     assert_eq!(json["absent"][0], "dataset 'M' is not given; given: S");
@@ -124,21 +124,21 @@ fn lists_of_others_are_counted_and_imported() {
         said.out,
         "2 scenes, 1 with targets: 4 targets in all, 1 among their own inputs\n"
     );
-    // What says how an earlier list of this name came about is not of this one.
+    // A record of how an earlier list with this name was made does not apply to the new list.
     build(dir, "p.csv", &[]).ends_with(0);
     assert!(dir.join("p.csv.json").exists());
     let ours = ["--dataset", SYNTHETIC, "--out", "p.csv"];
     let said = import(&ours).ends_with(0);
-    assert!(said.err.contains("names 1 pair again"), "{}", said.err);
+    assert!(said.err.contains("repeats 1 pair"), "{}", said.err);
     assert_eq!(read(dir.join("p.csv")).lines().count(), 4);
     assert!(!dir.join("p.csv.json").exists());
-    // A file of somebody else stays.
+    // A user's own file is kept.
     std::fs::write(dir.join("p.csv.json"), "{}").unwrap();
     import(&ours).ends_with(0);
     assert_eq!(read(dir.join("p.csv.json")), "{}");
     let empty = r#"{"seed0": {"context": [4, 0], "target": []}}"#;
     std::fs::write(dir.join("theirs.json"), empty).unwrap();
-    import(&ours).is_error_with(&["theirs.json", "names no target"]);
+    import(&ours).is_error_with(&["theirs.json", "it has no targets"]);
 }
 
 #[test]
@@ -170,7 +170,7 @@ fn an_empty_list_says_why() {
     ]
     .concat();
     sharp_bench(dir.path(), &run).is_error_with(&["no pair to evaluate", "min-baseline=9"]);
-    // Nothing amiss, nothing said.
+    // If nothing is wrong, nothing is printed.
     let json = build(dir.path(), "p.csv", &["--json"]).ends_with(0).json();
     assert_eq!(json["warnings"].as_array().unwrap().len(), 0);
 }
@@ -220,14 +220,14 @@ fn help_lists_what_each_choice_may_be() {
     let said = sharp_bench(dir.path(), &["pairs", "--help-all"]).ends_with(0);
     for part in [
         "sets           consecutive, strided, whole, random:SEED\n",
-        "limit          all or a number\n                 default 512; pairs of a dataset",
+        "limit          all or a number\n                 default 512; maximum number of",
         "at-threshold   out, in\n                 default out; ",
     ] {
         assert!(said.out.contains(part), "{}", said.out);
     }
 }
 
-/// As an editor on another system may store it.
+/// A list as an editor on another system may store it.
 #[test]
 fn a_list_with_other_bytes_is_copied_as_it_is() {
     let dir = tempfile::tempdir().unwrap();
@@ -247,7 +247,8 @@ fn a_list_with_other_bytes_is_copied_as_it_is() {
     assert_eq!(pairs["sha256"], hash("r/pairs.csv"));
     assert_eq!(pairs["sha256"], hash("other.csv"));
     assert_eq!(pairs["lists"][0]["sha256"], hash("other.csv"));
-    // A folder whose copy is in the list's own form, as earlier versions wrote it, is resumed.
+    // A folder whose copy is in the list's own form, as written by earlier versions, can be
+    // resumed.
     std::fs::copy(dir.join("p.csv"), dir.join("r/pairs.csv")).unwrap();
     let again = run();
     assert_eq!(
@@ -256,7 +257,7 @@ fn a_list_with_other_bytes_is_copied_as_it_is() {
     );
     assert_eq!(again["manifest"]["pairs"], pairs);
     assert_eq!(pairs["sha256"], hash("r/pairs.csv"));
-    // So is an export.
+    // The same holds for an export.
     let export = [
         "pairs",
         "export",

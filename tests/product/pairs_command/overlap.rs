@@ -1,4 +1,4 @@
-//! Whose depth decides overlap, and what is kept of it.
+//! The depth that determines overlap, and the cache of overlaps.
 
 use super::*;
 
@@ -44,7 +44,7 @@ fn files(folder: &Path) -> Vec<PathBuf> {
 fn somebody_elses_depth_decides_overlap_and_is_named() {
     let dir = tempfile::tempdir().unwrap();
     build(dir.path(), "truth.csv", &["--no-cache"]).ends_with(0);
-    // The true depth in another unit, as a prediction of the right shape has it.
+    // The true depth in another unit, like a prediction of the right shape.
     let export = [
         "pairs",
         "export",
@@ -83,7 +83,7 @@ fn somebody_elses_depth_decides_overlap_and_is_named() {
         .next()
         .unwrap()["overlap_depth_maps"];
     assert!(maps["count"].as_u64() > Some(0) && maps["sha256"].as_str().unwrap().len() == 64);
-    // Scaled back, it is the truth: the same pairs with the same overlap to rounding.
+    // Scaled back, it equals the true depth: the same pairs, with the same overlaps up to rounding.
     let ids = |name: &str| -> Vec<String> {
         let text = read(dir.path().join(name));
         let lines = text.lines().skip(1);
@@ -92,12 +92,12 @@ fn somebody_elses_depth_decides_overlap_and_is_named() {
             .collect()
     };
     assert_eq!(ids("mono.csv"), ids("truth.csv"));
-    // As it is, it would put every surface at a quarter of its distance.
+    // Unscaled, it would move every surface to a quarter of its distance.
     let metric = [&mono[..], &["--pair-options", "overlap=given-metric"]].concat();
     build(dir.path(), "metric.csv", &metric).ends_with(4);
     assert_ne!(ids("metric.csv"), ids("truth.csv"));
 
-    // A run says where its overlap comes from, also with a list that was built before.
+    // A run reports the source of its overlaps, even for a list that was built before.
     let run = |out: &str, pairs: &[&str]| {
         let args = [
             "run",
@@ -136,7 +136,10 @@ fn somebody_elses_depth_decides_overlap_and_is_named() {
         &["nowhere", "not a folder"],
     );
     std::fs::create_dir(dir.path().join("empty")).unwrap();
-    wrong(&["--overlap-depth", "empty"], &["no view of"]);
+    wrong(
+        &["--overlap-depth", "empty"],
+        &["no map found for any view of"],
+    );
     wrong(
         &["--pair-options", "overlap=given"],
         &["--overlap-depth DIR"],
@@ -191,8 +194,8 @@ fn a_checkpoint_decides_overlap_and_is_not_judged_on_its_own_choice() {
         "--out",
         "r",
     ];
-    sharp_bench(dir.path(), &run).is_error_with(&["method 'sharp' is evaluated with"]);
-    // Without the official file nothing stands in for it.
+    sharp_bench(dir.path(), &run).is_error_with(&["checkpoint of method 'sharp'"]);
+    // Without the official file, no other checkpoint is used instead.
     let absent = [
         "--pair-options",
         "overlap=sharp-release",

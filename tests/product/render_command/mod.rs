@@ -11,7 +11,7 @@ use image::{DynamicImage, RgbImage};
 use std::f64::consts::TAU;
 use std::path::Path;
 
-/// `render scene.ply --backend cpu` and more.
+/// Runs `render scene.ply --backend cpu` with further arguments.
 fn render(dir: &Path, more: &[&str]) -> Said {
     sharp_bench(
         dir,
@@ -31,7 +31,7 @@ fn picture(path: impl AsRef<Path>) -> RgbImage {
     }
 }
 
-/// A pixel that no Gaussian reaches.
+/// The colour of a pixel that no Gaussian reaches.
 fn corner(dir: &Path, name: &str, more: &[&str]) -> [u8; 3] {
     render(dir, &[&["--out", name], more].concat()).ends_with(0);
     picture(dir.join(name)).get_pixel(0, 0).0

@@ -9,7 +9,8 @@ fn camera(path: &Path) -> Vec<f64> {
     numbers.iter().map(|n| n.as_f64().unwrap()).collect()
 }
 
-/// A camera at `eye` that looks at `target`, by the release's recipe: front, front × up, front × right.
+/// A camera at `eye` that looks at `target`, computed like the release: front, front × up, front ×
+/// right.
 fn looking(eye: [f64; 3], target: [f64; 3]) -> Vec<f64> {
     let cross = |a: [f64; 3], b: [f64; 3]| {
         [
@@ -36,8 +37,8 @@ fn looking(eye: [f64; 3], target: [f64; 3]) -> Vec<f64> {
 
 #[test]
 fn the_four_paths_are_the_releases() {
-    // Gaussians all at 3 m: near and focus are 3. The largest shift sideways is
-    // 0.08 · sqrt((64/60)² + (48/60)²) · 3 = 0.08 · 4/3 · 3 = 0.32 m, forward 0.15 · 3 = 0.45 m.
+    // All Gaussians are at 3 m, so near and focus are 3. The largest shift sideways is 0.08 ·
+    // sqrt((64/60)² + (48/60)²) · 3 = 0.08 · 4/3 · 3 = 0.32 m, and forward 0.15 · 3 = 0.45 m.
     let (side, forward) = (0.32, 0.45);
     let dir = tempfile::tempdir().unwrap();
     let dir = dir.path();
@@ -60,7 +61,8 @@ fn the_four_paths_are_the_releases() {
         render(dir, &[&args[..], &more].concat()).ends_with(0);
         for k in 0..8 {
             let found = camera(&dir.join(format!("{path}/frame-{k:05}.json")));
-            // The stored scene is f32: 3 m and the focal length are exact, so that f64 rounding is left.
+            // The stored scene is f32, but 3 m and the focal length are exact, so only f64 rounding
+            // remains.
             for (found, expected) in found.iter().zip(looking(eye(path, k), [0.0, 0.0, 3.0])) {
                 assert!(
                     (found - expected).abs() < 1e-12,
@@ -90,14 +92,14 @@ fn frames_go_into_a_folder_of_their_own() {
     assert_eq!(first["views"], 5);
     let frame = |k: usize| dir.join(format!("frames/frame-{k:05}.png"));
     let before: Vec<Vec<u8>> = (0..5).map(|k| bytes(frame(k))).collect();
-    // A closed path: the last frame is the first again.
+    // The path is closed: the last frame equals the first.
     assert_eq!(before[0], before[4]);
     assert_ne!(before[0], before[1]);
     for end in ["depth.png", "depth.exr", "json"] {
         assert!(frame(4).with_extension(end).is_file());
     }
 
-    // A frame's camera renders the frame.
+    // A frame's written camera renders the same frame.
     render(
         dir,
         &["--camera", "frames/frame-00003.json", "--out", "alone.png"],
@@ -105,7 +107,7 @@ fn frames_go_into_a_folder_of_their_own() {
     .ends_with(0);
     assert_eq!(bytes(dir.join("alone.png")), before[3]);
 
-    // Frames of two renderings never lie in one folder.
+    // Frames of two renderings are never mixed in one folder.
     render(dir, &args).is_error_with(&["frames", "is not empty"]);
 }
 
@@ -183,7 +185,7 @@ fn gifs_of_colour_depth_and_alpha_lie_side_by_side() {
         assert_eq!(delays, [4; 4], "{name}");
     }
     assert!(dir.join("swipe.cameras/frame-00003.json").is_file());
-    // Nothing half-made stays behind.
+    // No partial file remains.
     let partial = std::fs::read_dir(dir).unwrap().filter(|f| {
         f.as_ref()
             .unwrap()

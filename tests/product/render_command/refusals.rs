@@ -1,4 +1,4 @@
-//! What cannot be rendered.
+//! Input that cannot be rendered.
 
 use super::*;
 
@@ -80,7 +80,7 @@ fn what_cannot_be_rendered_is_one_line() {
         &["x.gif", "50"],
     );
     fails(&["--near", "0", "--out", "x.png"], &["scene.ply", "near 0"]);
-    // Values that no option takes.
+    // Values that the options do not accept.
     usage(&["--trajectory", "spiral", "--out", "f"], "rotate_forward");
     usage(
         &["--trajectory", "swipe", "--frames", "0", "--out", "f"],
@@ -91,7 +91,8 @@ fn what_cannot_be_rendered_is_one_line() {
     usage(&["--eps2d=-1", "--out", "x.png"], "eps2d");
     usage(&["--background", "grey", "--out", "x.png"], "#RRGGBB");
     usage(&["--layer", "2", "--out", "x.png"], "all");
-    // Nothing in front of the camera: a path has no size, a view is empty.
+    // Without a Gaussian in front of the camera, the size of a path is undefined, and a view is
+    // empty.
     let behind = r#"{"width":8,"height":8,"K":[8,0,4,0,8,4,0,0,1],"camera_from_world":[1,0,0,0,0,1,0,0,0,0,1,-9,0,0,0,1]}"#;
     std::fs::write(dir.join("behind.json"), behind).unwrap();
     fails(

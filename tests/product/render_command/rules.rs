@@ -17,7 +17,7 @@ fn write_scene(dir: &Path) {
         ("quats_wxyz", vec![1, 4], vec![2.0, 0.0, 0.0, 0.0]),
         ("scales", vec![1, 3], vec![0.05; 3]),
         ("opacities", vec![1], vec![0.5]),
-        // Only the second of degree 1 does not vanish straight ahead: 0.4886 there.
+        // Straight ahead, only the second coefficient of degree 1 has an effect: 0.4886.
         (
             "sh",
             vec![1, 4, 3],
@@ -79,13 +79,13 @@ fn harmonics_are_blended_as_encoded_values_over_the_background() {
     assert_eq!(names, ["alpha", "depth_acc", "rgb"]);
     assert!((found["alpha"][0] - 0.5).abs() < 1e-6);
     assert!((found["depth_acc"][0] - 1.0).abs() < 1e-6);
-    // ½ + 0.28209 c0 + 0.48860 c2, cut below 0 and not above 1.
+    // ½ + 0.28209 c0 + 0.48860 c2, clipped below 0 but not above 1.
     let colors = [1.026_396, 1.965_808, 0.0];
     for (channel, behind) in [0.2, 0.4, 1.0].into_iter().enumerate() {
         let expected = 0.5 * colors[channel] + 0.5 * behind;
         assert!((found["rgb"][channel] - expected).abs() < 1e-5, "{found:?}");
     }
-    // The picture is what was blended, in 8 bit.
+    // The picture is the blended result in 8 bit.
     let out = ["--out", "x.png", "--background", "0.2,0.4,1"];
     of_arrays(
         dir,
@@ -95,7 +95,7 @@ fn harmonics_are_blended_as_encoded_values_over_the_background() {
     let picture = picture(dir.join("x.png"));
     assert_eq!(picture.get_pixel(4, 3).0, [156, 255, 128]);
     assert_eq!(picture.get_pixel(0, 0).0, [51, 102, 255]);
-    // Single choices, and options that say the same.
+    // Single choices, and options with the same effect.
     let dc = "gsplat-classic,degree=0";
     let said = of_arrays(dir, &["--rendering", dc, "--out", "dc.safetensors"]);
     assert!(said.ends_with(0).err.contains("above degree 0"));
@@ -127,7 +127,7 @@ fn what_a_rule_does_not_draw_is_refused() {
     of_arrays(dir, &["--out", "x.png"]).is_error_with(&["scene.safetensors", "--rendering"]);
     let inria = ["--rendering", "inria"];
     of_arrays(dir, &[&inria[..], &["--out", "x.exr"]].concat()).is_error_with(&["x.exr", "inria"]);
-    // The rule of SHARP by its name, and its colours by another.
+    // SHARP's rule given by name, and SHARP's colours with another rule.
     render(dir, &["--out", "a.png"]).ends_with(0);
     render(dir, &["--out", "b.png", "--rendering", "sharp"]).ends_with(0);
     assert_eq!(bytes(dir.join("a.png")), bytes(dir.join("b.png")));

@@ -1,4 +1,4 @@
-//! One view: colours, layers, depth, the release's screen.
+//! A single view: colours, layers, depth, the release's screen.
 
 use super::*;
 
@@ -50,18 +50,18 @@ fn a_view_says_who_rendered_it_and_depth_and_alpha_lie_beside_it() {
         panic!("alpha is not grey");
     };
     assert_eq!(alpha.get_pixel(0, 0).0, [0]);
-    // The middle of a Gaussian of the first row, of opacity 0.45 and what lies behind it.
+    // The centre of a Gaussian in the first row, with opacity 0.45, over the Gaussians behind it.
     assert!(alpha.get_pixel(27, 14).0[0] > 110);
-    // Where nothing is drawn the depth colours are black; elsewhere they are not.
+    // The depth colours are black where nothing is rendered, and not black elsewhere.
     let depth = picture(dir.join("view.depth.png"));
     assert_eq!(depth.get_pixel(0, 0).0, [0; 3]);
     assert_ne!(depth.get_pixel(27, 14).0, [0; 3]);
 
-    // The camera that was written renders the same bytes again.
+    // The written camera renders the same bytes again.
     render(dir, &["--camera", "view.json", "--out", "again.png"]).ends_with(0);
     assert_eq!(bytes(dir.join("view.png")), bytes(dir.join("again.png")));
 
-    // Left open, the backend is explained; it is never a software adapter.
+    // If no backend is requested, the choice is explained; it is never a software adapter.
     let said =
         sharp_bench(dir, &["render", "scene.ply", "--out", "auto.png", "--json"]).ends_with(0);
     assert!(said.json()["backend_reason"].is_string());
@@ -84,7 +84,7 @@ fn backgrounds_are_linear_light_and_eight_bit_has_two_rules() {
         corner("hex.png", &["--background", "#804020"]),
         [128, 64, 32]
     );
-    // Half the light is 0.735357 of sRGB, 187.52 levels.
+    // Half of the light is 0.735357 in sRGB, 187.52 levels.
     let half = ["--background", "0.5,0.5,0.5"];
     assert_eq!(corner("round.png", &half), [188; 3]);
     let truncated = [&half[..], &["--quantise", "truncate"]].concat();
@@ -110,7 +110,7 @@ fn low_pass_near_and_far_are_those_of_the_definition() {
         view("config.png", &["--eps2d", "config"]),
         view("hundredth.png", &["--eps2d", "0.01"])
     );
-    // Everything beyond 3.5 m is the second layer.
+    // The second layer is everything beyond 3.5 m.
     assert_eq!(
         view("near.png", &["--far", "3.5"]),
         view("layer.png", &["--layer", "0"])

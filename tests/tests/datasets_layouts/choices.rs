@@ -1,5 +1,5 @@
-//! What readers do where a folder leaves a choice or holds something that cannot be read: they say
-//! what they took, what they passed over and why, and one broken list hides nothing else.
+//! Readers' choices in ambiguous folders and folders with unreadable files: they report what they
+//! used, what they skipped and why, and a broken list affects nothing else.
 
 use std::path::Path;
 
@@ -19,7 +19,7 @@ fn has_note(notes: &[String], part: &str) {
     );
 }
 
-/// `datasets check` of a folder.
+/// Runs `datasets check` on a folder.
 fn checked(text: &str, folder: &Path) -> DatasetReport {
     sharp_datasets::check::check(&spec(text, folder), 2, &|_, _| {}).unwrap()
 }
@@ -37,7 +37,7 @@ fn frames(scene: &SyntheticScene, views: &[usize]) -> Vec<String> {
     views.iter().map(frame).collect()
 }
 
-/// A folder with PNGs, and a `transforms.json` of that name with all frames.
+/// A folder with PNGs, and all frames in the file `name`, in the form of `transforms.json`.
 fn own(scene: &SyntheticScene, name: &str) -> tempfile::TempDir {
     let folder = folder();
     for view in scene.views() {
@@ -140,7 +140,7 @@ fn pictures_smaller_than_their_camera_have_it_scaled_on_request() {
         scene.view_through(&view.id, lens, view.camera_from_world)
     };
     let halves: Vec<_> = scene.views().iter().map(half).collect();
-    // transforms.json, and a camera written at the smaller size.
+    // `transforms.json` with a camera for the smaller size.
     let folder = own(&scene, "transforms.json");
     for view in &halves {
         write::picture(folder.path(), &format!("images/{}.png", view.id), view);
@@ -278,10 +278,10 @@ fn names_that_are_not_there_are_counted_as_scenes() {
     assert_eq!(found.scenes.len(), 2);
     let [broken, _] = left_out("wildrgbd", folder.path());
     has_note(&broken, "1 scene left out (apple/scenes/scene_007)");
-    has_note(&broken, "nvs_list.json: names scenes that are not there");
-    // All or nothing, for who asks for the scenes alone.
+    has_note(&broken, "nvs_list.json: lists scenes that do not exist");
+    // Callers that request only the scenes get all of them or an error.
     let error = refusal("wildrgbd", folder.path());
-    assert!(error.contains("names scenes that are not there"), "{error}");
+    assert!(error.contains("lists scenes that do not exist"), "{error}");
 }
 
 #[cfg(unix)]

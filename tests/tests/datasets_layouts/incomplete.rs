@@ -1,5 +1,5 @@
-//! Scenes that are damaged or of which something is missing: in every layout they are named with
-//! their reason, hide no other scene, and are told from those that a setting rules out.
+//! Damaged and incomplete scenes: in every layout they are reported with a reason, affect no other
+//! scene, and are distinguished from scenes that a setting excludes.
 
 use std::path::Path;
 
@@ -10,7 +10,7 @@ use crate::multi_view::folder;
 use crate::small::{copy, twice};
 use crate::{left_out, refusal, spec, write};
 
-/// What is done to a file or folder.
+/// How a file or folder is damaged.
 enum Damage {
     Removed,
     Text(&'static str),
@@ -83,7 +83,7 @@ fn a_scene_that_is_there_is_read_or_named_with_its_reason() {
             "",
             Removed,
             "t",
-            "nvs_test.txt: names scenes that are not there",
+            "nvs_test.txt: lists scenes that do not exist",
         ),
         ("scannetpp", "dslr", Removed, "t", "there is no dslr/"),
         (
@@ -112,7 +112,7 @@ fn a_scene_that_is_there_is_read_or_named_with_its_reason() {
             "",
             Removed,
             "cup/scenes/scene_001",
-            "nvs_list.json: names scenes",
+            "nvs_list.json: lists scenes",
         ),
         (
             "wildrgbd",
@@ -237,7 +237,7 @@ fn a_scene_that_is_there_is_read_or_named_with_its_reason() {
             scene.why.is_fault() && why.contains(reason),
             "{what}: {why}"
         );
-        // The check counts it, who asks for all scenes is refused.
+        // The check counts it; requesting all scenes is an error.
         let report = check(&spec(format, folder.path()), 1, &|_, _| {}).unwrap();
         let in_scenes: usize = report.scenes.iter().map(|s| s.problems.len()).sum();
         assert_eq!(report.problems - in_scenes, 1, "{what}");
@@ -286,7 +286,7 @@ fn of_two_rectifications_the_perfect_one_counts_unless_asked_otherwise() {
         ruled_out,
         [format!("1 scene left out (deep/A-imperfect): {reason}")]
     );
-    // A damaged perfect one is not replaced in silence.
+    // A damaged perfect scene is not silently replaced by the imperfect one.
     std::fs::remove_file(folder.path().join("A-perfect/im1.png")).unwrap();
     assert_eq!(ids(""), ["B-imperfect", "C-perfect", "D"]);
 }
@@ -314,7 +314,7 @@ fn what_settings_rule_out_is_listed_and_is_no_fault() {
     assert!(broken.is_empty(), "{broken:?}");
     assert_eq!(
         ruled_out,
-        ["1 scene left out (s): split=mine does not name them"]
+        ["1 scene left out (s): split=mine does not list them"]
     );
     let report = check(&spec("scannetpp,split=mine", folder.path()), 1, &|_, _| {}).unwrap();
     assert_eq!((report.unreadable.len(), report.ruled_out), (0, ruled_out));

@@ -1,5 +1,5 @@
-//! The procedural scene, written in the layout of every dataset and read back: cameras to 1e-9,
-//! pictures byte for byte, depth to what the layout's files can hold, and the same scores.
+//! Writes the procedural scene in the layout of every dataset and reads it back: cameras agree to
+//! 1e-9, pictures byte for byte, depth to the precision of the layout's files, and scores exactly.
 
 #![allow(clippy::unwrap_used, reason = "test code outside of #[test] functions")]
 
@@ -34,12 +34,12 @@ use sharp_datasets::synthetic::{SyntheticOptions, SyntheticScene};
 use sharp_datasets::{DatasetSpec, DepthMap, Pairing, Scene, View, open, open_each};
 use sharp_metrics::{Picture, Scorer, Selection, Weights};
 
-/// How closely depth must come back.
+/// Required agreement of depth.
 #[derive(Clone, Copy)]
 enum Depth {
     /// Stored as f32 metres.
     Exact,
-    /// Stored in millimetres: half of one, and rounding.
+    /// Stored in millimetres: within half a millimetre, plus rounding.
     Millimetres,
     /// Not written.
     Absent,
@@ -66,12 +66,13 @@ fn spec(spec: &str, folder: &Path) -> DatasetSpec {
 fn read(text: &str, folder: &Path) -> Scene {
     let mut scenes = open_each(&spec(text, folder)).unwrap().scenes;
     assert_eq!(scenes.len(), 1);
-    // Proper files raise no doubts.
+    // Proper files cause no warnings.
     assert!(scenes[0].warnings.is_empty(), "{:?}", scenes[0].warnings);
     scenes.remove(0)
 }
 
-/// A line for each reason why scenes are left out: of broken ones, then of those that settings rule out.
+/// One line for each reason why scenes are left out: first broken scenes, then scenes excluded by
+/// settings.
 fn left_out(text: &str, folder: &Path) -> [Vec<String>; 2] {
     let found = open_each(&spec(text, folder)).unwrap();
     let groups = by_reason(&found.left_out);
@@ -81,12 +82,12 @@ fn left_out(text: &str, folder: &Path) -> [Vec<String>; 2] {
     })
 }
 
-/// Why a folder cannot be read.
+/// The error for a folder that cannot be read.
 fn refusal(text: &str, folder: &Path) -> String {
     open(&spec(text, folder)).unwrap_err().to_string()
 }
 
-/// Cameras, pictures and depth of what was read against what was written.
+/// Compares cameras, pictures and depth as read with those written.
 fn compare(found: &[View], written: &[View], depth: Depth) {
     assert_eq!(found.len(), written.len());
     for (a, b) in found.iter().zip(written) {
@@ -116,7 +117,7 @@ fn compare(found: &[View], written: &[View], depth: Depth) {
     assert_eq!(contradictions(&scene, Units::default()), nothing);
 }
 
-/// Every view predicted by a copy of the one before it, in bits.
+/// Scores, as bits, of every view predicted by a copy of the view before it.
 fn scores(views: &[View]) -> Vec<Vec<u64>> {
     let selection = Selection::parse("psnr,ssim-all").unwrap();
     let scorer = Scorer::new(&selection, &Weights::none()).unwrap();
@@ -168,7 +169,7 @@ fn fisheye() -> Lens {
     Lens::new((62.0, 62.2), (48.3, 35.8), (96, 72), distortion).unwrap()
 }
 
-/// What resampling a lens's picture must come close to: the pinhole picture itself.
+/// PSNR, for comparing a resampled picture of a lens with the pinhole picture.
 fn psnr(a: &image::RgbImage, b: &image::RgbImage) -> f64 {
     let sum: f64 = a
         .iter()
@@ -178,8 +179,8 @@ fn psnr(a: &image::RgbImage, b: &image::RgbImage) -> f64 {
     10.0 * (255.0 * 255.0 * a.len() as f64 / sum).log10()
 }
 
-/// The share of pixels with depth in both maps whose depth is one that the other map has at the
-/// pixel or next to it: looking up the nearest stored value moves it by up to a pixel.
+/// Share of the pixels with depth in both maps whose depth occurs in the other map at the same or
+/// an adjacent pixel, because looking up the nearest stored value moves depth by up to a pixel.
 fn agreement(found: &DepthMap, truth: &DepthMap) -> f64 {
     let (mut both, mut close) = (0, 0);
     for (x, y, z) in found.enumerate_pixels() {

@@ -29,7 +29,7 @@ pub(crate) fn folder() -> tempfile::TempDir {
     tempfile::tempdir().unwrap()
 }
 
-/// `transforms.json` with every frame, last first.
+/// `transforms.json` with every frame, the last one first.
 pub(crate) fn transforms(
     folder: &Path,
     name: &str,
@@ -143,7 +143,7 @@ fn colmap_text_and_binary() {
     }
 }
 
-/// A camera of a model that this program does not know, first in the file, costs the picture that was taken with it.
+/// If the first camera in the file has an unknown model, only the picture taken with it is lost.
 #[test]
 fn colmap_binary_with_a_camera_of_an_unknown_model() {
     let scene = scene();
@@ -162,7 +162,7 @@ fn colmap_binary_with_a_camera_of_an_unknown_model() {
     changed.extend([0.5_f64; 7].iter().flat_map(|value| value.to_le_bytes()));
     changed.extend(&cameras[8..]);
     write::bytes(&model, "cameras.bin", &changed);
-    // The camera of the first image, after its count, its own number and seven values.
+    // The camera of the first image follows the image count, the image's id and seven values.
     let mut images = std::fs::read(model.join("images.bin")).unwrap();
     images[68..72].copy_from_slice(&7_u32.to_le_bytes());
     write::bytes(&model, "images.bin", &images);
@@ -177,7 +177,7 @@ fn colmap_binary_with_a_camera_of_an_unknown_model() {
         "{:?}",
         found.notes
     );
-    // One byte more, and no length of the record fits.
+    // With an additional byte, no length of the record fits.
     changed.push(0);
     write::bytes(&model, "cameras.bin", &changed);
     let refused = crate::refusal("colmap", folder.path());
@@ -259,7 +259,7 @@ fn wildrgbd() {
     assert_eq!(
         left_out("wildrgbd", folder.path())[0],
         [format!(
-            "1 scene left out (cup/scenes/scene_777): {}: names scenes that are not there",
+            "1 scene left out (cup/scenes/scene_777): {}: lists scenes that do not exist",
             list_path.display()
         )]
     );
@@ -286,7 +286,7 @@ fn thin_prism() -> Lens {
     Lens::new((60.0, 59.9), (48.2, 36.3), (96, 72), distortion).unwrap()
 }
 
-/// Bare floats with +inf where there is no depth.
+/// Raw floats, with +inf where there is no depth.
 fn raw_depth(folder: &Path, name: &str, view: &View) {
     let values: Vec<u8> = write::depth_of(view)
         .iter()
@@ -331,14 +331,15 @@ fn eth3d() {
         compare_cameras(a, b);
         assert_eq!(a.content.image().unwrap(), b.content.image().unwrap());
         let share = agreement(&write::depth_of(a), &write::depth_of(b));
-        // Resampled twice: pixels along depth edges change sides.
+        // It is resampled twice, so pixels along depth edges change sides.
         assert!(share > 0.985, "{share}");
     }
     assert_eq!(scores(&found.views), scores(scene.views()));
     check_undistorted(&scene, &read("eth3d", folder.path()).views, 0.93);
 }
 
-/// Pictures undistorted by us show what a pinhole at the view's own camera sees.
+/// Checks that pictures undistorted by the reader show what a pinhole camera in the view's position
+/// sees.
 fn check_undistorted(scene: &SyntheticScene, found: &[View], share: f64) {
     assert_eq!(found.len(), scene.views().len());
     for (a, b) in found.iter().zip(scene.views()) {
@@ -351,7 +352,7 @@ fn check_undistorted(scene: &SyntheticScene, found: &[View], share: f64) {
     }
 }
 
-/// The camera of a fisheye's `transforms.json`.
+/// The camera of a `transforms.json` for a fisheye lens.
 pub(crate) fn fisheye_keys(lens: &Lens) -> String {
     let i = lens.intrinsics();
     let mut keys = format!(
@@ -367,7 +368,7 @@ pub(crate) fn fisheye_keys(lens: &Lens) -> String {
     keys
 }
 
-/// A frame of ScanNet++'s JSON: the world's axes are swapped on the way in.
+/// A frame of ScanNet++'s JSON, which swaps the world's axes.
 pub(crate) fn scannetpp_frame(view: &View, file: &str, extra: &str) -> String {
     let pose = view.camera_from_world.inverse();
     let swap = |v: DVec3| DVec3::new(v.y, v.x, -v.z);
@@ -411,13 +412,14 @@ fn scannetpp() {
         frames("\"is_bad\": false, "),
     );
     let found = read("scannetpp", folder.path());
-    // Towards the border a fisheye's pixel spans more than one of the pinhole's.
+    // Near the border, a pixel of the fisheye picture covers more than one pixel of the pinhole
+    // picture.
     check_undistorted(&scene, &found.views, 0.97);
     let [broken, _] = left_out("scannetpp", folder.path());
     assert_eq!(broken.len(), 1);
     assert!(broken[0].contains("(not_here)"), "{broken:?}");
 
-    // The toolbox's undistorted pictures, used as they are.
+    // The toolbox's undistorted pictures, used unchanged.
     for view in scene.views() {
         write::picture(
             &dslr,
@@ -440,13 +442,13 @@ fn scannetpp() {
         let share = agreement(&write::depth_of(a), &write::depth_of(b));
         assert!(share > 0.97, "{share}");
     }
-    // The scan shares the world of the poses once the axes are swapped back.
+    // Once the axes are swapped back, the scan is in the same world as the poses.
     let all: Vec<_> = scene.views().iter().flat_map(write::points).collect();
     write::ply(&at, "scans/mesh_aligned_0.05.ply", &all);
     let found = read("scannetpp,depth=mesh", folder.path());
     for (a, b) in found.views.iter().zip(scene.views()) {
         let share = agreement(&write::depth_of(a), &write::depth_of(b));
-        // Points of other views shine through between those of this one.
+        // Points of other views are visible between the points of this view.
         assert!(share > 0.975, "{share}");
     }
 }

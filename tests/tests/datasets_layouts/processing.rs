@@ -1,4 +1,4 @@
-//! Masks and absent depth, and what is said of them and of lenses.
+//! Masks and missing depth, and the notes about these and about lenses.
 
 use std::path::Path;
 
@@ -12,7 +12,7 @@ use sharp_datasets::{DatasetSpec, Scene};
 use crate::multi_view::{fisheye_keys, names, scannetpp_frame, transforms};
 use crate::{fisheye, read, scene, write};
 
-/// Masked pixels of the stored picture.
+/// Whether a pixel of the stored picture is masked.
 fn is_masked(x: i64, y: i64) -> bool {
     (20..31).contains(&x) && (0..22).contains(&y) || (x, y) == (60, 40)
 }
@@ -70,7 +70,7 @@ fn masks_follow_fisheye_pictures_to_the_pinhole() {
     let (picture, depth) = pixels(&with, 1);
     let (plain_picture, plain_depth) = pixels(&without, 1);
     let undistortion = Undistortion::like_scannetpp(fisheye()).unwrap();
-    // How much of what is blended at a place is masked.
+    // The masked share of the pixels blended at a position.
     let masked_share = |place: DVec2| {
         let corner = (place - 0.5).floor();
         let blend = place - 0.5 - corner;
@@ -89,7 +89,7 @@ fn masks_follow_fisheye_pictures_to_the_pinhole() {
         let place = undistortion.stored_place(x, y).unwrap();
         let share = masked_share(place);
         let z = depth.get_pixel(x, y);
-        // Half a level of the mask decides.
+        // The limit is half a level of the mask.
         if share > 0.501 / 255.0 {
             assert_eq!((pixel.0, z.0), ([0; 3], [0.0]), "({x}, {y}): {share}");
             black += 1;
@@ -119,7 +119,7 @@ fn what_was_done_to_pictures_is_said_once_a_scene() {
     let k = found.views[0].intrinsics;
     says(&found, "pictures: 5", &format!("fx {:.3}", k.fx));
     says(&found, "pictures: 5", "96x72");
-    says(&found, "masks: 1 of 5", "what it excludes is black");
+    says(&found, "masks: 1 of 5", "excluded pixels are black");
     says(
         &found,
         "depth: dslr/render_depth",
@@ -168,7 +168,7 @@ fn absent_depth_is_said_and_a_problem_where_it_was_asked_for() {
         "{problem}"
     );
     assert_eq!(checked(&text).problems, 0);
-    // Every picture needs the one file: one problem.
+    // Every picture needs the same file, so this is one problem.
     let report = checked(&format!("{text},depth=mesh"));
     assert_eq!(report.problems, 1, "{:?}", report.scenes[0].problems);
     assert!(report.scenes[0].problems[0].contains("mesh_aligned_0.05.ply"));
@@ -191,7 +191,7 @@ fn a_map_that_lacks_is_named_in_colmap_folders_too() {
     write::colmap_text(&folder.path().join("sparse"), &lens, &names);
     let found = read("colmap,depth-unit=1", folder.path());
     says(&found, "depth: 1 of 5", "view_03.png");
-    // A picture of another size spoils the view's depth as well: one problem a picture.
+    // A picture of a wrong size also makes the view's depth unusable: one problem per picture.
     let wrong = GrayImage::new(48, 36);
     wrong
         .save(folder.path().join("images/view_01.png"))

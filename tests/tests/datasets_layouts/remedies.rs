@@ -1,4 +1,4 @@
-//! What is missing is asked for only where it is needed, with what to do; a guess has to be confirmed.
+//! Missing files are only requested if they are needed, with a remedy; a guess must be confirmed.
 
 use sharp_datasets::check::check;
 use sharp_datasets::open_each;
@@ -71,7 +71,7 @@ fn scannetpp_needs_the_fisheye_cameras_only_where_something_is_in_them() {
     }
     std::fs::remove_dir_all(dslr.join("render_depth")).unwrap();
     assert_eq!(why(), None);
-    // A file that nothing is read by may hold anything.
+    // A file that is not used may contain anything.
     write::text(&dslr, "nerfstudio/transforms.json", "{");
     assert_eq!(why(), None);
 }

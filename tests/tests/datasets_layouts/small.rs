@@ -1,11 +1,12 @@
-//! The fuzz targets' small datasets, as two scenes that are alike.
+//! The small datasets of the fuzz targets, as two equal scenes.
 
 use std::path::{Path, PathBuf};
 
 use crate::multi_view::folder;
 use crate::write;
 
-/// A dataset of two scenes that are alike: where the second is copied to from the first, and its id.
+/// A dataset with two equal scenes; returns the folder of the second scene, which is a copy of the
+/// first, and its id.
 pub(crate) fn twice(format: &str) -> (tempfile::TempDir, PathBuf) {
     let folder = folder();
     let layouts = Path::new(env!("CARGO_MANIFEST_DIR")).join("fuzz/datasets");
@@ -17,7 +18,7 @@ pub(crate) fn twice(format: &str) -> (tempfile::TempDir, PathBuf) {
         "tanks-and-temples" => ("Barn", "Ignatius"),
         "eth3d" => ("yard", "field"),
         "stereo" => ("p", "q"),
-        // The layout is the scene.
+        // The layout has a single scene.
         _ => ("", "b"),
     };
     if from.is_empty() {

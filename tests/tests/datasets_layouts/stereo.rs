@@ -16,7 +16,7 @@ const BASELINE_M: f64 = 0.1;
 const CX: [f64; 2] = [48.7, 53.2];
 const CY: f64 = 35.25;
 
-/// Two views of the procedural world by a rectified rig.
+/// Two views of the procedural world from a rectified rig.
 fn pair() -> Vec<View> {
     let scene = scene();
     [0.0, BASELINE_M]
@@ -33,7 +33,7 @@ fn pair() -> Vec<View> {
         .collect()
 }
 
-/// Disparity with a mark where there is none.
+/// The disparity map, with `unknown` where there is no disparity.
 fn disparity(view: &View, unknown: f32) -> FloatMap {
     let depth = write::depth_of(view);
     FloatMap::from_fn(96, 72, |x, y| {
@@ -46,7 +46,7 @@ fn disparity(view: &View, unknown: f32) -> FloatMap {
     })
 }
 
-/// What is valid in the disparity map must come back; the far rest has none by rule.
+/// Valid disparities must be read back as depth; by the rule, pixels too far away have none.
 fn compare_pair(found: &Scene, pair: &[View]) {
     for (a, b) in found.views.iter().zip(pair) {
         compare_cameras(a, b);
@@ -56,7 +56,7 @@ fn compare_pair(found: &Scene, pair: &[View]) {
         let mut valid = 0;
         for ((z, truth), d) in z.iter().zip(truth.iter()).zip(map.iter()) {
             if *d > 0.0 {
-                // f32 disparity plus doffs: relative to the sum.
+                // The tolerance is relative to the sum of the f32 disparity and doffs.
                 assert!(
                     (z - truth).abs() <= 2e-6 * truth * (1.0 + truth),
                     "{z} {truth}"
@@ -162,7 +162,7 @@ fn a_plain_pair_with_disparity_in_several_formats() {
         }
         compare_pair(&read("stereo", folder.path()), &pair);
     }
-    // KITTI's way: 256ths of a pixel in a 16-bit PNG.
+    // KITTI's form: 256ths of a pixel in a 16-bit PNG.
     let folder = tempfile::tempdir().unwrap();
     write::text(
         folder.path(),
@@ -181,8 +181,8 @@ fn a_plain_pair_with_disparity_in_several_formats() {
     assert_eq!(depth.iter().filter(|z| **z > 0.0).count(), 1);
 }
 
-/// Booster's layout with Motorcycle's pixels: two illuminations of one scene, one cluster; the
-/// test split has no depth.
+/// Motorcycle's pixels in Booster's layout: two illuminations of a scene form one cluster; the test
+/// split has no depth.
 #[test]
 fn booster_fixture() {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures/booster");

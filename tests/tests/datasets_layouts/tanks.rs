@@ -1,4 +1,4 @@
-//! Tanks and Temples: which pose belongs to which picture, and which camera.
+//! Tanks and Temples: how poses and cameras are assigned to pictures.
 
 use std::fmt::Write as _;
 use std::path::Path;
@@ -17,7 +17,7 @@ const FORMAT: &str = "tanks-and-temples";
 fn barn(scene: &SyntheticScene) -> (tempfile::TempDir, std::path::PathBuf) {
     let folder = tempfile::tempdir().unwrap();
     let at = folder.path().join("Barn");
-    // World = similarity · SfM: a turn, a shift and 4.13855 metres a unit.
+    // World = similarity · SfM: a rotation, a shift and 4.13855 metres per unit.
     let scale = 4.13855;
     let turn = glam::DMat3::from_rotation_y(0.4) * glam::DMat3::from_rotation_x(-0.3);
     let shift = DVec3::new(1.5, -2.0, 0.7);
@@ -51,7 +51,7 @@ fn barn(scene: &SyntheticScene) -> (tempfile::TempDir, std::path::PathBuf) {
     (folder, at)
 }
 
-/// What was read, by the pictures' numbers, is what was written.
+/// Checks that the views read, given by their pictures' numbers, equal those written.
 fn check(found: &[View], scene: &SyntheticScene, numbers: &[usize]) {
     let ids: Vec<_> = found.iter().map(|view| view.id.clone()).collect();
     let expected: Vec<_> = numbers.iter().map(|n| format!("{n:06}")).collect();
@@ -83,7 +83,7 @@ fn tanks_and_temples() {
     check(&found.views, &scene, &[1, 2, 3, 4, 5]);
     for (a, b) in found.views.iter().zip(scene.views()) {
         let share = agreement(&write::depth_of(a), &write::depth_of(b));
-        // Points of other views shine through between those of this one.
+        // Points of other views are visible between the points of this view.
         assert!(share > 0.975, "{share}");
     }
     assert_eq!(scores(&found.views), scores(scene.views()));
@@ -117,7 +117,7 @@ fn a_picture_without_a_block_is_left_out_and_named() {
         &found.notes,
         "2 frame(s) left out, no block of the log belongs to the picture: 000006.jpg, 000009.jpg",
     );
-    // As many pictures as blocks, but one of them is none of the sequence.
+    // As many pictures as blocks, but one picture does not belong to the sequence.
     for name in ["000003", "000006", "000009"] {
         std::fs::remove_file(at.join(format!("images/{name}.jpg"))).unwrap();
     }
@@ -136,7 +136,7 @@ fn blocks_go_by_their_own_index_and_unregistered_pictures_are_named() {
     let (folder, at) = barn(&scene);
     let log = at.join("Barn_COLMAP_SfM.log");
     let text = std::fs::read_to_string(&log).unwrap();
-    // The block of picture 2 is taken out, and that of picture 4 marked as without a pose.
+    // The block of picture 2 is removed, and that of picture 4 is marked as having no pose.
     let lines: Vec<&str> = text.lines().collect();
     let without: Vec<&str> = [&lines[..5], &lines[10..]].concat();
     let text = without.join("\n").replace("3 3 0\n", "3 -1 0\n");
@@ -186,7 +186,7 @@ fn other_names_count_by_order_only_if_there_are_as_many_as_blocks() {
 fn of_several_folders_the_one_that_fits_the_log_is_read_and_the_others_are_named() {
     let scene = scene();
     let (folder, at) = barn(&scene);
-    // All pictures beside the log; one in images/ with another's content.
+    // All pictures are next to the log, and one in images/ has another picture's content.
     for number in 1..=5 {
         let name = format!("{number:06}.jpg");
         std::fs::rename(at.join("images").join(&name), at.join(&name)).unwrap();
@@ -198,7 +198,8 @@ fn of_several_folders_the_one_that_fits_the_log_is_read_and_the_others_are_named
     has_note(&found.notes, &format!("are read, not the 1 of {left}"));
 }
 
-/// A camera a picture: their focal lengths differ, ids in another order than the pictures.
+/// One camera per picture, with different focal lengths, and ids in another order than the
+/// pictures.
 fn several_cameras(at: &Path, count: usize) {
     let mut cameras = String::new();
     let mut images = String::new();

@@ -1,4 +1,4 @@
-//! Cameras and files that would take all memory are refused by what they say of themselves.
+//! Cameras and files that would use all memory are rejected based on the sizes that they declare.
 
 use std::path::Path;
 
@@ -61,8 +61,8 @@ fn a_camera_beyond_all_photographs_is_refused_before_anything_is_allocated() {
     }
 }
 
-/// Whoever decodes such a picture, mask or map notices that its end is missing; whoever compares its
-/// header with the camera does not come so far.
+/// Decoding such a picture, mask or map reveals that its end is missing; comparing its header with
+/// the camera fails before that.
 #[test]
 fn headers_are_compared_with_the_camera_before_pixels_are_decoded() {
     let files = folder();

@@ -1,4 +1,4 @@
-//! Writes views in the files that datasets are made of.
+//! Writes views in the formats of datasets.
 
 use std::fmt::Write as _;
 use std::path::Path;
@@ -21,7 +21,7 @@ pub(crate) fn bytes(folder: &Path, name: &str, bytes: &[u8]) {
     std::fs::write(path, bytes).unwrap();
 }
 
-/// A photograph as PNG, whatever the name says.
+/// Writes a photograph as PNG, whatever its name.
 pub(crate) fn picture(folder: &Path, name: &str, view: &View) {
     let path = folder.join(name);
     std::fs::create_dir_all(path.parent().unwrap()).unwrap();
@@ -41,7 +41,7 @@ pub(crate) fn millimetres(depth: &DepthMap) -> FloatMap {
     })
 }
 
-/// `x y z …` with every digit.
+/// `x y z …` with all digits.
 pub(crate) fn row(values: impl IntoIterator<Item = f64>) -> String {
     let words: Vec<_> = values.into_iter().map(|v| format!("{v:?}")).collect();
     words.join(" ")
@@ -108,7 +108,7 @@ pub(crate) fn colmap_text(folder: &Path, lens: &Lens, images: &[(String, RigidTr
     text(folder, "images.txt", &list);
 }
 
-/// The same, binary.
+/// The same in binary form.
 pub(crate) fn colmap_binary(folder: &Path, lens: &Lens, images: &[(String, RigidTransform)]) {
     let (model, params) = colmap_camera(lens);
     let id = match model {

@@ -1,6 +1,6 @@
-//! Real posed pictures that may not be redistributed: read from the folder that the environment
-//! variable `SHARP_BENCH_SHARED` names (default `../shared` beside the checkout), and reported as
-//! ignored where it is absent.
+//! Real posed pictures that may not be redistributed. They are read from the folder given by the
+//! environment variable `SHARP_BENCH_SHARED` (default `../shared` next to the checkout); without
+//! it, the tests are reported as ignored.
 
 #![allow(clippy::unwrap_used, reason = "test code outside of #[test] functions")]
 
@@ -70,7 +70,7 @@ fn read(folder: &Path) -> Result<Scene, Failed> {
     Ok(scene)
 }
 
-/// Neither the quick look before a run nor the thorough one finds fault with real data.
+/// Neither the quick check before a run nor the thorough check finds problems in real data.
 fn contradicts_nothing(format: &str, folder: &Path) -> Outcome {
     let spec = DatasetSpec::parse(&format!("{format}={}", folder.display()))?;
     let report = sharp_datasets::check::check(&spec, 2, &|_, _| {})?;
@@ -82,9 +82,9 @@ fn contradicts_nothing(format: &str, folder: &Path) -> Outcome {
     Ok(())
 }
 
-/// Each view predicted from the other by its own depth and the two poses: 41.7 dB over both when
-/// every convention (axes, pixel centres, millimetres, which way the pose maps) is read as it was
-/// written; 20 dB when the pose is taken the other way round.
+/// Each view is predicted from the other by its own depth and the two poses. PSNR over both is 41.7
+/// dB if every convention (axes, pixel centres, millimetres, direction of the pose) is read as it
+/// was written, and 20 dB if the pose is inverted.
 fn rgbd_pair(folder: &Path) -> Outcome {
     let scene = read(folder)?;
     let ids: Vec<_> = scene.views.iter().map(|v| v.id.as_str()).collect();
@@ -98,7 +98,7 @@ fn rgbd_pair(folder: &Path) -> Outcome {
     check((value - 41.7).abs() < 0.05, || format!("{value} dB"))
 }
 
-/// Sum of squared errors and number of samples, of the pixels of `a` to keep.
+/// Sum of squared errors and number of samples over the pixels of `a` that satisfy `keep`.
 fn reprojection_error(a: &View, b: &View, keep: &dyn Fn(u32, u32) -> bool) -> (f64, f64) {
     let (image, other) = (a.content.image().unwrap(), b.content.image().unwrap());
     let depth = a.content.depth().unwrap().unwrap();
@@ -140,7 +140,7 @@ fn rgb_sequence(folder: &Path) -> Outcome {
     check(scene.views[6].id == "006", || scene.views[6].id.clone())
 }
 
-/// Ids 100, 200 and 300, names in another order, a camera each.
+/// Ids 100, 200 and 300, names in another order, one camera each.
 fn unsorted_model(folder: &Path) -> Outcome {
     let model = colmap::read_model(folder)?;
     let found: Vec<_> = model
@@ -160,8 +160,8 @@ fn unsorted_model(folder: &Path) -> Outcome {
     })
 }
 
-/// Camera id 0, and points that project close to where the images say they saw them: world to
-/// camera, corner convention.
+/// Camera id 0, and points that are projected close to their observations in the images (world to
+/// camera, corner convention).
 fn palace_model(folder: &Path) -> Outcome {
     let model = colmap::read_model(folder)?;
     check(model.images.len() == 11, || {

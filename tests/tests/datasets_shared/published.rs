@@ -20,7 +20,7 @@ fn open(spec: &str, folder: &Path) -> Result<Vec<Scene>, libtest_mimic::Failed> 
     }
 }
 
-/// The number after `key=` and an opening bracket, whatever blanks are between.
+/// The number after `key=` and an opening bracket, with any blanks between them.
 fn number(text: &str, key: &str) -> f64 {
     let line = text
         .lines()
@@ -35,9 +35,9 @@ fn number(text: &str, key: &str) -> f64 {
         .unwrap()
 }
 
-/// All 15 training scenes at a quarter of their size, from calibrations with stray blanks. Depth is the
-/// published formula's, and carries the right picture onto the left one: a few dB where exposure or
-/// lighting differ (E, L), and far better than without depth everywhere.
+/// All 15 training scenes at a quarter of their size, from calibrations with stray blanks. Depth
+/// must follow the published formula and warp the right picture onto the left one: with a few dB if
+/// exposure or lighting differ (E, L), and always far better than without depth.
 pub(super) fn middeval3(folder: &Path) -> Outcome {
     let scenes = open("middlebury", folder)?;
     check(scenes.len() == 15, || format!("{} scenes", scenes.len()))?;
@@ -109,7 +109,7 @@ pub(super) fn middeval3(folder: &Path) -> Outcome {
     Ok(())
 }
 
-/// Motorcycle-perfect at its full size: focal length, offset and baseline as Middlebury states them.
+/// Motorcycle-perfect at full size: focal length, offset and baseline as stated by Middlebury.
 pub(super) fn calibrations_of_2014(folder: &Path) -> Outcome {
     let text = std::fs::read_to_string(folder.join("Motorcycle_perfect_F/calib.txt"))?;
     let rig = calib::parse(&text)?;
@@ -128,7 +128,7 @@ pub(super) fn calibrations_of_2021(folder: &Path) -> Outcome {
         let expected = (number(&text, "cam0"), baseline_m, 0.0, Some((1920, 1080)));
         check(read == expected, || format!("{scene}: {read:?}"))?;
     }
-    // The others are here without their pictures.
+    // The other scenes are here without their pictures.
     let found = open_each(&DatasetSpec::parse(&format!(
         "middlebury={}",
         folder.display()
@@ -149,8 +149,8 @@ pub(super) fn calibrations_of_2021(folder: &Path) -> Outcome {
     check(size == (1920, 1080), || format!("{size:?}"))
 }
 
-/// The models of the undistorted pictures: every observation lies where its camera sees the point.
-/// COLMAP keeps observations up to 4 pixels off.
+/// The models of the undistorted pictures: every observation is where its camera sees the point.
+/// COLMAP keeps observations with errors of up to 4 pixels.
 pub(super) fn eth3d(folder: &Path) -> Outcome {
     const MOST_PX: f64 = 4.0;
     let set = tempfile::tempdir()?;
@@ -221,7 +221,7 @@ pub(super) fn eth3d(folder: &Path) -> Outcome {
     check(sizes == expected, || format!("{sizes:?}"))
 }
 
-/// Positions by the points' own ids, which the reader does not keep.
+/// Positions by the points' ids, which the reader does not keep.
 fn observed_points(
     file: &Path,
 ) -> Result<std::collections::BTreeMap<u64, glam::DVec3>, libtest_mimic::Failed> {
@@ -237,8 +237,8 @@ fn observed_points(
         .collect()
 }
 
-/// Barn's log, alignment and first three pictures: metric baselines, and a focal length that was never
-/// published and is only taken when it is asked for.
+/// Barn's log, alignment and first three pictures: metric baselines, and a focal length that was
+/// never published and is only assumed on request.
 pub(super) fn tanks_and_temples(folder: &Path) -> Outcome {
     let text = std::fs::read_to_string(folder.join("isl-org_test_data/test.log"))?;
     let log = trajectory::parse_log(&text)?;
@@ -323,7 +323,7 @@ pub(super) fn booster(folder: &Path) -> Outcome {
     })
 }
 
-/// Lists of scenes: those that are there are read, and every other name is accounted for.
+/// Lists of scenes: existing scenes are read, and every other name is reported.
 pub(super) fn scannetpp(folder: &Path) -> Outcome {
     let set = tempfile::tempdir()?;
     let splits = set.path().join("splits");

@@ -1,4 +1,4 @@
-//! The files without an entry in `EXPECTED.json`; what must come out of each is the test itself.
+//! Files without an entry in `EXPECTED.json`; each test states the expected result itself.
 
 use std::path::Path;
 
@@ -16,7 +16,7 @@ pub(crate) fn trials() -> Vec<Trial> {
     let mut add = |name: &'static str, test: fn(&'static str) -> Outcome| {
         trials.push(Trial::test(name, move || test(name)));
     };
-    // Line ends, a byte order mark, blanks round `=`, and an absent doffs change nothing.
+    // Line ends, a byte order mark, blanks around `=`, and a missing doffs change nothing.
     add("calib_crlf.txt", the_rig);
     add("calib_bom_spaces.txt", the_rig);
     add("calib_nodoffs.txt", the_rig);
@@ -28,18 +28,18 @@ pub(crate) fn trials() -> Vec<Trial> {
         )
     });
 
-    // An empty line of observations, CRLF and a missing last line lose no image.
+    // An empty line of observations, CRLF and a missing last line do not lose an image.
     add("images_empty_points.txt", two_images);
     add("images_crlf.txt", two_images);
     add("images_no_final_newline.txt", two_images);
-    // The name is the rest of the line, folders and blanks included.
+    // The name is the rest of the line, including folders and blanks.
     add("images_spaces.txt", |name| {
         check_names(name, &["my img (402).jpg", "sub dir/b.JPG"])
     });
     add("images_exponent.txt", exponents);
     add("images_unnormalised_quat_nan.txt", quaternions);
 
-    // A block marked -1 has no pose; tabs, trailing blanks and blank lines are nothing.
+    // A block marked -1 has no pose; tabs, trailing blanks and blank lines are ignored.
     add("traj_missing_pose.log", one_identity);
     add("traj_tabs_trailing.log", one_identity);
     add("traj_truncated.log", |name| {
@@ -64,7 +64,8 @@ pub(crate) fn trials() -> Vec<Trial> {
         let scene = transforms(name, &[("a.png", 640, 480)])?.1;
         check_ids(&scene, &["a"])
     });
-    // No size: it comes from the picture, and with it the focal length from the angle.
+    // Without a size, the size is taken from the picture, and the focal length follows from the
+    // angle.
     add("transforms_blender.json", blender);
     add("transforms_noext_dotslash.json", |name| {
         let scene = transforms(name, &[("images/r_0.png", 640, 480)])?.1;
@@ -76,7 +77,7 @@ pub(crate) fn trials() -> Vec<Trial> {
     add("transforms_nan.json", |name| {
         left_out(name, &["b"], "the pose is not finite or not rigid: a.png")
     });
-    // A frame's own intrinsics win over the file's, which is said.
+    // A frame's own intrinsics take precedence over the file's, which is reported.
     add("transforms_perframe.json", per_frame);
     add("transforms_traversal.json", |name| {
         let result = transforms(name, &[]);
@@ -122,7 +123,7 @@ fn two_images(name: &str) -> Outcome {
 fn exponents(name: &str) -> Outcome {
     let images = images(name)?;
     let pose = images[0].camera_from_world.ok_or("no pose")?;
-    // R12 of the quaternion (0.525, 8.616e-2, −0.833, −0.151), worked out by hand.
+    // R12 of the quaternion (0.525, 8.616e-2, −0.833, −0.151), computed by hand.
     let (w, x, y, z) = (0.525_316_3, 0.086_164_98, -0.832_881_1, -0.151_418_2);
     let expected = 2.0 * (x * y - w * z);
     let found = pose.rotation.y_axis.x;
@@ -132,8 +133,8 @@ fn exponents(name: &str) -> Outcome {
     check(pose.translation.z == 71.6, || format!("{pose:?}"))
 }
 
-/// A quaternion of length 2 is normalised; a NaN, a zero quaternion and an infinite translation
-/// leave an image without a pose, which readers leave out and count.
+/// A quaternion of length 2 is normalised. With a NaN, a zero quaternion or an infinite
+/// translation, an image has no pose, and readers leave it out and count it.
 fn quaternions(name: &str) -> Outcome {
     let images = images(name)?;
     let has_pose: Vec<_> = images
@@ -167,7 +168,7 @@ fn one_identity(name: &str) -> Outcome {
     })
 }
 
-/// Reads the fixture as a scene's `transforms.json` beside black pictures.
+/// Reads the fixture as a scene's `transforms.json`, next to black pictures.
 fn transforms(name: &str, pictures: &[(&str, u32, u32)]) -> Result<(TempDir, Scene), DatasetError> {
     let folder = TempDir::new().unwrap();
     std::fs::copy(fixture(name), folder.path().join("transforms.json")).unwrap();

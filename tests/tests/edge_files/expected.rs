@@ -8,7 +8,7 @@ use sharp_datasets::format::{FloatMap, npy, picture, raw_floats, read_map};
 
 use crate::{Outcome, check, fixture, folder, refused};
 
-/// Why the broken ones are refused.
+/// The reasons why broken files are refused.
 const REASONS: [(&str, &str); 9] = [
     ("bad_crc.png", "CRC"),
     ("empty.pfm", "empty"),
@@ -67,7 +67,7 @@ fn one(name: &str, entry: &Value) -> Outcome {
     values(&read_map(&path)?, entry)
 }
 
-/// First, last, count and sum of the finite values, without any tolerance but the sum's rounding.
+/// Compares first, last, count and sum of the finite values, exactly except for the sum's rounding.
 fn values(map: &FloatMap, entry: &Value) -> Outcome {
     check(map.dimensions() == (80, 60), || {
         format!("{:?}", map.dimensions())
@@ -113,12 +113,13 @@ fn sixteen_bits(name: &str, entry: &Value) -> Outcome {
         (mean - entry["mean"].as_f64().unwrap()).abs() < 1e-9,
         || format!("{mean}"),
     )?;
-    // No photograph has such levels.
+    // No photograph has such values.
     let picture = picture::read(&fixture(name), &DROP, Some(SIZE));
     refused(picture, name, "12-bit values had been stored unscaled")
 }
 
-/// Lossless files exactly, JPEG to 2 levels and a mean to 0.5: decoders differ.
+/// Lossless files must agree exactly; JPEG to 2 levels, and its mean to 0.5, because decoders
+/// differ.
 fn photograph(name: &str, entry: &Value) -> Outcome {
     let image = picture::read(&fixture(name), &DROP, Some(SIZE))?;
     let lossy = entry["format"] == "JPEG";
@@ -141,15 +142,15 @@ fn photograph(name: &str, entry: &Value) -> Outcome {
     })
 }
 
-/// ETH3D's depth under a photograph's name: no pixel has depth, which is no error; a file of
-/// another length is one.
+/// ETH3D's depth named like a photograph: if no pixel has depth, this is not an error, but a wrong
+/// file length is.
 fn raw(name: &str) -> Outcome {
     let found = parse(&fixture(name), |bytes| raw_floats::parse(bytes, (6, 4)));
     if name.contains("wrong_size") {
         return refused(
             found,
             name,
-            "holds 92 bytes; the depth of a 6x4 picture takes exactly 96",
+            "has 92 bytes; the depth of a 6x4 picture takes exactly 96",
         );
     }
     check(found?.iter().all(|v| *v == f32::INFINITY), || {

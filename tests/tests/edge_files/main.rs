@@ -1,5 +1,5 @@
-//! Malformed and odd files (`tests/fixtures/edge`), one named test a file: 35 against what NumPy
-//! and Pillow read (`EXPECTED.json`), 22 against what is written down here.
+//! Malformed and unusual files (`tests/fixtures/edge`), one named test per file: 35 are compared
+//! with the results of NumPy and Pillow (`EXPECTED.json`), 22 with expectations stated here.
 
 #![allow(clippy::unwrap_used, reason = "test code outside of #[test] functions")]
 
@@ -42,7 +42,7 @@ fn check(holds: bool, what: impl Fn() -> String) -> Outcome {
     if holds { Ok(()) } else { Err(what().into()) }
 }
 
-/// An error must name the file and say why.
+/// Checks that the error names the file and gives the reason.
 fn refused<T>(
     result: Result<T, sharp_datasets::DatasetError>,
     file: &str,

@@ -1,14 +1,14 @@
-//! The colour of a Gaussian in any direction, taken from a picture of it alone.
+//! The colour of a Gaussian in any direction, measured in a picture of that Gaussian alone.
 
 use glam::{DAffine3, DQuat, DVec3};
 use sharp::camera::Intrinsics;
 use sharp::gaussians::Gaussians;
 use sharp::render::{CpuRenderer, RenderView, Renderer, Rule};
 
-/// Added to colours while they are drawn, so that none is cut at 0.
+/// Added to colours while rendering, so that none is clipped at 0.
 const LIFT: f32 = 4.0;
 
-/// The colours of all Gaussians in given directions, in the axes of the means, before any cut.
+/// The colours of all Gaussians in the given directions, in the axes of the means, before clipping.
 pub(crate) fn in_directions(
     scene: &Gaussians,
     direction: impl Fn(usize) -> DVec3,
@@ -39,7 +39,7 @@ pub(crate) fn in_directions(
     .collect()
 }
 
-/// From where a camera stands.
+/// Position of the camera.
 pub(crate) fn eye(view: &RenderView) -> DVec3 {
     view.camera_from_scene.inverse().translation
 }
@@ -48,7 +48,7 @@ pub(crate) fn mean(scene: &Gaussians, k: usize) -> DVec3 {
     DVec3::from_array(scene.means[k].map(f64::from))
 }
 
-/// The scene with these colours from all sides.
+/// The scene with these colours, equal from all sides.
 pub(crate) fn painted(scene: &Gaussians, colors: Vec<[f32; 3]>) -> Gaussians {
     let mut painted = Gaussians {
         colors,

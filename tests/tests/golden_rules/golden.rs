@@ -7,8 +7,8 @@ use sharp::gaussians::{Gaussians, Harmonics};
 use sharp::render::{Background, RenderOutput, RenderView, Rule};
 use std::path::{Path, PathBuf};
 
-/// Scenes with the tolerance off fragile pixels, of the CPU and of a GPU: the README's, and for a
-/// GPU four and two times those.
+/// Scenes with the tolerances for pixels that are not fragile, on the CPU and on a GPU. The first
+/// is the README's; on a GPU, four and two times that.
 pub(crate) const SCENES: [(&str, f32, f32); 7] = [
     ("g1_sh0", 5e-6, 2e-5),
     ("g2_sh1_world", 5e-6, 2e-5),
@@ -38,16 +38,16 @@ pub(crate) struct Golden {
     pub(crate) pictures: Vec<Picture>,
 }
 
-/// Largest differences from a picture.
+/// Largest deviations from a picture.
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct Deviation {
-    /// Colour and alpha where the pixel is not fragile.
+    /// Colour and alpha of pixels that are not fragile.
     pub(crate) firm: f32,
-    /// Colour and alpha elsewhere.
+    /// Colour and alpha of fragile pixels.
     pub(crate) fragile: f32,
-    /// Accumulated depth where the pixel is not fragile, relative above a metre.
+    /// Accumulated depth of pixels that are not fragile; relative above a metre.
     pub(crate) depth: f32,
-    /// Colour alone where the pixel is not fragile.
+    /// Only colour, of pixels that are not fragile.
     pub(crate) color: f32,
 }
 
@@ -129,13 +129,13 @@ impl Golden {
         }
     }
 
-    /// From blended values over the background.
+    /// Compares blended values over the background.
     pub(crate) fn deviation(&self, title: &str, found: &RenderOutput) -> Deviation {
         let blended = found.composited(self.background);
         self.deviation_of(title, found, blended.as_raw())
     }
 
-    /// From any colours.
+    /// Compares any colours.
     pub(crate) fn deviation_of(&self, title: &str, found: &RenderOutput, rgb: &[f32]) -> Deviation {
         let golden = self.pictures.iter().find(|p| p.title == title).unwrap();
         assert_eq!(golden.rgb.len(), rgb.len());
@@ -161,7 +161,7 @@ impl Golden {
     }
 }
 
-/// `f32::max` passes a NaN over; a deviation must not.
+/// Like `f32::max`, but NaN is not ignored.
 fn larger(a: f32, b: f32) -> f32 {
     if a >= b { a } else { b }
 }

@@ -1,5 +1,5 @@
-//! Wrong rules and wrong readings, as far as a rule or a scene can express them: each has to move
-//! some picture, and by as much as the oracle says.
+//! Wrong rules and wrong readings, as far as a rule or a scene can express them. Each must change
+//! some picture, by as much as the oracle says.
 
 use super::colors::{eye, in_directions, mean, painted};
 use super::golden::{Golden, SCENES, folder};
@@ -15,7 +15,7 @@ use sharp::render::{
 
 type Mutation = fn(&mut Gaussians, &mut RenderView);
 
-/// By the names of the manifest.
+/// Mutations by their names in the manifest.
 pub(crate) const ALL: [(&str, Mutation); 23] = [
     ("no_low_pass", |_, view| view.rule.low_pass = 0.0),
     ("compensation", |_, view| {
@@ -89,7 +89,7 @@ pub(crate) const ALL: [(&str, Mutation); 23] = [
     }),
     ("no_clamp_at_0", |scene, view| {
         *scene = painted(scene, true_colors(scene, view));
-        // The only colours that are not cut.
+        // The only colours that are not clipped.
         view.rule.blending = ColorSpace::Linear;
     }),
     (BLEND_LINEAR, |scene, view| {
@@ -104,10 +104,11 @@ pub(crate) const ALL: [(&str, Mutation); 23] = [
     }),
 ];
 
-/// A shifted principal point shifts the bounds of the Jacobian, too, which the oracle leaves.
+/// A shifted principal point also shifts the bounds of the Jacobian, which the oracle does not
+/// model.
 const EXPECTED_WITHIN: f64 = 2e-3;
 
-/// The only one whose picture is encoded after blending.
+/// The only mutation whose picture is encoded after blending.
 const BLEND_LINEAR: &str = "blend_linear";
 
 fn true_colors(scene: &Gaussians, view: &RenderView) -> Vec<[f32; 3]> {
@@ -115,7 +116,7 @@ fn true_colors(scene: &Gaussians, view: &RenderView) -> Vec<[f32; 3]> {
     in_directions(scene, |k| mean(scene, k) - eye)
 }
 
-/// Draws every picture that the manifest says the mutation changes.
+/// Renders every picture that the mutation changes according to the manifest.
 pub(crate) fn shows(name: &str, mutation: Mutation) {
     let text = std::fs::read_to_string(folder().join("manifest.json")).unwrap();
     let manifest: Value = serde_json::from_str(&text).unwrap();

@@ -1,5 +1,5 @@
-//! The scenes of `golden/render` and the two bars by which a backend is judged, an f64 reference
-//! and seeded scenes.
+//! The scenes of `golden/render`, the two criteria for judging a backend, an f64 reference, and
+//! seeded scenes.
 
 #![allow(dead_code, reason = "each test binary uses its part")]
 
@@ -13,14 +13,14 @@ use sharp::gaussians::Gaussians;
 use sharp::render::{RenderOutput, RenderView};
 use std::path::Path;
 
-/// One scene with one `eps2d` and its picture by the f64 oracle.
+/// A scene with an `eps2d`, and its picture by the f64 oracle.
 pub(crate) struct Golden {
     pub(crate) scene: Gaussians,
     pub(crate) view: RenderView,
     pub(crate) rgb: Vec<[f32; 3]>,
     pub(crate) alpha: Vec<f32>,
     pub(crate) depth_acc: Vec<f32>,
-    /// Pixels that a perturbation of the size of f32's rounding moves by more than 2e-5.
+    /// Pixels that change by more than 2e-5 under a perturbation of the size of f32's rounding.
     pub(crate) fragile: Vec<bool>,
 }
 
@@ -65,7 +65,7 @@ impl Golden {
             let m: Vec<f64> = floats(key).iter().map(|v| f64::from(*v)).collect();
             DMat4::from_cols_slice(&m).transpose()
         };
-        // s6 stands in the normalised space of its source photograph.
+        // s6 is in the normalised space of its source photograph.
         let (k, camera_from_scene) = if file.tensor("K_tgt").is_ok() {
             let placed = matrix4("E_tgt") * matrix4("E_src").inverse() * matrix4("K_src").inverse();
             (DMat3::from_mat4(matrix4("K_tgt")), placed)
@@ -91,7 +91,7 @@ impl Golden {
         }
     }
 
-    /// How far a picture is from the oracle's.
+    /// Deviation of a picture from the oracle's.
     pub(crate) fn deviation(&self, found: &RenderOutput) -> Deviation {
         assert_eq!(found.alpha.len(), self.alpha.len());
         let mut worst = Deviation::default();
@@ -114,7 +114,7 @@ impl Golden {
     }
 }
 
-/// Of Gaussians that share a depth in this view the first.
+/// Only the first of the Gaussians that have the same depth in this view.
 pub(crate) fn without_ties(scene: &Gaussians, view: &RenderView) -> Gaussians {
     let m = view.camera_from_scene;
     let mut seen = std::collections::HashSet::new();
@@ -137,24 +137,24 @@ fn gcd(a: usize, b: usize) -> usize {
     if b == 0 { a } else { gcd(b, a % b) }
 }
 
-/// `f32::max` passes a NaN over; a deviation must not.
+/// Like `f32::max`, but NaN is not ignored.
 fn larger(a: f32, b: f32) -> f32 {
     if a >= b { a } else { b }
 }
 
-/// Largest differences of a picture from the oracle's.
+/// Largest deviations of a picture from the oracle's.
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct Deviation {
-    /// Colour and alpha where the pixel is not fragile.
+    /// Colour and alpha of pixels that are not fragile.
     pub(crate) firm: f32,
-    /// Colour and alpha anywhere.
+    /// Colour and alpha of all pixels.
     pub(crate) any: f32,
-    /// Accumulated depth, relative, where the pixel is not fragile.
+    /// Relative accumulated depth of pixels that are not fragile.
     pub(crate) depth: f32,
 }
 
 impl Deviation {
-    /// 2e-5 on firm pixels without exception, 1/255 anywhere, depth to 1e-4.
+    /// 2e-5 for all pixels that are not fragile, 1/255 for all pixels, 1e-4 for depth.
     pub(crate) fn is_within_bars(self) -> bool {
         self.firm <= 2e-5 && self.any <= 1.0 / 255.0 && self.depth <= 1e-4
     }

@@ -5,7 +5,7 @@ use sharp::camera::Intrinsics;
 use sharp::gaussians::Gaussians;
 use sharp::render::RenderView;
 
-/// splitmix64, as numbers in ranges.
+/// splitmix64, with numbers in ranges.
 pub(crate) struct Random(pub(crate) u64);
 
 impl Random {
@@ -23,11 +23,12 @@ impl Random {
     }
 }
 
-/// How a random scene is made.
+/// Settings for a random scene.
 #[derive(Clone, Copy)]
 pub(crate) struct Recipe {
     pub(crate) count: usize,
-    /// Standard deviations, metres at depths of 1 to 4: drawn on a logarithmic scale.
+    /// Range of the standard deviations, in metres at depths of 1 to 4; drawn on a logarithmic
+    /// scale.
     pub(crate) scales: (f64, f64),
     pub(crate) opacities: (f64, f64),
 }

@@ -1,13 +1,14 @@
-//! The definition in f64: every pixel against every Gaussian, no tiles, no tricks.
+//! The definition in f64: every pixel is compared with every Gaussian, without tiles or
+//! optimisations.
 //!
-//! Written from the textbook (3×3 covariance, its projection, the inverse of the 2×2 matrix), so
-//! that it shares no formula with the renderer beyond the definition itself.
+//! It follows the textbook (3×3 covariance, its projection, the inverse of the 2×2 matrix), so it
+//! shares no formula with the renderer beyond the definition itself.
 
 use glam::{DMat2, DMat3, DQuat, DVec2, DVec3};
 use sharp::gaussians::Gaussians;
 use sharp::render::{RenderOutput, RenderView};
 
-/// A picture, and where a threshold is so close that f32 may fall on the other side.
+/// A picture, and the pixels where a threshold is so close that f32 may decide differently.
 pub(crate) struct Reference {
     pub(crate) rgb: Vec<[f64; 3]>,
     pub(crate) alpha: Vec<f64>,
@@ -57,7 +58,7 @@ fn pixel(splats: &[(usize, Projected)], center: DVec2, out: &mut Reference) {
         if sigma < 0.0 || alpha < 1.0 / 255.0 {
             continue;
         }
-        // What it moves to round the mean within a bin, and the terms of sigma, to f32.
+        // The change caused by rounding the mean within a bin, and the terms of sigma, to f32.
         let gradient = (s.conic * d).abs();
         let terms = 0.5 * (s.conic.x_axis.x * d.x * d.x + s.conic.y_axis.y * d.y * d.y)
             + (s.conic.y_axis.x * d.x * d.y).abs();
@@ -128,7 +129,8 @@ fn project(scene: &Gaussians, k: usize, view: &RenderView) -> Option<Projected> 
 }
 
 impl Reference {
-    /// Asserts 2e-5 on firm pixels without exception and one threshold's worth elsewhere.
+    /// Asserts 2e-5 for all pixels that are not fragile, and the effect of one threshold for the
+    /// others.
     pub(crate) fn assert_close(&self, found: &RenderOutput, story: &str) {
         assert_eq!(found.alpha.len(), self.alpha.len());
         for i in 0..self.alpha.len() {
@@ -148,7 +150,8 @@ impl Reference {
         }
     }
 
-    /// Share of pixels where only the wide bar holds: a test says how many it allows.
+    /// Share of the pixels for which only the wide limit applies; each test states how many it
+    /// allows.
     pub(crate) fn fragile_share(&self) -> f64 {
         self.fragile.iter().filter(|f| **f).count() as f64 / self.fragile.len() as f64
     }

@@ -10,7 +10,7 @@ use super::shift::{Shifts, ShiftsError, Windows, mean_image};
 /// A picture compared with shifted copies and with its mean colour.
 #[derive(Debug)]
 pub struct Experiment {
-    /// The unshifted window, which everything is compared with.
+    /// The unshifted window, with which everything is compared.
     pub reference: RgbImage,
     /// The shifts in ascending order, then the mean image.
     pub comparisons: Vec<Comparison>,
@@ -23,7 +23,7 @@ pub struct Comparison {
     pub shift: Option<(f64, f64)>,
     /// The picture compared with the reference.
     pub picture: RgbImage,
-    /// Scores by metric, or the reason for a missing one.
+    /// Scores by metric, or the reason why a score is missing.
     pub scores: KeyedScores,
 }
 

@@ -1,4 +1,4 @@
-//! Plots each metric against the shift, with the mean image as a line that no small shift should reach.
+//! Plots each metric against the shift. The mean image is a line that no small shift should reach.
 
 use crate::report::column::Column;
 use sharp_plots::Figure;
@@ -70,7 +70,7 @@ pub fn figure(experiment: &Experiment) -> Result<Option<Figure>, PlotError> {
         return Ok(None);
     }
     let legend = [("translated", moved_style), ("mean image", mean_style)];
-    let caption = "Against the untranslated picture; each panel has its own scale.";
+    let caption = "Compared with the untranslated picture; each panel has its own scale.";
     draw(
         "Metrics against small translations",
         caption,

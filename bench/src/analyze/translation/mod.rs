@@ -1,10 +1,10 @@
-//! The change of each metric when a picture is shifted a little, and when it is replaced by its mean colour: the
-//! paper's case for DISTS and LPIPS.
+//! How much each metric changes if a picture is shifted a little, or replaced by its mean colour:
+//! the paper's case for DISTS and LPIPS.
 //!
-//! A shift moves a window over the picture, so no border is filled in and nothing wraps around: the reference is the
-//! window at the picture's left edge, a shifted picture is the window moved to the right, and the mean image has the
-//! reference's mean colour. All have the same size. Sub-pixel shifts are bilinear; all pictures are rounded to 8 bits,
-//! as predictions are.
+//! A shift moves a window over the picture, so no border is filled in and nothing wraps around. The
+//! reference is the window at the picture's left edge, a shifted picture is the window moved to the
+//! right, and the mean image has the reference's mean colour. All have the same size. Sub-pixel
+//! shifts are bilinear; all pictures are rounded to 8 bits, as predictions are.
 //!
 //! * [`shift`]: windows, shifts and the mean image.
 //! * [`experiment`]: all comparisons of a picture, scored.

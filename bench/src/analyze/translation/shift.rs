@@ -15,10 +15,10 @@ pub enum ShiftsError {
     #[error("'{0}' is not a list of percentages; try 0.1,1,5")]
     Text(String),
     /// Out of range.
-    #[error("{0} %: shifts are above 0 and at most 50 per cent")]
+    #[error("{0} %: expected a shift above 0 and up to 50 per cent")]
     Range(f64),
     /// The picture is too small for the window to move.
-    #[error("the picture is {0} pixels wide; at least two must remain in the window")]
+    #[error("the picture is only {0} pixels wide, so the window would be narrower than two pixels")]
     Small(u32),
 }
 
@@ -62,7 +62,7 @@ pub struct Windows<'a> {
 }
 
 impl<'a> Windows<'a> {
-    /// The largest window that can move by all of the shifts.
+    /// The largest window that can be moved by each of the shifts.
     ///
     /// # Errors
     /// If the window would be narrower than two pixels.

@@ -41,7 +41,8 @@ pub fn table(experiment: &Experiment, name: &str) -> Table {
     }
 }
 
-/// The paper's numbers in a separate table, because they are for another picture with unstated conventions.
+/// The paper's numbers in a separate table, because they are for another picture and their
+/// conventions are not stated.
 pub fn published() -> Option<Table> {
     let mut table = paper::published("metrics_comparison")?.table(&[0]);
     table.name = "translation-published".to_owned();
@@ -61,8 +62,8 @@ fn method_note(experiment: &Experiment) -> String {
     )
 }
 
-/// One row per comparison at full precision: `comparison,shift_percent,shift_px`, then a column per metric. An
-/// unavailable score is empty; the last column gives the reason.
+/// One row per comparison at full precision: `comparison,shift_percent,shift_px`, then one column
+/// per metric. If a score is unavailable, its cell is empty and the last column gives the reason.
 pub fn csv(experiment: &Experiment) -> Vec<u8> {
     let mut heads: Vec<String> = ["comparison", "shift_percent", "shift_px"]
         .map(String::from)

@@ -20,12 +20,13 @@ pub(super) fn execute(json: bool) -> anyhow::Result<Outcome> {
     output::line("settings of every format with picture files")?;
     PICTURES.iter().try_for_each(print_setting)?;
     output::line(format!(
-        "every format also takes frame=RULE, its views at another size: {}; and pairs.KEY=VALUE, a pair option for \
-         this dataset only",
+        "every format also accepts frame=RULE, which resizes its views ({}), and pairs.KEY=VALUE, \
+         a pair option for this dataset only",
         Frame::forms()
     ))?;
     output::line(
-        "open: the paper does not say which; proxy: known to differ from what the paper did; reports state this",
+        "open: the paper does not state the value; proxy: known to differ from the paper; reports \
+         mark both",
     )?;
     Ok(Outcome::Done)
 }

@@ -1,4 +1,4 @@
-//! `datasets`: lists datasets, names the files that a pair list needs, checks a dataset.
+//! `datasets`: lists datasets and the files that a pair list needs, and checks datasets.
 
 mod check;
 mod list;
@@ -10,7 +10,7 @@ use clap::{Args, Subcommand};
 
 use super::{Outcome, data_args};
 
-/// List datasets, name the files that a pair list needs, check a dataset before a long run
+/// List datasets, list the files that a pair list needs, check a dataset before a long run
 #[derive(Debug, Args)]
 #[command(after_help = help())]
 pub(super) struct DatasetsArgs {
@@ -20,12 +20,13 @@ pub(super) struct DatasetsArgs {
 
 #[derive(Debug, Subcommand)]
 enum DatasetsCommand {
-    /// Describe each dataset: official page, terms, downloads, layout, readings of the paper by name
+    /// Describe each dataset: official page, terms, downloads, layout, and named interpretations of
+    /// the paper
     ///
     /// With --needed-for, lists exactly the files that the selected pairs of a list need; with --dataset too, checks
     /// that they exist (exit code 4 if some do not).
     List {
-        /// Name the files that this pair list needs
+        /// List the files that this pair list needs
         #[arg(long, value_name = "PAIRS.csv")]
         needed_for: Option<PathBuf>,
         /// A dataset of the list, [NAME:]FORMAT=PATH; repeatable
@@ -37,15 +38,16 @@ enum DatasetsCommand {
     },
     /// Check a dataset: its contents, broken files, and whether poses agree with depth
     ///
-    /// Reads cameras of every scene, decodes pictures and depth of some views of each, and carries depth between
-    /// neighbouring views by their poses. Cannot detect a wrong scale of poses without depth, or two exchanged pictures
-    /// outside the decoded sample. Writes nothing. Exit code 0 if the dataset is sound, 4 if something is broken, 1 if
-    /// it cannot be opened.
+    /// Reads cameras of every scene, decodes pictures and depth of some views of each, and projects
+    /// depth between neighbouring views by their poses. Cannot detect a wrong scale of poses if
+    /// there is no depth, nor exchanged pictures outside the decoded sample. Writes nothing. Exit
+    /// code 0 if the dataset is sound, 4 if something is broken, 1 if it cannot be opened.
     Check {
         /// The dataset, [NAME:]FORMAT=PATH[,key=value…]; several are checked one by one
         #[arg(required = true, value_name = "SPEC")]
         datasets: Vec<String>,
-        /// Views of a scene to decode, evenly spaced; the others are only checked for existence
+        /// Number of views to decode per scene, evenly spaced; for the others, only the existence
+        /// of files is checked
         #[arg(long, value_name = "N", default_value_t = 10)]
         views: usize,
         /// Print JSON

@@ -17,7 +17,7 @@ use crate::pairs::PairList;
 struct Needed {
     /// The dataset's name in the pair list.
     dataset: String,
-    /// The dataset's format; `None` if neither its name nor --dataset determines it.
+    /// The dataset's format; `None` if it follows neither from its name nor from --dataset.
     format: Option<&'static str>,
     pairs: usize,
     archives: BTreeSet<String>,
@@ -30,7 +30,7 @@ struct Needed {
 struct Listed {
     #[serde(flatten)]
     file: RequiredFile,
-    /// Whether the file exists under one of its names.
+    /// Whether the file exists under one of its possible names.
     present: Option<bool>,
 }
 
@@ -43,7 +43,8 @@ pub(super) fn execute(list: &Path, specs: &[String], json: bool) -> anyhow::Resu
     let names: BTreeSet<&str> = list.pairs.iter().map(|p| p.dataset.as_str()).collect();
     if let Some(unused) = specs.keys().find(|name| !names.contains(name.as_str())) {
         anyhow::bail!(
-            "--dataset {unused}: the list has no dataset of that name, but {}; give it as NAME:FORMAT=PATH",
+            "--dataset {unused}: the list has no dataset of that name; it has {}: give the dataset \
+             as NAME:FORMAT=PATH",
             names.into_iter().collect::<Vec<_>>().join(", ")
         );
     }
@@ -98,7 +99,7 @@ fn needed(list: &PairList, name: &str, spec: Option<DatasetSpec>) -> Needed {
                 .into_iter()
                 .filter_map(|file| of_split(file, split));
             match found.get(&(pair.scene.as_str(), view.as_str())) {
-                // The reader knows the view's files, except for the lists in the layout.
+                // The reader knows all files of the view; only lists are added from the layout.
                 Some(view) => {
                     let folder = root.as_deref().unwrap_or(Path::new(""));
                     files.extend(view.required_files(folder));
@@ -120,7 +121,7 @@ fn needed(list: &PairList, name: &str, spec: Option<DatasetSpec>) -> Needed {
         })
         .collect();
     let lacking = |listed: &&Listed| {
-        // A missing mask is allowed, and a list is not needed once the pairs are known.
+        // Masks may be missing, and lists are not needed once the pairs are known.
         let counts = !matches!(listed.file.role, FileRole::Mask | FileRole::List);
         counts && listed.present == Some(false)
     };
@@ -134,7 +135,8 @@ fn needed(list: &PairList, name: &str, spec: Option<DatasetSpec>) -> Needed {
     }
 }
 
-/// The folder that names in a list are relative to; for a dataset that is a single file, the file's folder.
+/// The folder to which names in a list are relative: the dataset's, or if the dataset is a file,
+/// the file's folder.
 fn folder_of(path: &Path) -> PathBuf {
     match path.parent() {
         Some(folder) if path.is_file() => folder.to_owned(),
@@ -142,9 +144,10 @@ fn folder_of(path: &Path) -> PathBuf {
     }
 }
 
-/// The views that the reader finds, by scene and view, with the depth and masks that a `transforms.json` names or that
-/// have their picture's name. Empty for a dataset that is incomplete and cannot be opened yet. Excludes stereo pairs,
-/// whose layout is complete: of the right view only the picture is needed.
+/// The views that the reader finds, by scene and view, with the depth and masks that a
+/// `transforms.json` lists or that are named like their picture. Empty for an incomplete dataset,
+/// which cannot be opened yet. Stereo pairs are excluded, because the layout lists all their files:
+/// of the right view, only the picture is needed.
 fn found_views(scenes: &[Scene]) -> BTreeMap<(&str, &str), &View> {
     let multi_view = scenes
         .iter()
@@ -156,7 +159,8 @@ fn found_views(scenes: &[Scene]) -> BTreeMap<(&str, &str), &View> {
     views.collect()
 }
 
-/// Replaces a list of ScanNet++ by that of the requested split; the whole dataset needs none.
+/// Replaces a list of ScanNet++ by the list of the requested split; `None` if the whole dataset is
+/// requested.
 fn of_split(mut file: RequiredFile, split: Option<&str>) -> Option<RequiredFile> {
     if let (FileRole::List, Some(split)) = (file.role, split)
         && file.path.starts_with("splits/")
@@ -173,7 +177,7 @@ fn print(needed: &Needed) -> anyhow::Result<()> {
     let format = match needed.format {
         Some(format) if format != needed.dataset => format!(" ({format})"),
         Some(_) => String::new(),
-        None => " (format unknown: name it with --dataset NAME:FORMAT=PATH)".to_owned(),
+        None => " (format unknown: give it with --dataset NAME:FORMAT=PATH)".to_owned(),
     };
     output::line(format!(
         "{}{format}: {}, {}",

@@ -2,7 +2,7 @@
 
 use std::str::FromStr;
 
-/// A printed number, rounded to the decimals it is written with.
+/// A printed number; values are rounded to as many decimals as it has.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Sought {
     value: f64,
@@ -19,7 +19,7 @@ impl FromStr for Sought {
             .parse()
             .map_err(|_| format!("'{text}' is not a number"))?;
         if !value.is_finite() || text.contains(['e', 'E']) {
-            return Err("write it in decimals, as in 0.652".to_owned());
+            return Err("write it as a decimal number, such as 0.652".to_owned());
         }
         let decimals = text
             .split_once('.')
@@ -33,7 +33,7 @@ impl FromStr for Sought {
 }
 
 impl Sought {
-    /// Whether a value, rounded or truncated to the same decimals, prints as this number.
+    /// Whether a value prints as this number when rounded or truncated to the same decimals.
     pub(super) fn is(&self, value: f64) -> bool {
         let unit = 10_f64.powi(-self.decimals);
         let agrees = |shown: f64| (shown * unit - self.value).abs() < 1e-3 * unit;

@@ -50,8 +50,8 @@ Examples:
   sharp-bench metrics --explain --metrics all
   sharp-bench metrics --methods-text --metrics lpips-alex,dists
 
-A metric named explicitly must be computable, or the command fails; within `all` and `paper`, one that is not is listed
-as unavailable, with the reason.")]
+If a metric named explicitly cannot be computed, the command fails; within `all` and `paper`, it is listed as
+unavailable, with the reason.")]
 pub(super) struct MetricsArgs {
     /// The prediction: a picture or a folder
     #[arg(required_unless_present_any = ["explain", "methods_text"])]
@@ -61,29 +61,32 @@ pub(super) struct MetricsArgs {
     target: Option<PathBuf>,
     #[command(flatten)]
     metrics: MetricConfig,
-    /// How pictures of two folders are paired
+    /// How to pair the pictures of two folders
     #[arg(long = "match", value_enum, default_value_t = MatchBy::Stem)]
     match_by: MatchBy,
     /// Also score inside a mask, under keys ending in @mask: one picture for all pairs, or a folder with one per pair
     ///
-    /// White counts (levels of 128 and more). PSNR takes the squared error of the pixels inside, SSIM the mean of its
-    /// map over the window centres inside, LPIPS the mean of its spatial map inside; DISTS has no masked form.
+    /// Only white pixels (levels of 128 and more) are scored. PSNR takes the squared error of the
+    /// pixels inside, SSIM the mean of its map over the window centres inside, LPIPS the mean of
+    /// its spatial map inside; DISTS has no masked form.
     #[arg(long, value_name = "FILE|DIR")]
     mask: Option<PathBuf>,
-    /// Write maps of the difference, of SSIM and of LPIPS for each pair: PNG, dark where the pictures are alike and bright
-    /// where they differ (--json has the values of both ends), and EXR with the values
+    /// Write maps of the difference, of SSIM and of LPIPS for each pair: as PNG, dark where the
+    /// pictures agree and bright where they differ (--json has the values of both extremes), and as
+    /// EXR with the values
     #[arg(long, value_name = "DIR")]
     maps: Option<PathBuf>,
     /// Show the terms of LPIPS and DISTS, layer by layer
     #[arg(long)]
     terms: bool,
-    /// Find which of the selected metrics, or of variants in other packages, give this number, to its digits
+    /// Find which of the selected metrics, or variants in other packages, give this number when
+    /// rounded to its digits
     #[arg(long, value_name = "NUMBER", allow_negative_numbers = true)]
     find: Option<find::Sought>,
     /// Resize each prediction to its target's size first, by a library's method; recorded with the results
     ///
-    /// bilinear and bilinear-antialias are torch's interpolate, bicubic and lanczos PIL's, area is OpenCV's and
-    /// only reduces. Without it unequal sizes are an error.
+    /// bilinear and bilinear-antialias are torch's interpolate, bicubic and lanczos PIL's, area is
+    /// OpenCV's and only reduces. Without this option, unequal sizes are an error.
     #[arg(long, value_name = "KERNEL")]
     resize_prediction: Option<ResizeKernel>,
     /// For pictures that are not opaque: refuse, black or white (composite over it, in encoded values) or drop (colours
@@ -114,12 +117,13 @@ pub(super) struct MetricsArgs {
     /// Print what each metric key means and which public code computes the same
     #[arg(long)]
     explain: bool,
-    /// Print a LaTeX paragraph that says which metrics these are, and its BibTeX entries
+    /// Print a LaTeX paragraph that defines these metrics, with its BibTeX entries
     #[arg(long, conflicts_with = "explain")]
     methods_text: bool,
 }
 
-/// Masks that keep a smaller share of the pixels are probably inverted: most exclude a person, a sky or a logo.
+/// A mask that keeps a smaller share of the pixels is probably inverted, because most masks exclude
+/// a person, a sky or a logo.
 const LEAST_LEFT: f64 = 0.2;
 
 pub(super) fn execute(args: &MetricsArgs) -> anyhow::Result<Outcome> {
@@ -141,7 +145,7 @@ pub(super) fn execute(args: &MetricsArgs) -> anyhow::Result<Outcome> {
     }
     demand_weights(&selection, &scorer)?;
     let (Some(prediction), Some(target)) = (&args.prediction, &args.target) else {
-        bail!("PREDICTION and TARGET are needed");
+        bail!("give PREDICTION and TARGET");
     };
     let inputs = inputs::pairs(prediction, target, args.mask.as_deref(), args.match_by)?;
     // Check before hours of work, not after.
@@ -160,8 +164,8 @@ pub(super) fn execute(args: &MetricsArgs) -> anyhow::Result<Outcome> {
     let mean_left = scored.iter().map(|pair| pair.left).sum::<f64>() / scored.len().max(1) as f64;
     let inverted = (mean_left < LEAST_LEFT).then(|| {
         format!(
-            "--mask: on average {:.1} % of the pixels are white, which counts; if white marks what to leave out, invert \
-             the masks",
+            "--mask: on average only {:.1} % of the pixels are white, which means scored; if white \
+             marks the pixels to exclude, invert the masks",
             100.0 * mean_left
         )
     });
@@ -189,7 +193,7 @@ pub(super) fn execute(args: &MetricsArgs) -> anyhow::Result<Outcome> {
     Ok(Outcome::Done)
 }
 
-/// Fails if a metric that was named explicitly is unavailable.
+/// Fails if an explicitly named metric is unavailable.
 pub(super) fn demand_explicit(
     selection: &Selection,
     scores: &KeyedScores,
@@ -217,7 +221,8 @@ impl MetricsArgs {
         }
     }
 
-    /// The requested metrics; with a mask, each also inside it, unless the list itself has masked metrics.
+    /// The requested metrics. With a mask, each metric is also computed inside it, unless the list
+    /// names masked metrics itself.
     fn selection(&self) -> anyhow::Result<Selection> {
         let selection = self.metrics.selection()?;
         let has = |region| selection.keys().any(|key| key.region() == region);
@@ -233,7 +238,7 @@ impl MetricsArgs {
             .keys()
             .any(|key| key.inside(MetricRegion::Given).is_none())
         {
-            output::remark("note: DISTS has no masked form; it is given over the whole picture");
+            output::remark("note: DISTS has no masked form; it is computed over the whole picture");
         }
         Ok(with_mask)
     }

@@ -119,7 +119,8 @@ pub(super) fn score(
     })
 }
 
-/// Warns if the shape differs from the target's by more than one pixel of rounding, which is rarely intended.
+/// Warns if the aspect ratio differs from the target's by more than one pixel of rounding, which is
+/// rarely intended.
 fn warn_of_distortion(prediction: &Path, from: (u32, u32), to: (u32, u32)) {
     let [w, h, to_w, to_h] = [from.0, from.1, to.0, to.1].map(f64::from);
     let off = ((w * to_h / to_w - h).abs()).min((h * to_w / to_h - w).abs());
@@ -146,7 +147,8 @@ fn read_mask(path: &Path) -> anyhow::Result<sharp_metrics::Mask> {
     let found = masks::read(path)?;
     if found.between > 0 {
         output::remark(format!(
-            "warning: {}: {} pixels are neither black nor white; levels of 128 and more count",
+            "warning: {}: {} pixels are neither black nor white; levels of 128 and more count as \
+             white",
             path.display(),
             found.between
         ));
@@ -163,7 +165,7 @@ fn maps(
     let size = target.dimensions();
     let mut maps = vec![LocalMap::difference(prediction, target)];
     for (key, map) in &examined.maps {
-        // The reason for a missing value is among the scores.
+        // If a map is missing, the reason is among the scores.
         if let Ok(map) = map {
             maps.push(LocalMap::of_metric(*key, map, size));
         }

@@ -47,7 +47,7 @@ impl ScoredPairs<'_> {
         keys.filter_map(|(at, key)| Some((key, self.mean(at)?)))
     }
 
-    /// The JSON output, a stable interface for scripts: members are only ever added.
+    /// The JSON output, a stable interface for scripts: keys may be added but are never removed.
     pub(super) fn json(&self) -> Value {
         let infinite = self.keys().filter_map(|(at, key)| {
             let scores = self.scored.iter().map(|pair| &pair.scores[at].1);
@@ -199,14 +199,14 @@ impl ScoredPairs<'_> {
         Ok(())
     }
 
-    /// The metrics whose value (or mean over the pairs) is the sought number, to its digits.
+    /// The metrics whose value (or mean over the pairs) prints as the sought number.
     fn found(&self, sought: &Sought) -> Vec<(MetricKey, f64)> {
         self.means()
             .filter(|(_, value)| sought.is(*value))
             .collect()
     }
 
-    /// Mean over the pairs of each variant that every pair has.
+    /// By variant, the mean over the pairs; only variants that every pair has.
     fn other_means(&self) -> Vec<OtherForm> {
         let first = self.scored.first().map_or(&[][..], |pair| &pair.others);
         let mean = |form: &OtherForm| {
@@ -235,7 +235,7 @@ impl ScoredPairs<'_> {
             is_found = true;
             let value = number(form.value);
             output::line(format!(
-                "{} is {} ({value}), which is not a column here",
+                "{} is {} ({value}), which is not among the columns here",
                 sought.text, form.name
             ))?;
             output::line(format!("    {}", form.convention))?;

@@ -15,8 +15,8 @@ use crate::io::checkpoint::named_network;
 /// Options for the network.
 #[derive(Debug, Clone, Args)]
 pub(crate) struct ModelArgs {
-    /// Weights: .pt or .safetensors, or mini for the bundled small network [default: the release checkpoint in its own
-    /// or our cache folder]
+    /// Weights: .pt or .safetensors, or mini for the bundled small network [default: the release
+    /// checkpoint in its own cache folder or that of sharp-bench]
     #[arg(long, value_name = "FILE")]
     pub(crate) checkpoint: Option<PathBuf>,
     /// Architecture, FILE.json or FILE.json#NAME [default: the release's]
@@ -60,10 +60,10 @@ impl ModelArgs {
 /// Options for reading a photograph.
 #[derive(Debug, Args)]
 pub(crate) struct PhotoArgs {
-    /// Focal length in pixels of the upright photograph [default: the file's]
+    /// Focal length in pixels of the upright photograph [default: from the file]
     #[arg(long, value_name = "F")]
     pub(crate) focal_px: Option<f64>,
-    /// Refuse larger photographs before they are decoded
+    /// Refuse photographs with more pixels, before they are decoded
     #[arg(long, value_name = "N", default_value_t = PhotoOptions::default().max_pixels)]
     pub(crate) max_pixels: u64,
     /// A photograph that is not opaque: drop (its colours as stored, as the release does, with a warning), refuse, or
@@ -107,7 +107,7 @@ impl PhotoArgs {
     }
 }
 
-/// Source of a focal length, as text.
+/// Where the focal length is from, as text.
 pub(crate) fn focal_text(photo: &Photo) -> String {
     let source = match photo.focal_source {
         FocalSource::Given => "given".to_owned(),

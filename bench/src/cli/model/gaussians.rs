@@ -25,7 +25,8 @@ pub(crate) struct GaussiansArgs {
 
 #[derive(Debug, Subcommand)]
 enum GaussiansCommand {
-    /// Counts, histograms of opacity, scale and position, and whether positions can be metres in camera space
+    /// Show counts, histograms of opacity, scale and position, and whether positions can be metres
+    /// in camera space
     Info {
         /// The file
         ply: PathBuf,
@@ -35,7 +36,7 @@ enum GaussiansCommand {
         #[arg(long)]
         json: bool,
     },
-    /// Rewrite a file for other viewers, or without its nearly invisible Gaussians
+    /// Rewrite a file for other viewers, or without nearly invisible Gaussians
     #[command(
         after_help = "Examples:\n  sharp-bench gaussians convert photo.ply plain.ply --to plain --min-opacity 0.005\n  \
                       sharp-bench gaussians convert scene.spz scene.ply --axes rub"
@@ -45,13 +46,13 @@ enum GaussiansCommand {
         ply: PathBuf,
         /// The file to write
         out: PathBuf,
-        /// Output format; axes are OpenCV's, for SPZ its own (rub) [default: by file name: .spz, .compressed.ply or
-        /// .ply]
+        /// Output format; axes are OpenCV's, or for SPZ the format's own (rub) [default: by file
+        /// name: .spz, .compressed.ply or .ply]
         #[arg(long, value_enum)]
         to: Option<TargetForm>,
         #[command(flatten)]
         reading: ReadingArgs,
-        /// Drop Gaussians of lower opacity, 0..1
+        /// Drop Gaussians with lower opacity, 0..1
         #[arg(long, value_name = "X", default_value_t = 0.0)]
         min_opacity: f32,
     },
@@ -59,7 +60,7 @@ enum GaussiansCommand {
 
 #[derive(Debug, Clone, Copy, PartialEq, ValueEnum)]
 enum TargetForm {
-    /// PLY with only the Gaussians, as 3D Gaussian Splatting lays them out, for any viewer
+    /// PLY with only the Gaussians, in the layout of 3D Gaussian Splatting, for any viewer
     Plain,
     /// PLY with the release's extra elements, without view-dependent colours
     Release,
@@ -92,7 +93,7 @@ pub(crate) fn execute(args: &GaussiansArgs) -> anyhow::Result<Outcome> {
             }
             let made_for = MarkedRule::of(&scene.marks);
             if given.color_space.is_some() {
-                // SHARP's files are marked as such in the result.
+                // A file that needs a given colour space is SHARP's; mark the result as such.
                 scene.marks.generator = Some(Generator::Sharp);
             }
             if to == TargetForm::Release {
@@ -115,13 +116,14 @@ pub(crate) fn execute(args: &GaussiansArgs) -> anyhow::Result<Outcome> {
                     true => format!("states the rule {}", rule.rule),
                     false => "states no rule".to_owned(),
                 };
-                // The rule blends linear light, and the result does not state that its colours are encoded.
+                // The rule blends linear light, but the result cannot state that its colours are
+                // encoded.
                 let colors = match made_for.rule == Rule::SHARP {
                     true => ",color_space=srgb",
                     false => "",
                 };
                 output::remark(format!(
-                    "note: {} {}, {} {}: rendering={}{colors} draws it as before",
+                    "note: {} {}, {} {}: rendering={}{colors} renders it as before",
                     ply.display(),
                     says(&made_for),
                     out.display(),
@@ -148,7 +150,8 @@ impl TargetForm {
             }
         }
         anyhow::bail!(
-            "{}: unknown output format; use a name ending in .ply, .compressed.ply or .spz, or set --to",
+            "{}: unknown output format; use a name that ends in .ply, .compressed.ply or .spz, or \
+             set --to",
             path.display()
         )
     }
@@ -200,7 +203,8 @@ impl Distribution {
 #[derive(Debug, Serialize)]
 struct Info {
     gaussians: usize,
-    /// Gaussians per layer if there are two equal layers in sequence, as SHARP writes them.
+    /// Number of Gaussians per layer; `None` unless there are two equal layers, one after the
+    /// other, as SHARP writes them.
     per_layer: Option<usize>,
     not_finite: usize,
     /// Number of Gaussians with a zero quaternion.
@@ -211,7 +215,7 @@ struct Info {
     /// Degree of the colours' spherical harmonics.
     color_degree: usize,
     is_view_dependent: bool,
-    /// The program that wrote the file, as far as marks or columns show.
+    /// The program that wrote the file, if marks or columns reveal it.
     generator: Option<&'static str>,
     /// Marks of the rendering rule that the file was made for.
     marks: Vec<&'static str>,
@@ -222,11 +226,12 @@ struct Info {
     x: Option<Distribution>,
     y: Option<Distribution>,
     depth: Option<Distribution>,
-    /// Share of Gaussians behind the camera, 0..1; a large share indicates other axes or another space.
+    /// Share of Gaussians behind the camera, 0..1. A large share indicates that the axes or the
+    /// space differ.
     behind: f64,
-    /// Contradictions to camera space, OpenCV axes and metres.
+    /// Evidence that the file is not in camera space with OpenCV axes and metres.
     implausible: Vec<String>,
-    /// Contradictions to the reading of the file's numbers.
+    /// Evidence that the file's numbers are encoded differently.
     doubts: Vec<String>,
 }
 
@@ -256,7 +261,8 @@ fn describe(scene: &GaussianScene) -> Info {
     }
     if behind > 0.1 {
         implausible.push(format!(
-            "{:.0} % are behind the camera: the axes may be OpenGL's, or the space may not be the camera's",
+            "{:.0} % are behind the camera: the axes may be OpenGL's, or the file may not be in \
+             camera space",
             100.0 * behind
         ));
     }
@@ -357,7 +363,7 @@ fn info(ply: &Path, given: &ReadingArgs, json: bool) -> anyhow::Result<Outcome> 
     };
     output::line(format!(
         "colours          {}, degree {}, {view}",
-        space.unwrap_or("linear or srgb, the file does not say"),
+        space.unwrap_or("linear or srgb; the file does not say"),
         info.color_degree
     ))?;
     if let Some(generator) = info.generator {

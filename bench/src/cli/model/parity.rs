@@ -26,26 +26,27 @@ use crate::io::gaussian_files;
 use crate::pictures::keyed_scores::json_number;
 use crate::rendering::SharedRenderer;
 
-/// Compare a network with a recording, stage by stage, and name the first stage that diverges; or a port's Gaussians with ours
+/// Compare a network with a recording, stage by stage, and report the first stage that diverges; or
+/// compare a port's Gaussians with ours
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Example:
   sharp-bench parity --checkpoint tiny_model.pt --config tiny_config.json#tiny \\
       --image main_640x480.png --focal-px 500 --golden golden_tiny.safetensors
 
-The error of a stage is the largest difference over the stage's largest absolute value. Exit code 1 if an error exceeds
+The error of a stage is its largest difference divided by its largest absolute value. Exit code 1 if an error exceeds
 --tolerance or a stage was not computed (then its error is \"inf\", also in --json).
 
 To trace a change of the full network: `record` before it, `parity` after it. The comparison with the recordings of the
 official network at full size is a test: cargo test --release -p sharp-tests --test golden_model -- --ignored
 --test-threads=1
 
-A port of SHARP to another framework is compared by its output, a PLY of the same photograph:
-  sharp-bench parity --port theirs.ply --against photo.ply          (of the release or of predict)
-  sharp-bench parity --port theirs.ply --image photo.jpg            (the network runs)
-For each attribute it prints the median, the 99th percentile and the largest difference of a Gaussian, and names the
-settings (axes, order, encodings) that explain large differences. Exit code 1 if a 99th percentile exceeds --tolerance,
-in pixels or per cent.")]
+A port of SHARP to another framework is compared by its output, a PLY for the same photograph:
+  sharp-bench parity --port theirs.ply --against photo.ply          (from the release or from predict)
+  sharp-bench parity --port theirs.ply --image photo.jpg            (runs the network)
+For each attribute it prints the median, the 99th percentile and the maximum of the differences between Gaussians, and
+the settings (axes, order, encodings) that explain large differences. Exit code 1 if a 99th percentile exceeds
+--tolerance, in pixels or per cent.")]
 pub(crate) struct ParityArgs {
     #[command(flatten)]
     model: ModelArgs,
@@ -60,15 +61,16 @@ pub(crate) struct ParityArgs {
     /// A port's Gaussians, in any format
     #[arg(long, value_name = "FILE", conflicts_with = "golden")]
     port: Option<PathBuf>,
-    /// The release's or our Gaussians of the same photograph [default: those that the network predicts]
+    /// Gaussians predicted from the same photograph by the release or by `predict` [default: the
+    /// network's prediction]
     #[arg(long, value_name = "PLY", requires = "port")]
     against: Option<PathBuf>,
     #[command(flatten)]
     reading: ReadingArgs,
-    /// Which recording of the file; found by the photograph without it
+    /// Which recording in the file [default: the one of the photograph]
     #[arg(long, value_name = "P")]
     prefix: Option<String>,
-    /// Largest error that passes [default: 1e-4 of a stage, half a pixel or per cent of a port]
+    /// Largest acceptable error [default: 1e-4 for a stage, 0.5 pixels or per cent for a port]
     #[arg(long, value_name = "X")]
     tolerance: Option<f64>,
     /// Print JSON
@@ -80,7 +82,7 @@ pub(crate) fn execute(args: &ParityArgs) -> anyhow::Result<Outcome> {
     match (&args.port, &args.golden, &args.image) {
         (Some(port), ..) => of_port(args, port),
         (None, Some(golden), Some(image)) => of_stages(args, golden, image),
-        _ => bail!("--golden and --image, or --port, are needed"),
+        _ => bail!("give --golden and --image, or --port"),
     }
 }
 
@@ -106,7 +108,7 @@ fn reference(args: &ParityArgs) -> anyhow::Result<(Gaussians, Intrinsics)> {
             let intrinsics = release_intrinsics(photo.focal_px, width, height)?;
             Ok((unproject(&predicted.gaussians, &intrinsics), intrinsics))
         }
-        (None, None) => bail!("--against or --image is needed"),
+        (None, None) => bail!("give --against or --image"),
     }
 }
 

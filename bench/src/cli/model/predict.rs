@@ -34,8 +34,8 @@ The focal length sets the metric scale. It comes from --focal-px, else from the 
 30 mm lens on 35 mm film, with a warning.
 
 Photographs are PNG, JPEG, WebP, TIFF or BMP: colour, grey, palette, 8 or 16 bit, CMYK. Palettes, 16 bit and CMYK keep
-their colours, whereas the release reads indices as grey, 16 bit as 8, and inks as light. Of several photographs, one
-that cannot be read is skipped: exit code 4.")]
+their colours, whereas the release reads palette indices as grey, 16 bit as 8 bit, and inks as light. If one of several
+photographs cannot be read, it is skipped, with exit code 4.")]
 pub(crate) struct PredictArgs {
     /// Photographs
     #[arg(required = true, value_name = "IMAGE")]
@@ -47,7 +47,7 @@ pub(crate) struct PredictArgs {
     /// A .ply file, or a folder (needed for several photographs)
     #[arg(long, value_name = "PLY_OR_DIR")]
     out: PathBuf,
-    /// Leave out the release's extra elements, which some viewers cannot read
+    /// Omit the release's extra elements, which some viewers cannot read
     #[arg(long)]
     plain: bool,
     /// Also write both depth layers next to the PLY
@@ -70,7 +70,7 @@ pub(crate) fn execute(args: &PredictArgs) -> anyhow::Result<Outcome> {
     let to_file = args.out.extension().is_some_and(|e| e == "ply");
     ensure!(
         !to_file || args.images.len() == 1,
-        "--out {}: several photographs need a folder",
+        "--out {}: for several photographs, give a folder",
         args.out.display()
     );
     let outputs = if to_file {
@@ -126,7 +126,7 @@ fn named_after(images: &[PathBuf], folder: &Path) -> anyhow::Result<Vec<PathBuf>
         let ply = folder.join(name);
         ensure!(
             !outputs.contains(&ply),
-            "{}: two photographs with the same name would both be written here",
+            "{}: two photographs have the same name, so both would be written here",
             ply.display()
         );
         outputs.push(ply);

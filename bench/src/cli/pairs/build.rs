@@ -32,7 +32,8 @@ pub(super) struct BuildArgs {
     /// File for the list; FILE.json next to it records how it was made
     #[arg(long, value_name = "FILE", required_unless_present = "ambiguity")]
     out: Option<PathBuf>,
-    /// Print how the number of pairs changes with each open choice of the paper and each other reading of the datasets
+    /// Print how the number of pairs changes with each choice that the paper leaves open and with
+    /// each alternative reading of the datasets
     #[arg(long, conflicts_with = "out")]
     ambiguity: bool,
     /// Print JSON
@@ -53,7 +54,7 @@ pub(super) fn execute(args: &BuildArgs) -> anyhow::Result<Outcome> {
         let rows = recipe.ambiguity(&datasets, &readings, cache.as_ref(), &terminal)?;
         return print_ambiguity(&rows, &recipe.options, args.json);
     }
-    let out = args.out.as_deref().context("--out FILE is needed")?;
+    let out = args.out.as_deref().context("give --out FILE")?;
     let built = recipe.build(&datasets, cache.as_ref(), &terminal)?;
     let list = built.list(out);
     write_over_own(out, list.bytes(), LIST_MARK)?;
@@ -92,7 +93,7 @@ pub(super) fn execute(args: &BuildArgs) -> anyhow::Result<Outcome> {
     Ok(outcome)
 }
 
-/// Prints how the number of pairs changes over the open choices, for `pairs --ambiguity`.
+/// For `pairs --ambiguity`: prints how the number of pairs depends on each open choice.
 fn print_ambiguity(
     rows: &[Alternative],
     base: &PairOptions,
@@ -132,8 +133,8 @@ fn print_ambiguity(
         }
     }
     output::line(
-        "shared: pairs that are also selected with the given options; choices that do not affect a dataset are left \
-         out",
+        "shared: pairs that the given options select too; choices that do not affect a dataset are \
+         omitted",
     )?;
     output::line(format!("as given: {base}"))?;
     Ok(Outcome::Done)

@@ -13,7 +13,7 @@ use crate::io::counts::counted;
 use crate::pairs::PairList;
 use crate::pairs::pair_list::{ListDiff, Verification};
 
-/// Maximum number of printed lines per kind; `--json` has all.
+/// Maximum number of printed lines per kind of difference; `--json` prints all.
 const LINES: usize = 20;
 
 /// Compare two lists: pairs that only one has, and values that differ
@@ -82,7 +82,7 @@ fn print_diff(first: &PairList, second: &PairList, diff: &ListDiff) -> anyhow::R
     ))
 }
 
-/// Prints the first lines of a kind, and the number of remaining ones.
+/// Prints the first items of a kind, and how many more there are.
 fn print_some<T>(head: &str, items: &[T], text: impl Fn(&T) -> String) -> anyhow::Result<()> {
     for item in items.iter().take(LINES) {
         output::line(format!("{head}: {}", text(item)))?;

@@ -17,8 +17,8 @@ use crate::methods::sweep_scales;
 use crate::pairs::PairList;
 use crate::pairs::sampling::spread;
 
-/// Write each pair's source picture exactly as it is used, its cameras and conventions, and the file name for the
-/// prediction
+/// Write each pair's source picture exactly as `run` uses it, its cameras and conventions, and the
+/// file name for the prediction
 ///
 /// OUT/<pair_id>/source.png and pair.json (K_s, K_t, target_from_source, sizes, conventions, the prediction's file
 /// name). The same command continues a stopped export and rewrites files of a changed dataset.
@@ -45,8 +45,8 @@ pub(super) struct ExportArgs {
     /// Also write the ground truth, or the depth of both views (.npy, metres) if the dataset has it
     #[arg(long, value_enum, value_delimiter = ',', value_name = "LIST")]
     with: Vec<More>,
-    /// Also write cameras with the translation multiplied by each of these, such as 0.5,1,2, for methods without metric
-    /// scale
+    /// Also write cameras with the translation multiplied by each of these factors, such as
+    /// 0.5,1,2, for methods without metric scale
     #[arg(long, value_delimiter = ',', value_name = "LIST")]
     scales: Vec<String>,
     /// The folder to write
@@ -92,7 +92,7 @@ pub(super) fn execute(args: &ExportArgs) -> anyhow::Result<Outcome> {
     let found = list.verify(&scenes);
     if let Some(first) = found.different.first() {
         output::remark(format!(
-            "warning: differ from those that the list was made from: {}, such as {}/{}/{}",
+            "warning: not the ones that the list was made from: {}, such as {}/{}/{}",
             counted(found.different.len(), "photograph"),
             first.dataset,
             first.scene,

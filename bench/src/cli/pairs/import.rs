@@ -34,7 +34,7 @@ pub(super) struct ImportArgs {
     /// Which of several input views is the source
     #[arg(long, value_enum, value_name = "WHICH", default_value_t)]
     context: Context,
-    /// Which target of Flash3D's and MINE's lines
+    /// Which target to take from each line of Flash3D's and MINE's lists
     #[arg(long, value_enum, value_name = "WHICH", default_value_t)]
     slot: TargetSlot,
     /// A dataset, [NAME:]FORMAT=PATH[,key=value…]; repeatable
@@ -85,7 +85,7 @@ pub(super) fn execute(args: &ImportArgs) -> anyhow::Result<Outcome> {
                 .map(String::as_str)
                 .collect();
             output::remark(format!(
-                "warning: {} of the list not in the datasets, such as {}",
+                "warning: {} of the list missing from the datasets, such as {}",
                 counted(imported.absent.len(), "scene"),
                 named.join(", ")
             ));
@@ -93,7 +93,7 @@ pub(super) fn execute(args: &ImportArgs) -> anyhow::Result<Outcome> {
         }
         if imported.repeated > 0 {
             output::remark(format!(
-                "note: the list names {} again, which {} kept once",
+                "note: the list repeats {}, which {} kept once",
                 counted(imported.repeated, "pair"),
                 if imported.repeated == 1 { "is" } else { "are" }
             ));

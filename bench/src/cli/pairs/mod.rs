@@ -13,8 +13,9 @@ use crate::pairs::PairOptions;
 
 /// Build, compare, check, export and import lists of pairs
 ///
-/// A list is a CSV with a sha256, which can be published, compared and evaluated with `run --pairs`. A list without
-/// selected pairs is still written, with a warning that gives the reason and exit code 4.
+/// A list is a CSV file with a sha256; it can be published, compared and evaluated with `run
+/// --pairs`. A list without selected pairs is still written, with a warning that gives the reason
+/// and exit code 4.
 #[derive(Debug, Args)]
 #[command(after_help = help(), args_conflicts_with_subcommands = true, subcommand_negates_reqs = true)]
 pub(super) struct PairsArgs {
@@ -39,7 +40,7 @@ Sparse depth (ETH3D, Tanks and Temples): the paper predicts dense depth with Dep
   overlap=given-metric   the same maps unscaled, in metres
   overlap=sharp-release  the first depth layer of SHARP's official checkpoint, scaled the same way
   overlap=sparse:8       the dataset's sparse depth: agreement within 8 pixels of where a point lands
-None of them is the method under test. With Depth Pro (github.com/apple/ml-depth-pro, its environment and checkpoint):
+None of them uses the method under test. With Depth Pro (github.com/apple/ml-depth-pro, its environment and checkpoint):
   sharp-bench cameras export --dataset eth3d=data/eth3d --out views
   for each views/<dataset>/<scene>/<view>.png, in Python:
     image, _, _ = depth_pro.load_rgb(png); f_px = json.load(open(camera))['K'][0]

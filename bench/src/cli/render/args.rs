@@ -17,7 +17,7 @@ pub(super) fn offset(text: &str) -> Result<DVec3, &'static str> {
         .ok_or("expected three numbers: X,Y,Z in metres")
 }
 
-/// Parses the depths of the colour scale's ends, metres.
+/// Parses the depths at the ends of the colour scale, metres.
 pub(super) fn depth_range(text: &str) -> Result<[f32; 2], &'static str> {
     numbers(text)
         .filter(|[near, far]: &[f32; 2]| *near > 0.0 && near < far && far.is_finite())
@@ -31,7 +31,8 @@ pub(super) enum Layers {
     All,
 }
 
-/// SHARP predicts two Gaussians per pixel: first the whole visible layer, then the whole hidden one.
+/// SHARP predicts two layers of Gaussians, one after the other: the visible one, then the hidden
+/// one.
 const LAYERS: usize = 2;
 
 impl FromStr for Layers {

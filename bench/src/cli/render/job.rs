@@ -54,7 +54,7 @@ impl<'a> RenderJob<'a> {
             ensure!(
                 page.extension()
                     .is_some_and(|end| end.eq_ignore_ascii_case("html")),
-                "{}: the name of a page ends in .html",
+                "{}: the page's name must end in .html",
                 page.display()
             );
         }
@@ -108,7 +108,7 @@ impl<'a> RenderJob<'a> {
             (true, range @ Some(_)) => range,
             (true, None) => Some(
                 DepthRange::seen_from(&scene, &camera_from_scene)
-                    // Nothing will be coloured.
+                    // No Gaussian is in front of the camera, so nothing will be coloured.
                     .map_or([1.0, 2.0], |range| [range.near as f32, range.far as f32]),
             ),
         };
@@ -154,7 +154,7 @@ impl<'a> RenderJob<'a> {
         let mut pictures = Vec::with_capacity(chosen.len());
         renderer
             .render::<RenderError>(scene, &chosen, |_, view| {
-                // Views of `--out` have already been counted.
+                // If there is an `--out`, its views have already been counted.
                 if self.out.is_none() {
                     summary.add(&view);
                 }
@@ -170,7 +170,7 @@ impl<'a> RenderJob<'a> {
         Ok(())
     }
 
-    /// Renders on this thread and writes on another, one view behind, so that two views are in memory.
+    /// Renders on this thread and writes on another, one view behind; so two views are in memory.
     fn draw(
         &self,
         renderer: &mut BatchRenderer,
@@ -201,7 +201,7 @@ impl<'a> RenderJob<'a> {
             (rendered, written)
         });
         terminal.end();
-        // If writing failed, the rendering error only says that it was stopped.
+        // If writing failed, the rendering error only states that rendering was stopped.
         written?;
         rendered.with_context(|| self.args.scene.display().to_string())?;
         view_writer.finish()
@@ -220,13 +220,15 @@ enum Stopped {
 }
 
 impl Output<'_> {
-    /// Checks that the number of views fits the output: one view to a picture, a path to frames or a movie.
+    /// Checks that the views fit the output: a picture needs a single view, frames or a movie a
+    /// path.
     fn check(&self, args: &RenderArgs, rule: &Rule, moved: Option<usize>) -> anyhow::Result<()> {
         let out = self.path.display();
         match (self.kind, moved) {
             (OutputKind::Picture, Some(n)) if n != 1 => {
                 bail!(
-                    "{out}: a picture holds one view, the path has {n}: choose a folder, .gif or .mp4"
+                    "{out}: a picture can show only one view, but the path has {n}: choose a \
+                     folder, .gif or .mp4"
                 )
             }
             (OutputKind::Gif | OutputKind::Mp4, None) => {
@@ -239,7 +241,7 @@ impl Output<'_> {
         }
         ensure!(
             args.fps.is_none() || matches!(self.kind, OutputKind::Gif | OutputKind::Mp4),
-            "{out}: --fps is for .gif and .mp4"
+            "{out}: --fps applies only to .gif and .mp4"
         );
         let blended = args.writes_blended(rule) && writer::ends_in(self.path, &["safetensors"]);
         let options = [
@@ -252,7 +254,8 @@ impl Output<'_> {
         writer::refuse_for_floats(self.path, &options)?;
         ensure!(
             rule.blending == ColorSpace::Linear || !writer::ends_in(self.path, &["exr"]),
-            "{out}: an .exr holds linear light, which {} does not blend: choose .safetensors or .png",
+            "{out}: an .exr stores linear light, but {} does not blend in linear light: choose \
+             .safetensors or .png",
             rule
         );
         Ok(())

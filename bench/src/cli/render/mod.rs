@@ -40,7 +40,7 @@ Examples:
   sharp-bench render photo.ply --trajectory rotate_forward --viewer photo.html
   sharp-bench render scene.safetensors --rendering gsplat-antialiased --camera cam.json --out view.png
 
-cam.json, pixel centres at +0.5, camera_from_world any affine map, both row by row:
+cam.json, with pixel centres at +0.5, and both matrices row by row (camera_from_world may be any affine map):
   {\"width\": 640, \"height\": 480, \"K\": [500,0,320, 0,500,240, 0,0,1],
    \"camera_from_world\": [1,0,0,0.1, 0,1,0,0, 0,0,1,0, 0,0,0,1]}
 
@@ -51,13 +51,14 @@ pub(super) struct RenderArgs {
     scene: PathBuf,
     #[command(flatten)]
     reading: ReadingArgs,
-    /// The camera [default: that in the PLY]
+    /// The camera [default: the one in the PLY]
     #[arg(long, value_name = "CAM.json")]
     camera: Option<PathBuf>,
     /// Output: .png, .exr, .safetensors, .gif, .mp4, or a folder for frames
     #[arg(long, value_name = "OUT", required_unless_present = "viewer")]
     out: Option<PathBuf>,
-    /// Write a self-contained page that draws the Gaussians in a browser (WebGPU), from these views or any other
+    /// Write a self-contained page that renders the Gaussians in a browser (WebGPU), from these
+    /// views or any other
     #[arg(long, value_name = "OUT.html")]
     viewer: Option<PathBuf>,
     /// The renderer: cpu, wgpu (a GPU through Vulkan, Metal or Direct3D 12), or auto (the first hardware adapter, else
@@ -74,22 +75,24 @@ pub(super) struct RenderArgs {
     /// [default: the file's, or sharp]
     #[arg(long = "rendering", value_name = "RULE")]
     rule: Option<Rule>,
-    /// Drop Gaussians whose centre is nearer, metres [default: the rule's; 0.01 for sharp]
+    /// Drop Gaussians whose centre is nearer than this, metres [default: the rule's; 0.01 for
+    /// sharp]
     #[arg(long, value_name = "M")]
     near: Option<f32>,
-    /// Drop Gaussians whose centre is farther, metres [default: the rule's; 1e10 for sharp]
+    /// Drop Gaussians whose centre is farther than this, metres [default: the rule's; 1e10 for
+    /// sharp]
     #[arg(long, value_name = "M")]
     far: Option<f32>,
-    /// Render as the release's `sharp render`: principal point at ((W-1)/2, (H-1)/2), pictures higher than 3000 pixels
-    /// halved, odd sides enlarged by one, truncation to 8 bit
+    /// Render like the release's `sharp render`: principal point at ((W-1)/2, (H-1)/2), pictures
+    /// higher than 3000 pixels halved, odd sides enlarged by one, truncation to 8 bit
     #[arg(long)]
     release_screen: bool,
     /// Also write expected depth in metres (.depth.exr, channel Z) and inverse depth in turbo colours (.depth.png, or a
     /// movie)
     #[arg(long)]
     depth: bool,
-    /// Depths of the colours' ends, metres: dark red and dark blue [default: the 0.001 and 0.999 quantiles of all
-    /// Gaussians in front of the camera]
+    /// Depths shown as dark red and dark blue, the ends of the colour scale, in metres [default:
+    /// the 0.001 and 0.999 quantiles of all Gaussians in front of the camera]
     #[arg(long, value_name = "NEAR,FAR", requires = "depth", value_parser = args::depth_range)]
     depth_range: Option<[f32; 2]>,
     /// Also write coverage as linear grey levels (.alpha.png, or a movie)
@@ -115,7 +118,7 @@ pub(super) struct RenderArgs {
 
 #[derive(Debug, Serialize)]
 struct Summary {
-    /// The output as given; `None` if only a page was requested.
+    /// The output as the user gave it; `None` if only a page was requested.
     out: Option<String>,
     width: u32,
     height: u32,
@@ -127,10 +130,10 @@ struct Summary {
     pixels: usize,
     /// Mean over all pixels of all views.
     mean_alpha: f64,
-    /// Number of views, counted per layer.
+    /// Number of views; a view rendered for several layers counts once per layer.
     views: usize,
     backend: String,
-    /// Why `auto` selected this backend; `None` if it was named.
+    /// Why `auto` selected this backend; `None` if the user named the backend.
     backend_reason: Option<String>,
     /// Why rendering fell back from a device to the CPU.
     fallback: Option<String>,
@@ -144,7 +147,7 @@ impl RenderArgs {
         self.rule.is_some() || rule.blending == ColorSpace::Srgb
     }
 
-    /// The rule with the changes of single options.
+    /// The rule, changed by the options that set a single choice.
     fn over(&self, mut rule: Rule) -> Rule {
         rule.low_pass = self.rendering.eps2d.map_or(rule.low_pass, |LowPass(x)| x);
         rule.near = self.near.unwrap_or(rule.near);
@@ -177,7 +180,7 @@ pub(super) fn execute(args: &RenderArgs) -> anyhow::Result<Outcome> {
     let part = |layer| {
         Layers::of(&job.scene, layer).with_context(|| {
             let (scene, n) = (args.scene.display(), job.scene.len());
-            format!("{scene}: {n} Gaussians are not two layers of equal size")
+            format!("{scene}: {n} Gaussians cannot be divided into two layers of equal size")
         })
     };
     if let Some(out) = &job.out {
@@ -206,7 +209,7 @@ pub(super) fn execute(args: &RenderArgs) -> anyhow::Result<Outcome> {
 fn report(args: &RenderArgs, summary: &Summary, last_backend: &str) -> anyhow::Result<Outcome> {
     if summary.dropped_not_finite > 0 {
         output::remark(format!(
-            "warning: {}: {} Gaussians hold values that are not finite and were dropped",
+            "warning: {}: {} Gaussians have values that are not finite and were dropped",
             args.scene.display(),
             summary.dropped_not_finite
         ));

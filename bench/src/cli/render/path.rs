@@ -16,23 +16,23 @@ const MAX_FRAMES: i64 = 100_000;
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Paths")]
 pub(super) struct PathArgs {
-    /// Move the camera along one of the release's paths, looking at a point on the photograph's axis; the scene's near
-    /// depth limits its size
+    /// Move the camera along one of the release's paths, looking at a point on the photograph's
+    /// axis; the scene's near depth determines the size of the path
     #[arg(long, value_enum, value_name = "PATH", conflicts_with = "offset_m")]
     trajectory: Option<PathArg>,
-    /// Frames per round
+    /// Number of frames per round
     #[arg(long, value_name = "N", default_value_t = 60, requires = "trajectory",
           value_parser = clap::value_parser!(u32).range(1..=MAX_FRAMES))]
     frames: u32,
-    /// Move the camera by these metres along its own axes (right, down, forward) without turning it; repeatable, one
-    /// frame each
+    /// Move the camera by X,Y,Z metres along its own axes (right, down, forward) without turning
+    /// it; repeatable, one frame each
     #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true, value_parser = args::offset)]
     offset_m: Vec<DVec3>,
 }
 
 impl PathArgs {
-    /// The pose of each frame, as a map from the photograph's camera to the frame's, for a scene placed by
-    /// `camera_from_scene`; `None` without a path.
+    /// The pose of each frame, as a map from the photograph's camera to the frame's. The scene is
+    /// placed by `camera_from_scene`. `None` without a path.
     pub(super) fn poses(
         &self,
         scene: &Gaussians,
@@ -44,8 +44,10 @@ impl PathArgs {
                 kind: path.into(),
                 steps: self.frames as usize,
             };
-            let depth = DepthRange::seen_from(scene, camera_from_scene)
-                .context("no Gaussian is in front of the camera, so the path has no size")?;
+            let depth = DepthRange::seen_from(scene, camera_from_scene).context(
+                "no Gaussian is in front of the camera, so the size of the path cannot be \
+                          determined",
+            )?;
             return Ok(Some(trajectory.poses(photo, &depth)));
         }
         let eyes = self.offset_m.iter().copied();

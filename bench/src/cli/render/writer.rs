@@ -33,7 +33,7 @@ impl OutputKind {
             None => Self::Frames,
             Some(_) if out.is_dir() => Self::Frames,
             Some(_) => bail!(
-                "{}: OUT ends in .png, .exr, .safetensors, .gif or .mp4, or is a folder",
+                "{}: OUT must end in .png, .exr, .safetensors, .gif or .mp4, or be a folder",
                 out.display()
             ),
         })
@@ -45,10 +45,11 @@ impl OutputKind {
 pub(super) struct Appearance {
     pub(super) background: Background,
     pub(super) quantization: Quantization,
-    /// Depths of the colour scale's ends, metres; `None` if no depth is requested.
+    /// Depths at the ends of the colour scale, metres; `None` if no depth is requested.
     pub(super) depth_m: Option<[f32; 2]>,
     pub(super) alpha: bool,
-    /// Whether arrays contain the blended values over the background, rather than linear light without background.
+    /// Whether arrays contain blended values over the background, rather than linear light without
+    /// a background.
     pub(super) blended: bool,
 }
 
@@ -118,7 +119,7 @@ pub(super) enum ViewWriter {
         paths: Vec<PathBuf>,
         appearance: Appearance,
     },
-    /// Movies in parallel: colour, and depth and alpha if requested.
+    /// Movies written at the same time: colour, and if requested, depth and alpha.
     Movies {
         color: Box<dyn Movie>,
         depth: Option<Box<dyn Movie>>,
@@ -153,7 +154,7 @@ impl ViewWriter {
         })
     }
 
-    /// Writes view `index`; a movie needs views in order.
+    /// Writes view `index`; for a movie, views must arrive in order.
     pub(super) fn take(&mut self, index: usize, view: &RenderOutput) -> anyhow::Result<()> {
         match self {
             Self::Files { paths, appearance } => {
@@ -219,7 +220,7 @@ pub(super) fn ends_in(out: &Path, extensions: &[&str]) -> bool {
     extension.is_some_and(|e| extensions.iter().any(|of| e == *of))
 }
 
-/// Rejects options for 8-bit pictures if the file has linear floats.
+/// Rejects options for 8-bit pictures if the output file stores linear floats.
 pub(super) fn refuse_for_floats(
     out: &Path,
     options: &[(&'static str, bool)],

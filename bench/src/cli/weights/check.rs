@@ -68,7 +68,7 @@ pub(super) fn execute(
             output::line(format!("record        {standing}"))?;
         }
     }
-    // A file with SHARP's modules is checked against the release by default.
+    // A file with SHARP's modules is compared with the release by default.
     let looks_like_sharp = modules
         .keys()
         .any(|name| name.starts_with("monodepth_model"));
@@ -102,8 +102,8 @@ fn standing(file: &Path, sha256: &str) -> anyhow::Result<Option<String>> {
     }
 }
 
-/// The part of a network that a tensor belongs to: four levels deep inside SHARP's encoder, three inside the rest of
-/// its depth network, one elsewhere.
+/// The part of the network that a tensor belongs to, as the first levels of its name: four in
+/// SHARP's encoder, three in the rest of its depth network, one elsewhere.
 fn module_of(name: &str) -> String {
     let levels = if name.starts_with("monodepth_model.monodepth_predictor.encoder.") {
         4

@@ -29,7 +29,7 @@ pub(super) struct FetchArgs {
     /// Only report whether they are present
     #[arg(long)]
     offline: bool,
-    /// You have read the licence of SHARP's checkpoint, which is shown without this, and accept it
+    /// Accept the licence of SHARP's checkpoint, which is shown without this option; read it first
     #[arg(long)]
     accept_licence: bool,
     /// Print JSON
@@ -63,7 +63,7 @@ fn wanted(names: &[String]) -> anyhow::Result<(BTreeSet<Backbone>, bool)> {
             "metrics" => backbones.extend(Backbone::ALL),
             "sharp" => sharp = true,
             name => {
-                let hint = "`metrics` stands for all missing backbones, `sharp` for the official checkpoint";
+                let hint = "`metrics` means all missing backbones, `sharp` the official checkpoint";
                 let known = name.parse().map_err(|error| anyhow!("{error}; {hint}"));
                 backbones.insert(known?);
             }
@@ -72,8 +72,8 @@ fn wanted(names: &[String]) -> anyhow::Result<(BTreeSet<Backbone>, bool)> {
     Ok((backbones, sharp))
 }
 
-/// Downloads a backbone's features into the cache, unless they are present and were not named explicitly. Returns their
-/// location.
+/// Downloads a backbone's features into the cache; if they are already present, only if the
+/// backbone was named explicitly. Returns their location.
 fn backbone_features(args: &FetchArgs, backbone: Backbone, cache: &Path) -> anyhow::Result<Value> {
     let by_name = args.names.iter().any(|name| name == backbone.name());
     let at_hand = Weights::at_hand();
@@ -86,7 +86,10 @@ fn backbone_features(args: &FetchArgs, backbone: Backbone, cache: &Path) -> anyh
                 terminal.advance(backbone.name(), "bytes", at.done, at.total);
             });
             let file = fetched.with_context(|| {
-                format!("{backbone} was not fetched; get the file yourself and pass --weights {backbone}=FILE")
+                format!(
+                    "{backbone} was not fetched; download the file yourself and pass --weights \
+                         {backbone}=FILE"
+                )
             })?;
             terminal.end();
             file.display().to_string()
@@ -132,7 +135,7 @@ fn checkpoint(args: &FetchArgs, cache: &Path) -> anyhow::Result<Value> {
 fn transfer(args: &FetchArgs, cache: &Path) -> anyhow::Result<(std::path::PathBuf, Standing)> {
     output::remark(licence_text());
     let by_hand = format!(
-        "get {RELEASE_ADDRESS} yourself and put it at {} or name it with --checkpoint FILE",
+        "download {RELEASE_ADDRESS} yourself and save it as {}, or give it with --checkpoint FILE",
         cache.join(RELEASE_FILE).display()
     );
     if args.offline {
@@ -140,7 +143,8 @@ fn transfer(args: &FetchArgs, cache: &Path) -> anyhow::Result<(std::path::PathBu
     }
     if !args.accept_licence {
         bail!(
-            "nothing was fetched: read and accept the licence above with --accept-licence; or {by_hand}"
+            "nothing was fetched: read the licence above and accept it with --accept-licence; or \
+             {by_hand}"
         );
     }
     let terminal = Terminal::default();

@@ -37,10 +37,11 @@ enum WeightsCommand {
     },
     /// Fetch published weights into the cache: resumes interrupted transfers, checks size and hash
     ///
-    /// Only the features of a backbone are kept. No hash of SHARP's checkpoint is published, so its size and sha256 are
-    /// recorded at the first use and compared from then on; a file in the release's own cache folder is used in place.
-    /// Proxies are read from the usual environment variables. If SHARP_BENCH_MIRROR is set to an address, files are
-    /// fetched from there under their publishers' file names.
+    /// Only a backbone's feature layers are kept. No hash of SHARP's checkpoint is published, so
+    /// its size and sha256 are recorded at the first use and compared from then on; a file in the
+    /// release's own cache folder is used without copying it. Proxies are read from the usual
+    /// environment variables. If SHARP_BENCH_MIRROR is set to an address, files are fetched from
+    /// there under their publishers' file names.
     Fetch(fetch::FetchArgs),
     /// Show the contents of a file: modules, parameters, non-finite values
     ///
@@ -59,7 +60,7 @@ enum WeightsCommand {
         #[arg(long)]
         json: bool,
     },
-    /// Rewrite a checkpoint as .safetensors; the source's sha256 goes into its header
+    /// Rewrite a checkpoint as .safetensors; its header records the source's sha256
     Convert {
         /// The file to read
         from: PathBuf,
@@ -68,7 +69,7 @@ enum WeightsCommand {
     },
     /// Write deterministic weights, computed from the tensors' names alone, for tests without real weights
     Synth {
-        /// Sizes of the network, `release` or FILE.json#NAME
+        /// Architecture of the network, `release` or FILE.json#NAME
         #[arg(long, value_name = "FILE[#NAME]", default_value = "release")]
         config: String,
         /// Selects another set of values

@@ -7,14 +7,14 @@ use sharp::render::RenderView;
 
 /// Side of a tile, pixels, as in gsplat.
 const TILE: f64 = 16.0;
-/// Smallest alpha that is blended.
+/// Minimum alpha that is blended.
 const LEAST_ALPHA: f64 = 1.0 / 255.0;
 /// The projection is linearised up to this distance outside the picture, as a fraction of its sides.
 const MARGIN: f64 = 0.15;
 
-/// Number of 16 × 16 pixel tiles touched by the Gaussians' bounding boxes, counted once per Gaussian, and number of
-/// tiles of the picture. A box bounds the area in which a Gaussian can reach an alpha of 1/255, under the projection of
-/// SHARP's rule, in f64.
+/// Number of 16 × 16 pixel tiles that the Gaussians' bounding boxes touch, counted once per
+/// Gaussian, and number of tiles in the picture. A box bounds the area in which a Gaussian can
+/// reach an alpha of 1/255, under the projection of SHARP's rule, in f64.
 pub(in crate::evaluate) fn covered_tiles(gaussians: &Gaussians, view: &RenderView) -> (u64, u64) {
     let (width, height) = (view.intrinsics.width, view.intrinsics.height);
     let tiles = [width, height].map(|side| f64::from(side.div_ceil(TILE as u32)));
@@ -60,8 +60,8 @@ fn reach(gaussians: &Gaussians, at: usize, view: &RenderView) -> Option<[(f64, f
         clamped(p.x / p.z, k.fx, k.cx, k.width),
         clamped(p.y / p.z, k.fy, k.cy, k.height),
     ];
-    // A row of the projection's Jacobian in the Gaussian's axes; its length is the standard deviation in that
-    // direction.
+    // Takes a row of the projection's Jacobian, expressed along the Gaussian's axes; its length is
+    // the standard deviation in that direction.
     let deviation = |row: DVec3| {
         let variance = (axes.transpose() * row).length_squared() + f64::from(view.rule.low_pass);
         variance.sqrt()
@@ -90,8 +90,8 @@ mod tests {
 
     use super::*;
 
-    /// A picture of 4 × 3 tiles with focal length 100; Gaussians on its axis at 2 m with a standard deviation of 2
-    /// pixels.
+    /// A picture of 4 × 3 tiles with focal length 100. Gaussians are on its axis, 2 m away, with a
+    /// standard deviation of 2 pixels, unless stated otherwise.
     #[test]
     fn tiles_are_those_that_the_box_of_a_gaussian_touches() {
         let intrinsics = Intrinsics::new((100.0, 100.0), (24.0, 24.0), (64, 48)).unwrap();
@@ -106,9 +106,11 @@ mod tests {
             );
             covered_tiles(&one.unwrap(), &view)
         };
-        // If opaque, it extends √(2 ln 255) = 3.33 deviations: from 17.3 to 30.7, inside one tile.
+        // An opaque Gaussian extends √(2 ln 255) = 3.33 deviations: from 17.3 to 30.7, inside one
+        // tile.
         assert_eq!(tiles([0.0, 0.0, 2.0], 1.0, 0.04), (1, 12));
-        // 8 pixels further right and down, at a corner of four tiles, even if nearly transparent.
+        // 8 pixels to the right and down, at the corner of four tiles; touches all four even if
+        // nearly transparent.
         assert_eq!(tiles([0.16, 0.16, 2.0], 1.0, 0.04), (4, 12));
         assert_eq!(tiles([0.16, 0.16, 2.0], 1.1 / 255.0, 0.04), (4, 12));
         // Half outside the left edge.

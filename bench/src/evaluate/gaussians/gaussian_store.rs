@@ -20,7 +20,8 @@ pub(in crate::evaluate) struct GaussianStore {
     order: Vec<String>,
     spill: Option<(TempDir, BTreeSet<String>)>,
     spill_in: PathBuf,
-    /// Source of the predictions in memory. Pairs are sorted, so those of one source are consecutive.
+    /// Source of the predictions in memory. Pairs are sorted, so all pairs of a source follow each
+    /// other.
     source: String,
 }
 
@@ -35,7 +36,8 @@ pub(in crate::evaluate) enum StoreError {
 }
 
 impl GaussianStore {
-    /// Keeps up to `limit_bytes` in memory and spills the rest into a temporary folder in `spill_in`.
+    /// Holds up to `limit_bytes` in memory and moves the rest into a temporary folder in
+    /// `spill_in`.
     pub(in crate::evaluate) fn new(
         kept: Option<PathBuf>,
         spill_in: &Path,
@@ -52,8 +54,8 @@ impl GaussianStore {
         }
     }
 
-    /// The prediction of a key. If it is neither in memory nor on disk, calls `predict`, or returns `None` without it.
-    /// The time is that of the original prediction.
+    /// The prediction of a key. If it is neither in memory nor on disk, it is made by `predict`;
+    /// without `predict`, the result is `None`. The time is that of the original prediction.
     pub(in crate::evaluate) fn get(
         &mut self,
         key: &str,
@@ -72,7 +74,7 @@ impl GaussianStore {
         let kept = self.kept.as_ref().map(|folder| file(folder, key));
         let spilled = self.spill.as_ref().filter(|(_, keys)| keys.contains(key));
         let spilled = spilled.map(|(folder, _)| file(folder.path(), key));
-        // A damaged file is predicted again and replaced.
+        // If a file is damaged, the prediction is made again and replaces it.
         let read = [&kept, &spilled].into_iter().flatten();
         let found = read.filter_map(|path| read_prediction(path).ok()).next();
         let (prediction, secs) = match (found, predict) {
@@ -93,7 +95,8 @@ impl GaussianStore {
         Ok(Some(timed))
     }
 
-    /// Moves the oldest predictions to disk until the rest fits the limit; always keeps the latest.
+    /// Moves the oldest predictions to disk until the rest fits the limit. The latest always stays
+    /// in memory.
     fn shrink(&mut self) -> Result<(), FileError> {
         while self.order.len() > 1 && self.bytes() > self.limit_bytes {
             let key = self.order.remove(0);
@@ -181,7 +184,7 @@ mod tests {
             assert_eq!(calls.get(), 2, "limit {limit}");
             assert!(store.get("c", "s", None).unwrap().is_none());
             drop(store);
-            // Spilled files are removed.
+            // Files of predictions moved to disk are removed.
             assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 0);
         }
     }

@@ -7,26 +7,29 @@ use crate::scoring::Region;
 
 /// Size of the reduced pictures that `blur` compares, pixels.
 const COARSE: (u32, u32) = (16, 12);
-/// Minimum share of contrast missing from a picture that counts as blurred. Pictures of other views have full contrast.
+/// A picture counts as blurred if at least this share of the photograph's contrast is missing.
+/// Pictures of other views have full contrast.
 const LEAST_BLUR: f64 = 0.4;
 /// Maximum width and height compared, pixels.
 const SIDES: (u32, u32) = (160, 120);
-/// Minimum gain of another reading, dB. Another reading of a correct file changes its error by some hundredths.
+/// Minimum gain of another reading, dB. If a file was read correctly, other readings change its
+/// error by only some hundredths.
 const MARGIN: f64 = 0.5;
 /// Number of standard errors that the gain must exceed.
 const SIGNIFICANCE: f64 = 3.0;
-/// Number of standard errors with free brightness and contrast, where the gain only has to agree.
+/// Number of standard errors that the gain with free brightness and contrast must exceed; it only
+/// has to agree.
 const SIGNIFICANCE_FREE: f64 = 2.0;
-/// Largest ratio of two errors that count as about equal.
+/// Two errors count as about equal up to this ratio.
 const HARDLY: f64 = 1.1;
-/// Minimum share of the photograph's variance that a picture must explain.
+/// A picture explains a photograph if it explains at least this share of its variance.
 const EXPLAINED: f64 = 0.5;
-/// Mean squared error below which pictures count as equal, levels²: the difference between rounding and truncation to 8
-/// bit.
+/// Pictures count as equal below this mean squared error, levels²: the difference between rounding
+/// and truncation to 8 bit.
 const ROUNDING: f64 = 1.0;
 
-/// The part of a photograph with the most contrast, at full resolution: a reduced picture would hide errors of half a
-/// pixel or of a small Gaussian's shape.
+/// The part of a photograph with the most contrast, at full resolution: reduced pictures would hide
+/// errors of half a pixel or in the shape of a small Gaussian.
 pub(in crate::evaluate) fn window(photograph: &RgbImage) -> Region {
     let (width, height) = photograph.dimensions();
     let size = (width.min(SIDES.0), height.min(SIDES.1));
@@ -52,8 +55,8 @@ pub(in crate::evaluate) fn window(photograph: &RgbImage) -> Region {
     best.1
 }
 
-/// Sum of the green channel's steps at every fourth row and column. Each step is capped at 64 levels, so that one sharp
-/// edge does not decide.
+/// Sum of the green channel's steps at every fourth row and column. Each step counts for at most 64
+/// levels, so that a single sharp edge is not decisive.
 fn contrast(photograph: &RgbImage, region: Region) -> u64 {
     let level = |x: u32, y: u32| photograph.get_pixel(x, y).0[1];
     let mut sum = 0;
@@ -188,7 +191,7 @@ impl Likeness {
         }
     }
 
-    /// How many dB smaller its squared error is.
+    /// By how many dB its squared error is smaller than that of `other`.
     pub(in crate::evaluate) fn gain_over(&self, other: &Self) -> f64 {
         10.0 * (other.error() / self.error()).log10()
     }
@@ -210,17 +213,20 @@ impl Likeness {
         self.total.map(|sums| sums.p / sums.n)
     }
 
-    /// Whether the picture is no closer to the photograph than a uniform picture in its mean colour, and explains less
-    /// than a tenth of its variance at any brightness and contrast.
+    /// Whether the picture is no closer to the photograph than a uniform picture in the
+    /// photograph's mean colour, and explains less than a tenth of its variance at any brightness
+    /// and contrast.
     pub(in crate::evaluate) fn is_unrelated(&self) -> bool {
         let Errors {
             error,
             residual,
             variance,
         } = Errors::of(self.total);
-        // In a photograph of a single colour there is nothing to explain; a difference of 8 levels counts as close.
+        // A photograph of a single colour has no variance to explain; a difference of 8 levels
+        // counts as close.
         let noise = 64.0 * 3.0 * self.total[0].n;
-        // The mean colour rounded to whole levels is slightly farther away than the mean.
+        // The mean colour is rounded to whole levels, so it is slightly farther away than the true
+        // mean.
         error >= (0.99 * variance).max(noise) && residual > 0.9 * variance
     }
 
@@ -228,7 +234,8 @@ impl Likeness {
         self.explained() >= EXPLAINED
     }
 
-    /// Share of the photograph's variance explained at the best brightness and contrast.
+    /// Share of the photograph's variance that the picture explains at the best brightness and
+    /// contrast.
     pub(in crate::evaluate) fn explained(&self) -> f64 {
         let whole = Errors::of(self.total);
         1.0 - whole.residual / whole.variance
@@ -266,8 +273,8 @@ impl Likeness {
         self.error() <= HARDLY * Errors::of(other.total).residual
     }
 
-    /// Whether the first error of this picture is smaller than the second error of `other` by `margin` dB and by
-    /// `significance` standard errors.
+    /// Whether this picture's first error is smaller than `other`'s second error, by `margin` dB
+    /// and by `significance` standard errors.
     fn gains(
         &self,
         other: &Self,
@@ -296,7 +303,7 @@ impl Likeness {
         whole >= margin && whole >= significance * standard_error
     }
 
-    /// Correlation of the first channel, −1..1, shrunk towards 0 if there is hardly any contrast.
+    /// Correlation of the first channel, −1..1; close to 0 if there is hardly any contrast.
     pub(in crate::evaluate) fn correlation(&self) -> f64 {
         let Sums {
             n,
@@ -311,8 +318,8 @@ impl Likeness {
     }
 }
 
-/// The share of the photograph's contrast that is missing from a blurred picture of it; `None` if the picture is not
-/// blurred or shows something else.
+/// The share of the photograph's contrast that a blurred picture of it lacks; `None` if the picture
+/// is not blurred or shows something else.
 pub(in crate::evaluate) fn blur(photograph: &RgbImage, picture: &RgbImage) -> Option<f64> {
     let whole = Region::whole(photograph.dimensions());
     let [seen, shown] = [photograph, picture].map(|all| contrast(all, whole) as f64);
@@ -354,7 +361,8 @@ mod tests {
         assert!(right.is_better_than(&fit(&shifted)));
         assert!(!fit(&shifted).is_better_than(&right));
         assert!(!fit(&photograph(2)).is_better_than(&right));
-        // A dimmed but otherwise right picture is not explained by brightening it.
+        // The less dimmed picture is closer, but not better: a difference in brightness alone does
+        // not count.
         let dimmed = |by: f64| {
             RgbImage::from_fn(64, 48, |x, y| {
                 Rgb(photograph(1)

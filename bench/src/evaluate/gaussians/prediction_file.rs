@@ -23,14 +23,14 @@ pub(in crate::evaluate) enum PredictionFileError {
     #[error(transparent)]
     Gaussians(#[from] GaussianFileError),
     /// The file is truncated or was changed.
-    #[error("{}: not a whole prediction", .0.display())]
+    #[error("{}: not a complete prediction", .0.display())]
     Damaged(PathBuf),
 }
 
-/// Metadata of a prediction: everything but the arrays.
+/// Metadata of a prediction: everything except the arrays.
 #[derive(Serialize, Deserialize)]
 struct Said {
-    /// Columns of the map to the source's camera; `None` for SHARP's normalised space.
+    /// Columns of the map to the source camera's space; `None` for SHARP's normalised space.
     camera_from_gaussians: Option<[f64; 12]>,
     extras: BTreeMap<String, f64>,
     /// Settings with which the original file was read.
@@ -42,8 +42,9 @@ struct Said {
     rule: Option<String>,
 }
 
-/// Writes a prediction with everything needed to render it: arrays (`colors_linear` are in the space in which the rule
-/// blends), space, rule, depth layer, reading, the method's extras, the time taken in seconds, and a checksum.
+/// Writes a prediction with everything needed to render it: arrays (`colors_linear` are in the
+/// rule's blending space), space, rule, depth layer, reading, the method's extras, the time it took
+/// in seconds, and a checksum.
 pub(in crate::evaluate) fn write_prediction(
     path: &Path,
     prediction: &GaussianPrediction,
@@ -90,7 +91,7 @@ pub(in crate::evaluate) fn write_prediction(
     write_arrays(path, &arrays, Some(metadata))
 }
 
-/// Reads a file of [`write_prediction`]: the prediction, and the time taken in seconds.
+/// Reads a file of [`write_prediction`]: the prediction, and the time it took in seconds.
 ///
 /// # Errors
 /// If the file cannot be read or is damaged.

@@ -1,4 +1,5 @@
-//! Finds the shift and the zoom that best align two pictures, as candidates to be confirmed by rendering.
+//! Finds the shift and the zoom that best align two pictures. The results are candidates, to be
+//! confirmed by rendering.
 
 use image::RgbImage;
 use image::imageops::thumbnail;
@@ -10,7 +11,7 @@ const WIDTH: u32 = 160;
 /// Zooms from exp(−n/50) to exp(n/50) are tried.
 const ZOOMS: i32 = 26;
 
-/// How far `picture` must move right and down to match, in steps of half a pixel.
+/// How far `picture` must be moved right and down to match, in steps of half a pixel.
 pub(in crate::evaluate) fn shift(photograph: &RgbImage, picture: &RgbImage) -> [f64; 2] {
     let error = |by: [i32; 2]| {
         let [dx, dy] = by.map(f64::from);
@@ -18,8 +19,8 @@ pub(in crate::evaluate) fn shift(photograph: &RgbImage, picture: &RgbImage) -> [
     };
     let all = (-REACH..=REACH).flat_map(|x| (-REACH..=REACH).map(move |y| [x, y]));
     let best = least(all, error);
-    // The vertex of the parabola through three errors along each axis; between two equal errors it is half a pixel
-    // away.
+    // Along each axis, the vertex of the parabola through three errors. If two errors are equal, it
+    // is half a pixel from either.
     [0, 1].map(|axis| {
         let [before, at, after] = [-1, 0, 1].map(|step| {
             let mut near = best;
@@ -32,8 +33,8 @@ pub(in crate::evaluate) fn shift(photograph: &RgbImage, picture: &RgbImage) -> [
     })
 }
 
-/// The horizontal and vertical factors by which `picture` must be enlarged about `center` (pixels) to match. Each is
-/// the same factor raised to the power `along`; `None` if they are about 1.
+/// The horizontal and vertical factors by which `picture` must be enlarged about `center` (pixels)
+/// to match: one factor, raised to the powers `along`. `None` if they are about 1.
 pub(in crate::evaluate) fn zoom(
     photograph: &RgbImage,
     picture: &RgbImage,
@@ -69,8 +70,8 @@ fn least<T: Copy + Default>(all: impl Iterator<Item = T>, error: impl Fn(T) -> f
     best.map(|(at, _)| at).unwrap_or_default()
 }
 
-/// Mean squared difference of the green channel; infinite if two thirds of the photograph's pixels fall outside the
-/// picture. `from` maps them into it.
+/// Mean squared difference of the green channel. `from` maps the photograph's pixels into the
+/// picture; if two thirds of them fall outside, the result is infinite.
 fn error(photograph: &RgbImage, picture: &RgbImage, from: impl Fn(f64, f64) -> (f64, f64)) -> f64 {
     let level = |x: f64, y: f64| f64::from(picture.get_pixel(x as u32, y as u32).0[1]);
     let (right, bottom) = (

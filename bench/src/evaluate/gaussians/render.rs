@@ -17,12 +17,13 @@ use crate::rendering::pose_alignment::fit_camera;
 use crate::rendering::shared::{HOLE_ALPHA, surface_depth};
 use crate::scoring::GroundTruth;
 
-/// A fitted camera that moved beyond this rotation, degrees, or this share of the median depth, causes a warning.
+/// If a fitted camera turned by more than this, degrees, or moved by more than this share of the
+/// median depth, a warning is given.
 const FAR_TURNED: f64 = 15.0;
 const FAR_MOVED: f64 = 0.25;
 
-/// The factor from predicted to true depth: the median of their ratios (the paper's eq. global_scale). The inner error
-/// is a reason without file or pair.
+/// The factor from predicted to true depth: the median of their ratios (the paper's eq.
+/// global_scale). The inner error is a reason that names neither file nor pair.
 ///
 /// # Errors
 /// [`RenderError`], because Gaussians without a depth layer are rendered into the source.
@@ -83,11 +84,11 @@ pub(in crate::evaluate) fn placed(
 
 /// Renders a prediction into the target, using the dataset's own cameras.
 ///
-/// With `fit`, first moves the target's camera to fit its photograph.
+/// If `fit` is given, first moves the target's camera to fit its photograph.
 ///
-/// Extras: those of the prediction, `mean_alpha` (mean coverage, 0..1), `hole_share` (share of pixels with alpha below
-/// [`HOLE_ALPHA`]), `median_scale` if scaled, and for a fitted camera `pose_rotation_deg`, `pose_translation_m` and
-/// `pose_steps`.
+/// Extras: those of the prediction; `mean_alpha` (mean coverage, 0..1); `hole_share` (share of
+/// pixels with alpha below [`HOLE_ALPHA`]); `median_scale` if scaled; for a fitted camera also
+/// `pose_rotation_deg`, `pose_translation_m` and `pose_steps`.
 ///
 /// # Errors
 /// See [`RenderError`].
@@ -151,7 +152,7 @@ pub(in crate::evaluate) fn render(
     Ok((picture, output))
 }
 
-/// A warning if the fit moved the camera so far that it is hardly credible.
+/// Warns if the fit moved the camera too far to be credible.
 pub(in crate::evaluate) fn far_moved(
     picture: &PicturePrediction,
     output: &RenderOutput,
@@ -169,8 +170,8 @@ pub(in crate::evaluate) fn far_moved(
     })
 }
 
-/// Scales Gaussians about the source camera. In normalised space x and y are ratios, so one factor on all coordinates
-/// scales the depth.
+/// Scales Gaussians about the source camera. In normalised space, x and y are ratios, so a common
+/// factor for all coordinates scales the depth.
 fn scaled(gaussians: &Gaussians, scale: f64) -> Gaussians {
     let scale = scale as f32;
     let times = |v: &[f32; 3]| v.map(|x| x * scale);

@@ -17,20 +17,23 @@ use crate::pairs::PosedCamera;
 use crate::rendering::SharedRenderer;
 use crate::scoring::Region;
 
-/// Maximum average number of Gaussians per pixel for a reading to be tried; no photograph needs more.
+/// A reading is tried only if it has at most this many Gaussians per pixel on average; no
+/// photograph needs more.
 const MOST_LAYERS: f64 = 3000.0;
-/// Minimum gain in the source for rendering other views as well, dB.
+/// Minimum gain in the source for which other views are rendered too, dB.
 const WORTH_A_LOOK: f64 = 0.25;
-/// A loss that rules out a form of numbers in any case, dB.
+/// If the source loses this much, a form of numbers is ruled out, dB.
 const MUCH: f64 = 1.0;
-/// Largest factor by which errors in other views may grow.
+/// Errors in other views may grow by at most this factor.
 const NOT_WORSE: f64 = 1.1;
-/// Largest factor on errors in other views if Gaussians are shifted, because other views must confirm a shift.
+/// If Gaussians are shifted, errors in other views may be at most this multiple of those before,
+/// because other views must confirm a shift.
 const BETTER: f64 = 0.97;
-/// Gain in the source from which a shift needs no confirmation, dB: poor Gaussians hardly react to half a pixel in
-/// other views.
+/// A shift with this gain in the source needs no confirmation, dB: in other views, poor Gaussians
+/// hardly react to half a pixel.
 const BEYOND_CHANCE: f64 = 2.0;
-/// Gain that suffices for another form of colours, dB, because such forms may differ in brightness and contrast only.
+/// Gain that suffices for another form of colours, dB. Such forms may differ only in brightness and
+/// contrast.
 const RECOLORED: f64 = 6.0;
 /// Maximum number of settings that may be wrong at once.
 const ROUNDS: usize = 3;
@@ -61,7 +64,7 @@ impl Trial<'_> {
         }
     }
 
-    /// Renders Gaussians into the part; `None` if none or too many reach it.
+    /// Renders Gaussians into the part; `None` if no Gaussian reaches it, or too many do.
     pub(in crate::evaluate) fn fit(
         &self,
         gaussians: &Gaussians,
@@ -71,8 +74,8 @@ impl Trial<'_> {
         if seen.members.is_empty() || seen.layers > MOST_LAYERS {
             return Ok(None);
         }
-        // Among Gaussians at equal depth, the first covers the others. In a file's order this would shift the whole
-        // picture; in a shuffled order it does not.
+        // Among Gaussians at equal depth, the first covers the others. In the order of a file this
+        // would shift the whole picture, so shuffle them.
         seen.members.sort_by_key(|&k| mix(k as u64));
         let seen = gaussians.subset(&seen.members);
         let intrinsics = self.intrinsics();
@@ -83,8 +86,8 @@ impl Trial<'_> {
         Ok(Some(Likeness::of(self.photograph, self.region, &picture)))
     }
 
-    /// Whether another form of the stored numbers is still possible: false if the numbers as read explain the part
-    /// equally well or much better.
+    /// Whether another form of the stored numbers is still possible: false if the numbers as read
+    /// explain the part as well as that form, or much better.
     pub(in crate::evaluate) fn allows(
         &self,
         other: &FileReading,
@@ -103,10 +106,11 @@ impl Trial<'_> {
         Ok(gain >= WORTH_A_LOOK || !as_read.explains() && gain > -MUCH)
     }
 
-    /// The reading that explains the photograph best, if it is significantly better than `as_read`, in this part alone
-    /// or together with `neighbours`, other views of the scene. A reading must not explain the neighbours worse, and
-    /// they decide between several, because wrongly rotated Gaussians may cover their own source better than right
-    /// ones. `moves` aligns the rendering; if `is_lost`, the rendering shows nothing and all axes are tried.
+    /// The reading that explains the photograph best, if it is significantly better than `as_read`,
+    /// in this part alone or together with `neighbours`, other views of the scene. A reading must
+    /// not explain the neighbours worse. They decide between several readings, because wrongly
+    /// rotated Gaussians may cover their own source better than correct ones. `moves` align the
+    /// rendering. If `is_lost`, the rendering shows nothing, and all axes are tried.
     pub(in crate::evaluate) fn best_reading(
         &self,
         gaussians: &Gaussians,
@@ -184,8 +188,8 @@ impl Trial<'_> {
                 };
                 let worse = elsewhere.error() > allowed * fit_elsewhere.error()
                     || is_shift && neighbours.is_empty();
-                // Between two forms of colours the source itself decides: in other views, wrong geometry causes blur,
-                // which paler colours hide.
+                // The source itself decides between two forms of colours: in other views, wrong
+                // geometry causes blur, which paler colours hide.
                 let is_least =
                     chosen.as_ref().is_none_or(|(other, its_fit, its_all)| {
                         match recolors && other.stored.colors != before.stored.colors {
@@ -225,14 +229,15 @@ impl Trial<'_> {
     }
 }
 
-/// The shift, pixels, and the horizontal and vertical factors that align a rendering with its photograph.
+/// The shift (pixels), and the horizontal and vertical factors, that align a rendering with its
+/// photograph.
 pub(in crate::evaluate) struct Moves {
     pub(in crate::evaluate) aside: [f64; 2],
     pub(in crate::evaluate) zooms: Vec<[f64; 2]>,
 }
 
-/// Alternative placements: each space with each system of axes, a world in each unit, shifted, and with other focal
-/// lengths.
+/// Alternative placements: each space with each system of axes, a world in each unit, shifted
+/// placements, and other focal lengths.
 fn placements(current: Placement, moves: &Moves, is_lost: bool) -> Vec<Placement> {
     let mut all = Vec::new();
     let axes: Vec<Axes> = match is_lost {
@@ -246,7 +251,8 @@ fn placements(current: Placement, moves: &Moves, is_lost: bool) -> Vec<Placement
             ..current
         }));
     }
-    // A scale about the camera does not change what it sees.
+    // Scaling a scene about the camera does not change what the camera sees, so units matter only
+    // in world space.
     let units = UNITS_M.iter().filter(|_| current.space == FileSpace::World);
     all.extend(units.map(|unit| Placement {
         scale: current.scale * unit,
@@ -337,7 +343,8 @@ pub(in crate::evaluate) struct Seen {
 }
 
 impl Seen {
-    /// Bounds each Gaussian by its centre and largest standard deviation, which overestimates its extent.
+    /// Bounds each Gaussian by its centre and largest standard deviation; this overestimates its
+    /// extent.
     pub(in crate::evaluate) fn of(
         gaussians: &Gaussians,
         camera_from_file: DAffine3,

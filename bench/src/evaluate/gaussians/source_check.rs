@@ -1,10 +1,11 @@
-//! Renders Gaussians into the view that they were predicted from. If the rendering does not match the view's
-//! photograph, tries other readings of the Gaussians' file.
+//! Renders Gaussians into the view that they were predicted from. If the rendering does not match
+//! the view's photograph, tries other readings of the Gaussians' file.
 //!
-//! A wrong frame, unit, encoding or colour space gives bad scores without an error. Rendering into the source's own
-//! camera reveals all of these except a scale about that camera, so the rendered depth is recorded too. Other readings
-//! of external files are tried (`add_doubts`) for three sources of each dataset, which the list of pairs alone
-//! determines; this costs as much as some small pictures.
+//! A wrong frame, unit, encoding or colour space gives bad scores without an error. Rendering into
+//! the source's own camera reveals all of these except a scale about that camera, so the rendered
+//! depth is recorded too. For external files, other readings are tried (`add_doubts`) for three
+//! sources of each dataset, which depend only on the list of pairs; this costs as much as some
+//! small pictures.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -36,26 +37,32 @@ pub const SOURCE_PSNR: &str = "source_psnr";
 /// Extra with the median depth of the source's rendering, metres.
 pub const SOURCE_DEPTH: &str = "source_depth_m";
 
-/// Extra of blurred renderings of the source: the share of the photograph's contrast that is missing, 0..1.
+/// Extra of renderings that blur the source: the share of the photograph's contrast that is
+/// missing, 0..1.
 pub const SOURCE_BLUR: &str = "source_blur";
 
-/// Minimum valid share of the photograph for trying other readings; the excluded part does not show the scene.
+/// Other readings are tried only if at least this share of the photograph is valid; the excluded
+/// part does not show the scene.
 const LEAST_VALID: f64 = 0.95;
 /// PSNR of the source's rendering above which no other reading is tried, dB.
 const RIGHT_DB: f64 = 38.0;
-/// Minimum number of pixels for trying other readings; smaller photographs do not show a Gaussian's shape.
+/// Other readings are tried only on photographs with at least this many pixels; smaller ones do not
+/// show a Gaussian's shape.
 const FEWEST_PIXELS: usize = 1200;
-/// Rendered depth counts as inverse depth if the spread of the ratio of true to rendered depth is this many times that
-/// of their product.
+/// Rendered depth counts as inverse depth if the ratio of true to rendered depth varies this many
+/// times as much as their product.
 const INVERSE_SIGNIFICANCE: f64 = 2.5;
-/// Smallest depth factor that may indicate another unit; predictions without a unit are off by less.
+/// A depth factor may indicate another unit only from this value on; predictions without a unit are
+/// off by less.
 const LEAST_FACTOR: f64 = 1.5;
-/// Minimum ratio of that factor's logarithm to the spread of depth ratios, which prediction errors cause.
+/// The factor's logarithm must be at least this many times the spread of depth ratios, which
+/// prediction errors cause.
 const FACTOR_SIGNIFICANCE: f64 = 10.0;
-/// Average number of Gaussians per pixel above which rendering takes minutes. Photographs need tens or hundreds.
+/// With more Gaussians per pixel on average, rendering takes minutes. Photographs need tens or
+/// hundreds.
 const ABSURD_LAYERS: f64 = 5000.0;
-/// Minimum average share of the picture covered by each Gaussian for a warning: millions of small ones over a small
-/// picture are fine.
+/// A warning is given only if each Gaussian covers at least this share of the picture on average:
+/// millions of small Gaussians on a small picture are fine.
 const ABSURD_SHARE: f64 = 0.02;
 
 pub(in crate::evaluate) struct CheckedSource<'a> {
@@ -63,7 +70,7 @@ pub(in crate::evaluate) struct CheckedSource<'a> {
     pub(in crate::evaluate) photograph: &'a RgbImage,
     /// Pixels of the photograph that count; `None` for all.
     pub(in crate::evaluate) valid: Option<&'a Mask>,
-    /// True depth, if available and the method is not scaled to it.
+    /// True depth, if available; `None` for a method that is scaled to it.
     pub(in crate::evaluate) depth: Option<&'a DepthMap>,
     pub(in crate::evaluate) scene: &'a Scene,
     /// Whether to try other readings.
@@ -80,13 +87,14 @@ pub(in crate::evaluate) struct SourceFacts {
 struct SeenSource {
     picture: RgbImage,
     depth: DepthMap,
-    /// The rendering over the photograph's mean colour instead of the background.
+    /// The rendering over the photograph's mean colour, in place of the background.
     over_mean: RgbImage,
 }
 
-/// Renders a prediction into its own source. Measures [`SOURCE_PSNR`], [`SOURCE_DEPTH`] and [`SOURCE_BLUR`], and warns
-/// of contradictions with the reading of its file; for chosen sources it also tries other readings. A setting suggested
-/// by the numbers alone is dropped if the photograph is explained without it.
+/// Renders a prediction into its own source. Measures [`SOURCE_PSNR`], [`SOURCE_DEPTH`] and
+/// [`SOURCE_BLUR`], and warns if they contradict the reading of its file. For chosen sources, also
+/// tries other readings. If only the numbers suggest a setting, and the photograph is explained
+/// without it, the suggestion is dropped.
 ///
 /// # Errors
 /// See [`RenderError`].
@@ -164,8 +172,9 @@ pub(in crate::evaluate) fn check_source(
     Ok(facts)
 }
 
-/// Names (`dataset/scene/source`) of the sources for which other readings are tried: the first, middle and last of each
-/// dataset. `pairs` must be all pairs of the plan, so that all shards choose the same.
+/// Names (`dataset/scene/source`) of the sources for which other readings are tried: the first,
+/// middle and last of each dataset. `pairs` must be all pairs of the plan, so that all shards
+/// choose the same sources.
 pub(in crate::evaluate) fn checked_sources(pairs: &[ResolvedPair<'_>]) -> BTreeSet<String> {
     let mut sources: BTreeMap<&str, BTreeSet<&str>> = BTreeMap::new();
     for ResolvedPair { pair, scene, .. } in pairs {
@@ -194,8 +203,9 @@ pub(in crate::evaluate) fn absurd_coverage(
     let widest = |&k: &usize| f64::from(scales[k].into_iter().fold(0.0, f32::max));
     let middle = median_of(seen.members.iter().map(widest).collect());
     let text = format!(
-        "{:.0} of its Gaussians cover a pixel on average (half of them are wider than {:.3}), which takes very long \
-         to render; are the scales linear (`scales=linear`) or in another unit (`scale=`)? ({})",
+        "{:.0} of its Gaussians cover a pixel on average (half of them are wider than {:.3}), \
+         which takes very long to render; are the scales linear (`scales=linear`) or in another \
+         unit (`scale=`)? ({})",
         seen.layers,
         middle.unwrap_or_default(),
         source.id
@@ -262,7 +272,8 @@ fn add_doubts(
             let settings: Vec<String> = settings.map(|(k, v)| format!("{k}={v}")).collect();
             let named = format!("`{}`", settings.join("` and `"));
             let text = format!("{shown}; with {named}: {:.2} dB", fit.psnr());
-            // A setting that fixes only half of the problem is reported once, together with the other half.
+            // If a setting fixes only half of the problem, report it once, together with the other
+            // half.
             let half = settings
                 .iter()
                 .find(|s| prediction.warnings.contains_key(*s));
@@ -280,7 +291,8 @@ fn add_doubts(
         }
         _ if is_lost => {
             let text = format!(
-                "{shown}, that is hardly at all, and no other reading that was tried shows it better"
+                "{shown}, so it is hardly recognisable, and no other reading that was tried is \
+                 better"
             );
             warnings.insert("unrelated".to_owned(), text);
         }
@@ -296,14 +308,15 @@ fn add_doubts(
     Ok(())
 }
 
-/// Whether Gaussians over the photograph's mean colour are no closer to the photograph than that colour alone. Correct
-/// ones are closer, even if blurred or sparse.
+/// Whether Gaussians over the photograph's mean colour are no closer to the photograph than the
+/// colour alone. Correct Gaussians are closer, even if blurred or sparse.
 fn shows_nothing(photograph: &RgbImage, over_mean: &RgbImage) -> bool {
     let whole = Region::whole(photograph.dimensions());
     Likeness::of(photograph, whole, over_mean).is_unrelated()
 }
 
-/// A view's neighbours in its scene and its mirror image in the scene's order, if their photographs have the same size.
+/// Other views of the scene whose photographs have the same size: the neighbours of a view, and the
+/// one at the mirrored position in the scene's order.
 fn other_views(
     source: &PosedCamera,
     scene: &Scene,
@@ -317,7 +330,7 @@ fn other_views(
     let others: BTreeSet<usize> = others.into_iter().flatten().filter(|&k| k != at).collect();
     let views = others.into_iter().filter_map(|k| scene.views.get(k));
     let read = views.filter_map(|view| {
-        // An unreadable photograph is reported by its own pairs.
+        // If a photograph is unreadable, its own pairs report it.
         let photograph = view.content.image().ok()?;
         Some((PosedCamera::from(view), photograph))
     });
@@ -325,7 +338,8 @@ fn other_views(
         .collect()
 }
 
-/// The view whose photograph the Gaussians explain significantly better than that of their own source.
+/// The view whose photograph the Gaussians explain significantly better than the photograph of
+/// their own source.
 fn other_view<'a>(
     prediction: &GaussianPrediction,
     reading: &FileReading,
@@ -350,8 +364,8 @@ fn other_view<'a>(
     Ok(best)
 }
 
-/// A warning if rendered depth has another unit than true depth, or is its inverse, beyond what prediction errors
-/// explain.
+/// Warns if rendered depth has another unit than true depth, or is its inverse, and prediction
+/// errors do not explain this.
 fn depth_doubt(truth: &DepthMap, seen: &DepthMap, scale: f64, id: &str) -> Option<String> {
     if truth.dimensions() != seen.dimensions() {
         return None;
@@ -375,8 +389,8 @@ fn depth_doubt(truth: &DepthMap, seen: &DepthMap, scale: f64, id: &str) -> Optio
     let ((middle, spread), (_, of_inverse)) = (middle_and_spread(1.0)?, middle_and_spread(-1.0)?);
     if of_inverse * INVERSE_SIGNIFICANCE < spread {
         return Some(format!(
-            "its Gaussians are far where the dataset's depth is near, and near where it is far ({id}): probably \
-             inverse depth was taken for depth, which no setting corrects"
+            "its Gaussians are far where the dataset's depth is near, and near where it is far \
+             ({id}): inverse depth was probably mistaken for depth, which no setting corrects"
         ));
     }
     let is_unit = middle.abs() > LEAST_FACTOR.ln().max(FACTOR_SIGNIFICANCE * 1.4826 * spread);
@@ -406,7 +420,7 @@ mod tests {
     use crate::methods::{GaussianSpace, TrueDepth};
 
     fn source() -> PosedCamera {
-        // Rotated about the vertical and moved, so that world and camera space differ.
+        // Turned about the vertical axis and moved, so that world space and camera space differ.
         let (sin, cos) = 0.4_f64.sin_cos();
         PosedCamera {
             id: "s".to_owned(),
@@ -418,8 +432,8 @@ mod tests {
         }
     }
 
-    /// A wall of coloured Gaussians 2 m in front of the camera, one per pixel, in camera space, all at different
-    /// depths.
+    /// A wall of coloured Gaussians in camera space, 2 m in front of the camera: one per pixel, all
+    /// at different depths.
     fn wall() -> Gaussians {
         let k = source().intrinsics;
         let mut wall = Gaussians::default();
@@ -450,7 +464,7 @@ mod tests {
                 .iter()
                 .map(|m| point(m).as_vec3().to_array())
                 .collect(),
-            // Spherical, so that a rotation does not change them.
+            // Gaussians are spherical, so rotations do not change them.
             scales: vec![[0.03; 3]; gaussians.len()],
             ..gaussians.clone()
         }
@@ -475,7 +489,7 @@ mod tests {
         doubt_about_read(gaussians, FileReading::of_arrays())
     }
 
-    /// As [`doubt_about_read`], for Gaussians in world space.
+    /// Like [`doubt_about_read`], for Gaussians in world space.
     fn doubt_about_world(gaussians: Gaussians, reading: FileReading) -> Option<String> {
         let map = reading.placement.camera_from_file(&source());
         doubt_in(
@@ -491,7 +505,7 @@ mod tests {
         doubt_beside(&photograph(), gaussians, reading, None)
     }
 
-    /// `suggested` is a setting suggested by the numbers.
+    /// `suggested` is a setting that the numbers suggest.
     fn doubt_beside(
         photograph: &RgbImage,
         gaussians: Gaussians,
@@ -592,7 +606,7 @@ mod tests {
                 recolored(&round, |_| 0.9),
                 "no other reading that was tried",
             ),
-            // One doubt does not hide another.
+            // Reporting one doubt does not hide another.
             (recolored(&in_millimetres_too, |_| 0.9), "times as far away"),
         ] {
             let said = doubt_about(gaussians).unwrap_or_default();
@@ -600,7 +614,7 @@ mod tests {
         }
     }
 
-    /// Colours stored in a form other than coefficients, as in a PLY read without a setting.
+    /// Colours stored in another form than as coefficients, as in a PLY read without a setting.
     #[test]
     fn colours_of_another_form_are_named() {
         let mut reading = FileReading::of_arrays();
@@ -708,8 +722,8 @@ mod tests {
     fn few_or_blurred_gaussians_show_something_and_plain_ones_do_not() {
         let round = mapped(&wall(), DAffine3::IDENTITY);
         let said = |gaussians: Gaussians| doubt_about(gaussians).unwrap_or_default();
-        let nothing = "that is hardly at all";
-        // One in forty; the rest stays black.
+        let nothing = "so it is hardly recognisable";
+        // One Gaussian in forty; the rest of the picture stays black.
         let few = round.filtered(|k| k % 41 == 0);
         assert!(
             !said(few.clone()).contains(nothing),
@@ -727,7 +741,8 @@ mod tests {
         let text = doubt_about_read(recolored(&few, srgb_from_linear), encoded);
         let text = text.unwrap_or_default();
         assert!(!text.contains(nothing), "{text}");
-        // A uniform wall, also in the photograph's own colour, and Gaussians that are not visible.
+        // A uniform wall, which may have the photograph's own colour, and Gaussians that are not
+        // visible.
         let (seen, whole) = (photograph(), Region::whole((40, 32)));
         let own = Likeness::of(&seen, whole, &seen).mean_color();
         let own = own.map(|v| linear_from_srgb(v as f32 / 255.0));

@@ -23,10 +23,12 @@ pub enum CheckpointFetchError {
     File(#[from] FileError),
 }
 
-/// Downloads a checkpoint into a cache folder. The caller must have shown the licence and had it accepted.
+/// Downloads a checkpoint into a cache folder. The caller must have shown the licence and had it
+/// accepted.
 ///
-/// Resumes an interrupted transfer, even of an earlier call. The file gets its final name only if its size is possible
-/// for the network, it has all of the network's tensors, and it equals the recorded file, if there is a record.
+/// Resumes an interrupted transfer, even one of an earlier call. The file gets its final name only
+/// if its size is possible for the network, it has all of the network's tensors, and it equals the
+/// recorded file, if there is a record.
 pub fn fetch(
     release: &Release,
     cache: &Path,
@@ -38,7 +40,7 @@ pub fn fetch(
     let download = Download {
         address: release.address.clone(),
         sizes: release.sizes.clone(),
-        size_text: format!("{least} to {most} bytes, by the network's parameters"),
+        size_text: format!("{least} to {most} bytes, by the network's number of parameters"),
     };
     download.fetch(&part, progress)?;
     let complete =
@@ -114,7 +116,7 @@ mod tests {
         );
         let both = [RELEASE_FILE.to_owned(), format!("{RELEASE_FILE}.json")];
         assert_eq!(names(&cache), both);
-        // After a second download it is no longer unverified.
+        // After a second, equal download it is no longer unverified.
         std::fs::remove_file(&kept).unwrap();
         let (_, standing) = attempt(vec![Answer::Whole], cache.path()).0.unwrap();
         assert!(matches!(standing, Standing::Matches(_)));

@@ -19,16 +19,17 @@ pub use release::{RELEASE_ADDRESS, RELEASE_FILE};
 
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error(
-    "no SHARP checkpoint found (looked for {}); get the official one with `sharp-bench weights fetch sharp` or from \
-     {RELEASE_ADDRESS}, or name one with --checkpoint FILE (checkpoint=FILE in a method); `mini` is the small \
-     network that comes with this program",
+    "no SHARP checkpoint found (looked for {}); get the official one with `sharp-bench weights \
+     fetch sharp` or from {RELEASE_ADDRESS}, or give one with --checkpoint FILE (checkpoint=FILE \
+     in a method); `mini` is the small network that comes with this program",
     searched.iter().map(|path| path.display().to_string()).collect::<Vec<_>>().join(", ")
 )]
 pub struct NoCheckpoint {
     pub searched: Vec<PathBuf>,
 }
 
-/// The release's checkpoint, searched for in torch's hub folder (where the release keeps it) and in our cache.
+/// The release's checkpoint, searched for in torch's hub folder (where the release stores it) and
+/// in our cache.
 pub fn find_checkpoint() -> Result<PathBuf, NoCheckpoint> {
     let ours = cache_folder().map(|folder| folder.join(RELEASE_FILE));
     let torchs = torch_hub().map(|folder| folder.join(RELEASE_FILE));

@@ -10,7 +10,7 @@ use super::{NoCheckpoint, find_checkpoint};
 use crate::io::atomic_files::FileError;
 use crate::io::hash::file_sha256;
 
-/// Why a name does not lead to a network.
+/// Why no network was found for a name.
 #[derive(Debug, thiserror::Error)]
 pub enum NetworkError {
     #[error(transparent)]
@@ -20,8 +20,8 @@ pub enum NetworkError {
     #[error(transparent)]
     File(#[from] FileError),
     #[error(
-        "{source}: its sizes are not those of `{preset}`; name its configuration with config=FILE.json#NAME \
-         (--config)"
+        "{source}: its sizes differ from those of `{preset}`; give its configuration with \
+         config=FILE.json#NAME (--config)"
     )]
     Sizes {
         preset: String,
@@ -32,7 +32,8 @@ pub enum NetworkError {
     )]
     SeveralConfigs { checkpoint: PathBuf, names: String },
     #[error(
-        "checkpoint `{}` has its own configuration; remove the other one, or name a file as ./{}",
+        "checkpoint `{}` has its own configuration; remove the given one, or write ./{} if you \
+         mean a file",
         bundled::NAME,
         bundled::NAME
     )]
@@ -45,16 +46,16 @@ pub enum NetworkError {
     )]
     NotBundled { searched: Vec<PathBuf> },
     #[error(
-        "{}: not the weights that belong to this program: sha256 {sha256}, not {}",
+        "{}: not the weights that belong to this program: sha256 is {sha256}, expected {}",
         path.display(),
         bundled::weights_sha256()
     )]
     OtherWeights { path: PathBuf, sha256: String },
 }
 
-/// The network of a checkpoint, on the CPU. `mini` is the bundled network with its sizes. Any other name is a file,
-/// with the sizes of `config` (`FILE.json#NAME`), of a `.json` next to the file, or of the release. Without a name,
-/// searches for the official checkpoint.
+/// The network of a checkpoint, on the CPU. `mini` is the bundled network. Any other name is a
+/// file; its sizes are those of `config` (`FILE.json#NAME`), of a `.json` next to the file, or of
+/// the release. Without a name, searches for the official checkpoint.
 ///
 /// # Errors
 /// [`NetworkError`].
@@ -79,11 +80,11 @@ pub fn named_network(
     })
 }
 
-/// The network of a file. Its sizes are those of `config`, of `STEM.json` next to the file, of the release, or of the
-/// only configuration in a neighbouring `.json` that fits.
+/// The network of a file. Its sizes are those of `config`, of `STEM.json` next to the file, of the
+/// release, or of the only fitting configuration in the `.json` files next to it.
 fn network_of(file: &Path, config: Option<&str>) -> Result<NetworkSpec, NetworkError> {
     let source = CheckpointSource::open(file)?;
-    // Other tensors are allowed here; whether they may be unused is decided later.
+    // Allow further tensors here; whether they may stay unused is decided later.
     let fits = |config: &ModelConfig| source.check(config, &[String::new()]);
     let mut notes = Vec::new();
     notes.extend(source.left_out().map(|prefix| {
@@ -100,7 +101,7 @@ fn network_of(file: &Path, config: Option<&str>) -> Result<NetworkSpec, NetworkE
             match &found[..] {
                 [] => release,
                 [(name, config)] => {
-                    notes.push(format!("its sizes are those of {name} beside it"));
+                    notes.push(format!("its sizes fit {name} next to it"));
                     config.clone()
                 }
                 several => {
@@ -124,7 +125,8 @@ fn network_of(file: &Path, config: Option<&str>) -> Result<NetworkSpec, NetworkE
     })
 }
 
-/// Configurations in `STEM.json`, or if it has none, in all `.json` files next to a checkpoint, by `FILE#NAME`.
+/// Configurations by `FILE#NAME`, from `STEM.json` next to the checkpoint, or if that has none,
+/// from all `.json` files next to it.
 fn beside(checkpoint: &Path) -> Vec<(String, ModelConfig)> {
     let own = checkpoint.with_extension("json");
     let of_file = |path: &Path| {

@@ -24,7 +24,7 @@ pub struct CheckpointRecord {
 
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Standing {
-    /// There was no record to compare with; it has now been written to this file.
+    /// There was no record to compare with; one has now been written to this file.
     Unverified(PathBuf),
     Matches(String),
 }
@@ -50,8 +50,8 @@ pub enum RecordError {
     #[error("{}: not a record of a checkpoint: {reason}", path.display())]
     Damaged { path: PathBuf, reason: String },
     #[error(
-        "{}: {bytes} bytes, sha256 {sha256}, but the checkpoint recorded on {} has {} bytes, sha256 {}; if it was \
-         replaced on purpose, delete {}",
+        "{}: {bytes} bytes, sha256 {sha256}, but the checkpoint recorded on {} had {} bytes, \
+         sha256 {}; if it was replaced on purpose, delete {}",
         checkpoint.display(), expected.recorded, expected.bytes, expected.sha256, record.display()
     )]
     Other {

@@ -1,4 +1,4 @@
-//! Facts about the official checkpoint that are known without having the file.
+//! Facts about the official checkpoint that are known without its file.
 
 use std::ops::RangeInclusive;
 
@@ -40,8 +40,8 @@ const PARAMETERS: u64 = 702_305_169;
 const OVERHEAD: u64 = 16 << 20;
 
 impl Release {
-    /// The official release. Neither its size nor a hash is published; its size follows from the number of parameters,
-    /// up to the table of contents.
+    /// The official release. It publishes neither its size nor a hash; its size follows from the
+    /// number of parameters, except for the table of contents.
     pub fn official() -> Self {
         Self {
             address: mirrored(RELEASE_ADDRESS),

@@ -9,7 +9,8 @@ use image::RgbImage;
 use super::{Movie, MovieError, check_size};
 use crate::io::atomic_files::{FileError, PartialFile};
 
-/// Maximum frames per second: viewers treat a delay below two hundredths of a second as a mistake and play it slowly.
+/// Maximum frames per second: viewers play a movie slowly if its delays are below two hundredths of
+/// a second.
 pub const MAX_FPS: u32 = 50;
 
 /// NeuQuant's sampling factor, from 1 (every pixel) to 30.
@@ -17,9 +18,9 @@ const SPEED: i32 = 1;
 
 /// A GIF that loops forever.
 ///
-/// Frames of at most 256 colours are stored exactly; for others NeuQuant computes a palette, without dithering. Delays
-/// are in hundredths of a second: at 30 frames per second some frames last 3 and some 4, so that the total duration is
-/// right.
+/// Frames of at most 256 colours are stored exactly; for others NeuQuant computes a palette,
+/// without dithering. Delays are in hundredths of a second: at 30 frames per second some frames
+/// last 3 and some 4, so that the total duration is correct.
 pub struct GifMovie {
     encoder: gif::Encoder<PartialFile>,
     path: PathBuf,
@@ -41,12 +42,12 @@ impl GifMovie {
         };
         if !(1..=MAX_FPS).contains(&fps) {
             return Err(format(format!(
-                "a GIF has 1 to {MAX_FPS} frames a second, not {fps}"
+                "a GIF can have 1 to {MAX_FPS} frames per second, not {fps}"
             )));
         }
         let (Ok(w), Ok(h)) = (u16::try_from(width), u16::try_from(height)) else {
             return Err(format(format!(
-                "{width}x{height}: a GIF's sides are at most 65535 pixels"
+                "{width}x{height}: the sides of a GIF cannot exceed 65535 pixels"
             )));
         };
         let file = PartialFile::create(path)?;
@@ -74,7 +75,7 @@ impl GifMovie {
 impl Movie for GifMovie {
     fn push(&mut self, image: &RgbImage) -> Result<(), MovieError> {
         check_size(&self.path, image, self.size)?;
-        // Checked to fit into u16 when the movie was created.
+        // Checked when the movie was created: both fit into u16.
         let (width, height) = (self.size.0 as u16, self.size.1 as u16);
         let mut frame = Frame::from_rgb_speed(width, height, image.as_raw(), SPEED);
         frame.delay = (self.start(self.frames + 1) - self.start(self.frames)) as u16;

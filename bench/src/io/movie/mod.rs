@@ -24,7 +24,7 @@ pub enum MovieError {
     NoFfmpeg { path: PathBuf },
     #[error("{}: ffmpeg: {reason}", path.display())]
     Ffmpeg { path: PathBuf, reason: String },
-    #[error("{}: a frame is {}x{}, the movie {}x{}", path.display(), found.0, found.1, expected.0, expected.1)]
+    #[error("{}: a frame is {}x{}, but the movie is {}x{}", path.display(), found.0, found.1, expected.0, expected.1)]
     Size {
         path: PathBuf,
         found: (u32, u32),

@@ -13,8 +13,8 @@ use crate::io::atomic_files::{FileError, PartialFile};
 
 const FFMPEG: &str = "ffmpeg";
 
-/// BT.709's matrix in video range, which is also tagged in the file so that players need not guess; transfer and
-/// primaries are sRGB's.
+/// BT.709's matrix in video range. The file states both, so that players need not guess; transfer
+/// and primaries are sRGB's.
 const FILTER: &str = "scale=out_color_matrix=bt709:out_range=tv,format=yuv420p";
 
 /// First line of `ffmpeg -version`; `None` if ffmpeg is not installed.
@@ -115,7 +115,7 @@ impl Mp4Movie {
     /// ffmpeg's last error message, or else `otherwise`.
     fn failed(&mut self, otherwise: &str) -> MovieError {
         let mut said = String::new();
-        // If the output cannot be read, fall back to `otherwise`.
+        // If ffmpeg's output cannot be read, use `otherwise`.
         let _ = self.errors.rewind();
         let _ = (&mut self.errors).take(1 << 16).read_to_string(&mut said);
         let last = said.lines().rfind(|line| !line.trim().is_empty());

@@ -4,7 +4,7 @@ use std::fs::{self, File, OpenOptions};
 use std::io::{self, Read, Seek, SeekFrom, Write};
 use std::path::Path;
 
-/// Bytes kept of the beginning and of the end of a long log.
+/// Number of bytes kept at each end of a long log.
 const KEPT: u64 = 2 << 20;
 
 /// Size at which a log is cut; well above the kept size, so that cuts are rare.
@@ -50,7 +50,7 @@ impl ProgramLog {
         let mut end = Vec::new();
         self.file.seek(SeekFrom::Start(self.len - KEPT))?;
         (&self.file).take(KEPT).read_to_end(&mut end)?;
-        // Start at a line, unless lines are too long.
+        // Start at the beginning of a line, unless lines are too long.
         let start = end.iter().take(1 << 16).position(|byte| *byte == b'\n');
         let end = &end[start.map_or(0, |at| at + 1)..];
         self.cut += self.len - KEPT - self.note - end.len() as u64;
@@ -91,7 +91,8 @@ mod tests {
             + 1;
         assert_eq!(after as u64, KEPT / 100);
         assert!((kept.len() - after) as u64 >= KEPT / 100 - 1);
-        // Everything neither kept nor in the note was cut; the last line of the beginning is kept in part.
+        // All bytes outside the kept parts and the note were cut; the first part may end within a
+        // line.
         let note = text.lines().find(|line| line.starts_with("==")).unwrap();
         let cut = lines * 100 - (text.len() - note.len() - 2) as u64;
         assert_eq!(note, format!("== at least {cut} bytes left out here =="));

@@ -1,8 +1,8 @@
-//! An external program as a method: one long-lived process that receives one line of JSON per pair and answers with
-//! one.
+//! An external program as a method: one long-lived process that receives one line of JSON per pair
+//! and answers with one line.
 //!
 //! * `protocol`: requests and answers.
-//! * `words`: the files that the command line names.
+//! * `words`: the files named in the command line.
 //! * `process`: starting, reading lines with a deadline, stopping; `log`: standard error, bounded.
 
 mod log;
@@ -35,20 +35,21 @@ use crate::io::rendering_files::write_png;
 
 /// Runs a program for all pairs of a run.
 ///
-/// The shell starts the program at the first pair; further pairs are sent to its standard input. After a crash, a
-/// timeout or an invalid answer it is restarted for the next pair, and the failure is recorded for the current pair
-/// alone. A program that ends three times before any answer is not started again.
+/// The shell starts the program at the first pair; further pairs are sent to its standard input.
+/// After a crash, a timeout or an invalid answer, the failure is recorded for the current pair
+/// alone, and the program is restarted for the next. It is not started again if it ended three
+/// times without ever answering.
 ///
-/// The files that the command line names, and those of `files=`, are part of the identity by their hashes; anything
-/// else that changes predictions (an environment, a folder) belongs in `version=`.
+/// The hashes of the files named in the command line and in `files=` are part of the identity;
+/// anything else that changes predictions (an environment, a folder) belongs in `version=`.
 #[derive(Debug)]
 pub struct Command {
     label: String,
     run: String,
-    /// Working directory; empty for that of this process. Unlike the files, not part of the identity.
+    /// Working directory; empty for that of this process. Not part of the identity.
     folder: PathBuf,
     version: String,
-    /// Files named by the command line and by `files=`.
+    /// Files named in the command line and in `files=`.
     files: Vec<HashedFile>,
     notes: Vec<String>,
     timeout: Duration,
@@ -64,16 +65,17 @@ struct State {
     process: Option<Process>,
     log: Option<Arc<Mutex<ProgramLog>>>,
     scratch: Option<TempDir>,
-    /// SHA-256 of the picture and depth in the scratch folder, and the stamps of these files.
+    /// SHA-256 of the source's picture and depth in the scratch folder, and the stamps of their
+    /// files.
     source: Option<(String, Vec<Option<FileStamp>>)>,
     has_answered: bool,
     /// Number of starts that ended before any answer.
     vain_starts: usize,
-    /// Why the program is not started again.
+    /// Why the program will not be started again.
     given_up: Option<String>,
 }
 
-/// Number of starts without any answer after which a program is given up.
+/// Number of starts without any answer after which the program is not started again.
 const STARTS: usize = 3;
 
 impl Command {
@@ -98,7 +100,8 @@ impl Command {
         let fit = FitRules::parse(|key| spec.option(key)).map_err(|reason| spec.error(reason))?;
         if fit.needs_file() {
             return Err(spec.error(
-                "crop=center and crop=sidecar need files; a program takes crop=x:y:w:h or crop=center:W:H",
+                "crop=center and crop=sidecar need files; for a program use crop=x:y:w:h or \
+                 crop=center:W:H",
             ));
         }
         let folder = spec.option("cwd").map(PathBuf::from).unwrap_or_default();
@@ -156,7 +159,7 @@ impl Command {
         Ok(state.log.clone())
     }
 
-    /// Asks the program for a prediction that it should write to `write_to`.
+    /// Requests a prediction, which the program should write to `write_to`.
     fn ask(
         &self,
         state: &mut State,
@@ -191,7 +194,8 @@ impl Command {
                 },
                 Err(Trouble::Ended) => {
                     let ended = process.stop();
-                    // A program may end successfully after a pair; the next pair starts another.
+                    // A program may exit successfully after a pair; it is then started again for
+                    // the next pair.
                     if !fresh && ended.succeeded() {
                         continue;
                     }
@@ -228,8 +232,8 @@ fn notes_of(files: &NamedFiles) -> Vec<String> {
     });
     let unseen = files.unseen.iter().map(|word| {
         format!(
-            "its command line names {word}, which may stand for files that are not hashed; name them with \
-             files=PATTERN, so that results are made again when they change"
+            "its command line names {word}, which may stand for files that are not hashed; list \
+             them with files=PATTERN, so that results are made again when they change"
         )
     });
     absent.chain(unseen).collect()
@@ -387,7 +391,7 @@ impl PredictPicture for Command {
         let scratch_in = self.places.get().map_or(&elsewhere, |(_, folder)| folder);
         let files = state.source_files(source, scratch_in)?;
         let write_to = files.picture.with_file_name("prediction.png");
-        // A file left by an earlier pair must not be taken for this one's.
+        // Remove the file of an earlier pair, which could be mistaken for this pair's.
         if let Err(error) = std::fs::remove_file(&write_to)
             && error.kind() != std::io::ErrorKind::NotFound
         {
@@ -455,7 +459,7 @@ mod tests {
         };
         let command = with("weights/**/*.bin").unwrap();
         assert_ne!(content(&command), after);
-        // A folder in the command line causes a warning until its files are named.
+        // A folder in the command line causes a warning unless its files are listed in `files=`.
         let text = format!("{text},run='x {}/weights/a'", dir.path().display());
         let text = text.replace(&format!("run='python3 {} --fast',", script.display()), "");
         let command = Command::from_spec(&text.parse().unwrap()).unwrap();

@@ -1,7 +1,8 @@
 //! The process of a method: started by the shell, queried line by line, and always terminated.
 //!
-//! Hand-written because crates for process groups (`process-wrap`) wrap what std's `process_group` already does, and
-//! lack deadlines for lines and handling of this process being killed, which make up most of this file.
+//! Written by hand because crates for process groups (`process-wrap`) only wrap std's
+//! `process_group`. They offer neither deadlines for lines nor clean-up when this process is
+//! killed, which make up most of this file.
 
 use std::io::{self, BufRead, BufReader, Read, Write};
 use std::path::Path;
@@ -17,16 +18,17 @@ use super::protocol::{VERSION, excerpt, no_answer};
 /// Maximum length of an answer line, bytes.
 const LONGEST_LINE: u64 = 1 << 20;
 
-/// Number of lines buffered. A program that writes more than requested has to wait.
+/// Number of lines buffered. A program that writes further unrequested lines has to wait.
 const LINES_AHEAD: usize = 2;
 
-/// Time that a program has to exit after its input is closed.
+/// How long a program may run after its input is closed.
 const GRACE: Duration = Duration::from_secs(5);
 
-/// Time to wait for the remaining output of a program that exited.
+/// How long to wait for the remaining output of a program that exited.
 const LAST_OUTPUT: Duration = Duration::from_millis(500);
 
-/// Polling interval while waiting for an answer: a program may have exited while its child keeps the pipe open.
+/// Polling interval while waiting for an answer; needed because a program may exit while its child
+/// keeps the pipe open.
 const LOOK: Duration = Duration::from_millis(50);
 
 #[derive(Debug, PartialEq, Eq)]
@@ -74,7 +76,7 @@ impl Ended {
             text += &format!(" ({status})");
         }
         if !self.last_words.is_empty() {
-            text += &format!("; its last words: {}", excerpt(&self.last_words));
+            text += &format!("; its last output: {}", excerpt(&self.last_words));
         }
         text
     }
@@ -163,14 +165,15 @@ impl Process {
         }
     }
 
-    /// Whether the program has exited. It stays a zombie, so that its id, which is also its group's, is not reused.
+    /// Whether the program has exited. It stays a zombie, so that its id, which is also its group's
+    /// id, is not reused.
     fn has_ended(&mut self) -> bool {
         #[cfg(unix)]
         {
             // SAFETY: `siginfo_t` is a plain C struct, for which all zeros is a valid value.
             let mut info: libc::siginfo_t = unsafe { std::mem::zeroed() };
             let how = libc::WEXITED | libc::WNOHANG | libc::WNOWAIT;
-            // SAFETY: `info` outlives the call, which writes to nothing else.
+            // SAFETY: the call writes only to `info`, which outlives it.
             let result = unsafe { libc::waitid(libc::P_PID, self.child.id(), &raw mut info, how) };
             // SAFETY: every variant of the union has this field; it is 0 while the child has not exited.
             result != 0 || unsafe { info.si_pid() } != 0
@@ -189,7 +192,8 @@ impl Process {
     }
 
     fn end(&mut self, grace: Duration) -> Ended {
-        // A program to be killed at once must not see its input end first and act on that.
+        // If the program is to be killed at once, keep its input open: it could react to the end of
+        // input.
         if !grace.is_zero() {
             self.stdin = None;
         }
@@ -232,7 +236,7 @@ impl Drop for Process {
 fn unasked(heard: &Heard) -> Trouble {
     Trouble::Garbage(match heard {
         Heard::Line(text) => no_answer(text),
-        Heard::TooLong => format!("it wrote a line of more than {LONGEST_LINE} bytes"),
+        Heard::TooLong => format!("it wrote a line longer than {LONGEST_LINE} bytes"),
         Heard::NotText => "it wrote bytes that are not UTF-8".to_owned(),
     })
 }
@@ -260,7 +264,8 @@ fn shell(run: &str) -> Command {
     command
 }
 
-/// Starts a process that kills a process group when this process dies: only then does its input end without a line.
+/// Starts a process that kills a process group when this process dies: only then does the
+/// watchdog's input end without a line.
 #[cfg(unix)]
 fn watchdog(group: u32) -> io::Result<Child> {
     use std::os::unix::process::CommandExt;
@@ -270,7 +275,7 @@ fn watchdog(group: u32) -> io::Result<Child> {
         .stdin(Stdio::piped())
         .stdout(Stdio::null())
         .stderr(Stdio::null())
-        // Its own group, so that terminal signals to us do not end it first.
+        // Its own group, so that a signal from the terminal does not end it before us.
         .process_group(0)
         .spawn()
 }

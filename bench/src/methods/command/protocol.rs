@@ -1,12 +1,14 @@
 //! Requests to the program and its answers: one line of JSON each.
 //!
-//! Request: `{"protocol":1,"pair_id":…,"source_picture":…,"write_to":…,"pair":{…}}`. The paths are absolute;
-//! `source_picture` is a PNG, `pair` is the `pair.json` of `pairs export`, `write_to` is the path for its PNG.
-//! With `depth=privileged` there is also `source_depth`, the source's true z-depth as `.npy`.
+//! Request: `{"protocol":1,"pair_id":…,"source_picture":…,"write_to":…,"pair":{…}}`. The paths are
+//! absolute; `source_picture` is a PNG, `pair` is the `pair.json` of `pairs export`, `write_to` is
+//! where the program writes its PNG. With `depth=privileged`, `source_depth` is the source's true
+//! z-depth as `.npy`.
 //!
-//! Answer: `{"pair_id":…}` if the picture was written there; optional keys are `"picture":PATH` if it is elsewhere
-//! (.png, .jpg, .exr, .npy), `"extras":{NAME:NUMBER}` for columns of the scores; `{"pair_id":…,"error":REASON}` if the
-//! program could not predict this pair and is ready for the next.
+//! Answer: `{"pair_id":…}` if the picture was written there. Optional keys are `"picture":PATH` if
+//! it was written elsewhere (.png, .jpg, .exr, .npy), and `"extras":{NAME:NUMBER}` for additional
+//! columns of the scores. `{"pair_id":…,"error":REASON}` means that the program could not predict
+//! this pair and is ready for the next.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -97,7 +99,8 @@ impl Answer {
                 || matches!(name.as_str(), "scored_share" | "valid_share");
             if name.is_empty() || !name.chars().all(plain) || reserved {
                 return Err(format!(
-                    "its extra '{}' is not a name of lower-case letters, digits and '_', or is one of ours",
+                    "its extra '{}' is not a name of lower-case letters, digits and '_', or is a \
+                     reserved name",
                     excerpt(name)
                 ));
             }

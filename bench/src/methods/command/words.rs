@@ -10,7 +10,8 @@ pub(super) struct NamedFiles {
     pub(super) found: Vec<PathBuf>,
     /// Words that look like files but do not exist.
     pub(super) absent: Vec<String>,
-    /// Words that may refer to further, unhashed files: folders, command substitutions, braces.
+    /// Words that may refer to further files, which are not hashed: folders, command substitutions,
+    /// braces.
     pub(super) unseen: Vec<String>,
 }
 
@@ -37,9 +38,9 @@ const ENDINGS: [&str; 19] = [
     "yml",
 ];
 
-/// Looks up every word, including values after `--option=` and `NAME=`, with quotes and variables resolved, relative to
-/// `folder` and to folders that `cd` enters. Words that only the shell can resolve (`$(…)`, braces) are listed as
-/// unseen.
+/// Looks up every word, including values after `--option=` and `NAME=`, with quotes and variables
+/// resolved, relative to `folder` and to the folders that `cd` enters. Words that only the shell
+/// can expand (`$(…)`, braces) are returned as unseen.
 pub(super) fn named_files(
     line: &str,
     folder: &Path,
@@ -118,11 +119,12 @@ pub(super) fn named_files(
     named
 }
 
-/// Adds the Python modules next to a script that it imports, and their imports.
+/// Adds the Python modules next to a script that it imports, and the modules that these import.
 fn add_imports(found: &mut Vec<PathBuf>) {
     let is_script = |path: &&PathBuf| path.extension().is_some_and(|e| e == "py");
     let mut open: Vec<PathBuf> = found.iter().filter(is_script).cloned().collect();
-    // Modules are searched for next to the script; modules of packages, next to each other.
+    // A module is searched for next to the script, and a package's module next to the others of
+    // that package.
     let mut roots: BTreeSet<PathBuf> = open.iter().map(|path| folder_of(path)).collect();
     while let Some(path) = open.pop() {
         let text = std::fs::read_to_string(&path).unwrap_or_default();

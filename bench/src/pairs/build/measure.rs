@@ -15,10 +15,10 @@ use crate::pairs::overlap::{OverlapOptions, overlap};
 use crate::pairs::overlap_cache::{DepthFacts, Overlaps, SceneOverlaps};
 use crate::pairs::valid_depth::density;
 
-/// Peak memory while reading a view's depth, in maps of its size: the unpacked bytes of the file, which are two maps'
-/// worth as 64-bit numbers, and the resulting map. Later there are two: the stored and the undistorted map, or the map
-/// and the values for its median. Not counted: a scan shared by all views; a prediction and its ratios to sparse depth,
-/// if overlap uses one.
+/// Peak memory while reading a view's depth, in maps of its size: the unpacked file as 64-bit
+/// numbers (worth two maps) and the resulting map. Later only two are held: the stored and the
+/// undistorted map, or the map and the values for its median. Not counted: a scan shared by all
+/// views; if overlap uses a prediction, that prediction and its ratios to sparse depth.
 const COPIES_WHILE_READING: u64 = 3;
 
 /// Index of a view whose depth could not be read, and the error.
@@ -26,7 +26,7 @@ pub(super) type DepthFailure = (usize, PairError);
 
 type HeldDepths = BTreeMap<usize, PosedDepth>;
 
-/// Measures those overlaps of a scene that are not known yet.
+/// Measures the overlaps of a scene that are not known yet.
 pub(super) struct Measuring<'a> {
     scene: &'a Scene,
     options: &'a PairOptions,
@@ -99,7 +99,7 @@ impl<'a> Measuring<'a> {
         failures
     }
 
-    /// Couples (a, b), a < b, with one view from each block and unknown overlap.
+    /// Couples (a, b), a < b, of one view from each block, whose overlap is unknown.
     fn unknown_couples(
         &self,
         first: &[usize],
@@ -142,7 +142,8 @@ impl<'a> Measuring<'a> {
         usize::try_from(self.context.depth_memory_bytes / largest).unwrap_or(usize::MAX)
     }
 
-    /// Loads the depth of views into `held`, reduced as the options require, and records facts about it, and errors.
+    /// Loads the depth of views into `held`, reduced as the options require; records facts about
+    /// the depth, and errors.
     fn load(
         &self,
         mut views: Vec<usize>,
@@ -198,7 +199,7 @@ impl<'a> Measuring<'a> {
         }
     }
 
-    /// Measures couples whose views are both held.
+    /// Measures the couples of which both views are held.
     fn between(
         &self,
         couples: &[(usize, usize)],

@@ -114,7 +114,7 @@ pub struct PairCounts {
 }
 
 impl PairCounts {
-    /// Whether most views with depth have it at few of their pixels.
+    /// Whether depth is sparse in most of the views that have it.
     pub fn is_sparse(&self) -> bool {
         2 * self.with_sparse_depth > self.with_depth
     }
@@ -128,8 +128,9 @@ pub struct Problem {
     pub view: String,
     /// The reason, which names the file.
     pub reason: String,
-    /// Whether the view is left out because its pairs need the file. Depth is optional for stereo pairs, and for others
-    /// with [`MissingDepth::Accept`](super::options::MissingDepth::Accept).
+    /// Whether the view is left out because its pairs need the file. Stereo pairs do not need
+    /// depth, nor do other pairs under
+    /// [`MissingDepth::Accept`](super::options::MissingDepth::Accept).
     pub is_left_out: bool,
 }
 
@@ -138,8 +139,9 @@ pub struct Problem {
 /// A file that cannot be read is a [`Problem`], not an error; other scenes are still processed.
 ///
 /// # Errors
-/// [`PairError::Options`]; [`PairError::Stopped`] if asked to stop; [`PairError::DuplicatePair`] if two scenes share
-/// dataset and id, or two views of a scene their id.
+/// [`PairError::Options`]; [`PairError::Stopped`] if `stop` returned true;
+/// [`PairError::DuplicatePair`] if two scenes have the same dataset and id, or two views of a scene
+/// the same id.
 pub fn build_pairs(
     scenes: &[Scene],
     options: &PairOptions,

@@ -31,7 +31,7 @@ pub(super) struct SceneWork<'a> {
     noted: BTreeSet<(usize, String)>,
 }
 
-/// Interval between cache writes, the most work that a kill can lose.
+/// Interval between cache writes; a killed process loses at most this much work.
 const KEEP_EVERY: Duration = Duration::from_secs(5);
 
 impl<'a> SceneWork<'a> {
@@ -94,7 +94,7 @@ impl<'a> SceneWork<'a> {
             .or_default()
     }
 
-    /// Builds the pairs from one view to others, regardless of overlap.
+    /// Builds the pairs from one view to several others, regardless of overlap.
     pub(super) fn one_to_others(&mut self, source: usize, targets: &[usize]) {
         let views = self.scene.views.len();
         let counts = self.counts();
@@ -156,7 +156,7 @@ impl<'a> SceneWork<'a> {
         counts.with_sparse_depth += known.iter().filter(|c| **c < SPARSE_DENSITY).count();
     }
 
-    /// Views that sets are formed from.
+    /// The views from which sets are formed.
     fn views_in_sets(&mut self) -> Vec<usize> {
         let all: Vec<usize> = (0..self.scene.views.len()).collect();
         if self.options.missing_depth != MissingDepth::LeaveOut {
@@ -273,7 +273,7 @@ impl<'a> SceneWork<'a> {
     }
 }
 
-/// An unselected row for two views of a scene; measures nothing and reads no photograph.
+/// An unselected row for two views of a scene. Measures no overlap and reads no photograph.
 pub(in crate::pairs) fn row(
     scene: &Scene,
     source: usize,

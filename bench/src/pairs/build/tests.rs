@@ -56,7 +56,7 @@ fn a_list_that_is_stopped_reads_no_more_depth() {
     let scenes = std::slice::from_ref(&long.scene);
     let stopped = build_pairs(scenes, &"limit=all".parse().unwrap(), &context);
     assert!(matches!(stopped, Err(PairError::Stopped)));
-    // Plus those that several threads had already begun.
+    // 15 reads, plus one that each thread may have begun by then.
     assert!(
         (15..=15 + rayon::current_num_threads()).contains(&reads()),
         "{}",
@@ -79,8 +79,9 @@ fn each_depth_map_is_read_once_unless_memory_is_short() {
     let options = "limit=all".parse().unwrap();
     let blocked = build_pairs(std::slice::from_ref(&short.scene), &options, &context).unwrap();
     assert_eq!(blocked.pairs, plenty.pairs);
-    // Five blocks of two per full set: 10 + 8 + 6 + 4 + 2. Three blocks for five views: 5 + 3, after which the last
-    // block's only view has been paired with all others.
+    // Each full set has five blocks of two, read 10 + 8 + 6 + 4 + 2 times. The last set, of five
+    // views, has three blocks, read 5 + 3 times: by then its last view has been paired with all
+    // others.
     assert_eq!(short.reads.load(Ordering::Relaxed), 30 + 30 + 8);
 }
 
@@ -125,7 +126,7 @@ fn views_without_depth_follow_the_option() {
     depths[4] = Depth::Wall(0.0);
     let scene = row("d", "s", 0.01, &depths).scene;
     let scenes = std::slice::from_ref(&scene);
-    // Eight of the first ten; the eleventh is alone in its set.
+    // Eight of the first ten views; the eleventh view is alone in its set.
     assert_eq!(build(scenes, "").pairs.len(), 8 * 7);
     assert_eq!(build(scenes, "").summaries["d"].without_depth, 90 - 56);
     let accepted = build(scenes, "missing-depth=accept");
@@ -158,7 +159,7 @@ fn a_broken_file_is_reported_once_and_the_rest_goes_on() {
             }]
         );
     }
-    // A file that is not needed excludes no view.
+    // A broken file that is not needed excludes no view.
     let accepted = build(scenes, "missing-depth=accept");
     assert_eq!(accepted.pairs.len(), 12);
     assert_eq!(accepted.summaries["d"].unreadable, 0);
@@ -298,12 +299,13 @@ mod cache {
         let fresh = cached(scenes, "", &OverlapCache::in_folder(&folder));
         assert_eq!(fresh.pairs, plain.pairs);
         assert_eq!((reads(), files(&folder).len()), (25, 1));
-        // Another process, later on.
+        // As another process would do later.
         let again = cached(scenes, "", &OverlapCache::in_folder(&folder));
         assert_eq!(again.pairs, plain.pairs);
         assert_eq!(again.summaries, plain.summaries);
         assert_eq!(reads(), 0);
-        // Other thresholds, sampling or smaller sets measure nothing new; larger sets only the new couples.
+        // Other thresholds, sampling or smaller sets measure nothing new; larger sets measure only
+        // the new couples.
         cached(
             scenes,
             "threshold=0.2,size=5,order=once,limit=3",

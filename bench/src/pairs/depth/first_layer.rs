@@ -11,10 +11,10 @@ use super::DepthSource;
 use crate::io::hash::file_sha256;
 use crate::pairs::PairError;
 
-/// The first depth layer of a SHARP network, resized to the picture by nearest value.
+/// The first depth layer of a SHARP network, resized to the picture by nearest neighbour.
 ///
-/// Predicted as in the release: the photograph is resized to the network's square, and the disparity factor is the
-/// dataset's focal length over the width. Runs once per view, on the CPU.
+/// Predicts as the release does: resizes the photograph to the network's square and takes the
+/// dataset's focal length over the width as disparity factor. Runs once per view, on the CPU.
 pub struct FirstLayerDepth {
     network: NetworkSpec,
     checkpoint_sha256: String,
@@ -80,7 +80,7 @@ impl DepthSource for FirstLayerDepth {
         )
     }
 
-    /// One prediction at a time: the network uses every core and gigabytes of memory by itself.
+    /// One prediction at a time: a single one already uses every core and gigabytes of memory.
     fn in_parallel(&self) -> bool {
         false
     }
@@ -113,7 +113,8 @@ mod tests {
         assert!(depth.iter().all(|z| is_valid_depth(*z)));
         assert!(source.name().starts_with("tiny(checkpoint sha256 "));
 
-        // After scaling, its median ratio to the truth is 1, and pairs can be built from it.
+        // After scaling, the median ratio to the true depth is 1, and pairs can be built from the
+        // scaled depth.
         let scaled = ScaledToGroundTruth(source);
         let metric = scaled.depth(&scenes[0], view).unwrap().unwrap();
         let truth = view.content.depth().unwrap().unwrap();

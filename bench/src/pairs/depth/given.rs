@@ -38,10 +38,11 @@ impl GivenDepth {
         })
     }
 
-    /// Number of the scenes' views that have a map, and one SHA-256 over all those maps and their names.
+    /// Number of the scenes' views that have a map, and one SHA-256 over all these maps and their
+    /// names.
     ///
     /// # Errors
-    /// [`PairError::Depth`] for a view with two maps, [`PairError::File`] for one that cannot be read.
+    /// [`PairError::Depth`] if a view has two maps, [`PairError::File`] if a map cannot be read.
     pub fn digest(&self, scenes: &[Scene]) -> Result<(usize, String), PairError> {
         let mut lines = Vec::new();
         for scene in scenes {
@@ -62,14 +63,15 @@ impl GivenDepth {
     }
 }
 
-/// The depth map with this stem and any extension. A PNG next to a float map is ignored as a visualisation of it.
+/// The depth map with this stem and one of the extensions. A PNG next to a float map is ignored,
+/// because it is taken for a visualisation.
 ///
 /// # Errors
 /// [`PairError::Depth`] if there are two.
 pub fn find_map(stem: &Path) -> Result<Option<PathBuf>, PairError> {
     let found: Vec<PathBuf> = EXTENSIONS
         .iter()
-        // Do not replace an extension, because a view's name may contain a dot.
+        // Append the extension instead of replacing one, because a view's name may contain a dot.
         .map(|extension| PathBuf::from(format!("{}.{extension}", stem.display())))
         .filter(|path| path.is_file())
         .collect();
@@ -79,7 +81,7 @@ pub fn find_map(stem: &Path) -> Result<Option<PathBuf>, PairError> {
         [file, png] if png.extension().is_some_and(|e| e == "png") => Ok(Some(file.clone())),
         [first, second, ..] => Err(wrong(
             first,
-            &format!("ambiguous, {} exists too", second.display()),
+            &format!("ambiguous, because {} exists too", second.display()),
         )),
     }
 }
@@ -121,7 +123,7 @@ impl DepthSource for GivenDepth {
         let map = read_metres(&file)?;
         let (w, h) = map.dimensions();
         let (to_w, to_h) = (view.intrinsics.width, view.intrinsics.height);
-        // The other side may differ from the exact aspect by one pixel of rounding.
+        // Rounding may put the other side one pixel off the exact aspect ratio.
         let other = f64::from(w) * f64::from(to_h) / f64::from(to_w);
         if (w, h) != (to_w, to_h) && (other - f64::from(h)).abs() > 1.0 {
             return Err(PairError::DepthSize {
@@ -199,7 +201,7 @@ mod tests {
         let metric = scaled.depth(&scene, &scene.views[0]).unwrap().unwrap();
         assert_eq!(metric.get_pixel(99, 9).0, [2.0]);
         assert_eq!(scaled.name(), "given,median-scaled-to-ground-truth");
-        // A view without its own depth has no scale.
+        // A view without depth of its own cannot be scaled.
         assert!(scaled.depth(&scene, &scene.views[2]).unwrap().is_none());
         assert!(GroundTruthDepth.files(&scene, &scene.views[0]).is_empty());
         assert_eq!(

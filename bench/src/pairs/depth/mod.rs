@@ -25,12 +25,12 @@ pub trait DepthSource: Sync {
     /// Stable name for the record of a run (`ground-truth`, …).
     fn name(&self) -> String;
 
-    /// Files outside the dataset that a view's depth is read from.
+    /// Files outside the dataset from which a view's depth is read.
     fn files(&self, _scene: &Scene, _view: &View) -> Vec<PathBuf> {
         Vec::new()
     }
 
-    /// False if views must be requested one after the other.
+    /// Whether several views may be requested at the same time.
     fn in_parallel(&self) -> bool {
         true
     }
@@ -49,8 +49,8 @@ impl DepthSource for GroundTruthDepth {
     }
 }
 
-/// Dense predicted depth, scaled to the dataset's sparse depth by the median of ratios, as in the paper
-/// on ETH3D.
+/// Dense predicted depth, scaled by the median of its ratios to the dataset's sparse depth, as the
+/// paper does on ETH3D.
 #[derive(Debug, Clone)]
 pub struct ScaledToGroundTruth<S>(
     /// The dense prediction.
@@ -177,7 +177,8 @@ mod tests {
         assert_eq!(median_depth_m(&depth), Some(2.0));
         let even = DepthMap::from_vec(2, 1, vec![1.0, 2.0]).unwrap();
         assert_eq!(median_depth_m(&even), Some(1.5));
-        // There is no float between the neighbouring values; the mean is in f64 and not rounded to one of them.
+        // No f32 lies between these two neighbours; their mean is computed in f64 and equals
+        // neither.
         let next = 1.0_f32.next_up();
         let even = DepthMap::from_vec(2, 2, vec![next, 0.5, 1.0, 9.0]).unwrap();
         assert_eq!(median_depth_m(&even), Some(0.5 + 0.5 * f64::from(next)));

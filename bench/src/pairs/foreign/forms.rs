@@ -189,8 +189,8 @@ pub(super) fn counts(entries: &[Entry]) -> ForeignCounts {
 }
 
 impl Entry {
-    /// The pairs in order. If the format has several inputs, `context` chooses one for each target; if it has three
-    /// kinds of targets, only those of `slot` are returned.
+    /// The pairs in order. If an entry has several inputs, `context` chooses one for each target;
+    /// if it has three kinds of targets, only those of `slot` are returned.
     pub(super) fn pairs(
         &self,
         form: ListForm,

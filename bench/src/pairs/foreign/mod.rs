@@ -25,11 +25,12 @@ use crate::io::atomic_files::FileError;
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum ListForm {
-    /// pixelSplat, MVSplat, DepthSplat, LVSM: JSON, scene to context and target positions, or null
+    /// pixelSplat, MVSplat, DepthSplat, LVSM: JSON that maps each scene to context and target
+    /// positions, or null
     Index,
     /// Flash3D: one line `key source +5 +10 random` of positions per source
     Flash3d,
-    /// MINE: one JSON object per line, frames by their time stamps
+    /// MINE: one JSON object per line, with frames given by time stamp
     Mine,
     /// UniSHARP: lines `scene|source|target,…`, with one or two more fields in some datasets
     Unisharp,
@@ -47,18 +48,19 @@ pub enum Context {
     /// The second
     #[value(name = "1")]
     Second,
-    /// For each target the one at the nearest position, the first of equally near ones
+    /// For each target, the context view at the nearest position; of two equally near ones, the
+    /// first
     Nearest,
 }
 
 /// The target that is taken from a line with three.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, ValueEnum)]
 pub enum TargetSlot {
-    /// Five frames on
+    /// Five frames later
     #[default]
     #[value(name = "5")]
     Five,
-    /// Ten frames on
+    /// Ten frames later
     #[value(name = "10")]
     Ten,
     /// A random one
@@ -82,7 +84,7 @@ pub(in crate::pairs) enum FrameName {
     Name(String),
 }
 
-/// Counts for a list.
+/// Numbers of entries and targets in a list.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 pub struct ForeignCounts {
     /// Number of scenes or lines.
@@ -127,11 +129,13 @@ impl ForeignList {
         forms::counts(&self.entries)
     }
 
-    /// Finds the list's pairs in the scenes of datasets. A scene matches by its id, or by the end of its id after a
-    /// `/`; repeated pairs are added once. All pairs are selected; overlaps and depths are not measured.
+    /// Finds the list's pairs in the scenes of datasets. A scene matches by its id, or by the end
+    /// of its id after a `/`; repeated pairs are added once. All pairs are selected; overlaps and
+    /// depths are not measured.
     ///
     /// # Errors
-    /// [`PairError::List`] if a named view does not exist in its scene, several scenes match, or no pair is left.
+    /// [`PairError::List`] if a scene lacks a listed view, several scenes match, or no pair is
+    /// left.
     pub fn import(
         &self,
         context: Context,
@@ -188,10 +192,10 @@ impl ForeignList {
                 (several, key) => {
                     let reason = format!(
                         "{} matches {} scenes of the datasets; choose with --scenes",
-                        key.as_ref()
-                            .map_or("the list, which names no scene,".to_owned(), |key| format!(
-                                "'{key}'"
-                            )),
+                        key.as_ref().map_or(
+                            "the list, which has no scene names,".to_owned(),
+                            |key| format!("'{key}'")
+                        ),
                         several.len()
                     );
                     return Err(wrong(pair.line, reason));
@@ -214,7 +218,7 @@ impl ForeignList {
         }
         if pairs.is_empty() {
             let reason = match self.counts().targets {
-                0 => "it names no target: its scenes are null or their targets empty",
+                0 => "it has no targets: its scenes are null or their targets are empty",
                 _ => "none of its scenes with targets is in the datasets",
             };
             return Err(wrong(1, reason.to_owned()));

@@ -92,7 +92,7 @@ fn lists_become_pairs_of_the_dataset() {
     let index = |context| pairs(INDEX, ListForm::Index, context, TargetSlot::Five);
     assert_eq!(index(Context::First), ["41", "42", "44"]);
     assert_eq!(index(Context::Second), ["01", "02", "04"]);
-    // 2 is equally close to 4 and 0: the first context view is chosen.
+    // 2 is equally close to 4 and 0, so the first context view is chosen.
     assert_eq!(index(Context::Nearest), ["01", "42", "44"]);
     let flash3d = |slot| pairs(FLASH3D, ListForm::Flash3d, Context::First, slot);
     assert_eq!(

@@ -26,17 +26,18 @@ pub(super) const MEANINGS: [&str; 20] = [
     "whose depth decides overlap; sparse alone is sparse:8",
     "when a projected pixel counts as seen: depth within a share of z, inside the picture, or within metres and a share",
     "how the other view's depth is read where a pixel lands",
-    "what seen pixels are divided by: those with depth, all, or those with depth of the other view",
+    "number that seen pixels are divided by: pixels with depth, all pixels, or the other view's \
+     pixels with depth",
     "only every N-th pixel and row is projected; N is 1 or more",
     "longer side to which depth maps are reduced first, pixels",
     "which of a pair's two overlaps the threshold applies to",
-    "least overlap, 0 or more",
+    "minimum overlap, 0 or more",
     "whether an overlap equal to the threshold qualifies",
-    "least distance of the two cameras, metres, 0 or more; equal qualifies",
-    "greatest distance of the two cameras, metres; equal qualifies",
-    "pairs of a dataset that are evaluated",
+    "minimum distance of the two cameras, metres, 0 or more; equal qualifies",
+    "maximum distance of the two cameras, metres; equal qualifies",
+    "maximum number of evaluated pairs per dataset",
     "how they are drawn: from all, from each scene in turn, from each of ten bins of baseline in turn, or the first ones by id",
-    "of the draw",
+    "seed of the draw",
 ];
 
 impl PairOptions {
@@ -149,7 +150,7 @@ macro_rules! enums {
 }
 
 numbers! { usize u32 u64 f64 }
-// Number of sets or pairs, the side of a map in pixels, metres.
+// Limits for the number of sets or pairs, the side of a map in pixels, and distances in metres.
 limits! { usize, "all"; u32, "full"; f64, "none"; }
 enums! { Remainder PairOrder MissingDepth Denominator OverlapDirection SamplingRule }
 

@@ -106,10 +106,11 @@ impl fmt::Display for OverlapDepth {
     }
 }
 
-/// How pairs are made from scenes. [`PairOptions::help`] lists the keys of the text form with values and defaults.
+/// How pairs are made from scenes. [`PairOptions::help`] lists the keys of the text form with
+/// values and defaults.
 ///
-/// Sets, depth and overlap concern multi-view scenes; the single pair of a stereo scene has its overlap measured but
-/// always qualifies. `min-baseline` and the keys after it concern both.
+/// Sets, depth and overlap apply to multi-view scenes. The overlap of a stereo scene's single pair
+/// is measured, but the pair always qualifies. `min-baseline` and the keys after it apply to both.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, schemars::JsonSchema)]
 #[schemars(with = "BTreeMap<String, String>")]
 #[serde(
@@ -161,7 +162,7 @@ impl PairOptions {
         metres >= self.min_baseline_m && self.max_baseline_m.is_none_or(|most| metres <= most)
     }
 
-    /// A copy with some options changed; `text` is in the form that is parsed.
+    /// A copy with the changes in `text`, which has the form that [`PairOptions`] are parsed from.
     ///
     /// # Errors
     /// [`PairError::Options`] if a change cannot be parsed or contradicts the other options.
@@ -209,7 +210,7 @@ impl PairOptions {
         if looks_itself && self.overlap.lookup != DepthLookup::Nearest {
             return wrong(
                 "lookup",
-                "left alone with overlap=sparse, which looks around",
+                "left at its default with overlap=sparse, which searches the neighbourhood itself",
             );
         }
         if self.overlap.max_side == Some(0) {
@@ -291,7 +292,7 @@ impl FromStr for PairOptions {
     }
 }
 
-/// Every key with its value: the form in manifests.
+/// Every key with its value: the form stored in manifests.
 impl From<PairOptions> for BTreeMap<String, String> {
     fn from(options: PairOptions) -> Self {
         let entries = options.entries().into_iter();

@@ -1,7 +1,9 @@
-//! Values that are known to differ from the paper's, excluding choices that the paper leaves open.
+//! Values that are known to differ from the paper's. Choices that the paper leaves open are not
+//! listed.
 //!
-//! The paper states: sets of ten views, depth overlap above 60 %, predicted depth scaled to the dataset's where that is
-//! sparse, min(512, all) pairs, and for stereo datasets every left frame to its right one.
+//! The paper states: sets of ten views, depth overlap above 60 %, predicted depth scaled to the
+//! dataset's depth if that is sparse, min(512, all) pairs, and for stereo datasets the pair from
+//! every left frame to its right one.
 
 pub use sharp_datasets::spec::PaperOverlap;
 
@@ -26,7 +28,7 @@ const LIMIT: usize = 512;
 /// in the order of the text form.
 fn differing(options: &PairOptions, kinds: &[PaperOverlap], pairs: usize) -> Vec<&'static str> {
     let stereo = kinds.iter().all(|kind| *kind == PaperOverlap::Stereo);
-    // A limit that cut nothing is equivalent to the paper's.
+    // A limit that excluded no pair is equivalent to the paper's.
     let cut_otherwise = match options.sampling.limit {
         Some(limit) if limit < LIMIT => pairs >= limit,
         Some(LIMIT) => false,
@@ -135,7 +137,7 @@ mod tests {
             on("limit=20,min-baseline=1", "booster"),
             "min-baseline=1,limit=20"
         );
-        // Nothing was cut.
+        // No pair was excluded.
         assert_eq!(on("limit=25", "booster"), "");
         assert_eq!(on("limit=all", "scannetpp"), "");
         assert_eq!(on("limit=24", "scannetpp"), "limit=24");

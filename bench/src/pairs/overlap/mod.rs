@@ -80,8 +80,8 @@ pub struct OverlapOptions {
 }
 
 impl Default for OverlapOptions {
-    /// Depths agree within 5 % at the nearest pixel; the share is that of the pixels with valid depth, all of which are
-    /// projected at full size.
+    /// Depths agree within 5 % at the nearest pixel. All pixels with valid depth are projected, at
+    /// full size, and the share is of their number.
     fn default() -> Self {
         Self {
             test: OverlapTest::Consistent { relative: 0.05 },
@@ -120,8 +120,8 @@ impl OverlapCounts {
 
 /// Projects the pixels of `view` into `other` and counts those that `other` sees.
 ///
-/// The overlap of an ordered pair (source, target) in the sense of the default is `overlap(target, source)`. The caller
-/// applies [`OverlapOptions::max_side`].
+/// By default, the overlap of an ordered pair (source, target) is `overlap(target, source)`. The
+/// caller applies [`OverlapOptions::max_side`].
 pub fn overlap(view: &PosedDepth, other: &PosedDepth, options: &OverlapOptions) -> OverlapCounts {
     let projection = Projection::new(view, other);
     let step = options.stride.max(1) as usize;

@@ -42,7 +42,7 @@ fn depth_that_disagrees_is_not_seen_but_still_inside() {
         test: OverlapTest::Frustum,
         ..OverlapOptions::default()
     };
-    // 0.11 is not within 5 % of 2.11 (at most 0.1055) in either direction, but within 6 % in both.
+    // A difference of 0.11 exceeds 5 % of either depth (at most 0.1055), but not 6 %.
     assert_eq!(share(&near, &far, &OverlapOptions::default()), Some(0.0));
     assert_eq!(share(&near, &far, &frustum), Some(1.0));
     let looser = OverlapOptions {
@@ -132,7 +132,8 @@ fn a_stride_takes_the_middle_of_each_cell() {
 
 #[test]
 fn sparse_depth_is_found_nearby() {
-    // Every tenth pixel of every tenth row has depth, at different places of the wall in the two views.
+    // Every tenth pixel of every tenth row has depth, but at different points of the wall in the
+    // two views.
     let sparse = |x: f64, offset: u32| {
         let map = DepthMap::from_fn(100, 80, |i, j| {
             let hit = i % 10 == offset && j % 10 == offset;

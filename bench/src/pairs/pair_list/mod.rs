@@ -1,9 +1,9 @@
 //! Pairs as a file that can be published, verified against local files and compared.
 //!
-//! CSV with one header line, `\n` line endings, rows sorted bytewise by `pair_id`, numbers in the shortest form that
-//! parses back to the same value, an empty field for an unknown value, `selected` as `true` or `false`. The SHA-256 of
-//! a list is that of the file as read: if an editor added a byte order mark or changed line endings or the order of
-//! rows, the bytes of that file are kept.
+//! CSV with one header line, `\n` line endings, rows sorted bytewise by `pair_id`, numbers in the
+//! shortest form that parses back to the same value, an empty field for an unknown value,
+//! `selected` as `true` or `false`. The SHA-256 of a list is that of the file as read: a byte order
+//! mark, other line endings or another order of rows, as left by an editor, are kept.
 
 mod csv_form;
 mod diff;
@@ -80,7 +80,7 @@ impl PairList {
         if !header.iter().eq(COLUMNS) {
             return Err(wrong(
                 1,
-                format!("the columns have to be {}", COLUMNS.join(",")),
+                format!("the columns must be {}", COLUMNS.join(",")),
             ));
         }
         let mut list = Self {
@@ -112,8 +112,8 @@ impl PairList {
         }
     }
 
-    /// The union of this list and a newer one. For a pair in both, the row is the newer one's; it is selected if either
-    /// row is.
+    /// The union of this list and a newer one. If a pair is in both, the newer row is used; the
+    /// pair is selected if either row is.
     #[must_use]
     pub fn joined(&self, newer: &Self) -> Self {
         let by_id = |list: &Self| -> BTreeMap<String, Pair> {
@@ -183,7 +183,7 @@ impl PairList {
                 return match dataset.and_then(|d| d.leaves_out(&pair.scene)) {
                     Some(group) if !group.by_choice => Ok(None),
                     Some(group) => Err(absent(format!(
-                        "scene '{}' of dataset '{}' is ruled out: {}",
+                        "scene '{}' of dataset '{}' is excluded: {}",
                         pair.scene, pair.dataset, group.reason
                     ))),
                     None => Err(absent(absent_scene(pair, scenes))),

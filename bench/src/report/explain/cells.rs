@@ -18,7 +18,8 @@ const SAME: f64 = 1e-9;
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum SceneReading {
     All,
-    /// Only the first of several scenes that show one place in different light, exposure or rectification.
+    /// If several scenes show one place in different light, exposure or rectification, only the
+    /// first.
     OneAPlace,
 }
 
@@ -30,7 +31,7 @@ pub enum Averaging {
     PooledError,
 }
 
-/// One way to compute a number, apart from the variant of its metric.
+/// One way to compute a number, except for the variant of its metric.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Reading {
     pub picture: PictureReading,
@@ -87,7 +88,7 @@ pub struct CellExplanation {
     pub published: f64,
     /// The run's own value: default variant, its own mean over all pairs.
     pub as_scored: Option<f64>,
-    /// Number of pairs in the run; readings cover those with a kept picture.
+    /// Number of pairs in the run; readings cover those whose picture was kept.
     pub pairs: usize,
     /// Readings over the largest number of pairs, the run's own first.
     pub readings: Vec<ReadingValue>,
@@ -100,7 +101,7 @@ impl CellExplanation {
         rounded(value, self.metric.decimals) == self.published
     }
 
-    /// Readings that print as the published number, one per value.
+    /// Readings that print as the published number; readings with the same value are listed once.
     pub fn candidates(&self) -> Vec<&ReadingValue> {
         let mut candidates: Vec<&ReadingValue> = Vec::new();
         for reading in self

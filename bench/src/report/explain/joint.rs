@@ -7,7 +7,7 @@ use crate::evaluate::readings::PictureReading;
 
 use super::cells::{Averaging, CellExplanation, ReadingValue, SceneReading};
 
-/// The nearest variant of each metric, with everything else read the same way.
+/// A reading of all metrics: the nearest variant of each, with everything else read the same way.
 #[derive(Debug, Clone, PartialEq)]
 pub struct JointReading {
     pub column: &'static str,
@@ -17,7 +17,8 @@ pub struct JointReading {
     pub region: MetricRegion,
     /// Variant, value and distance to the published number, by metric of the table.
     pub variants: Vec<Variant>,
-    /// The largest distance, in halves of the last printed digit: at most 1 if all metrics print as published.
+    /// The largest distance, in halves of the last printed digit; at most 1 if all metrics print as
+    /// published.
     pub farthest: f64,
 }
 

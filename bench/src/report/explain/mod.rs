@@ -45,7 +45,8 @@ pub struct Explanation {
 pub struct ExplainedRun {
     pub path: PathBuf,
     pub method: String,
-    /// Number of the run's scores that its kept pictures no longer reproduce, because weights or code changed.
+    /// Number of the run's scores that differ when recomputed from its kept pictures, because
+    /// weights or code changed.
     pub changed: usize,
     pub explanation: Explanation,
 }
@@ -63,8 +64,7 @@ pub fn explain_run(
 ) -> Result<ExplainedRun, RowError> {
     let path = run.path.clone();
     if path.is_file() {
-        let reason =
-            "it is not a run folder; a bundle has no pictures to evaluate again".to_owned();
+        let reason = "it is not a run folder; a bundle has no pictures to score again".to_owned();
         return Err(RowError::Unusable { path, reason });
     }
     let manifest = Results::read(&path)?.manifest;
@@ -79,8 +79,8 @@ pub fn explain_run(
 }
 
 impl ExplainedRun {
-    /// Whether pairs of the run are missing in a number, or nothing could be compared. Ignores metrics that were not
-    /// requested.
+    /// Whether a number lacks pairs of the run, or nothing could be compared. Ignores metrics that
+    /// were not requested.
     pub fn lacks_pairs(&self) -> bool {
         let cells = &self.explanation.cells;
         let is_read = |dataset: &str| {

@@ -10,7 +10,7 @@ use crate::evaluate::record::Record;
 use crate::evaluate::test_records::record;
 use crate::report::paper::published::metric;
 
-/// Scene 0 with two pairs, scene 1 with one, both of the same place; by LPIPS with two networks.
+/// Scene 0 with two pairs and scene 1 with one, both of the same place; LPIPS with two networks.
 fn readings() -> Readings {
     let of = |scene: usize, number: usize| Record {
         cluster: "place".into(),
@@ -71,7 +71,7 @@ fn the_runs_own_reading_comes_first_and_equals() {
 
 #[test]
 fn readings_that_print_alike_and_differ_are_ambiguous() {
-    // To one decimal, means over pairs: alex 0.40, vgg 0.42.
+    // Means over pairs, printed with one decimal: alex 0.40, vgg 0.42.
     let cell = explained(Family::Lpips, 1, 0.4);
     let values: Vec<f64> = cell.candidates().iter().map(|c| c.value).collect();
     assert!(
@@ -137,7 +137,7 @@ fn one_reading_is_taken_for_all_metrics() {
         explained(Family::Psnr, 2, 16.67),
     ];
     let all = joint_readings(&cells);
-    // PSNR has no truncated reading here, so no joint reading has it.
+    // PSNR has no truncated reading here, so there is no truncated joint reading.
     assert!(
         all.iter()
             .all(|joint| joint.picture == PictureReading::AsScored)
@@ -147,7 +147,7 @@ fn one_reading_is_taken_for_all_metrics() {
         (joint.averaging, joint.scenes) == (Averaging::Of(Aggregation::Pairs), SceneReading::All)
     });
     let pairs = pairs.unwrap();
-    // LPIPS 0.4 for 0.300: 0.1 is 200 halves of 0.001.
+    // LPIPS is 0.4, published 0.300; the distance 0.1 is 200 halves of 0.001.
     assert!((pairs.farthest - 200.0).abs() < 1e-6, "{}", pairs.farthest);
     assert!((pairs.variants[1].distance - (50.0 / 3.0 - 16.67)).abs() < 1e-12);
 }

@@ -11,7 +11,8 @@ use crate::report::error::ReportError;
 /// How pairs of each dataset are chosen.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, clap::ValueEnum)]
 pub enum Choice {
-    /// Pairs of median difficulty: by the mean over the ranked methods, for the first metric
+    /// The pairs of median difficulty, which is the mean score of the ranked methods in the first
+    /// metric
     #[default]
     Median,
     /// The pairs with the worst scores
@@ -26,7 +27,7 @@ pub struct PairsChoice {
     /// A pair by its id in pairs.csv; repeatable
     #[arg(long = "pair", value_name = "ID")]
     pub ids: Vec<String>,
-    /// Which pairs of each dataset to choose, without --pair
+    /// Which pairs of each dataset to choose if --pair is not given
     #[arg(long, value_enum, default_value_t)]
     pub choose: Choice,
     /// Number of pairs per dataset
@@ -37,7 +38,8 @@ pub struct PairsChoice {
 /// Targets of one source.
 #[derive(Debug, Clone, clap::Args)]
 pub struct PathChoice {
-    /// The source, as at the start of its pairs' ids: DATASET/SCENE/VIEW [default: that with the most targets]
+    /// The source as DATASET/SCENE/VIEW, like the start of its pairs' ids [default: the one with
+    /// the most targets]
     #[arg(long, value_name = "ID")]
     pub source: Option<String>,
     /// Maximum number of targets, spread over the baselines
@@ -95,7 +97,8 @@ pub fn chosen<'a>(
         let first = match choose {
             Choice::Worst => 0,
             Choice::Best => n - count,
-            // Around the middle; for an even number of pairs, start with the easier one.
+            // The pairs around the middle; if the number of pairs is even, starts with the easier
+            // of the two.
             Choice::Median => (n / 2)
                 .saturating_sub(count.saturating_sub(1) / 2)
                 .min(n - count),
@@ -118,13 +121,13 @@ pub fn along_path<'a>(
     let id = |pair: &PairBoard<'a>| -> &'a str { source_of(&pair.facts.pair_id) };
     let mut sources: Vec<(&str, Vec<ChosenPair<'a>>)> = Vec::new();
     for dataset in &board.datasets {
-        // Pairs are sorted by id, and thereby by source.
+        // Pairs are sorted by id, so those of one source are adjacent.
         for pairs in dataset.pairs.chunk_by(|one, other| id(one) == id(other)) {
             let pairs_of = pairs.iter().map(|pair| ChosenPair { dataset, pair });
             sources.push((id(&pairs[0]), pairs_of.collect()));
         }
     }
-    // Steps of a controlled sweep are scenes with one pair each, which share their cluster's source.
+    // In a controlled sweep, each step is a scene with one pair; all have their cluster's source.
     let found = match source {
         Some(wanted) => sources.iter().position(|(id, _)| id == wanted),
         None => {

@@ -15,9 +15,10 @@ use crate::pairs::valid_depth::is_valid_depth;
 use crate::report::error::{MissingPicture, ReportError};
 use crate::report::error_map::false_colours;
 
-/// Input, view and inverse depth of each pair. Depth is read from `DIR/<pair_id>.npy|npz|exr|pfm|png` (z-depth in the
-/// target's camera, metres) or, without a folder, from the kept rendering, as in the paper. If none was kept, the depth
-/// is the dataset's, of the target or else of the source, and the caption says so.
+/// Input, view and inverse depth of each pair. Depth is read from
+/// `DIR/<pair_id>.npy|npz|exr|pfm|png` (z-depth in the target's camera, metres). Without a folder,
+/// it is that of the kept rendering, as in the paper, or if none was kept, the dataset's depth of
+/// the target or else of the source; the caption states which.
 ///
 /// # Errors
 /// If there is not exactly one method, or the folder does not exist.
@@ -25,7 +26,7 @@ pub fn sheet(comparison: &SheetContent<'_>, depth: Option<&Path>) -> Result<Shee
     let [method] = comparison.methods[..] else {
         return Err(ReportError::NotOneMethod);
     };
-    // A missing folder is an error, unlike a missing map of a pair.
+    // A missing folder is an error; a missing map of a pair is not.
     let folder = depth.map(GivenDepth::open).transpose();
     folder.map_err(EvaluateError::from)?;
     let rows = comparison.pairs.iter().map(|chosen| {
@@ -54,7 +55,8 @@ pub fn sheet(comparison: &SheetContent<'_>, depth: Option<&Path>) -> Result<Shee
     })
 }
 
-/// Depth of the scored rendering, or else of the dataset, with a caption stating which.
+/// Depth of the scored rendering, or the dataset's if it was not kept, with a caption that states
+/// which.
 fn of_run(
     comparison: &SheetContent<'_>,
     chosen: &ChosenPair<'_>,
@@ -68,7 +70,7 @@ fn of_run(
     }
 }
 
-/// Depth of the target or else of the source, with a caption stating which.
+/// The dataset's depth of the target or else of the source, with a caption that states which.
 fn of_dataset(
     comparison: &SheetContent<'_>,
     chosen: &ChosenPair<'_>,
@@ -96,7 +98,8 @@ fn of_pair(folder: &Path, chosen: &ChosenPair<'_>) -> Result<DepthMap, MissingPi
     read_metres(&file).map_err(|error| unusable(error.to_string()))
 }
 
-/// Inverse depth from the 0.1th to the 99.9th percentile in false colours, bright if near; grey without depth.
+/// Inverse depth in false colours from the 0.1th to the 99.9th percentile, near in bright colours;
+/// grey without depth.
 pub(super) fn inverse_depth(depth: &DepthMap) -> RgbImage {
     let valid = depth.iter().copied().filter(|z| is_valid_depth(*z));
     let mut inverse: Vec<f32> = valid.map(|z| 1.0 / z).collect();

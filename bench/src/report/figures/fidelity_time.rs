@@ -95,7 +95,7 @@ pub fn figure(
                 if measured.is_some() {
                     by_speed.insert(label);
                 }
-                // Clocks have nanosecond resolution, and zero has no place on a logarithmic axis.
+                // Clocks have nanosecond resolution, and a logarithmic axis cannot show zero.
                 let median = measured.or_else(in_run)?.max(1e-6);
                 Some((m, median, of_metric(dataset, m, &metric.key).mean?))
             });

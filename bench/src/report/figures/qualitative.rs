@@ -67,7 +67,7 @@ impl SheetContent<'_> {
         }
     }
 
-    /// One row per method, followed by the truth, and preceded by the input if it is the same for all pairs.
+    /// One row per method, then the truth; the input comes first if all pairs share it.
     pub fn pairs_as_columns(&self, one_source: bool) -> Sheet {
         let row = |label: &str, tile: &dyn Fn(&ChosenPair<'_>) -> Tile| {
             (

@@ -19,7 +19,8 @@ use sharp_plots::text::{self, Weight};
 /// Maximum number of lines in a column's head, and in the reason for a missing picture.
 const HEAD_LINES: usize = 2;
 const REASON_LINES: usize = 12;
-/// Minimum width of a printed column in font sizes, so that a score with four decimals fits.
+/// Minimum width of a printed column in multiples of the font size, so that a score with four
+/// decimals fits.
 const LEAST_EMS: f64 = 3.0;
 
 /// Sizes of a sheet in pixels.
@@ -54,7 +55,7 @@ impl SheetMedium {
         }
     }
 
-    /// Sizes for print: `columns` columns share the figure's width, which has no margin.
+    /// Sizes for print: `columns` columns share the figure's width; there is no margin.
     ///
     /// # Errors
     /// A message if text does not fit into the columns.
@@ -84,7 +85,7 @@ impl SheetMedium {
     }
 }
 
-/// A picture or the reason for its absence, and the text below.
+/// A picture, or the reason why it is missing, and the text below it.
 pub struct Tile {
     /// Name for messages.
     pub name: String,
@@ -144,7 +145,7 @@ impl Sheet {
                 let outside = tile.crops.iter().filter(|crop| !crop.fits((w, h)));
                 let said = outside.map(|crop| {
                     format!(
-                        "{}: the part {},{},{},{} reaches out of its {w} × {h} pixels",
+                        "{}: the part {},{},{},{} extends beyond its {w} × {h} pixels",
                         tile.name, crop.x, crop.y, crop.width, crop.height
                     )
                 });
@@ -419,7 +420,7 @@ mod tests {
         };
         assert_eq!(
             sheet.problems(),
-            ["p, m: the part 45,0,10,5 reaches out of its 50 × 25 pixels"]
+            ["p, m: the part 45,0,10,5 extends beyond its 50 × 25 pixels"]
         );
         let drawn = sheet.draw(&medium()).unwrap();
         // The picture is enlarged twice, the part ten times.
@@ -480,7 +481,7 @@ mod tests {
         };
         assert!(!is_empty(0..100) && !is_empty(104..204));
         assert!(is_empty(205..308), "text runs into the next column");
-        // A head of two lines adds a line to the sheet's height; a longer one adds no more.
+        // A head of two lines increases the sheet's height by one line; a longer head adds no more.
         let height = drawn.height();
         sheet.heads[1] = "a-head ".repeat(2);
         assert_eq!(sheet.draw(&medium()).unwrap().height(), height);
@@ -498,7 +499,7 @@ mod tests {
         };
         let medium = SheetMedium::print(&style, 3).unwrap();
         let width = sheet.draw(&medium).unwrap().width();
-        // 992 pixels, minus the remainder of dividing by three.
+        // 992 pixels, less the remainder of the division by three.
         assert!((990..=992).contains(&width), "{width}");
         assert!(SheetMedium::print(&style, 9).is_ok());
         let error = SheetMedium::print(&style, 10).unwrap_err();

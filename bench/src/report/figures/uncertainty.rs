@@ -1,5 +1,5 @@
-//! Change of depth under mirroring of the picture: the relative absolute difference |d − m| / d between a depth map d
-//! and the depth map m of the mirrored picture, mirrored back.
+//! How much depth changes if the picture is mirrored: the relative absolute difference |d − m| / d
+//! between a depth map d and the depth map m of the mirrored picture, mirrored back.
 
 use std::path::Path;
 
@@ -19,10 +19,11 @@ use crate::pairs::valid_depth::{is_valid_depth, median_of};
 use crate::report::error::ReportError;
 use crate::report::error_map::false_colours;
 
-/// Smallest difference with the brightest colour.
+/// Smallest difference that is shown in the brightest colour.
 const BRIGHTEST: f32 = 0.5;
 
-/// Depth of a picture and of the mirrored picture, the latter as predicted; both have the same size.
+/// Depth of a picture and of the mirrored picture; the latter is not mirrored back. Both have the
+/// same size.
 pub struct Mirrored {
     /// Name such as `layer 1`; empty for a map without layers.
     pub name: String,
@@ -59,7 +60,7 @@ impl Mirrored {
         let (d, m) = (self.depth.dimensions(), self.of_mirror.dimensions());
         if d != m {
             return Err(format!(
-                "the depth map has {} × {} pixels, that of the mirrored picture {} × {}",
+                "the depth map has {} × {} pixels, but that of the mirrored picture has {} × {}",
                 d.0, d.1, m.0, m.1
             ));
         }

@@ -24,7 +24,7 @@ const PAPERS_LIMIT: usize = 512;
 pub(super) struct ChecklistInput<'a> {
     pub(super) paper: &'a PublishedTable,
     pub(super) manifest: &'a Manifest,
-    /// Number of units without a result.
+    /// Number of units that have no result.
     pub(super) missing: usize,
     /// The datasets as columns; empty if no row has any pair.
     pub(super) board: &'a Board<'a>,
@@ -251,12 +251,9 @@ fn privilege(compared: &ChecklistInput<'_>) -> Condition {
     match (others.is_empty(), wants) {
         (true, true) => check(
             true,
-            "Every row knows the scale of the true depth, as the paper's rows do.",
+            "Every row uses the scale of the true depth, as do the paper's rows.",
         ),
-        (true, false) => check(
-            true,
-            "No row knows anything of the true depth, as the paper's rows do not.",
-        ),
+        (true, false) => check(true, "No row uses the true depth, nor do the paper's rows."),
         (false, true) => unmet(format!(
             "Without the scale of the true depth, which the paper's rows have: {}.",
             others.join(", ")
@@ -283,7 +280,7 @@ fn whole_pictures(measured: &[&DatasetBoard<'_>]) -> Condition {
             count(|r| r.crop.is_some()),
         ),
         (
-            "resized up by a kernel that the paper does not name",
+            "enlarged with a kernel that the paper does not name",
             count(|r| r.resized_from.is_some()),
         ),
         (
@@ -301,6 +298,9 @@ fn whole_pictures(measured: &[&DatasetBoard<'_>]) -> Condition {
             true,
             "Every prediction is scored whole, at the target's own size.",
         ),
-        false => unmet(format!("Not scored as they are: {}.", found.join("; "))),
+        false => unmet(format!(
+            "Some predictions are changed or selected before scoring: {}.",
+            found.join("; ")
+        )),
     }
 }

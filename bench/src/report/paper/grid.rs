@@ -17,9 +17,10 @@ use super::rows::{OwnRow, OwnRows, RowError};
 #[derive(Debug, Clone, Default)]
 pub struct Beside {
     pub rows: Vec<OwnRow>,
-    /// At most one variant per metric; by default the default variant, or else the first that all rows have.
+    /// At most one variant per metric. If a metric has none, the default variant is shown, or else
+    /// the first that all rows have.
     pub metrics: Vec<MetricKey>,
-    /// Whether to leave out datasets without a number of the user's.
+    /// Whether to omit datasets for which the user has no number.
     pub only_measured: bool,
 }
 
@@ -92,8 +93,8 @@ pub(super) fn with_rows(
     }
 }
 
-/// Puts the user's rows below published ones, with the metric identities of the user's. Datasets that the paper does
-/// not have come last, without published numbers.
+/// Puts the user's rows below published ones, with the identities of the user's metrics. Datasets
+/// that are not in the paper come last, without published numbers.
 fn below(mut published: Table, own: Table) -> Table {
     let mut table = own;
     let none = Cell::dash();
@@ -183,7 +184,8 @@ fn columns(paper: &PublishedTable, board: &Board<'_>, wanted: &[MetricKey]) -> V
     columns.collect()
 }
 
-/// The datasets in the paper's order, empty if no row has the dataset, followed by those that are not in the paper.
+/// The datasets in the paper's order, followed by those that are not in the paper. A dataset of the
+/// paper is empty if no row has it.
 fn placed<'a>(paper: &PublishedTable, mut board: Board<'a>) -> Result<Board<'a>, RowError> {
     let mut by_column: Vec<Vec<DatasetBoard<'a>>> =
         paper.datasets.iter().map(|_| Vec::new()).collect();

@@ -9,8 +9,8 @@ use crate::report::column::Column;
 use crate::report::tables::rank::{RankedValue, ranks};
 use crate::report::tables::{Cell, Group, Origin, Row, Table};
 
-/// Lines `table,part,row,dataset,metric,value`, transcribed from the paper's LaTeX: `part` is the index of the
-/// `tabular` under the table's label, `value` the number as printed.
+/// Lines `table,part,row,dataset,metric,value`, transcribed from the paper's LaTeX: `part` is the
+/// index of the `tabular` within the table, `value` the number as printed.
 const NUMBERS: &str = include_str!("../../../data/paper_tables.csv");
 
 /// Name, LaTeX label, source of rows, heading of rows and title of each table with results, in order of importance in
@@ -50,7 +50,8 @@ pub struct PublishedTable {
     pub datasets: Vec<&'static str>,
     /// Columns within each group, by their names in the paper.
     pub metrics: Vec<&'static str>,
-    /// Row labels and printed numbers; that of dataset d and metric m is at `d * metrics.len() + m`; `None` for a dash.
+    /// Row labels and printed numbers, `None` for a dash; the number of dataset d and metric m is
+    /// at `d * metrics.len() + m`.
     pub rows: Vec<(&'static str, Vec<Option<&'static str>>)>,
 }
 
@@ -180,7 +181,7 @@ impl PublishedTable {
         }
     }
 
-    /// A note on the published numbers for readers who compare others with them.
+    /// A note on the published numbers, for readers who compare others with them.
     fn caveat(&self) -> String {
         let is = match self.made_by {
             MadeBy::Run | MadeBy::PrivilegedRun => {
@@ -189,14 +190,15 @@ impl PublishedTable {
                  ranked with them"
             }
             MadeBy::Translation => {
-                "for a picture that it does not name, without the LPIPS network, the SSIM window or how pictures were \
-                 shifted: to be compared in kind, not in digits"
+                "for a picture that it does not name, without the LPIPS network, the SSIM window \
+                 or how pictures were shifted: compare trends, not digits"
             }
             MadeBy::Speed if self.name == "ablation_loss_render" => {
                 "median latency per frame, milliseconds, on a device that it does not name for this table"
             }
             MadeBy::Speed => {
-                "seconds on an A100, SVC and TMPI on ETH3D on an H100, rendered at each dataset's own resolution"
+                "seconds on an A100 (SVC and TMPI on ETH3D: on an H100), rendered at each \
+                 dataset's own resolution"
             }
             MadeBy::Checkpoint => {
                 "millions (M) and billions (B) as reported by the methods or counted in their sources; the trainable ones \
@@ -224,8 +226,8 @@ impl PublishedTable {
             percent("LPIPS"),
         ) {
             text.push_str(&format!(
-                " The gains of its abstract are those over {STRONGEST}, the least and the largest over its datasets: DISTS \
-                 {dists}, LPIPS {lpips}."
+                " The gains in its abstract are over {STRONGEST}, the smallest and the largest \
+                 among its datasets: DISTS {dists}, LPIPS {lpips}."
             ));
         }
         if self.label == "tab:quantitative-aligned" {
@@ -267,7 +269,7 @@ fn column(name: &str) -> Column {
         "Inference" => (
             "s",
             Some(Direction::Lower),
-            "from a photograph to what is rendered, or to the picture",
+            "from a photograph to a renderable representation, or to the picture",
         ),
         "Render" => ("s", Some(Direction::Lower), "of a view"),
         "Latency" => ("ms", Some(Direction::Lower), "of rendering a frame, median"),
@@ -302,7 +304,8 @@ pub(crate) fn metric(family: Family) -> Column {
     }
 }
 
-/// Relative reduction of a metric by SHARP compared with another row: the smallest and largest over the datasets.
+/// Relative reduction of a metric from another row to SHARP's: the smallest and the largest over
+/// the datasets.
 pub fn gains(table: &PublishedTable, against: &str, metric: &str) -> Option<(f64, f64)> {
     let gains = table.datasets.iter().filter_map(|dataset| {
         let ours = table.number("SHARP (ours)", dataset, metric)?;
@@ -341,7 +344,8 @@ mod tests {
         assert_eq!(percent("DISTS"), (21.0, 43.0));
         let remark = &table.table(&[0]).remarks[0];
         assert!(remark.contains("DISTS 21–43 %, LPIPS 25–34 %"), "{remark}");
-        // Not relative to the best of each column: TMPI is ahead of Gen3C on Middlebury.
+        // SHARP is not compared with the best row of each column: TMPI is ahead of Gen3C on
+        // Middlebury.
         assert!(gains(table, "TMPI", "LPIPS").unwrap().0 < 0.20);
     }
 

@@ -39,11 +39,11 @@ pub struct OwnRow {
 pub enum RowError {
     #[error("'{0}': expected LABEL=RUN or LABEL=RUN:METHOD")]
     Form(String),
-    #[error("the label '{}' holds a control character", .0.escape_debug())]
+    #[error("the label '{}' contains a control character", .0.escape_debug())]
     Label(String),
     #[error("the label '{0}' is given twice")]
     Repeated(String),
-    #[error("{}: it has {what}; name one of them, {}:METHOD", path.display(), path.display())]
+    #[error("{}: it has {what}; select one of them, {}:METHOD", path.display(), path.display())]
     Method {
         path: PathBuf,
         /// Description of the available methods.
@@ -51,7 +51,7 @@ pub enum RowError {
     },
     #[error("{}: {reason}", path.display())]
     Unusable { path: PathBuf, reason: String },
-    #[error("the paper has one column of {column}, and the rows have the datasets {}", names.join(" and "))]
+    #[error("the paper has only one column for {column}, but the rows have the datasets {}", names.join(" and "))]
     Ambiguous {
         column: &'static str,
         names: Vec<String>,
@@ -87,10 +87,10 @@ impl std::str::FromStr for RowSource {
 }
 
 impl RowSource {
-    /// The selected one of the available methods.
+    /// The selected method among the available ones.
     ///
     /// # Errors
-    /// If it is not available, or there are several and none is named.
+    /// If it is not available, or several are available and none is selected.
     pub fn chosen<'a>(
         &self,
         methods: impl IntoIterator<Item = &'a str>,
@@ -209,7 +209,8 @@ fn translations(paper: &PublishedTable, rows: &[OwnRow]) -> Result<OwnRows, RowE
         }
         let keys = heads.iter().map(|head| head.parse().ok()).enumerate();
         let keys: Vec<(usize, MetricKey)> = keys.filter_map(|(at, key)| Some((at, key?))).collect();
-        // The default variant of each metric, or else the first available one.
+        // The default variant of each metric, or the first available variant if there is no
+        // default.
         let places = paper.metrics.iter().map(|name| {
             let of_family =
                 |(_, key): &&(usize, MetricKey)| key.family().name().eq_ignore_ascii_case(name);
@@ -225,7 +226,7 @@ fn translations(paper: &PublishedTable, rows: &[OwnRow]) -> Result<OwnRows, RowE
         if measured.is_empty() {
             columns = of_row;
         } else if columns != of_row {
-            let reason = "its metrics are other variants than those of the rows before";
+            let reason = "its metrics are not the same variants as those of the rows before";
             return Err(unusable(reason.to_owned()));
         }
         for line in csv.records() {

@@ -33,7 +33,8 @@ fn the_paper_has_the_datasets_that_we_say_it_has() {
     );
 }
 
-/// Methods `a_&<b>` and `b` on six pairs of Middlebury, one of which failed for `b`, and one pair of ETH3D.
+/// Methods `a_&<b>` and `b`: six pairs of Middlebury, one of which failed for `b`, and one pair of
+/// ETH3D.
 fn results() -> Results {
     let mut manifest = manifest("psnr,ssim");
     let (mut dataset, mut method) = (manifest.datasets[0].clone(), manifest.methods[0].clone());
@@ -96,7 +97,7 @@ fn equal_numbers_as_shown_share_a_rank_and_each_list_is_named() {
     complete
         .records
         .retain(|r| r.status == Status::Ok && r.pair_id != "M/5/s__5");
-    // Two runs of one list, one of which evaluated fewer pairs.
+    // Two runs of the same list; one evaluated fewer pairs.
     complete.manifest.pairs.lists = [7, 6]
         .map(|evaluated| ListRecord {
             sha256: "0123456789abcdef".to_owned(),

@@ -8,7 +8,7 @@ use crate::evaluate::unit::Timing;
 use crate::evaluate::{EvaluateError, Results};
 use crate::report::tables::grid::{GridCell, TextGrid};
 
-/// Hours and hardware of each method in some runs, and of all together.
+/// Hours and hardware of each method in some runs, and of all methods together.
 ///
 /// # Errors
 /// If a run cannot be read, or is a bundle, which has no times.
@@ -32,7 +32,7 @@ pub fn compute(runs: &[PathBuf]) -> Result<TextGrid, EvaluateError> {
         if rows.is_empty() {
             return Err(EvaluateError::NotKept {
                 folder: run.clone(),
-                reason: "it has no times: bundles have none, nor have runs without predictions"
+                reason: "it has no times: bundles and runs without predictions have none"
                     .to_owned(),
             });
         }

@@ -76,12 +76,12 @@ fn cells(speed: Option<&Speed>, kind: &str, notes: &mut Vec<String>) -> [Cell; 2
     let failed = speed.and_then(|speed| speed.failures.first());
     let why = |what: &str| match (failed, kind) {
         (Some(failure), _) => format!("Not measured: {failure}."),
-        (None, "target") => "Not measured: the truth itself is not a method.".to_owned(),
+        (None, "target") => "Not measured: the ground truth is not a method.".to_owned(),
         (None, "imported" | "gaussians") if what == "inference" => {
             "External files: reading a file is not inference.".to_owned()
         }
         (None, _) if what == "inference" => "Not measured.".to_owned(),
-        (None, _) => "It makes pictures: all of it is inference.".to_owned(),
+        (None, _) => "It makes pictures directly, so all of its time is inference.".to_owned(),
     };
     [("inference", inference), ("render", render)].map(|(what, secs)| {
         let value = Spread::of(secs).map(|summary| summary.median);
@@ -191,12 +191,13 @@ pub fn details(measured: &Measured) -> TextGrid {
         ]
     });
     TextGrid::new("Spread, memory and what is drawn", &heads, rows).remarked([
-            "Times: median, first and third quartile of all rounds. Gaussians: means over pairs; visible ones reach the \
-             target's picture; tiles are 16 × 16 pixels, and a Gaussian counts in each where its alpha can reach 1/255. \
-             Peak: largest resident size of the process while the method was measured; the memory of a device is not part of \
+        "Times: median, first and third quartile of all rounds. Gaussians: means over pairs; \
+             visible ones reach the target's picture; tiles are 16 × 16 pixels, and a Gaussian \
+             counts in each tile in which its alpha can reach 1/255. Peak: largest resident size \
+             of the process while the method was measured; the memory of a device is not part of \
              it."
-                .to_owned(),
-        ])
+        .to_owned(),
+    ])
 }
 
 fn spread(secs: &[f64]) -> GridCell {

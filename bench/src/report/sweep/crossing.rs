@@ -9,14 +9,15 @@ use sharp_plots::bins::{Bin, Cuts, bins};
 
 /// The place from which on the mean of every bin is above zero.
 ///
-/// The place is where the line between the last bin whose mean is not above zero and the next bin crosses zero. If
-/// there are empty bins between the two, it is the place of the second.
+/// It is where the line from the last bin whose mean is not above zero to the next bin crosses
+/// zero. If there are empty bins between the two, it is the place of the second.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Crossing {
     /// −∞ if already above zero in the first bin, ∞ if not above zero in the last.
     pub x: f64,
-    /// 95 % interval from the places of resampled clusters, drawn whole with replacement, as many as there are; `None`
-    /// for fewer than two clusters. Ends may be infinite, like the place itself.
+    /// 95 % interval of the place over resampled clusters: as many as there are, drawn whole with
+    /// replacement. `None` for fewer than two clusters. Ends may be infinite, like the place
+    /// itself.
     pub interval: Option<(f64, f64)>,
     pub clusters: usize,
 }
@@ -130,7 +131,7 @@ mod tests {
     fn the_line_between_neighbouring_bins_crosses_zero() {
         // From −1 at 0.5 to 3 at 1.5: crosses zero a quarter of the way.
         assert_eq!(of(&[(0.5, -1.0), (1.5, 3.0), (2.5, 9.0)]), 0.75);
-        // Above zero temporarily: the place is where it stays above.
+        // Above zero for a while: the place is where it stays above.
         assert_eq!(of(&[(0.5, -1.0), (1.5, 3.0), (2.5, -1.0), (3.5, 1.0)]), 3.0);
         assert_eq!(of(&[(0.5, 0.0), (1.5, 1.0)]), 0.5);
     }
@@ -139,7 +140,7 @@ mod tests {
     fn ends_gaps_and_infinities() {
         assert_eq!(of(&[(0.5, 1.0), (1.5, 2.0)]), f64::NEG_INFINITY);
         assert_eq!(of(&[(0.5, 1.0), (1.5, -2.0)]), f64::INFINITY);
-        // No line across the empty bin from 1 to 2.
+        // No line is drawn across the empty bin from 1 to 2.
         assert_eq!(of(&[(0.5, -1.0), (2.5, 1.0)]), 2.5);
         assert_eq!(of(&[(0.5, -1.0), (1.5, f64::INFINITY)]), 0.5);
         assert_eq!(of(&[(0.5, f64::NEG_INFINITY), (1.5, 1.0)]), 1.5);
@@ -161,7 +162,8 @@ mod tests {
             .flat_map(|_| [cluster("a", 3.0), cluster("b", -1.0)].concat())
             .collect();
         let found = Crossing::of(&samples, &cuts(), RESAMPLING).unwrap();
-        // Together the means are −1 and 1. Of the resamples, a quarter has a twice, a quarter b twice.
+        // Together the means are −1 and 1. A quarter of the resamples has a twice, another quarter
+        // has b twice.
         assert_eq!(found.x, 1.0);
         assert_eq!(found.interval, Some((0.75, f64::INFINITY)));
         assert_eq!(found, Crossing::of(&samples, &cuts(), RESAMPLING).unwrap());

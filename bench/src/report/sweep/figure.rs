@@ -138,7 +138,7 @@ fn remark(panel: &SweepPanel) -> String {
 fn horizontal(x: Motion, panel: &SweepPanel, metric: usize) -> PlotAxis {
     let bins = panel.counts(metric).into_values();
     let (low, high) = finite_range(bins.flat_map(|bin| [bin.low, bin.high])).unwrap_or_default();
-    // Start at zero if that is not far.
+    // Start at zero if it is close to the data.
     let low = match x.start() {
         Some(start) if low >= start && low - start < 0.5 * (high - start) => start,
         _ => low,
@@ -157,7 +157,8 @@ fn caption(sweep: &Sweep, metric: usize, column: &Column) -> String {
     let mut sentences = vec![
         format!("{}: {}.", column.label, column.direction_words()),
         format!(
-            "Mean of each bin at its pairs' mean place, {}; {band}; hollow: a single pair; nothing is drawn over empty bins.",
+            "Mean of each bin at the mean position of its pairs, {}; {band}; hollow: a single \
+             pair; nothing is drawn over empty bins.",
             spec.binning
         ),
         spec.x.definition().to_owned(),
@@ -180,7 +181,9 @@ fn caption(sweep: &Sweep, metric: usize, column: &Column) -> String {
     let what: Vec<String> = behind.into_iter().chain(beyond).collect();
     if !what.is_empty() {
         let what = what.join(" or ");
-        sentences.push(format!("Triangles: from there on a method {what}."));
+        sentences.push(format!(
+            "Triangles mark where a method {what} from then on."
+        ));
     }
     // Keep a number and its unit on one line.
     sentences.join(" ").replace(" %", "\u{a0}%")

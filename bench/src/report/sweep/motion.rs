@@ -20,10 +20,10 @@ pub enum Motion {
     /// Share of the target's pixels with depth that the source sees, as measured in the pair list
     #[value(name = "overlap")]
     Overlap,
-    /// Baseline over the target's median depth (the source's where only that has depth)
+    /// Baseline divided by the target's median depth (the source's, if only the source has depth)
     #[value(name = "baseline/median_depth")]
     RelativeMotion,
-    /// 1 − overlap: share of the target that the source does not see, hidden or outside its picture
+    /// 1 − overlap: share of the target that is hidden from the source or outside its picture
     #[value(name = "disoccluded")]
     Disoccluded,
 }
@@ -71,7 +71,7 @@ impl Motion {
         }
     }
 
-    /// Definition to add to the label in a caption.
+    /// A definition, which captions add to the label.
     pub fn definition(self) -> &'static str {
         match self {
             Self::BaselineM => "Baseline: distance of the camera centres.",
@@ -80,7 +80,7 @@ impl Motion {
                 "Overlap: share of the target's pixels with depth that the source sees, as the pair list measured it."
             }
             Self::RelativeMotion => {
-                "Median depth: the target's; the source's where only that has depth."
+                "Median depth: the target's, or the source's if only that has depth."
             }
             Self::Disoccluded => {
                 "Not seen: 1 − overlap, the share of the target's pixels with depth that are hidden from the source or \
@@ -89,7 +89,7 @@ impl Motion {
         }
     }
 
-    /// Largest permitted start of the axis; `None` if it starts at the smallest value.
+    /// Largest permitted start of the axis; if `None`, the axis starts at the smallest value.
     pub fn start(self) -> Option<f64> {
         (self != Self::Overlap).then_some(0.0)
     }

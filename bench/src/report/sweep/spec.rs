@@ -27,7 +27,7 @@ pub enum Split {
     Dataset,
     /// One panel per method, one line per dataset
     Method,
-    /// As dataset, with separate panels for methods with the source's true depth or its scale
+    /// As dataset, with separate panels for methods that use the source's true depth or its scale
     Privileged,
 }
 
@@ -42,12 +42,13 @@ impl FromStr for Threshold {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, String> {
-        let (name, value) = text.split_once('=').ok_or("it has the form METRIC=VALUE")?;
+        let (name, value) = text.split_once('=').ok_or("expected METRIC=VALUE")?;
         let metric: MetricKey = name.parse().map_err(|error| format!("{error}"))?;
-        // No metric leaves this range, and the axis has to include both the value and the scores.
+        // No metric's scores exceed this range. The axis must show both the threshold and the
+        // scores.
         let value = value.parse().ok();
         let value = value.filter(|v| (-1000.0..=1000.0).contains(v));
-        let value = value.ok_or("the value is a number from -1000 to 1000")?;
+        let value = value.ok_or("expected a number from -1000 to 1000")?;
         Ok(Self { metric, value })
     }
 }

@@ -34,7 +34,8 @@ pub struct Sweep {
 /// Lines over one horizontal axis.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SweepPanel {
-    /// The dataset as named in tables, the method, or the dataset with the privilege of its methods.
+    /// What the panel shows: the dataset as named in tables, the method, or the dataset with the
+    /// privilege of its methods.
     pub split: String,
     /// Number of pairs in the panel's datasets.
     pub pairs: usize,
@@ -81,9 +82,9 @@ pub struct FoundCrossing {
 /// Limit on a method.
 #[derive(Debug, Clone, PartialEq)]
 pub enum CrossingRule {
-    /// Not worse than this method, by the mean over common pairs.
+    /// The method must not be worse than this one, by the mean over common pairs.
     Behind(String),
-    /// The mean is not worse than this value.
+    /// The mean must not be worse than this value.
     Beyond(f64),
 }
 
@@ -226,7 +227,7 @@ impl Sweep {
         }
         match panel.lines.is_empty() {
             false => self.panels.push(panel),
-            // There is nothing to show, not even a method.
+            // Without methods there is nothing to show.
             true if methods.is_empty() => {}
             true => self.without_lines.push(panel),
         }

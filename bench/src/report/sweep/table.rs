@@ -23,8 +23,9 @@ pub(super) const CROSSINGS: &str =
 /// First line of the LaTeX file.
 pub(super) const MARK: &str = "% by sharp-bench sweep";
 
-/// One row per bin at full precision. `x` is the mean place of its pairs; `sd` is their sample standard deviation;
-/// `ci_low` and `ci_high` are a 95 % interval of the mean over clusters; unknown values are empty.
+/// One row per bin at full precision: `x` is the mean place of its pairs, `sd` their sample
+/// standard deviation, `ci_low` and `ci_high` a 95 % interval of the mean over clusters. Unknown
+/// values are empty.
 pub fn csv(sweep: &Sweep) -> Vec<u8> {
     let lines = sweep
         .panels
@@ -54,7 +55,8 @@ pub fn csv(sweep: &Sweep) -> Vec<u8> {
     csv_bytes(COLUMNS.split(','), rows)
 }
 
-/// One row per crossing; `-inf` if it lies before the first bin, `inf` if it is not reached in the last.
+/// One row per crossing; `-inf` if it is before the first bin, `inf` if it is not reached in the
+/// last bin.
 pub fn crossings_csv(sweep: &Sweep) -> Vec<u8> {
     let rows = sweep.crossings.iter().map(|crossing| {
         let interval = crossing.found.interval;

@@ -122,7 +122,7 @@ fn intervals_are_over_clusters() {
     records[1].cluster = "another".into();
     let sweep = sweep(&records, halves());
     let bin = &sweep.panels[0].lines[0].bins[0][0];
-    // Standard error 1, with one degree of freedom in Student's t.
+    // Standard error 1, one degree of freedom of Student's t.
     let (low, high) = bin.interval.unwrap();
     assert!((low - (21.0 - 12.706_204_736_174_7)).abs() < 1e-8, "{low}");
     assert!(
@@ -187,8 +187,8 @@ fn a_method_falls_behind_and_below() {
         .iter()
         .map(|c| (c.method.as_str(), &c.rule, c.found.x))
         .collect();
-    // `a` is above the limit where it is infinite. The other loses 19 dB from 0.25 m to 0.5 m, half of which brings it
-    // to 15.5; it is first 4 dB ahead and then 4 dB behind.
+    // The infinite score of `a` is above the limit. The other method loses 19 dB from 0.25 m to 0.5
+    // m and reaches 15.5 half-way; it is first 4 dB ahead and then 4 dB behind.
     assert_eq!(
         found,
         [
@@ -274,7 +274,7 @@ fn what_an_earlier_sweep_left_is_removed_and_what_others_wrote_is_not() {
     let dir = tempfile::tempdir().unwrap();
     let write =
         |sweep: &Sweep, stem: &str| files::write(sweep, dir.path(), stem, &FigureStyle::default());
-    // A stem that begins with another stem does not own its files.
+    // Files of another stem are kept, even if it begins with this one.
     write(&sweep(vec![], None), "sweep-x").unwrap();
     let first = write(&sweep(vec![], Some("a")), "sweep").unwrap();
     assert_eq!((first.written.len(), first.removed.len()), (9, 0));

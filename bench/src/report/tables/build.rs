@@ -14,9 +14,9 @@ pub const REPORTED: &str = "reported";
 /// Maximum number of value columns in a table, as in the paper's tables.
 const MAX_COLUMNS: usize = 12;
 
-/// Tables of a board's scores; empty without metrics. A single table named `scores` if it has at most twelve columns;
-/// otherwise, as in the paper, perceptual metrics (DISTS, LPIPS) are separated from pixelwise ones, in as many tables
-/// as needed.
+/// Tables of a board's scores; empty without metrics. With at most twelve columns, a single table
+/// named `scores`; otherwise, as in the paper, perceptual metrics (DISTS, LPIPS) are separated from
+/// pixelwise ones, in as many tables as needed.
 pub fn of_scores(board: &Board<'_>, metrics: &[Column]) -> Vec<Table> {
     if metrics.is_empty() {
         return Vec::new();

@@ -1,4 +1,4 @@
-//! CSV: numbers at full precision, texts that spreadsheets do not evaluate as formulas.
+//! CSV with numbers at full precision, and texts that spreadsheets do not evaluate as formulas.
 
 use serde::Serialize;
 
@@ -44,7 +44,8 @@ pub fn csv_of<T: Serialize>(rows: impl IntoIterator<Item = T>) -> Result<Vec<u8>
 }
 
 impl Table {
-    /// One line per cell. Numbers round-trip; a missing one is empty, and its footnote gives the reason.
+    /// One line per cell. Numbers round-trip; a missing number is an empty cell, and its footnote
+    /// gives the reason.
     pub fn csv(&self) -> Vec<u8> {
         const HEAD: &str = "method,dataset,metric,mean,std,n,total,failed,infinite,rank,shown_decimals,footnotes,\
                             footnote_text";

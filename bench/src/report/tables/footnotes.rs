@@ -54,7 +54,7 @@ pub(super) fn prediction_marks(
             100.0 * mean
         );
         marks.push(if dataset.dataset.common_region {
-            // Does not name the method, so that all methods with all pairs share one footnote.
+            // Does not name the method, so that methods that have all pairs share one footnote.
             format!("{name}: {scored}, the common region of all methods.")
         } else {
             format!(
@@ -87,7 +87,7 @@ pub(super) fn prediction_marks(
     }
     for (count, pairs) in tried {
         marks.push(format!(
-            "{label} on {name}: best of {count} scales by DISTS, chosen by looking at the target, for each of \
+            "{label} on {name}: best of {count} scales by DISTS against the target, for each of \
              {pairs} pairs."
         ));
     }
@@ -113,7 +113,7 @@ pub(super) fn cell_notes(
         notes.push(format!("{dataset} has no pairs."));
     } else if n == 0 {
         notes.push(match cell.absences.as_slice() {
-            // Names neither method nor dataset, so that all of them share one footnote.
+            // Names neither method nor dataset, so that all cells share one footnote.
             [(reason, _)] => format!("No {} (`{}`): {reason}.", column.label, column.key),
             absences => format!(
                 "{method} on {dataset}: no number for any of {total} pairs: {}.",

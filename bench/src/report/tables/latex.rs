@@ -113,7 +113,7 @@ pub(in crate::report) struct Environment<'a> {
 }
 
 impl Environment<'_> {
-    /// Wraps the rows between the outer rules, with small print `below`.
+    /// Wraps the rows in rules, with small print `below`.
     pub(in crate::report) fn around(&self, body: &str, below: &str) -> String {
         let label = self.label.map(|label| format!("\\label{{tab:{label}}}\n"));
         let (open, close) = match self.is_wide {
@@ -189,7 +189,7 @@ pub fn escape(text: &str) -> String {
     let mut out = String::with_capacity(text.len());
     for c in text.chars() {
         match c {
-            // At the start of a row these would be parsed as arguments of the preceding `\\`.
+            // At the start of a row, these would be parsed as an argument of the `\\` before it.
             '[' | '*' if out.trim_ascii().is_empty() => out.extend(['{', c, '}']),
             '\\' => out.push_str("\\textbackslash{}"),
             '~' => out.push_str("\\textasciitilde{}"),

@@ -112,7 +112,7 @@ pub fn escape(text: &str) -> String {
             '>' => out.push_str("&gt;"),
             '&' => out.push_str("&amp;"),
             '\\' | '`' | '*' | '_' | '[' | ']' | '|' | '~' => out.extend(['\\', c]),
-            // A zero-width space, because hosts look for mentions in the text after removing markup.
+            // A zero-width space, because hosts search for mentions after removing markup.
             '@' => out.push_str("@&#8203;"),
             c => out.push(c),
         }

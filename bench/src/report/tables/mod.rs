@@ -1,11 +1,14 @@
-//! Tables in the paper's form: methods as rows, datasets as column groups, metrics as columns within.
+//! Tables in the paper's form: methods as rows, datasets as column groups, and metrics as the
+//! columns of each group.
 //!
-//! * [`rank`]: best, second and third of a column; [`build`]: tables from a [`Board`](super::board::Board).
+//! * [`rank`]: best, second and third of a column; [`build`]: tables from a
+//!   [`Board`](super::board::Board).
 //! * [`csv`], [`html`], [`latex`], [`markdown`], [`text`]: writers.
 //! * [`grid`]: a table of any other shape.
 //! * `footnotes`: notes on a cell or a column; `remarks`: notes on a whole table.
 //!
-//! Every cell states how many pairs it covers, and a cell without a number has a footnote with the reason.
+//! Every cell states how many pairs it covers. If a cell has no number, a footnote gives the
+//! reason.
 
 pub mod build;
 pub mod csv;
@@ -103,7 +106,7 @@ pub struct Row {
 /// One number with its coverage and notes.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Cell {
-    /// Value at full precision; `None` if there is no number, in which case a footnote gives the reason.
+    /// Value at full precision; `None` if there is no number. A footnote then gives the reason.
     pub value: Option<f64>,
     /// Text printed by the source, for numbers that are not ours; shown unchanged.
     pub printed: Option<String>,

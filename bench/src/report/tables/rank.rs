@@ -15,9 +15,9 @@ pub struct RankedValue<'a> {
     pub ranked: bool,
 }
 
-/// Ranks 1, 2 and 3 after rounding to `decimals`; equal numbers share a rank, and the next rank counts all numbers
-/// before it (1, 1, 3). If any rows are complete, only these are ranked; otherwise rows are ranked only if all of them
-/// cover the same pairs. A single row has no rank.
+/// Ranks 1, 2 and 3 after rounding to `decimals`; equal numbers share a rank, and the next rank
+/// counts all numbers before it (1, 1, 3). If some rows are complete, only these are ranked. If
+/// none is, rows are ranked only if they all cover the same pairs. A single row has no rank.
 pub fn ranks(
     candidates: &[RankedValue<'_>],
     direction: Option<Direction>,
@@ -101,7 +101,7 @@ mod tests {
             of(&[0.1231, 0.1229, 0.125, 0.2, 0.3], LOWER, 3),
             [Some(1), Some(1), Some(3), None, None]
         );
-        // With more decimals they are no longer equal.
+        // With more decimals they differ.
         assert_eq!(
             of(&[0.1231, 0.1229, 0.125, 0.2], LOWER, 4),
             [Some(2), Some(1), Some(3), None]

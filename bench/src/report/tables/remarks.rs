@@ -12,11 +12,12 @@ use crate::report::statistics::of_extra;
 use super::Table;
 use super::rank::rounded;
 
-/// Minimum share of empty pixels for a remark that a method behind a baseline has holes.
+/// If a method with holes scores worse than a baseline, a remark is made if at least this share of
+/// its pixels is empty.
 const HOLES: f64 = 0.01;
 
-/// The metrics with a score in some record, and a sentence on why the others have none. If no metric has a score,
-/// returns all metrics, whose cells give the reason.
+/// The metrics with a score in some record, and a sentence on why the others have none. If no
+/// metric has a score, returns all metrics; their cells then give the reason.
 pub(in crate::report) fn scored(
     records: &[Record],
     metrics: &[Column],
@@ -66,7 +67,7 @@ struct Entrant<'a> {
     facts: &'a ReportMethod,
 }
 
-/// For each dataset, remarks on metrics in which a baseline beats every method that is not a baseline, or beats a
+/// For each dataset, remarks on metrics in which a baseline beats all other methods, or beats a
 /// method with holes. `table` has a row for each method of the board.
 pub(super) fn of_baselines(board: &Board<'_>, table: &Table) -> Vec<String> {
     let names = Column::names(&table.columns);
@@ -109,7 +110,8 @@ pub(super) fn of_baselines(board: &Board<'_>, table: &Table) -> Vec<String> {
                 continue;
             }
             text += &format!(
-                " {} leaves on average {:.1} % of a picture empty, and these holes are scored like any other pixel",
+                " {} leaves {:.1} % of a picture empty on average, and these holes are scored like \
+                 any other pixels",
                 board.methods[method].label,
                 100.0 * share
             );

@@ -5,8 +5,8 @@ use crate::io::text::visible_line;
 use crate::report::column::Column;
 
 impl Table {
-    /// Lines without trailing blanks, with footnotes below. Widths count characters, which is exact for the arrows and
-    /// the infinity sign.
+    /// Lines without trailing blanks, with footnotes below. Widths are counted in characters, which
+    /// is exact for the arrows and the infinity sign.
     pub fn text(&self) -> String {
         let heads = Column::heads(&self.columns);
         let mut grid = vec![vec![self.row_head.to_owned()]];

@@ -1,4 +1,4 @@
-//! What a report leaves on disk.
+//! Tests of the files that a report writes.
 
 use std::collections::BTreeSet;
 
@@ -61,14 +61,15 @@ fn the_same_records_in_any_order_give_the_same_bytes_and_load_nothing() {
     assert!(first.contains_key("plots/motion-psnr.png"));
     assert!(first == second);
     let html = String::from_utf8(first["index.html"].clone()).unwrap();
-    // Two sources, two targets, predictions and errors of `a`; `b` says why it has none.
+    // Two sources, two targets, and predictions and errors of `a`; for `b`, the reasons why they
+    // are missing.
     assert_eq!(html.matches("\"data:image/jpeg;base64,").count(), 2 + 2 + 4);
     assert!(html.contains("not kept") && html.contains("failed: p2.ply: truncated"));
     for outside in ["http://", "https://", "<link", "@import", "url("] {
         let rest = html.replace("http://www.w3.org/2000/svg", "");
         assert!(!rest.contains(outside), "{outside}");
     }
-    // The lead, the tiles and the table count the same.
+    // The lead, the tiles and the table have the same counts.
     assert!(html.contains("1 dataset, 1 scene, 2 pairs, 2 methods, 1 metric, 1 failure. "));
     for tile in [
         "<dt>metric</dt><dd>1</dd>",
@@ -146,7 +147,7 @@ fn a_metric_without_any_number_is_named_once_and_shown_nowhere() {
     }
 }
 
-/// What the score leaves out, the error picture does not show as an error.
+/// Pixels that are not scored are not shown as errors.
 #[test]
 fn error_pictures_show_what_is_not_scored_as_such() {
     let region = Region {
@@ -222,7 +223,7 @@ fn many_pairs_have_their_pictures_beside_the_page_and_what_is_gone_is_removed() 
         let thumbs = std::fs::read_dir(dir.path().join("thumbs"));
         (written, html, thumbs.map_or(0, Iterator::count))
     };
-    // Source, target, prediction and error of each; equal ones are one file.
+    // Each pair has source, target, prediction and error; equal pictures are one file.
     let (written, html, thumbs) = write(&records, None);
     let shown: Vec<&str> = html.split("\"thumbs/").skip(1).collect();
     let names: BTreeSet<&str> = shown.iter().map(|rest| &rest[..20]).collect();
@@ -234,7 +235,7 @@ fn many_pairs_have_their_pictures_beside_the_page_and_what_is_gone_is_removed() 
     }
     assert!(!html.contains("base64,") && html.contains("All pairs of the run."));
     assert!(written.all.iter().all(|path| path.is_file()));
-    // One pair less is few enough for one file.
+    // With one pair fewer, all fit into one file.
     let (written, html, thumbs) = write(&records[1..], None);
     assert_eq!((written.layout, thumbs), (Layout::File, 0));
     assert_eq!(html.matches("base64,").count(), 24 * 4);
@@ -248,7 +249,7 @@ fn pictures_shrink_until_all_pairs_fit() {
     let pair = |at: usize| record("d", &format!("p{at:02}"), "noise", 0.1, &[("psnr", 20.0)]);
     let mut results = psnr((0..30).map(pair).collect());
     let run = tempfile::tempdir().unwrap();
-    // Noise, the worst that a picture can be.
+    // Noise compresses worst of all pictures.
     keep(&mut results, run.path(), |record| {
         let bytes = record.pair_id.bytes();
         let mut state = bytes.fold(1_u32, |a, b| a * 31 + u32::from(b));
@@ -278,7 +279,7 @@ fn pictures_shrink_until_all_pairs_fit() {
     assert_eq!(all, 480);
     let (fewer, fits) = side(used / 2);
     assert!(fewer < 480 && fits <= used / 2, "{fewer} {fits} of {used}");
-    // A file, which has a least size of pictures, leaves out pairs instead.
+    // A single-file page has a minimum size of pictures, so it omits pairs instead.
     let html = String::from_utf8(shown(1, Some(Layout::File))["index.html"].clone()).unwrap();
     assert!(!html.contains("data:image") && html.contains("No pair to show."));
 }
@@ -327,7 +328,7 @@ fn pictures_are_linked_but_to_the_public_which_sees_what_terms_allow() {
     assert!(public.contains("Terms of the pictures shown: Middlebury: free to use and publish"));
     let notice = "the pictures of anyone&#39;s (terms unknown), Booster (research use; do not redistribute).";
     assert!(public.contains(notice), "{public}");
-    // No folder of this machine is named.
+    // No folder on this machine is mentioned.
     let folder = run.display().to_string();
     assert!(
         all.contains(&folder) && !public.contains(&folder),
@@ -335,8 +336,8 @@ fn pictures_are_linked_but_to_the_public_which_sees_what_terms_allow() {
     );
     assert!(public.contains("…/run 1/b.png: is gone") && public.contains("dir=…/run 1"));
     assert_eq!(public.matches("\"no target\"").count(), 0, "{public}");
-    let withheld = "terms do not let it be published";
-    // Of two datasets: source, target and the depth of both; prediction, error and alpha.
+    let withheld = "terms do not allow it to be published";
+    // For each of two datasets: source, target and the depth of both; prediction, error and alpha.
     assert_eq!(public.matches(withheld).count(), 14, "{public}");
 }
 

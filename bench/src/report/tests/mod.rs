@@ -128,7 +128,7 @@ impl ViewContent for Photograph {
     }
 }
 
-/// One that differs from view to view.
+/// A photograph that is different for each view.
 fn plain(view: &str) -> Photograph {
     let level = view
         .bytes()
@@ -140,7 +140,7 @@ fn plain(view: &str) -> Photograph {
     }
 }
 
-/// White; its left half is excluded from scoring.
+/// A white photograph whose left half is excluded from scoring.
 fn half_masked(_view: &str) -> Photograph {
     let level = |x: u32| if x < 32 { 254 } else { 255 };
     Photograph {

@@ -1,4 +1,4 @@
-//! What tables say. That every form shows it, the snapshots of `paper` hold.
+//! Tests of the contents of tables. The snapshots of `paper` test every output format.
 
 use crate::report::tables::latex;
 
@@ -26,7 +26,7 @@ fn coverage_is_shown_and_incomplete_rows_are_not_ranked() {
     let [a, b] = [0, 1].map(|row: usize| &table.rows[row].cells[0]);
     assert_eq!((a.value, a.coverage), (Some(25.0), Some((2, 2))));
     assert_eq!((b.value, b.coverage), (Some(40.0), Some((1, 2))));
-    // b looks better, but over other pairs; a alone is no contest.
+    // b has a better mean, but over other pairs; a alone is not ranked.
     assert_eq!((a.rank, b.rank), (None, None));
     let note = &table.notes[b.notes[0]];
     assert!(
@@ -104,7 +104,8 @@ fn latex_prints_labels_as_they_are() {
         escaped,
         r"50\%\_a\&b\#\{c\}\$d\textasciicircum{}\textasciitilde{}\textbackslash{}"
     );
-    // OT1 has neither glyph; a row must not begin with an option of the rule before it.
+    // OT1 has neither glyph. At the start of a row, `[` would be parsed as an option of the rule
+    // before it.
     assert_eq!(latex::escape("[a]\"`é"), "{[}a]\\char34{}\\`{}é");
     assert_eq!(
         latex::escape("中✓e\u{301}ð\n"),
@@ -207,9 +208,9 @@ fn cropped_resized_and_chosen_predictions_are_marked() {
     ] {
         assert!(notes(label).contains(said), "{}", notes(label));
     }
-    // A mark costs nobody a rank.
+    // A footnote does not remove a rank.
     assert!(table.rows.iter().all(|row| row.cells[0].rank == Some(1)));
-    // A common region is no method's crop.
+    // A common region is not attributed to a method.
     results.manifest.common_region = true;
     let table = mean_tables(&results, None).unwrap().remove(0);
     let said = "d: 2 of 2 pairs scored on a part of the target only, on average 62.5 % of its pixels, the common region \
@@ -230,7 +231,7 @@ fn a_column_that_is_not_the_papers_is_marked_in_every_form() {
         dataset.dataset.proxies = vec!["split=nvs_sem_val".into(), "threshold=0.5".into()];
     }
     let table = build::of_scores(&board, &board.metrics).remove(0);
-    // A dataset that the paper does not have is nobody's proxy.
+    // A dataset that is not in the paper cannot differ from it.
     assert_eq!(
         [0, 1].map(|at: usize| table.groups[at].note),
         [None, Some(0)]
@@ -307,12 +308,12 @@ fn baselines_that_methods_do_not_surpass_are_remarked_upon() {
     assert_eq!(
         remarks(&records),
         [
-            "d: a baseline beats every other method in PSNR (mean 16.00; good 12.00). holed leaves on \
-          average 20.9 % of a picture empty, and these holes are scored like any other pixel; a baseline is better in \
-          PSNR (mean 16.00; holed 10.00)."
+            "d: a baseline beats every other method in PSNR (mean 16.00; good 12.00). holed \
+             leaves 20.9 % of a picture empty on average, and these holes are scored like any \
+             other pixels; a baseline is better in PSNR (mean 16.00; holed 10.00)."
         ]
     );
-    // Equal as shown is not better; without baselines there is nothing to say.
+    // A baseline that is equal as displayed is not better. Without baselines there is no remark.
     let mut equal = records.clone();
     for record in &mut equal[2..] {
         record.scores.insert("psnr".into(), Score::Value(15.999));
@@ -350,7 +351,7 @@ fn means_over_scenes_or_sources_are_said_to_be_so() {
         of("3", "x", "1", 30.0),
         of("4", "y", "0", 40.0),
     ]);
-    // (10 + 20 + 30) / 3 and 40; 15, 30 and 40.
+    // By scene: (10 + 20 + 30) / 3 and 40. By source: 15, 30 and 40.
     for (aggregation, mean, said) in [
         (Aggregation::Pairs, 25.0, ""),
         (

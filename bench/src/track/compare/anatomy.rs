@@ -1,8 +1,9 @@
-//! Differences by class of target pixel, determined from the depth of both views: visible in the source, hidden,
-//! outside the source, or close to a depth edge.
+//! Differences by class of target pixel, determined from the depth of both views: visible in the
+//! source, hidden, outside the source, or close to a depth edge.
 //!
-//! PSNR is computed over a class's pixels; SSIM and LPIPS are the means of their maps over those pixels, although a
-//! window or a network's receptive field extends across the border of a class. DISTS has no map and is left out.
+//! PSNR is computed over a class's pixels. SSIM and LPIPS are the means of their maps over those
+//! pixels, although windows and receptive fields extend across the border of a class. DISTS has no
+//! map and is left out.
 
 use std::collections::BTreeMap;
 
@@ -23,11 +24,11 @@ use crate::pairs::valid_depth::is_valid_depth;
 use crate::report::pictures::ReportPictures;
 use crate::scoring::{GroundTruth, Region, Scoring};
 
-/// Relative difference above which two depths are different surfaces, as for overlap.
+/// Two depths that differ by more than this share belong to different surfaces, as for overlap.
 const RELATIVE: f64 = 0.05;
 /// Pixels up to this distance from a depth edge belong to it.
 const EDGE_RADIUS: i64 = 3;
-/// Minimum share of a pair's scored pixels for a class to have scores.
+/// A class has scores only if it has at least this share of a pair's scored pixels.
 const LEAST_SHARE: f64 = 0.001;
 
 /// Class of a target pixel for a method that sees only the source. Each pixel has the first matching class, in this
@@ -36,7 +37,7 @@ const LEAST_SHARE: f64 = 0.001;
 pub enum PixelClass {
     /// Within three pixels of a pixel whose depth differs from a neighbour's by more than 5 % of the nearer depth.
     DepthEdge,
-    /// No valid depth here or in the source, or the source sees through this surface.
+    /// No valid depth here or in the source, or the source sees a farther surface at this point.
     Unknown,
     /// Behind the source camera, or outside its image.
     OutsideSource,
@@ -180,7 +181,11 @@ impl RunComparison {
         }
         let pictures = ReportPictures::new(&self.results, scenes);
         let pairs: Vec<(&Record, &Record)> = self.sides(against).both().collect();
-        observer.begin("looking where pictures differ", pairs.len(), "pairs");
+        observer.begin(
+            "locating differences between pictures",
+            pairs.len(),
+            "pairs",
+        );
         let mut datasets: BTreeMap<&str, Vec<ClassScores<'_>>> = BTreeMap::new();
         let mut without: BTreeMap<String, usize> = BTreeMap::new();
         for (done, (a, b)) in pairs.into_iter().enumerate() {
@@ -221,7 +226,7 @@ impl RunComparison {
         Ok(anatomy)
     }
 
-    /// Metrics on whole pictures that have per-pixel values; adds a note on the others.
+    /// Metrics on whole pictures that have per-pixel values. Adds a note on the metrics without.
     fn mapped_metrics(&self, notes: &mut Vec<String>) -> Vec<MetricInfo> {
         let metrics = self.results.manifest.metrics.iter().map(|m| &m.info);
         let (mapped, others): (Vec<_>, Vec<_>) = metrics
@@ -230,7 +235,8 @@ impl RunComparison {
             .partition(|metric| metric.key.family() != Family::Dists);
         for metric in others {
             notes.push(format!(
-                "{} compares statistics of whole pictures: it has no value at a pixel, and no error anatomy",
+                "{} compares statistics of whole pictures, so it has no value per pixel and no \
+                 error anatomy",
                 metric.key
             ));
         }
@@ -372,12 +378,14 @@ mod tests {
         let target = view(-10.0, wall(20..30));
         let found = classes(&target, &source);
         let row: Vec<PixelClass> = found[4 * 60..5 * 60].to_vec();
-        // Around the board's edges (19|20 and 29|30): three pixels to each side of the adjacent pixels.
+        // Around the board's edges (19|20 and 29|30): the adjacent pixels and three more to each
+        // side.
         for x in [16, 19, 20, 23, 26, 29, 30, 33] {
             assert_eq!(row[x], PixelClass::DepthEdge, "{x}");
         }
         assert_eq!(row[24], PixelClass::Visible);
-        // The target's wall at x is at x + 10 in the source, which is behind the board there for 30..40.
+        // The target's wall at x is at x + 10 in the source; there, for 30..40, it is behind the
+        // board.
         assert_eq!(
             (row[34], row[39]),
             (PixelClass::Disoccluded, PixelClass::Disoccluded)
@@ -408,7 +416,7 @@ mod tests {
             PixelClass::Unknown
         );
         assert_eq!(class(&plain, &view(0.0, holed)), PixelClass::Unknown);
-        // The source sees through the target's surface.
+        // The source sees a farther surface.
         let far = DepthMap::from_pixel(60, 9, Luma([30.0]));
         assert_eq!(class(&plain, &view(0.0, far)), PixelClass::Unknown);
         let behind = DepthMap::from_pixel(60, 9, Luma([1.0]));
@@ -452,7 +460,7 @@ mod tests {
 
     #[test]
     fn means_are_those_of_the_map_inside() {
-        // A map without its outermost row and column.
+        // A map that lacks the picture's outermost rows and columns.
         let map = ScoreMap {
             values: image::ImageBuffer::from_vec(2, 1, vec![0.25, 0.75]).unwrap(),
             origin: 1,

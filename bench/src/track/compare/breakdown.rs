@@ -1,7 +1,7 @@
 //! Differences by part: the pairs of each dataset by scene, and by bins of camera motion.
 //!
-//! Descriptive only: 95 % intervals are for each part alone, not corrected for the number of parts. For significance,
-//! see the [rows](super::ScoreChange).
+//! Descriptive only: the 95 % intervals are not corrected for the number of parts. For
+//! significance, see the [rows](super::ScoreChange).
 
 use std::collections::BTreeMap;
 
@@ -84,8 +84,8 @@ pub struct Stratum {
 }
 
 impl RunComparison {
-    /// The pairs of two methods by dataset and [`Division::of_pairs`]: scenes in the order of their pairs, bins
-    /// ascending. Leaves out a quantity that is the same for all pairs of a dataset.
+    /// The pairs of two methods by dataset and [`Division::of_pairs`]: scenes in the order of their
+    /// pairs, bins ascending. A quantity that is equal for all pairs of a dataset is omitted.
     pub fn breakdown(&self, against: &Against, metric: &MetricInfo) -> Vec<Stratum> {
         let mut changes = self.sides(against).changes(metric);
         changes.sort_by(|a, b| a.a.pair_id.cmp(&b.a.pair_id));

@@ -28,7 +28,7 @@ pub use crate::pairs::dataset::ALL_DATASETS as ALL;
 /// Why two runs cannot be compared.
 #[derive(Debug, thiserror::Error)]
 pub enum CompareError {
-    /// A run cannot be read, or the two were scored under different rules.
+    /// A run cannot be read, or the two runs were scored under different rules.
     #[error(transparent)]
     Evaluate(#[from] EvaluateError),
     /// The runs differ in more than their methods.
@@ -98,19 +98,20 @@ pub struct ScoreChange {
     pub p: Option<f64>,
     /// p after Holm's correction over the datasets of a metric, including [`ALL`].
     pub p_holm: Option<f64>,
-    /// Minimum detectable effect: the smallest difference that is found with 80 % power at the 5 % level.
+    /// Minimum detectable effect: the smallest difference that would be detected with 80 % power at
+    /// the 5 % level.
     pub mde: Option<f64>,
     /// Outcome of B relative to A.
     #[serde(serialize_with = "word")]
     pub verdict: Verdict,
-    /// Number of planned pairs without the score on one side or both.
+    /// Number of planned pairs that lack the score on at least one side.
     #[serde(skip)]
     pub left_out: usize,
-    /// Number of the dataset's scenes minus the number of physical scenes, because several scenes may show the same
-    /// one.
+    /// By how much the number of the dataset's scenes exceeds that of physical scenes, because
+    /// several scenes may show the same one.
     #[serde(skip)]
     pub merged_scenes: usize,
-    /// p of the sign-flip test over scenes, for single datasets; exact for up to 14 scenes.
+    /// p of the sign-flip test over scenes, only for single datasets; exact for up to 14 scenes.
     pub p_sign_flip: Option<f64>,
     /// Smallest possible p of that test with this number of scenes.
     pub p_sign_flip_floor: Option<f64>,
@@ -227,12 +228,12 @@ fn order_by_loss(changes: &mut [PairChange<'_>]) {
     });
 }
 
-/// Compares run B with run A. `methods` are pairs of labels `(in A, in B)`; if empty, methods with the same label are
-/// compared, or the only methods of both runs.
+/// Compares run B with run A. `methods` are pairs of labels `(in A, in B)`. If empty, compares
+/// methods with the same label, or the only method of each run.
 ///
 /// # Errors
-/// If a run cannot be read, or both differ in anything but the methods: metrics, scoring rules, pairs, scored parts,
-/// renderer.
+/// If a run cannot be read, or the runs differ in anything but the methods: metrics, scoring rules,
+/// pairs, scored parts, renderer.
 pub fn compare(
     a: &Path,
     b: &Path,
@@ -259,7 +260,7 @@ pub fn both_sides(a: &Path, b: &Path) -> Result<[Results; 2], EvaluateError> {
 /// Compares results in memory by the rules of [`compare`]; the paths are only used in errors.
 ///
 /// # Errors
-/// If both differ in anything but the methods.
+/// If the results differ in anything but the methods.
 pub fn compare_results(
     [(a, of_a), (b, of_b)]: [(&Path, Results); 2],
     methods: &[(String, String)],
@@ -278,7 +279,7 @@ pub fn compare_results(
         name: Some(name.to_owned()),
         path: path.to_owned(),
     };
-    // Fails for results scored under other rules.
+    // Fails if the results were scored under different rules.
     let joined = join_results([(named("A", a), of_a), (named("B", b), of_b)]);
     let results = joined.map_err(|error| match error {
         EvaluateError::Conflict { difference, .. } => unlike(difference),
@@ -304,7 +305,8 @@ pub fn compare_results(
     Ok(comparison)
 }
 
-/// Rows for two methods, with notes. The error is a difference that makes the methods incomparable.
+/// Rows for two methods, with notes. Fails with the difference that makes the methods incomparable,
+/// if any.
 fn rows(
     comparison: &RunComparison,
     against: &Against,
@@ -343,7 +345,7 @@ fn rows(
         let scores = |manifest: &Manifest| manifest.metrics.iter().any(|m| m.info.key == key);
         if !comparison.manifests.iter().all(scores) {
             notes.push(format!(
-                "{key} is in only one of the runs, and is not compared"
+                "{key} is in only one of the runs and is not compared"
             ));
             continue;
         }
@@ -357,8 +359,9 @@ fn rows(
     Ok((rows, notes))
 }
 
-/// The difference between rendering backends, if any. CPU backends count as equal: they differ only in the class of
-/// kernels, which changes no visible digit of a score. Joining the results compares all other settings.
+/// The difference between rendering backends, if any. CPU backends count as equal, because their
+/// kernels change no visible digit of a score. All other settings are compared when the results are
+/// joined.
 fn backend_difference([a, b]: &[Manifest; 2]) -> Option<String> {
     let kind = |manifest: &Manifest| match manifest.renderer.backend.starts_with("cpu-") {
         true => "cpu".to_owned(),
@@ -376,11 +379,11 @@ fn notes([a, b]: &[Manifest; 2]) -> Vec<String> {
     }
     if a.version != b.version {
         notes.push(format!(
-            "A is by version {} and B by {}",
+            "A was made by version {} and B by {}",
             a.version, b.version
         ));
     } else if a.sources != b.sources {
-        notes.push("A and B were made by different sources of this program".to_owned());
+        notes.push("A and B were made by builds of different source code".to_owned());
     }
     if a.aggregation != Aggregation::default() {
         let (here, there) = (Aggregation::default(), a.aggregation);
@@ -439,7 +442,7 @@ fn chosen_methods(
     }
     if chosen.is_empty() {
         let reason = format!(
-            "no method is in both: {}; --method OLD=NEW pairs them",
+            "no method is in both runs: {}; --method OLD=NEW pairs methods",
             sides()
         );
         return Err(CompareError::Methods(reason));
@@ -474,13 +477,13 @@ fn planned_pairs<'a>(results: &'a Results, label: &str) -> BTreeSet<&'a str> {
 fn pair_difference([a, b]: &[BTreeSet<&str>; 2]) -> Option<String> {
     let (only_a, only_b) = (a.difference(b).count(), b.difference(a).count());
     let first = a.symmetric_difference(b).next()?;
-    // A run stores the whole list, whatever its limit.
+    // A run stores the whole list, even if it was limited.
     let hint = match (only_a, only_b) {
         (0, _) | (_, 0) => "; if one was run with --limit, run the other with the same",
         _ => "",
     };
     Some(format!(
-        "their pairs differ: {} only in A, {} only in B, the first is {first}{hint}",
+        "their pairs differ: {} only in A, {} only in B; the first is {first}{hint}",
         counted(only_a, "pair"),
         only_b
     ))

@@ -78,8 +78,8 @@ impl RunComparison {
         })
     }
 
-    /// The pairs of each method and metric, largest loss first: all of them, or this many of the largest losses and of
-    /// the largest gains.
+    /// The pairs of each method and metric, largest loss first: all pairs, or up to this many of
+    /// the largest losses and gains each.
     pub fn pair_lines(&self, of_either_end: Option<usize>) -> Vec<PairLine<'_>> {
         let mut lines = Vec::new();
         for against in &self.against {

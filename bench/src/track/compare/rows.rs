@@ -43,8 +43,9 @@ impl<'a> Sides<'a> {
         scored.collect()
     }
 
-    /// One row per dataset with planned pairs, and one over all if there are several. If a dataset has no scores on one
-    /// side, its row and the one over all have no numbers. `datasets` are names with numbers of planned pairs.
+    /// One row per dataset with planned pairs, and one over all if there are several. If a dataset
+    /// has no scores on one side, its row and the one over all have no numbers. `datasets` are
+    /// names and numbers of planned pairs.
     pub(super) fn rows(
         &self,
         datasets: &[(&'a str, usize)],

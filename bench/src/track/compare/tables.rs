@@ -26,7 +26,7 @@ const HEADS: [&str; 11] = [
     "B is",
 ];
 
-/// Maximum number of losses and of gains in [`RunComparison::extremes`].
+/// Maximum number of losses, and of gains, in [`RunComparison::extremes`].
 pub const EXTREMES: usize = 3;
 
 impl RunComparison {
@@ -119,9 +119,9 @@ impl RunComparison {
         let key = MetricKey::whole(metric.key.metric()).to_string();
         let title = title(&key, metric.key.region(), [&against.a, &against.b]);
         let what = match [changes.first(), changes.last()].map(|end| end.map(|c| c.loss < 0.0)) {
-            [Some(true), _] => "most won",
-            [_, Some(true)] => "most lost and most won",
-            _ => "most lost",
+            [Some(true), _] => "largest gains",
+            [_, Some(true)] => "largest losses and gains",
+            _ => "largest losses",
         };
         let title = format!("{title}: {what}");
         (!rows.is_empty()).then(|| TextGrid::new(title, &["pair", "A", "B", "B - A"], rows))
@@ -214,7 +214,8 @@ impl RunComparison {
     }
 }
 
-/// Up to `count` of the largest losses and of the largest gains, in the order of [`RunComparison::changes`].
+/// Up to `count` of the largest losses and up to `count` of the largest gains, in the order of
+/// [`RunComparison::changes`].
 pub(super) fn most_changed<'c, 'a>(
     changes: &'c [PairChange<'a>],
     count: usize,
@@ -248,7 +249,7 @@ pub(in crate::track) fn p_text(p: f64) -> String {
 }
 
 fn cells(row: &ScoreChange) -> Vec<GridCell> {
-    // One more decimal than single scores, because means of many pairs are compared.
+    // Single scores have one decimal fewer, because means of many pairs are compared here.
     let decimals = row.decimals + 1;
     let number = |value: f64| GridCell::rounded(value, decimals);
     let p = |value: Option<f64>| GridCell::optional(value, p_text);
@@ -296,7 +297,8 @@ fn remarks(row: &ScoreChange) -> Vec<String> {
     let dataset = &row.dataset;
     if let (Some(p), Some(floor), 2..) = (row.p_sign_flip, row.p_sign_flip_floor, row.n_scenes) {
         remarks.push(format!(
-            "{dataset}: by the signs of {} scenes alone p = {p:.4}, at least {floor:.4} with so many",
+            "{dataset}: from the signs of {} scenes alone, p = {p:.4}; with this many scenes it is \
+             at least {floor:.4}",
             row.n_scenes
         ));
     }
@@ -323,7 +325,7 @@ fn remarks(row: &ScoreChange) -> Vec<String> {
     if row.left_out > 0 {
         let pairs = counted(row.left_out, "pair");
         remarks.push(format!(
-            "{dataset}: {pairs} without a score on both sides left out"
+            "{dataset}: {pairs} left out, without a score on both sides"
         ));
     }
     if row.n_infinite > 0 {

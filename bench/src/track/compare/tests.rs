@@ -41,7 +41,7 @@ fn rows(a: &[Record], b: &[Record], datasets: &[&str]) -> Vec<ScoreChange> {
     )
 }
 
-/// Scores of `scenes` × 4 pairs, with `change` added per scene.
+/// Scores of `scenes` × 4 pairs; `change` is added per scene.
 fn scored(dataset: &str, scenes: usize, change: impl Fn(usize, usize) -> f64) -> Vec<Record> {
     let pairs = (0..scenes).flat_map(|scene| (0..4).map(move |number| (scene, number)));
     let score =
@@ -88,7 +88,7 @@ fn a_drop_is_worse_on_its_dataset_and_the_mean_of_datasets_counts_them_equally()
             .iter()
             .all(|row| row.p_holm >= row.p && row.mde.unwrap() > 0.0)
     );
-    // The smallest p from the signs of six scenes.
+    // The smallest p possible with the signs of six scenes.
     assert_eq!(
         (d.p_sign_flip, d.p_sign_flip_floor),
         (Some(0.03125), Some(0.03125))
@@ -151,7 +151,7 @@ fn other_pairs_and_other_parts_of_targets_are_named() {
     let difference = pair_difference(&[ids(&leaked[1..]), ids(&leaked[..7])]).unwrap();
     assert_eq!(
         difference,
-        "their pairs differ: 1 pair only in A, 1 only in B, the first is D/0/000"
+        "their pairs differ: 1 pair only in A, 1 only in B; the first is D/0/000"
     );
     assert_eq!(pair_difference(&[ids(leaked), ids(leaked)]), None);
     let mut cropped = a.clone();
@@ -219,7 +219,7 @@ fn pairs_stand_in_the_order_of_what_they_lost() {
     let ids = |changes: &mut dyn Iterator<Item = &PairChange<'_>>| -> Vec<String> {
         changes.map(|change| change.a.scene.clone()).collect()
     };
-    // A lost score sorts first.
+    // A score that became missing sorts first.
     assert_eq!(ids(&mut found.iter()), ["2", "1", "5", "3", "0", "4"]);
     assert_eq!(
         ids(&mut tables::most_changed(&found, 2)),
@@ -273,7 +273,8 @@ fn pairs_are_parted_by_scene_and_by_how_far_the_camera_moved() {
             part("0.20 to 0.25", &["3"])
         ]
     );
-    // Unknown for two of four; a value that is the same for all does not divide.
+    // The value is unknown for two of four pairs. A value that is equal for all pairs does not
+    // divide them.
     assert_eq!(
         parts(Division::Motion(Motion::RelativeMotion)),
         [part("0.10 to 0.15", &["3"]), part("0.25 to 0.30", &["0"])]

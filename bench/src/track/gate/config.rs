@@ -21,9 +21,9 @@ use sharp_metrics::{Direction, Family, MetricInfo, MetricKey};
 #[serde(deny_unknown_fields, default)]
 pub struct GateConfig {
     pub fail_if: Vec<Limit>,
-    /// Maximum number of pairs per dataset that have a score in A but none in B.
+    /// Maximum number of pairs per dataset with a score in A but none in B.
     pub missing_pairs: usize,
-    /// Difference that the runs must be able to detect, by metric.
+    /// By metric, the difference that the runs must be able to detect.
     pub require_power: BTreeMap<MetricName, f64>,
 }
 
@@ -202,11 +202,11 @@ impl FromStr for Limit {
             let percent = value.strip_suffix('%').filter(|_| is_above);
             let percent = percent
                 .filter(|_| dataset.is_none() && !per_scene)
-                .ok_or_else(|| wrong(&format!("this limit reads '{name} > +10 %'")))?;
+                .ok_or_else(|| wrong(&format!("write this limit as '{name} > +10 %'")))?;
             let percent = number(percent)?;
             return match percent >= 0.0 {
                 true => Ok(Self::Cost { cost, percent }),
-                false => Err(wrong("the share is 0 % or more")),
+                false => Err(wrong("expected a share of 0 % or more")),
             };
         }
         let inner = name.strip_prefix('|').and_then(|n| n.strip_suffix('|'));

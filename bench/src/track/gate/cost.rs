@@ -31,7 +31,7 @@ pub(super) fn costs_of(
             (None, _) => check.decided(
                 CheckState::NotCompared,
                 format!(
-                    "not measured, or below {}, where noise decides",
+                    "not measured, or below {}, where noise dominates",
                     cost.least()
                 ),
             ),
@@ -40,7 +40,7 @@ pub(super) fn costs_of(
     checks.collect()
 }
 
-/// The first difference between the predicting devices, or why they are unknown.
+/// The first difference between the devices that predicted, or why they are unknown.
 fn device_difference(
     comparison: &RunComparison,
     against: &Against,
@@ -59,7 +59,9 @@ fn device_difference(
             }
             [Some(one), other, ..] => {
                 let other = other.unwrap_or_default();
-                return Some(format!("{side} was predicted by {one}, and by {other}"));
+                return Some(format!(
+                    "{side} was predicted partly by {one} and partly by {other}"
+                ));
             }
             [None, ..] => {
                 return Some(format!("{side} does not say which processor predicted"));

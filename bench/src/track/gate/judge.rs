@@ -54,7 +54,7 @@ pub(super) fn judge(
     })
 }
 
-/// A check, with its subject if it is on a metric.
+/// A check, with its subject if it is about a metric.
 type Judged<'a> = (Check, Option<Subject<'a>>);
 
 struct Judge<'a> {
@@ -65,7 +65,7 @@ struct Judge<'a> {
     datasets: Vec<&'a str>,
 }
 
-/// What a limit on a metric is applied to.
+/// The subject of a limit on a metric.
 #[derive(Clone, Copy)]
 struct Subject<'a> {
     limit: &'a Limit,
@@ -95,7 +95,7 @@ impl Subject<'_> {
         Check::of(self.limit.to_string(), &key, self.against, dataset)
     }
 
-    /// One more decimal than single scores, because means of many pairs are compared.
+    /// Single scores have one decimal fewer, because means of many pairs are compared here.
     fn decimals(&self) -> usize {
         self.info.decimals + 1
     }
@@ -130,21 +130,21 @@ impl<'a> Judge<'a> {
                 let have: Vec<&str> = self.metrics.iter().map(|m| m.alias.as_str()).collect();
                 let have = have.join(", ");
                 return Err(format!(
-                    "'{limit}': not a metric of both runs, which have {have}"
+                    "'{limit}': not a metric of both runs; they share {have}"
                 ));
             }
             let known = |name: &str| name == ALL || self.datasets.contains(&name);
             if scope.dataset().is_some_and(|name| !known(name)) {
                 let have = self.datasets.join(", ");
                 return Err(format!(
-                    "'{limit}': not a dataset of the runs, which have {have}, and {ALL}"
+                    "'{limit}': not a dataset of the runs; expected {have} or {ALL}"
                 ));
             }
         }
         for (name, required) in &self.config.require_power {
             if !(required.is_finite() && *required > 0.0) {
                 return Err(format!(
-                    "power is required of {name} at {required}: expected a number above 0"
+                    "power is required for {name} at {required}: expected a number above 0"
                 ));
             }
             let is_tested = |limit: &Limit| match limit {
@@ -156,7 +156,7 @@ impl<'a> Judge<'a> {
             };
             if !self.config.fail_if.iter().any(is_tested) {
                 return Err(format!(
-                    "power is required of {name}, on which no limit asks for significance"
+                    "power is required for {name}, but no limit on it tests significance"
                 ));
             }
         }
@@ -231,7 +231,7 @@ impl<'a> Judge<'a> {
             }
             let reason = lost.first().map_or_else(String::new, |first| {
                 let pairs = counted(lost.len(), "pair");
-                format!("{pairs} without a score that A has, the first is {first}")
+                format!("{pairs} with a score in A but not in B; the first is {first}")
             });
             let allowed = self.config.missing_pairs;
             let limit = format!("missing_pairs > {allowed}");
@@ -244,7 +244,7 @@ impl<'a> Judge<'a> {
         checks
     }
 
-    /// Applies a limit to the means of datasets.
+    /// Applies a limit to datasets' means.
     fn rows(&self, subject: Subject<'_>, dataset: Option<&str>) -> Vec<Check> {
         let Subject { against, info, .. } = subject;
         let is_one = self.datasets.len() == 1;
@@ -306,7 +306,8 @@ impl<'a> Judge<'a> {
         })
     }
 
-    /// Why a row cannot detect the difference in `require_power`. Equal sides pass, because there is nothing to detect.
+    /// Why a row cannot detect the difference in `require_power`. Passes if both sides are equal,
+    /// because there is nothing to detect.
     fn lacks_power(&self, info: &MetricInfo, row: &ScoreChange) -> Option<String> {
         let required = self.config.require_power.iter();
         let required = required.filter(|(name, _)| name.names(info));
@@ -330,7 +331,8 @@ impl<'a> Judge<'a> {
         }
     }
 
-    /// Applies a limit to each scene: returns all fired checks, or else the closest one.
+    /// Applies a limit to each scene: returns all checks that fired, or if none did, the closest
+    /// one.
     fn scenes(&self, subject: Subject<'_>, dataset: Option<&str>) -> Vec<Check> {
         let place = dataset.unwrap_or(ALL);
         let strata = self.comparison.breakdown(subject.against, subject.info);
@@ -372,7 +374,8 @@ impl<'a> Judge<'a> {
         checks
     }
 
-    /// The pairs with the largest losses, for the first fired check on a metric, or else the first check on a metric.
+    /// The pairs with the largest losses, for the first fired check on a metric; if none fired, for
+    /// the first check on a metric.
     fn worst_pairs(&self, judged: &[Judged<'_>]) -> (Option<usize>, Vec<WorsePair>) {
         let on_metrics = judged.iter().enumerate();
         let mut on_metrics =
@@ -434,7 +437,7 @@ fn why_not_significant(row: &ScoreChange) -> String {
         Some(reason) => format!("beyond the limit, but without p: {reason}"),
         None => {
             let scenes = counted(row.n_scenes, "scene");
-            format!("beyond the limit, but with {scenes} it may be chance")
+            format!("beyond the limit, but with {scenes} this may be chance")
         }
     }
 }

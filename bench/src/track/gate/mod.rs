@@ -1,10 +1,12 @@
-//! Decides whether run B may replace run A. Limits fire if a score is worse by more than allowed *and* chance is an
-//! unlikely cause, if single scenes are worse, if pairs lost their scores, or if predictions cost more.
+//! Decides whether run B may replace run A. Limits fire if a score is worse by more than allowed
+//! *and* chance is an unlikely cause, if single scenes are worse, if pairs lost their scores, or if
+//! predictions cost more.
 //!
 //! * [`config`]: limits and their text form; [`output`]: tables, JUnit XML and Markdown.
-//! * `judge`: applies limits on scores and coverage to a comparison; `cost`: limits on time and memory.
+//! * `judge`: applies limits on scores and coverage to a comparison; `cost`: limits on time and
+//!   memory.
 //!
-//! Limits that cannot be judged never pass silently; see the table in `bench/docs/gate.md`.
+//! A limit that cannot be judged never passes silently; see the table in `bench/docs/gate.md`.
 
 pub mod config;
 mod cost;
@@ -35,7 +37,7 @@ pub enum GateError {
     Limits(String),
 }
 
-/// Outcome of one check or of all, from least to most severe.
+/// Outcome of one check, or of all checks; from least to most severe.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Default, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum CheckState {
@@ -45,7 +47,7 @@ pub enum CheckState {
     NotSignificant,
     /// A cost measured on different devices.
     NotCompared,
-    /// Cannot be decided from these runs.
+    /// These runs do not allow a decision.
     Inconclusive,
     Fired,
 }
@@ -85,7 +87,7 @@ pub struct Check {
     pub p_holm: Option<f64>,
     /// Minimum detectable effect with 80 % power.
     pub mde: Option<f64>,
-    /// The reason in one line; empty if the numbers suffice.
+    /// Why the state is what it is, in one line; empty if the numbers suffice.
     pub reason: String,
     /// Decimals in tables.
     #[serde(skip)]
@@ -110,7 +112,8 @@ pub struct GateReport {
     /// Fired if any check fired, else inconclusive if any check is, else passed.
     pub state: CheckState,
     pub checks: Vec<Check>,
-    /// Index of the check that [`Self::worst`] belongs to: the first fired check on a metric, or else the first one on a metric.
+    /// Index of the check that [`Self::worst`] belongs to: the first fired check on a metric; if
+    /// none fired, the first check on a metric.
     pub worst_of: Option<usize>,
     /// At most three pairs, worst first.
     pub worst: Vec<WorsePair>,

@@ -114,7 +114,7 @@ fn limits_without_a_place_hold_on_each_dataset_and_over_all() {
     assert_eq!(places("psnr < -0.1 on E"), [place("E", passed)]);
     assert_eq!(places("psnr < -0.1 on all"), [place("all", fired)]);
     assert_eq!(places("psnr < -0.1 on E per scene"), [place("E", passed)]);
-    // A dataset without scores in any run is skipped, unless it is named.
+    // A dataset that no run has scores for is skipped, unless a limit names it.
     let half = || {
         let mut records = both(&nothing);
         records
@@ -154,7 +154,7 @@ fn what_cannot_be_averaged_never_passes_silently() {
     let report = judged(infinite(), crossed, &limit).unwrap();
     assert_eq!(states(&report), [CheckState::Fired]);
     assert!(report.checks[1].reason.contains("not a number"));
-    // NaN in B also counts as a lost pair; in A it does not, but the mean is still not a number.
+    // NaN in B counts as a lost pair. NaN in A does not, but the mean is still not a number.
     let nan = || with(2, f64::NAN, fresh());
     let report = judged(fresh(), nan(), &limit).unwrap();
     assert_eq!(report.checks[0].state, CheckState::Fired);
@@ -168,7 +168,8 @@ fn what_cannot_be_averaged_never_passes_silently() {
         (report.checks[0].state, report.checks[1].state),
         (CheckState::Passed, CheckState::Fired)
     );
-    // One scene, one pair: no p, whatever the drop; limits per scene need none.
+    // With one scene and one pair there is no p, whatever the drop; limits per scene do not need
+    // one.
     let limits = config(&["psnr < -0.1", "psnr < -0.1 per scene"]);
     let report = judged(scored("D", 1, nothing), scored("D", 1, drop), &limits).unwrap();
     assert_eq!(
@@ -268,10 +269,10 @@ fn a_gate_that_checks_nothing_is_refused() {
         "{said}"
     );
     let said = refused(&config(&["psnr < -0.1 on E"]));
-    assert!(said.contains("which have D, and all"), "{said}");
+    assert!(said.contains("expected D or all"), "{said}");
     let mut power = config(&["psnr < -1 per scene"]);
     power.require_power.insert("psnr".parse().unwrap(), 1.0);
-    assert!(refused(&power).contains("on which no limit asks for significance"));
+    assert!(refused(&power).contains("but no limit on it tests significance"));
     power.require_power.insert("psnr".parse().unwrap(), 0.0);
     assert!(refused(&power).contains("psnr at 0: expected a number above 0"));
     let none = gate(Path::new("a"), Path::new("b"), &[], &GateConfig::default());
@@ -384,7 +385,7 @@ fn costs_count_on_one_device_only() {
         checks(&[x(1.0), x(1.0)], &[x(1.0), x(1.3)])[0].state,
         CheckState::Fired
     );
-    // A pair missing on one side counts on neither.
+    // A pair that is missing on one side is ignored on both.
     assert_eq!(
         checks(&[x(1.0), x(1.0)], &[x(1.0)])[0].state,
         CheckState::Passed
@@ -399,7 +400,7 @@ fn costs_count_on_one_device_only() {
         (
             vec![x(1.0)],
             vec![other, x(1.0)],
-            "B was predicted by x, 4 threads, and by x, 8 threads",
+            "B was predicted partly by x, 4 threads and partly by x, 8 threads",
         ),
         (
             vec![timing(None, 1.0)],

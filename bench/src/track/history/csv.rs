@@ -11,7 +11,8 @@ use super::{History, Point};
 pub const COLUMNS: &str = "entry,label,commit,date,method,dataset,metric,n_pairs,n_planned,n_failed,n_scenes,mean,ci_low,ci_high,\
                            weights,identity,follows,broken,change,rule,against,difference,p";
 
-/// Comma-separated values with a header, one series after the other. Numbers round-trip; unknown values are empty.
+/// Comma-separated values with a header, series by series. Numbers round-trip; unknown values are
+/// empty.
 pub fn csv(history: &History) -> Vec<u8> {
     let rows = history.points().map(|point| row(history, point));
     csv_bytes(COLUMNS.split(','), rows)

@@ -1,11 +1,12 @@
 //! Runs over time.
 //!
-//! A history is a folder of entries `0001.zip`, `0002.zip`, …, each the [`Bundle`] of a run with its [`Occasion`].
-//! Entries are never changed and are numbered in the order of adding. Adding the same results again with the same label
-//! and commit has no effect.
+//! A history is a folder of entries `0001.zip`, `0002.zip`, …, each the [`Bundle`] of a run with
+//! its [`Occasion`]. Entries are never changed and are numbered in the order in which they were
+//! added. Adding the same results again with the same label and commit has no effect.
 //!
 //! * [`add`] adds a run; [`read`] reads all runs as [`Series`], one per method, dataset and metric.
-//! * `trend` finds change points; [`csv`], [`text`] and [`page`] write the series for programs, terminals and browsers.
+//! * `trend` finds change points; [`csv`], [`text`] and [`page`] write the series for programs,
+//!   terminals and browsers.
 
 pub mod csv;
 pub mod page;
@@ -33,7 +34,7 @@ const LONGEST: usize = 120;
 /// Why a history cannot be read or extended.
 #[derive(Debug, thiserror::Error)]
 pub enum HistoryError {
-    /// The added run or an entry cannot be read.
+    /// The run to add, or an entry, cannot be read.
     #[error(transparent)]
     Evaluate(#[from] EvaluateError),
     /// A file cannot be read or written.
@@ -81,7 +82,7 @@ pub struct History {
 }
 
 impl History {
-    /// All points, one series after the other.
+    /// The points of all series, series by series.
     pub fn points(&self) -> impl Iterator<Item = &Point> {
         self.series.iter().flat_map(|series| &series.points)
     }
@@ -115,7 +116,7 @@ pub fn occasion(
     date: Option<&str>,
 ) -> Result<Occasion, HistoryError> {
     let name = || {
-        // Also gives `.` a name.
+        // The canonical path has a name even if the given one is `.`.
         let run = fs::canonicalize(run).unwrap_or_else(|_| run.to_owned());
         let name = if run.is_dir() {
             run.file_name()
@@ -155,11 +156,12 @@ fn check(occasion: &Occasion) -> Result<(), String> {
     }
 }
 
-/// Adds a run folder or a bundle, creating the history if needed. Several processes may add concurrently.
+/// Adds a run folder or a bundle, creating the history if needed. Several processes may add
+/// concurrently.
 ///
 /// # Errors
-/// If the run cannot be read, the folder has other files and no entry, or the entry cannot be written. An entry with a
-/// damaged head is not an error; it keeps its number.
+/// If the run cannot be read, the folder has no entry but other files, or the entry cannot be
+/// written. It is no error if the head of an existing entry is damaged; the entry keeps its number.
 pub fn add(dir: &Path, run: &Path, occasion: Occasion) -> Result<Added, HistoryError> {
     let mut bundle = Bundle::read(run)?;
     bundle.occasion = Some(occasion.clone());
@@ -184,10 +186,10 @@ pub fn add(dir: &Path, run: &Path, occasion: Occasion) -> Result<Added, HistoryE
             Err(error) if error.source.kind() == io::ErrorKind::NotFound => Default::default(),
             other => other?,
         };
-        // Do not mix entries with other files after a mistyped path.
+        // After a mistyped path, do not mix entries with other files.
         if let (true, Some(name)) = (numbers.is_empty(), foreign) {
             let reason =
-                format!("it holds {name} but no entry of a history; choose another folder");
+                format!("it contains {name} but no entry of a history; choose another folder");
             return Err(no_history(reason));
         }
         for &number in numbers.iter().filter(|number| **number > seen) {
@@ -207,12 +209,13 @@ pub fn add(dir: &Path, run: &Path, occasion: Occasion) -> Result<Added, HistoryE
         }
         seen = numbers.last().copied().unwrap_or(0);
         let number = seen.checked_add(1);
-        let number = number.ok_or_else(|| no_history("its last number is taken".to_owned()))?;
+        let number =
+            number.ok_or_else(|| no_history("no number is left for another entry".to_owned()))?;
         let path = entry_path(dir, number);
         let mut file = PartialFile::create(&path)?;
         file.write_all(&bytes)
             .map_err(FileError::new(&path, "write"))?;
-        // If another process was faster, its entry may be the same run.
+        // Another process may have written an entry first, possibly with the same run.
         if file.commit_new()? {
             return Ok(Added {
                 path,
@@ -234,7 +237,7 @@ pub fn read(dir: &Path) -> Result<History, HistoryError> {
     if numbers.is_empty() {
         return Err(HistoryError::NoHistory {
             dir: dir.to_owned(),
-            reason: "it holds no entry; add one with `history add DIR RUN`".to_owned(),
+            reason: "it contains no entry; add one with `history add DIR RUN`".to_owned(),
         });
     }
     let (mut trend, mut entries, mut damaged) = (Trend::default(), Vec::new(), Vec::new());
@@ -258,8 +261,8 @@ fn entry_path(dir: &Path, number: u32) -> PathBuf {
     dir.join(format!("{number:04}.zip"))
 }
 
-/// The numbers of all names in the form of [`entry_path`], even if they are not files, and one other name, if any.
-/// Ignores names that begin with a dot.
+/// The numbers of all names that have the form of [`entry_path`], even if they are not files, and
+/// one other name, if any. Ignores names that begin with a dot.
 fn names(dir: &Path) -> Result<(BTreeSet<u32>, Option<String>), FileError> {
     let entries = fs::read_dir(dir).map_err(FileError::new(dir, "read"))?;
     let (mut numbers, mut foreign) = (BTreeSet::new(), None);

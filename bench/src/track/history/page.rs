@@ -115,9 +115,9 @@ fn plot(history: &History, series: &[Series]) -> Result<Figure, PlotError> {
     let legend = series.iter().map(|s| (s.method.as_str(), style_of(s)));
     let legend: Vec<(&str, Style)> = legend.collect();
     let caption = format!(
-        "{}: {}. Mean of each entry with its 95 % interval; lines join entries that can be compared, and a hollow point cannot be \
-         compared with any before it. Triangles are change points: filled for worse, hollow for better, pointing where the mean \
-         went.",
+        "{}: {}. Mean of each entry with its 95 % interval; lines join entries that can be \
+         compared, and a hollow point cannot be compared with any before it. Triangles are change \
+         points: filled for worse, hollow for better, pointing in the direction of the change.",
         metric.label,
         metric.direction_words()
     );

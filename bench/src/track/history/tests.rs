@@ -170,7 +170,7 @@ impl Folder {
 /// Verdict, rule and reference entry of a change point.
 type Marked = (Verdict, Rule, u32);
 
-/// For each entry of the only series: the entry it continues from, and its change point.
+/// For each entry of the only series: the entry that it continues, and its change point.
 fn course(history: &History) -> Vec<(Option<u32>, Option<Marked>)> {
     let [series] = &history.series[..] else {
         panic!("{} series", history.series.len());
@@ -195,8 +195,8 @@ fn entries_are_in_the_order_of_adding_and_nothing_is_written_over() {
     // Adding the same again has no effect, even on another day.
     let again = folder.try_add(&base, "nightly", Some("c1")).unwrap();
     assert!(!again.is_new && again.number == 1);
-    // Another commit or label, or other weights, photographs or scores, makes a new entry; the label alone does not
-    // identify one.
+    // Another commit or label makes a new entry, and so do other weights, photographs or scores;
+    // the label alone does not identify an entry.
     folder.try_add(&base, "nightly", Some("c2")).unwrap();
     folder.try_add(&base, "other", Some("c1")).unwrap();
     for run in [
@@ -237,7 +237,7 @@ fn entries_are_in_the_order_of_adding_and_nothing_is_written_over() {
         ["aaaaaaaaaaaa", "bbbbbbbbbbbb", "aaaaaaaaaaaa"]
     );
 
-    // An entry can be added elsewhere like any run, with new metadata.
+    // An entry can be added to another history like any run, with new metadata.
     let other = folder.path("elsewhere");
     let said = occasion(&first.path, None, None, Some("2026-02-01T10:00")).unwrap();
     let added = add(&other, &first.path, said).unwrap();
@@ -311,7 +311,7 @@ fn a_jump_is_marked_once() {
     assert!(said[0].starts_with("worse by 2."), "{said:?}");
 }
 
-/// Each step is within chance; the sum of three is not.
+/// Each step may be due to chance, but not the sum of three.
 #[test]
 fn a_slow_drift_is_marked_when_it_has_added_up() {
     let folder = Folder::new();
@@ -384,7 +384,7 @@ fn a_series_is_broken_where_entries_cannot_be_compared_and_continues_where_they_
     }
 }
 
-/// A dataset or metric that appears or changes does not break other series.
+/// A dataset or metric that appears or changes does not interrupt other series.
 #[test]
 fn datasets_and_metrics_go_their_own_ways() {
     let folder = Folder::new();
@@ -446,7 +446,7 @@ fn numbers_that_are_none_are_shown_and_change_nothing() {
     let said = occasion(&path, None, None, None).unwrap();
     add(&folder.history(), &path, said).unwrap();
     folder.add(&Run::default());
-    // NaN counts as equal to itself when runs are compared for equality.
+    // NaN is equal to itself when runs are tested for equality.
     assert!(
         !folder
             .add(&Run::scoring(|_, s, _| if s == 0 {
@@ -542,7 +542,7 @@ fn folders_of_others_are_left_alone() {
         .try_add(&Run::default(), "x", None)
         .unwrap_err()
         .to_string();
-    assert!(error.contains("last number"), "{error}");
+    assert!(error.contains("no number is left"), "{error}");
 }
 
 #[test]
@@ -556,7 +556,7 @@ fn runs_added_at_the_same_time_are_all_there_once() {
             let (path, history) = (&path, &history);
             scope.spawn(move || {
                 for commit in 0..5 {
-                    // One commit of its own, and one that all threads add.
+                    // Each thread adds a commit of its own and a commit that all threads add.
                     for commit in [format!("{thread}-{commit}"), format!("all-{commit}")] {
                         let said = occasion(path, None, Some(&commit), None).unwrap();
                         add(history, path, said).unwrap();

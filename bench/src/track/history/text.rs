@@ -127,7 +127,7 @@ impl Series {
         events
     }
 
-    /// One more decimal than single scores, because means of many pairs are compared.
+    /// Single scores have one decimal fewer, because means of many pairs are compared here.
     fn decimals(&self) -> usize {
         self.metric.decimals + 1
     }

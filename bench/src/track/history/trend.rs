@@ -1,18 +1,21 @@
 //! Scores from entry to entry, and the entries that changed them.
 //!
 //! # Comparable entries
-//! An entry continues a series from the latest earlier entry that it can be [compared](crate::track::compare) with on
-//! that dataset under that metric, with the same photographs. If that is not the previous entry, the series is broken
-//! at this point and the reason is recorded; an entry that is comparable with none starts a new part.
+//! An entry continues a series from the latest earlier entry that it can be
+//! [compared](crate::track::compare) with on that dataset under that metric, with the same
+//! photographs. If that is not the previous entry, the series is broken at this point and the
+//! reason is recorded. An entry that is comparable with no earlier one starts a new part.
 //!
 //! # Change points
-//! Both rules use the test of `compare` on the same pairs, at 0.05 after Holm's correction over the compared datasets:
-//! * [`Rule::Step`]: against the entry that it continues from;
-//! * [`Rule::Drift`]: if that finds nothing, against the last change point of its part, or the start of the part, so
-//!   that a change too slow for any single step is found once it has accumulated.
+//! Both rules use the test of `compare` on the same pairs, at 0.05 after Holm's correction over the
+//! compared datasets:
+//! * [`Rule::Step`]: compares an entry with the one that it continues from;
+//! * [`Rule::Drift`]: if that finds nothing, compares it with the last change point of its part, or
+//!   the start of the part, so that a change too slow for any single step is found once it has
+//!   accumulated.
 //!
-//! There is no correction over entries, metrics and methods: if scores differ by chance alone, either rule marks one in
-//! twenty. Bit-identical scores are never a change.
+//! There is no correction over entries, metrics and methods: if scores differ by chance alone,
+//! either rule marks one entry in twenty. Bit-identical scores are never a change.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
@@ -67,7 +70,7 @@ pub struct Point {
     pub ci_high: Option<f64>,
     /// First digits of the SHA-256 of the method's weights; empty without weights.
     pub weights: String,
-    /// Everything that the method's predictions depend on.
+    /// Everything that determines the method's predictions.
     pub identity: String,
     /// The entry that this point is compared with; `None` at the start of a part of the series.
     pub follows: Option<u32>,
@@ -84,7 +87,7 @@ pub struct Mark {
     #[serde(serialize_with = "crate::track::compare::word")]
     pub verdict: Verdict,
     pub rule: Rule,
-    /// The entry that it differs from.
+    /// The reference entry of the comparison.
     pub against: u32,
     /// Mean difference of this entry minus `against`, over pairs with a score in both.
     pub difference: f64,
@@ -115,7 +118,7 @@ struct Stretch {
     reference: Arc<Entry>,
 }
 
-/// All series, updated entry by entry. Keeps only entries that a later one may be compared with.
+/// All series, updated entry by entry. Entries that no later one can be compared with are dropped.
 #[derive(Debug, Default)]
 pub(super) struct Trend(Vec<Growing>);
 
@@ -165,7 +168,7 @@ impl Trend {
             .map(|point| (self.series_of(&point, metric), point))
             .collect();
         let mut open: BTreeSet<usize> = points.keys().copied().collect();
-        // A point without a score neither changes nor breaks a series.
+        // A point without a score neither changes nor interrupts a series.
         open.retain(|at| points[at].n_pairs > 0);
         // Index of the part that each point continues.
         let mut continued: BTreeMap<usize, usize> = BTreeMap::new();
@@ -213,7 +216,7 @@ impl Trend {
         }
     }
 
-    /// Marks points without a step that differ from the reference of their part.
+    /// Among the points without a step, marks those that differ from the reference of their part.
     fn find_drift(
         &self,
         scope: &MethodMetric<'_>,
@@ -279,7 +282,7 @@ struct MethodMetric<'a> {
 #[derive(Default)]
 struct Compared {
     rows: Vec<ScoreChange>,
-    /// Why datasets cannot be compared, by name.
+    /// By dataset, why it cannot be compared.
     broken: BTreeMap<String, String>,
 }
 
@@ -307,7 +310,7 @@ impl MethodMetric<'_> {
             let value = record.scores.get(&key).and_then(Score::value)?;
             Some((record.cluster.as_str(), [0.0, value]))
         });
-        // Infer the mean as a difference from zero.
+        // The mean is inferred as a difference from zero.
         let sample = Clusters::new(scores);
         let interval = infer(&[&sample], Resampling::default()).map(|found| found.interval);
         let (low, high) = interval.unwrap_or((f64::NAN, f64::NAN));

@@ -10,8 +10,8 @@ use super::super::rig::Rig;
 use super::super::shapes::{SurfaceShape, turned};
 use super::super::world::{Object, Surface, World};
 
-/// No surface is closer to a camera than 0.3 m. Possible camera positions are sampled every few centimetres, hence the
-/// margin.
+/// No surface is closer to a camera than 0.3 m. The margin is needed because possible camera
+/// positions are sampled only every few centimetres.
 const CLEAR_M: f64 = 0.34;
 
 /// Objects, light and lens of a scene under construction. Positions are in a frame that is rotated about the vertical
@@ -174,8 +174,9 @@ impl<'a> Draft<'a> {
         });
     }
 
-    /// Finds and occupies a free circle on the floor (y = 0) in view, whose centre satisfies `allowed`. Depths between
-    /// `near` and `far` are sampled half uniformly in depth and half uniformly in disparity.
+    /// Finds and occupies a free circle on the floor (y = 0) that is in view and whose centre
+    /// satisfies `allowed`. Its depth, from `near` to `far`, is drawn half of the time uniformly in
+    /// depth and half of the time uniformly in disparity.
     pub(super) fn spot(
         &mut self,
         (near, far): (f64, f64),

@@ -35,7 +35,8 @@ enum Family {
     Thin,
 }
 
-/// All elements are equally likely, so a family's probability is proportional to how often it is listed.
+/// All elements are equally likely, so a family's probability is proportional to how often it is
+/// listed here.
 const FAMILIES: [Family; 16] = [
     Family::Classic,
     Family::Classic,
@@ -55,7 +56,7 @@ const FAMILIES: [Family; 16] = [
     Family::Thin,
 ];
 
-/// Maximum number of drafts of a seed; if all are rejected, it becomes a classic scene.
+/// Maximum number of drafts for a seed. If all are rejected, it becomes a classic scene.
 const DRAFTS: u64 = 32;
 
 fn family(seed: u64) -> Family {

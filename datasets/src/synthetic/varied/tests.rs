@@ -96,9 +96,9 @@ fn pictures_do_not_depend_on_threads_and_differ_between_seeds() {
     }
 }
 
-/// Recorded once, of the first training seed of each family. They change only with the scenes
-/// themselves, never with the machine; weights that were trained on other scenes are then to be
-/// trained anew.
+/// The hashes were recorded once, for the first training seed of each family. They change only with
+/// the scenes themselves, never with the machine. If they change, weights trained on the old scenes
+/// must be trained again.
 #[test]
 fn pictures_are_the_same_on_every_machine() {
     let families: BTreeSet<Family> = FAMILIES.into_iter().collect();

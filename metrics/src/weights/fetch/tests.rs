@@ -1,4 +1,4 @@
-//! Fetching from a server that misbehaves.
+//! Tests of fetching from a server that misbehaves.
 
 use std::borrow::Cow;
 use std::collections::BTreeMap;

@@ -1,4 +1,5 @@
-//! Files made byte by byte: every layout a state dict may have, and every lie a file may tell.
+//! Files built byte by byte: every layout that a state dict may have, and every false statement
+//! that a file may contain.
 
 use std::borrow::Cow;
 use std::fs;
@@ -111,7 +112,8 @@ fn zip_of(pickle: &[u8]) -> Vec<u8> {
     )
 }
 
-/// An older checkpoint of the dict that `fill` fills and storages "0", …, each its own floats.
+/// A file in the older format: a dict filled by `fill`, and storages "0", …, each with its own
+/// floats.
 fn legacy(fill: impl FnOnce(Pickle) -> Pickle, storages: &[(&str, u64, &[u8])]) -> Vec<u8> {
     let mut out = b"\x80\x02\x8a\x0a\x6c\xfc\x9c\x46\xf9\x20\x6a\xa8\x50\x19.".to_vec();
     out.extend(b"\x80\x02M\xe9\x03.");
@@ -389,7 +391,7 @@ fn conversion_keeps_types_values_and_the_source() {
             source.tensor_f32(name).unwrap()
         );
     }
-    // The public reader agrees, and a second conversion changes nothing.
+    // The public reader reads the same, and a second conversion changes nothing.
     let raw = fs::read(&out).unwrap();
     let theirs = ::safetensors::SafeTensors::deserialize(&raw).unwrap();
     assert_eq!(theirs.tensor("t").unwrap().shape(), [2, 2]);

@@ -1,4 +1,4 @@
-//! Fetching from a server that misbehaves.
+//! Tests of fetching from a server that misbehaves.
 
 use sharp_tests::unreliable_server::{Answer, Server};
 use tempfile::TempDir;
@@ -62,7 +62,7 @@ fn a_broken_transfer_is_resumed() {
     attempt.fetch().unwrap();
     assert_eq!(fs::read(attempt.part()).unwrap(), content());
     assert_eq!(attempt.server.starts(), [0, 100_000, 150_000, 150_000]);
-    // Only of the same version: the server is told which one is here.
+    // The request states the version of the partial file, so that only the same version is resumed.
     assert!(attempt.server.requests()[1].contains("if-range: \"v1\""));
 }
 
@@ -74,7 +74,7 @@ fn an_earlier_calls_part_is_resumed_also_when_it_is_whole() {
     attempt.fetch().unwrap();
     assert_eq!(attempt.server.starts(), [1000, SIZE]);
     assert_eq!(fs::read(attempt.part()).unwrap(), content());
-    // Longer than the server's file: of no use.
+    // A partial file longer than the server's file is useless.
     fs::write(attempt.part(), vec![1; SIZE + 5]).unwrap();
     assert!(attempt.fetch().is_err());
     assert_eq!(attempt.left(), 0);

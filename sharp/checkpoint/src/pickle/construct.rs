@@ -1,4 +1,4 @@
-//! The supported constructors: from arguments to values.
+//! The supported constructors, which turn arguments into values.
 
 use crate::error::{Fault, malformed};
 
@@ -65,7 +65,7 @@ impl<'a> Heap<'a> {
         let Some(items) = self.items(list) else {
             return malformed!("pickle: an ordered dict of {}", list.kind());
         };
-        // This is the only place where one opcode copies more than it consumes.
+        // Only here can one opcode copy more than it consumes.
         let copied = self.copied + items.len();
         if copied > MAX_COPIED {
             return malformed!("pickle: too many pairs copied into ordered dicts");

@@ -95,7 +95,7 @@ impl<'a> Machine<'a, '_> {
                 self.array::<8>()?;
                 self.stack.push(Value::Float);
             }
-            // Strings: the current opcodes, then those of Python 2.
+            // Strings: today's opcodes, then those of Python 2.
             0x8c | b'U' => {
                 let [len] = self.array()?;
                 self.string(len.into())?;
@@ -189,7 +189,7 @@ impl<'a> Machine<'a, '_> {
                 let id = u32::from_le_bytes(self.array()?);
                 self.remember(id)?;
             }
-            // MEMOIZE uses the size of the memo as the index.
+            // MEMOIZE uses the number of memo entries as the index.
             0x94 => self.remember(self.memo.len() as u32)?,
             b'h' => {
                 let [id] = self.array()?;
@@ -319,7 +319,7 @@ impl<'a> Machine<'a, '_> {
         Ok(())
     }
 
-    /// Handles the creation of an object of a class. No object is created; the class takes its place.
+    /// Handles the creation of an object: none is created, and its class takes its place.
     fn object(&mut self, class: Value<'a>) -> Result<(), Fault> {
         if !matches!(class, Value::Foreign(_)) {
             return malformed!("pickle: an object of {}", class.kind());

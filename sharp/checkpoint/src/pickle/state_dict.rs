@@ -157,7 +157,7 @@ fn layout<'a>(
     let storage = &heap.storages[tensor.storage as usize];
     if tensor.shape.len() > crate::tensor::MAX_RANK {
         return malformed!(
-            "{} axes; at most {}",
+            "{} axes; at most {} are supported",
             tensor.shape.len(),
             crate::tensor::MAX_RANK
         );

@@ -81,7 +81,7 @@ impl Value<'_> {
             Self::Tuple(..) => "a tuple",
             Self::List(_) => "a list",
             Self::Dict(_) => "a dict",
-            Self::Global(_) | Self::Foreign(_) => "a class, a function or what it makes",
+            Self::Global(_) | Self::Foreign(_) => "a class, a function or an object made by one",
             Self::Storage(_) => "a storage",
             Self::Tensor(_) => "a tensor",
         }

@@ -70,8 +70,9 @@ pub fn weight_gradient(
 
 /// Contribution of some output rows to the weight gradient, `[tap][in][out]`.
 ///
-/// Computed as a matrix product over pixels. With zeros around the image, the input under a tap is the input shifted by
-/// a constant, so channels are stored as rows and each tap reads them from a different offset.
+/// Computed as a matrix product over pixels. With zeros around the image, the input under a tap is
+/// the input shifted by a constant. So each channel is stored as a row, and each tap reads the rows
+/// from a different offset.
 fn part_of_weight_gradient(
     simd: Simd,
     spec: ConvSpec,

@@ -1,4 +1,5 @@
-//! Convolutions of NHWC images; any range of output rows can be computed from the input rows it needs.
+//! Convolutions of NHWC images. Any range of output rows can be computed from the input rows that
+//! it needs.
 //!
 //! * [`Conv2d`]: square kernels, any stride and padding; direct or Winograd.
 //! * [`TransposedConv2x2`]: doubles both sides.

@@ -1,4 +1,4 @@
-//! Convolutions against sums in f64, and against themselves in strips.
+//! Compares convolutions with sums in f64, and whole images with strips.
 
 use super::*;
 use crate::testing::{noise, relative_error, with_threads};
@@ -23,7 +23,7 @@ fn case(sizes: [usize; 2], channels: [usize; 2], window: [usize; 3]) -> Case {
     }
 }
 
-/// The convolutions of the three backbones and of the network, at odd sizes.
+/// Convolutions as in the three backbones and the network, at odd sizes.
 fn cases() -> Vec<Case> {
     vec![
         case([13, 17], [3, 64], [3, 1, 1]),
@@ -100,7 +100,7 @@ fn run_whole(op: &impl RowOp, input: &RowWindow<'_>, threads: usize) -> Vec<f32>
     out
 }
 
-/// Runs `op` in strips of `strip` rows, each from no more input rows than it asks for.
+/// Runs `op` in strips of `strip` rows; each gets only the input rows that it requests.
 fn run_strips(op: &impl RowOp, image: &[f32], shape: [usize; 3], strip: usize) -> Vec<f32> {
     let [height, width, channels] = shape;
     let (h, w) = op.out_size(height, width);
@@ -247,7 +247,7 @@ fn winograd_keeps_the_precision_its_points_promise() {
         relative_error(&run_whole(&conv, &window, 1), &exact)
     };
     let (direct, winograd) = (error(Algorithm::Direct), error(Algorithm::Winograd));
-    // Measured 1.3e-7 and 6.3e-7; with the points 0, ±1, ±2 it would be above 1e-6.
+    // Measured: 1.3e-7 and 6.3e-7. With the points 0, ±1, ±2, the error would exceed 1e-6.
     assert!(direct < 3e-7 && winograd < 8e-7, "{direct:e} {winograd:e}");
 }
 

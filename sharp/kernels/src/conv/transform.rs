@@ -1,7 +1,7 @@
 //! The transforms of Winograd's F(4×4, 3×3): 6×6 input tiles, 3×3 filters, 4×4 outputs.
 //!
-//! Toom–Cook over the points 0, ±5/8, ±3/2 and ∞: half the rounding error of the usual points 0, ±1, ±2, ∞, for
-//! slightly more multiplications. All constants are dyadic, hence exact in f32.
+//! Toom–Cook over the points 0, ±5/8, ±3/2 and ∞: with slightly more multiplications, half the
+//! rounding error of the usual points 0, ±1, ±2, ∞. All constants are dyadic, hence exact in f32.
 
 use crate::gemm::micro::KC;
 use crate::math::{fma, relu as rectify};
@@ -256,7 +256,7 @@ fn output_body<const FMA: bool>(
 fn lanes_at(products: &[f32], at: usize) -> &[f32; LANES] {
     match products[at..].first_chunk() {
         Some(lanes) => lanes,
-        // As for any index, out of bounds is a bug in the caller's layout.
+        // An index out of bounds is a bug in the caller's layout.
         None => unreachable!("products end at {}", products.len()),
     }
 }
@@ -266,8 +266,8 @@ mod tests {
     use super::*;
     use crate::testing::noise;
 
-    /// The three transforms together are a correlation, in exact arithmetic for small integers
-    /// scaled by powers of two.
+    /// Together, the three transforms are a correlation. Tested in exact arithmetic: with small
+    /// integers scaled by powers of two.
     #[test]
     fn the_transforms_are_a_correlation() {
         let d = noise(1, 36);

@@ -81,8 +81,8 @@ impl Winograd {
         }
     }
 
-    /// Tiles per task: as many as fit in the L2 cache once transformed, but more if the filters are large, since each
-    /// task reads them from memory again.
+    /// Tiles per task: as many as fit in the L2 cache once transformed; more if the filters are
+    /// large, because each task reads them from memory again.
     fn tiles_per_task(&self) -> usize {
         let tiles: usize = if self.in_channels * self.out_channels > 256 * 256 {
             56
@@ -111,8 +111,8 @@ impl Winograd {
             run,
             place: c.div_ceil(KC) * run,
         };
-        // One cache line more than needed, so that the same channel of different places does not map to the same cache
-        // set.
+        // Add one cache line, so that the same channel of different places does not map to the same
+        // cache set.
         let product_stride = self.bias.len();
         let product_place = most * product_stride + LANES;
 

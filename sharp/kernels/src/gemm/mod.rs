@@ -34,8 +34,8 @@ pub enum Epilogue<'a> {
     ResidualRelu(&'a [f32]),
 }
 
-/// Maximum rows of a task. Their runs of k fill a good part of a 1 MiB L2 cache, and the weights are read once for all
-/// of them.
+/// Maximum rows of a task. Their runs of k fill a large part of a 1 MiB L2 cache, and the weights
+/// are read once for all of them.
 pub(crate) const MOST_ROWS: usize = 296;
 /// Maximum columns of a task. Each task copies the rows it needs, so fewer columns would repeat that copy more often.
 const MOST_COLUMNS: usize = 2048;

@@ -122,7 +122,7 @@ impl PackedView<'_> {
     }
 }
 
-/// Packs into `data`. Elements of padding columns must already be zero, or be ignored by the caller.
+/// Packs into `data`. Padding columns must already be zero, or the caller must ignore them.
 #[inline(always)]
 pub(crate) fn pack_into(
     data: &mut [f32],

@@ -1,4 +1,4 @@
-//! Against central differences of the composer in f64, written here from its definition.
+//! Compares with central differences of the composer in f64, implemented here from its definition.
 
 use super::*;
 use crate::composer::compose;
@@ -46,7 +46,7 @@ fn upstream(n: usize, size: f64) -> Vec<GaussianGradient> {
     random(n * 14, size, 5).chunks_exact(14).map(take).collect()
 }
 
-/// What the differences vary: base inverse depth, base scale, global scale, deltas.
+/// The inputs that the differences vary: base inverse depth, base scale, global scale, deltas.
 type Inputs = [f64; 3 + ATTRIBUTES];
 
 fn inputs(base: &BaseGaussians, deltas: &[f32], k: usize) -> Inputs {
@@ -161,7 +161,8 @@ fn every_gradient_is_that_of_central_differences() {
                     .map(|(v, w)| v * f64::from(*w))
                     .sum()
             };
-            // Richardson's extrapolation: the plain difference's h² is not small beside 1e-5.
+            // Use Richardson's extrapolation, because the h² error of a plain difference is not
+            // small compared with 1e-5.
             let slope = |h: f64| (loss(h) - loss(-h)) / (2.0 * h);
             let expected = (4.0 * slope(h / 2.0) - slope(h)) / 3.0;
             let found = match i {

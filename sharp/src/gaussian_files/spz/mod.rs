@@ -62,11 +62,11 @@ impl Header {
             Self {
                 version: 0 | 5.., ..
             } => Err(damaged(format!(
-                "version {} is not supported; versions 1 to 4 are",
+                "version {} is not supported; only versions 1 to 4 are",
                 header.version
             ))),
             Self { degree, .. } if degree > Harmonics::MAX_DEGREE => Err(damaged(format!(
-                "degree {degree} of view-dependent colour is not supported; at most 4 is"
+                "degree {degree} of view-dependent colour is not supported; the maximum is 4"
             ))),
             _ => Ok(header),
         }
@@ -124,7 +124,7 @@ pub(super) fn decode(bytes: &[u8]) -> Result<Decoded, PlyReason> {
         let step = (-f64::from(header.fractional_bits)).exp2();
         let rows = positions.as_chunks::<9>().0.iter();
         let axis = |row: &[u8; 9], k: usize| {
-            // The sign bit is shifted in.
+            // The 24 bits are in the upper bytes, so the shift extends their sign.
             let word = i32::from_le_bytes([0, row[3 * k], row[3 * k + 1], row[3 * k + 2]]) >> 8;
             (f64::from(word) * step) as f32
         };

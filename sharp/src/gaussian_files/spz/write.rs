@@ -11,14 +11,15 @@ use crate::ply::{GaussianScene, SH_CONSTANT, srgb, unit_quaternion};
 /// Fractional bits of positions, if these are small enough.
 const FRACTIONAL_BITS: i32 = 12;
 
-/// Encodes the scene, whose axes are OpenCV's (x right, y down, z forward), as SPZ 3 with the axes that the format
-/// requires (right, up, back).
+/// Encodes the scene as SPZ 3. Axes are converted from OpenCV's (x right, y down, z forward) to
+/// those that the format requires (right, up, back).
 ///
-/// Values out of range are clamped: scales to e^−10..e^5.9, coefficients of view-dependent colour to −1..0.99, of which
-/// all eight bits are stored. If positions are large, fewer fractional bits are used so that none wraps.
+/// Values out of range are clamped: scales to e^−10..e^5.9, coefficients of view-dependent colour
+/// to −1..0.99, of which all eight bits are stored. If positions are large, fewer fractional bits
+/// are used so that none wraps.
 ///
 /// # Errors
-/// Does not fail except for lack of memory.
+/// Only for lack of memory.
 pub fn to_bytes(scene: &GaussianScene) -> io::Result<Vec<u8>> {
     let g = scene.gaussians.clone().flipped([1.0, -1.0, -1.0]);
     let g = g.filtered(|k| g.is_finite(k));

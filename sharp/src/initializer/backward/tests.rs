@@ -1,4 +1,5 @@
-//! Against central differences of the initializer in f64, written here from its definition.
+//! Compares with central differences of the initializer in f64, implemented here from its
+//! definition.
 
 use super::*;
 use crate::initializer::{BaseGaussians, InvalidDepth};
@@ -77,7 +78,7 @@ fn loss(depth: &[f64]) -> f64 {
         + dot(&features, &planes)
 }
 
-/// Random depth, metres, with pixels beyond the clamp and one whole block of them.
+/// Random depth, metres; some pixels, and one whole block, are beyond the clamp.
 fn depth() -> Vec<f32> {
     let mut random = SplitMix64::new(9);
     let mut depth: Vec<f32> = (0..GRID.layers * GRID.pixels())
@@ -163,8 +164,8 @@ fn ties_of_the_global_minimum_are_split_and_a_blocks_go_to_the_first() {
     let third = 1.0_f32 / 3.0;
     let found = block_gradient(depth, 1.0, InvalidDepth::Refuse);
     assert_eq!(found, [0.0, third, third, third]);
-    // Pooled inverse depth is (m + 1e-6) / m: the first pixel passes -(m + 1e-6) / m², and 1 / m
-    // comes back through the minimum, a third for each.
+    // Pooled inverse depth is (m + 1e-6) / m. The first pixel gets -(m + 1e-6) / m²; the minimum
+    // returns 1 / m, a third to each pixel.
     let found = block_gradient(depth, 0.0, InvalidDepth::Refuse);
     for (found, expected) in found
         .iter()

@@ -224,7 +224,7 @@ struct Deconvolution {
 impl Operation for Deconvolution {
     const NAME: &'static str = "sharp-deconvolution";
 
-    /// Computed as a matrix product per pixel, whose outputs are the pixels of its block.
+    /// Computes a matrix product per pixel, whose outputs are the pixels of its block.
     fn by_candle(&self, inputs: &[Tensor]) -> Result<Tensor> {
         let Self { input, output } = *self;
         let (weight, bias) = parted(&inputs[1], &[input, output, 2, 2])?;
@@ -249,8 +249,8 @@ impl Operation for Deconvolution {
         (out, vec![1, rows, columns, output])
     }
 
-    /// Computed by the block convolution that this one transposes, written as a 1×1 convolution of pixels with a
-    /// block's values as channels.
+    /// This operation transposes a block convolution, so that convolution gives its gradients. It
+    /// is written as a 1×1 convolution over pixels whose channels hold the values of a block.
     fn back(&self, kernels: Kernels, pass: &Pass<'_>) -> Option<Vec<Option<Back>>> {
         let x = pass.inputs[0].values;
         let (height, width, input) = pass.inputs[0].image();

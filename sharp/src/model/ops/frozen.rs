@@ -131,7 +131,8 @@ impl Operation for Maxima {
     fn by_candle(&self, inputs: &[Tensor]) -> Result<Tensor> {
         let x = &inputs[0];
         let (_, height, width, _) = x.dims4()?;
-        // Number of rows and columns between the first window's first pixel and the last window's, inclusive.
+        // Number of rows and columns from the first window's first pixel to the last window's, both
+        // included.
         let [rows, columns] = [height, width].map(|side| (side - self.side) / 2 * 2 + 1);
         let tap = |tap: usize| {
             let rows = x.narrow(1, tap / self.side, rows)?;

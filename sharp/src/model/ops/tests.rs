@@ -1,4 +1,5 @@
-//! Every operation on our kernels and by candle: results against each other, gradients against central differences in f64.
+//! Compares the results of every operation on our kernels and by candle with each other, and
+//! gradients with central differences in f64.
 
 use sharp_kernels::{Algorithm, Simd};
 
@@ -13,7 +14,7 @@ type Operation<'a> = &'a dyn Fn(Option<Kernels>, &[Tensor]) -> Result<Tensor>;
 
 fn noise(seed: u64, len: usize) -> Vec<f64> {
     let mut random = SplitMix64::new(seed);
-    // Numbers of f32, so that both precisions see the same.
+    // Values that f32 represents exactly, so that both precisions have the same inputs.
     let mut value = || f64::from(random.between(-1.0, 1.0) as f32);
     (0..len).map(|_| value()).collect()
 }
@@ -28,7 +29,7 @@ fn values(tensor: &Tensor) -> Vec<f64> {
     tensor.to_vec1().unwrap()
 }
 
-/// Relative, in L2.
+/// Relative error in the L2 norm.
 fn error(found: &[f64], exact: &[f64]) -> f64 {
     assert_eq!(found.len(), exact.len());
     let square = |v: f64| v * v;
@@ -37,7 +38,8 @@ fn error(found: &[f64], exact: &[f64]) -> f64 {
     (error / exact.iter().map(|v| square(*v)).sum::<f64>()).sqrt()
 }
 
-/// Candle's operations, and our kernels in training with both algorithms on every instruction set.
+/// Candle's operations, and our kernels in training mode, with both algorithms on every instruction
+/// set.
 fn backends() -> Vec<Option<Kernels>> {
     let kernels = Simd::available().into_iter().flat_map(|simd| {
         [Algorithm::Direct, Algorithm::Winograd].map(|convolution| {
@@ -51,7 +53,8 @@ fn backends() -> Vec<Option<Kernels>> {
     [None].into_iter().chain(kernels).collect()
 }
 
-/// Checks result and gradients of all inputs on every backend, and the result where nothing is learnt.
+/// Checks the result and the gradients of all inputs on every backend, and the result on backends
+/// that do not train.
 fn check(name: &str, shapes: &[&[usize]], operation: Operation<'_>) {
     let inputs: Vec<Vec<f64>> = (shapes.iter().enumerate())
         .map(|(k, shape)| noise(k as u64 + 1, shape.iter().product()))
@@ -147,7 +150,8 @@ fn convolutions_with_everything_fused() {
     }
 }
 
-/// Those whose kernel is their stride, against candle's general one.
+/// Compares deconvolutions whose kernel size equals their stride with candle's general
+/// deconvolution.
 #[test]
 fn deconvolutions() {
     let (x, weight) = (&[1, 3, 4, 5][..], &[5, 2, 2, 2][..]);

@@ -79,8 +79,8 @@ impl Linear {
     }
 }
 
-/// `[…, in]` to `[…, out]`. The inputs are the tensor, the weights followed by biases, and the tensor added to the
-/// result.
+/// A linear layer, `[…, in]` to `[…, out]`. Its inputs are the tensor, the weights followed by
+/// biases, and the tensor added to the result.
 #[derive(Clone)]
 struct Product {
     /// Shape of the weights, `[out, in]`.

@@ -23,7 +23,8 @@ const DEFAULT_FOCAL_MM: f64 = 30.0;
 const PHONE_MM: f64 = 10.0;
 /// Focal lengths of lenses on 35 mm film, from fisheyes and action cameras to telescopes.
 const LENSES_MM: RangeInclusive<f64> = 7.0..=3000.0;
-/// Relative tolerance between two statements in a file: converters crop a few rows, and millimetres are rounded.
+/// Relative tolerance between two values stated in a file, because converters crop a few rows and
+/// millimetres are rounded.
 const TOLERANCE: f64 = 0.1;
 /// Relative tolerance between a picture's sides and those stated in its file.
 const SIDE_TOLERANCE: f64 = 0.02;

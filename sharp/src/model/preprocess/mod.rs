@@ -97,7 +97,9 @@ fn photo_from_bytes(
     };
     let (width, height) = image_file::dimensions(Cursor::new(bytes)).map_err(undecodable)?;
     if width < 2 || height < 2 {
-        return refuse(format!("an image of {width}x{height}: at least 2x2 needed"));
+        return refuse(format!(
+            "an image of {width}x{height} pixels; at least 2x2 are needed"
+        ));
     }
     if u64::from(width) * u64::from(height) > options.max_pixels {
         return refuse(format!(

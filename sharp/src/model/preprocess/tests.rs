@@ -1,4 +1,4 @@
-//! Photographs made on the spot, so that every byte is known.
+//! Tests on photographs that the tests create, so that every byte is known.
 
 use super::*;
 use image::codecs::jpeg::JpegEncoder;
@@ -100,12 +100,12 @@ fn focal_length_rules() {
         let mm = photo.focal_px / focal_px_from_35mm(1.0, photo.width, photo.height);
         ((mm * 1e6).round() / 1e6, photo.focal_source)
     };
-    // The equivalent wins over the lens, from 1 mm on.
+    // The 35 mm equivalent takes precedence over the lens if it is at least 1 mm.
     let both = [(FOCAL_35MM, 3, 26), (FOCAL, 5, 42)];
     assert_eq!(focal(&both), (26.0, FocalSource::Equivalent35mm(26.0)));
     let unknown = [(FOCAL_35MM, 3, 0), (FOCAL, 5, 420)];
     assert_eq!(focal(&unknown), (42.0, FocalSource::Lens(42.0)));
-    // Below 10 mm: a phone.
+    // Below 10 mm, the focal length is taken for a phone's.
     assert_eq!(focal(&[(FOCAL, 5, 42)]), (35.28, FocalSource::Lens(4.2)));
     assert_eq!(focal(&[(FOCAL, 5, 100)]), (10.0, FocalSource::Lens(10.0)));
     assert_eq!(focal(&[(FOCAL, 5, 0)]), (30.0, FocalSource::Default));
@@ -159,7 +159,8 @@ fn shapes_that_no_camera_takes_are_taken_for_crops_where_the_file_says_no_size()
         );
         assert!(text.contains(&format!("{}x{}", size.0, size.1)), "{text}");
     }
-    // A file that says its size is judged by that, and one without a focal length warns of another thing.
+    // If a file states its size, that size is checked instead; without a focal length, another
+    // warning is given.
     let stated = [focal, (0xa002, 4, 64), (0xa003, 4, 32)];
     assert_eq!(said((64, 32), &stated), "");
     assert!(!said((64, 32), &[]).contains("shape"));
@@ -230,7 +231,7 @@ fn every_kind_of_pixel() {
     assert_eq!(first(&png(deep_grey)), [0.2; 3]);
 }
 
-/// A file by Pillow, and the four colours it shows.
+/// Files written by Pillow, and the four colours that each contains.
 #[test]
 fn every_kind_of_file() {
     const COLOURS: [[u8; 3]; 4] = [[255, 0, 0], [0, 255, 0], [0, 0, 255], [128; 3]];

@@ -17,11 +17,12 @@ pub struct StageComparison {
     /// differ.
     pub rel_error: f64,
     pub values: usize,
-    /// Reason that nothing was compared, if so.
+    /// Why nothing was compared; `None` if the stage was compared.
     pub note: Option<String>,
 }
 
-/// All stages of a recording: first those computed, in order of computation, then those missing, with infinite error.
+/// All stages of a recording: first the computed ones, in order of computation, then the missing
+/// ones, whose error is infinite.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct RecordingComparison {
     pub stages: Vec<StageComparison>,
@@ -41,7 +42,8 @@ impl RecordingComparison {
     }
 }
 
-/// Ambiguous because of the signs in the decomposition; covariances are compared instead.
+/// Its signs are ambiguous, because they depend on the decomposition; covariances are compared
+/// instead.
 const GAUGE: &str = "world.quaternions";
 /// The recording's known depth, an input of the alignment network rather than an output.
 const KNOWN_DEPTH: &str = "alignment.gt_depth";

@@ -48,7 +48,7 @@ impl Recording {
             file: Checkpoint::open(path)?,
         };
         if recording.prefixes().is_empty() {
-            return Err(recording.error("no stages, so not a recording"));
+            return Err(recording.error("it contains no stages, so it is not a recording"));
         }
         Ok(recording)
     }
@@ -100,8 +100,8 @@ impl Recording {
         metadata.get("inputs").map_or_else(flat, from_json)
     }
 
-    /// Prefix for an image file: the only prefix, or the one whose recorded image has the file's name or with which the
-    /// file's name starts.
+    /// Prefix for an image file: the only prefix, or the one whose recorded image has the file's
+    /// name, or the one that the file's name starts with.
     ///
     /// # Errors
     /// [`ModelError::File`], listing the available prefixes, if none or several match.

@@ -93,7 +93,7 @@ mod tests {
         let other = compare(&tiny("x"), image, 10.0, &recording, "dots").unwrap();
         let first = other.first_divergence(1e-4).unwrap();
         assert_eq!(first.stage, "patch_encoder.patch_embed");
-        // Another focal length does not change the image, only the stages after it.
+        // Another focal length changes only the stages after the image.
         let closer = compare(&predictor, image, 11.0, &recording, "dots").unwrap();
         let first = closer.first_divergence(1e-4).unwrap();
         assert_eq!(first.stage, "disparity_factor");

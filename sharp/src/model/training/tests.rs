@@ -38,7 +38,7 @@ fn noise(seed: u64, len: usize) -> Vec<f32> {
         .collect()
 }
 
-/// A picture with structure, and a depth that is not the network's.
+/// A picture with structure, and a depth that differs from the network's.
 struct Scene {
     image: Vec<f32>,
     known: Vec<f32>,
@@ -51,7 +51,7 @@ fn scene() -> Scene {
     let wave = |k: usize, f: f32| ((k % SIDE) as f32 * f).sin() * ((k / SIDE) as f32 * f).cos();
     let image =
         (0..3 * SIDE * SIDE).map(|k| 0.5 + 0.3 * wave(k % (SIDE * SIDE), 0.11) + 0.1 * noise[k]);
-    // Unknown in a third of the picture.
+    // Depth is unknown in a third of the picture.
     let known = (0..SIDE * SIDE).map(|k| match k % SIDE < SIDE / 3 {
         true => 0.0,
         false => 2.5 + wave(k, 0.05),
@@ -78,7 +78,7 @@ impl Scene {
     }
 }
 
-/// A loss that is linear in everything that a pass makes, and its gradient.
+/// A loss that is linear in every output of a pass, and its gradient.
 struct Loss(PassGradient);
 
 impl Loss {
@@ -129,7 +129,7 @@ impl Loss {
     }
 }
 
-/// Modules whose gradients are checked apart.
+/// Modules whose gradients are checked separately.
 const MODULES: [&str; 9] = [
     "encoder.patch_encoder",
     "encoder.image_encoder",
@@ -177,7 +177,7 @@ fn gradients_of_every_module_are_those_of_central_differences() {
             .sum();
         let length = square.sqrt();
         assert!(length > 0.0, "{module}");
-        // Uphill, by a step that is small beside the weights.
+        // Move along the gradient, by a step that is small compared with the weights.
         let moved = |step: f64| {
             let mut moved = weights.clone();
             for (name, gradient) in &of_module {
@@ -211,7 +211,7 @@ fn a_pass_is_the_prediction() {
     let plain = predictor.predict(input.image, 0.8, &mut Silent).unwrap();
     let trained = network.forward(weights(), |_| true, input).unwrap();
     assert!(frozen.gaussians == trained.gaussians);
-    // Blocks are pixels in training, so that last bits differ.
+    // Training processes blocks as pixels, so the last bits differ.
     let pairs = trained.gaussians.means.iter().zip(&plain.gaussians.means);
     for (a, b) in pairs {
         let is_near = |k: usize| (a[k] - b[k]).abs() < 1e-4 * b[2];
@@ -219,7 +219,7 @@ fn a_pass_is_the_prediction() {
     }
 }
 
-/// By candle's operations and on other numbers of threads.
+/// Compares gradients with those of candle's operations, and their bytes across numbers of threads.
 #[test]
 fn gradients_are_those_of_any_device_and_the_same_bytes_for_any_threads() {
     let scene = scene();
@@ -244,7 +244,8 @@ fn gradients_are_those_of_any_device_and_the_same_bytes_for_any_threads() {
         };
         let whole = length(&mut candle[name].iter().copied());
         let off = length(&mut found.iter().zip(&candle[name]).map(|(a, b)| a - b));
-        // Before a group norm the gradients of a bias cancel, and rounding is left: what counts beside is its layer's weight.
+        // Before a group norm the gradients of a bias cancel except for rounding, so errors are
+        // also compared with the gradient of the layer's weight.
         let weight = name.replace(".bias", ".weight");
         let of_layer = candle
             .get(&weight)
@@ -291,7 +292,7 @@ fn depth_that_is_lost_everywhere_returns_where_it_may() {
     let scene = scene();
     let mut lost = weights(&network);
     lost.insert(BIAS.to_owned(), vec![-100.0; LAYERS]);
-    // A loss that falls when depth does.
+    // The loss falls when the depth does.
     let of_bias = |zeros_return: bool| {
         let input = TrainingInput {
             known_depth: None,

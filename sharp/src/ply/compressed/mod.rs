@@ -106,7 +106,7 @@ pub(super) fn decode(header: &Header, mut body: Body<'_>) -> Result<Decoded, Ply
     if chunks.len() * CHUNK < count {
         let held = chunks.len();
         return Err(damaged(format!(
-            "{held} chunks do not hold {count} Gaussians"
+            "{held} chunks are not the right number for {count} Gaussians"
         )));
     }
     if rest.len() != count * coefficients {
@@ -187,8 +187,8 @@ fn rotation_of(packed: u32) -> [f32; 4] {
     completed(quaternion, largest)
 }
 
-/// Unit quaternion whose component `largest` is recomputed as the positive value that normalises it; the others are
-/// kept.
+/// Unit quaternion with component `largest` recomputed as the positive value that normalises it;
+/// the others are kept.
 pub(crate) fn completed(mut quaternion: [f64; 4], largest: usize) -> [f32; 4] {
     quaternion[largest] = 0.0;
     let sum: f64 = quaternion.iter().map(|v| v * v).sum();
@@ -196,7 +196,7 @@ pub(crate) fn completed(mut quaternion: [f64; 4], largest: usize) -> [f32; 4] {
     quaternion.map(|v| v as f32)
 }
 
-/// Maps a byte to −4..4; the ends are exact, other values are at the centre of their step.
+/// Maps a byte to −4..4. The ends are exact; other bytes map to the centre of their step.
 fn coefficient_of(byte: u8) -> f32 {
     let share = match byte {
         0 => 0.0,

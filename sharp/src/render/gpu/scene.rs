@@ -30,7 +30,7 @@ impl GpuScene {
         let most = n * (scene.harmonics.per_gaussian() as u64 * 12).max(16);
         if most > gpu.binding_limit {
             return Err(gpu.no_room(format!(
-                "{n} Gaussians need bindings of {most} bytes, the limit is {}",
+                "{n} Gaussians need bindings of {most} bytes, but the limit is {}",
                 gpu.binding_limit
             )));
         }

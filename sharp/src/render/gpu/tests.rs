@@ -48,7 +48,8 @@ fn view() -> RenderView {
     RenderView::new(turn, k)
 }
 
-/// Round Gaussians, or of three different scales; some of them not drawn for each reason.
+/// Gaussians with equal scales if `round`, else with three different ones. For each reason to drop
+/// a Gaussian, some are dropped.
 fn scene(count: usize, round: bool) -> Gaussians {
     let mut random = Random(7);
     let mut scene = Gaussians::default();
@@ -73,7 +74,7 @@ fn scene(count: usize, round: bool) -> Gaussians {
             11 => scene.means[k][1] = f32::NAN,
             12 => scene.quaternions[k] = [0.0; 4],
             13 => scene.scales[k] = [0.0; 3],
-            // A tie.
+            // A tie in depth.
             14 => scene.means[k] = scene.means[k - 4],
             _ => (),
         }
@@ -152,7 +153,7 @@ fn radix_is_its_twin() {
     });
 }
 
-/// A frame after `project`, and the same on the CPU.
+/// A frame after `project` on the GPU, and the CPU's results for the same scene.
 struct Both {
     on_device: GpuScene,
     cpu: Projected,
@@ -238,7 +239,7 @@ fn project_is_its_twin() {
                 continue;
             }
             drawn += 1;
-            // The order hangs on these bits.
+            // These bits determine the order.
             assert_eq!(found.z.to_bits(), expected.z.to_bits(), "{k}");
             assert_eq!((detail[1], detail[2]), (cpu.opacity, expected.z), "{k}");
             for axis in 0..2 {
@@ -250,7 +251,7 @@ fn project_is_its_twin() {
             for (found, expected) in factor.iter().zip([cpu.p, cpu.q, cpu.r]) {
                 assert!((found - expected).abs() < 1e-4 * size, "{k}: {factor:?}");
             }
-            // Never smaller, and at most a pixel larger.
+            // The box is never smaller, and at most one pixel larger.
             for (found, expected) in [
                 (expected.x0, found.x0),
                 (expected.y0, found.y0),
@@ -293,7 +294,7 @@ fn emit_is_its_twin() {
 #[ignore = "needs an adapter"]
 fn ranges_is_its_twin() {
     on_each_adapter(|renderer| {
-        // The CPU cuts slanted ones shorter than their boxes; round ones it lists as they are.
+        // The CPU lists slanted Gaussians in fewer tiles than their boxes cover, so use round ones.
         let (scene, view) = (scene(3000, true), view());
         let both = Both::new(renderer, &scene, &view);
         let found = both.lists(renderer, &view, 8);
@@ -342,7 +343,7 @@ fn raster_is_its_twin() {
                 let (a, b) = (found.rgb[i][channel], expected.rgb[i][channel]);
                 off = off.max((a - b).abs());
             }
-            // One threshold that falls the other way.
+            // At most one threshold decides differently.
             assert!(off <= 1.0 / 255.0, "{off}");
             far += u32::from(off > 2e-5);
         }
@@ -363,7 +364,7 @@ fn a_lost_device_is_an_error_of_its_own() {
             assert!(matches!(error, RenderError::DeviceLost { .. }), "{error:?}");
             assert!(error.is_device_fault());
         }
-        // Another device of the same adapter is none the worse.
+        // Another device of the same adapter still works.
         let mut renderer = GpuRenderer::new(&adapter).unwrap();
         renderer.render(&scene, &view()).unwrap();
     }

@@ -74,7 +74,8 @@ pub struct TrainingState {
 }
 
 impl TrainingState {
-    /// The state before the first step: weights from `source`, zero moments for trained parameters.
+    /// The state before the first step: weights from `source`; the moments of trained parameters
+    /// are zero.
     ///
     /// # Errors
     /// Any error of `source`; [`ModelError::Weights`] if it returns the wrong number of values.
@@ -155,11 +156,12 @@ impl TrainingState {
         Ok(write(path, &metadata, &tensors, Precision::F32)?)
     }
 
-    /// Reads a state written by [`Self::save`], for the network of `inventory` whose `parts` are trained.
+    /// Reads a state written by [`Self::save`], for the network of `inventory`, of which `parts`
+    /// are trained.
     ///
     /// # Errors
-    /// [`StateError`]: a damaged file, another configuration, tensors that do not match the network and its moments, or
-    /// values from which training cannot resume.
+    /// [`StateError`]: a damaged file, another configuration, tensors that do not match the network
+    /// and its moments, or values from which training cannot resume.
     pub fn load(
         path: &Path,
         config_sha256: &str,

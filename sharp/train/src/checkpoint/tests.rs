@@ -16,7 +16,7 @@ fn tiny() -> Vec<Parameter> {
     inventory(&ModelConfig::load(TINY).unwrap()).unwrap()
 }
 
-/// In the middle of the first stage, with moments that differ from zero.
+/// A state in the middle of the first stage, with non-zero moments.
 fn state() -> TrainingState {
     let mut state = TrainingState::new(&tiny(), &PARTS(), &Synth::default()).unwrap();
     for weights in &mut state.weights {
@@ -105,7 +105,7 @@ fn what_cannot_be_gone_on_from_is_refused_with_its_reason() {
         .unwrap();
     let name = state.weights[trained].name.clone();
     state.weights[trained].values[1] = f32::NAN;
-    // Not written in place of one that is good.
+    // A state that cannot be written must not replace a good one.
     let unwritten = |state: &TrainingState| {
         let before = fs::read(&path).unwrap();
         let error = state.save(&path, "hash").unwrap_err().to_string();

@@ -23,7 +23,7 @@ fn an_empty_file_is_the_papers_training() {
     assert_eq!(load("network = \"mini\"").unwrap().network, bundled);
 }
 
-/// What the page gives to copy can be.
+/// The example in the documentation can be copied.
 #[test]
 fn the_example_of_the_page_is_a_configuration() {
     let page = include_str!("../../../../bench/docs/train.md");

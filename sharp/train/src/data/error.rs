@@ -49,7 +49,7 @@ pub enum DataError {
     Sample { id: String, source: Box<DataError> },
     #[error("cannot start the thread that prepares samples: {0}")]
     Start(String),
-    #[error("the thread that makes samples has ended")]
+    #[error("the thread that prepares samples has ended")]
     Stopped,
 }
 

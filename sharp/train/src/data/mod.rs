@@ -29,7 +29,8 @@ pub use prefetch::Prefetcher;
 pub use procedural::{ProceduralSamples, shares_training_seeds};
 pub use view::TrainingView;
 
-/// Two views of a scene: the network receives the source's picture, and its Gaussians are compared with both views.
+/// Two views of a scene. The network receives the source's picture; its Gaussians are compared with
+/// both views.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Sample {
     /// `SCENE/SOURCE__TARGET`.

@@ -43,7 +43,8 @@ impl FolderPhotographs {
         }
     }
 
-    /// Reads a file and turns it upright. The focal length is the file's, or 30 mm (35 mm equivalent) if it has none.
+    /// Reads a file and turns it upright. The focal length is the file's, or 30 mm (35 mm
+    /// equivalent) if it states none.
     fn read(&self, id: &str, path: &Path) -> Result<Photograph, DataError> {
         let photo = load_photo(path, &PhotoOptions::default())?;
         let (width, height) = (photo.width as u32, photo.height as u32);
@@ -84,7 +85,7 @@ pub struct ProceduralPhotographs {
     size: (u32, u32),
 }
 
-/// Separates the scenes used as photographs from those of a first stage with the same seed.
+/// Separates the scenes used as photographs from those that a first stage with the same seed uses.
 const APART: u64 = 0x5048_4f54;
 
 impl ProceduralPhotographs {

@@ -11,8 +11,9 @@ use super::{DataError, Sample, Source, draws};
 
 /// Pairs of views of a dataset's scenes.
 ///
-/// The source of sample k is a random view, uniform over all views that have a partner. The target is a random partner:
-/// a view of the same scene, within the maximum baseline and with a different pose. Views without depth are never used.
+/// The source of sample k is drawn uniformly from all views that have a partner. The target is one
+/// of its partners at random: a view of the same scene, within the maximum baseline and with a
+/// different pose. Views without depth are never used.
 #[derive(Debug)]
 pub struct PosedSamples {
     seed: u64,
@@ -48,7 +49,7 @@ impl PosedSamples {
             Why::Choice(_) => None,
         });
         let mut left_out: Vec<String> = faults.collect();
-        // If no scene is left because of errors, report those.
+        // If errors leave no scene, report the errors.
         let mut scenes = match found.scenes.is_empty() {
             true => found.all()?,
             false => found.scenes,

@@ -5,8 +5,9 @@ use std::thread::JoinHandle;
 
 use super::{DataError, Source};
 
-/// Samples first, first + 1, … of a source, prepared in order on a separate thread ahead of their use. The results do
-/// not depend on timing. When dropped, the thread finishes at most its current sample.
+/// Samples first, first + 1, … of a source, prepared in order on a separate thread before they are
+/// needed. The results do not depend on timing. When dropped, the thread finishes at most its
+/// current sample.
 #[derive(Debug)]
 pub struct Prefetcher<T> {
     /// `None` only while being dropped.
@@ -15,8 +16,9 @@ pub struct Prefetcher<T> {
 }
 
 impl<T: Send + 'static> Prefetcher<T> {
-    /// Starts with sample `first`; up to `ahead` samples (at least 1) are buffered. The source is confined to a single
-    /// thread, even if it could use several, to leave the others to the training.
+    /// Starts with sample `first`; up to `ahead` samples (at least 1) are buffered. The source runs
+    /// on a single thread, even if it could use several, so that the others are free for the
+    /// training.
     ///
     /// # Errors
     /// [`DataError::Start`] if the thread cannot be started.
@@ -28,7 +30,7 @@ impl<T: Send + 'static> Prefetcher<T> {
         let failed = |e: &dyn std::fmt::Display| DataError::Start(e.to_string());
         let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build();
         let pool = pool.map_err(|e| failed(&e))?;
-        // One more sample is in preparation while these wait.
+        // While these wait, one more sample is in preparation.
         let (sender, made) = sync_channel(ahead.max(1));
         let maker = std::thread::Builder::new()
             .name("training data".to_owned())
@@ -62,7 +64,8 @@ fn make<T>(source: &impl Source<T>, first: u64, sender: &SyncSender<Result<T, Da
 
 impl<T> Drop for Prefetcher<T> {
     fn drop(&mut self) {
-        // The thread ends at its next attempt to send a sample; if it panicked, it has already reported so.
+        // The thread ends when it next tries to send a sample. If it panicked, that has already
+        // been reported.
         drop(self.made.take());
         if let Some(maker) = self.maker.take() {
             let _ = maker.join();

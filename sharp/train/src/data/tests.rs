@@ -51,7 +51,7 @@ fn no_held_out_seed_is_drawn_and_all_others_may_be() {
     for seed in seeds {
         (low, high) = (low.min(seed), high.max(seed));
     }
-    // The outermost of 200,000 draws lie within 40 times their mean distance.
+    // The smallest and largest of 200,000 draws are within 40 mean distances of the range's ends.
     assert!(TRAINING_SEEDS.contains(&low) && low < 1_200, "{low}");
     assert!(TRAINING_SEEDS.contains(&high) && high > 899_800, "{high}");
     for (text, shared) in [
@@ -88,13 +88,14 @@ fn the_central_camera_is_the_source_half_of_the_time() {
         central += u32::from(source == 0);
         reached[target as usize] += 1;
     }
-    // One half, and an eleventh of the other; five standard deviations are 350.
+    // Half of the samples, and an eleventh of the other half; five standard deviations are 350.
     assert!(central.abs_diff(10_909) < 350, "{central}");
     assert!(reached.iter().all(|count| *count > 700), "{reached:?}");
 }
 
-/// Shares of the target's surface points inside the source's picture that lie where the source sees
-/// a surface (to 5 % of depth, among the nine pixels around), and that lie before all it sees there.
+/// Of the target's surface points that fall into the source's picture: the share where the source
+/// sees a surface (to 5 % of depth, among the nine pixels around), and the share in front of
+/// everything that the source sees there.
 pub(crate) fn warped(sample: &Sample) -> (f64, f64) {
     let (source, target) = (&sample.source, &sample.target);
     let pose = source.camera_from_world;
@@ -189,7 +190,7 @@ fn views_without_depth_and_broken_scenes_are_left_out_and_named() {
     let text = format!("middlebury={}", path.display());
     let error = posed(&text, SIZE, 0.6).unwrap_err().to_string();
     assert!(error.contains("; 1 of 2 views have no depth"), "{error}");
-    // The left one's map stands in for the right one's.
+    // The left view's map is used as the right view's.
     let scene = path.join("Motorcycle-quarter");
     for other in ["Broken", "Half"] {
         std::fs::create_dir(path.join(other)).unwrap();
@@ -257,7 +258,7 @@ impl ViewContent for Masked {
     }
 }
 
-/// Black that a dataset has painted over a picture is nothing to learn.
+/// Pixels that a dataset has painted black must not be learnt.
 #[test]
 fn excluded_pixels_do_not_count() {
     let scene = sharp_datasets::open(&spec("synthetic=size=100x30,views=2")).unwrap();
@@ -314,7 +315,7 @@ fn photographs_of_a_folder_keep_pixels_and_have_a_focal_length() {
     let square = open((24, 24)).unwrap();
     let photograph = square.get(0).unwrap();
     assert_eq!(photograph.image.dimensions(), (24, 24));
-    // 30 mm by the diagonal, which is 50 pixels and 43.2666 mm.
+    // 30 mm measured by the diagonal: 50 pixels and 43.2666 mm.
     let focal = 30.0 * 50.0 / 43.266_615_305_567_87;
     let k = photograph.intrinsics;
     let (w, h) = match photograph.id.as_str() {
@@ -350,7 +351,7 @@ fn procedural_photographs_are_of_training_scenes() {
     assert!(taken.windows(2).all(|two| two[0].image != two[1].image));
 }
 
-/// Counts how often it is asked; 13 is an error, 21 a panic.
+/// Counts how often it is called; sample 13 is an error, sample 21 a panic.
 struct Numbers(Arc<AtomicU64>);
 
 impl Source<u64> for Numbers {
@@ -375,7 +376,7 @@ fn a_prefetcher_keeps_the_order_and_hands_errors_on() {
     assert!(error.starts_with("sample thirteen"), "{error}");
     assert_eq!(samples.fetch().unwrap(), 14);
     drop(samples);
-    // Five are fetched, three wait, one is in the maker's hands.
+    // Five were fetched, three are waiting, one is being prepared.
     let at_the_end = made.load(Ordering::SeqCst);
     assert!((5..=9).contains(&at_the_end), "{at_the_end}");
     std::thread::sleep(std::time::Duration::from_millis(20));

@@ -23,8 +23,9 @@ pub struct TrainingView {
 }
 
 impl TrainingView {
-    /// Reads a view and resizes it: pictures with OpenCV's area kernel, depth by the nearest pixel. The aspect ratio
-    /// may change, as for the network's input. A pixel that would mix in an excluded one is excluded.
+    /// Reads a view and resizes it: pictures with OpenCV's area kernel, depth by the nearest pixel.
+    /// The aspect ratio may change, as for the network's input. A resized pixel is excluded if any
+    /// pixel that contributes to it is.
     ///
     /// # Errors
     /// [`DataError::Dataset`]; [`DataError::NoDepth`]; [`DataError::Picture`] for an empty size.
@@ -32,7 +33,7 @@ impl TrainingView {
         let file = view.content.image_file();
         let depth = view.content.depth()?;
         let mut depth = depth.ok_or_else(|| DataError::no_depth(file))?;
-        // Where a procedural camera sees no surface, it sees the sky.
+        // If a procedural camera sees no surface at a pixel, it sees the sky there.
         if file.is_none() {
             for z in depth.iter_mut().filter(|z| **z == 0.0) {
                 *z = f32::INFINITY;

@@ -103,7 +103,8 @@ mod tests {
             (loss.value, loss.gradient),
             (0.25, vec![0.0, 0.25, -0.25, 0.0])
         );
-        // Means 1, 3 over 1, 3: one step of 2 in each of two rows of two; then one pixel, no step.
+        // Means 1, 3 over 1, 3: in each of two rows, one step of 2. The next level is a single
+        // pixel without a step.
         let s = [1.0, 1.0, 3.0, 3.0].repeat(4);
         let loss = scale_gradient(&s, 4, &LossOptions::default());
         assert_eq!(loss.value, 1.0);
@@ -124,7 +125,8 @@ mod tests {
         let loss = scale(&x);
         check(&x, loss.value, &loss.gradient, of);
 
-        // By blocks of 2^k, not by halving; 38 columns and 35 rows leave remainders.
+        // Compares with means over blocks of 2^k, without repeated halving; 38 columns and 35 rows
+        // leave remainders.
         for pooling in [ScalePooling::Average, ScalePooling::First] {
             for norm in [GradientNorm::Absolute, GradientNorm::Euclidean] {
                 let options = LossOptions {

@@ -52,7 +52,8 @@ impl Grid {
     pub(super) fn pull(&self, of: impl Fn(usize) -> [f64; 2], index: usize) -> f64 {
         let mut sum = 0.0;
         for (axis, (at, step, side)) in self.axes(index).into_iter().enumerate() {
-            // Of this pixel and its two neighbours, those whose difference involves this pixel.
+            // Visit this pixel and its two neighbours, as far as their differences involve this
+            // pixel.
             for from in at.saturating_sub(1)..side.min(at + 2) {
                 let (back, on, factor) = self.reach(from, side);
                 let sign = f64::from(i8::from(from + on == at) - i8::from(from - back == at));

@@ -1,4 +1,4 @@
-//! The published loss weights, and options for choices that the paper leaves open.
+//! The published loss weights, and options for the choices that the paper leaves open.
 
 use super::perceptual::PerceptualOptions;
 use serde::{Deserialize, Serialize};
@@ -188,7 +188,7 @@ impl LossOptions {
             (
                 percep.crop.is_none_or(|crop| crop >= 8),
                 "percep.crop",
-                "is less than 8 pixels, too small for features",
+                "is less than 8 pixels, which is too small for features",
             ),
         ];
         let (_, key, reason) = checks.into_iter().find(|(holds, ..)| !holds)?;

@@ -67,10 +67,11 @@ pub fn alpha(alpha: &[f32], mask: Option<&[bool]>, options: &LossOptions) -> Los
     })
 }
 
-/// E_p |1/D̄₁ − 1/D|; gradient with respect to D̄₁, the predicted first layer after alignment. Depths are in metres.
+/// E_p |1/D̄₁ − 1/D|; gradient with respect to D̄₁, the predicted first layer after alignment.
+/// Depths are in metres.
 ///
-/// A true depth of +∞ has inverse 0. A true depth of 0 is unknown, and contributes a difference of zero. `nearest` is
-/// the depth in metres that [`InverseDepthUnits::Normalized`] maps to 1.
+/// A true depth of +∞ has inverse 0. A true depth of 0 is unknown and counts as a difference of
+/// zero. `nearest` is the depth in metres that [`InverseDepthUnits::Normalized`] maps to 1.
 ///
 /// # Panics
 /// If lengths differ.
@@ -93,9 +94,9 @@ pub fn depth(predicted: &[f32], truth: &[f32], nearest: f64, options: &LossOptio
     })
 }
 
-/// Converts the gradient with respect to an sRGB-encoded picture to one with respect to its linear values, which
-/// [`sharp::color::srgb_from_linear`] encoded. The slope is finite everywhere: 12.92 below 0.0031308, including
-/// negative values.
+/// Converts the gradient with respect to an sRGB-encoded picture to the gradient with respect to
+/// its linear values, which [`sharp::color::srgb_from_linear`] encoded. The slope is finite
+/// everywhere: 12.92 below 0.0031308, including negative values.
 ///
 /// # Panics
 /// If lengths differ.

@@ -94,8 +94,8 @@ pub fn grad(
     }
 }
 
-/// E_i[max(|Δx| − δ, 0) + max(|Δy| − δ, 0)], δ = 400; gradient with respect to the raw outputs. `raw` is all Δx
-/// followed by all Δy, the first two planes of the network's output.
+/// E_i[max(|Δx| − δ, 0) + max(|Δy| − δ, 0)], δ = 400; gradient with respect to the raw outputs.
+/// `raw` has all Δx, then all Δy: the first two planes of the network's output.
 pub fn delta(raw: &[f32]) -> Loss<f32> {
     let share = 2.0 / raw.len().max(1) as f64;
     sum_over(raw.len(), |i| {
@@ -131,7 +131,8 @@ pub fn splat(covariances: &[[f64; 3]], width: u32, options: &LossOptions) -> Los
                 (value, [0.5 * slope, 0.0, 0.5 * slope])
             }
             SplatVariance::Eigenvalues => {
-                // mean ± radius. For a circle both eigenvalues are equal, and the gradient does not favour either axis.
+                // Eigenvalues are mean ± radius. For a circle they are equal, and the gradient
+                // favours neither axis.
                 let radius = half.hypot(uv);
                 let (cos, sin) = if radius > 0.0 {
                     (half / radius, uv / radius)
@@ -163,7 +164,7 @@ mod tests {
         // Inverse depths 1, 1/2 over 1/4, 1/4: steps 1/2 and 0 across, 3/4 and 1/4 down.
         let loss = tv(&[1.0, 2.0, 4.0, 4.0], 2);
         assert_eq!(loss.value, 1.5 / 4.0);
-        // The last is equal to one neighbour, below the other.
+        // The last value is equal to one neighbour and below the other.
         let expected = [-2.0 / 4.0, 0.0, 1.0 / 64.0, 1.0 / 64.0];
         assert_eq!(loss.gradient, expected);
         assert_eq!(tv(&[3.0; 12], 4).gradient, [0.0; 12]);
@@ -181,7 +182,7 @@ mod tests {
         // Differences do not cross layers.
         let layers = grad(&[1.0; 2], &[1.0, 0.01], [1, 1], 1.0, &options);
         assert_eq!(layers.opacity.value, 0.0);
-        // At a hundred metres, the same step is a hundredth.
+        // At a hundred metres per unit, the same step is a hundredth in 1/m.
         let metric = LossOptions {
             grad_units: InverseDepthUnits::Metric,
             ..options
@@ -200,15 +201,16 @@ mod tests {
     #[test]
     fn splats_of_any_direction_are_bounded_by_their_variances() {
         let options = LossOptions::default();
-        // 400 and 0.04 px² along the diagonals, and an untouched one of 4 px².
+        // A needle of 400 and 0.04 px² along the diagonals, and a Gaussian of 4 px² that has no
+        // loss.
         let needle = [200.02, 199.98, 200.02];
         let loss = splat(&[needle, [4.0, 0.0, 4.0]], 1536, &options);
         assert!((loss.value - (300.0 + 0.06) / 2.0).abs() < 1e-9);
-        // Down along one, up along the other: ∂(λ₊ − λ₋)/2.
+        // The larger eigenvalue should shrink, the smaller one grow: ∂(λ₊ − λ₋)/2.
         assert!((loss.gradient[0][1] - 1.0).abs() < 1e-9);
         assert!(loss.gradient[0][0].abs() < 1e-9);
         assert_eq!(loss.gradient[1], [0.0; 3]);
-        // The same in a picture of a quarter of the width.
+        // The same loss in a picture of a quarter of the width.
         let small = splat(&[needle.map(|v| v / 16.0)], 384, &options);
         assert!((small.value - 300.06).abs() < 1e-9);
         let mean = LossOptions {
@@ -221,7 +223,7 @@ mod tests {
         assert_eq!(point.gradient, [[-1.0, 0.0, -1.0]]);
     }
 
-    /// |∂x| + |∂y| of one layer after another, by either difference.
+    /// |∂x| + |∂y|, layer by layer, by either kind of difference.
     fn norms(x: &[f64], [height, width]: [usize; 2], difference: Difference) -> Vec<f64> {
         let mut out = Vec::new();
         for layer in x.chunks(height * width) {
@@ -253,7 +255,7 @@ mod tests {
         let loss = tv(&x, 10);
         check(&x, loss.value, &loss.gradient, of);
 
-        // Steps of up to 0.04, so that some lie below the margin.
+        // Steps are at most 0.04, so some are below the margin.
         let depth: Vec<f32> = noise(2, 70).iter().map(|v| v * 0.04).collect();
         for grad_difference in [Difference::Forward, Difference::Central] {
             let options = LossOptions {

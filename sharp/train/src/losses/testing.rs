@@ -2,7 +2,7 @@
 
 use sharp::random::SplitMix64;
 
-/// Values in 0.05..1, of which no two neighbours are within 1e-3 of each other.
+/// Values in 0.05..1; any two neighbours differ by at least 1e-3.
 pub(super) fn noise(seed: u64, count: usize) -> Vec<f32> {
     let mut random = SplitMix64::new(seed);
     let mut out: Vec<f32> = Vec::with_capacity(count);
@@ -19,13 +19,13 @@ pub(super) fn pixels(values: &[f32]) -> Vec<[f32; 3]> {
     values.as_chunks().0.to_vec()
 }
 
-/// Holds a value and its gradient at `x` against an f64 definition: 1e-9 and, to its central
-/// differences, 1e-6 of the largest gradient, which is the rounding to f32 and more.
+/// Compares a value and its gradient at `x` with an f64 definition: the value to 1e-9, the gradient
+/// with central differences to 1e-6 of its largest element, which allows for rounding to f32.
 pub(super) fn check(x: &[f32], value: f64, gradient: &[f32], definition: impl Fn(&[f64]) -> f64) {
     check_to([1e-9, 1e-6], x, value, gradient, definition);
 }
 
-/// [`check`] with other tolerances, of the value and of the gradient.
+/// Like [`check`], with other tolerances for the value and the gradient.
 pub(super) fn check_to(
     [of_value, of_gradient]: [f64; 2],
     x: &[f32],

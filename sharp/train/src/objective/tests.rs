@@ -40,12 +40,13 @@ fn pass() -> (TrainingPass, Sample, Vec<f32>) {
         depth_only: false,
     };
     let mut pass = network.forward(Synth::default(), |_| false, input).unwrap();
-    // Beyond the margin of its loss.
+    // Exceeds the margin of the loss `delta`.
     pass.deltas[7] = -600.0;
     (pass, sample, planes)
 }
 
-/// Every loss in both views where that is a choice, with a gradient for all that a pass makes.
+/// Applies every loss to both views, if that is a choice, so that all outputs of a pass have a
+/// gradient.
 fn options() -> LossOptions {
     let mut options = LossOptions {
         grad_stops_at_depth: false,
@@ -63,7 +64,7 @@ fn weights() -> LossWeights {
     }
 }
 
-/// Of the losses, one alone.
+/// Weights for a single loss.
 fn only(term: usize) -> LossWeights {
     let all = weights();
     let one = |index: usize, weight: f64| if index == term { weight } else { 0.0 };
@@ -100,7 +101,8 @@ fn parts(gradient: &PassGradient) -> Vec<(&'static str, Vec<f32>)> {
     ]
 }
 
-/// Every loss goes through the renderer on its own here, and with all others of its view there.
+/// Compares gradients of all losses of a view together with the sum of the gradients of each loss
+/// alone.
 #[test]
 fn gradients_gathered_by_view_are_the_sum_of_every_losss_own() {
     let (pass, mut sample, _) = pass();
@@ -140,7 +142,7 @@ fn gradients_gathered_by_view_are_the_sum_of_every_losss_own() {
     }
 }
 
-/// Along its own gradient the total changes by the gradient's square.
+/// A step along the gradient changes the total by the gradient's square.
 #[test]
 fn the_total_changes_as_its_gradient_says() {
     let (mut pass, sample, _) = pass();
@@ -150,15 +152,16 @@ fn the_total_changes_as_its_gradient_says() {
         seed: 1,
     };
     let options = LossOptions {
-        // Where alpha is nearly 0, its logarithm is no straight line over any step.
+        // If alpha is nearly 0, its logarithm is not linear over any step.
         alpha_floor: 0.05,
         ..options()
     };
     let objective = objective(weights(), options);
     let gradient = objective.cost(&pass, &example).unwrap().gradient;
     type Field = fn(&mut TrainingPass) -> &mut [f32];
-    // Rendering skips what is below 1/255: where a Gaussian of opacity o begins to be seen, the picture jumps, and
-    // the skipped share 1/(255 o) of a change of opacity is seen by differences alone.
+    // Rendering skips alphas below 1/255. So the picture jumps where a Gaussian of opacity o
+    // becomes visible, and differences, unlike the gradient, include the skipped share 1/(255 o) of
+    // a change of opacity.
     let fields: [(&str, Field, f64, f64); 6] = [
         (
             "mean",
@@ -235,12 +238,12 @@ fn what_a_novel_camera_has_passed_has_no_size() {
         let is_behind = f64::from(mean[2]) < middle;
         assert!(!is_behind || gradient.scales == [0.0; 3]);
     }
-    // Behind all of them is nothing to see.
+    // A camera behind all Gaussians sees none.
     let beyond = cost(2.0 * f64::from(depths[depths.len() - 1]));
     assert_eq!((beyond.terms[7], cost_there.terms[7] > 0.0), (0.0, true));
 }
 
-/// The novel camera is where the data has it: true depth explains its picture.
+/// The novel camera has the pose that the data states: true depth explains its picture.
 #[test]
 fn true_depth_costs_less_at_the_true_camera() {
     let (mut pass, mut sample, planes) = pass();
@@ -273,7 +276,7 @@ fn true_depth_costs_less_at_the_true_camera() {
     assert_eq!(objective.cost(&pass, &example).unwrap().terms[0], 0.0);
     let there = color(sample.target.camera_from_world);
     let here = color(sample.source.camera_from_world);
-    // As far on the other side.
+    // Moved by the same distance in the opposite direction.
     let to_target = sample
         .target
         .camera_from_world

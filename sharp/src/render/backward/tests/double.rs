@@ -1,4 +1,4 @@
-//! The lanes in f64: the production kernel without what rounding to f32 hides.
+//! The lanes in f64: run the production kernel without the effects of rounding to f32.
 
 use crate::render::simd::{Lanes, Scalar};
 

@@ -1,5 +1,5 @@
-//! The production code against central differences of an f64 oracle: the kernel in f64 to 1e-5,
-//! in f32 to 1e-4 of the largest gradient of its kind.
+//! Compares the production code with central differences of an f64 oracle: the kernel in f64 to
+//! 1e-5, in f32 to 1e-4 of the largest gradient of the same kind.
 
 mod double;
 mod oracle;
@@ -15,8 +15,8 @@ use glam::DVec2;
 use oracle::{ATTRIBUTES, Attributes, OracleSplat, attributes, pixel, splat};
 use scenes::{Gradient, golden, golden_with_mask};
 
-/// A scene in f64, front to back: what the forward pass draws, with production's projection and
-/// the oracle's splats.
+/// A scene in f64, front to back: the Gaussians that the forward pass draws, with production's
+/// projection and the oracle's splats.
 struct Ordered {
     view: RenderView,
     indices: Vec<usize>,
@@ -72,7 +72,7 @@ impl Ordered {
         Seen { at, of }
     }
 
-    /// The production kernel and chain rule in f64, by member.
+    /// Gradients of the production kernel and chain rule in f64, by member.
     fn gradients(&self, gradient: &Gradient) -> Vec<(Attributes, f64)> {
         let (width, height) = (gradient.width, gradient.alpha.len() / gradient.width);
         let everyone: Vec<u32> = (0..self.locals.len() as u32).collect();
@@ -108,14 +108,14 @@ impl Ordered {
     }
 
     /// Central difference of the oracle's loss with respect to attribute `c` of member `m`; `None`
-    /// where some pixel decides otherwise on either side.
+    /// if the change crosses a threshold at some pixel.
     fn difference(&self, seen: &Seen, gradient: &Gradient, m: usize, c: usize) -> Option<f64> {
         let s = &self.oracles[m];
         let thickness = s.thickness(self.view.rule.low_pass);
         let a = &self.attributes[m];
         let norm = a[3..7].iter().map(|v| v * v).sum::<f64>().sqrt();
         let largest = a[7..10].iter().fold(0.0, |l: f64, v| l.max(*v));
-        // A thousandth of what moves an edge by its own thickness, roughly.
+        // Steps are a thousandth of the change that moves an edge by roughly its own thickness.
         let unit = match c {
             0..3 => {
                 thickness * s.z
@@ -160,11 +160,11 @@ impl Ordered {
     }
 }
 
-/// What comes near 1/255 where.
+/// Where members come near an α of 1/255.
 struct Seen {
-    /// For every pixel the members and their α before the clamp, front to back.
+    /// For every pixel, its members and their α before the clamp, front to back.
     at: Vec<Vec<(usize, f64)>>,
-    /// For every member the pixels.
+    /// For every member, its pixels.
     of: Vec<Vec<usize>>,
 }
 
@@ -172,7 +172,7 @@ fn center(pixel: usize, width: usize) -> DVec2 {
     DVec2::new((pixel % width) as f64 + 0.5, (pixel / width) as f64 + 0.5)
 }
 
-/// A splat for the kernel, from production's projection.
+/// A splat for the kernel, made from production's projection.
 fn local(p: &Projection, o: &OracleSplat, eps: f64) -> LocalSplat<f64> {
     let [_, uv, vv] = p.covariance();
     let root = p.determinant(eps).sqrt();
@@ -191,11 +191,11 @@ fn local(p: &Projection, o: &OracleSplat, eps: f64) -> LocalSplat<f64> {
     }
 }
 
-/// The kinds that a tolerance is relative to the largest gradient of.
+/// Kinds of attributes; tolerances are relative to the largest gradient of a kind.
 const KINDS: [std::ops::Range<usize>; 5] = [0..3, 3..7, 7..10, 10..11, 11..14];
 
-/// The largest gradient of a kind. The orientation of balls means nothing: their quaternions'
-/// gradients are held against a thousandth of what their scales' amount to.
+/// The largest gradient of a kind. A ball's orientation has no effect, so gradients of quaternions
+/// are compared with at least a thousandth of those of the scales.
 fn largest(ordered: &Ordered, gradients: &[(Attributes, f64)], kind: usize) -> f64 {
     let values = gradients.iter().flat_map(|(g, _)| &g[KINDS[kind].clone()]);
     let of_kind = values.fold(0.0, |l: f64, v| l.max(v.abs()));
@@ -207,7 +207,7 @@ fn largest(ordered: &Ordered, gradients: &[(Attributes, f64)], kind: usize) -> f
     }
 }
 
-/// Compares `samples` attributes (all where there are fewer) with central differences.
+/// Compares `samples` attributes (or all, if there are fewer) with central differences.
 fn check_f64(name: &str, eps2d: f32, samples: usize) {
     let (scene, view) = golden(name, eps2d);
     let ordered = Ordered::new(&scene, &view);
@@ -232,7 +232,7 @@ fn check_f64(name: &str, eps2d: f32, samples: usize) {
         assert!((found - numeric).abs() <= bound, "{name}: Gaussian {} attribute {c}: {found:e} against {numeric:e} (largest {:e}) of {:?} {:?}", ordered.indices[m], scale[kind], ordered.attributes[m], ordered.oracles[m]);
         true
     });
-    // The others have a threshold within the difference's reach.
+    // For the others, the difference crosses a threshold.
     let count = compared.count();
     assert!(
         4 * count >= 3 * all.len(),
@@ -279,8 +279,8 @@ fn f32_follows_f64() {
         let scale = [0, 1, 2, 3, 4].map(|kind| largest(&ordered, &truth, kind));
         let depth = truth.iter().fold(0.0, |l: f64, (_, z)| l.max(z.abs()));
         for (m, (truth_of, z)) in truth.iter().enumerate() {
-            // Next to a needle of less than a hundredth of a pixel, the rounding of its position to
-            // f32 is a ten-thousandth of its thickness and more.
+            // For a needle thinner than a hundredth of a pixel, rounding its position to f32 shifts
+            // it by a ten-thousandth of its thickness or more.
             let needle = ordered.oracles[m].thickness(view.rule.low_pass) < 0.01;
             let allowed = if needle { 1e-3 } else { 1e-4 };
             let found = flat(&found[ordered.indices[m]]);

@@ -1,4 +1,4 @@
-//! The forward definition in f64 by textbook formulas, a pixel at a time, and its central
+//! The forward definition in f64 by textbook formulas, one pixel at a time, and its central
 //! differences.
 
 use crate::gaussians::Gaussians;
@@ -27,7 +27,8 @@ pub(super) struct OracleSplat {
     /// Rows of the projected half covariance, whose products are `covariance`.
     half: [DVec3; 2],
     eps: f64,
-    /// Of the covariance and eps, without the cancellation of needles.
+    /// Determinant of the covariance with eps, computed without the cancellation that affects
+    /// needles.
     determinant: f64,
     pub(super) opacity: f64,
     pub(super) color: DVec3,
@@ -91,8 +92,9 @@ impl OracleSplat {
     }
 }
 
-/// The loss of a pixel, `g · (colour, alpha, depth)`, and a number for what was decided on the way, another one wherever
-/// a single decision differs. Splats come with their α before the clamp, front to back.
+/// The loss of a pixel, `g · (colour, alpha, depth)`, and a number that encodes all threshold
+/// decisions, so that it differs if a single decision does. Splats are given front to back, with
+/// their α before the clamp.
 pub(super) fn pixel<'a>(
     splats: impl Iterator<Item = (f64, &'a OracleSplat)>,
     g: &[f64; 5],

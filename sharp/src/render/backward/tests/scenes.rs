@@ -14,7 +14,8 @@ pub(super) fn golden(name: &str, eps2d: f32) -> (Gaussians, RenderView) {
     (scene, view)
 }
 
-/// With the pixels where rounding to f32 may change a decision: skipped, clamped, stopped.
+/// Like [`golden`], with the mask of pixels where rounding to f32 may change a decision: skipped,
+/// clamped, stopped.
 pub(super) fn golden_with_mask(name: &str, eps2d: f32) -> (Gaussians, RenderView, Vec<bool>) {
     let path = format!(
         "{}/../tests/golden/render/{name}.safetensors",

@@ -28,7 +28,8 @@ use sharp_checkpoint::{CheckpointError, Incomplete};
 use sharp_metrics::{Weights, WeightsError};
 use std::path::PathBuf;
 
-/// Views on which the loss is computed: the equation uses the novel one, the paper's remark on memory both.
+/// Views on which the loss is computed. The paper's equation uses the novel view, its remark on
+/// memory both views.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum PerceptualViews {
@@ -56,7 +57,7 @@ pub struct PerceptualOptions {
     pub features: f64,
     /// Weight j of the Gram term.
     pub gram: f64,
-    /// Side in pixels of a random square that is compared instead of the whole picture.
+    /// If set, a random square with this side in pixels is compared instead of the whole picture.
     pub crop: Option<usize>,
     /// Weights of LaMa's encoder, `ade20k-resnet50dilated-ppm_deepsup/encoder_epoch_20.pth`. `None` uses VGG16 with the
     /// published weights.
@@ -90,9 +91,12 @@ pub enum PerceptualError {
     Tensor(#[from] candle_core::Error),
     #[error("not the encoder resnet50dilated: {0}")]
     Incomplete(#[from] Incomplete),
-    #[error("{}: {tensor} holds a value that is not finite", path.display())]
+    #[error("{}: {tensor} has a value that is not finite", path.display())]
     NotFinite { path: PathBuf, tensor: String },
-    #[error("{network} needs {smallest} pixels a side, and a picture has {width}x{height}")]
+    #[error(
+        "{network} needs at least {smallest} pixels per side, but a picture has \
+             {width}x{height}"
+    )]
     TooSmall {
         network: &'static str,
         smallest: usize,

@@ -1,9 +1,10 @@
-//! The encoder of LaMa's loss: ResNet-50 trained for segmentation on ADE20K (`resnet50dilated` of CSAIL's
-//! semantic-segmentation-pytorch), in evaluation mode.
+//! The encoder of LaMa's loss: ResNet-50 trained for segmentation on ADE20K (`resnet50dilated` of
+//! CSAIL's semantic-segmentation-pytorch), in evaluation mode.
 //!
-//! Three 3×3 convolutions replace the 7×7 one, the first with stride 2; then max pooling and stages of 3, 4, 6 and 3
-//! blocks with 256 to 2048 channels. The last two stages preserve resolution: in the third, the first 3×3 convolution
-//! has dilation 1 and the others 2; in the fourth, 2 and 4. Features are compared after each stage.
+//! Three 3×3 convolutions, the first with stride 2, replace the 7×7 one. Max pooling follows, then
+//! stages of 3, 4, 6 and 3 blocks with 256 to 2048 channels. The last two stages preserve
+//! resolution: in the third, the first 3×3 convolution has dilation 1 and the others 2; in the
+//! fourth, 2 and 4. Features are compared after each stage.
 
 use super::layers::Layer;
 use super::{Network, PerceptualError};
@@ -39,7 +40,7 @@ impl Spec {
     }
 }
 
-/// A block: three convolutions, and that of the shortcut.
+/// A block: three convolutions, and the convolution of the shortcut.
 struct BlockSpec {
     convs: [Spec; 3],
     shortcut: Option<Spec>,

@@ -1,4 +1,5 @@
-//! Layers against their definitions, gradients as adjoints and by differences along directions.
+//! Compares layers with their definitions; tests gradients as adjoints, and by differences along
+//! directions.
 
 use super::super::testing::{check_to, noise, pixels};
 use super::distance::Terms;
@@ -20,7 +21,8 @@ fn cpu() -> Compute {
     Compute::cpu(Algorithm::Winograd)
 }
 
-/// Our kernels, candle's operations, and these on an NVIDIA GPU where the build and the machine have one.
+/// Our kernels, candle's operations, and if the build and the machine have an NVIDIA GPU, candle's
+/// operations on it.
 fn computes() -> Vec<Compute> {
     let candle = [Ok(Device::Cpu), Device::new_cuda(0)].into_iter().flatten();
     [cpu()]
@@ -53,7 +55,7 @@ fn dot(a: &[f32], b: &[f32]) -> f64 {
         .sum()
 }
 
-/// Weights that keep the size of their input's values.
+/// Weights that preserve the magnitude of their input.
 fn weights(seed: u64, [out, inputs]: [usize; 2], kernel: usize) -> (Vec<f32>, Vec<f32>) {
     let fan = inputs * kernel * kernel;
     let bound = (6.0 / fan as f32).sqrt();
@@ -128,7 +130,7 @@ fn convolutions_match_their_definition_and_pull_back_by_the_adjoint() {
 fn maxima_are_found_and_their_gradient_goes_to_the_first_of_them() {
     for compute in computes() {
         for (side, padding, out_size) in [(2, 0, [3, 5]), (3, 1, [4, 5])] {
-            // Few levels, so that some are equal.
+            // Use few levels, so that some values are equal.
             let data: Vec<f32> = noise(1, 7 * 10 * 5)
                 .iter()
                 .map(|v| (v * 6.0).ceil())
@@ -177,7 +179,7 @@ fn the_gradient_of_a_block_is_its_difference_along_a_direction() {
         let x = map(&compute, &data, [6, 7]);
         let out = block.forward(&compute, &x).unwrap();
         let g = signed(11, out.elem_count());
-        // Along itself, where a kink met on the way counts little.
+        // Move along the gradient itself, because crossing a kink then has little effect.
         let direction = pulled(&out, &g, &x);
         let slope = dot(&direction, &direction);
         let at = |h: f32| {
@@ -247,7 +249,7 @@ fn the_gradient_of_both_terms_is_that_of_the_definition() {
     });
 }
 
-/// VGG16 with other options; its weights are packed once for all tests.
+/// VGG16 with other options; all tests share the packed weights.
 fn with<T>(options: PerceptualOptions, then: impl FnOnce(&Perceptual) -> T) -> T {
     static SHARED: OnceLock<std::sync::Mutex<Perceptual>> = OnceLock::new();
     let new = || {
@@ -310,7 +312,7 @@ fn equal_pictures_cost_nothing_and_what_is_masked_neither() {
                 .filter(outside)
                 .all(|p| masked.gradient[p] == [0.0; 3])
         );
-        // As if both were black there.
+        // Equivalent to two pictures that are black outside the mask.
         let black = |picture: &[[f32; 3]]| {
             let mut picture = picture.to_vec();
             (0..count)
@@ -356,7 +358,7 @@ fn a_crop_is_the_loss_of_its_pixels_wherever_it_lies_and_bytes_do_not_depend_on_
         }
         assert!(places.len() > 1, "{places:?}");
         let error = loss.compare(&x[..70], &y[..70], 10, None, 0).unwrap_err();
-        assert!(error.to_string().contains("8 pixels a side"), "{error}");
+        assert!(error.to_string().contains("8 pixels per side"), "{error}");
     });
 }
 

@@ -2,18 +2,20 @@ use sharp_kernels::{InstructionSet, Simd};
 
 use super::*;
 
-/// How far values may lie from the committed ones, as a part of their column's largest, totals of themselves. Candle's
-/// matrix products, behind some gradients, sum in blocks that depend on the processor's caches, and without fused
-/// multiply-add our kernels' last bits differ, too. With the last bits the order changes in which Gaussians of nearly one
-/// depth are drawn, as an untrained network's are: single steps differ by up to 3e-5 in total.
+/// How far values may be from the committed ones, as a fraction of the largest value in their
+/// column; for totals, of the value itself. Some gradients use Candle's matrix products, which sum
+/// in blocks that depend on the processor's caches. Without fused multiply-add, the last bits of
+/// our kernels differ as well. The last bits determine the order in which Gaussians of nearly equal
+/// depth are drawn, as in an untrained network: single steps differ by up to 3e-5 in total.
 const TOLERANCE: f64 = 1e-4;
-/// The same for the second stage, which learns from renderings of 8 bits: a last bit may become a level.
+/// Tolerance of the second stage, which learns from 8-bit renderings: a difference in the last bit
+/// may become a whole level.
 const TOLERANCE_OF_LEVELS: f64 = 1e-3;
-/// The same for factors that are nearly 1, of which only the last bits are left.
+/// Tolerance for the losses of factors that are nearly 1, which depend on the last bits.
 const TOLERANCE_OF_SCALES: f64 = 1e-2;
 
-/// Twenty steps of the first stage and two of the second, every loss among them: what anything in a step changes shows
-/// here. `SHARP_BENCH_BLESS=1` writes the curve anew.
+/// Twenty steps of the first stage and two of the second, with every loss: any change to a step
+/// shows here. `SHARP_BENCH_BLESS=1` rewrites the curve.
 #[test]
 fn losses_follow_the_committed_curve() {
     let mut config = config([20, 2], 192);
@@ -46,9 +48,9 @@ fn losses_follow_the_committed_curve() {
         let largest = expected
             .iter()
             .fold(0.0, |l: f64, row| l.max(row[column].abs()));
-        // Offsets stay within what `delta` allows.
+        // All offsets are within the margin of `delta`.
         assert!(largest > 0.0 || name == "delta", "{name} is never seen");
-        // Factors that are nearly 1 leave only the last bits of these.
+        // Factors are nearly 1, so these losses consist of the last bits only.
         if is_portable && name.starts_with("scale") {
             continue;
         }

@@ -14,8 +14,8 @@ fn cpu() -> Compute {
     Compute::cpu(Algorithm::Winograd)
 }
 
-/// A training of the tiny network without the perceptual loss, of so many steps in each stage, on
-/// pictures of so many pixels' side.
+/// A training of the tiny network without the perceptual loss: numbers of steps in both stages, and
+/// side of the pictures in pixels.
 fn config(steps: [u64; 2], side: u32) -> TrainingConfig {
     let stage = |steps| StageConfig {
         steps,
@@ -50,7 +50,7 @@ fn config(steps: [u64; 2], side: u32) -> TrainingConfig {
     config
 }
 
-/// A training in a folder that goes with it.
+/// A training with its temporary folder.
 struct Training {
     trainer: Trainer,
     folder: TempDir,
@@ -75,7 +75,7 @@ impl Training {
     }
 }
 
-/// Only looks on.
+/// A watcher that does nothing.
 struct Silent;
 
 impl Watcher for Silent {

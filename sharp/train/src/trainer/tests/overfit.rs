@@ -8,7 +8,7 @@ use sharp_metrics::psnr;
 use super::*;
 use crate::data::{DataError, ProceduralSamples, Source};
 
-/// One sample again and again.
+/// Returns the same sample for every index.
 struct Same(Sample);
 
 impl Source<Sample> for Same {
@@ -18,8 +18,8 @@ impl Source<Sample> for Same {
 }
 
 impl Training {
-    /// PSNR, dB, of the input view and of the novel one: predicted without known depth, rendered
-    /// as in training.
+    /// PSNR in dB of the input view and of the novel view, predicted without known depth and
+    /// rendered as in training.
     fn measure(&self, Sample { source, target, .. }: &Sample) -> [f64; 2] {
         let snapshot = Snapshot(Arc::clone(&self.trainer.state));
         let compute = Compute::cpu(Algorithm::Winograd);
@@ -44,8 +44,8 @@ impl Training {
     }
 }
 
-/// A room with few fine textures, of which the first rendering has 29.5 dB at the input view and
-/// 19.8 at a camera 0.36 m beside it.
+/// A room with few fine textures. Before training, its rendering has 29.5 dB at the input view and
+/// 19.8 dB at a camera 0.36 m to the side.
 #[test]
 #[ignore = "minutes: cargo test --release -p sharp-train -- --ignored one_scene"]
 fn one_scene_can_be_learnt_by_heart() {

@@ -6,9 +6,9 @@ use super::*;
 /// How a training is interrupted.
 #[derive(Clone, Copy, PartialEq)]
 enum Interruption {
-    /// As by a signal that is caught: before the next step.
+    /// Like a caught signal: before the next step.
     Stop(Position),
-    /// As by a power cut: the step is in the log, and in no checkpoint.
+    /// Like a power cut: the step is in the log, but in no checkpoint.
     Kill(Position),
     /// By a validation that fails.
     Unmeasured(Position),
@@ -50,7 +50,7 @@ impl Watcher for Interrupter {
     }
 }
 
-/// The files of a whole training by name, on so many threads and interrupted so often.
+/// The files of a whole training by name, run on this many threads with these interruptions.
 fn files(threads: usize, interruptions: &[Interruption]) -> BTreeMap<String, Vec<u8>> {
     let mut config = config([4, 3], 48);
     config.intervals.checkpoint = 2;
@@ -73,7 +73,7 @@ fn files(threads: usize, interruptions: &[Interruption]) -> BTreeMap<String, Vec
                     Some(Interruption::Unmeasured(position)),
                     Ok(Err(TrainingError::Validation { .. })),
                 ) => {
-                    // It costs no step.
+                    // No step is lost.
                     let taken_up =
                         Trainer::open(config.clone(), None, folder.path(), cpu()).unwrap();
                     assert_eq!(taken_up.position(), position);
@@ -95,7 +95,7 @@ fn files(threads: usize, interruptions: &[Interruption]) -> BTreeMap<String, Vec
     files
 }
 
-/// Both stages, with checkpoints after steps 2 and 4 of the first, and 2 and 3 of the second.
+/// Both stages, with checkpoints after steps 2 and 4 of the first stage, and 2 and 3 of the second.
 #[test]
 fn neither_interruptions_nor_threads_change_a_byte() {
     let whole = files(1, &[]);

@@ -3,7 +3,7 @@ use sharp::composer::compose;
 use super::*;
 use crate::data::Source;
 
-/// Example `k` of a training, as its step is given it.
+/// Example `k` of a training, as a step receives it.
 fn example(training: &Training, k: u64) -> Sample {
     let config = &training.trainer.config;
     let source = Examples::open(config, Stage::Supervised, Path::new(""));
@@ -38,7 +38,7 @@ fn before_the_first_step_the_network_changes_nothing() {
     assert_eq!(first, second);
 }
 
-/// What lies behind weights of zero has no gradient yet.
+/// Weights whose outputs are multiplied by zero weights have no gradient yet.
 #[test]
 fn the_first_step_changes_what_learns_and_nothing_else() {
     let mut training = Training::new(&config([1, 0], 96));
@@ -154,14 +154,14 @@ fn what_is_not_finite_ends_the_training_and_leaves_its_inputs() {
         let is_whole = text.contains(&id) && text.contains("camera_from_world");
         assert!(is_whole, "{text}");
         assert_eq!(text.contains("color"), what != "the depth", "{text}");
-        // The steps since the last checkpoint would be lost otherwise.
+        // The state includes the steps since the last checkpoint.
         let again =
             Trainer::open(training.trainer.config, None, training.folder.path(), cpu()).unwrap();
         assert_eq!(*again.state == *before, value.is_finite(), "{part}");
     }
 }
 
-/// Its teacher is what it begins with.
+/// The teacher is the network with its initial weights.
 #[test]
 fn the_second_stage_may_be_the_only_one() {
     let mut training = Training::new(&config([0, 1], 48));
@@ -171,7 +171,7 @@ fn the_second_stage_may_be_the_only_one() {
     assert_eq!(training.trainer.position(), Position { stage, step: 1 });
 }
 
-/// Losses of depth alone leave out half of the network, and learn the same from the rest.
+/// Training on depth alone skips half of the network and trains the rest in the same way.
 #[test]
 fn depth_is_learnt_alone_as_with_everything_else() {
     let mut alone = config([1, 0], 96);
@@ -226,13 +226,13 @@ fn depth_is_learnt_alone_as_with_everything_else() {
     assert!(moved > 50, "{moved}");
 }
 
-/// What each of the two depth layers has its own values of.
+/// Parameters that have separate values for the two depth layers.
 const LAYERED: &str = "monodepth_predictor.head.4.";
 
 #[test]
 fn a_trained_depth_network_goes_with_gaussians_of_any_stride() {
     let mut first = Training::new(&config([1, 0], 96));
-    // Its layers differ.
+    // Make the two layers differ.
     let state = Arc::make_mut(&mut first.trainer.state);
     for weights in &mut state.weights {
         if weights.name.contains(LAYERED) {
@@ -294,13 +294,13 @@ fn a_network_goes_on_with_larger_pictures() {
         }
         resampled += 1;
         assert_eq!(large.values.len(), (tokens * tokens + 1) * channels);
-        // The class token and the corners are where they were.
+        // The class token and the corners are unchanged.
         let row = |values: &[f32], at: usize| values[at * channels..][..channels].to_vec();
         let (n, last) = (tokens / 2, tokens * tokens);
         for (there, here) in [(0, 0), (1, 1), (n, tokens), (n * n, last)] {
             assert_eq!(row(&small.values, there), row(&large.values, here));
         }
-        // Between two tokens of the first row: what lies there linearly.
+        // The second token of the first row is interpolated linearly.
         let at = (n - 1) as f32 / (tokens - 1) as f32;
         let [first, second] = [1, 2].map(|token| row(&small.values, token));
         let found = row(&large.values, 2);
