@@ -58,7 +58,8 @@ impl Registration {
         zoom: 1.0,
     };
 
-    /// Depth as read of a place in a view.
+    /// Depth as read of a place in a view. Where this leads to no depth, it is that of the place itself: if such places
+    /// were left out, a registration that leads there would only have to explain the others.
     fn depth_at(&self, view: &SmallView, place: DVec2) -> Option<(f64, DVec2)> {
         if *self == Self::SAME {
             return view.depth_at(place);
@@ -66,7 +67,8 @@ impl Registration {
         let size = DVec2::new(view.camera.width.into(), view.camera.height.into());
         let from = 0.5 * size + self.zoom * (place - 0.5 * size) + self.off * size.x;
         let depth = view.camera.contains(from).then(|| view.depth_at(from));
-        depth.flatten().map(|(depth, _)| (depth, place))
+        let depth = depth.flatten().map(|(depth, _)| (depth, place));
+        depth.or_else(|| view.depth_at(place))
     }
 }
 
@@ -202,11 +204,10 @@ impl Explained {
         for sample in samples.iter().step_by(stride) {
             explained.samples += 1;
             let depth = match reading.depth_at {
-                Registration::SAME => Some(sample.depth),
-                at => at.depth_at(a, sample.middle()).map(|found| found.0),
-            };
-            let Some(depth) = depth else {
-                continue;
+                Registration::SAME => sample.depth,
+                at => at
+                    .depth_at(a, sample.middle())
+                    .map_or(sample.depth, |found| found.0),
             };
             let from = reading.straight(ray(&camera_a, sample.middle()));
             let point = b_from_a.apply(from * reading.depth.z(times_a * depth, from));

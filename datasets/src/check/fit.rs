@@ -139,7 +139,8 @@ impl Neighbours<'_> {
         };
         let simple = all.into_iter().filter(is_candidate);
         let simple = simple.chain(self.one_view(&as_read)).min_by(by_loss);
-        let is_poor = is_suspicious(&as_read) || self.unexplained(&as_read) > WELL;
+        let is_poor =
+            simple.is_some() || is_suspicious(&as_read) || self.unexplained(&as_read) > WELL;
         // These have more degrees of freedom, so they must also be better than the simpler ones.
         let complex = self
             .some_views()
@@ -204,6 +205,7 @@ impl Neighbours<'_> {
             Change::Focal(Focal::X | Focal::Y, factor) if factor.ln().abs() > LARGE.ln() => {
                 after <= LESS * before
             }
+            Change::Focal(Focal::X | Focal::Y, _) => after <= WELL * before,
             _ => after <= WELL || after <= MUCH_LESS * before && after <= UNRELATED,
         }
     }

@@ -107,7 +107,7 @@ const STEPS: [f64; 4] = [1.0, 0.1, 0.01, 0.001];
 /// Maximum distance from a multiple of the step, as a share of it, and minimum number of positions' coordinates other
 /// than 0.
 const OFF_STEP: f64 = 1e-3;
-const LEAST_COORDINATES: usize = 9;
+const LEAST_COORDINATES: usize = 3;
 /// Minimum step, as a share of the median distance between neighbouring views; a smaller one matters little.
 const LEAST_STEP: f64 = 0.02;
 

@@ -18,10 +18,13 @@ const OFFSETS: (i32, f64) = (10, 1.12);
 const ZOOMS: (i32, f64) = (12, 1.035);
 /// Minimum offset that is reported, in widths.
 const LEAST_OFF: f64 = 0.008;
+/// Maximum offset along an axis, and factor.
+const MOST_OFF: f64 = 0.12;
+const MOST_ZOOM: f64 = 1.6;
 /// Maximum remaining colour differences, relative to those as read, and as a share of those of unrelated places: only
 /// pictures show that depth belongs elsewhere.
-const MOST_LEFT: f64 = 0.8;
-const MOST_UNEXPLAINED: f64 = 0.65;
+const MOST_LEFT: f64 = 0.9;
+const MOST_UNEXPLAINED: f64 = 0.75;
 
 const fn with(depth_at: Registration) -> Reading {
     Reading {
@@ -79,7 +82,9 @@ impl Neighbours<'_> {
         if found.off.length() < LEAST_OFF {
             found.off = DVec2::ZERO;
         }
-        if found == same {
+        let is_far =
+            found.off.abs().max_element() > MOST_OFF || found.zoom.ln().abs() > MOST_ZOOM.ln();
+        if found == same || is_far {
             return None;
         }
         let explained = self.explained(&with(found), self.stride);
