@@ -41,6 +41,27 @@ impl ViewDepth {
         }
     }
 
+    /// File and values of a map that stores depth as whole numbers.
+    pub(crate) fn stored(
+        &self,
+        view: &ViewGeometry,
+    ) -> Result<Option<(PathBuf, FloatMap)>, DatasetError> {
+        let (file, size) = match self {
+            Self::Map(file, DepthEncoding::Units(_, DepthKind::Z | DepthKind::Ray)) => {
+                (file, view.size)
+            }
+            Self::MapOf(file, DepthEncoding::Units(_, DepthKind::Z | DepthKind::Ray), lens) => {
+                let k = lens.intrinsics();
+                (file, (k.width, k.height))
+            }
+            _ => return Ok(None),
+        };
+        let fits = |found| check_shape(file, found, size);
+        let map = format::read_map_if(file, &fits)?;
+        let is_whole = map.iter().all(|v| v.fract() == 0.0);
+        Ok(is_whole.then(|| (file.clone(), map)))
+    }
+
     /// Reads the depth map of a view, with the size of the view's pinhole camera.
     pub(crate) fn load(&self, view: &ViewGeometry) -> Result<DepthMap, DatasetError> {
         match self {

@@ -7,7 +7,7 @@ use sharp::image_file::{OrientationRule, PictureRules};
 
 use crate::camera_size::check_size;
 use crate::depth::ViewDepth;
-use crate::format::picture;
+use crate::format::{FloatMap, picture};
 use crate::mask::MaskFile;
 use crate::processing::{Processing, Undistorted};
 use crate::required_files::FileRole;
@@ -120,6 +120,14 @@ impl ViewContent for FileContent {
             excluded.for_each(|(z, _)| *z = 0.0);
         }
         Ok(Some(depth))
+    }
+
+    fn stored_depth(&self) -> Result<Option<(PathBuf, FloatMap)>, DatasetError> {
+        let stored = self
+            .depth
+            .as_ref()
+            .map(|depth| depth.stored(&self.geometry));
+        stored.transpose().map(Option::flatten)
     }
 
     fn image_file(&self) -> Option<&Path> {

@@ -9,6 +9,7 @@ use sharp::image_file::Header;
 
 use crate::DatasetError;
 use crate::depth_map::DepthMap;
+use crate::format::FloatMap;
 use crate::left_out::LeftOutViews;
 use crate::processing::Processing;
 use crate::required_files::{FileRole, RequiredFile};
@@ -43,6 +44,14 @@ pub trait ViewContent: Send + Sync + std::fmt::Debug {
     /// # Errors
     /// Names the file and why it cannot be read.
     fn depth(&self) -> Result<Option<DepthMap>, DatasetError>;
+
+    /// The depth map's file, and its values as stored; `None` unless they are whole numbers, or if the dataset has none.
+    ///
+    /// # Errors
+    /// Names the file and the reason that it cannot be read.
+    fn stored_depth(&self) -> Result<Option<(PathBuf, FloatMap)>, DatasetError> {
+        Ok(None)
+    }
 
     /// File of the photograph; `None` if procedural.
     fn image_file(&self) -> Option<&Path>;

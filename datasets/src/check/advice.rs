@@ -1,5 +1,7 @@
 //! Sentences about a better-fitting interpretation, with the setting that selects it.
 
+use glam::DVec2;
+
 use super::change::{Change, Focal, Moves};
 use super::explained::Explained;
 use super::small_view::Part;
@@ -32,6 +34,11 @@ impl Units {
 }
 
 impl Units {
+    /// Metres per unit of the poses.
+    pub(super) fn pose_unit_m(self) -> f64 {
+        self.scale.unwrap_or(1.0)
+    }
+
     /// Metres per unit of depth maps.
     pub(super) fn depth_unit_m(self) -> f64 {
         self.depth_unit.unwrap_or(1.0)
@@ -74,6 +81,11 @@ pub(super) fn sentence(
             };
             format!("{fits}: {evidence}")
         }
+        Change::Buffer(near) => format!(
+            "the stored depth is that of a z-buffer, with a near plane at about {} m: {evidence}; convert it to metres: z = \
+             near · far / (far − value · (far − near)) for values from 0 to 1",
+            number(*near)
+        ),
         Change::RayLength => {
             let fits = match units.depth_unit {
                 Some(_) => "depth-kind=ray fits",
@@ -131,6 +143,23 @@ pub(super) fn sentence(
              into the cameras' file",
             number(-by)
         ),
+        Change::Registered(by) => {
+            let size = (by.zoom != 1.0).then(|| match by.zoom < 1.0 {
+                true => format!("enlarged {} times", number(1.0 / by.zoom)),
+                false => format!("reduced to {} of its size", number(1.0 / by.zoom)),
+            });
+            let off = -by.off * f64::from(first.width) / by.zoom;
+            // Without a negative zero.
+            let off = off.round() + DVec2::ZERO;
+            let place = (by.off != DVec2::ZERO)
+                .then(|| format!("shifted by about ({}, {}) pixels", off.x, off.y));
+            let how: Vec<String> = size.into_iter().chain(place).collect();
+            format!(
+                "depth is not registered to the photographs: it fits {}: {evidence}; project the depth maps into the \
+                 cameras of the photographs",
+                how.join(" and ")
+            )
+        }
         Change::Turned(setting) => format!("{setting} fits: {evidence}"),
         Change::Flipped(part, how) => {
             let what = match part {

@@ -2,8 +2,10 @@
 
 use glam::DVec2;
 
-use super::compare::{LEAST_GAIN, LEAST_GAIN_OF_FACTORS, LEAST_GAIN_OF_VIEWS};
-use super::explained::Explained;
+use super::compare::{
+    LEAST_ERRORS, LEAST_GAIN, LEAST_GAIN_OF_FACTORS, LEAST_GAIN_OF_LENSES, LEAST_GAIN_OF_VIEWS,
+};
+use super::explained::{Explained, Registration};
 use super::small_view::Part;
 
 /// A change to the reader's interpretation.
@@ -23,6 +25,8 @@ pub(super) enum Change {
     NoRayLength,
     /// The stored values are the reciprocal of depth; the poses' translations, multiplied by this, fit the reciprocals.
     Inverse(f64),
+    /// The stored values are those of a z-buffer, whose near plane is this far away.
+    Buffer(f64),
     /// The poses use another convention, named as in [`alternatives`].
     Convention(&'static str),
     /// Parts of views belong to other pictures; a description of the assignment.
@@ -35,6 +39,8 @@ pub(super) enum Change {
     Cameras(String),
     /// The lenses have this [`Reading::bend`].
     Bent(f64),
+    /// Depth maps fit the pictures if they are moved and scaled.
+    Registered(Registration),
     /// Pictures or depth maps are flipped; a description.
     Flipped(Part, &'static str),
     /// Pictures fit with the other EXIF orientation rule, with which they also have the camera's size; the setting that
@@ -61,20 +67,29 @@ impl Focal {
 }
 
 impl Change {
-    /// True for a change of intrinsics, which may leave depths as they agree.
-    pub(super) fn is_of_cameras(&self) -> bool {
+    /// True for a change after which depths may agree as before, or less, while colours fit.
+    pub(super) fn shows_in_colours(&self) -> bool {
         matches!(
             self,
-            Self::Focal(..) | Self::CentreExchanged | Self::CentreOff(_) | Self::Bent(_)
+            Self::Focal(..)
+                | Self::CentreExchanged
+                | Self::CentreOff(_)
+                | Self::Bent(_)
+                | Self::Registered(_)
+                | Self::Buffer(_)
         )
     }
 
-    pub(super) fn least_gain(&self) -> f64 {
-        match self {
-            Self::Scale(_) | Self::Focal(..) => LEAST_GAIN_OF_FACTORS,
+    /// Minimum fraction of the loss that it must remove, and minimum number of standard errors.
+    pub(super) fn least_gain(&self) -> (f64, f64) {
+        let gain = match self {
+            // Small everywhere, but of the same kind everywhere.
+            Self::Bent(_) => return LEAST_GAIN_OF_LENSES,
+            Self::Scale(_) | Self::Focal(..) | Self::Registered(_) => LEAST_GAIN_OF_FACTORS,
             Self::Views(_) => LEAST_GAIN_OF_VIEWS,
             _ => LEAST_GAIN,
-        }
+        };
+        (gain, LEAST_ERRORS)
     }
 }
 
@@ -104,4 +119,6 @@ pub(super) struct Better {
     pub(super) explained: Explained,
     /// True if the remaining loss is no larger than for valid data.
     pub(super) fits_well: bool,
+    /// True if it is hardly less than as read.
+    pub(super) is_slight: bool,
 }

@@ -13,7 +13,9 @@ const LEAST_LANDED: usize = 500;
 /// Minimum fraction of the pictures' parts in which it must be better, and minimum number of standard errors of their
 /// mean.
 const LEAST_SHARE: f64 = 0.75;
-const LEAST_ERRORS: f64 = 3.0;
+pub(super) const LEAST_ERRORS: f64 = 3.0;
+/// Minimum fraction of the loss, and number of standard errors, for lens distortion; proper scenes gain 0.003.
+pub(super) const LEAST_GAIN_OF_LENSES: (f64, f64) = (0.03, 4.0);
 /// Maximum mean loss of an interpretation that explains everything.
 const MOST_LEFT: f64 = 0.45;
 /// Minimum mean loss at which features are compared, too.
@@ -88,6 +90,15 @@ pub(super) fn is_needed(as_read: &[Explained], other: &[Explained], by_colours: 
 
 /// True if another interpretation explains the same pairs significantly better.
 pub(super) fn is_better(as_read: &[Explained], other: &[Explained], least_gain: f64) -> bool {
+    is_better_by(as_read, other, (least_gain, LEAST_ERRORS))
+}
+
+/// Like [`is_better`], with a minimum number of standard errors.
+pub(super) fn is_better_by(
+    as_read: &[Explained],
+    other: &[Explained],
+    (least_gain, least_errors): (f64, f64),
+) -> bool {
     let (before, after) = (mean_loss(as_read), mean_loss(other));
     let few = landed(other) < LEAST_LANDED || 10 * landed(other) < 3 * landed(as_read);
     if few || after > (1.0 - least_gain) * before {
@@ -111,5 +122,5 @@ pub(super) fn is_better(as_read: &[Explained], other: &[Explained], least_gain: 
     let mean = differences.iter().sum::<f64>() / n;
     let variance = differences.iter().map(|d| (d - mean).powi(2)).sum::<f64>() / (n - 1.0);
     let better = differences.iter().filter(|d| **d > 0.0).count() as f64;
-    n >= 4.0 && better >= LEAST_SHARE * n && mean > LEAST_ERRORS * (variance / n).sqrt()
+    n >= 4.0 && better >= LEAST_SHARE * n && mean > least_errors * (variance / n).sqrt()
 }

@@ -15,6 +15,9 @@ pub(super) enum DepthIs {
     NoRayLength,
     /// The reciprocal of depth, in an arbitrary unit.
     Inverse,
+    /// Values of a z-buffer: this for infinite depth, and less by a share that is the reciprocal of depth, in a unit of
+    /// the near plane's distance.
+    Buffer(f64),
     /// Too small by this many metres.
     Short(f64),
 }
@@ -26,6 +29,7 @@ impl DepthIs {
             Self::RayLength => read / ray.length(),
             Self::NoRayLength => read * ray.length(),
             Self::Inverse => 1.0 / read,
+            Self::Buffer(infinite) => 1.0 / (1.0 - read / infinite).max(1e-6),
             Self::Short(by) => read + by,
         }
     }
@@ -36,6 +40,35 @@ impl DepthIs {
             Self::Short(by) if by > 0.0 => (one - by) / (other - by).max(0.01 * one),
             _ => one / other,
         }
+    }
+}
+
+/// How a depth map lies on its picture.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Registration {
+    /// What is seen at the picture's middle is this far right and below of it in the depth map, in widths.
+    pub(super) off: DVec2,
+    /// The depth map shows everything this many times as large as the picture.
+    pub(super) zoom: f64,
+}
+
+impl Registration {
+    pub(super) const SAME: Self = Self {
+        off: DVec2::ZERO,
+        zoom: 1.0,
+    };
+
+    /// Depth as read of a place in a view. Where this leads to no depth, it is that of the place itself: if such places
+    /// were left out, a registration that leads there would only have to explain the others.
+    fn depth_at(&self, view: &SmallView, place: DVec2) -> Option<(f64, DVec2)> {
+        if *self == Self::SAME {
+            return view.depth_at(place);
+        }
+        let size = DVec2::new(view.camera.width.into(), view.camera.height.into());
+        let from = 0.5 * size + self.zoom * (place - 0.5 * size) + self.off * size.x;
+        let depth = view.camera.contains(from).then(|| view.depth_at(from));
+        let depth = depth.flatten().map(|(depth, _)| (depth, place));
+        depth.or_else(|| view.depth_at(place))
     }
 }
 
@@ -57,6 +90,8 @@ pub(super) struct Reading {
     /// Radial distortion: lenses show a direction with radius r at radius r (1 + bend r²).
     pub(super) bend: f64,
     pub(super) depth: DepthIs,
+    /// Where the depth of a place is found in the depth map.
+    pub(super) depth_at: Registration,
     /// Conversion of world-to-camera poses.
     pub(super) take: fn(&RigidTransform) -> RigidTransform,
 }
@@ -71,11 +106,12 @@ impl Reading {
         centre_off: DVec2::ZERO,
         bend: 0.0,
         depth: DepthIs::Z,
+        depth_at: Registration::SAME,
         take: |pose| *pose,
     };
 
     /// Moves a point to the direction in which the lens shows it.
-    fn bent(&self, point: DVec3) -> DVec3 {
+    pub(super) fn bent(&self, point: DVec3) -> DVec3 {
         if self.bend == 0.0 || point.z <= 0.0 {
             return point;
         }
@@ -91,7 +127,7 @@ impl Reading {
     }
 
     /// The ray, at z = 1, that the lens shows in a given direction.
-    fn straight(&self, seen: DVec3) -> DVec3 {
+    pub(super) fn straight(&self, seen: DVec3) -> DVec3 {
         if self.bend == 0.0 {
             return seen;
         }
@@ -167,8 +203,14 @@ impl Explained {
         let mut explained = Self::default();
         for sample in samples.iter().step_by(stride) {
             explained.samples += 1;
+            let depth = match reading.depth_at {
+                Registration::SAME => sample.depth,
+                at => at
+                    .depth_at(a, sample.middle())
+                    .map_or(sample.depth, |found| found.0),
+            };
             let from = reading.straight(ray(&camera_a, sample.middle()));
-            let point = b_from_a.apply(from * reading.depth.z(times_a * sample.depth, from));
+            let point = b_from_a.apply(from * reading.depth.z(times_a * depth, from));
             let Some(place) = camera_b
                 .project(reading.bent(point))
                 .filter(|place| camera_b.contains(*place))
@@ -180,7 +222,7 @@ impl Explained {
             let tile = &mut explained.tiles[right + 2 * below];
             tile.0 += 1;
             let mut by_depth = None;
-            if let Some((read, middle)) = b.depth_at(place) {
+            if let Some((read, middle)) = reading.depth_at.depth_at(b, place) {
                 let there = reading
                     .depth
                     .z(times_b * read, reading.straight(ray(&camera_b, middle)));

@@ -6,8 +6,8 @@ use glam::DVec2;
 use super::advice::{self, Units};
 use super::change::{Better, Change, Focal};
 use super::compare::{
-    LEAST_GAIN, LEAST_GAIN_OF_FACTORS, agrees, fits_well, forward, is_better, is_needed,
-    is_refuted, landed, mean_loss,
+    LEAST_GAIN, LEAST_GAIN_OF_FACTORS, agrees, fits_well, forward, is_better, is_better_by,
+    is_needed, is_refuted, is_suspicious, landed, mean_loss,
 };
 use super::convention::alternatives;
 use super::explained::{DepthIs, Explained, Reading};
@@ -28,6 +28,10 @@ const LEAST_OFF: f64 = 0.004;
 /// have become smaller by this factor.
 const WELL: f64 = 0.8;
 const MUCH_LESS: f64 = 0.75;
+/// Maximum differences of colours, as that share, that count as explained at all.
+const UNRELATED: f64 = 1.0;
+/// Minimum remaining loss, as a share of that as read, with which rounded poses are the likelier cause.
+const HARDLY_LESS: f64 = 0.75;
 /// A factor of fx or fy alone that is larger must reduce them by this factor.
 const LARGE: f64 = 1.25;
 const LESS: f64 = 0.6;
@@ -115,6 +119,7 @@ impl Neighbours<'_> {
         all.extend(self.orders(&as_read));
         all.extend(self.turned());
         all.extend(self.flipped());
+        all.extend(self.registered(&as_read));
         // If nothing has to move for a good fit, a smaller motion is no evidence.
         let still = Reading {
             scale: 0.0,
@@ -122,9 +127,9 @@ impl Neighbours<'_> {
         };
         let still = agrees(&as_read).then(|| self.explained(&still, self.stride));
         let is_candidate = |(change, other): &(Change, Vec<Explained>)| {
-            is_better(&as_read, other, change.least_gain())
+            is_better_by(&as_read, other, change.least_gain())
                 && !is_refuted(&as_read, other)
-                && is_needed(&as_read, other, change.is_of_cameras())
+                && is_needed(&as_read, other, change.shows_in_colours())
                 && still
                     .as_ref()
                     .is_none_or(|still| is_better(still, other, LEAST_GAIN_OF_FACTORS))
@@ -134,11 +139,14 @@ impl Neighbours<'_> {
         };
         let simple = all.into_iter().filter(is_candidate);
         let simple = simple.chain(self.one_view(&as_read)).min_by(by_loss);
+        let is_poor =
+            simple.is_some() || is_suspicious(&as_read) || self.unexplained(&as_read) > WELL;
         // These have more degrees of freedom, so they must also be better than the simpler ones.
         let complex = self
             .some_views()
             .into_iter()
-            .chain(self.elsewhere(&as_read));
+            .chain(self.elsewhere(&as_read))
+            .chain(is_poor.then(|| self.z_buffer()));
         let complex = complex.filter(is_candidate).min_by(by_loss);
         let complex = complex.filter(|(_, complex)| {
             let simple = simple.as_ref();
@@ -149,6 +157,7 @@ impl Neighbours<'_> {
             as_read: forward(&as_read),
             explained: forward(&explained),
             fits_well: fits_well(&explained) && self.mends(&change, &as_read, &explained),
+            is_slight: mean_loss(&explained) > HARDLY_LESS * mean_loss(&as_read),
             change,
         })
     }
@@ -160,14 +169,16 @@ impl Neighbours<'_> {
         if let Some(values) = values.or_else(|| self.constant()) {
             return Some(values);
         }
+        let rounded = plausible::rounded(self.views, units);
         let unexplained = |text: String| match have_one_rotation(self.views) {
             true => ONE_ROTATION.to_owned(),
-            false => text,
+            false => text + rounded.as_deref().unwrap_or_default(),
         };
         match self.better() {
             Some(better) => {
                 let evidence = advice::evidence(&better.as_read, &better.explained);
-                Some(match better.fits_well {
+                let is_cause = better.fits_well && !(better.is_slight && rounded.is_some());
+                Some(match is_cause {
                     true => {
                         advice::sentence(&better.change, &evidence, units, median_m, self.views)
                     }
@@ -194,7 +205,8 @@ impl Neighbours<'_> {
             Change::Focal(Focal::X | Focal::Y, factor) if factor.ln().abs() > LARGE.ln() => {
                 after <= LESS * before
             }
-            _ => after <= WELL || after <= MUCH_LESS * before,
+            Change::Focal(Focal::X | Focal::Y, _) => after <= WELL * before,
+            _ => after <= WELL || after <= MUCH_LESS * before && after <= UNRELATED,
         }
     }
 
@@ -258,7 +270,7 @@ impl Neighbours<'_> {
     }
 
     /// Factor with the least loss.
-    fn fit(&self, n: i32, step: f64, with: &dyn Fn(f64) -> Reading) -> f64 {
+    pub(super) fn fit(&self, n: i32, step: f64, with: &dyn Fn(f64) -> Reading) -> f64 {
         let coarse = 4 * self.stride;
         let fine = match self.thorough {
             true => self.stride,

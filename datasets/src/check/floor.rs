@@ -72,7 +72,11 @@ pub(super) fn contradiction(
     neighbours: Option<&Neighbours<'_>>,
 ) -> Option<String> {
     let residuals = matches.residuals(neighbours);
-    let mut contradicted = residuals.iter().filter(|one| one.is_contradicted());
+    // Where colours fit, features of repeated patterns match elsewhere.
+    let is_explained = |one: &Residual| neighbours.is_some_and(|all| all.is_explained(one.first));
+    let contradicted = residuals.iter().filter(|one| one.is_contradicted());
+    let contradicted: Vec<&Residual> = contradicted.filter(|one| !is_explained(one)).collect();
+    let mut contradicted = contradicted.into_iter();
     let n = contradicted.clone().count();
     let by_lines = contradicted.clone();
     let worst = by_lines.min_by(|a, b| a.near_lines().total_cmp(&b.near_lines()))?;

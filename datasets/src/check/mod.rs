@@ -7,6 +7,7 @@
 //!   fitted to reduced views; `one_view`, `some_views`: those that affect some views only; `stereo`: those of a
 //!   rectified pair; `features`: those of poses without depth.
 //! * `orders`: other assignments of pictures to poses; `search`: search for the best-fitting factor.
+//! * `registered`, `z_buffer`, `overflow`: depth of another camera, of a renderer's z-buffer, or beyond 16 bits.
 //! * `plausible`: implausible values.
 //! * [`advice`][]: a sentence on a better fit, with the setting that selects it.
 
@@ -23,11 +24,14 @@ mod floor;
 mod neighbours;
 mod one_view;
 mod orders;
+mod overflow;
 mod plausible;
+mod registered;
 mod search;
 mod small_view;
 mod some_views;
 mod stereo;
+mod z_buffer;
 
 use std::collections::BTreeSet;
 
@@ -202,7 +206,16 @@ fn look(scene: &Scene, units: Units, effort: Effort) -> Look {
         _ => Neighbours::new(&scene.views, effort),
     };
     let mut note = None;
+    let floor = |matches: &Matches<'_>, neighbours: Option<&Neighbours<'_>>| {
+        let rounded = || plausible::rounded(&scene.views, units).unwrap_or_default();
+        floor::contradiction(matches, neighbours).map(|text| text + &rounded())
+    };
+    let overflowed = overflow::overflowed(&scene.views, effort);
+    let is_overflowed = overflowed.is_some();
+    contradictions.extend(overflowed);
     contradictions.extend(match (&scene.pairing, &neighbours) {
+        // Other causes cannot be told from it.
+        _ if is_overflowed => None,
         (Pairing::Stereo { .. }, _) => {
             let (contradiction, said) = stereo::contradictions(&scene.views, effort);
             note = said;
@@ -216,14 +229,14 @@ fn look(scene: &Scene, units: Units, effort: Effort) -> Look {
                 let is_suspicious = effort.thorough || neighbours.is_poorly_explained();
                 let matches = is_suspicious.then(|| Matches::new(&scene.views, effort))?;
                 let named = effort.thorough.then(|| matches.contradiction()).flatten();
-                named.or_else(|| floor::contradiction(&matches, Some(neighbours)))
+                named.or_else(|| floor(&matches, Some(neighbours)))
             })
         }
         (_, None) => {
             let matches = Matches::new(&scene.views, effort);
             note = Some(matches.note());
             let named = matches.contradiction();
-            named.or_else(|| floor::contradiction(&matches, None))
+            named.or_else(|| floor(&matches, None))
         }
     });
     if let Some(share) = neighbours.as_ref().and_then(Neighbours::excluded) {

@@ -20,6 +20,9 @@ pub(super) const MOST_ALL: usize = 12;
 /// Minimum motion, in reduced pixels, of what a picture shows between two views that cannot have the same picture.
 const LEAST_MOVED: f64 = 1.5;
 
+/// Maximum difference of colours that fit, as a share of that of unrelated places.
+const EXPLAINED: f64 = 0.35;
+
 /// Neighbouring views of a scene at reduced size.
 pub(super) struct Neighbours<'a> {
     pub(super) views: &'a [View],
@@ -170,6 +173,19 @@ impl<'a> Neighbours<'a> {
             Some(one.colour_levels()? / self.small[to].0.unrelated_levels().max(1.0))
         });
         shares.fold(0.0, f64::max)
+    }
+
+    /// True if colours of a view and the next one fit, whatever features seem to match.
+    pub(super) fn is_explained(&self, first: usize) -> bool {
+        [(first, first + 1), (first + 1, first)]
+            .iter()
+            .all(|carry| {
+                let explained = || self.explained_one(*carry, &Reading::AS_READ, self.stride);
+                let levels = self.carries.contains(carry).then(explained);
+                let levels = levels.and_then(|explained| explained.colour_levels());
+                let unrelated = || self.small[&carry.1].0.unrelated_levels().max(1.0);
+                levels.is_some_and(|levels| levels <= EXPLAINED * unrelated())
+            })
     }
 
     /// Distance, in reduced pixels, between a place in the next view and the one to which depth and poses lead from a

@@ -1,5 +1,8 @@
 //! Detection of implausible values.
 
+use glam::DVec3;
+use sharp::camera::baseline_m;
+
 use super::advice::{DEPTHS_M, Units, number};
 use crate::View;
 
@@ -97,6 +100,45 @@ pub(super) fn have_one_rotation(views: &[View]) -> bool {
     let rotation = |view: &View| view.camera_from_world.rotation;
     let is_first = |view: &View| rotation(view).abs_diff_eq(rotation(&views[0]), 1e-6);
     views.len() >= 3 && views.iter().all(is_first)
+}
+
+/// Steps to which positions are rounded, in the poses' unit.
+const STEPS: [f64; 4] = [1.0, 0.1, 0.01, 0.001];
+/// Maximum distance from a multiple of the step, as a share of it, and minimum number of positions' coordinates other
+/// than 0.
+const OFF_STEP: f64 = 1e-3;
+const LEAST_COORDINATES: usize = 3;
+/// Minimum step, as a share of the median distance between neighbouring views; a smaller one matters little.
+const LEAST_STEP: f64 = 0.02;
+
+/// An addition to the report of a contradiction without a known cause: poses that seem to have been rounded.
+pub(super) fn rounded(views: &[View], units: Units) -> Option<String> {
+    let pose = |view: &View| view.camera_from_world;
+    let mut steps: Vec<f64> = views
+        .windows(2)
+        .map(|two| baseline_m(&pose(&two[0]), &pose(&two[1])) / units.pose_unit_m())
+        .collect();
+    steps.sort_by(f64::total_cmp);
+    let between = *steps.get(steps.len() / 2)?;
+    let forms: [fn(&View) -> DVec3; 2] = [
+        |view| view.camera_from_world.inverse().translation,
+        |view| view.camera_from_world.translation,
+    ];
+    let is_multiple = |step: f64| {
+        forms.iter().any(|form| {
+            let all = views.iter().flat_map(|view| form(view).to_array());
+            let all = all.map(|v| v / units.pose_unit_m() / step);
+            let all: Vec<f64> = all.filter(|v| v.abs() > OFF_STEP).collect();
+            all.len() >= LEAST_COORDINATES && all.iter().all(|v| (v - v.round()).abs() < OFF_STEP)
+        })
+    };
+    let step = STEPS.into_iter().find(|step| is_multiple(*step))?;
+    (step >= LEAST_STEP * between).then(|| {
+        format!(
+            "; every camera position is a multiple of {}, so the poses may have been rounded: store more digits",
+            number(step)
+        )
+    })
 }
 
 /// Reports an implausible median depth.

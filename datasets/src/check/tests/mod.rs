@@ -1,5 +1,6 @@
 //! Views in memory, and how tests change them.
 
+mod depth;
 mod proper;
 mod spoiled;
 

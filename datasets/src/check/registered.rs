@@ -1,0 +1,96 @@
+//! Depth maps that show the scene as another camera does: shifted against the photographs, or with another field of
+//! view.
+
+use glam::DVec2;
+
+use super::change::Change;
+use super::compare::{forward, mean_loss};
+use super::explained::{Explained, Reading, Registration};
+use super::neighbours::Neighbours;
+use super::search::is_worth_a_word;
+
+/// Probes of the fit: an offset, in widths of the picture, and a factor. Where none of them is better, depth is
+/// registered.
+const PROBE: f64 = 0.02;
+const PROBED_ZOOM: f64 = 1.1;
+/// Steps of the search for the offset, as for principal points, and for the factor.
+const OFFSETS: (i32, f64) = (10, 1.12);
+const ZOOMS: (i32, f64) = (12, 1.035);
+/// Minimum offset that is reported, in widths.
+const LEAST_OFF: f64 = 0.008;
+/// Maximum offset along an axis, and factor.
+const MOST_OFF: f64 = 0.12;
+const MOST_ZOOM: f64 = 1.6;
+/// Maximum remaining colour differences, relative to those as read, and as a share of those of unrelated places: only
+/// pictures show that depth belongs elsewhere.
+const MOST_LEFT: f64 = 0.9;
+const MOST_UNEXPLAINED: f64 = 0.75;
+
+const fn with(depth_at: Registration) -> Reading {
+    Reading {
+        depth_at,
+        ..Reading::AS_READ
+    }
+}
+
+fn moved(by: Registration, axis: DVec2, width: f64) -> Registration {
+    Registration {
+        off: by.off + width * axis,
+        ..by
+    }
+}
+
+fn zoomed(by: Registration, factor: f64) -> Registration {
+    Registration {
+        zoom: by.zoom * factor,
+        ..by
+    }
+}
+
+impl Neighbours<'_> {
+    /// The shift and the enlargement with which depth maps fit the pictures best, if any does better than none.
+    pub(super) fn registered(&self, as_read: &[Explained]) -> Option<(Change, Vec<Explained>)> {
+        if self.depth_by_pose {
+            return None;
+        }
+        let same = Registration::SAME;
+        let loss = |at: Registration| mean_loss(&self.explained(&with(at), self.stride));
+        let shifts = [DVec2::X, DVec2::NEG_X, DVec2::Y, DVec2::NEG_Y];
+        let shifts = shifts.map(|axis| loss(moved(same, axis, PROBE)));
+        let zooms = [PROBED_ZOOM, 1.0 / PROBED_ZOOM].map(|factor| loss(zoomed(same, factor)));
+        let [shift, zoom] =
+            [&shifts[..], &zooms[..]].map(|all| all.iter().copied().fold(1.0, f64::min));
+        if shift.min(zoom) >= mean_loss(as_read) {
+            return None;
+        }
+        let mut found = same;
+        for zooms in [zoom < shift, zoom >= shift, zoom < shift] {
+            found = match zooms {
+                true => {
+                    let factor = self.fit(ZOOMS.0, ZOOMS.1, &|factor| with(zoomed(found, factor)));
+                    zoomed(found, factor)
+                }
+                false => [DVec2::X, DVec2::Y].into_iter().fold(found, |found, axis| {
+                    let to = |factor: f64| moved(found, axis, 0.1 * factor.ln());
+                    to(self.fit(OFFSETS.0, OFFSETS.1, &|factor| with(to(factor))))
+                }),
+            };
+        }
+        if !is_worth_a_word(found.zoom) {
+            found.zoom = 1.0;
+        }
+        if found.off.length() < LEAST_OFF {
+            found.off = DVec2::ZERO;
+        }
+        let is_far =
+            found.off.abs().max_element() > MOST_OFF || found.zoom.ln().abs() > MOST_ZOOM.ln();
+        if found == same || is_far {
+            return None;
+        }
+        let explained = self.explained(&with(found), self.stride);
+        let levels = [as_read, &explained].map(|all| forward(all).colour_levels());
+        let is_nearer = matches!(levels, [Some(read), Some(other)] if other <= MOST_LEFT * read);
+        let is_near = is_nearer && self.unexplained(&explained) <= MOST_UNEXPLAINED;
+        is_near.then_some((Change::Registered(found), explained))
+    }
+}
