@@ -87,7 +87,7 @@ fn runs_are_compared_by_pair_and_unlike_ones_refused() {
     );
     compare(dir, &["a", "b", "--metrics", "dists"])
         .is_usage_error_with(&["--metrics", "known: psnr"]);
-    // All pairs are better, so none is the most lost.
+    // Nothing changed, so no pair lost or gained.
     let better = compare(dir, &["a", "a", "--method", "copy=copy"])
         .ends_with(0)
         .out;

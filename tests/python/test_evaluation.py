@@ -86,9 +86,10 @@ def test_scores_are_a_table_for_everyone(tmp_path):
     with pytest.raises(KeyError, match="no column"):
         scores["nonsense"]
     pandas, polars = pytest.importorskip("pandas"), pytest.importorskip("polars")
-    frame = polars.DataFrame(scores.to_dict())
+    frame = scores.to_polars()
     assert frame["psnr"].to_list() == scores["psnr"] and frame.shape == (24, len(scores.columns))
-    other = pandas.DataFrame(scores.to_dict())
+    other = scores.to_pandas()
+    assert isinstance(frame, polars.DataFrame) and isinstance(other, pandas.DataFrame)
     means = frame.group_by("method").agg(polars.col("psnr").mean())
     assert other.groupby("method")["psnr"].mean().to_dict() == pytest.approx(dict(means.iter_rows()))
 
@@ -200,3 +201,22 @@ def test_the_program_within_the_package():
     assert told.returncode == 0 and told.stdout.startswith("sharp-bench ")
     told = subprocess.run([sys.executable, "-m", "sharp_bench", "run"], capture_output=True, text=True, env=environment)
     assert told.returncode == 2 and "--dataset" in told.stderr
+
+
+def test_commands_are_functions(tmp_path):
+    old, new = (run(copy, tmp_path / name, methods=["mean"]) for name in ("old", "new"))
+    report = sb.report(old.path, out=tmp_path / "page", methods=["mean", "copy"], rename={"copy": "Ours"}, uncertainty="se")
+    assert Path(report["out"], "index.html").is_file()
+    table = (tmp_path / "page/tables/scores.csv").read_text().splitlines()
+    assert table[0].endswith(",scenes,se") and [line.split(",")[0] for line in table[1:3]] == ["mean", "Ours"]
+    assert sb.gate(old.path, new.path)["gate"]["state"] == "passed"
+    other = sb.gate(old.path, new.path, ["psnr < -0.1"], methods=[("copy", "mean")])["gate"]
+    assert {check["method_b"] for check in other["checks"]} == {"mean"}
+    added = sb.history("add", tmp_path / "history", old.path, label="first")
+    assert added["is_new"] and sb.history("show", tmp_path / "history")["entries"][0]["label"] == "first"
+    with pytest.warns(UserWarning, match="none of your rows has a number"):
+        assert sb.table("quantitative", {"mine": f"{old.path}:copy"})["table"] == "quantitative"
+    made = sb.figure("baselines", old.path, out=tmp_path / "figures")
+    assert len(made["files"]) == 3
+    with pytest.raises(ValueError, match="--methods"):
+        sb.report(old.path, methods=["absent"], out=tmp_path / "other")

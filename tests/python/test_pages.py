@@ -27,7 +27,6 @@ NOT_RUN = {
     ("bench/docs/train.md", "takes hours"): 1,
     ("bench/docs/recipes.md", "needs the project itself"): 6,
     ("bench/docs/scale.md", "needs a cluster"): 2,
-    ("bench/docs/slurm.md", "needs a cluster"): 1,
     ("bench/docs/security.md", "needs cargo-deny 0.20 and the network"): 1,
 }
 # What other stages of CI run.

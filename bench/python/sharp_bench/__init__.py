@@ -154,10 +154,11 @@ def figure(name, *runs, out, **options):
     return _command("figure", [name, *runs], out=out, **options)
 
 
-def gate(baseline, candidate, fail_if=(), **options):
+def gate(baseline, candidate, fail_if=(), methods=(), **options):
     """Whether one run may replace another: the dictionary of ``sharp-bench gate --json``, whose ``["gate"]["state"]`` is
-    "passed", "fired" or "inconclusive"."""
-    return _command("gate", [], (3, 5), baseline=baseline, candidate=candidate, fail_if=fail_if, **options)
+    passed, fired or inconclusive. ``methods`` as for :func:`compare`."""
+    options["method"] = [f"{old}={new}" for old, new in methods]
+    return _command("gate", [], (3, 5), baseline=baseline, candidate=candidate, fail_if=list(fail_if), **options)
 
 
 def history(*arguments, **options):

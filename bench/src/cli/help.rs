@@ -132,7 +132,7 @@ fn short(arg: Arg) -> Arg {
     };
     let full = arg.get_long_help().cloned();
     let full = full.unwrap_or_else(|| StyledStr::from(help.clone()));
-    let ends = [". ", "; ", ": ", " ("].iter();
+    let ends = [". ", "; ", ": ", " (", " ["].iter();
     let end = ends.filter_map(|end| help.find(end)).min();
     let clause = help[..end.unwrap_or(help.len())].to_owned();
     let is_rare = arg.get_long().is_some_and(|long| RARE.contains(&long));
