@@ -177,7 +177,9 @@ impl Neighbours<'_> {
         match self.better() {
             Some(better) => {
                 let evidence = advice::evidence(&better.as_read, &better.explained);
-                let is_cause = better.fits_well && !(better.is_slight && rounded.is_some());
+                let is_doubtful = better.is_slight
+                    || matches!(better.change, Change::Focal(Focal::X | Focal::Y, _));
+                let is_cause = better.fits_well && !(is_doubtful && rounded.is_some());
                 Some(match is_cause {
                     true => {
                         advice::sentence(&better.change, &evidence, units, median_m, self.views)
