@@ -159,7 +159,7 @@ mod tests {
         };
         let found = gpu_adapters(&[adapter("A", false), adapter("B", false), adapter("C", true)]);
         let advice: Vec<&str> = found.iter().map(|f| f.advice.as_str()).collect();
-        assert!(advice[0].contains("chooses by itself"));
+        assert!(advice[0].contains("by default"));
         assert!(advice[1].contains("when named") && !advice[1].contains("software"));
         assert!(advice[2].contains("software"));
         let software_only = gpu_adapters(&[adapter("C", true)]);

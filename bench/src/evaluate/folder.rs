@@ -447,6 +447,6 @@ mod tests {
         let folder = RunFolder::open(dir.path()).unwrap();
         let error = folder.manifest().unwrap_err();
         assert!(matches!(error, EvaluateError::Format { found: 1, .. }));
-        assert!(error.to_string().contains("into a new folder"), "{error}");
+        assert!(error.to_string().contains("with a new folder"), "{error}");
     }
 }

@@ -315,7 +315,7 @@ mod tests {
         );
         std::fs::write(&path, "mine").unwrap();
         let error = viewer.write(&path, &pictures).unwrap_err().to_string();
-        assert!(error.contains("something else"), "{error}");
+        assert!(error.contains("of another kind"), "{error}");
         assert_eq!(std::fs::read_to_string(&path).unwrap(), "mine");
     }
 

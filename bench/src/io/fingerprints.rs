@@ -226,7 +226,7 @@ version = \"0.3.7\"
     ];
 
     /// Files in those folders that affect no result: they plan, store, name, describe or measure time.
-    const UNDECIDING: [&str; 47] = [
+    const UNDECIDING: [&str; 48] = [
         "bench/src/evaluate/aggregation.rs",
         "bench/src/evaluate/bundle.rs",
         "bench/src/evaluate/differences.rs",
@@ -252,6 +252,7 @@ version = \"0.3.7\"
         "bench/src/evaluate/results.rs",
         "bench/src/evaluate/run.rs",
         "bench/src/evaluate/shard.rs",
+        "bench/src/evaluate/shown.rs",
         "bench/src/evaluate/speed.rs",
         "bench/src/evaluate/status.rs",
         "bench/src/evaluate/test_records.rs",

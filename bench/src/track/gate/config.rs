@@ -266,7 +266,6 @@ impl fmt::Display for Limit {
             } => {
                 match (either_way, metric.direction()) {
                     (false, Direction::Higher) if *bound == 0.0 => write!(f, "{metric} < 0")?,
-                    (false, Direction::Lower) if *bound == 0.0 => write!(f, "{metric} > 0")?,
                     (true, _) => write!(f, "|{metric}| > {bound}")?,
                     (false, Direction::Higher) => write!(f, "{metric} < -{bound}")?,
                     (false, Direction::Lower) => write!(f, "{metric} > +{bound}")?,
