@@ -121,7 +121,7 @@ pub static PICTURES: [Setting; 3] = [
         &[
             choice(
                 "convert",
-                "are converted to sRGB, clipped; tables of colours and inks are an error",
+                "are converted to sRGB and clipped; profiles with lookup tables and CMYK profiles are an error",
             ),
             choice("as-stored", "are read as sRGB"),
         ],

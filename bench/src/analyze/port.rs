@@ -60,8 +60,9 @@ pub struct PortComparison {
     pub with_settings: Vec<FieldDifference>,
 }
 
-/// Attributes, in the order of their values below: distance of means in the photograph's camera, depth, Frobenius norm
-/// of the covariances' difference, opacity, and the largest difference among the sRGB channels.
+/// Names and units of the differences, in the order of `Pair::values`: distance between the means as projected into
+/// the photograph, relative difference of depth, relative Frobenius norm of the covariances' difference, difference of
+/// opacity, and the largest difference among the sRGB channels.
 const FIELDS: [(&str, &str); 5] = [
     ("position", "px"),
     ("depth", "%"),

@@ -62,8 +62,8 @@ pub(super) struct RunArgs {
     /// Which shard, I/N with I from 1 to N; auto, or auto/N, in an array of Slurm, Kubernetes or AWS Batch
     #[arg(long, value_name = "I/N", requires = "plan")]
     shard: Option<Shard>,
-    /// Allow the programs of `command` methods in the plan to start; check a plan from elsewhere
-    /// first
+    /// Allow the plan to start the programs of its `command` methods; if the plan comes from
+    /// elsewhere, check it first
     #[arg(long, requires = "plan")]
     allow_programs: bool,
     /// Start no unit after this time (90s, 55m, 3h) and end with exit code 75, as after SIGTERM or SIGUSR1

@@ -24,9 +24,10 @@ use crate::scoring::Scoring;
 
 /// Measure inference and rendering separately, or total the hours and hardware of runs
 ///
-/// With --method and --dataset, measures each method alone on a few pairs of each dataset at its own resolution, after
-/// a warm-up: medians, spread, peak memory, and the Gaussian counts behind the render time. Times in a run folder are
-/// not comparable, because scoring ran at the same time; for given runs, total hours and hardware are reported instead.
+/// With --method and --dataset, measures each method alone on a few pairs of each dataset, at each target's own
+/// resolution, after a warm-up: medians, spread, peak memory, and the Gaussian counts behind the render time. Times in
+/// a run folder are not comparable, because scoring ran at the same time; for given runs, total hours and hardware are
+/// reported instead.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:

@@ -73,7 +73,7 @@ pub(super) fn execute(args: &StatusArgs) -> anyhow::Result<Outcome> {
         }
         if progress.damaged > 0 {
             output::remark(format!(
-                "warning: {} files of units are damaged; their units are computed again",
+                "warning: damaged unit files: {}; these units count as missing, and the next run computes them again",
                 progress.damaged
             ));
         }

@@ -338,7 +338,9 @@ impl Results {
 pub fn timings(root: &Path, method: &str) -> Result<BTreeMap<String, Timing>, EvaluateError> {
     if !root.is_dir() {
         let times = root.is_file().then(|| read_timings(root)).transpose()?;
-        return Ok(times.and_then(|mut times| times.remove(method)).unwrap_or_default());
+        return Ok(times
+            .and_then(|mut times| times.remove(method))
+            .unwrap_or_default());
     }
     let units = Current::read(&RunFolder::open(root)?)?.units.into_iter();
     let units = units.filter(|unit| unit.slot.method == method && unit.record.status == Status::Ok);

@@ -101,7 +101,7 @@ pub struct Placement {
     pub axes: Axes,
     /// Unit of the file in metres.
     pub scale: f64,
-    /// Map from the file's coordinates, in OpenCV's axes and metres, to its space.
+    /// Map from the file's coordinates, in OpenCV's axes and metres, to `space`.
     pub transform: Option<DAffine3>,
     /// Shift (right, down) of the whole scene as seen by the source's camera, pixels.
     pub shift: [f64; 2],

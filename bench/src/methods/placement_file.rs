@@ -1,5 +1,5 @@
-//! Reads the map from a file's coordinates to its space from JSON: nerfstudio's `dataparser_transforms.json`, or a
-//! matrix.
+//! Reads the map from a file's coordinates to its [`FileSpace`](super::file_reading::FileSpace) from JSON: nerfstudio's
+//! `dataparser_transforms.json`, or a matrix.
 
 use std::path::Path;
 
@@ -18,11 +18,11 @@ enum File {
         transform: Vec<[f64; 4]>,
         scale: f64,
     },
-    /// Map from the file's coordinates to its space.
+    /// Map from the file's coordinates to its `FileSpace`.
     Matrix([[f64; 4]; 4]),
 }
 
-/// Reads the map from a file's coordinates to its space. Errors do not name the file.
+/// Reads the map from a file's coordinates to its `FileSpace`. Errors do not name the file.
 pub(super) fn read(path: &Path) -> Result<DAffine3, String> {
     let text = sharp::files::read_text(path).map_err(|error| error.to_string())?;
     let needed = |_| {

@@ -123,8 +123,8 @@ pub const PROTOCOLS: [Protocol; 15] = [
         failures: "scenes without a metrics file are skipped; a distributed sampler drops or repeats scenes",
         traps: &[
             "583 of the 19422 pairs of the RealEstate10K index predict a context view itself",
-            "the width is rounded to a multiple of 8, so that the pixels are not pixelSplat's: 456 columns, cropped from \
-             column 100",
+            "the width after resizing is rounded to a multiple of 8, so the pixels differ from pixelSplat's: 640x360 \
+             becomes 456x256, and the crop starts at column 100",
         ],
         departures: &[
             "LPIPS: in f32; theirs inside bfloat16 autocast, which differs in the third decimal and is refused here",

@@ -3,8 +3,8 @@
 //!
 //! "For each pair, we apply a linear scale sweep to find the best scale that minimizes the DISTS
 //! score": the method renders each pair at several scales of the scene, and the picture closest to
-//! the target under DISTS is scored. The choice depends on the target, which reports state next to
-//! the numbers.
+//! the target under DISTS is scored. This choice depends on the target; reports say so next to the
+//! numbers.
 
 use sharp_metrics::{MetricKey, Picture, Scorer, ScorerOptions, Selection, Weights, WeightsError};
 

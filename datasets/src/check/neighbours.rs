@@ -175,7 +175,8 @@ impl<'a> Neighbours<'a> {
         shares.fold(0.0, f64::max)
     }
 
-    /// True if colours of a view and the next one fit, whatever features seem to match.
+    /// True if the colours of view `first` and the next fit when each is projected into the other. Matches of
+    /// features are not considered.
     pub(super) fn is_explained(&self, first: usize) -> bool {
         [(first, first + 1), (first + 1, first)]
             .iter()

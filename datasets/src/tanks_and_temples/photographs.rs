@@ -132,7 +132,8 @@ impl ScenePhotographs {
             }
             (_, Some(1)) if most == last => {
                 return Err(format!(
-                    "{}: blocks must be numbered from 0 (picture number minus one), so the poses cannot be assigned",
+                    "{}: the poses cannot be assigned, because blocks are numbered from 1 instead of 0 (picture number \
+                     minus one)",
                     counts()
                 ));
             }

@@ -108,8 +108,8 @@ impl DepthAlignment {
     }
 }
 
-/// Computes the logarithm of the factors, `[1, R, R, 1]`, from depth `[1, R, R, 2]` in metres: the first predicted
-/// layer and the known depth.
+/// Computes the logarithm of the factors, `[1, R, R, 1]`, from two depth maps in metres, `[1, R, R, 2]`. Channel 0 is
+/// the first predicted layer, channel 1 the known depth.
 impl Module for DepthAlignment {
     fn forward(&self, depths: &Tensor) -> Result<Tensor> {
         let inverse = depths.maximum(MIN_DEPTH)?.recip()?;

@@ -115,7 +115,7 @@ impl SimpleBackend for Weights {
     }
 
     fn get_unchecked(&self, name: &str, _: DType, _: &Device) -> candle_core::Result<Tensor> {
-        candle_core::bail!("{name}: a parameter is read in the shape that it is declared in")
+        candle_core::bail!("{name}: a parameter can only be read with its declared shape")
     }
 
     fn contains_tensor(&self, name: &str) -> bool {

@@ -49,7 +49,7 @@ pub struct Dropped {
     pub not_finite: u64,
     /// The quaternion is zero and so defines no rotation.
     pub zero_quaternion: u64,
-    /// The centre is in front of the near plane or behind the camera.
+    /// The centre is nearer than the near plane, or behind the camera.
     pub near: u64,
     /// The centre is beyond the far plane.
     pub far: u64,

@@ -158,7 +158,7 @@ impl Default for Intervals {
 }
 
 impl Default for TrainingConfig {
-    /// One sample per GPU; the paper uses 128 and 32 GPUs.
+    /// Batches of one sample for each GPU of the paper: 128 in stage 1 and 32 in stage 2.
     fn default() -> Self {
         let stage = |steps, batch| StageConfig {
             steps,

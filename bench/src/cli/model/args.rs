@@ -16,7 +16,7 @@ use crate::io::checkpoint::named_network;
 #[derive(Debug, Clone, Args)]
 pub(crate) struct ModelArgs {
     /// Weights: .pt or .safetensors, or mini for the bundled small network [default: the release
-    /// checkpoint in its own cache folder or that of sharp-bench]
+    /// checkpoint in torch's hub folder or in sharp-bench's cache]
     #[arg(long, value_name = "FILE")]
     pub(crate) checkpoint: Option<PathBuf>,
     /// Architecture, FILE.json or FILE.json#NAME [default: the release's]
@@ -66,8 +66,8 @@ pub(crate) struct PhotoArgs {
     /// Refuse photographs with more pixels, before they are decoded
     #[arg(long, value_name = "N", default_value_t = PhotoOptions::default().max_pixels)]
     pub(crate) max_pixels: u64,
-    /// A photograph that is not opaque: drop (its colours as stored, as the release does, with a warning), refuse, or
-    /// composited over black or white
+    /// For a photograph that is not opaque: drop (colours as stored, as the release does, with a warning), refuse,
+    /// black or white (composite over it)
     #[arg(long, value_name = "RULE", default_value_t = AlphaRule::Drop)]
     pub(crate) alpha: AlphaRule,
     /// A photograph whose colour profile is not sRGB: convert (to sRGB) or as-stored (as the release does)

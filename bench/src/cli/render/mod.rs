@@ -25,10 +25,11 @@ use crate::rendering::BatchRenderer;
 /// Render 3D Gaussians to a picture, frames or a movie
 ///
 /// SCENE is a .ply file (SHARP's own or a plain 3D Gaussian one) or a .safetensors file with `means`, `quats_wxyz`,
-/// `scales`, `opacities` and `colors_linear`, or `sh` (harmonics of encoded colours, [N,(degree+1)²,3]). OUT is .png
-/// (sRGB, 8 bit), .exr (linear RGB, alpha, accumulated depth), .safetensors (`rgb_linear` [H,W,3], `alpha` [H,W],
-/// `depth_acc` [H,W]; with --rendering or encoded colours `rgb` instead, in the rule's blending space, over the
-/// background and not clamped); for a moved camera a folder of PNG frames, .gif, or .mp4 (through an installed ffmpeg).
+/// `scales`, `opacities` and either `colors_linear` or `sh` (harmonics of encoded colours, [N,(degree+1)²,3]). OUT is
+/// .png (sRGB, 8 bit), .exr (linear RGB, alpha, accumulated depth) or .safetensors (`rgb_linear` [H,W,3], `alpha`
+/// [H,W], `depth_acc` [H,W]). With --rendering or encoded colours, .safetensors has `rgb` instead of `rgb_linear`: in
+/// the rule's blending space, over the background and not clamped. If the camera moves, OUT is a folder for PNG frames,
+/// .gif, or .mp4 (through an installed ffmpeg).
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:

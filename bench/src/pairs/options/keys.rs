@@ -24,7 +24,8 @@ pub(super) const MEANINGS: [&str; 20] = [
     "both directions between two views, or only from the earlier to the later one",
     "views without depth: join no pair, join pairs without an overlap, or leave before sets are formed",
     "whose depth decides overlap; sparse alone is sparse:8",
-    "when a projected pixel counts as seen: depth within a share of z, inside the picture, or within metres and a share",
+    "when a projected pixel counts as seen: if depth differs from z by at most a share of z, if it lies inside the \
+     picture, or if depth differs by less than a length plus a share of z",
     "how the other view's depth is read where a pixel lands",
     "number that seen pixels are divided by: pixels with depth, all pixels, or the other view's \
      pixels with depth",

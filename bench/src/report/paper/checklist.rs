@@ -255,7 +255,7 @@ fn privilege(compared: &ChecklistInput<'_>) -> Condition {
         ),
         (true, false) => check(true, "No row uses the true depth, nor do the paper's rows."),
         (false, true) => unmet(format!(
-            "Without the scale of the true depth, which the paper's rows have: {}.",
+            "Without the scale of the true depth, which the paper's rows use: {}.",
             others.join(", ")
         )),
         (false, false) => unmet(format!(

@@ -274,7 +274,7 @@ fn of_pair<'a>(
         let picture = read_rgb8(&file).map_err(|error| error.to_string())?;
         let picture = Picture::Rgb8(picture);
         if picture.dimensions() != region.size() {
-            return Err("its pictures do not have the size that was scored".to_owned());
+            return Err("a kept picture does not have the size of the scored region".to_owned());
         }
         let maps = truth.maps(&scoring.scorer, &picture, Some(region))?;
         sides.push((picture, maps));

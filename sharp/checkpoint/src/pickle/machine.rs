@@ -199,7 +199,7 @@ impl<'a> Machine<'a, '_> {
                 let id = u32::from_le_bytes(self.array()?);
                 self.recall(id)?;
             }
-            // Instances of classes; only unknown classes are instantiated this way.
+            // Opcodes that instantiate a class; an error unless the class is unknown.
             0x81 | 0x92 => {
                 // The arguments; the second opcode also has keyword arguments.
                 self.pop()?;
