@@ -142,7 +142,7 @@ fn figures_of_runs() {
         );
     }
     figure("failure", &["--methods", "copy"]).ends_with(0);
-    figure("failure", &[]).is_usage_error_with(&["--methods"]);
+    figure("failure", &["--methods", "copy,mean"]).is_usage_error_with(&["--methods"]);
     figure("motion", &[]).is_error_with(&["metric 'dists' is not in these runs", "psnr"]);
     figure("qualitative", &["--pair", "x"]).is_error_with(&["pair 'x'", "S/seed0/"]);
     let said = figure("qualitative", &["--crop", "1,2"]).ends_with(2);
@@ -178,7 +178,13 @@ fn what_is_wrong_with_a_sheet_is_said() {
     let dir = folder();
     let figure = |name: &str, run: &str, more: &[&str]| {
         let common = ["figure", name, run, "--out", "f"];
-        sharp_bench(dir.path(), &[&common, more].concat())
+        // Without the option, sheets leave out the mean.
+        let both = ["--methods", "copy,mean"];
+        let more = match more.contains(&"--methods") {
+            true => more.to_vec(),
+            false => [&both, more].concat(),
+        };
+        sharp_bench(dir.path(), &[&common, &more[..]].concat())
     };
     let said = figure("qualitative", "run", &["--crop", "40,0,12,9", "--json"]).ends_with(4);
     let outside = "extends beyond its 48 × 36 pixels";
@@ -188,7 +194,7 @@ fn what_is_wrong_with_a_sheet_is_said() {
     is_there(dir.path(), "f/qualitative.png");
 
     let failure = |more: &[&str]| {
-        let more = [&["--method", "copy"], more].concat();
+        let more = [&["--methods", "copy"], more].concat();
         figure("failure", "run", &more)
     };
     failure(&["--depth", "nowhere"]).is_error_with(&["nowhere: is not a folder"]);
@@ -270,7 +276,7 @@ fn the_depth_beside_a_failure_is_that_of_the_rendering() {
         "figure",
         "failure",
         "run",
-        "--method",
+        "--methods",
         "gaussians",
         "--out",
         "f",

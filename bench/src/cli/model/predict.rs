@@ -79,11 +79,13 @@ pub(crate) fn execute(args: &PredictArgs) -> anyhow::Result<Outcome> {
         named_after(&args.images, &args.out)?
     };
     let mut model = args.model.clone();
-    if model.checkpoint.is_none() && model.config.is_none() && find_checkpoint().is_err() {
-        output::remark(
-            "note: the release's checkpoint was not found, so the bundled small network predicts; --checkpoint FILE \
-             chooses another, and `weights list` says where the release's is looked for",
-        );
+    if model.checkpoint.is_none()
+        && model.config.is_none()
+        && let Err(absent) = find_checkpoint()
+    {
+        output::remark(format!(
+            "note: the bundled small network predicts: {absent}"
+        ));
         model.checkpoint = Some("mini".into());
     }
     let predictor = model.load()?;
