@@ -226,16 +226,18 @@ impl Table {
         table
     }
 
+    /// The uncertainty of a cell as displayed, with its sign; empty for none.
+    fn plus_minus(&self, column: &Column, cell: &Cell) -> String {
+        let found = self.uncertainty.zip(cell.spread);
+        found.map_or_else(String::new, |(uncertainty, spread)| {
+            format!("± {}", shown(spread.of(uncertainty), column.decimals))
+        })
+    }
+
     /// The number as displayed with its uncertainty, or `n/a`.
     fn number(&self, column: &Column, cell: &Cell) -> String {
-        let number = cell.text(column);
-        match self.uncertainty.zip(cell.spread) {
-            Some((uncertainty, spread)) => {
-                let spread = shown(spread.of(uncertainty), column.decimals);
-                format!("{number} ± {spread}")
-            }
-            None => number,
-        }
+        let text = format!("{} {}", cell.text(column), self.plus_minus(column, cell));
+        text.trim_end().to_owned()
     }
 
     /// Whether the table has both measured and published rows.

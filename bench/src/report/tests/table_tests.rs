@@ -407,7 +407,7 @@ fn uncertainty_is_that_over_scenes_in_every_form() {
         "{}",
         table.latex()
     );
-    assert!(table.html("t").unwrap().contains("6.00 ± 9.94"));
+    assert!(table.html("t").unwrap().contains("<small>± 9.94</small>"));
     let csv = String::from_utf8(table.csv()).unwrap();
     let mut lines = csv.lines();
     assert!(lines.next().unwrap().ends_with(",scenes,ci95"));
