@@ -199,11 +199,11 @@ mod tests {
                 .to_string()
         };
         let helped = error((80, 60));
-        assert!(helped.starts_with("a.png: is 80x60, but its camera is for 160x120; "));
+        assert!(helped.starts_with("a.png: is 80x60, but its camera is for 160x120 pixels; "));
         assert!(helped.contains("camera-size=scaled"), "{helped}");
         assert_eq!(
             error((80, 80)),
-            "a.png: is 80x80, but its camera is for 160x120"
+            "a.png: is 80x80, but its camera is for 160x120 pixels"
         );
     }
 }
