@@ -207,7 +207,6 @@ impl Neighbours<'_> {
             Change::Focal(Focal::X | Focal::Y, factor) if factor.ln().abs() > LARGE.ln() => {
                 after <= LESS * before
             }
-            Change::Focal(Focal::X | Focal::Y, _) => after <= WELL * before,
             _ => after <= WELL || after <= MUCH_LESS * before && after <= UNRELATED,
         }
     }

@@ -330,7 +330,7 @@ mod tests {
             (
                 &["1.jpg", "2.jpg"],
                 &[1, 2],
-                "blocks must be numbered from 0",
+                "numbered from 1 instead of 0",
             ),
             (&["1.jpg", "01.jpg"], &[0, 1], "the same number"),
         ] {

@@ -355,7 +355,7 @@ fn a_right_picture_that_no_scene_has_is_named_with_its_setting() {
     let error = refusal("middlebury,right=im1E", folder.path());
     for part in [
         "right=",
-        "2 scenes left out (A-perfect, B-perfect): there is no im1E.png, which right=im1E asks for",
+        "2 scenes left out (A-perfect, B-perfect): there is no im1E.png, which right=im1E requires",
     ] {
         assert!(error.contains(part), "{error}");
     }

@@ -480,7 +480,7 @@ fn scannetpp_drops_bad_poses_and_blackens_masks() {
     let found = read("scannetpp,split=mine", folder.path());
     assert_eq!(found.views.len(), scene.views().len() - 1);
     assert!(
-        found.notes.iter().any(|n| n.contains("pose bad")),
+        found.notes.iter().any(|n| n.contains("pose as bad")),
         "{:?}",
         found.notes
     );
