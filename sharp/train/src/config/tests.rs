@@ -142,7 +142,7 @@ fn errors_name_file_and_key() {
         ),
         (
             &format!("{stage}data.datasets = []"),
-            "`stage1.data` names no",
+            "`stage1.data` lists no",
         ),
         (
             &format!("{stage}data.datasets = [\"x=y\"]"),
