@@ -183,7 +183,10 @@ def _command(name, arguments, answers=(), **options):
             elif one is not None and one is not False:
                 # In one word, so that a value may begin with a dash.
                 line.append(f"{option}={os.fspath(one) if isinstance(one, os.PathLike) else one}")
-    done = subprocess.run(line, capture_output=True, encoding="utf-8")
+    # The package may lie where only this process looks for it.
+    paths = [os.path.dirname(os.path.dirname(os.path.abspath(__file__))), os.environ.get("PYTHONPATH")]
+    environment = dict(os.environ, PYTHONPATH=os.pathsep.join(filter(None, paths)))
+    done = subprocess.run(line, capture_output=True, encoding="utf-8", env=environment)
     if done.returncode not in (0, 4, *answers):
         reason = done.stderr.strip().removeprefix("error: ") or f"exit code {done.returncode}"
         raise (ValueError if done.returncode == 2 else Error)(reason)
