@@ -204,7 +204,8 @@ def test_the_program_within_the_package():
 
 
 def test_commands_are_functions(tmp_path):
-    old, new = (run(copy, tmp_path / name, methods=["mean"]) for name in ("old", "new"))
+    scenes = f"{DATASET},scenes=2"
+    old, new = (sb.evaluate(copy, scenes, tmp_path / name, methods=["mean"], metrics="psnr", limit=8) for name in ("old", "new"))
     report = sb.report(old.path, out=tmp_path / "page", methods=["mean", "copy"], rename={"copy": "Ours"}, uncertainty="se")
     assert Path(report["out"], "index.html").is_file()
     table = (tmp_path / "page/tables/scores.csv").read_text().splitlines()
