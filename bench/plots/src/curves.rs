@@ -1,9 +1,10 @@
 //! Bin means as lines, with a shaded band for their spread. Lines and bands do not span empty bins.
 
+use super::axis::PlotAxis;
 use super::bins::{Bin, neighbours};
 use super::canvas::{Point, Surface};
 use super::palette::{Style, stroke};
-use super::panels::{PlotArea, PlotAxis, point};
+use super::panels::{PlotArea, point};
 
 /// A bin with the optional range (low, high) of its band.
 #[derive(Debug, Clone, PartialEq)]

@@ -1,10 +1,11 @@
 //! Figures for screens and papers, drawn as SVG, PNG and PDF from one description. Independent of metrics and runs.
 //!
-//! * [`panels`]: axes, legend and the grid of panels; [`curves`]: bin means with their bands; [`bins`]: binning along
+//! * [`panels`]: legend and the grid of panels; [`axis`]: an axis; [`curves`]: bin means with their bands; [`bins`]: binning along
 //!   an axis; [`scale`]: round tick steps and number formatting.
 //! * [`canvas`]: a drawing; [`figure`]: its output files; [`png`]: the PNG encoder; [`text`]: text in the bundled font.
 //! * [`style`]: size and colours of figures; [`palette`]: colours and markers; [`ink`]: one colour.
 
+pub mod axis;
 pub mod bins;
 pub mod canvas;
 pub mod curves;

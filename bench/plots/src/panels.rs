@@ -4,11 +4,12 @@ use std::collections::BTreeSet;
 
 use crate::PlotError;
 
+use super::axis::PlotAxis;
 use super::canvas::{Anchor, Lettering, Point, Surface};
 use super::figure::Figure;
 use super::ink::{GRID, INK, Ink, MUTED, PAPER};
 use super::palette::{Style, stroke};
-use super::scale::{Scale, Step, finite_range, log_ticks};
+use super::scale::Scale;
 use super::style::{FigureStyle, Medium};
 use super::text::{CAP_HEIGHT, Weight, fitted, width, wrapped, wrapped_to};
 
@@ -47,83 +48,6 @@ pub const MARKER: f64 = 4.2;
 /// Height of the strip above the axis in which infinite values are drawn.
 const INFINITY_STRIP: f64 = 22.0;
 
-/// An axis: its range and its ticks.
-#[derive(Debug, Clone, PartialEq)]
-pub struct PlotAxis {
-    /// Label with the unit.
-    pub label: String,
-    pub low: f64,
-    pub high: f64,
-    /// Positions and texts of the ticks.
-    pub ticks: Vec<(f64, String)>,
-    /// Whether positions are decimal logarithms of the values.
-    pub is_logarithmic: bool,
-}
-
-impl PlotAxis {
-    /// An axis over `low..=high` with at most `ticks` ticks; widened if the range is a single point.
-    pub fn over(label: &str, low: f64, high: f64, ticks: usize) -> Self {
-        let (low, high) = if low < high {
-            (low, high)
-        } else {
-            let room = (low.abs() * 0.05).max(0.5);
-            (low - room, low + room)
-        };
-        let step = Step::nice(high - low, ticks);
-        let ticks = step.within(low, high).into_iter();
-        Self {
-            label: label.to_owned(),
-            low,
-            high,
-            ticks: ticks.map(|k| (step.at(k), step.text(k))).collect(),
-            is_logarithmic: false,
-        }
-    }
-
-    /// The axis as a style wants it.
-    fn styled(&self, label: Option<&String>, limits: Option<[f64; 2]>) -> Self {
-        let label = label.unwrap_or(&self.label);
-        match limits {
-            None => Self {
-                label: label.clone(),
-                ..self.clone()
-            },
-            Some([low, high]) if self.is_logarithmic => {
-                Self::logarithmic(label, low.max(f64::MIN_POSITIVE), high)
-            }
-            Some([low, high]) => Self::over(label, low, high, 6),
-        }
-    }
-
-    /// An axis over all finite values, extended at either end by `room` times their range; 0 to 1 if there are none.
-    pub fn around(label: &str, values: impl IntoIterator<Item = f64>, room: f64) -> Self {
-        let (low, high) = finite_range(values).unwrap_or((0.0, 1.0));
-        let room = (high - low) * room;
-        Self::over(label, low - room, high + room, 6)
-    }
-
-    /// Keeps only ticks at whole numbers.
-    #[must_use]
-    pub fn counting(mut self) -> Self {
-        self.ticks.retain(|(at, _)| at.fract() == 0.0);
-        for (at, text) in &mut self.ticks {
-            *text = format!("{at:.0}");
-        }
-        self
-    }
-
-    /// An axis of decimal logarithms over `low..=high`, both positive; data drawn on it must be
-    /// logarithms too.
-    pub fn logarithmic(label: &str, low: f64, high: f64) -> Self {
-        let ticks = log_ticks(low, high).into_iter();
-        Self {
-            ticks: ticks.map(|tick| (tick.log10(), tick.to_string())).collect(),
-            is_logarithmic: true,
-            ..Self::over(label, low.log10(), high.log10(), 1)
-        }
-    }
-}
-
 /// Texts and axes around a panel.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PanelFrame {
@@ -155,6 +79,23 @@ impl PanelFrame {
             y,
             infinity: false,
             counts: Vec::new(),
+        }
+    }
+
+    /// The frame with the labels and limits of a style.
+    fn styled(&self, style: &FigureStyle) -> Self {
+        let x = self.x.styled(style.xlabel.as_ref(), style.xlim);
+        let within = |count: &BinCount| BinCount {
+            low: count.low.max(x.low),
+            high: count.high.min(x.high),
+            ..*count
+        };
+        let counts = self.counts.iter().map(within);
+        Self {
+            counts: counts.filter(|count| count.low < count.high).collect(),
+            y: self.y.styled(style.ylabel.as_ref(), style.ylim),
+            x,
+            ..self.clone()
         }
     }
 }
@@ -221,11 +162,8 @@ pub fn figure(
     Figure::draw(title, layout.size(), medium, |surface| {
         layout.surround(surface, &legend);
         for (i, panel) in panels.iter().enumerate() {
-            let mut frame = panel.frame.clone();
-            if let Some(style) = print {
-                frame.x = frame.x.styled(style.xlabel.as_ref(), style.xlim);
-                frame.y = frame.y.styled(style.ylabel.as_ref(), style.ylim);
-            }
+            let frame =
+                print.map_or_else(|| panel.frame.clone(), |style| panel.frame.styled(style));
             let area = layout.panel(surface, i, &frame);
             let mut data = Surface::default();
             match &panel.content {
@@ -544,6 +482,29 @@ fn lettering(size: f64, ink: Ink, anchor: Anchor) -> Lettering {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn counts_end_where_the_axis_does() {
+        let axis = || PlotAxis::over("x", 0.0, 1.0, 5);
+        let count = |low, high| BinCount {
+            low,
+            high,
+            n: (1, 1),
+        };
+        let frame = PanelFrame {
+            counts: vec![count(0.0, 0.2), count(0.2, 0.5), count(0.5, 1.0)],
+            ..PanelFrame::new("", "", axis(), axis())
+        };
+        let style = FigureStyle {
+            xlim: Some([0.3, 0.4]),
+            xlabel: Some("label".into()),
+            ..FigureStyle::default()
+        };
+        let styled = frame.styled(&style);
+        assert_eq!(styled.counts, [count(0.3, 0.4)]);
+        assert_eq!((styled.x.label.as_str(), styled.x.low), ("label", 0.3));
+        assert_eq!(styled.y, frame.y);
+    }
 
     #[test]
     fn an_axis_over_one_point_has_width() {

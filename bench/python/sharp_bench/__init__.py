@@ -190,7 +190,7 @@ def _command(name, arguments, answers=(), **options):
     if done.returncode not in (0, 4, *answers):
         reason = done.stderr.strip().removeprefix("error: ") or f"exit code {done.returncode}"
         raise (ValueError if done.returncode == 2 else Error)(reason)
-    _warn(note.split(": ", 1)[1] for note in done.stderr.splitlines() if note.startswith(("warning: ", "note: ")))
+    _warn((note.split(": ", 1)[1] for note in done.stderr.splitlines() if note.startswith(("warning: ", "note: "))), 4)
     return json.loads(done.stdout)
 
 
@@ -380,9 +380,10 @@ def _display(progress):
     bars = {}
 
     def draw(phase, done, of):
-        phase = phase or "evaluating"
-        bar = bars.setdefault(phase, None) or tqdm(desc=phase, total=of or None)
-        bars[phase] = bar
+        if phase not in bars:
+            bars[phase] = tqdm(desc=phase or "evaluating")
+        bar = bars[phase]
+        bar.total = of or None
         bar.update(done - bar.n)
         if of and done >= of:
             bar.close()
@@ -395,6 +396,7 @@ def _print_progress(phase, done, of):
     print(f"\r{phase or 'evaluating'}: {done} of {of or '?'}   ", end=end, file=sys.stderr, flush=True)
 
 
-def _warn(notes):
+def _warn(notes, level=3):
+    """Warns at the line of the caller's caller, or ``level`` calls up."""
     for note in notes:
-        warnings.warn(note, stacklevel=3)
+        warnings.warn(note, stacklevel=level)

@@ -6,6 +6,8 @@ use std::fmt;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use sharp_statistics::mean;
+
 use super::record::Record;
 
 /// How scores are averaged. Part of a value's identity, because the rule determines the weight of a scene with many
@@ -39,22 +41,34 @@ pub enum Aggregation {
 impl Aggregation {
     pub const ALL: [Self; 3] = [Self::Pairs, Self::Scenes, Self::Sources];
 
-    /// The mean of `values`; `None` if there are none. Groups are summed in the given order, then averaged by name, so
-    /// the result does not depend on threads. One infinite value makes the mean infinite.
+    /// The mean of `values`; `None` if there are none. One infinite value makes the mean infinite.
     pub fn of<'a>(self, values: impl IntoIterator<Item = (&'a Record, f64)>) -> Option<f64> {
-        // Sum and count by group.
-        let mut groups: BTreeMap<[&str; 3], (f64, usize)> = BTreeMap::new();
+        let units = self.units(values).into_iter();
+        mean(&units.map(|(_, value)| value).collect::<Vec<_>>())
+    }
+
+    /// What the mean weights equally, each with one of its records: the pairs in the given order, or
+    /// the means of groups of them, by name. The order of threads does not matter.
+    pub fn units<'a>(
+        self,
+        values: impl IntoIterator<Item = (&'a Record, f64)>,
+    ) -> Vec<(&'a Record, f64)> {
+        let parts: fn(&Record) -> [&str; 3] = match self {
+            Self::Pairs => return values.into_iter().collect(),
+            Self::Scenes => |record| [&record.dataset, &record.scene, ""],
+            Self::Sources => |record| [&record.dataset, &record.scene, &record.source],
+        };
+        // Any record, sum and count of each group.
+        let mut groups: BTreeMap<[&str; 3], (&Record, f64, usize)> = BTreeMap::new();
         for (record, value) in values {
-            let key: [&str; 3] = match self {
-                Self::Pairs => [""; 3],
-                Self::Scenes => [&record.dataset, &record.scene, ""],
-                Self::Sources => [&record.dataset, &record.scene, &record.source],
-            };
-            let group = groups.entry(key).or_default();
-            *group = (group.0 + value, group.1 + 1);
+            let key = parts(record);
+            let group = groups.entry(key).or_insert((record, 0.0, 0));
+            *group = (group.0, group.1 + value, group.2 + 1);
         }
-        let means = groups.values().map(|(sum, n)| sum / *n as f64);
-        (!groups.is_empty()).then(|| means.sum::<f64>() / groups.len() as f64)
+        let groups = groups.into_values();
+        groups
+            .map(|(record, sum, n)| (record, sum / n as f64))
+            .collect()
     }
 }
 

@@ -69,7 +69,7 @@ pub struct Bundle {
     pub timings: Timings,
 }
 
-/// Times by method and pair.
+/// Times of predictions by the method's label, then by pair id.
 pub type Timings = BTreeMap<String, BTreeMap<String, Timing>>;
 
 /// A unit without its scores and without the columns of the pair list.
@@ -167,7 +167,12 @@ impl Bundle {
     pub(crate) fn head(&self) -> serde_json::Result<Head> {
         Ok(Head {
             format: FORMAT,
-            digest: digest(FORMAT, &self.results.manifest, &self.results.records)?,
+            digest: digest(
+                FORMAT,
+                &self.results.manifest,
+                &self.results.records,
+                &self.timings,
+            )?,
             occasion: self.occasion.clone(),
         })
     }
@@ -264,7 +269,10 @@ impl Bundle {
         hasher
             .add("manifest", &serde_json::to_string(&manifest)?)
             .add("pairs", &self.pairs.sha256)
-            .add("records", &digest(1, &manifest, &self.results.records)?)
+            .add(
+                "records",
+                &digest(1, &manifest, &self.results.records, &Timings::new())?,
+            )
             .add("missing", &serde_json::to_string(&self.results.missing)?);
         Ok(hasher.finish())
     }
@@ -280,8 +288,13 @@ fn unavailable(record: &Record) -> BTreeMap<String, String> {
         .collect()
 }
 
-/// Digest of manifest and records, as the bundle's format defines it.
-fn digest(format: u32, manifest: &Manifest, records: &[Record]) -> serde_json::Result<String> {
+/// Digest of manifest, records and any times, as the bundle's format defines it.
+fn digest(
+    format: u32,
+    manifest: &Manifest,
+    records: &[Record],
+    timings: &Timings,
+) -> serde_json::Result<String> {
     let mut hasher = StableHasher::default();
     if format > 1 {
         hasher.add("manifest", &serde_json::to_string(manifest)?);
@@ -293,6 +306,9 @@ fn digest(format: u32, manifest: &Manifest, records: &[Record]) -> serde_json::R
             ..record.clone()
         };
         hasher.add("record", &serde_json::to_string(&kept)?);
+    }
+    if !timings.is_empty() {
+        hasher.add("timings", &serde_json::to_string(timings)?);
     }
     Ok(hasher.finish())
 }
@@ -423,7 +439,8 @@ fn read_file(path: &Path) -> Result<Bundle, EvaluateError> {
             ..empty_record(pair, &line.cluster, &method.label)
         });
     }
-    let found = digest(head.format, &manifest, &records);
+    let timings = members.timings()?;
+    let found = digest(head.format, &manifest, &records, &timings);
     let found = found.map_err(|error| unreadable(error.to_string()))?;
     if found != head.digest {
         return Err(unreadable(
@@ -442,6 +459,6 @@ fn read_file(path: &Path) -> Result<Bundle, EvaluateError> {
         results,
         pairs: list,
         occasion: head.occasion,
-        timings: members.timings()?,
+        timings,
     })
 }

@@ -48,40 +48,35 @@ impl Shown {
     /// If a name is in none of the results, or two methods of one of them would have the same name.
     pub fn of<const N: usize>(&self, all: [Results; N]) -> Result<[Results; N], ShownError> {
         self.check(&all)?;
-        Ok(all.map(|results| self.of_one(results)))
+        Ok(all.map(|results| self.chosen(results)))
     }
 
     fn check(&self, all: &[Results]) -> Result<(), ShownError> {
         let methods = all.iter().flat_map(|results| &results.manifest.methods);
         let labels: BTreeSet<&str> = methods.map(|method| method.label.as_str()).collect();
         let datasets = all.iter().flat_map(|results| &results.manifest.datasets);
-        let datasets = datasets.map(|dataset| dataset.name.as_str()).collect();
+        let datasets: BTreeSet<&str> = datasets.map(|dataset| dataset.name.as_str()).collect();
         let metrics = all.iter().flat_map(|results| &results.manifest.metrics);
         let metrics: BTreeSet<String> = metrics.map(|m| m.info.key.to_string()).collect();
-        let metrics = metrics.iter().map(String::as_str).collect();
-        let old = self.renamed.iter().map(|(old, _)| old.as_str());
-        known("rename", "method", old, &labels)?;
+        let metrics: BTreeSet<&str> = metrics.iter().map(String::as_str).collect();
         let renamed = labels.iter().map(|label| self.name(label));
-        let labels = labels.iter().copied().chain(renamed).collect();
-        known(
-            "methods",
-            "method",
-            self.methods.iter().map(String::as_str),
-            &labels,
-        )?;
-        known(
-            "datasets",
-            "dataset",
-            self.datasets.iter().map(String::as_str),
-            &datasets,
-        )?;
+        let both: BTreeSet<&str> = labels.iter().copied().chain(renamed).collect();
+        let old: Vec<String> = self.renamed.iter().map(|(old, _)| old.clone()).collect();
         let keys: Vec<String> = self.metrics.iter().map(MetricKey::to_string).collect();
-        known(
-            "metrics",
-            "metric",
-            keys.iter().map(String::as_str),
-            &metrics,
-        )?;
+        for (option, what, names, known) in [
+            ("rename", "method", &old, &labels),
+            ("methods", "method", &self.methods, &both),
+            ("datasets", "dataset", &self.datasets, &datasets),
+            ("metrics", "metric", &keys, &metrics),
+        ] {
+            let mut names = names.iter();
+            if let Some(name) = names.find(|name| !known.contains(name.as_str())) {
+                let known: Vec<&str> = known.iter().copied().collect();
+                let nearest = nearest_of(name, &known);
+                let reason = format!("no {what} '{name}' in the results; {nearest}");
+                return Err(ShownError { option, reason });
+            }
+        }
         for results in all {
             let mut names = BTreeSet::new();
             let labels = results
@@ -105,7 +100,8 @@ impl Shown {
         renamed.map_or(label, |(_, new)| new)
     }
 
-    fn of_one(&self, mut results: Results) -> Results {
+    /// The chosen results; names that do not exist choose nothing.
+    pub(crate) fn chosen(&self, mut results: Results) -> Results {
         if !self.renamed.is_empty() {
             results.relabel(|label| self.name(label).to_owned());
         }
@@ -156,25 +152,6 @@ fn order<T>(items: &mut Vec<T>, names: &[&str], name: impl Fn(&T) -> String) {
     let place = |item: &T| names.iter().position(|listed| *listed == name(item));
     items.retain(|item| place(item).is_some());
     items.sort_by_key(place);
-}
-
-fn known<'a>(
-    option: &'static str,
-    what: &str,
-    mut names: impl Iterator<Item = &'a str>,
-    known: &BTreeSet<&str>,
-) -> Result<(), ShownError> {
-    let Some(name) = names.find(|name| !known.contains(name)) else {
-        return Ok(());
-    };
-    let known: Vec<&str> = known.iter().copied().collect();
-    Err(ShownError {
-        option,
-        reason: format!(
-            "no {what} '{name}' in the results; {}",
-            nearest_of(name, &known)
-        ),
-    })
 }
 
 #[cfg(test)]

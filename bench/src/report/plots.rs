@@ -13,12 +13,13 @@ use crate::report::statistics::{CellStatistics, Uncertainty, of_metric};
 use sharp_plots::PlotError;
 
 use sharp_plots::Figure;
+use sharp_plots::axis::PlotAxis;
 use sharp_plots::bins::{Binning, Cuts, bins};
 use sharp_plots::canvas::Surface;
 use sharp_plots::curves::{Banded, curve, shade, vertical};
 use sharp_plots::ink::{INK, Ink};
 use sharp_plots::palette::{Style, style};
-use sharp_plots::panels::{Panel, PanelFrame, PlotArea, PlotAxis, figure};
+use sharp_plots::panels::{Panel, PanelFrame, PlotArea, figure};
 use sharp_plots::style::FigureStyle;
 
 /// Marks every file of a figure as ours, so that a later one may overwrite it.
@@ -239,7 +240,7 @@ pub fn by_scene(board: &Board<'_>, metric: &Column) -> Result<Option<Figure>, Pl
                         continue;
                     };
                     let reach = spread.of(Uncertainty::Ci95);
-                    // Not beyond the axis, on which an interval over few scenes may leave the metric's range.
+                    // Intervals over few scenes are so long that the points would shrink to a line.
                     let ends = [mean - reach, mean + reach].map(|end| end.clamp(y.low, y.high));
                     let line = |from: (f64, f64), to: (f64, f64)| {
                         [from, to].map(|(x, value)| (area.x.place(x), area.y.place(value)))
@@ -267,7 +268,8 @@ pub fn by_scene(board: &Board<'_>, metric: &Column) -> Result<Option<Figure>, Pl
     let legend = shown.map(|&m| (board.methods[m].label.as_str(), style(m)));
     let legend: Vec<(&str, Style)> = legend.collect();
     let caption = format!(
-        "{}: {}. A point is the mean of a scene; the cross is the mean over the dataset with its 95 % interval.",
+        "{}: {}. A point is the mean of a scene; the cross is the mean over the dataset with its 95 % interval, \
+         cut off at the ends of the axis.",
         metric.label,
         metric.direction_words()
     );

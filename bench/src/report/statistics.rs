@@ -5,7 +5,6 @@ use std::collections::BTreeMap;
 use sharp_statistics::distributions::t_critical;
 use sharp_statistics::{ALPHA, Clusters, Jackknife, mean, sample_std};
 
-use crate::evaluate::Aggregation;
 use crate::evaluate::record::{Record, Score, Status};
 
 use super::board::DatasetBoard;
@@ -116,24 +115,6 @@ impl Spread {
     }
 }
 
-/// The values that a mean weights equally, pairs or means over groups of them, each with its physical scene.
-fn units<'a>(values: &[(&'a Record, f64)], aggregation: Aggregation) -> Vec<(&'a str, f64)> {
-    let mut units: BTreeMap<[&str; 2], (&str, Vec<f64>)> = BTreeMap::new();
-    for (record, value) in values {
-        let group = match aggregation {
-            Aggregation::Pairs => [record.pair_id.as_str(), ""],
-            Aggregation::Scenes => [record.scene.as_str(), ""],
-            Aggregation::Sources => [record.scene.as_str(), record.source.as_str()],
-        };
-        let unit = units.entry(group);
-        unit.or_insert((&record.cluster, Vec::new())).1.push(*value);
-    }
-    let units = units.into_values();
-    units
-        .filter_map(|(scene, values)| Some((scene, mean(&values)?)))
-        .collect()
-}
-
 /// Statistics of the metric `key` for method number `method`.
 pub fn of_metric(dataset: &DatasetBoard<'_>, method: usize, key: &str) -> CellStatistics {
     gather(dataset, method, |record| match record.scores.get(key) {
@@ -198,7 +179,10 @@ fn gather(
     cell.mean = aggregation.of(values.iter().copied());
     let numbers: Vec<f64> = values.iter().map(|(_, v)| *v).collect();
     cell.std = sample_std(&numbers);
-    let units = units(&values, aggregation);
+    let units = aggregation.units(values.iter().copied()).into_iter();
+    let units: Vec<(&str, f64)> = units
+        .map(|(record, value)| (record.cluster.as_str(), value))
+        .collect();
     let mut scenes: BTreeMap<&str, Vec<f64>> = BTreeMap::new();
     for (scene, value) in &units {
         scenes.entry(scene).or_default().push(*value);

@@ -15,11 +15,12 @@ use crate::report::html::{STYLE, VERSION, themed};
 use crate::report::pictures::{ReportPictures, Thumbnail, scenes};
 use crate::report::{MissingPicture, ReportError};
 use sharp_plots::Figure;
+use sharp_plots::axis::PlotAxis;
 use sharp_plots::bins::{Binning, bins};
 use sharp_plots::canvas::Surface;
 use sharp_plots::curves::{Banded, curve, shade, vertical};
 use sharp_plots::palette::{stroke, style};
-use sharp_plots::panels::{Panel, PanelFrame, PlotArea, PlotAxis, figure, point};
+use sharp_plots::panels::{Panel, PanelFrame, PlotArea, figure, point};
 
 /// Maximum number of intervals of a curve; values are averaged within each.
 const STRETCHES: usize = 30;

@@ -96,6 +96,23 @@ const TRANSPOSED: [Convention; 3] = [
         turned_in_place(pose, axes * pose.rotation.transpose() * axes)
     }),
 ];
+/// Camera positions stored as translations of world-to-camera poses, and the reverse in camera-to-world ones.
+const EXCHANGED_PLACES: [Convention; 2] = [
+    of(
+        "the translations read as the cameras' positions (t = -R c)",
+        |pose| RigidTransform {
+            translation: pose.rotation * -pose.translation,
+            ..*pose
+        },
+    ),
+    of(
+        "the cameras' positions read as translations of world-to-camera poses (c = -R^T t)",
+        |pose| RigidTransform {
+            translation: pose.rotation.transpose() * -pose.translation,
+            ..*pose
+        },
+    ),
+];
 /// Pictures that were turned, but not their poses.
 const TURNED: [Convention; 2] = [
     of(
@@ -112,7 +129,8 @@ const ROTATION_TRANSPOSED: &str = "the poses' rotations transposed";
 /// All conventions except the reader's.
 pub(super) fn alternatives() -> impl Iterator<Item = &'static Convention> {
     let axes = CONVENTIONS[1..].iter().chain(&MIRRORED);
-    axes.chain(&REORDERED).chain(&TRANSPOSED).chain(&TURNED)
+    let places = axes.chain(&EXCHANGED_PLACES);
+    places.chain(&REORDERED).chain(&TRANSPOSED).chain(&TURNED)
 }
 
 /// Pose of a camera whose picture was turned by a quarter, clockwise if `sign` is 1.

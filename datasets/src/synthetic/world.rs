@@ -232,8 +232,8 @@ impl World {
         matches!(self.light.sky, Sky::Varied { .. }) && surface(a) == surface(b)
     }
 
-    /// Linear light that arrives along the rays, summed over them. `sample` is the size of one
-    /// ray's part of the picture at a depth of 1.
+    /// Linear light that arrives along the rays, summed over them. `sample` is the width
+    /// of the surface that one ray stands for at a depth of 1.
     pub(super) fn radiance(&self, sight: &Sight, sample: f64) -> DVec3 {
         let (light, share) = (&self.light, 1.0 / sight.rays);
         let direction = sight.direction * share;

@@ -7,8 +7,8 @@ const MAX_HEIGHT: u32 = 3000;
 
 /// Intrinsics with which the release's `sharp render` shows a scene predicted from a photograph.
 ///
-/// The principal point is ((W − 1) / 2, (H − 1) / 2), whatever the photograph's is: half a pixel
-/// away from (W / 2, H / 2), which the release's own prediction uses. A photograph higher than 3000
+/// The photograph's principal point is ignored and replaced by ((W − 1) / 2, (H − 1) / 2). That is half
+/// a pixel away from (W / 2, H / 2), which the release's own prediction uses. A photograph higher than 3000
 /// pixels is halved in both directions; then odd sides grow by one pixel, as the release's video
 /// encoder requires. Focal lengths and principal point are scaled accordingly.
 pub fn release_screen(photo: &Intrinsics) -> Intrinsics {

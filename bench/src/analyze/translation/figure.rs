@@ -3,9 +3,10 @@
 use crate::report::column::Column;
 use sharp_plots::Figure;
 use sharp_plots::PlotError;
+use sharp_plots::axis::PlotAxis;
 use sharp_plots::canvas::{Point, Surface};
 use sharp_plots::palette::{Marker, Style, stroke, style};
-use sharp_plots::panels::{Panel, PanelFrame, PlotArea, PlotAxis, figure as draw, point};
+use sharp_plots::panels::{Panel, PanelFrame, PlotArea, figure as draw, point};
 
 use sharp_plots::scale::finite_range;
 

@@ -6,11 +6,12 @@ use crate::io::counts::counted;
 use crate::report::column::Column;
 use sharp_plots::Figure;
 use sharp_plots::PlotError;
+use sharp_plots::axis::PlotAxis;
 use sharp_plots::canvas::Surface;
 use sharp_plots::curves::{Banded, curve, shade, vertical};
 use sharp_plots::ink::Ink;
 use sharp_plots::palette::{Marker, Style, stroke};
-use sharp_plots::panels::{self, Panel, PanelFrame, PlotArea, PlotAxis};
+use sharp_plots::panels::{self, Panel, PanelFrame, PlotArea};
 use sharp_plots::scale::finite_range;
 use sharp_plots::style::FigureStyle;
 

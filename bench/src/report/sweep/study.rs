@@ -134,7 +134,8 @@ impl Sweep {
             .filter(|m| {
                 let method = &board.methods[*m];
                 let is = privileged.contains(method.label.as_str());
-                method.is_plotted && spec.privileged.is_none_or(|wanted| wanted == is)
+                let is_shown = method.is_plotted || spec.against.as_ref() == Some(&method.label);
+                is_shown && spec.privileged.is_none_or(|wanted| wanted == is)
             })
             .collect();
         let all = || 0..board.datasets.len();

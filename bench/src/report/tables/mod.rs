@@ -213,14 +213,14 @@ impl Table {
         self.columns.iter().cycle().zip(&row.cells)
     }
 
-    /// The table with the uncertainty of its means, if any cell has one.
+    /// The table with the uncertainty of its means.
     pub(super) fn with_uncertainty(&self, uncertainty: Option<Uncertainty>) -> Self {
-        let mut table = self.clone();
+        let mut table = Self {
+            uncertainty,
+            ..self.clone()
+        };
         let mut cells = self.rows.iter().flat_map(|row| &row.cells);
-        if let Some(uncertainty) = uncertainty
-            && cells.any(|cell| cell.spread.is_some())
-        {
-            table.uncertainty = Some(uncertainty);
+        if let Some(uncertainty) = uncertainty.filter(|_| cells.any(|cell| cell.spread.is_some())) {
             table.remarks.insert(0, uncertainty.sentence().to_owned());
         }
         table

@@ -13,6 +13,7 @@ use super::anatomy::Anatomy;
 use super::breakdown::Stratum;
 use super::tables::most_changed;
 use super::{Against, RunComparison};
+use crate::evaluate::Shown;
 use crate::evaluate::record::finite_or_text;
 use crate::report::tables::csv::csv_of;
 use crate::report::{
@@ -164,21 +165,12 @@ impl RunComparison {
                 ("tables/pairs.csv".to_owned(), csv_of(&pairs)?),
             ],
         };
-        let mut results = self.results.clone();
-        let labels: Vec<&String> = self
-            .against
-            .iter()
-            .flat_map(|against| &against.joined)
-            .collect();
-        results
-            .records
-            .retain(|record| labels.contains(&&record.method));
-        results
-            .missing
-            .retain(|(_, method)| labels.contains(&method));
-        let methods = &mut results.manifest.methods;
-        methods.retain(|method| labels.contains(&&method.label));
-        methods.sort_by_key(|method| labels.iter().position(|label| **label == method.label));
+        let labels = self.against.iter().flat_map(|against| &against.joined);
+        let compared = Shown {
+            methods: labels.cloned().collect(),
+            ..Shown::default()
+        };
+        let results = compared.chosen(self.results.clone());
         let options = ReportOptions {
             published: PublishedNumbers::Never,
             comparison: Some(comparison),

@@ -77,7 +77,10 @@ impl RunComparison {
         });
         let mut heads = vec!["metric"];
         heads.extend(datasets.iter().map(String::as_str));
-        let title = format!("{} (B) against {} (A): B is (B - A)", against.b, against.a);
+        let title = format!(
+            "{} (B) compared with {} (A): what B is, and B - A",
+            against.b, against.a
+        );
         (rows.len() > 1).then(|| TextGrid::new(title, &heads, lines))
     }
 
@@ -142,14 +145,16 @@ impl RunComparison {
                 for second in &self.against[at + 1..] {
                     let of_second = of(second);
                     let both = of_first.iter();
-                    let both =
-                        both.filter_map(|(pair, one)| Some((pair, one, of_second.get(pair)?)));
+                    let both: Vec<_> = both
+                        .filter_map(|(pair, one)| Some((pair, one, of_second.get(pair)?)))
+                        .collect();
                     let flipped = both
+                        .iter()
                         .filter(|(_, one, other)| (one[0] - other[0]) * (one[1] - other[1]) < 0.0);
                     let number = |value: f64| GridCell::rounded(value, metric.info.decimals + 1);
                     let rows = flipped.map(|(pair, one, other)| {
                         vec![
-                            GridCell::words(*pair),
+                            GridCell::words(**pair),
                             number(one[0]),
                             number(other[0]),
                             number(one[1]),
@@ -157,7 +162,7 @@ impl RunComparison {
                         ]
                     });
                     let rows: Vec<_> = rows.collect();
-                    let (of, key) = (of_first.len(), metric.info.key);
+                    let (of, key) = (both.len(), metric.info.key);
                     let title = format!(
                         "{key}: {} of {} changed the order of {} and {}",
                         rows.len(),

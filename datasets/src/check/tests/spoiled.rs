@@ -787,7 +787,7 @@ fn turned_in_place(pose: &RigidTransform, rotation: DMat3) -> RigidTransform {
 }
 
 #[test]
-fn transposed_rotations_are_named() {
+fn transposed_rotations_and_exchanged_translations_are_named() {
     fn each(views: &mut [View], take: fn(&RigidTransform) -> RigidTransform) {
         for view in views {
             view.camera_from_world = take(&view.camera_from_world);
@@ -815,6 +815,26 @@ fn transposed_rotations_are_named() {
                 });
             },
             "the poses' rotations transposed",
+        ),
+    ]);
+    named(&[
+        (
+            |v| {
+                each(v, |pose| RigidTransform {
+                    translation: pose.rotation.transpose() * -pose.translation,
+                    ..*pose
+                });
+            },
+            "the translations read as the cameras' positions",
+        ),
+        (
+            |v| {
+                each(v, |pose| RigidTransform {
+                    translation: pose.rotation * -pose.translation,
+                    ..*pose
+                });
+            },
+            "the cameras' positions read as translations",
         ),
     ]);
 }
