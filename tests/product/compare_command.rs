@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use crate::support::{Said, sharp_bench};
+use crate::support::{Said, read, sharp_bench};
 
 const DATASET: &str = "S:synthetic=size=96x72,views=20";
 
@@ -109,6 +109,11 @@ fn runs_are_compared_by_pair_and_unlike_ones_refused() {
     let flipped = compare(dir, &flips).ends_with(0).out;
     let title = "psnr: 4 of 4 pairs changed the order of depth-splat and copy";
     assert!(flipped.contains(title), "{flipped}");
+    // The page plots what is compared, the mean included.
+    run(dir, "m", "4", "mean");
+    compare(dir, &["a", "m", "--out", "page"]).ends_with(0);
+    let plot = read(dir.join("page/plots/motion-psnr.svg"));
+    assert!(plot.contains("\nA\n") && plot.contains("\nB\n"), "{plot}");
     // A bundle stands for its run.
     sharp_bench(dir, &["bundle", "a", "--out", "a.zip"]).ends_with(0);
     let bundled = compare(dir, &["a.zip", "b", "--json"]).ends_with(0).json();

@@ -203,6 +203,12 @@ def test_the_program_within_the_package():
     assert told.returncode == 2 and "--dataset" in told.stderr
 
 
+def test_progress_is_a_bar_of_tqdm_or_a_line(tmp_path, capsys):
+    pytest.importorskip("tqdm")
+    done = run(copy, tmp_path / "r", progress=True)
+    assert done.counts["scored"] == 12 and "12/12" in capsys.readouterr().err
+
+
 def test_commands_are_functions(tmp_path):
     scenes = f"{DATASET},scenes=2"
     old, new = (sb.evaluate(copy, scenes, tmp_path / name, methods=["mean"], metrics="psnr", limit=8) for name in ("old", "new"))

@@ -764,6 +764,20 @@ fn a_bundle_is_the_results_without_pictures() {
     }
     let error = Results::read(&path("r/scores.csv")).unwrap_err();
     assert!(error.to_string().contains("not a bundle"), "{error}");
+
+    // Times are covered by the digest, and those of the folder.
+    write_bundle(&path("r"), &path("times.zip"), true).unwrap();
+    let timings = Bundle::read(&path("times.zip")).unwrap().timings;
+    assert_eq!(
+        timings["copy"],
+        results::timings(&path("r"), "copy").unwrap()
+    );
+    let mut other = Bundle::read(&path("times.zip")).unwrap();
+    let head = other.head().unwrap().digest;
+    for timing in other.timings.get_mut("copy").unwrap().values_mut() {
+        timing.predict_secs += 1.0;
+    }
+    assert_ne!(other.head().unwrap().digest, head);
 }
 
 /// 3000 pairs of 7 methods under 4 metrics, all scores with all digits: within the size limit for a
