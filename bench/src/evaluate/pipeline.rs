@@ -97,9 +97,10 @@ pub(super) fn run(
                 }
             }
         }
+        observer.progress(counts.units, "");
+        observer.end();
         counts.left += units - counts.units;
         counts.units = units;
-        observer.end();
         Ok(counts)
     })
 }

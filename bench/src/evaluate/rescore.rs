@@ -242,6 +242,7 @@ impl Kept<'_> {
                 }
             }
         }
+        observer.progress(counts.units, "");
         observer.end();
         // The remaining units, whose scenes or views are left out.
         let unread = units.into_values().flatten().count();
@@ -353,6 +354,7 @@ pub(super) fn score_common_region(
             score_pair(&truth, unscored, scoring, keys, memory, &common_folder)?;
         }
     }
+    observer.progress(pairs.len(), "");
     observer.end();
     Ok(())
 }

@@ -17,7 +17,7 @@ pub struct CellStatistics {
     /// Number of pairs in the dataset.
     pub total: usize,
     /// Mean over the pairs with a score, in the order of their ids, under the dataset's
-    /// [`Aggregation`]; infinite if any score is.
+    /// [`Aggregation`](crate::evaluate::Aggregation); infinite if any score is.
     pub mean: Option<f64>,
     /// Sample standard deviation over pairs (divisor n − 1); `None` for fewer than two scores or an infinite one.
     pub std: Option<f64>,
