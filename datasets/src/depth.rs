@@ -177,7 +177,8 @@ impl StereoGeometry {
                 path,
                 format!(
                     "none of {strange} disparities lies within the picture's width of {widest} \
-                     pixels (depth, or a wrong byte order or unit?)"
+                     pixels: are they in another unit (as in 16-bit PNG of KITTI, 1/256 pixel; in rig.txt: \
+                     disparity_unit), is it depth, or is the byte order wrong?"
                 ),
             ));
         }

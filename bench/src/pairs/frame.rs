@@ -14,6 +14,7 @@ use std::sync::Arc;
 
 use image::{GrayImage, Luma, RgbImage, imageops};
 use sharp::camera::Intrinsics;
+use sharp_datasets::format::FloatMap;
 use sharp_datasets::processing::Processing;
 use sharp_datasets::required_files::FileRole;
 use sharp_datasets::{DatasetError, DepthMap, View, ViewContent};
@@ -253,6 +254,11 @@ impl ViewContent for Framed {
             let x = at(x, corner.0, self.from.0, resized.0);
             *depth.get_pixel(x, at(y, corner.1, self.from.1, resized.1))
         })))
+    }
+
+    /// Of the whole picture.
+    fn stored_depth(&self) -> Result<Option<(PathBuf, FloatMap)>, DatasetError> {
+        self.whole.stored_depth()
     }
 
     fn image_file(&self) -> Option<&Path> {

@@ -124,21 +124,38 @@ const TURNED: [Convention; 2] = [
         |pose| rolled(pose, -1.0),
     ),
 ];
+/// Poses of a vehicle's body in place of the camera's: y left and z up, as in ROS, or y right and z down, as of aircraft.
+/// Where the file's cameras are taken to have OpenGL's axes, each is the other.
+const BODIES: [Convention; 2] = [
+    of(BODY, |pose| {
+        rotated(pose, DMat3::from_cols(DVec3::Z, -DVec3::X, -DVec3::Y))
+    }),
+    of(BODY, |pose| {
+        rotated(pose, DMat3::from_cols(DVec3::Z, DVec3::X, DVec3::Y))
+    }),
+];
+const BODY: &str = "the axes of a vehicle's body (x forward, as in ROS) in place of the camera's";
 const ROTATION_TRANSPOSED: &str = "the poses' rotations transposed";
 
 /// All conventions except the reader's.
 pub(super) fn alternatives() -> impl Iterator<Item = &'static Convention> {
     let axes = CONVENTIONS[1..].iter().chain(&MIRRORED);
     let places = axes.chain(&EXCHANGED_PLACES);
-    places.chain(&REORDERED).chain(&TRANSPOSED).chain(&TURNED)
+    let turned = TRANSPOSED.iter().chain(&TURNED).chain(&BODIES);
+    places.chain(&REORDERED).chain(turned)
 }
 
 /// Pose of a camera whose picture was turned by a quarter, clockwise if `sign` is 1.
 fn rolled(pose: &RigidTransform, sign: f64) -> RigidTransform {
     let quarter = DMat3::from_cols(sign * DVec3::Y, -sign * DVec3::X, DVec3::Z);
+    rotated(pose, quarter)
+}
+
+/// Pose in camera axes that are rotated by `axes`.
+fn rotated(pose: &RigidTransform, axes: DMat3) -> RigidTransform {
     RigidTransform {
-        rotation: quarter * pose.rotation,
-        translation: quarter * pose.translation,
+        rotation: axes * pose.rotation,
+        translation: axes * pose.translation,
     }
 }
 
@@ -192,9 +209,8 @@ fn places_mirrored(pose: &RigidTransform, signs: DVec3) -> RigidTransform {
 
 /// Negates the camera's y and z axes.
 pub(super) fn flip(camera_from_world: &RigidTransform) -> RigidTransform {
-    let axes = DMat3::from_diagonal(DVec3::new(1.0, -1.0, -1.0));
-    RigidTransform {
-        rotation: axes * camera_from_world.rotation,
-        translation: axes * camera_from_world.translation,
-    }
+    rotated(
+        camera_from_world,
+        DMat3::from_diagonal(DVec3::new(1.0, -1.0, -1.0)),
+    )
 }

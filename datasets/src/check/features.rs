@@ -98,7 +98,7 @@ impl<'a> Matches<'a> {
         match n >= LEAST_MATCHES {
             true => format!(
                 "poses: without depth, {:.0} % of {n} features that match between neighbouring views lie on their \
-                 epipolar lines",
+                 epipolar lines, from which focal lengths cannot be judged",
                 100.0 * share
             ),
             false => format!(

@@ -21,6 +21,8 @@ use super::small_view::{FLIPS, Part, SmallView, WIDEST};
 /// logarithm, in widths of the picture.
 const CENTRES: i32 = 10;
 const CENTRE_STEP: f64 = 1.12;
+/// Number of searches per axis; each continues where the one before ended, if that was at the end of its range.
+const CENTRE_SEARCHES: usize = 3;
 /// Minimum offset of a principal point that is reported, in widths.
 const LEAST_OFF: f64 = 0.004;
 
@@ -260,9 +262,16 @@ impl Neighbours<'_> {
         };
         let mut off = DVec2::ZERO;
         for axis in [DVec2::X, DVec2::Y] {
-            let start = off;
-            let moved = |factor: f64| start + step(factor) * axis;
-            off = moved(self.fit(CENTRES, CENTRE_STEP, &|factor| with(moved(factor))));
+            for _ in 0..CENTRE_SEARCHES {
+                let start = off;
+                let moved = |factor: f64| start + step(factor) * axis;
+                let factor = self.fit(CENTRES, CENTRE_STEP, &|factor| with(moved(factor)));
+                off = moved(factor);
+                let is_at_end = factor.ln().abs() > (f64::from(CENTRES) - 0.5) * CENTRE_STEP.ln();
+                if !is_at_end {
+                    break;
+                }
+            }
         }
         match off.length() < LEAST_OFF {
             true => DVec2::ZERO,

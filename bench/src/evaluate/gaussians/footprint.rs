@@ -36,16 +36,54 @@ pub(in crate::evaluate) fn covered_tiles(gaussians: &Gaussians, view: &RenderVie
 
 /// Extent of a Gaussian in x and y, pixels; `None` if it is not drawn.
 fn reach(gaussians: &Gaussians, at: usize, view: &RenderView) -> Option<[(f64, f64); 2]> {
+    let opacity = f64::from(gaussians.opacities[at]);
+    if opacity < LEAST_ALPHA {
+        return None;
+    }
+    let Projected { centre, rows } = projected(gaussians, at, view)?;
+    let sigmas = (2.0 * (opacity / LEAST_ALPHA).ln()).sqrt();
+    let low_pass = f64::from(view.rule.low_pass);
+    let reach = rows.into_iter().zip(centre).map(|(row, centre)| {
+        let reach = sigmas * (row.length_squared() + low_pass).sqrt();
+        (centre - reach, centre + reach)
+    });
+    let reach: Vec<(f64, f64)> = reach.collect();
+    let is_finite = reach
+        .iter()
+        .all(|(low, high)| low.is_finite() && high.is_finite());
+    is_finite.then(|| [reach[0], reach[1]])
+}
+
+/// Mean area of the Gaussians that are in front of the camera, in squared pixels: the product of the standard deviations
+/// of their ellipses.
+pub(in crate::evaluate) fn mean_area(gaussians: &Gaussians, view: &RenderView) -> f64 {
+    let low_pass = f64::from(view.rule.low_pass);
+    let all = (0..gaussians.len()).filter_map(|at| projected(gaussians, at, view));
+    let (sum, n) = all.fold((0.0, 0), |(sum, n), Projected { rows: [x, y], .. }| {
+        let [xx, yy] = [x, y].map(|row| row.length_squared() + low_pass);
+        (sum + (xx * yy - x.dot(y).powi(2)).max(0.0).sqrt(), n + 1)
+    });
+    sum / f64::from(n.max(1))
+}
+
+/// A Gaussian's projection, pixels.
+struct Projected {
+    centre: [f64; 2],
+    /// Per unit of each of the Gaussian's axes, whose lengths are its standard deviations: the motion right, and down.
+    rows: [DVec3; 2],
+}
+
+/// None for a Gaussian that is not between the planes or has no rotation.
+fn projected(gaussians: &Gaussians, at: usize, view: &RenderView) -> Option<Projected> {
     let k = view.intrinsics;
     let mean = DVec3::from_array(gaussians.means[at].map(f64::from));
     let p = view.camera_from_scene.transform_point3(mean);
     if !(f64::from(view.rule.near)..=f64::from(view.rule.far)).contains(&p.z) {
         return None;
     }
-    let opacity = f64::from(gaussians.opacities[at]);
     let [w, x, y, z] = gaussians.quaternions[at].map(f64::from);
     let rotation = DQuat::from_xyzw(x, y, z, w);
-    if opacity < LEAST_ALPHA || rotation.length_squared() == 0.0 {
+    if rotation.length_squared() == 0.0 {
         return None;
     }
     let scales = DVec3::from_array(gaussians.scales[at].map(f64::from));
@@ -60,27 +98,14 @@ fn reach(gaussians: &Gaussians, at: usize, view: &RenderView) -> Option<[(f64, f
         clamped(p.x / p.z, k.fx, k.cx, k.width),
         clamped(p.y / p.z, k.fy, k.cy, k.height),
     ];
-    // Takes a row of the projection's Jacobian, expressed along the Gaussian's axes; its length is
-    // the standard deviation in that direction.
-    let deviation = |row: DVec3| {
-        let variance = (axes.transpose() * row).length_squared() + f64::from(view.rule.low_pass);
-        variance.sqrt()
-    };
     let rows = [
         DVec3::new(k.fx / p.z, 0.0, -k.fx * slope[0] / p.z),
         DVec3::new(0.0, k.fy / p.z, -k.fy * slope[1] / p.z),
     ];
-    let sigmas = (2.0 * (opacity / LEAST_ALPHA).ln()).sqrt();
-    let centre = [k.fx * p.x / p.z + k.cx, k.fy * p.y / p.z + k.cy];
-    let reach = rows.into_iter().zip(centre).map(|(row, centre)| {
-        let reach = sigmas * deviation(row);
-        (centre - reach, centre + reach)
-    });
-    let reach: Vec<(f64, f64)> = reach.collect();
-    let is_finite = reach
-        .iter()
-        .all(|(low, high)| low.is_finite() && high.is_finite());
-    is_finite.then(|| [reach[0], reach[1]])
+    Some(Projected {
+        centre: [k.fx * p.x / p.z + k.cx, k.fy * p.y / p.z + k.cy],
+        rows: rows.map(|row| axes.transpose() * row),
+    })
 }
 
 #[cfg(test)]

@@ -4,8 +4,10 @@
 use image::RgbImage;
 use image::imageops::thumbnail;
 
-/// Maximum shift, pixels.
+/// Shifts up to this many pixels are searched at once; the search continues from a shift at the end of its range, this
+/// many times.
 const REACH: i32 = 3;
+const SEARCHES: usize = 8;
 /// Maximum picture width for the zoom search, pixels.
 const WIDTH: u32 = 160;
 /// Zooms from exp(−n/50) to exp(n/50) are tried.
@@ -17,8 +19,17 @@ pub(in crate::evaluate) fn shift(photograph: &RgbImage, picture: &RgbImage) -> [
         let [dx, dy] = by.map(f64::from);
         error(photograph, picture, |x, y| (x - dx, y - dy))
     };
-    let all = (-REACH..=REACH).flat_map(|x| (-REACH..=REACH).map(move |y| [x, y]));
-    let best = least(all, error);
+    let mut best = [0, 0];
+    for _ in 0..SEARCHES {
+        let [left, top] = best.map(|middle| middle - REACH);
+        let [right, bottom] = best.map(|middle| middle + REACH);
+        let all = (left..=right).flat_map(|x| (top..=bottom).map(move |y| [x, y]));
+        best = least(all, error);
+        let is_inside = left < best[0] && best[0] < right && top < best[1] && best[1] < bottom;
+        if is_inside {
+            break;
+        }
+    }
     // Along each axis, the vertex of the parabola through three errors. If two errors are equal, it
     // is half a pixel from either.
     [0, 1].map(|axis| {
@@ -117,7 +128,14 @@ mod tests {
     #[test]
     fn shifts_are_found_to_half_a_pixel() {
         let found = |by: [f64; 2]| shift(&waves(by, 1.0), &waves([0.0; 2], 1.0));
-        for by in [[0.0, 0.0], [0.5, 0.0], [1.0, 1.0], [0.5, 0.5], [-2.0, 1.5]] {
+        for by in [
+            [0.0, 0.0],
+            [0.5, 0.0],
+            [1.0, 1.0],
+            [0.5, 0.5],
+            [-2.0, 1.5],
+            [9.0, -6.5],
+        ] {
             assert_eq!(found(by), by);
         }
         assert_eq!(found([0.1, -0.1]), [0.0, 0.0]);

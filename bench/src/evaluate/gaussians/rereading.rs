@@ -9,8 +9,9 @@ use sharp::ply::{
     StoredScales,
 };
 use sharp::random::mix;
-use sharp::render::{RenderError, Rule};
+use sharp::render::{PrincipalPoint, RenderError, RenderView, Rule};
 
+use super::footprint::mean_area;
 use super::likeness::Likeness;
 use crate::methods::file_reading::{Axes, FileReading, FileSpace, Placement};
 use crate::pairs::PosedCamera;
@@ -35,6 +36,11 @@ const BEYOND_CHANCE: f64 = 2.0;
 /// Gain that suffices for another form of colours, dB. Such forms may differ only in brightness and
 /// contrast.
 const RECOLORED: f64 = 6.0;
+/// Minimum area of Gaussians under another order of quaternions, as a share of that as read: most lie on surfaces that
+/// face the camera.
+const FACING: f64 = 0.97;
+/// Minimum gain with other standard deviations, dB.
+const OF_WIDTHS: f64 = 1.0;
 /// Maximum number of settings that may be wrong at once.
 const ROUNDS: usize = 3;
 /// Axes to try: OpenGL's (a rotation about x), rotations about y and z, mirrored ones such as Unity's, and z up.
@@ -52,16 +58,82 @@ pub(in crate::evaluate) struct Trial<'a> {
     pub(in crate::evaluate) rule: Option<Rule>,
 }
 
+/// The rule, but with the camera's principal point.
+fn general(rule: Rule) -> Rule {
+    Rule {
+        principal_point: PrincipalPoint::Used,
+        ..rule
+    }
+}
+
 impl Trial<'_> {
+    /// This trial under a reading's own rule, if it has one.
+    fn under(&self, reading: &FileReading) -> Self {
+        Self {
+            rule: reading.rule.or(self.rule),
+            ..*self
+        }
+    }
+
+    /// The point of the whole picture that the rule takes as its principal point, pixels.
+    pub(in crate::evaluate) fn principal_point(&self) -> [f64; 2] {
+        let k = self.source.intrinsics;
+        match self.rule.map(|rule| rule.principal_point) {
+            Some(PrincipalPoint::Ignored) => [k.width, k.height].map(|side| f64::from(side) / 2.0),
+            _ => [k.cx, k.cy],
+        }
+    }
+
+    /// The same rule with the camera's principal point, if it is ignored and differs by more than a pixel.
+    fn general_rule(&self) -> Option<Rule> {
+        let k = self.source.intrinsics;
+        let [x, y] = self.principal_point();
+        let is_off = (x - k.cx).abs().max((y - k.cy).abs()) > 1.0;
+        self.rule.filter(|_| is_off).map(general)
+    }
+
     fn intrinsics(&self) -> Intrinsics {
-        let whole = self.source.intrinsics;
+        let [cx, cy] = self.principal_point();
         Intrinsics {
-            cx: whole.cx - f64::from(self.region.x),
-            cy: whole.cy - f64::from(self.region.y),
+            cx: cx - f64::from(self.region.x),
+            cy: cy - f64::from(self.region.y),
             width: self.region.width,
             height: self.region.height,
-            ..whole
+            ..self.source.intrinsics
         }
+    }
+
+    /// This trial on the whole photograph.
+    pub(in crate::evaluate) fn whole(&self) -> Self {
+        Self {
+            region: Region::whole(self.photograph.dimensions()),
+            ..*self
+        }
+    }
+
+    /// [`Trial::fit`] of Gaussians that were read as `reading`, under another one.
+    pub(in crate::evaluate) fn fit_read(
+        &self,
+        gaussians: &Gaussians,
+        reading: &FileReading,
+        other: &FileReading,
+    ) -> Result<Option<Likeness>, RenderError> {
+        let mut recoded = gaussians.clone();
+        if other.stored != reading.stored {
+            reading.stored.encode(&mut recoded);
+            other.stored.decode(&mut recoded);
+        }
+        let placed = other.placement.camera_from_file(self.source);
+        self.under(other).fit(&recoded, placed)
+    }
+
+    /// Mean area of Gaussians in this part of the picture.
+    fn mean_area(&self, gaussians: &Gaussians, placement: Placement) -> f64 {
+        let map = placement.camera_from_file(self.source);
+        let mut view = RenderView::new(map, self.intrinsics());
+        view.rule = self.rule.unwrap_or(view.rule);
+        let seen = Seen::of(gaussians, map, &view.intrinsics);
+        mean_area(&gaussians.subset(&seen.members), &view)
     }
 
     /// Renders Gaussians into the part; `None` if no Gaussian reaches it, or too many do.
@@ -78,10 +150,11 @@ impl Trial<'_> {
         // would shift the whole picture, so shuffle them.
         seen.members.sort_by_key(|&k| mix(k as u64));
         let seen = gaussians.subset(&seen.members);
-        let intrinsics = self.intrinsics();
+        // The middle of a part is not that of the picture, so its principal point is always used.
+        let (intrinsics, rule) = (self.intrinsics(), self.rule.map(general));
         let output = self
             .renderer
-            .render(&seen, camera_from_file, intrinsics, self.rule)?;
+            .render(&seen, camera_from_file, intrinsics, rule)?;
         let picture = self.renderer.picture(&output);
         Ok(Some(Likeness::of(self.photograph, self.region, &picture)))
     }
@@ -94,14 +167,10 @@ impl Trial<'_> {
         gaussians: &Gaussians,
         reading: &FileReading,
     ) -> Result<bool, RenderError> {
-        let mut recoded = gaussians.clone();
-        reading.stored.encode(&mut recoded);
-        other.stored.decode(&mut recoded);
-        let placed = reading.placement.camera_from_file(self.source);
-        let Some(as_read) = self.fit(gaussians, placed)? else {
+        let Some(as_read) = self.fit_read(gaussians, reading, reading)? else {
             return Ok(true);
         };
-        let other = self.fit(&recoded, placed)?;
+        let other = self.fit_read(gaussians, reading, other)?;
         let gain = other.map_or(f64::NEG_INFINITY, |other| other.gain_over(&as_read));
         Ok(gain >= WORTH_A_LOOK || !as_read.explains() && gain > -MUCH)
     }
@@ -131,7 +200,7 @@ impl Trial<'_> {
             let mut better = Vec::new();
             let mut consider = |candidate: FileReading, gaussians: &Gaussians| {
                 let placed = candidate.placement.camera_from_file(self.source);
-                if let Some(fit) = self.fit(gaussians, placed)?
+                if let Some(fit) = self.under(&candidate).fit(gaussians, placed)?
                     && fit.gain_over(fit_before) >= WORTH_A_LOOK
                 {
                     better.push((candidate, fit));
@@ -147,6 +216,10 @@ impl Trial<'_> {
                     &decoded,
                 )?;
             }
+            if let Some(rule) = self.under(before).general_rule() {
+                let rule = Some(rule);
+                consider(FileReading { rule, ..*before }, &decoded)?;
+            }
             let map = before.placement.camera_from_file(self.source);
             let mut stored = decoded.subset(&Seen::of(&decoded, map, &self.intrinsics()).members);
             before.stored.encode(&mut stored);
@@ -158,11 +231,17 @@ impl Trial<'_> {
             if better.is_empty() {
                 break;
             }
-            let of_others = |reading: &FileReading| {
+            let recoded = |reading: &FileReading| {
                 let mut recoded = decoded.clone();
                 before.stored.encode(&mut recoded);
                 reading.stored.decode(&mut recoded);
-                self.fit_elsewhere(&recoded, reading.placement, neighbours)
+                recoded
+            };
+            let of_others =
+                |reading: &FileReading| self.fit_elsewhere(&recoded(reading), reading, neighbours);
+            let area = |reading: &FileReading| {
+                let trial = self.under(reading);
+                trial.mean_area(&recoded(reading), reading.placement)
             };
             let fit_elsewhere = of_others(before)?;
             let all_before = fit_before.joined(&fit_elsewhere);
@@ -197,7 +276,10 @@ impl Trial<'_> {
                             false => all.error() < its_all.error(),
                         }
                     });
-                if is_better && !worse && is_least {
+                // Wrongly rotated Gaussians are seen more from their edges, which sharpens what is too wide.
+                let is_narrower = candidate.stored.quaternions != before.stored.quaternions
+                    && area(&candidate) < FACING * area(before);
+                if is_better && !worse && is_least && !is_narrower {
                     chosen = Some((candidate, fit, all));
                 }
             }
@@ -209,20 +291,36 @@ impl Trial<'_> {
         Ok((best.0 != *reading).then_some(best))
     }
 
+    /// The comparison with standard deviations multiplied by a factor, if it is significantly better than `as_read`.
+    pub(in crate::evaluate) fn fit_with_widths(
+        &self,
+        gaussians: &Gaussians,
+        factor: f64,
+        reading: &FileReading,
+        as_read: &Likeness,
+    ) -> Result<Option<Likeness>, RenderError> {
+        let mut other = gaussians.clone();
+        let scales = other.scales.as_flattened_mut().iter_mut();
+        scales.for_each(|scale| *scale *= factor as f32);
+        let fit = self.fit(&other, reading.placement.camera_from_file(self.source))?;
+        Ok(fit.filter(|fit| fit.is_better_than(as_read) && fit.gain_over(as_read) >= OF_WIDTHS))
+    }
+
     /// Renders the Gaussians into other views.
     fn fit_elsewhere(
         &self,
         gaussians: &Gaussians,
-        placement: Placement,
+        reading: &FileReading,
         elsewhere: &[Trial<'_>],
     ) -> Result<Likeness, RenderError> {
         let mut joined = Likeness::default();
         for other in elsewhere {
             let other_from_own = self.source.to(other.source).to_affine();
-            let placed = other_from_own * placement.camera_from_file(self.source);
+            let placed = other_from_own * reading.placement.camera_from_file(self.source);
             let black = RgbImage::new(other.region.width, other.region.height);
             let nothing = || Likeness::of(other.photograph, other.region, &black);
-            let fit = other.fit(gaussians, placed)?.unwrap_or_else(nothing);
+            let fit = other.under(reading).fit(gaussians, placed)?;
+            let fit = fit.unwrap_or_else(nothing);
             joined = joined.joined(&fit);
         }
         Ok(joined)

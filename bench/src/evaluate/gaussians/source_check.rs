@@ -12,6 +12,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use image::imageops::crop_imm;
 use image::{Luma, RgbImage};
 use sharp::color::{Quantization, linear_from_srgb};
+use sharp::gaussians::Gaussians;
 use sharp::ply::ColorSpace;
 use sharp::render::{Background, RenderError};
 use sharp_datasets::{DepthMap, Scene};
@@ -229,7 +230,7 @@ fn add_doubts(
     let [shown, part] = [&seen.picture, photograph]
         .map(|whole| crop_imm(whole, region.x, region.y, region.width, region.height).to_image());
     let as_read = Likeness::of(photograph, region, &shown);
-    let center = [camera.intrinsics.cx, camera.intrinsics.cy];
+    let center = trial.principal_point();
     let zoom = |along| zoom(photograph, &seen.picture, center, along);
     let moves = Moves {
         aside: shift(&part, &shown),
@@ -263,6 +264,12 @@ fn add_doubts(
     let better = match as_read.psnr() < RIGHT_DB {
         true => trial.best_reading(gaussians, reading, compared, &elsewhere, &moves, is_lost)?,
         false => None,
+    };
+    let better = match better {
+        Some((other, fit)) if is_confirmed(trial, gaussians, reading, &other)? => {
+            Some((other, fit))
+        }
+        _ => None,
     };
     let other = other_view(prediction, reading, &elsewhere, compared)?;
     let is_other = |error: f64| other.as_ref().is_some_and(|(_, fit)| fit.error() < error);
@@ -301,11 +308,37 @@ fn add_doubts(
     if better.is_none()
         && (reading.placement.space != FileSpace::World || as_read.explains())
         && let Some(truth) = source.depth
-        && let Some(text) = depth_doubt(truth, &seen.depth, reading.placement.scale, id)
+        && let Some((factor, mut text)) =
+            depth_doubt(truth, &seen.depth, reading.placement.scale, id)
     {
+        if let Some(factor) = factor
+            && let Some(fit) = trial.fit_with_widths(gaussians, factor, reading, compared)?
+        {
+            text += &format!(
+                "; but only their means have that unit: {shown}, and with standard deviations {} times as wide: {:.2} dB; \
+                 `scale=` multiplies both, so write the file with both in one unit",
+                rounded(factor),
+                fit.psnr()
+            );
+        }
         warnings.insert("scale".to_owned(), text);
     }
     Ok(())
+}
+
+/// Whether another reading, found on a part of the photograph, is better on the whole.
+fn is_confirmed(
+    trial: &Trial<'_>,
+    gaussians: &Gaussians,
+    reading: &FileReading,
+    other: &FileReading,
+) -> Result<bool, RenderError> {
+    let whole = trial.whole();
+    let [as_read, other] = [reading, other].map(|to| whole.fit_read(gaussians, reading, to));
+    let (Some(as_read), Some(other)) = (as_read?, other?) else {
+        return Ok(true);
+    };
+    Ok(other.error() < as_read.error())
 }
 
 /// Whether Gaussians over the photograph's mean colour are no closer to the photograph than the
@@ -364,9 +397,14 @@ fn other_view<'a>(
     Ok(best)
 }
 
-/// Warns if rendered depth has another unit than true depth, or is its inverse, and prediction
-/// errors do not explain this.
-fn depth_doubt(truth: &DepthMap, seen: &DepthMap, scale: f64, id: &str) -> Option<String> {
+/// Warns if rendered depth has another unit than true depth, or is its inverse, and prediction errors do not explain
+/// this. Of another unit, also how many times the true depth is seen.
+fn depth_doubt(
+    truth: &DepthMap,
+    seen: &DepthMap,
+    scale: f64,
+    id: &str,
+) -> Option<(Option<f64>, String)> {
     if truth.dimensions() != seen.dimensions() {
         return None;
     }
@@ -388,19 +426,21 @@ fn depth_doubt(truth: &DepthMap, seen: &DepthMap, scale: f64, id: &str) -> Optio
     };
     let ((middle, spread), (_, of_inverse)) = (middle_and_spread(1.0)?, middle_and_spread(-1.0)?);
     if of_inverse * INVERSE_SIGNIFICANCE < spread {
-        return Some(format!(
+        let text = format!(
             "its Gaussians are far where the dataset's depth is near, and near where it is far \
              ({id}): inverse depth was probably mistaken for depth, which no setting corrects"
-        ));
+        );
+        return Some((None, text));
     }
     let is_unit = middle.abs() > LEAST_FACTOR.ln().max(FACTOR_SIGNIFICANCE * 1.4826 * spread);
     is_unit.then(|| {
-        format!(
-            "its Gaussians are {:.3} times as far away as the dataset's depth ({id}): use `scale={}`, or \
+        let factor = (-middle).exp();
+        let text = format!(
+            "its Gaussians are {factor:.3} times as far away as the dataset's depth ({id}): use `scale={}`, or \
              `depth=privileged` if each source has its own unit",
-            (-middle).exp(),
-            rounded(scale * middle.exp())
-        )
+            rounded(scale / factor)
+        );
+        (Some(factor), text)
     })
 }
 
@@ -528,7 +568,18 @@ mod tests {
         reading: FileReading,
         suggested: Option<&str>,
     ) -> Option<String> {
-        let (source, renderer) = (source(), SharedRenderer::cpu());
+        doubt_of(&source(), space, photograph, gaussians, reading, suggested)
+    }
+
+    fn doubt_of(
+        source: &PosedCamera,
+        space: GaussianSpace,
+        photograph: &RgbImage,
+        gaussians: Gaussians,
+        reading: FileReading,
+        suggested: Option<&str>,
+    ) -> Option<String> {
+        let renderer = SharedRenderer::cpu();
         let prediction = GaussianPrediction {
             rule: reading.rule,
             rule_note: None,
@@ -546,7 +597,7 @@ mod tests {
         let pairing = sharp_datasets::Pairing::MultiView;
         let scene = Scene::new("m", "s", Vec::new(), pairing);
         let checked = CheckedSource {
-            camera: &source,
+            camera: source,
             photograph,
             valid: None,
             depth: Some(&depth),
@@ -683,6 +734,74 @@ mod tests {
         assert!(said.contains("with `focal=1:1.2"), "{said}");
     }
 
+    #[test]
+    fn means_rescaled_without_their_deviations_are_named() {
+        let mut near = mapped(&wall(), DAffine3::from_scale(DVec3::splat(0.25)));
+        let said = doubt_about(near.clone()).unwrap_or_default();
+        assert!(said.contains("only their means have that unit"), "{said}");
+        near.scales.fill([0.0075; 3]);
+        let said = doubt_about(near).unwrap_or_default();
+        assert!(
+            said.contains("use `scale=4`") && !said.contains("only their means"),
+            "{said}"
+        );
+    }
+
+    /// An odd principal point, under a rule that ignores it; and Gaussians that are too wide, which other rotations
+    /// would narrow.
+    #[test]
+    fn an_ignored_principal_point_is_named_and_wide_gaussians_are_not_called_turned() {
+        let mut aside = source();
+        aside.intrinsics.cx += 6.0;
+        let mut wide = Gaussians::default();
+        let (k, base) = (aside.intrinsics, wall());
+        for (at, color) in base.colors.iter().enumerate() {
+            let (x, y) = (at as u32 % k.width, at as u32 / k.width);
+            let place = |p: u32, c: f64, f: f64| (2.0 * (f64::from(p) + 0.5 - c) / f) as f32;
+            wide.means.push([
+                place(x, k.cx, k.fx),
+                place(y, k.cy, k.fy),
+                base.means[at][2],
+            ]);
+            // Discs that face the camera, rolled about its axis.
+            let roll = at as f32;
+            wide.quaternions.push([roll.cos(), 0.0, 0.0, roll.sin()]);
+            wide.scales.push([0.09, 0.06, 1e-3]);
+            wide.opacities.push(0.6);
+            wide.colors.push(color.map(srgb_from_linear));
+        }
+        let mut reading = FileReading::of_arrays();
+        reading.stored.blending = ColorSpace::Srgb;
+        reading.rule = Some(sharp::render::Rule::INRIA_GENERAL);
+        let round = {
+            let mut round = wide.clone();
+            round.scales.fill([0.03; 3]);
+            round.opacities.fill(0.95);
+            round
+        };
+        let renderer = SharedRenderer::cpu();
+        let shown = renderer
+            .render(&round, DAffine3::IDENTITY, k, reading.rule)
+            .unwrap();
+        let shown = renderer.picture(&shown);
+        let said = |gaussians: &Gaussians, reading: FileReading| {
+            doubt_of(
+                &aside,
+                GaussianSpace::CAMERA,
+                &shown,
+                gaussians.clone(),
+                reading,
+                None,
+            )
+        };
+        assert_eq!(said(&round, reading), None);
+        let about_wide = said(&wide, reading).unwrap_or_default();
+        assert!(!about_wide.contains("quaternions="), "{about_wide}");
+        reading.rule = Some(sharp::render::Rule::INRIA);
+        let text = said(&round, reading).unwrap_or_default();
+        assert!(text.contains("with `rendering=inria-general`: "), "{text}");
+    }
+
     /// Axes of no known program: x forward, y right, z down.
     #[test]
     fn unusual_axes_and_units_of_a_world_are_named() {
@@ -705,7 +824,8 @@ mod tests {
         let map =
             |of: fn(f32) -> f32| DepthMap::from_fn(40, 32, |x, y| Luma([of((x * 32 + y) as f32)]));
         let truth = map(|at| 1.0 + at / 100.0);
-        let said = |seen: fn(f32) -> f32| depth_doubt(&truth, &map(seen), 1.0, "s");
+        let said =
+            |seen: fn(f32) -> f32| depth_doubt(&truth, &map(seen), 1.0, "s").map(|found| found.1);
         let text = said(|at| 3.0 / (1.0 + at / 100.0)).unwrap_or_default();
         assert!(text.contains("inverse depth"), "{text}");
         for proper in [
