@@ -1,4 +1,6 @@
-//! A drawing: lines, polygons, discs and texts, before it is written in any format.
+//! A drawing: pictures, lines, polygons, discs and texts, before it is written in any format.
+
+use image::RgbImage;
 
 use super::ink::Ink;
 use super::text::{self, Weight};
@@ -45,6 +47,8 @@ pub(super) enum Shape {
     Polygon(Vec<Point>, Ink),
     Disc(Point, f64, Ink),
     Text(String, Point, Lettering),
+    /// The picture, its upper left corner, and its width and height.
+    Picture(RgbImage, Point, Point),
 }
 
 /// A drawing under construction.
@@ -90,11 +94,17 @@ impl Surface {
                     self.0
                         .extend((points.len() > 2).then_some(Shape::Polygon(points, ink)));
                 }
-                Shape::Disc(at, ..) | Shape::Text(_, at, _) => {
+                Shape::Disc(at, ..) | Shape::Text(_, at, _) | Shape::Picture(_, at, _) => {
                     self.0.extend(is_inside(at).then_some(shape));
                 }
             }
         }
+    }
+
+    /// Adds a picture with its upper left corner at `at`, stretched to `size` units. SVG and PDF contain its own pixels;
+    /// in SVG, pictures lie below everything else.
+    pub fn picture(&mut self, picture: RgbImage, at: Point, size: Point) {
+        self.0.push(Shape::Picture(picture, at, size));
     }
 
     /// Adds a line of text.

@@ -3,8 +3,10 @@
 //! plotters draws on whole pixels. Therefore the SVG is drawn at four times its size, which its
 //! view box reverses, and the PNG at twice its size, which also antialiases it. The PDF is exact.
 
-use std::fmt::Display;
+use std::fmt::{Display, Write as _};
 
+use base64::Engine as _;
+use base64::engine::general_purpose::STANDARD;
 use image::{RgbImage, imageops};
 use plotters::backend::{BitMapBackend, DrawingBackend, SVGBackend};
 use plotters::style::text_anchor::{HPos, Pos, VPos};
@@ -53,56 +55,135 @@ impl Figure {
         medium: Medium,
         picture: impl Fn(&mut Surface),
     ) -> Result<Self, PlotError> {
+        let drawing = Drawing::new(title, (width, height), medium, picture);
+        Ok(Self {
+            title: title.to_owned(),
+            svg: drawing.svg()?,
+            png: drawing.png()?,
+            pdf: drawing.pdf()?,
+        })
+    }
+}
+
+/// Shapes with a size, to be written in one format or several.
+pub struct Drawing<'a> {
+    title: &'a str,
+    size: Point,
+    medium: Medium,
+    shapes: Vec<Shape>,
+}
+
+impl<'a> Drawing<'a> {
+    /// The shapes that `picture` draws; the size is in units.
+    pub fn new(
+        title: &'a str,
+        (width, height): (u32, u32),
+        medium: Medium,
+        picture: impl FnOnce(&mut Surface),
+    ) -> Self {
         let (w, h) = (f64::from(width), f64::from(height));
         let mut surface = Surface::default();
         surface.polygon(&[(0.0, 0.0), (w, 0.0), (w, h), (0.0, h)], medium.paper);
         picture(&mut surface);
-        let shapes = surface.0;
-        let failed = |reason: String| PlotError::new(title, reason);
-        let drawn = |scale: f64| ((w * scale).round() as u32, (h * scale).round() as u32);
+        Self {
+            title,
+            size: (w, h),
+            medium,
+            shapes: surface.0,
+        }
+    }
 
+    fn failed(&self, reason: impl ToString) -> PlotError {
+        PlotError::new(self.title, reason)
+    }
+
+    /// Width and height at `scale` pixels per unit.
+    fn pixels(&self, scale: f64) -> (u32, u32) {
+        let (w, h) = self.size;
+        ((w * scale).round() as u32, (h * scale).round() as u32)
+    }
+
+    /// A complete SVG document.
+    ///
+    /// # Errors
+    /// If the drawing library or the encoder of pictures fails.
+    pub fn svg(&self) -> Result<String, PlotError> {
         let mut svg = String::new();
-        let backend = SVGBackend::with_string(&mut svg, drawn(SVG_SCALE));
-        paint(backend, SVG_SCALE, &shapes, svg_letters).map_err(failed)?;
+        let backend = SVGBackend::with_string(&mut svg, self.pixels(SVG_SCALE));
+        let later = |_: &mut SVGBackend<'_>, _: &RgbImage, _: (i32, i32), _: (u32, u32)| Ok(());
+        let done = paint(backend, SVG_SCALE, &self.shapes, svg_letters, later);
+        done.map_err(|e| self.failed(e))?;
+        let mut pictures = String::new();
+        for shape in &self.shapes {
+            if let Shape::Picture(picture, at, size) = shape {
+                let png = png::encode(picture, self.medium.dpi).map_err(|e| self.failed(e))?;
+                let [x, y, w, h] = [at.0, at.1, size.0, size.1].map(|v| v * SVG_SCALE);
+                let data = STANDARD.encode(png);
+                let written = write!(
+                    pictures,
+                    "\n<image x=\"{x}\" y=\"{y}\" width=\"{w}\" height=\"{h}\" preserveAspectRatio=\"none\" \
+                     href=\"data:image/png;base64,{data}\"/>"
+                );
+                written.map_err(|e| self.failed(e))?;
+            }
+        }
+        Ok(tidy(
+            &svg,
+            self.title,
+            self.size,
+            self.medium.zoom,
+            &pictures,
+        ))
+    }
 
-        let density = medium.zoom * medium.dpi / 96.0;
-        let size = drawn(density * REDUCE);
+    /// A PNG file.
+    ///
+    /// # Errors
+    /// If it would be too large, or the drawing library or the encoder fails.
+    pub fn png(&self) -> Result<Vec<u8>, PlotError> {
+        let density = self.medium.zoom * self.medium.dpi / 96.0;
+        let size = self.pixels(density * REDUCE);
         if f64::from(size.0) * f64::from(size.1) > MAX_DRAWN {
-            return Err(failed(format!(
+            return Err(self.failed(format!(
                 "{} × {} pixels are too many to draw; use a smaller width or fewer dpi",
                 size.0, size.1
             )));
         }
         let mut large = RgbImage::new(size.0, size.1);
         let backend = BitMapBackend::with_buffer(&mut large, size);
-        paint(backend, density * REDUCE, &shapes, bitmap_letters).map_err(failed)?;
+        let scale = density * REDUCE;
+        let done = paint(backend, scale, &self.shapes, bitmap_letters, bitmap_picture);
+        done.map_err(|e| self.failed(e))?;
         let half = |side: u32| (f64::from(side) / REDUCE) as u32;
         let small = imageops::thumbnail(&large, half(size.0), half(size.1));
+        png::encode(&small, self.medium.dpi).map_err(|e| self.failed(e))
+    }
 
-        let pdf = pdf::render(title, &shapes, (w, h), medium.zoom * 0.75);
-        Ok(Self {
-            title: title.to_owned(),
-            svg: tidy(&svg, title, (w, h), medium.zoom),
-            png: png::encode(&small, medium.dpi).map_err(|e| failed(e.to_string()))?,
-            pdf: pdf.map_err(|e| failed(e.to_string()))?,
-        })
+    /// A one-page PDF file.
+    ///
+    /// # Errors
+    /// If the encoder fails.
+    pub fn pdf(&self) -> Result<Vec<u8>, PlotError> {
+        let points = self.medium.zoom * 0.75;
+        pdf::render(self.title, &self.shapes, self.size, points).map_err(|e| self.failed(e))
     }
 }
 
-/// Sets the SVG's size in CSS pixels and its title for screen readers, and corrects the positions
-/// of baselines.
-fn tidy(svg: &str, title: &str, (width, height): (f64, f64), zoom: f64) -> String {
+/// Sets the SVG's size in CSS pixels and its title for screen readers, corrects the positions of baselines, and adds
+/// pictures after the paper.
+fn tidy(svg: &str, title: &str, (width, height): Point, zoom: f64, pictures: &str) -> String {
     let body = svg.split_once('>').map_or("", |(_, body)| body);
+    let (paper, rest) = body.split_once("/>").unwrap_or((body, ""));
     let title: String = title.chars().map(escaped).collect();
     let shown = |side: f64| (side * zoom * 100.0).round() / 100.0;
     format!(
         "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{}\" height=\"{}\" viewBox=\"0 0 {} {}\" \
-         role=\"img\" aria-label=\"{title}\">\n<title>{title}</title>{}",
+         role=\"img\" aria-label=\"{title}\">\n<title>{title}</title>{paper}/>{pictures}{}",
         shown(width),
         shown(height),
         width * SVG_SCALE,
         height * SVG_SCALE,
-        body.replace(" dy=\"-0.5ex\"", "")
+        rest.replace(" dy=\"-0.5ex\"", "")
     )
 }
 
@@ -115,13 +196,14 @@ fn escaped(c: char) -> String {
     }
 }
 
-/// Draws on a plotters backend at `scale` pixels per unit. `letters` draws a text on its baseline;
-/// its sizes are in pixels.
+/// Draws on a plotters backend at `scale` pixels per unit. `letters` draws a text on its baseline, and `pictures` a
+/// picture from its corner at a size; both sizes are in pixels.
 fn paint<B: DrawingBackend>(
     mut backend: B,
     scale: f64,
     shapes: &[Shape],
     letters: impl Fn(&mut B, &str, (i32, i32), Lettering) -> Result<(), String>,
+    pictures: impl Fn(&mut B, &RgbImage, (i32, i32), (u32, u32)) -> Result<(), String>,
 ) -> Result<(), String> {
     // Clamp, so that points far outside stay outside.
     let drawn = |length: f64| (length * scale).round().clamp(-1e6, 1e6) as i32;
@@ -149,6 +231,12 @@ fn paint<B: DrawingBackend>(
                     ..*lettering
                 };
                 letters(&mut backend, text, place(at), lettering)?;
+                Ok(())
+            }
+            Shape::Picture(picture, at, size) => {
+                let size = place(size);
+                let size = (size.0.max(1) as u32, size.1.max(1) as u32);
+                pictures(&mut backend, picture, place(at), size)?;
                 Ok(())
             }
         };
@@ -191,6 +279,23 @@ fn svg_letters(
         .color(&ink)
         .pos(Pos::new(h_pos, VPos::Bottom));
     backend.draw_text(text, &style, at).map_err(reason)
+}
+
+/// Enlarges without smoothing.
+fn bitmap_picture(
+    backend: &mut BitMapBackend<'_>,
+    picture: &RgbImage,
+    at: (i32, i32),
+    (width, height): (u32, u32),
+) -> Result<(), String> {
+    let filter = match width > picture.width() {
+        true => imageops::FilterType::Nearest,
+        false => imageops::FilterType::Triangle,
+    };
+    let shown = imageops::resize(picture, width, height, filter);
+    backend
+        .blit_bitmap(at, (width, height), shown.as_raw())
+        .map_err(reason)
 }
 
 /// Sets text glyph by glyph, because plotters ignores the side bearings of glyphs.

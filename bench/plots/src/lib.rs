@@ -19,7 +19,7 @@ pub mod scale;
 pub mod style;
 pub mod text;
 
-pub use figure::Figure;
+pub use figure::{Drawing, Figure};
 
 /// Why a figure cannot be made: the drawing library or an encoder failed, there is nothing to draw, or there is no
 /// room.

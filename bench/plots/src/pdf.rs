@@ -9,6 +9,7 @@ use std::io::{self, Write as _};
 
 use flate2::Compression;
 use flate2::write::ZlibEncoder;
+use image::RgbImage;
 use pdf_writer::types::LineJoinStyle;
 use pdf_writer::{Content, Filter, Finish as _, Name, Rect, Ref, TextStr};
 
@@ -31,6 +32,7 @@ pub(super) fn render(
     let mut page = Page {
         content: Content::new(),
         alphas: BTreeSet::new(),
+        pictures: Vec::new(),
     };
     // Units, y down.
     page.content
@@ -47,6 +49,7 @@ struct Page {
     content: Content,
     /// Opacities in thousandths.
     alphas: BTreeSet<u32>,
+    pictures: Vec<RgbImage>,
 }
 
 impl Page {
@@ -75,6 +78,16 @@ impl Page {
                 self.content.fill_nonzero();
             }
             Shape::Text(text, at, lettering) => self.letters(text, *at, *lettering),
+            Shape::Picture(picture, at, size) => {
+                let ((x, y), (w, h)) = (placed(*at), placed(*size));
+                self.content.save_state();
+                // A picture fills the unit square upwards.
+                self.content.transform([w, 0.0, 0.0, -h, x, y + h]);
+                self.content
+                    .x_object(Name(picture_name(self.pictures.len()).as_bytes()));
+                self.content.restore_state();
+                self.pictures.push(picture.clone());
+            }
         }
     }
 
@@ -140,9 +153,7 @@ impl Page {
     /// Assembles the file.
     fn finish(self, title: &str, [width, height]: [f32; 2]) -> io::Result<Vec<u8>> {
         let [catalog, pages, page, info, drawing] = [1, 2, 3, 4, 5].map(Ref::new);
-        let mut packed = ZlibEncoder::new(Vec::new(), Compression::best());
-        packed.write_all(&self.content.finish())?;
-        let packed = packed.finish()?;
+        let packed = packed(&self.content.finish())?;
         let mut file = pdf_writer::Pdf::new();
         file.catalog(catalog).pages(pages);
         file.pages(pages).kids([page]).count(1);
@@ -162,14 +173,42 @@ impl Page {
                 .stroking_alpha(share);
         }
         states.finish();
+        let reference = |i: usize| Ref::new(drawing.get() + 1 + i as i32);
+        let mut objects = resources.x_objects();
+        for i in 0..self.pictures.len() {
+            objects.pair(Name(picture_name(i).as_bytes()), reference(i));
+        }
+        objects.finish();
         resources.finish();
         sheet.finish();
         file.document_info(info)
             .title(TextStr(title))
             .producer(TextStr("sharp-bench"));
         file.stream(drawing, &packed).filter(Filter::FlateDecode);
+        for (i, picture) in self.pictures.iter().enumerate() {
+            let pixels = self::packed(picture.as_raw())?;
+            let mut object = file.image_xobject(reference(i), &pixels);
+            object.filter(Filter::FlateDecode);
+            object
+                .width(picture.width() as i32)
+                .height(picture.height() as i32)
+                .bits_per_component(8)
+                .color_space()
+                .device_rgb();
+        }
         Ok(file.finish())
     }
+}
+
+fn packed(bytes: &[u8]) -> io::Result<Vec<u8>> {
+    let mut packed = ZlibEncoder::new(Vec::new(), Compression::best());
+    packed.write_all(bytes)?;
+    packed.finish()
+}
+
+/// Resource name of a picture.
+fn picture_name(index: usize) -> String {
+    format!("P{index}")
 }
 
 /// Resource name of an opacity.
@@ -199,6 +238,11 @@ mod tests {
         let shapes = [
             Shape::Line(vec![(0.0, 0.0), (f64::INFINITY, f64::NAN)], 1.0, INK),
             Shape::Disc((5.0, 5.0), 2.0, INK.with_alpha(0.16)),
+            Shape::Picture(
+                RgbImage::from_pixel(3, 2, image::Rgb([1, 2, 3])),
+                (10.0, 5.0),
+                (30.0, 20.0),
+            ),
         ];
         let bytes = render(") >> é", &shapes, (100.0, 50.0), 0.75).unwrap();
         let file = hayro_syntax::Pdf::new(bytes).unwrap();
@@ -233,6 +277,14 @@ mod tests {
             .get::<Dict<'_>>("A160")
             .unwrap();
         assert_eq!(faint.get::<Number>("ca").unwrap().as_f64(), 0.16);
+        // Its unit square stands on its feet: width, height, and the lower left corner.
+        assert_eq!(of("cm")[1].1, [30.0, 0.0, 0.0, -20.0, 10.0, 25.0]);
+        let picture = page
+            .resources()
+            .x_objects
+            .get::<hayro_syntax::object::Stream<'_>>("P0")
+            .unwrap();
+        assert_eq!(picture.decoded().unwrap().as_ref(), [1, 2, 3].repeat(6));
         let title = file.metadata().title.clone().unwrap();
         let units: Vec<u16> = title
             .as_chunks()

@@ -32,7 +32,7 @@ const PROBLEMS: usize = 10;
 
 /// Make a figure of the paper from runs, in print quality
 ///
-/// Plots become SVG, PNG and PDF, sheets of pictures PNG. --style FILE.toml sets width_mm (84, a column of a two-column
+/// Plots and sheets of pictures become SVG, PNG and PDF. --style FILE.toml sets width_mm (84, a column of a two-column
 /// paper; 174 is the whole page), font_pt (8), dpi (300), panel_aspect (0.62), caption (true) and colours.
 #[derive(Debug, Args)]
 #[command(after_help = "\
@@ -292,7 +292,7 @@ fn write_sheet(
     style: &FigureStyle,
 ) -> anyhow::Result<bool> {
     let problems = sheet.problems();
-    say(&[sheet.write(&out.out, stem, style)?], &problems, out)?;
+    say(&sheet.write(&out.out, stem, style)?, &problems, out)?;
     for problem in problems.iter().take(PROBLEMS) {
         output::remark(format!("warning: {}", visible_line(problem)));
     }

@@ -45,6 +45,9 @@ pub(super) struct TableArgs {
     /// Omit datasets that none of your rows has
     #[arg(long, requires = "rows")]
     only_measured: bool,
+    /// The datasets to show, by their names in the table [default: all]
+    #[arg(long, value_name = "LIST", value_delimiter = ',')]
+    datasets: Vec<String>,
     /// Write Markdown, CSV, LaTeX and HTML into this folder
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
@@ -94,8 +97,19 @@ pub(super) fn execute(args: &TableArgs) -> anyhow::Result<Outcome> {
         rows: rows.map_err(|error| UsageError(format!("--row {error}")))?,
         metrics,
         only_measured: args.only_measured,
+        datasets: args.datasets.clone(),
     };
     let table = paper_table(paper, &beside)?;
+    let too_few = !args.only_measured && table.groups.len() < args.datasets.len();
+    if table.groups.is_empty() || too_few {
+        let reason = format!(
+            "--datasets {}: the table {} has {}",
+            args.datasets.join(","),
+            paper.name,
+            paper.datasets.join(", ")
+        );
+        return Err(UsageError(reason).into());
+    }
     let mut own = table
         .rows
         .iter()

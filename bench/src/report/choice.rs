@@ -73,6 +73,29 @@ fn worst_first<'a>(
     order.into_iter().map(|(pair, _)| pair).collect()
 }
 
+/// The pairs where a method is worse than another in the first ranked metric, largest difference first, ties by id.
+pub(super) fn most_lost<'a>(
+    pairs: &'a [PairBoard<'a>],
+    metrics: &[Column],
+    method: usize,
+    other: usize,
+) -> Vec<&'a PairBoard<'a>> {
+    let ranked = metrics.iter().find_map(|m| Some((m, m.direction?)));
+    let lost = |pair: &PairBoard<'a>| {
+        let (metric, direction) = ranked?;
+        let score = |at: usize| pair.by_method[at]?.scores.get(&metric.key)?.value();
+        let gain = score(method)? - score(other)?;
+        let lost = match direction {
+            Direction::Higher => -gain,
+            Direction::Lower => gain,
+        };
+        (lost > 0.0).then_some(lost)
+    };
+    let mut worst_first = worst_first(pairs, &|pair| lost(pair).unwrap_or(0.0));
+    worst_first.retain(|pair| lost(pair).is_some());
+    worst_first
+}
+
 /// How bad a pair's scores are: the mean over the ranked methods of the first metric with finite
 /// scores, negated if higher is better.
 pub(super) fn badness(board: &Board<'_>, pair: &PairBoard<'_>, metrics: &[Column]) -> f64 {

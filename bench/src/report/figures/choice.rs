@@ -1,24 +1,53 @@
 //! Chooses the pairs of a figure.
 
+use std::fmt;
 use std::num::NonZeroUsize;
+use std::str::FromStr;
 
 use crate::pairs::pair_id::source_of;
 use crate::report::board::{Board, DatasetBoard, PairBoard};
-use crate::report::choice::by_badness;
+use crate::report::choice::{by_badness, most_lost};
 use crate::report::column::Column;
 use crate::report::error::ReportError;
+use sharp_plots::PlotError;
 
-/// How pairs of each dataset are chosen.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, clap::ValueEnum)]
+/// How pairs of each dataset are chosen, by the first metric.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub enum Choice {
-    /// The pairs of median difficulty, which is the mean score of the ranked methods in the first
-    /// metric
+    /// The pairs of median difficulty, which is the mean score of the ranked methods.
     #[default]
     Median,
-    /// The pairs with the worst scores
+    /// The pairs with the worst scores.
     Worst,
-    /// The pairs with the best scores
+    /// The pairs with the best scores.
     Best,
+    /// The pairs where the first method loses most against the second.
+    Loses(String, String),
+}
+
+impl FromStr for Choice {
+    type Err = &'static str;
+
+    fn from_str(text: &str) -> Result<Self, Self::Err> {
+        match text.split(':').collect::<Vec<_>>()[..] {
+            ["median"] => Ok(Self::Median),
+            ["worst"] => Ok(Self::Worst),
+            ["best"] => Ok(Self::Best),
+            ["loses", one, other] => Ok(Self::Loses(one.to_owned(), other.to_owned())),
+            _ => Err("expected median, worst, best or loses:METHOD:OTHER"),
+        }
+    }
+}
+
+impl fmt::Display for Choice {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Median => f.write_str("median"),
+            Self::Worst => f.write_str("worst"),
+            Self::Best => f.write_str("best"),
+            Self::Loses(one, other) => write!(f, "loses:{one}:{other}"),
+        }
+    }
 }
 
 /// Pairs by id, or a number of pairs per dataset.
@@ -27,8 +56,13 @@ pub struct PairsChoice {
     /// A pair by its id in pairs.csv; repeatable
     #[arg(long = "pair", value_name = "ID")]
     pub ids: Vec<String>,
-    /// Which pairs of each dataset to choose if --pair is not given
-    #[arg(long, value_enum, default_value_t)]
+    /// Which pairs of each dataset to choose if --pair is not given, by the first metric: median, worst or best in the
+    /// mean of the ranked methods, or where METHOD loses most against OTHER
+    #[arg(
+        long,
+        value_name = "median|worst|best|loses:METHOD:OTHER",
+        default_value_t
+    )]
     pub choose: Choice,
     /// Number of pairs per dataset
     #[arg(long, default_value_t = NonZeroUsize::MIN)]
@@ -68,7 +102,7 @@ pub struct ChosenPair<'a> {
 /// The chosen pairs.
 ///
 /// # Errors
-/// If there is no pair with a given id.
+/// If there is no pair with a given id, no method with a given name, or no pair where the one loses.
 pub fn chosen<'a>(
     board: &'a Board<'a>,
     metrics: &[Column],
@@ -90,12 +124,38 @@ pub fn chosen<'a>(
         };
         return ids.iter().map(of_id).collect();
     }
+    if let Choice::Loses(one, other) = choose {
+        let methods = [one, other].map(|label| {
+            let known = board.methods.iter().map(|method| method.label.as_str());
+            let found = board
+                .methods
+                .iter()
+                .position(|method| method.label == *label);
+            found.ok_or_else(|| ReportError::absent("method", label, known))
+        });
+        let [one, other] = methods;
+        let (one, other) = (one?, other?);
+        let lost = board.datasets.iter().flat_map(|dataset| {
+            let lost = most_lost(&dataset.pairs, metrics, one, other).into_iter();
+            let lost = lost.take(count.get());
+            lost.map(move |pair| ChosenPair { dataset, pair })
+        });
+        let lost: Vec<ChosenPair<'_>> = lost.collect();
+        return match lost.is_empty() {
+            true => {
+                let reason =
+                    "the first method loses no pair against the second in the first metric";
+                Err(PlotError::new(choose.to_string(), reason).into())
+            }
+            false => Ok(lost),
+        };
+    }
     let chosen = board.datasets.iter().flat_map(|dataset| {
         let worst_first = by_badness(board, &dataset.pairs, metrics);
         let n = worst_first.len();
         let count = count.get().min(n);
         let first = match choose {
-            Choice::Worst => 0,
+            Choice::Worst | Choice::Loses(..) => 0,
             Choice::Best => n - count,
             // The pairs around the middle; if the number of pairs is even, starts with the easier
             // of the two.
@@ -183,7 +243,7 @@ mod tests {
     fn worst_median_best_and_named() {
         let results = results();
         let board = Board::of(&results).unwrap();
-        let of = |ids: &[String], (choose, count)| {
+        let of = |ids: &[String], (choose, count): (Choice, usize)| {
             let choice = PairsChoice {
                 ids: ids.to_vec(),
                 choose,
@@ -202,6 +262,42 @@ mod tests {
         let named = ["d/1/s__0".to_owned()];
         assert_eq!(ids(&named, (Choice::Worst, 1)), named);
         assert!(of(&["x".to_owned()], (Choice::Worst, 1)).is_err());
+    }
+
+    #[test]
+    fn pairs_where_a_method_loses_most() {
+        let mut records = results().records;
+        let method = records[0].method.clone();
+        // Better by 0, 2, 4 … dB, but for the last.
+        let others = records.clone().into_iter().enumerate().map(|(i, record)| {
+            let psnr = record.scores["psnr"].value().unwrap();
+            let gain = if i == 5 { -1.0 } else { 2.0 * i as f64 };
+            Record {
+                method: "other".to_owned(),
+                scores: [("psnr".to_owned(), Score::Value(psnr + gain))].into(),
+                ..record
+            }
+        });
+        records.extend(others.collect::<Vec<_>>());
+        let results = test_results::results(&[MetricKey::PSNR], records);
+        let board = Board::of(&results).unwrap();
+        let lost = |choose: String| {
+            let choice = PairsChoice {
+                choose: choose.parse().unwrap(),
+                count: NonZeroUsize::new(3).unwrap(),
+                ..PairsChoice::default()
+            };
+            chosen(&board, &board.metrics, &choice).map(|all| {
+                let ids = all.iter().map(|chosen| chosen.pair.facts.pair_id.clone());
+                ids.collect::<Vec<_>>()
+            })
+        };
+        let found = lost(format!("loses:{method}:other")).unwrap();
+        assert_eq!(found, ["d/0/s__4", "d/0/s__3", "d/0/s__2"]);
+        assert_eq!(lost(format!("loses:other:{method}")).unwrap(), ["d/1/s__0"]);
+        assert!(lost("loses:other:other".to_owned()).is_err());
+        assert!(lost("loses:other:nobody".to_owned()).is_err());
+        assert!("loses:one".parse::<Choice>().is_err());
     }
 
     #[test]

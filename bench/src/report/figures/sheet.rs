@@ -3,17 +3,18 @@
 use std::path::{Path, PathBuf};
 
 use image::{Rgb, RgbImage, imageops};
-use sharp_plots::PlotError;
+use sharp_plots::{Drawing, Figure, PlotError};
 
-use crate::io::atomic_files::write_over_own;
+use crate::io::atomic_files::write_all_over_own;
 use crate::report::error::{MissingPicture, ReportError};
-use crate::report::pictures::{fitted, reduced};
-use crate::report::plots::MARK;
+use crate::report::pictures::fitted;
+use crate::report::plots::files;
 use crate::scoring::Region;
-use sharp_plots::ink::{INK, Ink, MUTED};
+use sharp_plots::canvas::{Anchor, Lettering, Surface};
+use sharp_plots::ink::{INK, Ink, MUTED, PAPER};
 use sharp_plots::palette::COLOURS;
 use sharp_plots::png;
-use sharp_plots::style::FigureStyle;
+use sharp_plots::style::{FigureStyle, Medium};
 use sharp_plots::text::{self, Weight};
 
 /// Maximum number of lines in a column's head, and in the reason for a missing picture.
@@ -85,6 +86,13 @@ impl SheetMedium {
     }
 }
 
+impl SheetMedium {
+    /// Thickness of frames.
+    fn frame(&self) -> u32 {
+        (self.font * 0.09).round().max(2.0) as u32
+    }
+}
+
 /// A picture, or the reason why it is missing, and the text below it.
 pub struct Tile {
     /// Name for messages.
@@ -121,8 +129,36 @@ pub struct Sheet {
 
 /// A laid-out tile.
 struct DrawnTile {
-    pictures: Vec<RgbImage>,
+    pictures: Vec<Shown>,
     lines: Vec<String>,
+}
+
+/// A picture and the size at which it is shown, pixels of the sheet.
+struct Shown {
+    picture: RgbImage,
+    size: (u32, u32),
+    /// Smoothed also where enlarged.
+    is_smooth: bool,
+    /// Rectangles `(x, y, width, height)` drawn on it.
+    frames: Vec<((u32, u32, u32, u32), Ink)>,
+}
+
+/// A line of text, and the start of its baseline.
+struct Line {
+    text: String,
+    at: (u32, u32),
+    size: f64,
+    weight: Weight,
+    ink: Ink,
+}
+
+/// A laid-out sheet, pixels.
+struct Layout {
+    size: (u32, u32),
+    pictures: Vec<(Shown, (u32, u32))>,
+    lines: Vec<Line>,
+    /// Thickness of frames.
+    frame: u32,
 }
 
 impl Sheet {
@@ -155,26 +191,38 @@ impl Sheet {
         self.tiles().flat_map(of_tile).collect()
     }
 
-    /// Writes the sheet in print quality as `STEM.png`.
+    /// Writes the sheet in print quality as SVG, PNG and PDF. SVG and PDF contain the pictures' own pixels.
     ///
     /// # Errors
-    /// If it has no picture, its columns are too narrow for text, or the file cannot be written or is not ours.
+    /// If it has no picture, its columns are too narrow for text, or a file cannot be written or is not ours.
     pub fn write(
         &self,
         out: &Path,
         stem: &str,
         style: &FigureStyle,
-    ) -> Result<PathBuf, ReportError> {
+    ) -> Result<Vec<PathBuf>, ReportError> {
         let failed = |reason: String| PlotError::new(stem, reason);
         let medium = SheetMedium::print(style, self.columns()).map_err(failed)?;
-        let bytes = self.png(&medium)?.ok_or_else(|| {
+        let layout = self.layout(&medium).ok_or_else(|| {
             let reason = self.problems().into_iter().next();
             let reason = reason.unwrap_or_else(|| "no pair".to_owned());
             failed(format!("there is no picture to show ({reason})"))
         })?;
-        let path = out.join(format!("{stem}.png"));
-        write_over_own(&path, &bytes, MARK)?;
-        Ok(path)
+        let png = png::encode(&layout.raster(), medium.dpi);
+        let print = Medium {
+            zoom: 96.0 / medium.dpi,
+            dpi: medium.dpi,
+            paper: PAPER,
+        };
+        let drawing = Drawing::new(stem, layout.size, print, |surface| layout.paint(surface));
+        let figure = Figure {
+            title: stem.to_owned(),
+            svg: drawing.svg()?,
+            png: png.map_err(|error| failed(error.to_string()))?,
+            pdf: drawing.pdf()?,
+        };
+        let paths = write_all_over_own(&files(figure, out, stem))?;
+        Ok(paths)
     }
 
     /// The sheet as PNG; `None` if it has no picture.
@@ -191,6 +239,10 @@ impl Sheet {
 
     /// Draws the sheet; `None` if it has no picture.
     pub fn draw(&self, medium: &SheetMedium) -> Option<RgbImage> {
+        Some(self.layout(medium)?.raster())
+    }
+
+    fn layout(&self, medium: &SheetMedium) -> Option<Layout> {
         if !self.tiles().any(|tile| tile.picture.is_ok()) {
             return None;
         }
@@ -236,60 +288,130 @@ impl Sheet {
         let total: u32 = heights
             .map(|(label, _, tiles)| label + tiles + 2 * gap)
             .sum();
-        let mut sheet = RgbImage::from_pixel(
+        let size = (
             2 * medium.margin + columns * (column + gap) - gap,
             2 * medium.margin + head + total - gap,
-            Rgb([255; 3]),
         );
+        let (mut pictures, mut texts) = (Vec::new(), Vec::new());
         let left = |at: usize| medium.margin + at as u32 * (column + gap);
-        let bold = |sheet: &mut RgbImage, text: &str, (x, top): (u32, u32)| {
-            let place = (x, top + (medium.font * 0.95) as u32);
-            text::write(sheet, text, place, medium.font, Weight::Bold, INK);
+        let bold = |text: &str, (x, top): (u32, u32)| Line {
+            text: text.to_owned(),
+            at: (x, top + (medium.font * 0.95) as u32),
+            size: medium.font,
+            weight: Weight::Bold,
+            ink: INK,
         };
         for (at, lines) in heads.iter().enumerate() {
             for (text, k) in lines.iter().zip(0_u32..) {
                 let top = medium.margin + k * line(medium.font);
-                bold(&mut sheet, text, (left(at), top));
+                texts.push(bold(text, (left(at), top)));
             }
         }
         let mut top = medium.margin + head;
-        for row in &rows {
-            let (label_height, pictures, height) = of_row(row);
+        for row in rows {
+            let (label_height, below_pictures, height) = of_row(&row);
             let room = f64::from(columns * column);
             let label = text::fitted(row.0, medium.font, Weight::Bold, room);
-            bold(&mut sheet, &label, (left(0), top));
+            texts.push(bold(&label, (left(0), top)));
             top += label_height;
-            for (at, tile) in row.1.iter().enumerate() {
-                paste(&mut sheet, tile, (left(at), top), gap);
+            for (at, tile) in row.1.into_iter().enumerate() {
+                let text_top = text_top(&tile, below_pictures);
                 for (text, k) in tile.lines.iter().zip(1_u32..) {
-                    let below = text_top(tile, pictures) + k * line(medium.small);
-                    let place = (left(at), top + below);
-                    text::write(
-                        &mut sheet,
-                        text,
-                        place,
-                        medium.small,
-                        Weight::Regular,
-                        MUTED,
-                    );
+                    texts.push(Line {
+                        text: text.clone(),
+                        at: (left(at), top + text_top + k * line(medium.small)),
+                        size: medium.small,
+                        weight: Weight::Regular,
+                        ink: MUTED,
+                    });
+                }
+                // Enlarged parts are side by side below the picture.
+                let (mut x, mut y) = (left(at), top);
+                for (k, shown) in tile.pictures.into_iter().enumerate() {
+                    let (width, height) = shown.size;
+                    pictures.push((shown, (x, y)));
+                    match k {
+                        0 => y += height + gap,
+                        _ => x += width + gap,
+                    }
                 }
             }
             top += height + 2 * gap;
         }
-        Some(sheet)
+        Some(Layout {
+            size,
+            pictures,
+            lines: texts,
+            frame: medium.frame(),
+        })
     }
 }
 
-/// Pastes the picture with its enlarged parts side by side below it.
-fn paste(sheet: &mut RgbImage, tile: &DrawnTile, (left, top): (u32, u32), gap: u32) {
-    let Some((picture, parts)) = tile.pictures.split_first() else {
-        return;
-    };
-    imageops::replace(sheet, picture, i64::from(left), i64::from(top));
-    let (mut x, y) = (left, top + picture.height() + gap);
-    for part in parts {
-        imageops::replace(sheet, part, i64::from(x), i64::from(y));
-        x += part.width() + gap;
+impl Layout {
+    fn raster(&self) -> RgbImage {
+        let mut sheet = RgbImage::from_pixel(self.size.0, self.size.1, Rgb([255; 3]));
+        for (shown, (x, y)) in &self.pictures {
+            let mut picture = shown.raster();
+            for (place, ink) in &shown.frames {
+                outline(&mut picture, *place, self.frame, *ink);
+            }
+            imageops::replace(&mut sheet, &picture, i64::from(*x), i64::from(*y));
+        }
+        for line in &self.lines {
+            let Line { text, at, size, .. } = line;
+            text::write(&mut sheet, text, *at, *size, line.weight, line.ink);
+        }
+        sheet
+    }
+
+    fn paint(&self, surface: &mut Surface) {
+        let point = |(x, y): (u32, u32)| (f64::from(x), f64::from(y));
+        let width = f64::from(self.frame);
+        for (shown, at) in &self.pictures {
+            surface.picture(shown.picture.clone(), point(*at), point(shown.size));
+        }
+        for (shown, at) in &self.pictures {
+            for ((x, y, w, h), ink) in &shown.frames {
+                // The line's middle lies half its width inside.
+                let (x, y) = point((at.0 + x, at.1 + y));
+                let (left, top) = (x + width / 2.0, y + width / 2.0);
+                let (right, bottom) = (left + f64::from(*w) - width, top + f64::from(*h) - width);
+                let corners = [
+                    (left, top),
+                    (right, top),
+                    (right, bottom),
+                    (left, bottom),
+                    (left, top),
+                    (right, top),
+                ];
+                surface.line(&corners, width, *ink);
+            }
+        }
+        for line in &self.lines {
+            let lettering = Lettering {
+                size: line.size,
+                weight: line.weight,
+                ink: line.ink,
+                anchor: Anchor::Start,
+                upwards: false,
+            };
+            surface.text(&line.text, point(line.at), lettering);
+        }
+    }
+}
+
+impl Shown {
+    /// The picture at its shown size.
+    fn raster(&self) -> RgbImage {
+        let (width, height) = self.size;
+        if self.size == self.picture.dimensions() {
+            return self.picture.clone();
+        }
+        let filter = match width > self.picture.width() && !self.is_smooth {
+            true => imageops::FilterType::Nearest,
+            false => imageops::FilterType::Triangle,
+        };
+        imageops::resize(&self.picture, width, height, filter)
     }
 }
 
@@ -298,8 +420,8 @@ fn stacked(tile: &DrawnTile, gap: u32) -> u32 {
     let Some((picture, parts)) = tile.pictures.split_first() else {
         return 0;
     };
-    let parts = parts.iter().map(|part| part.height() + gap).max();
-    picture.height() + parts.unwrap_or(0)
+    let parts = parts.iter().map(|part| part.size.1 + gap).max();
+    picture.size.1 + parts.unwrap_or(0)
 }
 
 /// Top of a tile's text: below the row's pictures, or at the top if the picture is missing.
@@ -327,47 +449,51 @@ fn drawn(tile: &Tile, medium: &SheetMedium) -> DrawnTile {
             };
         }
     };
-    let mut shown = scaled(picture, medium.tile, medium.grows);
-    let share = f64::from(shown.width()) / f64::from(picture.width().max(1));
+    let size = size_of(picture, medium.tile, medium.grows);
+    let share = f64::from(size.0) / f64::from(picture.width().max(1));
     let crops = tile.crops.iter();
     let crops: Vec<&Region> = crops
         .filter(|crop| crop.fits(picture.dimensions()))
         .collect();
     let n = crops.len().max(1) as u32;
-    let width = (shown.width().saturating_sub((n - 1) * medium.gap) / n).max(1);
-    let frame = (medium.font * 0.09).round().max(2.0) as u32;
-    let mut parts = Vec::new();
+    let width = (size.0.saturating_sub((n - 1) * medium.gap) / n).max(1);
+    let (mut frames, mut parts) = (Vec::new(), Vec::new());
     for (crop, ink) in crops.iter().zip(medium.colours.iter().cycle()) {
         let part = imageops::crop_imm(picture, crop.x, crop.y, crop.width, crop.height).to_image();
         let height = f64::from(width) * f64::from(crop.height) / f64::from(crop.width);
-        // Enlarge without smoothing.
-        let filter = match width > crop.width {
-            true => imageops::FilterType::Nearest,
-            false => imageops::FilterType::Triangle,
-        };
-        let mut part = imageops::resize(&part, width, (height.round() as u32).max(1), filter);
-        let whole = (0, 0, part.width(), part.height());
-        outline(&mut part, whole, frame, *ink);
-        parts.push(part);
+        let size = (width, (height.round() as u32).max(1));
+        parts.push(Shown {
+            picture: part,
+            size,
+            is_smooth: false,
+            frames: vec![((0, 0, size.0, size.1), *ink)],
+        });
         let at = |v: u32| (f64::from(v) * share).round() as u32;
         let place = (at(crop.x), at(crop.y), at(crop.width), at(crop.height));
-        outline(&mut shown, place, frame, *ink);
+        frames.push((place, *ink));
     }
+    let shown = Shown {
+        picture: picture.clone(),
+        size,
+        is_smooth: true,
+        frames,
+    };
     DrawnTile {
         pictures: std::iter::once(shown).chain(parts).collect(),
         lines: text::wrapped(&tile.text, small, Weight::Regular, room),
     }
 }
 
-fn scaled(picture: &RgbImage, side: u32, grows: bool) -> RgbImage {
-    let longest = picture.width().max(picture.height());
+/// The size at which a picture is shown.
+fn size_of(picture: &RgbImage, side: u32, grows: bool) -> (u32, u32) {
+    let (width, height) = picture.dimensions();
+    let longest = width.max(height);
     if !grows || longest >= side || longest == 0 {
-        return reduced(picture, side);
+        return fitted((width, height), side);
     }
     // The same size that `fitted` would give a larger picture of this shape.
     let factor = side.div_ceil(longest);
-    let (width, height) = fitted((picture.width() * factor, picture.height() * factor), side);
-    imageops::resize(picture, width, height, imageops::FilterType::Triangle)
+    fitted((width * factor, height * factor), side)
 }
 
 /// Draws a frame inside the rectangle `(x, y, width, height)` of a picture.
@@ -431,6 +557,44 @@ mod tests {
         assert_eq!(drawn.get_pixel(25, 54 + 25), &Rgb([200; 3]));
         assert_eq!(drawn.get_pixel(0, 54), &Rgb([255, 0, 0]));
         assert_eq!(drawn.get_pixel(97, 51), &Rgb([255; 3]));
+    }
+
+    #[test]
+    fn vector_files_contain_the_pictures_own_pixels() {
+        let picture = RgbImage::from_pixel(50, 25, Rgb([10, 20, 30]));
+        let mut tile = Tile::new("", Ok(picture), "0.1234");
+        tile.crops = vec![Region {
+            x: 20,
+            y: 10,
+            width: 10,
+            height: 5,
+        }];
+        let sheet = Sheet {
+            heads: vec!["<a>".into()],
+            rows: vec![(String::new(), vec![tile])],
+        };
+        let dir = tempfile::tempdir().unwrap();
+        let files = sheet
+            .write(dir.path(), "s", &FigureStyle::default())
+            .unwrap();
+        let names = files
+            .iter()
+            .map(|file| file.file_name().unwrap().to_str().unwrap());
+        assert_eq!(names.collect::<Vec<_>>(), ["s.svg", "s.png", "s.pdf"]);
+        let svg = std::fs::read_to_string(&files[0]).unwrap();
+        let images = svg.split("base64,").skip(1);
+        let sizes = images.map(|image| {
+            let data = image.split('"').next().unwrap();
+            let png = base64::Engine::decode(&base64::engine::general_purpose::STANDARD, data);
+            image::load_from_memory(&png.unwrap())
+                .unwrap()
+                .to_rgb8()
+                .dimensions()
+        });
+        assert_eq!(sizes.collect::<Vec<_>>(), [(50, 25), (10, 5)]);
+        assert!(svg.contains(">0.1234") || svg.contains("0.1234\n"), "{svg}");
+        // A frame on the picture, and one on the part, each with five sides, so that its last corner is closed.
+        assert_eq!(svg.matches("<polyline").count(), 2);
     }
 
     #[test]

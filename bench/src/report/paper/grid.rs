@@ -22,6 +22,15 @@ pub struct Beside {
     pub metrics: Vec<MetricKey>,
     /// Whether to omit datasets for which the user has no number.
     pub only_measured: bool,
+    /// The datasets to show, by name in any case; empty for all.
+    pub datasets: Vec<String>,
+}
+
+impl Beside {
+    fn shows(&self, dataset: &str) -> bool {
+        let mut listed = self.datasets.iter();
+        self.datasets.is_empty() || listed.any(|name| name.eq_ignore_ascii_case(dataset))
+    }
 }
 
 /// A table of the paper with the user's rows below the published ones. Both are ranked separately.
@@ -30,8 +39,9 @@ pub struct Beside {
 /// If a row cannot be read, or two rows contradict each other or their column of the paper.
 pub fn paper_table(paper: &PublishedTable, beside: &Beside) -> Result<Table, RowError> {
     if beside.rows.is_empty() {
-        let all: Vec<usize> = (0..paper.datasets.len()).collect();
-        return Ok(paper.table(&all));
+        let all = 0..paper.datasets.len();
+        let shown: Vec<usize> = all.filter(|d| beside.shows(paper.datasets[*d])).collect();
+        return Ok(paper.table(&shown));
     }
     with_rows(paper, OwnRows::read(paper, &beside.rows)?, beside)
 }
@@ -42,16 +52,22 @@ pub(super) fn with_rows(
     rows: OwnRows,
     beside: &Beside,
 ) -> Result<Table, RowError> {
-    let all: Vec<usize> = (0..paper.datasets.len()).collect();
+    let listed = (0..paper.datasets.len()).filter(|d| beside.shows(paper.datasets[*d]));
     match rows {
         OwnRows::Scores(results) => {
             let board = Board::of(&results)?;
             let columns = columns(paper, &board, &beside.metrics);
             let mut shown = placed(paper, board)?;
             let is_kept = |d: &DatasetBoard<'_>| !beside.only_measured || !d.pairs.is_empty();
-            let kept = all.into_iter().filter(|d| is_kept(&shown.datasets[*d]));
+            let kept = listed.filter(|d| is_kept(&shown.datasets[*d]));
             let kept: Vec<usize> = kept.collect();
-            shown.datasets.retain(is_kept);
+            let mut names = paper.datasets.iter();
+            shown.datasets.retain(|dataset| {
+                let name = names
+                    .next()
+                    .map_or(dataset.dataset.name.as_str(), |name| *name);
+                is_kept(dataset) && beside.shows(name)
+            });
             let mut own = build::table(&shown, &columns, paper.name, paper.title, of_metric);
             let compared = ChecklistInput {
                 paper,
@@ -72,7 +88,7 @@ pub(super) fn with_rows(
             let of = |row: &Row, d: usize| row.cells[d * width..(d + 1) * width].to_vec();
             let has = |row: &Row, d: usize| of(row, d).iter().any(|cell| cell.value.is_some());
             let kept = |d: &usize| !beside.only_measured || rows.iter().any(|row| has(row, *d));
-            let kept: Vec<usize> = all.into_iter().filter(kept).collect();
+            let kept: Vec<usize> = listed.filter(kept).collect();
             let narrowed = rows.iter().map(|row| Row {
                 cells: kept.iter().flat_map(|d| of(row, *d)).collect(),
                 ..row.clone()

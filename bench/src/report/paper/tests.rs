@@ -92,6 +92,32 @@ fn mixed() -> Table {
 }
 
 #[test]
+fn datasets_are_shown_by_name() {
+    let groups = |datasets: &[&str], rows: Option<OwnRows>| {
+        let beside = Beside {
+            datasets: datasets.iter().map(|name| (*name).to_owned()).collect(),
+            ..Beside::default()
+        };
+        let paper = published("quantitative").unwrap();
+        let table = match rows {
+            Some(rows) => with_rows(paper, rows, &beside).unwrap(),
+            None => paper_table(paper, &beside).unwrap(),
+        };
+        let cells = table.groups.len() * table.columns.len();
+        assert!(table.rows.iter().all(|row| row.cells.len() == cells));
+        let names = table.groups.into_iter().map(|group| group.title);
+        names.collect::<Vec<_>>()
+    };
+    assert_eq!(groups(&["eth3d", "Middlebury"], None).len(), 2);
+    let own = || Some(OwnRows::Scores(Box::new(results())));
+    let (some, all) = (groups(&["middlebury"], own()), groups(&[], own()));
+    assert!(
+        some.len() < all.len() && all.iter().any(|title| some.contains(title)),
+        "{some:?} {all:?}"
+    );
+}
+
+#[test]
 fn equal_numbers_as_shown_share_a_rank_and_each_list_is_named() {
     let mut complete = results();
     complete
