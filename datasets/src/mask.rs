@@ -8,16 +8,18 @@ use crate::DatasetError;
 use crate::format::picture;
 use crate::undistort::Undistortion;
 
-/// The level of a mask that marks valid pixels; all other levels exclude pixels.
+/// The lowest level that counts as white; lower ones count as black. Masks have 0 and 255, but JPEG and resizing add
+/// levels between them.
+pub(crate) const WHITE: u8 = 128;
+
+/// The side of a mask that marks valid pixels.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Keep {
-    /// 255.
     White,
-    /// 0.
     Black,
 }
 
-/// A grey picture in which pixels of one level are valid.
+/// A grey picture in which white or black pixels are valid.
 #[derive(Debug, Clone)]
 pub(crate) struct MaskFile {
     pub(crate) file: PathBuf,
@@ -34,16 +36,12 @@ impl MaskFile {
     ) -> Result<GrayImage, DatasetError> {
         check_size(&self.file, picture::dimensions(&self.file)?, size)?;
         let mut mask = picture::read_mask(&self.file)?;
-        if self.keep == Keep::Black {
-            mask.iter_mut().for_each(|value| *value = 255 - *value);
+        let kept_is_white = self.keep == Keep::White;
+        for value in mask.iter_mut() {
+            let is_kept = (*value >= WHITE) == kept_is_white;
+            *value = if is_kept { 255 } else { 0 };
         }
-        if let Some(undistortion) = undistortion {
-            return Ok(undistortion.mask(&mask));
-        }
-        for value in mask.iter_mut().filter(|value| **value < 255) {
-            *value = 0;
-        }
-        Ok(mask)
+        Ok(undistortion.map_or_else(|| mask.clone(), |lens| lens.mask(&mask)))
     }
 }
 

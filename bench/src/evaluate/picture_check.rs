@@ -13,6 +13,8 @@ use sharp::color::{Quantization, linear_from_srgb, quantize, srgb_from_linear};
 
 use super::finding::PictureChange;
 use super::gaussians::likeness::Likeness;
+use super::picture_layout::layout_change;
+use super::picture_levels::{from_luma, is_limited, is_unscaled, is_wrapped, normalised};
 use super::record::{Record, Status};
 use crate::scoring::Region;
 
@@ -26,8 +28,6 @@ const LEAST_GAIN_OF_CHANNELS: f64 = 0.25;
 const LEAST_GAIN_OF_TRANSFER: f64 = 3.0;
 /// Minimum gain for another range of levels, which other exposures resemble, dB.
 const LEAST_GAIN_OF_RANGE: f64 = 1.5;
-/// Minimum gain for the limited range of video, dB; the ends of the levels are stronger evidence.
-const LEAST_GAIN_OF_LIMITED: f64 = 0.25;
 /// Share of the levels ignored at each end, because ringing of JPEG and of resampling exceeds it.
 const BEYOND_ENDS: f64 = 0.002;
 /// Below this correlation with the photograph, red and blue are exchanged (for their difference) or the picture is a
@@ -78,14 +78,45 @@ pub(super) fn note_change(
     };
 }
 
-/// How a stored picture was probably altered; `None` if no change brings it significantly nearer to its photograph.
+/// How a stored picture was probably altered; `None` if no change is visible in it or brings it significantly nearer to
+/// its photograph.
 pub(crate) fn likely_change(photograph: &RgbImage, picture: &RgbImage) -> Option<PictureChange> {
-    let (width, height) = photograph.dimensions();
+    let layout = layout_change(photograph, picture);
+    if layout.is_some() {
+        return layout;
+    }
     let seen = shrunk(photograph);
     let shown = thumbnail(picture, seen.width(), seen.height());
+    if is_unscaled(&seen, picture) {
+        return Some(PictureChange::Unscaled);
+    }
+    if is_normalised(&seen, &shown) {
+        return Some(PictureChange::Normalised);
+    }
+    let undone = undone_change(&seen, &shown, ends(picture), photograph.dimensions());
+    let wrapped = || is_wrapped(photograph, picture).then_some(PictureChange::Wrapped);
+    undone.or_else(wrapped)
+}
+
+/// Whether the photograph is significantly nearer to the picture when normalised as for networks trained on ImageNet
+/// than at any brightness and contrast.
+fn is_normalised(seen: &RgbImage, shown: &RgbImage) -> bool {
+    let fit = |seen: &RgbImage| Likeness::of(shown, Region::whole(shown.dimensions()), seen);
+    let (as_read, normalised) = (fit(seen), fit(&mapped(seen, normalised)));
+    normalised.is_nearer_than(&as_read) && normalised.is_nearer_than_exposed(&as_read)
+}
+
+/// The change that brings a reduced picture nearest to its photograph when it is undone, if significantly. `ends` are
+/// those of the picture at its full size.
+fn undone_change(
+    seen: &RgbImage,
+    shown: &RgbImage,
+    ends: [u8; 2],
+    (width, height): (u32, u32),
+) -> Option<PictureChange> {
     let whole = Region::whole(seen.dimensions());
-    let fit = |shown: &RgbImage| Likeness::of(&seen, whole, shown);
-    let as_read = fit(&shown);
+    let fit = |shown: &RgbImage| Likeness::of(seen, whole, shown);
+    let as_read = fit(shown);
     let nearer = |changed: &RgbImage, gain: f64| {
         let fit = fit(changed);
         (fit.explained() >= EXPLAINED && fit.gain_over(&as_read) >= gain).then_some(fit)
@@ -94,16 +125,16 @@ pub(crate) fn likely_change(photograph: &RgbImage, picture: &RgbImage) -> Option
         |changed: &RgbImage| nearer(changed, LEAST_GAIN).filter(|fit| fit.is_closer_than(&as_read));
     let turned = |by: fn(&RgbImage) -> RgbImage| {
         let is_square = width == height;
-        is_square.then(|| moved(&by(&shown))).flatten()
+        is_square.then(|| moved(&by(shown))).flatten()
     };
     let encoded = |transfer: fn(f32) -> f32| {
         let level = |v: u8| quantize(transfer(f32::from(v) / 255.0), Quantization::Round);
-        let changed = mapped(&shown, |color| color.map(level));
+        let changed = mapped(shown, |color| color.map(level));
         // Levels sorted by rank are independent of position: another exposure would fit them by brightness and
         // contrast.
-        let by_rank = |of: &RgbImage| Likeness::of(&ranked(&seen), whole, &ranked(of));
+        let by_rank = |of: &RgbImage| Likeness::of(&ranked(seen), whole, &ranked(of));
         let fit = nearer(&changed, LEAST_GAIN_OF_TRANSFER);
-        fit.filter(|_| by_rank(&changed).is_nearer_than_exposed(&by_rank(&shown)))
+        fit.filter(|_| by_rank(&changed).is_nearer_than_exposed(&by_rank(shown)))
     };
     // Ignore black, which gives no evidence of a range: it may be a hole, or clipped.
     let lit = |of: &dyn Fn(u8) -> u8| {
@@ -123,22 +154,24 @@ pub(crate) fn likely_change(photograph: &RgbImage, picture: &RgbImage) -> Option
         is_right.then_some(after)
     };
     let is_upper_half = shown.iter().all(|level| *level >= 127);
-    // A blurred picture does not reach black and white, but only the limited range ends at 16 and at 235.
-    let ([black, white], [lowest, highest]) = (ends(photograph), ends(picture));
-    let is_limited =
-        black <= 4 && white >= 251 && (14..=20).contains(&lowest) && (231..=237).contains(&highest);
-    let full = mapped(&shown, |color| {
+    let full = mapped(shown, |color| {
         color.map(|v| ((f32::from(v) - 16.0) * 255.0 / 219.0).round() as u8)
     });
-    let full = nearer(&full, LEAST_GAIN_OF_LIMITED).filter(|_| is_limited);
+    let full = is_limited(seen, shown, ends).then(|| fit(&full));
+    let from_luma = |order: [usize; 3]| {
+        let rgb = mapped(shown, |color| {
+            from_luma(order.map(|channel| color[channel]))
+        });
+        nearer(&rgb, LEAST_GAIN_OF_TRANSFER).filter(|fit| fit.is_nearer_than_exposed(&as_read))
+    };
     let exchanged = PERMUTATIONS.map(|(change, order)| {
-        let permuted = mapped(&shown, |color| order.map(|channel| color[channel]));
+        let permuted = mapped(shown, |color| order.map(|channel| color[channel]));
         (change, nearer(&permuted, LEAST_GAIN_OF_CHANNELS))
     });
     let tint = |of: &RgbImage| mapped(of, |[r, _, b]| [128 - b / 2 + r / 2; 3]);
-    let tints = Likeness::of(&tint(&seen), whole, &tint(&shown)).correlation();
+    let tints = Likeness::of(&tint(seen), whole, &tint(shown)).correlation();
     let exchanged = exchanged.map(|(change, fit)| (change, fit.filter(|_| tints < OPPOSED)));
-    let negative = nearer(&inverted(&shown), LEAST_GAIN);
+    let negative = nearer(&inverted(shown), LEAST_GAIN);
     let negative = negative.filter(|_| as_read.correlation() < OPPOSED);
     let all = [
         (PictureChange::Negative, negative),
@@ -153,9 +186,11 @@ pub(crate) fn likely_change(photograph: &RgbImage, picture: &RgbImage) -> Option
             ranged(|v| (v + 255.0) / 2.0, false),
         ),
         (PictureChange::LimitedRange, full),
-        (PictureChange::Mirrored, moved(&flip_horizontal(&shown))),
-        (PictureChange::UpsideDown, moved(&flip_vertical(&shown))),
-        (PictureChange::Turned180, moved(&rotate180(&shown))),
+        (PictureChange::Luma, from_luma([0, 1, 2])),
+        (PictureChange::Luma, from_luma([0, 2, 1])),
+        (PictureChange::Mirrored, moved(&flip_horizontal(shown))),
+        (PictureChange::UpsideDown, moved(&flip_vertical(shown))),
+        (PictureChange::Turned180, moved(&rotate180(shown))),
         (PictureChange::Turned90, turned(rotate270)),
         (PictureChange::Turned270, turned(rotate90)),
         (
@@ -172,7 +207,7 @@ pub(crate) fn likely_change(photograph: &RgbImage, picture: &RgbImage) -> Option
 }
 
 /// A picture reduced to the size at which pictures are compared.
-pub(super) fn shrunk(picture: &RgbImage) -> RgbImage {
+pub(crate) fn shrunk(picture: &RgbImage) -> RgbImage {
     let (width, height) = picture.dimensions();
     let to = width.min(WIDTH);
     thumbnail(picture, to, (height * to / width).max(1))
@@ -258,6 +293,10 @@ pub(crate) fn agreed_change(
              another order of their bytes, or unfinished files?)",
             change.text()
         ),
+        change if change.is_visible() => format!(
+            "its pictures {}: {counted}, by comparison with the photographs {photographs}",
+            change.text()
+        ),
         change => format!(
             "its pictures look as if they {}: {counted} are significantly closer to the photographs {photographs} when \
              this is undone",
@@ -324,8 +363,33 @@ mod tests {
             (PictureChange::Turned90, rotate90),
             (PictureChange::Turned270, rotate270),
             (PictureChange::Transposed, transposed),
+            (PictureChange::Luma, |p| mapped(p, to_luma)),
+            (PictureChange::Luma, |p| {
+                mapped(p, |color| [0, 2, 1].map(|c| to_luma(color)[c]))
+            }),
+            (PictureChange::Normalised, |p| mapped(p, normalised)),
+            (PictureChange::Unscaled, |p| levels(p, |v| v / 255.0)),
         ] {
             assert_eq!(told(&done(&proper)), Some(name));
+        }
+    }
+
+    fn to_luma([r, g, b]: [u8; 3]) -> [u8; 3] {
+        let [r, g, b] = [r, g, b].map(f64::from);
+        let y = 0.299 * r + 0.587 * g + 0.114 * b;
+        [y, 128.0 + 0.564 * (b - y), 128.0 + 0.713 * (r - y)].map(|v| v.round() as u8)
+    }
+
+    #[test]
+    fn levels_that_wrapped_around_are_told() {
+        let more = |p: &RgbImage| levels(p, |v| (1.4 * (v - 120.0) + 128.0).clamp(0.0, 255.0));
+        let seen = more(&picture(0.0, 0));
+        let wrapped = mapped(&picture(0.3, 0), |c| {
+            c.map(|v| (1.4 * (f32::from(v) - 120.0) + 128.0).round() as i32 as u8)
+        });
+        assert_eq!(likely_change(&seen, &wrapped), Some(PictureChange::Wrapped));
+        for by in [1.0, 4.0] {
+            assert_eq!(likely_change(&seen, &more(&picture(by, 1))), None);
         }
     }
 
