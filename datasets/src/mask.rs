@@ -62,3 +62,31 @@ pub(crate) fn check_size(
         ),
     ))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn levels_between_black_and_white_count_as_the_nearer() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("m.png");
+        let levels = |keep, stored: [u8; 4]| {
+            let mask = GrayImage::from_raw(4, 1, stored.to_vec()).unwrap();
+            mask.save(&file).unwrap();
+            let mask = MaskFile {
+                file: file.clone(),
+                keep,
+            };
+            mask.read((4, 1), None)
+                .map(|mask| mask.into_raw())
+                .map_err(|e| e.to_string())
+        };
+        let read = levels(Keep::White, [0, 127, 128, 255]).unwrap();
+        assert_eq!(read, [0, 0, 255, 255]);
+        let read = levels(Keep::Black, [0, 127, 128, 255]).unwrap();
+        assert_eq!(read, [255, 255, 0, 0]);
+        let refused = levels(Keep::White, [0, 1, 1, 127]).unwrap_err();
+        assert!(refused.contains("maximum level is 127"), "{refused}");
+    }
+}
