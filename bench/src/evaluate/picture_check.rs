@@ -382,15 +382,25 @@ mod tests {
 
     #[test]
     fn levels_that_wrapped_around_are_told() {
-        let more = |p: &RgbImage| levels(p, |v| (1.4 * (v - 120.0) + 128.0).clamp(0.0, 255.0));
-        let seen = more(&picture(0.0, 0));
-        let wrapped = mapped(&picture(0.3, 0), |c| {
-            c.map(|v| (1.4 * (f32::from(v) - 120.0) + 128.0).round() as i32 as u8)
+        // A photograph with highlights, and a prediction whose noise exceeds white there.
+        let wave = |x: u32, y: u32| {
+            140.0 + 114.0 * (f64::from(x) / 9.0).sin() * (f64::from(y) / 13.0).cos()
+        };
+        let seen = RgbImage::from_fn(96, 96, |x, y| {
+            Rgb([0.0, 1.0, -2.0].map(|tint| (wave(x, y) + tint) as u8))
         });
-        assert_eq!(likely_change(&seen, &wrapped), Some(PictureChange::Wrapped));
-        for by in [1.0, 4.0] {
-            assert_eq!(likely_change(&seen, &more(&picture(by, 1))), None);
-        }
+        let noisy = |to_level: fn(i32) -> u8| {
+            RgbImage::from_fn(96, 96, |x, y| {
+                let noise = |c: u32| f64::from((x * 7919 + y * 104_729 + c * 31) % 19) - 9.0;
+                Rgb([0, 1, 2].map(|c| to_level((wave(x, y) + noise(c)) as i32)))
+            })
+        };
+        assert_eq!(
+            likely_change(&seen, &noisy(|v| v as u8)),
+            Some(PictureChange::Wrapped)
+        );
+        let limited = noisy(|v| v.clamp(0, 255) as u8);
+        assert_eq!(likely_change(&seen, &limited), None);
     }
 
     #[test]
