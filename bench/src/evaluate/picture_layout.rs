@@ -43,9 +43,9 @@ pub(super) fn layout_change(photograph: &RgbImage, picture: &RgbImage) -> Option
     if rows.is_unfinished() {
         return Some(PictureChange::Unfinished);
     }
-    let [down, across] = [true, false].map(|is_row| steps(picture, is_row));
-    let is_interlaced =
-        down > LEAST_STEPS && across < MOST_STEPS && steps(photograph, true) < MOST_STEPS;
+    let is_interlaced = steps(picture, true) > LEAST_STEPS
+        && steps(picture, false) < MOST_STEPS
+        && steps(photograph, true) < MOST_STEPS;
     is_interlaced.then_some(PictureChange::Interlaced)
 }
 
