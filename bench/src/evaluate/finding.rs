@@ -108,13 +108,11 @@ impl PictureChange {
         }
     }
 
-    /// Whether the picture itself shows the change, without undoing it.
+    /// Whether the change leaves traces that proper and poor predictions do not have.
     pub fn is_visible(self) -> bool {
         matches!(
             self,
-            Self::LimitedRange
-                | Self::Normalised
-                | Self::Wrapped
+            Self::Wrapped
                 | Self::Unscaled
                 | Self::Bars
                 | Self::Unfinished

@@ -37,6 +37,8 @@ const OPPOSED: f64 = -0.4;
 const EXPLAINED: f64 = 0.2;
 /// Minimum number of pictures in a dataset, and the share that must agree.
 const AGREEMENT: (usize, f64) = (3, 0.8);
+/// The share that suffices for a visible change.
+const AGREEMENT_VISIBLE: f64 = 0.1;
 
 /// Pictures whose correlation with the photograph is lower have little in common with it.
 const UNLIKE: f64 = 0.15;
@@ -274,8 +276,8 @@ pub(super) fn changed_pictures<'a>(records: impl Iterator<Item = &'a Record>) ->
         .collect()
 }
 
-/// A sentence on the change that nearly all of some pictures have in common. `photographs` completes "the photographs":
-/// which they were compared with.
+/// A sentence on the change that nearly all of some pictures have in common, or several if it is visible. `photographs`
+/// completes "the photographs": which they were compared with.
 pub(crate) fn agreed_change(
     changes: &[Option<PictureChange>],
     photographs: &str,
@@ -284,7 +286,12 @@ pub(crate) fn agreed_change(
     let same = |change| changes.iter().filter(|c| **c == Some(change)).count();
     let (count, change) = changes.iter().flatten().map(|c| (same(*c), *c)).max()?;
     let counted = format!("{count} of {all}");
-    (all >= AGREEMENT.0 && count as f64 >= AGREEMENT.1 * all as f64).then(|| match change {
+    let share = match change.is_visible() {
+        true => AGREEMENT_VISIBLE,
+        false => AGREEMENT.1,
+    };
+    let is_agreed = count >= AGREEMENT.0 && count as f64 >= share * all as f64;
+    is_agreed.then(|| match change {
         PictureChange::Photograph => {
             format!("its pictures {}: {counted} are equal to those {photographs}", change.text())
         }
@@ -293,8 +300,13 @@ pub(crate) fn agreed_change(
              another order of their bytes, or unfinished files?)",
             change.text()
         ),
+        PictureChange::LimitedRange => format!(
+            "its pictures look as if they {}: {counted} have about 16 for black and 235 for white of the photographs \
+             {photographs}",
+            change.text()
+        ),
         change if change.is_visible() => format!(
-            "its pictures {}: {counted}, by comparison with the photographs {photographs}",
+            "{count} of its {all} pictures {} (compared with the photographs {photographs})",
             change.text()
         ),
         change => format!(
@@ -452,19 +464,22 @@ mod tests {
 
     #[test]
     fn nearly_all_pictures_of_a_dataset_have_to_agree() {
-        let sentences = |changed: usize, all: usize| {
+        let sentences = |change: PictureChange, changed: usize, all: usize| {
             let records: Vec<Record> = (0..all)
                 .map(|at| {
                     let mut record = record();
                     record.status = Status::Ok;
-                    record.change = (at < changed).then_some(PictureChange::Bgr);
+                    record.change = (at < changed).then_some(change);
                     record
                 })
                 .collect();
             changed_pictures(records.iter())
         };
-        assert_eq!(sentences(2, 2), Vec::<String>::new());
-        assert_eq!(sentences(3, 8), Vec::<String>::new());
-        assert!(sentences(7, 8)[0].contains("red and blue exchanged: 7 of 8 "));
+        let (bgr, wrapped) = (PictureChange::Bgr, PictureChange::Wrapped);
+        for few in [(bgr, 2, 2), (bgr, 3, 8), (wrapped, 2, 8), (wrapped, 3, 40)] {
+            assert_eq!(sentences(few.0, few.1, few.2), Vec::<String>::new());
+        }
+        assert!(sentences(bgr, 7, 8)[0].contains("red and blue exchanged: 7 of 8 "));
+        assert!(sentences(wrapped, 3, 8)[0].starts_with("3 of its 8 pictures have very bright"));
     }
 }
