@@ -37,6 +37,8 @@ const OPPOSED: f64 = -0.4;
 const EXPLAINED: f64 = 0.2;
 /// Minimum number of pictures in a dataset, and the share that must agree.
 const AGREEMENT: (usize, f64) = (3, 0.8);
+/// The share that suffices for the limited range of video: few other pictures have both of its ends.
+const AGREEMENT_OF_LIMITED: f64 = 0.5;
 /// The share that suffices for a visible change.
 const AGREEMENT_VISIBLE: f64 = 0.1;
 
@@ -286,9 +288,10 @@ pub(crate) fn agreed_change(
     let same = |change| changes.iter().filter(|c| **c == Some(change)).count();
     let (count, change) = changes.iter().flatten().map(|c| (same(*c), *c)).max()?;
     let counted = format!("{count} of {all}");
-    let share = match change.is_visible() {
-        true => AGREEMENT_VISIBLE,
-        false => AGREEMENT.1,
+    let share = match change {
+        PictureChange::LimitedRange => AGREEMENT_OF_LIMITED,
+        change if change.is_visible() => AGREEMENT_VISIBLE,
+        _ => AGREEMENT.1,
     };
     let is_agreed = count >= AGREEMENT.0 && count as f64 >= share * all as f64;
     is_agreed.then(|| match change {
