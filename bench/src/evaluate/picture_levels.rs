@@ -82,9 +82,7 @@ pub(super) fn is_wrapped(photograph: &RgbImage, picture: &RgbImage) -> bool {
 
 /// Whether a picture has only the levels 0 and 1, and the photograph others.
 pub(super) fn is_unscaled(seen: &RgbImage, picture: &RgbImage) -> bool {
-    picture.iter().all(|level| *level <= 1)
-        && picture.iter().any(|level| *level == 1)
-        && seen.iter().max() > Some(&50)
+    picture.iter().all(|level| *level <= 1) && picture.contains(&1) && seen.iter().max() > Some(&50)
 }
 
 /// A colour minus ImageNet's mean, divided by its standard deviation, as levels.

@@ -202,7 +202,9 @@ fn warnings(scored: &[Scored], order: &BTreeMap<usize, Vec<(ShownTarget, usize)>
         let others = others.iter();
         let others = others.filter_map(|(place, other)| Some((*place, small(*other)?[1].clone())));
         let shown = small(*at).and_then(|[shown, seen]| shown_target(seen, shown, None, others));
-        shown.map(|shown| *found.entry(shown).or_insert(0) += 1);
+        if let Some(shown) = shown {
+            *found.entry(shown).or_insert(0) += 1;
+        }
     }
     let misplaced = misplaced(&found, "pictures").map(|text| {
         text + " (predictions that repeat the picture before or after theirs look the same)"
