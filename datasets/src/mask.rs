@@ -8,16 +8,18 @@ use crate::DatasetError;
 use crate::format::picture;
 use crate::undistort::Undistortion;
 
-/// The level of a mask that marks valid pixels; all other levels exclude pixels.
+/// The lowest level that counts as white; lower ones count as black. Masks have 0 and 255, but JPEG and resizing add
+/// levels between them.
+pub(crate) const WHITE: u8 = 128;
+
+/// The side of a mask that marks valid pixels.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Keep {
-    /// 255.
     White,
-    /// 0.
     Black,
 }
 
-/// A grey picture in which pixels of one level are valid.
+/// A grey picture in which white or black pixels are valid.
 #[derive(Debug, Clone)]
 pub(crate) struct MaskFile {
     pub(crate) file: PathBuf,
@@ -34,16 +36,12 @@ impl MaskFile {
     ) -> Result<GrayImage, DatasetError> {
         check_size(&self.file, picture::dimensions(&self.file)?, size)?;
         let mut mask = picture::read_mask(&self.file)?;
-        if self.keep == Keep::Black {
-            mask.iter_mut().for_each(|value| *value = 255 - *value);
+        let kept_is_white = self.keep == Keep::White;
+        for value in mask.iter_mut() {
+            let is_kept = (*value >= WHITE) == kept_is_white;
+            *value = if is_kept { 255 } else { 0 };
         }
-        if let Some(undistortion) = undistortion {
-            return Ok(undistortion.mask(&mask));
-        }
-        for value in mask.iter_mut().filter(|value| **value < 255) {
-            *value = 0;
-        }
-        Ok(mask)
+        Ok(undistortion.map_or_else(|| mask.clone(), |lens| lens.mask(&mask)))
     }
 }
 
@@ -63,4 +61,32 @@ pub(crate) fn check_size(
             found.0, found.1, expected.0, expected.1
         ),
     ))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn levels_between_black_and_white_count_as_the_nearer() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("m.png");
+        let levels = |keep, stored: [u8; 4]| {
+            let mask = GrayImage::from_raw(4, 1, stored.to_vec()).unwrap();
+            mask.save(&file).unwrap();
+            let mask = MaskFile {
+                file: file.clone(),
+                keep,
+            };
+            mask.read((4, 1), None)
+                .map(|mask| mask.into_raw())
+                .map_err(|e| e.to_string())
+        };
+        let read = levels(Keep::White, [0, 127, 128, 255]).unwrap();
+        assert_eq!(read, [0, 0, 255, 255]);
+        let read = levels(Keep::Black, [0, 127, 128, 255]).unwrap();
+        assert_eq!(read, [255, 255, 0, 0]);
+        let refused = levels(Keep::White, [0, 1, 1, 127]).unwrap_err();
+        assert!(refused.contains("maximum level is 127"), "{refused}");
+    }
 }

@@ -51,11 +51,11 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
                 choice("ignore", "masks are not read"),
                 choice(
                     "keep-white",
-                    "where a mask is below 255, the picture is black, the depth invalid, and the pixel not scored",
+                    "where a mask is below 128, the picture is black, the depth invalid, and the pixel not scored",
                 ),
                 choice(
                     "keep-black",
-                    "as keep-white, but excludes pixels where a mask is above 0: for masks that \
+                    "as keep-white, but excludes pixels where a mask is 128 or more: for masks that \
                      mark the pixels to exclude",
                 ),
                 choice("apply", "as keep-white"),

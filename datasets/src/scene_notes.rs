@@ -6,8 +6,11 @@ use std::path::Path;
 use sharp::camera::Intrinsics;
 use sharp::image_file::{ColorRule, OrientationRule};
 
+use crate::format::picture;
 use crate::left_out::first_few;
+use crate::mask::WHITE;
 use crate::processing::Undistorted;
+use crate::required_files::FileRole;
 use crate::setting::Setting;
 use crate::view::{evenly_spaced, without_depth};
 use crate::{DatasetSpec, Pairing, Scene, View, files};
@@ -19,6 +22,9 @@ const MASKS: usize = 4;
 /// A plausible mask keeps at least this fraction of the pixels, because most masks exclude a
 /// person, a sky or a logo.
 const LEAST_LEFT: f64 = 0.2;
+
+/// Masks with a larger share of pixels that are neither black nor white are named.
+const MOST_GREY: f64 = 0.005;
 
 /// A note on masks next to the pictures that are not read; `hint` explains how to read them.
 pub(crate) fn unread_masks(folder: &Path, hint: &str) -> Option<String> {
@@ -92,13 +98,15 @@ pub(crate) fn add(scene: &mut Scene, spec: &DatasetSpec) {
             .notes
             .push(format!("pictures: {count} of {of} have {text}"));
     }
+    let masked = scene.views.iter().filter(|v| v.content.processing().masked);
+    let masked: Vec<&View> = masked.collect();
+    let grey = grey_masks(&masked);
+    scene.warnings.extend(grey);
     // A polarity that the user named, or that the format defines, is not in doubt.
     let has_polarity = |s: &Setting| s.allows("masks", "keep-black");
     if spec.setting("masks") != "apply" || !spec.entry.settings.iter().any(has_polarity) {
         return;
     }
-    let masked = scene.views.iter().filter(|v| v.content.processing().masked);
-    let masked: Vec<&View> = masked.collect();
     let shares = evenly_spaced(masked.len(), MASKS)
         .into_iter()
         .filter_map(|i| {
@@ -115,6 +123,30 @@ pub(crate) fn add(scene: &mut Scene, spec: &DatasetSpec) {
             100.0 * left
         ));
     }
+}
+
+/// A warning if many pixels of masks are neither black nor white.
+fn grey_masks(masked: &[&View]) -> Option<String> {
+    let files = evenly_spaced(masked.len(), MASKS)
+        .into_iter()
+        .flat_map(|i| {
+            let files = masked[i].content.files_by_role().into_iter();
+            files.filter(|(role, _)| *role == FileRole::Mask)
+        });
+    let shares = files.filter_map(|(_, file)| {
+        let mask = picture::read_mask(&file).ok()?;
+        let grey = mask.iter().filter(|level| (1..255).contains(*level));
+        Some(grey.count() as f64 / mask.len().max(1) as f64)
+    });
+    let shares: Vec<f64> = shares.collect();
+    let share = shares.iter().sum::<f64>() / shares.len().max(1) as f64;
+    (share > MOST_GREY).then(|| {
+        format!(
+            "masks: {:.1} % of their pixels are neither black nor white (stored as JPEG, or resized?); levels of {WHITE} \
+             and more count as white; store masks as PNG with levels 0 and 255",
+            100.0 * share
+        )
+    })
 }
 
 /// Notes on the processing of a scene's pixels, and on views that lack data which other views have;

@@ -31,6 +31,22 @@ pub enum PictureChange {
     Turned90,
     Turned270,
     Transposed,
+    /// Luma and chroma are stored as red, green and blue.
+    Luma,
+    /// Values are normalised by ImageNet's mean and standard deviation.
+    Normalised,
+    /// Levels beyond 0..255 wrapped around.
+    Wrapped,
+    /// Values of 0..1 are stored as whole levels.
+    Unscaled,
+    /// Bars of one colour at two opposite sides.
+    Bars,
+    /// One colour from some row down.
+    Unfinished,
+    /// Every second row differs from its neighbours.
+    Interlaced,
+    /// A white border on all sides.
+    Framed,
 }
 
 impl PictureChange {
@@ -52,7 +68,7 @@ impl PictureChange {
                 "have their darker half cut off, as if values from −1 to 1 had been stored as values from 0 to 1"
             }
             Self::LimitedRange => {
-                "have the limited range of video, 16 to 235, but were read as 0 to 255"
+                "have the limited range of video, 16 to 235, but were read as 0 to 255; store them with the full range"
             }
             Self::Negative => "are negatives",
             Self::Bgr => "have red and blue exchanged",
@@ -66,7 +82,43 @@ impl PictureChange {
             Self::Turned90 => "are turned by 90°",
             Self::Turned270 => "are turned by 270°",
             Self::Transposed => "have rows and columns exchanged",
+            Self::Luma => "contain Y, Cb and Cr but were read as red, green and blue",
+            Self::Normalised => {
+                "are normalised by ImageNet's mean and standard deviation; undo this before storing them"
+            }
+            Self::Wrapped => {
+                "have very bright levels stored as very dark ones or the reverse, because levels beyond 0 and 255 wrapped \
+                 around; limit them to 0..255 before converting to 8 bit"
+            }
+            Self::Unscaled => {
+                "have no level above 1, because values from 0 to 1 were not multiplied by 255"
+            }
+            Self::Bars => {
+                "have bars of one colour at two opposite sides, as padding leaves; remove it before storing them"
+            }
+            Self::Unfinished => {
+                "have one colour from some row down to the last, as if they were unfinished"
+            }
+            Self::Interlaced => {
+                "have every second row from elsewhere, as if two pictures were interlaced"
+            }
+            Self::Framed => {
+                "have a white border on all sides, as figures with axes or margins have; store the picture alone"
+            }
         }
+    }
+
+    /// Whether the change leaves traces that proper and poor predictions do not have.
+    pub fn is_visible(self) -> bool {
+        matches!(
+            self,
+            Self::Wrapped
+                | Self::Unscaled
+                | Self::Bars
+                | Self::Unfinished
+                | Self::Interlaced
+                | Self::Framed
+        )
     }
 }
 
@@ -82,6 +134,8 @@ pub enum ShownTarget {
     /// That of the next pair.
     Next,
     Other,
+    /// None: it is the source's photograph.
+    Source,
 }
 
 impl ShownTarget {
@@ -92,6 +146,7 @@ impl ShownTarget {
             Self::Previous => "the target of the pair before theirs",
             Self::Next => "the target of the pair after theirs",
             Self::Other => "the target of another pair",
+            Self::Source => "the source's photograph",
         }
     }
 }

@@ -13,6 +13,8 @@ use sharp::color::{Quantization, linear_from_srgb, quantize, srgb_from_linear};
 
 use super::finding::PictureChange;
 use super::gaussians::likeness::Likeness;
+use super::picture_layout::layout_change;
+use super::picture_levels::{from_luma, is_limited, is_unscaled, is_wrapped, normalised};
 use super::record::{Record, Status};
 use crate::scoring::Region;
 
@@ -26,8 +28,6 @@ const LEAST_GAIN_OF_CHANNELS: f64 = 0.25;
 const LEAST_GAIN_OF_TRANSFER: f64 = 3.0;
 /// Minimum gain for another range of levels, which other exposures resemble, dB.
 const LEAST_GAIN_OF_RANGE: f64 = 1.5;
-/// Minimum gain for the limited range of video, dB; the ends of the levels are stronger evidence.
-const LEAST_GAIN_OF_LIMITED: f64 = 0.25;
 /// Share of the levels ignored at each end, because ringing of JPEG and of resampling exceeds it.
 const BEYOND_ENDS: f64 = 0.002;
 /// Below this correlation with the photograph, red and blue are exchanged (for their difference) or the picture is a
@@ -37,6 +37,10 @@ const OPPOSED: f64 = -0.4;
 const EXPLAINED: f64 = 0.2;
 /// Minimum number of pictures in a dataset, and the share that must agree.
 const AGREEMENT: (usize, f64) = (3, 0.8);
+/// The share that suffices for the limited range of video: few other pictures have both of its ends.
+const AGREEMENT_OF_LIMITED: f64 = 0.5;
+/// The share that suffices for a visible change.
+const AGREEMENT_VISIBLE: f64 = 0.1;
 
 /// Pictures whose correlation with the photograph is lower have little in common with it.
 const UNLIKE: f64 = 0.15;
@@ -78,14 +82,45 @@ pub(super) fn note_change(
     };
 }
 
-/// How a stored picture was probably altered; `None` if no change brings it significantly nearer to its photograph.
+/// How a stored picture was probably altered; `None` if no change is visible in it or brings it significantly nearer to
+/// its photograph.
 pub(crate) fn likely_change(photograph: &RgbImage, picture: &RgbImage) -> Option<PictureChange> {
-    let (width, height) = photograph.dimensions();
+    let layout = layout_change(photograph, picture);
+    if layout.is_some() {
+        return layout;
+    }
     let seen = shrunk(photograph);
     let shown = thumbnail(picture, seen.width(), seen.height());
+    if is_unscaled(&seen, picture) {
+        return Some(PictureChange::Unscaled);
+    }
+    if is_normalised(&seen, &shown) {
+        return Some(PictureChange::Normalised);
+    }
+    let undone = undone_change(&seen, &shown, ends(picture), photograph.dimensions());
+    let wrapped = || is_wrapped(photograph, picture).then_some(PictureChange::Wrapped);
+    undone.or_else(wrapped)
+}
+
+/// Whether the photograph is significantly nearer to the picture when normalised as for networks trained on ImageNet
+/// than at any brightness and contrast.
+fn is_normalised(seen: &RgbImage, shown: &RgbImage) -> bool {
+    let fit = |seen: &RgbImage| Likeness::of(shown, Region::whole(shown.dimensions()), seen);
+    let (as_read, normalised) = (fit(seen), fit(&mapped(seen, normalised)));
+    normalised.is_nearer_than(&as_read) && normalised.is_nearer_than_exposed(&as_read)
+}
+
+/// The change that brings a reduced picture nearest to its photograph when it is undone, if significantly. `ends` are
+/// those of the picture at its full size.
+fn undone_change(
+    seen: &RgbImage,
+    shown: &RgbImage,
+    ends: [u8; 2],
+    (width, height): (u32, u32),
+) -> Option<PictureChange> {
     let whole = Region::whole(seen.dimensions());
-    let fit = |shown: &RgbImage| Likeness::of(&seen, whole, shown);
-    let as_read = fit(&shown);
+    let fit = |shown: &RgbImage| Likeness::of(seen, whole, shown);
+    let as_read = fit(shown);
     let nearer = |changed: &RgbImage, gain: f64| {
         let fit = fit(changed);
         (fit.explained() >= EXPLAINED && fit.gain_over(&as_read) >= gain).then_some(fit)
@@ -94,16 +129,16 @@ pub(crate) fn likely_change(photograph: &RgbImage, picture: &RgbImage) -> Option
         |changed: &RgbImage| nearer(changed, LEAST_GAIN).filter(|fit| fit.is_closer_than(&as_read));
     let turned = |by: fn(&RgbImage) -> RgbImage| {
         let is_square = width == height;
-        is_square.then(|| moved(&by(&shown))).flatten()
+        is_square.then(|| moved(&by(shown))).flatten()
     };
     let encoded = |transfer: fn(f32) -> f32| {
         let level = |v: u8| quantize(transfer(f32::from(v) / 255.0), Quantization::Round);
-        let changed = mapped(&shown, |color| color.map(level));
+        let changed = mapped(shown, |color| color.map(level));
         // Levels sorted by rank are independent of position: another exposure would fit them by brightness and
         // contrast.
-        let by_rank = |of: &RgbImage| Likeness::of(&ranked(&seen), whole, &ranked(of));
+        let by_rank = |of: &RgbImage| Likeness::of(&ranked(seen), whole, &ranked(of));
         let fit = nearer(&changed, LEAST_GAIN_OF_TRANSFER);
-        fit.filter(|_| by_rank(&changed).is_nearer_than_exposed(&by_rank(&shown)))
+        fit.filter(|_| by_rank(&changed).is_nearer_than_exposed(&by_rank(shown)))
     };
     // Ignore black, which gives no evidence of a range: it may be a hole, or clipped.
     let lit = |of: &dyn Fn(u8) -> u8| {
@@ -123,22 +158,24 @@ pub(crate) fn likely_change(photograph: &RgbImage, picture: &RgbImage) -> Option
         is_right.then_some(after)
     };
     let is_upper_half = shown.iter().all(|level| *level >= 127);
-    // A blurred picture does not reach black and white, but only the limited range ends at 16 and at 235.
-    let ([black, white], [lowest, highest]) = (ends(photograph), ends(picture));
-    let is_limited =
-        black <= 4 && white >= 251 && (14..=20).contains(&lowest) && (231..=237).contains(&highest);
-    let full = mapped(&shown, |color| {
+    let full = mapped(shown, |color| {
         color.map(|v| ((f32::from(v) - 16.0) * 255.0 / 219.0).round() as u8)
     });
-    let full = nearer(&full, LEAST_GAIN_OF_LIMITED).filter(|_| is_limited);
+    let full = is_limited(seen, shown, ends).then(|| fit(&full));
+    let from_luma = |order: [usize; 3]| {
+        let rgb = mapped(shown, |color| {
+            from_luma(order.map(|channel| color[channel]))
+        });
+        nearer(&rgb, LEAST_GAIN_OF_TRANSFER).filter(|fit| fit.is_nearer_than_exposed(&as_read))
+    };
     let exchanged = PERMUTATIONS.map(|(change, order)| {
-        let permuted = mapped(&shown, |color| order.map(|channel| color[channel]));
+        let permuted = mapped(shown, |color| order.map(|channel| color[channel]));
         (change, nearer(&permuted, LEAST_GAIN_OF_CHANNELS))
     });
     let tint = |of: &RgbImage| mapped(of, |[r, _, b]| [128 - b / 2 + r / 2; 3]);
-    let tints = Likeness::of(&tint(&seen), whole, &tint(&shown)).correlation();
+    let tints = Likeness::of(&tint(seen), whole, &tint(shown)).correlation();
     let exchanged = exchanged.map(|(change, fit)| (change, fit.filter(|_| tints < OPPOSED)));
-    let negative = nearer(&inverted(&shown), LEAST_GAIN);
+    let negative = nearer(&inverted(shown), LEAST_GAIN);
     let negative = negative.filter(|_| as_read.correlation() < OPPOSED);
     let all = [
         (PictureChange::Negative, negative),
@@ -153,9 +190,11 @@ pub(crate) fn likely_change(photograph: &RgbImage, picture: &RgbImage) -> Option
             ranged(|v| (v + 255.0) / 2.0, false),
         ),
         (PictureChange::LimitedRange, full),
-        (PictureChange::Mirrored, moved(&flip_horizontal(&shown))),
-        (PictureChange::UpsideDown, moved(&flip_vertical(&shown))),
-        (PictureChange::Turned180, moved(&rotate180(&shown))),
+        (PictureChange::Luma, from_luma([0, 1, 2])),
+        (PictureChange::Luma, from_luma([0, 2, 1])),
+        (PictureChange::Mirrored, moved(&flip_horizontal(shown))),
+        (PictureChange::UpsideDown, moved(&flip_vertical(shown))),
+        (PictureChange::Turned180, moved(&rotate180(shown))),
         (PictureChange::Turned90, turned(rotate270)),
         (PictureChange::Turned270, turned(rotate90)),
         (
@@ -172,7 +211,7 @@ pub(crate) fn likely_change(photograph: &RgbImage, picture: &RgbImage) -> Option
 }
 
 /// A picture reduced to the size at which pictures are compared.
-pub(super) fn shrunk(picture: &RgbImage) -> RgbImage {
+pub(crate) fn shrunk(picture: &RgbImage) -> RgbImage {
     let (width, height) = picture.dimensions();
     let to = width.min(WIDTH);
     thumbnail(picture, to, (height * to / width).max(1))
@@ -239,8 +278,8 @@ pub(super) fn changed_pictures<'a>(records: impl Iterator<Item = &'a Record>) ->
         .collect()
 }
 
-/// A sentence on the change that nearly all of some pictures have in common. `photographs` completes "the photographs":
-/// which they were compared with.
+/// A sentence on the change that nearly all of some pictures have in common, or several if it is visible. `photographs`
+/// completes "the photographs": which they were compared with.
 pub(crate) fn agreed_change(
     changes: &[Option<PictureChange>],
     photographs: &str,
@@ -249,13 +288,28 @@ pub(crate) fn agreed_change(
     let same = |change| changes.iter().filter(|c| **c == Some(change)).count();
     let (count, change) = changes.iter().flatten().map(|c| (same(*c), *c)).max()?;
     let counted = format!("{count} of {all}");
-    (all >= AGREEMENT.0 && count as f64 >= AGREEMENT.1 * all as f64).then(|| match change {
+    let share = match change {
+        PictureChange::LimitedRange => AGREEMENT_OF_LIMITED,
+        change if change.is_visible() => AGREEMENT_VISIBLE,
+        _ => AGREEMENT.1,
+    };
+    let is_agreed = count >= AGREEMENT.0 && count as f64 >= share * all as f64;
+    is_agreed.then(|| match change {
         PictureChange::Photograph => {
             format!("its pictures {}: {counted} are equal to those {photographs}", change.text())
         }
         PictureChange::Unlike => format!(
             "its pictures {}: {counted} have a correlation below {UNLIKE} with those {photographs} (another scene, \
              another order of their bytes, or unfinished files?)",
+            change.text()
+        ),
+        PictureChange::LimitedRange => format!(
+            "its pictures look as if they {}: {counted} have about 16 for black and 235 for white of the photographs \
+             {photographs}",
+            change.text()
+        ),
+        change if change.is_visible() => format!(
+            "{count} of its {all} pictures {} (compared with the photographs {photographs})",
             change.text()
         ),
         change => format!(
@@ -324,9 +378,44 @@ mod tests {
             (PictureChange::Turned90, rotate90),
             (PictureChange::Turned270, rotate270),
             (PictureChange::Transposed, transposed),
+            (PictureChange::Luma, |p| mapped(p, to_luma)),
+            (PictureChange::Luma, |p| {
+                mapped(p, |color| [0, 2, 1].map(|c| to_luma(color)[c]))
+            }),
+            (PictureChange::Normalised, |p| mapped(p, normalised)),
+            (PictureChange::Unscaled, |p| levels(p, |v| v / 255.0)),
         ] {
             assert_eq!(told(&done(&proper)), Some(name));
         }
+    }
+
+    fn to_luma([r, g, b]: [u8; 3]) -> [u8; 3] {
+        let [r, g, b] = [r, g, b].map(f64::from);
+        let y = 0.299 * r + 0.587 * g + 0.114 * b;
+        [y, 128.0 + 0.564 * (b - y), 128.0 + 0.713 * (r - y)].map(|v| v.round() as u8)
+    }
+
+    #[test]
+    fn levels_that_wrapped_around_are_told() {
+        // A photograph with highlights, and a prediction whose noise exceeds white there.
+        let wave = |x: u32, y: u32| {
+            140.0 + 114.0 * (f64::from(x) / 9.0).sin() * (f64::from(y) / 13.0).cos()
+        };
+        let seen = RgbImage::from_fn(96, 96, |x, y| {
+            Rgb([0.0, 1.0, -2.0].map(|tint| (wave(x, y) + tint) as u8))
+        });
+        let noisy = |to_level: fn(i32) -> u8| {
+            RgbImage::from_fn(96, 96, |x, y| {
+                let noise = |c: u32| f64::from((x * 7919 + y * 104_729 + c * 31) % 19) - 9.0;
+                Rgb([0, 1, 2].map(|c| to_level((wave(x, y) + noise(c)) as i32)))
+            })
+        };
+        assert_eq!(
+            likely_change(&seen, &noisy(|v| v as u8)),
+            Some(PictureChange::Wrapped)
+        );
+        let limited = noisy(|v| v.clamp(0, 255) as u8);
+        assert_eq!(likely_change(&seen, &limited), None);
     }
 
     #[test]
@@ -378,19 +467,22 @@ mod tests {
 
     #[test]
     fn nearly_all_pictures_of_a_dataset_have_to_agree() {
-        let sentences = |changed: usize, all: usize| {
+        let sentences = |change: PictureChange, changed: usize, all: usize| {
             let records: Vec<Record> = (0..all)
                 .map(|at| {
                     let mut record = record();
                     record.status = Status::Ok;
-                    record.change = (at < changed).then_some(PictureChange::Bgr);
+                    record.change = (at < changed).then_some(change);
                     record
                 })
                 .collect();
             changed_pictures(records.iter())
         };
-        assert_eq!(sentences(2, 2), Vec::<String>::new());
-        assert_eq!(sentences(3, 8), Vec::<String>::new());
-        assert!(sentences(7, 8)[0].contains("red and blue exchanged: 7 of 8 "));
+        let (bgr, wrapped) = (PictureChange::Bgr, PictureChange::Wrapped);
+        for few in [(bgr, 2, 2), (bgr, 3, 8), (wrapped, 2, 8), (wrapped, 3, 40)] {
+            assert_eq!(sentences(few.0, few.1, few.2), Vec::<String>::new());
+        }
+        assert!(sentences(bgr, 7, 8)[0].contains("red and blue exchanged: 7 of 8 "));
+        assert!(sentences(wrapped, 3, 8)[0].starts_with("3 of its 8 pictures have very bright"));
     }
 }

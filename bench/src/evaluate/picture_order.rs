@@ -1,4 +1,5 @@
-//! Detects pictures stored under the names of other pairs, by comparing some of them with those pairs' targets.
+//! Detects pictures stored under the names of other pairs, by comparing some of them with those pairs' targets, and
+//! pictures that are the source's photograph.
 //!
 //! Poor predictions must not raise false alarms, nor pictures with too little motion: a picture has to show another
 //! target significantly better than its own, and better than the source's photograph does, for most of the compared
@@ -23,6 +24,8 @@ const OTHERS: usize = 12;
 const FEWEST: usize = 3;
 /// Minimum gain of another target, dB.
 const LEAST_GAIN: f64 = 2.0;
+/// Minimum PSNR of the source's photograph stored as JPEG, dB, and minimum gain over the target. Only copies reach both.
+const COPY: (f64, f64) = (40.0, 10.0);
 
 /// For each pair, the other pairs with whose targets its picture is compared.
 pub(super) type OtherPairs<'a> = BTreeMap<String, Vec<(ShownTarget, ResolvedPair<'a>)>>;
@@ -101,33 +104,65 @@ pub(super) fn note_order(
     let Some(source) = read.of(planned, planned.source) else {
         return;
     };
-    let fit = |seen: &RgbImage, shown: &RgbImage| {
-        let is_same_size = seen.dimensions() == shown.dimensions();
-        is_same_size.then(|| Likeness::of(seen, Region::whole(seen.dimensions()), shown))
-    };
-    let Some(own) = fit(&seen, &shown) else {
-        return;
-    };
     let is_other = |other: &ResolvedPair<'_>| {
         let is_own_scene = other.scene.id == planned.scene.id;
         !(is_own_scene && [&planned.source.id, &planned.target.id].contains(&&other.target.id))
     };
+    let others = others.iter().filter(|(_, other)| is_other(other));
+    let others = others.filter_map(|(place, other)| Some((*place, read.of(other, other.target)?)));
+    record.shows = shown_target(&seen, &shown, Some(&source), others);
+}
+
+/// The target that a picture shows best: its own (`seen`) unless one of `others` is significantly better, or unless it
+/// is the source's photograph. `None` if it does not have its own target's size. All are [`shrunk`].
+pub(crate) fn shown_target(
+    seen: &RgbImage,
+    shown: &RgbImage,
+    source: Option<&RgbImage>,
+    others: impl Iterator<Item = (ShownTarget, RgbImage)>,
+) -> Option<ShownTarget> {
+    let fit = |seen: &RgbImage, shown: &RgbImage| {
+        let is_same_size = seen.dimensions() == shown.dimensions();
+        is_same_size.then(|| Likeness::of(seen, Region::whole(seen.dimensions()), shown))
+    };
+    let own = fit(seen, shown)?;
+    let is_copy =
+        |copied: Likeness| copied.psnr() >= COPY.0 && copied.psnr() - own.psnr() >= COPY.1;
+    if source
+        .and_then(|source| fit(source, shown))
+        .is_some_and(is_copy)
+    {
+        return Some(ShownTarget::Source);
+    }
     let mut best: Option<(ShownTarget, Likeness)> = None;
-    for (place, other) in others.iter().filter(|(_, other)| is_other(other)) {
-        let Some(seen) = read.of(other, other.target) else {
-            continue;
-        };
-        if let Some(other) = fit(&seen, &shown)
+    for (place, seen) in others {
+        if let Some(other) = fit(&seen, shown)
             && other.is_better_than(&own)
             && other.gain_over(&own) >= LEAST_GAIN
-            && fit(&seen, &source).is_none_or(|copied| other.is_closer_than(&copied))
+            && source
+                .and_then(|source| fit(&seen, source))
+                .is_none_or(|copied| other.is_closer_than(&copied))
             && best.as_ref().is_none_or(|(_, b)| other.error() < b.error())
         {
-            best = Some((*place, other));
+            best = Some((place, other));
         }
     }
-    let found = best.map_or(ShownTarget::Own, |(place, _)| place);
-    record.shows = Some(found);
+    Some(best.map_or(ShownTarget::Own, |(place, _)| place))
+}
+
+/// Which of `count` pictures in one folder are compared, and with whose targets, as in [`compared_pairs`].
+pub(crate) fn compared_pictures(count: usize) -> BTreeMap<usize, Vec<(ShownTarget, usize)>> {
+    let sampled = spread(count, SAMPLED).filter(|_| count >= FEWEST);
+    let others = |at: usize| {
+        let near = [
+            (ShownTarget::Previous, (at + count - 1) % count),
+            (ShownTarget::Next, (at + 1) % count),
+        ];
+        let elsewhere = spread(count, OTHERS).map(|other| (ShownTarget::Other, other));
+        let all = near.into_iter().chain(elsewhere);
+        all.filter(|(_, other)| *other != at).collect()
+    };
+    sampled.map(|at| (at, others(at))).collect()
 }
 
 /// A sentence for each dataset in which most compared pictures show other targets.
@@ -139,30 +174,108 @@ pub(super) fn misplaced_pictures<'a>(records: impl Iterator<Item = &'a Record>) 
             *of_dataset.entry(found).or_default() += 1;
         }
     }
-    let told = by_dataset.into_iter().filter_map(|(dataset, found)| {
-        let count = |places: &[ShownTarget]| -> usize {
-            places.iter().filter_map(|place| found.get(place)).sum()
-        };
-        let (all, others) = (
-            count(&[ShownTarget::Own, ShownTarget::Previous, ShownTarget::Next, ShownTarget::Other]),
-            count(&[ShownTarget::Previous, ShownTarget::Next, ShownTarget::Other]),
-        );
-        let (shift, shifted) = [ShownTarget::Previous, ShownTarget::Next]
-            .map(|place| (place, count(&[place])))
-            .into_iter()
-            .max_by_key(|(_, count)| *count)?;
-        let is_most = |count: usize| count >= FEWEST && 2 * count > all;
-        let (what, count) = match is_most(shifted) {
-            true => (shift, shifted),
-            false => (ShownTarget::Other, others),
-        };
-        is_most(count).then(|| {
-            format!(
-                "its pictures look as if they had the names of other pairs of {dataset}: {count} of the {all} \
-                 compared show {} significantly better than their own; correct the file names",
-                what.text()
-            )
+    let told = by_dataset.into_iter();
+    told.filter_map(|(dataset, found)| misplaced(&found, &format!("pairs of {dataset}")))
+        .collect()
+}
+
+/// A sentence if most compared pictures show other targets than their own; `found` counts what they show. `pairs` is
+/// what the names belong to.
+pub(crate) fn misplaced(found: &BTreeMap<ShownTarget, usize>, pairs: &str) -> Option<String> {
+    use ShownTarget::{Next, Other, Previous, Source};
+    let count = |places: &[ShownTarget]| -> usize {
+        places.iter().filter_map(|place| found.get(place)).sum()
+    };
+    let all: usize = found.values().sum();
+    let is_most = |count: usize| count >= FEWEST && 2 * count > all;
+    let copies = count(&[Source]);
+    if is_most(copies) {
+        return Some(format!(
+            "its pictures are {}, as the baseline `copy` gives: {copies} of the {all} compared in {pairs}; if this is \
+             not intended, store the predictions",
+            Source.text()
+        ));
+    }
+    let shifts = [Previous, Next].map(|place| (place, count(&[place])));
+    let (shift, shifted) = shifts.into_iter().max_by_key(|(_, count)| *count)?;
+    let (what, count) = match is_most(shifted) {
+        true => (shift, shifted),
+        false => (Other, count(&[Previous, Next, Other])),
+    };
+    is_most(count).then(|| {
+        format!(
+            "its pictures look as if they had the names of other {pairs}: {count} of the {all} compared show {} \
+             significantly better than their own; correct the file names",
+            what.text()
+        )
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use image::Rgb;
+
+    use super::*;
+
+    /// Waves of another direction for each `view`, with some noise.
+    fn view(view: usize, noise: u32) -> RgbImage {
+        RgbImage::from_fn(96, 72, |x, y| {
+            let (u, v) = (f64::from(x) / 7.0, f64::from(y) / 9.0);
+            let wave = 120.0 + 90.0 * (u * (view as f64 * 0.7).cos() + v + view as f64).sin();
+            let hash = f64::from((x * 7919 + y * 104_729) % 17) - 8.0;
+            Rgb([(wave + hash * f64::from(noise)).clamp(0.0, 255.0) as u8; 3])
         })
-    });
-    told.collect()
+    }
+
+    /// What the sentence is if the picture of `from(k)` has the name of k, for 9 pictures.
+    fn told(from: impl Fn(usize) -> usize) -> Option<String> {
+        let mut found = BTreeMap::new();
+        for (at, others) in compared_pictures(9) {
+            let others = others.into_iter().map(|(place, k)| (place, view(k, 0)));
+            let shown = view(from(at), 1);
+            *found
+                .entry(shown_target(&view(at, 0), &shown, None, others)?)
+                .or_insert(0) += 1;
+        }
+        misplaced(&found, "pictures")
+    }
+
+    #[test]
+    fn pictures_of_a_folder_under_the_names_of_others_are_told() {
+        let before = told(|k| (k + 8) % 9).unwrap();
+        assert!(
+            before.contains("show the target of the pair before theirs"),
+            "{before}"
+        );
+        let after = told(|k| (k + 1) % 9).unwrap();
+        assert!(
+            after.contains("show the target of the pair after theirs"),
+            "{after}"
+        );
+        assert!(
+            told(|k| (k * 4 + 3) % 9)
+                .unwrap()
+                .contains("the target of another pair")
+        );
+        assert_eq!(told(|k| k), None);
+        assert_eq!(compared_pictures(2), BTreeMap::new());
+    }
+
+    #[test]
+    fn copies_of_the_source_are_told_from_predictions_near_it() {
+        let shown = |shown: &RgbImage, target| {
+            shown_target(
+                &view(target, 0),
+                shown,
+                Some(&view(0, 0)),
+                std::iter::empty(),
+            )
+        };
+        assert_eq!(shown(&view(0, 0), 1), Some(ShownTarget::Source));
+        assert_eq!(shown(&view(0, 1), 1), Some(ShownTarget::Own));
+        // A target equal to its source.
+        assert_eq!(shown(&view(0, 0), 0), Some(ShownTarget::Own));
+        let said = misplaced(&BTreeMap::from([(ShownTarget::Source, 3)]), "pairs of d").unwrap();
+        assert!(said.contains("are the source's photograph, "), "{said}");
+    }
 }

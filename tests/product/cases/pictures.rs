@@ -114,6 +114,21 @@ fn the_polarity_of_masks_is_a_setting_and_small_rests_are_doubted() {
 }
 
 #[test]
+fn masks_stored_as_jpeg_are_cut_at_half_and_named() {
+    let case = case("A06-mask-inverted");
+    for k in 0..8 {
+        let path = case.path(&format!("ns/masks/view_{k:02}.png"));
+        let mask = image::open(&path).unwrap().to_luma8();
+        let soft = image::imageops::fast_blur(&mask, 2.0);
+        soft.save(path).unwrap();
+    }
+    let said = case
+        .run("sharp-bench datasets check nerfstudio=ns,masks=keep-black")
+        .ends_with(0);
+    holds(&said.out, &["of their pixels are neither black nor white"]);
+}
+
+#[test]
 fn masks_of_other_levels_are_named() {
     for name in ["X20-mask-01", "X20-mask-01-nodepth"] {
         let case = case(name);
@@ -519,6 +534,11 @@ fn pictures_of_other_pairs_and_ranges_are_told_and_poor_ones_are_not() {
             "clipped",
             stored("clipped", "t", &own, &|v| 2.0 * v - 255.0),
             "have their darker half cut off",
+        ),
+        (
+            "limited",
+            stored("limited", "t", &own, &|v| 16.0 + v * 219.0 / 255.0),
+            "have the limited range of video",
         ),
     ];
     let (names, parts): (Vec<_>, Vec<_>) =

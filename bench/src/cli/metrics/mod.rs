@@ -12,6 +12,7 @@ mod inputs;
 mod scored;
 mod show;
 
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 use anyhow::{bail, ensure};
@@ -21,13 +22,17 @@ use sharp_metrics::{
     Algorithm, InstructionSet, MetricRegion, ResizeKernel, Scorer, Selection, Simd,
 };
 
+use self::scored::Scored;
 use super::outcome::UsageError;
 use super::output::Terminal;
 use super::{Outcome, output};
 use crate::config::MetricConfig;
 use crate::config::metrics::demand_weights;
+use crate::evaluate::finding::ShownTarget;
 use crate::evaluate::picture_check::agreed_change;
+use crate::evaluate::picture_order::{compared_pictures, misplaced, shown_target};
 use crate::io::atomic_files::{check_writable, folder_of, write_atomic};
+use crate::io::counts::counted;
 use crate::io::observer::Observer;
 use crate::io::pictures::PictureReading;
 use crate::pictures::keyed_scores::KeyedScores;
@@ -155,22 +160,16 @@ pub(super) fn execute(args: &MetricsArgs) -> anyhow::Result<Outcome> {
     let terminal = Terminal::default();
     terminal.begin("scoring", inputs.len(), "pictures");
     let mut scored = Vec::with_capacity(inputs.len());
-    for input in inputs {
-        terminal.progress(scored.len(), &input.name);
-        scored.push(scored::score(&scorer, &selection, input, args)?);
+    let order = compared_pictures(inputs.len());
+    let others = order.values().flatten().map(|(_, other)| *other);
+    let compared: BTreeSet<usize> = order.keys().copied().chain(others).collect();
+    for (at, input) in inputs.into_iter().enumerate() {
+        terminal.progress(at, &input.name);
+        let compared = compared.contains(&at);
+        scored.push(scored::score(&scorer, &selection, input, args, compared)?);
     }
     terminal.end();
-    let changes: Vec<_> = scored.iter().map(|pair| pair.change).collect();
-    let mean_left = scored.iter().map(|pair| pair.left).sum::<f64>() / scored.len().max(1) as f64;
-    let inverted = (mean_left < LEAST_LEFT).then(|| {
-        format!(
-            "--mask: on average only {:.1} % of the pixels are white, which means scored; if white \
-             marks the pixels to exclude, invert the masks",
-            100.0 * mean_left
-        )
-    });
-    let changed = agreed_change(&changes, "given as targets");
-    let warnings: Vec<String> = changed.into_iter().chain(inverted).collect();
+    let warnings = warnings(&scored, &order);
     for warning in &warnings {
         output::remark(format!("warning: {warning}"));
     }
@@ -191,6 +190,45 @@ pub(super) fn execute(args: &MetricsArgs) -> anyhow::Result<Outcome> {
         write_atomic(path, &results.csv())?;
     }
     Ok(Outcome::Done)
+}
+
+/// Warnings about all pairs together, one sentence each. `order`: which pictures are compared with which targets.
+fn warnings(scored: &[Scored], order: &BTreeMap<usize, Vec<(ShownTarget, usize)>>) -> Vec<String> {
+    let changes: Vec<_> = scored.iter().map(|pair| pair.change).collect();
+    let changed = agreed_change(&changes, "given as targets");
+    let mut found = BTreeMap::new();
+    for (at, others) in order {
+        let small = |at: usize| scored[at].small.as_ref();
+        let others = others.iter();
+        let others = others.filter_map(|(place, other)| Some((*place, small(*other)?[1].clone())));
+        let shown = small(*at).and_then(|[shown, seen]| shown_target(seen, shown, None, others));
+        if let Some(shown) = shown {
+            *found.entry(shown).or_insert(0) += 1;
+        }
+    }
+    let misplaced = misplaced(&found, "pictures").map(|text| {
+        text + " (predictions that repeat the picture before or after theirs look the same)"
+    });
+    let mean_left = scored.iter().map(|pair| pair.left).sum::<f64>() / scored.len().max(1) as f64;
+    let inverted = (mean_left < LEAST_LEFT).then(|| {
+        format!(
+            "--mask: on average only {:.1} % of the pixels are white, which means scored; if white \
+             marks the pixels to exclude, invert the masks",
+            100.0 * mean_left
+        )
+    });
+    let grey: Vec<f64> = scored.iter().filter_map(|pair| pair.grey).collect();
+    let soft = (!grey.is_empty()).then(|| {
+        format!(
+            "--mask: {} of {} have pixels that are neither black nor white, {:.2} % on average (stored as JPEG, or \
+             resized?); levels of 128 and more count as white",
+            grey.len(),
+            counted(scored.len(), "mask"),
+            100.0 * grey.iter().sum::<f64>() / grey.len() as f64
+        )
+    });
+    let all = [changed, misplaced, inverted, soft];
+    all.into_iter().flatten().collect()
 }
 
 /// Fails if an explicitly named metric is unavailable.

@@ -3,12 +3,13 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, anyhow};
+use image::RgbImage;
 use sharp_metrics::{Examined, MetricKey, Picture, Scorer, Selection, Terms, resize};
 
 use super::inputs::Input;
 use super::{MetricsArgs, demand_explicit, output};
 use crate::evaluate::finding::PictureChange;
-use crate::evaluate::picture_check::likely_change;
+use crate::evaluate::picture_check::{likely_change, shrunk};
 use crate::io::{masks, pictures};
 use crate::pictures::keyed_scores::KeyedScores;
 use crate::pictures::maps::{ColourScale, LocalMap, MapFiles, write_map};
@@ -23,8 +24,12 @@ pub(super) struct Scored {
     pub(super) notes: Vec<String>,
     /// Share of the pixels that the mask leaves; 1 without a mask.
     pub(super) left: f64,
+    /// Share of the mask's pixels that are neither black nor white; `None` if there are none.
+    pub(super) grey: Option<f64>,
     /// How the prediction was probably altered.
     pub(super) change: Option<PictureChange>,
+    /// Prediction and target, reduced, if they are compared with others.
+    pub(super) small: Option<[RgbImage; 2]>,
     /// Width and height of the prediction before resizing; `None` if not resized.
     pub(super) resized_from: Option<(u32, u32)>,
     /// Depth of prediction and target as scored: `8 bit` or `f32`.
@@ -37,12 +42,13 @@ pub(super) struct Scored {
     pub(super) maps: Vec<(String, MapFiles, ColourScale)>,
 }
 
-/// Reads and scores a pair, and writes its maps.
+/// Reads and scores a pair, and writes its maps. `compared`: whether its pictures are compared with those of other pairs.
 pub(super) fn score(
     scorer: &Scorer,
     selection: &Selection,
     input: Input,
     args: &MetricsArgs,
+    compared: bool,
 ) -> anyhow::Result<Scored> {
     let names = format!(
         "{} against {}",
@@ -72,13 +78,17 @@ pub(super) fn score(
         }
         _ => None,
     };
-    let change = match (&prediction, &target) {
+    let (change, small) = match (&prediction, &target) {
         (Picture::Rgb8(shown), Picture::Rgb8(seen)) if shown.dimensions() == seen.dimensions() => {
-            likely_change(seen, shown)
+            let small = compared.then(|| [shown, seen].map(shrunk));
+            (likely_change(seen, shown), small)
         }
-        _ => None,
+        _ => (None, None),
     };
-    let mask = input.mask.as_deref().map(read_mask).transpose()?;
+    let mask = input.mask.as_deref().map(masks::read).transpose()?;
+    let grey = mask.as_ref().filter(|found| found.between > 0);
+    let grey = grey.map(|found| found.between as f64 / found.mask.values().len() as f64);
+    let mask = mask.map(|found| found.mask);
     let examined = scorer
         .examine(&prediction, &target, mask.as_ref(), args.maps.is_some())
         .with_context(|| match &input.mask {
@@ -103,7 +113,9 @@ pub(super) fn score(
     });
     Ok(Scored {
         left,
+        grey,
         change,
+        small,
         resized_from,
         depths: [&prediction, &target].map(depth),
         scores,
@@ -141,19 +153,6 @@ fn depth(picture: &Picture) -> &'static str {
         Picture::Rgb8(_) => "8 bit",
         Picture::RgbF32(_) => "f32",
     }
-}
-
-fn read_mask(path: &Path) -> anyhow::Result<sharp_metrics::Mask> {
-    let found = masks::read(path)?;
-    if found.between > 0 {
-        output::remark(format!(
-            "warning: {}: {} pixels are neither black nor white; levels of 128 and more count as \
-             white",
-            path.display(),
-            found.between
-        ));
-    }
-    Ok(found.mask)
 }
 
 fn maps(

@@ -1,0 +1,230 @@
+//! Detects pictures with bars, margins, missing rows or interlaced rows, at full resolution.
+//!
+//! Holes of a rendering are not detected: their edges follow the scene, or they are on one side or on all sides.
+
+use image::RgbImage;
+
+use super::finding::PictureChange;
+
+/// Maximum difference of levels within one colour, because JPEG alters them.
+const ONE_COLOUR: u8 = 8;
+/// Minimum level of white.
+const WHITE: u8 = 247;
+/// Bars and margins cover at least this fraction of the lines (one in so many).
+const BAR: u32 = 50;
+/// Unfinished pictures lack at least this fraction of the rows (one in so many).
+const MISSING: u32 = 5;
+/// Maximum difference in thickness of two bars, pixels.
+const UNEVEN: u32 = 2;
+/// Neighbouring rows of interlaced pictures differ more than rows two apart, by this factor.
+const LEAST_STEPS: f64 = 1.2;
+/// In other pictures, and among columns, they differ at most by this factor.
+const MOST_STEPS: f64 = 1.05;
+/// Maximum size of the central part in which steps are measured, pixels.
+const STEPS_WITHIN: u32 = 256;
+
+/// The change that the arrangement of a picture's pixels shows, if any.
+pub(super) fn layout_change(photograph: &RgbImage, picture: &RgbImage) -> Option<PictureChange> {
+    if photograph.dimensions() != picture.dimensions() {
+        return None;
+    }
+    let [rows, columns] = [true, false].map(|is_row| Sides::of(photograph, picture, is_row));
+    let is_framed = [&rows, &columns]
+        .iter()
+        .all(|sides| sides.are_bars() && sides.colours.iter().flatten().all(|v| *v >= WHITE));
+    if is_framed {
+        return Some(PictureChange::Framed);
+    }
+    let has_bars =
+        |sides: &Sides, across: &Sides| sides.are_equal_bars() && across.thickness == [0; 2];
+    if has_bars(&rows, &columns) || has_bars(&columns, &rows) {
+        return Some(PictureChange::Bars);
+    }
+    if rows.is_unfinished() {
+        return Some(PictureChange::Unfinished);
+    }
+    let is_interlaced = steps(picture, true) > LEAST_STEPS
+        && steps(picture, false) < MOST_STEPS
+        && steps(photograph, true) < MOST_STEPS;
+    is_interlaced.then_some(PictureChange::Interlaced)
+}
+
+/// The lines of one colour at two opposite sides of a picture.
+struct Sides {
+    /// Number of lines.
+    all: u32,
+    /// Number of lines of one colour at the first and at the last side.
+    thickness: [u32; 2],
+    colours: [[u8; 3]; 2],
+    /// Whether the photograph varies along most of those lines.
+    vary: [bool; 2],
+}
+
+impl Sides {
+    fn of(photograph: &RgbImage, picture: &RgbImage, is_row: bool) -> Self {
+        let (width, height) = picture.dimensions();
+        let all = if is_row { height } else { width };
+        let place = |side: usize, k: u32| if side == 0 { k } else { all - 1 - k };
+        let side = |side: usize| {
+            let first = colour_of(picture, is_row, place(side, 0))?;
+            let same = |k: &u32| {
+                let colour = colour_of(picture, is_row, place(side, *k));
+                colour.is_some_and(|colour| is_alike(colour, first))
+            };
+            let count = (0..all).take_while(same).count() as u32;
+            let varying = (0..count)
+                .filter(|k| colour_of(photograph, is_row, place(side, *k)).is_none())
+                .count() as u32;
+            Some((count, first, 2 * varying > count))
+        };
+        let [first, last] = [0, 1].map(|at| side(at).unwrap_or_default());
+        Self {
+            all,
+            thickness: [first.0, last.0],
+            colours: [first.1, last.1],
+            vary: [first.2, last.2],
+        }
+    }
+
+    fn are_bars(&self) -> bool {
+        let least = (self.all / BAR).max(2);
+        self.thickness.iter().all(|t| *t >= least && *t < self.all)
+            && self.vary == [true; 2]
+            && is_alike(self.colours[0], self.colours[1])
+    }
+
+    fn are_equal_bars(&self) -> bool {
+        self.are_bars() && self.thickness[0].abs_diff(self.thickness[1]) <= UNEVEN
+    }
+
+    /// Whether only the last side has one colour, a grey one.
+    fn is_unfinished(&self) -> bool {
+        let [first, last] = self.thickness;
+        let [r, g, b] = self.colours[1];
+        first == 0
+            && last >= (self.all / MISSING).max(2)
+            && self.vary[1]
+            && is_alike([r, g, b], [g; 3])
+    }
+}
+
+/// The colour of a row or column; `None` if it has several.
+fn colour_of(picture: &RgbImage, is_row: bool, at: u32) -> Option<[u8; 3]> {
+    let (width, height) = picture.dimensions();
+    let pixel = |k: u32| match is_row {
+        true => picture.get_pixel(k, at).0,
+        false => picture.get_pixel(at, k).0,
+    };
+    let first = pixel(0);
+    let length = if is_row { width } else { height };
+    (1..length)
+        .all(|k| is_alike(pixel(k), first))
+        .then_some(first)
+}
+
+fn is_alike(a: [u8; 3], b: [u8; 3]) -> bool {
+    a.iter().zip(b).all(|(a, b)| a.abs_diff(b) <= ONE_COLOUR)
+}
+
+/// The mean difference of neighbouring rows (or columns), divided by that of rows two apart.
+fn steps(picture: &RgbImage, is_row: bool) -> f64 {
+    let (width, height) = picture.dimensions();
+    let size = [width, height].map(|n| n.min(STEPS_WITHIN));
+    let [left, top] = [(width - size[0]) / 2, (height - size[1]) / 2];
+    let level = |x: u32, y: u32| picture.get_pixel(left + x, top + y).0[1];
+    let mut sums = [0_u64; 2];
+    for y in 0..size[1].saturating_sub(if is_row { 2 } else { 0 }) {
+        for x in 0..size[0].saturating_sub(if is_row { 0 } else { 2 }) {
+            for (by, sum) in (1..).zip(&mut sums) {
+                let other = if is_row {
+                    level(x, y + by)
+                } else {
+                    level(x + by, y)
+                };
+                *sum += u64::from(level(x, y).abs_diff(other));
+            }
+        }
+    }
+    // Half a level is noise.
+    let noise = u64::from(size[0] * size[1] / 2).max(1);
+    sums[0] as f64 / sums[1].max(noise) as f64
+}
+
+#[cfg(test)]
+mod tests {
+    use image::Rgb;
+
+    use super::*;
+
+    fn photograph(by: u32) -> RgbImage {
+        RgbImage::from_fn(120, 90, |x, y| {
+            let (u, v) = (f64::from(x + by) / 9.0, f64::from(y) / 11.0);
+            let level = |phase: f64| (120.0 + 60.0 * (u + phase).sin() + 50.0 * v.cos()) as u8;
+            Rgb([level(0.0), level(0.9), level(2.4)])
+        })
+    }
+
+    /// The photograph shifted by a pixel, with other pixels where `of` gives a colour.
+    fn told(of: impl Fn(u32, u32) -> Option<[u8; 3]>) -> Option<PictureChange> {
+        let mut shown = photograph(1);
+        for (x, y, pixel) in shown.enumerate_pixels_mut() {
+            *pixel = of(x, y).map_or(*pixel, Rgb);
+        }
+        layout_change(&photograph(0), &shown)
+    }
+
+    #[test]
+    fn padding_margins_and_missing_rows_are_told() {
+        let black = |is: bool| is.then_some([0; 3]);
+        let white = |is: bool| is.then_some([255; 3]);
+        assert_eq!(
+            told(|_, y| black(!(9..81).contains(&y))),
+            Some(PictureChange::Bars)
+        );
+        assert_eq!(
+            told(|x, _| white(!(9..111).contains(&x))),
+            Some(PictureChange::Bars)
+        );
+        let margin = |x, y| !(12..108).contains(&x) || !(9..80).contains(&y);
+        assert_eq!(
+            told(|x, y| white(margin(x, y))),
+            Some(PictureChange::Framed)
+        );
+        assert_eq!(
+            told(|_, y| (y > 50).then_some([128; 3])),
+            Some(PictureChange::Unfinished)
+        );
+        let other = photograph(25);
+        let every_second = |x, y| (y % 2 == 1).then(|| other.get_pixel(x, y).0);
+        assert_eq!(told(every_second), Some(PictureChange::Interlaced));
+        assert_eq!(
+            told(|_, y| black(y % 2 == 1)),
+            Some(PictureChange::Interlaced)
+        );
+    }
+
+    #[test]
+    fn holes_and_patterns_are_not() {
+        let black = |is: bool| is.then_some([0; 3]);
+        for proper in [
+            told(|_, _| None),
+            told(|x, _| black(x < 20)),
+            told(|x, y| black(!(12..108).contains(&x) || !(9..80).contains(&y))),
+            told(|x, y| black(y > 60 + x / 8)),
+            told(|_, y| black(y > 80)),
+            told(|x, y| ((x + y) % 2 == 1).then_some([120; 3])),
+            told(|_, _| Some([90; 3])),
+            told(|_, _| Some([0; 3])),
+        ] {
+            assert_eq!(proper, None);
+        }
+        // The photograph has the bars, too.
+        let mut seen = photograph(0);
+        for (_, y, pixel) in seen.enumerate_pixels_mut() {
+            if !(9..81).contains(&y) {
+                *pixel = Rgb([0; 3]);
+            }
+        }
+        assert_eq!(layout_change(&seen, &seen), None);
+    }
+}

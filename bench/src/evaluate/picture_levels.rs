@@ -1,0 +1,105 @@
+//! Detects pictures whose levels were converted wrongly, by what the conversion leaves: the ends of the range, colours
+//! that only an overflow makes, or the levels of a normalised photograph.
+
+use image::RgbImage;
+use image::imageops::thumbnail;
+
+/// The limited range of video, and how far its measured ends may be off, levels.
+const LIMITED: [(f64, f64); 2] = [(16.0, 2.5), (235.0, 3.0)];
+/// Widths at which the ends are measured, pixels: blur lowers the contrast at the larger one more.
+const WIDTHS: [u32; 2] = [32, 80];
+/// Levels that a picture in the limited range may reach, because JPEG overshoots it.
+const WITHIN: [u8; 2] = [12, 239];
+/// Minimum share of pixels with a wrapped channel.
+const WRAPPED: f64 = 5e-4;
+/// Maximum median difference of mid-tones in pictures that are right apart from wrapped levels.
+const MID_TONES: u8 = 30;
+/// Maximum number of pixels compared.
+const SAMPLES: u32 = 32_768;
+/// ImageNet's mean and standard deviation of red, green and blue, 0..1.
+const IMAGENET: [(f64, f64); 3] = [(0.485, 0.229), (0.456, 0.224), (0.406, 0.225)];
+
+/// Whether black and white of a photograph became 16 and 235: matching mean and standard deviation puts them there at
+/// two resolutions, and the picture's `ends` are within. Other losses of contrast keep another level.
+pub(super) fn is_limited(seen: &RgbImage, shown: &RgbImage, ends: [u8; 2]) -> bool {
+    let is_near = |width: u32| {
+        let (full, height) = seen.dimensions();
+        let width = width.min(full);
+        let [seen, shown] =
+            [seen, shown].map(|p| moments(&thumbnail(p, width, (height * width / full).max(1))));
+        let gain = shown.1 / seen.1;
+        let black = shown.0 - gain * seen.0;
+        let found = [black, black + 255.0 * gain];
+        found
+            .iter()
+            .zip(LIMITED)
+            .all(|(found, (level, off))| (found - level).abs() <= off)
+    };
+    ends[0] >= WITHIN[0] && ends[1] <= WITHIN[1] && WIDTHS.into_iter().all(is_near)
+}
+
+/// Mean and standard deviation of all levels.
+fn moments(picture: &RgbImage) -> (f64, f64) {
+    let count = picture.len() as f64;
+    let sum = |of: &dyn Fn(f64) -> f64| picture.iter().map(|v| of(f64::from(*v))).sum::<f64>();
+    let mean = sum(&|v| v) / count;
+    (mean, (sum(&|v| (v - mean).powi(2)) / count).sqrt())
+}
+
+/// Whether levels beyond 0..255 wrapped around: near white or black, some channels are at the other end. Only colours
+/// that the photograph hardly has are evidence, and only if the mid-tones are right.
+pub(super) fn is_wrapped(photograph: &RgbImage, picture: &RgbImage) -> bool {
+    let (width, height) = photograph.dimensions();
+    if picture.dimensions() != (width, height) {
+        return false;
+    }
+    let step = (f64::from(width * height) / f64::from(SAMPLES))
+        .sqrt()
+        .ceil() as usize;
+    let (mut all, mut found, mut saturated) = (0.0, 0.0, [0.0; 2]);
+    let mut off = [0_usize; 256];
+    for y in (0..height).step_by(step.max(1)) {
+        for x in (0..width).step_by(step.max(1)) {
+            let colours = [photograph, picture].map(|p| p.get_pixel(x, y).0);
+            let [seen, shown] = colours.map(|[r, g, b]| [r.min(g).min(b), r.max(g).max(b)]);
+            let is_dark = seen[0] >= 200 && shown[1] >= 200 && shown[0] <= 30;
+            let is_bright = seen[1] <= 55 && shown[0] <= 55 && shown[1] >= 225;
+            all += 1.0;
+            found += f64::from(is_dark || is_bright);
+            for (count, [low, high]) in saturated.iter_mut().zip([seen, shown]) {
+                *count += f64::from(high >= 200 && low <= 55);
+            }
+            let mid = colours[0].iter().zip(colours[1]);
+            mid.filter(|(seen, _)| (60..=190).contains(*seen))
+                .for_each(|(seen, shown)| off[usize::from(seen.abs_diff(shown))] += 1);
+        }
+    }
+    let near: usize = off[..=usize::from(MID_TONES)].iter().sum();
+    found >= WRAPPED * all
+        && saturated[1] >= 2.0 * saturated[0] + found / 2.0
+        && 2 * near >= off.iter().sum()
+}
+
+/// Whether a picture has only the levels 0 and 1, and the photograph others.
+pub(super) fn is_unscaled(seen: &RgbImage, picture: &RgbImage) -> bool {
+    picture.iter().all(|level| *level <= 1) && picture.contains(&1) && seen.iter().max() > Some(&50)
+}
+
+/// A colour minus ImageNet's mean, divided by its standard deviation, as levels.
+pub(super) fn normalised(color: [u8; 3]) -> [u8; 3] {
+    std::array::from_fn(|c| {
+        let (mean, deviation) = IMAGENET[c];
+        (255.0 * (f64::from(color[c]) / 255.0 - mean) / deviation).round() as u8
+    })
+}
+
+/// RGB of full-range Y, Cb and Cr (BT.601, as in JPEG).
+pub(super) fn from_luma([y, cb, cr]: [u8; 3]) -> [u8; 3] {
+    let (y, cb, cr) = (f64::from(y), f64::from(cb) - 128.0, f64::from(cr) - 128.0);
+    let rgb = [
+        y + 1.402 * cr,
+        y - 0.344_136 * cb - 0.714_136 * cr,
+        y + 1.772 * cb,
+    ];
+    rgb.map(|v| v.round() as u8)
+}
