@@ -277,10 +277,11 @@ def evaluate(
 ):
     """Evaluates a function as a method, into the run folder ``out``; a :class:`Run`.
 
-    ``function(source, camera)`` returns the picture that ``camera`` sees, [H, W, 3] of its size, uint8 or floats in 0..1 (which
-    a run rounds to levels, whoever made them), or :class:`Gaussians`. ``camera.camera_from_world`` leads from the source camera's space, in which Gaussians lie, to the
-    camera's. ``function(source)`` with one parameter returns Gaussians for all targets of a source. ``source`` has ``name``,
-    ``camera``, ``image()``, and with ``privilege="source-depth"`` the true ``depth()``.
+    ``function(source, camera)`` returns the picture that ``camera`` sees, [H, W, 3] or [3, H, W] of its size, uint8 or floats in
+    0..1 (which a run rounds to levels, whoever made them), or :class:`Gaussians`. ``camera.camera_from_world`` leads from the
+    source camera's space, in which Gaussians lie, to the camera's. ``function(source)`` with one parameter returns Gaussians for
+    all targets of a source. ``source`` has ``name``, ``camera``, ``image()``, and with ``privilege="source-depth"`` the true
+    ``depth()``.
 
     What it raises becomes a recorded failure of that pair, and the others continue. A run that was stopped, also by Ctrl-C, goes
     on where it was when it is called again; what is done is not done again as long as ``version`` is the same. Without it, it is
