@@ -13,9 +13,9 @@ def shown(source, names):
     tree = ast.parse(source)
     last = tree.body.pop() if isinstance(tree.body[-1], ast.Expr) else None
     exec(compile(tree, "cell", "exec"), names)
-    if last is None:
+    value = last and eval(compile(ast.Expression(last.value), "cell", "eval"), names)
+    if value is None:
         return None
-    value = eval(compile(ast.Expression(last.value), "cell", "eval"), names)
     return value._repr_html_() if hasattr(value, "_repr_html_") else repr(value)
 
 
@@ -36,6 +36,7 @@ def rounded(text):
 
 def test_every_cell_runs_and_shows_what_is_stored(tmp_path, monkeypatch):
     monkeypatch.setattr("tempfile.mkdtemp", lambda: str(tmp_path))
+    monkeypatch.chdir(tmp_path)
     text = NOTEBOOK.read_text()
     assert len(text) < 300_000 and not re.search(r"/(tmp|home|root|work|Users)/", text)
     cells = [cell for cell in json.loads(text)["cells"] if cell["cell_type"] == "code"]

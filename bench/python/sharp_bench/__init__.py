@@ -148,9 +148,9 @@ def compare(a, b=None, methods=(), flips=False):
     return json.loads(text)
 
 
-def sweep(*runs, **options):
+def sweep(*runs, x="baseline_m", bins=None, band="sd", split="dataset", metrics=()):
     """Scores against how far the camera moved: ``x``, ``bins``, ``band``, ``split`` and ``metrics`` as ``sharp-bench sweep`` takes them."""
-    return Sweep([os.fspath(run) for run in runs], **options)
+    return Sweep([os.fspath(run) for run in runs], x, bins, band, split, list(metrics))
 
 
 def report(*runs, out=None, **options):
