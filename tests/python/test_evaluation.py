@@ -105,6 +105,7 @@ def test_shards_give_the_bytes_of_the_whole(program, tmp_path):
         ({"common_region": True}, sb.Error, "shards cannot"),
         ({"shard": (3, 2)}, ValueError, "numbered from 1"),
         ({"shard": "half"}, ValueError, "shard: 'half'"),
+        ({"shard": 1}, TypeError, "shard=1: expected"),
     ]:
         with pytest.raises(error, match=said):
             run(copy, tmp_path / "shared", **{"methods": ["mean"], "shard": "1/2", **options})
@@ -262,6 +263,8 @@ def test_commands_are_functions(tmp_path):
     assert sb.gate(old.path, new.path)["gate"]["state"] == "passed"
     other = sb.gate(old.path, new.path, ["psnr < -0.1"], methods=[("copy", "mean")])["gate"]
     assert {check["method_b"] for check in other["checks"]} == {"mean"}
+    crossed = sb.compare(old.path, new.path, [("copy", "mean"), ("mean", "copy")], flips=True)["flips"]
+    assert [flips["n_pairs"] for flips in crossed] == [8] and len(crossed[0]["pairs"]) == 8
     added = sb.history("add", tmp_path / "history", old.path, label="first")
     assert added["is_new"] and sb.history("show", tmp_path / "history")["entries"][0]["label"] == "first"
     with pytest.warns(UserWarning, match="none of your rows has a number"):

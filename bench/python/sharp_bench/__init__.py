@@ -297,6 +297,8 @@ def evaluate(
     """
     if privilege not in (None, "source-depth"):
         raise ValueError(f"privilege={privilege!r}: expected None or 'source-depth'")
+    if not isinstance(shard, (tuple, list, str, type(None))):
+        raise TypeError(f"shard={shard!r}: expected (I, N) or 'I/N'")
     if out is None:
         raise TypeError("evaluate() needs out=, the run folder")
     keys = {key.replace("_", "-"): _plain(value) for key, value in options.items()}
@@ -311,7 +313,7 @@ def evaluate(
         "version": version or (function and _source_hash(function)) or "",
         "of_source": function_of == 1,
         "privileged": privilege is not None,
-        "shard": shard if shard is None or isinstance(shard, str) else "/".join(map(str, shard)),
+        "shard": "/".join(map(str, shard)) if isinstance(shard, (tuple, list)) else shard,
         "config": config,
         "keys": json.dumps(keys),
     }
