@@ -42,6 +42,7 @@ fn main() -> ExitCode {
     let trials = vec![
         trial("a report is sorted, filtered and looked through", report),
         trial("a comparison shows both sides", comparison),
+        trial("a printed report has every column", printed),
         trial(
             "gaussians are drawn by webgpu as render draws them",
             gaussians,
@@ -224,6 +225,42 @@ fn report(browser: &str) {
             ("next pair", "true"),
             ("fragment", "true"),
             ("closed", "true #pairs"),
+        ],
+    );
+}
+
+fn printed(browser: &str) {
+    let dir = tempfile::tempdir().unwrap();
+    let dir = dir.path();
+    let datasets = (0..6).map(|seed| {
+        let spec = format!("D{seed}:synthetic=size=48x36,views=3,seed={seed}");
+        ["--dataset".to_owned(), spec]
+    });
+    let copies =
+        (0..7).map(|number| ["--method".to_owned(), format!("copy:label=method-{number}")]);
+    let options: Vec<String> = datasets.chain(copies).flatten().collect();
+    let mut args = vec!["run", "--metrics", "psnr,ssim-all", "--out", "r"];
+    args.extend(options.iter().map(String::as_str));
+    sharp_bench(dir, &args).ends_with(0);
+    sharp_bench(dir, &["report", "r"]).ends_with(0);
+    // The rules for printing, on the width of a sheet of A4.
+    let script = r"
+        document.body.style.width = '718px';
+        var lost = function () {
+          return all('th, td, .col').filter(function (cell) { return cell.getBoundingClientRect().right > 719; }).length;
+        };
+        said('lost on a screen', lost() > 100);
+        var style = one('style');
+        style.textContent = style.textContent.replace('@media print', '@media all'); await later();
+        said('columns', all('table.wide').length > 2 && all('.pair:first-of-type .col').length > 7);
+        said('lost on paper', lost());";
+    let said = done(browser, &dir.join("r/report/index.html"), script);
+    is(
+        &said,
+        &[
+            ("lost on a screen", "true"),
+            ("columns", "true"),
+            ("lost on paper", "0"),
         ],
     );
 }

@@ -109,6 +109,16 @@ fn runs_are_compared_by_pair_and_unlike_ones_refused() {
     let flipped = compare(dir, &flips).ends_with(0).out;
     let title = "psnr: 4 of 4 pairs changed the order of depth-splat and copy";
     assert!(flipped.contains(title), "{flipped}");
+    let written = [&flips[..], &["--json", "--out", "flips"]].concat();
+    let listed = compare(dir, &written).ends_with(0).json();
+    let of = &listed["flips"][0];
+    assert_eq!((&of["metric"], &of["n_pairs"]), (&"psnr".into(), &4.into()));
+    let pair = &of["pairs"][3];
+    assert_eq!(
+        [&pair["a"][0], &pair["a"][1]],
+        [&pair["b"][1], &pair["b"][0]]
+    );
+    assert!(read(dir.join("flips/index.html")).contains(title));
     // The page plots what is compared, the mean included.
     run(dir, "m", "4", "mean");
     compare(dir, &["a", "m", "--out", "page"]).ends_with(0);

@@ -62,13 +62,16 @@ fn a_history_holds_each_run_once_and_says_what_changed() {
     );
     add("more", &[]).ends_with(0);
 
-    let shown = history(dir, &["show", "h"]).ends_with(0).out;
+    let shown = history(dir, &["show", "h", "--html", "page.html"])
+        .ends_with(0)
+        .out;
     for part in [
         "1  base   abc1    2026-01-31",
         "psnr, M: m",
         "worse than 1 (step)",
         "entry 2: worse by 21.",
         "ssim[uniform7,sample], M: m",
+        "page.html",
     ] {
         assert!(shown.contains(part), "'{part}': {shown}");
     }

@@ -344,7 +344,9 @@ fn unequal_sizes_need_a_named_kernel_and_leave_a_trace() {
     let dir = folder();
     let small = image::imageops::thumbnail(&picture(0, (WIDTH, HEIGHT)), WIDTH / 2, HEIGHT / 2);
     small.save(dir.path().join("small.png")).unwrap();
-    metrics(dir.path(), "small.png t/a.png --metrics psnr").is_error_with(&["24x20", "48x40"]);
+    metrics(dir.path(), "small.png t/a.png --metrics psnr").is_error_with(&[
+        "24x20, but the target is 48x40: set a kernel to resize it (--resize-prediction bilinear|",
+    ]);
     let mut found = Vec::new();
     for kernel in ["bilinear", "bicubic", "lanczos"] {
         let args = format!("small.png t/a.png --metrics psnr --resize-prediction {kernel} --json");

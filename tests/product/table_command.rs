@@ -287,6 +287,8 @@ fn a_number_is_explained_by_the_readings_of_its_pictures() {
         text.contains("right=im1E") && text.contains("verdict"),
         "{text}"
     );
+    let title = "depth-splat of run, compared with SHARP (ours) in psnr-ssim";
+    assert!(text.starts_with(title), "{text}");
     // The run folder is unchanged, and a repetition writes the same files.
     let before = std::fs::read(dir.join("why/readings.csv")).unwrap();
     explain(&["--out", "why"]).ends_with(0);

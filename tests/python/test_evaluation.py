@@ -1,5 +1,6 @@
 import csv
 import json
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -75,6 +76,49 @@ def test_a_function_scores_as_the_built_in_method_does(program, tmp_path):
     assert run(copy, tmp_path / "mine", label="copy").counts["reused"] == 12
     assert run(copy, tmp_path / "mine", label="copy", version="2").counts["scored"] == 12
     assert "copy" in str(mine) and "<table" in mine._repr_html_()
+
+
+def test_shards_give_the_bytes_of_the_whole(program, tmp_path):
+    def shard(out, shard, **options):
+        return run(copy, tmp_path / out, methods=["mean"], shard=shard, **options)
+
+    whole = run(copy, tmp_path / "whole", methods=["mean"])
+    expected = (tmp_path / "whole/scores.csv").read_bytes()
+    # Both make the plan at the same time.
+    with ThreadPoolExecutor() as pool:
+        counts = [done.counts for done in pool.map(lambda which: shard("shared", which), [(1, 2), "2/2"])]
+    assert [count["scored"] for count in counts] == [12, 12] and not (tmp_path / "shared/scores.csv").exists()
+    merged = sb.merge(tmp_path / "shared")
+    assert merged.counts == {"units": 24, "missing": 0, "failed": 0} and merged.scores.to_dict() == whole.scores.to_dict()
+    assert (tmp_path / "shared/scores.csv").read_bytes() == expected
+    # A folder each.
+    parts = [shard(f"part{i}", (i, 3)).path for i in (1, 2, 3)]
+    with pytest.warns(UserWarning, match="units are missing"):
+        assert sb.merge(parts[0]).counts["missing"] > 0
+    assert sb.merge(*parts, out=tmp_path / "joined").counts["missing"] == 0
+    program("merge", *parts, "--out", tmp_path / "command")
+    for joined in ("joined", "command"):
+        assert (tmp_path / joined / "scores.csv").read_bytes() == expected
+    for options, error, said in [
+        ({"limit": 3}, sb.Error, "planned with other pairs"),
+        ({"version": "2"}, sb.Error, "version"),
+        ({"common_region": True}, sb.Error, "shards cannot"),
+        ({"shard": (3, 2)}, ValueError, "numbered from 1"),
+        ({"shard": "half"}, ValueError, "shard: 'half'"),
+        ({"shard": 1}, TypeError, "shard=1: expected"),
+    ]:
+        with pytest.raises(error, match=said):
+            run(copy, tmp_path / "shared", **{"methods": ["mean"], "shard": "1/2", **options})
+
+
+def test_a_function_may_return_a_tensor(tmp_path):
+    torch = pytest.importorskip("torch")
+
+    def planes(source, camera):
+        return torch.from_numpy(source.image()).permute(2, 0, 1).contiguous()
+
+    arrays, tensors = (run(function, tmp_path / function.__name__, label="copy", version="1") for function in (copy, planes))
+    assert arrays.scores["psnr"] == tensors.scores["psnr"]
 
 
 def test_scores_are_a_table_for_everyone(tmp_path):
@@ -219,6 +263,8 @@ def test_commands_are_functions(tmp_path):
     assert sb.gate(old.path, new.path)["gate"]["state"] == "passed"
     other = sb.gate(old.path, new.path, ["psnr < -0.1"], methods=[("copy", "mean")])["gate"]
     assert {check["method_b"] for check in other["checks"]} == {"mean"}
+    crossed = sb.compare(old.path, new.path, [("copy", "mean"), ("mean", "copy")], flips=True)["flips"]
+    assert [flips["n_pairs"] for flips in crossed] == [8] and len(crossed[0]["pairs"]) == 8
     added = sb.history("add", tmp_path / "history", old.path, label="first")
     assert added["is_new"] and sb.history("show", tmp_path / "history")["entries"][0]["label"] == "first"
     with pytest.warns(UserWarning, match="none of your rows has a number"):

@@ -6,6 +6,7 @@ import pytest
 from conftest import ROOT
 
 import sharp_bench as sb
+from sharp_bench import _arrays
 
 
 def of_program(program, folder, prediction, target, *options):
@@ -41,7 +42,7 @@ def test_layouts_batches_and_views_of_memory_give_the_same_numbers(pictures):
     prediction, target = pictures
     scores = sb.metrics(prediction, target)
     planes = [np.ascontiguousarray(np.moveaxis(array, -1, 0)) for array in pictures]
-    assert sb.metrics(*planes, layout="chw") == scores
+    assert sb.metrics(*planes) == sb.metrics(*planes, layout="chw") == sb.metrics(planes[0], target) == scores
     wide = np.zeros((61, 200, 3), np.uint8)
     wide[:, 10:93] = prediction
     assert sb.metrics(wide[:, 10:93], target) == scores
@@ -49,6 +50,43 @@ def test_layouts_batches_and_views_of_memory_give_the_same_numbers(pictures):
     batch = sb.metrics(np.stack([target, prediction]), np.stack([target, target]))
     assert np.isinf(batch["psnr"][0]) and {key: value[1] for key, value in batch.items()} == scores
     assert sb.metrics(np.stack([prediction] * 3), target, "psnr")["psnr"].tolist() == [scores["psnr"]] * 3
+
+
+def test_channels_are_the_last_axis_where_two_could_be():
+    narrow = np.zeros((3, 5, 3), np.uint8)
+    for layout, shape in ((None, (3, 5, 3)), ("hwc", (3, 5, 3)), ("chw", (5, 3, 3))):
+        (picture,), is_batch = _arrays.pictures("narrow", narrow, layout)
+        assert picture.shape == shape and not is_batch
+    with pytest.raises(ValueError, match=r"expected \[3, H, W\].*use layout='hwc'"):
+        _arrays.pictures("wide", np.zeros((4, 5, 3), np.uint8), "chw")
+
+
+def test_contiguous_pictures_are_read_in_place():
+    torch = pytest.importorskip("torch")
+
+    class Exporter:
+        def __init__(self, array):
+            self.__dlpack__, self.__dlpack_device__ = array.__dlpack__, array.__dlpack_device__
+
+    for dtype in (np.uint8, np.float32):
+        batch = np.zeros((2, 8, 9, 3), dtype)
+        last = torch.zeros((2, 3, 8, 9), dtype=torch.from_numpy(batch).dtype).to(memory_format=torch.channels_last)
+        leaf = torch.from_numpy(batch)
+        for given, memory in [
+            (batch, batch),
+            (batch[1], batch),
+            (leaf.clone().requires_grad_(dtype == np.float32), None),
+            (leaf, batch),
+            (last, last.numpy()),
+            (memoryview(batch), batch),
+            (Exporter(batch), batch),
+        ]:
+            memory = given.detach().numpy() if memory is None else memory
+            found, _ = _arrays.pictures("given", given)
+            assert all(np.shares_memory(picture, memory) for picture in found), type(given)
+        for copied in (np.moveaxis(batch, -1, 1).copy(), batch[:, :, ::2], batch.astype(np.float64)):
+            found, _ = _arrays.pictures("copied", copied)
+            assert not any(np.shares_memory(picture, copied) for picture in found)
 
 
 @pytest.mark.parametrize("net, architecture", [("alex", "alexnet"), ("vgg", "vgg16")])
@@ -100,8 +138,8 @@ def test_tensors(pictures):
     prediction, target = (torch.from_numpy(array) for array in pictures)
     scores = sb.metrics(*pictures)
     assert sb.metrics(prediction, target) == scores
-    planes = [tensor.permute(2, 0, 1)[None] for tensor in (prediction, target)]
-    assert {key: value[0] for key, value in sb.metrics(*planes, layout="chw").items()} == scores
+    for batch in (lambda tensor: tensor[None], lambda tensor: tensor.permute(2, 0, 1)[None].contiguous()):
+        assert {key: value[0] for key, value in sb.metrics(batch(prediction), batch(target)).items()} == scores
     floats = [(tensor / 255).requires_grad_() for tensor in (prediction, target)]
     assert sb.metrics(*floats, "psnr")["psnr"] == pytest.approx(scores["psnr"], abs=1e-6)
     with pytest.raises(TypeError, match="bfloat16"):
@@ -112,7 +150,7 @@ def test_tensors(pictures):
     ("change", "error", "said"),
     [
         (lambda a: a[..., 0], ValueError, r"shape \(61, 83\), expected \[H, W, 3\]"),
-        (lambda a: np.moveaxis(a, -1, 0), ValueError, "use layout='chw'"),
+        (lambda a: a[..., :2], ValueError, r"expected \[H, W, 3\] or \[3, H, W\] or a batch"),
         (lambda a: a.astype(np.int32), TypeError, "int32, expected uint8 or floats"),
         (lambda a: a.astype(np.float32), ValueError, r"prediction.*must lie in 0\.\.1"),
         (lambda a: a / 255 * np.nan, ValueError, "finite"),

@@ -43,6 +43,7 @@ __all__ = [
     "gate",
     "history",
     "load_scores",
+    "merge",
     "metrics",
     "pairs",
     "predict",
@@ -53,13 +54,18 @@ __all__ = [
 ]
 
 
-def metrics(prediction, target, metrics="paper", mask=None, layout="hwc", weights=None):
+def metrics(prediction, target, metrics="paper", mask=None, layout=None, weights=None):
     """Scores of a prediction against its target: a dictionary from metric key to number.
 
-    Both are arrays or tensors [H, W, 3] of one size, uint8 or floats in 0..1 (sRGB), or batches [N, H, W, 3], of which each
-    score is an array [N]; with ``layout="chw"`` [3, H, W] and [N, 3, H, W]. ``metrics`` is a list of keys or groups as
+    Both are arrays or tensors of one size, uint8 or floats in 0..1 (sRGB): [H, W, 3] or [3, H, W], or batches [N, H, W, 3] or
+    [N, 3, H, W], of which each score is an array [N]. If both the last axis and that of [3, H, W] have length 3, the channels
+    are the last; ``layout="chw"`` or ``"hwc"`` sets them. ``metrics`` is a list of keys or groups as
     ``sharp-bench metrics --metrics`` takes it, ``mask`` [H, W] adds the scores inside it under keys that end in ``@mask``, and
     ``weights`` maps a network to its file. Numbers are those of the command line to the last digit.
+
+    Contiguous [H, W, 3] of uint8 or float32 is read in place from NumPy, torch on the CPU (also in ``channels_last``), and
+    whatever has DLPack or a buffer; other layouts and floats are converted first, picture by picture. Tensors are detached, and
+    copied from a GPU. The core holds a copy of the two pictures that it scores.
 
     A metric of a group that cannot be computed is left out with a warning; one that was named itself is an error.
     """
@@ -119,20 +125,32 @@ def load_scores(run):
     return _sharp_bench.load_scores(run)
 
 
-def compare(a, b=None, methods=()):
+def merge(*runs, out=None):
+    """Joins run folders into ``out``, or writes the tables of one whose shards are done; a :class:`Run`.
+
+    Its ``counts`` are units, missing and failed; with missing units, it warns.
+    """
+    done = _command("merge", runs, (75,), out=out)
+    if done["missing"]:
+        units = "unit is" if done["missing"] == 1 else "units are"
+        warnings.warn(f"{done['run']}: {done['missing']} {units} missing: run their shards", stacklevel=2)
+    return Run(done.pop("run"), done)
+
+
+def compare(a, b=None, methods=(), flips=False):
     """Run B against run A pair by pair: the dictionary of ``sharp-bench compare --json``.
 
     ``methods`` are ``(label in A, label in B)``; without any, methods of equal label stand against each other. Without ``b``,
-    methods of one run do.
+    methods of one run do. With ``flips`` also the pairs on which two methods changed their order.
     """
-    text, notes = _sharp_bench.compare(a, a if b is None else b, list(methods))
+    text, notes = _sharp_bench.compare(a, a if b is None else b, list(methods), flips)
     _warn(notes)
     return json.loads(text)
 
 
-def sweep(*runs, **options):
+def sweep(*runs, x="baseline_m", bins=None, band="sd", split="dataset", metrics=()):
     """Scores against how far the camera moved: ``x``, ``bins``, ``band``, ``split`` and ``metrics`` as ``sharp-bench sweep`` takes them."""
-    return Sweep([os.fspath(run) for run in runs], **options)
+    return Sweep([os.fspath(run) for run in runs], x, bins, band, split, list(metrics))
 
 
 def report(*runs, out=None, **options):
@@ -202,7 +220,7 @@ def render(gaussians, camera, *, background="black", eps2d=0.0, backend="cpu"):
     return _sharp_bench.render(gaussians, camera, background=background, eps2d=eps2d, backend=backend)
 
 
-def predict(image, focal_px=None, *, checkpoint=None, config=None, layout="hwc"):
+def predict(image, focal_px=None, *, checkpoint=None, config=None, layout=None):
     """Gaussians of a photograph by the SHARP network, in the metric space of its camera.
 
     Without ``focal_px`` (pixels) the focal length is that of a 30 mm lens on 35 mm film, which sets the metric scale; without
@@ -253,15 +271,17 @@ def evaluate(
     config=None,
     methods=(),
     metrics=None,
+    shard=None,
     progress=None,
     **options,
 ):
     """Evaluates a function as a method, into the run folder ``out``; a :class:`Run`.
 
-    ``function(source, camera)`` returns the picture that ``camera`` sees, [H, W, 3] of its size, uint8 or floats in 0..1 (which
-    a run rounds to levels, whoever made them), or :class:`Gaussians`. ``camera.camera_from_world`` leads from the source camera's space, in which Gaussians lie, to the
-    camera's. ``function(source)`` with one parameter returns Gaussians for all targets of a source. ``source`` has ``name``,
-    ``camera``, ``image()``, and with ``privilege="source-depth"`` the true ``depth()``.
+    ``function(source, camera)`` returns the picture that ``camera`` sees, [H, W, 3] or [3, H, W] of its size, uint8 or floats in
+    0..1 (which a run rounds to levels, whoever made them), or :class:`Gaussians`. ``camera.camera_from_world`` leads from the
+    source camera's space, in which Gaussians lie, to the camera's. ``function(source)`` with one parameter returns Gaussians for
+    all targets of a source. ``source`` has ``name``, ``camera``, ``image()``, and with ``privilege="source-depth"`` the true
+    ``depth()``.
 
     What it raises becomes a recorded failure of that pair, and the others continue. A run that was stopped, also by Ctrl-C, goes
     on where it was when it is called again; what is done is not done again as long as ``version`` is the same. Without it, it is
@@ -270,10 +290,15 @@ def evaluate(
     ``methods`` are evaluated beside it (``"copy"``, ``"depth-splat"``, …), or alone with ``None`` for the function. ``config`` is
     a ``run.toml``; ``options`` are those of ``sharp-bench run`` by name (``limit=10``, ``pairs="pairs.csv"``,
     ``pair_options="order=once"``, ``common_region=True``) and take the place of the file's.
+    ``shard=(1, 4)``, ``"1/4"`` or ``"auto"`` in an array of Slurm, Kubernetes or AWS Batch evaluates this part of the pairs.
+    Shards may share ``out`` or have a folder each, and :func:`merge` joins them; scores are those of the whole, byte for byte.
+
     ``progress`` is called with phase, done and of how many; True shows a bar (of ``tqdm`` if it is installed, also in notebooks).
     """
     if privilege not in (None, "source-depth"):
         raise ValueError(f"privilege={privilege!r}: expected None or 'source-depth'")
+    if not isinstance(shard, (tuple, list, str, type(None))):
+        raise TypeError(f"shard={shard!r}: expected (I, N) or 'I/N'")
     if out is None:
         raise TypeError("evaluate() needs out=, the run folder")
     keys = {key.replace("_", "-"): _plain(value) for key, value in options.items()}
@@ -288,6 +313,7 @@ def evaluate(
         "version": version or (function and _source_hash(function)) or "",
         "of_source": function_of == 1,
         "privileged": privilege is not None,
+        "shard": "/".join(map(str, shard)) if isinstance(shard, (tuple, list)) else shard,
         "config": config,
         "keys": json.dumps(keys),
     }

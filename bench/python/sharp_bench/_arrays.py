@@ -4,7 +4,8 @@ import sys
 
 import numpy as np
 
-LAYOUTS = {"hwc": False, "chw": True}
+LAYOUTS = {"hwc": -1, "chw": -3}
+"""The axis of the channels."""
 
 
 def array(name, value):
@@ -27,16 +28,20 @@ def array(name, value):
     return found
 
 
-def pictures(name, value, layout="hwc"):
-    """A list of pictures [H, W, 3] of uint8 or float32, and whether it was a batch."""
-    if layout not in LAYOUTS:
+def pictures(name, value, layout=None):
+    """A list of pictures [H, W, 3] of uint8 or float32, and whether it was a batch.
+
+    Pictures are views of ``value`` where it lies like that in memory, else copies.
+    """
+    if layout not in (None, *LAYOUTS):
         raise ValueError(f"layout={layout!r}: expected one of {', '.join(LAYOUTS)}")
     found = array(name, value)
-    form = "[3, H, W] or [N, 3, H, W]" if LAYOUTS[layout] else "[H, W, 3] or [N, H, W, 3]"
-    if found.ndim not in (3, 4) or found.shape[-3 if LAYOUTS[layout] else -1] != 3:
-        other = "hwc" if LAYOUTS[layout] else "chw"
-        hint = f"; use layout={other!r}" if _fits(found, other) else ""
-        raise ValueError(f"{name}: shape {found.shape}, expected {form}{hint}")
+    fitting = [one for one, axis in LAYOUTS.items() if found.ndim in (3, 4) and found.shape[axis] == 3]
+    layout = layout or (fitting or [None])[0]
+    if layout not in fitting:
+        form = {"hwc": "[H, W, 3]", "chw": "[3, H, W]"}.get(layout, "[H, W, 3] or [3, H, W]")
+        hint = f"; use layout={fitting[0]!r}" if fitting else ""
+        raise ValueError(f"{name}: shape {found.shape}, expected {form} or a batch of them{hint}")
     if found.dtype == np.uint8:
         dtype = np.uint8
     elif found.dtype.kind == "f":
@@ -44,13 +49,8 @@ def pictures(name, value, layout="hwc"):
     else:
         raise TypeError(f"{name}: {found.dtype}, expected uint8 or floats in 0..1")
     batch = found if found.ndim == 4 else found[None]
-    if LAYOUTS[layout]:
-        batch = np.moveaxis(batch, 1, -1)
+    batch = np.moveaxis(batch, LAYOUTS[layout], -1)
     return [np.ascontiguousarray(picture, dtype) for picture in batch], found.ndim == 4
-
-
-def _fits(found, layout):
-    return found.ndim in (3, 4) and found.shape[-3 if LAYOUTS[layout] else -1] == 3
 
 
 def masks(value, count):

@@ -10,7 +10,7 @@ use numpy::{PyArray2, PyArray3};
 use pyo3::prelude::*;
 use sharp::render::Backend;
 use sharp_bench::config::{ConfigError, RunConfig};
-use sharp_bench::evaluate::{Request, RunOptions, prepare};
+use sharp_bench::evaluate::{Request, RunOptions, Shard, prepare};
 use sharp_bench::io::observer::Observer;
 use sharp_bench::methods::{
     self, Approach, GaussianPrediction, GaussianSpace, Method, MethodError, MethodIdentity,
@@ -285,6 +285,8 @@ pub(crate) struct Asked {
     version: String,
     of_source: bool,
     privileged: bool,
+    /// A shard to evaluate, as `--shard` takes it.
+    shard: Option<String>,
     /// Path of a `run.toml`.
     config: Option<PathBuf>,
     /// Keys of a `run.toml` as JSON; they override those of the file.
@@ -314,6 +316,11 @@ pub(crate) fn evaluate(
         let file = RunConfig::read(file).map_err(refused)?;
         config = file.overlaid(&config).map_err(refused)?;
     }
+    let shard = asked.shard.as_deref().map(str::parse::<Shard>);
+    let shard = shard.transpose().map_err(|error| {
+        let reason = format!("shard: {error}");
+        refused(anyhow::anyhow!(reason))
+    })?;
     let own = function.map(|function| Function {
         label: asked.label.clone(),
         version: asked.version,
@@ -327,9 +334,12 @@ pub(crate) fn evaluate(
             request.methods.insert(0, (None, Box::new(own)));
         }
         let evaluation = prepare(request, &observer)?;
-        Ok(evaluation
-            .run(&asked.out, RunOptions::from(&config), &observer)?
-            .counts)
+        let options = RunOptions::from(&config);
+        let Some(shard) = shard else {
+            return Ok(evaluation.run(&asked.out, options, &observer)?.counts);
+        };
+        evaluation.plan_shards(&asked.out, &observer)?;
+        Ok(evaluation.run_shard(&asked.out, shard, options, &observer)?)
     };
     let counts = py.detach(run).map_err(|error| {
         let config = error.downcast_ref::<ConfigError>();

@@ -104,12 +104,17 @@ pub(crate) fn compare(
     a: PathBuf,
     b: PathBuf,
     methods: Vec<(String, String)>,
+    flips: bool,
 ) -> PyResult<(String, Vec<String>)> {
     let compared = py
         .detach(|| core_compare(&a, &b, &methods, &Practical::default()))
         .map_err(failed)?;
     let strata = compared.strata(&[]);
-    let text = compared.json(&strata).to_string();
+    let flips = match flips {
+        true => compared.flips(),
+        false => Vec::new(),
+    };
+    let text = compared.json(&strata, &flips).to_string();
     Ok((text, compared.notes))
 }
 

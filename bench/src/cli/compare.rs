@@ -12,6 +12,7 @@ use crate::config::metrics::weights;
 use crate::evaluate::Shown;
 use crate::report::scenes;
 use crate::track::compare::breakdown::{Division, Stratum};
+use crate::track::compare::flips::Flips;
 use crate::track::compare::{CompareError, Practical, RunComparison, both_sides, compare_results};
 
 /// Compare two runs pair by pair: means, intervals, significance
@@ -122,14 +123,18 @@ pub(super) fn execute(args: &CompareArgs) -> anyhow::Result<Outcome> {
         }
     }
     let strata = comparison.strata(&anatomies);
+    let flips = match args.flips {
+        true => comparison.flips(),
+        false => Vec::new(),
+    };
     let files = match &args.out {
-        Some(out) => Some(comparison.write(&strata, &opened, out)?),
+        Some(out) => Some(comparison.write(&strata, &flips, &opened, out)?),
         None => None,
     };
     if args.json {
-        output::json(&comparison.json(&strata))?;
+        output::json(&comparison.json(&strata, &flips))?;
     } else {
-        print(&comparison, &strata, args)?;
+        print(&comparison, &strata, &flips, args)?;
         if let Some(files) = &files {
             output::line(format!("page  {}", files.html.display()))?;
         }
@@ -144,7 +149,12 @@ pub(super) fn execute(args: &CompareArgs) -> anyhow::Result<Outcome> {
     Ok(Outcome::of_problems(damaged || !not_scored.is_empty()))
 }
 
-fn print(comparison: &RunComparison, strata: &[Stratum], args: &CompareArgs) -> anyhow::Result<()> {
+fn print(
+    comparison: &RunComparison,
+    strata: &[Stratum],
+    flips: &[Flips<'_>],
+    args: &CompareArgs,
+) -> anyhow::Result<()> {
     for grid in comparison.change_grids() {
         output::line(grid.text())?;
     }
@@ -155,10 +165,8 @@ fn print(comparison: &RunComparison, strata: &[Stratum], args: &CompareArgs) -> 
             }
         }
     }
-    if args.flips {
-        for grid in comparison.flip_grids() {
-            output::line(grid.text())?;
-        }
+    for flips in flips {
+        output::line(flips.grid().text())?;
     }
     let shown = strata.iter().filter(|stratum| match stratum.by {
         Division::Pixels => true,

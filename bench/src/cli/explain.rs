@@ -114,10 +114,6 @@ pub(super) fn execute(args: &ExplainArgs) -> anyhow::Result<Outcome> {
         }))?;
         return Ok(outcome);
     }
-    output::line(format!(
-        "{} in {}, and what is kept here\n",
-        args.row, table.name
-    ))?;
     output::line(terminal(&runs).trim_end())?;
     output::wrote(&written)?;
     Ok(outcome)

@@ -124,6 +124,11 @@ fn show(args: &ShowArgs) -> anyhow::Result<Outcome> {
             "rows": history.points().collect::<Vec<_>>(),
             "damaged": history.damaged,
         }))?;
+    } else {
+        output::line(history.entries_grid().text())?;
+        for grid in history.series_grids() {
+            output::line(grid.text())?;
+        }
     }
     let mut files: Vec<(&Path, Vec<u8>, &str)> = Vec::new();
     if let Some(path) = &args.csv {
@@ -145,12 +150,6 @@ fn show(args: &ShowArgs) -> anyhow::Result<Outcome> {
     for path in write_all_over_own(&files)? {
         if !args.json {
             output::line(path.display().to_string())?;
-        }
-    }
-    if files.is_empty() && !args.json {
-        output::line(history.entries_grid().text())?;
-        for grid in history.series_grids() {
-            output::line(grid.text())?;
         }
     }
     Ok(outcome(&history.damaged))

@@ -194,6 +194,14 @@ impl Terminal {
         act(&mut self.phase.lock().unwrap_or_else(PoisonError::into_inner));
     }
 
+    /// Writes a line above the bar.
+    fn remark(&self, line: String) {
+        self.with_phase(|phase| match phase {
+            Some(phase) => phase.bar.suspend(|| remark(line)),
+            None => remark(line),
+        });
+    }
+
     fn in_phase(&self, act: impl FnOnce(&mut Phase)) {
         self.with_phase(|phase| {
             if let Some(phase) = phase {
@@ -216,11 +224,13 @@ impl Terminal {
 
 impl Observer for Terminal {
     fn warn(&self, text: &str) {
-        let line = format!("warning: {}", visible_line(text));
-        self.with_phase(|phase| match phase {
-            Some(phase) => phase.bar.suspend(|| remark(line)),
-            None => remark(line),
-        });
+        self.remark(format!("warning: {}", visible_line(text)));
+    }
+
+    fn milestone(&self, text: &str) {
+        if !is_quiet() {
+            self.remark(visible_line(text).into_owned());
+        }
     }
 
     fn begin(&self, phase: &str, steps: usize, unit: &'static str) {

@@ -50,6 +50,25 @@ impl RunFolder {
     /// # Errors
     /// Names the folder and why it cannot be used.
     pub fn create(root: &Path) -> Result<Self, FileError> {
+        let (folder, is_locked) = Self::created(root, File::try_lock)?;
+        if is_locked {
+            remove_leftovers(root, &WRITTEN, Duration::ZERO);
+        }
+        Ok(folder)
+    }
+
+    /// Like [`Self::create`], but concurrently with other processes that make the same plan.
+    ///
+    /// # Errors
+    /// As [`Self::create`].
+    pub(super) fn create_shared(root: &Path) -> Result<Self, FileError> {
+        Ok(Self::created(root, File::try_lock_shared)?.0)
+    }
+
+    fn created(
+        root: &Path,
+        take: fn(&File) -> Result<(), TryLockError>,
+    ) -> Result<(Self, bool), FileError> {
         fs::create_dir_all(root).map_err(FileError::new(root, "create"))?;
         let entries = fs::read_dir(root).map_err(FileError::new(root, "read"))?;
         // Dot files are ours: the lock, and partial files of a killed process.
@@ -69,19 +88,18 @@ impl RunFolder {
                 source: std::io::Error::other("it holds other files but no manifest.json"),
             });
         }
-        let (lock, is_locked) = lock(root, File::try_lock)?;
-        if is_locked {
-            remove_leftovers(root, &WRITTEN, Duration::ZERO);
-        }
+        let (lock, is_locked) = lock(root, take)?;
+        // Never empty in between, because another process may be looking for the mark.
         let mark = || -> std::io::Result<()> {
-            lock.set_len(0)?;
-            (&lock).write_all(MARK.as_bytes())
+            (&lock).write_all(MARK.as_bytes())?;
+            lock.set_len(MARK.len() as u64)
         };
         mark().map_err(FileError::new(&root.join(".lock"), "write"))?;
-        Ok(Self {
+        let folder = Self {
             root: root.to_owned(),
             _lock: Some(Arc::new(lock)),
-        })
+        };
+        Ok((folder, is_locked))
     }
 
     /// Opens a planned run for writing units concurrently with other processes. Units are written

@@ -103,12 +103,7 @@ impl Evaluation {
         options: RunOptions,
         observer: &dyn Observer,
     ) -> Result<Estimate, EvaluateError> {
-        if self.common_region {
-            return Err(refused(
-                out,
-                "--common-region scores all methods on all pairs at once, which shards cannot do",
-            ));
-        }
+        self.check_shardable(out)?;
         let folder = RunFolder::create(out)?;
         let block = self.block(&self.pairs()?);
         let plan = folder.plan()?.with(block.clone());
@@ -126,6 +121,39 @@ impl Evaluation {
         let keys = Keys::new(&self.datasets, &RendererRecord::of(&self.renderer));
         self.begin(&folder, &plan, block, &keys, observer)?;
         Ok(estimate)
+    }
+
+    /// Makes the plan that every shard of this evaluation makes, without its cost, if the folder has none. Shards may
+    /// do so at the same time.
+    ///
+    /// # Errors
+    /// If the folder has another plan, or the evaluation needs all units at once.
+    pub fn plan_shards(&self, out: &Path, observer: &dyn Observer) -> Result<(), EvaluateError> {
+        self.check_shardable(out)?;
+        let folder = RunFolder::create_shared(out)?;
+        let block = self.block(&self.pairs()?);
+        let plan = RunPlan::default().with(block.clone());
+        if folder.manifest()?.is_none() {
+            let keys = Keys::new(&self.datasets, &RendererRecord::of(&self.renderer));
+            return self.begin(&folder, &plan, block, &keys, observer);
+        }
+        match folder.plan()?.blocks == plan.blocks {
+            true => Ok(()),
+            false => Err(refused(
+                out,
+                "it was planned with other pairs or methods: use another folder",
+            )),
+        }
+    }
+
+    fn check_shardable(&self, out: &Path) -> Result<(), EvaluateError> {
+        match self.common_region {
+            false => Ok(()),
+            true => Err(refused(
+                out,
+                "--common-region scores all methods on all pairs at once, which shards cannot do",
+            )),
+        }
     }
 
     /// Executes a shard of a folder's plan, concurrently with other processes. Writes units, but neither manifest nor

@@ -11,6 +11,9 @@ pub trait Observer: Sync {
     /// Reports that `done` steps of the phase are done; `current` names the step in progress.
     fn progress(&self, _done: usize, _current: &str) {}
 
+    /// Reports a state worth keeping in a log, every now and then.
+    fn milestone(&self, _text: &str) {}
+
     /// Reports that one more step of the phase is done.
     fn step(&self) {}
 

@@ -196,7 +196,9 @@ impl FitRules {
         }
         let sizes = format!("the picture is {w}x{h}, but {what} is {to_w}x{to_h}");
         if w > to_w || h > to_h {
-            return Err(format!("{sizes}: larger pictures are never reduced"));
+            return Err(format!(
+                "{sizes}: larger pictures are never reduced, so write them in the target's size"
+            ));
         }
         // The aspect ratios count as equal if they differ only because the smaller picture has
         // whole pixels.
@@ -208,17 +210,26 @@ impl FitRules {
                  (crop=center, crop=x:y:w:h or crop=sidecar)"
             ));
         }
-        self.kernel.map(Some).ok_or_else(|| {
-            let enlarging = ResizeKernel::ALL
-                .iter()
-                .filter(|k| **k != ResizeKernel::Area);
-            let names: Vec<&str> = enlarging.map(|k| k.name()).collect();
-            format!(
-                "{sizes}: set a kernel to enlarge it (resize={})",
-                names.join("|")
-            )
-        })
+        let no_kernel = || needs_kernel(what, (w, h), (to_w, to_h), "resize=");
+        self.kernel.map(Some).ok_or_else(no_kernel)
     }
+}
+
+/// Says that a picture needs a kernel to get the size of `what`, and which ones `option` takes for that.
+pub(crate) fn needs_kernel(
+    what: &str,
+    (w, h): (u32, u32),
+    (to_w, to_h): (u32, u32),
+    option: &str,
+) -> String {
+    let reduces = to_w <= w && to_h <= h;
+    let kernels = ResizeKernel::ALL.iter();
+    let kernels = kernels.filter(|kernel| reduces || **kernel != ResizeKernel::Area);
+    let names: Vec<&str> = kernels.map(|kernel| kernel.name()).collect();
+    format!(
+        "the picture is {w}x{h}, but {what} is {to_w}x{to_h}: set a kernel to resize it ({option}{})",
+        names.join("|")
+    )
 }
 
 fn parse_crop(text: &str) -> Result<CropRule, String> {

@@ -138,6 +138,9 @@ pub fn train(request: TrainRequest<'_>, observer: &dyn Observer) -> Result<Train
 /// With VGG16, a perceptual loss of a larger weight outweighs all other losses together.
 const VGG_WEIGHT_AT_MOST: f64 = 0.3;
 
+/// Number of steps per stage that are reported with loss and time.
+const MILESTONES: u64 = 50;
+
 /// Forwards the trainer's events to an observer, and its weights to the validation.
 struct Watching<'a> {
     folder: &'a TrainingFolder,
@@ -160,12 +163,19 @@ impl Watcher for Watching<'_> {
         {
             self.observer.warn(&format!("no page: {error}"));
         }
+        let name = format!("stage {}", stage.number());
         if self.phase.replace(stage) != Some(stage) {
-            let name = format!("stage {}", stage.number());
             self.observer.begin(&name, steps as usize, "steps");
         }
-        let now = format!("stage {}, loss {:.4}", stage.number(), record.total);
-        self.observer.progress(step as usize, &now);
+        let (loss, seconds) = (record.total, record.seconds);
+        let now = format!("loss {loss:.4}, {seconds:.2} s");
+        self.observer
+            .progress(step as usize, &format!("{name}: {now}"));
+        let every = steps.div_ceil(MILESTONES);
+        if step == 1 || step == steps || step.is_multiple_of(every) {
+            let text = format!("{name}, step {step} of {steps}: {now}");
+            self.observer.milestone(&text);
+        }
     }
 
     fn validate(

@@ -11,6 +11,7 @@ use super::{MetricsArgs, demand_explicit, output};
 use crate::evaluate::finding::PictureChange;
 use crate::evaluate::picture_check::{likely_change, shrunk};
 use crate::io::{masks, pictures};
+use crate::methods::needs_kernel;
 use crate::pictures::keyed_scores::KeyedScores;
 use crate::pictures::maps::{ColourScale, LocalMap, MapFiles, write_map};
 use crate::pictures::other_forms::{OtherForm, other_forms};
@@ -75,6 +76,11 @@ pub(super) fn score(
                 resize(&prediction, width, height, kernel).with_context(|| names.clone())?;
             warn_of_distortion(&input.prediction, from, (width, height));
             Some(from)
+        }
+        None if prediction.dimensions() != target.dimensions() => {
+            let (from, to) = (prediction.dimensions(), target.dimensions());
+            let reason = needs_kernel("the target", from, to, "--resize-prediction ");
+            return Err(anyhow!(reason).context(names));
         }
         _ => None,
     };

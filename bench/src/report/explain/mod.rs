@@ -45,6 +45,8 @@ pub struct Explanation {
 pub struct ExplainedRun {
     pub path: PathBuf,
     pub method: String,
+    /// Row and table that it is compared with.
+    published: String,
     /// Number of the run's scores that differ when recomputed from its kept pictures, because
     /// weights or code changed.
     pub changed: usize,
@@ -72,6 +74,7 @@ pub fn explain_run(
     let readings = score_readings(&path, method, scoring, observer)?;
     Ok(ExplainedRun {
         method: method.to_owned(),
+        published: format!("{row} in {}", table.name),
         changed: readings.changed,
         explanation: explain(table, row, &readings, &manifest),
         path,

@@ -138,7 +138,8 @@ impl Explanation {
 
 impl ExplainedRun {
     fn title(&self) -> String {
-        format!("{} of {}", self.method, self.path.display())
+        let (method, path) = (&self.method, self.path.display());
+        format!("{method} of {path}, compared with {}", self.published)
     }
 }
 

@@ -2,6 +2,7 @@
 
 pub mod anatomy;
 pub mod breakdown;
+pub mod flips;
 pub mod page;
 mod rows;
 pub mod tables;

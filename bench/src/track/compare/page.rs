@@ -11,6 +11,7 @@ use sharp_statistics::mean;
 
 use super::anatomy::Anatomy;
 use super::breakdown::Stratum;
+use super::flips::Flips;
 use super::tables::most_changed;
 use super::{Against, RunComparison};
 use crate::evaluate::Shown;
@@ -65,9 +66,10 @@ impl RunComparison {
         })
     }
 
-    /// The comparison and its [strata](Self::strata) as `compare --json` prints them.
-    pub fn json(&self, strata: &[Stratum]) -> Value {
-        json!({
+    /// The comparison and its [strata](Self::strata) as `compare --json` prints them, with `flips` unless they are
+    /// empty.
+    pub fn json(&self, strata: &[Stratum], flips: &[Flips<'_>]) -> Value {
+        let mut json = json!({
             "schema": 1,
             "a": self.a.display().to_string(),
             "b": self.b.display().to_string(),
@@ -76,7 +78,11 @@ impl RunComparison {
             "rows": self.rows,
             "breakdown": strata,
             "pairs": self.pair_lines(Some(10)),
-        })
+        });
+        if !flips.is_empty() {
+            json["flips"] = flips.iter().map(Flips::json).collect();
+        }
+        json
     }
 
     /// The pairs of each method and metric, largest loss first: all pairs, or up to this many of
@@ -115,13 +121,14 @@ impl RunComparison {
     }
 
     /// Writes `index.html`, `report.md` and, as CSV, `tables/comparison.csv` (the rows), `tables/breakdown.csv` (the
-    /// strata) and `tables/pairs.csv`. `scenes` provide the source and target pictures.
+    /// strata) and `tables/pairs.csv`. `scenes` provide the source and target pictures; `flips` are listed on the page.
     ///
     /// # Errors
     /// If a file cannot be written.
     pub fn write(
         &self,
         strata: &[Stratum],
+        flips: &[Flips<'_>],
         scenes: &[Scene],
         out: &Path,
     ) -> Result<ReportFiles, ReportError> {
@@ -139,6 +146,7 @@ impl RunComparison {
         for against in &self.against {
             details.extend(metrics().filter_map(|metric| self.extremes(against, metric)));
         }
+        details.extend(flips.iter().map(Flips::grid));
         details.extend(self.where_grids(strata));
         let losses = losses.into_iter().map(|(pair_id, of_pair)| {
             let of_pair = of_pair.into_iter();

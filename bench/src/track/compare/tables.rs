@@ -130,61 +130,6 @@ impl RunComparison {
         (!rows.is_empty()).then(|| TextGrid::new(title, &["pair", "A", "B", "B - A"], rows))
     }
 
-    /// The pairs on which the order of two compared methods is another in B than in A, one table per metric and two
-    /// methods; ties do not count.
-    pub fn flip_grids(&self) -> Vec<TextGrid> {
-        let mut grids = Vec::new();
-        for metric in &self.results.manifest.metrics {
-            let of = |against: &Against| {
-                let changes = self.changes(against, &metric.info).into_iter();
-                let changes = changes.map(|change| (change.a.pair_id.as_str(), change.scores));
-                changes.collect::<BTreeMap<&str, [f64; 2]>>()
-            };
-            for (at, first) in self.against.iter().enumerate() {
-                let of_first = of(first);
-                for second in &self.against[at + 1..] {
-                    let of_second = of(second);
-                    let both = of_first.iter();
-                    let both: Vec<_> = both
-                        .filter_map(|(pair, one)| Some((pair, one, of_second.get(pair)?)))
-                        .collect();
-                    let flipped = both
-                        .iter()
-                        .filter(|(_, one, other)| (one[0] - other[0]) * (one[1] - other[1]) < 0.0);
-                    let number = |value: f64| GridCell::rounded(value, metric.info.decimals + 1);
-                    let rows = flipped.map(|(pair, one, other)| {
-                        vec![
-                            GridCell::words(**pair),
-                            number(one[0]),
-                            number(other[0]),
-                            number(one[1]),
-                            number(other[1]),
-                        ]
-                    });
-                    let rows: Vec<_> = rows.collect();
-                    let (of, key) = (both.len(), metric.info.key);
-                    let title = format!(
-                        "{key}: {} of {} changed the order of {} and {}",
-                        rows.len(),
-                        counted(of, "pair"),
-                        first.b,
-                        second.b
-                    );
-                    let heads = [
-                        "pair".to_owned(),
-                        format!("{} in A", first.a),
-                        format!("{} in A", second.a),
-                        format!("{} in B", first.b),
-                        format!("{} in B", second.b),
-                    ];
-                    let heads = heads.each_ref().map(String::as_str);
-                    grids.push(TextGrid::new(title, &heads, rows));
-                }
-            }
-        }
-        grids
-    }
-
     /// Differences by part, one table per metric, pair of methods and [`Division`].
     pub fn where_grids(&self, strata: &[Stratum]) -> Vec<TextGrid> {
         let decimals: BTreeMap<String, usize> = self
