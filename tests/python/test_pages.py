@@ -25,7 +25,7 @@ NOT_RUN = {
     ("bench/docs/network.md", "a changed model of yours"): 1,
     ("bench/docs/your-method.md", "needs a scene that was trained"): 1,
     ("bench/docs/train.md", "takes hours"): 1,
-    ("bench/docs/recipes.md", "needs the project itself"): 6,
+    ("bench/docs/recipes.md", "needs the project itself"): 2,
     ("bench/docs/scale.md", "needs a cluster"): 2,
     ("bench/docs/security.md", "needs cargo-deny 0.20 and the network"): 1,
 }
