@@ -471,7 +471,7 @@ pub(super) fn scoring_conventions(
         ("decoder", crate::io::fingerprints::DECODERS),
         (
             "resolution",
-            "full resolution of the target, which is never resized; predictions are resized up or cropped only where a \
+            "full resolution of the target, which is never resized; predictions are resized or cropped only where a \
              method's identity says so, and are marked in the tables",
         ),
         (

@@ -87,7 +87,7 @@ pub struct Record {
     /// Share of the scored pixels that count, 0..1; `None` if no mask excludes any.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub valid_share: Option<f64>,
-    /// Width and height of the prediction before enlargement, pixels; `None` if not resized.
+    /// Width and height of the prediction before it was resized, pixels; `None` if it was not.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub resized_from: Option<(u32, u32)>,
     /// The scale chosen among several.

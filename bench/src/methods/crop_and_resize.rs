@@ -1,9 +1,9 @@
 //! Crops and resizes imported pictures for scoring, by the paper's rules for smaller and cropped
 //! predictions.
 //!
-//! Scores are computed at the target's full resolution. A smaller prediction with the same aspect
-//! ratio is enlarged by a named kernel. A cropped one is compared with the target cropped in the
-//! same way; its record states the crop. Nothing is padded or downsized.
+//! Scores are computed at the target's full resolution. A prediction of another size with the same aspect ratio is
+//! resized by a named kernel. A cropped one is compared with the target cropped in the same way; its record states the
+//! crop. Nothing is padded.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -45,12 +45,8 @@ impl FitRules {
 
     /// Parses [`Self::OPTIONS`]. Errors do not name the method.
     pub(super) fn parse<'a>(option: impl Fn(&str) -> Option<&'a str>) -> Result<Self, String> {
-        let kernel = parsed("resize", &option)?;
-        if kernel == Some(ResizeKernel::Area) {
-            return Err(format!("resize=area: {}", PictureError::AreaEnlarges));
-        }
         Ok(Self {
-            kernel,
+            kernel: parsed("resize", &option)?,
             crop: option("crop")
                 .map(parse_crop)
                 .transpose()?
@@ -194,21 +190,22 @@ impl FitRules {
         if (w, h) == (to_w, to_h) {
             return Ok(None);
         }
-        let sizes = format!("the picture is {w}x{h}, but {what} is {to_w}x{to_h}");
-        if w > to_w || h > to_h {
+        // The aspect ratios count as equal if they differ only because the smaller of both has whole pixels.
+        let ((small_w, small_h), (large_w, large_h)) = match w > to_w || h > to_h {
+            true => ((to_w, to_h), (w, h)),
+            false => ((w, h), (to_w, to_h)),
+        };
+        let height = f64::from(small_w) * f64::from(large_h) / f64::from(large_w);
+        let width = f64::from(small_h) * f64::from(large_w) / f64::from(large_h);
+        let is_off = |exact: f64, side: u32| (exact - f64::from(side)).abs() >= 1.0;
+        if is_off(height, small_h) && is_off(width, small_w) {
             return Err(format!(
-                "{sizes}: larger pictures are never reduced, so write them in the target's size"
+                "the picture is {w}x{h}, but {what} is {to_w}x{to_h}, with another aspect ratio: set the part of the \
+                 target that it shows (crop=center, crop=x:y:w:h or crop=sidecar)"
             ));
         }
-        // The aspect ratios count as equal if they differ only because the smaller picture has
-        // whole pixels.
-        let height = f64::from(w) * f64::from(to_h) / f64::from(to_w);
-        let width = f64::from(h) * f64::from(to_w) / f64::from(to_h);
-        if (height - f64::from(h)).abs() >= 1.0 && (width - f64::from(w)).abs() >= 1.0 {
-            return Err(format!(
-                "{sizes}, with another aspect ratio: set the part of the target that it shows \
-                 (crop=center, crop=x:y:w:h or crop=sidecar)"
-            ));
+        if self.kernel == Some(ResizeKernel::Area) && (w < to_w || h < to_h) {
+            return Err(format!("resize=area: {}", PictureError::AreaEnlarges));
         }
         let no_kernel = || needs_kernel(what, (w, h), (to_w, to_h), "resize=");
         self.kernel.map(Some).ok_or_else(no_kernel)
@@ -305,7 +302,7 @@ mod tests {
     }
 
     #[test]
-    fn only_smaller_pictures_of_the_aspect_are_resized_and_only_by_name() {
+    fn pictures_of_the_aspect_are_resized_and_only_by_name() {
         let fit = |kernel, w, h| rules(kernel, None).fit(picture(w, h), None, (96, 72));
         assert_eq!(fit(None, 96, 72).unwrap().resized_from, None);
         let resized = fit(Some("bicubic"), 32, 24).unwrap();
@@ -315,12 +312,22 @@ mod tests {
         for height in [37, 38] {
             fit(Some("lanczos"), 50, height).unwrap();
         }
+        for (kernel, size) in [
+            ("bicubic", (192, 144)),
+            ("area", (192, 144)),
+            ("lanczos", (97, 72)),
+        ] {
+            let resized = fit(Some(kernel), size.0, size.1).unwrap();
+            assert_eq!(resized.picture.dimensions(), (96, 72));
+            assert_eq!(resized.resized_from, Some(size));
+        }
         for (kernel, size, part) in [
             (None, (32, 24), "resize=bilinear|"),
+            (None, (192, 144), "resize=bilinear|"),
+            (Some("area"), (32, 24), "resize=area: "),
             (Some("bicubic"), (5, 5), "another aspect"),
             (Some("bicubic"), (36, 24), "another aspect"),
-            (Some("bicubic"), (192, 144), "never reduced"),
-            (Some("bicubic"), (97, 72), "never reduced"),
+            (Some("bicubic"), (192, 36), "another aspect"),
         ] {
             let error = fit(kernel, size.0, size.1).unwrap_err();
             assert!(error.contains(part), "{error}");
@@ -340,7 +347,7 @@ mod tests {
             let read = rules(None, None).read(&path, None, target);
             read.unwrap_err().to_string()
         };
-        assert!(said((96, 72)).contains("never reduced"));
+        assert!(said((96, 72)).contains("set a kernel"));
         assert!(!said((97, 72)).contains("97x72"), "decoded, and damaged");
     }
 

@@ -25,8 +25,8 @@ use crate::scoring::Region;
 /// ([`PictureReading`](crate::io::pictures::PictureReading)). Like all predictions, the pictures
 /// are rounded to 8 bit.
 ///
-/// A picture must have the target's size, unless `resize=KERNEL` sets how a smaller one with the
-/// same aspect ratio is enlarged, or `crop=` sets which part of the target it covers: `x:y:w:h` in
+/// A picture must have the target's size, unless `resize=KERNEL` sets how one of another size with the
+/// same aspect ratio is resized, or `crop=` sets which part of the target it covers: `x:y:w:h` in
 /// pixels of the target, `center:W:H` for the largest centred part with that aspect ratio, `center`
 /// for the largest with the picture's own, `sidecar` for `DIR/<pair_id>.json` with
 /// `{"crop": [x, y, width, height]}`.

@@ -96,8 +96,8 @@ pub const KINDS: [MethodKind; 8] = [
         name: "imported",
         options: &[&["dir", "file", "scales"], &FitRules::OPTIONS],
         summary: "pictures made elsewhere, DIR/<pair_id>.png|jpg|exr",
-        settings: "dir=DIR, file={scene}.png for another layout; smaller ones with resize=bilinear|\
-                  bilinear-antialias|bicubic|lanczos, cropped ones with crop=x:y:w:h|center:W:H|center|sidecar; \
+        settings: "dir=DIR, file={scene}.png for another layout; other sizes with resize=bilinear|\
+                  bilinear-antialias|bicubic|lanczos|area, cropped ones with crop=x:y:w:h|center:W:H|center|sidecar; \
                   scales=0.5+1+2 for DIR/<scale>/<pair_id>.png with --scale-sweep",
         build: imported,
     },

@@ -76,7 +76,7 @@ pub struct ReportMethod {
     /// Whether plots and sheets show it: `target` and `mean` stretch the axes, and are left out unless the user lists
     /// them or there is nothing else.
     pub is_plotted: bool,
-    /// Kernel used to enlarge smaller predictions, if named.
+    /// Kernel used to resize predictions of another size, if named.
     pub resize_kernel: Option<String>,
     /// Doubts about its predictions, shown next to its label below the first table.
     pub doubt: Option<String>,

@@ -1,9 +1,9 @@
-//! Smaller and cropped pictures.
+//! Resized and cropped pictures.
 
 use super::*;
 
 #[test]
-fn smaller_pictures_are_resized_up_by_a_named_kernel_only() {
+fn pictures_of_another_size_are_resized_by_a_named_kernel_only() {
     let dir = tempfile::tempdir().unwrap();
     let dir = dir.path();
     let ids = truth(dir, "3");
@@ -29,7 +29,7 @@ fn smaller_pictures_are_resized_up_by_a_named_kernel_only() {
     ];
     let said = run(dir, "r", &methods).ends_with(4);
     assert!(
-        said.out.contains("resized up (`bicubic`) before scoring"),
+        said.out.contains("were resized (`bicubic`) before scoring"),
         "{}",
         said.out
     );
@@ -38,10 +38,10 @@ fn smaller_pictures_are_resized_up_by_a_named_kernel_only() {
         assert_eq!(cubic["predicted_width"], "48");
         assert_ne!(cubic["psnr"], linear["psnr"]);
     }
+    assert_eq!(found["large"][0]["predicted_width"], "192");
     for (method, part) in [
         ("imported", "48x36, but the target is 96x72: set a kernel"),
         ("square", "another aspect"),
-        ("large", "never reduced"),
     ] {
         let reason = &found[method][0]["reason"];
         assert!(reason.contains(part), "{reason}");
@@ -58,7 +58,7 @@ fn smaller_pictures_are_resized_up_by_a_named_kernel_only() {
         manifest["scoring"]["resolution"]
             .as_str()
             .unwrap()
-            .contains("resized up")
+            .contains("predictions are resized or cropped only where")
     );
     run(dir, "s", &["--method", "imported:dir=small,resize=cubic"])
         .is_usage_error_with(&["cubic", "bicubic"]);

@@ -35,7 +35,7 @@ pub(super) fn feature_mark(column: &Column) -> Option<String> {
     ))
 }
 
-/// How the predictions of method number `method` differ from whole pictures of the target's size: cropped, enlarged,
+/// How the predictions of method number `method` differ from whole pictures of the target's size: cropped, resized,
 /// the best of several scales, or partly excluded by masks.
 pub(super) fn prediction_marks(
     dataset: &DatasetBoard<'_>,
@@ -76,7 +76,7 @@ pub(super) fn prediction_marks(
     if resized > 0 {
         let kernel = facts.resize_kernel.as_ref();
         marks.push(format!(
-            "{label} on {name}: {resized} of {of} predictions were smaller than the target and resized up{} before \
+            "{label} on {name}: {resized} of {of} predictions had another size than the target and were resized{} before \
              scoring.",
             kernel.map_or_else(String::new, |kernel| format!(" (`{kernel}`)"))
         ));

@@ -199,7 +199,7 @@ fn cropped_resized_and_chosen_predictions_are_marked() {
         ("crops", "crops on d: cropped; 2 of 2 pairs"),
         ("crops", "62.5 %"),
         ("small", "1 of 2 predictions"),
-        ("small", "resized up (`bicubic`) before"),
+        ("small", "were resized (`bicubic`) before"),
         ("sweeps", "best of 3 scales by DISTS"),
         (
             "masked",
