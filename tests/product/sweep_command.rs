@@ -133,6 +133,8 @@ fn figures_of_runs() {
     }
     for name in ["qualitative", "ablation", "extended-motion"] {
         figure(name, &["--crop", "4,4,12,9"]).ends_with(0);
+        is_there(dir.path(), &format!("f/{name}.svg"));
+        is_there(dir.path(), &format!("f/{name}.pdf"));
         let png = image::open(dir.path().join(format!("f/{name}.png"))).unwrap();
         // 60 mm at 100 dpi, minus the pixels that remain after division into equal columns.
         assert!(

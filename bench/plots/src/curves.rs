@@ -137,4 +137,19 @@ mod tests {
         shade(&mut shades, &found, &area, style(0));
         assert_eq!(ends(&shades), [(0.0, 1.0), (3.0, 6.0), (4.0, 14.0)]);
     }
+
+    #[test]
+    fn bands_end_at_the_least_value_of_the_metric() {
+        let bin = bins(
+            &[(0.5, 0.1), (0.5, 0.9)],
+            &"1".parse::<Binning>().unwrap().cuts([], None),
+        )
+        .remove(0);
+        let below = Banded {
+            band: Some((-0.2, 1.2)),
+            ..Banded::deviation(bin)
+        };
+        assert_eq!(below.clone().from(Some(0.0)).band, Some((0.0, 1.2)));
+        assert_eq!(below.from(None).band, Some((-0.2, 1.2)));
+    }
 }
