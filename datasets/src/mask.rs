@@ -8,8 +8,8 @@ use crate::DatasetError;
 use crate::format::picture;
 use crate::undistort::Undistortion;
 
-/// The lowest level that counts as white; lower ones count as black. Masks have 0 and 255, but JPEG and resizing add
-/// levels between them.
+/// The lowest level that counts as white in masks of any program; lower ones count as black. Masks have 0 and 255, but
+/// JPEG and resizing add levels between them.
 pub(crate) const WHITE: u8 = 128;
 
 /// The side of a mask that marks valid pixels.
@@ -24,6 +24,8 @@ pub(crate) enum Keep {
 pub(crate) struct MaskFile {
     pub(crate) file: PathBuf,
     pub(crate) keep: Keep,
+    /// The lowest level that counts as white.
+    pub(crate) white: u8,
 }
 
 impl MaskFile {
@@ -35,10 +37,10 @@ impl MaskFile {
         undistortion: Option<&Undistortion>,
     ) -> Result<GrayImage, DatasetError> {
         check_size(&self.file, picture::dimensions(&self.file)?, size)?;
-        let mut mask = picture::read_mask(&self.file)?;
+        let mut mask = picture::read_mask(&self.file, self.white)?;
         let kept_is_white = self.keep == Keep::White;
         for value in mask.iter_mut() {
-            let is_kept = (*value >= WHITE) == kept_is_white;
+            let is_kept = (*value >= self.white) == kept_is_white;
             *value = if is_kept { 255 } else { 0 };
         }
         Ok(undistortion.map_or_else(|| mask.clone(), |lens| lens.mask(&mask)))
@@ -77,6 +79,7 @@ mod tests {
             let mask = MaskFile {
                 file: file.clone(),
                 keep,
+                white: WHITE,
             };
             mask.read((4, 1), None)
                 .map(|mask| mask.into_raw())

@@ -15,7 +15,7 @@ use crate::files::{self, Root};
 use crate::format::transforms::{self, JsonFrame};
 use crate::format::{FormatError, picture};
 use crate::found_scenes::FoundScenes;
-use crate::mask::{Keep, MaskFile};
+use crate::mask::{Keep, MaskFile, WHITE};
 use crate::required_files::{PhotographPath, RequiredFile};
 use crate::scene_builder::{Pinhole, PosedFrame, SceneBuilder, frame_id, no_pose};
 use crate::setting::{OUTSIDE, Setting, choice};
@@ -257,7 +257,8 @@ impl FrameReader<'_> {
         let encoding = DepthEncoding::Units(self.depth_unit, self.depth_kind);
         let depth = depth.map(|file| ViewDepth::Map(file, encoding));
         let mask = mask.zip(self.masks);
-        let mask = mask.map(|(file, keep)| MaskFile { file, keep });
+        let white = WHITE;
+        let mask = mask.map(|(file, keep)| MaskFile { file, keep, white });
         let mut pose = *world_from_camera;
         pose.translation *= self.metres;
         Ok(Some(PosedFrame {

@@ -98,13 +98,16 @@ pub(crate) fn add(scene: &mut Scene, spec: &DatasetSpec) {
             .notes
             .push(format!("pictures: {count} of {of} have {text}"));
     }
+    // What the format defines is not in doubt, nor a polarity that the user named.
+    let has_polarity = |s: &Setting| s.allows("masks", "keep-black");
+    if !spec.entry.settings.iter().any(has_polarity) {
+        return;
+    }
     let masked = scene.views.iter().filter(|v| v.content.processing().masked);
     let masked: Vec<&View> = masked.collect();
     let grey = grey_masks(&masked);
     scene.warnings.extend(grey);
-    // A polarity that the user named, or that the format defines, is not in doubt.
-    let has_polarity = |s: &Setting| s.allows("masks", "keep-black");
-    if spec.setting("masks") != "apply" || !spec.entry.settings.iter().any(has_polarity) {
+    if spec.setting("masks") != "apply" {
         return;
     }
     let shares = evenly_spaced(masked.len(), MASKS)
@@ -134,7 +137,7 @@ fn grey_masks(masked: &[&View]) -> Option<String> {
             files.filter(|(role, _)| *role == FileRole::Mask)
         });
     let shares = files.filter_map(|(_, file)| {
-        let mask = picture::read_mask(&file).ok()?;
+        let mask = picture::read_mask(&file, WHITE).ok()?;
         let grey = mask.iter().filter(|level| (1..255).contains(*level));
         Some(grey.count() as f64 / mask.len().max(1) as f64)
     });

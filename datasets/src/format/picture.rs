@@ -6,7 +6,6 @@ use std::path::Path;
 use image::{GrayImage, RgbImage};
 use sharp::image_file::{self, Header, OrientationRule, PictureRules};
 
-use crate::mask::WHITE;
 use crate::{DatasetError, files};
 
 /// Decodes a photograph to 8-bit RGB; `fit` is the expected size.
@@ -35,8 +34,8 @@ pub fn sha256_of_whole(path: &Path) -> Result<String, DatasetError> {
 /// Decodes a mask: 8-bit grey, as stored.
 ///
 /// # Errors
-/// As for [`read`]; also if the mask is in an alpha channel, or contains levels above 0 but no white.
-pub fn read_mask(path: &Path) -> Result<GrayImage, DatasetError> {
+/// As for [`read`]; also if the mask is in an alpha channel, or contains levels above 0 but none of `white` or more.
+pub fn read_mask(path: &Path, white: u8) -> Result<GrayImage, DatasetError> {
     let as_stored = |bytes: &[u8]| Ok(image_file::read(bytes, &PictureRules::AS_STORED, None)?);
     let picture = files::parse(path, as_stored)?;
     let refused = |reason: String| Err(DatasetError::malformed(path, reason));
@@ -48,7 +47,7 @@ pub fn read_mask(path: &Path) -> Result<GrayImage, DatasetError> {
     }
     let mask = picture.image.into_luma8();
     match mask.iter().max() {
-        Some(highest) if (1..WHITE).contains(highest) => refused(format!(
+        Some(highest) if (1..white).contains(highest) => refused(format!(
             "its maximum level is {highest}, but a mask has levels 0 and 255; multiply it by {:.4}",
             255.0 / f64::from(*highest)
         )),

@@ -23,19 +23,21 @@ fn an_empty_file_is_the_papers_training() {
     assert_eq!(load("network = \"mini\"").unwrap().network, bundled);
 }
 
-/// The example in the documentation can be copied.
+/// The page's first file lists every key with its default; the second can be copied.
 #[test]
-fn the_example_of_the_page_is_a_configuration() {
+fn the_files_of_the_page_are_configurations() {
     let page = include_str!("../../../../bench/docs/train.md");
-    let (_, example) = page.split_once("```toml\n").unwrap();
-    let (example, _) = example.split_once("```").unwrap();
-    let config = load(example).unwrap();
+    let files = page.split("```toml\n").skip(1);
+    let files = files.map(|rest| load(rest.split("```").next().unwrap()).unwrap());
+    let files: Vec<TrainingConfig> = files.collect();
+    assert_eq!(files[0], TrainingConfig::default());
+    let own = &files[1];
     assert_eq!(
-        config.loss_options.splat_width,
-        config.network.internal_resolution as f64
+        own.loss_options.splat_width,
+        own.network.internal_resolution as f64
     );
     assert_eq!(
-        (config.stage2.steps, config.initial),
+        (own.stage2.steps, own.initial.clone()),
         (0, Some("mini".into()))
     );
 }
