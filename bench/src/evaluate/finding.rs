@@ -47,6 +47,8 @@ pub enum PictureChange {
     Interlaced,
     /// A white border on all sides.
     Framed,
+    /// Without colours, although the photograph has some.
+    Grey,
 }
 
 impl PictureChange {
@@ -105,6 +107,9 @@ impl PictureChange {
             Self::Framed => {
                 "have a white border on all sides, as figures with axes or margins have; store the picture alone"
             }
+            Self::Grey => {
+                "are grey, although the photographs have colours; store all three channels"
+            }
         }
     }
 
@@ -118,6 +123,7 @@ impl PictureChange {
                 | Self::Unfinished
                 | Self::Interlaced
                 | Self::Framed
+                | Self::Grey
         )
     }
 }
