@@ -85,6 +85,7 @@ fn runs_are_compared_by_pair_and_unlike_ones_refused() {
         shown.contains("psnr: copy (A), Ours (B)") && !shown.contains("ssim"),
         "{shown}"
     );
+    compare(dir, &["a", "b", "--methods", "copy,depth-splat"]).ends_with(0);
     compare(dir, &["a", "b", "--metrics", "dists"])
         .is_usage_error_with(&["--metrics", "known: psnr"]);
     // Nothing changed, so no pair lost or gained.

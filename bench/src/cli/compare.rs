@@ -38,7 +38,7 @@ pub(super) struct CompareArgs {
     /// Compare a method of A with one of B [default: methods with the same label, or each run's
     /// only method]
     #[arg(long = "method", value_name = "OLD=NEW", value_parser = method_pair)]
-    methods: Vec<(String, String)>,
+    compared: Vec<(String, String)>,
     #[command(flatten)]
     shown: Shown,
     /// Largest negligible difference per metric [default: psnr=0.05,ssim=0.001,lpips=0.001,dists=0.001]
@@ -81,7 +81,7 @@ fn threshold(text: &str) -> Result<(Family, f64), &'static str> {
 }
 
 pub(super) fn execute(args: &CompareArgs) -> anyhow::Result<Outcome> {
-    let b = match (&args.b, args.methods.as_slice()) {
+    let b = match (&args.b, args.compared.as_slice()) {
         (Some(b), _) => b,
         (None, []) => {
             let reason = "give a second run, or compare two methods of one run with --method \
@@ -98,7 +98,7 @@ pub(super) fn execute(args: &CompareArgs) -> anyhow::Result<Outcome> {
     let [of_a, of_b] = both.map_err(|error| UsageError(error.to_string()))?;
     let sides = [(args.a.as_path(), of_a), (b, of_b)];
     let comparison =
-        compare_results(sides, &args.methods, &practical).map_err(|error| match error {
+        compare_results(sides, &args.compared, &practical).map_err(|error| match error {
             CompareError::Methods(reason) => anyhow::Error::from(UsageError(reason)),
             other => other.into(),
         })?;

@@ -175,6 +175,22 @@ mod tests {
             .for_each(|sub| each(sub, check));
     }
 
+    /// Two options with one id get each other's values; clap checks that only in debug builds.
+    #[test]
+    fn no_two_options_of_a_command_share_an_id() {
+        let mut command = command();
+        command.build();
+        each(&mut command, &mut |command| {
+            let mut ids: Vec<&str> = command
+                .get_arguments()
+                .map(|arg| arg.get_id().as_str())
+                .collect();
+            ids.sort_unstable();
+            let twice = ids.windows(2).find(|two| two[0] == two[1]);
+            assert_eq!(twice, None, "{}", command.get_name());
+        });
+    }
+
     #[test]
     fn help_is_a_screen_and_all_of_it_has_every_option() {
         let mut command = command().term_width(SCREEN.1);
