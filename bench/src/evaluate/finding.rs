@@ -47,8 +47,6 @@ pub enum PictureChange {
     Interlaced,
     /// A white border on all sides.
     Framed,
-    /// Without colours, although the photograph has some.
-    Grey,
 }
 
 impl PictureChange {
@@ -107,9 +105,6 @@ impl PictureChange {
             Self::Framed => {
                 "have a white border on all sides, as figures with axes or margins have; store the picture alone"
             }
-            Self::Grey => {
-                "are grey, although the photographs have colours; store all three channels"
-            }
         }
     }
 
@@ -123,7 +118,6 @@ impl PictureChange {
                 | Self::Unfinished
                 | Self::Interlaced
                 | Self::Framed
-                | Self::Grey
         )
     }
 }

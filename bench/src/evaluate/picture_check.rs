@@ -14,7 +14,7 @@ use sharp::color::{Quantization, linear_from_srgb, quantize, srgb_from_linear};
 use super::finding::PictureChange;
 use super::gaussians::likeness::Likeness;
 use super::picture_layout::layout_change;
-use super::picture_levels::{from_luma, is_grey, is_limited, is_unscaled, is_wrapped, normalised};
+use super::picture_levels::{from_luma, is_limited, is_unscaled, is_wrapped, normalised};
 use super::record::{Record, Status};
 use crate::scoring::Region;
 
@@ -91,9 +91,6 @@ pub(crate) fn likely_change(photograph: &RgbImage, picture: &RgbImage) -> Option
     }
     let seen = shrunk(photograph);
     let shown = thumbnail(picture, seen.width(), seen.height());
-    if is_grey(&seen, picture) {
-        return Some(PictureChange::Grey);
-    }
     if is_unscaled(&seen, picture) {
         return Some(PictureChange::Unscaled);
     }
@@ -387,17 +384,9 @@ mod tests {
             }),
             (PictureChange::Normalised, |p| mapped(p, normalised)),
             (PictureChange::Unscaled, |p| levels(p, |v| v / 255.0)),
-            (PictureChange::Grey, grey),
         ] {
             assert_eq!(told(&done(&proper)), Some(name));
         }
-        // Of a photograph without colours, and of a picture of one colour, nothing is said.
-        assert_eq!(likely_change(&grey(&picture(0.0, 0)), &grey(&proper)), None);
-        assert_eq!(told(&RgbImage::from_pixel(96, 96, Rgb([128; 3]))), None);
-    }
-
-    fn grey(picture: &RgbImage) -> RgbImage {
-        mapped(picture, |color| [to_luma(color)[0]; 3])
     }
 
     fn to_luma([r, g, b]: [u8; 3]) -> [u8; 3] {

@@ -16,9 +16,6 @@ const WRAPPED: f64 = 5e-4;
 const MID_TONES: u8 = 30;
 /// Maximum number of pixels compared.
 const SAMPLES: u32 = 32_768;
-/// Minimum mean difference of a coloured photograph's channels, and maximum difference of a grey picture's, levels.
-const LEAST_COLOUR: usize = 8;
-const MOST_TINT: u8 = 2;
 /// ImageNet's mean and standard deviation of red, green and blue, 0..1.
 const IMAGENET: [(f64, f64); 3] = [(0.485, 0.229), (0.456, 0.224), (0.406, 0.225)];
 
@@ -86,26 +83,6 @@ pub(super) fn is_wrapped(photograph: &RgbImage, picture: &RgbImage) -> bool {
 /// Whether a picture has only the levels 0 and 1, and the photograph others.
 pub(super) fn is_unscaled(seen: &RgbImage, picture: &RgbImage) -> bool {
     picture.iter().all(|level| *level <= 1) && picture.contains(&1) && seen.iter().max() > Some(&50)
-}
-
-/// Whether a picture of several levels has no colours, and the photograph clearly has.
-pub(super) fn is_grey(seen: &RgbImage, picture: &RgbImage) -> bool {
-    let range = |color: &[u8; 3]| {
-        color
-            .iter()
-            .max()
-            .zip(color.iter().min())
-            .map_or(0, |(a, b)| a - b)
-    };
-    let colours: usize = seen
-        .pixels()
-        .map(|pixel| usize::from(range(&pixel.0)))
-        .sum();
-    let is_coloured = colours >= LEAST_COLOUR * seen.pixels().len();
-    let first = picture.get_pixel(0, 0);
-    is_coloured
-        && picture.pixels().all(|pixel| range(&pixel.0) <= MOST_TINT)
-        && picture.pixels().any(|pixel| pixel != first)
 }
 
 /// A colour minus ImageNet's mean, divided by its standard deviation, as levels.

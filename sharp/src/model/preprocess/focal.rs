@@ -23,8 +23,6 @@ const DEFAULT_FOCAL_MM: f64 = 30.0;
 const PHONE_MM: f64 = 10.0;
 /// Focal lengths of lenses on 35 mm film, from fisheyes and action cameras to telescopes.
 const LENSES_MM: RangeInclusive<f64> = 7.0..=3000.0;
-/// Plausible focal lengths in widths of the picture, from fisheyes to telescopes.
-const WIDTHS: RangeInclusive<f64> = 0.2..=20.0;
 /// Relative tolerance between two values stated in a file, because converters crop a few rows and
 /// millimetres are rounded.
 const TOLERANCE: f64 = 0.1;
@@ -100,17 +98,6 @@ impl Focal {
             warnings,
         }
     }
-}
-
-/// Warns about a focal length that was given and is implausible for a picture of this width.
-pub(super) fn implausible(px: f64, width: usize) -> Option<String> {
-    let widths = px / width as f64;
-    (!WIDTHS.contains(&widths)).then(|| {
-        format!(
-            "a focal length of {px} pixels is {widths:.3} times the picture's width: --focal-px takes pixels, not \
-             millimetres"
-        )
-    })
 }
 
 fn source(exif: &Exif) -> FocalSource {

@@ -134,10 +134,7 @@ fn photo_from_bytes(
         _ => planes_of(&image.into_rgb16(), |v| f32::from(v) / 65535.0),
     };
     let (focal_px, focal_source) = match options.focal_px {
-        Some(px) => {
-            warnings.extend(focal::implausible(px, width));
-            (px, FocalSource::Given)
-        }
+        Some(px) => (px, FocalSource::Given),
         None => {
             let focal = focal::Focal::of_file(bytes, (width, height));
             warnings.extend(focal.warnings);
