@@ -163,6 +163,11 @@ fn figures_of_runs() {
             .any(|f| f["name"] == "motion-privileged")
     );
 
+    let misspelt = "[methods.kopy]\nmarker = \"up\"\n";
+    std::fs::write(dir.path().join("style.toml"), misspelt).unwrap();
+    for (name, more) in [("baselines", &[][..]), ("motion", &["--metrics", "psnr"])] {
+        figure(name, more).is_usage_error_with(&["[methods.kopy]", "copy"]);
+    }
     std::fs::write(dir.path().join("style.toml"), "font = 3\n").unwrap();
     figure("baselines", &[]).is_error_with(&["style.toml: line 1", "font"]);
     std::fs::write(

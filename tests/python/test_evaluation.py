@@ -263,6 +263,8 @@ def test_commands_are_functions(tmp_path):
     assert sb.gate(old.path, new.path)["gate"]["state"] == "passed"
     other = sb.gate(old.path, new.path, ["psnr < -0.1"], methods=[("copy", "mean")])["gate"]
     assert {check["method_b"] for check in other["checks"]} == {"mean"}
+    assert sb.gate(old, new, ["psnr < -0.1"], methods=["mean"])["gate"]["state"] == "passed"
+    assert {row["method_a"] for row in sb.compare(old, new, ["mean"])["rows"]} == {"mean"}
     crossed = sb.compare(old.path, new.path, [("copy", "mean"), ("mean", "copy")], flips=True)["flips"]
     assert [flips["n_pairs"] for flips in crossed] == [8] and len(crossed[0]["pairs"]) == 8
     added = sb.history("add", tmp_path / "history", old.path, label="first")

@@ -71,6 +71,19 @@ impl Surface {
         self.0.push(Shape::Disc(centre, radius, ink));
     }
 
+    /// Adapts the colours to a page of this colour.
+    pub(super) fn lay_on(&mut self, page: Ink) {
+        for shape in &mut self.0 {
+            match shape {
+                Shape::Line(.., ink) | Shape::Polygon(_, ink) | Shape::Disc(.., ink) => {
+                    *ink = ink.on(page);
+                }
+                Shape::Text(.., lettering) => lettering.ink = lettering.ink.on(page),
+                Shape::Picture(..) => {}
+            }
+        }
+    }
+
     /// Adds the shapes of another drawing.
     pub(super) fn extend(&mut self, other: Self) {
         self.0.extend(other.0);

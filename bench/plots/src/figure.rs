@@ -16,7 +16,7 @@ use plotters::style::{
 };
 
 use super::canvas::{Anchor, Lettering, Point, Shape, Surface};
-use super::ink::Ink;
+use super::ink::{Ink, PAPER};
 use super::style::Medium;
 use super::text::{self, FAMILY, Weight};
 use super::{pdf, png};
@@ -83,8 +83,9 @@ impl<'a> Drawing<'a> {
     ) -> Self {
         let (w, h) = (f64::from(width), f64::from(height));
         let mut surface = Surface::default();
-        surface.polygon(&[(0.0, 0.0), (w, 0.0), (w, h), (0.0, h)], medium.paper);
+        surface.polygon(&[(0.0, 0.0), (w, 0.0), (w, h), (0.0, h)], PAPER);
         picture(&mut surface);
+        surface.lay_on(medium.paper);
         Self {
             title,
             size: (w, h),

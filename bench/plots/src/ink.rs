@@ -33,6 +33,37 @@ impl Ink {
     }
 }
 
+impl Ink {
+    /// Relative brightness, 0..1, from the sRGB levels weighted as luma (BT.601).
+    fn brightness(self) -> f64 {
+        let (r, g, b) = self.rgb;
+        (0.299 * f64::from(r) + 0.587 * f64::from(g) + 0.114 * f64::from(b)) / 255.0
+    }
+
+    /// This colour of a drawing on a white page, on a page of another colour: the page itself for [`PAPER`]; and on a dark
+    /// page, texts and lines are as much lighter than it as they are darker than white.
+    pub(super) fn on(self, page: Self) -> Self {
+        let is_neutral = [INK, MUTED, GRID, BARS]
+            .iter()
+            .any(|one| one.rgb == self.rgb);
+        if self.rgb == PAPER.rgb {
+            return page.with_alpha(self.alpha);
+        } else if page.brightness() >= 0.5 || !is_neutral {
+            return self;
+        }
+        let contrast = 1.0 - self.brightness();
+        let lighter = |level: u8| {
+            let level = f64::from(level);
+            (level + contrast * (255.0 - level)).round() as u8
+        };
+        let (r, g, b) = page.rgb;
+        Self {
+            rgb: (lighter(r), lighter(g), lighter(b)),
+            alpha: self.alpha,
+        }
+    }
+}
+
 impl TryFrom<String> for Ink {
     type Error = String;
 
@@ -62,5 +93,34 @@ pub const INK: Ink = Ink::opaque(0x1B, 0x1F, 0x24);
 pub const MUTED: Ink = Ink::opaque(0x57, 0x60, 0x6A);
 /// Grid lines.
 pub const GRID: Ink = Ink::opaque(0xE1, 0xE5, 0xEA);
+/// Bars of counts.
+pub const BARS: Ink = Ink::opaque(0xC9, 0xCF, 0xD6);
 /// Background.
 pub const PAPER: Ink = Ink::opaque(0xFF, 0xFF, 0xFF);
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_drawing_can_be_read_on_pages_of_any_colour() {
+        let dark = Ink::opaque(0x10, 0x20, 0x30);
+        let contrast = |ink: Ink, page: Ink| (ink.brightness() - page.brightness()).abs();
+        for page in [
+            dark,
+            Ink::opaque(0, 0, 0),
+            PAPER,
+            Ink::opaque(0xFF, 0xFA, 0xF0),
+        ] {
+            let [text, small, grid] = [INK, MUTED, GRID].map(|ink| contrast(ink.on(page), page));
+            assert!(
+                text > small && small > grid && grid > 0.03 && text > 0.6,
+                "{page:?}"
+            );
+        }
+        assert_eq!(PAPER.on(dark), dark);
+        assert_eq!(INK.on(PAPER), INK);
+        let of_a_method = Ink::opaque(0x00, 0x72, 0xB2);
+        assert_eq!(of_a_method.on(dark), of_a_method);
+    }
+}

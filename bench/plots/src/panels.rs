@@ -7,7 +7,7 @@ use crate::PlotError;
 use super::axis::PlotAxis;
 use super::canvas::{Anchor, Lettering, Point, Surface};
 use super::figure::Figure;
-use super::ink::{GRID, INK, Ink, MUTED, PAPER};
+use super::ink::{BARS, GRID, INK, Ink, MUTED, PAPER};
 use super::palette::{Style, stroke};
 use super::scale::Scale;
 use super::style::{FigureStyle, Medium};
@@ -42,7 +42,6 @@ const LEAST: f64 = 130.0;
 /// Height of the strip of sample counts, and the font size of its numbers.
 const COUNT_STRIP: f64 = 30.0;
 const COUNT_SIZE: f64 = 9.5;
-const COUNT_INK: Ink = Ink::opaque(0xC9, 0xCF, 0xD6);
 /// Radius of a data point.
 pub const MARKER: f64 = 4.2;
 /// Height of the strip above the axis in which infinite values are drawn.
@@ -443,7 +442,7 @@ fn count_strip(surface: &mut Surface, counts: &[BinCount], x: &Scale, foot: f64)
         let top = foot - (COUNT_STRIP - 16.0) * count.n.1 as f64 / most as f64;
         let right = right.max(left + 0.5);
         let corners = [(left, top), (right, top), (right, foot), (left, foot)];
-        surface.polygon(&corners, COUNT_INK);
+        surface.polygon(&corners, BARS);
         if numbered {
             let at = ((left + right) / 2.0, top - 2.0);
             let small = lettering(COUNT_SIZE, MUTED, Anchor::Middle);

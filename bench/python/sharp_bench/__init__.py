@@ -140,10 +140,10 @@ def merge(*runs, out=None):
 def compare(a, b=None, methods=(), flips=False):
     """Run B against run A pair by pair: the dictionary of ``sharp-bench compare --json``.
 
-    ``methods`` are ``(label in A, label in B)``; without any, methods of equal label stand against each other. Without ``b``,
+    ``methods`` are labels, or ``(label in A, label in B)``; without any, methods of equal label stand against each other. Without ``b``,
     methods of one run do. With ``flips`` also the pairs on which two methods changed their order.
     """
-    text, notes = _sharp_bench.compare(a, a if b is None else b, list(methods), flips)
+    text, notes = _sharp_bench.compare(a, a if b is None else b, _pairs(methods), flips)
     _warn(notes)
     return json.loads(text)
 
@@ -175,13 +175,18 @@ def figure(name, *runs, out, **options):
 def gate(baseline, candidate, fail_if=(), methods=(), **options):
     """Whether one run may replace another: the dictionary of ``sharp-bench gate --json``, whose ``["gate"]["state"]`` is
     passed, fired or inconclusive. ``methods`` as for :func:`compare`."""
-    options["method"] = [f"{old}={new}" for old, new in methods]
+    options["method"] = [f"{old}={new}" for old, new in _pairs(methods)]
     return _command("gate", [], (3, 5), baseline=baseline, candidate=candidate, fail_if=list(fail_if), **options)
 
 
 def history(*arguments, **options):
     """A history of runs: ``history("show", "FOLDER")`` is the dictionary of ``sharp-bench history show FOLDER --json``."""
     return _command("history", arguments, **options)
+
+
+def _pairs(methods):
+    """``(label in A, label in B)`` of methods, of which a label alone stands for both."""
+    return [(method, method) if isinstance(method, str) else tuple(method) for method in methods]
 
 
 def _command(name, arguments, answers=(), **options):
@@ -249,6 +254,9 @@ class Run:
     def scores(self):
         """Its records as a table."""
         return load_scores(self.path)
+
+    def __fspath__(self):
+        return self.path
 
     def __repr__(self):
         return f"Run({self.path!r})"

@@ -10,7 +10,7 @@ use sharp_metrics::MetricKey;
 use super::outcome::UsageError;
 use super::output::Terminal;
 use super::report::{ShownRuns, warn_damaged};
-use super::sweep::{style, sweep};
+use super::sweep::{check_methods, style, sweep};
 use super::{Outcome, output};
 use crate::evaluate::Results;
 use crate::io::atomic_files::{check_writable, write_all_over_own};
@@ -245,6 +245,7 @@ fn plots(
 ) -> anyhow::Result<Outcome> {
     let style = style(args.out.style.as_ref())?;
     let results = args.runs.results(None)?;
+    check_methods(&style, &results)?;
     check_writable(&args.out.out)?;
     let figure = make(&results, &style)?;
     let figure = figure.ok_or_else(|| anyhow!("{stem}: the runs have nothing to plot"))?;

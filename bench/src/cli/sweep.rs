@@ -5,11 +5,13 @@ use std::path::{Path, PathBuf};
 use anyhow::Context;
 use clap::Args;
 use serde_json::json;
+use sharp_datasets::error::nearest_of;
 use sharp_metrics::MetricKey;
 
 use super::outcome::UsageError;
 use super::report::{ShownRuns, warn_damaged};
 use super::{Outcome, output};
+use crate::evaluate::Results;
 use crate::io::counts::counted;
 use crate::pictures::keyed_scores::json_number;
 use crate::report::sweep::spec::Threshold;
@@ -94,6 +96,22 @@ pub(super) fn style(file: Option<&PathBuf>) -> anyhow::Result<FigureStyle> {
     style.context("--style")
 }
 
+/// Rejects a style that names a method which none of the results shows.
+pub(super) fn check_methods(style: &FigureStyle, results: &Results) -> Result<(), UsageError> {
+    let methods = results.manifest.methods.iter();
+    let known: Vec<&str> = methods.map(|method| method.label.as_str()).collect();
+    let unknown = style
+        .methods
+        .keys()
+        .find(|name| !known.contains(&name.as_str()));
+    unknown.map_or(Ok(()), |name| {
+        let nearest = nearest_of(name, &known);
+        Err(UsageError(format!(
+            "--style: [methods.{name}]: no method of this name is shown; {nearest}"
+        )))
+    })
+}
+
 /// Computes a sweep, writes it and prints a summary.
 pub(super) fn sweep(
     runs: &ShownRuns,
@@ -103,6 +121,7 @@ pub(super) fn sweep(
     as_json: bool,
 ) -> anyhow::Result<Outcome> {
     let results = runs.results(None)?;
+    check_methods(style, &results)?;
     let sweep = Sweep::of(&results, spec)?;
     let files = files::write(&sweep, out, stem, style)?;
     if as_json {

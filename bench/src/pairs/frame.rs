@@ -256,7 +256,7 @@ impl ViewContent for Framed {
         })))
     }
 
-    /// Of the whole picture.
+    /// Depth of the whole picture, neither resized nor cropped.
     fn stored_depth(&self) -> Result<Option<(PathBuf, FloatMap)>, DatasetError> {
         self.whole.stored_depth()
     }

@@ -219,7 +219,8 @@ pub fn by_scene(board: &Board<'_>, metric: &Column) -> Result<Option<Figure>, Pl
         .iter()
         .zip(&board.datasets)
         .map(|(columns, dataset)| {
-            let scenes = columns.iter().map(|(cell, _)| cell.scenes.len()).max();
+            let all = methods.iter().map(|m| of_metric(dataset, *m, &metric.key));
+            let scenes = all.map(|cell| cell.scenes.len()).max();
             let x = PlotAxis {
                 ticks: Vec::new(),
                 ..PlotAxis::over("methods", -0.5, methods.len() as f64 - 0.5, 1)

@@ -43,7 +43,7 @@ pub(super) struct Scored {
     pub(super) maps: Vec<(String, MapFiles, ColourScale)>,
 }
 
-/// Reads and scores a pair, and writes its maps. `compared`: whether its pictures are compared with those of other pairs.
+/// Reads and scores a pair, and writes its maps. With `compared`, keeps its reduced pictures for comparison with other pairs.
 pub(super) fn score(
     scorer: &Scorer,
     selection: &Selection,

@@ -73,7 +73,7 @@ struct Projected {
     rows: [DVec3; 2],
 }
 
-/// None for a Gaussian that is not between the planes or has no rotation.
+/// Projects a Gaussian; `None` if it lies outside the near and far planes, or its quaternion is zero.
 fn projected(gaussians: &Gaussians, at: usize, view: &RenderView) -> Option<Projected> {
     let k = view.intrinsics;
     let mean = DVec3::from_array(gaussians.means[at].map(f64::from));

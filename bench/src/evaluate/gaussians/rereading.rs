@@ -58,7 +58,7 @@ pub(in crate::evaluate) struct Trial<'a> {
     pub(in crate::evaluate) rule: Option<Rule>,
 }
 
-/// The rule, but with the camera's principal point.
+/// The same rule, using the camera's principal point.
 fn general(rule: Rule) -> Rule {
     Rule {
         principal_point: PrincipalPoint::Used,
@@ -90,6 +90,13 @@ impl Trial<'_> {
         let [x, y] = self.principal_point();
         let is_off = (x - k.cx).abs().max((y - k.cy).abs()) > 1.0;
         self.rule.filter(|_| is_off).map(general)
+    }
+
+    /// Whether a shift, up to a pixel, is the distance between the ignored principal point and the picture's middle.
+    fn is_ignored_offset(&self, shift: [f64; 2]) -> bool {
+        let k = self.source.intrinsics;
+        let [x, y] = self.principal_point();
+        (shift[0] - (k.cx - x)).abs() <= 1.0 && (shift[1] - (k.cy - y)).abs() <= 1.0
     }
 
     fn intrinsics(&self) -> Intrinsics {
@@ -207,7 +214,13 @@ impl Trial<'_> {
                 }
                 Ok::<(), RenderError>(())
             };
+            let general_rule = self.under(before).general_rule();
             for placement in placements(before.placement, moves, is_lost) {
+                // The rule is the cause of a shift by the principal point that it ignores.
+                let moved = [0, 1].map(|axis| placement.shift[axis] - before.placement.shift[axis]);
+                if general_rule.is_some() && self.is_ignored_offset(moved) {
+                    continue;
+                }
                 consider(
                     FileReading {
                         placement,
@@ -216,8 +229,8 @@ impl Trial<'_> {
                     &decoded,
                 )?;
             }
-            if let Some(rule) = self.under(before).general_rule() {
-                let rule = Some(rule);
+            if general_rule.is_some() {
+                let rule = general_rule;
                 consider(FileReading { rule, ..*before }, &decoded)?;
             }
             let map = before.placement.camera_from_file(self.source);

@@ -532,7 +532,8 @@ mod tests {
     /// Like [`doubt_about_read`], for Gaussians in world space.
     fn doubt_about_world(gaussians: Gaussians, reading: FileReading) -> Option<String> {
         let map = reading.placement.camera_from_file(&source());
-        doubt_in(
+        doubt_of(
+            &source(),
             GaussianSpace::Camera(map),
             &photograph(),
             gaussians,
@@ -552,23 +553,14 @@ mod tests {
         reading: FileReading,
         suggested: Option<&str>,
     ) -> Option<String> {
-        doubt_in(
+        doubt_of(
+            &source(),
             GaussianSpace::CAMERA,
             photograph,
             gaussians,
             reading,
             suggested,
         )
-    }
-
-    fn doubt_in(
-        space: GaussianSpace,
-        photograph: &RgbImage,
-        gaussians: Gaussians,
-        reading: FileReading,
-        suggested: Option<&str>,
-    ) -> Option<String> {
-        doubt_of(&source(), space, photograph, gaussians, reading, suggested)
     }
 
     fn doubt_of(
@@ -751,8 +743,15 @@ mod tests {
     /// would narrow.
     #[test]
     fn an_ignored_principal_point_is_named_and_wide_gaussians_are_not_called_turned() {
+        for off in [[6.0, 0.0], [2.0, -2.0]] {
+            ignored_and_wide(off);
+        }
+    }
+
+    fn ignored_and_wide([x, y]: [f64; 2]) {
         let mut aside = source();
-        aside.intrinsics.cx += 6.0;
+        aside.intrinsics.cx += x;
+        aside.intrinsics.cy += y;
         let mut wide = Gaussians::default();
         let (k, base) = (aside.intrinsics, wall());
         for (at, color) in base.colors.iter().enumerate() {

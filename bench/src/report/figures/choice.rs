@@ -57,7 +57,7 @@ pub struct PairsChoice {
     #[arg(long = "pair", value_name = "ID")]
     pub ids: Vec<String>,
     /// Which pairs of each dataset to choose if --pair is not given, by the first metric: median, worst or best in the
-    /// mean of the ranked methods, or where METHOD loses most against OTHER
+    /// mean of the ranked methods, or where METHOD loses most against OTHER (datasets where it never loses are left out)
     #[arg(
         long,
         value_name = "median|worst|best|loses:METHOD:OTHER",
@@ -124,34 +124,23 @@ pub fn chosen<'a>(
         };
         return ids.iter().map(of_id).collect();
     }
-    if let Choice::Loses(one, other) = choose {
-        let methods = [one, other].map(|label| {
+    let method = |label: &String| {
+        let mut labels = board.methods.iter().map(|method| method.label.as_str());
+        let found = labels.position(|known| known == label);
+        found.ok_or_else(|| {
             let known = board.methods.iter().map(|method| method.label.as_str());
-            let found = board
-                .methods
-                .iter()
-                .position(|method| method.label == *label);
-            found.ok_or_else(|| ReportError::absent("method", label, known))
-        });
-        let [one, other] = methods;
-        let (one, other) = (one?, other?);
-        let lost = board.datasets.iter().flat_map(|dataset| {
-            let lost = most_lost(&dataset.pairs, metrics, one, other).into_iter();
-            let lost = lost.take(count.get());
-            lost.map(move |pair| ChosenPair { dataset, pair })
-        });
-        let lost: Vec<ChosenPair<'_>> = lost.collect();
-        return match lost.is_empty() {
-            true => {
-                let reason =
-                    "the first method loses no pair against the second in the first metric";
-                Err(PlotError::new(choose.to_string(), reason).into())
-            }
-            false => Ok(lost),
-        };
-    }
+            ReportError::absent("method", label, known)
+        })
+    };
+    let loses = match choose {
+        Choice::Loses(one, other) => Some((method(one)?, method(other)?)),
+        _ => None,
+    };
     let chosen = board.datasets.iter().flat_map(|dataset| {
-        let worst_first = by_badness(board, &dataset.pairs, metrics);
+        let worst_first = match loses {
+            Some((one, other)) => most_lost(&dataset.pairs, metrics, one, other),
+            None => by_badness(board, &dataset.pairs, metrics),
+        };
         let n = worst_first.len();
         let count = count.get().min(n);
         let first = match choose {
@@ -166,7 +155,12 @@ pub fn chosen<'a>(
         let pairs = worst_first.into_iter().skip(first).take(count);
         pairs.map(move |pair| ChosenPair { dataset, pair })
     });
-    Ok(chosen.collect())
+    let chosen: Vec<ChosenPair<'_>> = chosen.collect();
+    if let (Choice::Loses(one, other), true) = (choose, chosen.is_empty()) {
+        let reason = format!("{one} loses no pair against {other} in the first metric");
+        return Err(PlotError::new(format!("--choose {choose}"), reason).into());
+    }
+    Ok(chosen)
 }
 
 /// At most `count` pairs of one source by increasing baseline, spread evenly from the nearest to the farthest. Without

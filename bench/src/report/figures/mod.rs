@@ -2,7 +2,7 @@
 //!
 //! * [`catalogue`]: the list of figures, with contents and requirements; [`from_runs`]: makes plots and sheets from
 //!   results.
-//! * [`sheet`]: pictures in rows and columns, with text below and enlarged parts; [`qualitative`]: predictions side by
+//! * [`sheet`], `sheet_drawing`: pictures in rows and columns, with text below and enlarged parts; [`qualitative`]: predictions side by
 //!   side, as rows or as columns; [`choice`]: the pairs to show; [`failure`]: view and inverse depth; [`uncertainty`]:
 //!   depth compared with that of the mirrored picture.
 //! * [`fidelity_time`]: scores against seconds per pair.
@@ -14,4 +14,5 @@ pub mod fidelity_time;
 pub mod from_runs;
 pub mod qualitative;
 pub mod sheet;
+mod sheet_drawing;
 pub mod uncertainty;

@@ -254,6 +254,11 @@ fn remarks(row: &ScoreChange) -> Vec<String> {
     }
     match row.no_inference {
         None => {}
+        Some(NoInference::OneCluster) if dataset == ALL && row.n_scenes > 1 => {
+            remarks.push(format!(
+                "{ALL}: no interval and no p, because a dataset has a single scene, which does not show how scenes vary"
+            ));
+        }
         Some(NoInference::OneCluster) => remarks.push(format!(
             "{dataset}: no interval and no p, because one scene does not show how scenes vary"
         )),

@@ -431,6 +431,10 @@ fn not_finite(difference: f64) -> String {
 
 fn why_not_significant(row: &ScoreChange) -> String {
     match row.no_inference {
+        Some(NoInference::OneCluster) if row.n_scenes > 1 => {
+            "beyond the limit, but a dataset has a single scene, which does not show how scenes vary"
+                .to_owned()
+        }
         Some(NoInference::OneCluster) => {
             "beyond the limit, but one scene does not show how scenes vary".to_owned()
         }

@@ -177,8 +177,12 @@ impl GateReport {
             ),
             _ => format!("passed: none of {of} checks fired"),
         };
-        for state in [CheckState::NotSignificant, CheckState::NotCompared] {
-            if count(state) > 0 {
+        for state in [
+            CheckState::Inconclusive,
+            CheckState::NotSignificant,
+            CheckState::NotCompared,
+        ] {
+            if count(state) > 0 && state != self.state {
                 said += &format!(", {} {}", count(state), state.text());
             }
         }
