@@ -469,9 +469,11 @@ pub(super) fn scoring_conventions(
         ),
         (TARGET, TARGET_CONVENTION),
         ("decoder", crate::io::fingerprints::DECODERS),
+        // Runs and bundles are compared only if these texts are equal, so another wording would refuse those that people
+        // keep. This one includes pictures that are resized down.
         (
             "resolution",
-            "full resolution of the target, which is never resized; predictions are resized or cropped only where a \
+            "full resolution of the target, which is never resized; predictions are resized up or cropped only where a \
              method's identity says so, and are marked in the tables",
         ),
         (

@@ -58,7 +58,7 @@ fn pictures_of_another_size_are_resized_by_a_named_kernel_only() {
         manifest["scoring"]["resolution"]
             .as_str()
             .unwrap()
-            .contains("predictions are resized or cropped only where")
+            .contains("predictions are resized up or cropped only where")
     );
     run(dir, "s", &["--method", "imported:dir=small,resize=cubic"])
         .is_usage_error_with(&["cubic", "bicubic"]);
