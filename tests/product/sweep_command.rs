@@ -169,7 +169,7 @@ fn figures_of_runs() {
         figure(name, more).is_usage_error_with(&["[methods.kopy]", "copy"]);
     }
     std::fs::write(dir.path().join("style.toml"), "font = 3\n").unwrap();
-    figure("baselines", &[]).is_error_with(&["style.toml: line 1", "font"]);
+    figure("baselines", &[]).is_usage_error_with(&["--style: style.toml: line 1", "font"]);
     std::fs::write(
         dir.path().join("style.toml"),
         "width_mm = 20\nfont_pt = 40\n",

@@ -265,6 +265,14 @@ def test_commands_are_functions(tmp_path):
     assert {check["method_b"] for check in other["checks"]} == {"mean"}
     assert sb.gate(old, new, ["psnr < -0.1"], methods=["mean"])["gate"]["state"] == "passed"
     assert {row["method_a"] for row in sb.compare(old, new, ["mean"])["rows"]} == {"mean"}
+    renamed = sb.compare(old, new, metrics=["psnr"], rename={"copy": "Ours"}, breakdown=True)
+    assert {row["method_a"] for row in renamed["rows"]} == {"mean", "Ours"}
+    swept = sb.sweep(old, methods=["Ours"], datasets=["s"], rename={"copy": "Ours"}).csv.splitlines()
+    assert {line.split(",")[1] for line in swept[1:]} == {"Ours"}
+    with pytest.raises(ValueError, match="--method"):
+        sb.compare(old)
+    with pytest.raises(ValueError, match="no method 'absent'"):
+        sb.sweep(old, methods=["absent"])
     crossed = sb.compare(old.path, new.path, [("copy", "mean"), ("mean", "copy")], flips=True)["flips"]
     assert [flips["n_pairs"] for flips in crossed] == [8] and len(crossed[0]["pairs"]) == 8
     added = sb.history("add", tmp_path / "history", old.path, label="first")

@@ -137,20 +137,20 @@ def merge(*runs, out=None):
     return Run(done.pop("run"), done)
 
 
-def compare(a, b=None, methods=(), flips=False):
-    """Run B against run A pair by pair: the dictionary of ``sharp-bench compare --json``.
+def compare(a, b=None, methods=(), **options):
+    """Compares run B with run A pair by pair: the dictionary of ``sharp-bench compare --json``.
 
-    ``methods`` are labels, or ``(label in A, label in B)``; without any, methods of equal label stand against each other. Without ``b``,
-    methods of one run do. With ``flips`` also the pairs on which two methods changed their order.
+    ``methods`` are labels, or ``(label in A, label in B)``; without any, methods with the same label are compared. Without ``b``,
+    ``methods`` names pairs of methods of one run. ``options`` are the command's: ``metrics=["psnr"]``, ``flips=True``.
     """
-    text, notes = _sharp_bench.compare(a, a if b is None else b, _pairs(methods), flips)
-    _warn(notes)
-    return json.loads(text)
+    options["method"] = [f"{old}={new}" for old, new in _pairs(methods)]
+    return _command("compare", [a] if b is None else [a, b], **options)
 
 
-def sweep(*runs, x="baseline_m", bins=None, band="sd", split="dataset", metrics=()):
-    """Scores against how far the camera moved: ``x``, ``bins``, ``band``, ``split`` and ``metrics`` as ``sharp-bench sweep`` takes them."""
-    return Sweep([os.fspath(run) for run in runs], x, bins, band, split, list(metrics))
+def sweep(*runs, x="baseline_m", bins=None, band="sd", split="dataset", metrics=(), methods=(), datasets=(), rename=None):
+    """Scores against how far the camera moved; the options are those of ``sharp-bench sweep``, ``rename`` a dictionary."""
+    shown = list(metrics), list(methods), list(datasets), list((rename or {}).items())
+    return Sweep([os.fspath(run) for run in runs], x, bins, band, split, *shown)
 
 
 def report(*runs, out=None, **options):

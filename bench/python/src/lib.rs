@@ -43,7 +43,7 @@ mod _sharp_bench {
     #[pymodule_export]
     use crate::pairs::pairs;
     #[pymodule_export]
-    use crate::results::{Sweep, compare, load_scores, means_html, means_text};
+    use crate::results::{Sweep, load_scores, means_html, means_text};
     #[pymodule_export]
     use crate::table::Table;
     #[pymodule_export]

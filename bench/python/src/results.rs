@@ -6,10 +6,9 @@ use std::path::PathBuf;
 use clap::ValueEnum;
 use pyo3::prelude::*;
 use sharp_bench::evaluate::record::{Record, Score, Status};
-use sharp_bench::evaluate::{Named, Results, join};
+use sharp_bench::evaluate::{Named, Results, Shown, join};
 use sharp_bench::report::mean_tables;
 use sharp_bench::report::sweep::{Motion, Split, Sweep as Core, SweepSpec, figure, table};
-use sharp_bench::track::compare::{Practical, compare as core_compare};
 use sharp_plots::style::FigureStyle;
 
 use crate::errors::{failed, refused};
@@ -97,27 +96,6 @@ pub(crate) fn means_text(py: Python<'_>, run: PathBuf) -> PyResult<String> {
     py.detach(text).map_err(failed)
 }
 
-/// The JSON of `compare --json`, with notes.
-#[pyfunction]
-pub(crate) fn compare(
-    py: Python<'_>,
-    a: PathBuf,
-    b: PathBuf,
-    methods: Vec<(String, String)>,
-    flips: bool,
-) -> PyResult<(String, Vec<String>)> {
-    let compared = py
-        .detach(|| core_compare(&a, &b, &methods, &Practical::default()))
-        .map_err(failed)?;
-    let strata = compared.strata(&[]);
-    let flips = match flips {
-        true => compared.flips(),
-        false => Vec::new(),
-    };
-    let text = compared.json(&strata, &flips).to_string();
-    Ok((text, compared.notes))
-}
-
 /// Scores against camera motion: a table, and one figure per metric.
 #[pyclass(frozen, module = "sharp_bench")]
 pub(crate) struct Sweep {
@@ -132,7 +110,7 @@ pub(crate) struct Sweep {
 #[pymethods]
 impl Sweep {
     #[new]
-    #[pyo3(signature = (runs, x="baseline_m", bins=None, band="sd", split="dataset", metrics=Vec::new()))]
+    #[pyo3(signature = (runs, x="baseline_m", bins=None, band="sd", split="dataset", metrics=Vec::new(), methods=Vec::new(), datasets=Vec::new(), renamed=Vec::new()))]
     fn new(
         py: Python<'_>,
         runs: Vec<String>,
@@ -141,14 +119,22 @@ impl Sweep {
         band: &str,
         split: &str,
         metrics: Vec<String>,
+        methods: Vec<String>,
+        datasets: Vec<String>,
+        renamed: Vec<(String, String)>,
     ) -> PyResult<Self> {
         let default = SweepSpec::default();
         let metrics = metrics.iter().map(|key| key.parse().map_err(refused));
+        let shown = Shown {
+            methods,
+            datasets,
+            metrics: metrics.collect::<PyResult<_>>()?,
+            renamed,
+        };
         let spec = SweepSpec {
             x: choice::<Motion>("x", x)?,
             band: choice("band", band)?,
             split: choice::<Split>("split", split)?,
-            metrics: metrics.collect::<PyResult<_>>()?,
             binning: match bins {
                 Some(bins) => bins
                     .parse()
@@ -162,8 +148,10 @@ impl Sweep {
                 .map_err(|e| refused(anyhow::anyhow!("{e}")))
         });
         let runs: Vec<Named> = runs.collect::<PyResult<_>>()?;
+        let joined = py.detach(|| join(&runs)).map_err(failed)?;
+        let [results] = shown.of([joined]).map_err(refused)?;
         let made = py.detach(|| -> anyhow::Result<Self> {
-            let sweep = Core::of(&join(&runs)?, spec)?;
+            let sweep = Core::of(&results, spec)?;
             let figures = figure::figures(&sweep, &FigureStyle::default())?;
             Ok(Self {
                 figures: figures

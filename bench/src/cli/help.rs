@@ -83,13 +83,21 @@ pub(super) fn command() -> Command {
         .filter(|sub| !is_shown(sub.get_name()))
         .map(line)
         .collect();
+    let names = command.get_subcommands().map(Command::get_name);
+    let names: Vec<&str> = names.filter(|name| !is_shown(name)).collect();
+    let more = format!("More commands: {}\nAll options:", names.join(", "));
+    let on_a_screen = command.get_after_help().map(ToString::to_string);
+    let on_a_screen = on_a_screen
+        .unwrap_or_default()
+        .replace("All options:", &more);
     let all = command.get_after_long_help().map(ToString::to_string);
     let all = format!("More commands:\n{others}\n{}", all.unwrap_or_default());
     let template = format!(
         "{{about-with-newline}}\n{{usage-heading}} {{usage}}\n\n{}Options:\n{{options}}{{after-help}}",
         groups.concat()
     );
-    command.help_template(template).after_long_help(all)
+    let command = command.help_template(template);
+    command.after_help(on_a_screen).after_long_help(all)
 }
 
 fn two_sizes(command: Command, path: &str) -> Command {
@@ -208,6 +216,7 @@ mod tests {
                 let subs = command.get_subcommands().map(Command::get_name);
                 for sub in subs.filter(|sub| *sub != "help") {
                     assert!(all.contains(&format!("\n  {sub} ")), "{sub}:\n{all}");
+                    assert!(short.contains(sub), "{sub}:\n{short}");
                 }
             }
             assert_eq!(

@@ -43,7 +43,7 @@ pub(super) struct ReportArgs {
     /// of its pairs; or over source views, each with the mean of its targets
     #[arg(long, value_enum, value_name = "OVER")]
     aggregate: Option<Aggregation>,
-    /// What follows each mean as ± [default: ci95 on the page, nothing elsewhere]
+    /// What follows each mean in a table as ± [default: ci95 on the page, nothing elsewhere]
     #[arg(long, value_enum)]
     uncertainty: Option<Uncertainty>,
     /// Location of the page's pictures [default: in the page for up to 24 pairs, else next to it]

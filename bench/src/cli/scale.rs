@@ -25,11 +25,12 @@ pub(super) struct ScaleArgs {
 #[derive(Debug, Subcommand)]
 enum Scheduler {
     /// Write Slurm array jobs: a script per stage, one for merging, and submit.sh, which submits
-    /// the remaining shards
+    /// the remaining shards. A plan with `command` methods needs --allow-programs
     #[command(after_help = "\
 Example:
-  sharp-bench scale slurm --plan /shared/runs/all --shards 64 --cpus 8 --sbatch pictures=--gres=gpu:1 \\
-      --sbatch every=--partition=main --out jobs && bash jobs/submit.sh")]
+  sharp-bench scale slurm --plan /shared/runs/all --shards 64 --cpus 8 --out jobs \\
+      --sbatch pictures=--gres=gpu:1 --sbatch every=--partition=main
+  bash jobs/submit.sh")]
     Slurm(SlurmArgs),
     /// Write an indexed Kubernetes Job, and a Job that merges
     #[command(after_help = "\

@@ -2,7 +2,6 @@
 
 use std::path::{Path, PathBuf};
 
-use anyhow::Context;
 use clap::Args;
 use serde_json::json;
 use sharp_datasets::error::nearest_of;
@@ -93,7 +92,7 @@ pub(super) fn style(file: Option<&PathBuf>) -> anyhow::Result<FigureStyle> {
         || Ok(FigureStyle::default()),
         |file| FigureStyle::read(file),
     );
-    style.context("--style")
+    style.map_err(|error| UsageError(format!("--style: {error:#}")).into())
 }
 
 /// Rejects a style that names a method which none of the results shows.

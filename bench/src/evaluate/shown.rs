@@ -3,8 +3,10 @@
 use std::collections::BTreeSet;
 
 use sharp_datasets::error::nearest_of;
+use sharp_datasets::registry::ENTRIES;
 use sharp_metrics::MetricKey;
 
+use super::manifest::DatasetRecord;
 use super::results::Results;
 use crate::pairs::pair_id::PairName;
 
@@ -47,8 +49,13 @@ impl Shown {
     /// # Errors
     /// If a name is in none of the results, or two methods of one of them would have the same name.
     pub fn of<const N: usize>(&self, all: [Results; N]) -> Result<[Results; N], ShownError> {
-        self.check(&all)?;
-        Ok(all.map(|results| self.chosen(results)))
+        let datasets = self.datasets.iter();
+        let shown = Self {
+            datasets: datasets.map(|name| dataset_name(name, &all)).collect(),
+            ..self.clone()
+        };
+        shown.check(&all)?;
+        Ok(all.map(|results| shown.chosen(results)))
     }
 
     fn check(&self, all: &[Results]) -> Result<(), ShownError> {
@@ -147,6 +154,22 @@ impl Shown {
     }
 }
 
+/// The dataset's name for a name in another case, or for its title in the tables; unknown names stay.
+fn dataset_name(given: &str, all: &[Results]) -> String {
+    let datasets = || all.iter().flat_map(|results| &results.manifest.datasets);
+    let is_titled = |dataset: &&DatasetRecord| {
+        let mut entries = ENTRIES.into_iter();
+        let entry = entries.find(|entry| entry.format == dataset.name);
+        let title = entry.map_or("", |entry| entry.display_name);
+        [dataset.name.as_str(), title]
+            .iter()
+            .any(|name| name.eq_ignore_ascii_case(given))
+    };
+    let mut exact = datasets().filter(|dataset| dataset.name == given);
+    let found = exact.next().or_else(|| datasets().find(is_titled));
+    found.map_or(given, |dataset| &dataset.name).to_owned()
+}
+
 /// Keeps the items with these names, in this order.
 fn order<T>(items: &mut Vec<T>, names: &[&str], name: impl Fn(&T) -> String) {
     let place = |item: &T| names.iter().position(|listed| *listed == name(item));
@@ -199,6 +222,20 @@ mod tests {
             ..shown
         };
         assert_eq!(old.of([results()]).unwrap()[0].records[0].method, "Ours");
+    }
+
+    #[test]
+    fn datasets_are_known_by_their_title_and_in_any_case() {
+        let records = ["scannetpp", "D", "d"].map(|dataset| record(dataset, 0, 0));
+        let results = test_results::results(&[MetricKey::PSNR], records.to_vec());
+        let datasets = listed(&["ScanNet++", "d"]);
+        let shown = Shown {
+            datasets,
+            ..Shown::default()
+        };
+        let [found] = shown.of([results]).unwrap();
+        let found = found.manifest.datasets.iter().map(|d| d.name.as_str());
+        assert_eq!(found.collect::<Vec<_>>(), ["scannetpp", "d"]);
     }
 
     #[test]

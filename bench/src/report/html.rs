@@ -50,7 +50,7 @@ const FAILURES: usize = 200;
 #[template(path = "report.html")]
 pub struct Page<'a> {
     pub title: &'static str,
-    /// Text below the title: counts, and a summary of the run.
+    /// Text below the title: a summary of the run.
     pub lead: String,
     pub results: &'a Results,
     pub options: &'a ReportOptions,

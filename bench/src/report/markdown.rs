@@ -5,12 +5,18 @@ use std::fmt::Write as _;
 use super::html::Page;
 use super::tables::Table;
 use super::tables::markdown::escape;
+use crate::io::counts::counted;
 
 /// The page as GitHub-flavoured Markdown, without its pairs. `tables` replace those of the page;
 /// `plots` are the titles and paths of PNGs; paths are relative to the report, with `/` as
 /// separator.
 pub fn report(page: &Page<'_>, tables: &[Table], plots: &[(String, String)]) -> String {
-    let mut out = format!("# {}\n\n{}\n\n", escape(page.title), escape(&page.lead));
+    let counts = page.counts.map(|(noun, n)| counted(n, noun)).join(", ");
+    let mut out = format!(
+        "# {}\n\n{counts}. {}\n\n",
+        escape(page.title),
+        escape(&page.lead)
+    );
     if let Some(comparison) = &page.options.comparison {
         let _ = write!(out, "{}\n\n", escape(&comparison.lead));
         for grid in comparison.grids.iter().chain(&comparison.details) {

@@ -15,12 +15,13 @@ use sharp_plots::PlotError;
 use sharp_plots::Figure;
 use sharp_plots::axis::PlotAxis;
 use sharp_plots::bins::{Binning, Cuts, bins};
-use sharp_plots::canvas::Surface;
+use sharp_plots::canvas::{Anchor, Lettering, Surface};
 use sharp_plots::curves::{Banded, curve, shade, vertical};
-use sharp_plots::ink::{INK, Ink};
+use sharp_plots::ink::{INK, Ink, MUTED};
 use sharp_plots::palette::{Style, style};
 use sharp_plots::panels::{Panel, PanelFrame, PlotArea, figure};
 use sharp_plots::style::FigureStyle;
+use sharp_plots::text::{Weight, width};
 
 /// Marks every file of a figure as ours, so that a later one may overwrite it.
 pub const MARK: &str = "sharp-bench";
@@ -44,6 +45,15 @@ const METRIC_BINS: Binning = Binning::Round(10);
 const HISTOGRAM_BINS: Binning = Binning::Round(20);
 const LABEL: &str = "camera baseline (m)";
 const BAR: Ink = Ink::opaque(0x00, 0x72, 0xB2);
+/// Lettering of the methods' names below their columns of points.
+const NAME_SIZE: f64 = 11.5;
+const NAME: Lettering = Lettering {
+    size: NAME_SIZE,
+    weight: Weight::Regular,
+    ink: MUTED,
+    anchor: Anchor::Middle,
+    upwards: false,
+};
 
 /// The known baselines of a dataset, ascending, and their bins.
 struct Baselines {
@@ -227,6 +237,15 @@ pub fn by_scene(board: &Board<'_>, metric: &Column) -> Result<Option<Figure>, Pl
             };
             let (methods, y) = (&methods, &y);
             let draw = move |surface: &mut Surface, area: &PlotArea| {
+                let labels = || methods.iter().map(|m| board.methods[*m].label.as_str());
+                let room = 0.8 * (area.x.place(1.0) - area.x.place(0.0));
+                // Otherwise the legend's colours have to do.
+                if labels().all(|label| width(label, NAME_SIZE, Weight::Regular) < room) {
+                    for (place, label) in labels().enumerate() {
+                        let at = (area.x.place(place as f64), area.y.from + 17.0);
+                        surface.text(label, at, NAME);
+                    }
+                }
                 for (cell, method) in columns {
                     let place = methods.iter().position(|other| other == method);
                     let place = place.unwrap_or_default() as f64;

@@ -128,14 +128,13 @@ pub fn report(
         files.push((png, bytes));
     }
     let counts = board.counts(metrics.len());
-    let lead = counts.map(|(noun, n)| counted(n, noun)).join(", ");
     let gallery = Gallery::new(&board, &metrics, options, &pictures);
     let page = Page {
         title: match options.comparison {
             Some(_) => "Two runs compared",
             None => "View synthesis from a single photograph",
         },
-        lead: format!("{lead}. {}", summary(results)),
+        lead: summary(results),
         results,
         options,
         out,
@@ -219,7 +218,7 @@ pub(super) fn withheld<'a>(board: &'a Board<'_>) -> impl Iterator<Item = &'a Rep
     datasets.filter(|dataset| !dataset.may_publish())
 }
 
-/// One or two sentences under the title, after the counts.
+/// One or two sentences below the title.
 fn summary(results: &Results) -> String {
     let unfinished = match results.missing.len() {
         0 => String::new(),

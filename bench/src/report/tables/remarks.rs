@@ -67,7 +67,7 @@ struct Entrant<'a> {
     facts: &'a ReportMethod,
 }
 
-/// For each dataset, remarks on metrics in which a baseline beats all other methods, or beats a
+/// For each dataset, remarks on metrics in which a baseline has a better mean than all other methods, or than a
 /// method with holes. `table` has a row for each method of the board.
 pub(super) fn of_baselines(board: &Board<'_>, table: &Table) -> Vec<String> {
     let names = Column::names(&table.columns);
@@ -100,7 +100,7 @@ pub(super) fn of_baselines(board: &Board<'_>, table: &Table) -> Vec<String> {
         let mut text = String::new();
         if !ahead_of_all.is_empty() {
             text = format!(
-                " a baseline beats every other method in {}.",
+                " a baseline has a better mean than every other method in {}.",
                 ahead_of_all.join(", ")
             );
         }
@@ -116,7 +116,7 @@ pub(super) fn of_baselines(board: &Board<'_>, table: &Table) -> Vec<String> {
                 100.0 * share
             );
             if !columns.is_empty() {
-                text += &format!("; a baseline is better in {}", columns.join(", "));
+                text += &format!("; a baseline has a better mean in {}", columns.join(", "));
             }
             text.push('.');
         }

@@ -69,8 +69,9 @@ fn the_same_records_in_any_order_give_the_same_bytes_and_load_nothing() {
         let rest = html.replace("http://www.w3.org/2000/svg", "");
         assert!(!rest.contains(outside), "{outside}");
     }
-    // The lead, the tiles and the table have the same counts.
-    assert!(html.contains("1 dataset, 1 scene, 2 pairs, 2 methods, 1 metric, 1 failure. "));
+    // The tiles, the table and Markdown have the same counts.
+    let markdown = String::from_utf8(first["report.md"].clone()).unwrap();
+    assert!(markdown.contains("1 dataset, 1 scene, 2 pairs, 2 methods, 1 metric, 1 failure. "));
     for tile in [
         "<dt>metric</dt><dd>1</dd>",
         "class=\"bad\"><dt>failure</dt><dd>1</dd>",

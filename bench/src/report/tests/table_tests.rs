@@ -308,9 +308,9 @@ fn baselines_that_methods_do_not_surpass_are_remarked_upon() {
     assert_eq!(
         remarks(&records),
         [
-            "d: a baseline beats every other method in PSNR (mean 16.00; good 12.00). holed \
+            "d: a baseline has a better mean than every other method in PSNR (mean 16.00; good 12.00). holed \
              leaves 20.9 % of a picture empty on average, and these holes are scored like any \
-             other pixels; a baseline is better in PSNR (mean 16.00; holed 10.00)."
+             other pixels; a baseline has a better mean in PSNR (mean 16.00; holed 10.00)."
         ]
     );
     // A baseline that is equal as displayed is not better. Without baselines there is no remark.
@@ -420,6 +420,9 @@ fn uncertainty_is_that_over_scenes_in_every_form() {
     let drawn = |board: &Board<'_>| plots::by_scene(board, &board.metrics[0]).unwrap();
     let svg = drawn(&board).unwrap().svg;
     assert_eq!(svg.matches("<circle").count(), 3 + 1, "{svg}");
+    // The name stands in the legend and below its points.
+    let label = format!(">\n{}\n</text>", board.methods[0].label);
+    assert_eq!(svg.matches(&label).count(), 2, "{svg}");
     // Of a single scene nothing can be said.
     let one = psnr(small_run());
     assert!(drawn(&Board::of(&one).unwrap()).is_none());

@@ -247,8 +247,8 @@ fn remarks(row: &ScoreChange) -> Vec<String> {
     let dataset = &row.dataset;
     if let (Some(p), Some(floor), 2..) = (row.p_sign_flip, row.p_sign_flip_floor, row.n_scenes) {
         remarks.push(format!(
-            "{dataset}: from the signs of {} scenes alone, p = {p:.4}; with this many scenes it is \
-             at least {floor:.4}",
+            "{dataset}: p = {p:.4} by a permutation test that exchanges A and B within scenes; with {} scenes it \
+             cannot be below {floor:.4}",
             row.n_scenes
         ));
     }
