@@ -1,5 +1,4 @@
-//! Pictures whose size differs from their camera's: they are rejected, or the camera is scaled if
-//! requested.
+//! Rejects pictures whose size differs from their camera's, or scales the camera if requested.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};

@@ -20,7 +20,7 @@ pub struct FoundPicture {
     pub header: Header,
     /// True if it is turned by its EXIF orientation.
     pub turned: bool,
-    /// True if both orientations (as stored and as turned) match its camera; false without an EXIF orientation.
+    /// True if its camera fits both orientations, as stored and turned; false without an EXIF orientation.
     pub fits_both: bool,
 }
 
@@ -45,10 +45,7 @@ pub trait ViewContent: Send + Sync + std::fmt::Debug {
     /// Names the file and why it cannot be read.
     fn depth(&self) -> Result<Option<DepthMap>, DatasetError>;
 
-    /// The depth map's file, and its values as stored; `None` unless they are whole numbers, or if the dataset has none.
-    ///
-    /// # Errors
-    /// Names the file and the reason that it cannot be read.
+    /// The depth map's file and its values as stored; `None` if they are not whole numbers or the dataset has no depth.
     fn stored_depth(&self) -> Result<Option<(PathBuf, FloatMap)>, DatasetError> {
         Ok(None)
     }
