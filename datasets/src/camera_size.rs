@@ -46,7 +46,7 @@ impl CameraSizes {
         }
     }
 
-    /// Sets the file named in notes.
+    /// Sets the source file of the cameras, which notes will name.
     pub(crate) fn cameras_from(&mut self, file: Option<&PathBuf>) {
         if let Some(file) = file {
             self.file.clone_from(file);

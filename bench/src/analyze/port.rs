@@ -179,8 +179,8 @@ struct Pair<'a> {
 }
 
 impl Pair<'_> {
-    /// The placement and order that match the most of the port's Gaussians with the reference's,
-    /// and the matched pairs of indices.
+    /// The placement and order that match the largest number of the port's Gaussians with the reference's, and the
+    /// matched pairs of indices.
     fn matched(&self) -> (Placement, &'static str, Vec<[u32; 2]>) {
         let n = self.port.len();
         let placements = || {

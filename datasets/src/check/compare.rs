@@ -26,9 +26,9 @@ const MOSTLY_AGREEING: f64 = 0.8;
 const AGREEING: f64 = 0.9;
 /// If depths agree to [`AGREEING`], another interpretation must increase the fraction by this.
 const MORE_AGREEING: f64 = 0.03;
-/// Maximum ratio of the remaining colour differences to those as read for a change that is needed because of colours.
+/// Maximum ratio to which a change must reduce colour differences to be needed because of them.
 const NEARER_COLOURS: f64 = 0.9;
-/// Minimum number of samples to judge a part of a picture.
+/// Minimum number of samples to judge a tile of a picture.
 const ENOUGH_IN_TILE: usize = 8;
 /// An interpretation is refuted if it increases colour differences by more than this factor, even if depth agrees
 /// better.

@@ -1,6 +1,6 @@
-//! Consistency of poses, depth and pictures: the depth of one view, projected into the next by the poses, must match
-//! that view's depth, and its colours that view's colours. Depth is decisive for distant views, colour for close ones,
-//! for which depth agrees under any pose.
+//! Consistency of poses, depth and pictures: the depth and the colours of one view, projected into the next by the
+//! poses, must match those of the next. Depth is decisive for distant views, colour for close ones, where depth agrees
+//! under any pose.
 
 use serde::Serialize;
 

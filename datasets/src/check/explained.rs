@@ -46,7 +46,7 @@ impl DepthIs {
 /// Placement of a depth map relative to its picture.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Registration {
-    /// Position in the depth map of the picture's centre: its offset to the right and down, in widths of the picture.
+    /// Offset to the right and down, in widths of the picture, of the picture's centre as shown by the depth map.
     pub(super) off: DVec2,
     /// Magnification of the depth map relative to the picture.
     pub(super) zoom: f64,

@@ -22,7 +22,8 @@ const LEAST_OFF: f64 = 0.008;
 const MOST_OFF: f64 = 0.12;
 /// Maximum magnification.
 const MOST_ZOOM: f64 = 1.6;
-/// Maximum ratio of the remaining colour differences to those as read. Only colours show that depth belongs elsewhere.
+/// Maximum ratio of the remaining colour differences to those without registration. Only colours show that depth
+/// belongs elsewhere.
 const MOST_LEFT: f64 = 0.9;
 /// Maximum remaining colour differences, as a fraction of those between unrelated places.
 const MOST_UNEXPLAINED: f64 = 0.75;

@@ -99,7 +99,7 @@ pub struct Row {
     pub origin: Origin,
     /// Footnote on the row.
     pub note: Option<usize>,
-    /// `groups.len() * columns.len()` cells; that of group g and column c is at `g * columns.len() + c`.
+    /// `groups.len() * columns.len()` cells; the cell of group g and column c is at `g * columns.len() + c`.
     pub cells: Vec<Cell>,
 }
 
