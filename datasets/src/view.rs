@@ -46,6 +46,9 @@ pub trait ViewContent: Send + Sync + std::fmt::Debug {
     fn depth(&self) -> Result<Option<DepthMap>, DatasetError>;
 
     /// The depth map's file and its values as stored; `None` if they are not whole numbers or the dataset has no depth.
+    ///
+    /// # Errors
+    /// Names the file and why it cannot be read.
     fn stored_depth(&self) -> Result<Option<(PathBuf, FloatMap)>, DatasetError> {
         Ok(None)
     }

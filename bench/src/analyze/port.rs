@@ -416,7 +416,7 @@ fn spread(matches: &[[u32; 2]]) -> impl Iterator<Item = [u32; 2]> {
         .step_by((matches.len() / SAMPLE).max(1))
 }
 
-/// Alternative readings of the numbers of an attribute.
+/// Alternative interpretations of an attribute's numbers.
 fn forms(field: usize, current: StoredForm) -> Vec<StoredForm> {
     let mut all = Vec::new();
     match field {

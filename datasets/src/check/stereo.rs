@@ -175,7 +175,7 @@ impl Pair {
         self.explained_moved((from, to), disparity, &|_| DVec2::ZERO, stride)
     }
 
-    /// Like [`Self::explained`], with places in the right picture moved by the last function.
+    /// Like [`Self::explained`], with places in the right picture moved by `moved`.
     fn explained_moved(
         &self,
         (from, to): (&SmallView, &SmallView),
