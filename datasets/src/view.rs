@@ -175,7 +175,6 @@ impl Scene {
     }
 }
 
-/// Number of views without depth.
 pub(crate) fn without_depth(views: &[View]) -> usize {
     let lacking = views.iter().filter(|v| v.content.processing().lacks_depth);
     lacking.count()

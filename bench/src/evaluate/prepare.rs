@@ -100,7 +100,6 @@ pub struct Evaluation {
     pub(super) list: PairList,
     origin: ListOrigin,
     choices: BTreeMap<String, PairProvenance>,
-    /// Notes on the pairs of a dataset.
     pair_notes: BTreeMap<String, String>,
     limit: Option<usize>,
     specs: Vec<Option<MethodSpec>>,

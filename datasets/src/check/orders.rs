@@ -27,7 +27,6 @@ const LEAST_GAIN_ELSEWHERE: f64 = 0.25;
 /// Samples per view in the search for the poses of two other views.
 const SAMPLES_ELSEWHERE: usize = 500;
 
-/// A reduced view with its samples.
 type Read<'a> = Cow<'a, (SmallView, Vec<Sample>)>;
 
 /// Maps each view to the view from which it takes a part, if any.

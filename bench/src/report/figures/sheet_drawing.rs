@@ -50,7 +50,6 @@ struct Layout {
     size: (u32, u32),
     pictures: Vec<(Shown, (u32, u32))>,
     lines: Vec<Line>,
-    /// Thickness of frames.
     frame: u32,
 }
 

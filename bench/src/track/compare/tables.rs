@@ -241,7 +241,6 @@ fn stratum_cells(stratum: &Stratum, decimals: usize) -> Vec<GridCell> {
     .collect()
 }
 
-/// Footnotes on a row.
 fn remarks(row: &ScoreChange) -> Vec<String> {
     let mut remarks = Vec::new();
     let dataset = &row.dataset;
