@@ -107,7 +107,6 @@ const FILE_READERS: &[&str] = &[
     "zip",
 ];
 
-/// All source groups.
 pub(crate) const GROUPS: [SourceGroup; 13] = [
     group("READING", &[], &[READING], READERS),
     group(
@@ -264,7 +263,6 @@ impl Code {
         }
     }
 
-    /// Locked versions of a crate.
     pub(crate) fn versions(&self, name: &str) -> impl Iterator<Item = &str> {
         let locked = self.locked.get(name).into_iter().flatten();
         locked.map(|locked| locked.version.as_str())

@@ -1,7 +1,7 @@
 //! Booster: stereo pairs of transparent and mirroring objects, with several illuminations per scene.
 //!
 //! A scene is a folder with `camera_00`, a second camera (`camera_02` in the balanced set, `camera_01` or `camera_02`
-//! in the unbalanced one) and `calib_00-0N.xml`. Each picture (one per illumination) that both cameras have forms one
+//! in the unbalanced one) and `calib_00-0N.xml`. Each illumination for which both cameras have a picture forms one
 //! pair; all pairs share one disparity map per camera. The test sets have no disparity maps.
 //!
 //! Cameras are read from the projection matrices of OpenCV's rectification. Its pixel centres are at integers, so 0.5

@@ -1,5 +1,4 @@
-//! Pictures whose size differs from their camera's: they are rejected, or the camera is scaled if
-//! requested.
+//! Rejects pictures whose size differs from their camera's, or scales the camera if requested.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -47,7 +46,7 @@ impl CameraSizes {
         }
     }
 
-    /// Sets the file named in notes.
+    /// Sets the source file of the cameras, which notes will name.
     pub(crate) fn cameras_from(&mut self, file: Option<&PathBuf>) {
         if let Some(file) = file {
             self.file.clone_from(file);

@@ -113,8 +113,7 @@ impl ViewDepth {
     }
 }
 
-/// If there are this many times as many negative disparities as positive ones, the sign is
-/// considered inverted.
+/// With this many negative disparities per positive one, the sign is considered inverted.
 const MOSTLY: u64 = 20;
 
 /// Conversion from disparity to depth: `Z = baseline · f / (d + doffs)`.
@@ -150,14 +149,14 @@ impl StereoGeometry {
             .as_raw()
             .iter()
             .map(|&d| {
-                // Zero and -1 are common marks of invalid pixels and prove nothing.
+                // Zero and -1 commonly mark invalid pixels and prove nothing.
                 let magnitude = f64::from(d.abs());
                 if d.is_finite() && (magnitude >= widest || (magnitude > 0.0 && magnitude < 1e-6)) {
                     strange += 1;
                 } else if d.is_finite() && d > 0.0 {
                     sane += 1;
                 } else if d.is_finite() && d < 0.0 {
-                    // If all negative values are equal, they are a mark.
+                    // If all negative values are equal, they mark invalid pixels.
                     negative += u64::from(d != *mark.get_or_insert(d));
                 }
                 self.depth(d)
@@ -218,11 +217,10 @@ impl DepthKind {
 /// Encoding of a stored depth map, which also determines how it is resampled to the pinhole camera.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) enum DepthEncoding {
-    /// A self-describing file. A stored unit is this many metres or, for reciprocals, this many per
-    /// metre. In integer maps, 65535 means no depth, as 0 does. Dense: each pixel looks up the
-    /// nearest stored one.
+    /// A self-describing file. A stored unit is this many metres or, for reciprocals, this many 1/m. In integer maps,
+    /// 65535 means no depth, as 0 does. Dense: each pixel looks up the nearest stored one.
     Units(f64, DepthKind),
-    /// Bare f32 metres. Sparse: each stored sample is projected to its new position.
+    /// Bare f32 metres. Sparse, so each stored sample is projected to its new position.
     RawFloats,
 }
 
@@ -273,7 +271,7 @@ const LARGEST_MAP: f64 = 8.0;
 fn check_shape(path: &Path, found: (u32, u32), size: (u32, u32)) -> Result<(), DatasetError> {
     let (w, h) = (f64::from(found.0), f64::from(found.1));
     let width = f64::from(size.0);
-    // Given this side's ratio, rounding may make the other side differ by one pixel.
+    // Rounding may make the other side differ by one pixel from this side's ratio.
     let other = w * f64::from(size.1) / width;
     let other_size = w * LARGEST_FACTOR < width || w > LARGEST_MAP * width;
     if other_size || (other - h).abs() > 1.0 {

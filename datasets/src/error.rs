@@ -21,7 +21,7 @@ pub enum DatasetError {
     #[error("{}: {reason}", path.display())]
     Malformed {
         path: PathBuf,
-        /// What is wrong and, if known, what was expected.
+        /// Description of the error and, if known, of what was expected.
         reason: String,
     },
     /// The file contains an invalid camera.

@@ -131,7 +131,7 @@ fn read_scene(
     let model = colmap::read_model_in(root, &root.resolve(folder, calibration)?)?;
     let id = root.id_of(folder);
     let mut scene = SceneBuilder::new(spec, root, model.images_file());
-    // Only the distorted cameras can tell where a depth sample is.
+    // Only the distorted cameras determine the positions of depth samples.
     let stored_folder = root.resolve(folder, DISTORTED)?;
     let stored = if colmap::is_model(&stored_folder) {
         Some(colmap::read_model_in(root, &stored_folder)?)

@@ -1,5 +1,4 @@
-//! Finds files whose names on disk differ from those in a list in case or extension, or that the
-//! list gives without an extension.
+//! Finds files by listed names that may differ from those on disk in case or extension, or have no extension.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};

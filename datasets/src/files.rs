@@ -202,9 +202,8 @@ pub fn folded(name: &str) -> String {
     composed(name).to_lowercase()
 }
 
-/// The files in a folder with the given stem and one of the given lower-case extensions, in the
-/// folder's order. If no name matches exactly, the names that are equal once [`folded`]. Empty if
-/// the folder does not exist.
+/// The files in a folder with the given stem and one of the given lower-case extensions, in the folder's order. If no
+/// name matches exactly, the names that are equal once [`folded`]. Empty if there is no folder.
 pub fn of_stem(folder: &Path, stem: &str, extensions: &[&str]) -> Vec<PathBuf> {
     let exact = extensions
         .iter()
@@ -225,8 +224,7 @@ pub fn of_stem(folder: &Path, stem: &str, extensions: &[&str]) -> Vec<PathBuf> {
     fitting.map(|(_, path)| path).collect()
 }
 
-/// A path as spelled on disk, where the components below `base` may differ in ways that [`folded`]
-/// ignores.
+/// A path as spelled on disk; `path` may differ from it below `base` in ways that [`folded`] ignores.
 pub(crate) fn spelled(base: &Path, path: &Path) -> PathBuf {
     let Ok(relative) = path.strip_prefix(base) else {
         return path.to_owned();

@@ -18,7 +18,7 @@ pub struct LeftOutScene {
     pub why: Why,
 }
 
-/// Reason why a scene was excluded.
+/// Reason for excluding a scene.
 #[derive(Debug)]
 pub enum Why {
     /// It cannot be read or is incomplete.

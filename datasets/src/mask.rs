@@ -8,8 +8,8 @@ use crate::DatasetError;
 use crate::format::picture;
 use crate::undistort::Undistortion;
 
-/// The lowest level that counts as white in masks of any program; lower ones count as black. Masks have 0 and 255, but
-/// JPEG and resizing add levels between them.
+/// The lowest level that counts as white in the masks of any program; lower ones count as black. Masks consist of 0 and
+/// 255, but JPEG and resizing add levels between them.
 pub(crate) const WHITE: u8 = 128;
 
 /// The side of a mask that marks valid pixels.

@@ -1,4 +1,4 @@
-//! Every dataset that can be read. No other module names all readers.
+//! Every dataset that can be read; the only module that names all readers.
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;

@@ -32,7 +32,7 @@ pub(crate) struct SceneBuilder<'a> {
     views: Vec<View>,
     /// Pictures already used.
     seen: BTreeSet<PathBuf>,
-    /// Depth maps of excluded frames.
+    /// Depth maps that belong to excluded frames.
     of_left_out: BTreeSet<PathBuf>,
     pub(crate) notes: Vec<String>,
 }

@@ -19,11 +19,10 @@ use crate::{DatasetSpec, Pairing, Scene, View, files};
 const HEADERS: usize = 64;
 /// Maximum number of masks decoded per scene, evenly spaced.
 const MASKS: usize = 4;
-/// A plausible mask keeps at least this fraction of the pixels, because most masks exclude a
-/// person, a sky or a logo.
+/// Minimum fraction of the pixels that a plausible mask keeps: most masks exclude a person, a sky or a logo.
 const LEAST_LEFT: f64 = 0.2;
 
-/// Masks with a larger share of pixels that are neither black nor white are named.
+/// Maximum fraction of pixels that are neither black nor white; masks with more are reported.
 const MOST_GREY: f64 = 0.005;
 
 /// A note on masks next to the pictures that are not read; `hint` explains how to read them.
@@ -98,7 +97,7 @@ pub(crate) fn add(scene: &mut Scene, spec: &DatasetSpec) {
             .notes
             .push(format!("pictures: {count} of {of} have {text}"));
     }
-    // What the format defines is not in doubt, nor a polarity that the user named.
+    // Polarity is not in doubt if the format defines it or the user specified it.
     let has_polarity = |s: &Setting| s.allows("masks", "keep-black");
     if !spec.entry.settings.iter().any(has_polarity) {
         return;

@@ -36,8 +36,7 @@ pub struct DatasetEntry {
     /// Column group in the paper's tables; empty for data that the paper does not use.
     #[serde(rename = "table_column")]
     pub paper_column: &'static str,
-    /// The paper's rule for choosing pairs; for data that the paper does not use, the rule that
-    /// would apply.
+    /// The paper's rule for choosing pairs, or the one that would apply to data that the paper does not use.
     #[serde(skip)]
     pub paper_overlap: PaperOverlap,
     /// Remaining uncertainties.

@@ -182,7 +182,7 @@ impl Undistortion {
             let (x, y) = (floor.x as i64, floor.y as i64);
             let above = lack(x, y) * (1.0 - blend.x) + lack(x + 1, y) * blend.x;
             let below = lack(x, y + 1) * (1.0 - blend.x) + lack(x + 1, y + 1) * blend.x;
-            // Values are rounded to integer levels; 254.5 is rounded to the even 254.
+            // Values are rounded to integer levels, and 254.5 to the even 254.
             let whole = above * (1.0 - blend.y) + below * blend.y < 0.5;
             Luma([if whole { 255 } else { 0 }])
         })

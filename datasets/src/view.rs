@@ -20,7 +20,7 @@ pub struct FoundPicture {
     pub header: Header,
     /// True if it is turned by its EXIF orientation.
     pub turned: bool,
-    /// True if both orientations (as stored and as turned) match its camera; false without an EXIF orientation.
+    /// True if its camera fits both orientations, as stored and turned; false without an EXIF orientation.
     pub fits_both: bool,
 }
 
@@ -45,10 +45,10 @@ pub trait ViewContent: Send + Sync + std::fmt::Debug {
     /// Names the file and why it cannot be read.
     fn depth(&self) -> Result<Option<DepthMap>, DatasetError>;
 
-    /// The depth map's file, and its values as stored; `None` unless they are whole numbers, or if the dataset has none.
+    /// The depth map's file and its values as stored; `None` if they are not whole numbers or the dataset has no depth.
     ///
     /// # Errors
-    /// Names the file and the reason that it cannot be read.
+    /// Names the file and why it cannot be read.
     fn stored_depth(&self) -> Result<Option<(PathBuf, FloatMap)>, DatasetError> {
         Ok(None)
     }
@@ -175,7 +175,6 @@ impl Scene {
     }
 }
 
-/// Number of views without depth.
 pub(crate) fn without_depth(views: &[View]) -> usize {
     let lacking = views.iter().filter(|v| v.content.processing().lacks_depth);
     lacking.count()

@@ -35,7 +35,7 @@ impl PlotAxis {
         }
     }
 
-    /// The axis as a style wants it.
+    /// The axis with a style's label and limits.
     pub(super) fn styled(&self, label: Option<&String>, limits: Option<[f64; 2]>) -> Self {
         let label = label.unwrap_or(&self.label);
         match limits {

@@ -206,7 +206,6 @@ fn packed(bytes: &[u8]) -> io::Result<Vec<u8>> {
     packed.finish()
 }
 
-/// Resource name of a picture.
 fn picture_name(index: usize) -> String {
     format!("P{index}")
 }

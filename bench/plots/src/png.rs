@@ -6,7 +6,7 @@ use image::{ExtendedColorType, ImageEncoder as _, ImageError, RgbImage};
 /// Length of the signature and header chunk, after which other chunks may follow.
 const HEADER: usize = 33;
 
-/// Encodes a picture for small size, with its resolution in dots per inch and this program's name.
+/// Encodes a picture compactly, with its resolution in dots per inch and this program's name.
 pub fn encode(picture: &RgbImage, dpi: f64) -> Result<Vec<u8>, ImageError> {
     let mut bytes = Vec::new();
     let encoder =

@@ -54,7 +54,7 @@ pub struct FigureStyle {
     /// Labels of the axes of plots.
     pub xlabel: Option<String>,
     pub ylabel: Option<String>,
-    /// Number of panels beside each other; by default as many as fit.
+    /// Number of panels side by side; by default as many as fit.
     pub columns: Option<usize>,
     /// A line above the plot.
     pub title: Option<String>,

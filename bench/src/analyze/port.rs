@@ -21,11 +21,11 @@ use crate::pairs::PosedCamera;
 const SAMPLE: usize = 4096;
 /// Gaussians count as matched if their median distance is below this, pixels.
 const SAME_PLACE: f64 = 2.0;
-/// Another reading of the numbers must reduce the median difference by at least this factor.
+/// Another interpretation of the numbers must reduce the median difference by at least this factor.
 const MUCH_LESS: f64 = 10.0;
 /// Median differences below this, per cent, need no explanation.
 const NEGLIGIBLE: f64 = 0.1;
-/// A common shift of all Gaussians is reported as a cause only from this size on, pixels.
+/// Minimum common shift of all Gaussians that is reported as a cause, pixels.
 const LEAST_SHIFT: f64 = 0.05;
 /// Side of a cell of the neighbour search, pixels.
 const CELL: f64 = 4.0;
@@ -47,9 +47,9 @@ pub struct FieldDifference {
 pub struct PortComparison {
     /// How Gaussians were matched: the order in the port's file.
     pub order: &'static str,
-    /// Gaussians of the port without a Gaussian of the reference of their own.
+    /// Number of the port's Gaussians without a counterpart of their own in the reference.
     pub extra: usize,
-    /// Gaussians of the reference without a Gaussian of the port.
+    /// Number of the reference's Gaussians without a counterpart in the port.
     pub missing: usize,
     /// Gaussians of the port with a non-finite value.
     pub not_finite: usize,
@@ -179,8 +179,8 @@ struct Pair<'a> {
 }
 
 impl Pair<'_> {
-    /// The placement and order that match the most of the port's Gaussians with the reference's,
-    /// and the matched pairs of indices.
+    /// The placement and order that match the largest number of the port's Gaussians with the reference's, and the
+    /// matched pairs of indices.
     fn matched(&self) -> (Placement, &'static str, Vec<[u32; 2]>) {
         let n = self.port.len();
         let placements = || {
@@ -265,7 +265,7 @@ impl Pair<'_> {
         median(sample.iter().map(|[i, j]| {
             let own = map.transform_point3(mean(self.port, *i));
             apart(k, own, mean(self.reference, *j)).map_or(f64::MAX, |[pixels, depth]| {
-                // Axes must not be chosen by the unit of depth.
+                // A small weight on depth, so that its unit does not determine the choice of axes.
                 pixels + depth.min(1.0) * 1e-3
             })
         }))
@@ -416,7 +416,7 @@ fn spread(matches: &[[u32; 2]]) -> impl Iterator<Item = [u32; 2]> {
         .step_by((matches.len() / SAMPLE).max(1))
 }
 
-/// Alternative readings of the numbers of an attribute.
+/// Alternative interpretations of an attribute's numbers.
 fn forms(field: usize, current: StoredForm) -> Vec<StoredForm> {
     let mut all = Vec::new();
     match field {

@@ -32,7 +32,6 @@ pub(super) fn wrote(files: &[PathBuf]) -> anyhow::Result<()> {
     files.try_for_each(|file| line(format!("wrote {}", file.display())))
 }
 
-/// Paths as text.
 pub(super) fn names(paths: &[PathBuf]) -> Vec<String> {
     let names = paths.iter().map(|path| path.display().to_string());
     names.collect()

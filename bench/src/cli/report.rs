@@ -171,7 +171,6 @@ pub(super) fn warn_not_scored(paths: &[PathBuf]) {
     }
 }
 
-/// Prints the tables of results.
 pub(super) fn print_tables(
     results: &Results,
     uncertainty: Option<Uncertainty>,

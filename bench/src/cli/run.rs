@@ -295,7 +295,6 @@ fn unless_stopped<T>(result: Result<T, EvaluateError>) -> anyhow::Result<Option<
     }
 }
 
-/// Prints the counts of a shard.
 pub(super) fn print_counts(
     counts: &UnitCounts,
     root: &Path,

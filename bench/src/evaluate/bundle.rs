@@ -3,8 +3,8 @@
 //! A ZIP archive: `bundle.json` (version and digest), `manifest.json`, `pairs.csv` (only the evaluated pairs),
 //! `units.jsonl` (the status of each unit), `missing.json`, and `scores.bin`, with one column per metric of the
 //! manifest: the first bytes of all its numbers (f64, big endian), then all second bytes, and so on, which compresses
-//! better than number by number. With times, `timings.json` has those of each method by pair. It excludes pictures, and
-//! values that methods report. Equal results without times give equal bytes.
+//! better than number by number. With times, `timings.json` has those of each method by pair. Pictures and the values
+//! that methods report are not included. Equal results without times give equal bytes.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::io::{Cursor, Read, Write};

@@ -319,7 +319,7 @@ pub(super) fn extended(
 /// Combines two manifests for results that are shown together.
 ///
 /// # Errors
-/// The first difference because of which the results cannot share columns or names.
+/// The first difference that prevents the results from sharing columns or names.
 pub(super) fn joined(one: Manifest, other: Manifest) -> Result<Manifest, String> {
     if let Some(difference) = refusal(&one, &other, Purpose::Read) {
         return Err(difference.to_string());

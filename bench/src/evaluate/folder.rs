@@ -89,7 +89,7 @@ impl RunFolder {
             });
         }
         let (lock, is_locked) = lock(root, take)?;
-        // Never empty in between, because another process may be looking for the mark.
+        // Write before truncating, so that the file is never empty: another process may be looking for the mark.
         let mark = || -> std::io::Result<()> {
             (&lock).write_all(MARK.as_bytes())?;
             lock.set_len(MARK.len() as u64)

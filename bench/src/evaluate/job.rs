@@ -83,7 +83,7 @@ pub(super) struct Job<'a> {
     pub(super) pairs: Vec<ResolvedPair<'a>>,
     /// Sources for which other readings of their Gaussians are tried.
     pub(super) checked: BTreeSet<String>,
-    /// For a sample of pairs, other pairs whose targets might be what their pictures show.
+    /// For a sample of pairs, other pairs whose targets their pictures may actually show.
     pub(super) others: OtherPairs<'a>,
     pub(super) methods: &'a [Box<dyn Method>],
     pub(super) scoring: &'a Scoring,

@@ -100,7 +100,6 @@ pub struct Evaluation {
     pub(super) list: PairList,
     origin: ListOrigin,
     choices: BTreeMap<String, PairProvenance>,
-    /// Notes on the pairs of a dataset.
     pair_notes: BTreeMap<String, String>,
     limit: Option<usize>,
     specs: Vec<Option<MethodSpec>>,
@@ -144,7 +143,7 @@ pub fn prepare(mut request: Request, observer: &dyn Observer) -> Result<Evaluati
     let (list, origin, choices) = match request.pairs {
         PairOrigin::Built { recipe, cache } => {
             let built = recipe.build(&request.datasets, cache.as_ref(), observer)?;
-            // The manifest and the report list the files because of which pairs are missing.
+            // The manifest and the report list the files that cause pairs to be missing.
             for problem in built.build.left_out() {
                 let mut scenes = request.datasets.iter_mut().flat_map(|d| &mut d.scenes);
                 let is_of = |scene: &&mut Scene| {

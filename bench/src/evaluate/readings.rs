@@ -23,7 +23,7 @@ use crate::pairs::dataset::scenes_of;
 use crate::scoring::rules::{Border, ScoringRules};
 use crate::scoring::{Region, Scoring};
 
-/// Colours are divided by alpha only from this alpha on, as in UniSHARP's trainer.
+/// Minimum alpha by which colours are divided, as in UniSHARP's trainer.
 const LEAST_ALPHA: f32 = 1e-4;
 
 /// How a prediction is converted to the scored picture.

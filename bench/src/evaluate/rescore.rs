@@ -260,7 +260,6 @@ impl Kept<'_> {
     }
 }
 
-/// Opens the datasets of a manifest.
 pub(super) fn open_datasets(
     manifest: &super::manifest::Manifest,
 ) -> Result<Vec<OpenDataset>, EvaluateError> {

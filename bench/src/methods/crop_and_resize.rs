@@ -212,7 +212,7 @@ impl FitRules {
     }
 }
 
-/// Says that a picture needs a kernel to get the size of `what`, and which ones `option` takes for that.
+/// Error message: a picture needs a kernel to get the size of `what`. Lists the kernels that `option` accepts.
 pub(crate) fn needs_kernel(
     what: &str,
     (w, h): (u32, u32),

@@ -111,8 +111,8 @@ fn is_below(path: &Path) -> bool {
     parts.clone().next().is_some() && parts.all(|part| matches!(part, Component::Normal(_)))
 }
 
-/// A message with the template that finds the most of the pairs' files in a folder; `None` if no
-/// template finds any. `extensions` are those of the method's files.
+/// A message with the template that finds the largest number of the pairs' files in a folder; `None` if no template
+/// finds any. `extensions` are those of the method's files.
 pub(super) fn suggestion(
     folder: &Path,
     ids: &BTreeSet<String>,

@@ -106,7 +106,7 @@ pub(super) fn sparse_pairs(counts: &PairCounts, options: &PairOptions) -> Option
     let is_sparse = counts.is_sparse() && options.depth.is_ground_truth();
     is_sparse.then(|| {
         format!(
-            "{}, so overlaps are measured at single pixels; better use --pair-options {DENSE}",
+            "{}, so overlaps are measured at single pixels; it is better to use --pair-options {DENSE}",
             sparseness(counts)
         )
     })

@@ -40,7 +40,7 @@ pub struct DatasetReading {
     pub value: String,
     /// Whether the value is known to differ from the paper's.
     pub proxy: bool,
-    /// Whether the paper does not say which of several values it used.
+    /// Whether the paper leaves open which of several values it used.
     #[serde(default)]
     pub open: bool,
 }

@@ -111,7 +111,7 @@ impl PairDescription {
     }
 }
 
-/// The camera of a view. Of the target, a method may know nothing else.
+/// The camera of a view; all that a method may know about the target.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PosedCamera {
     pub id: String,

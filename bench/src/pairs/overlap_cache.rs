@@ -94,7 +94,6 @@ impl SceneOverlaps {
     }
 }
 
-/// The file of a table.
 #[derive(Serialize, Deserialize)]
 struct TableFile {
     format: u32,
@@ -186,7 +185,6 @@ impl OverlapCache {
         }
     }
 
-    /// Stores the table of a key.
     pub(super) fn store(&self, key: &str, table: &SceneOverlaps) {
         let table = SceneOverlaps {
             failed: BTreeSet::new(),

@@ -76,8 +76,7 @@ pub fn other_forms(
             name,
             of_ssim,
             score(scorer, key, &halved[0], &halved[1], None),
-            "Constants for values in -1..1 on pictures in 0..1: what scikit-image took for floats before 0.21 unless told \
-             otherwise.",
+            "Constants for values in -1..1, applied to pictures in 0..1: scikit-image's default for floats before 0.21.",
         );
     }
     let (width, height) = target.dimensions();
@@ -95,7 +94,7 @@ pub fn other_forms(
             "ssim.m",
             of_ssim,
             similarity(&small),
-            "The same on luma: the authors' MATLAB code.",
+            "As piq.ssim, on luma: the authors' MATLAB code.",
         );
     }
     let scales = multi_scale([prediction, target]);
@@ -160,7 +159,7 @@ pub fn other_forms(
                 name,
                 family,
                 score(scorer, key, &black[0], &black[1], None),
-                "Pixels outside the mask set to black in both pictures, then over the whole of them.",
+                "Pixels outside the mask are set to black in both pictures, which are then compared as a whole.",
             );
         }
     }

@@ -5,7 +5,7 @@ use super::{Border, PairMask, PairRule, Protocol, Quantised};
 use crate::evaluate::Aggregation;
 
 const EVERY_8TH: &str =
-    "the images of sorted names with index % 8 == 0 are tested, each made from all others";
+    "of the images sorted by name, those with index % 8 == 0 are tested, each made from all others";
 const RE10K_INDEX: &str =
     "an evaluation index (JSON), of which one context view becomes the source";
 const OUR_CAMERAS: &str = "cameras: the principal point follows the crop; theirs stays in the middle, off by half a \
@@ -37,7 +37,7 @@ const PIXELSPLAT: Protocol = Protocol {
     quantised: Quantised::Truncate,
     metrics: &["psnr", "ssim[gauss11,valid,sample]", "lpips[vgg,v0.1]"],
     aggregation: Aggregation::Scenes,
-    failures: "prints a message and skips a scene if any compared method lacks one of its files",
+    failures: "prints a message and skips a scene if one of its files is missing for any compared method",
     traps: &[
         "583 of the 19422 pairs of the RealEstate10K index predict a context view itself",
         "predictions are truncated to 8 bit, half a level darker on average than rounded ones",
@@ -83,7 +83,9 @@ pub const PROTOCOLS: [Protocol; 15] = [
     Protocol {
         name: "unisharp",
         source: "Insta360-Research-Team/UniSHARP 5263322553d3e6eff405976dc900bc5de36b7ba8",
-        pairs: PairRule::List("a manifest (fields between |), a source and its targets a line"),
+        pairs: PairRule::List(
+            "a manifest (fields separated by |) with a source and its targets on each line",
+        ),
         quantised: Quantised::Float,
         metrics: &[
             "psnr[floor=1e-8]@mask",
@@ -95,8 +97,8 @@ pub const PROTOCOLS: [Protocol; 15] = [
         failures: CUDA_MESSAGE,
         traps: &[
             "PSNR is at most 80 dB, so that identical pictures count as 80",
-            "1e-8 in SSIM's denominator lowers black areas by a tenth, even equal ones",
-            "LPIPS of the pasted box counts pixels of the truth as agreement: a small mask in a wide box is nearly perfect",
+            "the 1e-8 in SSIM's denominator lowers values in black areas by a tenth, even if they are equal",
+            "LPIPS of the pasted box counts the pasted pixels as agreement: a small mask in a large box scores nearly perfectly",
             "manifest lines with another field count are silently dropped and still use up a group number",
             "the launcher skips LPIPS by default, and without the LPIPS package the column contains L1",
         ],
@@ -161,7 +163,7 @@ pub const PROTOCOLS: [Protocol; 15] = [
         name: "flash3d",
         source: "eldar/flash3d a71c9b92b07a76cf944f2ed894f384f0891a1960",
         pairs: PairRule::List(
-            "a split (text): key, source and three target slots a line; one slot at a time",
+            "a split (text): key, source and three target slots per line; one slot at a time",
         ),
         frame: Some("stretch:384x256:lanczos"),
         border: Border::Twentieth,
@@ -206,8 +208,8 @@ pub const PROTOCOLS: [Protocol; 15] = [
         metrics: &["psnr", "ssim[gauss11,zero]", "lpips[vgg,v0.1,unscaled]"],
         failures: "raises an exception; reduced-3dgs continues with the next scene",
         traps: &[
-            "LPIPS gets pictures in 0..1 where its network expects -1..1: values are lower than everyone else's",
-            "zero padding makes SSIM's border of the picture alike",
+            "LPIPS gets pictures in 0..1 although its network expects -1..1, so values are lower than elsewhere",
+            "zero padding makes the borders of both pictures more alike for SSIM",
         ],
         departures: &[
             "size: of the pictures given; theirs takes images_4 outdoors and images_2 indoors",
@@ -219,7 +221,7 @@ pub const PROTOCOLS: [Protocol; 15] = [
         name: "splatfacto",
         source: "nerfstudio-project/nerfstudio 50e0e3c70c775e89333256213363badbf074f29d",
         pairs: PairRule::NoSource(
-            "the nerfstudio parser tests what an evenly spaced choice of 90 % leaves, the COLMAP parser index % 8 == 0",
+            "the nerfstudio parser tests the images left over by an evenly spaced choice of 90 %, the COLMAP parser those with index % 8 == 0",
         ),
         quantised: Quantised::Float,
         metrics: &["psnr", "ssim[gauss11,valid]", "lpips[alex,v0.1,eps=tm]"],
@@ -233,7 +235,7 @@ pub const PROTOCOLS: [Protocol; 15] = [
         name: "nerfacto",
         source: "nerfstudio-project/nerfstudio 50e0e3c70c775e89333256213363badbf074f29d",
         pairs: PairRule::NoSource(
-            "the nerfstudio parser tests what an evenly spaced choice of 90 % leaves, the COLMAP parser index % 8 == 0",
+            "the nerfstudio parser tests the images left over by an evenly spaced choice of 90 %, the COLMAP parser those with index % 8 == 0",
         ),
         quantised: Quantised::Float,
         metrics: &[
@@ -243,9 +245,9 @@ pub const PROTOCOLS: [Protocol; 15] = [
             "lpips[alex,v0.1,eps=tm]",
         ],
         traps: &[
-            "SSIM's range is that of the pictures: dull ones have a lower value, two black ones none",
+            "SSIM's data range is that of the pictures: low-contrast ones score lower, and two black ones have no score",
             "the version of torchmetrics is not pinned: SSIM is one of the two columns, valid before 1.4.2, reflect since",
-            "surface models hand LPIPS pictures in 0..1 (lpips[alex,v0.1,unscaled])",
+            "surface models pass pictures in 0..1 to LPIPS (lpips[alex,v0.1,unscaled])",
         ],
         departures: &[
             "size: as given here; theirs halves the pictures until no side exceeds 1600, reading reduced copies made by other \
@@ -303,7 +305,7 @@ pub const PROTOCOLS: [Protocol; 15] = [
         failures: "a missing picture or mask ends the evaluation",
         traps: &[
             "a scene with many test images counts more: the mean is over all images of all scenes",
-            "LPIPS has a mean of its own at each layer, so that deep layers weigh what is far from a mask",
+            "LPIPS takes a separate mean at each layer, so that deep layers only cover what is far inside the mask",
         ],
         departures: &[
             "pictures: undistorted to a pinhole camera, with their masks; theirs are the fisheye pictures as stored",

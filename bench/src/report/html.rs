@@ -152,7 +152,6 @@ impl Page<'_> {
         withheld(self.board).collect()
     }
 
-    /// The terms of a dataset.
     fn terms(&self, dataset: &ReportDataset) -> &'static str {
         dataset.entry().map_or("terms unknown", |entry| entry.terms)
     }

@@ -32,7 +32,7 @@ pub fn kubernetes(request: &Kubernetes) -> Result<Vec<PathBuf>, ScaleError> {
         return Err(ScaleError::Refused {
             what: "--mount",
             value: request.mount.display().to_string(),
-            reason: "the plan is not below it, so no pod could read it",
+            reason: "the plan is not below this folder, so no pod could read it",
         });
     }
     if shards.count > MOST_SHARDS {

@@ -17,7 +17,6 @@ pub struct GroundTruth {
     valid: Option<Mask>,
 }
 
-/// Masks of a pair.
 #[derive(Debug, Default)]
 pub(crate) struct PairMasks {
     /// Mask of the metrics `@frustum`.

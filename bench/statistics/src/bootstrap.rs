@@ -76,7 +76,7 @@ impl Bootstrap {
     fn end(&self, z: f64) -> f64 {
         let shifted = self.bias + z;
         let stretch = 1.0 - self.acceleration * shifted;
-        // Beyond the pole of the correction, the share is all or nothing of the distribution.
+        // Beyond the correction's pole, the share is 0 or 1.
         let share = if stretch <= 0.0 {
             if shifted > 0.0 { 1.0 } else { 0.0 }
         } else {

@@ -12,11 +12,10 @@ use crate::numeric::{integrate, root};
 pub struct Jackknife {
     /// The estimator CV3: (G − 1)/G Σ (mean without cluster g − mean)², for G clusters.
     pub variance: f64,
-    /// Degrees of freedom of the t distribution that mean / √variance is compared with: G − 1 for
-    /// clusters of equal size. For unequal sizes, at these degrees of freedom Student's t has the
-    /// critical value of the exact statistic at the 5 % level, assuming normal cluster means. The
-    /// smaller of two results is used: one assumes the same variance for all clusters; the other
-    /// uses the estimated variances of clusters and of their pairs, which are unreliable for few
+    /// Degrees of freedom of the t distribution that mean / √variance is compared with: G − 1 for clusters of equal
+    /// size. For unequal sizes, chosen so that Student's t has the exact statistic's critical value at the 5 % level,
+    /// assuming normal cluster means. The smaller of two results is used: one assumes the same variance for all
+    /// clusters; the other uses the estimated variances of clusters and of their pairs, which are unreliable for few
     /// clusters.
     pub degrees_of_freedom: f64,
 }
@@ -97,12 +96,11 @@ fn estimated_variances(sample: &Clusters) -> Vec<f64> {
 /// The exact distribution of t = mean / √CV3, for independent normal means x of clusters with weights w and variances v.
 ///
 /// With residuals e = x − w·x, CV3 is Σ d e² with d = (G − 1)/G (w / (1 − w))². So |t| > c means that the quadratic
-/// form x'Cx = c² Σ d e² − (w·x)² is negative. VC, V = diag(v), has one negative eigenvalue −ν and otherwise positive
-/// ones μ. Given the rest of x, its part along the negative one's vector is a normal variable that has to be large
-/// enough, and Craig's integral for the tail of a normal ("A new, simple and exact result for calculating the
-/// probability of error for two-dimensional signal constellations", IEEE MILCOM 1991) averages over that rest: P = 2/π
-/// ∫ Π (1 + μ/(ν sin²φ))^−½ dφ over 0..π/2. The product is the determinant of I + VC/(ν sin²φ) without its factor 1 −
-/// 1/sin²φ.
+/// form x'Cx = c² Σ d e² − (w·x)² is negative. With V = diag(v), VC has one negative eigenvalue −ν; all others, μ, are
+/// positive. Given the rest of x, its component along the negative eigenvector is a normal variable that must be large
+/// enough. Craig's integral for the tail of a normal ("A new, simple and exact result for calculating the probability
+/// of error for two-dimensional signal constellations", IEEE MILCOM 1991) averages over the rest: P = 2/π ∫ Π (1 + μ/(ν
+/// sin²φ))^−½ dφ over 0..π/2. The product is the determinant of I + VC/(ν sin²φ) without its factor 1 − 1/sin²φ.
 struct Statistic {
     /// Weight w, variance v and d of each cluster.
     clusters: Vec<[f64; 3]>,

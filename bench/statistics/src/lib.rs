@@ -1,4 +1,4 @@
-//! Inference on paired differences if pairs of one cluster depend on each other.
+//! Inference on paired differences when pairs within a cluster depend on each other.
 //!
 //! The input is pure numbers: paired scores of two sides, with the cluster of each pair (for pictures, the physical
 //! scene that they show), grouped by dataset. The result is a mean difference with its 95 % interval, a p value, the
@@ -12,7 +12,7 @@
 //! |---|---|
 //! | one dataset of 30 [effective clusters](Clusters::effective_clusters) or more | BCa bootstrap over clusters and sign flips: the union of the two intervals, the larger p |
 //! | any other | Student's t of the mean over the standard error CV3 of the cluster jackknife |
-//! | every cluster of a dataset differs by the same | sign flips: p = 2/2^G for G clusters, no bounds if that is above 0.05 |
+//! | every cluster of a dataset differs by the same amount | sign flips: p = 2/2^G for G clusters, no bounds if that is above 0.05 |
 //! | a dataset with one cluster, or a difference that is not finite | none |
 //!
 //! p and interval never contradict each other: p is below 0.05 exactly if the interval excludes zero, because either

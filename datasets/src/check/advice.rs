@@ -17,7 +17,7 @@ pub struct Units {
     scale: Option<f64>,
     /// Metres per unit of depth maps; `None` if not set.
     depth_unit: Option<f64>,
-    /// True if depth is made of a model's points, which `scale` multiplies together with its poses.
+    /// True if depth is made of a model's points; `scale` then multiplies them together with its poses.
     is_of_points: bool,
 }
 
@@ -44,7 +44,7 @@ impl Units {
         self.depth_unit.unwrap_or(1.0)
     }
 
-    /// The settings that change the unit of depth or poses.
+    /// Names of the settings that change the unit of depth or poses.
     pub(super) fn where_to_set(self) -> &'static str {
         match (self.scale, self.depth_unit) {
             (Some(_), Some(_)) => "set depth-unit=, and scale= for the poses",
@@ -149,7 +149,7 @@ pub(super) fn sentence(
                 false => format!("reduced to {} of its size", number(1.0 / by.zoom)),
             });
             let off = -by.off * f64::from(first.width) / by.zoom;
-            // Without a negative zero.
+            // Addition turns -0 into 0.
             let off = off.round() + DVec2::ZERO;
             let place = (by.off != DVec2::ZERO)
                 .then(|| format!("shifted by about ({}, {}) pixels", off.x, off.y));
@@ -180,8 +180,8 @@ pub(super) fn sentence(
     }
 }
 
-/// The setting that brings poses and depth to the same unit. If one quantity is implausible, this is its setting;
-/// otherwise it is that of the poses, followed by the alternative after a semicolon.
+/// The setting that brings poses and depth to the same unit. If poses or depth have implausible values, that is their
+/// setting; otherwise it is that of the poses, followed by the alternative after a semicolon.
 fn scaled(scale: f64, units: Units, median_m: f64) -> (String, String) {
     if units.is_of_points {
         let factor = number(scale);

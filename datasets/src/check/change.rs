@@ -1,4 +1,4 @@
-//! Alternatives to the reader's interpretation that are tested.
+//! Alternative interpretations that are tested against the reader's.
 
 use glam::DVec2;
 
@@ -11,9 +11,9 @@ use super::small_view::Part;
 /// A change to the reader's interpretation.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) enum Change {
-    /// The poses' translations, multiplied by this, fit the depth.
+    /// The poses' translations fit the depth if multiplied by this.
     Scale(f64),
-    /// These focal lengths, multiplied by this, fit.
+    /// These focal lengths fit if multiplied by this.
     Focal(Focal, f64),
     CentreExchanged,
     /// Principal points are further right and down by this much, in widths of the picture.
@@ -21,29 +21,30 @@ pub(super) enum Change {
     /// Depth fits if this many metres are added.
     Short(f64),
     RayLength,
-    /// Depth was already z, but was interpreted as the length of rays.
+    /// Depth was already z, but was interpreted as ray length.
     NoRayLength,
-    /// The stored values are the reciprocal of depth; the poses' translations, multiplied by this, fit the reciprocals.
+    /// The stored values are the reciprocal of depth, which the poses' translations fit if multiplied by this.
     Inverse(f64),
-    /// The stored values are those of a z-buffer, whose near plane is this far away.
+    /// The stored values are those of a z-buffer whose near plane is at this distance.
     Buffer(f64),
     /// The poses use another convention, named as in [`alternatives`].
     Convention(&'static str),
-    /// Parts of views belong to other pictures; a description of the assignment.
+    /// Parts of views belong to other pictures; describes the assignment.
     Order(String, Moves),
-    /// Pairs of views fit the poses of others, but not as one list: two pictures would have one pose.
+    /// Pairs of views fit the poses of other views, but no consistent assignment exists: two pictures would have the
+    /// same pose.
     Unlisted,
-    /// One or several views are wrong; a sentence on them.
+    /// One or several views are wrong; says which and how.
     Views(String),
-    /// Cameras are exchanged; a description.
+    /// Cameras are exchanged; says which.
     Cameras(String),
     /// The lenses have this [`Reading::bend`].
     Bent(f64),
     /// Depth maps fit the pictures if they are moved and scaled.
     Registered(Registration),
-    /// Pictures or depth maps are flipped; a description.
+    /// Pictures or depth maps are flipped; says in which direction.
     Flipped(Part, &'static str),
-    /// Pictures fit with the other EXIF orientation rule, with which they also have the camera's size; the setting that
+    /// Pictures fit with the other EXIF orientation rule, which also gives the camera's size; has the setting that
     /// selects it.
     Turned(&'static str),
 }
@@ -67,7 +68,7 @@ impl Focal {
 }
 
 impl Change {
-    /// True for a change after which depths may agree as before, or less, while colours fit.
+    /// True for changes that may improve the match of colours without improving that of depths.
     pub(super) fn shows_in_colours(&self) -> bool {
         matches!(
             self,
@@ -80,10 +81,10 @@ impl Change {
         )
     }
 
-    /// Minimum fraction of the loss that it must remove, and minimum number of standard errors.
+    /// Minimum fraction of the loss that the change must remove, and minimum number of standard errors.
     pub(super) fn least_gain(&self) -> (f64, f64) {
         let gain = match self {
-            // Small everywhere, but of the same kind everywhere.
+            // Lens distortion has a small effect, but the same kind of effect everywhere.
             Self::Bent(_) => return LEAST_GAIN_OF_LENSES,
             Self::Scale(_) | Self::Focal(..) | Self::Registered(_) => LEAST_GAIN_OF_FACTORS,
             Self::Views(_) => LEAST_GAIN_OF_VIEWS,
@@ -119,6 +120,6 @@ pub(super) struct Better {
     pub(super) explained: Explained,
     /// True if the remaining loss is no larger than for valid data.
     pub(super) fits_well: bool,
-    /// True if it is hardly less than as read.
+    /// True if the loss is hardly less than with the reader's interpretation.
     pub(super) is_slight: bool,
 }

@@ -1,33 +1,34 @@
-//! Tests whether another interpretation explains the same views significantly better, and well.
+//! Tests whether another interpretation explains the same views well, and significantly better than the reader's.
 
 use super::explained::{ENOUGH, Explained};
 
 /// Minimum fraction of the loss that another interpretation must remove.
 pub(super) const LEAST_GAIN: f64 = 0.1;
-/// [`LEAST_GAIN`] for an interpretation that changes a factor, which a fit to valid data hardly does.
+/// [`LEAST_GAIN`] for changes of a factor, which hardly fit valid data better than a factor of 1.
 pub(super) const LEAST_GAIN_OF_FACTORS: f64 = 0.05;
-/// Minimum fraction of the loss that a change of some views must remove.
+/// [`LEAST_GAIN`] for changes to some of the views.
 pub(super) const LEAST_GAIN_OF_VIEWS: f64 = 0.15;
 /// Minimum number of samples that must land in other views; with fewer, too little is visible to judge.
 const LEAST_LANDED: usize = 500;
-/// Minimum fraction of the pictures' parts in which it must be better, and minimum number of standard errors of their
-/// mean.
+/// Minimum fraction of the picture tiles in which the other interpretation must be better.
 const LEAST_SHARE: f64 = 0.75;
+/// Minimum improvement per tile, in standard errors of the mean.
 pub(super) const LEAST_ERRORS: f64 = 3.0;
-/// Minimum fraction of the loss, and number of standard errors, for lens distortion; proper scenes gain 0.003.
+/// [`LEAST_GAIN`] and [`LEAST_ERRORS`] for lens distortion; proper scenes gain 0.003.
 pub(super) const LEAST_GAIN_OF_LENSES: (f64, f64) = (0.03, 4.0);
 /// Maximum mean loss of an interpretation that explains everything.
 const MOST_LEFT: f64 = 0.45;
-/// Minimum mean loss at which features are compared, too.
+/// Minimum mean loss at which features are also compared.
 const SUSPICIOUS: f64 = 0.25;
-/// Minimum fraction of depths that agree in valid data, where pixels are coarse and surfaces slanted.
+/// Minimum fraction of depths that agree in valid data with coarse pixels and slanted surfaces.
 const MOSTLY_AGREEING: f64 = 0.8;
-/// Minimum fraction of depths that agree in valid data with little motion, and minimum gain over that.
+/// Minimum fraction of depths that agree in valid data with little motion.
 const AGREEING: f64 = 0.9;
+/// If depths agree to [`AGREEING`], another interpretation must increase the fraction by this.
 const MORE_AGREEING: f64 = 0.03;
-/// Maximum remaining colour differences, relative to those as read, of an interpretation that is needed for them.
+/// Maximum ratio to which a change must reduce colour differences to be needed because of them.
 const NEARER_COLOURS: f64 = 0.9;
-/// Minimum number of samples to judge a part of a picture.
+/// Minimum number of samples to judge a tile of a picture.
 const ENOUGH_IN_TILE: usize = 8;
 /// An interpretation is refuted if it increases colour differences by more than this factor, even if depth agrees
 /// better.
@@ -78,7 +79,7 @@ pub(super) fn is_refuted(as_read: &[Explained], other: &[Explained]) -> bool {
 }
 
 /// False if depths agree as read and another interpretation adds hardly any agreement: with little motion or few
-/// pixels, the difference is due to chance. `by_colours` is true for one that may show in colours alone.
+/// pixels, the difference is due to chance. `by_colours` is true if colours alone may show that the change is needed.
 pub(super) fn is_needed(as_read: &[Explained], other: &[Explained], by_colours: bool) -> bool {
     let [read, other] = [as_read, other].map(forward);
     let levels = read.colour_levels().zip(other.colour_levels());
@@ -116,7 +117,7 @@ pub(super) fn is_better_by(
             }
         }
     }
-    // Parts that another interpretation does not change are no evidence either way.
+    // Tiles that another interpretation does not change are no evidence either way.
     differences.retain(|difference| *difference != 0.0);
     let n = differences.len() as f64;
     let mean = differences.iter().sum::<f64>() / n;

@@ -1,11 +1,11 @@
-//! Consistency of poses, depth and pictures: the depth of one view, projected into the next by the poses, must match
-//! that view's depth, and its colours that view's colours. Depth is decisive for distant views, colour for close ones,
-//! for which depth agrees under any pose.
+//! Consistency of poses, depth and pictures: the depth and the colours of one view, projected into the next by the
+//! poses, must match those of the next. Depth is decisive for distant views, colour for close ones, where depth agrees
+//! under any pose.
 
 use serde::Serialize;
 
 /// Minimum fraction of overlapping depths that must agree in at least one pair of neighbours. Occlusion reduces it even
-/// for correct poses; real frames that are interpreted wrongly have a fifth.
+/// for correct poses; in wrongly interpreted real frames, a fifth agree.
 const LEAST: f64 = 0.3;
 
 /// Agreement of neighbouring views under one pose convention.
@@ -15,8 +15,8 @@ pub struct Fit {
     pub convention: &'static str,
     /// Fraction of depth values that agree within 5 %, 0..1.
     pub depth: f64,
-    /// Root mean square colour difference, in 8-bit levels, over the values that land inside the other picture without
-    /// meeting a different depth there; `None` if there are none.
+    /// Root mean square colour difference, in 8-bit levels, over the values that land inside the other picture and do
+    /// not meet a different depth; `None` if there are none.
     pub colour_levels: Option<f64>,
     pub colours: usize,
 }
@@ -26,10 +26,10 @@ pub struct Fit {
 pub struct Consistency {
     /// With the poses as interpreted by the reader.
     pub as_read: Fit,
-    /// With the conventions that they are commonly confused with.
+    /// With conventions that are commonly confused with that one.
     pub otherwise: Vec<Fit>,
-    /// Fraction of depth values that agree, out of those that meet a depth of the other view, in the best pair. `None`
-    /// if too few meet (neighbours that see different things, or sparse depth).
+    /// Fraction of depth values that agree, out of those that land on a pixel with depth in the other view, in the best
+    /// pair. `None` if too few do (neighbours that see different things, or sparse depth).
     pub meeting: Option<f64>,
     /// Number of pairs of views that were examined.
     pub pairs: usize,

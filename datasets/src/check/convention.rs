@@ -17,7 +17,7 @@ const fn of(name: &'static str, take: Take) -> Convention {
     Convention { name, take }
 }
 
-/// Conventions under which poses are compared; the first is the reader's.
+/// Conventions that are compared; the first is the reader's.
 pub(super) const CONVENTIONS: [Convention; 4] = [
     of("as read", |pose| *pose),
     of(
@@ -25,7 +25,7 @@ pub(super) const CONVENTIONS: [Convention; 4] = [
         RigidTransform::inverse,
     ),
     of("OpenGL's and OpenCV's camera axes confused", flip),
-    // Changing the axes first would give the same as the exchange alone, except for the world's axes.
+    // Changing the axes before the exchange would only change the world's axes.
     of(
         "camera-to-world and world-to-camera exchanged, and OpenGL's camera axes",
         |pose| flip(&pose.inverse()),
@@ -67,7 +67,7 @@ const MIRRORED: [Convention; 8] = [
     ),
 ];
 
-/// Quaternions whose components were read in another order, for poses in either direction.
+/// Quaternions whose components were read in another order, for world-to-camera and camera-to-world poses.
 const REORDERED: [Convention; 4] = [
     of(W_LAST, |pose| world_turned(pose, w_last)),
     of(W_FIRST, |pose| world_turned(pose, w_first)),
@@ -81,8 +81,8 @@ const REORDERED: [Convention; 4] = [
 const W_LAST: &str = "the poses' quaternions taken as x, y, z, w instead of w, x, y, z";
 const W_FIRST: &str = "the poses' quaternions taken as w, x, y, z instead of x, y, z, w";
 
-/// Rotations that were transposed in the file, of world-to-camera poses, and of camera-to-world ones in OpenCV's and in
-/// OpenGL's axes.
+/// Rotations that the file stores transposed: of world-to-camera poses, then of camera-to-world poses in OpenCV's and
+/// in OpenGL's axes.
 const TRANSPOSED: [Convention; 3] = [
     of(ROTATION_TRANSPOSED, |pose| RigidTransform {
         rotation: pose.rotation.transpose(),
@@ -96,7 +96,7 @@ const TRANSPOSED: [Convention; 3] = [
         turned_in_place(pose, axes * pose.rotation.transpose() * axes)
     }),
 ];
-/// Camera positions stored as translations of world-to-camera poses, and the reverse in camera-to-world ones.
+/// Camera positions stored as translations of world-to-camera poses, then the reverse.
 const EXCHANGED_PLACES: [Convention; 2] = [
     of(
         "the translations read as the cameras' positions (t = -R c)",
@@ -113,7 +113,7 @@ const EXCHANGED_PLACES: [Convention; 2] = [
         },
     ),
 ];
-/// Pictures that were turned, but not their poses.
+/// Pictures that were rotated without their poses.
 const TURNED: [Convention; 2] = [
     of(
         "the cameras turned by 90 degrees (pictures were turned clockwise, poses were not)",
@@ -124,8 +124,8 @@ const TURNED: [Convention; 2] = [
         |pose| rolled(pose, -1.0),
     ),
 ];
-/// Poses of a vehicle's body in place of the camera's: y left and z up, as in ROS, or y right and z down, as of aircraft.
-/// Where the file's cameras are taken to have OpenGL's axes, each is the other.
+/// Poses of a vehicle's body instead of the camera: y left and z up, as in ROS, or y right and z down, as in aviation.
+/// If the file's cameras were read with OpenGL's axes, the two exchange their roles.
 const BODIES: [Convention; 2] = [
     of(BODY, |pose| {
         rotated(pose, DMat3::from_cols(DVec3::Z, -DVec3::X, -DVec3::Y))
@@ -145,7 +145,7 @@ pub(super) fn alternatives() -> impl Iterator<Item = &'static Convention> {
     places.chain(&REORDERED).chain(turned)
 }
 
-/// Pose of a camera whose picture was turned by a quarter, clockwise if `sign` is 1.
+/// Pose of a camera whose picture was turned by 90 degrees, clockwise if `sign` is 1.
 fn rolled(pose: &RigidTransform, sign: f64) -> RigidTransform {
     let quarter = DMat3::from_cols(sign * DVec3::Y, -sign * DVec3::X, DVec3::Z);
     rotated(pose, quarter)

@@ -9,21 +9,24 @@ use super::explained::TOLERANCE;
 use super::neighbours::Neighbours;
 use super::small_view::Sample;
 
-/// Minimum fraction and number of depths at the maximum value that indicate a limit.
+/// Minimum fraction of depths at the maximum value that indicates a limit.
 const LEAST_LIMITED: f64 = 0.01;
+/// Minimum number of such depths.
 const ENOUGH_LIMITED: usize = 100;
-/// Minimum difference of such a depth from the other view's: relative, and in steps of the map at that depth.
+/// Minimum relative difference of such a depth from the other view's.
 const OFF_LIMIT: f64 = 0.002;
+/// Minimum difference in steps of the map at that depth.
 const OFF_STEPS: f64 = 2.0;
-/// Bounds on the minimum and maximum depth of a normalised map at the reduced size.
+/// Upper bound on the minimum depth of a normalised map at the reduced size.
 const LEAST_NORMALISED: f64 = 0.1;
+/// Lower bound on its maximum depth.
 const MOST_NORMALISED: f64 = 0.9;
 
 /// Minimum relative difference of a single-valued map's depth from another such map; from other maps it is
 /// [`TOLERANCE`].
 const OFF_CONSTANT: f64 = 0.01;
 
-/// Positions with depth in both of two views, and those of them at which it differs.
+/// Positions at which both of two views have depth, and those where it differs.
 #[derive(Default)]
 struct Met {
     all: usize,
@@ -70,7 +73,7 @@ impl Neighbours<'_> {
         pose(b).after(&pose(a).inverse())
     }
 
-    /// Reports the maximum depth if depth was clipped at it: both of two neighbouring views have it at positions where,
+    /// Reports the maximum depth if depth was clipped there: both of two neighbouring views have it at positions where,
     /// according to the other view and the poses, it should differ.
     pub(super) fn limited(&self) -> Option<String> {
         // The maximum depth and the next smaller one.
@@ -88,7 +91,7 @@ impl Neighbours<'_> {
             let ((from, samples), (_, there)) = (&self.small[&a], &self.small[&b]);
             all += samples.len();
             let ((most, next), (most_there, next_there)) = (largest(samples), largest(there));
-            // If it is so far away that the views see it in the same direction, it may represent a sky.
+            // If the maximum is so far away that both views see it in the same direction, it may represent the sky.
             let moves = self.to_from(a, b).translation.length() * from.camera.fx > most;
             if most != most_there || !moves {
                 continue;

@@ -1,4 +1,4 @@
-//! How well an interpretation explains two views.
+//! Measures how well an interpretation explains two views.
 
 use glam::{DVec2, DVec3};
 use sharp::camera::{Intrinsics, RigidTransform};
@@ -11,12 +11,12 @@ pub(super) enum DepthIs {
     Z,
     /// The length of the ray to the point.
     RayLength,
-    /// z, although it was divided by the length of rays at z = 1 in the belief that it was a ray length.
+    /// z, although the reader divided it by the length of the ray to z = 1, assuming that it was a ray length.
     NoRayLength,
     /// The reciprocal of depth, in an arbitrary unit.
     Inverse,
-    /// Values of a z-buffer: this for infinite depth, and less by a share that is the reciprocal of depth, in a unit of
-    /// the near plane's distance.
+    /// Values of a z-buffer. This is the value at infinite depth; smaller values lie below it by a fraction that is the
+    /// reciprocal of depth, in units of the near plane's distance.
     Buffer(f64),
     /// Too small by this many metres.
     Short(f64),
@@ -34,7 +34,7 @@ impl DepthIs {
         }
     }
 
-    /// Ratio of two overlapping depths, without any offset, which would make any two depths similar.
+    /// Ratio of two overlapping depths without [`Self::Short`]'s offset, which would make any two depths similar.
     fn ratio(self, one: f64, other: f64) -> f64 {
         match self {
             Self::Short(by) if by > 0.0 => (one - by) / (other - by).max(0.01 * one),
@@ -43,12 +43,12 @@ impl DepthIs {
     }
 }
 
-/// How a depth map lies on its picture.
+/// Placement of a depth map relative to its picture.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Registration {
-    /// What is seen at the picture's middle is this far right and below of it in the depth map, in widths.
+    /// Offset to the right and down, in widths of the picture, of the picture's centre as shown by the depth map.
     pub(super) off: DVec2,
-    /// The depth map shows everything this many times as large as the picture.
+    /// Magnification of the depth map relative to the picture.
     pub(super) zoom: f64,
 }
 
@@ -58,8 +58,8 @@ impl Registration {
         zoom: 1.0,
     };
 
-    /// Depth as read of a place in a view. Where this leads to no depth, it is that of the place itself: if such places
-    /// were left out, a registration that leads there would only have to explain the others.
+    /// Depth as read at a place in a view. If the registration leads to a place without depth, the depth at the place
+    /// itself is used: leaving such places out would favour registrations that lead there.
     fn depth_at(&self, view: &SmallView, place: DVec2) -> Option<(f64, DVec2)> {
         if *self == Self::SAME {
             return view.depth_at(place);
@@ -79,9 +79,9 @@ pub(super) struct Reading {
     pub(super) scale: f64,
     /// Factors of the focal lengths in x and y, for the view that is projected and the other view.
     pub(super) focal: [DVec2; 2],
-    /// Factors of the depths of these two views.
+    /// Factors of the depths, for the same two views.
     pub(super) depth_times: [f64; 2],
-    /// Factors of the translations of these two poses.
+    /// Factors of the poses' translations, for the same two views.
     pub(super) pose_times: [f64; 2],
     /// True if cx and cy are exchanged.
     pub(super) centre_exchanged: bool,
@@ -90,7 +90,7 @@ pub(super) struct Reading {
     /// Radial distortion: lenses show a direction with radius r at radius r (1 + bend r²).
     pub(super) bend: f64,
     pub(super) depth: DepthIs,
-    /// Where the depth of a place is found in the depth map.
+    /// Mapping from places in the picture to places in the depth map.
     pub(super) depth_at: Registration,
     /// Conversion of world-to-camera poses.
     pub(super) take: fn(&RigidTransform) -> RigidTransform,
@@ -110,7 +110,7 @@ impl Reading {
         take: |pose| *pose,
     };
 
-    /// Moves a point to the direction in which the lens shows it.
+    /// Moves a point to where the lens shows it.
     pub(super) fn bent(&self, point: DVec3) -> DVec3 {
         if self.bend == 0.0 || point.z <= 0.0 {
             return point;
@@ -136,10 +136,11 @@ impl Reading {
     }
 }
 
-/// Number of parts of a picture whose losses are compared separately.
+/// Number of tiles of a picture whose losses are compared separately.
 pub(super) const TILES: usize = 4;
-/// Differences in depth (relative) and in colour (levels) at which the loss saturates.
+/// Relative difference in depth at which the loss saturates.
 const DEPTH_SCALE: f64 = 0.1;
+/// Difference in colour, in levels, at which the loss saturates.
 pub(super) const COLOUR_SCALE: f64 = 32.0;
 /// Minimum fraction of samples to judge a pair.
 pub(super) const ENOUGH: f64 = 0.05;
@@ -153,7 +154,7 @@ pub(super) struct Explained {
     /// Per quarter of the picture: the number of samples that land inside the other view, and the sum of their losses
     /// (0 to 1 each).
     pub(super) tiles: [(usize, f64); TILES],
-    /// Number of samples that meet a depth.
+    /// Number of samples that land on a pixel with depth.
     met: usize,
     agreeing: usize,
     /// Number of samples whose colours were compared.
@@ -284,7 +285,7 @@ impl Explained {
         self.met > 0
     }
 
-    /// Fraction of agreeing depths among the samples that meet a depth; `None` if too few do.
+    /// Fraction of agreeing depths among the samples that land on a pixel with depth; `None` if too few do.
     pub(super) fn agreeing_where_met(&self) -> Option<f64> {
         let enough = self.met > 0 && self.met as f64 >= ENOUGH * self.samples as f64;
         enough.then(|| self.agreeing as f64 / self.met as f64)

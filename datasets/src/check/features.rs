@@ -33,17 +33,19 @@ const NEAR: f64 = 1.0;
 const CLOSE: f64 = 3.0;
 /// Minimum width and height; in smaller pictures, a pixel is too large a fraction of the picture.
 const LEAST_SIDE: u32 = 48;
-/// Minimum number of matches to judge.
+/// Minimum number of matches on which a judgement is based.
 pub(super) const LEAST_MATCHES: usize = 30;
-/// Minimum fraction of matches that another interpretation must explain, minimum increase of that fraction, and minimum
-/// number of standard errors.
+/// Minimum fraction of matches that another interpretation must explain.
+/// Minimum increase of that fraction.
 const LEAST_SHARE: f64 = 0.6;
+/// Minimum improvement in standard errors.
 const LEAST_MORE: f64 = 0.2;
 const LEAST_ERRORS: f64 = 4.0;
-/// Maximum number of views for which every pair of views is tested as the poses of two pictures.
+/// Maximum number of views of which every pair is tried as the poses of two pictures.
 const MOST_TRIED: usize = 48;
-/// Minimum fraction that the poses of other views must explain, and maximum fraction that the pictures' own poses may
-/// explain: merely imprecise poses explain some matches, and one of many alternatives may do better by chance.
+/// Minimum fraction of matches that the poses of other views must explain.
+/// Maximum fraction that the pictures' own poses may explain then: even imprecise poses explain some matches, and one
+/// of many alternatives may do better by chance.
 const LEAST_ELSEWHERE: f64 = 0.75;
 const MOST_AS_READ: f64 = 0.5;
 
@@ -91,7 +93,7 @@ impl<'a> Matches<'a> {
         }
     }
 
-    /// Describes how well the matches fit the poses as read.
+    /// Describes how well the poses as read fit the matches.
     pub(super) fn note(&self) -> String {
         let explained = self.explained(CONVENTIONS[0].take, &Some);
         let (n, share) = (self.matches.len(), share(&explained));
@@ -140,7 +142,7 @@ impl<'a> Matches<'a> {
         let better = cameras.chain(conventions).chain(orders).chain(elsewhere);
         let better =
             better.filter_map(|(change, other)| Some((change, compared(&as_read, &other)?)));
-        // The first of equals, which is the simplest.
+        // Of equally good changes, takes the first, which is the simplest.
         let (change, found) =
             better.min_by_key(|(_, found)| Reverse(found.after - found.before))?;
         Some(advice::sentence(
@@ -196,8 +198,8 @@ impl<'a> Matches<'a> {
         Some(compared(&as_read, &other)?.evidence())
     }
 
-    /// The poses of other views that explain most of the matches of a view and the next one, of each such pair. None if
-    /// they leave other pairs unexplained, or give two pictures one pose: of so many poses, some fit by chance.
+    /// For each such view, the poses of other views that explain most of its matches with the next. Empty if other
+    /// pairs remain unexplained or two pictures would share a pose: among so many poses, some fit by chance.
     fn all_elsewhere(
         &self,
         starts: &BTreeSet<usize>,
@@ -250,7 +252,7 @@ impl<'a> Matches<'a> {
         (is_needed && share(&best) >= LEAST_ELSEWHERE).then_some(((a, b), text, best))
     }
 
-    /// For each match, whether an interpretation explains it; `None` if one of its pictures would have no pose.
+    /// For each match, true if an interpretation explains it; `None` if one of its pictures would have no pose.
     fn explained(
         &self,
         take: fn(&RigidTransform) -> RigidTransform,
@@ -279,7 +281,7 @@ impl<'a> Matches<'a> {
     }
 }
 
-/// If views have two focal lengths: a description of their exchange, and the factors of each view's.
+/// If the views have two different focal lengths, a description of their exchange and each view's factors.
 pub(super) fn exchanged_focals(views: &[View]) -> Option<(String, Vec<DVec2>)> {
     let focal = |view: &View| DVec2::new(view.intrinsics.fx, view.intrinsics.fy);
     let is_same = |a: DVec2, b: DVec2| (a / b - 1.0).abs().max_element() < SAME;
@@ -360,7 +362,7 @@ fn fits(
     lies(second_from_first, rays, NEAR / second.fx)
 }
 
-/// True if two rays, one of each view, meet up to a distance at z = 1 of the second view.
+/// True if two rays, one of each view, meet up to a distance `near`, measured at z = 1 of the second view.
 fn lies(second_from_first: &RigidTransform, (from, to): (DVec3, DVec3), near: f64) -> bool {
     let (turned, t) = (
         second_from_first.rotation * from,
@@ -379,7 +381,7 @@ fn lies(second_from_first: &RigidTransform, (from, to): (DVec3, DVec3), near: f6
     line.dot(to).abs() / slope < near && depth > 0.0 && there > 0.0
 }
 
-/// In each cell, the pixel with the strongest corner: the largest variation in the direction of least variation.
+/// In each cell, the pixel with the strongest corner: the smaller of its horizontal and vertical variation is largest.
 fn features(grey: &Grey) -> Vec<(u32, u32)> {
     let (w, h) = grey.size();
     let margin = RADIUS + 1;
@@ -403,7 +405,7 @@ fn features(grey: &Grey) -> Vec<(u32, u32)> {
             .filter(|(most, _)| most.is_finite())
             .max_by(|a, b| a.0.total_cmp(&b.0))
     });
-    // A flat patch matches anywhere; requires four levels per pixel.
+    // A flat patch matches anywhere, so require four levels per pixel.
     let least = 4.0 * (2 * RADIUS + 1).pow(2) as f32;
     best.filter(|(most, _)| *most > least)
         .map(|(_, at)| at)
@@ -438,7 +440,8 @@ fn patches(grey: &Grey) -> Vec<[f32; PATCH]> {
     all.map(|at| patch(grey, at)).collect()
 }
 
-/// The pixel of another view that uniquely matches a patch, within a quarter of the picture around its position.
+/// The pixel of another view that uniquely matches a patch, searched within a quarter of the picture around the patch's
+/// position.
 fn matching(
     wanted: &[f32; PATCH],
     at: (u32, u32),

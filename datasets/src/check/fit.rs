@@ -1,5 +1,5 @@
-//! Fits alternative interpretations of a scene's poses, cameras and depth, and finds one that explains pictures and
-//! depth significantly better than the reader's.
+//! Tries alternative interpretations of a scene's poses, cameras and depth to find one that explains pictures and depth
+//! significantly better than the reader's.
 
 use glam::DVec2;
 
@@ -17,24 +17,24 @@ use super::plausible::{self, ONE_ROTATION, have_one_rotation};
 use super::search::{is_worth_a_word, least};
 use super::small_view::{FLIPS, Part, SmallView, WIDEST};
 
-/// Number of steps in each direction in the search for the principal point; the offset is a tenth of a factor's
-/// logarithm, in widths of the picture.
+/// Number of steps in each direction in the search for the principal point.
 const CENTRES: i32 = 10;
+/// Ratio of the factors tried; an offset, in widths of the picture, is a tenth of a factor's logarithm.
 const CENTRE_STEP: f64 = 1.12;
-/// Number of searches per axis; each continues where the one before ended, if that was at the end of its range.
+/// Number of searches per axis; a search continues where the one before ended, if that was at the end of its range.
 const CENTRE_SEARCHES: usize = 3;
 /// Minimum offset of a principal point that is reported, in widths.
 const LEAST_OFF: f64 = 0.004;
 
-/// Maximum differences of colours that count as explained, as a share of those of unrelated places; larger ones must
-/// have become smaller by this factor.
+/// Colour differences up to this count as explained, as a fraction of those between unrelated places.
 const WELL: f64 = 0.8;
+/// Larger ones must have been reduced by this factor.
 const MUCH_LESS: f64 = 0.75;
-/// Maximum differences of colours, as that share, that count as explained at all.
+/// Colour differences above this are never explained, as a fraction of those between unrelated places.
 const UNRELATED: f64 = 1.0;
-/// Minimum remaining loss, as a share of that as read, with which rounded poses are the likelier cause.
+/// If more than this fraction of the loss remains, rounded poses are the more likely cause.
 const HARDLY_LESS: f64 = 0.75;
-/// A factor of fx or fy alone that is larger must reduce them by this factor.
+/// A factor of fx or fy alone that exceeds this must reduce colour differences to the fraction [`LESS`].
 const LARGE: f64 = 1.25;
 const LESS: f64 = 0.6;
 
@@ -122,7 +122,7 @@ impl Neighbours<'_> {
         all.extend(self.turned());
         all.extend(self.flipped());
         all.extend(self.registered(&as_read));
-        // If nothing has to move for a good fit, a smaller motion is no evidence.
+        // If depths agree as read, an interpretation must also be better than one without any motion.
         let still = Reading {
             scale: 0.0,
             ..Reading::AS_READ
@@ -143,7 +143,7 @@ impl Neighbours<'_> {
         let simple = simple.chain(self.one_view(&as_read)).min_by(by_loss);
         let is_poor =
             simple.is_some() || is_suspicious(&as_read) || self.unexplained(&as_read) > WELL;
-        // These have more degrees of freedom, so they must also be better than the simpler ones.
+        // These have more degrees of freedom, so they must also be better than the simpler changes.
         let complex = self
             .some_views()
             .into_iter()
@@ -199,13 +199,13 @@ impl Neighbours<'_> {
         }
     }
 
-    /// False if colours fit hardly better with another interpretation, and still as if pictures were unrelated: it is
-    /// not the cause, or not the only one.
+    /// False if another interpretation hardly reduces the colour differences and the pictures still look unrelated: it
+    /// is not the cause, or not the only one.
     fn mends(&self, change: &Change, as_read: &[Explained], other: &[Explained]) -> bool {
         let (before, after) = (self.unexplained(as_read), self.unexplained(other));
         match change {
             Change::Unlisted => false,
-            // A large error that is mended leaves little.
+            // Correcting a large error leaves little.
             Change::Focal(Focal::X | Focal::Y, factor) if factor.ln().abs() > LARGE.ln() => {
                 after <= LESS * before
             }
@@ -213,7 +213,7 @@ impl Neighbours<'_> {
         }
     }
 
-    /// Tests two kinds of views with exchanged focal lengths.
+    /// Tries exchanging the focal lengths of two kinds of views.
     fn exchanged_cameras(&self) -> Option<(Change, Vec<Explained>)> {
         let (text, factors) = exchanged_focals(self.views)?;
         let carries = self.carries.iter().map(|(a, b)| {
@@ -230,7 +230,7 @@ impl Neighbours<'_> {
         Some((Change::Cameras(text), carries.collect()))
     }
 
-    /// Tests pictures with the other interpretation of their EXIF orientation, if that also fits their cameras.
+    /// Tries the other interpretation of the pictures' EXIF orientation, if that also fits their cameras.
     fn turned(&self) -> Option<(Change, Vec<Explained>)> {
         let mut setting = None;
         let explained = self.with(&mut |i, _| {
@@ -242,7 +242,7 @@ impl Neighbours<'_> {
         Some((Change::Turned(setting?), explained))
     }
 
-    /// Tests flipped pictures or depth maps.
+    /// Tries flipped pictures or depth maps.
     fn flipped(&self) -> impl Iterator<Item = (Change, Vec<Explained>)> {
         let parts = [Part::Picture, Part::Depth].into_iter();
         let parts = parts.filter(|part| *part == Part::Picture || !self.depth_by_pose);

@@ -1,30 +1,34 @@
-//! Contradictions that no known change explains: features that match between two pictures, but not where poses, cameras
-//! and depth lead.
+//! Contradictions that no known change explains: features match between two pictures, but not at the places that poses,
+//! cameras and depth predict.
 
 use super::features::LEAST_MATCHES;
 use super::features::Matches;
 use super::neighbours::Neighbours;
 use super::small_view::WIDEST;
 
-/// Minimum median distance, in reduced pixels, between features and the places to which depth leads, and maximum
-/// fraction of features within [`CLOSE`] pixels. Proper scenes have medians below 1 and fractions above 0.8.
+/// Minimum median distance, in reduced pixels, of matches from their predicted places that is an error. Proper scenes
+/// have medians below 1.
 const LEAST_MISS: f64 = 2.5;
+/// Maximum fraction of matches within [`CLOSE`] pixels of their predicted places for it to be an error. Proper scenes
+/// have fractions above 0.8.
 const MOST_CLOSE: f64 = 0.35;
 const CLOSE: f64 = 2.0;
-/// Maximum fraction of features near their epipolar lines, where poses and pictures contradict each other, and minimum
-/// fraction on them where they agree. Also lines of unrelated poses pass near some features.
+/// Maximum fraction of matches near their epipolar lines if poses and pictures contradict each other. Even the lines of
+/// unrelated poses pass near some matches.
 const MOST_NEAR_LINES: f64 = 0.35;
+/// Minimum fraction of matches on their epipolar lines if poses and pictures agree.
 const LEAST_ON_LINES: f64 = 0.8;
 
-/// How well poses, cameras and depth explain the features that match between a view and the next.
+/// Measures how well poses, cameras and depth predict the features that match between a view and the next.
 #[derive(Debug)]
 pub(super) struct Residual {
     pub(super) first: usize,
     pub(super) matches: usize,
-    /// Number of matches on each other's epipolar lines, and near them.
+    /// Number of matches on each other's epipolar lines.
     pub(super) on_lines: usize,
+    /// Number of matches near each other's epipolar lines.
     pub(super) close: usize,
-    /// Distances between a match and the place to which depth leads, in reduced pixels, in ascending order.
+    /// Distances of matches from their predicted places, in reduced pixels, ascending.
     pub(super) misses: Vec<f64>,
 }
 
@@ -44,12 +48,12 @@ impl Residual {
         self.close as f64 / self.matches.max(1) as f64
     }
 
-    /// True if poses and pictures fit each other.
+    /// True if poses and pictures agree.
     fn is_on_lines(&self) -> bool {
         self.on_lines as f64 >= LEAST_ON_LINES * self.matches as f64
     }
 
-    /// Median distance, if it is too large.
+    /// Median distance from the predicted places, if too large.
     fn misses_by(&self) -> Option<f64> {
         let n = self.misses.len();
         let median = *self.misses.get(n / 2).filter(|_| n >= LEAST_MATCHES)?;
@@ -66,13 +70,13 @@ impl Residual {
     }
 }
 
-/// A sentence on the pair that fits worst, if poses, cameras and depth contradict the features of any.
+/// A sentence on the pair that fits worst, if poses, cameras and depth contradict the features of any pair.
 pub(super) fn contradiction(
     matches: &Matches<'_>,
     neighbours: Option<&Neighbours<'_>>,
 ) -> Option<String> {
     let residuals = matches.residuals(neighbours);
-    // Where colours fit, features of repeated patterns match elsewhere.
+    // If colours fit, features of repeated patterns may be matched wrongly.
     let is_explained = |one: &Residual| neighbours.is_some_and(|all| all.is_explained(one.first));
     let contradicted = residuals.iter().filter(|one| one.is_contradicted());
     let contradicted: Vec<&Residual> = contradicted.filter(|one| !is_explained(one)).collect();
@@ -109,7 +113,7 @@ pub(super) fn contradiction(
         ),
     };
     Some(format!(
-        "{what}, and no known change mends it: {lines}{misses}; so it is in {n} of {judged} pairs of neighbouring views \
+        "{what}, and no known change mends it: {lines}{misses}; this holds for {n} of {judged} pairs of neighbouring views \
          that can be judged; {causes}"
     ))
 }

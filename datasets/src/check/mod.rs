@@ -69,7 +69,7 @@ pub struct SceneReport {
     pub id: String,
     pub views: usize,
     pub decoded: usize,
-    /// Sizes of the pictures, `WIDTHxHEIGHT`, in order.
+    /// Sizes of the pictures in ascending order, `WIDTHxHEIGHT`.
     pub sizes: Vec<String>,
     /// Number of decoded views that have depth.
     pub with_depth: usize,
@@ -126,7 +126,7 @@ struct Decoded {
     levels: Option<(u8, u8)>,
 }
 
-/// The source of depth that was explicitly requested.
+/// The source of depth that the user requested explicitly.
 fn demanded_depth(spec: &DatasetSpec) -> Option<&str> {
     let source = spec.settings.get("depth").map(String::as_str);
     source.filter(|source| !matches!(*source, "auto" | "none"))
@@ -214,7 +214,7 @@ fn look(scene: &Scene, units: Units, effort: Effort) -> Look {
     let is_overflowed = overflowed.is_some();
     contradictions.extend(overflowed);
     contradictions.extend(match (&scene.pairing, &neighbours) {
-        // Other causes cannot be told from it.
+        // An overflow prevents telling other causes apart.
         _ if is_overflowed => None,
         (Pairing::Stereo { .. }, _) => {
             let (contradiction, said) = stereo::contradictions(&scene.views, effort);
@@ -224,7 +224,7 @@ fn look(scene: &Scene, units: Units, effort: Effort) -> Look {
         (_, Some(neighbours)) => {
             let contradiction = neighbours.repeated();
             let contradiction = contradiction.or_else(|| neighbours.contradictions(units));
-            // For pictures that no interpretation assigns to their poses.
+            // No interpretation assigns the pictures to their poses, so compare their features.
             contradiction.or_else(|| {
                 let is_suspicious = effort.thorough || neighbours.is_poorly_explained();
                 let matches = is_suspicious.then(|| Matches::new(&scene.views, effort))?;

@@ -1,4 +1,4 @@
-//! Neighbouring views of a scene at reduced size, and how well an interpretation projects one into the next.
+//! Neighbouring views of a scene at reduced size. Measures how well an interpretation projects one into the next.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -14,13 +14,13 @@ use super::orders::neighbours;
 use super::small_view::{Sample, SmallView, WIDEST};
 use crate::View;
 
-/// Maximum number of views of a scene for a thorough check to read all of them.
+/// Maximum number of views of a scene for which a thorough check reads all of them.
 pub(super) const MOST_ALL: usize = 12;
 
-/// Minimum motion, in reduced pixels, of what a picture shows between two views that cannot have the same picture.
+/// Minimum motion, in reduced pixels, between two views for which identical pictures are an error.
 const LEAST_MOVED: f64 = 1.5;
 
-/// Maximum difference of colours that fit, as a share of that of unrelated places.
+/// Maximum difference of colours that fit, as a fraction of the difference between unrelated places.
 const EXPLAINED: f64 = 0.35;
 
 /// Neighbouring views of a scene at reduced size.
@@ -31,7 +31,7 @@ pub(super) struct Neighbours<'a> {
     pub(super) depth_by_pose: bool,
     /// Surrounding views, for tests of their depth with other pictures.
     pub(super) around: BTreeMap<usize, SmallView>,
-    /// Projections from a view to its neighbour, and back.
+    /// Projections as (from, to): from a view to its neighbour, then back.
     pub(super) carries: Vec<(usize, usize)>,
     pub(super) stride: usize,
     pub(super) thorough: bool,
@@ -167,7 +167,7 @@ impl<'a> Neighbours<'a> {
         other.explained(&Reading::AS_READ, self.stride)
     }
 
-    /// Largest difference of colours in a projection, as a share of that of unrelated places.
+    /// Largest difference of colours in a projection, as a fraction of the difference between unrelated places.
     pub(super) fn unexplained(&self, all: &[Explained]) -> f64 {
         let shares = self.carries.iter().zip(all).filter_map(|((_, to), one)| {
             Some(one.colour_levels()? / self.small[to].0.unrelated_levels().max(1.0))
@@ -175,8 +175,8 @@ impl<'a> Neighbours<'a> {
         shares.fold(0.0, f64::max)
     }
 
-    /// True if the colours of view `first` and the next fit when each is projected into the other. Matches of
-    /// features are not considered.
+    /// True if the colours of view `first` and the next fit when each is projected into the other, whatever their
+    /// features match.
     pub(super) fn is_explained(&self, first: usize) -> bool {
         [(first, first + 1), (first + 1, first)]
             .iter()
@@ -189,8 +189,8 @@ impl<'a> Neighbours<'a> {
             })
     }
 
-    /// Distance, in reduced pixels, between a place in the next view and the one to which depth and poses lead from a
-    /// place in a view. `None` without depth there. The cameras are those of the places.
+    /// Distance, in reduced pixels, between a place in the next view and the place predicted by depth and poses for a
+    /// place in a view. `None` without depth there. Cameras are those in which the places were measured.
     pub(super) fn miss(
         &self,
         (i, camera, from): (usize, &Intrinsics, DVec2),
@@ -221,7 +221,7 @@ impl<'a> Neighbours<'a> {
         is_suspicious(&self.explained(&Reading::AS_READ, self.stride))
     }
 
-    /// Neighbouring views with one picture, although what it shows moves from one to the other.
+    /// Reports neighbouring views with the same picture, although its content should have moved between them.
     pub(super) fn repeated(&self) -> Option<String> {
         let is_one = |(a, b): &&(usize, usize)| {
             let ((one, samples), (other, _)) = (&self.small[a], &self.small[b]);
@@ -247,7 +247,7 @@ impl<'a> Neighbours<'a> {
         ))
     }
 
-    /// Single-coloured pictures among those read.
+    /// Reports single-coloured pictures.
     pub(super) fn blank(&self) -> Option<String> {
         let around = self.around.iter();
         let all = self.small.iter().map(|(i, read)| (i, &read.0));

@@ -13,11 +13,11 @@ use super::neighbours::Neighbours;
 use super::search::{is_worth_a_word, least};
 use super::small_view::{FLIPS, Part, Sample, SmallView};
 
-/// Maximum remaining loss, as a multiple of the loss among the surrounding views.
+/// Maximum remaining loss, as a multiple of the loss between the surrounding views.
 const MOST_LEFT: f64 = 1.5;
-/// Minimum error of a pose, in radians or median depths; smaller errors are imprecision.
+/// Minimum error of a pose, in radians or in median depths; smaller errors are mere imprecision.
 const LEAST_OFF: f64 = 0.03;
-/// Minimum loss of a suspicious view, as a multiple of the loss among the surrounding views.
+/// Minimum loss of a suspicious view, as a multiple of the loss between the surrounding views.
 const LEAST_WORSE: f64 = 1.15;
 /// Number of views on either side with which a view is compared.
 const REACH: usize = 2;
@@ -48,8 +48,8 @@ impl Posed {
 }
 
 impl Neighbours<'_> {
-    /// Changes of a single view that explain its neighbours significantly better, and as well as these explain each
-    /// other; each with its effect on the projections.
+    /// Changes of a single view that explain it and its neighbours significantly better, and as well as the neighbours
+    /// explain each other. Each comes with its effect on the projections.
     pub(super) fn one_view(&self, as_read: &[Explained]) -> Vec<(Change, Vec<Explained>)> {
         let pose = |i: usize| self.views[i].camera_from_world;
         let small = self.small.iter().map(|(i, read)| (*i, &read.0));
@@ -137,7 +137,7 @@ impl Neighbours<'_> {
         changed
     }
 
-    /// The view at the position and rotation that fit the others best.
+    /// The view with the position and rotation that fit the others best.
     fn moved(&self, own: &Posed, loss: &dyn Fn(&Posed) -> f64) -> Option<(String, Posed)> {
         let median_m = self.median_depth();
         let steps = (0..12).map(|i| {

@@ -17,20 +17,19 @@ use crate::view::evenly_spaced;
 /// Minimum number of views: with fewer, any assignment to poses may fit.
 const LEAST_VIEWS: usize = 5;
 
-/// Minimum number of pairs of neighbours that a shift from a later picture on must explain better; a single one may be
-/// due to one wrong pose.
+/// Minimum number of pairs of neighbours that a shift starting at a later picture must explain better; a single one may
+/// be due to one wrong pose.
 const LEAST_SHIFTED: usize = 2;
 
-/// Minimum fraction of a pair's loss that the poses of any two other views must remove, since they are the best of
-/// many.
+/// Minimum fraction of a pair's loss that the poses of two other views must remove. It is high because they are the
+/// best of many.
 const LEAST_GAIN_ELSEWHERE: f64 = 0.25;
-/// Samples per view in the search for them.
+/// Samples per view in the search for the poses of two other views.
 const SAMPLES_ELSEWHERE: usize = 500;
 
-/// A reduced view with its samples.
 type Read<'a> = Cow<'a, (SmallView, Vec<Sample>)>;
 
-/// Maps each view to the view, if any, from which it takes a part.
+/// Maps each view to the view from which it takes a part, if any.
 pub(super) type Assignment = Box<dyn Fn(usize) -> Option<usize>>;
 
 /// The first view of each pair of neighbours that is examined.
@@ -38,8 +37,8 @@ pub(super) fn neighbours(views: usize, effort: Effort) -> impl Iterator<Item = u
     evenly_spaced(views.saturating_sub(1), effort.pairs).into_iter()
 }
 
-/// Assignments that result from common mistakes, with descriptions: shifts starting at one of some views, reverse
-/// order, lexicographic instead of numeric order, and exchanges of two. `noun` names what is assigned to the pictures.
+/// Assignments that result from common mistakes, with descriptions: shifts starting at one of `starts`, reverse order,
+/// lexicographic instead of numeric order, and the `exchanged` pairs. `noun` names what is assigned to the pictures.
 /// Each has the minimum number of pairs of neighbours that it must explain better.
 pub(super) fn orders(
     views: &[View],
@@ -143,7 +142,7 @@ impl Neighbours<'_> {
         }
     }
 
-    /// Pairs of views that were both read and of which at least one is projected.
+    /// Pairs of views that were both read, at least one of which is projected.
     fn exchanges(&self) -> Vec<(usize, usize)> {
         if !self.thorough {
             return Vec::new();
@@ -203,7 +202,7 @@ impl Neighbours<'_> {
                     texts.push(format!("{one} and {next} fit the poses of {a} and {b}"));
                 }
             }
-            // Of so many poses, some fit by chance, but hardly as one list.
+            // Among so many poses, some fit by chance, but hardly as a consistent assignment.
             let change = match is_one_to_one(&assigned) {
                 true => Change::Order(texts.join(", "), moves),
                 false => Change::Unlisted,
@@ -213,7 +212,7 @@ impl Neighbours<'_> {
         found.collect()
     }
 
-    /// A view as read, with the parts `moves` of another view.
+    /// View `i` with the parts `moves` of view `from`.
     fn shown(&self, i: usize, from: usize, moves: Moves) -> Option<Read<'_>> {
         let read = &self.small[&i];
         if moves == Moves::Poses || from == i {
@@ -227,8 +226,8 @@ impl Neighbours<'_> {
         Some(Cow::Owned((view, samples)))
     }
 
-    /// Evaluates the projections as if picture i had the parts `moves` of view `of(i)`. `None` for a projection one of
-    /// whose pictures would have none, or both the same.
+    /// Evaluates the projections as if picture i had the parts `moves` of view `of(i)`. `None` for a projection if one
+    /// of its pictures has no such view, or if both have the same one.
     fn in_order(
         &self,
         as_read: &[Explained],

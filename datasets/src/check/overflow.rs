@@ -5,14 +5,16 @@ use crate::View;
 use crate::format::FloatMap;
 use crate::view::evenly_spaced;
 
-/// Number of values of 16 bits.
+/// Number of 16-bit values.
 const WRAP: f64 = 65536.0;
 /// Minimum difference of adjacent values that may be an overflow.
 const LEAST_JUMP: f64 = WRAP / 2.0;
-/// Maximum relative difference between a value beyond such a jump, with the lost bit, and its continuation from before.
+/// Maximum relative difference between a value after such a jump, with the lost bit restored, and the continuation of
+/// the values before it.
 const NEAR: f64 = 0.01;
-/// Minimum number of jumps across which the surface continues, and their minimum fraction of all jumps.
+/// Minimum number of jumps across which the surface continues.
 const LEAST_SEAMS: usize = 16;
+/// Minimum fraction of such jumps among all jumps.
 const LEAST_SHARE: f64 = 0.15;
 
 /// A sentence on the first of a few views whose depth map overflowed. Files that cannot be read are reported elsewhere.
@@ -27,8 +29,8 @@ pub(super) fn overflowed(views: &[View], effort: Effort) -> Option<String> {
     ))
 }
 
-/// Whether surfaces continue at 0 where they exceed 16 bits. At an edge of an object, the background does not lead to
-/// the foreground's depth with a bit more.
+/// True if surfaces that exceed 16 bits continue at 0. At the edge of an object, restoring the lost bit would not make
+/// the surface continue.
 fn has_seams(map: &FloatMap) -> bool {
     let is_of_16_bits = |v: &f32| (0.0..WRAP as f32).contains(v) && v.fract() == 0.0;
     if !map.iter().any(|v| f64::from(*v) > (1.0 - NEAR) * WRAP) || !map.iter().all(is_of_16_bits) {
@@ -41,7 +43,7 @@ fn has_seams(map: &FloatMap) -> bool {
         for [before, high, low, after] in [four, [four[3], four[2], four[1], four[0]]] {
             let is_jump = high - low > LEAST_JUMP && low > 0.0;
             let is_smooth = (before - high).abs() < LEAST_JUMP && (after - low).abs() < LEAST_JUMP;
-            // A value that is repeated may stand for the sky.
+            // A repeated value may stand for the sky.
             if is_jump && is_smooth && before > 0.0 && after > 0.0 && before != high {
                 jumps += 1;
                 seams += usize::from(continues(before, high, low + WRAP));
@@ -57,7 +59,7 @@ fn has_seams(map: &FloatMap) -> bool {
     seams >= LEAST_SEAMS && seams as f64 >= LEAST_SHARE * f64::from(jumps)
 }
 
-/// Whether a value continues the two before it: on a plane, the reciprocal of depth changes by equal steps.
+/// True if a value continues the two before it: on a plane, the reciprocal of depth changes in equal steps.
 fn continues(first: f64, second: f64, third: f64) -> bool {
     let expected = 1.0 / (2.0 / second - 1.0 / first);
     let tolerance = NEAR * second + 0.5 * (expected - second).abs();

@@ -15,8 +15,8 @@ const OFF_CENTRE: f64 = 0.245;
 /// Maximum distance of the principal point from the centre, in widths and heights, at which it counts as centred.
 const MIDDLE: f64 = 0.03;
 
-/// Detects principal points that are all centred only if x and y are exchanged. A crop may have such a point by chance,
-/// but not several different crops.
+/// Detects principal points that are centred only if x and y are exchanged, in all views. One crop may have such a
+/// point by chance, but several different crops will not.
 fn exchanged_centres(views: &[View]) -> Option<String> {
     let is_exchanged = |view: &View| {
         let k = &view.intrinsics;
@@ -104,14 +104,14 @@ pub(super) fn have_one_rotation(views: &[View]) -> bool {
 
 /// Steps to which positions are rounded, in the poses' unit.
 const STEPS: [f64; 4] = [1.0, 0.1, 0.01, 0.001];
-/// Maximum distance from a multiple of the step, as a share of it, and minimum number of positions' coordinates other
-/// than 0.
+/// Maximum distance from a multiple of the step, as a fraction of the step.
 const OFF_STEP: f64 = 1e-3;
+/// Minimum number of coordinates of positions other than 0.
 const LEAST_COORDINATES: usize = 3;
-/// Minimum step, as a share of the median distance between neighbouring views; a smaller one matters little.
+/// Minimum step, as a fraction of the median distance between neighbouring views; a smaller one matters little.
 const LEAST_STEP: f64 = 0.02;
 
-/// An addition to the report of a contradiction without a known cause: poses that seem to have been rounded.
+/// An addition to the report of a contradiction without a known cause, if poses seem to have been rounded.
 pub(super) fn rounded(views: &[View], units: Units) -> Option<String> {
     let pose = |view: &View| view.camera_from_world;
     let mut steps: Vec<f64> = views

@@ -1,5 +1,4 @@
-//! Depth maps that show the scene as another camera does: shifted against the photographs, or with another field of
-//! view.
+//! Depth maps that were taken by another camera: shifted relative to the photographs, or with another field of view.
 
 use glam::DVec2;
 
@@ -9,21 +8,24 @@ use super::explained::{Explained, Reading, Registration};
 use super::neighbours::Neighbours;
 use super::search::is_worth_a_word;
 
-/// Probes of the fit: an offset, in widths of the picture, and a factor. Where none of them is better, depth is
+/// Offset that is tried first, in widths of the picture. If neither it nor [`PROBED_ZOOM`] fits better, depth is
 /// registered.
 const PROBE: f64 = 0.02;
 const PROBED_ZOOM: f64 = 1.1;
-/// Steps of the search for the offset, as for principal points, and for the factor.
+/// Number of steps and their ratio in the search for the offset, as for principal points.
 const OFFSETS: (i32, f64) = (10, 1.12);
+/// Number of steps and their ratio in the search for the magnification.
 const ZOOMS: (i32, f64) = (12, 1.035);
 /// Minimum offset that is reported, in widths.
 const LEAST_OFF: f64 = 0.008;
-/// Maximum offset along an axis, and factor.
+/// Maximum offset along an axis.
 const MOST_OFF: f64 = 0.12;
+/// Maximum magnification.
 const MOST_ZOOM: f64 = 1.6;
-/// Maximum remaining colour differences, relative to those as read, and as a share of those of unrelated places: only
-/// pictures show that depth belongs elsewhere.
+/// Maximum ratio of the remaining colour differences to those without registration. Only colours show that depth
+/// belongs elsewhere.
 const MOST_LEFT: f64 = 0.9;
+/// Maximum remaining colour differences, as a fraction of those between unrelated places.
 const MOST_UNEXPLAINED: f64 = 0.75;
 
 const fn with(depth_at: Registration) -> Reading {
@@ -48,7 +50,7 @@ fn zoomed(by: Registration, factor: f64) -> Registration {
 }
 
 impl Neighbours<'_> {
-    /// The shift and the enlargement with which depth maps fit the pictures best, if any does better than none.
+    /// The shift and magnification with which depth maps fit the pictures best, if better than without.
     pub(super) fn registered(&self, as_read: &[Explained]) -> Option<(Change, Vec<Explained>)> {
         if self.depth_by_pose {
             return None;

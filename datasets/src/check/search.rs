@@ -7,8 +7,8 @@ pub(super) fn is_worth_a_word(factor: f64) -> bool {
     factor.ln().abs() > LEAST_FACTOR.ln()
 }
 
-/// Factor with the least loss, among `step`^-n … `step`^n and then in between; rounded if that is as good. The second
-/// argument of `loss` is true during the coarse search.
+/// The factor with the least loss: tries `step`^-n … `step`^n, then factors in between, and rounds the result if that
+/// is as good. The second argument of `loss` is true during the coarse search.
 pub(super) fn least(n: i32, step: f64, loss: &dyn Fn(f64, bool) -> f64) -> f64 {
     let coarse = (-n..=n).map(|i| step.powi(i));
     let coarse = coarse.map(|factor| (loss(factor, true), factor));

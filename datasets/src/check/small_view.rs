@@ -1,5 +1,5 @@
-//! Views reduced to a size at which interpretations can be compared cheaply, and at which an error of many pixels of
-//! the photograph becomes one of few.
+//! Views reduced so far that interpretations can be compared cheaply, and that an error of many pixels of the
+//! photograph becomes one of few.
 
 use std::sync::Arc;
 
@@ -22,7 +22,7 @@ pub(super) enum Part {
     Depth,
 }
 
-/// Flips that mistakes cause in pictures and depth maps: whether horizontally, whether vertically, and a description.
+/// Flips that occur by mistake in pictures and depth maps: whether horizontal, whether vertical, and a description.
 pub(super) const FLIPS: [((bool, bool), &str); 3] = [
     ((false, true), "upside down"),
     ((true, false), "mirrored left to right"),
@@ -138,12 +138,12 @@ impl SmallView {
         first.is_some_and(|first| colours.all(|colour| colour == first))
     }
 
-    /// True if both pictures are the same, pixel by pixel, and show something.
+    /// True if both pictures are identical and not blank.
     pub(super) fn has_picture_of(&self, other: &Self) -> bool {
         self.colours == other.colours && !self.is_of_one_colour()
     }
 
-    /// Root mean square difference of colours a few pixels apart, in levels: that of pictures that do not fit.
+    /// Root mean square difference of colours a few pixels apart, in levels; unrelated pictures differ as much.
     pub(super) fn unrelated_levels(&self) -> f64 {
         let (w, h) = (self.camera.width as usize, self.camera.height as usize);
         let all = (0..w * h).step_by(3);

@@ -1,4 +1,4 @@
-//! Detection of views whose focal length, depth or unit of poses differs from the others' by a common factor.
+//! Detection of views whose focal length, depth or pose unit differs from that of the others by a common factor.
 
 use super::advice::{evidence, number};
 use super::change::{Change, Focal};
@@ -37,7 +37,7 @@ const SAMPLES: usize = 400;
 type Choices<'a> = [&'a [Explained]; 4];
 
 impl Neighbours<'_> {
-    /// The factors, and the views that have them, which explain the views best; each with its effect on the
+    /// The factors that explain the views best, and the views that they apply to; each with its effect on the
     /// projections.
     pub(super) fn some_views(&self) -> Vec<(Change, Vec<Explained>)> {
         let rough = self.stride_of(SAMPLES);
@@ -64,7 +64,8 @@ impl Neighbours<'_> {
                 let its = if ids.len() == 1 { "its" } else { "their" };
                 let said = evidence(&forward(&as_read[1]), &forward(&explained));
                 let (ids, times) = (ids.join(", "), number(factor));
-                // If no projection leaves these views, another unit of depth is equivalent to one of poses.
+                // If no projection connects these views with others, a factor of depth is equivalent to the inverse
+                // factor of poses.
                 let has = |view: &usize| views.contains(view);
                 let or = match self.carries.iter().all(|(a, b)| has(a) == has(b)) {
                     true if *what == DEPTH => {

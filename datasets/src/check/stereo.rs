@@ -15,12 +15,13 @@ use crate::View;
 
 /// Plausible distances between the two cameras of a pair, in metres.
 const BASELINES_M: (f64, f64) = (1e-3, 10.0);
-/// Number of horizontal bands of a picture, each divided into [`TILES`] parts whose losses are compared separately.
+/// Number of horizontal bands of a picture; each has [`TILES`] tiles whose losses are compared separately.
 const BANDS: u32 = 4;
-/// Parameters for comparing details of a picture: their radius in reduced pixels, the minimum spread in levels, and the
-/// minimum number of positions.
+/// Radius of a picture's details, in reduced pixels.
 const FINE: f64 = 3.0;
+/// Minimum spread of details, in levels.
 const LEAST_SPREAD: f64 = 3.0;
+/// Minimum number of compared positions.
 const FEWEST: usize = 500;
 /// Minimum correlation of details between two pictures of one scene with correct disparities.
 const LEAST_RELATED: f64 = 0.1;
@@ -28,12 +29,12 @@ const LEAST_RELATED: f64 = 0.1;
 /// is ignored.
 const ROWS: [f64; 7] = [0.25, 0.5, 1.0, 2.0, 3.0, 4.0, 6.0];
 
-/// Turns of the right picture that are tested in both directions: their number, and the step of their slope, about 0.2
-/// degrees.
+/// Number of rotations of the right picture that are tested in either direction.
 const SLOPES: i32 = 14;
+/// Step of their slope, about 0.2 degrees.
 const SLOPE: f64 = 0.0035;
 
-/// The contradiction between a left and a right view, if there is one, and a note for a pair without disparity.
+/// The contradiction between a left and a right view, if any, and a note on a pair without disparity.
 pub(super) fn contradictions(views: &[View], effort: Effort) -> (Option<String>, Option<String>) {
     let [left, right] = views else {
         return (None, None);
@@ -84,7 +85,7 @@ fn same_picture(left: &View, right: &View) -> Option<String> {
     })
 }
 
-/// True if the right camera is next to the left one and looks in the same direction; otherwise disparities are
+/// True if the right camera is beside the left one and looks in the same direction; otherwise disparities are
 /// meaningless.
 fn is_rectified(left: &View, right: &View) -> bool {
     let from_left = left.camera_from_world.inverse();
@@ -131,7 +132,7 @@ fn median_depth(view: &SmallView) -> Option<f64> {
 struct Pair {
     left: SmallView,
     right: SmallView,
-    /// With disparities instead of depths.
+    /// Samples with disparities instead of depths.
     samples: Vec<Sample>,
     /// True if the poses are rectified; only then is a point in the same row of both pictures.
     is_rectified: bool,
@@ -163,7 +164,8 @@ impl Pair {
         })
     }
 
-    /// Evaluates how well disparities, computed from those read, match one picture with the other.
+    /// Evaluates how well the disparities that `disparity` computes from the stored ones match one picture with the
+    /// other.
     fn explained(
         &self,
         (from, to): (&SmallView, &SmallView),
@@ -173,7 +175,7 @@ impl Pair {
         self.explained_moved((from, to), disparity, &|_| DVec2::ZERO, stride)
     }
 
-    /// The same with what the right picture shows at a place moved by this.
+    /// Like [`Self::explained`], with places in the right picture moved by `moved`.
     fn explained_moved(
         &self,
         (from, to): (&SmallView, &SmallView),
@@ -320,7 +322,7 @@ impl Pair {
                 ));
             }
         }
-        // If they are read as disparities, the stored values are reciprocals of depth.
+        // If depths were read as disparities, the stored values are their reciprocals.
         let (camera, middle) = (
             &self.left.camera,
             self.samples[self.samples.len() / 2].depth,

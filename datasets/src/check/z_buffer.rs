@@ -1,22 +1,23 @@
-//! Depth maps that hold the values of a renderer's z-buffer.
+//! Depth maps that contain the values of a renderer's z-buffer.
 
 use super::change::Change;
 use super::compare::mean_loss;
 use super::explained::{DepthIs, Explained, Reading};
 use super::neighbours::Neighbours;
 
-/// Shares by which the value of infinite depth may exceed the largest one: this, times powers of 2.
+/// Minimum relative excess of the value at infinite depth over the largest stored value; doubled repeatedly in the
+/// search.
 const LEAST_BEYOND: f64 = 0.001;
 const DOUBLED: u32 = 9;
-/// Poses fit a near plane at 1 m divided by this, times a factor that is searched for.
+/// Initial factor of the poses' translations: they fit a near plane at 1 m divided by this.
 const SCALE: f64 = 30.0;
 const SCALES: (i32, f64) = (15, 1.2589);
-/// Steps and number of the refinements of both.
+/// Steps and their ratio in the refinements of both searches.
 const REFINED: [(i32, f64); 2] = [(4, 1.15), (4, 1.1)];
 const REFINEMENTS: usize = 3;
 
 impl Neighbours<'_> {
-    /// The z-buffer that fits best, whose near plane is at 1 in its own unit.
+    /// The best-fitting z-buffer, whose near plane is at 1 in its own unit.
     pub(super) fn z_buffer(&self) -> (Change, Vec<Explained>) {
         let all = self.small.values().flat_map(|(_, samples)| samples);
         let most = all.map(|sample| sample.depth).fold(0.0, f64::max);

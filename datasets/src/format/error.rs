@@ -1,11 +1,11 @@
-//! Why bytes cannot be read as a file of a format.
+//! Errors of parsing a file format.
 
 use sharp::image_file::ImageFileError;
 use sharp::ply::table::TableError;
 
 use crate::lens::LensError;
 
-/// Errors of parsing a file format.
+/// An error of parsing a file format.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum FormatError {
     /// The file has less data than its header states.

@@ -124,9 +124,8 @@ impl<'a> PfmHeader<'a> {
             .map_err(|_| invalid!("the {what} in the header is '{token}'"))
     }
 
-    /// The data after the header, which ends with one byte of white space or with CR LF. If a lone
-    /// CR ends the header and the first data byte happens to be LF, this is recognised by the
-    /// number of bytes needed.
+    /// The data after the header, which ends with one byte of white space or with CR LF. The number of bytes needed
+    /// reveals whether a lone CR ends the header and the first data byte happens to be LF.
     fn data(&self, needed: Option<usize>) -> &'a [u8] {
         let rest = &self.bytes[self.at..];
         let after_cr = rest.len().saturating_sub(1);

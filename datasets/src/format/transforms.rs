@@ -246,7 +246,7 @@ impl JsonFrame {
             _ if fisheye => "OPENCV_FISHEYE",
             _ => "OPENCV",
         };
-        // Like nerfstudio, use coefficients with these model names, if there are any.
+        // Like nerfstudio, uses coefficients with these model names, if present.
         let model = match model {
             "PINHOLE" | "SIMPLE_PINHOLE" | "PERSPECTIVE" => "OPENCV",
             other => other,

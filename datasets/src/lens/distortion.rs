@@ -207,7 +207,6 @@ fn radial_slope(x: DVec2, (factor, by_r2): (f64, f64)) -> DMat2 {
     DMat2::from_diagonal(DVec2::splat(factor)) + outer(x, 2.0 * by_r2 * x)
 }
 
-/// a bᵀ.
 fn outer(a: DVec2, b: DVec2) -> DMat2 {
     DMat2::from_cols(a * b.x, a * b.y)
 }

@@ -32,7 +32,7 @@ impl Distortion {
             return Some(distorted);
         }
         let mut x = distorted;
-        // Far outside, the polynomial may diverge, so start where it is close to the identity.
+        // The polynomial may diverge far outside, so start where it is close to the identity.
         let mut error = self.bend(x) - distorted;
         if error.length_squared() > x.length_squared() {
             x = DVec2::ZERO;

@@ -336,7 +336,7 @@ enum DepthFrom {
 }
 
 impl DepthFrom {
-    /// Describes the depth that was read with the setting `depth`, or why none was.
+    /// Describes the depth that was read with the setting `depth`, or why none was read.
     fn note(&self, has_depth: bool, setting: &str) -> Option<&'static str> {
         Some(match (self, setting) {
             (Self::Rendered(_), _) if has_depth => "dslr/render_depth, rendered by the toolbox",

@@ -32,7 +32,6 @@ pub(super) struct Lamp {
     pub(super) power: DVec3,
 }
 
-/// The background.
 #[derive(Debug, Clone)]
 pub(super) enum Sky {
     Classic {

@@ -160,7 +160,7 @@ impl ScenePhotographs {
         let (mut numbered, mut others) = (BTreeMap::new(), Vec::new());
         for file in &self.files {
             let stem = file.file_stem().unwrap_or_default().to_string_lossy();
-            // Excludes signs, which would be parsed as part of a number.
+            // Digits only, because parsing would also accept a sign.
             let plain = stem.bytes().all(|c| c.is_ascii_digit());
             let Some(number) = stem.parse().ok().filter(|_| plain) else {
                 others.push(file.as_path());

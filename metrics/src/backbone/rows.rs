@@ -97,7 +97,6 @@ impl Buffer {
         blocks.give_back(std::mem::take(&mut self.fresh));
     }
 
-    /// The buffered rows.
     pub(crate) fn window(&self) -> RowWindow<'_> {
         let MapSize {
             height,

@@ -15,7 +15,6 @@ use super::rows::MapSize;
 use super::stream::{Taps, default_strip};
 use crate::weights::{Backbone, Tensors};
 
-/// A network on a device.
 #[derive(Debug, Clone)]
 pub(crate) struct TensorNetwork {
     device: Device,

@@ -1,9 +1,8 @@
 //! The subset of the zip format that PyTorch writes: stored entries, located through the central
 //! directory, with 64-bit sizes if needed.
 //!
-//! Implemented here because the `zip` crate reads entries as streams, guesses at damaged
-//! directories, and if several names are equal, silently uses the last. This implementation rejects
-//! every inconsistency.
+//! Implemented here because the `zip` crate reads entries as streams, guesses at damaged directories, and silently uses
+//! the last of several equal names. This implementation rejects every inconsistency.
 
 use std::collections::BTreeMap;
 use std::ops::Range;

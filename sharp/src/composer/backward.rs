@@ -111,7 +111,7 @@ impl Block {
             self.y + f64::from(XY_FACTOR) * self.deltas[1],
             1.0,
         ];
-        // With respect to the mean and the scales before multiplication by `global_scale`.
+        // Gradients with respect to the mean and the scales before multiplication by `global_scale`.
         let mean = gradient.mean.map(|g| f64::from(g) * self.global_scale);
         let scales = gradient.scales.map(|g| f64::from(g) * self.global_scale);
 
@@ -124,7 +124,7 @@ impl Block {
             deltas[3 + c] =
                 scales[c] * size_per_z * z * MAX_SCALE * SCALE_SLOPE * sigmoid_slope(share);
         }
-        // Both mean and scales are proportional to z before it, and to `global_scale` after it.
+        // Mean and scales are proportional to z before that multiplication, and to `global_scale` after it.
         let global_scale = (of_z + of_size * size_per_z) * z / self.global_scale;
         of_z += of_size * size_per_z;
         deltas[0] = f64::from(XY_FACTOR) * mean[0] * z;

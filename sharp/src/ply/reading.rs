@@ -4,7 +4,7 @@ use super::SH_CONSTANT;
 use crate::color::{linear_from_srgb, srgb_from_linear};
 use crate::gaussians::Gaussians;
 
-/// Error: a setting does not have this value.
+/// A setting has no such value.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("{key}={value}: expected {}", known.join(" or "))]
 pub struct UnknownReading {
@@ -100,7 +100,7 @@ setting!(
     StoredQuaternions, "quaternions":
     Wxyz = "wxyz",
     Xyzw = "xyzw",
-    /// Of the inverse rotations.
+    /// The inverse rotation, as w, x, y, z.
     WxyzInverse = "wxyz-inverse",
     XyzwInverse = "xyzw-inverse",
 );
@@ -159,8 +159,8 @@ pub struct StoredForm {
     /// can, and files that do not state their colour encoding are assumed to have that of 3D
     /// Gaussian Splatting.
     pub blending: ColorSpace,
-    /// True if a rendering rule was chosen explicitly; a file is then not rejected for marks of
-    /// another rule. Not one of the settings either.
+    /// True if a rendering rule was chosen explicitly; a file is then not rejected for marks of another rule. Like
+    /// `blending`, it is not one of the settings.
     pub is_ruled: bool,
 }
 

@@ -1,8 +1,8 @@
 //! Named rendering conventions: the choices in which renderers of 3D Gaussians differ.
 //!
-//! Everything else in the definition is common to all of them (see [`super`]). It is not a choice
-//! how o' = o · compensation below 1/255 is handled: whether such a Gaussian is dropped early or
-//! skipped at every pixel, the picture is the same.
+//! Everything else in the definition is common to all of them (see [`super`]). The handling of a compensated opacity
+//! below 1/255 is no choice: the picture is the same whether such a Gaussian is dropped early or skipped at every
+//! pixel.
 
 use crate::gaussians::Harmonics;
 use crate::ply::{ColorSpace, setting};

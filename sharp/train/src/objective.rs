@@ -242,7 +242,6 @@ impl Objective {
         }
     }
 
-    /// Losses of the Gaussians.
     fn on_gaussians(
         &self,
         sum: &mut Cost,

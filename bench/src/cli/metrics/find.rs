@@ -40,7 +40,6 @@ impl Sought {
         agrees((value / unit).round()) || agrees((value / unit).trunc())
     }
 
-    /// Distance of a value from the number.
     pub(super) fn distance(&self, value: f64) -> f64 {
         (value - self.value).abs()
     }

@@ -107,7 +107,7 @@ impl PhotoArgs {
     }
 }
 
-/// Where the focal length is from, as text.
+/// Describes the source of the focal length.
 pub(crate) fn focal_text(photo: &Photo) -> String {
     let source = match photo.focal_source {
         FocalSource::Given => "given".to_owned(),

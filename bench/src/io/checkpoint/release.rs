@@ -21,7 +21,7 @@ pub const LICENCE_SUMMARY: &str = "use for research only: no commercial use, no 
 pub fn licence_text() -> String {
     format!(
         "SHARP's checkpoint {RELEASE_FILE} is not part of this program. It is Apple's, under the\n  \
-         {LICENCE_NAME}\n  {LICENCE_ADDRESS}\nIn short (its text decides): {LICENCE_SUMMARY}."
+         {LICENCE_NAME}\n  {LICENCE_ADDRESS}\nIn short (the licence's own text is authoritative): {LICENCE_SUMMARY}."
     )
 }
 

@@ -80,8 +80,8 @@ pub struct OverlapOptions {
 }
 
 impl Default for OverlapOptions {
-    /// Depths agree within 5 % at the nearest pixel. All pixels with valid depth are projected, at
-    /// full size, and the share is of their number.
+    /// Depths agree within 5 % at the nearest pixel. All pixels with valid depth are projected, at full size, and form
+    /// the denominator.
     fn default() -> Self {
         Self {
             test: OverlapTest::Consistent { relative: 0.05 },

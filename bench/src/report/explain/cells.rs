@@ -1,4 +1,4 @@
-//! A published number and the readings that may explain it.
+//! A published number, and the readings (ways to compute it) that may explain it.
 
 use std::collections::BTreeMap;
 
@@ -31,7 +31,7 @@ pub enum Averaging {
     PooledError,
 }
 
-/// One way to compute a number, except for the variant of its metric.
+/// A reading: one way to compute a number.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Reading {
     pub picture: PictureReading,
@@ -53,11 +53,11 @@ pub struct ReadingValue {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Agreement {
-    /// One reading prints as the published number.
+    /// One reading rounds to the published number.
     Equal,
-    /// Several readings with different values print as the published number.
+    /// Several readings with different values round to the published number.
     Ambiguous,
-    /// No reading prints as the published number, but it lies between the smallest and largest reading.
+    /// No reading rounds to the published number, which lies between the smallest and largest reading.
     Inside,
     Outside,
     /// No reading could be computed.
@@ -96,12 +96,12 @@ pub struct CellExplanation {
 }
 
 impl CellExplanation {
-    /// Whether a value prints as the published number.
+    /// Whether a value rounds to the published number.
     pub fn prints(&self, value: f64) -> bool {
         rounded(value, self.metric.decimals) == self.published
     }
 
-    /// Readings that print as the published number; readings with the same value are listed once.
+    /// Readings that round to the published number; readings with the same value are listed once.
     pub fn candidates(&self) -> Vec<&ReadingValue> {
         let mut candidates: Vec<&ReadingValue> = Vec::new();
         for reading in self

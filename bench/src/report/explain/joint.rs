@@ -1,4 +1,4 @@
-//! Joint readings: one reading for all metrics of a dataset, as in a paper that scored them together.
+//! Joint readings: the same reading for all metrics of a dataset, as in a paper that scored them together.
 
 use sharp_metrics::MetricKey;
 use sharp_metrics::identity::MetricRegion;
@@ -7,7 +7,7 @@ use crate::evaluate::readings::PictureReading;
 
 use super::cells::{Averaging, CellExplanation, ReadingValue, SceneReading};
 
-/// A reading of all metrics: the nearest variant of each, with everything else read the same way.
+/// A reading of all metrics: the nearest variant of each, everything else being the same for all.
 #[derive(Debug, Clone, PartialEq)]
 pub struct JointReading {
     pub column: &'static str,
@@ -41,7 +41,7 @@ pub(super) fn joint_readings(cells: &[CellExplanation]) -> Vec<JointReading> {
         for value in cells.iter().flat_map(|cell| &cell.readings) {
             let reading = value.reading;
             let key = (reading.picture, reading.scenes, reading.averaging);
-            // Pooling errors is a reading of PSNR alone.
+            // Pooled errors are a reading of PSNR alone.
             if reading.averaging != Averaging::PooledError && !shared.contains(&key) {
                 shared.push(key);
             }

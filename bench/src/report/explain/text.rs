@@ -42,7 +42,7 @@ pub struct ReadingLine<'a> {
 }
 
 impl Explanation {
-    /// Every reading of every cell.
+    /// Whether the value rounds to the published number.
     pub fn lines(&self) -> Vec<ReadingLine<'_>> {
         let mut lines = Vec::new();
         for cell in &self.cells {
@@ -177,7 +177,7 @@ pub fn write_explanations(runs: &[ExplainedRun], out: &Path) -> Result<Vec<PathB
     Ok(write_all_over_own(&files)?)
 }
 
-/// The readings that print as the published number, as text.
+/// The readings that round to the published number, as text.
 fn candidates(cell: &CellExplanation) -> Option<String> {
     if !matches!(cell.verdict, Agreement::Equal | Agreement::Ambiguous) {
         return None;

@@ -102,7 +102,7 @@ pub struct ChosenPair<'a> {
 /// The chosen pairs.
 ///
 /// # Errors
-/// If there is no pair with a given id, no method with a given name, or no pair where the one loses.
+/// If there is no pair with a given id, no method with a given name, or no pair on which the first method loses.
 pub fn chosen<'a>(
     board: &'a Board<'a>,
     metrics: &[Column],

@@ -15,10 +15,9 @@ use crate::pairs::valid_depth::is_valid_depth;
 use crate::report::error::{MissingPicture, ReportError};
 use crate::report::error_map::false_colours;
 
-/// Input, view and inverse depth of each pair. Depth is read from
-/// `DIR/<pair_id>.npy|npz|exr|pfm|png` (z-depth in the target's camera, metres). Without a folder,
-/// it is that of the kept rendering, as in the paper, or if none was kept, the dataset's depth of
-/// the target or else of the source; the caption states which.
+/// Input, view and inverse depth of each pair. Depth is read from `DIR/<pair_id>.npy|npz|exr|pfm|png` (z-depth in the
+/// target's camera, metres). Without a folder, uses the depth of the kept rendering, as in the paper. If none was kept,
+/// uses the dataset's depth of the target, or else of the source. The caption states which.
 ///
 /// # Errors
 /// If there is not exactly one method, or the folder does not exist.

@@ -75,7 +75,6 @@ impl SheetMedium {
 }
 
 impl SheetMedium {
-    /// Thickness of frames.
     pub(super) fn frame(&self) -> u32 {
         (self.font * 0.09).round().max(2.0) as u32
     }

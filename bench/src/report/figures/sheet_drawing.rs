@@ -30,7 +30,7 @@ struct DrawnTile {
 struct Shown {
     picture: RgbImage,
     size: (u32, u32),
-    /// Smoothed also where enlarged.
+    /// Whether enlarging interpolates between pixels.
     is_smooth: bool,
     /// Rectangles `(x, y, width, height)` drawn on it.
     frames: Vec<((u32, u32, u32, u32), Ink)>,
@@ -50,7 +50,6 @@ struct Layout {
     size: (u32, u32),
     pictures: Vec<(Shown, (u32, u32))>,
     lines: Vec<Line>,
-    /// Thickness of frames.
     frame: u32,
 }
 
@@ -237,7 +236,7 @@ impl Layout {
         }
         for (shown, at) in &self.pictures {
             for ((x, y, w, h), ink) in &shown.frames {
-                // The line's middle lies half its width inside.
+                // The middle of the line lies half its width inside the rectangle.
                 let (x, y) = point((at.0 + x, at.1 + y));
                 let (left, top) = (x + width / 2.0, y + width / 2.0);
                 let (right, bottom) = (left + f64::from(*w) - width, top + f64::from(*h) - width);

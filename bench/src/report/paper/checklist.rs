@@ -121,7 +121,6 @@ fn title<'a>(dataset: &'a DatasetBoard<'_>) -> &'a str {
     column(&dataset.dataset).unwrap_or(dataset.dataset.title())
 }
 
-/// Condition on the pairs of a dataset.
 fn pairs(compared: &ChecklistInput<'_>, dataset: &DatasetBoard<'_>) -> Condition {
     let title = title(dataset);
     let n = dataset.pairs.len();

@@ -240,7 +240,6 @@ impl PublishedTable {
     }
 }
 
-/// Number of decimals of a printed number.
 fn decimals(printed: &str) -> usize {
     let digits = printed.split_once('.').map_or("", |(_, digits)| digits);
     digits.bytes().take_while(u8::is_ascii_digit).count()
@@ -257,7 +256,6 @@ pub fn number(printed: &str) -> Option<f64> {
     }
 }
 
-/// A column of the paper by its name.
 fn column(name: &str) -> Column {
     let family = Family::ALL
         .into_iter()

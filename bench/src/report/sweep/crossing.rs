@@ -7,10 +7,10 @@ use sharp_statistics::Resampling;
 
 use sharp_plots::bins::{Bin, Cuts, bins};
 
-/// The place from which on the mean of every bin is above zero.
+/// The place beyond which the mean of every bin is above zero.
 ///
-/// It is where the line from the last bin whose mean is not above zero to the next bin crosses
-/// zero. If there are empty bins between the two, it is the place of the second.
+/// There, the line from the last bin whose mean is not above zero to the next bin crosses zero. If there are empty bins
+/// between the two, it is the place of the second.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Crossing {
     /// −∞ if already above zero in the first bin, ∞ if not above zero in the last.

@@ -147,7 +147,6 @@ fn horizontal(x: Motion, panel: &SweepPanel, metric: usize) -> PlotAxis {
     PlotAxis::over(x.label(), low, high, 6)
 }
 
-/// Caption of a metric's plot.
 fn caption(sweep: &Sweep, metric: usize, column: &Column) -> String {
     let spec = &sweep.spec;
     let band = match spec.band {

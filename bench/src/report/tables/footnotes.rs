@@ -94,7 +94,6 @@ pub(super) fn prediction_marks(
     marks
 }
 
-/// Footnotes on a cell.
 pub(super) fn cell_notes(
     method: &str,
     dataset: &ReportDataset,

@@ -106,7 +106,6 @@ pub(in crate::report) struct Environment<'a> {
     pub(in crate::report) caption: &'a str,
     /// Label without `tab:`.
     pub(in crate::report) label: Option<&'a str>,
-    /// Column alignment.
     pub(in crate::report) columns: &'a str,
     /// Whether the table is shrunk to the line width.
     pub(in crate::report) is_wide: bool,

@@ -99,7 +99,7 @@ pub struct Row {
     pub origin: Origin,
     /// Footnote on the row.
     pub note: Option<usize>,
-    /// `groups.len() * columns.len()` cells; that of group g and column c is at `g * columns.len() + c`.
+    /// `groups.len() * columns.len()` cells; the cell of group g and column c is at `g * columns.len() + c`.
     pub cells: Vec<Cell>,
 }
 
@@ -162,7 +162,6 @@ impl Cell {
 }
 
 impl Row {
-    /// A row of measured numbers.
     pub(crate) fn measured(label: impl Into<String>, cells: Vec<Cell>) -> Self {
         Self {
             label: label.into(),
@@ -208,7 +207,6 @@ impl Table {
         }
     }
 
-    /// The cells of a row with their columns.
     fn cells<'a>(&'a self, row: &'a Row) -> impl Iterator<Item = (&'a Column, &'a Cell)> {
         self.columns.iter().cycle().zip(&row.cells)
     }

@@ -12,8 +12,7 @@ use crate::report::statistics::of_extra;
 use super::Table;
 use super::rank::rounded;
 
-/// If a method with holes scores worse than a baseline, a remark is made if at least this share of
-/// its pixels is empty.
+/// Minimum share of empty pixels for a remark on the holes of a method that scores worse than a baseline.
 const HOLES: f64 = 0.01;
 
 /// The metrics with a score in some record, and a sentence on why the others have none. If no

@@ -10,7 +10,7 @@ use crate::io::counts::counted;
 use crate::pictures::keyed_scores::json_number;
 use crate::report::tables::grid::{GridCell, TextGrid};
 
-/// The pairs on which the order of two methods by one metric is another in B than in A; ties do not count.
+/// The pairs for which one metric ranks two methods differently in A and B; ties do not count.
 #[derive(Debug, Clone)]
 pub struct Flips<'a> {
     metric: &'a MetricInfo,
@@ -29,7 +29,7 @@ struct Flipped<'a> {
 }
 
 impl RunComparison {
-    /// Changes of order, by metric and two methods; empty for fewer than two methods.
+    /// Changes of rank by metric and pair of methods; empty for fewer than two methods.
     pub fn flips(&self) -> Vec<Flips<'_>> {
         let mut all = Vec::new();
         for metric in &self.results.manifest.metrics {

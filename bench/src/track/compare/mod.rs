@@ -108,8 +108,7 @@ pub struct ScoreChange {
     /// Number of planned pairs that lack the score on at least one side.
     #[serde(skip)]
     pub left_out: usize,
-    /// By how much the number of the dataset's scenes exceeds that of physical scenes, because
-    /// several scenes may show the same one.
+    /// Number of scenes in the dataset minus that of physical scenes; several scenes may show the same one.
     #[serde(skip)]
     pub merged_scenes: usize,
     /// p of the sign-flip test over scenes, only for single datasets; exact for up to 14 scenes.

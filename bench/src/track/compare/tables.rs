@@ -46,7 +46,7 @@ impl RunComparison {
         grids
     }
 
-    /// Verdicts and differences by metric and dataset; `None` for fewer than two of them.
+    /// Verdicts and differences by metric and dataset; `None` if there are fewer than two.
     fn matrix(&self, against: &Against) -> Option<TextGrid> {
         let of = |row: &&ScoreChange| row.method_a == against.a && row.method_b == against.b;
         let rows: Vec<&ScoreChange> = self.rows.iter().filter(of).collect();
@@ -241,7 +241,6 @@ fn stratum_cells(stratum: &Stratum, decimals: usize) -> Vec<GridCell> {
     .collect()
 }
 
-/// Footnotes on a row.
 fn remarks(row: &ScoreChange) -> Vec<String> {
     let mut remarks = Vec::new();
     let dataset = &row.dataset;

@@ -154,7 +154,6 @@ impl Check {
     }
 }
 
-/// Fired, or passed.
 fn fired(is_beyond: bool) -> CheckState {
     match is_beyond {
         true => CheckState::Fired,

@@ -123,7 +123,6 @@ struct Stretch {
 pub(super) struct Trend(Vec<Growing>);
 
 impl Trend {
-    /// Adds the next entry.
     pub(super) fn add(&mut self, entry: Entry) {
         let entry = Arc::new(entry);
         let manifest = &entry.bundle.results.manifest;

@@ -140,7 +140,7 @@ fn shape((width, height): (f64, f64), px: f64) -> Option<String> {
 }
 
 /// Warns if the picture was cropped, or may have been. A picture that is smaller than its file states was either
-/// resized, and then `px` is right, or cropped.
+/// resized (then `px` is right) or cropped.
 fn crop(stated: (f64, f64), size: (f64, f64), mm: f64, px: f64) -> Option<String> {
     let is_larger = |a: f64, b: f64| a > b * (1.0 + SIDE_TOLERANCE);
     let factors = (stated.0 / size.0, stated.1 / size.1);

@@ -58,7 +58,7 @@ pub(super) trait Lanes: Copy {
     fn le(self, other: Self) -> Self::Mask;
     /// Lanes of `mask` in which `self > other`.
     fn gt_where(self, other: Self, mask: Self::Mask) -> Self::Mask;
-    /// Lanes of `mask` in which not `self > other`.
+    /// Lanes of `mask` in which `self > other` is false.
     fn not_gt_where(self, other: Self, mask: Self::Mask) -> Self::Mask;
     /// The value where the mask is set, else zero.
     fn masked(self, mask: Self::Mask) -> Self;

@@ -266,7 +266,6 @@ fn check_values(path: &Path, kind: &str, name: &str, values: &[f32]) -> Result<(
     }
 }
 
-/// Position stored in a state file.
 fn position_of(file: &Checkpoint) -> Result<Position, StateError> {
     let number = |key: &'static str| {
         let number = header(file, key)?.parse::<u64>().ok();
