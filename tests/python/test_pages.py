@@ -31,7 +31,7 @@ NOT_RUN = {
     ("bench/docs/security.md", "needs cargo-deny 0.20 and the network"): 1,
 }
 # What other stages of CI run.
-ELSEWHERE = ("cargo run --release -p sharp-bench -- demo", "cargo test ", "cargo doc ", "pip install ./bench/python", ".ci/", "git clone ")
+ELSEWHERE = ("cargo run --release -p sharp-bench -- demo", "cargo test ", "cargo doc ", "pip install .", ".ci/", "git clone ")
 BUILT = "cargo run --release -p sharp-bench -- "
 LANGUAGES = {"console", "python", "rust", "text", "toml"}
 BLOCK = re.compile(r"(?:^ *<!-- not run: ([^\n]*?) -->\n)?^( *```console\n.*?)^ *```$", re.DOTALL | re.MULTILINE)

@@ -20,7 +20,15 @@ import numpy as np
 from . import _arrays, _sharp_bench
 from ._sharp_bench import Camera, Dataset, Error, Gaussians, Rendering, Scene, Source, Sweep, Table, View, bundled_data
 
-_sharp_bench.lies_in(os.path.dirname(os.path.abspath(__file__)))
+_folders = [os.path.dirname(os.path.abspath(__file__))]
+try:
+    # VGG16's weights, which the wheel leaves to this package.
+    import sharp_bench_weights as _weights
+
+    _folders += _weights.__path__
+except ImportError:
+    pass
+_sharp_bench.lies_in(_folders)
 
 __all__ = [
     "Camera",

@@ -16,10 +16,10 @@ use std::path::PathBuf;
 
 use pyo3::prelude::*;
 
-/// Sets the folder of the package's own files, such as VGG16's weights.
+/// Sets the folders of the package's own files, such as VGG16's weights.
 #[pyfunction]
-fn lies_in(folder: PathBuf) {
-    sharp_metrics::weights::lies_in(folder);
+fn lies_in(folders: Vec<PathBuf>) {
+    sharp_metrics::weights::lies_in(folders);
 }
 
 /// Runs the command line and returns its exit code.

@@ -22,7 +22,9 @@ pub(crate) use embedded::{dists_weights, linear_weights, linear_weights_v0};
 pub use fetch::{FetchError, fetch};
 pub use load::NamedTensors;
 pub(crate) use load::Tensors;
-pub use registry::{Published, cache_folder, lies_in, mirrored, own_folder, torch_hub, user_cache};
+pub use registry::{
+    Published, cache_folder, lies_in, mirrored, own_folders, torch_hub, user_cache,
+};
 
 use crate::identity::{LpipsNet, Metric};
 use crate::options::Device;

@@ -117,29 +117,29 @@ fn variable(name: &str) -> Option<PathBuf> {
     value.map(PathBuf::from)
 }
 
-/// Folder of bundled files, if this code runs inside another program.
-static OWN_FOLDER: OnceLock<PathBuf> = OnceLock::new();
+/// Folders of bundled files, if this code runs inside another program.
+static OWN_FOLDERS: OnceLock<Vec<PathBuf>> = OnceLock::new();
 
-/// For a library inside another program: sets the folder of bundled files, which is otherwise the
-/// executable's own. Only the first call has an effect; call it before any weights are searched
-/// for.
-pub fn lies_in(folder: impl Into<PathBuf>) {
-    OWN_FOLDER.get_or_init(|| folder.into());
+/// For a library inside another program: sets the folders of bundled files, searched in this order instead of the
+/// executable's own. Only the first call has an effect; call it before any weights are searched for.
+pub fn lies_in(folders: Vec<PathBuf>) {
+    OWN_FOLDERS.get_or_init(|| folders);
 }
 
-/// Folder of the program's bundled files: [as set](lies_in), or else the executable's.
-pub fn own_folder() -> Option<PathBuf> {
+/// Folders of the program's bundled files: [as set](lies_in), or else the executable's.
+pub fn own_folders() -> Vec<PathBuf> {
     let beside = || Some(std::env::current_exe().ok()?.parent()?.to_owned());
-    OWN_FOLDER.get().cloned().or_else(beside)
+    let set = OWN_FOLDERS.get().cloned();
+    set.unwrap_or_else(|| beside().into_iter().collect())
 }
 
 impl Weights {
     /// Locally available weights. For each network, uses the first source that has them: the
     /// download folder ([`cache_folder`]); the program itself, for AlexNet; the folder of its
-    /// executable ([or another](lies_in)) or of its sources, for VGG16; torch's hub folder.
+    /// executable ([or others](lies_in)) or of its sources, for VGG16; torch's hub folder.
     pub fn at_hand() -> Self {
         let sources = Path::new(env!("CARGO_MANIFEST_DIR")).join("weights");
-        let bundled = [own_folder(), Some(sources)].map(Option::unwrap_or_default);
+        let bundled = [own_folders(), vec![sources]].concat();
         let [cache, hub] = [cache_folder(), torch_hub()].map(Option::unwrap_or_default);
         Self::found_in(&cache, &bundled, &hub)
     }

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use sharp::model::inventory::CheckpointSource;
 use sharp::model::{ModelConfig, ModelError, NetworkSpec, bundled};
-use sharp_metrics::weights::own_folder;
+use sharp_metrics::weights::own_folders;
 
 use super::{NoCheckpoint, find_checkpoint};
 use crate::io::atomic_files::FileError;
@@ -157,7 +157,7 @@ fn beside(checkpoint: &Path) -> Vec<(String, ModelConfig)> {
 /// # Errors
 /// [`NetworkError`].
 pub fn bundled_weights() -> Result<PathBuf, NetworkError> {
-    let folders = own_folder().into_iter();
+    let folders = own_folders().into_iter();
     let folders = folders.chain([bundled::source_folder().to_owned()]);
     let searched: Vec<PathBuf> = folders.map(|folder| folder.join(bundled::FILE)).collect();
     let Some(path) = searched.iter().find(|path| path.is_file()) else {
