@@ -1,66 +1,135 @@
-//! The dataset bundled with the program: one Middlebury scene, in Middlebury's own layout.
+//! The dataset bundled with the program: four Middlebury scenes, in Middlebury's own layout.
 
+use std::borrow::Cow;
 use std::path::{Path, PathBuf};
 
+use crate::format::{exr_depth, pfm};
 use crate::{DatasetError, files};
 
-struct BundledFile {
+struct BundledScene {
     name: &'static str,
-    sha256: &'static str,
+    files: [BundledFile; 4],
+}
+
+struct BundledFile {
+    /// An EXR file of disparities is written as PFM, as Middlebury's reader takes them.
+    name: &'static str,
     bytes: &'static [u8],
 }
 
-const FOLDER: &str = "Motorcycle-quarter";
+macro_rules! bundled {
+    ($folder:literal, $name:literal) => {
+        BundledFile {
+            name: $name,
+            bytes: include_bytes!(concat!("../bundled/", $folder, "/", $name)),
+        }
+    };
+}
 
-const FILES: [BundledFile; 4] = [
-    BundledFile {
-        name: "calib.txt",
-        sha256: "2d9aa2ee440583e3dee4cd2d12e801b704c5ed17c523cb249884eb95989d4095",
-        bytes: include_bytes!("../bundled/middlebury/Motorcycle-quarter/calib.txt"),
+/// Of the files as written, by scene.
+const SHA256SUMS: &str = include_str!("../bundled/SHA256SUMS");
+
+const SCENES: [BundledScene; 4] = [
+    BundledScene {
+        name: "Motorcycle-quarter",
+        files: [
+            bundled!("middlebury/Motorcycle-quarter", "calib.txt"),
+            bundled!("middlebury/Motorcycle-quarter", "disp0.pfm"),
+            bundled!("middlebury/Motorcycle-quarter", "im0.png"),
+            bundled!("middlebury/Motorcycle-quarter", "im1.png"),
+        ],
     },
-    BundledFile {
-        name: "disp0.pfm",
-        sha256: "07186c3826f118c68e08158b2ba4d14615a566c4276567a5b58d83d4031a9bcf",
-        bytes: include_bytes!("../bundled/middlebury/Motorcycle-quarter/disp0.pfm"),
+    BundledScene {
+        name: "Adirondack-quarter",
+        files: [
+            bundled!("middlebury-more/Adirondack", "calib.txt"),
+            bundled!("middlebury-more/Adirondack", "disp0.exr"),
+            bundled!("middlebury-more/Adirondack", "im0.png"),
+            bundled!("middlebury-more/Adirondack", "im1.png"),
+        ],
     },
-    BundledFile {
-        name: "im0.png",
-        sha256: "4120da4f47283248a876e6abc88668c0c34679df9d315170e5eb31bb152131bd",
-        bytes: include_bytes!("../bundled/middlebury/Motorcycle-quarter/im0.png"),
+    BundledScene {
+        name: "Piano-quarter",
+        files: [
+            bundled!("middlebury-more/Piano", "calib.txt"),
+            bundled!("middlebury-more/Piano", "disp0.exr"),
+            bundled!("middlebury-more/Piano", "im0.png"),
+            bundled!("middlebury-more/Piano", "im1.png"),
+        ],
     },
-    BundledFile {
-        name: "im1.png",
-        sha256: "8077e7771731d7326294e9a189101771f47653bfd7dee2b626be794d275355e8",
-        bytes: include_bytes!("../bundled/middlebury/Motorcycle-quarter/im1.png"),
+    BundledScene {
+        name: "Playroom-quarter",
+        files: [
+            bundled!("middlebury-more/Playroom", "calib.txt"),
+            bundled!("middlebury-more/Playroom", "disp0.exr"),
+            bundled!("middlebury-more/Playroom", "im0.png"),
+            bundled!("middlebury-more/Playroom", "im1.png"),
+        ],
     },
 ];
 
-/// Writes the bundled scene to `folder` and returns the path for the `middlebury` reader. Intact existing files are
+/// Writes the scene Motorcycle to `folder` and returns the path for the `middlebury` reader. Intact existing files are
 /// kept, others are replaced; each is written to a temporary file and then renamed, so that no file is ever incomplete.
 ///
 /// # Errors
-/// [`DatasetError::Io`]; [`DatasetError::Malformed`] if a written file does not have the published SHA-256.
+/// [`DatasetError::Io`]; [`DatasetError::Malformed`] if a written file does not have the expected SHA-256.
 pub fn extract(folder: &Path) -> Result<PathBuf, DatasetError> {
+    extract_scenes(folder, &SCENES[..1])
+}
+
+/// As [`extract`], with all four scenes: Motorcycle, Adirondack, Piano and Playroom.
+///
+/// # Errors
+/// As [`extract`].
+pub fn extract_all(folder: &Path) -> Result<PathBuf, DatasetError> {
+    extract_scenes(folder, &SCENES)
+}
+
+fn extract_scenes(folder: &Path, scenes: &[BundledScene]) -> Result<PathBuf, DatasetError> {
     let dataset = folder.join("middlebury");
-    let scene = dataset.join(FOLDER);
-    std::fs::create_dir_all(&scene).map_err(|e| DatasetError::io(&scene, e))?;
-    for file in &FILES {
-        let path = scene.join(file.name);
-        if path.is_file() && files::sha256(&path)? == file.sha256 {
-            continue;
-        }
-        let partial = scene.join(format!("{}.{}.part", file.name, std::process::id()));
-        std::fs::write(&partial, file.bytes).map_err(|e| DatasetError::io(&partial, e))?;
-        std::fs::rename(&partial, &path).map_err(|e| DatasetError::io(&path, e))?;
-        let found = files::sha256(&path)?;
-        if found != file.sha256 {
-            return Err(DatasetError::malformed(
-                path,
-                format!("has sha256 {found}, expected {}", file.sha256),
-            ));
+    for scene in scenes {
+        let folder = dataset.join(scene.name);
+        std::fs::create_dir_all(&folder).map_err(|e| DatasetError::io(folder, e))?;
+        for file in &scene.files {
+            file.extract(&dataset, scene.name)?;
         }
     }
     Ok(dataset)
+}
+
+impl BundledFile {
+    fn extract(&self, dataset: &Path, scene: &str) -> Result<(), DatasetError> {
+        let name = self.name.replace(".exr", ".pfm");
+        let path = dataset.join(scene).join(&name);
+        let written = format!("  {scene}/{name}");
+        let expected = SHA256SUMS
+            .lines()
+            .find_map(|line| line.strip_suffix(&written));
+        let expected = expected.unwrap_or_default();
+        if path.is_file() && files::sha256(&path)? == expected {
+            return Ok(());
+        }
+        let malformed = |reason: String| DatasetError::malformed(&path, reason);
+        let bytes = match name == self.name {
+            true => Cow::Borrowed(self.bytes),
+            false => {
+                let map = exr_depth::parse(self.bytes);
+                Cow::Owned(pfm::bytes(
+                    &map.map_err(|reason| malformed(reason.to_string()))?,
+                ))
+            }
+        };
+        let partial = path.with_extension(format!("{}.part", std::process::id()));
+        std::fs::write(&partial, bytes).map_err(|e| DatasetError::io(&partial, e))?;
+        std::fs::rename(&partial, &path).map_err(|e| DatasetError::io(&path, e))?;
+        let found = files::sha256(&path)?;
+        match found == expected {
+            true => Ok(()),
+            false => Err(malformed(format!(
+                "has sha256 {found}, expected {expected}"
+            ))),
+        }
+    }
 }
 
 #[cfg(test)]
@@ -70,15 +139,21 @@ mod tests {
     #[test]
     fn extraction_is_whole_and_mends_what_is_broken() {
         let folder = tempfile::tempdir().unwrap();
-        let dataset = extract(folder.path()).unwrap();
-        let image = dataset.join(FOLDER).join("im0.png");
+        let dataset = extract_all(folder.path()).unwrap();
+        let image = dataset.join("Piano-quarter/im0.png");
         let whole = std::fs::read(&image).unwrap();
         std::fs::write(&image, &whole[..100]).unwrap();
-        assert_eq!(extract(folder.path()).unwrap(), dataset);
+        assert_eq!(extract_all(folder.path()).unwrap(), dataset);
         assert_eq!(std::fs::read(&image).unwrap(), whole);
+        for scene in SCENES {
+            assert_eq!(files::list(&dataset.join(scene.name)).unwrap().len(), 4);
+        }
+        assert_eq!(files::list(&dataset).unwrap().len(), 4);
         assert_eq!(
-            files::list(&dataset.join(FOLDER)).unwrap().len(),
-            FILES.len()
+            files::list(&extract(&folder.path().join("one")).unwrap())
+                .unwrap()
+                .len(),
+            1
         );
     }
 }

@@ -78,11 +78,16 @@ pub fn parse(bytes: &[u8]) -> Result<FloatMap, FormatError> {
 /// # Errors
 /// [`DatasetError::Io`].
 pub fn write(path: &Path, map: &FloatMap) -> Result<(), DatasetError> {
+    std::fs::write(path, bytes(map)).map_err(|e| DatasetError::io(path, e))
+}
+
+/// A one-channel little-endian PFM file.
+pub fn bytes(map: &FloatMap) -> Vec<u8> {
     let mut bytes = format!("Pf\n{} {}\n-1\n", map.width(), map.height()).into_bytes();
     for row in map.chunks_exact(map.width().max(1) as usize).rev() {
         bytes.extend(row.iter().flat_map(|v| v.to_le_bytes()));
     }
-    std::fs::write(path, bytes).map_err(|e| DatasetError::io(path, e))
+    bytes
 }
 
 struct PfmHeader<'a> {

@@ -73,6 +73,7 @@ pub(super) fn of_baselines(board: &Board<'_>, table: &Table) -> Vec<String> {
     let mut remarks = Vec::new();
     for (d, dataset) in board.datasets.iter().enumerate() {
         let mut ahead_of_all = Vec::new();
+        let mut behind_one = Vec::new();
         // By method, the columns in which it is behind a baseline while another method is not.
         let mut behind: BTreeMap<usize, Vec<String>> = BTreeMap::new();
         for (c, name) in names.iter().enumerate() {
@@ -83,6 +84,9 @@ pub(super) fn of_baselines(board: &Board<'_>, table: &Table) -> Vec<String> {
             let Some(baseline) = baselines.first() else {
                 continue;
             };
+            if let Some(best) = others.first().filter(|one| one.badness < baseline.badness) {
+                behind_one.push(format!("{name} ({}; {})", best.text, baseline.text));
+            }
             for (place, other) in others.iter().enumerate() {
                 if other.badness > baseline.badness {
                     let text = format!("{name} ({}; {})", baseline.text, other.text);
@@ -99,9 +103,16 @@ pub(super) fn of_baselines(board: &Board<'_>, table: &Table) -> Vec<String> {
         let mut text = String::new();
         if !ahead_of_all.is_empty() {
             text = format!(
-                " a baseline has a better mean than every other method in {}.",
+                " a baseline has a better mean than every other method in {}",
                 ahead_of_all.join(", ")
             );
+            if !behind_one.is_empty() {
+                text += &format!(
+                    "; a method is ahead of all baselines in {}",
+                    behind_one.join(", ")
+                );
+            }
+            text.push('.');
         }
         for (method, columns) in behind {
             let share = of_extra(dataset, method, "hole_share").mean.unwrap_or(0.0);
