@@ -60,7 +60,7 @@ fn findings() -> Vec<Finding> {
         finding("cpu backend", format!("cpu-{kernels}"), ""),
         finding(
             "datasets",
-            "middlebury/Motorcycle-quarter and a procedural scene are built in",
+            "four Middlebury scenes and a procedural scene are built in",
             "use your own with --dataset FORMAT=PATH",
         ),
     ];
