@@ -25,6 +25,7 @@ use crate::optimizer::Adam;
 use crate::parts::TrainedParts;
 use crate::position::Stage;
 use crate::schedule::Schedule;
+pub use crate::self_supervision::PseudoViews;
 
 /// Errors of a training configuration.
 #[derive(Debug, thiserror::Error)]
@@ -104,6 +105,9 @@ pub struct StageConfig {
     /// pseudo-novel cameras.
     #[serde(default = "max_baseline_m")]
     pub max_baseline_m: f64,
+    /// For the second stage.
+    #[serde(default)]
+    pub pseudo_views: PseudoViews,
 }
 
 #[derive(Debug, Clone, PartialEq, Eq, Default, Deserialize)]
@@ -114,7 +118,7 @@ pub enum TrainingData {
     Procedural,
     /// Datasets with depth, each given as `[NAME:]FORMAT=PATH[,key=value…]`; for the first stage.
     Datasets(Vec<String>),
-    /// A folder of PNG and JPEG files; for the second stage.
+    /// A folder of PNG and JPEG files, also in its subfolders; for the second stage.
     Photographs(PathBuf),
 }
 
@@ -169,6 +173,7 @@ impl Default for TrainingConfig {
             side: side(),
             data: TrainingData::default(),
             max_baseline_m: max_baseline_m(),
+            pseudo_views: PseudoViews::default(),
         };
         Self {
             network: ModelConfig::release(),
@@ -359,6 +364,7 @@ impl StageConfig {
         ];
         let failed = checks.into_iter().find(|(holds, ..)| !holds);
         let failed = failed.map(|(_, key, reason)| (key, reason.to_owned()));
+        let failed = failed.or_else(|| self.pseudo_views.first_fault());
         failed.or_else(|| Some(("data", self.data.fault(stage)?)))
     }
 }

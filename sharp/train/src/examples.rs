@@ -39,7 +39,7 @@ impl Examples {
                 _ => Box::new(ProceduralPhotographs::new(seed, size)),
             };
             let network = &config.network;
-            let samples = SelfSupervisedSamples::new(photographs, teacher, network, seed, limit_m)?;
+            let samples = SelfSupervisedSamples::new(photographs, teacher, network, settings)?;
             sources.push(Box::new(samples));
         } else if let TrainingData::Datasets(specs) = &settings.data {
             for spec in specs {

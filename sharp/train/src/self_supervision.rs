@@ -6,16 +6,16 @@
 //! photograph, whose pixels are real, becomes the ground truth for the novel view.
 //!
 //! Choices that the paper leaves open: cameras are distributed over a disc around the photograph's
-//! camera, with the configured radius but at most 0.26 of the median depth. They look at a point at
-//! that depth, whose distance from the photograph's axis is at most a tenth of the depth in each
-//! direction. Pixels of the rendering with an alpha below 0.99 are excluded from all losses. The
-//! input's depth is the rendering's expected depth; the photograph's depth is the teacher's first
-//! layer.
+//! camera, with the configured radius but at most a fraction of the median depth. They look at a point
+//! at that depth near the photograph's axis. Pixels of the rendering with a low alpha are excluded from
+//! all losses ([`PseudoViews`] has the values). The input's depth is the rendering's expected depth; the
+//! photograph's depth is the teacher's first layer.
 
 use std::path::Path;
 
 use glam::DVec3;
 use image::{ImageBuffer, Luma};
+use serde::Deserialize;
 use sharp::camera::{RigidTransform, target_camera_from_source_ndc};
 use sharp::color::Quantization;
 use sharp::model::inventory::CheckpointSource;
@@ -25,15 +25,56 @@ use sharp::render::trajectory::looking;
 use sharp::render::{Background, CpuRenderer, RenderView, Renderer};
 use sharp::resize::nearest;
 
+use crate::config::StageConfig;
 use crate::data::{DataError, Photograph, Sample, Source, TrainingView, draws};
 
-/// Maximum distance of the pseudo-novel cameras from the photograph's, as a fraction of the
-/// distance to the point that they look at.
-const PART_OF_DISTANCE: f64 = 0.26;
-/// Maximum offset of that point, horizontally and vertically, as a fraction of its distance.
-const PART_ASIDE: f64 = 0.1;
-/// Minimum alpha of a pixel that is used.
-const COVERED: f32 = 0.99;
+/// What the paper leaves open about the second stage's pseudo-novel views.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct PseudoViews {
+    /// Maximum distance of their cameras from the photograph's, as a fraction of the distance to the point that they
+    /// look at, which is at the median depth.
+    pub part_of_distance: f64,
+    /// Maximum offset of that point, horizontally and vertically, as a fraction of its distance.
+    pub part_aside: f64,
+    /// Minimum alpha of a pixel of the rendering that losses use.
+    pub covered: f32,
+}
+
+impl Default for PseudoViews {
+    fn default() -> Self {
+        Self {
+            part_of_distance: 0.26,
+            part_aside: 0.1,
+            covered: 0.99,
+        }
+    }
+}
+
+impl PseudoViews {
+    /// The first invalid value: its key, and the reason.
+    pub(crate) fn first_fault(&self) -> Option<(&'static str, String)> {
+        let checks = [
+            (
+                self.part_of_distance > 0.0 && self.part_of_distance < 1.0,
+                "pseudo_views.part_of_distance",
+                "is not between 0 and 1",
+            ),
+            (
+                (0.0..1.0).contains(&self.part_aside),
+                "pseudo_views.part_aside",
+                "is not between 0 and 1",
+            ),
+            (
+                (0.0..1.0).contains(&self.covered),
+                "pseudo_views.covered",
+                "is not between 0 and 1",
+            ),
+        ];
+        let failed = checks.into_iter().find(|(holds, ..)| !holds);
+        failed.map(|(_, key, reason)| (key, reason.to_owned()))
+    }
+}
 
 /// Examples generated from photographs.
 pub(crate) struct SelfSupervisedSamples {
@@ -41,6 +82,7 @@ pub(crate) struct SelfSupervisedSamples {
     teacher: Predictor,
     seed: u64,
     max_baseline_m: f64,
+    views: PseudoViews,
 }
 
 impl SelfSupervisedSamples {
@@ -52,8 +94,7 @@ impl SelfSupervisedSamples {
         photographs: Box<dyn Source<Photograph>>,
         teacher: &Path,
         config: &ModelConfig,
-        seed: u64,
-        max_baseline_m: f64,
+        settings: &StageConfig,
     ) -> Result<Self, ModelError> {
         let weights = CheckpointSource::open(teacher)?;
         weights.check(config, &[])?;
@@ -61,8 +102,9 @@ impl SelfSupervisedSamples {
         Ok(Self {
             photographs,
             teacher: Predictor::from_source(config, weights, compute)?,
-            seed,
-            max_baseline_m,
+            seed: settings.seed,
+            max_baseline_m: settings.max_baseline_m,
+            views: settings.pseudo_views.clone(),
         })
     }
 }
@@ -84,17 +126,20 @@ impl Source<Sample> for SelfSupervisedSamples {
         sorted.sort_unstable_by(f32::total_cmp);
         let distance = f64::from(sorted[sorted.len() / 2]);
         let mut random = draws(self.seed ^ SPREAD, k);
-        let eye = eye(
-            &mut random,
-            self.max_baseline_m.min(PART_OF_DISTANCE * distance),
-        );
-        let mut aside = || distance * random.between(-PART_ASIDE, PART_ASIDE);
+        let PseudoViews {
+            part_of_distance,
+            part_aside,
+            covered,
+        } = self.views;
+        let farthest = self.max_baseline_m.min(part_of_distance * distance);
+        let eye = eye(&mut random, farthest);
+        let mut aside = || distance * random.between(-part_aside, part_aside);
         let camera_from_world = looking(eye, DVec3::new(aside(), aside(), distance));
         let placed = target_camera_from_source_ndc(&intrinsics, &camera_from_world);
         let view = RenderView::new(placed, intrinsics);
         let rendered = CpuRenderer::new().render(&output.gaussians, &view);
         let rendered = rendered.map_err(|error| DataError::from(error).of_sample(&id))?;
-        let covered: Vec<bool> = rendered.alpha.iter().map(|a| *a >= COVERED).collect();
+        let covered: Vec<bool> = rendered.alpha.iter().map(|a| *a >= covered).collect();
         let mut seen_depth = rendered.expected_depth();
         for (depth, covered) in seen_depth.iter_mut().zip(&covered) {
             if !covered {
@@ -142,6 +187,7 @@ mod tests {
     use sharp::model::bundled;
 
     use super::*;
+    use crate::config::TrainingConfig;
     use crate::data::ProceduralPhotographs;
     use crate::data::tests::warped;
 
@@ -149,10 +195,20 @@ mod tests {
     const COUNT: u64 = 8;
 
     fn samples(max_baseline_m: f64) -> SelfSupervisedSamples {
+        samples_with(max_baseline_m, PseudoViews::default())
+    }
+
+    fn samples_with(max_baseline_m: f64, pseudo_views: PseudoViews) -> SelfSupervisedSamples {
         let teacher = bundled::source_folder().join(bundled::FILE);
         let config = bundled::config().unwrap();
         let photographs = Box::new(ProceduralPhotographs::new(4, SIZE));
-        SelfSupervisedSamples::new(photographs, &teacher, &config, 7, max_baseline_m).unwrap()
+        let stage = StageConfig {
+            seed: 7,
+            max_baseline_m,
+            pseudo_views,
+            ..TrainingConfig::default().stage2
+        };
+        SelfSupervisedSamples::new(photographs, &teacher, &config, &stage).unwrap()
     }
 
     #[test]
@@ -193,6 +249,26 @@ mod tests {
             before_when_exchanged += warped(&sample).1 / COUNT as f64;
         }
         assert!(before_when_exchanged > 0.01, "{before_when_exchanged}");
+    }
+
+    #[test]
+    fn how_far_and_how_covered_pseudo_novel_views_are_is_set() {
+        let near = PseudoViews {
+            part_of_distance: 1e-3,
+            part_aside: 0.0,
+            covered: 0.5,
+        };
+        for k in 0..COUNT {
+            let [usual, near] = [PseudoViews::default(), near.clone()]
+                .map(|views| samples_with(0.6, views).get(k).unwrap().source);
+            let metres = |view: &TrainingView| {
+                baseline_m(&view.camera_from_world, &RigidTransform::IDENTITY)
+            };
+            assert!(metres(&near) < 0.05 * metres(&usual));
+            let used =
+                |view: &TrainingView| view.valid.iter().flatten().filter(|used| **used).count();
+            assert!(used(&near) > used(&usual));
+        }
     }
 
     #[test]

@@ -15,12 +15,27 @@ use super::{DataError, Photograph, Source, draws};
 /// Accepted file extensions, in lower case.
 const ENDINGS: [&str; 3] = ["png", "jpg", "jpeg"];
 
-/// PNG and JPEG files of a folder. Photograph k is a random one of them.
+/// PNG and JPEG files of a folder and its subfolders. Photograph k is a random one of them.
 #[derive(Debug, Clone)]
 pub struct FolderPhotographs {
     seed: u64,
     size: (u32, u32),
-    files: Vec<PathBuf>,
+    /// Paths below the folder, with `/`, and files.
+    files: Vec<(String, PathBuf)>,
+}
+
+/// Adds the pictures below `folder`, whose own path below the top is `inside`. Links to folders are not followed, as they
+/// may form a circle.
+fn find(folder: &Path, inside: &str, found: &mut Vec<(String, PathBuf)>) -> Result<(), DataError> {
+    for (name, path) in files::list(folder)? {
+        let ending = path.extension().unwrap_or_default().to_ascii_lowercase();
+        if path.is_dir() && !path.is_symlink() {
+            find(&path, &format!("{inside}{name}/"), found)?;
+        } else if path.is_file() && ENDINGS.iter().any(|known| ending == *known) {
+            found.push((format!("{inside}{name}"), path));
+        }
+    }
+    Ok(())
 }
 
 impl FolderPhotographs {
@@ -29,12 +44,8 @@ impl FolderPhotographs {
     /// # Errors
     /// [`DataError::Dataset`] if the folder cannot be read; [`DataError::NoPicture`].
     pub fn open(folder: &Path, seed: u64, size: (u32, u32)) -> Result<Self, DataError> {
-        let named = |path: &PathBuf| {
-            let ending = path.extension().unwrap_or_default().to_ascii_lowercase();
-            path.is_file() && ENDINGS.iter().any(|known| ending == *known)
-        };
-        let listed = files::list(folder)?.into_iter().map(|(_, path)| path);
-        let files: Vec<PathBuf> = listed.filter(named).collect();
+        let mut files = Vec::new();
+        find(folder, "", &mut files)?;
         match files.is_empty() {
             true => Err(DataError::NoPicture {
                 folder: folder.to_owned(),
@@ -62,9 +73,8 @@ impl FolderPhotographs {
 impl Source<Photograph> for FolderPhotographs {
     fn get(&self, k: u64) -> Result<Photograph, DataError> {
         let index = draws(self.seed, k).below(self.files.len() as u64);
-        let path = &self.files[index as usize];
-        let id = path.file_name().unwrap_or_default().to_string_lossy();
-        self.read(&id, path).map_err(|error| error.of_sample(&id))
+        let (id, path) = &self.files[index as usize];
+        self.read(id, path).map_err(|error| error.of_sample(id))
     }
 }
 

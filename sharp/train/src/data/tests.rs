@@ -298,8 +298,9 @@ fn photographs_of_a_folder_keep_pixels_and_have_a_focal_length() {
     gradient(40, 30)
         .save(folder.path().join("one.png"))
         .unwrap();
+    std::fs::create_dir(folder.path().join("more")).unwrap();
     gradient(30, 40)
-        .save(folder.path().join("two.PNG"))
+        .save(folder.path().join("more/two.PNG"))
         .unwrap();
     let same = open((40, 30)).unwrap();
     let mut seen = std::collections::BTreeSet::new();
@@ -311,7 +312,10 @@ fn photographs_of_a_folder_keep_pixels_and_have_a_focal_length() {
         }
         seen.insert(photograph.id);
     }
-    assert_eq!(seen.into_iter().collect::<Vec<_>>(), ["one.png", "two.PNG"]);
+    assert_eq!(
+        seen.into_iter().collect::<Vec<_>>(),
+        ["more/two.PNG", "one.png"]
+    );
     let square = open((24, 24)).unwrap();
     let photograph = square.get(0).unwrap();
     assert_eq!(photograph.image.dimensions(), (24, 24));

@@ -9,6 +9,7 @@ use tempfile::TempDir;
 use super::*;
 use crate::losses::LossWeights;
 use crate::schedule::Schedule;
+use crate::self_supervision::PseudoViews;
 
 fn cpu() -> Compute {
     Compute::cpu(Algorithm::Winograd)
@@ -30,6 +31,7 @@ fn config(steps: [u64; 2], side: u32) -> TrainingConfig {
         side,
         data: TrainingData::Procedural,
         max_baseline_m: 0.6,
+        pseudo_views: PseudoViews::default(),
     };
     let network = concat!(
         env!("CARGO_MANIFEST_DIR"),
