@@ -39,7 +39,7 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
     settings: &[
         Setting::choice(
             "split",
-            "which part, by the folder's name; a folder with neither name is always read",
+            "which part of Booster, by the folder's name; a folder with neither name is always read",
             &[
                 choice(
                     "train",
@@ -50,7 +50,7 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
         ),
         Setting::choice(
             "set",
-            "balanced or unbalanced cameras, by the folder's name",
+            "which camera pair, by the folder's name",
             &[
                 choice("balanced", "two cameras of the same kind"),
                 proxy("unbalanced", "the second camera is smaller"),

@@ -34,7 +34,7 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
     caveat: "depth is semi-sparse; the paper estimates overlap from monocular depth",
     settings: &[Setting::choice(
         "images",
-        "which photographs",
+        "which form of the photographs",
         &[
             choice(
                 "distorted",

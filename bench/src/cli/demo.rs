@@ -29,7 +29,7 @@ pub(super) struct DemoArgs {
     out: PathBuf,
     #[command(flatten)]
     metrics: MetricConfig,
-    /// Threads [default: all cores]. Results do not depend on it
+    /// Number of threads; does not affect the results [default: all cores]
     #[arg(long, value_name = "N")]
     threads: Option<usize>,
     /// Print JSON

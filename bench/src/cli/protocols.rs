@@ -8,7 +8,7 @@ use crate::protocols::{PROTOCOLS, PairRule, Protocol};
 
 /// List published evaluation protocols, or show one
 ///
-/// `run --protocol NAME` follows one: its metrics, sizes, masks, rounding and averages. The report
+/// `run --protocol NAME` adopts the protocol's metrics, picture sizes, masks, rounding and averages. The report
 /// states where sharp-bench differs.
 #[derive(Debug, Args)]
 #[command(after_help = "\

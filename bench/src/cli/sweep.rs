@@ -61,7 +61,7 @@ pub(super) struct SweepArgs {
     /// Sizes and colours of the figures, a TOML file: width_mm, font_pt, dpi, panel_aspect, caption, colours
     #[arg(long, value_name = "FILE")]
     style: Option<PathBuf>,
-    /// Print JSON: the files written and the crossings
+    /// Print the list of written files, and the crossings, as JSON
     #[arg(long)]
     json: bool,
 }

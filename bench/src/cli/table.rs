@@ -21,7 +21,7 @@ use crate::report::tables::{Origin, Table};
 /// Show the SHARP paper's tables with your own rows
 ///
 /// Published rows and yours share a table, separated by a line and ranked separately. A checklist
-/// below it states what still prevents a digit-by-digit comparison.
+/// below the table states what still prevents a digit-by-digit comparison.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:
@@ -35,8 +35,8 @@ pub(super) struct TableArgs {
     /// A table, by its name in `table list`, or `list`
     #[arg(value_name = "NAME")]
     name: String,
-    /// Your own row: a run folder or bundle, with a method if it has several; repeatable. `table
-    /// list` shows what the other tables need
+    /// Your own row: a run folder or bundle; name the method if the run has several; repeatable. `table
+    /// list` shows what tables need whose rows are not runs
     #[arg(long = "row", value_name = "LABEL=RUN[:METHOD]")]
     rows: Vec<String>,
     /// The variants to show, at most one per metric [default: the default variants that all rows have]

@@ -20,11 +20,11 @@ pub enum Stages {
     /// All stages
     #[default]
     All,
-    /// Only predict; keeps predictions and predicted pictures
+    /// Only predict, and keep the predictions and predicted pictures
     Predict,
     /// Render pictures from kept predictions and keep them
     Render,
-    /// Predict and render without scoring, for a machine that has the network's device
+    /// Predict and render without scoring, e.g. on the machine with the GPU
     Pictures,
     /// Score kept pictures
     Score,

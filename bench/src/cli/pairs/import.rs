@@ -21,7 +21,7 @@ use crate::pairs::{DatasetConfig, clap_dataset};
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:
-  sharp-bench pairs import evaluation_index_re10k.json --form index       # what it has
+  sharp-bench pairs import evaluation_index_re10k.json --form index       # counts the pairs
   sharp-bench pairs import theirs.json --form index --context nearest --dataset colmap=data --out pairs.csv
   sharp-bench run --protocol pixelsplat --pairs pairs.csv --dataset colmap=data --method copy --out runs/theirs")]
 pub(super) struct ImportArgs {

@@ -47,7 +47,7 @@ pub struct Table {
     pub notes: Vec<String>,
     /// Conditions for comparing the measured rows with the published ones.
     pub checklist: Vec<Condition>,
-    /// What follows a mean as ±.
+    /// Uncertainty shown as ± after a mean.
     pub uncertainty: Option<Uncertainty>,
 }
 
