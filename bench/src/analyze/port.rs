@@ -40,19 +40,21 @@ pub struct FieldDifference {
     pub median: f64,
     /// 99th percentile.
     pub p99: f64,
+    /// Maximum.
     pub largest: f64,
 }
 
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct PortComparison {
-    /// How Gaussians were matched: the order in the port's file.
+    /// The order of the Gaussians in the port's file, compared with the reference's.
     pub order: &'static str,
     /// Number of the port's Gaussians without a counterpart of their own in the reference.
     pub extra: usize,
     /// Number of the reference's Gaussians without a counterpart in the port.
     pub missing: usize,
-    /// Gaussians of the port with a non-finite value.
+    /// Number of the port's Gaussians with a non-finite value.
     pub not_finite: usize,
+    /// Differences with the settings as given.
     pub as_read: Vec<FieldDifference>,
     /// Settings for reading the file that explain most of the differences.
     pub settings: Vec<(&'static str, String)>,
@@ -70,8 +72,11 @@ const FIELDS: [(&str, &str); 5] = [
     ("opacity", "% of 1"),
     ("colour", "% of sRGB"),
 ];
+/// Index of the covariance in [`FIELDS`].
 const COVARIANCE: usize = 2;
+/// Index of the opacity in [`FIELDS`].
 const OPACITY: usize = 3;
+/// Index of the colour in [`FIELDS`].
 const COLOUR: usize = 4;
 
 /// Orders of a port's file. Each maps the index `i` of `n` Gaussians, in two layers of `side` rows,
@@ -179,8 +184,10 @@ struct Pair<'a> {
 }
 
 impl Pair<'_> {
-    /// The placement and order that match the largest number of the port's Gaussians with the reference's, and the
-    /// matched pairs of indices.
+    /// Placement and order of the port's Gaussians, and the matched pairs of indices.
+    ///
+    /// Of the known orders, takes the one with the smallest median distance between matched Gaussians. If that distance
+    /// is too large, matches Gaussians by position, with the placement that finds the most matches.
     fn matched(&self) -> (Placement, &'static str, Vec<[u32; 2]>) {
         let n = self.port.len();
         let placements = || {

@@ -75,7 +75,7 @@ pub(super) fn execute(args: &ProtocolsArgs) -> anyhow::Result<Outcome> {
         output::line(format!("{:<14} {trap}", "kept as it is"))?;
     }
     for departure in protocol.departures() {
-        output::line(format!("{:<14} {departure}", "not as theirs"))?;
+        output::line(format!("{:<14} {departure}", "differs here"))?;
     }
     Ok(Outcome::Done)
 }

@@ -42,6 +42,7 @@ const NAME: Row = [Replaced, Refused, Refused, Refused];
 const MACHINE: Row = [Refused, Allowed, Refused, Refused];
 /// Code of a method or reader; weights or code of a metric.
 const CODE: Row = [Replaced, Allowed, Refused, Refused];
+/// A metric, method or dataset that the plan does not have.
 const UNPLANNED: Row = [Allowed, Allowed, Allowed, Refused];
 
 /// A fact in which two manifests differ.

@@ -231,10 +231,7 @@ pub fn merge(folders: &[PathBuf], out: Option<&Path>) -> Result<Results, Evaluat
             return Ok(results);
         }
         (_, Some(out)) => out,
-        (_, None) => {
-            let reason = std::io::Error::other("several folders need --out FOLDER");
-            return Err(FileError::new(Path::new("merge"), "write")(reason).into());
-        }
+        (_, None) => return Err(EvaluateError::NoOutput),
     };
     let named: Vec<Named> = folders
         .iter()

@@ -1,4 +1,4 @@
-//! The folder of a training: created, or found and checked.
+//! The folder of a training run: created, or found and checked.
 
 use std::collections::BTreeMap;
 use std::fs::{self, File};

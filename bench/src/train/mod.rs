@@ -41,7 +41,7 @@ pub struct TrainRequest<'a> {
     /// Overrides of the file's values, as `KEY=VALUE`: a dotted key, and a TOML value, a text
     /// without quotes, or nothing for the default.
     pub set: &'a [String],
-    /// Output folder; an interrupted training resumes from it.
+    /// Output folder, from which an interrupted training run resumes.
     pub folder: &'a Path,
     pub validation: ValidationRequest,
     /// Device for training; validation runs on the CPU.
@@ -50,7 +50,7 @@ pub struct TrainRequest<'a> {
     pub export_f16: Option<&'a Path>,
 }
 
-/// Outcome of a training.
+/// Outcome of a training run.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Trained {
     pub ended: Ended,

@@ -33,9 +33,10 @@ pub struct ValidationRequest {
 }
 
 impl ValidationRequest {
-    /// Eight procedural scenes; [`Self::PAIRS`] pairs are one of each.
+    /// Default dataset: eight procedural scenes.
     pub const DATASET: &'static str =
         "Validation:synthetic=world=varied,seed=900000,scenes=8,size=256x256";
+    /// Default number of pairs: one of each scene of [`Self::DATASET`].
     pub const PAIRS: usize = 8;
 }
 
@@ -51,10 +52,10 @@ pub(super) struct Validation {
 }
 
 impl Validation {
-    /// Selects the pairs by the paper's rules and writes them into the training's folder.
+    /// Selects the pairs by the paper's rules and writes them into the folder of the training run.
     ///
     /// # Errors
-    /// [`TrainError::NotHeldOut`] if the training uses the same data; [`TrainError::OtherFolder`] if the pairs differ
+    /// [`TrainError::NotHeldOut`] if the training data are the same; [`TrainError::OtherFolder`] if the pairs differ
     /// from those of earlier validations; [`TrainError::Pairs`].
     pub(super) fn new(
         request: ValidationRequest,
@@ -67,7 +68,7 @@ impl Validation {
                 return Err(TrainError::NotHeldOut {
                     spec: dataset.to_string(),
                     reason:
-                        "networks are trained on these seeds; use seeds below 1000 or from 900000"
+                        "networks are trained on these seeds; use seeds below 1000, or 900000 and above"
                             .to_owned(),
                 });
             }

@@ -72,7 +72,7 @@ impl Registration {
     }
 }
 
-/// An alternative interpretation of views, as changes to the reader's.
+/// An alternative interpretation of views, as changes to the dataset reader's interpretation.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Reading {
     /// Factor of the poses' translations.
@@ -156,9 +156,11 @@ pub(super) struct Explained {
     pub(super) tiles: [(usize, f64); TILES],
     /// Number of samples that land on a pixel with depth.
     met: usize,
+    /// Number of samples among `met` whose depth agrees within [`TOLERANCE`].
     agreeing: usize,
     /// Number of samples whose colours were compared.
     pub(super) compared: usize,
+    /// Sum of the squared colour differences of these samples.
     pub(super) squares: f64,
 }
 

@@ -53,7 +53,7 @@ use neighbours::Neighbours;
 pub struct DatasetReport {
     pub dataset: String,
     pub readings: Vec<SettingInForce>,
-    /// In the reader's order.
+    /// In the order of the dataset reader.
     pub scenes: Vec<SceneReport>,
     /// Scenes that are broken or incomplete: one line per reason, which names the file.
     pub unreadable: Vec<String>,

@@ -17,8 +17,11 @@ const CENTRAL: &[u8] = b"PK\x01\x02";
 const LOCAL: &[u8] = b"PK\x03\x04";
 /// Length of an end record without its comment, which may take up to 65 535 more bytes.
 const END_LEN: usize = 22;
+/// Length of the locator of a ZIP64 end record.
 const LOCATOR_LEN: usize = 20;
+/// Length of an entry of the central directory without names and extra fields.
 const CENTRAL_LEN: usize = 46;
+/// Length of a local file header without names and extra fields.
 const LOCAL_LEN: usize = 30;
 
 /// Location of an entry's data.

@@ -135,11 +135,12 @@ setting!(
     Interleaved = "interleaved",
 );
 setting!(
-    /// Treatment of marks of another rendering rule: antialiasing, flat Gaussians, a filter that is not folded in.
+    /// Treatment of files that state another rendering rule: antialiasing, flat Gaussians, or a filter that is not folded
+    /// into the Gaussians.
     Marks, "marks":
-    /// Files with such marks are rejected.
+    /// Files that state another rendering rule are rejected.
     Refuse = "refuse",
-    /// The marks are ignored.
+    /// The stated rule is ignored.
     Ignore = "ignore",
 );
 

@@ -138,11 +138,13 @@ struct Columns {
     z: [f32; BLOCK],
     cut: [f32; BLOCK],
     norm: [f64; BLOCK],
-    /// Determinants of the 2D covariance with and without the low-pass.
+    /// Determinant of the 2D covariance, low-pass included.
     determinant: [f64; BLOCK],
+    /// Determinant of the 2D covariance without the low-pass.
     sharp_determinant: [f64; BLOCK],
-    /// Standard deviations of the 2D covariance in x and y, and its off-diagonal entry.
+    /// Standard deviations in x and y, low-pass included.
     deviation: [[f64; BLOCK]; 2],
+    /// Off-diagonal entry of the 2D covariance.
     covariance: [f64; BLOCK],
 }
 

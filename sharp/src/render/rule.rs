@@ -190,6 +190,7 @@ impl Rule {
         ..Self::GSPLAT_1_5_3_CLASSIC
     };
 
+    /// gsplat 1.6.0 with antialiasing.
     pub const GSPLAT_ANTIALIASED: Self = Self {
         compensation: Compensation::FlooredRoot,
         ..Self::GSPLAT_CLASSIC
@@ -200,6 +201,7 @@ impl Rule {
         compensation: Compensation::MipSplatting,
         ..Self::INRIA_GENERAL
     };
+    /// The mip mode of brush.
     pub const BRUSH_MIP: Self = Self {
         low_pass: 0.1,
         compensation: Compensation::Root,

@@ -207,7 +207,7 @@ fn warnings(scored: &[Scored], order: &BTreeMap<usize, Vec<(ShownTarget, usize)>
         }
     }
     let misplaced = misplaced(&found, "pictures").map(|text| {
-        text + " (predictions that repeat the picture before or after theirs look the same)"
+        text + " (or predictions merely repeat the previous or next picture, which looks the same)"
     });
     let mean_left = scored.iter().map(|pair| pair.left).sum::<f64>() / scored.len().max(1) as f64;
     let inverted = (mean_left < LEAST_LEFT).then(|| {

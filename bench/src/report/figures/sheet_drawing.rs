@@ -17,9 +17,11 @@ use crate::report::pictures::fitted;
 use crate::report::plots::files;
 use crate::scoring::Region;
 
-/// Maximum number of lines in a column's head, and in the reason for a missing picture.
+/// Maximum number of lines in the head of a column.
 const HEAD_LINES: usize = 2;
+/// Maximum number of lines in the reason for a missing picture.
 const REASON_LINES: usize = 12;
+
 /// A laid-out tile.
 struct DrawnTile {
     pictures: Vec<Shown>,

@@ -78,7 +78,7 @@ impl RunComparison {
         let mut heads = vec!["metric"];
         heads.extend(datasets.iter().map(String::as_str));
         let title = format!(
-            "{} (B) compared with {} (A): what B is, and B - A",
+            "{} (B) against {} (A): verdict on B, with the difference B − A",
             against.b, against.a
         );
         (rows.len() > 1).then(|| TextGrid::new(title, &heads, lines))

@@ -119,7 +119,8 @@ impl Frame<'_> {
         let limit = self.gpu.binding_limit;
         let side = part.side;
         self.gpu.no_room(format!(
-            "a binding of {limit} bytes cannot hold a tile of {side}x{side} pixels and its pairs"
+            "the GPU's buffer limit of {limit} bytes is too small for one {side}x{side}-pixel tile and its list of \
+             Gaussians"
         ))
     }
 
