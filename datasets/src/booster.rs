@@ -4,8 +4,8 @@
 //! in the unbalanced one) and `calib_00-0N.xml`. Each illumination for which both cameras have a picture forms one
 //! pair; all pairs share one disparity map per camera. The test sets have no disparity maps.
 //!
-//! Cameras are read from the projection matrices of OpenCV's rectification. Its pixel centres are at integers, so 0.5
-//! is added to each principal point. `baselineLR` is in millimetres.
+//! Cameras are read from the projection matrices of OpenCV's rectification. OpenCV's pixel centres are at integers, so
+//! 0.5 is added to each principal point. `baselineLR` is in millimetres.
 
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};

@@ -82,7 +82,7 @@ impl Setting {
 pub struct SettingChoice {
     pub value: &'static str,
     pub meaning: &'static str,
-    /// True if it is known to differ from the paper's procedure; reports then say "proxy".
+    /// True if the value is known to differ from the paper's procedure; reports then say "proxy".
     pub proxy: bool,
 }
 

@@ -272,7 +272,7 @@ impl Pair<'_> {
         median(sample.iter().map(|[i, j]| {
             let own = map.transform_point3(mean(self.port, *i));
             apart(k, own, mean(self.reference, *j)).map_or(f64::MAX, |[pixels, depth]| {
-                // A small weight on depth, so that its unit does not determine the choice of axes.
+                // A small weight on depth, so that the unit of depth does not determine the choice of axes.
                 pixels + depth.min(1.0) * 1e-3
             })
         }))
@@ -291,7 +291,7 @@ impl Pair<'_> {
     }
 
     /// The shift in pixels (right, down) from the port's Gaussians to the reference's as seen by the camera; zero
-    /// unless it is the same everywhere.
+    /// unless the shift is the same everywhere.
     fn shift(&self, placement: &Placement, matches: &[[u32; 2]]) -> [f64; 2] {
         let map = placement.camera_from_file(&self.camera);
         let focal = [self.camera.intrinsics.fx, self.camera.intrinsics.fy];
@@ -483,8 +483,7 @@ impl<'a> Cells<'a> {
         (p.z > 0.0).then(|| [at(self.k.fx, p.x), at(self.k.fy, p.y)])
     }
 
-    /// Pairs each of the port's Gaussians with the nearest of the reference's; skips those that
-    /// have none nearby.
+    /// Pairs each of the port's Gaussians with the nearest Gaussian of the reference; skips Gaussians with none nearby.
     fn nearest(
         &self,
         port: &Gaussians,

@@ -81,7 +81,7 @@ impl MetricConfig {
     }
 }
 
-/// Loads weights given as `NAME=FILE`; searches for those of other networks.
+/// Loads weights given as `NAME=FILE`; searches for the weights of all other networks.
 pub fn weights(files: &[String]) -> Result<Weights, ConfigError> {
     let mut weights = Weights::at_hand();
     for spec in files {

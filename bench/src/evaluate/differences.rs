@@ -114,7 +114,7 @@ pub(super) fn differences(before: &Manifest, now: &Manifest) -> Vec<ManifestDiff
     let aggregations = both.map(|manifest| manifest.aggregation.to_string());
     found.compare(RULE, "the aggregation", aggregations);
     for (name, text) in now.scoring.iter().filter(|(name, _)| *name != AGGREGATION) {
-        // A version that did not yet state a convention used the same one.
+        // Versions that did not yet record a convention used the one of today.
         let stated = before.scoring.get(name).unwrap_or(text);
         found.compare(CONVENTION, name, [stated.clone(), text.clone()]);
     }
@@ -281,7 +281,7 @@ pub(super) fn extended(
         });
     }
     let replaced = of(Replaced).map(ManifestDifference::replaced).collect();
-    // If the remaining columns were computed with the earlier networks, keep their record.
+    // If the remaining columns were computed with the earlier networks, keep the record of those networks.
     let metric_networks = match new.has_networks() {
         true => new.metric_networks,
         false => before.metric_networks,

@@ -23,7 +23,7 @@ use sharp_plots::panels::{Panel, PanelFrame, PlotArea, figure};
 use sharp_plots::style::FigureStyle;
 use sharp_plots::text::{Weight, width};
 
-/// Marks every file of a figure as ours, so that a later one may overwrite it.
+/// Identifies every file of a figure as written by this program, so that a later figure may overwrite it.
 pub const MARK: &str = "sharp-bench";
 
 /// Extensions of a figure's files.

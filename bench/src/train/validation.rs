@@ -212,7 +212,8 @@ fn means(results: &Results) -> Result<Vec<(String, f64)>, TrainError> {
     Ok(means)
 }
 
-/// Ignores stop requests during a validation: it is short, and afterwards its step is checkpointed.
+/// Ignores stop requests during a validation: a validation is short, and the checkpoint of its step is written only
+/// afterwards.
 struct Unstopped<'a>(&'a dyn Observer);
 
 impl Observer for Unstopped<'_> {

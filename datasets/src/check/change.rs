@@ -44,8 +44,8 @@ pub(super) enum Change {
     Registered(Registration),
     /// Pictures or depth maps are flipped; says in which direction.
     Flipped(Part, &'static str),
-    /// Pictures fit with the other EXIF orientation rule, which also gives the camera's size; has the setting that
-    /// selects it.
+    /// Pictures fit if turned by the other EXIF orientation rule, which also gives the camera's size; holds the setting
+    /// that selects this rule.
     Turned(&'static str),
 }
 

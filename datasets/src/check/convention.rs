@@ -5,7 +5,7 @@ use sharp::camera::RigidTransform;
 
 /// An alternative interpretation of the poses.
 pub(super) struct Convention {
-    /// The mistake that it corresponds to.
+    /// The mistake that the convention corresponds to.
     pub(super) name: &'static str,
     /// Converts a pose as read to the world-to-camera pose under this convention.
     pub(super) take: Take,

@@ -15,7 +15,7 @@ pub(super) enum DepthIs {
     NoRayLength,
     /// The reciprocal of depth, in an arbitrary unit.
     Inverse,
-    /// Values of a z-buffer. This is the value at infinite depth; smaller values lie below it by a fraction that is the
+    /// Values of a z-buffer; holds the value at infinite depth. Smaller values lie below that by a fraction that is the
     /// reciprocal of depth, in units of the near plane's distance.
     Buffer(f64),
     /// Too small by this many metres.

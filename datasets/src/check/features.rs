@@ -259,7 +259,7 @@ impl<'a> Matches<'a> {
         pose_of: &dyn Fn(usize) -> Option<usize>,
     ) -> Vec<Option<bool>> {
         let pose = |i: usize| Some(take(&self.views.get(pose_of(i)?)?.camera_from_world));
-        // Frames have their own cameras.
+        // A pose is taken together with the camera of its frame, if the picture size is the same.
         let camera = |i: usize| {
             let (own, other) = (
                 &self.cameras[&i],
@@ -371,7 +371,7 @@ fn lies(second_from_first: &RigidTransform, (from, to): (DVec3, DVec3), near: f6
     let line = t.cross(turned);
     let slope = line.truncate().length();
     let parallax = to.cross(turned);
-    // Without parallax, either the point is far away or the cameras are at the same position.
+    // Without parallax, accept the match: either the point is far away or the cameras are at the same position.
     let far = turned.z > 0.0 && parallax.length() < near * turned.length() * to.length();
     if far || slope < 1e-12 {
         return far;

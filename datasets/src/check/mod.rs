@@ -298,7 +298,7 @@ fn check_scene(scene: &Scene, views_per_scene: usize, spec: &DatasetSpec) -> Sce
             scene.id
         ));
     }
-    // One broken file may affect a picture and its depth, or every view.
+    // One broken file may affect a picture and its depth, or every view; report it once.
     let mut seen = BTreeSet::new();
     problems.retain(|problem| seen.insert(problem.clone()));
     let coverages: Vec<f64> = decoded.iter().filter_map(|d| d.coverage).collect();

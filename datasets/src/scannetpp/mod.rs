@@ -248,7 +248,7 @@ impl ScanNetPpReader<'_> {
             let mask = if self.spec.setting("masks") == "apply" {
                 let file = scene.finder.find(&photos.masks, &png, &["png"])?;
                 file.map(|file| MaskFile {
-                    // As in the official toolkit.
+                    // Only 255 counts as valid, as in the official toolkit.
                     white: 255,
                     file,
                     keep: Keep::White,

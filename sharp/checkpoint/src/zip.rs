@@ -114,7 +114,7 @@ fn locate(file: &(impl Bytes + ?Sized)) -> Result<(u64, u64, u64), Fault> {
         return malformed!("zip: the 64-bit end record is missing");
     };
     if !locator.starts_with(END_64_LOCATOR) {
-        // A small archive may hold exactly 65 535 entries.
+        // Without a ZIP64 record, the fields are actual values: an archive may hold exactly 65 535 entries.
         return Ok((count, size, start));
     }
     let end = slice(file, u64_at(locator, 8), 56, "the 64-bit end record")?;

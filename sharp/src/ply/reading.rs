@@ -160,7 +160,7 @@ pub struct StoredForm {
     /// can, and files that do not state their colour encoding are assumed to have that of 3D
     /// Gaussian Splatting.
     pub blending: ColorSpace,
-    /// True if a rendering rule was chosen explicitly; a file is then not rejected for marks of another rule. Like
+    /// True if a rendering rule was chosen explicitly; a file that states another rule is then not rejected. Like
     /// `blending`, it is not one of the settings.
     pub is_ruled: bool,
 }

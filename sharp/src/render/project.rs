@@ -81,7 +81,7 @@ const SUPPORT_TILE: f64 = 16.0;
 /// contour.
 const BOX_MARGIN: (f64, f64) = (1e-4, 1e-4);
 
-/// Margin of the exponent at which `raster` stops; allows for its rounding and that of `log2`.
+/// Margin of the exponent at which `raster` stops; allows for rounding in `raster` and in `log2`.
 const CUT_MARGIN: f32 = 1e-3;
 
 /// Runs the pass on the threads of the current pool.

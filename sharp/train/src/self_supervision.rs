@@ -30,7 +30,7 @@ use crate::data::{DataError, Photograph, Sample, Source, TrainingView, draws};
 /// Maximum distance of the pseudo-novel cameras from the photograph's, as a fraction of the
 /// distance to the point that they look at.
 const PART_OF_DISTANCE: f64 = 0.26;
-/// Maximum offset of that point, horizontally and vertically, as a fraction of its distance.
+/// Maximum horizontal and vertical offset of the point that the cameras look at, as a fraction of its distance.
 const PART_ASIDE: f64 = 0.1;
 /// Minimum alpha of a pixel that is used.
 const COVERED: f32 = 0.99;
@@ -119,10 +119,10 @@ impl Source<Sample> for SelfSupervisedSamples {
     }
 }
 
-/// Separates these random choices from those of the photographs.
+/// Separates the random cameras from the random choice of photographs.
 const SPREAD: u64 = 0x5353_4654;
 
-/// A point uniformly distributed in the disc.
+/// A point uniformly distributed in a disc of `radius` around the photograph's camera.
 fn eye(random: &mut SplitMix64, radius: f64) -> DVec3 {
     loop {
         let (x, y) = (random.between(-1.0, 1.0), random.between(-1.0, 1.0));

@@ -94,7 +94,7 @@ pub(crate) fn execute(args: &PredictArgs) -> anyhow::Result<Outcome> {
     for (image, ply) in args.images.iter().zip(&outputs) {
         match predict_one(args, &predictor, image, ply) {
             Ok(predicted) => results.push(predicted),
-            // A failure affects only this photograph.
+            // A failure affects only this photograph, so continue with the others.
             Err(error) if args.images.len() > 1 => {
                 failed += 1;
                 output::remark(format!("error: {error:#}"));

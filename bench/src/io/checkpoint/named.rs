@@ -80,8 +80,8 @@ pub fn named_network(
     })
 }
 
-/// The network of a file. Its sizes are those of `config`, of `STEM.json` next to the file, of the
-/// release, or of the only fitting configuration in the `.json` files next to it.
+/// The network of a file. Its configuration is `config`, `STEM.json` next to the file, that of the release, or the only
+/// fitting one in the `.json` files next to the file.
 fn network_of(file: &Path, config: Option<&str>) -> Result<NetworkSpec, NetworkError> {
     let source = CheckpointSource::open(file)?;
     // Allow further tensors here; whether they may stay unused is decided later.

@@ -34,7 +34,7 @@ struct Shown {
     size: (u32, u32),
     /// Whether enlarging interpolates between pixels.
     is_smooth: bool,
-    /// Rectangles `(x, y, width, height)` drawn on it.
+    /// Rectangles `(x, y, width, height)` drawn on the picture.
     frames: Vec<((u32, u32, u32, u32), Ink)>,
 }
 

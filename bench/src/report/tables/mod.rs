@@ -88,7 +88,7 @@ pub struct Group {
     pub title: String,
     /// Number of pairs of a complete cell; `None` if the source does not state it.
     pub pairs: Option<usize>,
-    /// Footnote on its columns.
+    /// Footnote on the columns of the group.
     pub note: Option<usize>,
 }
 

@@ -72,8 +72,8 @@ pub(super) struct Frame<'a> {
     pub(super) passes: &'a Passes,
     pub(super) scene: &'a GpuScene,
     pub(super) view: &'a RenderView,
-    /// Side of a tile in pixels: a power of two of at least [`LEAST_TILE`]. If tiles bound the support, a tile is no
-    /// larger than those that do, because a list applies to all pixels of its tile.
+    /// Side of a tile in pixels: a power of two of at least [`LEAST_TILE`]. If the rule limits the support to tiles, a
+    /// tile is no larger than the rule's, because a list applies to all pixels of its tile.
     pub(super) tile: u32,
 }
 
