@@ -87,7 +87,7 @@ pub(super) fn execute(args: &ExplainArgs) -> anyhow::Result<Outcome> {
         let explained = explain_run(table, &args.row, &run, &scoring, &Terminal::default())?;
         if explained.changed > 0 {
             output::remark(format!(
-                "warning: {}: {} of the run's scores differ from those recomputed from its \
+                "warning: {}: {} of the run's scores differ from those recomputed from the kept \
                  pictures: weights or code changed after the run",
                 explained.path.display(),
                 explained.changed

@@ -28,8 +28,8 @@ Examples:
   sharp-bench report runs/first --methods-text
 
 Writes report.md, index.html (opens from disk), tables as .md, .csv and .tex, plots as .svg and .png. The page contains
-the pictures of up to 24 pairs; for more pairs, small pictures are stored next to it in thumbs/, below 200 MB in total.
-Enlarged predictions are read from the run, sources and targets from the run's datasets, if these are still in place.")]
+the pictures of up to 24 pairs; for more pairs, small pictures are stored in thumbs/ next to the page, below 200 MB in
+total. Enlarged predictions are read from the run, sources and targets from the run's datasets, if still in place.")]
 pub(super) struct ReportArgs {
     #[command(flatten)]
     runs: ShownRuns,
@@ -123,7 +123,7 @@ pub(super) fn execute(args: &ReportArgs) -> anyhow::Result<Outcome> {
     } else {
         let pictures = match files.layout {
             Layout::File => "one file",
-            Layout::Folder => "its pictures next to it, in thumbs/",
+            Layout::Folder => "pictures in thumbs/ next to the page",
         };
         print_tables(&results, args.uncertainty)?;
         output::line(format!("report  {}  ({pictures})", files.html.display()))?;

@@ -148,14 +148,17 @@ fn to_json(paper: &PublishedTable, table: &Table, written: &[PathBuf]) -> Value 
 /// The command that produces a table's rows, and its requirements.
 fn made_by(table: &PublishedTable) -> (&'static str, &'static str) {
     match table.made_by {
-        MadeBy::Run => ("run", "a run on its datasets"),
+        MadeBy::Run => ("run", "a run on the table's datasets"),
         MadeBy::PrivilegedRun => (
             "run --method KIND:depth=privileged",
-            "a run on its datasets with depth",
+            "a run on those of the table's datasets that have depth",
         ),
-        MadeBy::Speed => ("speed --out", "the folder that it wrote"),
-        MadeBy::Translation => ("analyze translation --out", "the folder that it wrote"),
-        MadeBy::Checkpoint => ("a checkpoint", "its file, .pt or .safetensors"),
+        MadeBy::Speed => ("speed --out", "the folder that the command wrote"),
+        MadeBy::Translation => (
+            "analyze translation --out",
+            "the folder that the command wrote",
+        ),
+        MadeBy::Checkpoint => ("a checkpoint", "a .pt or .safetensors file"),
     }
 }
 

@@ -91,10 +91,11 @@ impl Validation {
         if curve.lines().count() > 1 && PairList::read(&path)?.sha256 != list.sha256 {
             return Err(TrainError::OtherFolder {
                 folder: folder.root().to_owned(),
-                reason: "this training was validated on other pairs (validation-pairs.csv), which \
-                         its curves must not mix with new ones; use the same datasets and number \
-                         of pairs, or another folder"
-                    .to_owned(),
+                reason:
+                    "this training run was validated on other pairs (validation-pairs.csv), and a \
+                         curve must not mix both; use the same datasets and number of pairs, or \
+                         another folder"
+                        .to_owned(),
             });
         }
         list.write()?;
@@ -147,7 +148,7 @@ impl Validation {
 fn held_out(datasets: &[OpenDataset], config: &TrainingConfig) -> Result<(), TrainError> {
     let refused = |dataset: &OpenDataset, what: String| TrainError::NotHeldOut {
         spec: dataset.config.to_string(),
-        reason: format!("this training uses {what}; validate on data that it does not use"),
+        reason: format!("this training run uses {what}; validate on data that it does not use"),
     };
     let root = |dataset: &OpenDataset| dataset.root()?.canonicalize().ok();
     if let (1.., TrainingData::Datasets(specs)) = (config.stage1.steps, &config.stage1.data) {

@@ -135,7 +135,7 @@ impl Rows {
             return Ok(rows);
         }
         let Some(body) = text.strip_prefix(header) else {
-            return Err(rows.other("not the log of a training".to_owned()));
+            return Err(rows.other("not the log of a training run".to_owned()));
         };
         let mut kept = header.len();
         for line in body.split_inclusive('\n') {

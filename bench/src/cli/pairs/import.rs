@@ -64,7 +64,7 @@ pub(super) fn execute(args: &ImportArgs) -> anyhow::Result<Outcome> {
         ListForm::Flash3d | ListForm::Mine | ListForm::Unisharp => "line",
     };
     let mut summary = format!(
-        "{}, {} with targets: {} in all, {} among their own inputs",
+        "{}, {} with targets: {} in all, {} of which are also inputs",
         counted(counts.entries, entry),
         counts.with_pairs,
         counted(counts.targets, "target"),

@@ -101,7 +101,9 @@ fn network_of(file: &Path, config: Option<&str>) -> Result<NetworkSpec, NetworkE
             match &found[..] {
                 [] => release,
                 [(name, config)] => {
-                    notes.push(format!("its sizes fit {name} next to it"));
+                    notes.push(format!(
+                        "the checkpoint's tensor shapes match {name} next to the file"
+                    ));
                     config.clone()
                 }
                 several => {
