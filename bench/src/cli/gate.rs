@@ -39,7 +39,8 @@ pub(super) struct GateArgs {
     /// Run B, the candidate: a folder or a bundle
     #[arg(long, value_name = "B")]
     candidate: PathBuf,
-    /// A TOML file of limits, with lines such as fail_if = ["psnr < -0.1"], missing_pairs = 0, require_power = { psnr = 0.5 }
+    /// A TOML file of limits, with lines such as fail_if = ["psnr < -0.1"], missing_pairs = 0 or
+    /// require_power = { psnr = 0.5 }
     #[arg(long, value_name = "FILE")]
     config: Option<PathBuf>,
     /// A limit in addition to those of --config; repeatable

@@ -53,8 +53,8 @@ pub struct RunConfig {
     /// For each pair, score every method only on the part of the target that all methods predict
     #[arg(long)]
     pub common_region: bool,
-    /// For methods that provide several scales, score each pair at the scale with the lowest DISTS (the paper's rule for
-    /// methods without metric scale); the report says "best of N scales by DISTS"
+    /// For methods that provide several scales, score each pair at the scale with the lowest DISTS (the paper's rule
+    /// for methods without metric scale); the report says "best of N scales by DISTS"
     #[arg(long)]
     pub scale_sweep: bool,
     /// Which predicted pictures to keep [default: all]

@@ -8,12 +8,12 @@ use super::tables::grid::TextGrid;
 /// Which of the paper's numbers to show next to those of the runs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, clap::ValueEnum)]
 pub enum PublishedNumbers {
-    /// No numbers.
+    /// No numbers of the paper
     Never,
-    /// Those of the run's datasets, matched by name.
+    /// The numbers for the datasets of the runs, matched by name
     #[default]
     Matching,
-    /// All numbers of the paper.
+    /// All numbers of the paper
     Always,
 }
 

@@ -1,5 +1,5 @@
-//! Tests whether another interpretation explains the same views well, and significantly better than the dataset reader's
-//! own.
+//! Tests whether another interpretation explains the same views well, and significantly better than the dataset
+//! reader's own.
 
 use super::explained::{ENOUGH, Explained};
 

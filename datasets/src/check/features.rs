@@ -31,7 +31,8 @@ const UNIQUE: f32 = 0.6;
 const NEAR: f64 = 1.0;
 /// [`NEAR`] for poses that are merely imprecise.
 const CLOSE: f64 = 3.0;
-/// Minimum width and height of reduced views; smaller ones are skipped, because a pixel is too large a fraction of them.
+/// Minimum width and height of reduced views; smaller ones are skipped, because a pixel is too large a fraction of
+/// them.
 const LEAST_SIDE: u32 = 48;
 /// Minimum number of matches on which a judgement is based.
 pub(super) const LEAST_MATCHES: usize = 30;

@@ -135,8 +135,8 @@ setting!(
     Interleaved = "interleaved",
 );
 setting!(
-    /// Treatment of files that state another rendering rule: antialiasing, flat Gaussians, or a filter that is not folded
-    /// into the Gaussians.
+    /// Treatment of files that state another rendering rule: antialiasing, flat Gaussians, or a filter that is not
+    /// folded into the Gaussians.
     Marks, "marks":
     /// Files that state another rendering rule are rejected.
     Refuse = "refuse",

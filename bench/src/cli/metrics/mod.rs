@@ -90,8 +90,8 @@ pub(super) struct MetricsArgs {
     find: Option<find::Sought>,
     /// First resize each prediction to the size of its target, as a common library does; recorded with the results
     ///
-    /// bilinear and bilinear-antialias are those of torch's interpolate, bicubic and lanczos are PIL's; area is OpenCV's
-    /// and can only downscale. Without this option, unequal sizes are an error.
+    /// bilinear and bilinear-antialias are those of torch's interpolate, bicubic and lanczos are PIL's; area is
+    /// OpenCV's and can only downscale. Without this option, unequal sizes are an error.
     #[arg(long, value_name = "KERNEL")]
     resize_prediction: Option<ResizeKernel>,
     /// How to treat pictures that are not opaque: refuse them, composite them over black or white (in encoded values),
@@ -101,7 +101,8 @@ pub(super) struct MetricsArgs {
     /// How to treat pictures whose colour profile is not sRGB: convert (to sRGB) or as-stored
     #[arg(long, value_name = "RULE", default_value_t)]
     color: ColorRule,
-    /// How to treat pictures with an EXIF orientation: turn them upright (auto does the same here) or read them as stored
+    /// How to treat pictures with an EXIF orientation: turn them upright (auto does the same here) or read them as
+    /// stored
     #[arg(long, value_name = "RULE", default_value_t)]
     orientation: OrientationRule,
     /// Transfer function of EXR files that do not state one: linear (as most programs write) or srgb (encoded values)

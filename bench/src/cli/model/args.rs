@@ -26,8 +26,8 @@ pub(crate) struct ModelArgs {
     #[arg(long, value_name = "PREFIX")]
     pub(crate) allow_unused: Vec<String>,
     /// Device: auto (CUDA or Metal if built in, else the CPU), cpu, candle-cpu (candle's own operations on the CPU, a
-    /// slower reference), cuda (an NVIDIA GPU; needs a build with --features cuda) or metal (an Apple GPU; needs a build
-    /// with --features metal; untested)
+    /// slower reference), cuda (an NVIDIA GPU; needs a build with --features cuda) or metal (an Apple GPU; needs a
+    /// build with --features metal; untested)
     #[arg(long, value_name = "DEVICE", default_value = "auto")]
     pub(crate) device: DeviceChoice,
     /// On the CPU, use direct instead of Winograd convolution: slower, rounding errors five times smaller

@@ -45,8 +45,8 @@ enum WeightsCommand {
     Fetch(fetch::FetchArgs),
     /// Show the contents of a file: modules, parameters, non-finite values
     ///
-    /// With --config (or for a file that looks like SHARP's), the file must have exactly the network's tensors, with the
-    /// same shapes.
+    /// With --config (or for a file that looks like SHARP's), the file must have exactly the network's tensors, with
+    /// the same shapes.
     Check {
         /// The file: .pt, .pth (zip or older) or .safetensors
         file: PathBuf,
