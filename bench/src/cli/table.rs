@@ -36,7 +36,7 @@ pub(super) struct TableArgs {
     #[arg(value_name = "NAME")]
     name: String,
     /// Your own row: a run folder or bundle; name the method if the run has several; repeatable. `table
-    /// list` shows what tables need whose rows are not runs
+    /// list` shows the requirements of every table
     #[arg(long = "row", value_name = "LABEL=RUN[:METHOD]")]
     rows: Vec<String>,
     /// The variants to show, at most one per metric [default: the default variants that all rows have]
