@@ -98,8 +98,8 @@ fn help() -> String {
         }
     }
     format!(
-        "Methods, KIND[:key=value,…], with their settings (all optional except dir= and run=; label=NAME, the name \
-         in tables, is one of every method):\n{kinds}\n{}\n\
+        "Methods, KIND[:key=value,…], with their settings (only dir= and run= are required; every method also takes \
+         label=NAME, the name shown in tables):\n{kinds}\n{}\n\
          Examples:\n  \
          sharp-bench run --dataset middlebury=data/Middlebury2014 --method copy --method depth-splat --out runs/first\n  \
          sharp-bench run --dataset synthetic --method imported:label=mine,dir=predictions --metrics paper,ssim-all --out runs/mine",

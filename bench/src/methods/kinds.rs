@@ -80,7 +80,7 @@ pub const KINDS: [MethodKind; 8] = [
             ("config=FILE#NAME", "architecture of the checkpoint"),
             (
                 "depth=none|privileged",
-                "privileged: multiply by the median of true over predicted depth",
+                "privileged: scale the prediction by the median of true over predicted depth",
             ),
             (
                 "device=cpu|candle-cpu|cuda|metal|auto",
@@ -116,7 +116,7 @@ pub const KINDS: [MethodKind; 8] = [
             ),
             (
                 "depth=none|privileged",
-                "privileged: multiply by the median of true over rendered depth",
+                "privileged: scale the Gaussians by the median of true over rendered depth",
             ),
             (
                 "color_space=linear|srgb",
