@@ -206,7 +206,7 @@ impl BoosterRig {
     fn parse(storage: &FileStorage) -> Result<Self, FormatError> {
         let left = camera(storage, "proj_matL", "mtxL")?;
         let right = camera(storage, "proj_matR", "mtxR")?;
-        // The fourth column of the right camera's matrix contains −f·B.
+        // The fourth column of the right camera's matrix contains −f·B, from which the baseline follows.
         let from_matrix = match storage.get("proj_matR") {
             Some(Node::Matrix {
                 rows: 3,

@@ -24,7 +24,7 @@ impl ReadingArgs {
     pub(crate) fn reading(&self) -> StoredForm {
         let mut reading = StoredForm::from(self.color_space);
         for (key, value) in &self.read {
-            // Each setting was validated when it was parsed.
+            // Each setting was validated when it was parsed, so there can be no error.
             let _ = reading.set(key, value);
         }
         reading

@@ -231,7 +231,7 @@ impl RunConfig {
             if method.kind == "command" {
                 method.options.entry("cwd".to_owned()).or_default();
             }
-            // `files=` is relative to the program's working directory.
+            // `files=` is not among these options, because it is relative to the program's working directory.
             for key in ["dir", "checkpoint", "config", "cwd", "transform", "train"] {
                 let value = method.options.get_mut(key);
                 let is_path = |value: &&mut String| match key {

@@ -127,7 +127,7 @@ pub fn score_shard(
         memory: MemoryShares::of(memory_limit_bytes),
     };
     let mut counts = work.score(list, observer)?;
-    // Units without a prediction.
+    // Units without a prediction count as well.
     counts.units += of_shard - there;
     counts.waiting += of_shard - there;
     Ok(counts)

@@ -188,7 +188,7 @@ fn validated(log: &Log, steps: &BTreeMap<Place, f64>) -> Result<Option<Figure>, 
     let values = log.places()?.into_iter().zip(log.values(2)?);
     for ((place, value), row) in values.zip(&log.rows) {
         let name = row.get(3).unwrap_or_default();
-        // A validation in a stage without steps has no position on the axis.
+        // A validation in a stage without steps has no position on the axis and is left out.
         let Some(step) = steps.get(&place) else {
             continue;
         };

@@ -122,7 +122,7 @@ pub(crate) fn execute(args: &PredictArgs) -> anyhow::Result<Outcome> {
 fn named_after(images: &[PathBuf], folder: &Path) -> anyhow::Result<Vec<PathBuf>> {
     let mut outputs = Vec::with_capacity(images.len());
     for image in images {
-        // A folder without a name is rejected when it is read.
+        // A folder without a name is rejected when it is read, so any name will do here.
         let mut name = image.file_stem().unwrap_or(image.as_os_str()).to_owned();
         name.push(".ply");
         let ply = folder.join(name);
