@@ -4,8 +4,8 @@
 //! in the unbalanced one) and `calib_00-0N.xml`. Each illumination for which both cameras have a picture forms one
 //! pair; all pairs share one disparity map per camera. The test sets have no disparity maps.
 //!
-//! Cameras are read from the projection matrices of OpenCV's rectification. Its pixel centres are at integers, so 0.5
-//! is added to each principal point. `baselineLR` is in millimetres.
+//! Cameras are read from the projection matrices of OpenCV's rectification. OpenCV's pixel centres are at integers, so
+//! 0.5 is added to each principal point. `baselineLR` is in millimetres.
 
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
@@ -39,7 +39,7 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
     settings: &[
         Setting::choice(
             "split",
-            "which part, by the folder's name; a folder with neither name is always read",
+            "which part of Booster, by the folder's name; a folder with neither name is always read",
             &[
                 choice(
                     "train",
@@ -50,7 +50,7 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
         ),
         Setting::choice(
             "set",
-            "balanced or unbalanced cameras, by the folder's name",
+            "which camera pair, by the folder's name",
             &[
                 choice("balanced", "two cameras of the same kind"),
                 proxy("unbalanced", "the second camera is smaller"),
@@ -206,7 +206,7 @@ impl BoosterRig {
     fn parse(storage: &FileStorage) -> Result<Self, FormatError> {
         let left = camera(storage, "proj_matL", "mtxL")?;
         let right = camera(storage, "proj_matR", "mtxR")?;
-        // The fourth column of the right camera's matrix contains −f·B.
+        // The fourth column of the right camera's matrix contains −f·B, from which the baseline follows.
         let from_matrix = match storage.get("proj_matR") {
             Some(Node::Matrix {
                 rows: 3,

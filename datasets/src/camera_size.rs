@@ -13,12 +13,12 @@ use crate::{DatasetError, DatasetSpec, mask};
 /// Treatment of pictures whose size differs from their camera's.
 pub(crate) const CAMERA_SIZE: Setting = Setting::choice(
     "camera-size",
-    "pictures whose size differs from their camera's",
+    "what to do with pictures whose size differs from their camera's",
     &[
-        choice("exact", "are an error"),
+        choice("exact", "report an error"),
         choice(
             "scaled",
-            "have their camera scaled if both axes have the same ratio; otherwise an error",
+            "scale the camera if the ratio is the same on both axes; otherwise report an error",
         ),
     ],
 );

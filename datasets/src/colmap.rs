@@ -28,7 +28,7 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
     layout: "images/, sparse/0/{cameras, images}.{bin or txt}; depth/ if available",
     caveat: "the unit is assumed to be metres; otherwise set scale=",
     settings: &[
-        Setting::free("scale", "length of one unit of the model in metres", "1"),
+        Setting::free("scale", "metres per unit of the model", "1"),
         Setting::free(
             "images",
             "folder of the pictures, next to the model's folder",
@@ -36,7 +36,7 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
         ),
         Setting::free(
             "model",
-            "folder of the model relative to the scene's folder, e.g. sparse/1",
+            "folder of the model, relative to the scene's folder, e.g. sparse/1 (first: the first one found)",
             "first",
         ),
         Setting::choice(
@@ -56,7 +56,7 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
         ),
         Setting::free(
             "depth-unit",
-            "length of one unit of the maps in depth/ in metres",
+            "metres per unit of the maps in depth/, whatever their file format",
             "0.001",
         ),
         DepthKind::SETTING,

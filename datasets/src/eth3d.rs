@@ -34,7 +34,7 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
     caveat: "depth is semi-sparse; the paper estimates overlap from monocular depth",
     settings: &[Setting::choice(
         "images",
-        "which photographs",
+        "which form of the photographs",
         &[
             choice(
                 "distorted",
@@ -58,7 +58,7 @@ const DEPTH: &str = "ground_truth_depth/dslr_images";
 fn required_files(photo: &PhotographPath<'_>) -> Vec<RequiredFile> {
     let top = photo.picture.split("/images/").next();
     let top = top.unwrap_or(photo.scene);
-    // Depth has the geometry of the distorted pictures.
+    // The depth maps are aligned with the distorted pictures, so their cameras are always needed.
     let models: &[&str] = if photo.folder.ends_with("undistorted") {
         &[UNDISTORTED, DISTORTED]
     } else {
@@ -75,7 +75,7 @@ fn required_files(photo: &PhotographPath<'_>) -> Vec<RequiredFile> {
 
 fn archives(photo: &PhotographPath<'_>) -> Vec<String> {
     let undistorted = photo.picture.contains("/dslr_images_undistorted/");
-    // Depth has the geometry of the distorted pictures.
+    // The depth maps are aligned with the distorted pictures, so those are always needed.
     let parts = ["dslr_jpg", "dslr_depth"].into_iter();
     parts
         .chain(undistorted.then_some("dslr_undistorted"))

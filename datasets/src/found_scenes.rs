@@ -21,9 +21,9 @@ pub struct LeftOutScene {
 /// Reason for excluding a scene.
 #[derive(Debug)]
 pub enum Why {
-    /// It cannot be read or is incomplete.
+    /// The scene cannot be read or is incomplete.
     Fault(DatasetError),
-    /// It was excluded by a setting; nothing is wrong with it.
+    /// A setting excludes the scene, although nothing is wrong with it.
     Choice(String),
 }
 

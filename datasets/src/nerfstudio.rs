@@ -29,26 +29,26 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
     layout: "transforms.json (or transforms_train.json) and the pictures it names",
     caveat: "the poses' unit is assumed to be metres; otherwise set scale=",
     settings: &[
-        Setting::free("scale", "length of one unit of the poses in metres", "1"),
+        Setting::free("scale", "metres per unit of the poses", "1"),
         Setting::free(
             "depth-unit",
-            "length of one unit of the depth maps in metres, for every format (nerfstudio's rule)",
+            "metres per unit of the depth maps, whatever their file format (as nerfstudio does)",
             "0.001",
         ),
         DepthKind::SETTING,
         Setting::choice(
             "intrinsics",
-            "which intrinsics to use if a frame and the file disagree",
+            "which intrinsics to use if those of a frame differ from those of the whole file",
             &[
-                choice("frame", "the frame's own"),
-                choice("file", "the file's, as in nerfstudio"),
+                choice("frame", "those of the frame"),
+                choice("file", "those of the file, as in nerfstudio"),
             ],
         ),
         Setting::choice(
             "masks",
-            "treatment of pixels that a mask excludes",
+            "what to do with pixels that a mask excludes",
             &[
-                choice("ignore", "masks are not read"),
+                choice("ignore", "nothing; masks are not read"),
                 choice(
                     "keep-white",
                     "where a mask is below 128, the picture is black, the depth invalid, and the pixel not scored",

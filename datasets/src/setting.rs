@@ -82,7 +82,7 @@ impl Setting {
 pub struct SettingChoice {
     pub value: &'static str,
     pub meaning: &'static str,
-    /// True if it is known to differ from the paper's procedure; reports then say "proxy".
+    /// True if the value is known to differ from the paper's procedure; reports then say "proxy".
     pub proxy: bool,
 }
 
@@ -107,35 +107,35 @@ pub(crate) const fn proxy(value: &'static str, meaning: &'static str) -> Setting
 pub static PICTURES: [Setting; 3] = [
     Setting::choice(
         "alpha",
-        "pictures that are not opaque",
+        "what to do with pictures that are not opaque",
         &[
-            choice("refuse", "are an error"),
-            choice("black", "are composited over black, in encoded values"),
-            choice("white", "are composited over white, in encoded values"),
-            choice("drop", "keep their colours as they are stored"),
+            choice("refuse", "report an error"),
+            choice("black", "composite over black, in encoded values"),
+            choice("white", "composite over white, in encoded values"),
+            choice("drop", "keep the colours as stored"),
         ],
     ),
     Setting::choice(
         "color",
-        "pictures whose colour profile (ICC, cICP) is not sRGB",
+        "what to do with pictures whose colour profile (ICC, cICP) is not sRGB",
         &[
             choice(
                 "convert",
-                "are converted to sRGB and clipped; profiles with lookup tables and CMYK profiles are an error",
+                "convert to sRGB and clip; profiles with lookup tables and CMYK profiles are an error",
             ),
-            choice("as-stored", "are read as sRGB"),
+            choice("as-stored", "read as if they were sRGB"),
         ],
     ),
     Setting::choice(
         "orientation",
-        "pictures with an EXIF orientation",
+        "what to do with pictures that have an EXIF orientation",
         &[
             choice(
                 "auto",
-                "are read as stored if that fits the camera, upright if only that does",
+                "read as stored if that size fits the camera; turn upright if only the upright size fits",
             ),
-            choice("stored", "are read as stored"),
-            choice("upright", "are turned upright"),
+            choice("stored", "read as stored"),
+            choice("upright", "turn upright"),
         ],
     ),
 ];
@@ -143,9 +143,9 @@ pub static PICTURES: [Setting; 3] = [
 /// Permission to refer to files outside the dataset's folder.
 pub(crate) const OUTSIDE: Setting = Setting::choice(
     "outside",
-    "files outside the folder that `..`, an absolute path or a symbolic link points to",
+    "what to do with files outside the folder, reached through `..`, an absolute path or a symbolic link",
     &[
-        choice("refuse", "are an error"),
-        choice("allow", "are read; only for files you trust"),
+        choice("refuse", "report an error"),
+        choice("allow", "read them; only for datasets that you trust"),
     ],
 );

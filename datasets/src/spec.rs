@@ -26,8 +26,8 @@ pub struct DatasetEntry {
     pub page: &'static str,
     /// Summary of the terms of use; the page is authoritative.
     pub terms: &'static str,
-    /// True if the terms allow publishing its pictures, and predictions from them, with attribution. True for the
-    /// user's own data; false if terms contradict each other.
+    /// True if the terms allow publishing the dataset's pictures, and predictions from them, with attribution. True for
+    /// the user's own data; false if terms contradict each other.
     pub may_publish: bool,
     pub download: &'static str,
     pub size: &'static str,
@@ -122,7 +122,7 @@ pub struct SettingInForce {
     pub value: String,
     /// True if the value is known to differ from the paper's procedure.
     pub proxy: bool,
-    /// True if the paper leaves this open, so that the value is one of several it may have used.
+    /// True if the paper leaves this setting open, so that the value is one of several that it may have used.
     pub open: bool,
 }
 

@@ -18,9 +18,9 @@ use crate::required_files::{FileRole, RequiredFile};
 #[derive(Debug, Clone, PartialEq)]
 pub struct FoundPicture {
     pub header: Header,
-    /// True if it is turned by its EXIF orientation.
+    /// True if the picture is turned by its EXIF orientation.
     pub turned: bool,
-    /// True if its camera fits both orientations, as stored and turned; false without an EXIF orientation.
+    /// True if the picture's camera fits both orientations, as stored and turned; false without an EXIF orientation.
     pub fits_both: bool,
 }
 

@@ -36,9 +36,9 @@ impl Similarity {
 #[derive(Debug)]
 pub(crate) struct Dists {
     network: Arc<Extractor>,
-    /// Weights of the structure terms, for the channels of all taps. Together with those of the
-    /// texture terms they sum to 1.
+    /// Weights of the structure terms, for the channels of all taps; `alpha` and `beta` together sum to 1.
     alpha: Vec<f64>,
+    /// Weights of the texture terms, for the channels of all taps.
     beta: Vec<f64>,
 }
 

@@ -84,11 +84,11 @@ pub enum Device {
     /// tested with them.
     #[default]
     Cpu,
-    /// candle's tensors on the CPU: slow; tests the code that GPUs run.
+    /// Runs the GPU code path (candle) on the CPU: slow, for testing.
     CandleCpu,
-    /// candle's tensors on the first NVIDIA GPU (feature `cuda`). Not tested on real hardware.
+    /// candle's tensors on the first NVIDIA GPU (feature `cuda`). Tested on an H200.
     Cuda,
-    /// candle's tensors on an Apple GPU (feature `metal`). Not tested on real hardware.
+    /// candle's tensors on an Apple GPU (feature `metal`). Untested: no such GPU was available.
     Metal,
 }
 

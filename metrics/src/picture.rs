@@ -28,9 +28,9 @@ pub enum PictureError {
     #[error("{value} at x {x}, y {y}, channel {channel}: pixels must be finite")]
     NotFinite {
         value: f32,
-        /// Column of the first such pixel.
+        /// Column of the first pixel that is not finite.
         x: u32,
-        /// Row of the first such pixel.
+        /// Row of the first pixel that is not finite.
         y: u32,
         /// 0 red, 1 green, 2 blue.
         channel: usize,
@@ -41,9 +41,9 @@ pub enum PictureError {
     )]
     OutOfRange {
         value: f32,
-        /// Column of the first such pixel.
+        /// Column of the first pixel out of range.
         x: u32,
-        /// Row of the first such pixel.
+        /// Row of the first pixel out of range.
         y: u32,
         /// 0 red, 1 green, 2 blue.
         channel: usize,

@@ -14,9 +14,12 @@ use crate::color::linear_from_srgb;
 use crate::gaussians::{Gaussians, Harmonics};
 use crate::initializer::BaseGaussians;
 
-/// Factors of the deltas, as in the release; factors not listed are 1.
+/// Factor of the deltas of x and y. This and the other factors are the release's; deltas without a constant here have
+/// the factor 1.
 const XY_FACTOR: f32 = 1e-3;
+/// Factor of the delta of inverse depth.
 const INVERSE_DEPTH_FACTOR: f32 = 1e-3;
+/// Factor of the deltas of colour.
 const COLOR_FACTOR: f32 = 0.1;
 /// Maximum multiple of the base scale; the minimum is 0.
 const MAX_SCALE: f64 = 10.0;

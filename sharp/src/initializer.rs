@@ -125,7 +125,7 @@ fn check_length(
 /// Treatment of depth values that are not finite and positive.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum InvalidDepth {
-    /// An error: predictors never produce such values.
+    /// Depth that is not finite and positive is an error: predictors never produce it.
     Refuse,
     /// For measured depth, which has holes: minimum and pooling use valid pixels only, and blocks
     /// without a valid pixel are omitted.

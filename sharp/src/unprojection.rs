@@ -57,7 +57,7 @@ fn rotation_and_scales(covariance: DMat3) -> ([f32; 4], [f32; 3]) {
     let [w, x, y, z] = quaternion(vectors);
     (
         [w, x, y, z].map(|v| v as f32),
-        // Rounding can make the smallest eigenvalue of a flat Gaussian slightly negative.
+        // Rounding can make the smallest eigenvalue of a flat Gaussian slightly negative, hence the absolute value.
         values.to_array().map(|v| v.abs().sqrt() as f32),
     )
 }

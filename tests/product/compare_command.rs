@@ -67,7 +67,7 @@ fn runs_are_compared_by_pair_and_unlike_ones_refused() {
     assert_eq!(shown.matches(note).count(), 1, "{shown}");
     let first = shown.lines().next().unwrap();
     assert_eq!(
-        first, "depth-splat (B) compared with copy (A): what B is, and B - A",
+        first, "depth-splat (B) against copy (A): verdict on B, with the difference B − A",
         "{shown}"
     );
     let of_psnr = format!("inconclusive ({:+.3})", number("difference"));

@@ -27,7 +27,7 @@ fn a_sound_dataset_passes_its_check() {
     middlebury(dir.path());
     let said = sharp_bench(dir.path(), &["datasets", "check", "middlebury=set"]).ends_with(0);
     for part in [
-        "One-perfect: 2 views, 741x500; depth in 1 of 2 decoded, 92.7 %",
+        "One-perfect: 2 views, 741x500; depth in 1 of 2 decoded views, at 92.7 %",
         "reading right=im1",
         "2 scenes, 4 views; 0 scenes unreadable; problems: 0",
     ] {

@@ -189,7 +189,7 @@ fn what_cannot_be_trained_is_one_clear_error() {
     let data = format!("stage1.data={{ datasets = [{dataset:?}] }}");
     seen[5] = &dataset;
     let learnt = [&seen[..], &["--set", &data]].concat();
-    sharp_bench(dir.path(), &learnt).is_usage_error_with(&["Motorcycle", "this training uses"]);
+    sharp_bench(dir.path(), &learnt).is_usage_error_with(&["Motorcycle", "this training run uses"]);
     let data = format!("stage2.data={{ photographs = \"{bundled}/Motorcycle-quarter\" }}");
     let learnt = [
         &seen[..],
@@ -203,7 +203,8 @@ fn what_cannot_be_trained_is_one_clear_error() {
         ],
     ]
     .concat();
-    sharp_bench(dir.path(), &learnt).is_usage_error_with(&["photographs", "this training uses"]);
+    sharp_bench(dir.path(), &learnt)
+        .is_usage_error_with(&["photographs", "this training run uses"]);
 }
 
 #[test]

@@ -199,7 +199,7 @@ pub fn bins(samples: &[(f64, f64)], cuts: &Cuts) -> Vec<Bin> {
                 number,
                 low,
                 high,
-                // Rounding could move the mean out of its bin.
+                // Clamp, because rounding could move the mean out of its bin.
                 x: mean(&of(|sample| sample.0))?.clamp(low, high),
                 mean: mean(&values)?,
                 std: sample_std(&values),

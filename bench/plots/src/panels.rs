@@ -19,11 +19,13 @@ const TOP: f64 = 34.0;
 const BOTTOM: f64 = 52.0;
 const MARGIN: f64 = 10.0;
 const LEGEND_LINE: f64 = 16.0;
-/// Gap between rows of the legend, whose labels may have several lines.
+/// Gap between rows of the legend.
 const LEGEND_GAP: f64 = 6.0;
+/// Maximum number of lines of a label in the legend.
 const LABEL_LINES: usize = 3;
-/// Distance from the left of a legend entry to its label, and from the label to the next entry.
+/// Distance from the left of a legend entry to its label.
 const LEGEND_MARK: f64 = 33.0;
+/// Distance from a legend label to the next entry.
 const LEGEND_SPACE: f64 = 12.0;
 const CAPTION_ROW: f64 = 17.0;
 const TITLE_ROW: f64 = 26.0;
@@ -31,16 +33,18 @@ const TICK_SIZE: f64 = 11.5;
 const LABEL_SIZE: f64 = 12.5;
 const TITLE_SIZE: f64 = 14.0;
 
-/// Share of the available room that a line of text may fill. It is smaller on a screen than in
-/// print, because fallback fonts may be wider than the bundled one.
+/// Share of the available room that a line of text may fill on a screen, where fallback fonts may be
+/// wider than the bundled font.
 const ROOM: f64 = 0.8;
+/// Share of the available room that a line of text may fill in print, where the bundled font is used.
 const PRINT_ROOM: f64 = 0.96;
 /// Preferred minimum panel width in print.
 const NARROWEST: f64 = 170.0;
 /// Minimum panel width; below it the numbers of an axis overlap.
 const LEAST: f64 = 130.0;
-/// Height of the strip of sample counts, and the font size of its numbers.
+/// Height of the strip of sample counts.
 const COUNT_STRIP: f64 = 30.0;
+/// Font size of sample counts.
 const COUNT_SIZE: f64 = 9.5;
 /// Radius of a data point.
 pub const MARKER: f64 = 4.2;

@@ -136,11 +136,13 @@ pub fn shown(value: f64, decimals: usize) -> String {
 /// A linear map from data to pixels.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Scale {
-    /// Data values at the first and last pixel.
+    /// Data value at `from`.
     pub low: f64,
+    /// Data value at `to`.
     pub high: f64,
-    /// First and last pixel.
+    /// Pixel of `low`.
     pub from: f64,
+    /// Pixel of `high`.
     pub to: f64,
 }
 

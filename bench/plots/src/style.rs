@@ -48,11 +48,13 @@ pub struct FigureStyle {
     pub caption: bool,
     /// Colours of the methods in order, `#RRGGBB`.
     pub colours: Vec<Ink>,
-    /// Ends of the axes of plots; data beyond them are cut off.
+    /// Ends of the horizontal axis of plots; data beyond them are cut off.
     pub xlim: Option<[f64; 2]>,
+    /// Ends of the vertical axis of plots; data beyond them are cut off.
     pub ylim: Option<[f64; 2]>,
-    /// Labels of the axes of plots.
+    /// Label of the horizontal axis of plots.
     pub xlabel: Option<String>,
+    /// Label of the vertical axis of plots.
     pub ylabel: Option<String>,
     /// Number of panels side by side; by default as many as fit.
     pub columns: Option<usize>,

@@ -1,7 +1,8 @@
 """Evaluate single-photograph view synthesis from Python, by the numbers of the ``sharp-bench`` command.
 
 Cameras are OpenCV's: x right, y down, z forward; lengths are metres, extrinsics world-to-camera, and pixel centres lie at
-+ 0.5. Pictures are sRGB: uint8, or floats in 0..1, which :func:`metrics` scores as they are and a run rounds to levels.
+half-integer coordinates. Pictures are sRGB: uint8, or floats in 0..1, which :func:`metrics` scores unchanged and a run
+rounds to levels.
 """
 
 import functools

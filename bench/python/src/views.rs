@@ -11,7 +11,8 @@ use sharp_datasets as core;
 use crate::arrays;
 use crate::errors::{failed, refused};
 
-/// A pinhole camera in OpenCV's axes (x right, y down, z forward), metres; pixel centres lie at + 0.5.
+/// A pinhole camera in OpenCV's axes (x right, y down, z forward), metres; pixel centres lie at half-integer
+/// coordinates.
 #[pyclass(frozen, module = "sharp_bench")]
 #[derive(Clone, Copy)]
 pub(crate) struct Camera {

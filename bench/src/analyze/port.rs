@@ -40,19 +40,21 @@ pub struct FieldDifference {
     pub median: f64,
     /// 99th percentile.
     pub p99: f64,
+    /// Maximum.
     pub largest: f64,
 }
 
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct PortComparison {
-    /// How Gaussians were matched: the order in the port's file.
+    /// The order of the Gaussians in the port's file, compared with the reference's.
     pub order: &'static str,
     /// Number of the port's Gaussians without a counterpart of their own in the reference.
     pub extra: usize,
     /// Number of the reference's Gaussians without a counterpart in the port.
     pub missing: usize,
-    /// Gaussians of the port with a non-finite value.
+    /// Number of the port's Gaussians with a non-finite value.
     pub not_finite: usize,
+    /// Differences with the settings as given.
     pub as_read: Vec<FieldDifference>,
     /// Settings for reading the file that explain most of the differences.
     pub settings: Vec<(&'static str, String)>,
@@ -70,8 +72,11 @@ const FIELDS: [(&str, &str); 5] = [
     ("opacity", "% of 1"),
     ("colour", "% of sRGB"),
 ];
+/// Index of the covariance in [`FIELDS`].
 const COVARIANCE: usize = 2;
+/// Index of the opacity in [`FIELDS`].
 const OPACITY: usize = 3;
+/// Index of the colour in [`FIELDS`].
 const COLOUR: usize = 4;
 
 /// Orders of a port's file. Each maps the index `i` of `n` Gaussians, in two layers of `side` rows,
@@ -179,8 +184,10 @@ struct Pair<'a> {
 }
 
 impl Pair<'_> {
-    /// The placement and order that match the largest number of the port's Gaussians with the reference's, and the
-    /// matched pairs of indices.
+    /// Placement and order of the port's Gaussians, and the matched pairs of indices.
+    ///
+    /// Of the known orders, takes the one with the smallest median distance between matched Gaussians. If that distance
+    /// is too large, matches Gaussians by position, with the placement that finds the most matches.
     fn matched(&self) -> (Placement, &'static str, Vec<[u32; 2]>) {
         let n = self.port.len();
         let placements = || {
@@ -265,7 +272,7 @@ impl Pair<'_> {
         median(sample.iter().map(|[i, j]| {
             let own = map.transform_point3(mean(self.port, *i));
             apart(k, own, mean(self.reference, *j)).map_or(f64::MAX, |[pixels, depth]| {
-                // A small weight on depth, so that its unit does not determine the choice of axes.
+                // A small weight on depth, so that the unit of depth does not determine the choice of axes.
                 pixels + depth.min(1.0) * 1e-3
             })
         }))
@@ -284,7 +291,7 @@ impl Pair<'_> {
     }
 
     /// The shift in pixels (right, down) from the port's Gaussians to the reference's as seen by the camera; zero
-    /// unless it is the same everywhere.
+    /// unless the shift is the same everywhere.
     fn shift(&self, placement: &Placement, matches: &[[u32; 2]]) -> [f64; 2] {
         let map = placement.camera_from_file(&self.camera);
         let focal = [self.camera.intrinsics.fx, self.camera.intrinsics.fy];
@@ -476,8 +483,7 @@ impl<'a> Cells<'a> {
         (p.z > 0.0).then(|| [at(self.k.fx, p.x), at(self.k.fy, p.y)])
     }
 
-    /// Pairs each of the port's Gaussians with the nearest of the reference's; skips those that
-    /// have none nearby.
+    /// Pairs each of the port's Gaussians with the nearest Gaussian of the reference; skips Gaussians with none nearby.
     fn nearest(
         &self,
         port: &Gaussians,

@@ -36,7 +36,7 @@ enum AnalyzeCommand {
     Translation(TranslationArgs),
 }
 
-/// How much each metric reacts to a small shift of a picture, and to replacing it by its mean colour
+/// Measure how much each metric reacts to a small shift of a picture, and to replacing the picture by its mean colour
 ///
 /// The paper's table of sensitivity. A window moves over the picture, so that no border has to be
 /// filled in. Sub-pixel shifts are interpolated linearly; all pictures are rounded to 8 bits.
@@ -44,7 +44,7 @@ enum AnalyzeCommand {
 struct TranslationArgs {
     /// The picture
     image: PathBuf,
-    /// Shifts in per cent of the width; the default is the paper's
+    /// Shifts in per cent of the width; the paper's by default
     #[arg(long, value_name = "LIST", default_value = "0.1,1,5")]
     shifts: Shifts,
     #[command(flatten)]

@@ -22,7 +22,7 @@ pub(super) struct BundleArgs {
     /// The file to write
     #[arg(long, value_name = "FILE")]
     out: PathBuf,
-    /// Include the times of predictions, for a gate's limits on seconds_per_pair and peak_memory
+    /// Include time and memory of predictions, which a gate's limits on seconds_per_pair and peak_memory need
     #[arg(long)]
     times: bool,
     /// Print JSON

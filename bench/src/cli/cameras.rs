@@ -27,7 +27,7 @@ enum CamerasCommand {
 /// Write every view's picture and camera: OUT/<dataset>/<scene>/<view>.png and .json
 ///
 /// For methods that work on views instead of pairs: monocular depth for `--overlap-depth`,
-/// reconstructions, Gaussians. The pictures are exactly those that are scored: undistorted and
+/// reconstructions, Gaussians. The pictures are exactly those that `run` scores: undistorted and
 /// resized. Names are percent-encoded as in pair ids.
 #[derive(Debug, Args)]
 #[command(

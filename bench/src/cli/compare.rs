@@ -55,7 +55,7 @@ pub(super) struct CompareArgs {
     #[arg(long)]
     anatomy: bool,
     /// A backbone's weights for --anatomy, NAME=FILE; needed if the runs used other weights than
-    /// those found here
+    /// those found on this machine
     #[arg(long, value_name = "NAME=FILE", requires = "anatomy")]
     weights: Vec<String>,
     /// Write Markdown, CSV and a page with pictures of the most changed pairs into this folder

@@ -76,7 +76,9 @@ fn say_notes(dataset: &OpenDataset) {
 
 /// The formats of `--dataset` and their settings, for `--help`.
 pub(super) fn formats_help() -> String {
-    let mut text = "Datasets, [NAME:]FORMAT=PATH[,key=value…]:\n".to_owned();
+    let mut text =
+        "Datasets, [NAME:]FORMAT=PATH[,key=value…], with their settings and the defaults:\n"
+            .to_owned();
     for entry in ENTRIES {
         text += &format!("  {:<18} {}: {}\n", entry.format, entry.title, entry.layout);
         for setting in entry.settings {
@@ -91,7 +93,7 @@ pub(super) fn formats_help() -> String {
         .map(|s| format!("    {}={}  {}\n", s.key, s.default, s.meaning));
     let pictures: String = pictures.collect();
     text += &format!(
-        "  settings of every format\n    frame=RULE  resizes its views and adjusts their cameras: \
+        "  settings of every format\n    frame=RULE  resize the dataset's views and adjust their cameras: \
          {}\n{pictures}    pairs.KEY=VALUE  a pair option for this dataset only (keys: `pairs \
          --help-all`)\n  `datasets list` shows the values of each setting\n",
         Frame::forms()

@@ -29,7 +29,7 @@ pub(super) struct DemoArgs {
     out: PathBuf,
     #[command(flatten)]
     metrics: MetricConfig,
-    /// Threads [default: all cores]. Results do not depend on it
+    /// Number of threads; does not affect the results [default: all cores]
     #[arg(long, value_name = "N")]
     threads: Option<usize>,
     /// Print JSON
@@ -63,7 +63,7 @@ pub(super) fn execute(args: &DemoArgs) -> anyhow::Result<Outcome> {
     let terminal = Terminal::default();
     let scoring = args.metrics.scoring()?;
     let mut methods = METHODS.to_vec();
-    // The program may have been copied without the files that belong next to it.
+    // The program may have been copied without the files that belong next to it; then leave out the network.
     if let Err(error @ NetworkError::NotBundled { .. }) = bundled_weights() {
         output::remark(format!(
             "note: the tables have no rows for the network: {error}"

@@ -22,7 +22,8 @@ use crate::scoring::Scoring;
 /// Scores a run's kept predictions under every reading of the protocol that needs no new prediction: variants of the
 /// metrics; masks; rounding or truncation to 8 bits, or neither; colour divided by alpha; cropped borders; averaging
 /// rules; only the first of several scenes of the same place. Each cell of the paper's row gets a verdict: equal after
-/// rounding, ambiguous (the candidates are listed), inside the protocol's spread, or outside it. Readings that need other pairs or pictures are listed as not computed.
+/// rounding, ambiguous (the candidates are listed), or inside or outside the protocol's spread. Readings that need
+/// other pairs or pictures are listed as not computed.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:
@@ -36,7 +37,7 @@ pub(super) struct ExplainArgs {
     /// A table of scores, by its name in `table list`
     #[arg(value_name = "TABLE")]
     table: String,
-    /// Run folders, each with a method if it has several
+    /// Run folders; name the method if a run has several
     #[arg(value_name = "RUN[:METHOD]", required = true)]
     runs: Vec<String>,
     /// The published row to compare with
@@ -86,7 +87,7 @@ pub(super) fn execute(args: &ExplainArgs) -> anyhow::Result<Outcome> {
         let explained = explain_run(table, &args.row, &run, &scoring, &Terminal::default())?;
         if explained.changed > 0 {
             output::remark(format!(
-                "warning: {}: {} of the run's scores differ from those recomputed from its \
+                "warning: {}: {} of the run's scores differ from those recomputed from the kept \
                  pictures: weights or code changed after the run",
                 explained.path.display(),
                 explained.changed

@@ -67,8 +67,8 @@ enum FigureCommand {
         /// A metric of the runs
         #[arg(long, default_value_t = MetricKey::DISTS)]
         metric: MetricKey,
-        /// An output folder of `speed`, or its speed.csv; its times replace the run's for the
-        /// methods and datasets that it contains
+        /// An output folder of `speed`, or a speed.csv; the times measured there replace those of the
+        /// run, for the same methods and datasets
         #[arg(long, value_name = "PATH")]
         speed: Option<PathBuf>,
     },
@@ -99,8 +99,8 @@ enum FigureCommand {
         pictures: PicturesArgs,
         #[command(flatten)]
         pairs: PairsChoice,
-        /// z-depth in the target's camera, DIR/PAIR_ID.npy, .npz, .exr, .pfm or .png [default: that of the kept
-        /// rendering (run --keep float), else the dataset's]
+        /// z-depth in the target's camera, DIR/PAIR_ID.npy, .npz, .exr, .pfm or .png [default: the depth of the kept
+        /// rendering (run --keep float), else the dataset's depth]
         #[arg(long, value_name = "DIR")]
         depth: Option<PathBuf>,
     },
@@ -116,7 +116,7 @@ struct OutArgs {
     /// A TOML file with sizes and colours
     #[arg(long, value_name = "FILE")]
     style: Option<PathBuf>,
-    /// Print JSON: the files written, and problems with them
+    /// Print the list of written files, and problems with them, as JSON
     #[arg(long)]
     json: bool,
 }
@@ -142,13 +142,13 @@ struct UncertaintyArgs {
     /// The picture
     #[arg(long, value_name = "FILE")]
     picture: PathBuf,
-    /// Its depth: .npy, .npz, .exr, .pfm (metres) or 16-bit .png (millimetres)
+    /// Depth of the picture: .npy, .npz, .exr, .pfm (metres) or 16-bit .png (millimetres)
     #[arg(long, value_name = "FILE", requires = "mirrored")]
     depth: Option<PathBuf>,
-    /// The depth predicted for the mirrored picture, not mirrored back
+    /// The depth predicted for the mirrored picture, still mirrored
     #[arg(long, value_name = "FILE", requires = "depth")]
     mirrored: Option<PathBuf>,
-    /// A SHARP checkpoint, or mini, that predicts both depths; each of its two layers is a row
+    /// A SHARP checkpoint, or mini, that predicts both depths; the figure has a row for each of SHARP's two layers
     #[arg(
         long,
         value_name = "FILE",
@@ -156,7 +156,7 @@ struct UncertaintyArgs {
         required_unless_present = "depth"
     )]
     checkpoint: Option<PathBuf>,
-    /// The checkpoint's architecture, FILE.json#NAME [default: the release's]
+    /// Architecture of the checkpoint, FILE.json#NAME [default: the release's]
     #[arg(long, value_name = "CONFIG", requires = "checkpoint")]
     config: Option<String>,
     #[command(flatten)]

@@ -15,11 +15,11 @@ use crate::track::gate::config::MetricName;
 use crate::track::gate::output::{junit, markdown};
 use crate::track::gate::{CheckState, GateConfig, GateError, Limit, gate};
 
-/// Compare a run with a baseline in continuous integration: exit code 3 if it is worse than the limits allow
+/// Compare a run with a baseline in continuous integration: exit code 3 if the run is worse than the limits allow
 ///
-/// A limit fires if B is worse than A by more than the limit, on a dataset or over all of them, with p < 0.05 after
+/// A limit fires if B is worse than A by more than the limit, on a dataset or over all datasets, with p < 0.05 after
 /// Holm's correction; limits `per scene` ignore p. Without limits, any significant loss fires. Missing scores count as
-/// violations. Exit code 5: no limit fired, but one cannot be decided.
+/// violations. Exit code 5: no limit fired, but at least one cannot be decided.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Limits:
@@ -39,13 +39,14 @@ pub(super) struct GateArgs {
     /// Run B, the candidate: a folder or a bundle
     #[arg(long, value_name = "B")]
     candidate: PathBuf,
-    /// A file of limits: fail_if = ["psnr < -0.1"], missing_pairs = 0, require_power = { psnr = 0.5 }
+    /// A TOML file of limits, with lines such as fail_if = ["psnr < -0.1"], missing_pairs = 0 or
+    /// require_power = { psnr = 0.5 }
     #[arg(long, value_name = "FILE")]
     config: Option<PathBuf>,
     /// A limit in addition to those of --config; repeatable
     #[arg(long, value_name = "LIMIT")]
     fail_if: Vec<Limit>,
-    /// Exit code 5 if the runs could not detect a difference of this size: psnr=0.5,lpips=0.01
+    /// Exit code 5 if the runs could not detect a difference of this size, as in psnr=0.5,lpips=0.01
     #[arg(long, value_name = "METRIC=D", value_delimiter = ',', value_parser = power)]
     require_power: Vec<(MetricName, f64)>,
     /// Compare a method of A with one of B [default: methods with the same label, or each run's

@@ -14,7 +14,7 @@ use crate::track::history::{self, HistoryError};
 
 /// Track runs over time: means with intervals, and which run changed them
 ///
-/// A history is a folder with one small file per run: a bundle of its scores with label, commit and
+/// A history is a folder with one small file per run: a bundle of the run's scores with label, commit and
 /// date. Entries are numbered in the order in which they were added and are never changed. Damaged
 /// entries are reported with exit code 4; the others are still used.
 #[derive(Debug, Args)]
@@ -50,7 +50,7 @@ struct AddArgs {
     /// The version of your code, such as a git hash
     #[arg(long, value_name = "TEXT")]
     commit: Option<String>,
-    /// YYYY-MM-DD or YYYY-MM-DDTHH:MM [default: now, UTC]
+    /// Date of the run, YYYY-MM-DD or YYYY-MM-DDTHH:MM [default: now, UTC]
     #[arg(long)]
     date: Option<String>,
     /// Print JSON
@@ -60,7 +60,7 @@ struct AddArgs {
 
 /// Show scores over time, per method, dataset and metric
 ///
-/// An entry is a change point if `compare` finds it better or worse than the comparable entry before it (step) or than
+/// An entry is a change point if `compare` finds it better or worse than the previous comparable entry (step) or than
 /// the last change point (drift). A series breaks where entries cannot be compared.
 #[derive(Debug, Args)]
 struct ShowArgs {

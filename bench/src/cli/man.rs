@@ -17,7 +17,7 @@ pub(super) struct ManArgs {
     /// Folder to write to
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
-    /// Print JSON: the files written
+    /// Print the list of written files as JSON
     #[arg(long)]
     json: bool,
 }

@@ -11,8 +11,9 @@ use crate::io::counts::counted;
 
 /// Join run folders
 ///
-/// Equal units are kept once; different pairs, methods and datasets are combined; contradictions
-/// are an error. For a single folder without --out, its tables are rewritten from its units.
+/// Results that occur in several folders are kept once; all other pairs, methods and datasets are combined;
+/// contradictions are an error. For a single folder without --out, the tables are rewritten from the results in the
+/// folder's units/.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:

@@ -78,6 +78,7 @@ pub(super) fn is_usage(error: &anyhow::Error) -> bool {
                 cause.downcast_ref::<SpecError>(),
                 Some(SpecError::UnknownKind { .. } | SpecError::Malformed { .. })
             )
+            || matches!(cause.downcast_ref(), Some(EvaluateError::NoOutput))
             || matches!(
                 cause.downcast_ref::<ReportError>(),
                 Some(ReportError::NotOneMethod)

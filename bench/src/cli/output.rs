@@ -210,7 +210,7 @@ impl Terminal {
         });
     }
 
-    /// Shows progress of a phase whose number of steps is known only while it runs.
+    /// Shows progress of a phase whose number of steps becomes known only during the phase.
     pub(super) fn advance(&self, phase: &str, unit: &str, done: u64, total: u64) {
         self.with_phase(|slot| {
             let phase = slot.get_or_insert_with(|| Phase::new(phase, unit));

@@ -8,7 +8,7 @@ use crate::protocols::{PROTOCOLS, PairRule, Protocol};
 
 /// List published evaluation protocols, or show one
 ///
-/// `run --protocol NAME` follows one: its metrics, sizes, masks, rounding and averages. The report
+/// `run --protocol NAME` adopts the protocol's metrics, picture sizes, masks, rounding and averages. The report
 /// states where sharp-bench differs.
 #[derive(Debug, Args)]
 #[command(after_help = "\
@@ -75,7 +75,7 @@ pub(super) fn execute(args: &ProtocolsArgs) -> anyhow::Result<Outcome> {
         output::line(format!("{:<14} {trap}", "kept as it is"))?;
     }
     for departure in protocol.departures() {
-        output::line(format!("{:<14} {departure}", "not as theirs"))?;
+        output::line(format!("{:<14} {departure}", "differs here"))?;
     }
     Ok(Outcome::Done)
 }

@@ -7,15 +7,15 @@ use crate::methods::file_reading::Axes;
 
 #[derive(Debug, Clone, Args)]
 pub(crate) struct ReadingArgs {
-    /// Encoding of the colours if a PLY does not state it: linear or srgb
+    /// Encoding of the colours, for a PLY that does not state one: linear or srgb
     #[arg(long, value_name = "SPACE")]
     color_space: Option<ColorSpace>,
     /// Conventions of the file's numbers: opacity=linear, scales=linear, quaternions=xyzw, colors=rgb01,
     /// harmonics=drop, as in --method gaussians
     #[arg(long, value_name = "KEY=VALUE,…", value_delimiter = ',', value_parser = setting)]
     read: Vec<(String, String)>,
-    /// Axes of the file: rdf (OpenCV's, usual in PLY files), rub (OpenGL's), luf or ldb. Needed for
-    /// SPZ files, which do not state their axes
+    /// Axes of the file: rdf (OpenCV's, usual in PLY files), rub (OpenGL's), luf or ldb. Required for
+    /// SPZ files, which do not state axes
     #[arg(long, value_name = "AXES", value_parser = Axes::parse_flip)]
     pub(crate) axes: Option<[f32; 3]>,
 }
@@ -24,7 +24,7 @@ impl ReadingArgs {
     pub(crate) fn reading(&self) -> StoredForm {
         let mut reading = StoredForm::from(self.color_space);
         for (key, value) in &self.read {
-            // Each setting was validated when it was parsed.
+            // Each setting was validated when it was parsed, so there can be no error.
             let _ = reading.set(key, value);
         }
         reading

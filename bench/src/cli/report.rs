@@ -16,9 +16,9 @@ use crate::report::{self, Layout, PublishedNumbers, ReportOptions};
 
 /// Write tables, plots and a browsable page from runs
 ///
-/// Several runs are joined into one report: equal units appear once, different pairs, methods and
-/// datasets are combined. NAME=RUN prefixes each method of a run with the name, or renames its only
-/// method. An unfinished run is reported with the results so far.
+/// Several runs are joined into one report: results that occur in several runs appear once; all other
+/// pairs, methods and datasets are combined. NAME=RUN prefixes each method of a run with the name, or
+/// renames the method if the run has only one. An unfinished run is reported with the results so far.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:
@@ -28,36 +28,36 @@ Examples:
   sharp-bench report runs/first --methods-text
 
 Writes report.md, index.html (opens from disk), tables as .md, .csv and .tex, plots as .svg and .png. The page contains
-the pictures of up to 24 pairs; for more pairs, small pictures are stored next to it in thumbs/, below 200 MB in total.
-Enlarged predictions are read from the run, sources and targets from the run's datasets, if these are still in place.")]
+the pictures of up to 24 pairs; for more pairs, small pictures are stored in thumbs/ next to the page, below 200 MB in
+total. Enlarged predictions are read from the run, sources and targets from the run's datasets, if still in place.")]
 pub(super) struct ReportArgs {
     #[command(flatten)]
     runs: ShownRuns,
     /// Where to write [default: RUN/report for a single run]
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
-    /// Which of the paper's numbers to show next to ours
+    /// Which of the paper's numbers to show next to yours
     #[arg(long, value_enum, default_value_t = PublishedNumbers::Matching)]
     published: PublishedNumbers,
-    /// How to average, instead of the runs' own rule: over pairs; over scenes, each with the mean
-    /// of its pairs; or over source views, each with the mean of its targets
+    /// How to average: over pairs, over the means of scenes, or over the means of source views
+    /// [default: the runs' own rule]
     #[arg(long, value_enum, value_name = "OVER")]
     aggregate: Option<Aggregation>,
-    /// What follows each mean in a table as ± [default: ci95 on the page, nothing elsewhere]
+    /// Uncertainty shown as ± after each mean in a table [default: ci95 on the page, none elsewhere]
     #[arg(long, value_enum)]
     uncertainty: Option<Uncertainty>,
     /// Location of the page's pictures [default: in the page for up to 24 pairs, else next to it]
     #[arg(long, value_enum)]
     layout: Option<Layout>,
-    /// Omit pictures of datasets whose terms forbid publishing them (the page lists these
-    /// datasets), and paths on this machine
+    /// Omit paths on this machine, and the pictures of datasets whose terms forbid publishing (the page
+    /// lists these datasets)
     #[arg(long)]
     public: bool,
     /// Print a paragraph for a paper instead of a report, with references: datasets and pairs, conventions, metrics,
     /// differences from the SHARP paper. With --out, write methods.tex and methods.bib
     #[arg(long, conflicts_with_all = ["published", "uncertainty", "layout", "public"])]
     methods_text: bool,
-    /// Print JSON: the files written
+    /// Print the list of written files as JSON
     #[arg(long)]
     json: bool,
 }
@@ -123,7 +123,7 @@ pub(super) fn execute(args: &ReportArgs) -> anyhow::Result<Outcome> {
     } else {
         let pictures = match files.layout {
             Layout::File => "one file",
-            Layout::Folder => "its pictures next to it, in thumbs/",
+            Layout::Folder => "pictures in thumbs/ next to the page",
         };
         print_tables(&results, args.uncertainty)?;
         output::line(format!("report  {}  ({pictures})", files.html.display()))?;

@@ -22,12 +22,12 @@ use crate::evaluate::{
 use crate::io::counts::counted;
 use crate::methods::KINDS;
 
-/// Evaluate methods on datasets into a run folder
+/// Evaluate methods on datasets; results go to a run folder
 ///
-/// The same command resumes a stopped run: finished units are kept, and recorded failures are
-/// retried. If a pair fails, the failure is recorded, the run continues, and the exit code is 4.
-/// More methods, pairs, metrics and datasets can be added to the folder later without repeating
-/// finished work.
+/// Each result of a method on a pair is a unit, stored in a file of its own. The same command resumes a
+/// stopped run: finished units are kept, and failed ones are retried. If a pair fails, the failure is
+/// recorded, the run continues, and the exit code is 4. More methods, pairs, metrics and datasets can be
+/// added to the folder later without repeating finished work.
 #[derive(Debug, Args)]
 #[command(
     after_help = help(),
@@ -37,9 +37,9 @@ use crate::methods::KINDS;
                       sharp-bench run --plan <DIR> --shard <I/N> [OPTIONS]"
 )]
 pub(super) struct RunArgs {
-    /// Read options from a TOML file, by their names without dashes (`limit = 10`, `method =
-    /// ["copy"]`); relative paths are resolved against its folder. Options on the command line take
-    /// precedence. Every run folder contains its options as run.toml
+    /// Read options from a TOML file: keys are the options' names without leading dashes (`limit = 10`,
+    /// `method = ["copy"]`), and relative paths are resolved against the file's folder. Options on the
+    /// command line take precedence. Every run folder contains the options of the run as run.toml
     #[arg(long = "config", value_name = "FILE")]
     file: Option<PathBuf>,
     #[command(flatten)]
@@ -47,11 +47,11 @@ pub(super) struct RunArgs {
     /// The run folder
     #[arg(long, value_name = "DIR", required_unless_present_any = ["dry_run", "estimate", "plan"])]
     out: Option<PathBuf>,
-    /// Write a plan with its estimated cost into --out, for shards
+    /// Write a plan of the run, with its estimated cost, into --out; shards then execute the plan
     #[arg(long, conflicts_with_all = ["dry_run", "estimate"])]
     plan_only: bool,
-    /// Execute a shard of the plan in this folder, with the options of the plan. Writes units only;
-    /// `merge` writes the tables
+    /// Execute one shard of the plan in this folder, with the options of the plan. Writes unit files
+    /// only; `merge` writes the tables
     #[arg(
         long,
         value_name = "DIR",
@@ -59,28 +59,29 @@ pub(super) struct RunArgs {
         conflicts_with_all = ["dry_run", "estimate", "out", "plan_only", "file"]
     )]
     plan: Option<PathBuf>,
-    /// Which shard, I/N with I from 1 to N; auto, or auto/N, in an array of Slurm, Kubernetes or AWS Batch
+    /// Which shard to execute: I/N with I from 1 to N; in an array of Slurm, Kubernetes or AWS Batch, auto or auto/N
     #[arg(long, value_name = "I/N", requires = "plan")]
     shard: Option<Shard>,
-    /// Allow the plan to start the programs of its `command` methods; if the plan comes from
-    /// elsewhere, check it first
+    /// Allow the plan's `command` methods to start their programs; check a plan from elsewhere before
+    /// allowing this
     #[arg(long, requires = "plan")]
     allow_programs: bool,
-    /// Start no unit after this time (90s, 55m, 3h) and end with exit code 75, as after SIGTERM or SIGUSR1
+    /// Start no new unit once this much time has passed; then exit with code 75, as after SIGTERM or SIGUSR1. Times are
+    /// written as 90s, 55m or 3h
     #[arg(long, value_name = "TIME", value_parser = time)]
     time_budget: Option<Duration>,
-    /// Stages to execute; the others can follow on another machine
+    /// Stages to execute; another machine can execute the others later
     #[arg(long, value_enum, default_value_t = Stages::All)]
     stage: Stages,
     #[command(flatten)]
     memory: MemoryArgs,
-    /// Threads [default: all cores]. Results do not depend on it
+    /// Number of threads; does not affect the results [default: all cores]
     #[arg(long, value_name = "N")]
     threads: Option<usize>,
-    /// Count finished, failed and missing units, and evaluate nothing
+    /// Count finished, failed and missing units (a unit is the result of one method on one pair), and evaluate nothing
     #[arg(long)]
     dry_run: bool,
-    /// Evaluate a few pairs, estimate the cost of all (CPU time, memory, disk), and keep nothing
+    /// Evaluate a few pairs, estimate the cost of all pairs (CPU time, memory, disk), and keep nothing
     #[arg(long, conflicts_with = "dry_run")]
     estimate: bool,
     /// Print JSON
@@ -89,15 +90,16 @@ pub(super) struct RunArgs {
 }
 
 fn help() -> String {
-    let kinds: String = KINDS
-        .iter()
-        .map(|kind| match kind.settings {
-            "" => format!("  {:<12} {}\n", kind.name, kind.summary),
-            settings => format!("  {:<12} {} ({settings})\n", kind.name, kind.summary),
-        })
-        .collect();
+    let mut kinds = String::new();
+    for kind in &KINDS {
+        kinds += &format!("  {:<12} {}\n", kind.name, kind.summary);
+        for (setting, meaning) in kind.settings {
+            kinds += &format!("    {setting}  {meaning}\n");
+        }
+    }
     format!(
-        "Methods (each also takes label=NAME):\n{kinds}\n{}\n\
+        "Methods, KIND[:key=value,…], with their settings (only dir= and run= are required; every method also takes \
+         label=NAME, the name shown in tables):\n{kinds}\n{}\n\
          Examples:\n  \
          sharp-bench run --dataset middlebury=data/Middlebury2014 --method copy --method depth-splat --out runs/first\n  \
          sharp-bench run --dataset synthetic --method imported:label=mine,dir=predictions --metrics paper,ssim-all --out runs/mine",

@@ -42,22 +42,22 @@ Example:
 
 #[derive(Debug, Args)]
 struct ShardArgs {
-    /// The plan's run folder, as the nodes see it
+    /// The plan's run folder, by its path on the nodes
     #[arg(long, value_name = "DIR")]
     plan: PathBuf,
-    /// Number of shards; each loads its models again, so it should run for at least some minutes
+    /// Number of shards. Each shard loads the models again, so make the shards large enough to run for minutes
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
     shards: u32,
     /// Cores per job
     #[arg(long, value_name = "N", default_value_t = 4, value_parser = clap::value_parser!(u32).range(1..=4096))]
     cpus: u32,
-    /// Allow the programs of `command` methods in the plan to start
+    /// Allow the plan's `command` methods to start their programs
     #[arg(long)]
     allow_programs: bool,
     /// Folder to write to
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
-    /// Print JSON: the files written
+    /// Print the list of written files as JSON
     #[arg(long)]
     json: bool,
 }

@@ -24,7 +24,7 @@ enum SchemaFile {
     Manifest,
     /// units/*/*.json
     Unit,
-    /// A record for `report_from_records`: a unit's result with its scores
+    /// A record for `report_from_records`: the result of a method on a pair, with its scores
     Record,
     /// plan.json
     Plan,

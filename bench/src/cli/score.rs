@@ -18,9 +18,9 @@ use crate::config::MetricConfig;
 use crate::evaluate::{RunFolder, Shard, rescore, score_shard};
 use crate::io::counts::counted;
 
-/// Add metrics to a run from its kept predictions
+/// Add metrics to a run by scoring its kept pictures
 ///
-/// Predicts and renders nothing. Units without kept pictures are counted and receive no new scores.
+/// Predicts and renders nothing. Pairs whose predicted picture was not kept are counted and receive no new scores.
 #[derive(Debug, Args)]
 #[command(after_help = "Example:\n  sharp-bench score runs/first --metrics lpips-vgg,ssim-all")]
 pub(super) struct ScoreArgs {
@@ -29,11 +29,12 @@ pub(super) struct ScoreArgs {
     run: PathBuf,
     #[command(flatten)]
     metrics: MetricConfig,
-    /// Score a shard of a plan by the plan's metrics, and write units only: I/N, auto or auto/N, as `run --shard`.
-    /// Needs the datasets, but no method's files or device
+    /// Score one shard of a plan (I/N, auto or auto/N, as for `run --shard`) with the plan's metrics; writes unit files
+    /// only, which `merge` turns into tables. Needs the datasets, but neither the methods' files nor their devices
     #[arg(long, value_name = "I/N", conflicts_with = "metrics")]
     shard: Option<Shard>,
-    /// Start no pair after this time (55m) and end with exit code 75, as after SIGTERM or SIGUSR1
+    /// Start no new pair once this much time has passed; then exit with code 75, as after SIGTERM or SIGUSR1. Times are
+    /// written as 90s, 55m or 3h
     #[arg(long, value_name = "TIME", value_parser = time)]
     time_budget: Option<Duration>,
     /// Class of CPU kernels: avx512, avx2 or portable [default: the run's]
@@ -41,7 +42,7 @@ pub(super) struct ScoreArgs {
     simd: Option<InstructionSet>,
     #[command(flatten)]
     memory: MemoryArgs,
-    /// Threads [default: all cores]. Results do not depend on it
+    /// Number of threads; does not affect the results [default: all cores]
     #[arg(long, value_name = "N")]
     threads: Option<usize>,
     /// Print JSON

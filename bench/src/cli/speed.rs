@@ -24,9 +24,9 @@ use crate::scoring::Scoring;
 
 /// Measure inference and rendering separately, or total the hours and hardware of runs
 ///
-/// With --method and --dataset, measures each method alone on a few pairs of each dataset, at each target's own
-/// resolution, after a warm-up: medians, spread, peak memory, and the Gaussian counts behind the render time. Times in
-/// a run folder are not comparable, because scoring ran at the same time; for given runs, total hours and hardware are
+/// With --method and --dataset, measures each method alone on a few pairs of each dataset, at the targets' resolution,
+/// after a warm-up, and reports medians, spread, peak memory, and the number of Gaussians rendered. Times in a run
+/// folder are not comparable, because scoring ran at the same time; for given runs, total hours and hardware are
 /// reported instead.
 #[derive(Debug, Args)]
 #[command(after_help = "\
@@ -36,7 +36,7 @@ Examples:
 
 Writes speed.md, speed.tex and, for measured methods, speed.csv. Run nothing else at the same time.")]
 pub(super) struct SpeedArgs {
-    /// Run folders whose hours and hardware to total
+    /// Run folders whose hours and hardware are totalled
     #[arg(value_name = "RUN", required_unless_present = "methods")]
     runs: Vec<PathBuf>,
     /// A method to measure, KIND[:key=value,…]; repeatable
@@ -47,10 +47,10 @@ pub(super) struct SpeedArgs {
     datasets: Vec<DatasetConfig>,
     #[command(flatten)]
     pairs: PairConfig,
-    /// Pairs per dataset, spread over its scenes
+    /// Number of pairs per dataset, spread over the dataset's scenes
     #[arg(long, value_name = "N", default_value_t = 3)]
     limit: usize,
-    /// Uncounted rounds on the first pair of each dataset
+    /// Warm-up rounds on the first pair of each dataset, which are not counted
     #[arg(long, value_name = "N", default_value_t = 1)]
     warmup: usize,
     /// Counted rounds per pair
@@ -59,12 +59,12 @@ pub(super) struct SpeedArgs {
     /// The renderer: cpu, or wgpu
     #[arg(long, value_name = "BACKEND", default_value_t = Backend::Cpu)]
     backend: Backend,
-    /// The GPU, by part of its description (`sharp-bench doctor` lists them)
+    /// The GPU to render on, by part of its description (`sharp-bench doctor` lists the GPUs)
     #[arg(long, value_name = "NAME")]
     adapter: Option<String>,
     #[command(flatten)]
     rendering: RenderingConfig,
-    /// Threads [default: all cores]
+    /// Number of threads [default: all cores]
     #[arg(long, value_name = "N")]
     threads: Option<usize>,
     /// The folder to write into

@@ -11,8 +11,9 @@ use crate::evaluate::{RunProgress, status::unfinished_shards};
 
 /// Show the progress of a run
 ///
-/// Reads only the run folder, on any machine with access to it, even while shards are running. Exit code 75 while units
-/// are missing; 4 if none is missing but some failed, or the datasets had broken files.
+/// Counts units: a unit is the result of one method on one pair. Reads only the run folder, on any machine with access
+/// to the folder, even while shards are running. Exit code 75 while units are missing; 4 if no unit is missing but some
+/// failed, or the datasets had broken files.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:
@@ -22,7 +23,7 @@ pub(super) struct StatusArgs {
     /// The run folder
     #[arg(value_name = "RUN")]
     run: PathBuf,
-    /// Print only the unfinished shards of N, as a list for a scheduler (2,17-19)
+    /// Print only which of N shards are unfinished, as a list for a scheduler (2,17-19)
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
     unfinished_shards: Option<u32>,
     /// Split the list into arrays with indices up to INDEX; each line has an offset and indices

@@ -43,7 +43,7 @@ pub(super) struct SweepArgs {
     #[arg(long, value_enum, value_name = "MOTION", default_value = "baseline_m")]
     x: Motion,
     /// Bins: a width (0.1), quantile:N (N bins of equally many pairs, up to 1000) or edges (0,0.1,0.5; pairs beyond
-    /// them are left out). A bin includes its lower edge [default: at most ten bins of a round width]
+    /// the edges are left out). A bin includes its lower edge [default: at most ten bins of a round width]
     #[arg(long, value_name = "BINS")]
     bins: Option<Binning>,
     /// The shaded band around a mean
@@ -55,13 +55,13 @@ pub(super) struct SweepArgs {
     /// Report the motion beyond which each method's mean is worse than a value; repeatable
     #[arg(long = "threshold", value_name = "METRIC=VALUE")]
     thresholds: Vec<Threshold>,
-    /// Report the motion beyond which each method is worse than this one, over the pairs that both have
+    /// Report the motion beyond which each method is worse than METHOD, over the pairs that both predicted
     #[arg(long, value_name = "METHOD")]
     against: Option<String>,
     /// Sizes and colours of the figures, a TOML file: width_mm, font_pt, dpi, panel_aspect, caption, colours
     #[arg(long, value_name = "FILE")]
     style: Option<PathBuf>,
-    /// Print JSON: the files written and the crossings
+    /// Print the list of written files, and the crossings, as JSON
     #[arg(long)]
     json: bool,
 }

@@ -21,7 +21,7 @@ use crate::report::tables::{Origin, Table};
 /// Show the SHARP paper's tables with your own rows
 ///
 /// Published rows and yours share a table, separated by a line and ranked separately. A checklist
-/// below it states what still prevents a digit-by-digit comparison.
+/// below the table states what still prevents a digit-by-digit comparison.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:
@@ -35,8 +35,8 @@ pub(super) struct TableArgs {
     /// A table, by its name in `table list`, or `list`
     #[arg(value_name = "NAME")]
     name: String,
-    /// Your own row: a run folder or bundle, with a method if it has several; repeatable. `table
-    /// list` shows what the other tables need
+    /// Your own row: a run folder or bundle; name the method if the run has several; repeatable. `table
+    /// list` shows the requirements of every table
     #[arg(long = "row", value_name = "LABEL=RUN[:METHOD]")]
     rows: Vec<String>,
     /// The variants to show, at most one per metric [default: the default variants that all rows have]
@@ -148,14 +148,17 @@ fn to_json(paper: &PublishedTable, table: &Table, written: &[PathBuf]) -> Value 
 /// The command that produces a table's rows, and its requirements.
 fn made_by(table: &PublishedTable) -> (&'static str, &'static str) {
     match table.made_by {
-        MadeBy::Run => ("run", "a run on its datasets"),
+        MadeBy::Run => ("run", "a run on the table's datasets"),
         MadeBy::PrivilegedRun => (
             "run --method KIND:depth=privileged",
-            "a run on its datasets with depth",
+            "a run on those of the table's datasets that have depth",
         ),
-        MadeBy::Speed => ("speed --out", "the folder that it wrote"),
-        MadeBy::Translation => ("analyze translation --out", "the folder that it wrote"),
-        MadeBy::Checkpoint => ("a checkpoint", "its file, .pt or .safetensors"),
+        MadeBy::Speed => ("speed --out", "the folder that the command wrote"),
+        MadeBy::Translation => (
+            "analyze translation --out",
+            "the folder that the command wrote",
+        ),
+        MadeBy::Checkpoint => ("a checkpoint", "a .pt or .safetensors file"),
     }
 }
 

@@ -1,4 +1,4 @@
-//! `train`: trains a network from scratch, or resumes a training.
+//! `train`: trains a network from scratch, or resumes a training run.
 
 use std::path::PathBuf;
 use std::time::Duration;
@@ -21,11 +21,14 @@ use crate::train::{TrainRequest, Trained, ValidationRequest, train};
 /// Train a network with SHARP's architecture, in both stages
 ///
 /// The configuration sets the network, losses, data, schedule and intervals; omitted keys have the
-/// paper's values. The same command resumes a stopped training (Ctrl-C, SIGTERM, --time-budget),
-/// with the same log and weights, byte for byte, as without the stop. Weights are validated on
-/// held-out pairs, in the same way as `run` evaluates a method. --device also selects the device
-/// for training; the last bits of the weights depend on it.
+/// paper's values. The same command resumes an interrupted run (Ctrl-C, SIGTERM, --time-budget); log
+/// and weights are byte-identical to those of an uninterrupted one. Weights are validated on held-out
+/// pairs, in the same way as `run` evaluates a method.
 #[derive(Debug, Args)]
+#[command(mut_arg("device", |arg| arg.help(
+    "Device that trains the network and computes LPIPS and DISTS: cpu; metal (untested) or cuda, if built in; \
+     candle-cpu (slow: the GPU code on the CPU). The last bits of the weights depend on the device [default: cpu]"
+)))]
 #[command(after_help = "\
 Example:
   sharp-bench train mine.toml --out training
@@ -37,15 +40,15 @@ pub(super) struct TrainArgs {
     /// The configuration
     #[arg(value_name = "CONFIG.toml")]
     config: PathBuf,
-    /// Override a value of the configuration by its dotted key: stage1.steps=500, losses.percep=0;
+    /// Override a value of the configuration by its dotted key, as in stage1.steps=500 or losses.percep=0;
     /// an empty value restores the default; repeatable
     #[arg(long, value_name = "KEY=VALUE")]
     set: Vec<String>,
-    /// Output folder; a training in it is resumed
+    /// Output folder; an unfinished run in it is resumed
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
-    /// A dataset to validate on, [NAME:]FORMAT=PATH[,key=value…]; repeatable. Procedural scenes need seeds below 1000
-    /// or from 900000, which are never used for training
+    /// A dataset to validate on, [NAME:]FORMAT=PATH[,key=value…]; repeatable. Procedural scenes need seeds below 1000,
+    /// or 900000 and above; these are never used for training
     #[arg(long, value_name = "SPEC", default_value = ValidationRequest::DATASET)]
     validation: Vec<DatasetConfig>,
     /// Maximum number of validation pairs, spread over datasets and scenes
@@ -53,13 +56,14 @@ pub(super) struct TrainArgs {
     validation_pairs: usize,
     #[command(flatten)]
     metrics: MetricConfig,
-    /// Also write the weights in half precision when the training is complete
+    /// Also write the weights in half precision when training is complete
     #[arg(long, value_name = "FILE.safetensors")]
     export_f16: Option<PathBuf>,
-    /// Start no step after this time, such as 90s, 55m or 3h, and end with exit code 75, as after Ctrl-C or SIGTERM
+    /// Start no new step once this much time has passed; then exit with code 75, as after Ctrl-C or SIGTERM. Times are
+    /// written as 90s, 55m or 3h
     #[arg(long, value_name = "TIME", value_parser = time)]
     time_budget: Option<Duration>,
-    /// Threads [default: all cores]. Results do not depend on it
+    /// Number of threads; does not affect the results [default: all cores]
     #[arg(long, value_name = "N")]
     threads: Option<usize>,
     /// Print JSON

@@ -19,7 +19,7 @@ pub struct MetricConfig {
     /// A backbone's weights file: alexnet=FILE, vgg16=FILE or squeezenet1_1=FILE; repeatable
     #[arg(long, value_name = "NAME=FILE")]
     pub weights: Vec<String>,
-    /// Device for the networks of LPIPS and DISTS: cpu; cuda or metal (untested) if built in; candle-cpu
+    /// Device for the networks of LPIPS and DISTS: cpu; metal (untested) or cuda, if built in; candle-cpu
     /// (slow: the GPU code on the CPU) [default: cpu]
     #[arg(long, value_name = "DEVICE")]
     pub device: Option<Device>,
@@ -81,7 +81,7 @@ impl MetricConfig {
     }
 }
 
-/// Loads weights given as `NAME=FILE`; searches for those of other networks.
+/// Loads weights given as `NAME=FILE`; searches for the weights of all other networks.
 pub fn weights(files: &[String]) -> Result<Weights, ConfigError> {
     let mut weights = Weights::at_hand();
     for spec in files {

@@ -17,7 +17,7 @@ pub struct OverlapConfig {
     /// median of ratios (overlap=given)
     #[arg(long, value_name = "DIR")]
     pub overlap_depth: Option<PathBuf>,
-    /// Checkpoint for overlap=sharp-release, or mini for the bundled network [default: the release's own location]
+    /// Checkpoint for overlap=sharp-release, or mini for the bundled network [default: where the release keeps its own]
     #[arg(long, value_name = "FILE")]
     pub overlap_checkpoint: Option<PathBuf>,
     /// The checkpoint's architecture, FILE.json#NAME [default: the release's]
@@ -29,8 +29,8 @@ pub struct OverlapConfig {
     /// Measure every overlap again and do not cache it
     #[arg(long)]
     pub no_cache: bool,
-    /// Skip the quick check, which looks at a few views of each scene for wrong units or focal lengths, poses that belong
-    /// to other pictures, and exchanged stereo pairs (`datasets check` checks more)
+    /// Skip the quick check of a few views per scene for wrong units or focal lengths, poses that belong to other
+    /// pictures, and swapped stereo pairs (`datasets check` checks more)
     #[arg(long)]
     pub no_check: bool,
 }

@@ -16,15 +16,15 @@ use crate::rendering::RenderSettings;
 #[derive(Debug, Clone, Default, PartialEq, Args, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case", default)]
 pub struct RenderingConfig {
-    /// Low-pass added to both variances of projected Gaussians that have no rendering rule of their
-    /// own: release (0), config (0.01), gsplat or 3dgs (0.3), or a number in square pixels
+    /// Low-pass added to both variances of projected Gaussians, unless a rendering rule determines it:
+    /// release (0), config (0.01), gsplat or 3dgs (0.3), or a number in square pixels
     /// [default: release]
     #[arg(long, value_name = "X")]
     #[serde(with = "text")]
     #[schemars(with = "Option<String>")]
     pub eps2d: Option<LowPass>,
-    /// Background: black, white, #RRGGBB (sRGB), or R,G,B as they are blended: in linear light, or as encoded values
-    /// if the rule blends those [default: black]
+    /// Background: black, white, #RRGGBB (sRGB), or R,G,B in the rendering rule's blending space (linear or encoded)
+    /// [default: black]
     #[arg(long, value_name = "COLOUR")]
     #[serde(with = "text")]
     #[schemars(with = "Option<String>")]

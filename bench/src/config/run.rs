@@ -20,7 +20,8 @@ use crate::methods::training_views::is_training_list;
 use crate::methods::{MethodSpec, SpecError};
 use crate::pairs::{DatasetConfig, clap_dataset};
 
-/// The options of `run`, which are also the keys of a `run.toml`. Relative paths in a file start in its folder.
+/// The options of `run`, which are also the keys of a `run.toml`. Relative paths in a file are resolved against the
+/// file's folder.
 #[derive(Debug, Clone, Default, PartialEq, Args, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case", default)]
 pub struct RunConfig {
@@ -38,36 +39,37 @@ pub struct RunConfig {
     #[command(flatten)]
     #[serde(flatten)]
     pub metrics: MetricConfig,
-    /// Follow another evaluation's rules for pairs, size, metrics, masks, rounding and averages (`sharp-bench
-    /// protocols` lists them). Contradicting options are an error; the report states what differs
+    /// Follow a published evaluation's rules for pairs, size, metrics, masks, rounding and averages (`sharp-bench
+    /// protocols` lists the evaluations). Conflicting options are an error; the report states where the run differs
     #[arg(long, value_name = "NAME")]
     pub protocol: Option<String>,
     #[command(flatten)]
     #[serde(flatten)]
     pub pairs: PairConfig,
-    /// Evaluate at most N pairs, spread over datasets and scenes. A larger N keeps the pairs of a smaller one
+    /// Evaluate at most N pairs, spread over datasets and scenes. The pairs for a smaller N are a subset of those for a
+    /// larger N
     #[arg(long, value_name = "N")]
     pub limit: Option<usize>,
-    /// Score all methods of a pair on the part of the target that all of them predict
+    /// For each pair, score every method only on the part of the target that all methods predict
     #[arg(long)]
     pub common_region: bool,
-    /// For methods that provide several scales, score each pair at the scale with the lowest DISTS (the paper's rule for
-    /// methods without metric scale); the report says "best of N scales by DISTS"
+    /// For methods that provide several scales, score each pair at the scale with the lowest DISTS (the paper's rule
+    /// for methods without metric scale); the report says "best of N scales by DISTS"
     #[arg(long)]
     pub scale_sweep: bool,
     /// Which predicted pictures to keep [default: all]
     #[arg(long, value_enum)]
     pub keep: Option<Keep>,
-    /// Keep predicted Gaussians, so that other targets or another renderer need no new prediction
+    /// Keep predicted Gaussians; rendering other targets, or with another renderer, then needs no new prediction
     #[arg(long)]
     pub keep_gaussians: bool,
-    /// The renderer: cpu, or wgpu (a GPU through Vulkan, Metal or Direct3D 12). A run uses only
-    /// one, which is recorded with every result [default: cpu]
+    /// The renderer: cpu, or wgpu (a GPU through Vulkan, Metal or Direct3D 12). A run uses a single
+    /// renderer, which is recorded with every result [default: cpu]
     #[arg(long, value_name = "BACKEND")]
     #[serde(with = "text")]
     #[schemars(with = "Option<String>")]
     pub backend: Option<Backend>,
-    /// The GPU, by part of its description (`sharp-bench doctor` lists them)
+    /// The GPU to render on, by part of its description (`sharp-bench doctor` lists the GPUs)
     #[arg(long, value_name = "NAME")]
     pub adapter: Option<String>,
     #[command(flatten)]
@@ -87,12 +89,12 @@ pub struct RunConfig {
 )]
 #[serde(rename_all = "kebab-case")]
 pub enum Keep {
-    /// All of them, as 8-bit PNG
+    /// All pictures, as 8-bit PNG
     #[default]
     All,
-    /// All of them as 8-bit PNG, and renderings also as EXR (linear RGB and alpha), which some protocols need
+    /// All pictures as 8-bit PNG, and renderings also as EXR (linear RGB and alpha), which some protocols need
     Float,
-    /// None
+    /// No pictures
     None,
 }
 
@@ -229,7 +231,7 @@ impl RunConfig {
             if method.kind == "command" {
                 method.options.entry("cwd".to_owned()).or_default();
             }
-            // `files=` is relative to the program's working directory.
+            // `files=` is not among these options, because it is relative to the program's working directory.
             for key in ["dir", "checkpoint", "config", "cwd", "transform", "train"] {
                 let value = method.options.get_mut(key);
                 let is_path = |value: &&mut String| match key {

@@ -42,6 +42,7 @@ const NAME: Row = [Replaced, Refused, Refused, Refused];
 const MACHINE: Row = [Refused, Allowed, Refused, Refused];
 /// Code of a method or reader; weights or code of a metric.
 const CODE: Row = [Replaced, Allowed, Refused, Refused];
+/// A metric, method or dataset that the plan does not have.
 const UNPLANNED: Row = [Allowed, Allowed, Allowed, Refused];
 
 /// A fact in which two manifests differ.
@@ -113,7 +114,7 @@ pub(super) fn differences(before: &Manifest, now: &Manifest) -> Vec<ManifestDiff
     let aggregations = both.map(|manifest| manifest.aggregation.to_string());
     found.compare(RULE, "the aggregation", aggregations);
     for (name, text) in now.scoring.iter().filter(|(name, _)| *name != AGGREGATION) {
-        // A version that did not yet state a convention used the same one.
+        // Versions that did not yet record a convention used the one of today.
         let stated = before.scoring.get(name).unwrap_or(text);
         found.compare(CONVENTION, name, [stated.clone(), text.clone()]);
     }
@@ -280,7 +281,7 @@ pub(super) fn extended(
         });
     }
     let replaced = of(Replaced).map(ManifestDifference::replaced).collect();
-    // If the remaining columns were computed with the earlier networks, keep their record.
+    // If the remaining columns were computed with the earlier networks, keep the record of those networks.
     let metric_networks = match new.has_networks() {
         true => new.metric_networks,
         false => before.metric_networks,

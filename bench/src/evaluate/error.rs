@@ -74,6 +74,9 @@ pub enum EvaluateError {
     /// A file that was expected to be a bundle.
     #[error("{}: not a bundle of scores: {reason}", path.display())]
     Bundle { path: PathBuf, reason: String },
+    /// Several folders are to be joined, but no output folder was given.
+    #[error("to join several folders, give the folder for the result with --out FOLDER")]
+    NoOutput,
     /// Results of two folders contradict each other and cannot be shown together.
     #[error("{} and {} cannot be joined: {difference}", a.display(), b.display())]
     Conflict {

@@ -20,11 +20,11 @@ pub enum Stages {
     /// All stages
     #[default]
     All,
-    /// Only predict; keeps predictions and predicted pictures
+    /// Only predict, and keep the predictions and predicted pictures
     Predict,
     /// Render pictures from kept predictions and keep them
     Render,
-    /// Predict and render without scoring, for a machine that has the network's device
+    /// Predict and render without scoring, e.g. on the machine with the GPU
     Pictures,
     /// Score kept pictures
     Score,
@@ -45,9 +45,8 @@ pub struct RunOptions {
     pub stages: Stages,
     pub keep: Keep,
     pub keep_gaussians: bool,
-    /// Memory limit, bytes. Gaussians beyond their share of it are stored on disk, and a pair's
-    /// predictions are made and scored in parts of at least one picture. The memory of the networks
-    /// is not included.
+    /// Memory limit, bytes. Gaussians beyond their share of the limit are stored on disk, and a pair's predictions are
+    /// made and scored in parts of at least one picture. The memory of the networks is not included.
     pub memory_limit_bytes: u64,
 }
 

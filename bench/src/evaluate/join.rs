@@ -19,7 +19,7 @@ use crate::pairs::PairList;
 /// A folder to join, `NAME=FOLDER` or `FOLDER`.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Named {
-    /// Prefix of each method's label, or its label if the folder has only one method.
+    /// Prefix of the label of each method; if the folder has only one method, the whole label.
     pub name: Option<String>,
     pub path: PathBuf,
 }
@@ -61,7 +61,7 @@ pub fn join(folders: &[Named]) -> Result<Results, EvaluateError> {
     join_under(folders, None)
 }
 
-/// Like [`join`], but if `aggregation` is given, averages all of them by it.
+/// Like [`join`], but if `aggregation` is given, averages all results by `aggregation`.
 ///
 /// # Errors
 /// As [`join`].
@@ -231,10 +231,7 @@ pub fn merge(folders: &[PathBuf], out: Option<&Path>) -> Result<Results, Evaluat
             return Ok(results);
         }
         (_, Some(out)) => out,
-        (_, None) => {
-            let reason = std::io::Error::other("several folders need --out FOLDER");
-            return Err(FileError::new(Path::new("merge"), "write")(reason).into());
-        }
+        (_, None) => return Err(EvaluateError::NoOutput),
     };
     let named: Vec<Named> = folders
         .iter()

@@ -132,7 +132,7 @@ impl Keys {
             Approach::Gaussians(_) | Approach::Pictures(_) => {
                 predict.add("target camera", &camera(planned.target));
             }
-            // These methods use the ground truth.
+            // These methods use the target's photograph, so its hash is part of the key.
             Approach::Scales(_) | Approach::Target => {
                 predict.add("target", &self.view(planned.target));
             }

@@ -469,8 +469,8 @@ pub(super) fn scoring_conventions(
         ),
         (TARGET, TARGET_CONVENTION),
         ("decoder", crate::io::fingerprints::DECODERS),
-        // Runs and bundles are compared only if these texts are equal, so another wording would refuse those that people
-        // keep. This one includes pictures that are resized down.
+        // Runs and bundles are compared only if these texts are equal, so another wording would make stored runs and
+        // bundles incomparable. "Resized up" here includes pictures that are resized down.
         (
             "resolution",
             "full resolution of the target, which is never resized; predictions are resized up or cropped only where a \

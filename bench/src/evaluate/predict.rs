@@ -545,7 +545,7 @@ impl<'j, 'a> PairWork<'j, 'a> {
         let is_chosen = self.job.checked.contains(name);
         let needs_depth = is_chosen && prediction.reading.is_some();
         let depth = match method.privilege().depth {
-            // Unreadable depth is not this method's failure.
+            // The method does not see this depth, so unreadable depth must not make the prediction fail.
             TrueDepth::None if needs_depth => sources.depth(planned.source).ok().flatten().cloned(),
             _ => None,
         };

@@ -407,7 +407,7 @@ impl Evaluation {
                 let lacks_scores =
                     |unit: &Unit| !missing(unit, &self.scoring, &keys, planned).is_empty();
                 standing.add(match unit {
-                    // A failed unit has no picture.
+                    // A failed unit has no picture, so there is no key to compare.
                     Some(unit) if unit.is_failure() || unit.picture_key == key => {
                         unit.progress(lacks_scores(&unit))
                     }

@@ -179,11 +179,13 @@ fn score_unit(
                 .is_some_and(|picture| picture.float_sha256.is_some()) =>
         {
             Err(
-                "its linear picture is missing, or differs from the one that was rendered"
+                "the linear picture is missing, or differs from the one that was rendered"
                     .to_owned(),
             )
         }
-        false => Err("only runs with --keep float have it, for their renderings".to_owned()),
+        false => Err(
+            "only runs with --keep float keep linear pictures, and only of renderings".to_owned(),
+        ),
     };
     let region = record.crop.map(|crop| crop.region);
     let mut pictures: Vec<(PictureReading, Picture)> = Vec::new();

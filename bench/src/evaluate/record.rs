@@ -186,7 +186,7 @@ pub(crate) fn file_difference<'a>(records: impl IntoIterator<Item = &'a Record>)
                 ));
             }
         }
-        // A file of Gaussians may belong to one source, or to all sources of a scene.
+        // A file of Gaussians may belong to one source or to all sources of a scene, so hashes are compared by file.
         let Record {
             method, dataset, ..
         } = record;

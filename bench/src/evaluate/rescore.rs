@@ -29,7 +29,7 @@ use crate::scoring::{Region, Scoring};
 /// Scores a folder's kept predictions with those metrics whose scores are missing.
 ///
 /// # Errors
-/// If the folder or its datasets cannot be read, or its networks were computed on another device.
+/// If the folder or its datasets cannot be read, or the networks of earlier scores were computed on another device.
 pub fn rescore(
     root: &Path,
     scoring: &Scoring,
@@ -127,7 +127,7 @@ pub fn score_shard(
         memory: MemoryShares::of(memory_limit_bytes),
     };
     let mut counts = work.score(list, observer)?;
-    // Units without a prediction.
+    // Units without a prediction count as well.
     counts.units += of_shard - there;
     counts.waiting += of_shard - there;
     Ok(counts)

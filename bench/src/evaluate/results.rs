@@ -316,8 +316,7 @@ impl Results {
         let kept = self.pictures.iter().filter_map(|pictures| {
             let label = pictures.labels.get(&record.method)?;
             let unit = (record.pair_id.clone(), label.clone());
-            // Paths are made only from known ids: if there is no unit for a picture, it is not
-            // ours.
+            // Paths are made only from known ids, so a picture without a unit is not part of the run.
             let sha256 = hashes(pictures).get(&unit)?;
             let path = pictures.folder.prediction_path(label, &unit.0, extension);
             path.is_file().then(|| KeptPicture {

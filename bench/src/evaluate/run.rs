@@ -75,7 +75,7 @@ impl Evaluation {
         }
         let results = match counts.left {
             0 => write_tables(&folder)?,
-            // An unfinished run has no tables.
+            // Tables are written only for finished runs.
             _ => Results::read(out)?,
         };
         if counts.left == 0 {

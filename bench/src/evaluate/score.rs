@@ -252,7 +252,7 @@ fn stored(
     })
 }
 
-/// A record for a pair without a result; `cluster` is that of its scene.
+/// A record for a pair without a result; `cluster` is the cluster of the pair's scene.
 pub(super) fn empty_record(pair: &Pair, cluster: &str, method: &str) -> Record {
     Record {
         pair_id: pair.pair_id.clone(),

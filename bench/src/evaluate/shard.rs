@@ -33,8 +33,8 @@ impl Shard {
         }
     }
 
-    /// This share of a list sorted by pair id. The pairs of a source form a group, because they
-    /// share its prediction. Groups are assigned to the smallest share, largest groups first.
+    /// This share of a list sorted by pair id. The pairs of a source form a group, because they share one prediction.
+    /// Groups are assigned to the smallest share, largest groups first.
     pub(super) fn of<T>(self, list: Vec<T>, pair_id: impl Fn(&T) -> &str) -> Vec<T> {
         self.deal(list, pair_id).swap_remove(self.index - 1)
     }
@@ -160,7 +160,7 @@ fn of_array(
     let count = count.or(size).ok_or(ShardError::Count(
         "this job does not state its number of indices: use --shard auto/N",
     ))?;
-    // These schedulers count from 0.
+    // These schedulers count from 0, shards from 1.
     Shard::new(index.saturating_add(1), count)
 }
 

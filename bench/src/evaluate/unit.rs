@@ -174,7 +174,7 @@ impl Unit {
             scores: scores.collect(),
             ..self.record.clone()
         };
-        // Earlier versions stored reasons of any length.
+        // Earlier versions stored reasons of any length; shorten them.
         if let Status::Failed { reason } = &mut record.status {
             *reason = reason_line(reason);
         }

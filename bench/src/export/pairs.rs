@@ -1,9 +1,8 @@
 //! Exports the pairs of a list as folders: `OUT/<pair_id>/{source.png, pair.json}`, optionally with
 //! `target.png` and depth.
 //!
-//! `pair.json` is written last and contains the names and SHA-256 of its files, and a hash of their
-//! inputs. An interrupted export therefore continues, and pairs whose dataset changed are exported
-//! again.
+//! `pair.json` is written last and contains the names and SHA-256 of the pair's files, and a hash of everything that
+//! determines them. An interrupted export therefore continues, and pairs whose dataset changed are exported again.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::io::ErrorKind;
@@ -168,7 +167,7 @@ pub(super) fn png(view: &View, path: &Path) -> Result<Vec<u8>, ExportError> {
     Ok(encode_png(&view.content.image()?, path)?)
 }
 
-/// The views whose depth is requested, with their file names.
+/// The views whose depth is requested, with the names of the depth files.
 fn depth_files<'a>(
     pair: &ResolvedPair<'a>,
     options: &ExportOptions,

@@ -26,8 +26,8 @@ pub struct MethodKind {
     pub options: &'static [&'static [&'static str]],
     /// What the method predicts.
     pub summary: &'static str,
-    /// Description of its options.
-    pub settings: &'static str,
+    /// Options as `key=values`, each with its meaning.
+    pub settings: &'static [(&'static str, &'static str)],
     build: fn(&MethodSpec, Option<&Arc<ScaleChooser>>) -> Built,
 }
 
@@ -36,7 +36,7 @@ pub const KINDS: [MethodKind; 8] = [
         name: "target",
         options: &[],
         summary: "the ground truth; perfect under every metric (self-test)",
-        settings: "",
+        settings: &[],
         build: |spec, _| {
             Ok(Box::new(Target {
                 label: spec.label.clone(),
@@ -47,14 +47,14 @@ pub const KINDS: [MethodKind; 8] = [
         name: "copy",
         options: &[],
         summary: "the source photograph, unmoved",
-        settings: "",
+        settings: &[],
         build: |spec, _| Ok(trivial::copy(spec)),
     },
     MethodKind {
         name: "mean",
         options: &[],
         summary: "the mean colour of the source everywhere",
-        settings: "",
+        settings: &[],
         build: |spec, _| Ok(trivial::mean(spec)),
     },
     MethodKind {
@@ -62,15 +62,35 @@ pub const KINDS: [MethodKind; 8] = [
         options: &[&["resolution"]],
         summary: "the dataset's depth through SHARP's initializer, composer and renderer; holes stay \
                   black",
-        settings: "resolution=1536",
+        settings: &[(
+            "resolution=1536",
+            "side in pixels of the square working picture; SHARP's is the default",
+        )],
         build: |spec, _| Ok(Box::new(DepthSplat::from_spec(spec)?)),
     },
     MethodKind {
         name: "sharp",
         options: &[&Sharp::OPTIONS],
         summary: "the SHARP network",
-        settings: "checkpoint=FILE, or mini for the small one that comes with the program, config=FILE#NAME, \
-                  depth=none|privileged, device=cpu, allow_unused=PREFIX,…",
+        settings: &[
+            (
+                "checkpoint=FILE",
+                "weights, or mini for the small network that comes with the program",
+            ),
+            ("config=FILE#NAME", "architecture of the checkpoint"),
+            (
+                "depth=none|privileged",
+                "privileged: scale the prediction by the median of true over predicted depth",
+            ),
+            (
+                "device=cpu|candle-cpu|cuda|metal|auto",
+                "device of the network",
+            ),
+            (
+                "allow_unused=PREFIX,…",
+                "ignore unknown tensors whose names have one of these prefixes",
+            ),
+        ],
         build: |spec, _| Ok(Box::new(Sharp::from_spec(spec)?)),
     },
     MethodKind {
@@ -84,21 +104,104 @@ pub const KINDS: [MethodKind; 8] = [
         summary: "Gaussians made elsewhere, \
                   DIR/<dataset>/<scene>/<source>.ply|safetensors|spz|sog|splat, rendered by \
                   sharp-bench",
-        settings: "dir=DIR, file={scene}.ply for another layout, rendering=inria|gsplat-classic|mip-splatting|… for the rule they were made for, \
-                  depth=none, or privileged: scaled by the median of true over rendered depth, color_space=linear|srgb for PLYs \
-                  that do not state it; if the numbers are stored in another form: opacity=linear|byte, scales=linear|log-variance, \
-                  quaternions=xyzw, colors=rgb01|rgb255|logit|dc-uncentered, channels=bgr, harmonics=drop|interleaved, marks=ignore; if they are in another place: space=world|target|normalized, \
-                  axes=rub|luf, scale=S, transform=dataparser_transforms.json, shift=X:Y, focal=F|X:Y; train=LIST.txt|GLOB for scenes trained on several views; align=pose moves the target's \
-                  camera to fit its photograph",
+        settings: &[
+            ("dir=DIR", "the folder"),
+            (
+                "file={scene}.ply",
+                "where files lie in the folder: a template of {dataset} {scene} {source} {target} {pair}",
+            ),
+            (
+                "rendering=inria|gsplat-classic|mip-splatting|…",
+                "rendering rule that the Gaussians were made for; needed unless the file states one",
+            ),
+            (
+                "depth=none|privileged",
+                "privileged: scale the Gaussians by the median of true over rendered depth",
+            ),
+            (
+                "color_space=linear|srgb",
+                "encoding of the colours, for a PLY that does not state it",
+            ),
+            (
+                "opacity=linear|byte",
+                "stored opacities, if not as in a PLY (logit)",
+            ),
+            (
+                "scales=linear|log-variance",
+                "stored scales, if not as in a PLY (log)",
+            ),
+            (
+                "quaternions=xyzw|wxyz-inverse|xyzw-inverse",
+                "stored quaternions, if not wxyz",
+            ),
+            (
+                "colors=rgb01|rgb255|logit|dc-uncentered",
+                "stored colours, if not as in a PLY (dc)",
+            ),
+            ("channels=bgr", "order of the colour channels, if not rgb"),
+            (
+                "harmonics=drop|interleaved",
+                "view-dependent colour: draw only the constant term, or read interleaved coefficients",
+            ),
+            (
+                "marks=ignore",
+                "accept files made for another rendering rule",
+            ),
+            (
+                "space=world|target|normalized",
+                "space of the positions, if not the source camera's",
+            ),
+            (
+                "axes=rub|luf|…",
+                "directions of x, y and z, if not rdf (right, down, forward)",
+            ),
+            ("scale=S", "unit of the file in metres"),
+            (
+                "transform=FILE.json",
+                "nerfstudio's dataparser_transforms.json, which is undone, or a 4-row matrix to the space",
+            ),
+            (
+                "shift=X:Y",
+                "shift of the scene to the right and down as the source's camera sees it, in pixels",
+            ),
+            (
+                "focal=F|X:Y",
+                "focal length used to unproject the points, as a multiple of the dataset's",
+            ),
+            (
+                "train=source|LIST.txt|GLOB",
+                "views that a scene's Gaussians were trained on",
+            ),
+            (
+                "align=pose",
+                "before scoring, move the target's camera so that the rendering fits the photograph",
+            ),
+        ],
         build: |spec, _| Ok(Box::new(GaussianFiles::from_spec(spec)?)),
     },
     MethodKind {
         name: "imported",
         options: &[&["dir", "file", "scales"], &FitRules::OPTIONS],
         summary: "pictures made elsewhere, DIR/<pair_id>.png|jpg|exr",
-        settings: "dir=DIR, file={scene}.png for another layout; other sizes with resize=bilinear|\
-                  bilinear-antialias|bicubic|lanczos|area, cropped ones with crop=x:y:w:h|center:W:H|center|sidecar; \
-                  scales=0.5+1+2 for DIR/<scale>/<pair_id>.png with --scale-sweep",
+        settings: &[
+            ("dir=DIR", "the folder"),
+            (
+                "file={scene}.png",
+                "where files lie in the folder: a template of {dataset} {scene} {source} {target} {pair}",
+            ),
+            (
+                "resize=bilinear|bilinear-antialias|bicubic|lanczos|area",
+                "how to resize pictures of another size; otherwise an error",
+            ),
+            (
+                "crop=x:y:w:h|center:W:H|center|sidecar",
+                "part of the target that the pictures show",
+            ),
+            (
+                "scales=0.5+1+2",
+                "read DIR/<scale>/<pair_id>.png for each scale; with --scale-sweep",
+            ),
+        ],
         build: imported,
     },
     MethodKind {
@@ -108,8 +211,24 @@ pub const KINDS: [MethodKind; 8] = [
             &FitRules::OPTIONS,
         ],
         summary: "an external program that gets one line of JSON per pair",
-        settings: "run='python my.py', timeout=600, version=TEXT, resize=, \
-                  crop=x:y:w:h|center:W:H, depth=none, or privileged: the program gets the source's true depth; cwd=DIR, the folder it starts in",
+        settings: &[
+            ("run='python my.py'", "command line of the program"),
+            ("timeout=600", "longest time for a pair, in seconds"),
+            (
+                "version=TEXT",
+                "whatever else decides the predictions, such as the version of the weights",
+            ),
+            (
+                "files=PATTERN",
+                "files that the program reads without being named in its command line",
+            ),
+            ("cwd=DIR", "folder in which the program starts"),
+            (
+                "depth=none|privileged",
+                "privileged: the program gets the source's true depth",
+            ),
+            ("resize=…, crop=x:y:w:h|center:W:H", "as for imported"),
+        ],
         build: |spec, _| Ok(Box::new(Command::from_spec(spec)?)),
     },
 ];

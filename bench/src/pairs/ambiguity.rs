@@ -173,7 +173,7 @@ fn counts_of_reading(
     };
     let build = build_pairs(scenes, base, &context).map_err(|error| error.to_string())?;
     let mut counts = counts(&build, selected);
-    // A dataset without scenes has no pairs.
+    // A dataset without scenes has no pairs, but is still counted.
     counts.entry(reading.dataset.clone()).or_default();
     Ok(counts)
 }

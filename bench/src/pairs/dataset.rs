@@ -131,7 +131,7 @@ impl OpenDataset {
             readings.push(DatasetReading {
                 key: "frame".to_owned(),
                 value: frame.to_string(),
-                // The paper scores at full resolution.
+                // Any frame differs from the paper, which scores at full resolution.
                 proxy: true,
                 open: false,
             });

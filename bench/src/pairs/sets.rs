@@ -22,8 +22,9 @@ pub enum Grouping {
 /// Treatment of a last, smaller set.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum Remainder {
-    /// It remains a set if it has at least two views.
+    /// The smaller set is kept if it has at least two views.
     Keep,
+    /// The views of the smaller set are in no pair.
     Drop,
 }
 

@@ -39,8 +39,8 @@ impl ColourScale {
         different: 0.0,
     };
 
-    /// Position of a value on the scale: 0 at the dark end, 1 at the bright end; below 0 or above 1
-    /// if the value lies beyond them.
+    /// Position of a value on the scale: 0 at the dark end, 1 at the bright end; below 0 or above 1 if the value lies
+    /// beyond the ends.
     pub fn share(&self, value: f32) -> f32 {
         ((f64::from(value) - self.alike) / (self.different - self.alike)) as f32
     }

@@ -1,8 +1,8 @@
 //! Variants that other packages compute under the names of our metrics. They help to identify a
 //! published number and are never a column.
 //!
-//! Each variant is that of a public package at its defaults. The code is simple rather than fast,
-//! because only `metrics --find` uses it.
+//! Each variant is what a public package computes by default. The code is simple rather than fast, because only
+//! `metrics --find` uses it.
 
 use image::{Rgb, Rgb32FImage};
 use sharp_metrics::{

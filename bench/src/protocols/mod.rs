@@ -158,7 +158,7 @@ impl Protocol {
             _ => None,
         };
         let of_levels = (self.quantised == Quantised::Float).then(|| {
-            "quantisation: predictions are rounded to 8 bit, theirs are scored as floats (below 0.01 dB up to 40 dB)"
+            "quantisation: predictions are rounded to 8 bit; the original scores floats (a difference below 0.01 dB up to 40 dB)"
                 .to_owned()
         });
         let others = self.departures.iter().map(ToString::to_string);

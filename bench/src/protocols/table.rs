@@ -8,7 +8,7 @@ const EVERY_8TH: &str =
     "of the images sorted by name, those with index % 8 == 0 are tested, each made from all others";
 const RE10K_INDEX: &str =
     "an evaluation index (JSON), of which one context view becomes the source";
-const OUR_CAMERAS: &str = "cameras: the principal point follows the crop; theirs stays in the middle, off by half a \
+const OUR_CAMERAS: &str = "cameras: the principal point follows the crop; the original's stays in the middle, off by half a \
     pixel where an odd number of columns is cut";
 const CUDA_MESSAGE: &str =
     "missing scenes and frames are skipped silently, exceptions drop their batch into a CSV";
@@ -44,7 +44,7 @@ const PIXELSPLAT: Protocol = Protocol {
         "scenes wider than 100 degrees, of another shape than 3x360x640 or with a baseline below 1e-3 are not evaluated",
     ],
     departures: &[
-        "pairs: one context view is the source; theirs sees two",
+        "pairs: one context view is the source; the original sees two",
         OUR_CAMERAS,
         "scenes: nothing is skipped by field of view, shape or baseline",
     ],
@@ -61,7 +61,7 @@ const MVSPLAT: Protocol = Protocol {
         "scenes wider than 100 degrees or of another shape than 3x360x640 are not evaluated",
     ],
     departures: &[
-        "pairs: one context view is the source; theirs sees two or three",
+        "pairs: one context view is the source; the original sees two or three",
         OUR_CAMERAS,
         "scenes: nothing is skipped by field of view or shape",
     ],
@@ -103,11 +103,11 @@ pub const PROTOCOLS: [Protocol; 15] = [
             "the launcher skips LPIPS by default, and without the LPIPS package the column contains L1",
         ],
         departures: &[
-            "mask: no number without the target's depth; theirs falls back to cached masks, then to predicted depth, \
+            "mask: no number without the target's depth; the original falls back to cached masks, then to predicted depth, \
              then to no mask",
-            "renderings: blended over black; theirs are divided by alpha before sRGB encoding",
-            "aggregation: by source view; theirs by manifest line, the same unless two lines share a source",
-            "datasets: Tanks and Temples and DL3DV there are their images_4, and panoramas and fisheyes have masks of their own",
+            "renderings: blended over black; the original divides them by alpha before sRGB encoding",
+            "aggregation: by source view; the original averages by manifest line, which is the same unless two lines share a source",
+            "datasets: the original takes images_4 of Tanks and Temples and DL3DV, and separate masks for panoramas and fisheyes",
         ],
         ..PLAIN
     },
@@ -129,8 +129,8 @@ pub const PROTOCOLS: [Protocol; 15] = [
              becomes 456x256, and the crop starts at column 100",
         ],
         departures: &[
-            "LPIPS: in f32; theirs inside bfloat16 autocast, which differs in the third decimal and is refused here",
-            "pairs: one context view is the source; theirs sees two",
+            "LPIPS: in f32; the original computes it inside bfloat16 autocast, which differs in the third decimal and is refused here",
+            "pairs: one context view is the source; the original sees two",
         ],
         ..MVSPLAT
     },
@@ -153,9 +153,10 @@ pub const PROTOCOLS: [Protocol; 15] = [
              LPIPS on -1..1; the version is not named: SSIM is one of the two columns, valid before 1.4.2, reflect since",
         ],
         departures: &[
-            "aggregation: none is published; it is this harness's",
-            "resize: OpenCV's INTER_AREA; theirs is torch's `area`, means over whole pixels",
-            "size: 576x576; their RealEstate10K outputs are reduced to 256 afterwards, ViewCrafter's splits crop otherwise",
+            "aggregation: none is published; this harness's own is used",
+            "resize: OpenCV's INTER_AREA; the original uses torch's `area`, means over whole pixels",
+            "size: 576x576; the original's RealEstate10K outputs are reduced to 256 afterwards, and ViewCrafter's splits are \
+             cropped differently",
         ],
         ..PLAIN
     },
@@ -180,10 +181,10 @@ pub const PROTOCOLS: [Protocol; 15] = [
             "pictures are stretched to 3:2, so that PSNR weighs both axes differently",
         ],
         departures: &[
-            "scale: theirs scales translations by fitting predicted to COLMAP depth with unseeded RANSAC; here cameras \
+            "scale: the original scales translations by fitting predicted to COLMAP depth with unseeded RANSAC; here cameras \
              are the dataset's",
-            "PSNR: theirs does not clip; pictures here lie in 0..1",
-            "size: 384x256 as for RealEstate10K; their KITTI is 384x128, its border unrecorded",
+            "PSNR: the original does not clip; pictures here lie in 0..1",
+            "size: 384x256 as for RealEstate10K; the original's KITTI is 384x128, with an unrecorded border",
         ],
         ..PLAIN
     },
@@ -212,8 +213,8 @@ pub const PROTOCOLS: [Protocol; 15] = [
             "zero padding makes the borders of both pictures more alike for SSIM",
         ],
         departures: &[
-            "size: of the pictures given; theirs takes images_4 outdoors and images_2 indoors",
-            "aggregation: over all images of a dataset; theirs is per scene, and the paper's means are over scenes",
+            "size: of the pictures given; the original takes images_4 outdoors and images_2 indoors",
+            "aggregation: over all images of a dataset; the original's is per scene, and the paper's means are over scenes",
         ],
         ..PLAIN
     },
@@ -226,7 +227,7 @@ pub const PROTOCOLS: [Protocol; 15] = [
         quantised: Quantised::Float,
         metrics: &["psnr", "ssim[gauss11,valid]", "lpips[alex,v0.1,eps=tm]"],
         departures: &[
-            "size: as given here; theirs halves the pictures until no side exceeds 1600, reading reduced copies made by other \
+            "size: as given here; the original halves the pictures until no side exceeds 1600, reading reduced copies made by other \
              programs",
         ],
         ..PLAIN
@@ -250,7 +251,7 @@ pub const PROTOCOLS: [Protocol; 15] = [
             "surface models pass pictures in 0..1 to LPIPS (lpips[alex,v0.1,unscaled])",
         ],
         departures: &[
-            "size: as given here; theirs halves the pictures until no side exceeds 1600, reading reduced copies made by other \
+            "size: as given here; the original halves the pictures until no side exceeds 1600, reading reduced copies made by other \
              programs",
         ],
         ..PLAIN
@@ -271,10 +272,10 @@ pub const PROTOCOLS: [Protocol; 15] = [
             "both pictures are truncated to 8 bit; the truth, which is 8 bit already, does not change",
         ],
         departures: &[
-            "mask: excluded pixels do not count; theirs are multiplied by the mask and count as equal black ones, which raises \
-             PSNR",
-            "LPIPS: both networks; theirs adds vgg for mip-NeRF 360 only",
-            "size: of the pictures given; theirs has a factor for each scene",
+            "mask: excluded pixels do not count; the original multiplies both pictures by the mask, so that excluded pixels \
+             count as equal and black, which raises PSNR",
+            "LPIPS: both networks; the original adds vgg for mip-NeRF 360 only",
+            "size: of the pictures given; the original has a factor for each scene",
         ],
         ..PLAIN
     },
@@ -286,8 +287,8 @@ pub const PROTOCOLS: [Protocol; 15] = [
         metrics: &["psnr", "ssim[gauss11,valid,cov=bounded]"],
         failures: "not handled",
         departures: &[
-            "colour: no second set of numbers after their quadratic colour correction of each picture",
-            "LPIPS: its code is not published there",
+            "colour: no second set of numbers after the original's quadratic colour correction of each picture",
+            "LPIPS: the original does not publish the code",
         ],
         ..PLAIN
     },
@@ -308,8 +309,8 @@ pub const PROTOCOLS: [Protocol; 15] = [
             "LPIPS takes a separate mean at each layer, so that deep layers only cover what is far inside the mask",
         ],
         departures: &[
-            "pictures: undistorted to a pinhole camera, with their masks; theirs are the fisheye pictures as stored",
-            "size: predictions of another size need `resize=bicubic`; theirs are resized without asking",
+            "pictures: undistorted to a pinhole camera, with their masks; the original takes the fisheye pictures as stored",
+            "size: predictions of another size need `resize=bicubic`; the original resizes them without asking",
         ],
         ..PLAIN
     },

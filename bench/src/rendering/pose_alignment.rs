@@ -39,8 +39,8 @@ const LAST_STEP: f64 = 0.01;
 /// Initial damping, and the damping above which no further step is tried.
 const DAMPING: [f64; 2] = [1e-3, 1e3];
 
-/// Describes the procedure, for identities. This file defines it, and the file's hash is part of
-/// each method's code.
+/// Describes the procedure, for identities. This file defines the procedure, and the hash of this file is part of each
+/// method's code.
 pub fn procedure() -> String {
     format!(
         "pose ({NARROWEST} to {WIDEST} px wide, at most {STEPS} steps each, until {LAST_STEP} px)"

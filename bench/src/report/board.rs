@@ -73,12 +73,12 @@ pub struct ReportMethod {
     pub unranked: Option<String>,
     /// Whether every real method is expected to beat this one.
     pub is_baseline: bool,
-    /// Whether plots and sheets show it: `target` and `mean` stretch the axes, and are left out unless the user lists
-    /// them or there is nothing else.
+    /// Whether plots and sheets show the method: `target` and `mean` stretch the axes, and are left out unless the user
+    /// lists them or there is nothing else.
     pub is_plotted: bool,
     /// Kernel used to resize predictions of another size, if named.
     pub resize_kernel: Option<String>,
-    /// Doubts about its predictions, shown next to its label below the first table.
+    /// Doubts about the method's predictions, shown next to the method's label below the first table.
     pub doubt: Option<String>,
     /// Notes on the method, shown like `doubt`.
     pub note: Option<String>,

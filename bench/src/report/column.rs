@@ -81,7 +81,7 @@ pub struct Column {
     pub short: String,
     /// Unit such as `dB`; empty for a number without unit.
     pub unit: String,
-    /// Decimals shown; numbers are ranked after rounding to them.
+    /// Decimals shown; numbers are ranked after rounding to as many.
     pub decimals: usize,
     /// Whether higher or lower values are better; if `None`, values are not ranked.
     pub direction: Option<Direction>,

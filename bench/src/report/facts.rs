@@ -91,7 +91,7 @@ fn protocol_facts(protocol: &ProtocolRecord) -> Vec<Fact> {
     let traps = protocol.traps.iter();
     facts.extend(traps.map(|trap| fact("kept as it is", trap)));
     let departures = protocol.departures.iter();
-    facts.extend(departures.map(|departure| fact("not as theirs", departure)));
+    facts.extend(departures.map(|departure| fact("differs here", departure)));
     facts
 }
 

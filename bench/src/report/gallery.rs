@@ -124,8 +124,8 @@ impl GalleryPair<'_> {
 }
 
 impl<'a> Gallery<'a> {
-    /// Selects pairs, then reduces and encodes their pictures to a size that is likely to fit the
-    /// budget. If a single-file page still exceeds it, pairs are dropped from the end.
+    /// Selects pairs, then reduces and encodes their pictures to a size that is likely to fit the budget. If a
+    /// single-file page still exceeds the budget, pairs are dropped from the end.
     pub fn new(
         board: &'a Board<'a>,
         metrics: &[Column],

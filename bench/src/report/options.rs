@@ -5,15 +5,15 @@ use std::collections::BTreeMap;
 use super::statistics::Uncertainty;
 use super::tables::grid::TextGrid;
 
-/// Which of the paper's numbers to show next to ours.
+/// Which of the paper's numbers to show next to those of the runs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, clap::ValueEnum)]
 pub enum PublishedNumbers {
-    /// None.
+    /// No numbers of the paper
     Never,
-    /// Those of the run's datasets, matched by name.
+    /// The numbers for the datasets of the runs, matched by name
     #[default]
     Matching,
-    /// All.
+    /// All numbers of the paper
     Always,
 }
 
@@ -28,7 +28,7 @@ pub struct ReportOptions {
     /// publishing them.
     pub public: bool,
     pub published: PublishedNumbers,
-    /// What follows a mean as ±; by default nothing, and on the page [`Uncertainty::Ci95`].
+    /// Uncertainty shown as ± after a mean; by default [`Uncertainty::Ci95`] on the page and none elsewhere.
     pub uncertainty: Option<Uncertainty>,
     /// Contents for a report that compares two runs.
     pub comparison: Option<ReportComparison>,
@@ -38,9 +38,9 @@ pub struct ReportOptions {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, clap::ValueEnum)]
 #[serde(rename_all = "lowercase")]
 pub enum Layout {
-    /// In the page, as one file with at most 24 pairs
+    /// Embedded: one self-contained file, at most 24 pairs
     File,
-    /// Next to the page, in thumbs/, loaded on demand, for all pairs
+    /// In thumbs/ next to the page, loaded on demand, all pairs
     Folder,
 }
 

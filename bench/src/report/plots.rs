@@ -23,7 +23,7 @@ use sharp_plots::panels::{Panel, PanelFrame, PlotArea, figure};
 use sharp_plots::style::FigureStyle;
 use sharp_plots::text::{Weight, width};
 
-/// Marks every file of a figure as ours, so that a later one may overwrite it.
+/// Identifies every file of a figure as written by this program, so that a later figure may overwrite it.
 pub const MARK: &str = "sharp-bench";
 
 /// Extensions of a figure's files.
@@ -40,13 +40,15 @@ pub fn files(figure: Figure, out: &Path, stem: &str) -> [(PathBuf, Vec<u8>, &'st
     ]
 }
 
-/// Maximum number of bins per dataset, against a metric and in the histogram.
+/// At most this many bins per dataset in plots of a metric.
 const METRIC_BINS: Binning = Binning::Round(10);
+/// At most this many bins per dataset in histograms.
 const HISTOGRAM_BINS: Binning = Binning::Round(20);
 const LABEL: &str = "camera baseline (m)";
 const BAR: Ink = Ink::opaque(0x00, 0x72, 0xB2);
-/// Lettering of the methods' names below their columns of points.
+/// Font size of the methods' names.
 const NAME_SIZE: f64 = 11.5;
+/// Lettering of the methods' names below columns of points.
 const NAME: Lettering = Lettering {
     size: NAME_SIZE,
     weight: Weight::Regular,

@@ -37,7 +37,7 @@ pub struct CellStatistics {
     pub scored: Vec<usize>,
 }
 
-/// What follows a mean as ±. The sample consists of scenes, as in a comparison.
+/// Uncertainty shown as ± after a mean. The sample consists of scenes, as in a comparison.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
 pub enum Uncertainty {
     /// Standard deviation of the scenes' means

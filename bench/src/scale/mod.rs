@@ -48,7 +48,7 @@ pub enum ScaleError {
     },
 }
 
-/// Marks a file as ours; in its first lines.
+/// Identifies a file as written by this program; among the first lines of the file.
 const MARK: &str = "sharp-bench scale";
 
 /// Template values by name.

@@ -23,8 +23,8 @@ pub enum PairMask {
     /// The target's pixels that the dataset does not exclude.
     #[default]
     NotExcluded,
-    /// Target pixels with depth whose points project into the source's image; occlusion is not
-    /// tested. If it has fewer than [`LEAST_PIXELS`], the mask is discarded.
+    /// Target pixels with depth whose points project into the source's image; occlusion is not tested. A mask with
+    /// fewer than [`LEAST_PIXELS`] is discarded.
     SourceBounds,
 }
 

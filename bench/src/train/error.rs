@@ -11,7 +11,7 @@ use crate::methods::MethodError;
 use crate::pairs::PairError;
 use crate::report::ReportError;
 
-/// Why a training cannot start or continue.
+/// Why a training run cannot start or continue.
 #[derive(Debug, thiserror::Error)]
 pub enum TrainError {
     #[error(transparent)]

@@ -1,4 +1,4 @@
-//! The folder of a training: created, or found and checked.
+//! The folder of a training run: created, or found and checked.
 
 use std::collections::BTreeMap;
 use std::fs::{self, File};
@@ -26,7 +26,7 @@ impl TrainingFolder {
     /// step, any key may.
     ///
     /// # Errors
-    /// [`TrainError::OtherFolder`] if the folder contains other files, or a training with another
+    /// [`TrainError::OtherFolder`] if the folder contains other files, or a training run with another
     /// configuration; the error names a key that differs.
     pub(super) fn open(
         root: &Path,
@@ -47,7 +47,7 @@ impl TrainingFolder {
             {
                 let difference = difference(&before, text);
                 return Err(refused(format!(
-                    "a training with another configuration: {difference}; use another folder"
+                    "a training run with another configuration: {difference}; use another folder"
                 )));
             }
         } else {

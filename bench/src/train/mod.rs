@@ -2,7 +2,7 @@
 //!
 //! | in the folder, besides [the files of `sharp_train`](sharp_train::trainer) | |
 //! |---|---|
-//! | `config.toml`, `network.json` | the configuration, and the network's sizes on their own |
+//! | `config.toml`, `network.json` | the configuration, and the network's architecture by itself |
 //! | `validation-pairs.csv` | the pairs that weights are validated on |
 //! | `validation/` | the run folder of the last validation |
 //! | `index.html` | the page |
@@ -41,7 +41,7 @@ pub struct TrainRequest<'a> {
     /// Overrides of the file's values, as `KEY=VALUE`: a dotted key, and a TOML value, a text
     /// without quotes, or nothing for the default.
     pub set: &'a [String],
-    /// Output folder; an interrupted training resumes from it.
+    /// Output folder, from which an interrupted training run resumes.
     pub folder: &'a Path,
     pub validation: ValidationRequest,
     /// Device for training; validation runs on the CPU.
@@ -50,7 +50,7 @@ pub struct TrainRequest<'a> {
     pub export_f16: Option<&'a Path>,
 }
 
-/// Outcome of a training.
+/// Outcome of a training run.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Trained {
     pub ended: Ended,
@@ -66,7 +66,7 @@ pub struct Trained {
     pub page: PathBuf,
 }
 
-/// Trains, or resumes a training, until it is complete or the observer requests a stop.
+/// Trains, or resumes a training run, until it is complete or the observer requests a stop.
 ///
 /// # Errors
 /// [`TrainError`]. Checkpoints are kept, and the same call resumes from them.
@@ -88,8 +88,8 @@ pub fn train(request: TrainRequest<'_>, observer: &dyn Observer) -> Result<Train
              times as large and need a weight near 0.01"
         ));
     }
-    // The saved configuration keeps the network's name, because its path depends on where the
-    // program is installed.
+    // The saved configuration names the bundled network, because the path of its file depends on where the program is
+    // installed.
     let named = config
         .initial
         .as_deref()
@@ -141,7 +141,7 @@ const VGG_WEIGHT_AT_MOST: f64 = 0.3;
 /// Number of steps per stage that are reported with loss and time.
 const MILESTONES: u64 = 50;
 
-/// Forwards the trainer's events to an observer, and its weights to the validation.
+/// Forwards the trainer's events to an observer, and the weights to the validation.
 struct Watching<'a> {
     folder: &'a TrainingFolder,
     perceptual_network: Option<&'static str>,
@@ -188,7 +188,7 @@ impl Watcher for Watching<'_> {
             return Ok(Vec::new());
         };
         self.observer.end();
-        // The validation displays phases of its own.
+        // The validation displays other phases, so the stage's phase must begin again.
         self.phase = None;
         let measured = validation.measure(weights, config, self.observer);
         let measured = measured.map_err(|error| error.to_string())?;

@@ -1,4 +1,4 @@
-//! A page with the progress of a training, which opens from disk: curves from the training's logs,
+//! A page with the progress of a training run, which opens from disk: curves from the run's logs,
 //! samples from its last validation.
 
 use std::collections::BTreeMap;
@@ -24,8 +24,9 @@ use sharp_plots::panels::{Panel, PanelFrame, PlotArea, figure, point};
 
 /// Maximum number of intervals of a curve; values are averaged within each.
 const STRETCHES: usize = 30;
-/// Number of pairs shown, and the longest side of their pictures, pixels.
+/// Maximum number of pairs shown.
 const SAMPLES: usize = 8;
+/// Longest side of a shown picture, pixels.
 const SIDE: u32 = 320;
 const STEPS: &str = "steps";
 
@@ -187,7 +188,7 @@ fn validated(log: &Log, steps: &BTreeMap<Place, f64>) -> Result<Option<Figure>, 
     let values = log.places()?.into_iter().zip(log.values(2)?);
     for ((place, value), row) in values.zip(&log.rows) {
         let name = row.get(3).unwrap_or_default();
-        // A validation in a stage without steps has no position on the axis.
+        // A validation in a stage without steps has no position on the axis and is left out.
         let Some(step) = steps.get(&place) else {
             continue;
         };

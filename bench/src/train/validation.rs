@@ -33,9 +33,10 @@ pub struct ValidationRequest {
 }
 
 impl ValidationRequest {
-    /// Eight procedural scenes; [`Self::PAIRS`] pairs are one of each.
+    /// Default dataset: eight procedural scenes.
     pub const DATASET: &'static str =
         "Validation:synthetic=world=varied,seed=900000,scenes=8,size=256x256";
+    /// Default number of pairs: one of each scene of [`Self::DATASET`].
     pub const PAIRS: usize = 8;
 }
 
@@ -51,10 +52,10 @@ pub(super) struct Validation {
 }
 
 impl Validation {
-    /// Selects the pairs by the paper's rules and writes them into the training's folder.
+    /// Selects the pairs by the paper's rules and writes them into the folder of the training run.
     ///
     /// # Errors
-    /// [`TrainError::NotHeldOut`] if the training uses the same data; [`TrainError::OtherFolder`] if the pairs differ
+    /// [`TrainError::NotHeldOut`] if the training data are the same; [`TrainError::OtherFolder`] if the pairs differ
     /// from those of earlier validations; [`TrainError::Pairs`].
     pub(super) fn new(
         request: ValidationRequest,
@@ -67,7 +68,7 @@ impl Validation {
                 return Err(TrainError::NotHeldOut {
                     spec: dataset.to_string(),
                     reason:
-                        "networks are trained on these seeds; use seeds below 1000 or from 900000"
+                        "networks are trained on these seeds; use seeds below 1000, or 900000 and above"
                             .to_owned(),
                 });
             }
@@ -90,10 +91,11 @@ impl Validation {
         if curve.lines().count() > 1 && PairList::read(&path)?.sha256 != list.sha256 {
             return Err(TrainError::OtherFolder {
                 folder: folder.root().to_owned(),
-                reason: "this training was validated on other pairs (validation-pairs.csv), which \
-                         its curves must not mix with new ones; use the same datasets and number \
-                         of pairs, or another folder"
-                    .to_owned(),
+                reason:
+                    "this training run was validated on other pairs (validation-pairs.csv), and a \
+                         curve must not mix both; use the same datasets and number of pairs, or \
+                         another folder"
+                        .to_owned(),
             });
         }
         list.write()?;
@@ -146,7 +148,7 @@ impl Validation {
 fn held_out(datasets: &[OpenDataset], config: &TrainingConfig) -> Result<(), TrainError> {
     let refused = |dataset: &OpenDataset, what: String| TrainError::NotHeldOut {
         spec: dataset.config.to_string(),
-        reason: format!("this training uses {what}; validate on data that it does not use"),
+        reason: format!("this training run uses {what}; validate on data that it does not use"),
     };
     let root = |dataset: &OpenDataset| dataset.root()?.canonicalize().ok();
     if let (1.., TrainingData::Datasets(specs)) = (config.stage1.steps, &config.stage1.data) {
@@ -211,7 +213,8 @@ fn means(results: &Results) -> Result<Vec<(String, f64)>, TrainError> {
     Ok(means)
 }
 
-/// Ignores stop requests during a validation: it is short, and afterwards its step is checkpointed.
+/// Ignores stop requests during a validation: a validation is short, and the checkpoint of its step is written only
+/// afterwards.
 struct Unstopped<'a>(&'a dyn Observer);
 
 impl Observer for Unstopped<'_> {

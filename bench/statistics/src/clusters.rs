@@ -5,8 +5,9 @@ use std::collections::BTreeMap;
 /// Sums over one cluster, a group of pairs that depend on each other.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub(crate) struct Cluster {
-    /// Sums of the differences and of their squares.
+    /// Sum of the differences.
     pub(crate) sum: f64,
+    /// Sum of the squared differences.
     pub(crate) squares: f64,
     /// Number of pairs; an integer.
     pub(crate) pairs: f64,

@@ -22,9 +22,10 @@ pub struct SignFlip {
     pub floor: f64,
     /// How patterns were drawn; `None` if all were enumerated.
     pub resampling: Option<Resampling>,
-    /// For each pattern, the lower bound of the true means under which it is as far from its
-    /// expectation as the observed one; sorted. `highs` has the upper bounds.
+    /// For each pattern, the lowest true mean under which the pattern's mean is as far from its
+    /// expectation as the observed mean; sorted.
     lows: Vec<f64>,
+    /// For each pattern, the highest such true mean; sorted.
     highs: Vec<f64>,
 }
 

@@ -55,7 +55,7 @@ impl Units {
     }
 }
 
-/// A sentence on an interpretation that fits better than the reader's.
+/// A sentence on an interpretation that fits better than the dataset reader's own.
 pub(super) fn sentence(
     change: &Change,
     evidence: &str,
@@ -155,8 +155,8 @@ pub(super) fn sentence(
                 .then(|| format!("shifted by about ({}, {}) pixels", off.x, off.y));
             let how: Vec<String> = size.into_iter().chain(place).collect();
             format!(
-                "depth is not registered to the photographs: it fits {}: {evidence}; project the depth maps into the \
-                 cameras of the photographs",
+                "the depth maps are not aligned with the photographs; they fit if {} ({evidence}); project them into \
+                 the cameras of the photographs",
                 how.join(" and ")
             )
         }

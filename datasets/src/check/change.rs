@@ -1,4 +1,4 @@
-//! Alternative interpretations that are tested against the reader's.
+//! Alternative interpretations that are tested against the dataset reader's own interpretation.
 
 use glam::DVec2;
 
@@ -8,7 +8,7 @@ use super::compare::{
 use super::explained::{Explained, Registration};
 use super::small_view::Part;
 
-/// A change to the reader's interpretation.
+/// A change to the dataset reader's interpretation.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) enum Change {
     /// The poses' translations fit the depth if multiplied by this.
@@ -44,8 +44,8 @@ pub(super) enum Change {
     Registered(Registration),
     /// Pictures or depth maps are flipped; says in which direction.
     Flipped(Part, &'static str),
-    /// Pictures fit with the other EXIF orientation rule, which also gives the camera's size; has the setting that
-    /// selects it.
+    /// Pictures fit if turned by the other EXIF orientation rule, which also gives the camera's size; holds the setting
+    /// that selects this rule.
     Turned(&'static str),
 }
 
@@ -81,7 +81,7 @@ impl Change {
         )
     }
 
-    /// Minimum fraction of the loss that the change must remove, and minimum number of standard errors.
+    /// Fraction of the loss that the change must remove, and how many standard errors the improvement must amount to.
     pub(super) fn least_gain(&self) -> (f64, f64) {
         let gain = match self {
             // Lens distortion has a small effect, but the same kind of effect everywhere.
@@ -120,6 +120,6 @@ pub(super) struct Better {
     pub(super) explained: Explained,
     /// True if the remaining loss is no larger than for valid data.
     pub(super) fits_well: bool,
-    /// True if the loss is hardly less than with the reader's interpretation.
+    /// True if the loss is hardly less than with the dataset reader's own interpretation.
     pub(super) is_slight: bool,
 }

@@ -1,4 +1,5 @@
-//! Tests whether another interpretation explains the same views well, and significantly better than the reader's.
+//! Tests whether another interpretation explains the same views well, and significantly better than the dataset
+//! reader's own.
 
 use super::explained::{ENOUGH, Explained};
 
@@ -26,7 +27,7 @@ const MOSTLY_AGREEING: f64 = 0.8;
 const AGREEING: f64 = 0.9;
 /// If depths agree to [`AGREEING`], another interpretation must increase the fraction by this.
 const MORE_AGREEING: f64 = 0.03;
-/// Maximum ratio to which a change must reduce colour differences to be needed because of them.
+/// A change is needed because of the colours if it reduces colour differences to this fraction or less.
 const NEARER_COLOURS: f64 = 0.9;
 /// Minimum number of samples to judge a tile of a picture.
 const ENOUGH_IN_TILE: usize = 8;

@@ -29,7 +29,7 @@ pub struct Consistency {
     /// With conventions that are commonly confused with that one.
     pub otherwise: Vec<Fit>,
     /// Fraction of depth values that agree, out of those that land on a pixel with depth in the other view, in the best
-    /// pair. `None` if too few do (neighbours that see different things, or sparse depth).
+    /// pair. `None` if too few values land there (neighbours that see different things, or sparse depth).
     pub meeting: Option<f64>,
     /// Number of pairs of views that were examined.
     pub pairs: usize,

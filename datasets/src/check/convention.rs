@@ -5,7 +5,7 @@ use sharp::camera::RigidTransform;
 
 /// An alternative interpretation of the poses.
 pub(super) struct Convention {
-    /// The mistake that it corresponds to.
+    /// The mistake that the convention corresponds to.
     pub(super) name: &'static str,
     /// Converts a pose as read to the world-to-camera pose under this convention.
     pub(super) take: Take,
@@ -17,7 +17,7 @@ const fn of(name: &'static str, take: Take) -> Convention {
     Convention { name, take }
 }
 
-/// Conventions that are compared; the first is the reader's.
+/// Conventions that are compared; the first is the one that the dataset reader assumes.
 pub(super) const CONVENTIONS: [Convention; 4] = [
     of("as read", |pose| *pose),
     of(
@@ -125,7 +125,7 @@ const TURNED: [Convention; 2] = [
     ),
 ];
 /// Poses of a vehicle's body instead of the camera: y left and z up, as in ROS, or y right and z down, as in aviation.
-/// If the file's cameras were read with OpenGL's axes, the two exchange their roles.
+/// For cameras read with OpenGL's axes, the first entry stands for aviation and the second for ROS.
 const BODIES: [Convention; 2] = [
     of(BODY, |pose| {
         rotated(pose, DMat3::from_cols(DVec3::Z, -DVec3::X, -DVec3::Y))
@@ -137,7 +137,7 @@ const BODIES: [Convention; 2] = [
 const BODY: &str = "the axes of a vehicle's body (x forward, as in ROS) in place of the camera's";
 const ROTATION_TRANSPOSED: &str = "the poses' rotations transposed";
 
-/// All conventions except the reader's.
+/// All conventions except the one that the dataset reader assumes.
 pub(super) fn alternatives() -> impl Iterator<Item = &'static Convention> {
     let axes = CONVENTIONS[1..].iter().chain(&MIRRORED);
     let places = axes.chain(&EXCHANGED_PLACES);

@@ -11,15 +11,15 @@ use super::small_view::Sample;
 
 /// Minimum fraction of depths at the maximum value that indicates a limit.
 const LEAST_LIMITED: f64 = 0.01;
-/// Minimum number of such depths.
+/// Minimum number of positions on which a judgement is based.
 const ENOUGH_LIMITED: usize = 100;
-/// Minimum relative difference of such a depth from the other view's.
+/// Minimum relative difference between the maximum depth and the depth according to the other view.
 const OFF_LIMIT: f64 = 0.002;
-/// Minimum difference in steps of the map at that depth.
+/// Minimum of the same difference, in steps of the depth map at its maximum.
 const OFF_STEPS: f64 = 2.0;
 /// Upper bound on the minimum depth of a normalised map at the reduced size.
 const LEAST_NORMALISED: f64 = 0.1;
-/// Lower bound on its maximum depth.
+/// Lower bound on the maximum depth of a normalised map at the reduced size.
 const MOST_NORMALISED: f64 = 0.9;
 
 /// Minimum relative difference of a single-valued map's depth from another such map; from other maps it is

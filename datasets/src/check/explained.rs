@@ -15,7 +15,7 @@ pub(super) enum DepthIs {
     NoRayLength,
     /// The reciprocal of depth, in an arbitrary unit.
     Inverse,
-    /// Values of a z-buffer. This is the value at infinite depth; smaller values lie below it by a fraction that is the
+    /// Values of a z-buffer; holds the value at infinite depth. Smaller values lie below that by a fraction that is the
     /// reciprocal of depth, in units of the near plane's distance.
     Buffer(f64),
     /// Too small by this many metres.
@@ -72,7 +72,7 @@ impl Registration {
     }
 }
 
-/// An alternative interpretation of views, as changes to the reader's.
+/// An alternative interpretation of views, as changes to the dataset reader's interpretation.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Reading {
     /// Factor of the poses' translations.
@@ -156,9 +156,11 @@ pub(super) struct Explained {
     pub(super) tiles: [(usize, f64); TILES],
     /// Number of samples that land on a pixel with depth.
     met: usize,
+    /// Number of samples among `met` whose depth agrees within [`TOLERANCE`].
     agreeing: usize,
     /// Number of samples whose colours were compared.
     pub(super) compared: usize,
+    /// Sum of the squared colour differences of these samples.
     pub(super) squares: f64,
 }
 

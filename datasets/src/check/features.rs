@@ -31,22 +31,23 @@ const UNIQUE: f32 = 0.6;
 const NEAR: f64 = 1.0;
 /// [`NEAR`] for poses that are merely imprecise.
 const CLOSE: f64 = 3.0;
-/// Minimum width and height; in smaller pictures, a pixel is too large a fraction of the picture.
+/// Minimum width and height of reduced views; smaller ones are skipped, because a pixel is too large a fraction of
+/// them.
 const LEAST_SIDE: u32 = 48;
 /// Minimum number of matches on which a judgement is based.
 pub(super) const LEAST_MATCHES: usize = 30;
 /// Minimum fraction of matches that another interpretation must explain.
-/// Minimum increase of that fraction.
 const LEAST_SHARE: f64 = 0.6;
-/// Minimum improvement in standard errors.
+/// Minimum increase of the explained fraction over the dataset reader's own interpretation.
 const LEAST_MORE: f64 = 0.2;
+/// Minimum increase of the number of explained matches, in standard errors.
 const LEAST_ERRORS: f64 = 4.0;
 /// Maximum number of views of which every pair is tried as the poses of two pictures.
 const MOST_TRIED: usize = 48;
-/// Minimum fraction of matches that the poses of other views must explain.
-/// Maximum fraction that the pictures' own poses may explain then: even imprecise poses explain some matches, and one
-/// of many alternatives may do better by chance.
+/// Minimum fraction of matches that the poses of other views must explain to be reported.
 const LEAST_ELSEWHERE: f64 = 0.75;
+/// Maximum fraction of matches that the pictures' own poses may explain if the poses of other views are reported. Above
+/// this, the pictures' own poses may merely be imprecise, and one of many alternatives may fit better by chance.
 const MOST_AS_READ: f64 = 0.5;
 
 /// Focal lengths whose relative difference is smaller are considered equal.
@@ -259,7 +260,7 @@ impl<'a> Matches<'a> {
         pose_of: &dyn Fn(usize) -> Option<usize>,
     ) -> Vec<Option<bool>> {
         let pose = |i: usize| Some(take(&self.views.get(pose_of(i)?)?.camera_from_world));
-        // Frames have their own cameras.
+        // A pose is taken together with the camera of its frame, if the picture size is the same.
         let camera = |i: usize| {
             let (own, other) = (
                 &self.cameras[&i],
@@ -371,7 +372,7 @@ fn lies(second_from_first: &RigidTransform, (from, to): (DVec3, DVec3), near: f6
     let line = t.cross(turned);
     let slope = line.truncate().length();
     let parallax = to.cross(turned);
-    // Without parallax, either the point is far away or the cameras are at the same position.
+    // Without parallax, accept the match: either the point is far away or the cameras are at the same position.
     let far = turned.z > 0.0 && parallax.length() < near * turned.length() * to.length();
     if far || slope < 1e-12 {
         return far;

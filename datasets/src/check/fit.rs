@@ -1,5 +1,5 @@
 //! Tries alternative interpretations of a scene's poses, cameras and depth to find one that explains pictures and depth
-//! significantly better than the reader's.
+//! significantly better than the dataset reader's own interpretation.
 
 use glam::DVec2;
 
@@ -28,21 +28,22 @@ const LEAST_OFF: f64 = 0.004;
 
 /// Colour differences up to this count as explained, as a fraction of those between unrelated places.
 const WELL: f64 = 0.8;
-/// Larger ones must have been reduced by this factor.
+/// Factor to which an interpretation must reduce colour differences above [`WELL`].
 const MUCH_LESS: f64 = 0.75;
 /// Colour differences above this are never explained, as a fraction of those between unrelated places.
 const UNRELATED: f64 = 1.0;
 /// If more than this fraction of the loss remains, rounded poses are the more likely cause.
 const HARDLY_LESS: f64 = 0.75;
-/// A factor of fx or fy alone that exceeds this must reduce colour differences to the fraction [`LESS`].
+/// Factor of fx or fy alone above which an interpretation must also reduce colour differences to [`LESS`].
 const LARGE: f64 = 1.25;
+/// Fraction to which colour differences must be reduced to accept a factor above [`LARGE`].
 const LESS: f64 = 0.6;
 
 /// Samples per view in a quick search for a factor.
 const FINE_SAMPLES: usize = 800;
 
 impl Neighbours<'_> {
-    /// The interpretation that explains the views best, if significantly better than the reader's.
+    /// The interpretation that explains the views best, if significantly better than the dataset reader's own.
     pub(super) fn better(&self) -> Option<Better> {
         let as_read = self.explained(&Reading::AS_READ, self.stride);
         let mut all: Vec<(Change, Vec<Explained>)> = Vec::new();

@@ -6,12 +6,13 @@ use super::features::Matches;
 use super::neighbours::Neighbours;
 use super::small_view::WIDEST;
 
-/// Minimum median distance, in reduced pixels, of matches from their predicted places that is an error. Proper scenes
-/// have medians below 1.
+/// Median distance of matches from their predicted places, in reduced pixels, from which a scene is contradictory.
+/// Consistent scenes have medians below 1.
 const LEAST_MISS: f64 = 2.5;
-/// Maximum fraction of matches within [`CLOSE`] pixels of their predicted places for it to be an error. Proper scenes
-/// have fractions above 0.8.
+/// Fraction of matches within [`CLOSE`] of their predicted places, up to which a scene is contradictory. Consistent
+/// scenes have fractions above 0.8.
 const MOST_CLOSE: f64 = 0.35;
+/// Distance of a match that is close to its predicted place, in reduced pixels.
 const CLOSE: f64 = 2.0;
 /// Maximum fraction of matches near their epipolar lines if poses and pictures contradict each other. Even the lines of
 /// unrelated poses pass near some matches.

@@ -53,7 +53,7 @@ use neighbours::Neighbours;
 pub struct DatasetReport {
     pub dataset: String,
     pub readings: Vec<SettingInForce>,
-    /// In the reader's order.
+    /// In the order of the dataset reader.
     pub scenes: Vec<SceneReport>,
     /// Scenes that are broken or incomplete: one line per reason, which names the file.
     pub unreadable: Vec<String>,
@@ -298,7 +298,7 @@ fn check_scene(scene: &Scene, views_per_scene: usize, spec: &DatasetSpec) -> Sce
             scene.id
         ));
     }
-    // One broken file may affect a picture and its depth, or every view.
+    // One broken file may affect a picture and its depth, or every view; report it once.
     let mut seen = BTreeSet::new();
     problems.retain(|problem| seen.insert(problem.clone()));
     let coverages: Vec<f64> = decoded.iter().filter_map(|d| d.coverage).collect();

@@ -9,12 +9,12 @@ use crate::view::evenly_spaced;
 const WRAP: f64 = 65536.0;
 /// Minimum difference of adjacent values that may be an overflow.
 const LEAST_JUMP: f64 = WRAP / 2.0;
-/// Maximum relative difference between a value after such a jump, with the lost bit restored, and the continuation of
-/// the values before it.
+/// Maximum relative difference between a value after a jump, with the lost bit restored, and the continuation of the
+/// values before it.
 const NEAR: f64 = 0.01;
 /// Minimum number of jumps across which the surface continues.
 const LEAST_SEAMS: usize = 16;
-/// Minimum fraction of such jumps among all jumps.
+/// Minimum fraction of jumps across which the surface continues, among all jumps.
 const LEAST_SHARE: f64 = 0.15;
 
 /// A sentence on the first of a few views whose depth map overflowed. Files that cannot be read are reported elsewhere.

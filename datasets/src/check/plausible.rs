@@ -46,14 +46,15 @@ pub(super) fn cameras(views: &[View]) -> Vec<String> {
         let far =
             (k.cx - w / 2.0).abs() > OFF_CENTRE * w || (k.cy - h / 2.0).abs() > OFF_CENTRE * h;
         let outside = k.cx < 0.0 || k.cy < 0.0 || k.cx > w || k.cy > h;
+        let picture = format!("{}x{} picture", k.width, k.height);
         let where_ = match (outside, far) {
-            (true, _) => "lies outside of the picture",
-            (_, true) => "lies a quarter of the picture or more from its middle",
+            (true, _) => format!("outside the {picture}"),
+            (_, true) => format!("at least a quarter of the {picture} away from its centre"),
             _ => return None,
         };
         Some(format!(
-            "the principal point ({:.1}, {:.1}) {where_} of {}x{}",
-            k.cx, k.cy, k.width, k.height
+            "the principal point ({:.1}, {:.1}) lies {where_}",
+            k.cx, k.cy
         ))
     };
     let focal = |view: &View| {

@@ -8,9 +8,10 @@ use super::explained::{Explained, Reading, Registration};
 use super::neighbours::Neighbours;
 use super::search::is_worth_a_word;
 
-/// Offset that is tried first, in widths of the picture. If neither it nor [`PROBED_ZOOM`] fits better, depth is
-/// registered.
+/// Offset that is tried first, in widths of the picture. If neither this offset nor [`PROBED_ZOOM`] fits better, the
+/// depth maps are aligned with the photographs, and no search follows.
 const PROBE: f64 = 0.02;
+/// Magnification that is tried first.
 const PROBED_ZOOM: f64 = 1.1;
 /// Number of steps and their ratio in the search for the offset, as for principal points.
 const OFFSETS: (i32, f64) = (10, 1.12);

@@ -31,7 +31,7 @@ const ROWS: [f64; 7] = [0.25, 0.5, 1.0, 2.0, 3.0, 4.0, 6.0];
 
 /// Number of rotations of the right picture that are tested in either direction.
 const SLOPES: i32 = 14;
-/// Step of their slope, about 0.2 degrees.
+/// Step between tested rotations, as a slope; about 0.2 degrees.
 const SLOPE: f64 = 0.0035;
 
 /// The contradiction between a left and a right view, if any, and a note on a pair without disparity.

@@ -5,15 +5,17 @@ use super::compare::mean_loss;
 use super::explained::{DepthIs, Explained, Reading};
 use super::neighbours::Neighbours;
 
-/// Minimum relative excess of the value at infinite depth over the largest stored value; doubled repeatedly in the
-/// search.
+/// Smallest tried relative excess of the value at infinite depth over the largest stored value.
 const LEAST_BEYOND: f64 = 0.001;
+/// Number of tried values of the excess, each twice the previous one.
 const DOUBLED: u32 = 9;
-/// Initial factor of the poses' translations: they fit a near plane at 1 m divided by this.
+/// Initial factor of the poses' translations, which corresponds to a near plane at 1 / `SCALE` metres.
 const SCALE: f64 = 30.0;
+/// Number of steps and their ratio in the search for the factor of the translations.
 const SCALES: (i32, f64) = (15, 1.2589);
-/// Steps and their ratio in the refinements of both searches.
+/// Number of steps and their ratio in a refinement of the excess, and in one of the factor.
 const REFINED: [(i32, f64); 2] = [(4, 1.15), (4, 1.1)];
+/// Number of refinements of both values.
 const REFINEMENTS: usize = 3;
 
 impl Neighbours<'_> {

@@ -64,7 +64,8 @@ pub fn parse(text: &str) -> Result<StereoCalibration, FormatError> {
         Some(text) => number("doffs", text)?,
         None => center_offset,
     };
-    // Published files round both values to three decimals, and again if they were rescaled.
+    // Tolerance: published files round both values to three decimals, and files for rescaled images round a second
+    // time.
     if (doffs - center_offset).abs() > 0.01 {
         return Err(invalid!(
             "doffs is {doffs}, but cx1 - cx0 is {center_offset}"

@@ -92,7 +92,7 @@ impl Lens {
         size: (u32, u32),
         distortion: Distortion,
     ) -> Result<Self, CameraError> {
-        // Fisheye models without coefficients are still fisheye.
+        // Fisheye models without coefficients are still fisheye, so only perspective models become pinholes.
         let distortion = match distortion {
             Distortion::Perspective { k, p, .. } if k == [0.0; 6] && p == [0.0; 2] => {
                 Distortion::None

@@ -43,7 +43,7 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
     settings: &[
         Setting::named(
             "split",
-            "a list in splits/, or every scene",
+            "which scenes: those of a list in splits/, or all",
             &[
                 choice(
                     "nvs_test",
@@ -69,7 +69,7 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
         ).left_open(),
         Setting::choice(
             "images",
-            "which photographs",
+            "which form of the photographs",
             &[
                 choice("auto", "undistorted if available, else fisheye"),
                 choice("undistorted", "as the toolbox undistorts them"),
@@ -95,18 +95,18 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
         ).left_open(),
         Setting::choice(
             "bad",
-            "pictures whose pose ScanNet++ marks as bad",
-            &[choice("drop", "are left out"), proxy("keep", "are used")],
+            "what to do with pictures whose pose ScanNet++ flags as bad",
+            &[choice("drop", "leave them out"), proxy("keep", "use them")],
         ),
         Setting::choice(
             "masks",
-            "treatment of anonymised pixels",
+            "what to do with anonymised pixels",
             &[
                 choice(
                     "apply",
-                    "black, without depth, and excluded from scores (ScanNet++'s own rule)",
+                    "make them black, remove their depth and exclude them from scores (ScanNet++'s own rule)",
                 ),
-                choice("ignore", "as stored"),
+                choice("ignore", "use them as stored"),
             ],
         ).left_open(),
     ],
@@ -248,7 +248,7 @@ impl ScanNetPpReader<'_> {
             let mask = if self.spec.setting("masks") == "apply" {
                 let file = scene.finder.find(&photos.masks, &png, &["png"])?;
                 file.map(|file| MaskFile {
-                    // As in the official toolkit.
+                    // Only 255 counts as valid, as in the official toolkit.
                     white: 255,
                     file,
                     keep: Keep::White,

@@ -8,8 +8,9 @@ use super::shapes::SurfaceShape;
 /// A shape that misses a bundle by less than this, in metres, still counts as touching it: far more
 /// than rounding.
 const SLACK_M: f64 = 1e-7;
-/// Cells along each side of the sun's grid, and of each of the six sides of a lamp's cube.
+/// Number of cells along each side of the sun's grid.
 const SUN_CELLS: usize = 40;
+/// Number of cells along each edge of a lamp's cube.
 const LAMP_CELLS: usize = 12;
 
 /// A bundle of rays from one point, between four planes.

@@ -28,7 +28,7 @@ pub(super) struct Light {
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Lamp {
     pub(super) place: DVec3,
-    /// Approximate light on a surface that faces it at a distance of one metre.
+    /// Approximate light on a surface that faces the lamp at a distance of one metre.
     pub(super) power: DVec3,
 }
 

@@ -54,11 +54,15 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
     title: "a procedural multi-view scene with exact depth and visibility",
     terms: "part of this program",
     size: "computed",
-    layout: "no folder: synthetic or synthetic=seed=7,size=320x240,views=24",
+    layout: "takes no folder; write `synthetic` or `synthetic=seed=7,size=320x240,views=24`",
     caveat: "no photograph",
     settings: &[
-        Setting::free("seed", "places and colours the objects", "0"),
-        Setting::free("size", "pixels, WIDTHxHEIGHT", "320x240"),
+        Setting::free("seed", "seed of the random scene", "0"),
+        Setting::free(
+            "size",
+            "size of the pictures in pixels, WIDTHxHEIGHT",
+            "320x240",
+        ),
         Setting::free(
             "views",
             "number of cameras, at least 2 (auto: 24; 11 in a varied world)",
@@ -71,21 +75,22 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
         ),
         Setting::choice(
             "world",
-            "what the seed determines",
+            "kind of world (classic: a fixed layout; varied: everything from the seed)",
             &[
                 choice(
                     "classic",
-                    "the positions and colours of the objects in a fixed layout",
+                    "a fixed layout; the seed determines the positions and colours of the objects",
                 ),
                 choice(
                     "varied",
-                    "everything: rooms, tables, corridors, gardens, streets, their light and the lens; one in eight is classic",
+                    "the seed determines everything: rooms, tables, corridors, gardens, streets, their light and the \
+                     lens; one scene in eight is classic",
                 ),
             ],
         ),
         Setting::choice(
             "sweep",
-            "a single quantity that increases from target to target; the source is always the same camera",
+            "which quantity increases from target to target, with one and the same source camera",
             &[
                 choice(
                     "none",
@@ -105,9 +110,8 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
         ),
         Setting::free(
             "step",
-            "size of a sweep's steps, one fewer than views: metres (auto: 0.05; at most 10 in \
-             total), degrees (auto: 2; at most 90 in total) or posts (auto: 1; at most 15 in \
-             total)",
+            "size of each of a sweep's views - 1 steps: metres (auto: 0.05; at most 10 in total), \
+             degrees (auto: 2; at most 90 in total) or posts (auto: 1; at most 15 in total)",
             "auto",
         ),
     ],

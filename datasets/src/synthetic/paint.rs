@@ -45,9 +45,9 @@ pub(super) struct Paint {
     scale_m: f64,
     /// Cosine and sine of the pattern's rotation.
     turn: (f64, f64),
-    /// Strength of the grain over the whole surface, 0..1, and its size in elements.
+    /// Strength of the grain over the whole surface, 0..1, and the size of its grains in elements.
     grain: (f64, f64),
-    /// Brightness of its own light; 0 for surfaces that only reflect.
+    /// Brightness of the light that the surface emits; 0 for surfaces that only reflect.
     pub(super) glow: f64,
 }
 

@@ -1,5 +1,5 @@
-//! Controlled sweeps: from one camera to others that differ from it in a single quantity, which
-//! increases step by step.
+//! Controlled sweeps: pairs of one source camera with targets along which a single quantity increases
+//! step by step: the camera's translation, its rotation, or the number of posts in front of both cameras.
 
 use std::sync::Arc;
 
@@ -14,8 +14,9 @@ use crate::{DatasetError, DatasetSpec, Pairing, Scene};
 
 /// Offset of an occlusion sweep's target camera to the right of the source, in metres.
 const OCCLUSION_BASELINE_M: f64 = 0.1;
-/// Maximum motion in metres or degrees; beyond it, hardly anything of the source remains visible.
+/// Maximum translation, metres; beyond it, hardly anything of the source remains visible.
 const FARTHEST_MOVE: f64 = 10.0;
+/// Maximum rotation, degrees; beyond it, hardly anything of the source remains visible.
 const FARTHEST_TURN: f64 = 90.0;
 /// Maximum number of posts; more would overlap.
 const MOST_POSTS: f64 = 15.0;

@@ -13,11 +13,10 @@ use super::texture::Texture;
 #[derive(Debug)]
 pub(super) struct Object {
     shape: SurfaceShape,
-    /// Centre and squared radius of its bounding sphere.
+    /// Centre and squared radius of the object's bounding sphere.
     bounds: (DVec3, f64),
     surface: Surface,
-    /// True if it casts shadows; the floor and walls of a room need not, because nothing is behind
-    /// them.
+    /// True if the object casts shadows. The floor and walls of a room need not, because nothing is behind them.
     casts: bool,
 }
 

@@ -12,7 +12,7 @@ use crate::scene_builder::frame_id;
 #[derive(Debug)]
 pub(super) struct SceneCameras {
     kind: Kind,
-    /// Files from which they were read; empty for recommended cameras.
+    /// Files from which the cameras were read; empty for recommended cameras.
     pub(super) files: Vec<PathBuf>,
 }
 

@@ -125,15 +125,14 @@ impl ScenePhotographs {
             (0, _) if most == last => 0,
             (0, _) => {
                 return Err(format!(
-                    "{}: pictures must be numbered from 1 (block 0 for picture 1), or from 0 to the last block, so \
-                     the poses cannot be assigned",
+                    "{}: the poses cannot be assigned; number the pictures from 1 (block 0 belongs to picture 1), or \
+                     from 0 to the last block",
                     counts()
                 ));
             }
             (_, Some(1)) if most == last => {
                 return Err(format!(
-                    "{}: the poses cannot be assigned, because blocks are numbered from 1 instead of 0 (picture number \
-                     minus one)",
+                    "{}: blocks are numbered from 1; block k must belong to picture k + 1, so numbering must start at 0",
                     counts()
                 ));
             }
@@ -327,7 +326,7 @@ mod tests {
                 &[0, 1],
                 "numbered 0 to 2 in images, but 2 blocks",
             ),
-            (&["1.jpg", "2.jpg"], &[1, 2], "numbered from 1 instead of 0"),
+            (&["1.jpg", "2.jpg"], &[1, 2], "numbering must start at 0"),
             (&["1.jpg", "01.jpg"], &[0, 1], "the same number"),
         ] {
             let error = pictures(names).by_block(&log(blocks)).unwrap_err();

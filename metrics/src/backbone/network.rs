@@ -20,7 +20,7 @@ pub(crate) struct Kernels {
 #[derive(Clone)]
 pub(crate) struct Layer {
     pub(crate) op: Arc<dyn RowOp>,
-    /// Index of the tap on its output.
+    /// Index of the tap on the layer's output, if there is one.
     pub(crate) tap: Option<usize>,
     /// True for max pooling, which DISTS replaces by L2 pooling.
     pub(super) pools: bool,

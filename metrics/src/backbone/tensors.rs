@@ -26,7 +26,7 @@ pub(crate) struct TensorNetwork {
 struct TensorLayer {
     op: Op,
     window: Window,
-    /// Index of the tap on its output.
+    /// Index of the tap on the layer's output, if there is one.
     tap: Option<usize>,
 }
 

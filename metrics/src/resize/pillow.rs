@@ -1,9 +1,8 @@
 //! PIL's `Image.resize` (version 13): antialiased by widening the filter, along one axis after the
 //! other.
 //!
-//! 8-bit pictures use its fixed-point arithmetic (22-bit weights, rounded to 8 bits after each
-//! pass) and are bit-identical; floats use its 32-bit path (mode `F`: f64 weights and sums, f32
-//! after each pass).
+//! 8-bit pictures use PIL's fixed-point arithmetic (22-bit weights, rounded to 8 bits after each pass) and are
+//! bit-identical; floats use PIL's 32-bit path (mode `F`: f64 weights and sums, f32 after each pass).
 
 use rayon::prelude::*;
 

@@ -2,7 +2,7 @@
 
 use crate::simd::with_widest_vectors;
 
-/// Elements that the inner loops process at once; row buffers are padded to a multiple of it.
+/// Elements that the inner loops process at once; row buffers are padded to a multiple of this number.
 const BLOCK: usize = 32;
 /// Maximum number of filtered quantities: a, b, a² + b², a b, and if the covariance is bounded, a².
 pub(super) const QUANTITIES: usize = 5;

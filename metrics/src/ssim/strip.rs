@@ -34,7 +34,7 @@ pub(super) struct Strip<'a> {
 }
 
 impl<'a> Strip<'a> {
-    /// Creates a strip for the windows whose values are the `columns` of the map.
+    /// Creates the strip that computes the given `columns` of the map.
     pub(super) fn new(
         form: &'a SsimSpec,
         a: &'a Picture,

@@ -31,7 +31,7 @@ pub struct SsimForm {
     /// 1e-8 is added to the denominator, whose minimum is 9e-8. This lowers values in dark flat
     /// areas by a tenth.
     pub guarded: bool,
-    /// Inside a mask, only windows entirely inside it are used, instead of all whose centre is.
+    /// With a mask, only windows entirely inside the mask are used, instead of all windows whose centre is inside.
     pub whole_windows: bool,
 }
 
@@ -47,7 +47,8 @@ pub enum SsimWindow {
 /// Treatment of windows that extend beyond the picture.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum SsimBorder {
-    /// Such windows are skipped: the map is smaller than the picture by a radius on each side.
+    /// Windows that extend beyond the picture are skipped: the map is smaller than the picture by a radius on each
+    /// side.
     Valid,
     /// The picture is padded with zeros.
     Zero,

@@ -24,6 +24,7 @@ macro_rules! embedded {
 
 /// The convolutions of torchvision's AlexNet.
 pub(crate) const ALEXNET: Embedded = embedded!("alexnet.safetensors");
+
 const LPIPS_ALEX: Embedded = embedded!("lpips_v0.1_alex.safetensors");
 const LPIPS_VGG: Embedded = embedded!("lpips_v0.1_vgg.safetensors");
 const LPIPS_SQUEEZE: Embedded = embedded!("lpips_v0.1_squeeze.safetensors");

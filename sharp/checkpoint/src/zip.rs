@@ -17,8 +17,11 @@ const CENTRAL: &[u8] = b"PK\x01\x02";
 const LOCAL: &[u8] = b"PK\x03\x04";
 /// Length of an end record without its comment, which may take up to 65 535 more bytes.
 const END_LEN: usize = 22;
+/// Length of the locator of a ZIP64 end record.
 const LOCATOR_LEN: usize = 20;
+/// Length of an entry of the central directory without names and extra fields.
 const CENTRAL_LEN: usize = 46;
+/// Length of a local file header without names and extra fields.
 const LOCAL_LEN: usize = 30;
 
 /// Location of an entry's data.
@@ -111,7 +114,7 @@ fn locate(file: &(impl Bytes + ?Sized)) -> Result<(u64, u64, u64), Fault> {
         return malformed!("zip: the 64-bit end record is missing");
     };
     if !locator.starts_with(END_64_LOCATOR) {
-        // A small archive may hold exactly 65 535 entries.
+        // Without a ZIP64 record, the fields are actual values: an archive may hold exactly 65 535 entries.
         return Ok((count, size, start));
     }
     let end = slice(file, u64_at(locator, 8), 56, "the 64-bit end record")?;

@@ -92,8 +92,9 @@ struct Parts {
     columns: usize,
     /// Rows processed at a time.
     rows: usize,
-    /// Distance between query rows, and between weight rows within each run of k.
+    /// Distance between query rows.
     query_stride: usize,
+    /// Distance between weight rows within each run of k.
     weight_stride: usize,
     keys: usize,
     values: usize,

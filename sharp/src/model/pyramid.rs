@@ -175,7 +175,9 @@ impl Encoder {
         let x1 = gather(&seen.last, &places(coarse, n0)?)?;
         let x2 = gather(&seen.last, &places(alone, n0 + n1)?)?;
         let (Some(latent1), Some(latent0)) = (seen.taps.pop(), seen.taps.pop()) else {
-            return Err(ModelError::Config("taps beyond the last block".into()));
+            return Err(ModelError::Config(
+                "the configuration taps a block that the network does not have".into(),
+            ));
         };
         drop(seen);
         let whole = self

@@ -202,7 +202,7 @@ pub fn check_stored(stored: &Gaussians, reading: &StoredForm) -> Result<(), PlyR
 /// The error for files whose rows are longer than the header states, which is assumed if the number
 /// of surplus bytes is a multiple of the number of rows.
 fn longer_rows(surplus: usize, count: usize) -> Option<PlyReason> {
-    // With few rows, it may be a multiple by chance.
+    // With few rows, the surplus may be a multiple of the count by chance.
     let is_padding = count >= 20 && surplus > 0 && surplus.is_multiple_of(count);
     is_padding.then(|| PlyReason::LongerRows {
         surplus,

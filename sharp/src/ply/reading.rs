@@ -135,11 +135,12 @@ setting!(
     Interleaved = "interleaved",
 );
 setting!(
-    /// Treatment of marks of another rendering rule: antialiasing, flat Gaussians, a filter that is not folded in.
+    /// Treatment of files that state another rendering rule: antialiasing, flat Gaussians, or a filter that is not
+    /// folded into the Gaussians.
     Marks, "marks":
-    /// Files with such marks are rejected.
+    /// Files that state another rendering rule are rejected.
     Refuse = "refuse",
-    /// The marks are ignored.
+    /// The stated rule is ignored.
     Ignore = "ignore",
 );
 
@@ -159,7 +160,7 @@ pub struct StoredForm {
     /// can, and files that do not state their colour encoding are assumed to have that of 3D
     /// Gaussian Splatting.
     pub blending: ColorSpace,
-    /// True if a rendering rule was chosen explicitly; a file is then not rejected for marks of another rule. Like
+    /// True if a rendering rule was chosen explicitly; a file that states another rule is then not rejected. Like
     /// `blending`, it is not one of the settings.
     pub is_ruled: bool,
 }

@@ -81,7 +81,7 @@ const SUPPORT_TILE: f64 = 16.0;
 /// contour.
 const BOX_MARGIN: (f64, f64) = (1e-4, 1e-4);
 
-/// Margin of the exponent at which `raster` stops; allows for its rounding and that of `log2`.
+/// Margin of the exponent at which `raster` stops; allows for rounding in `raster` and in `log2`.
 const CUT_MARGIN: f32 = 1e-3;
 
 /// Runs the pass on the threads of the current pool.
@@ -138,11 +138,13 @@ struct Columns {
     z: [f32; BLOCK],
     cut: [f32; BLOCK],
     norm: [f64; BLOCK],
-    /// Determinants of the 2D covariance with and without the low-pass.
+    /// Determinant of the 2D covariance, low-pass included.
     determinant: [f64; BLOCK],
+    /// Determinant of the 2D covariance without the low-pass.
     sharp_determinant: [f64; BLOCK],
-    /// Standard deviations of the 2D covariance in x and y, and its off-diagonal entry.
+    /// Standard deviations in x and y, low-pass included.
     deviation: [[f64; BLOCK]; 2],
+    /// Off-diagonal entry of the 2D covariance.
     covariance: [f64; BLOCK],
 }
 

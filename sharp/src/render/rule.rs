@@ -24,7 +24,7 @@ setting!(
 );
 
 impl Compensation {
-    /// Integer by which the shaders identify it.
+    /// Integer by which the shaders identify the value.
     pub(super) fn code(self) -> u32 {
         match self {
             Self::None => 0,
@@ -63,10 +63,10 @@ setting!(
 setting!(
     /// Pixels that a Gaussian may cover.
     Support, "support":
-    /// All pixels where its alpha reaches 1/255.
+    /// All pixels where the Gaussian's alpha reaches 1/255.
     Exact = "exact",
-    /// Only those pixels that are also in tiles of 16×16 pixels overlapped by the square of ⌈3σ⌉ around its centre, as
-    /// in Inria's rasteriser; σ is the larger standard deviation.
+    /// Only those pixels that are also in tiles of 16×16 pixels overlapped by the square of ⌈3σ⌉ around the Gaussian's
+    /// centre, as in Inria's rasteriser; σ is the larger standard deviation.
     Tiles = "tiles",
 );
 
@@ -190,6 +190,7 @@ impl Rule {
         ..Self::GSPLAT_1_5_3_CLASSIC
     };
 
+    /// gsplat 1.6.0 with antialiasing.
     pub const GSPLAT_ANTIALIASED: Self = Self {
         compensation: Compensation::FlooredRoot,
         ..Self::GSPLAT_CLASSIC
@@ -200,6 +201,7 @@ impl Rule {
         compensation: Compensation::MipSplatting,
         ..Self::INRIA_GENERAL
     };
+    /// The mip mode of brush.
     pub const BRUSH_MIP: Self = Self {
         low_pass: 0.1,
         compensation: Compensation::Root,

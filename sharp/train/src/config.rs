@@ -51,7 +51,7 @@ pub enum ConfigError {
     },
 }
 
-/// Everything that determines a training, and how often it is validated and saved.
+/// Everything that determines a training run, and how often the weights are validated and saved.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct TrainingConfig {
@@ -59,9 +59,8 @@ pub struct TrainingConfig {
     /// or `{ inline = { … } }`.
     #[serde(deserialize_with = "network")]
     pub network: ModelConfig,
-    /// Checkpoint of this network, for any picture size, used to initialise the weights; without it
-    /// they are random. In this field and the next, the harness also accepts `"mini"`, the bundled
-    /// network.
+    /// Checkpoint of this network, for any picture size, used to initialise the weights; without one, the weights are
+    /// random. Here and in `initial_depth`, the harness also accepts `"mini"`, the bundled network.
     pub initial: Option<PathBuf>,
     /// Checkpoint that initialises the depth network only; all other weights are random.
     pub initial_depth: Option<PathBuf>,
@@ -267,7 +266,8 @@ impl TrainingConfig {
         }
     }
 
-    /// Hash of all settings that affect results. A training can only be resumed with the configuration it started with.
+    /// Hash of all settings that affect results. A training run can only be resumed with the configuration that it
+    /// started with.
     pub fn sha256(&self) -> String {
         let decides = Self {
             intervals: Intervals::default(),

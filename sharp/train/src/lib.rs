@@ -1,16 +1,16 @@
 //! Training of SHARP: losses with their derivatives, data, optimiser, and both stages of the paper.
 //!
-//! Independent of the harness: the caller of a training provides its validation.
+//! Independent of the harness: the caller provides the validation.
 //!
 //! # Contents
 //! * [`data`]: training data; `self_supervision`: the data of the second stage; `examples`: data according to a
 //!   configuration.
 //! * [`losses`]: the individual losses; `objective`: all losses of one example.
 //! * `initial`: weights before the first step.
-//! * [`config`]: a training as one TOML file; [`parts`]: the trained parts of the network.
-//! * [`position`]: stage and step of a training.
+//! * [`config`]: a training run as one TOML file; [`parts`]: the trained parts of the network.
+//! * [`position`]: stage and step of a training run.
 //! * [`optimizer`], [`schedule`]: Adam, gradient clipping, the learning rate.
-//! * [`checkpoint`]: saved states of a training, and exported weights.
+//! * [`checkpoint`]: saved states of a training run, and exported weights.
 //! * [`log`]: a row per step; `stopped`: the inputs of a failed step.
 //! * [`trainer`]: the training loop.
 

@@ -1,4 +1,4 @@
-//! Log of a training: one row per step, and the validation results. `log.csv` has everything that
+//! Log of a training run: one row per step, and the validation results. `log.csv` has everything that
 //! depends only on configuration and seed; it is identical with and without an interruption.
 //! `timing.csv` has the rest.
 
@@ -13,7 +13,7 @@ use crate::position::{Position, Stage};
 pub enum LogError {
     #[error("{}: {source}", path.display())]
     Io { path: PathBuf, source: io::Error },
-    /// The file is not the log of this training.
+    /// The file is not the log of this training run.
     #[error("{}: {reason}", path.display())]
     Other { path: PathBuf, reason: String },
 }
@@ -26,7 +26,7 @@ pub struct StepRecord {
     pub learning_rate: f64,
     /// Losses before weighting, in the order of [`TERMS`].
     pub terms: [f64; TERMS.len()],
-    /// The weighted sum, which the training minimises.
+    /// The weighted sum, which training minimises.
     pub total: f64,
     /// Norm before clipping.
     pub gradient_norm: f64,
@@ -34,7 +34,7 @@ pub struct StepRecord {
     pub seconds: f64,
 }
 
-/// Log files of a running training.
+/// Log files of a training run in progress.
 #[derive(Debug)]
 pub struct TrainingLog {
     after: Position,
@@ -44,8 +44,7 @@ pub struct TrainingLog {
 }
 
 impl TrainingLog {
-    /// Opens or creates the files in a folder, for a training that continues after the step at `after`; later rows are
-    /// removed.
+    /// Opens or creates the files in a folder, for a training run that resumes after `after`; later rows are removed.
     ///
     /// # Errors
     /// [`LogError::Io`]; [`LogError::Other`] if a file is not such a log or ends before `after`.
@@ -136,7 +135,7 @@ impl Rows {
             return Ok(rows);
         }
         let Some(body) = text.strip_prefix(header) else {
-            return Err(rows.other("not the log of a training".to_owned()));
+            return Err(rows.other("not the log of a training run".to_owned()));
         };
         let mut kept = header.len();
         for line in body.split_inclusive('\n') {

@@ -280,7 +280,7 @@ impl Objective {
                 SplatView::Input => input,
                 SplatView::Novel => novel,
             };
-            // Some Gaussians may be behind the novel camera.
+            // Some Gaussians may be behind the novel camera; they have no loss.
             let means = &pass.gaussians.means;
             let depth = |k: usize| {
                 let mean = DVec3::from_array(means[k].map(f64::from));

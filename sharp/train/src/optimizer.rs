@@ -22,9 +22,9 @@ pub struct ParameterState {
 /// Adam's running means, each with the length of the values.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Moments {
-    /// Mean of the gradient.
+    /// Running mean of the gradient.
     pub first: Vec<f32>,
-    /// Mean of its square.
+    /// Running mean of the squared gradient.
     pub second: Vec<f32>,
 }
 

@@ -1,4 +1,4 @@
-//! Stage and step of a training.
+//! Stage and step of a training run.
 
 use std::fmt;
 

@@ -164,10 +164,10 @@ impl Source<Sample> for SelfSupervisedSamples {
     }
 }
 
-/// Separates these random choices from those of the photographs.
+/// Separates the random cameras from the random choice of photographs.
 const SPREAD: u64 = 0x5353_4654;
 
-/// A point uniformly distributed in the disc.
+/// A point uniformly distributed in a disc of `radius` around the photograph's camera.
 fn eye(random: &mut SplitMix64, radius: f64) -> DVec3 {
     loop {
         let (x, y) = (random.between(-1.0, 1.0), random.between(-1.0, 1.0));

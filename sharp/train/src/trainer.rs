@@ -38,7 +38,7 @@ use crate::optimizer::{ParameterState, clip_norm};
 use crate::position::{Position, Stage};
 use crate::stopped;
 
-/// Callbacks to monitor and control a training.
+/// Callbacks to monitor and control a training run.
 pub trait Watcher {
     /// Called after every step.
     fn stepped(&mut self, record: &StepRecord, steps: u64);
@@ -47,7 +47,7 @@ pub trait Watcher {
     /// values.
     ///
     /// # Errors
-    /// The reason, if validation fails. It ends the training, which can be resumed.
+    /// The reason, if validation fails; the training run then ends and can be resumed.
     fn validate(
         &mut self,
         weights: &Path,
@@ -62,7 +62,7 @@ pub trait Watcher {
     fn stop(&self) -> bool;
 }
 
-/// Reason why a training ended.
+/// Reason why a training run ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Ended {
     Complete,
@@ -70,7 +70,7 @@ pub enum Ended {
     Stopped(Position),
 }
 
-/// A running training.
+/// A training run in progress.
 pub struct Trainer {
     config: TrainingConfig,
     folder: PathBuf,
@@ -93,7 +93,7 @@ impl WeightSource for Snapshot {
 }
 
 impl Trainer {
-    /// Starts a training in a folder, or resumes the one there from its latest checkpoint. `initial` overrides the
+    /// Starts a training run in a folder, or resumes the one there from its latest checkpoint. `initial` overrides the
     /// configuration's file of initial weights. The networks run on `compute`; different kinds of devices differ in the
     /// last bits.
     ///

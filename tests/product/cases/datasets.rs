@@ -279,7 +279,7 @@ fn stereo_pairs_that_contradict_themselves_are_named() {
         ),
         (
             "X62-mb-fullsize-calib-no-wh",
-            "the principal point (311.7, 255.4) lies outside of the picture of 185x125",
+            "the principal point (311.7, 255.4) lies outside the 185x125 picture",
         ),
         (
             "X63-stereo-baseline-mm",

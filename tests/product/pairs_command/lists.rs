@@ -122,7 +122,7 @@ fn lists_of_others_are_counted_and_imported() {
     let said = import(&[]).ends_with(0);
     assert_eq!(
         said.out,
-        "2 scenes, 1 with targets: 4 targets in all, 1 among their own inputs\n"
+        "2 scenes, 1 with targets: 4 targets in all, 1 of which are also inputs\n"
     );
     // A record of how an earlier list with this name was made does not apply to the new list.
     build(dir, "p.csv", &[]).ends_with(0);

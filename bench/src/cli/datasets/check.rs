@@ -99,12 +99,12 @@ fn print_scene(scene: &SceneReport) -> anyhow::Result<()> {
     };
     let depth = match scene.depth_coverage {
         Some(coverage) => format!(
-            "depth in {} of {} decoded, {:.1} % of their pixels",
+            "depth in {} of {} decoded views, at {:.1} % of the pixels",
             scene.with_depth,
             scene.decoded,
             100.0 * coverage
         ),
-        None => format!("no depth in {} decoded", scene.decoded),
+        None => format!("no depth in {} decoded views", scene.decoded),
     };
     output::line(format!(
         "  {}: {}, {sizes}; {depth}",

@@ -20,7 +20,7 @@ pub(super) fn execute(json: bool) -> anyhow::Result<Outcome> {
     output::line("settings of every format with picture files")?;
     PICTURES.iter().try_for_each(print_setting)?;
     output::line(format!(
-        "every format also accepts frame=RULE, which resizes its views ({}), and pairs.KEY=VALUE, \
+        "every format also accepts frame=RULE, which resizes the dataset's views ({}), and pairs.KEY=VALUE, \
          a pair option for this dataset only",
         Frame::forms()
     ))?;
@@ -33,7 +33,7 @@ pub(super) fn execute(json: bool) -> anyhow::Result<Outcome> {
 
 fn print_setting(setting: &Setting) -> anyhow::Result<()> {
     output::line(format!(
-        "  reading   {}={} unless given: {}",
+        "  setting   {}={} by default: {}",
         setting.key, setting.default, setting.meaning
     ))?;
     for choice in setting.choices {

@@ -86,7 +86,7 @@ fn needed(list: &PairList, name: &str, spec: Option<DatasetSpec>) -> Needed {
             (&pair.source, &pair.source_file),
             (&pair.target, &pair.target_file),
         ];
-        // Procedural views have no file.
+        // Procedural views have no file to list.
         for (view, picture) in views.into_iter().filter(|(_, picture)| !picture.is_empty()) {
             let by_layout = match entry {
                 Some(entry) => {

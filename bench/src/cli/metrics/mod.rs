@@ -71,9 +71,9 @@ pub(super) struct MetricsArgs {
     match_by: MatchBy,
     /// Also score inside a mask, under keys ending in @mask: one picture for all pairs, or a folder with one per pair
     ///
-    /// Only white pixels (levels of 128 and more) are scored. PSNR takes the squared error of the
-    /// pixels inside, SSIM the mean of its map over the window centres inside, LPIPS the mean of
-    /// its spatial map inside; DISTS has no masked form.
+    /// Only white pixels (levels of 128 and more) are scored. PSNR uses the squared error of the pixels
+    /// inside; SSIM is the mean of the SSIM map over the window centres inside; LPIPS is the mean of the
+    /// LPIPS map over the pixels inside; DISTS has no masked form.
     #[arg(long, value_name = "FILE|DIR")]
     mask: Option<PathBuf>,
     /// Write maps of the difference, of SSIM and of LPIPS for each pair: as PNG, dark where the
@@ -85,26 +85,27 @@ pub(super) struct MetricsArgs {
     #[arg(long)]
     terms: bool,
     /// Find which of the selected metrics, or variants in other packages, give this number when
-    /// rounded to its digits
+    /// rounded or truncated to as many digits
     #[arg(long, value_name = "NUMBER", allow_negative_numbers = true)]
     find: Option<find::Sought>,
-    /// Resize each prediction to its target's size first, by a library's method; recorded with the results
+    /// First resize each prediction to the size of its target, as a common library does; recorded with the results
     ///
-    /// bilinear and bilinear-antialias are torch's interpolate, bicubic and lanczos PIL's, area is
-    /// OpenCV's and only reduces. Without this option, unequal sizes are an error.
+    /// bilinear and bilinear-antialias are those of torch's interpolate, bicubic and lanczos are PIL's; area is
+    /// OpenCV's and can only downscale. Without this option, unequal sizes are an error.
     #[arg(long, value_name = "KERNEL")]
     resize_prediction: Option<ResizeKernel>,
-    /// For pictures that are not opaque: refuse, black or white (composite over it, in encoded values) or drop (colours
-    /// as stored)
+    /// How to treat pictures that are not opaque: refuse them, composite them over black or white (in encoded values),
+    /// or drop the alpha (colours as stored)
     #[arg(long, value_name = "RULE", default_value_t)]
     alpha: AlphaRule,
-    /// For pictures whose colour profile is not sRGB: convert (to sRGB) or as-stored
+    /// How to treat pictures whose colour profile is not sRGB: convert (to sRGB) or as-stored
     #[arg(long, value_name = "RULE", default_value_t)]
     color: ColorRule,
-    /// For pictures with an EXIF orientation: upright (the default auto does the same here) or stored
+    /// How to treat pictures with an EXIF orientation: turn them upright (auto does the same here) or read them as
+    /// stored
     #[arg(long, value_name = "RULE", default_value_t)]
     orientation: OrientationRule,
-    /// For EXR files that do not state it: linear (as most programs write) or srgb (encoded values)
+    /// Transfer function of EXR files that do not state one: linear (as most programs write) or srgb (encoded values)
     #[arg(long, value_name = "TRANSFER")]
     exr: Option<ExrTransfer>,
     /// Class of CPU kernels for the networks: avx512, avx2 or portable [default: the machine's fastest]
@@ -119,10 +120,10 @@ pub(super) struct MetricsArgs {
     /// Print JSON
     #[arg(long)]
     json: bool,
-    /// Print what each metric key means and which public code computes the same
+    /// Print what each metric key means and which public implementation it reproduces
     #[arg(long)]
     explain: bool,
-    /// Print a LaTeX paragraph that defines these metrics, with its BibTeX entries
+    /// Print a LaTeX paragraph that defines the selected metrics, with the BibTeX entries that it cites
     #[arg(long, conflicts_with = "explain")]
     methods_text: bool,
 }
@@ -207,7 +208,7 @@ fn warnings(scored: &[Scored], order: &BTreeMap<usize, Vec<(ShownTarget, usize)>
         }
     }
     let misplaced = misplaced(&found, "pictures").map(|text| {
-        text + " (predictions that repeat the picture before or after theirs look the same)"
+        text + " (or predictions merely repeat the previous or next picture, which looks the same)"
     });
     let mean_left = scored.iter().map(|pair| pair.left).sum::<f64>() / scored.len().max(1) as f64;
     let inverted = (mean_left < LEAST_LEFT).then(|| {

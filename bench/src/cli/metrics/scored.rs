@@ -43,7 +43,8 @@ pub(super) struct Scored {
     pub(super) maps: Vec<(String, MapFiles, ColourScale)>,
 }
 
-/// Reads and scores a pair, and writes its maps. With `compared`, keeps its reduced pictures for comparison with other pairs.
+/// Reads and scores a pair, and writes its maps. With `compared`, keeps the reduced pictures of the pair for comparison
+/// with other pairs.
 pub(super) fn score(
     scorer: &Scorer,
     selection: &Selection,

@@ -25,9 +25,9 @@ pub(crate) struct ModelArgs {
     /// Ignore unknown tensors with this name prefix; repeatable
     #[arg(long, value_name = "PREFIX")]
     pub(crate) allow_unused: Vec<String>,
-    /// Device: auto (CUDA or Metal if this build has it, else the CPU), cpu, candle-cpu (candle's own operations on the
-    /// CPU, a slower reference), cuda (an NVIDIA GPU; needs a build with --features cuda) or metal (an Apple GPU;
-    /// likewise, untested)
+    /// Device: auto (CUDA or Metal if built in, else the CPU), cpu, candle-cpu (candle's own operations on the CPU, a
+    /// slower reference), cuda (an NVIDIA GPU; needs a build with --features cuda) or metal (an Apple GPU; needs a
+    /// build with --features metal; untested)
     #[arg(long, value_name = "DEVICE", default_value = "auto")]
     pub(crate) device: DeviceChoice,
     /// On the CPU, use direct instead of Winograd convolution: slower, rounding errors five times smaller
@@ -60,17 +60,17 @@ impl ModelArgs {
 /// Options for reading a photograph.
 #[derive(Debug, Args)]
 pub(crate) struct PhotoArgs {
-    /// Focal length in pixels of the upright photograph [default: from the file]
+    /// Focal length in pixels of the upright photograph [default: from the photograph's EXIF tags]
     #[arg(long, value_name = "F")]
     pub(crate) focal_px: Option<f64>,
     /// Refuse photographs with more pixels, before they are decoded
     #[arg(long, value_name = "N", default_value_t = PhotoOptions::default().max_pixels)]
     pub(crate) max_pixels: u64,
-    /// For a photograph that is not opaque: drop (colours as stored, as the release does, with a warning), refuse,
-    /// black or white (composite over it)
+    /// How to treat a photograph that is not opaque: drop the alpha (colours as stored, as the release does, with a
+    /// warning), refuse it, or composite it over black or white
     #[arg(long, value_name = "RULE", default_value_t = AlphaRule::Drop)]
     pub(crate) alpha: AlphaRule,
-    /// A photograph whose colour profile is not sRGB: convert (to sRGB) or as-stored (as the release does)
+    /// How to treat a photograph whose colour profile is not sRGB: convert (to sRGB) or as-stored (as the release does)
     #[arg(long, value_name = "RULE", default_value_t)]
     pub(crate) color: ColorRule,
 }

@@ -62,7 +62,7 @@ enum GaussiansCommand {
 enum TargetForm {
     /// PLY with only the Gaussians, in the layout of 3D Gaussian Splatting, for any viewer
     Plain,
-    /// PLY with the release's extra elements, without view-dependent colours
+    /// PLY with the elements that the release adds, without view-dependent colours
     Release,
     /// PlayCanvas' compressed PLY
     Compressed,

@@ -37,14 +37,14 @@ Example:
 The error of a stage is its largest difference divided by its largest absolute value. Exit code 1 if an error exceeds
 --tolerance or a stage was not computed (then its error is \"inf\", also in --json).
 
-To trace a change of the full network: `record` before it, `parity` after it. The comparison with the recordings of the
-official network at full size is a test: cargo test --release -p sharp-tests --test golden_model -- --ignored
---test-threads=1
+To trace a change of the full network, run `record` before the change and `parity` after it. The comparison with the
+recordings of the official network at full size is a test: cargo test --release -p sharp-tests --test golden_model --
+--ignored --test-threads=1
 
 A port of SHARP to another framework is compared by its output, a PLY for the same photograph:
   sharp-bench parity --port theirs.ply --against photo.ply          (from the release or from predict)
   sharp-bench parity --port theirs.ply --image photo.jpg            (runs the network)
-For each attribute it prints the median, the 99th percentile and the maximum of the differences between Gaussians, and
+Printed for each attribute are the median, the 99th percentile and the maximum of the differences between Gaussians, and
 the settings (axes, order, encodings) that explain large differences. Exit code 1 if a 99th percentile exceeds
 --tolerance, in pixels or per cent.")]
 pub(crate) struct ParityArgs {
@@ -67,7 +67,7 @@ pub(crate) struct ParityArgs {
     against: Option<PathBuf>,
     #[command(flatten)]
     reading: ReadingArgs,
-    /// Which recording in the file [default: the one of the photograph]
+    /// Name of the recording within the file [default: the recording of the photograph]
     #[arg(long, value_name = "P")]
     prefix: Option<String>,
     /// Largest acceptable error [default: 1e-4 for a stage, 0.5 pixels or per cent for a port]

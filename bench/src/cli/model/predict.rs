@@ -30,12 +30,12 @@ Examples:
   sharp-bench predict holiday/*.jpg --out gaussians/ --plain --depth exr
   sharp-bench predict photo.png --checkpoint mine.pt --config mine.json --focal-px 1200 --out photo.ply
 
-The focal length sets the metric scale. It comes from --focal-px, else from the file's EXIF tags, else it is that of a
-30 mm lens on 35 mm film, with a warning.
+The focal length sets the metric scale. It is read from --focal-px, else from the file's EXIF tags; without either, a
+30 mm lens on 35 mm film is assumed, with a warning.
 
-Photographs are PNG, JPEG, WebP, TIFF or BMP: colour, grey, palette, 8 or 16 bit, CMYK. Palettes, 16 bit and CMYK keep
-their colours, whereas the release reads palette indices as grey, 16 bit as 8 bit, and inks as light. If one of several
-photographs cannot be read, it is skipped, with exit code 4.")]
+Photographs are PNG, JPEG, WebP, TIFF or BMP: colour, grey, palette, 8 or 16 bit, CMYK. Palettes, 16 bit and CMYK are
+read with the colours that they represent. The release instead reads palette indices as grey levels, 16 bit as 8 bit,
+and amounts of ink as amounts of light. If one of several photographs cannot be read, it is skipped, with exit code 4.")]
 pub(crate) struct PredictArgs {
     /// Photographs
     #[arg(required = true, value_name = "IMAGE")]
@@ -47,7 +47,7 @@ pub(crate) struct PredictArgs {
     /// A .ply file, or a folder (needed for several photographs)
     #[arg(long, value_name = "PLY_OR_DIR")]
     out: PathBuf,
-    /// Omit the release's extra elements, which some viewers cannot read
+    /// Omit the PLY elements that the release adds and some viewers cannot read
     #[arg(long)]
     plain: bool,
     /// Also write both depth layers next to the PLY
@@ -94,7 +94,7 @@ pub(crate) fn execute(args: &PredictArgs) -> anyhow::Result<Outcome> {
     for (image, ply) in args.images.iter().zip(&outputs) {
         match predict_one(args, &predictor, image, ply) {
             Ok(predicted) => results.push(predicted),
-            // A failure affects only this photograph.
+            // A failure affects only this photograph, so continue with the others.
             Err(error) if args.images.len() > 1 => {
                 failed += 1;
                 output::remark(format!("error: {error:#}"));
@@ -122,7 +122,7 @@ pub(crate) fn execute(args: &PredictArgs) -> anyhow::Result<Outcome> {
 fn named_after(images: &[PathBuf], folder: &Path) -> anyhow::Result<Vec<PathBuf>> {
     let mut outputs = Vec::with_capacity(images.len());
     for image in images {
-        // A folder without a name is rejected when it is read.
+        // A folder without a name is rejected when it is read, so any name will do here.
         let mut name = image.file_stem().unwrap_or(image.as_os_str()).to_owned();
         name.push(".ply");
         let ply = folder.join(name);

@@ -17,11 +17,11 @@ use crate::methods::sweep_scales;
 use crate::pairs::PairList;
 use crate::pairs::sampling::spread;
 
-/// Write each pair's source picture exactly as `run` uses it, its cameras and conventions, and the
+/// Write each pair's source picture exactly as `run` uses it, the pair's cameras and conventions, and the
 /// file name for the prediction
 ///
-/// OUT/<pair_id>/source.png and pair.json (K_s, K_t, target_from_source, sizes, conventions, the prediction's file
-/// name). The same command continues a stopped export and rewrites files of a changed dataset.
+/// Writes OUT/<pair_id>/source.png and pair.json (K_s, K_t, target_from_source, picture sizes, conventions, the
+/// prediction's file name). The same command continues a stopped export and rewrites files of a changed dataset.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Example:
@@ -42,7 +42,7 @@ pub(super) struct ExportArgs {
     /// At most this many pairs, the same ones that `run --limit` evaluates
     #[arg(long, value_name = "N")]
     limit: Option<usize>,
-    /// Also write the ground truth, or the depth of both views (.npy, metres) if the dataset has it
+    /// Also write the ground truth, or the depth of both views (.npy, metres) if the dataset has depth
     #[arg(long, value_enum, value_delimiter = ',', value_name = "LIST")]
     with: Vec<More>,
     /// Also write cameras with the translation multiplied by each of these factors, such as

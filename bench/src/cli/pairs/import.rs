@@ -21,7 +21,7 @@ use crate::pairs::{DatasetConfig, clap_dataset};
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:
-  sharp-bench pairs import evaluation_index_re10k.json --form index       # what it has
+  sharp-bench pairs import evaluation_index_re10k.json --form index       # counts the pairs
   sharp-bench pairs import theirs.json --form index --context nearest --dataset colmap=data --out pairs.csv
   sharp-bench run --protocol pixelsplat --pairs pairs.csv --dataset colmap=data --method copy --out runs/theirs")]
 pub(super) struct ImportArgs {
@@ -64,7 +64,7 @@ pub(super) fn execute(args: &ImportArgs) -> anyhow::Result<Outcome> {
         ListForm::Flash3d | ListForm::Mine | ListForm::Unisharp => "line",
     };
     let mut summary = format!(
-        "{}, {} with targets: {} in all, {} among their own inputs",
+        "{}, {} with targets: {} in all, {} of which are also inputs",
         counted(counts.entries, entry),
         counts.with_pairs,
         counted(counts.targets, "target"),

@@ -58,15 +58,16 @@ pub(super) struct RenderArgs {
     /// Output: .png, .exr, .safetensors, .gif, .mp4, or a folder for frames
     #[arg(long, value_name = "OUT", required_unless_present = "viewer")]
     out: Option<PathBuf>,
-    /// Write a self-contained page that renders the Gaussians in a browser (WebGPU), from these
-    /// views or any other
+    /// Write a self-contained page that renders the Gaussians in a browser (WebGPU), from the views
+    /// of this command or any other
     #[arg(long, value_name = "OUT.html")]
     viewer: Option<PathBuf>,
     /// The renderer: cpu, wgpu (a GPU through Vulkan, Metal or Direct3D 12), or auto (the first hardware adapter, else
     /// the CPU)
     #[arg(long, value_name = "BACKEND", default_value_t = Backend::Auto)]
     backend: Backend,
-    /// The GPU, by part of its description (`sharp-bench doctor` lists them); software adapters are used only if named
+    /// The GPU to render on, by part of its description (`sharp-bench doctor` lists the GPUs); software adapters are
+    /// used only if named
     #[arg(long, value_name = "NAME")]
     adapter: Option<String>,
     #[command(flatten)]
@@ -112,7 +113,7 @@ pub(super) struct RenderArgs {
     /// for a movie
     #[arg(long, help_heading = "Paths")]
     write_cameras: bool,
-    /// Print JSON: files, sizes, backend, and how many Gaussians were dropped
+    /// Print JSON: written files, picture sizes, backend, and how many Gaussians were dropped
     #[arg(long)]
     json: bool,
 }

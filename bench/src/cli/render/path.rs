@@ -20,12 +20,12 @@ pub(super) struct PathArgs {
     /// axis; the scene's near depth determines the size of the path
     #[arg(long, value_enum, value_name = "PATH", conflicts_with = "offset_m")]
     trajectory: Option<PathArg>,
-    /// Number of frames per round
+    /// Number of frames of one round along the path
     #[arg(long, value_name = "N", default_value_t = 60, requires = "trajectory",
           value_parser = clap::value_parser!(u32).range(1..=MAX_FRAMES))]
     frames: u32,
-    /// Move the camera by X,Y,Z metres along its own axes (right, down, forward) without turning
-    /// it; repeatable, one frame each
+    /// Move the camera by X,Y,Z metres to the right, down and forward, without turning it; repeatable,
+    /// one frame each
     #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true, value_parser = args::offset)]
     offset_m: Vec<DVec3>,
 }

@@ -26,10 +26,10 @@ pub(super) struct FetchArgs {
     /// `metrics` for all missing backbones; alexnet, vgg16, squeezenet1_1; `sharp` for the official checkpoint
     #[arg(required = true, value_name = "NAME")]
     names: Vec<String>,
-    /// Only report whether they are present
+    /// Only report whether the named weights are present
     #[arg(long)]
     offline: bool,
-    /// Accept the licence of SHARP's checkpoint, which is shown without this option; read it first
+    /// Accept the licence of SHARP's checkpoint; without this option, the licence is shown and nothing is downloaded
     #[arg(long)]
     accept_licence: bool,
     /// Print JSON

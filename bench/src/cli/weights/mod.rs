@@ -37,18 +37,18 @@ enum WeightsCommand {
     },
     /// Fetch published weights into the cache: resumes interrupted transfers, checks size and hash
     ///
-    /// Only a backbone's feature layers are kept. No hash of SHARP's checkpoint is published, so
-    /// its size and sha256 are recorded at the first use and compared from then on; a file in the
-    /// release's own cache folder is used without copying it. Proxies are read from the usual
-    /// environment variables. If SHARP_BENCH_MIRROR is set to an address, files are fetched from
-    /// there under their publishers' file names.
+    /// Of a backbone, only the feature layers are kept. No hash of SHARP's checkpoint is published, so
+    /// the checkpoint's size and sha256 are recorded at the first use and compared from then on; a
+    /// file in the release's own cache folder is used in place. Proxies are read from the usual
+    /// environment variables. If SHARP_BENCH_MIRROR is set to an address, files are fetched from that
+    /// address under their publishers' file names.
     Fetch(fetch::FetchArgs),
     /// Show the contents of a file: modules, parameters, non-finite values
     ///
-    /// With --config (or for a file that looks like SHARP's), the file must have exactly the network's tensors, in
-    /// their shapes.
+    /// With --config (or for a file that looks like SHARP's), the file must have exactly the network's tensors, with
+    /// the same shapes.
     Check {
-        /// .pt, .pth (zip or older) or .safetensors
+        /// The file: .pt, .pth (zip or older) or .safetensors
         file: PathBuf,
         /// The network that the file should fit, `release` or FILE.json#NAME
         #[arg(long, value_name = "FILE[#NAME]")]
@@ -60,7 +60,7 @@ enum WeightsCommand {
         #[arg(long)]
         json: bool,
     },
-    /// Rewrite a checkpoint as .safetensors; its header records the source's sha256
+    /// Rewrite a checkpoint as .safetensors, with the checkpoint's sha256 in the header
     Convert {
         /// The file to read
         from: PathBuf,
@@ -72,7 +72,7 @@ enum WeightsCommand {
         /// Architecture of the network, `release` or FILE.json#NAME
         #[arg(long, value_name = "FILE[#NAME]", default_value = "release")]
         config: String,
-        /// Selects another set of values
+        /// Any text; each text selects another set of values
         #[arg(long, default_value = "")]
         salt: String,
         /// The file to write

@@ -20,7 +20,7 @@ pub enum NetworkError {
     #[error(transparent)]
     File(#[from] FileError),
     #[error(
-        "{source}: its sizes differ from those of `{preset}`; give its configuration with \
+        "{source}: the checkpoint's tensor shapes do not match `{preset}`; give its configuration with \
          config=FILE.json#NAME (--config)"
     )]
     Sizes {
@@ -54,8 +54,8 @@ pub enum NetworkError {
 }
 
 /// The network of a checkpoint, on the CPU. `mini` is the bundled network. Any other name is a
-/// file; its sizes are those of `config` (`FILE.json#NAME`), of a `.json` next to the file, or of
-/// the release. Without a name, searches for the official checkpoint.
+/// file; the network's configuration is `config` (`FILE.json#NAME`), a `.json` next to the file, or that
+/// of the release. Without a name, searches for the official checkpoint.
 ///
 /// # Errors
 /// [`NetworkError`].
@@ -80,8 +80,8 @@ pub fn named_network(
     })
 }
 
-/// The network of a file. Its sizes are those of `config`, of `STEM.json` next to the file, of the
-/// release, or of the only fitting configuration in the `.json` files next to it.
+/// The network of a file. Its configuration is `config`, `STEM.json` next to the file, that of the release, or the only
+/// fitting one in the `.json` files next to the file.
 fn network_of(file: &Path, config: Option<&str>) -> Result<NetworkSpec, NetworkError> {
     let source = CheckpointSource::open(file)?;
     // Allow further tensors here; whether they may stay unused is decided later.
@@ -101,7 +101,9 @@ fn network_of(file: &Path, config: Option<&str>) -> Result<NetworkSpec, NetworkE
             match &found[..] {
                 [] => release,
                 [(name, config)] => {
-                    notes.push(format!("its sizes fit {name} next to it"));
+                    notes.push(format!(
+                        "the checkpoint's tensor shapes match {name} next to the file"
+                    ));
                     config.clone()
                 }
                 several => {
@@ -152,7 +154,7 @@ fn beside(checkpoint: &Path) -> Vec<(String, ModelConfig)> {
     paths.iter().flat_map(|path| of_file(path)).collect()
 }
 
-/// The weights of the bundled network, searched for next to the program and in its source tree.
+/// The file with the bundled network's weights, searched for next to the program and in the program's source tree.
 ///
 /// # Errors
 /// [`NetworkError`].

@@ -40,8 +40,8 @@ const PARAMETERS: u64 = 702_305_169;
 const OVERHEAD: u64 = 16 << 20;
 
 impl Release {
-    /// The official release. It publishes neither its size nor a hash; its size follows from the
-    /// number of parameters, except for the table of contents.
+    /// The official release. Neither size nor hash of the file is published; the size follows from the number of
+    /// parameters, except for the table of contents.
     pub fn official() -> Self {
         Self {
             address: mirrored(RELEASE_ADDRESS),

@@ -270,7 +270,7 @@ fn matching(pattern: &str) -> Result<Vec<PathBuf>, String> {
         let entries = std::fs::read_dir(folder)
             .map_err(|error| format!("files={pattern}: {}: {error}", folder.display()))?;
         for entry in entries.flatten() {
-            // A link to a folder could form a cycle.
+            // Do not follow links to folders, which could form a cycle.
             if entry.file_type().is_ok_and(|kind| !kind.is_symlink()) || entry.path().is_file() {
                 open.push(path.join(entry.file_name()));
             }
@@ -311,7 +311,7 @@ impl State {
                 .map(|path| FileStamp::of(path).ok())
                 .collect()
         };
-        // The program may have modified its input files.
+        // Write the source's files again if the source changed or the program modified them.
         if self.source.as_ref() != Some(&(hash.clone(), stamps())) {
             let written = write_png(&files.picture, source.image());
             written.map_err(|error| MethodError::file(&files.picture, error))?;

@@ -123,7 +123,7 @@ impl DepthSource for GivenDepth {
         let map = read_metres(&file)?;
         let (w, h) = map.dimensions();
         let (to_w, to_h) = (view.intrinsics.width, view.intrinsics.height);
-        // Rounding may put the other side one pixel off the exact aspect ratio.
+        // Tolerance: rounding may put the other side one pixel off the exact aspect ratio.
         let other = f64::from(w) * f64::from(to_h) / f64::from(to_w);
         if (w, h) != (to_w, to_h) && (other - f64::from(h)).abs() > 1.0 {
             return Err(PairError::DepthSize {

@@ -18,26 +18,28 @@ pub(super) trait OptionValue {
 /// Meaning of each key, in the order of the text form.
 pub(super) const MEANINGS: [&str; 20] = [
     "which views of a scene share a set; pairs are formed within sets",
-    "views in a set, 2 or more",
-    "a last set with fewer views than the others",
+    "number of views in a set, 2 or more",
+    "whether to keep a last set with fewer views than the others",
     "number of sets used per scene (the first ones)",
-    "both directions between two views, or only from the earlier to the later one",
-    "views without depth: join no pair, join pairs without an overlap, or leave before sets are formed",
+    "whether two views make pairs in both directions, or only from the earlier to the later view",
+    "what to do with views without depth: exclude them from pairs, accept their pairs without an overlap, or leave \
+     them out before sets are formed",
     "whose depth decides overlap; sparse alone is sparse:8",
-    "when a projected pixel counts as seen: if depth differs from z by at most a share of z, if it lies inside the \
-     picture, or if depth differs by less than a length plus a share of z",
+    "when a projected pixel counts as seen: if depth differs from z by at most a share of z, if the pixel lies inside \
+     the picture, or if depth differs by less than a length plus a share of z",
     "how the other view's depth is read where a pixel lands",
-    "number that seen pixels are divided by: pixels with depth, all pixels, or the other view's \
-     pixels with depth",
+    "what the number of seen pixels is divided by: the pixels with depth, all pixels, or the other view's pixels with \
+     depth",
     "only every N-th pixel and row is projected; N is 1 or more",
-    "longer side to which depth maps are reduced first, pixels",
+    "longer side, in pixels, to which depth maps are downscaled first",
     "which of a pair's two overlaps the threshold applies to",
     "minimum overlap, 0 or more",
     "whether an overlap equal to the threshold qualifies",
-    "minimum distance of the two cameras, metres, 0 or more; equal qualifies",
-    "maximum distance of the two cameras, metres; equal qualifies",
+    "minimum distance of the two cameras, metres, 0 or more; pairs at exactly this distance qualify",
+    "maximum distance of the two cameras, metres; pairs at exactly this distance qualify",
     "maximum number of evaluated pairs per dataset",
-    "how they are drawn: from all, from each scene in turn, from each of ten bins of baseline in turn, or the first ones by id",
+    "how the evaluated pairs are drawn: from all pairs, from each scene in turn, from each of ten bins of baseline in \
+     turn, or the first ones by id",
     "seed of the draw",
 ];
 

@@ -36,18 +36,18 @@ pub enum PairOrder {
 /// Treatment of views without depth.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum MissingDepth {
-    /// They count when sets are formed, but are in no pair.
+    /// Views without depth count when sets are formed, but are in no pair.
     Reject,
-    /// Their pairs qualify without an overlap.
+    /// Pairs of views without depth qualify without an overlap.
     Accept,
-    /// They are excluded before sets are formed.
+    /// Views without depth are excluded before sets are formed.
     LeaveOut,
 }
 
 /// The overlap that is compared with the threshold.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum OverlapDirection {
-    /// The share of the target's pixels visible in the source, which view synthesis needs.
+    /// The share of the target's pixels visible in the source, on which view synthesis depends.
     TargetInSource,
     /// The share of the source's pixels visible in the target.
     SourceInTarget,

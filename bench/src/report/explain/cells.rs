@@ -202,7 +202,7 @@ pub(super) fn cell(
             }
         }
     }
-    // Values over fewer pairs are not comparable.
+    // Values over fewer pairs are not comparable, so they are left out.
     for scenes in [SceneReading::All, SceneReading::OneAPlace] {
         let of_scenes = values.iter().filter(|value| value.reading.scenes == scenes);
         let most = of_scenes.map(|value| value.n).max();

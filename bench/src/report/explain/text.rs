@@ -151,8 +151,9 @@ pub fn terminal(runs: &[ExplainedRun]) -> String {
     parts.collect::<Vec<_>>().join("\n")
 }
 
-/// Marks our files; other files are not overwritten.
+/// Start of an `explain.md` written by this program; other files of that name are not overwritten.
 const MARK: &str = "<!-- sharp-bench explain -->";
+/// Start of a `readings.csv` written by this program; other files of that name are not overwritten.
 const CSV_MARK: &str = "dataset,metric,key,picture";
 
 /// Writes `explain.md` and `readings.csv`, which has one line per reading.

@@ -57,7 +57,8 @@ pub struct PairsChoice {
     #[arg(long = "pair", value_name = "ID")]
     pub ids: Vec<String>,
     /// Which pairs of each dataset to choose if --pair is not given, by the first metric: median, worst or best in the
-    /// mean of the ranked methods, or where METHOD loses most against OTHER (datasets where it never loses are left out)
+    /// mean of the ranked methods, or where METHOD loses most against OTHER (datasets where METHOD never loses are left
+    /// out)
     #[arg(
         long,
         value_name = "median|worst|best|loses:METHOD:OTHER",
@@ -72,8 +73,8 @@ pub struct PairsChoice {
 /// Targets of one source.
 #[derive(Debug, Clone, clap::Args)]
 pub struct PathChoice {
-    /// The source as DATASET/SCENE/VIEW, like the start of its pairs' ids [default: the one with
-    /// the most targets]
+    /// The source as DATASET/SCENE/VIEW, as in the ids of its pairs [default: the source with the most
+    /// targets]
     #[arg(long, value_name = "ID")]
     pub source: Option<String>,
     /// Maximum number of targets, spread over the baselines

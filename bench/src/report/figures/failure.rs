@@ -54,8 +54,7 @@ pub fn sheet(comparison: &SheetContent<'_>, depth: Option<&Path>) -> Result<Shee
     })
 }
 
-/// Depth of the scored rendering, or the dataset's if it was not kept, with a caption that states
-/// which.
+/// Depth of the scored rendering, or the dataset's depth if no rendering was kept, with a caption that states which.
 fn of_run(
     comparison: &SheetContent<'_>,
     chosen: &ChosenPair<'_>,

@@ -23,7 +23,7 @@ use sharp_plots::style::FigureStyle;
 /// What a sheet shows for its pairs.
 #[derive(Debug, Clone, Default, clap::Args)]
 pub struct SheetOptions {
-    /// A part to frame and enlarge, pixels of the target; repeatable
+    /// A part of the pictures to frame and enlarge, in pixels of the target; repeatable
     #[arg(long = "crop", value_name = "X,Y,W,H", value_parser = region)]
     pub crops: Vec<Region>,
 }
@@ -37,7 +37,7 @@ fn region(text: &str) -> Result<Region, &'static str> {
             width,
             height,
         }),
-        _ => Err("four whole numbers, X,Y,WIDTH,HEIGHT"),
+        _ => Err("expected four whole numbers X,Y,WIDTH,HEIGHT, with width and height above zero"),
     }
 }
 

@@ -17,9 +17,11 @@ use crate::report::pictures::fitted;
 use crate::report::plots::files;
 use crate::scoring::Region;
 
-/// Maximum number of lines in a column's head, and in the reason for a missing picture.
+/// Maximum number of lines in the head of a column.
 const HEAD_LINES: usize = 2;
+/// Maximum number of lines in the reason for a missing picture.
 const REASON_LINES: usize = 12;
+
 /// A laid-out tile.
 struct DrawnTile {
     pictures: Vec<Shown>,
@@ -32,7 +34,7 @@ struct Shown {
     size: (u32, u32),
     /// Whether enlarging interpolates between pixels.
     is_smooth: bool,
-    /// Rectangles `(x, y, width, height)` drawn on it.
+    /// Rectangles `(x, y, width, height)` drawn on the picture.
     frames: Vec<((u32, u32, u32, u32), Ink)>,
 }
 

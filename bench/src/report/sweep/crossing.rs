@@ -10,7 +10,7 @@ use sharp_plots::bins::{Bin, Cuts, bins};
 /// The place beyond which the mean of every bin is above zero.
 ///
 /// There, the line from the last bin whose mean is not above zero to the next bin crosses zero. If there are empty bins
-/// between the two, it is the place of the second.
+/// between the two, the crossing is at the second bin.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Crossing {
     /// −∞ if already above zero in the first bin, ∞ if not above zero in the last.

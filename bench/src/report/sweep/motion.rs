@@ -23,7 +23,7 @@ pub enum Motion {
     /// Baseline divided by the target's median depth (the source's, if only the source has depth)
     #[value(name = "baseline/median_depth")]
     RelativeMotion,
-    /// 1 − overlap: share of the target that is hidden from the source or outside its picture
+    /// 1 − overlap: share of the target that is hidden from the source or outside the source's picture
     #[value(name = "disoccluded")]
     Disoccluded,
 }

@@ -15,7 +15,7 @@ pub enum Band {
     Sd,
     /// The 95 % interval of the mean, over scenes
     Ci95,
-    /// None
+    /// No band
     None,
 }
 
@@ -27,7 +27,7 @@ pub enum Split {
     Dataset,
     /// One panel per method, one line per dataset
     Method,
-    /// As dataset, with separate panels for methods that use the source's true depth or its scale
+    /// As dataset, with separate panels for methods that use the source's true depth or the scale of that depth
     Privileged,
 }
 
@@ -62,10 +62,11 @@ pub struct SweepSpec {
     pub split: Split,
     /// Metrics to show; all if empty.
     pub metrics: Vec<MetricKey>,
-    /// `Some(true)` shows only methods that use the source's true depth or its scale, `Some(false)` only the others.
+    /// `Some(true)` shows only methods that use the source's true depth or the scale of that depth, `Some(false)` only
+    /// the other methods.
     pub privileged: Option<bool>,
     pub thresholds: Vec<Threshold>,
-    /// The method that the others are compared with.
+    /// The method that all other methods are compared with.
     pub against: Option<String>,
 }
 

@@ -49,7 +49,7 @@ pub(super) fn prediction_marks(
     let shares: Vec<f64> = records.iter().filter_map(|r| Some(r.crop?.share)).collect();
     if let Some(mean) = mean(&shares) {
         let scored = format!(
-            "{} of {of} pairs scored on a part of the target only, on average {:.1} % of its pixels",
+            "{} of {of} pairs scored only on part of the target (on average {:.1} % of the pixels)",
             shares.len(),
             100.0 * mean
         );
@@ -66,8 +66,8 @@ pub(super) fn prediction_marks(
     if let Some(mean) = mean(&valid) {
         // Does not name the method, as above.
         marks.push(format!(
-            "{name}: masks of the dataset exclude pixels of {} of {of} targets, on average {:.1} % of theirs; they are \
-             excluded from scoring.",
+            "{name}: dataset masks cover part of {} of {of} targets (on average {:.1} % of the pixels); masked pixels are \
+             not scored.",
             valid.len(),
             100.0 * (1.0 - mean)
         ));

@@ -47,7 +47,7 @@ pub struct Table {
     pub notes: Vec<String>,
     /// Conditions for comparing the measured rows with the published ones.
     pub checklist: Vec<Condition>,
-    /// What follows a mean as ±.
+    /// Uncertainty shown as ± after a mean.
     pub uncertainty: Option<Uncertainty>,
 }
 
@@ -88,7 +88,7 @@ pub struct Group {
     pub title: String,
     /// Number of pairs of a complete cell; `None` if the source does not state it.
     pub pairs: Option<usize>,
-    /// Footnote on its columns.
+    /// Footnote on the columns of the group.
     pub note: Option<usize>,
 }
 

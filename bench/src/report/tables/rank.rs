@@ -7,9 +7,9 @@ use sharp_metrics::Direction;
 pub struct RankedValue<'a> {
     /// The number; `None` is not ranked.
     pub value: Option<f64>,
-    /// Indices of the pairs it covers. Only numbers over the same pairs are ranked with each other.
+    /// Indices of the pairs that the number covers. Only numbers over the same pairs are ranked with each other.
     pub covers: &'a [usize],
-    /// Whether it covers every pair.
+    /// Whether the number covers every pair.
     pub complete: bool,
     /// Whether the row takes part in the ranking.
     pub ranked: bool,

@@ -201,10 +201,7 @@ fn cropped_resized_and_chosen_predictions_are_marked() {
         ("small", "1 of 2 predictions"),
         ("small", "were resized (`bicubic`) before"),
         ("sweeps", "best of 3 scales by DISTS"),
-        (
-            "masked",
-            "exclude pixels of 1 of 2 targets, on average 10.0 %",
-        ),
+        ("masked", "cover part of 1 of 2 targets (on average 10.0 %"),
     ] {
         assert!(notes(label).contains(said), "{}", notes(label));
     }
@@ -213,8 +210,8 @@ fn cropped_resized_and_chosen_predictions_are_marked() {
     // A common region is not attributed to a method.
     results.manifest.common_region = true;
     let table = mean_tables(&results, None).unwrap().remove(0);
-    let said = "d: 2 of 2 pairs scored on a part of the target only, on average 62.5 % of its pixels, the common region \
-                of all methods.";
+    let said = "d: 2 of 2 pairs scored only on part of the target (on average 62.5 % of the pixels), the common region of \
+                all methods.";
     assert!(
         table.notes.iter().any(|note| note == said),
         "{:?}",

@@ -92,10 +92,13 @@ pub struct ScoreChange {
     pub n_infinite: usize,
     pub mean_a: f64,
     pub mean_b: f64,
+    /// Mean of B minus A.
     pub difference: f64,
-    /// 95 % confidence interval.
+    /// Lower end of the 95 % confidence interval of the difference.
     pub ci_low: Option<f64>,
+    /// Upper end of the 95 % confidence interval of the difference.
     pub ci_high: Option<f64>,
+    /// p before Holm's correction.
     pub p: Option<f64>,
     /// p after Holm's correction over the datasets of a metric, including [`ALL`].
     pub p_holm: Option<f64>,

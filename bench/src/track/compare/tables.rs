@@ -30,8 +30,8 @@ const HEADS: [&str; 11] = [
 pub const EXTREMES: usize = 3;
 
 impl RunComparison {
-    /// Overall differences: one table of verdicts per pair of methods, metrics as rows and datasets as columns, then one
-    /// table per metric and pair of methods. A note that holds for several metrics is shown once.
+    /// Overall differences: one table of verdicts per pair of methods, metrics as rows and datasets as columns, then
+    /// one table per metric and pair of methods. A note that holds for several metrics is shown once.
     pub fn change_grids(&self) -> Vec<TextGrid> {
         let mut grids: Vec<TextGrid> = self
             .against
@@ -78,7 +78,7 @@ impl RunComparison {
         let mut heads = vec!["metric"];
         heads.extend(datasets.iter().map(String::as_str));
         let title = format!(
-            "{} (B) compared with {} (A): what B is, and B - A",
+            "{} (B) against {} (A): verdict on B, with the difference B − A",
             against.b, against.a
         );
         (rows.len() > 1).then(|| TextGrid::new(title, &heads, lines))

@@ -140,6 +140,13 @@ impl Resource {
         }
     }
 
+    pub(super) fn unit(self) -> &'static str {
+        match self {
+            Self::SecondsPerPair => "s",
+            Self::PeakMemory => "MiB",
+        }
+    }
+
     pub(super) fn name(self) -> &'static str {
         match self {
             Self::SecondsPerPair => "seconds_per_pair",

@@ -28,13 +28,14 @@ pub(super) fn costs_of(
                     .measured(before, now, more, 3)
                     .decided(fired(more > *percent), "")
             }
-            (None, _) => check.decided(
-                CheckState::NotCompared,
-                format!(
-                    "not measured, or below {}, where noise dominates",
-                    cost.least()
-                ),
-            ),
+            (None, Some([before, _])) => {
+                let (least, unit) = (cost.least(), cost.unit());
+                let reason = format!(
+                    "A has {before:.3} {unit}; below {least} {unit}, differences are mostly noise"
+                );
+                check.decided(CheckState::NotCompared, reason)
+            }
+            (None, None) => check.decided(CheckState::NotCompared, "not measured in both runs"),
         })
     });
     checks.collect()

@@ -264,7 +264,7 @@ impl<'a> Judge<'a> {
             let rows = self.comparison.rows.iter().filter(of_metric);
             let mut rows = rows.filter(|row| row.no_inference != Some(NoInference::NoPairs));
             let Some(row) = rows.find(|row| row.dataset == place) else {
-                // Methods of a run need not have the same datasets.
+                // Methods of a run need not have the same datasets, so scores are only asked for where A has some.
                 let is_asked =
                     dataset.is_some() || self.has_scores(&against.joined[0], info, place);
                 return is_asked.then(|| unscored(check));

@@ -77,12 +77,17 @@ pub struct Check {
     pub method_b: String,
     /// The dataset's name, or `all`.
     pub dataset: String,
+    /// The scene, for limits `per scene`.
     pub scene: Option<String>,
+    /// Mean score or cost of A.
     pub a: Option<f64>,
+    /// Mean score or cost of B.
     pub b: Option<f64>,
     /// B − A; for costs, the increase in percent.
     pub difference: Option<f64>,
+    /// Lower end of the 95 % confidence interval of the difference.
     pub ci_low: Option<f64>,
+    /// Upper end of the 95 % confidence interval of the difference.
     pub ci_high: Option<f64>,
     pub p_holm: Option<f64>,
     /// Minimum detectable effect with 80 % power.

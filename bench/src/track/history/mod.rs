@@ -215,7 +215,7 @@ pub fn add(dir: &Path, run: &Path, occasion: Occasion) -> Result<Added, HistoryE
         let mut file = PartialFile::create(&path)?;
         file.write_all(&bytes)
             .map_err(FileError::new(&path, "write"))?;
-        // Another process may have written an entry first, possibly with the same run.
+        // Another process may have written an entry first, possibly with the same run; then try again.
         if file.commit_new()? {
             return Ok(Added {
                 path,

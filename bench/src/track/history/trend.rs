@@ -65,8 +65,9 @@ pub struct Point {
     pub n_scenes: usize,
     /// Mean over the pairs with a score; `None` if there are none.
     pub mean: Option<f64>,
-    /// 95 % confidence interval of the mean, with scenes as the sample.
+    /// Lower end of the 95 % confidence interval of the mean, with scenes as the sample.
     pub ci_low: Option<f64>,
+    /// Upper end of the 95 % confidence interval of the mean.
     pub ci_high: Option<f64>,
     /// First digits of the SHA-256 of the method's weights; empty without weights.
     pub weights: String,

@@ -65,7 +65,7 @@ impl<'a> Heap<'a> {
         let Some(items) = self.items(list) else {
             return malformed!("pickle: an ordered dict of {}", list.kind());
         };
-        // The only place where one opcode can copy more than it consumes.
+        // Limit the total copied: this is the only place where one opcode can copy more than it consumes.
         let copied = self.copied + items.len();
         if copied > MAX_COPIED {
             return malformed!("pickle: too many pairs copied into ordered dicts");

@@ -10,7 +10,7 @@ pub(crate) enum Global {
     OrderedDict,
     /// `torch._utils._rebuild_tensor`: storage, offset, shape, strides.
     RebuildTensor,
-    /// `torch._utils._rebuild_tensor_v2`: the same arguments, followed by those for autograd.
+    /// `torch._utils._rebuild_tensor_v2`: the arguments of `_rebuild_tensor`, followed by arguments for autograd.
     RebuildTensorV2,
     /// `torch._utils._rebuild_parameter`: a trainable tensor.
     RebuildParameter,

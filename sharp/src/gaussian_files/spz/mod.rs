@@ -210,7 +210,7 @@ fn gzip_blocks(bytes: &[u8]) -> Result<(Header, [Vec<u8>; 6]), PlyReason> {
 }
 
 fn zstd_blocks(bytes: &[u8]) -> Result<(Header, [Vec<u8>; 6]), PlyReason> {
-    let cut = || damaged("it ends within its table of streams (truncated?)");
+    let cut = || damaged("the file ends before its last stream (truncated?)");
     let start: &[u8; WIDE_HEADER] = bytes.first_chunk().ok_or_else(cut)?;
     let header = Header::parse(start.first_chunk().ok_or_else(cut)?)?;
     if header.version != 4 {
@@ -248,7 +248,7 @@ fn zstd_blocks(bytes: &[u8]) -> Result<(Header, [Vec<u8>; 6]), PlyReason> {
         rest = after;
         if expected > 0 {
             let zstd = StreamingDecoder::new(stream).map_err(|_| {
-                damaged("one of its streams is not Zstandard: its bytes are damaged")
+                damaged("one of the streams is not Zstandard: the file's bytes are damaged")
             })?;
             *block = unfold(zstd, expected, packed).map_err(damaged)?;
         }

@@ -8,18 +8,19 @@ use flate2::write::GzEncoder;
 use super::{ANTIALIASED, COLOR_SCALE, MAGIC};
 use crate::ply::{GaussianScene, SH_CONSTANT, srgb, unit_quaternion};
 
-/// Fractional bits of positions, if these are small enough.
+/// Maximum number of fractional bits of positions.
 const FRACTIONAL_BITS: i32 = 12;
 
 /// Encodes the scene as SPZ 3. Axes are converted from OpenCV's (x right, y down, z forward) to
 /// those that the format requires (right, up, back).
 ///
-/// Values out of range are clamped: scales to e^−10..e^5.9, coefficients of view-dependent colour
-/// to −1..0.99, of which all eight bits are stored. If positions are large, fewer fractional bits
-/// are used so that none wraps.
+/// Gaussians with non-finite values are omitted. Values out of range are clamped: scales to e^−10..e^5.9, coefficients
+/// of view-dependent colour (stored with all eight bits) to −1..0.99. Positions are 24-bit fixed-point numbers with 12
+/// fractional bits, or fewer if the largest position needs more bits before the point. Positions beyond ±2²³ do not fit
+/// and are stored wrapped.
 ///
 /// # Errors
-/// Only for lack of memory.
+/// If there are more than [`u32::MAX`] Gaussians.
 pub fn to_bytes(scene: &GaussianScene) -> io::Result<Vec<u8>> {
     let g = scene.gaussians.clone().flipped([1.0, -1.0, -1.0]);
     let g = g.filtered(|k| g.is_finite(k));

@@ -23,8 +23,9 @@ pub(super) struct SplatSums<S = f32> {
     pub(super) opacity: S,
     pub(super) color: [S; 3],
     pub(super) z: S,
-    /// Sums of `a = ∂/∂(p dx + q dy)` and `b = ∂/∂(r dy)`.
+    /// Sum of `a = ∂/∂(p dx + q dy)`.
     pub(super) across: S,
+    /// Sum of `b = ∂/∂(r dy)`.
     pub(super) along: S,
     /// Sums of `a dx`, `a dy`, `b dy`: the gradients of p, q, r.
     pub(super) factor: [S; 3],

@@ -72,8 +72,8 @@ pub(super) struct Frame<'a> {
     pub(super) passes: &'a Passes,
     pub(super) scene: &'a GpuScene,
     pub(super) view: &'a RenderView,
-    /// Side of a tile in pixels: a power of two of at least [`LEAST_TILE`]. If tiles bound the support, a tile is no
-    /// larger than those that do, because a list applies to all pixels of its tile.
+    /// Side of a tile in pixels: a power of two of at least [`LEAST_TILE`]. If the rule limits the support to tiles, a
+    /// tile is no larger than the rule's, because a list applies to all pixels of its tile.
     pub(super) tile: u32,
 }
 
@@ -119,7 +119,8 @@ impl Frame<'_> {
         let limit = self.gpu.binding_limit;
         let side = part.side;
         self.gpu.no_room(format!(
-            "a binding of {limit} bytes cannot hold a tile of {side}x{side} pixels and its pairs"
+            "the GPU's buffer limit of {limit} bytes is too small for one {side}x{side}-pixel tile and its list of \
+             Gaussians"
         ))
     }
 

@@ -45,7 +45,7 @@ impl Scan {
     }
 
     /// Like [`Self::scan`], but also copies the sums of the blocks to the host; returns a staging buffer and its length
-    /// in bytes. Their total, unlike the last prefix sum, need not fit in 32 bits.
+    /// in bytes. The total of these sums, unlike the last prefix sum, need not fit in 32 bits.
     pub(super) fn scan_and_stage(
         &self,
         gpu: &Gpu,

@@ -1,4 +1,4 @@
-//! The folder of a training's saved states.
+//! The folder of a training run's saved states.
 
 use std::fs::{self, File};
 use std::io;

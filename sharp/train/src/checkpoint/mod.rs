@@ -1,4 +1,4 @@
-//! A training's state as one safetensors file, and export of a network's weights.
+//! The state of a training run as one safetensors file, and export of a network's weights.
 //!
 //! No random state is stored: every random choice depends only on the seed and the position.
 
@@ -20,13 +20,17 @@ use crate::optimizer::{Moments, ParameterState};
 use crate::parts::TrainedParts;
 use crate::position::{Position, Stage};
 
-/// Keys of the file's header.
+/// Key of the stage in the file's header.
 const STAGE: &str = "stage";
+/// Key of the number of completed steps in the file's header.
 const STEP: &str = "step";
+/// Key of the configuration's hash in the file's header.
 const CONFIG: &str = "config_sha256";
-/// Prefix of tensor names.
+/// Prefix of the names of weights.
 const VALUES: &str = "values.";
+/// Prefix of the names of first moments.
 const FIRST: &str = "first_moment.";
+/// Prefix of the names of second moments.
 const SECOND: &str = "second_moment.";
 
 /// Errors of writing or resuming from a state.

@@ -1,6 +1,7 @@
 //! Training data: pairs of views with depth, and photographs without.
 //!
-//! Sample k depends only on the training's seed and k, so that a resumed training continues with the same samples.
+//! Sample k depends only on the seed of the training run and on k, so that a resumed run continues with the same
+//! samples.
 //!
 //! * [`Sample`], [`TrainingView`], [`Photograph`], [`Source`]: the interface to training.
 //! * [`ProceduralSamples`]: scenes generated on the fly from seeds.

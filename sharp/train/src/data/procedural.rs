@@ -70,7 +70,7 @@ pub(super) fn scene(
     Ok((id, scene.views().to_vec()))
 }
 
-/// Reads two views of a scene at the training's picture size.
+/// Reads two views of a scene at the picture size of the training data.
 pub(super) fn pair(
     scene: &str,
     source: &View,

@@ -1,4 +1,4 @@
-//! A view at the training's picture size.
+//! A view at the picture size of the training data.
 
 use image::{DynamicImage, ImageBuffer, Luma, RgbImage};
 use sharp::camera::{Intrinsics, RigidTransform};

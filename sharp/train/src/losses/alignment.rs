@@ -1,4 +1,4 @@
-//! Losses of the scale map of depth alignment (paper; they replace the C-VAE's KL term).
+//! Losses of the scale map of depth alignment, which replace the C-VAE's KL term (paper).
 
 use super::map::Grid;
 use super::{Loss, LossOptions, ScalePooling, sign, sum_over};

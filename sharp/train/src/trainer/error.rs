@@ -10,7 +10,7 @@ use crate::objective::ObjectiveError;
 use crate::optimizer::OptimizerError;
 use crate::position::Position;
 
-/// Errors that end a training.
+/// Errors that end a training run.
 #[derive(Debug, thiserror::Error)]
 pub enum TrainingError {
     #[error(transparent)]

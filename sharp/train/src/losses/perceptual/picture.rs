@@ -2,8 +2,9 @@
 
 use sharp::random::SplitMix64;
 
-/// Mean and standard deviation of ImageNet, which normalise both networks' inputs.
+/// Mean of ImageNet's channels, which is subtracted from both networks' inputs.
 const MEAN: [f32; 3] = [0.485, 0.456, 0.406];
+/// Standard deviation of ImageNet's channels, by which both networks' inputs are divided.
 const DEVIATION: [f32; 3] = [0.229, 0.224, 0.225];
 
 /// Region of a picture that is compared.
