@@ -55,7 +55,7 @@ pub(super) struct SweepArgs {
     /// Report the motion beyond which each method's mean is worse than a value; repeatable
     #[arg(long = "threshold", value_name = "METRIC=VALUE")]
     thresholds: Vec<Threshold>,
-    /// Report the motion beyond which each method is worse than METHOD, over the pairs that both predicted
+    /// Report the motion beyond which each method is worse than METHOD, over the pairs with scores of both
     #[arg(long, value_name = "METHOD")]
     against: Option<String>,
     /// Sizes and colours of the figures, a TOML file: width_mm, font_pt, dpi, panel_aspect, caption, colours

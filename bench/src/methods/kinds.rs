@@ -112,7 +112,7 @@ pub const KINDS: [MethodKind; 8] = [
             ),
             (
                 "rendering=inria|gsplat-classic|mip-splatting|…",
-                "rendering rule that the Gaussians were made for; needed unless the file states one",
+                "rendering rule that the Gaussians were made for, if the file does not state it",
             ),
             (
                 "depth=none|privileged",
