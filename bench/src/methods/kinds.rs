@@ -86,8 +86,9 @@ pub const KINDS: [MethodKind; 8] = [
                   sharp-bench",
         settings: "dir=DIR, file={scene}.ply for another layout, rendering=inria|gsplat-classic|mip-splatting|… for the rule they were made for, \
                   depth=none, or privileged: scaled by the median of true over rendered depth, color_space=linear|srgb for PLYs \
-                  that do not state it; if the numbers are stored in another form: opacity=linear|byte, scales=linear|log-variance, \
-                  quaternions=xyzw, colors=rgb01|rgb255|logit|dc-uncentered, channels=bgr, harmonics=drop|interleaved, marks=ignore; if they are in another place: space=world|target|normalized, \
+                  that do not state it; if the numbers are stored in another form: opacity=linear|byte|log, \
+                  scales=linear|log-variance|log10, \
+                  quaternions=xyzw, colors=rgb01|rgb255|rgb-signed|logit|dc-uncentered, channels=bgr, harmonics=drop|interleaved, marks=ignore; if they are in another place: space=world|target|normalized, \
                   axes=rub|luf, scale=S, transform=dataparser_transforms.json, shift=X:Y, focal=F|X:Y; train=LIST.txt|GLOB for scenes trained on several views; align=pose moves the target's \
                   camera to fit its photograph",
         build: |spec, _| Ok(Box::new(GaussianFiles::from_spec(spec)?)),
