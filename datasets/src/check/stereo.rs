@@ -334,7 +334,10 @@ impl Pair {
             let coarse = best(&mut (-OFFSETS..=OFFSETS).map(f64::from), 4 * stride);
             let by = best(&mut (-4..=4).map(|i| coarse + 0.25 * f64::from(i)), stride);
             if by.abs() * full >= LEAST_OFFSET {
-                let (pixels, way) = (number((by.abs() * full).round()), if by > 0.0 { "larger" } else { "smaller" });
+                let (pixels, way) = (
+                    number((by.abs() * full).round()),
+                    if by > 0.0 { "larger" } else { "smaller" },
+                );
                 readings.push((
                     format!(
                         "disparities should be {pixels} pixels {way}: the two pictures were cropped at different \

@@ -210,7 +210,10 @@ mod tests {
         // Marks only, zeros, or values that are strange in both orders.
         for value in [f32::INFINITY, f32::NAN, 0.0, 1e-30, -1.0] {
             let bytes = value.to_be_bytes().repeat(64);
-            assert!(parse(&[b"Pf\n8 8\n1\n", &bytes[..]].concat()).is_ok(), "{value}");
+            assert!(
+                parse(&[b"Pf\n8 8\n1\n", &bytes[..]].concat()).is_ok(),
+                "{value}"
+            );
         }
     }
 

@@ -43,13 +43,16 @@ pub(super) fn decode(bytes: &[u8]) -> Result<Decoded, PlyReason> {
         let turn = [4, 5, 6, 7].map(|k| f32::from(bytes[k]) / 127.5 - 1.0);
         stored.quaternions.push(turn);
     }
-    out.doubts.extend(broken_quaternions(&out.stored.quaternions));
+    out.doubts
+        .extend(broken_quaternions(&out.stored.quaternions));
     Ok(out)
 }
 
 /// A doubt about quaternions whose length is not 1. Those of 0 are ignored.
 fn broken_quaternions(quaternions: &[[f32; 4]]) -> Option<Suspicion> {
-    let lengths = quaternions.iter().map(|q| q.map(|v| v * v).iter().sum::<f32>().sqrt());
+    let lengths = quaternions
+        .iter()
+        .map(|q| q.map(|v| v * v).iter().sum::<f32>().sqrt());
     let off = lengths.filter(|length| *length > OFF_UNIT && (length - 1.0).abs() > OFF_UNIT);
     let off = off.count();
     (20 * off > quaternions.len()).then(|| {

@@ -198,12 +198,16 @@ fn splat_quaternions_that_are_not_of_length_1_are_told() {
     };
     let about = |bytes: Vec<u8>| {
         let doubts = from_bytes(&bytes, "a.splat", encoded()).unwrap().doubts;
-        doubts.into_iter().map(|doubt| doubt.text).collect::<String>()
+        doubts
+            .into_iter()
+            .map(|doubt| doubt.text)
+            .collect::<String>()
     };
     assert_eq!(about(file(|q| (128.0 + 128.0 * q) as u8)), "");
-    let wrapped: [fn(f32) -> u8; 2] = [|q| (128.0 * q) as i8 as u8, |q| {
-        (128.0 + 256.0 * q).rem_euclid(256.0) as u8
-    }];
+    let wrapped: [fn(f32) -> u8; 2] = [
+        |q| (128.0 * q) as i8 as u8,
+        |q| (128.0 + 256.0 * q).rem_euclid(256.0) as u8,
+    ];
     for wrong in wrapped {
         let text = about(file(wrong));
         assert!(text.contains("did their bytes overflow?"), "{text}");

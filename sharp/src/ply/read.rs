@@ -181,9 +181,7 @@ pub fn check_stored(stored: &Gaussians, reading: &StoredForm) -> Result<(), PlyR
     let mut opacities = stored.opacities.iter().copied();
     let range = match reading.opacity {
         Some(StoredOpacity::Linear) => Some(("an opacity", -1e-4..=1.0001)),
-        Some(StoredOpacity::Log) => {
-            Some(("the logarithm of an opacity", f32::NEG_INFINITY..=1e-4))
-        }
+        Some(StoredOpacity::Log) => Some(("the logarithm of an opacity", f32::NEG_INFINITY..=1e-4)),
         _ => None,
     };
     if let Some((what, range)) = range

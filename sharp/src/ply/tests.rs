@@ -395,7 +395,10 @@ fn varied(store: impl Fn(f32, f32) -> (f32, f32)) -> Gaussians {
 
 #[test]
 fn logarithms_of_opacities_and_signed_colours_are_suspected_and_mended() {
-    let (logit, dc) = (|o: f32| (o / (1.0 - o)).ln(), |c: f32| (c - 0.5) / SH_CONSTANT);
+    let (logit, dc) = (
+        |o: f32| (o / (1.0 - o)).ln(),
+        |c: f32| (c - 0.5) / SH_CONSTANT,
+    );
     let found = |stored: &Gaussians| {
         let all = suspicions(stored, &StoredForm::default(), &StoredForm::ply());
         all.into_iter().map(|doubt| doubt.about).collect::<Vec<_>>()
@@ -406,7 +409,10 @@ fn logarithms_of_opacities_and_signed_colours_are_suspected_and_mended() {
     assert_eq!(found(&pale), [""; 0]);
     let constant = varied(|_, c| (logit(0.1), dc(c)));
     assert_eq!(found(&constant), [""; 0]);
-    for stored in [varied(|o, c| (o.ln(), dc(c))), varied(|_, c| (0.95_f32.ln(), dc(c)))] {
+    for stored in [
+        varied(|o, c| (o.ln(), dc(c))),
+        varied(|_, c| (0.95_f32.ln(), dc(c))),
+    ] {
         assert_eq!(found(&stored), ["opacity=log"]);
     }
     let signed = varied(|o, c| (logit(o), 2.0 * c - 1.0));
@@ -430,5 +436,8 @@ fn logarithms_of_opacities_and_signed_colours_are_suspected_and_mended() {
     assert!((decoded.scales[0][0] + 3.0).abs() < 1e-5);
     decoded.opacities[3] = 0.5;
     let refused = check_stored(&decoded, &reading).unwrap_err().to_string();
-    assert!(refused.contains("the logarithm of an opacity is 0.5"), "{refused}");
+    assert!(
+        refused.contains("the logarithm of an opacity is 0.5"),
+        "{refused}"
+    );
 }

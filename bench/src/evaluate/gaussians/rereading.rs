@@ -9,13 +9,14 @@ use sharp::ply::{
     StoredScales,
 };
 use sharp::random::mix;
-use sharp::render::{PrincipalPoint, RenderError, RenderView, Rule};
+use sharp::render::{PrincipalPoint, RenderError, RenderOutput, RenderView, Rule};
 
 use super::footprint::mean_area;
 use super::likeness::Likeness;
 use crate::methods::file_reading::{Axes, FileReading, FileSpace, Placement};
 use crate::pairs::PosedCamera;
 use crate::rendering::SharedRenderer;
+use crate::rendering::shared::HOLE_ALPHA;
 use crate::scoring::Region;
 
 /// A reading is tried only if it has at most this many Gaussians per pixel on average; no
@@ -36,11 +37,15 @@ const BEYOND_CHANCE: f64 = 2.0;
 /// Gain that suffices for another form of colours, dB. Such forms may differ only in brightness and
 /// contrast.
 const RECOLORED: f64 = 6.0;
+/// Focal lengths that differ by less than this need [`OF_SMALL_ZOOM`], dB: Gaussians with a wrong shape may fit better by
+/// chance if they are slightly enlarged.
+const SMALL_ZOOM: f64 = 0.05;
+const OF_SMALL_ZOOM: f64 = 1.0;
+/// A view is covered from this share on.
+const WHOLE: f64 = 0.7;
 /// Minimum area of Gaussians under another order of quaternions, as a share of that as read: most lie on surfaces that
 /// face the camera.
-const FACING: f64 = 0.97;
-/// Minimum gain with other standard deviations, dB.
-const OF_WIDTHS: f64 = 1.0;
+pub(super) const FACING: f64 = 0.97;
 /// Maximum number of settings that may be wrong at once.
 const ROUNDS: usize = 3;
 /// Axes to try: OpenGL's (a rotation about x), rotations about y and z, mirrored ones such as Unity's, and z up.
@@ -135,7 +140,7 @@ impl Trial<'_> {
     }
 
     /// Mean area of Gaussians in this part of the picture.
-    fn mean_area(&self, gaussians: &Gaussians, placement: Placement) -> f64 {
+    pub(super) fn mean_area(&self, gaussians: &Gaussians, placement: Placement) -> f64 {
         let map = placement.camera_from_file(self.source);
         let mut view = RenderView::new(map, self.intrinsics());
         view.rule = self.rule.unwrap_or(view.rule);
@@ -143,12 +148,54 @@ impl Trial<'_> {
         mean_area(&gaussians.subset(&seen.members), &view)
     }
 
-    /// Renders Gaussians into the part; `None` if no Gaussian reaches it, or too many do.
+    /// Compares a rendering of Gaussians with the part; `None` if no Gaussian reaches it, or too many do.
     pub(in crate::evaluate) fn fit(
         &self,
         gaussians: &Gaussians,
         camera_from_file: DAffine3,
     ) -> Result<Option<Likeness>, RenderError> {
+        let output = self.rendered(gaussians, camera_from_file)?;
+        Ok(output.map(|output| {
+            let picture = self.renderer.picture(&output);
+            Likeness::of(self.photograph, self.region, &picture)
+        }))
+    }
+
+    /// Share of the part that Gaussians cover.
+    fn covered(
+        &self,
+        gaussians: &Gaussians,
+        camera_from_file: DAffine3,
+    ) -> Result<f64, RenderError> {
+        let output = self.rendered(gaussians, camera_from_file)?;
+        let alpha = output.map_or_else(Vec::new, |output| output.alpha);
+        let covered = alpha.iter().filter(|alpha| **alpha >= HOLE_ALPHA).count();
+        Ok(covered as f64 / alpha.len().max(1) as f64)
+    }
+
+    /// Whether Gaussians of a world cover most of another view, so that the source is only at their edge.
+    pub(in crate::evaluate) fn is_whole_elsewhere(
+        &self,
+        gaussians: &Gaussians,
+        reading: &FileReading,
+        elsewhere: &[Trial<'_>],
+    ) -> Result<bool, RenderError> {
+        if reading.placement.space != FileSpace::World {
+            return Ok(false);
+        }
+        let mut is_whole = elsewhere.is_empty();
+        for other in elsewhere {
+            let placed = reading.placement.camera_from_file(other.source);
+            is_whole |= other.covered(gaussians, placed)? >= WHOLE;
+        }
+        Ok(is_whole)
+    }
+
+    fn rendered(
+        &self,
+        gaussians: &Gaussians,
+        camera_from_file: DAffine3,
+    ) -> Result<Option<RenderOutput>, RenderError> {
         let mut seen = Seen::of(gaussians, camera_from_file, &self.intrinsics());
         if seen.members.is_empty() || seen.layers > MOST_LAYERS {
             return Ok(None);
@@ -162,8 +209,7 @@ impl Trial<'_> {
         let output = self
             .renderer
             .render(&seen, camera_from_file, intrinsics, rule)?;
-        let picture = self.renderer.picture(&output);
-        Ok(Some(Likeness::of(self.photograph, self.region, &picture)))
+        Ok(Some(output))
     }
 
     /// Whether another form of the stored numbers is still possible: false if the numbers as read
@@ -278,6 +324,13 @@ impl Trial<'_> {
                 } else {
                     NOT_WORSE
                 };
+                let zooms = [0, 1].map(|axis| {
+                    let [own, other] = [&candidate, before].map(|reading| reading.placement.focal);
+                    (own[axis] / other[axis] - 1.0).abs()
+                });
+                let zoom = zooms.into_iter().fold(0.0, f64::max);
+                let is_chance =
+                    zoom > 0.0 && zoom < SMALL_ZOOM && fit.gain_over(fit_before) < OF_SMALL_ZOOM;
                 let worse = elsewhere.error() > allowed * fit_elsewhere.error()
                     || is_shift && neighbours.is_empty();
                 // The source itself decides between two forms of colours: in other views, wrong
@@ -292,7 +345,7 @@ impl Trial<'_> {
                 // Wrongly rotated Gaussians are seen more from their edges, which sharpens what is too wide.
                 let is_narrower = candidate.stored.quaternions != before.stored.quaternions
                     && area(&candidate) < FACING * area(before);
-                if is_better && !worse && is_least && !is_narrower {
+                if is_better && !worse && is_least && !is_narrower && !is_chance {
                     chosen = Some((candidate, fit, all));
                 }
             }
@@ -302,21 +355,6 @@ impl Trial<'_> {
             }
         }
         Ok((best.0 != *reading).then_some(best))
-    }
-
-    /// The comparison with standard deviations multiplied by a factor, if it is significantly better than `as_read`.
-    pub(in crate::evaluate) fn fit_with_widths(
-        &self,
-        gaussians: &Gaussians,
-        factor: f64,
-        reading: &FileReading,
-        as_read: &Likeness,
-    ) -> Result<Option<Likeness>, RenderError> {
-        let mut other = gaussians.clone();
-        let scales = other.scales.as_flattened_mut().iter_mut();
-        scales.for_each(|scale| *scale *= factor as f32);
-        let fit = self.fit(&other, reading.placement.camera_from_file(self.source))?;
-        Ok(fit.filter(|fit| fit.is_better_than(as_read) && fit.gain_over(as_read) >= OF_WIDTHS))
     }
 
     /// Renders the Gaussians into other views.
@@ -415,10 +453,20 @@ fn numbers(current: &FileReading, stored: &Gaussians) -> Vec<FileReading> {
     if current.stored.opacity == Some(StoredOpacity::Logit) && fits(&stored.opacities, 1.0) {
         add(&|other| other.stored.opacity = Some(StoredOpacity::Linear));
     }
+    if current.stored.opacity == Some(StoredOpacity::Logit)
+        && stored.opacities.iter().all(|o| *o <= 1e-4)
+    {
+        add(&|other| other.stored.opacity = Some(StoredOpacity::Log));
+    }
     let scales = stored.scales.as_flattened();
+    let logarithms = [
+        StoredScales::Log,
+        StoredScales::LogVariance,
+        StoredScales::Log10,
+    ];
     let is_log = current.stored.scales == Some(StoredScales::Log);
-    if is_log || current.stored.scales == Some(StoredScales::LogVariance) {
-        for form in [StoredScales::Log, StoredScales::LogVariance] {
+    if logarithms.map(Some).contains(&current.stored.scales) {
+        for form in logarithms {
             add(&|other| other.stored.scales = Some(form));
         }
         if is_log && scales.iter().all(|s| *s >= -1e-4) {
@@ -435,6 +483,10 @@ fn numbers(current: &FileReading, stored: &Gaussians) -> Vec<FileReading> {
         (StoredColors::Logit, is_dc),
         (StoredColors::DcUncentered, is_dc),
         (StoredColors::Rgb01, is_dc && fits(colors, 1.0)),
+        (
+            StoredColors::RgbSigned,
+            is_dc && colors.iter().all(|v| v.abs() <= 1.0001),
+        ),
         (
             StoredColors::Rgb255,
             fits(colors, 255.0) && colors.iter().any(|v| *v > 1.0),

@@ -357,7 +357,10 @@ fn pairs_whose_disparity_is_something_else_are_named() {
 /// The right picture begins this many columns further right than its camera says.
 #[test]
 fn pairs_cropped_at_different_columns_are_named() {
-    for (by, said) in [(9, "disparities should be 9 pixels smaller"), (-14, "should be 14 pixels larger")] {
+    for (by, said) in [
+        (9, "disparities should be 9 pixels smaller"),
+        (-14, "should be 14 pixels larger"),
+    ] {
         for seed in 0..3 {
             let mut wrong = pair(seed);
             change(&mut wrong[1..], |c| {
