@@ -210,13 +210,14 @@ impl Range {
         self.most <= 0.0
             && match is_constant {
                 true => is_round(self.most.exp()) && !is_round(logistic(self.most)),
-                false => self.high > NEARLY_OPAQUE,
+                false => self.high > NEARLY_OPAQUE && self.median > MOSTLY_OPAQUE,
             }
     }
 }
 
-/// Logarithm of an opacity that at least one in twenty Gaussians exceeds in any scene with surfaces.
+/// Logarithms of opacities that one in twenty and half of the Gaussians of a scene exceed.
 const NEARLY_OPAQUE: f32 = -0.25;
+const MOSTLY_OPAQUE: f32 = -0.4;
 
 fn is_round(value: f32) -> bool {
     (value * 1000.0 - (value * 1000.0).round()).abs() < 1e-3

@@ -9,10 +9,10 @@ use super::rereading::{FACING, Seen, Trial};
 use crate::methods::file_reading::{Axes, FileReading, FileSpace, Placement};
 
 /// Factors of standard deviations to try.
-const WIDTHS: [f64; 8] = [0.001, 0.01, 0.1, 1.0 / 3.0, 3.0, 10.0, 100.0, 1000.0];
+const WIDTHS: [f64; 8] = [1.0 / 3.0, 0.1, 0.01, 0.001, 3.0, 10.0, 100.0, 1000.0];
 /// Minimum gain with narrower and with wider standard deviations, dB. Crude but correct Gaussians, and those with holes,
 /// gain less.
-const OF_NARROWER: f64 = 5.0;
+const OF_NARROWER: f64 = 4.0;
 const OF_WIDER: f64 = 6.0;
 /// Minimum gain with a factor that depth suggests, dB.
 const OF_WIDTHS: f64 = 1.0;
@@ -38,7 +38,8 @@ impl Trial<'_> {
     }
 
     /// A factor of the standard deviations with which Gaussians match far better. Narrower ones are tried only if the
-    /// rendering is blurred.
+    /// rendering is blurred, and the first that match are taken: if only the centres of Gaussians are drawn, these
+    /// resemble the source even better.
     pub(in crate::evaluate) fn other_widths(
         &self,
         gaussians: &Gaussians,
@@ -52,6 +53,9 @@ impl Trial<'_> {
             .into_iter()
             .filter(|factor| *factor > 1.0 || is_blurred)
         {
+            if best.as_ref().is_some_and(|(known, _)| *known < 1.0) {
+                break;
+            }
             let mut other = gaussians.clone();
             let scales = other.scales.as_flattened_mut().iter_mut();
             scales.for_each(|scale| *scale *= factor as f32);

@@ -26,6 +26,7 @@ const MOST_LAYERS: f64 = 3000.0;
 const WORTH_A_LOOK: f64 = 0.25;
 /// If the source loses this much, a form of numbers is ruled out, dB.
 const MUCH: f64 = 1.0;
+const VERY_MUCH: f64 = 3.0;
 /// Errors in other views may grow by at most this factor.
 const NOT_WORSE: f64 = 1.1;
 /// If Gaussians are shifted, errors in other views may be at most this multiple of those before,
@@ -41,8 +42,12 @@ const RECOLORED: f64 = 6.0;
 /// chance if they are slightly enlarged.
 const SMALL_ZOOM: f64 = 0.05;
 const OF_SMALL_ZOOM: f64 = 1.0;
+/// Standard deviations may be logarithms to the base of 10 only if more Gaussians than this cover a pixel on average.
+const WIDE_LAYERS: f64 = 500.0;
 /// A view is covered from this share on.
 const WHOLE: f64 = 0.7;
+/// The same, if no other brightness and contrast would be better, dB.
+const RECOLORED_EXACTLY: f64 = 2.0;
 /// Minimum area of Gaussians under another order of quaternions, as a share of that as read: most lie on surfaces that
 /// face the camera.
 pub(super) const FACING: f64 = 0.97;
@@ -220,12 +225,17 @@ impl Trial<'_> {
         gaussians: &Gaussians,
         reading: &FileReading,
     ) -> Result<bool, RenderError> {
+        let other_form = other.stored;
         let Some(as_read) = self.fit_read(gaussians, reading, reading)? else {
             return Ok(true);
         };
         let other = self.fit_read(gaussians, reading, other)?;
         let gain = other.map_or(f64::NEG_INFINITY, |other| other.gain_over(&as_read));
-        Ok(gain >= WORTH_A_LOOK || !as_read.explains() && gain > -MUCH)
+        // Opacities hardly change what the source sees, and proper ones do not look like logarithms.
+        let is_rare = other_form.opacity == Some(StoredOpacity::Log);
+        Ok(gain >= WORTH_A_LOOK
+            || !as_read.explains() && gain > -MUCH
+            || is_rare && gain > -VERY_MUCH)
     }
 
     /// The reading that explains the photograph best, if it is significantly better than `as_read`,
@@ -280,9 +290,10 @@ impl Trial<'_> {
                 consider(FileReading { rule, ..*before }, &decoded)?;
             }
             let map = before.placement.camera_from_file(self.source);
-            let mut stored = decoded.subset(&Seen::of(&decoded, map, &self.intrinsics()).members);
+            let seen = Seen::of(&decoded, map, &self.intrinsics());
+            let mut stored = decoded.subset(&seen.members);
             before.stored.encode(&mut stored);
-            for candidate in numbers(before, &stored) {
+            for candidate in numbers(before, &stored, seen.layers > WIDE_LAYERS) {
                 let mut decoded = stored.clone();
                 candidate.stored.decode(&mut decoded);
                 consider(candidate, &decoded)?;
@@ -310,10 +321,10 @@ impl Trial<'_> {
                 let all = fit.joined(&elsewhere);
                 let recolors = candidate.stored.colors != before.stored.colors;
                 let is_closer = |own: &Likeness, other: &Likeness| {
-                    own.is_closer_than(other)
-                        || recolors
-                            && own.gain_over(other) >= RECOLORED
-                            && own.is_nearer_than(other)
+                    let gain = own.gain_over(other);
+                    let is_form = gain >= RECOLORED
+                        || gain >= RECOLORED_EXACTLY && own.is_as_near_as_exposed(other);
+                    own.is_closer_than(other) || recolors && is_form && own.is_nearer_than(other)
                 };
                 let is_better =
                     fit.explains() && (is_closer(&fit, fit_before) || is_closer(&all, &all_before));
@@ -426,7 +437,9 @@ fn placements(current: Placement, moves: &Moves, is_lost: bool) -> Vec<Placement
 }
 
 /// Alternative interpretations of the stored numbers.
-fn numbers(current: &FileReading, stored: &Gaussians) -> Vec<FileReading> {
+/// `is_wide`: Gaussians cover each other as logarithms to the base of 10 do if they are read as natural ones. Others would
+/// become so narrow that only their centres are drawn, which may resemble the source.
+fn numbers(current: &FileReading, stored: &Gaussians, is_wide: bool) -> Vec<FileReading> {
     let mut all = Vec::new();
     let mut add = |change: &dyn Fn(&mut FileReading)| {
         let mut other = *current;
@@ -459,14 +472,11 @@ fn numbers(current: &FileReading, stored: &Gaussians) -> Vec<FileReading> {
         add(&|other| other.stored.opacity = Some(StoredOpacity::Log));
     }
     let scales = stored.scales.as_flattened();
-    let logarithms = [
-        StoredScales::Log,
-        StoredScales::LogVariance,
-        StoredScales::Log10,
-    ];
-    let is_log = current.stored.scales == Some(StoredScales::Log);
-    if logarithms.map(Some).contains(&current.stored.scales) {
-        for form in logarithms {
+    use StoredScales::{Log, Log10, LogVariance};
+    let is_log = current.stored.scales == Some(Log);
+    if let Some(Log | LogVariance | Log10) = current.stored.scales {
+        let forms = [Log, LogVariance, Log10].into_iter();
+        for form in forms.filter(|form| *form != Log10 || is_wide) {
             add(&|other| other.stored.scales = Some(form));
         }
         if is_log && scales.iter().all(|s| *s >= -1e-4) {

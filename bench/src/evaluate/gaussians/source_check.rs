@@ -339,7 +339,9 @@ fn add_doubts(
             );
             warnings.insert("view".to_owned(), text);
         }
-        _ if let Some(missing) = missing => {
+        _ if let Some(missing) = missing
+            && !is_lost =>
+        {
             let text = format!(
                 "its Gaussians leave {:.0} % of the photograph they were predicted from empty, in large parts full of \
                  detail ({id}): is a part of the file missing? If it shows only an object or a crop, give the dataset \

@@ -358,8 +358,8 @@ fn pairs_whose_disparity_is_something_else_are_named() {
 #[test]
 fn pairs_cropped_at_different_columns_are_named() {
     for (by, said) in [
-        (9, "disparities should be 9 pixels smaller"),
-        (-14, "should be 14 pixels larger"),
+        (9, "disparities should be 9 pixels larger"),
+        (-14, "should be 14 pixels smaller"),
     ] {
         for seed in 0..3 {
             let mut wrong = pair(seed);
