@@ -333,7 +333,7 @@ mod tests {
         }
         assert_eq!(again, reading);
         for (key, value, part) in [
-            ("opacity", "log", "logit or linear"),
+            ("opacity", "percent", "logit or linear"),
             ("scale", "-1", "positive"),
             ("focal", "1:-1", "across and down"),
             ("shift", "1", "X:Y"),

@@ -123,11 +123,11 @@ pub const KINDS: [MethodKind; 8] = [
                 "encoding of the colours, for a PLY that does not state it",
             ),
             (
-                "opacity=linear|byte",
+                "opacity=linear|byte|log",
                 "stored opacities, if not as in a PLY (logit)",
             ),
             (
-                "scales=linear|log-variance",
+                "scales=linear|log-variance|log10",
                 "stored scales, if not as in a PLY (log)",
             ),
             (
@@ -135,7 +135,7 @@ pub const KINDS: [MethodKind; 8] = [
                 "stored quaternions, if not wxyz",
             ),
             (
-                "colors=rgb01|rgb255|logit|dc-uncentered",
+                "colors=rgb01|rgb255|rgb-signed|logit|dc-uncentered",
                 "stored colours, if not as in a PLY (dc)",
             ),
             ("channels=bgr", "order of the colour channels, if not rgb"),

@@ -28,6 +28,10 @@ const LEAST_RELATED: f64 = 0.1;
 /// Row offsets that are tested in both directions, in pixels of the reduced size; less than one pixel of the photograph
 /// is ignored.
 const ROWS: [f64; 7] = [0.25, 0.5, 1.0, 2.0, 3.0, 4.0, 6.0];
+/// Offsets of disparities that are tested in both directions, in pixels of the reduced size, and the least of them that
+/// is reported, in pixels of the photograph.
+const OFFSETS: i32 = 40;
+const LEAST_OFFSET: f64 = 2.0;
 
 /// Number of rotations of the right picture that are tested in either direction.
 const SLOPES: i32 = 14;
@@ -319,6 +323,29 @@ impl Pair {
                         number((10.0 * degrees).round() / 10.0)
                     ),
                     turned(slope, stride),
+                ));
+            }
+        }
+        if self.is_rectified {
+            let moved = |by: f64, stride| self.explained(left, &|d| d + by, stride);
+            let best = |offsets: &mut dyn Iterator<Item = f64>, stride: usize| {
+                let all = offsets.map(|by| (mean_loss(&moved(by, stride)), by));
+                let best = all.min_by(|a, b| a.0.total_cmp(&b.0));
+                best.map_or(0.0, |(_, by)| by)
+            };
+            let coarse = best(&mut (-OFFSETS..=OFFSETS).map(f64::from), 4 * stride);
+            let by = best(&mut (-4..=4).map(|i| coarse + 0.25 * f64::from(i)), stride);
+            if by.abs() * full >= LEAST_OFFSET {
+                let (pixels, way) = (
+                    number((by.abs() * full).round()),
+                    if by > 0.0 { "larger" } else { "smaller" },
+                );
+                readings.push((
+                    format!(
+                        "disparities should be {pixels} pixels {way}: the two pictures were cropped at different \
+                         columns; crop both alike"
+                    ),
+                    moved(by, stride),
                 ));
             }
         }

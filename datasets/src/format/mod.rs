@@ -21,6 +21,18 @@ macro_rules! invalid {
     };
 }
 
+/// True if most values are absurd as read, and hardly any in the other byte order.
+pub(crate) fn is_byte_swapped(values: &[f32]) -> bool {
+    let counts = |v: &f32| v.is_finite() && *v != 0.0;
+    let absurd = |v: &f32| counts(v) && !(1e-10..=1e10).contains(&v.abs());
+    let swapped = values
+        .iter()
+        .map(|v| f32::from_bits(v.to_bits().swap_bytes()));
+    let all = values.iter().filter(|v| counts(v)).count();
+    2 * values.iter().filter(|v| absurd(v)).count() > all
+        && 100 * swapped.filter(absurd).count() <= values.len()
+}
+
 pub mod calib;
 pub mod colmap;
 pub mod colmap_binary;

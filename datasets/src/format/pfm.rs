@@ -3,7 +3,7 @@
 
 use std::path::Path;
 
-use super::{FloatMap, FormatError};
+use super::{FloatMap, FormatError, is_byte_swapped};
 use crate::DatasetError;
 
 /// Reads a `Pf` file, or a `PF` file whose three channels are equal. Values are returned as stored, top row first;
@@ -53,6 +53,17 @@ pub fn parse(bytes: &[u8]) -> Result<FloatMap, FormatError> {
         .chunks_exact(4)
         .map(|b| read([b[0], b[1], b[2], b[3]]))
         .collect();
+    if is_byte_swapped(&stored) {
+        let (said, other) = match scale < 0.0 {
+            true => ("little", "big"),
+            false => ("big", "little"),
+        };
+        return Err(invalid!(
+            "its scale {scale} says that it is {said}-endian, but its values are sensible only as {other}-endian: write \
+             the scale {} into the header",
+            -scale
+        ));
+    }
     let row = width as usize * channels;
     let mut map = FloatMap::new(width, height);
     for (into, from) in map
@@ -182,6 +193,31 @@ mod tests {
             let bytes = [header.as_bytes(), &rows].concat();
             let map = parse(&bytes).unwrap();
             assert_eq!(map.as_raw(), &[1.0, 2.0, 4.5, 6.0], "{header:?}");
+        }
+    }
+
+    #[test]
+    fn a_byte_order_that_contradicts_its_sign_is_refused() {
+        let values: Vec<f32> = (0..64).map(|k| 20.0 + 0.37 * k as f32).collect();
+        let map = FloatMap::from_vec(8, 8, values).unwrap();
+        let marked = FloatMap::from_fn(8, 8, |x, y| match x {
+            0..5 => image::Luma([f32::INFINITY]),
+            _ => *map.get_pixel(x, y),
+        });
+        for map in [map, marked] {
+            let bytes: Vec<u8> = map.as_raw().iter().flat_map(|v| v.to_le_bytes()).collect();
+            let with = |header: &[u8]| parse(&[header, &bytes].concat());
+            assert!(with(b"Pf\n8 8\n-1\n").is_ok());
+            let error = with(b"Pf\n8 8\n1\n").unwrap_err().to_string();
+            assert!(error.contains("sensible only as little-endian"), "{error}");
+        }
+        // Marks only, zeros, or values that are strange in both orders.
+        for value in [f32::INFINITY, f32::NAN, 0.0, 1e-30, -1.0] {
+            let bytes = value.to_be_bytes().repeat(64);
+            assert!(
+                parse(&[b"Pf\n8 8\n1\n", &bytes[..]].concat()).is_ok(),
+                "{value}"
+            );
         }
     }
 

@@ -3,7 +3,7 @@
 
 use std::io::Read;
 
-use super::{FloatMap, FormatError};
+use super::{FloatMap, FormatError, is_byte_swapped};
 
 /// Reads `width · height` values; gzip-compressed files are decompressed. +inf means no depth.
 ///
@@ -27,9 +27,12 @@ pub fn parse(bytes: &[u8], (width, height): (u32, u32)) -> Result<FloatMap, Form
             bytes.len()
         ));
     }
-    let values = bytes
+    let values: Vec<f32> = bytes
         .chunks_exact(4)
         .map(|b| f32::from_le_bytes([b[0], b[1], b[2], b[3]]))
         .collect();
+    if is_byte_swapped(&values) {
+        return Err("its values are sensible only as big-endian: write them little-endian".into());
+    }
     FloatMap::from_vec(width, height, values).ok_or_else(|| "the size overflows".into())
 }

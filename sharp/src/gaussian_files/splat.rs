@@ -1,10 +1,15 @@
 //! `.splat`: 32 bytes per Gaussian, without a header and without view-dependent colour.
 
-use crate::ply::{Decoded, PlyReason, StoredColors, StoredForm, StoredOpacity, StoredScales};
+use crate::ply::{
+    Decoded, PlyReason, StoredColors, StoredForm, StoredOpacity, StoredScales, Suspicion,
+};
 
 /// Bytes per Gaussian: position and standard deviations as f32, colour and opacity as bytes, the quaternion w, x, y, z
 /// as bytes for −1..1.
 const ROW: usize = 32;
+/// Quantisation changes the length of a unit quaternion by at most 0.02. A warning is given if more than one in twenty
+/// differs from 1 by more than this.
+const OFF_UNIT: f32 = 0.1;
 
 pub(super) fn decode(bytes: &[u8]) -> Result<Decoded, PlyReason> {
     let (rows, rest) = bytes.as_chunks::<ROW>();
@@ -38,5 +43,24 @@ pub(super) fn decode(bytes: &[u8]) -> Result<Decoded, PlyReason> {
         let turn = [4, 5, 6, 7].map(|k| f32::from(bytes[k]) / 127.5 - 1.0);
         stored.quaternions.push(turn);
     }
+    out.doubts
+        .extend(broken_quaternions(&out.stored.quaternions));
     Ok(out)
+}
+
+/// A doubt about quaternions whose length is not 1. Those of 0 are ignored.
+fn broken_quaternions(quaternions: &[[f32; 4]]) -> Option<Suspicion> {
+    let lengths = quaternions
+        .iter()
+        .map(|q| q.map(|v| v * v).iter().sum::<f32>().sqrt());
+    let off = lengths.filter(|length| *length > OFF_UNIT && (length - 1.0).abs() > OFF_UNIT);
+    let off = off.count();
+    (20 * off > quaternions.len()).then(|| {
+        let text = format!(
+            "{:.0} % of its quaternions do not have the length 1, so these Gaussians are turned wrongly: were they not \
+             normalised, or did their bytes overflow? Write 128 + 128 q of unit quaternions, clamped to 0..255",
+            100.0 * off as f64 / quaternions.len() as f64
+        );
+        Suspicion::new("quaternion bytes", text)
+    })
 }

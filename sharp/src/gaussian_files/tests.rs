@@ -181,3 +181,35 @@ fn errors_name_the_file() {
     let path = Path::new("/nonexistent/scene.ply");
     assert_eq!(load(path, None).unwrap_err().path, path);
 }
+
+#[test]
+fn splat_quaternions_that_are_not_of_length_1_are_told() {
+    let file = |byte: fn(f32) -> u8| {
+        let rows = (0..200).flat_map(|k| {
+            let (sin, cos) = (k as f32 * 0.1).sin_cos();
+            let turn = [0.8 * cos, 0.8 * sin, -0.6 * cos, 0.6 * sin].map(byte);
+            let mut row = [0_u8; 32];
+            row[12..24].copy_from_slice(&[0.1_f32.to_le_bytes(); 3].concat());
+            row[24..28].copy_from_slice(&[200; 4]);
+            row[28..].copy_from_slice(&turn);
+            row
+        });
+        rows.collect::<Vec<u8>>()
+    };
+    let about = |bytes: Vec<u8>| {
+        let doubts = from_bytes(&bytes, "a.splat", encoded()).unwrap().doubts;
+        doubts
+            .into_iter()
+            .map(|doubt| doubt.text)
+            .collect::<String>()
+    };
+    assert_eq!(about(file(|q| (128.0 + 128.0 * q) as u8)), "");
+    let wrapped: [fn(f32) -> u8; 2] = [
+        |q| (128.0 * q) as i8 as u8,
+        |q| (128.0 + 256.0 * q).rem_euclid(256.0) as u8,
+    ];
+    for wrong in wrapped {
+        let text = about(file(wrong));
+        assert!(text.contains("did their bytes overflow?"), "{text}");
+    }
+}

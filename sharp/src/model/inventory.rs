@@ -96,6 +96,39 @@ impl CheckpointSource {
             .check(&self.expected(config, prefix)?, &[anything])?)
     }
 
+    /// A sentence about weights that end in zeros, as in a file that was written or copied only in part; `None` if there
+    /// are none. Layers that are zero before training do not count.
+    ///
+    /// # Errors
+    /// [`ModelError::Checkpoint`].
+    pub fn zero_tails(&self) -> Result<Option<String>, ModelError> {
+        let (mut count, mut first) = (0, None);
+        for name in self.file.names() {
+            let is_kernel = self.file.shape(name)?.len() >= 2;
+            if !is_kernel || ZERO_BEFORE_TRAINING.iter().any(|part| name.contains(part)) {
+                continue;
+            }
+            let values = self.file.tensor_f32(name)?;
+            let zeros = values
+                .iter()
+                .rev()
+                .take_while(|value| **value == 0.0)
+                .count();
+            let share = zeros as f64 / values.len().max(1) as f64;
+            if share >= LEAST_ZERO_TAIL {
+                count += 1;
+                first.get_or_insert((name, share));
+            }
+        }
+        Ok(first.map(|(name, share)| {
+            format!(
+                "{count} of its weight tensors end in zeros (first {name}, of which {:.0} % are missing), which training \
+                 does not produce: the file was probably written or copied only in part; get it again",
+                100.0 * share
+            )
+        }))
+    }
+
     fn expected(&self, config: &ModelConfig, prefix: &str) -> Result<Vec<Expected>, ModelError> {
         let parameters = inventory(config)?.into_iter();
         let named = parameters.filter(|p| p.name.starts_with(prefix));
@@ -116,6 +149,11 @@ impl CheckpointSource {
         }
     }
 }
+
+/// Parts of names of layers that are zero before training.
+pub const ZERO_BEFORE_TRAINING: [&str; 2] = ["prediction_head.", "scale_map_estimator.conv_out."];
+/// Share of zeros at the end of a tensor from which on values are missing.
+const LEAST_ZERO_TAIL: f64 = 0.1;
 
 const SKIP_CONVOLUTION: &str = "feature_model.image_encoder.conv.weight";
 
@@ -210,6 +248,48 @@ mod tests {
             );
             assert_eq!(*found, *expected, "{}", parameter.name);
         }
+    }
+
+    #[test]
+    fn weights_that_end_in_zeros_are_told_and_untrained_heads_are_not() {
+        assert_eq!(official_tiny().zero_tails().unwrap(), None);
+        let folder = tempfile::tempdir().unwrap();
+        let with_zeros = |part: &str, share: f64| {
+            let path = folder.path().join("zeros.safetensors");
+            let parameters = inventory(&tiny()).unwrap();
+            let tensors = parameters.into_iter().map(|p| sharp_checkpoint::OutTensor {
+                name: p.name,
+                dtype: sharp_checkpoint::DType::F32,
+                shape: p.shape,
+            });
+            let tensors: Vec<_> = tensors.collect();
+            let official = official_tiny();
+            let values = |tensor: &sharp_checkpoint::OutTensor| {
+                let mut values = official.file.tensor_f32(&tensor.name)?;
+                if tensor.name.contains(part) {
+                    let kept = (values.len() as f64 * (1.0 - share)) as usize;
+                    values[kept..].fill(0.0);
+                }
+                let bytes: Vec<u8> = values.iter().flat_map(|v| v.to_le_bytes()).collect();
+                Ok(bytes.into())
+            };
+            sharp_checkpoint::write_safetensors(&path, &BTreeMap::new(), &tensors, values).unwrap();
+            CheckpointSource::open(&path).unwrap().zero_tails().unwrap()
+        };
+        for part in [
+            "prediction_head.",
+            "scale_map_estimator.conv_out.",
+            ".bias",
+            ".gamma",
+        ] {
+            assert_eq!(with_zeros(part, 1.0), None, "{part}");
+        }
+        let text = with_zeros("patch_encoder.patch_embed.proj.weight", 0.5).unwrap();
+        assert!(
+            text.starts_with("1 of its weight tensors")
+                && text.contains("proj.weight, of which 50 %"),
+            "{text}"
+        );
     }
 
     #[test]

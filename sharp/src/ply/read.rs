@@ -179,15 +179,15 @@ pub fn check_stored(stored: &Gaussians, reading: &StoredForm) -> Result<(), PlyR
         advice,
     };
     let mut opacities = stored.opacities.iter().copied();
-    let outside = |o: &f32| !(-1e-4..=1.0001).contains(o) && !o.is_nan();
-    if reading.opacity == Some(StoredOpacity::Linear)
-        && let Some(value) = opacities.find(outside)
+    let range = match reading.opacity {
+        Some(StoredOpacity::Linear) => Some(("an opacity", -1e-4..=1.0001)),
+        Some(StoredOpacity::Log) => Some(("the logarithm of an opacity", f32::NEG_INFINITY..=1e-4)),
+        _ => None,
+    };
+    if let Some((what, range)) = range
+        && let Some(value) = opacities.find(|o| !range.contains(o) && !o.is_nan())
     {
-        return Err(impossible(
-            "an opacity",
-            value,
-            "`opacity=logit` reads logits",
-        ));
+        return Err(impossible(what, value, "`opacity=logit` reads logits"));
     }
     let mut scales = stored.scales.as_flattened().iter().copied();
     if reading.scales == Some(StoredScales::Linear)

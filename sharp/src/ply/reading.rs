@@ -84,6 +84,8 @@ setting!(
     Linear = "linear",
     /// 0..255.
     Byte = "byte",
+    /// ln o.
+    Log = "log",
 );
 setting!(
     /// Encoding of standard deviations.
@@ -94,6 +96,8 @@ setting!(
     Linear = "linear",
     /// Natural logarithms of variances.
     LogVariance = "log-variance",
+    /// Logarithms to the base of 10.
+    Log10 = "log10",
 );
 setting!(
     /// Component order and direction of quaternions.
@@ -113,6 +117,8 @@ setting!(
     DcUncentered = "dc-uncentered",
     /// 0..1.
     Rgb01 = "rgb01",
+    /// −1..1: 2 c − 1.
+    RgbSigned = "rgb-signed",
     /// 0..255; in a PLY without `f_dc_*`, its `red green blue`.
     Rgb255 = "rgb255",
     /// ln(c / (1 − c)), as in nerfstudio's exports of models of degree 0.
@@ -285,12 +291,15 @@ impl StoredForm {
             *opacity = match self.opacity {
                 Some(StoredOpacity::Logit) => sigmoid(*opacity),
                 Some(StoredOpacity::Byte) => byte(*opacity),
+                Some(StoredOpacity::Log) if to_stored => opacity.ln(),
+                Some(StoredOpacity::Log) => opacity.exp(),
                 Some(StoredOpacity::Linear) | None => *opacity,
             };
         }
         let power = match self.scales {
             Some(StoredScales::Log) => 1.0,
             Some(StoredScales::LogVariance) => 2.0,
+            Some(StoredScales::Log10) => std::f64::consts::LOG10_E,
             Some(StoredScales::Linear) | None => 0.0,
         };
         if power > 0.0 {
@@ -321,6 +330,8 @@ impl StoredForm {
             Some(StoredColors::DcUncentered) if to_stored => value / SH_CONSTANT,
             Some(StoredColors::DcUncentered) => value * SH_CONSTANT,
             Some(StoredColors::Rgb255) => byte(value),
+            Some(StoredColors::RgbSigned) if to_stored => 2.0 * value - 1.0,
+            Some(StoredColors::RgbSigned) => (value + 1.0) / 2.0,
             Some(StoredColors::Logit) => sigmoid(value),
             Some(StoredColors::Rgb01) | None => value,
         };

@@ -62,6 +62,17 @@ pub fn suspicions(stored: &Gaussians, given: &StoredForm, format: &StoredForm) -
                     logistic(opacities.most)
                 ),
             ));
+        } else if opacities.is_logarithm() {
+            found.push(Suspicion::new(
+                "opacity=log",
+                format!(
+                    "its opacities may have been stored as logarithms (all stored values are in {:.3}..{:.3}, so as \
+                     logits none would exceed {:.3}; only a photograph can decide): `opacity=log` reads them that way",
+                    opacities.least,
+                    opacities.most,
+                    logistic(opacities.most)
+                ),
+            ));
         } else {
             found.extend(opacities.as_bytes("opacities", "opacity=byte"));
         }
@@ -92,6 +103,15 @@ pub fn suspicions(stored: &Gaussians, given: &StoredForm, format: &StoredForm) -
                     "its colours may be 0..1 instead of coefficients (all stored values are in \
                      {:.3}..{:.3}, as in a pastel scene; only a photograph can decide): \
                      `colors=rgb01` reads them that way",
+                    colors.least, colors.most
+                ),
+            ));
+        } else if is_dc && colors.is_signed() {
+            found.push(Suspicion::new(
+                "colors=rgb-signed",
+                format!(
+                    "its colours may be −1..1 instead of coefficients (all stored values are in {:.3}..{:.3} and fill \
+                     that range; only a photograph can decide): `colors=rgb-signed` reads them that way",
                     colors.least, colors.most
                 ),
             ));
@@ -134,6 +154,8 @@ struct Range {
     most: f32,
     /// Difference between the 1 % and the 99 % quantile.
     spread: f32,
+    /// The 95 % quantile.
+    high: f32,
 }
 
 impl Range {
@@ -146,6 +168,7 @@ impl Range {
             median: at(0.5),
             most: at(1.0),
             spread: at(0.99) - at(0.01),
+            high: at(0.95),
         }
     }
 
@@ -153,6 +176,11 @@ impl Range {
     /// would be a single shade.
     fn is_unit(&self) -> bool {
         self.least >= 0.0 && self.most <= 1.0 && self.spread >= 0.5
+    }
+
+    /// True if all values are in −1..1 and fill this range as the colours of a photograph do.
+    fn is_signed(&self) -> bool {
+        self.least >= -1.0 && self.most <= 1.0 && self.spread >= 1.7
     }
 
     /// A suspicion, if all values are at least 0 and some are far above 1.
@@ -170,11 +198,29 @@ impl Range {
     /// True if all values are in 0..1. If all are equal, also requires the stored value to be a
     /// round number and its logistic not to be.
     fn is_activated(&self) -> bool {
-        let is_round = |value: f32| (value * 1000.0 - (value * 1000.0).round()).abs() < 1e-3;
         let inside = self.least >= 0.0 && self.most <= 1.0;
         inside
             && (self.least < self.most || (is_round(self.least) && !is_round(logistic(self.least))))
     }
+
+    /// True if no value is positive but many are close to 0, as logarithms of opacities are. If all are equal, also
+    /// requires the exponential to be a round number and the logistic not to be.
+    fn is_logarithm(&self) -> bool {
+        let is_constant = self.least == self.most;
+        self.most <= 0.0
+            && match is_constant {
+                true => is_round(self.most.exp()) && !is_round(logistic(self.most)),
+                false => self.high > NEARLY_OPAQUE && self.median > MOSTLY_OPAQUE,
+            }
+    }
+}
+
+/// Logarithms of opacities that one in twenty and half of the Gaussians of a scene exceed.
+const NEARLY_OPAQUE: f32 = -0.25;
+const MOSTLY_OPAQUE: f32 = -0.4;
+
+fn is_round(value: f32) -> bool {
+    (value * 1000.0 - (value * 1000.0).round()).abs() < 1e-3
 }
 
 /// A standard deviation that is implausible in any scene, if half of them are wider than the whole scene or one exceeds

@@ -377,3 +377,67 @@ fn interleaved_coefficients_are_put_in_order_and_back() {
     form.encode(&mut gaussians);
     assert_eq!(gaussians, stored);
 }
+
+/// Stored numbers of a proper file, from opacities and colours of a photograph's range.
+fn varied(store: impl Fn(f32, f32) -> (f32, f32)) -> Gaussians {
+    let share = |k: usize| 0.03 + 0.94 * (k as f32 + 0.5) / 400.0;
+    let mut all = Gaussians::default();
+    for k in 0..400 {
+        let (opacity, color) = store(share(k * 7 % 400).sqrt(), share(k * 11 % 400));
+        all.means.push([k as f32, (k * 3 % 400) as f32, 1.0]);
+        all.quaternions.push([1.0, 0.0, 0.0, 0.0]);
+        all.scales.push([-3.0, -3.1, -3.2]);
+        all.opacities.push(opacity);
+        all.colors.push([color; 3]);
+    }
+    all
+}
+
+#[test]
+fn logarithms_of_opacities_and_signed_colours_are_suspected_and_mended() {
+    let (logit, dc) = (
+        |o: f32| (o / (1.0 - o)).ln(),
+        |c: f32| (c - 0.5) / SH_CONSTANT,
+    );
+    let found = |stored: &Gaussians| {
+        let all = suspicions(stored, &StoredForm::default(), &StoredForm::ply());
+        all.into_iter().map(|doubt| doubt.about).collect::<Vec<_>>()
+    };
+    assert_eq!(found(&varied(|o, c| (logit(o), dc(c)))), [""; 0]);
+    // Low opacities, up to half, and pale colours.
+    let pale = varied(|o, c| (logit(0.5 * o), dc(0.3 + 0.4 * c)));
+    assert_eq!(found(&pale), [""; 0]);
+    let constant = varied(|_, c| (logit(0.1), dc(c)));
+    assert_eq!(found(&constant), [""; 0]);
+    for stored in [
+        varied(|o, c| (o.ln(), dc(c))),
+        varied(|_, c| (0.95_f32.ln(), dc(c))),
+    ] {
+        assert_eq!(found(&stored), ["opacity=log"]);
+    }
+    let signed = varied(|o, c| (logit(o), 2.0 * c - 1.0));
+    assert_eq!(found(&signed), ["colors=rgb-signed"]);
+    let mut reading = StoredForm::ply().or_of(&StoredForm::default());
+    for setting in ["opacity=log", "colors=rgb-signed", "scales=log10"] {
+        let (key, value) = setting.split_once('=').unwrap();
+        reading.set(key, value).unwrap();
+    }
+    let mut decoded = varied(|o, c| (o.ln(), 2.0 * c - 1.0));
+    check_stored(&decoded, &reading).unwrap();
+    reading.blending = ColorSpace::Srgb;
+    reading.decode(&mut decoded);
+    let expected = varied(|o, c| (o, c));
+    for k in 0..400 {
+        assert!((decoded.opacities[k] - expected.opacities[k]).abs() < 1e-6);
+        assert!((decoded.colors[k][0] - expected.colors[k][0]).abs() < 1e-6);
+        assert!((decoded.scales[k][0] - 1e-3).abs() < 1e-8);
+    }
+    reading.encode(&mut decoded);
+    assert!((decoded.scales[0][0] + 3.0).abs() < 1e-5);
+    decoded.opacities[3] = 0.5;
+    let refused = check_stored(&decoded, &reading).unwrap_err().to_string();
+    assert!(
+        refused.contains("the logarithm of an opacity is 0.5"),
+        "{refused}"
+    );
+}

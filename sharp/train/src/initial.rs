@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use sharp::model::config::LAYERS;
-use sharp::model::inventory::CheckpointSource;
+use sharp::model::inventory::{CheckpointSource, ZERO_BEFORE_TRAINING};
 use sharp::model::params::WeightSource;
 use sharp::model::{ModelConfig, ModelError};
 use sharp::random::{SplitMix64, mix, unit};
@@ -89,7 +89,7 @@ impl WeightSource for Untrained {
         let constant = |value: f32| Ok(vec![value; len]);
         let ends = |ends: &[&str]| ends.iter().any(|end| name.ends_with(end));
         let contains = |parts: &[&str]| parts.iter().any(|part| name.contains(part));
-        if contains(&["prediction_head.", "scale_map_estimator.conv_out."]) {
+        if contains(&ZERO_BEFORE_TRAINING) {
             return constant(0.0);
         }
         if ends(&["cls_token"]) {

@@ -5,7 +5,7 @@ use std::path::Path;
 
 use serde::Serialize;
 use serde_json::json;
-use sharp::model::inventory::inventory;
+use sharp::model::inventory::{CheckpointSource, inventory};
 use sharp_checkpoint::{Checkpoint, Expected};
 
 use super::load_config;
@@ -72,6 +72,9 @@ pub(super) fn execute(
     let looks_like_sharp = modules
         .keys()
         .any(|name| name.starts_with("monodepth_model"));
+    if looks_like_sharp && let Some(zeros) = CheckpointSource::open(file)?.zero_tails()? {
+        output::remark(format!("warning: {}: {zeros}", file.display()));
+    }
     if let Some(config) = config.or(looks_like_sharp.then_some("release")) {
         let expected: Vec<Expected> = inventory(&load_config(config)?)?
             .into_iter()

@@ -1,9 +1,12 @@
 //! Coverage of a picture by Gaussians, which determines the cost of sorting and blending them.
 
 use glam::{DMat3, DQuat, DVec3};
+use image::RgbImage;
 use rayon::prelude::*;
 use sharp::gaussians::Gaussians;
 use sharp::render::RenderView;
+
+use crate::rendering::shared::HOLE_ALPHA;
 
 /// Side of a tile, pixels, as in gsplat.
 const TILE: f64 = 16.0;
@@ -11,6 +14,38 @@ const TILE: f64 = 16.0;
 const LEAST_ALPHA: f64 = 1.0 / 255.0;
 /// The projection is linearised up to this distance outside the picture, as a fraction of its sides.
 const MARGIN: f64 = 0.15;
+
+/// Columns and rows of the parts of a picture that are empty or not.
+const PARTS: (u32, u32) = (8, 6);
+/// A part is empty if at most this share of it is covered.
+const MOST_COVERED: f64 = 0.02;
+/// Least share of a picture that is missing, and of its detail in empty parts. A sky or a plain background, where
+/// Gaussians may be missing on purpose, has hardly any.
+const LEAST_MISSING: f64 = 0.3;
+const LEAST_DETAIL: f64 = 0.2;
+
+/// The share of a photograph that Gaussians with this alpha leave empty, if it is large, connected and full of detail.
+pub(in crate::evaluate) fn missing_share(photograph: &RgbImage, alpha: &[f32]) -> Option<f64> {
+    let (width, height) = photograph.dimensions();
+    let mut parts = [(0.0, 0.0, 0.0); (PARTS.0 * PARTS.1) as usize];
+    let level = |x: u32, y: u32| photograph.get_pixel(x.min(width - 1), y.min(height - 1)).0[1];
+    for (at, alpha) in alpha.iter().enumerate() {
+        let (x, y) = (at as u32 % width, at as u32 / width);
+        let part = (y * PARTS.1 / height) * PARTS.0 + x * PARTS.0 / width;
+        let (pixels, covered, detail) = parts.get_mut(part as usize)?;
+        *pixels += 1.0;
+        *covered += f64::from(u8::from(*alpha >= HOLE_ALPHA));
+        // A single sharp edge is not decisive.
+        let step = |other: u8| f64::from(level(x, y).abs_diff(other).min(32)).powi(2);
+        *detail += step(level(x + 1, y)) + step(level(x, y + 1));
+    }
+    let empty = |part: &&(f64, f64, f64)| part.1 <= MOST_COVERED * part.0;
+    let detail: f64 = parts.iter().map(|part| part.2).sum();
+    let lost: f64 = parts.iter().filter(empty).map(|part| part.2).sum();
+    let covered: f64 = parts.iter().map(|part| part.1).sum();
+    let missing = 1.0 - covered / alpha.len().max(1) as f64;
+    (missing >= LEAST_MISSING && detail > 0.0 && lost >= LEAST_DETAIL * detail).then_some(missing)
+}
 
 /// Number of 16 × 16 pixel tiles that the Gaussians' bounding boxes touch, counted once per
 /// Gaussian, and number of tiles in the picture. A box bounds the area in which a Gaussian can
@@ -144,5 +179,29 @@ mod tests {
         assert_eq!(tiles([0.0, 0.0, -2.0], 1.0, 0.04), (0, 12));
         // Covers the whole picture.
         assert_eq!(tiles([0.0, 0.0, 2.0], 1.0, 10.0), (12, 12));
+    }
+
+    #[test]
+    fn large_empty_parts_with_detail_are_missing_and_skies_and_gaps_are_not() {
+        // Waves below a plain sky.
+        let (width, height) = (64, 48);
+        let photograph = |sky: u32| {
+            RgbImage::from_fn(width, height, |x, y| match y < sky {
+                true => image::Rgb([200, 200 + (x % 2) as u8, 220]),
+                false => image::Rgb([(128.0 + 60.0 * (f64::from(x + y)).sin()) as u8; 3]),
+            })
+        };
+        let share = |sky: u32, covered: &dyn Fn(u32, u32) -> bool| {
+            let alpha =
+                (0..width * height).map(|at| f32::from(u8::from(covered(at % width, at / width))));
+            missing_share(&photograph(sky), &alpha.collect::<Vec<_>>())
+        };
+        assert_eq!(share(0, &|_, y| y < 24), Some(0.5));
+        assert_eq!(share(0, &|x, _| x >= 32), Some(0.5));
+        assert_eq!(share(0, &|_, _| true), None);
+        assert_eq!(share(0, &|_, y| y < 36), None);
+        assert_eq!(share(24, &|_, y| y >= 24), None);
+        // Sparse or thin.
+        assert_eq!(share(0, &|x, y| (x + 3 * y) % 7 == 0), None);
     }
 }

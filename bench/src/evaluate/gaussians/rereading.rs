@@ -9,13 +9,14 @@ use sharp::ply::{
     StoredScales,
 };
 use sharp::random::mix;
-use sharp::render::{PrincipalPoint, RenderError, RenderView, Rule};
+use sharp::render::{PrincipalPoint, RenderError, RenderOutput, RenderView, Rule};
 
 use super::footprint::mean_area;
 use super::likeness::Likeness;
 use crate::methods::file_reading::{Axes, FileReading, FileSpace, Placement};
 use crate::pairs::PosedCamera;
 use crate::rendering::SharedRenderer;
+use crate::rendering::shared::HOLE_ALPHA;
 use crate::scoring::Region;
 
 /// A reading is tried only if it has at most this many Gaussians per pixel on average; no
@@ -25,6 +26,7 @@ const MOST_LAYERS: f64 = 3000.0;
 const WORTH_A_LOOK: f64 = 0.25;
 /// If the source loses this much, a form of numbers is ruled out, dB.
 const MUCH: f64 = 1.0;
+const VERY_MUCH: f64 = 3.0;
 /// Errors in other views may grow by at most this factor.
 const NOT_WORSE: f64 = 1.1;
 /// If Gaussians are shifted, errors in other views may be at most this multiple of those before,
@@ -36,11 +38,19 @@ const BEYOND_CHANCE: f64 = 2.0;
 /// Gain that suffices for another form of colours, dB. Such forms may differ only in brightness and
 /// contrast.
 const RECOLORED: f64 = 6.0;
+/// Focal lengths that differ by less than this need [`OF_SMALL_ZOOM`], dB: Gaussians with a wrong shape may fit better by
+/// chance if they are slightly enlarged.
+const SMALL_ZOOM: f64 = 0.05;
+const OF_SMALL_ZOOM: f64 = 1.0;
+/// Standard deviations may be logarithms to the base of 10 only if more Gaussians than this cover a pixel on average.
+const WIDE_LAYERS: f64 = 500.0;
+/// A view is covered from this share on.
+const WHOLE: f64 = 0.7;
+/// The same, if no other brightness and contrast would be better, dB.
+const RECOLORED_EXACTLY: f64 = 2.0;
 /// Minimum area of Gaussians under another order of quaternions, as a share of that as read: most lie on surfaces that
 /// face the camera.
-const FACING: f64 = 0.97;
-/// Minimum gain with other standard deviations, dB.
-const OF_WIDTHS: f64 = 1.0;
+pub(super) const FACING: f64 = 0.97;
 /// Maximum number of settings that may be wrong at once.
 const ROUNDS: usize = 3;
 /// Axes to try: OpenGL's (a rotation about x), rotations about y and z, mirrored ones such as Unity's, and z up.
@@ -135,7 +145,7 @@ impl Trial<'_> {
     }
 
     /// Mean area of Gaussians in this part of the picture.
-    fn mean_area(&self, gaussians: &Gaussians, placement: Placement) -> f64 {
+    pub(super) fn mean_area(&self, gaussians: &Gaussians, placement: Placement) -> f64 {
         let map = placement.camera_from_file(self.source);
         let mut view = RenderView::new(map, self.intrinsics());
         view.rule = self.rule.unwrap_or(view.rule);
@@ -143,12 +153,54 @@ impl Trial<'_> {
         mean_area(&gaussians.subset(&seen.members), &view)
     }
 
-    /// Renders Gaussians into the part; `None` if no Gaussian reaches it, or too many do.
+    /// Compares a rendering of Gaussians with the part; `None` if no Gaussian reaches it, or too many do.
     pub(in crate::evaluate) fn fit(
         &self,
         gaussians: &Gaussians,
         camera_from_file: DAffine3,
     ) -> Result<Option<Likeness>, RenderError> {
+        let output = self.rendered(gaussians, camera_from_file)?;
+        Ok(output.map(|output| {
+            let picture = self.renderer.picture(&output);
+            Likeness::of(self.photograph, self.region, &picture)
+        }))
+    }
+
+    /// Share of the part that Gaussians cover.
+    fn covered(
+        &self,
+        gaussians: &Gaussians,
+        camera_from_file: DAffine3,
+    ) -> Result<f64, RenderError> {
+        let output = self.rendered(gaussians, camera_from_file)?;
+        let alpha = output.map_or_else(Vec::new, |output| output.alpha);
+        let covered = alpha.iter().filter(|alpha| **alpha >= HOLE_ALPHA).count();
+        Ok(covered as f64 / alpha.len().max(1) as f64)
+    }
+
+    /// Whether Gaussians of a world cover most of another view, so that the source is only at their edge.
+    pub(in crate::evaluate) fn is_whole_elsewhere(
+        &self,
+        gaussians: &Gaussians,
+        reading: &FileReading,
+        elsewhere: &[Trial<'_>],
+    ) -> Result<bool, RenderError> {
+        if reading.placement.space != FileSpace::World {
+            return Ok(false);
+        }
+        let mut is_whole = elsewhere.is_empty();
+        for other in elsewhere {
+            let placed = reading.placement.camera_from_file(other.source);
+            is_whole |= other.covered(gaussians, placed)? >= WHOLE;
+        }
+        Ok(is_whole)
+    }
+
+    fn rendered(
+        &self,
+        gaussians: &Gaussians,
+        camera_from_file: DAffine3,
+    ) -> Result<Option<RenderOutput>, RenderError> {
         let mut seen = Seen::of(gaussians, camera_from_file, &self.intrinsics());
         if seen.members.is_empty() || seen.layers > MOST_LAYERS {
             return Ok(None);
@@ -162,8 +214,7 @@ impl Trial<'_> {
         let output = self
             .renderer
             .render(&seen, camera_from_file, intrinsics, rule)?;
-        let picture = self.renderer.picture(&output);
-        Ok(Some(Likeness::of(self.photograph, self.region, &picture)))
+        Ok(Some(output))
     }
 
     /// Whether another form of the stored numbers is still possible: false if the numbers as read
@@ -174,12 +225,17 @@ impl Trial<'_> {
         gaussians: &Gaussians,
         reading: &FileReading,
     ) -> Result<bool, RenderError> {
+        let other_form = other.stored;
         let Some(as_read) = self.fit_read(gaussians, reading, reading)? else {
             return Ok(true);
         };
         let other = self.fit_read(gaussians, reading, other)?;
         let gain = other.map_or(f64::NEG_INFINITY, |other| other.gain_over(&as_read));
-        Ok(gain >= WORTH_A_LOOK || !as_read.explains() && gain > -MUCH)
+        // Opacities hardly change what the source sees, and proper ones do not look like logarithms.
+        let is_rare = other_form.opacity == Some(StoredOpacity::Log);
+        Ok(gain >= WORTH_A_LOOK
+            || !as_read.explains() && gain > -MUCH
+            || is_rare && gain > -VERY_MUCH)
     }
 
     /// The reading that explains the photograph best, if it is significantly better than `as_read`,
@@ -234,9 +290,10 @@ impl Trial<'_> {
                 consider(FileReading { rule, ..*before }, &decoded)?;
             }
             let map = before.placement.camera_from_file(self.source);
-            let mut stored = decoded.subset(&Seen::of(&decoded, map, &self.intrinsics()).members);
+            let seen = Seen::of(&decoded, map, &self.intrinsics());
+            let mut stored = decoded.subset(&seen.members);
             before.stored.encode(&mut stored);
-            for candidate in numbers(before, &stored) {
+            for candidate in numbers(before, &stored, seen.layers > WIDE_LAYERS) {
                 let mut decoded = stored.clone();
                 candidate.stored.decode(&mut decoded);
                 consider(candidate, &decoded)?;
@@ -264,10 +321,10 @@ impl Trial<'_> {
                 let all = fit.joined(&elsewhere);
                 let recolors = candidate.stored.colors != before.stored.colors;
                 let is_closer = |own: &Likeness, other: &Likeness| {
-                    own.is_closer_than(other)
-                        || recolors
-                            && own.gain_over(other) >= RECOLORED
-                            && own.is_nearer_than(other)
+                    let gain = own.gain_over(other);
+                    let is_form = gain >= RECOLORED
+                        || gain >= RECOLORED_EXACTLY && own.is_as_near_as_exposed(other);
+                    own.is_closer_than(other) || recolors && is_form && own.is_nearer_than(other)
                 };
                 let is_better =
                     fit.explains() && (is_closer(&fit, fit_before) || is_closer(&all, &all_before));
@@ -278,6 +335,13 @@ impl Trial<'_> {
                 } else {
                     NOT_WORSE
                 };
+                let zooms = [0, 1].map(|axis| {
+                    let [own, other] = [&candidate, before].map(|reading| reading.placement.focal);
+                    (own[axis] / other[axis] - 1.0).abs()
+                });
+                let zoom = zooms.into_iter().fold(0.0, f64::max);
+                let is_chance =
+                    zoom > 0.0 && zoom < SMALL_ZOOM && fit.gain_over(fit_before) < OF_SMALL_ZOOM;
                 let worse = elsewhere.error() > allowed * fit_elsewhere.error()
                     || is_shift && neighbours.is_empty();
                 // The source itself decides between two forms of colours: in other views, wrong
@@ -292,7 +356,7 @@ impl Trial<'_> {
                 // Wrongly rotated Gaussians are seen more from their edges, which sharpens what is too wide.
                 let is_narrower = candidate.stored.quaternions != before.stored.quaternions
                     && area(&candidate) < FACING * area(before);
-                if is_better && !worse && is_least && !is_narrower {
+                if is_better && !worse && is_least && !is_narrower && !is_chance {
                     chosen = Some((candidate, fit, all));
                 }
             }
@@ -302,21 +366,6 @@ impl Trial<'_> {
             }
         }
         Ok((best.0 != *reading).then_some(best))
-    }
-
-    /// The comparison with standard deviations multiplied by a factor, if it is significantly better than `as_read`.
-    pub(in crate::evaluate) fn fit_with_widths(
-        &self,
-        gaussians: &Gaussians,
-        factor: f64,
-        reading: &FileReading,
-        as_read: &Likeness,
-    ) -> Result<Option<Likeness>, RenderError> {
-        let mut other = gaussians.clone();
-        let scales = other.scales.as_flattened_mut().iter_mut();
-        scales.for_each(|scale| *scale *= factor as f32);
-        let fit = self.fit(&other, reading.placement.camera_from_file(self.source))?;
-        Ok(fit.filter(|fit| fit.is_better_than(as_read) && fit.gain_over(as_read) >= OF_WIDTHS))
     }
 
     /// Renders the Gaussians into other views.
@@ -388,7 +437,9 @@ fn placements(current: Placement, moves: &Moves, is_lost: bool) -> Vec<Placement
 }
 
 /// Alternative interpretations of the stored numbers.
-fn numbers(current: &FileReading, stored: &Gaussians) -> Vec<FileReading> {
+/// `is_wide`: Gaussians cover each other as logarithms to the base of 10 do if they are read as natural ones. Others would
+/// become so narrow that only their centres are drawn, which may resemble the source.
+fn numbers(current: &FileReading, stored: &Gaussians, is_wide: bool) -> Vec<FileReading> {
     let mut all = Vec::new();
     let mut add = |change: &dyn Fn(&mut FileReading)| {
         let mut other = *current;
@@ -415,10 +466,17 @@ fn numbers(current: &FileReading, stored: &Gaussians) -> Vec<FileReading> {
     if current.stored.opacity == Some(StoredOpacity::Logit) && fits(&stored.opacities, 1.0) {
         add(&|other| other.stored.opacity = Some(StoredOpacity::Linear));
     }
+    if current.stored.opacity == Some(StoredOpacity::Logit)
+        && stored.opacities.iter().all(|o| *o <= 1e-4)
+    {
+        add(&|other| other.stored.opacity = Some(StoredOpacity::Log));
+    }
     let scales = stored.scales.as_flattened();
-    let is_log = current.stored.scales == Some(StoredScales::Log);
-    if is_log || current.stored.scales == Some(StoredScales::LogVariance) {
-        for form in [StoredScales::Log, StoredScales::LogVariance] {
+    use StoredScales::{Log, Log10, LogVariance};
+    let is_log = current.stored.scales == Some(Log);
+    if let Some(Log | LogVariance | Log10) = current.stored.scales {
+        let forms = [Log, LogVariance, Log10].into_iter();
+        for form in forms.filter(|form| *form != Log10 || is_wide) {
             add(&|other| other.stored.scales = Some(form));
         }
         if is_log && scales.iter().all(|s| *s >= -1e-4) {
@@ -435,6 +493,10 @@ fn numbers(current: &FileReading, stored: &Gaussians) -> Vec<FileReading> {
         (StoredColors::Logit, is_dc),
         (StoredColors::DcUncentered, is_dc),
         (StoredColors::Rgb01, is_dc && fits(colors, 1.0)),
+        (
+            StoredColors::RgbSigned,
+            is_dc && colors.iter().all(|v| v.abs() <= 1.0001),
+        ),
         (
             StoredColors::Rgb255,
             fits(colors, 255.0) && colors.iter().any(|v| *v > 1.0),

@@ -69,10 +69,16 @@ pub fn named_network(
             Some(_) => return Err(NetworkError::TwoConfigs),
         },
         (Some(file), config) => return network_of(file, config),
-        (None, config) => (
-            find_checkpoint()?,
-            config.map_or_else(|| Ok(ModelConfig::release()), ModelConfig::load)?,
-        ),
+        (None, config) => {
+            let found = find_checkpoint()?;
+            let config = config.map_or_else(|| Ok(ModelConfig::release()), ModelConfig::load)?;
+            let notes = CheckpointSource::open(&found)?.zero_tails()?;
+            return Ok(NetworkSpec {
+                config,
+                notes: notes.into_iter().collect(),
+                ..NetworkSpec::release(found)
+            });
+        }
     };
     Ok(NetworkSpec {
         config,
@@ -90,6 +96,7 @@ fn network_of(file: &Path, config: Option<&str>) -> Result<NetworkSpec, NetworkE
     notes.extend(source.left_out().map(|prefix| {
         format!("all names in the checkpoint have the prefix `{prefix}`, which is ignored")
     }));
+    notes.extend(source.zero_tails()?);
     let release = ModelConfig::release();
     let own = ModelConfig::all_of(&file.with_extension("json"));
     let config = match config {

@@ -354,6 +354,30 @@ fn pairs_whose_disparity_is_something_else_are_named() {
     }
 }
 
+/// The right picture begins this many columns further right than its camera says.
+#[test]
+fn pairs_cropped_at_different_columns_are_named() {
+    for (by, said) in [
+        (9, "disparities should be 9 pixels larger"),
+        (-14, "should be 14 pixels smaller"),
+    ] {
+        for seed in 0..3 {
+            let mut wrong = pair(seed);
+            change(&mut wrong[1..], |c| {
+                let before = c.picture.clone();
+                let last = before.width() as i32 - 1;
+                let from = |x: u32| (x as i32 + by).clamp(0, last) as u32;
+                let moved = RgbImage::from_fn(before.width(), before.height(), |x, y| {
+                    *before.get_pixel(from(x), y)
+                });
+                c.turn(|_: &RgbImage| moved.clone());
+            });
+            let (text, _) = of_pair(wrong);
+            assert!(text.contains(said), "{seed} {by}: {text}");
+        }
+    }
+}
+
 #[test]
 fn pairs_without_disparity_are_judged_by_their_rows() {
     let folder = tempfile::tempdir().unwrap();

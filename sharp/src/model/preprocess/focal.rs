@@ -80,16 +80,23 @@ impl Focal {
             )],
             (Some(exif), _) => {
                 let stated = stated_size(exif, size);
+                let sensor = Sensor::of(exif, stated.unwrap_or(size), size);
+                let other = sensor.filter(|sensor| (sensor.px / px - 1.0).abs() > TOLERANCE);
                 let crop = match stated {
-                    Some(stated) => crop(stated, size, mm, px),
+                    Some(stated) => {
+                        let factor = other.map_or(1.0, |sensor| sensor.px / px);
+                        crop(stated, size, mm * factor, px)
+                    }
                     None => shape(size, px),
                 };
-                let sensor = match sensor_columns(exif) {
-                    Some(columns) => sensor(exif, columns, stated.unwrap_or(size), size, px),
-                    None => unknown_sensor(source, px),
+                let doubts = match (crop, other) {
+                    (Some(crop), Some(sensor)) => [Some(crop + &sensor.note()), None],
+                    (crop, Some(sensor)) => [crop, Some(sensor.text(source, px))],
+                    (crop, None) if sensor.is_none() => [crop, unknown_sensor(source, px)],
+                    (crop, None) => [crop, None],
                 };
-                let doubts = [crop, unlikely(source, px), sensor];
-                doubts.into_iter().flatten().collect()
+                let doubts = doubts.into_iter().chain([unlikely(source, px)]);
+                doubts.flatten().collect()
             }
         };
         Self {
@@ -140,7 +147,7 @@ fn shape((width, height): (f64, f64), px: f64) -> Option<String> {
 }
 
 /// Warns if the picture was cropped, or may have been. A picture that is smaller than its file states was either
-/// resized (then `px` is right) or cropped.
+/// resized or cropped. `mm` is the 35 mm equivalent; `px` was derived from the file without its sensor.
 fn crop(stated: (f64, f64), size: (f64, f64), mm: f64, px: f64) -> Option<String> {
     let is_larger = |a: f64, b: f64| a > b * (1.0 + SIDE_TOLERANCE);
     let factors = (stated.0 / size.0, stated.1 / size.1);
@@ -168,8 +175,9 @@ fn crop(stated: (f64, f64), size: (f64, f64), mm: f64, px: f64) -> Option<String
         )
     } else {
         format!(
-            "{sizes}: the focal length is {px:.2} px if it was resized, {cropped:.2} px if it was cropped; set \
-             --focal-px"
+            "{sizes}: the focal length is {:.2} px if it was resized, {cropped:.2} px if it was cropped; set \
+             --focal-px",
+            px_from_35mm(mm, size)
         )
     })
 }
@@ -203,36 +211,59 @@ fn positive(exif: &Exif, tag: Tag) -> Option<f64> {
     number(exif, tag).filter(|v| v.is_finite() && *v > 0.0)
 }
 
-/// Columns per unit of length on the sensor, and the lens's focal length in millimetres.
-fn sensor_columns(exif: &Exif) -> Option<(f64, f64)> {
-    let per_unit = positive(exif, Tag::FocalPlaneXResolution)?;
-    Some((per_unit, positive(exif, Tag::FocalLength)?))
+/// A focal length from the file's pixel pitch on the sensor.
+#[derive(Debug, Clone, Copy)]
+struct Sensor {
+    lens_mm: f64,
+    width_mm: f64,
+    px: f64,
 }
 
-/// Warns if the sensor's pixel pitch implies a different focal length.
-fn sensor(
-    exif: &Exif,
-    (per_unit, lens_mm): (f64, f64),
-    stated: (f64, f64),
-    size: (f64, f64),
-    px: f64,
-) -> Option<String> {
-    let unit_mm = match number(exif, Tag::FocalPlaneResolutionUnit).map(|unit| unit as i64) {
-        Some(3) => 10.0,
-        Some(4) => 1.0,
-        Some(5) => 0.001,
-        _ => 25.4,
-    };
-    let zoom = positive(exif, Tag::DigitalZoomRatio).unwrap_or(1.0);
-    let columns = stated.0.max(stated.1);
-    let sensor_mm = columns / per_unit * unit_mm;
-    let by_sensor = lens_mm * zoom * size.0.max(size.1) / sensor_mm;
-    ((by_sensor / px - 1.0).abs() > TOLERANCE).then(|| {
-        format!(
-            "according to the file's FocalPlaneXResolution the sensor is {sensor_mm:.1} mm wide, so its {lens_mm} mm \
-             lens has {by_sensor:.2} px, not {px:.2} px; set --focal-px"
-        )
-    })
+impl Sensor {
+    /// `None` if the file does not state the pitch.
+    fn of(exif: &Exif, stated: (f64, f64), size: (f64, f64)) -> Option<Self> {
+        let per_unit = positive(exif, Tag::FocalPlaneXResolution)?;
+        let lens_mm = positive(exif, Tag::FocalLength)?;
+        let unit_mm = match number(exif, Tag::FocalPlaneResolutionUnit).map(|unit| unit as i64) {
+            Some(3) => 10.0,
+            Some(4) => 1.0,
+            Some(5) => 0.001,
+            _ => 25.4,
+        };
+        let zoom = positive(exif, Tag::DigitalZoomRatio).unwrap_or(1.0);
+        let width_mm = stated.0.max(stated.1) / per_unit * unit_mm;
+        Some(Self {
+            lens_mm,
+            width_mm,
+            px: lens_mm * zoom * size.0.max(size.1) / width_mm,
+        })
+    }
+
+    /// What a warning about a crop adds.
+    fn note(self) -> String {
+        let Self { width_mm, .. } = self;
+        format!(" (by the file's FocalPlaneXResolution, the sensor is {width_mm:.1} mm wide)")
+    }
+
+    /// A warning that the focal length differs from `px`. The 35 mm equivalent stays right if a picture is resized, the
+    /// pixel pitch if it is cropped.
+    fn text(self, source: FocalSource, px: f64) -> String {
+        let Self {
+            lens_mm,
+            width_mm,
+            px: by_sensor,
+        } = self;
+        match source {
+            FocalSource::Equivalent35mm(_) if by_sensor > px => format!(
+                "the file's 35 mm equivalent gives {px:.2} px, its FocalPlaneXResolution {by_sensor:.2} px: the \
+                 former is right if the picture was resized, the latter if it was cropped; set --focal-px"
+            ),
+            _ => format!(
+                "according to the file's FocalPlaneXResolution the sensor is {width_mm:.1} mm wide, so its {lens_mm} \
+                 mm lens has {by_sensor:.2} px, not {px:.2} px; set --focal-px"
+            ),
+        }
+    }
 }
 
 /// First number of a tag; the main directory takes precedence over the Exif one.

@@ -24,6 +24,9 @@ use crate::image_file::{self, AlphaRule, OrientationRule, PictureRules};
 
 pub use focal::{FocalSource, focal_px_from_35mm};
 
+/// Least focal length, in picture widths, that is taken without a warning: a field of view of 136 degrees.
+const LEAST_WIDTHS: f64 = 0.2;
+
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PhotoOptions {
     /// Focal length in pixels of the (upright) image; overrides the file's.
@@ -143,6 +146,14 @@ fn photo_from_bytes(
     };
     if !(focal_px.is_finite() && focal_px > 0.0) {
         return refuse(format!("a focal length of {focal_px} pixels"));
+    }
+    if focal_source == FocalSource::Given && focal_px < LEAST_WIDTHS * width as f64 {
+        warnings.push(format!(
+            "a focal length of {focal_px} px would be a field of view of {:.0} degrees in a picture {width} pixels \
+             wide: is it in millimetres? On 35 mm film, {focal_px} mm would be {:.2} px; set --focal-px",
+            2.0 * (width as f64 / (2.0 * focal_px)).atan().to_degrees(),
+            focal_px_from_35mm(focal_px, width, height)
+        ));
     }
     Ok(Photo {
         values,

@@ -191,6 +191,61 @@ fn a_given_focal_length_wins_and_is_checked() {
 }
 
 #[test]
+fn millimetres_given_for_pixels_are_warned_about() {
+    let said = |focal_px| {
+        let options = PhotoOptions {
+            focal_px: Some(focal_px),
+            ..PhotoOptions::default()
+        };
+        let photo = photo_from_bytes(Path::new("p"), &png(RgbImage::new(360, 240)), &options);
+        photo.unwrap().warnings.join("; ")
+    };
+    let text = said(26.0);
+    assert!(
+        text.contains("is it in millimetres?") && text.contains("26 mm would be 260.00 px"),
+        "{text}"
+    );
+    assert_eq!(said(75.0), "");
+}
+
+/// A picture that is smaller than its file states, from a sensor that is smaller than film.
+#[test]
+fn shrunk_photographs_are_warned_about_once() {
+    const COLUMNS_PER_UNIT: u16 = 0xa20e;
+    const UNIT: u16 = 0xa210;
+    let said = |size: (u32, u32), entries: &[Entry]| {
+        let photo = read(&with_exif_of(&RgbImage::new(size.0, size.1), 1, entries)).unwrap();
+        photo.warnings
+    };
+    // A 50 mm lens on 25 columns a millimetre: 600 columns are 24 mm wide.
+    let pitch = [(FOCAL, 5, 500), (COLUMNS_PER_UNIT, 5, 250), (UNIT, 3, 4)];
+    let size = [(0xa002, 4, 600), (0xa003, 4, 400)];
+    let text = said((300, 200), &[&pitch[..], &size].concat());
+    assert_eq!(text.len(), 1, "{text:?}");
+    for part in [
+        "625.00 px if it was resized",
+        "1250.00 px if it was cropped",
+        "24.0 mm wide",
+    ] {
+        assert!(text[0].contains(part), "{text:?}");
+    }
+    // The size is that of the small picture, or none.
+    let equivalent = (FOCAL_35MM, 3, 75);
+    for sizes in [&[(0xa002, 4, 300), (0xa003, 4, 200)][..], &[]] {
+        let text = said((300, 200), &[&[equivalent][..], &pitch, sizes].concat());
+        assert_eq!(text.len(), 1, "{text:?}");
+        assert!(
+            text[0].contains("the latter if it was cropped") && text[0].contains("1250.00 px"),
+            "{text:?}"
+        );
+    }
+    assert_eq!(
+        said((600, 400), &[&[equivalent][..], &pitch, &size].concat()),
+        [""; 0]
+    );
+}
+
+#[test]
 fn orientations() {
     // The first pixel of the upright picture, as (column, row) of the stored one.
     for (orientation, size, first) in [

@@ -1,0 +1,157 @@
+//! Gaussians whose means were changed without the rest, which no setting mends.
+
+use glam::{DMat3, DQuat, DVec3};
+use sharp::gaussians::Gaussians;
+use sharp::render::RenderError;
+
+use super::likeness::Likeness;
+use super::rereading::{FACING, Seen, Trial};
+use crate::methods::file_reading::{Axes, FileReading, FileSpace, Placement};
+
+/// Factors of standard deviations to try.
+const WIDTHS: [f64; 8] = [1.0 / 3.0, 0.1, 0.01, 0.001, 3.0, 10.0, 100.0, 1000.0];
+/// Minimum gain with narrower and with wider standard deviations, dB. Crude but correct Gaussians, and those with holes,
+/// gain less.
+const OF_NARROWER: f64 = 4.0;
+const OF_WIDER: f64 = 6.0;
+/// Minimum gain with a factor that depth suggests, dB.
+const OF_WIDTHS: f64 = 1.0;
+/// Wider Gaussians are not tried beyond this many per pixel.
+const MOST_LAYERS: f64 = 300.0;
+/// Smaller turns are not tried, degrees.
+const LEAST_TURN_DEG: f64 = 3.0;
+
+impl Trial<'_> {
+    /// The comparison with standard deviations multiplied by a factor, if it is significantly better than `as_read`.
+    pub(in crate::evaluate) fn fit_with_widths(
+        &self,
+        gaussians: &Gaussians,
+        factor: f64,
+        reading: &FileReading,
+        as_read: &Likeness,
+    ) -> Result<Option<Likeness>, RenderError> {
+        let mut other = gaussians.clone();
+        let scales = other.scales.as_flattened_mut().iter_mut();
+        scales.for_each(|scale| *scale *= factor as f32);
+        let fit = self.fit(&other, reading.placement.camera_from_file(self.source))?;
+        Ok(fit.filter(|fit| fit.is_better_than(as_read) && fit.gain_over(as_read) >= OF_WIDTHS))
+    }
+
+    /// A factor of the standard deviations with which Gaussians match far better. Narrower ones are tried only if the
+    /// rendering is blurred, and the first that match are taken: if only the centres of Gaussians are drawn, these
+    /// resemble the source even better.
+    pub(in crate::evaluate) fn other_widths(
+        &self,
+        gaussians: &Gaussians,
+        reading: &FileReading,
+        as_read: &Likeness,
+        is_blurred: bool,
+    ) -> Result<Option<(f64, Likeness)>, RenderError> {
+        let map = reading.placement.camera_from_file(self.source);
+        let mut best: Option<(f64, Likeness)> = None;
+        for factor in WIDTHS
+            .into_iter()
+            .filter(|factor| *factor > 1.0 || is_blurred)
+        {
+            if best.as_ref().is_some_and(|(known, _)| *known < 1.0) {
+                break;
+            }
+            let mut other = gaussians.clone();
+            let scales = other.scales.as_flattened_mut().iter_mut();
+            scales.for_each(|scale| *scale *= factor as f32);
+            if factor > 1.0 && Seen::of(&other, map, &self.source.intrinsics).layers > MOST_LAYERS {
+                break;
+            }
+            let least = if factor < 1.0 { OF_NARROWER } else { OF_WIDER };
+            if let Some(fit) = self.fit(&other, map)?
+                && fit.is_better_than(as_read)
+                && fit.gain_over(as_read) >= least
+                && best
+                    .as_ref()
+                    .is_none_or(|(_, known)| fit.error() < known.error())
+            {
+                best = Some((factor, fit));
+            }
+        }
+        Ok(best)
+    }
+
+    /// A turn of the quaternions, in degrees, with which Gaussians match significantly better: one that their means have
+    /// had, or that the reading gives them.
+    pub(in crate::evaluate) fn other_turn(
+        &self,
+        gaussians: &Gaussians,
+        reading: &FileReading,
+        as_read: &Likeness,
+    ) -> Result<Option<(f64, Likeness)>, RenderError> {
+        let placement = reading.placement;
+        let map = placement.camera_from_file(self.source);
+        let own_area = self.mean_area(gaussians, placement);
+        let mut best: Option<(f64, Likeness)> = None;
+        for turn in self.turns(placement) {
+            let mut other = gaussians.clone();
+            for quaternion in &mut other.quaternions {
+                let [w, x, y, z] = quaternion.map(f64::from);
+                let turned = turn * DQuat::from_xyzw(x, y, z, w);
+                *quaternion = [turned.w, turned.x, turned.y, turned.z].map(|v| v as f32);
+            }
+            // Wrongly rotated Gaussians are seen more from their edges, which sharpens what is too wide.
+            if self.mean_area(&other, placement) >= FACING * own_area
+                && let Some(fit) = self.fit(&other, map)?
+                && fit.is_better_than(as_read)
+                && best
+                    .as_ref()
+                    .is_none_or(|(_, known)| fit.error() < known.error())
+            {
+                best = Some((degrees(turn), fit));
+            }
+        }
+        Ok(best)
+    }
+
+    /// Rotations of the placement as a whole, of the source's pose and of `transform=`, each in both directions, and
+    /// half turns about the axes.
+    fn turns(&self, placement: Placement) -> Vec<DQuat> {
+        let rigid = Placement {
+            shift: [0.0; 2],
+            focal: [1.0; 2],
+            ..placement
+        };
+        let world = Placement {
+            space: FileSpace::World,
+            ..Placement::default()
+        };
+        let own = Placement {
+            space: FileSpace::Camera,
+            axes: Axes::OPENCV,
+            ..rigid
+        };
+        let mut all: Vec<DQuat> = [DVec3::X, DVec3::Y, DVec3::Z]
+            .map(|axis| DQuat::from_axis_angle(axis, std::f64::consts::PI))
+            .into();
+        for placement in [rigid, world, own] {
+            let turn = rotation(placement.camera_from_file(self.source).matrix3);
+            all.extend([turn, turn.inverse()]);
+        }
+        let mut kept: Vec<DQuat> = Vec::new();
+        for turn in all {
+            let is_new = kept
+                .iter()
+                .all(|known| degrees(turn * known.inverse()) > LEAST_TURN_DEG);
+            if is_new && degrees(turn) > LEAST_TURN_DEG {
+                kept.push(turn);
+            }
+        }
+        kept
+    }
+}
+
+/// The rotation of a similarity; of a mirrored one, that of its negative, which turns Gaussians in the same way.
+fn rotation(matrix: DMat3) -> DQuat {
+    let scale = matrix.determinant().cbrt();
+    DQuat::from_mat3(&(matrix * scale.recip())).normalize()
+}
+
+fn degrees(turn: DQuat) -> f64 {
+    2.0 * turn.w.abs().min(1.0).acos().to_degrees()
+}

@@ -1,0 +1,589 @@
+//! Wrong files and readings are named, and proper ones are not.
+
+use glam::{DAffine3, DMat3, DQuat, DVec3};
+use image::Luma;
+use sharp::camera::{Intrinsics, RigidTransform};
+use sharp::color::srgb_from_linear;
+use sharp::gaussians::Gaussians;
+
+use super::*;
+use crate::evaluate::doubts::doubts_of;
+use crate::methods::{GaussianSpace, TrueDepth};
+
+fn source() -> PosedCamera {
+    // Turned about the vertical axis and moved, so that world space and camera space differ.
+    let (sin, cos) = 0.4_f64.sin_cos();
+    PosedCamera {
+        id: "s".to_owned(),
+        intrinsics: Intrinsics::new((40.0, 40.0), (20.0, 16.0), (40, 32)).unwrap(),
+        camera_from_world: RigidTransform::from_row_major(&[
+            cos, 0.0, sin, 0.3, 0.0, 1.0, 0.0, -0.2, -sin, 0.0, cos, 0.5, 0.0, 0.0, 0.0, 1.0,
+        ])
+        .unwrap(),
+    }
+}
+
+/// A wall of coloured Gaussians in camera space, 2 m in front of the camera: one per pixel, all
+/// at different depths.
+fn wall() -> Gaussians {
+    let k = source().intrinsics;
+    let mut wall = Gaussians::default();
+    for y in 0..k.height {
+        for x in 0..k.width {
+            let at = |p: u32, c: f64, f: f64| (2.0 * (f64::from(p) + 0.5 - c) / f) as f32;
+            let place = sharp::random::mix(u64::from(y * k.width + x)) % 4096;
+            let z = 2.0 + (place as f32 - 2048.0) * 2.5e-7;
+            wall.means.push([at(x, k.cx, k.fx), at(y, k.cy, k.fy), z]);
+            wall.quaternions.push([1.0, 0.0, 0.0, 0.0]);
+            wall.scales.push([0.03, 0.03, 1e-3]);
+            wall.opacities.push(0.95);
+            wall.colors.push([
+                0.2 + 0.6 * (x / 8 % 2) as f32,
+                0.1 + 0.02 * y as f32,
+                0.3 + 0.4 * ((x + y) / 16 % 2) as f32,
+            ]);
+        }
+    }
+    wall
+}
+
+fn mapped(gaussians: &Gaussians, map: DAffine3) -> Gaussians {
+    let point = |m: &[f32; 3]| map.transform_point3(DVec3::from(m.map(f64::from)));
+    Gaussians {
+        means: gaussians
+            .means
+            .iter()
+            .map(|m| point(m).as_vec3().to_array())
+            .collect(),
+        // Gaussians are spherical, so rotations do not change them.
+        scales: vec![[0.03; 3]; gaussians.len()],
+        ..gaussians.clone()
+    }
+}
+
+fn recolored(gaussians: &Gaussians, convert: fn(f32) -> f32) -> Gaussians {
+    let colors = gaussians.colors.iter().map(|color| color.map(convert));
+    Gaussians {
+        colors: colors.collect(),
+        ..gaussians.clone()
+    }
+}
+
+/// The wall as seen by the source's camera.
+fn photograph() -> RgbImage {
+    let (round, renderer) = (mapped(&wall(), DAffine3::IDENTITY), SharedRenderer::cpu());
+    let truth = renderer.render(&round, DAffine3::IDENTITY, source().intrinsics, None);
+    renderer.picture(&truth.unwrap())
+}
+
+fn doubt_about(gaussians: Gaussians) -> Option<String> {
+    doubt_about_read(gaussians, FileReading::of_arrays())
+}
+
+/// Like [`doubt_about_read`], for Gaussians in world space.
+fn doubt_about_world(gaussians: Gaussians, reading: FileReading) -> Option<String> {
+    let map = reading.placement.camera_from_file(&source());
+    doubt_of(
+        &source(),
+        GaussianSpace::Camera(map),
+        &photograph(),
+        gaussians,
+        reading,
+        None,
+    )
+}
+
+fn doubt_about_read(gaussians: Gaussians, reading: FileReading) -> Option<String> {
+    doubt_beside(&photograph(), gaussians, reading, None)
+}
+
+/// `suggested` is a setting that the numbers suggest.
+fn doubt_beside(
+    photograph: &RgbImage,
+    gaussians: Gaussians,
+    reading: FileReading,
+    suggested: Option<&str>,
+) -> Option<String> {
+    doubt_of(
+        &source(),
+        GaussianSpace::CAMERA,
+        photograph,
+        gaussians,
+        reading,
+        suggested,
+    )
+}
+
+fn doubt_of(
+    source: &PosedCamera,
+    space: GaussianSpace,
+    photograph: &RgbImage,
+    gaussians: Gaussians,
+    reading: FileReading,
+    suggested: Option<&str>,
+) -> Option<String> {
+    let depth = DepthMap::from_pixel(40, 32, Luma([2.0]));
+    let facts = facts_of(
+        source,
+        space,
+        photograph,
+        gaussians,
+        reading,
+        suggested,
+        Some(&depth),
+    );
+    let mut record = crate::evaluate::record::tests::record();
+    record.median_depth_m = Some(2.0);
+    (record.warnings, record.extras) = (facts.warnings, facts.extras);
+    let found = doubts_of([&record].into_iter(), "gaussians", TrueDepth::None);
+    (!found.is_empty()).then(|| found.join("; "))
+}
+
+fn facts_of(
+    source: &PosedCamera,
+    space: GaussianSpace,
+    photograph: &RgbImage,
+    gaussians: Gaussians,
+    reading: FileReading,
+    suggested: Option<&str>,
+    depth: Option<&DepthMap>,
+) -> SourceFacts {
+    let renderer = SharedRenderer::cpu();
+    let prediction = GaussianPrediction {
+        rule: reading.rule,
+        rule_note: None,
+        gaussians,
+        space,
+        first_layer: None,
+        extras: BTreeMap::new(),
+        reading: Some(reading),
+        warnings: suggested
+            .map(|setting| (setting.to_owned(), format!("suggested: {setting}")))
+            .into_iter()
+            .collect(),
+    };
+    let pairing = sharp_datasets::Pairing::MultiView;
+    let scene = Scene::new("m", "s", Vec::new(), pairing);
+    let checked = CheckedSource {
+        camera: source,
+        photograph,
+        valid: None,
+        depth,
+        scene: &scene,
+        is_chosen: true,
+    };
+    check_source(&prediction, &checked, &renderer).unwrap()
+}
+
+#[test]
+fn a_wrong_frame_colour_space_or_unit_is_named_and_a_right_one_is_not() {
+    let round = mapped(&wall(), DAffine3::IDENTITY);
+    assert_eq!(doubt_about(round.clone()), None);
+    let gl = DAffine3::from_mat3(DMat3::from_diagonal(DVec3::new(1.0, -1.0, -1.0)));
+    let world = source().camera_from_world.to_affine().inverse();
+    let normalized = placed(GaussianSpace::Normalized, &source(), &source()).inverse();
+    let millimetres = DAffine3::from_scale(DVec3::splat(1000.0));
+    let in_millimetres = Gaussians {
+        scales: vec![[30.0; 3]; round.len()],
+        ..mapped(&round, millimetres)
+    };
+    let in_millimetres_too = in_millimetres.clone();
+    let in_feet = Gaussians {
+        scales: vec![[0.1; 3]; round.len()],
+        ..mapped(&round, DAffine3::from_scale(DVec3::splat(1.0 / 0.3)))
+    };
+    let mut bgr = round.clone();
+    bgr.colors.iter_mut().for_each(|color| color.reverse());
+    let in_normalized = Gaussians {
+        scales: vec![[0.06, 0.075, 0.03]; round.len()],
+        ..mapped(&round, normalized)
+    };
+    for (gaussians, words) in [
+        (mapped(&round, gl), "with `axes=rub`: "),
+        (mapped(&round, world), "with `space=world`: "),
+        (in_normalized, "with `space=normalized`: "),
+        (
+            recolored(&round, srgb_from_linear),
+            "with `color_space=srgb`: ",
+        ),
+        (
+            recolored(&mapped(&round, gl), srgb_from_linear),
+            "with `color_space=srgb` and `axes=rub`: ",
+        ),
+        (
+            in_millimetres,
+            "times as far away as the dataset's depth (s): use `scale=0.001`",
+        ),
+        (in_feet, "use `scale=0.3`"),
+        (bgr, "with `channels=bgr`: "),
+        (
+            recolored(&round, |_| 0.9),
+            "no other reading that was tried",
+        ),
+        // Reporting one doubt does not hide another.
+        (recolored(&in_millimetres_too, |_| 0.9), "times as far away"),
+    ] {
+        let said = doubt_about(gaussians).unwrap_or_default();
+        assert!(said.contains(words), "{words}: {said}");
+    }
+}
+
+/// Colours stored in another form than as coefficients, as in a PLY read without a setting.
+#[test]
+fn colours_of_another_form_are_named() {
+    let mut reading = FileReading::of_arrays();
+    reading.stored.colors = Some(sharp::ply::StoredColors::Dc);
+    let read_as_dc = |store: fn(f32) -> f32| {
+        let mut stored = recolored(&mapped(&wall(), DAffine3::IDENTITY), store);
+        reading.stored.decode(&mut stored);
+        doubt_about_read(stored, reading).unwrap_or_default()
+    };
+    for (store, words) in [
+        ((|c| c * 255.0) as fn(f32) -> f32, "with `colors=rgb255`: "),
+        (|c| c, "with `colors=rgb01`: "),
+        (|c| c / 0.282_094_79, "with `colors=dc-uncentered`: "),
+    ] {
+        let said = read_as_dc(store);
+        assert!(said.contains(words), "{words}: {said}");
+    }
+    assert_eq!(read_as_dc(|c| (c - 0.5) / 0.282_094_79), "");
+}
+
+#[test]
+fn what_numbers_suggest_is_told_where_the_photograph_does_not_refute_it() {
+    let round = mapped(&wall(), DAffine3::IDENTITY);
+    let mut dc = FileReading::of_arrays();
+    dc.stored.colors = Some(sharp::ply::StoredColors::Dc);
+    let rgb01 = Some("colors=rgb01");
+    // A pastel wall, whose coefficients are all in 0..1.
+    let pastel = recolored(&round, |c| 0.5 + 0.28 * c);
+    let seen = SharedRenderer::cpu();
+    let shown = seen.render(&pastel, DAffine3::IDENTITY, source().intrinsics, None);
+    let shown = seen.picture(&shown.unwrap());
+    assert_eq!(doubt_beside(&shown, pastel, dc, rgb01), None);
+    let mut misread = round.clone();
+    dc.stored.decode(&mut misread);
+    let said = doubt_beside(&photograph(), misread, dc, rgb01).unwrap();
+    assert!(
+        said.contains("suggested: ") && said.contains("with `colors=rgb01`: "),
+        "{said}"
+    );
+    // If two settings are needed, one sentence has both.
+    let bytes = recolored(&round, |c| 255.0 * srgb_from_linear(c));
+    let arrays = FileReading::of_arrays();
+    let said = doubt_beside(&photograph(), bytes, arrays, Some("colors=rgb255")).unwrap();
+    assert!(
+        said.contains("with `color_space=srgb` and `colors=rgb255`: "),
+        "{said}"
+    );
+    assert!(!said.contains("suggested"), "{said}");
+}
+
+#[test]
+fn variances_and_another_focal_length_are_named() {
+    let round = mapped(&wall(), DAffine3::IDENTITY);
+    let mut logs = FileReading::of_arrays();
+    logs.stored.scales = Some(sharp::ply::StoredScales::Log);
+    assert_eq!(doubt_about_read(round.clone(), logs), None);
+    let mut squared = round.clone();
+    squared.scales.fill([0.03 * 0.03; 3]);
+    let said = doubt_about_read(squared, logs).unwrap_or_default();
+    assert!(said.contains("with `scales=log-variance`: "), "{said}");
+    let narrow = DAffine3::from_scale(DVec3::new(0.8, 0.8, 1.0));
+    let said = doubt_about(mapped(&round, narrow)).unwrap_or_default();
+    assert!(said.contains("with `focal=1.2"), "{said}");
+    let low = DAffine3::from_scale(DVec3::new(1.0, 0.8, 1.0));
+    let said = doubt_about(mapped(&round, low)).unwrap_or_default();
+    assert!(said.contains("with `focal=1:1.2"), "{said}");
+}
+
+#[test]
+fn means_rescaled_without_their_deviations_are_named() {
+    let mut near = mapped(&wall(), DAffine3::from_scale(DVec3::splat(0.25)));
+    let said = doubt_about(near.clone()).unwrap_or_default();
+    assert!(said.contains("only their means have that unit"), "{said}");
+    near.scales.fill([0.0075; 3]);
+    let said = doubt_about(near).unwrap_or_default();
+    assert!(
+        said.contains("use `scale=4`") && !said.contains("only their means"),
+        "{said}"
+    );
+}
+
+/// An odd principal point, under a rule that ignores it; and Gaussians that are too wide, which other rotations
+/// would narrow.
+#[test]
+fn an_ignored_principal_point_is_named_and_wide_gaussians_are_not_called_turned() {
+    for off in [[6.0, 0.0], [2.0, -2.0]] {
+        ignored_and_wide(off);
+    }
+}
+
+fn ignored_and_wide([x, y]: [f64; 2]) {
+    let mut aside = source();
+    aside.intrinsics.cx += x;
+    aside.intrinsics.cy += y;
+    let mut wide = Gaussians::default();
+    let (k, base) = (aside.intrinsics, wall());
+    for (at, color) in base.colors.iter().enumerate() {
+        let (x, y) = (at as u32 % k.width, at as u32 / k.width);
+        let place = |p: u32, c: f64, f: f64| (2.0 * (f64::from(p) + 0.5 - c) / f) as f32;
+        wide.means.push([
+            place(x, k.cx, k.fx),
+            place(y, k.cy, k.fy),
+            base.means[at][2],
+        ]);
+        // Discs that face the camera, rolled about its axis.
+        let roll = at as f32;
+        wide.quaternions.push([roll.cos(), 0.0, 0.0, roll.sin()]);
+        wide.scales.push([0.09, 0.06, 1e-3]);
+        wide.opacities.push(0.6);
+        wide.colors.push(color.map(srgb_from_linear));
+    }
+    let mut reading = FileReading::of_arrays();
+    reading.stored.blending = ColorSpace::Srgb;
+    reading.rule = Some(sharp::render::Rule::INRIA_GENERAL);
+    let round = {
+        let mut round = wide.clone();
+        round.scales.fill([0.03; 3]);
+        round.opacities.fill(0.95);
+        round
+    };
+    let renderer = SharedRenderer::cpu();
+    let shown = renderer
+        .render(&round, DAffine3::IDENTITY, k, reading.rule)
+        .unwrap();
+    let shown = renderer.picture(&shown);
+    let said = |gaussians: &Gaussians, reading: FileReading| {
+        doubt_of(
+            &aside,
+            GaussianSpace::CAMERA,
+            &shown,
+            gaussians.clone(),
+            reading,
+            None,
+        )
+    };
+    assert_eq!(said(&round, reading), None);
+    let about_wide = said(&wide, reading).unwrap_or_default();
+    assert!(!about_wide.contains("quaternions="), "{about_wide}");
+    reading.rule = Some(sharp::render::Rule::INRIA);
+    let text = said(&round, reading).unwrap_or_default();
+    assert!(text.contains("with `rendering=inria-general`: "), "{text}");
+}
+
+/// Axes of no known program: x forward, y right, z down.
+#[test]
+fn unusual_axes_and_units_of_a_world_are_named() {
+    let round = mapped(&wall(), DAffine3::IDENTITY);
+    let turned = DMat3::from_cols(DVec3::Y, DVec3::Z, DVec3::X);
+    let said = doubt_about(mapped(&round, DAffine3::from_mat3(turned))).unwrap_or_default();
+    assert!(said.contains("with `axes=frd`: "), "{said}");
+    let world_from_camera = source().camera_from_world.inverse().to_affine();
+    let millimetres = DAffine3::from_scale(DVec3::splat(1000.0)) * world_from_camera;
+    let mut world = mapped(&round, millimetres);
+    world.scales.fill([30.0; 3]);
+    let mut reading = FileReading::of_arrays();
+    reading.placement.space = FileSpace::World;
+    let said = doubt_about_world(world, reading).unwrap_or_default();
+    assert!(said.contains("with `scale=0.001`: "), "{said}");
+}
+
+#[test]
+fn few_or_blurred_gaussians_show_something_and_plain_ones_do_not() {
+    let round = mapped(&wall(), DAffine3::IDENTITY);
+    let said = |gaussians: Gaussians| doubt_about(gaussians).unwrap_or_default();
+    let nothing = "so it is hardly recognisable";
+    // One Gaussian in forty; the rest of the picture stays black.
+    let few = round.filtered(|k| k % 41 == 0);
+    assert!(
+        !said(few.clone()).contains(nothing),
+        "{}",
+        said(few.clone())
+    );
+    let mut blurred = round.filtered(|k| k % 5 == 0);
+    blurred.scales.fill([0.25; 3]);
+    let text = said(blurred);
+    assert!(!text.contains(nothing), "{text}");
+    // The same with encoded colours.
+    let mut encoded = FileReading::of_arrays();
+    encoded.stored.blending = ColorSpace::Srgb;
+    encoded.rule = Some(sharp::render::Rule::GSPLAT_1_5_3_CLASSIC);
+    let text = doubt_about_read(recolored(&few, srgb_from_linear), encoded);
+    let text = text.unwrap_or_default();
+    assert!(!text.contains(nothing), "{text}");
+    // A uniform wall, which may have the photograph's own colour, and Gaussians that are not
+    // visible.
+    let (seen, whole) = (photograph(), Region::whole((40, 32)));
+    let own = Likeness::of(&seen, whole, &seen).mean_color();
+    let own = own.map(|v| linear_from_srgb(v as f32 / 255.0));
+    let mut plain = round.clone();
+    plain.colors.fill(own);
+    assert!(said(plain).contains(nothing));
+    assert!(said(recolored(&round, |_| 0.2)).contains(nothing));
+    let mut aside = round.clone();
+    aside.means.iter_mut().for_each(|mean| mean[1] += 50.0);
+    assert!(said(aside).contains(nothing));
+}
+
+/// Half of a file, and a file that shows only what lies below a plain sky.
+#[test]
+fn a_missing_half_is_named_and_a_sky_without_gaussians_is_not() {
+    let round = mapped(&wall(), DAffine3::IDENTITY);
+    let missing = "50 % of the photograph they were predicted from empty";
+    for keeps in [|k: usize| k < 640, |k: usize| k % 40 >= 20] {
+        let said = doubt_about(round.filtered(keeps)).unwrap_or_default();
+        assert!(said.contains(missing), "{said}");
+    }
+    let few = doubt_about(round.filtered(|k| k >= 240)).unwrap_or_default();
+    assert!(!few.contains("empty"), "{few}");
+    let mut sky = photograph();
+    for (_, _, pixel) in sky.enumerate_pixels_mut().filter(|(_, y, _)| *y < 16) {
+        pixel.0 = [190, 200, 220];
+    }
+    let below = round.filtered(|k| k >= 640);
+    let said = doubt_beside(&sky, below, FileReading::of_arrays(), None).unwrap_or_default();
+    assert!(!said.contains("empty"), "{said}");
+}
+
+#[test]
+fn other_forms_of_logarithms_and_signed_colours_are_named() {
+    let mut encoded = FileReading::of_arrays();
+    encoded.stored.blending = ColorSpace::Srgb;
+    encoded.stored.color_space = Some(ColorSpace::Srgb);
+    encoded.rule = Some(sharp::render::Rule::INRIA_GENERAL);
+    let mut file = FileReading {
+        stored: StoredForm {
+            color_space: Some(ColorSpace::Srgb),
+            blending: ColorSpace::Srgb,
+            ..StoredForm::ply().or_of(&StoredForm::default())
+        },
+        ..encoded
+    };
+    file.placement = encoded.placement;
+    let round = recolored(&mapped(&wall(), DAffine3::IDENTITY), srgb_from_linear);
+    let renderer = SharedRenderer::cpu();
+    let seen = renderer.render(&round, DAffine3::IDENTITY, source().intrinsics, file.rule);
+    let seen = renderer.picture(&seen.unwrap());
+    assert_eq!(doubt_beside(&seen, round.clone(), file, None), None);
+    for setting in ["opacity=log", "scales=log10", "colors=rgb-signed"] {
+        let (key, value) = setting.split_once('=').unwrap();
+        let mut written = file;
+        written.set(key, value).unwrap();
+        let mut misread = round.clone();
+        written.stored.encode(&mut misread);
+        file.stored.decode(&mut misread);
+        let said = doubt_beside(&seen, misread, file, None).unwrap_or_default();
+        assert!(
+            said.contains(&format!("with `{setting}`: ")),
+            "{setting}: {said}"
+        );
+    }
+}
+
+/// Logarithms to the base of 10 are so wide as natural ones that rendering takes very long.
+#[test]
+fn very_wide_gaussians_are_told_with_the_form_that_is_possible() {
+    let mut wide = mapped(&wall(), DAffine3::IDENTITY);
+    for _ in 0..3 {
+        let again = wide.clone();
+        wide.means.extend(again.means);
+        wide.quaternions.extend(again.quaternions);
+        wide.scales.extend(again.scales);
+        wide.opacities.extend(again.opacities);
+        wide.colors.extend(again.colors);
+    }
+    let mut reading = FileReading::of_arrays();
+    reading.stored.scales = Some(StoredScales::Log);
+    wide.scales.fill([0.4; 3]);
+    let about = |gaussians: &Gaussians, reading| {
+        let prediction = GaussianPrediction {
+            gaussians: gaussians.clone(),
+            space: GaussianSpace::CAMERA,
+            reading: Some(reading),
+            ..GaussianPrediction::default()
+        };
+        absurd_coverage(&prediction, &source()).map(|(_, text)| text)
+    };
+    let text = about(&wide, reading).unwrap_or_default();
+    assert!(text.contains("another form (`scales=log10`)"), "{text}");
+    reading.stored.scales = Some(StoredScales::Linear);
+    let text = about(&wide, reading).unwrap_or_default();
+    assert!(text.contains("another unit (`scale=`)"), "{text}");
+    wide.scales.fill([0.03; 3]);
+    assert_eq!(about(&wide, reading), None);
+}
+
+/// The wall with stripes of three pixels.
+fn stripes() -> Gaussians {
+    let mut wall = mapped(&wall(), DAffine3::IDENTITY);
+    for (at, color) in wall.colors.iter_mut().enumerate() {
+        let x = at as u32 % source().intrinsics.width;
+        *color = match x / 3 % 2 == 0 {
+            true => [0.9, 0.8, 0.2],
+            false => [0.1, 0.2 + 0.01 * x as f32, 0.6],
+        };
+    }
+    wall
+}
+
+/// Needles that lie in a wall of stripes, in a world that was turned without their quaternions.
+#[test]
+fn means_that_were_turned_without_their_quaternions_are_named() {
+    let (mut long, k) = (stripes(), source().intrinsics);
+    long.scales.fill([0.02, 0.15, 0.002]);
+    let renderer = SharedRenderer::cpu();
+    let seen = renderer.render(&long, DAffine3::IDENTITY, k, None).unwrap();
+    let seen = renderer.picture(&seen);
+    let turn = DQuat::from_rotation_z(1.2) * DQuat::from_rotation_x(0.3);
+    let mut turned = mapped(&long, DAffine3::from_quat(turn));
+    turned.scales.clone_from(&long.scales);
+    let mut reading = FileReading::of_arrays();
+    let back = DAffine3::from_quat(turn.inverse());
+    reading.placement.transform = Some(back);
+    let said = |gaussians: &Gaussians| {
+        doubt_of(
+            &source(),
+            GaussianSpace::Camera(reading.placement.camera_from_file(&source())),
+            &seen,
+            gaussians.clone(),
+            reading,
+            None,
+        )
+    };
+    let text = said(&turned).unwrap_or_default();
+    assert!(text.contains("turned without their quaternions"), "{text}");
+    for quaternion in &mut turned.quaternions {
+        *quaternion = [turn.w, turn.x, turn.y, turn.z].map(|v| v as f32);
+    }
+    assert_eq!(said(&turned), None);
+}
+
+/// Without true depth: by blur and by holes.
+#[test]
+fn means_scaled_without_their_deviations_are_named_by_their_overlap() {
+    let said = |right: &Gaussians, factor: f32| {
+        let renderer = SharedRenderer::cpu();
+        let seen = renderer.render(right, DAffine3::IDENTITY, source().intrinsics, None);
+        let seen = renderer.picture(&seen.unwrap());
+        let mut other = right.clone();
+        let scales = other.scales.as_flattened_mut().iter_mut();
+        scales.for_each(|scale| *scale *= factor);
+        let reading = FileReading::of_arrays();
+        let space = GaussianSpace::CAMERA;
+        let facts = facts_of(&source(), space, &seen, other, reading, None, None);
+        facts.warnings.into_values().collect::<String>()
+    };
+    let dense = stripes();
+    let mut sparse = stripes().filtered(|k| k % 3 == 0 && k / 40 % 3 == 0);
+    sparse.scales.fill([0.09; 3]);
+    let text = said(&dense, 3.0);
+    assert!(text.contains("0.333 times as wide"), "{text}");
+    let text = said(&sparse, 1.0 / 3.0);
+    assert!(text.contains("3 times as wide"), "{text}");
+    for factor in [0.7, 1.0, 1.5] {
+        for right in [&dense, &sparse] {
+            assert_eq!(said(right, factor), "", "{factor}");
+        }
+    }
+}
