@@ -63,6 +63,15 @@ impl DepthProSource {
         Ok(Self(CheckpointSource::open_with(path, &parameters)?))
     }
 
+    /// Opens a file; `None` if it is not Depth Pro's.
+    ///
+    /// # Errors
+    /// As for [`Self::open`].
+    pub fn open_if(path: &Path) -> Result<Option<Self>, ModelError> {
+        let source = Self::open(path)?;
+        Ok(source.0.has("encoder.patch_encoder.").then_some(source))
+    }
+
     /// Whether the file has a head that estimates the field of view.
     pub fn has_fov(&self) -> bool {
         self.0.has(FOV)

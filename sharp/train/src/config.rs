@@ -62,7 +62,7 @@ pub struct TrainingConfig {
     /// they are random. In this field and the next, the harness also accepts `"mini"`, the bundled
     /// network.
     pub initial: Option<PathBuf>,
-    /// Checkpoint that initialises the depth network only; all other weights are random.
+    /// Checkpoint of SHARP or Depth Pro that initialises the depth network only; all other weights are random.
     pub initial_depth: Option<PathBuf>,
     pub trained: TrainedParts,
     /// True if predicted depth is aligned with the true depth before use (paper, depth adjustment).
