@@ -31,6 +31,22 @@ fn align_corners_taps(input: usize, output: usize) -> Vec<Tap> {
         .collect()
 }
 
+/// Source positions with pixel centres at halves, `src = (dst + ½) · in / out − ½`, at least 0; in f32 as in PyTorch.
+fn half_pixel_taps(input: usize, output: usize) -> Vec<Tap> {
+    let scale = input as f32 / output as f32;
+    (0..output)
+        .map(|dst| {
+            let src = (scale * (dst as f32 + 0.5) - 0.5).max(0.0);
+            let low = (src as usize).min(input - 1);
+            Tap {
+                low,
+                high: (low + 1).min(input - 1),
+                weight: (src - low as f32).clamp(0.0, 1.0),
+            }
+        })
+        .collect()
+}
+
 /// Bilinear resize with aligned corners and without antialiasing, as the release applies it to photographs before the
 /// network, for both upscaling and downscaling.
 ///
@@ -40,18 +56,35 @@ fn align_corners_taps(input: usize, output: usize) -> Vec<Tap> {
 /// If the length of `planes` is not a multiple of `height × width`, or either side is 0.
 pub fn bilinear_align_corners(
     planes: &[f32],
+    size: (usize, usize),
+    out_size: (usize, usize),
+) -> Vec<f32> {
+    bilinear(planes, size, out_size, align_corners_taps)
+}
+
+/// Bilinear resize by pixel centres and without antialiasing, as Depth Pro applies it to photographs and depth.
+///
+/// Shapes and panics as for [`bilinear_align_corners`].
+pub fn bilinear_half_pixel(
+    planes: &[f32],
+    size: (usize, usize),
+    out_size: (usize, usize),
+) -> Vec<f32> {
+    bilinear(planes, size, out_size, half_pixel_taps)
+}
+
+fn bilinear(
+    planes: &[f32],
     (width, height): (usize, usize),
     (out_width, out_height): (usize, usize),
+    taps: impl Fn(usize, usize) -> Vec<Tap>,
 ) -> Vec<f32> {
     let plane = width * height;
     assert!(
         plane > 0 && planes.len().is_multiple_of(plane),
         "planes of {width}x{height} expected"
     );
-    let (columns, rows) = (
-        align_corners_taps(width, out_width),
-        align_corners_taps(height, out_height),
-    );
+    let (columns, rows) = (taps(width, out_width), taps(height, out_height));
     let mut out = Vec::with_capacity(planes.len() / plane * out_width * out_height);
     for image in planes.chunks_exact(plane) {
         for row in &rows {
@@ -120,6 +153,17 @@ mod tests {
         // Five pixels to three: positions 0, 2, 4 exactly.
         let out = bilinear_align_corners(&[5.0, 9.0, 7.0, 9.0, 6.0], (5, 1), (3, 1));
         assert_eq!(out, [5.0, 7.0, 6.0]);
+    }
+
+    #[test]
+    fn pixel_centres_are_at_halves() {
+        // Doubled: positions −0.25 (taken as 0), 0.25, 0.75, 1.25 (beyond the last pixel's centre).
+        let out = bilinear_half_pixel(&[0.0, 4.0], (2, 1), (4, 1));
+        assert_eq!(out, [0.0, 1.0, 3.0, 4.0]);
+        assert_eq!(
+            bilinear_half_pixel(&[2.0, 4.0, 6.0, 8.0], (4, 1), (2, 1)),
+            [3.0, 7.0]
+        );
     }
 
     #[test]

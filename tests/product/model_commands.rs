@@ -1,7 +1,7 @@
 //! `predict`, `gaussians`, `render` and the methods that take Gaussians, on the tiny network.
 
 use crate::support::sharp_bench as run;
-use crate::tiny::{golden, recorded_input, tiny};
+use crate::tiny::{depth_pro, golden, recorded_input, tiny};
 
 #[test]
 fn a_photograph_becomes_gaussians_that_can_be_looked_at_and_rendered() {
@@ -223,4 +223,80 @@ fn colours_that_a_file_does_not_explain_are_asked_for() {
         info.out
     );
     evaluate(",color_space=rec709").is_usage_error_with(&["rec709", "linear or srgb"]);
+}
+
+#[test]
+fn depth_pro_writes_the_depth_of_a_photograph() {
+    let dir = tempfile::tempdir().unwrap();
+    let (image, focal_px) = recorded_input();
+    let [checkpoint, config] = depth_pro(&dir.path().join("d.safetensors"));
+    let model = ["--checkpoint", &checkpoint, "--config", &config];
+    let predict = |model: &[&str], more: &[&str]| {
+        let args = [&["predict", image.as_str(), "--depth-only"], model, more].concat();
+        run(dir.path(), &args)
+    };
+    let map = |name: &str| sharp_datasets::format::read_map(&dir.path().join(name)).unwrap();
+    let focal = ["--focal-px", focal_px.as_str()];
+    let json = predict(
+        &model,
+        &[&focal[..], &["--out", "d.exr", "--json"]].concat(),
+    );
+    let json = json.ends_with(0).json();
+    assert_eq!(
+        (
+            json[0]["focal_px"].as_f64(),
+            json[0]["is_focal_estimated"].as_bool()
+        ),
+        (Some(500.0), Some(false))
+    );
+    let metres = map("d.exr");
+    assert_eq!(metres.dimensions(), (640, 480));
+    predict(
+        &model,
+        &[&focal[..], &["--out", "maps", "--depth", "png16"]].concat(),
+    )
+    .ends_with(0);
+    let millimetres = map("maps/main_640x480.png");
+    for (mm, m) in millimetres.iter().zip(metres.iter()) {
+        assert_eq!(*mm, (1000.0 * m).round().min(65535.0));
+    }
+    // SHARP's depth by the same weights differs only in the conventions of resizing.
+    let sharp = [
+        "predict",
+        &image,
+        "--out",
+        "p.ply",
+        "--depth",
+        "png16",
+        "--focal-px",
+        &focal_px,
+    ];
+    let tiny = tiny();
+    let tiny: Vec<&str> = tiny.iter().map(String::as_str).collect();
+    run(dir.path(), &[&sharp[..], &tiny].concat()).ends_with(0);
+    let mean = |map: &sharp_datasets::format::FloatMap| map.iter().sum::<f32>() / map.len() as f32;
+    let ratio = mean(&millimetres) / mean(&map("p.depth0.png"));
+    assert!((ratio - 1.0).abs() < 0.02, "{ratio}");
+
+    predict(&model, &["--out", "d.exr"]).is_error_with(&["focal length must be given"]);
+    predict(&model, &["--out", "d.ply"]).is_error_with(&["writes .exr or .png"]);
+    predict(&model, &["--out", "d.exr", "--depth", "png16"]).is_error_with(&["another form"]);
+    let said = predict(&tiny, &["--out", "x.exr"]).ends_with(1);
+    assert!(
+        said.err.contains("needs a checkpoint of Depth Pro"),
+        "{}",
+        said.err
+    );
+    assert_eq!(predict(&[], &["--out", "x.exr"]).code, 2);
+
+    let narrow = golden("../depth_pro/narrow_model.pt");
+    let config = golden("tiny_config.json#narrow");
+    let narrow = ["--checkpoint", narrow.as_str(), "--config", config.as_str()];
+    let said = predict(&narrow, &["--out", "e.exr"]).ends_with(0);
+    assert!(
+        said.out.contains("focal length 729.86 px (estimated)"),
+        "{}",
+        said.out
+    );
+    assert!(!said.err.contains("30 mm"), "{}", said.err);
 }

@@ -9,7 +9,8 @@ use crate::pairs::build::{PairCounts, Problem, SPARSE_DENSITY};
 
 /// Suggested settings for datasets with sparse depth.
 const DENSE: &str = "overlap=given with --overlap-depth DIR (other dense depth, scaled to the dataset's, as in the \
-                     paper), overlap=sharp-release (the same with depth by SHARP's checkpoint) or overlap=sparse:8 \
+                     paper), overlap=depth-pro (the same with depth by Depth Pro's checkpoint), overlap=sharp-release \
+                     (by SHARP's) or overlap=sparse:8 \
                      (the dataset's depth, agreement within 8 pixels)";
 
 /// One line with the counts of a dataset's pairs.

@@ -3,21 +3,19 @@
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 
-use sharp::model::ModelConfig;
-
 use super::advice::{advice, sparse_pairs};
 use super::ambiguity::{Alternative, OtherReading, alternatives};
 use super::build::{BuildContext, PairBuild, Problem, build_pairs};
 use super::dataset::{OpenDataset, scenes_of};
 use super::depth::{
-    DepthSource, FirstLayerDepth, GivenDepth, GroundTruthDepth, ScaledToGroundTruth,
+    DepthNetwork, DepthSource, GivenDepth, GroundTruthDepth, PredictedDepth, ScaledToGroundTruth,
 };
 use super::error::PairError;
 use super::options::{OverlapDepth, PairOptions};
 use super::overlap_cache::OverlapCache;
 use super::pair_list::PairList;
 use super::provenance::{DepthMaps, PairProvenance};
-use crate::io::checkpoint::named_network;
+use crate::io::checkpoint::{depth_pro_network, named_network};
 use crate::io::observer::Observer;
 use crate::pairs::PairOverrides;
 
@@ -27,7 +25,8 @@ pub struct PairRecipe {
     pub options: PairOptions,
     /// User-supplied depth maps, `DIR/<dataset>/<scene>/<view>.npy|npz|exr|pfm|png`.
     pub overlap_depth: Option<PathBuf>,
-    /// Checkpoint of `overlap=sharp-release`; by default the locally stored file of the release.
+    /// Checkpoint of `overlap=sharp-release`, by default the locally stored file of the release; or of
+    /// `overlap=depth-pro`, which has no default.
     pub overlap_checkpoint: Option<PathBuf>,
     /// Architecture of the checkpoint, `FILE.json#NAME`; by default the release's.
     pub overlap_config: Option<String>,
@@ -59,7 +58,17 @@ impl OpenDepth {
             checkpoint_sha256: None,
         }
     }
+
+    fn predicted(network: PredictedDepth) -> Self {
+        Self {
+            checkpoint_sha256: Some(network.checkpoint_sha256().to_owned()),
+            ..Self::new(ScaledToGroundTruth(network))
+        }
+    }
 }
+
+const NEEDS_DEPTH_PRO: &str =
+    "overlap=depth-pro needs --overlap-checkpoint FILE, Depth Pro's depth_pro.pt";
 
 impl PairRecipe {
     /// A recipe that uses the dataset's own depth.
@@ -85,10 +94,12 @@ impl PairRecipe {
             let reason = format!("overlap={depth} {needs} --overlap-depth DIR");
             return Err(PairError::Recipe(reason));
         }
-        if depth != OverlapDepth::SharpRelease && self.overlap_checkpoint.is_some() {
-            let reason =
-                "--overlap-checkpoint applies only to --pair-options overlap=sharp-release";
+        if !depth.takes_checkpoint() && self.overlap_checkpoint.is_some() {
+            let reason = "--overlap-checkpoint applies only to --pair-options overlap=sharp-release or overlap=depth-pro";
             return Err(PairError::Recipe(reason.to_owned()));
+        }
+        if depth == OverlapDepth::DepthPro && self.overlap_checkpoint.is_none() {
+            return Err(PairError::Recipe(NEEDS_DEPTH_PRO.to_owned()));
         }
         Ok(self)
     }
@@ -109,7 +120,7 @@ impl PairRecipe {
                 .take_if(|_| !options.depth.takes_maps());
             common
                 .overlap_checkpoint
-                .take_if(|_| options.depth != OverlapDepth::SharpRelease);
+                .take_if(|_| !options.depth.takes_checkpoint());
         }
         let recipe = Self {
             options,
@@ -247,15 +258,15 @@ impl PairRecipe {
             OverlapDepth::SharpRelease => {
                 let config = self.overlap_config.as_deref();
                 let network = named_network(self.overlap_checkpoint.as_deref(), config)?;
-                let name = match network.config == ModelConfig::release() {
-                    true => "first layer of sharp-release",
-                    false => "first layer of another network",
-                };
-                let network = FirstLayerDepth::new(&network.checkpoint, network.config, name)?;
-                let sha256 = network.checkpoint_sha256().to_owned();
-                let mut depth = OpenDepth::new(ScaledToGroundTruth(network));
-                depth.checkpoint_sha256 = Some(sha256);
-                return Ok(depth);
+                let network = PredictedDepth::new(network, DepthNetwork::Sharp)?;
+                return Ok(OpenDepth::predicted(network));
+            }
+            OverlapDepth::DepthPro => {
+                let needed = || PairError::Recipe(NEEDS_DEPTH_PRO.to_owned());
+                let checkpoint = self.overlap_checkpoint.as_deref().ok_or_else(needed)?;
+                let network = depth_pro_network(checkpoint, self.overlap_config.as_deref())?;
+                let network = PredictedDepth::new(network, DepthNetwork::DepthPro)?;
+                return Ok(OpenDepth::predicted(network));
             }
         };
         depth.given = Some(given()?);
@@ -351,8 +362,15 @@ mod tests {
         assert_eq!(metric.options.sets.size, 4);
         let own = common.of(&open(",pairs.overlap-depth=mine")).unwrap();
         assert_eq!(own.overlap_depth, Some("mine".into()));
+        let pro = ",pairs.overlap=depth-pro,pairs.overlap-checkpoint=d.pt";
+        let pro = common.of(&open(pro)).unwrap();
+        assert_eq!(
+            (pro.overlap_depth, pro.overlap_checkpoint),
+            (None, Some("d.pt".into()))
+        );
         for wrong in [
             ",pairs.bogus=1",
+            ",pairs.overlap=depth-pro",
             ",pairs.overlap=sharp-release,pairs.overlap-depth=x",
         ] {
             let error = common.of(&open(wrong)).unwrap_err();

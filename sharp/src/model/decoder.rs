@@ -107,6 +107,14 @@ impl MultiresConvDecoder {
         }
     }
 
+    /// The projection of the coarsest of `maps`.
+    pub(super) fn coarsest(&self, maps: &[Tensor; 5]) -> candle_core::Result<Tensor> {
+        match &self.convs[4] {
+            Some(conv) => conv.forward(&maps[4]),
+            None => Ok(maps[4].clone()),
+        }
+    }
+
     /// `maps` are five maps, finest first, each with twice the resolution of the next. The output has the finest
     /// resolution.
     pub(super) fn forward(

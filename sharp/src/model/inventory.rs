@@ -17,10 +17,15 @@ use super::{Algorithm, Compute, ModelConfig, ModelError};
 /// [`ModelError::Config`] for an impossible configuration.
 pub fn inventory(config: &ModelConfig) -> Result<Vec<Parameter>, ModelError> {
     config.validate()?;
+    Ok(declared(|p| SharpNetwork::new(config, p)))
+}
+
+/// All parameters that the construction of a network declares.
+pub(super) fn declared<N>(build: impl FnOnce(&Params<'_>) -> N) -> Vec<Parameter> {
     let (list, nowhere) = (RefCell::default(), Compute::cpu(Algorithm::Direct));
     let nothing = Weights::new(Synth::default(), |_| false);
-    SharpNetwork::new(config, &Params::new(&nowhere, &nothing, &list));
-    Ok(list.into_inner())
+    build(&Params::new(&nowhere, &nothing, &list));
+    list.into_inner()
 }
 
 /// A checkpoint file as a source of weights.
@@ -37,8 +42,16 @@ impl CheckpointSource {
     /// # Errors
     /// [`ModelError::Checkpoint`]; [`ModelError::Config`] if names have different prefixes.
     pub fn open(path: &Path) -> Result<Self, ModelError> {
+        Self::open_with(path, &inventory(&ModelConfig::release())?)
+    }
+
+    /// Like [`Self::open`], for the network with these parameters at any size.
+    pub(super) fn open_with(path: &Path, parameters: &[Parameter]) -> Result<Self, ModelError> {
+        let roots = parameters.iter().filter_map(|p| p.name.split('.').next());
+        // The first components of names are the same for all sizes.
+        let roots: BTreeSet<String> = roots.map(str::to_owned).collect();
         let mut file = Checkpoint::open(path)?;
-        let left_out = file.without_prefix(&roots()?).map_err(|prefixes| {
+        let left_out = file.without_prefix(&roots).map_err(|prefixes| {
             let prefixes = prefixes.iter().map(|prefix| format!("`{prefix}`"));
             ModelError::Config(format!(
                 "{}: its names have several prefixes ({}): save the tensors of only one network",
@@ -52,6 +65,11 @@ impl CheckpointSource {
     /// Wrapper prefix or components removed from all names, e.g. `module._orig_mod.`.
     pub fn left_out(&self) -> Option<&str> {
         self.left_out.as_deref()
+    }
+
+    /// Whether the name of any tensor begins with `prefix`.
+    pub fn has(&self, prefix: &str) -> bool {
+        self.file.names().any(|name| name.starts_with(prefix))
     }
 
     /// SHA-256 of the whole file, 64 hexadecimal digits.
@@ -81,7 +99,7 @@ impl CheckpointSource {
                 self.file.path().display()
             )));
         }
-        Ok(self.file.check(&self.expected(config, "")?, allow_unused)?)
+        self.check_for(inventory(config)?, allow_unused)
     }
 
     /// Like [`Self::check`], but only for parameters whose names begin with `prefix`; all other tensors in the file are
@@ -90,10 +108,9 @@ impl CheckpointSource {
     /// # Errors
     /// [`ModelError::Config`], [`ModelError::Incomplete`].
     pub fn check_part(&self, config: &ModelConfig, prefix: &str) -> Result<(), ModelError> {
-        let anything = String::new();
-        Ok(self
-            .file
-            .check(&self.expected(config, prefix)?, &[anything])?)
+        let mut parameters = inventory(config)?;
+        parameters.retain(|p| p.name.starts_with(prefix));
+        self.check_for(parameters, &[String::new()])
     }
 
     /// A sentence about weights that end in zeros, as in a file that was written or copied only in part; `None` if there
@@ -129,15 +146,21 @@ impl CheckpointSource {
         }))
     }
 
-    fn expected(&self, config: &ModelConfig, prefix: &str) -> Result<Vec<Expected>, ModelError> {
-        let parameters = inventory(config)?.into_iter();
-        let named = parameters.filter(|p| p.name.starts_with(prefix));
-        let needed = named.filter(|p| p.used || self.file.contains(&p.name));
-        let expected = needed.map(|p| Expected {
-            name: p.name,
-            shape: p.shape,
-        });
-        Ok(expected.collect())
+    /// Checks that the file contains each of these parameters that is used, and no other tensor; see [`Self::check`].
+    pub(super) fn check_for(
+        &self,
+        parameters: Vec<Parameter>,
+        allow_unused: &[String],
+    ) -> Result<(), ModelError> {
+        let parameters = parameters.into_iter();
+        let needed = parameters.filter(|p| p.used || self.file.contains(&p.name));
+        let expected: Vec<Expected> = needed
+            .map(|p| Expected {
+                name: p.name,
+                shape: p.shape,
+            })
+            .collect();
+        Ok(self.file.check(&expected, allow_unused)?)
     }
 
     /// Gaussian stride of the weights, i.e. the kernel size of the convolution that maps image and depth to the grid of
@@ -161,13 +184,6 @@ impl WeightSource for CheckpointSource {
     fn values(&self, name: &str, _: &[usize]) -> Result<Vec<f32>, ModelError> {
         Ok(self.file.tensor_f32(name)?)
     }
-}
-
-/// First components of the names of a network's parameters, which are the same for all sizes.
-fn roots() -> Result<BTreeSet<String>, ModelError> {
-    let parameters = inventory(&ModelConfig::release())?;
-    let roots = parameters.iter().filter_map(|p| p.name.split('.').next());
-    Ok(roots.map(str::to_owned).collect())
 }
 
 #[cfg(test)]

@@ -8,7 +8,7 @@ use super::compute::Kernels;
 use super::ops;
 use super::params::{Params, Weight};
 
-/// A convolution: 3×3 with one pixel of padding, 1×1, or disjoint blocks.
+/// A convolution: 3×3 with one pixel of padding, 1×1, disjoint blocks, or over a whole map.
 pub(super) struct Conv {
     weight: Weight,
     bias: Option<Weight>,
@@ -20,6 +20,16 @@ impl Conv {
     /// 3×3, stride 1, one pixel of zero padding.
     pub(super) fn spatial(p: &Params<'_>, input: usize, output: usize, bias: bool) -> Self {
         Self::new(p, (input, output), (3, 1, 1), bias)
+    }
+
+    /// 3×3, stride 2, one pixel of zero padding.
+    pub(super) fn halving(p: &Params<'_>, input: usize, output: usize) -> Self {
+        Self::new(p, (input, output), (3, 2, 1), true)
+    }
+
+    /// `side × side` without padding, which reduces a map of that size to one pixel.
+    pub(super) fn whole(p: &Params<'_>, input: usize, output: usize, side: usize) -> Self {
+        Self::new(p, (input, output), (side, 1, 0), true)
     }
 
     /// 1×1 convolution.

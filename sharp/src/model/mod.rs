@@ -19,6 +19,7 @@
 //! * `network`: all modules; [`NetworkSpec`]: which network to open; [`predictor`]: the complete prediction, with
 //!   [`initializer`](crate::initializer) and [`composer`](crate::composer).
 //! * [`training`]: forward passes with gradients.
+//! * [`depth_pro`]: Depth Pro, whose encoder and decoder the depth network shares.
 //! * [`recording`]: recordings of all stages of a prediction, and comparison with those of another implementation.
 
 mod alignment;
@@ -26,6 +27,7 @@ pub mod bundled;
 mod compute;
 pub mod config;
 mod decoder;
+pub mod depth_pro;
 mod error;
 mod gaussian_decoder;
 pub mod inventory;

@@ -1,9 +1,8 @@
-//! Two layers of disparity from an image.
+//! Layers of disparity from an image: two in SHARP, one in Depth Pro.
 
 use candle_core::Tensor;
 use candle_nn::Module;
 
-use super::config::LAYERS;
 use super::decoder::MultiresConvDecoder;
 use super::layers::{Conv, Deconv};
 use super::observer::{StageObserver, StageValue};
@@ -20,19 +19,19 @@ pub(super) struct Monodepth {
 /// Outputs of the depth network that the rest of the network uses.
 pub(super) struct MonodepthOutput {
     pub(super) features: [Tensor; 5],
-    /// `[1, R, R, 2]`: inverse depth for a focal length of one image width; negative values are replaced by 0. The
+    /// `[1, R, R, layers]`: inverse depth for a focal length of one image width; negative values are replaced by 0. The
     /// layers are not sorted.
     pub(super) disparity: Tensor,
 }
 
 impl Monodepth {
-    pub(super) fn new(p: &Params<'_>, config: &ModelConfig) -> Self {
+    pub(super) fn new(p: &Params<'_>, config: &ModelConfig, layers: usize) -> Self {
         let [d0, d1, d2, d3] = config.encoder_dims;
         let dim = config.monodepth_dims_decoder[0];
         Self {
             encoder: Encoder::new(&p.pp("encoder"), config),
             decoder: MultiresConvDecoder::new(&p.pp("decoder"), [d0, d0, d1, d2, d3], dim),
-            head: DisparityHead::new(&p.pp("head"), dim),
+            head: DisparityHead::new(&p.pp("head"), dim, layers),
         }
     }
 
@@ -51,6 +50,11 @@ impl Monodepth {
             disparity,
         })
     }
+
+    /// The coarsest feature map in the decoder's width.
+    pub(super) fn coarsest(&self, features: &[Tensor; 5]) -> candle_core::Result<Tensor> {
+        self.decoder.coarsest(features)
+    }
 }
 
 /// Doubles the resolution and reduces to one channel per layer.
@@ -62,12 +66,12 @@ struct DisparityHead {
 }
 
 impl DisparityHead {
-    fn new(p: &Params<'_>, dim: usize) -> Self {
+    fn new(p: &Params<'_>, dim: usize, layers: usize) -> Self {
         Self {
             conv0: Conv::spatial(&p.pp(0), dim, dim / 2, true),
             deconv1: Deconv::new(&p.pp(1), dim / 2, dim / 2, true),
             conv2: Conv::spatial(&p.pp(2), dim / 2, 32, true),
-            conv4: Conv::point(&p.pp(4), 32, LAYERS, true).after_relu(),
+            conv4: Conv::point(&p.pp(4), 32, layers, true).after_relu(),
         }
     }
 

@@ -2,6 +2,7 @@
 
 use super::ModelConfig;
 use super::alignment::DepthAlignment;
+use super::config::LAYERS;
 use super::gaussian_decoder::{GaussianDecoder, PredictionHead};
 use super::monodepth::Monodepth;
 use super::params::Params;
@@ -19,7 +20,7 @@ impl SharpNetwork {
         let monodepth = p.pp("monodepth_model").pp("monodepth_predictor");
         let alignment = p.pp("depth_alignment").pp("scale_map_estimator");
         Self {
-            monodepth: Monodepth::new(&monodepth, config),
+            monodepth: Monodepth::new(&monodepth, config, LAYERS),
             feature_model: GaussianDecoder::new(&p.pp("feature_model"), config),
             prediction_head: PredictionHead::new(&p.pp("prediction_head"), config),
             depth_alignment: DepthAlignment::new(&alignment, config),

@@ -218,7 +218,7 @@ fn half_size(planes: &[f32], side: usize) -> Vec<f32> {
 }
 
 /// Downsamples by averaging the central 2×2 pixels of 4×4 blocks, i.e. bilinear sampling without antialiasing.
-fn quarter_size(planes: &[f32], side: usize) -> Vec<f32> {
+pub(super) fn quarter_size(planes: &[f32], side: usize) -> Vec<f32> {
     sample(planes, side, 4, 1)
 }
 

@@ -15,13 +15,13 @@ use super::params::{Params, Weight};
 const IMAGES_AT_ONCE: usize = 3;
 
 /// Weight and bias of a linear layer or a normalisation.
-struct Affine {
+pub(super) struct Affine {
     weight: Weight,
     bias: Weight,
 }
 
 impl Affine {
-    fn new(p: &Params<'_>, shape: &[usize]) -> Self {
+    pub(super) fn new(p: &Params<'_>, shape: &[usize]) -> Self {
         Self {
             weight: p.get("weight", shape),
             bias: p.get("bias", &shape[..1]),
@@ -29,7 +29,7 @@ impl Affine {
     }
 
     /// Builds a linear layer whose outputs are multiplied by `scale`.
-    fn linear(
+    pub(super) fn linear(
         &self,
         kernels: Option<Kernels>,
         scale: Option<&Weight>,

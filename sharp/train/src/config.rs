@@ -62,7 +62,7 @@ pub struct TrainingConfig {
     /// Checkpoint of this network, for any picture size, used to initialise the weights; without one, the weights are
     /// random. Here and in `initial_depth`, the harness also accepts `"mini"`, the bundled network.
     pub initial: Option<PathBuf>,
-    /// Checkpoint that initialises the depth network only; all other weights are random.
+    /// Checkpoint of SHARP or Depth Pro that initialises the depth network only; all other weights are random.
     pub initial_depth: Option<PathBuf>,
     pub trained: TrainedParts,
     /// True if predicted depth is aligned with the true depth before use (paper, depth adjustment).

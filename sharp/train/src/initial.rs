@@ -3,6 +3,7 @@
 use std::path::Path;
 
 use sharp::model::config::LAYERS;
+use sharp::model::depth_pro::DepthProSource;
 use sharp::model::inventory::{CheckpointSource, ZERO_BEFORE_TRAINING};
 use sharp::model::params::WeightSource;
 use sharp::model::{ModelConfig, ModelError};
@@ -147,7 +148,7 @@ impl WeightSource for Untrained {
 /// Weights of a checkpoint. It may be for another picture size of the same network: position
 /// embeddings are then resampled as the network resamples pictures. Nothing else depends on the
 /// size.
-pub(crate) struct Pretrained(CheckpointSource);
+pub(crate) struct Pretrained(Box<dyn WeightSource>);
 
 impl Pretrained {
     /// # Errors
@@ -155,7 +156,7 @@ impl Pretrained {
     pub(crate) fn open(file: &Path, config: &ModelConfig) -> Result<Self, ModelError> {
         let weights = CheckpointSource::open(file)?;
         weights.check(&sizes_there(&weights, config), &[])?;
-        Ok(Self(weights))
+        Ok(Self(Box::new(weights)))
     }
 }
 
@@ -174,7 +175,7 @@ const POSITIONS: &str = "monodepth_model.monodepth_predictor.encoder.patch_encod
 
 /// The configuration with the picture size that a checkpoint was trained on. Unchanged if the checkpoint's position
 /// embeddings do not form a square of tokens with this configuration's channels.
-fn sizes_there(weights: &CheckpointSource, config: &ModelConfig) -> ModelConfig {
+fn sizes_there(weights: &dyn WeightSource, config: &ModelConfig) -> ModelConfig {
     let mut there = config.clone();
     let values = weights.values(POSITIONS, &[]).unwrap_or_default().len();
     let side = side(values / config.vit.embed_dim);
@@ -203,7 +204,7 @@ fn resample_positions(values: &[f32], tokens: usize, channels: usize) -> Vec<f32
     class.iter().copied().chain(rest).collect()
 }
 
-/// The depth network of a checkpoint, combined with an untrained Gaussian decoder. Both depth
+/// The depth network of a checkpoint of SHARP or Depth Pro, combined with an untrained Gaussian decoder. Both depth
 /// layers start as the checkpoint's first layer (paper, section on the depth decoder), because
 /// training on depth alone has no loss for the second.
 pub(crate) struct TrainedDepth {
@@ -218,10 +219,17 @@ impl TrainedDepth {
     /// # Errors
     /// [`ModelError::Checkpoint`]; [`ModelError::Incomplete`] for another depth network.
     pub(crate) fn open(file: &Path, config: &ModelConfig, seed: u64) -> Result<Self, ModelError> {
-        let depth = CheckpointSource::open(file)?;
-        depth.check_part(&sizes_there(&depth, config), DEPTH)?;
         let rest = Untrained::new(config, seed);
-        let depth = Pretrained(depth);
+        let sharp = CheckpointSource::open(file)?;
+        if !sharp.has(DEPTH)
+            && let Some(depth) = DepthProSource::open_if(file)?
+        {
+            depth.check(&sizes_there(&depth, config), &[])?;
+            let depth = Pretrained(Box::new(depth));
+            return Ok(Self { depth, rest });
+        }
+        sharp.check_part(&sizes_there(&sharp, config), DEPTH)?;
+        let depth = Pretrained(Box::new(sharp));
         Ok(Self { depth, rest })
     }
 }

@@ -1,6 +1,7 @@
 //! The depth that determines overlap, and the cache of overlaps.
 
 use super::*;
+use crate::tiny::depth_pro;
 
 #[test]
 fn overlaps_are_kept_and_change_nothing() {
@@ -205,4 +206,90 @@ fn a_checkpoint_decides_overlap_and_is_not_judged_on_its_own_choice() {
     build(dir.path(), "q.csv", &absent).is_error_with(&["no.pt"]);
     let useless = ["--overlap-checkpoint", model.as_str()];
     build(dir.path(), "q.csv", &useless).is_error_with(&["overlap=sharp-release"]);
+}
+
+#[test]
+fn depth_pro_decides_overlap_and_is_recorded() {
+    let dir = tempfile::tempdir().unwrap();
+    let [checkpoint, config] = depth_pro(&dir.path().join("d.safetensors"));
+    let made = |list: &str, depth: &str, model: &[&str]| {
+        let options = format!("overlap={depth},threshold=0");
+        let args = [
+            &["--pair-options", options.as_str(), "--cache", "c", "--json"],
+            model,
+        ];
+        build(dir.path(), list, &args.concat())
+    };
+    let pro = [
+        "--overlap-checkpoint",
+        &checkpoint,
+        "--overlap-config",
+        &config,
+    ];
+    let json = made("pro.csv", "depth-pro", &pro).ends_with(0).json();
+    let choices = json["choices"]
+        .as_object()
+        .unwrap()
+        .values()
+        .next()
+        .unwrap();
+    let depth = choices["overlap_depth"].as_str().unwrap();
+    let sha256 = choices["overlap_checkpoint"].as_str().unwrap();
+    let expected = format!(
+        "depth-pro of other sizes(checkpoint sha256 {sha256}),median-scaled-to-ground-truth"
+    );
+    assert_eq!(depth, expected);
+    assert_eq!(choices["options"]["overlap"], "depth-pro");
+    // A second list is made from the cache, to the same bytes.
+    let tables = files(&dir.path().join("c"));
+    assert_eq!(tables.len(), 1);
+    let before = modified(&tables[0]);
+    made("again.csv", "depth-pro", &pro).ends_with(0);
+    assert_eq!(modified(&tables[0]), before);
+    assert_eq!(
+        read(dir.path().join("again.csv")),
+        read(dir.path().join("pro.csv"))
+    );
+    // Other depth has another table.
+    made("truth.csv", "ground-truth", &[]).ends_with(0);
+    assert_eq!(files(&dir.path().join("c")).len(), 2);
+    assert_ne!(
+        read(dir.path().join("truth.csv")),
+        read(dir.path().join("pro.csv"))
+    );
+    made("x.csv", "depth-pro", &[]).is_error_with(&["--overlap-checkpoint FILE"]);
+
+    // A folder that is evaluated on both lists records each with its choices.
+    for list in ["pro.csv", "truth.csv"] {
+        let run = [
+            "run",
+            "--dataset",
+            SYNTHETIC,
+            "--method",
+            "copy",
+            "--metrics",
+            "psnr",
+            "--limit",
+            "1",
+            "--out",
+            "r",
+        ];
+        sharp_bench(dir.path(), &[&run[..], &["--pairs", list]].concat()).ends_with(0);
+    }
+    let manifest: serde_json::Value =
+        serde_json::from_str(&read(dir.path().join("r/manifest.json"))).unwrap();
+    let lists = manifest["pairs"]["lists"].as_array().unwrap();
+    let depths: Vec<&str> = lists
+        .iter()
+        .map(|list| {
+            let choices = list["choices"]
+                .as_object()
+                .unwrap()
+                .values()
+                .next()
+                .unwrap();
+            choices["overlap_depth"].as_str().unwrap()
+        })
+        .collect();
+    assert_eq!(depths, [expected.as_str(), "ground-truth"]);
 }

@@ -1,16 +1,17 @@
 //! Options that select a network and its weights.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
-use anyhow::{anyhow, bail, ensure};
+use anyhow::{Context, anyhow, bail, ensure};
 use clap::Args;
 use sharp::image_file::{AlphaRule, ColorRule, PictureRules};
+use sharp::model::depth_pro::DepthPro;
 use sharp::model::preprocess::{FocalSource, Photo, PhotoOptions};
 use sharp::model::{Algorithm, DeviceChoice, NetworkSpec, Predictor};
 use sharp_datasets::files::what_lies_in;
 
 use crate::cli::output;
-use crate::io::checkpoint::named_network;
+use crate::io::checkpoint::{depth_pro_network, named_network};
 
 /// Options for the network.
 #[derive(Debug, Clone, Args)]
@@ -45,15 +46,28 @@ impl ModelArgs {
         for note in &named.notes {
             output::remark(format!("note: {note}"));
         }
-        Ok(Predictor::open(&NetworkSpec {
+        Ok(Predictor::open(&self.on_device(named))?)
+    }
+
+    /// Opens Depth Pro's network instead of SHARP's.
+    pub(crate) fn load_depth_pro(&self) -> anyhow::Result<DepthPro> {
+        let checkpoint = self.checkpoint.as_deref();
+        let checkpoint = checkpoint.context("give Depth Pro's --checkpoint FILE")?;
+        let network = depth_pro_network(checkpoint, self.config.as_deref())?;
+        DepthPro::open(&self.on_device(network))
+            .context("--depth-only needs a checkpoint of Depth Pro (depth_pro.pt)")
+    }
+
+    fn on_device(&self, network: NetworkSpec) -> NetworkSpec {
+        NetworkSpec {
             allow_unused: self.allow_unused.clone(),
             device: self.device,
             convolution: match self.exact {
                 true => Algorithm::Direct,
                 false => Algorithm::Winograd,
             },
-            ..named
-        })?)
+            ..network
+        }
     }
 }
 
@@ -76,8 +90,17 @@ pub(crate) struct PhotoArgs {
 }
 
 impl PhotoArgs {
-    /// Reads a photograph and prints its notes.
-    pub(crate) fn load(&self, path: &std::path::Path) -> anyhow::Result<Photo> {
+    /// Reads a photograph and prints its warnings.
+    pub(crate) fn load(&self, path: &Path) -> anyhow::Result<Photo> {
+        self.load_unless_estimated(path, |_| false)
+    }
+
+    /// Like [`Self::load`], but without warnings about the focal length if it is estimated instead of taken from the file.
+    pub(crate) fn load_unless_estimated(
+        &self,
+        path: &Path,
+        is_estimated: impl Fn(&Photo) -> bool,
+    ) -> anyhow::Result<Photo> {
         let options = PhotoOptions {
             focal_px: self.focal_px,
             max_pixels: self.max_pixels,
@@ -96,7 +119,11 @@ impl PhotoArgs {
         }
         let photo = sharp::model::preprocess::load_photo(path, &options)
             .map_err(|error| anyhow!(output::as_options(&error)))?;
-        for warning in &photo.warnings {
+        let of_focal = photo
+            .focal_warnings
+            .iter()
+            .filter(|_| !is_estimated(&photo));
+        for warning in photo.warnings.iter().chain(of_focal) {
             output::remark(format!(
                 "warning: {}: {}",
                 path.display(),

@@ -1,6 +1,7 @@
 //! Commands for the network and its Gaussians.
 
 pub(super) mod args;
+mod depth_only;
 pub(super) mod gaussians;
 pub(super) mod parity;
 pub(super) mod predict;

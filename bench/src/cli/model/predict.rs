@@ -14,6 +14,7 @@ use sharp::ply::{GaussianScene, PlyForm, to_bytes};
 use sharp::unprojection::{release_intrinsics, unproject};
 
 use super::args::{ModelArgs, PhotoArgs, focal_text};
+use super::depth_only;
 use crate::cli::{Outcome, output};
 use crate::io::atomic_files::{FileError, write_atomic};
 use crate::io::checkpoint::find_checkpoint;
@@ -29,9 +30,13 @@ Examples:
   sharp-bench predict photo.jpg --out photo.ply
   sharp-bench predict holiday/*.jpg --out gaussians/ --plain --depth exr
   sharp-bench predict photo.png --checkpoint mine.pt --config mine.json --focal-px 1200 --out photo.ply
+  sharp-bench predict photo.jpg --depth-only --checkpoint depth_pro.pt --out photo.exr
 
 The focal length sets the metric scale. It is read from --focal-px, else from the file's EXIF tags; without either, a
 30 mm lens on 35 mm film is assumed, with a warning.
+
+--depth-only writes z-depth at the photograph's size by Depth Pro (github.com/apple/ml-depth-pro), whose checkpoint was never
+run here. It estimates a focal length that neither --focal-px nor a 35 mm equivalent in the file gives.
 
 Photographs are PNG, JPEG, WebP, TIFF or BMP: colour, grey, palette, 8 or 16 bit, CMYK. Palettes, 16 bit and CMYK are
 read with the colours that they represent. The release instead reads palette indices as grey levels, 16 bit as 8 bit,
@@ -39,34 +44,40 @@ and amounts of ink as amounts of light. If one of several photographs cannot be 
 pub(crate) struct PredictArgs {
     /// Photographs
     #[arg(required = true, value_name = "IMAGE")]
-    images: Vec<PathBuf>,
+    pub(super) images: Vec<PathBuf>,
     #[command(flatten)]
-    model: ModelArgs,
+    pub(super) model: ModelArgs,
     #[command(flatten)]
-    photo: PhotoArgs,
-    /// A .ply file, or a folder (needed for several photographs)
-    #[arg(long, value_name = "PLY_OR_DIR")]
-    out: PathBuf,
+    pub(super) photo: PhotoArgs,
+    /// A .ply file (with --depth-only .exr or .png), or a folder (needed for several photographs)
+    #[arg(long, value_name = "FILE_OR_DIR")]
+    pub(super) out: PathBuf,
     /// Omit the PLY elements that the release adds and some viewers cannot read
     #[arg(long)]
     plain: bool,
     /// Also write both depth layers next to the PLY
     #[arg(long, value_enum, value_name = "FORM")]
-    depth: Option<DepthForm>,
+    pub(super) depth: Option<DepthForm>,
+    /// Write only depth, by a checkpoint of Depth Pro; in a folder by default as exr (--depth)
+    #[arg(long, requires = "checkpoint", conflicts_with = "plain")]
+    depth_only: bool,
     /// Print JSON
     #[arg(long)]
-    json: bool,
+    pub(super) json: bool,
 }
 
-#[derive(Debug, Clone, Copy, ValueEnum)]
-enum DepthForm {
-    /// Metres, f32, channels `layer0.Z` and `layer1.Z` in one .exr
+#[derive(Debug, Clone, Copy, PartialEq, ValueEnum)]
+pub(super) enum DepthForm {
+    /// Metres, f32, channels `layer0.Z` and `layer1.Z` in one .exr (with --depth-only `Z`)
     Exr,
     /// Millimetres, 16 bit, one .png per layer; depths beyond 65.534 m become 65535
     Png16,
 }
 
 pub(crate) fn execute(args: &PredictArgs) -> anyhow::Result<Outcome> {
+    if args.depth_only {
+        return depth_only::execute(args);
+    }
     let to_file = args.out.extension().is_some_and(|e| e == "ply");
     ensure!(
         !to_file || args.images.len() == 1,
@@ -76,7 +87,7 @@ pub(crate) fn execute(args: &PredictArgs) -> anyhow::Result<Outcome> {
     let outputs = if to_file {
         vec![args.out.clone()]
     } else {
-        named_after(&args.images, &args.out)?
+        named_after(&args.images, &args.out, "ply")?
     };
     let mut model = args.model.clone();
     if model.checkpoint.is_none()
@@ -89,10 +100,23 @@ pub(crate) fn execute(args: &PredictArgs) -> anyhow::Result<Outcome> {
         model.checkpoint = Some("mini".into());
     }
     let predictor = model.load()?;
+    for_each(args, &outputs, "Gaussians were", |image, ply| {
+        predict_one(args, &predictor, image, ply)
+    })
+}
+
+/// Runs `predict` for each photograph and its output, and prints the results if JSON is wanted. `were_what` is the
+/// subject of the error if all of several photographs fail.
+pub(super) fn for_each<R: Serialize>(
+    args: &PredictArgs,
+    outputs: &[PathBuf],
+    were_what: &str,
+    predict: impl Fn(&Path, &Path) -> anyhow::Result<R>,
+) -> anyhow::Result<Outcome> {
     let mut results = Vec::new();
     let mut failed = 0;
-    for (image, ply) in args.images.iter().zip(&outputs) {
-        match predict_one(args, &predictor, image, ply) {
+    for (image, out) in args.images.iter().zip(outputs) {
+        match predict(image, out) {
             Ok(predicted) => results.push(predicted),
             // A failure affects only this photograph, so continue with the others.
             Err(error) if args.images.len() > 1 => {
@@ -107,7 +131,7 @@ pub(crate) fn execute(args: &PredictArgs) -> anyhow::Result<Outcome> {
     }
     ensure!(
         !results.is_empty(),
-        "no Gaussians were predicted: all {failed} photographs failed"
+        "no {were_what} predicted: all {failed} photographs failed"
     );
     if failed > 0 {
         output::remark(format!(
@@ -118,20 +142,24 @@ pub(crate) fn execute(args: &PredictArgs) -> anyhow::Result<Outcome> {
     Ok(Outcome::of_problems(failed > 0))
 }
 
-/// One PLY file per photograph, in `folder`.
-fn named_after(images: &[PathBuf], folder: &Path) -> anyhow::Result<Vec<PathBuf>> {
+/// One file with this extension per photograph, in `folder`.
+pub(super) fn named_after(
+    images: &[PathBuf],
+    folder: &Path,
+    extension: &str,
+) -> anyhow::Result<Vec<PathBuf>> {
     let mut outputs = Vec::with_capacity(images.len());
     for image in images {
         // A folder without a name is rejected when it is read, so any name will do here.
         let mut name = image.file_stem().unwrap_or(image.as_os_str()).to_owned();
-        name.push(".ply");
-        let ply = folder.join(name);
+        name.push(format!(".{extension}"));
+        let file = folder.join(name);
         ensure!(
-            !outputs.contains(&ply),
+            !outputs.contains(&file),
             "{}: two photographs have the same name, so both would be written here",
-            ply.display()
+            file.display()
         );
-        outputs.push(ply);
+        outputs.push(file);
     }
     Ok(outputs)
 }

@@ -38,9 +38,11 @@ const SPARSE: &str = "\
 Sparse depth (ETH3D, Tanks and Temples): the paper predicts dense depth with Depth Pro and scales it to the sparse depth.
   overlap=given          --overlap-depth DIR, your own depth maps, scaled by the median of ratios as in the paper
   overlap=given-metric   the same maps unscaled, in metres
+  overlap=depth-pro      --overlap-checkpoint depth_pro.pt, depth by Depth Pro computed here, scaled as in the paper
   overlap=sharp-release  the first depth layer of SHARP's official checkpoint, scaled the same way
   overlap=sparse:8       the dataset's sparse depth: agreement within 8 pixels of where a point lands
-None of them uses the method under test. With Depth Pro (github.com/apple/ml-depth-pro, its environment and checkpoint):
+None of them uses the method under test. overlap=depth-pro was compared with Depth Pro's code at small size, but never
+run on its published weights. With that code (github.com/apple/ml-depth-pro, its environment and checkpoint):
   sharp-bench cameras export --dataset eth3d=data/eth3d --out views
   for each views/<dataset>/<scene>/<view>.png, in Python:
     image, _, _ = depth_pro.load_rgb(png); f_px = json.load(open(camera))['K'][0]

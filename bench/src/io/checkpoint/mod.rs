@@ -3,7 +3,7 @@
 //! * [`release`]: name, address and licence.
 //! * [`record`]: size and SHA-256, recorded at the first use.
 //! * `fetch`: the download.
-//! * [`named_network`]: any network by name, including the bundled one.
+//! * [`named_network`]: any network by name, including the bundled one; [`depth_pro_network`]: Depth Pro's of a file.
 
 pub mod fetch;
 mod named;
@@ -14,7 +14,7 @@ use std::path::PathBuf;
 
 use sharp_metrics::weights::{cache_folder, torch_hub};
 
-pub use named::{NetworkError, bundled_weights, named_network};
+pub use named::{NetworkError, bundled_weights, depth_pro_network, named_network};
 pub use release::{RELEASE_ADDRESS, RELEASE_FILE};
 
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]

@@ -86,6 +86,21 @@ pub fn named_network(
     })
 }
 
+/// Depth Pro's network of a file, on the CPU. Its sizes are those of `config` (`FILE.json#NAME`), of which only the depth
+/// network's matter, or of its release, which are SHARP's.
+///
+/// # Errors
+/// [`NetworkError`] if the configuration cannot be read.
+pub fn depth_pro_network(
+    checkpoint: &Path,
+    config: Option<&str>,
+) -> Result<NetworkSpec, NetworkError> {
+    Ok(NetworkSpec {
+        config: config.map_or_else(|| Ok(ModelConfig::release()), ModelConfig::load)?,
+        ..NetworkSpec::release(checkpoint)
+    })
+}
+
 /// The network of a file. Its configuration is `config`, `STEM.json` next to the file, that of the release, or the only
 /// fitting one in the `.json` files next to the file.
 fn network_of(file: &Path, config: Option<&str>) -> Result<NetworkSpec, NetworkError> {

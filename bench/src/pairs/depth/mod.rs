@@ -1,18 +1,18 @@
 //! Depth maps with their cameras, and sources of depth.
 //!
 //! * [`given`]: user-supplied maps.
-//! * [`first_layer`]: predictions of a SHARP checkpoint.
+//! * [`predicted`]: predictions of a checkpoint of SHARP or Depth Pro.
 
-pub mod first_layer;
 pub mod given;
+pub mod predicted;
 
 use std::path::PathBuf;
 
 use sharp::camera::{Intrinsics, RigidTransform};
 use sharp_datasets::{DepthMap, Scene, View};
 
-pub use self::first_layer::FirstLayerDepth;
 pub use self::given::GivenDepth;
+pub use self::predicted::{DepthNetwork, PredictedDepth};
 use super::PairError;
 use super::alignment::median_scale;
 use super::valid_depth::{is_valid_depth, median_of};

@@ -260,7 +260,7 @@ impl OptionValue for OverlapTest {
 
 impl OptionValue for OverlapDepth {
     fn values(&self) -> String {
-        "ground-truth, sparse:PIXELS, given, given-metric or sharp-release".to_owned()
+        "ground-truth, sparse:PIXELS, given, given-metric, sharp-release or depth-pro".to_owned()
     }
 
     fn text(&self) -> String {

@@ -84,6 +84,8 @@ pub enum OverlapDepth {
     GivenMetric,
     /// The first depth layer of SHARP's official checkpoint, scaled like [`Self::Given`].
     SharpRelease,
+    /// Depth by Depth Pro's checkpoint, scaled like [`Self::Given`]: the paper's way on ETH3D.
+    DepthPro,
 }
 
 impl OverlapDepth {
@@ -94,6 +96,11 @@ impl OverlapDepth {
     /// Whether user-supplied depth maps determine overlap.
     pub fn takes_maps(self) -> bool {
         matches!(self, Self::Given | Self::GivenMetric)
+    }
+
+    /// Whether a checkpoint predicts the depth.
+    pub fn takes_checkpoint(self) -> bool {
+        matches!(self, Self::SharpRelease | Self::DepthPro)
     }
 }
 

@@ -17,7 +17,7 @@ fn is_papers(kind: PaperOverlap, depth: OverlapDepth) -> bool {
     match kind {
         PaperOverlap::Stereo => true,
         PaperOverlap::Dense => depth == OverlapDepth::GroundTruth,
-        PaperOverlap::Sparse => depth == OverlapDepth::Given,
+        PaperOverlap::Sparse => matches!(depth, OverlapDepth::Given | OverlapDepth::DepthPro),
     }
 }
 
@@ -130,6 +130,8 @@ mod tests {
         };
         assert_eq!(on("", "eth3d"), "overlap=ground-truth");
         assert_eq!(on("overlap=given", "tanks-and-temples"), "");
+        assert_eq!(on("overlap=depth-pro", "eth3d"), "");
+        assert_eq!(on("overlap=depth-pro", "scannetpp"), "overlap=depth-pro");
         assert_eq!(on("", "scannetpp"), "");
         assert_eq!(on("overlap=given", "wildrgbd"), "overlap=given");
         assert_eq!(on("size=5,overlap=sparse,limit=all", "middlebury"), "");

@@ -27,6 +27,7 @@ fn every_value_survives_the_text_form() {
         "overlap=given,lookup=window:4",
         "overlap=given-metric",
         "overlap=sharp-release",
+        "overlap=depth-pro",
         "direction=min,threshold=0.333333333333333314829616256247",
         "direction=mean,at-threshold=in,min-baseline=1e-9,limit=all,sampling=per-scene",
         "direction=max,sampling=first,seed=12,limit=0",

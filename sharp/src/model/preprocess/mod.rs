@@ -58,7 +58,10 @@ pub struct Photo {
     pub height: usize,
     pub focal_px: f64,
     pub focal_source: FocalSource,
+    /// Warnings about the picture.
     pub warnings: Vec<String>,
+    /// Warnings about the focal length, if it is from the file or the default.
+    pub focal_warnings: Vec<String>,
 }
 
 impl Photo {
@@ -136,12 +139,11 @@ fn photo_from_bytes(
         1 => planes_of(&image.into_rgb8(), |v| f32::from(v) / 255.0),
         _ => planes_of(&image.into_rgb16(), |v| f32::from(v) / 65535.0),
     };
-    let (focal_px, focal_source) = match options.focal_px {
-        Some(px) => (px, FocalSource::Given),
+    let (focal_px, focal_source, focal_warnings) = match options.focal_px {
+        Some(px) => (px, FocalSource::Given, Vec::new()),
         None => {
             let focal = focal::Focal::of_file(bytes, (width, height));
-            warnings.extend(focal.warnings);
-            (focal.px, focal.source)
+            (focal.px, focal.source, focal.warnings)
         }
     };
     if !(focal_px.is_finite() && focal_px > 0.0) {
@@ -162,6 +164,7 @@ fn photo_from_bytes(
         focal_px,
         focal_source,
         warnings,
+        focal_warnings,
     })
 }
 

@@ -90,7 +90,7 @@ fn without_exif_thirty_millimetres_are_assumed_and_said() {
     assert_eq!(photo.focal_source, FocalSource::Default);
     assert!((photo.focal_px - 502.057_305_953_751_1).abs() < 1e-9);
     assert_eq!(photo.disparity_factor(), 0.980_580_7);
-    assert!(photo.warnings[0].contains("30 mm"));
+    assert!(photo.focal_warnings[0].contains("30 mm"));
 }
 
 #[test]
@@ -117,7 +117,7 @@ fn focal_lengths_that_are_guesses_or_no_lens_has_are_warned_about() {
     let said = |entries: &[Entry]| {
         let picture = RgbImage::new(60, 40);
         let photo = read(&with_exif_of(&picture, 1, entries)).unwrap();
-        photo.warnings.join("; ")
+        photo.focal_warnings.join("; ")
     };
     assert_eq!(said(&[(FOCAL_35MM, 3, 26), (FOCAL, 5, 42)]), "");
     assert!(said(&[(FOCAL_35MM, 3, 4)]).contains("which no lens has"));
@@ -129,7 +129,7 @@ fn focal_lengths_that_are_guesses_or_no_lens_has_are_warned_about() {
 fn shapes_that_no_camera_takes_are_taken_for_crops_where_the_file_says_no_size() {
     let said = |(width, height): (u32, u32), entries: &[Entry]| {
         let photo = read(&with_exif_of(&RgbImage::new(width, height), 1, entries)).unwrap();
-        photo.warnings.join("; ")
+        photo.focal_warnings.join("; ")
     };
     let focal = (FOCAL_35MM, 3, 26);
     for size in [
@@ -184,7 +184,7 @@ fn a_given_focal_length_wins_and_is_checked() {
         (photo.focal_px, photo.focal_source),
         (500.0, FocalSource::Given)
     );
-    assert!(photo.warnings.is_empty());
+    assert!(photo.warnings.is_empty() && photo.focal_warnings.is_empty());
     assert!(with(0.0).is_err());
     assert!(with(f64::NAN).is_err());
     assert!(with(f64::INFINITY).is_err());

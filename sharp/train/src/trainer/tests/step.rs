@@ -1,4 +1,5 @@
 use sharp::composer::compose;
+use sharp_checkpoint::Checkpoint;
 
 use super::*;
 use crate::data::Source;
@@ -268,6 +269,36 @@ fn a_trained_depth_network_goes_with_gaussians_of_any_stride() {
     let opened = Trainer::open(other, None, tempfile::tempdir().unwrap().path(), cpu());
     let error = opened.err().unwrap().to_string();
     assert!(error.contains("monodepth_predictor.decoder"), "{error}");
+}
+
+#[test]
+fn depth_pro_becomes_the_depth_network_with_its_layer_twice() {
+    let golden = concat!(env!("CARGO_MANIFEST_DIR"), "/../../tests/golden");
+    let file = PathBuf::from(format!("{golden}/depth_pro/narrow_model.pt"));
+    let stored = Checkpoint::open(&file).unwrap();
+    let mut config = config([1, 0], 96);
+    config.network = ModelConfig::load(&format!("{golden}/model/tiny_config.json#narrow")).unwrap();
+    // Of smaller pictures, so that only position embeddings differ.
+    config.network.vit.img_size = 128;
+    config.network.internal_resolution = 512;
+    config.initial_depth = Some(file);
+    let training = Training::new(&config);
+    let mut layered = 0;
+    for weights in &training.trainer.state.weights {
+        let own = weights
+            .name
+            .strip_prefix("monodepth_model.monodepth_predictor.");
+        let Some(own) = own.filter(|own| !own.ends_with("pos_embed")) else {
+            continue;
+        };
+        let mut expected = stored.tensor_f32(own).unwrap();
+        if weights.name.contains(LAYERED) {
+            expected = expected.repeat(2);
+            layered += 1;
+        }
+        assert_eq!(weights.values, expected, "{own}");
+    }
+    assert_eq!(layered, 2);
 }
 
 #[test]
