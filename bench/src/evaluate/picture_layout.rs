@@ -43,10 +43,39 @@ pub(super) fn layout_change(photograph: &RgbImage, picture: &RgbImage) -> Option
     if rows.is_unfinished() {
         return Some(PictureChange::Unfinished);
     }
+    if let Some(thickness) = strip(&columns, &rows) {
+        return Some(PictureChange::Strip(thickness));
+    }
     let is_interlaced = steps(picture, true) > LEAST_STEPS
         && steps(picture, false) < MOST_STEPS
         && steps(photograph, true) < MOST_STEPS;
     is_interlaced.then_some(PictureChange::Interlaced)
+}
+
+/// The thickness of a strip along one of the four sides, thousandths of the size. Black columns are no strip, because
+/// stereo pairs leave such holes.
+fn strip(columns: &Sides, rows: &Sides) -> Option<[i16; 4]> {
+    let mut strips = [0; 4];
+    for (at, sides) in [columns, rows].into_iter().enumerate() {
+        for side in 0..2 {
+            let is_told = |v: &u8| *v >= WHITE || (at == 1 && *v <= ONE_COLOUR);
+            if sides.thickness[side] > 0
+                && sides.colours[side].iter().all(is_told)
+                && sides.is_sharp[side]
+                && sides.vary[side]
+            {
+                strips[2 * at + side] = (1000 * sides.thickness[side] / sides.all) as i16;
+            }
+        }
+    }
+    let is_one = columns
+        .thickness
+        .iter()
+        .chain(&rows.thickness)
+        .filter(|t| **t > 0)
+        .count()
+        == 1;
+    (is_one && strips.iter().any(|t| *t >= 1000 / BAR as i16)).then_some(strips)
 }
 
 /// The lines of one colour at two opposite sides of a picture.
@@ -58,6 +87,8 @@ struct Sides {
     colours: [[u8; 3]; 2],
     /// Whether the photograph varies along most of those lines.
     vary: [bool; 2],
+    /// Whether the next line hardly has that colour.
+    is_sharp: [bool; 2],
 }
 
 impl Sides {
@@ -75,7 +106,12 @@ impl Sides {
             let varying = (0..count)
                 .filter(|k| colour_of(photograph, is_row, place(side, *k)).is_none())
                 .count() as u32;
-            Some((count, first, 2 * varying > count))
+            let is_sharp = count < all && {
+                let next = line(picture, is_row, place(side, count));
+                10 * next.filter(|pixel| is_alike(*pixel, first)).count()
+                    < if is_row { width } else { height } as usize
+            };
+            Some((count, first, 2 * varying > count, is_sharp))
         };
         let [first, last] = [0, 1].map(|at| side(at).unwrap_or_default());
         Self {
@@ -83,6 +119,7 @@ impl Sides {
             thickness: [first.0, last.0],
             colours: [first.1, last.1],
             vary: [first.2, last.2],
+            is_sharp: [first.3, last.3],
         }
     }
 
@@ -108,17 +145,21 @@ impl Sides {
     }
 }
 
-/// The colour of a row or column; `None` if it has several.
-fn colour_of(picture: &RgbImage, is_row: bool, at: u32) -> Option<[u8; 3]> {
+/// The pixels of a row or column.
+fn line(picture: &RgbImage, is_row: bool, at: u32) -> impl Iterator<Item = [u8; 3]> {
     let (width, height) = picture.dimensions();
-    let pixel = |k: u32| match is_row {
+    let length = if is_row { width } else { height };
+    (0..length).map(move |k| match is_row {
         true => picture.get_pixel(k, at).0,
         false => picture.get_pixel(at, k).0,
-    };
-    let first = pixel(0);
-    let length = if is_row { width } else { height };
-    (1..length)
-        .all(|k| is_alike(pixel(k), first))
+    })
+}
+
+/// The colour of a row or column; `None` if it has several.
+fn colour_of(picture: &RgbImage, is_row: bool, at: u32) -> Option<[u8; 3]> {
+    let first = line(picture, is_row, at).next()?;
+    line(picture, is_row, at)
+        .all(|pixel| is_alike(pixel, first))
         .then_some(first)
 }
 
@@ -204,6 +245,26 @@ mod tests {
     }
 
     #[test]
+    fn strips_along_one_side_are_told() {
+        let strip = |told: Option<PictureChange>| match told {
+            Some(PictureChange::Strip(thickness)) => thickness,
+            other => panic!("{other:?}"),
+        };
+        let colour = |is: bool, level: u8| is.then_some([level; 3]);
+        assert_eq!(strip(told(|_, y| colour(y < 9, 255))), [0, 0, 100, 0]);
+        assert_eq!(strip(told(|x, _| colour(x >= 114, 255))), [0, 50, 0, 0]);
+        assert_eq!(strip(told(|_, y| colour(y > 80, 0))), [0, 0, 0, 100]);
+        // An edge that follows the scene, two sides, and one line.
+        for proper in [
+            told(|x, y| colour(y < 9 + x % 5, 255)),
+            told(|x, y| colour(y < 9 || x < 9, 255)),
+            told(|_, y| colour(y < 1, 255)),
+        ] {
+            assert_eq!(proper, None);
+        }
+    }
+
+    #[test]
     fn holes_and_patterns_are_not() {
         let black = |is: bool| is.then_some([0; 3]);
         for proper in [
@@ -211,7 +272,6 @@ mod tests {
             told(|x, _| black(x < 20)),
             told(|x, y| black(!(12..108).contains(&x) || !(9..80).contains(&y))),
             told(|x, y| black(y > 60 + x / 8)),
-            told(|_, y| black(y > 80)),
             told(|x, y| ((x + y) % 2 == 1).then_some([120; 3])),
             told(|_, _| Some([90; 3])),
             told(|_, _| Some([0; 3])),
