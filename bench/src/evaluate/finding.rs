@@ -47,8 +47,8 @@ pub enum PictureChange {
     Interlaced,
     /// A white border on all sides.
     Framed,
-    /// One colour along one side: its thickness at the left, right, top and bottom, thousandths of the size.
-    Strip([i16; 4]),
+    /// White or black from the first row down, or from some row to the last: its thickness, thousandths of the height.
+    Strip([i16; 2]),
     /// Several pictures side by side or one above the other.
     Panels,
     /// The photograph is smaller along one axis, or along both with its upper left corner in place.
@@ -180,7 +180,7 @@ impl PictureChange {
     /// The change without its measured numbers.
     pub fn kind(self) -> Self {
         match self {
-            Self::Strip(_) => Self::Strip([0; 4]),
+            Self::Strip(_) => Self::Strip([0; 2]),
             Self::Stretched(_) => Self::Stretched(0),
             other => other,
         }

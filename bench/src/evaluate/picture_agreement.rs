@@ -18,6 +18,8 @@ const AGREEMENT_OF_STRETCHED: f64 = 0.25;
 const AGREEMENT_VISIBLE: f64 = 0.1;
 /// Minimum number of pictures whose clear change is named although others do not have it, and their share.
 const NAMED: (usize, f64) = (2, 0.02);
+/// Minimum number of targets with equal pictures. Two may have the same source and motion.
+const REPEATED: usize = 3;
 /// Maximum difference of equal strips, thousandths of the picture and relative to their thickness.
 const UNEVEN: (f64, f64) = (8.0, 0.1);
 /// Minimum difference of the gains of levels that were stretched one by one, percent. Equal gains are an exposure.
@@ -76,7 +78,7 @@ pub(crate) fn agreed_changes(
 
 /// How many changes of one kind agree in their numbers.
 fn agreeing(changes: &[PictureChange]) -> usize {
-    let strips: Vec<[i16; 4]> = changes
+    let strips: Vec<[i16; 2]> = changes
         .iter()
         .filter_map(|change| match change {
             PictureChange::Strip(thickness) => Some(*thickness),
@@ -84,12 +86,12 @@ fn agreeing(changes: &[PictureChange]) -> usize {
         })
         .collect();
     if !strips.is_empty() {
-        let middle: [f64; 4] = std::array::from_fn(|side| {
+        let middle: [f64; 2] = std::array::from_fn(|side| {
             let mut of_side: Vec<i16> = strips.iter().map(|strip| strip[side]).collect();
             of_side.sort_unstable();
             f64::from(of_side[of_side.len() / 2])
         });
-        let is_equal = |strip: &&[i16; 4]| {
+        let is_equal = |strip: &&[i16; 2]| {
             let mut sides = strip.iter().zip(middle);
             sides.all(|(own, middle)| {
                 (f64::from(*own) - middle).abs() <= UNEVEN.0.max(UNEVEN.1 * middle)
@@ -200,7 +202,7 @@ pub(crate) fn repeated<T: Ord>(pictures: &[(&str, [T; 2])]) -> Option<String> {
     }
     let repeated = pictures
         .iter()
-        .filter(|(_, [picture, _])| targets[picture].len() > 1);
+        .filter(|(_, [picture, _])| targets[picture].len() >= REPEATED);
     let names: BTreeSet<&str> = repeated.map(|(name, _)| *name).collect();
     (!names.is_empty()).then(|| {
         format!(
@@ -285,7 +287,7 @@ mod tests {
 
     #[test]
     fn strips_are_equally_thick_and_stretched_levels_have_other_gains() {
-        let strip = |top: i16| PictureChange::Strip([0, 0, top, 0]);
+        let strip = |top: i16| PictureChange::Strip([top, 0]);
         let equal = told(&[strip(60), strip(60), strip(63)], 3);
         assert!(
             equal[0].starts_with("3 of its 3 pictures have a strip of one colour"),
@@ -314,23 +316,27 @@ mod tests {
                 });
             }
         };
-        let said = repeated_pictures(records(5, files(|at| at.min(3))).iter());
+        let said = repeated_pictures(records(5, files(|at| at.min(2))).iter());
         assert!(
-            said[0].starts_with("2 of its 5 pictures are equal to another one"),
+            said[0].starts_with("3 of its 5 pictures are equal to another one"),
             "{said:?}"
         );
         assert!(
-            said[0].ends_with(": m/scene0/a__3, m/scene1/a__4"),
+            said[0].ends_with(": m/scene0/a__2, m/scene0/a__3, m/scene1/a__4"),
             "{said:?}"
         );
         let of_source = |at: usize, record: &mut Record| {
             files(|_| 0)(at, record);
             record.shows = Some(ShownTarget::Source);
         };
-        for proper in [records(5, files(|at| at)), records(5, of_source)] {
+        for proper in [
+            records(5, files(|at| at)),
+            records(5, files(|at| at / 2)),
+            records(5, of_source),
+        ] {
             assert_eq!(repeated_pictures(proper.iter()), Vec::<String>::new());
         }
         // Repeated photographs have equal predictions.
-        assert_eq!(repeated(&[("a", [1, 2]), ("b", [1, 2])]), None);
+        assert_eq!(repeated(&["a", "b", "c"].map(|name| (name, [1, 2]))), None);
     }
 }

@@ -335,6 +335,7 @@ mod tests {
             (PictureChange::Noise, |p| {
                 RgbImage::from_fn(p.width(), p.height(), |x, y| {
                     let hash = (x * 7919 + y * 104_729).wrapping_mul(2_654_435_761);
+                    let hash = (hash ^ (hash >> 15)).wrapping_mul(2_246_822_519);
                     Rgb([8, 16, 24].map(|by| (hash >> by) as u8))
                 })
             }),
@@ -431,8 +432,10 @@ mod tests {
     fn levels_stretched_to_the_whole_range_are_told() {
         // The photograph has no black and no white.
         let photograph = levels(&picture(0.0, 0), |v| 60.0 + 0.5 * v);
-        let mut proper = levels(&picture(1.0, 1), |v| 60.0 + 0.5 * v);
-        let gain = 255.0 / 126.0;
+        let mut proper = levels(&picture(1.0, 0), |v| 60.0 + 0.5 * v);
+        proper.put_pixel(3, 3, Rgb([60; 3]));
+        proper.put_pixel(9, 3, Rgb([180; 3]));
+        let gain = 255.0 / 120.0;
         let [lowest, highest] =
             [proper.iter().min(), proper.iter().max()].map(|v| f32::from(*v.unwrap()));
         let normalised = mapped(&proper, |c| {

@@ -43,7 +43,7 @@ pub(super) fn layout_change(photograph: &RgbImage, picture: &RgbImage) -> Option
     if rows.is_unfinished() {
         return Some(PictureChange::Unfinished);
     }
-    if let Some(thickness) = strip(&columns, &rows) {
+    if let Some(thickness) = strip(&rows, &columns) {
         return Some(PictureChange::Strip(thickness));
     }
     let is_interlaced = steps(picture, true) > LEAST_STEPS
@@ -52,30 +52,19 @@ pub(super) fn layout_change(photograph: &RgbImage, picture: &RgbImage) -> Option
     is_interlaced.then_some(PictureChange::Interlaced)
 }
 
-/// The thickness of a strip along one of the four sides, thousandths of the size. Black columns are no strip, because
-/// stereo pairs leave such holes.
-fn strip(columns: &Sides, rows: &Sides) -> Option<[i16; 4]> {
-    let mut strips = [0; 4];
-    for (at, sides) in [columns, rows].into_iter().enumerate() {
-        for side in 0..2 {
-            let is_told = |v: &u8| *v >= WHITE || (at == 1 && *v <= ONE_COLOUR);
-            if sides.thickness[side] > 0
-                && sides.colours[side].iter().all(is_told)
-                && sides.is_sharp[side]
-                && sides.vary[side]
-            {
-                strips[2 * at + side] = (1000 * sides.thickness[side] / sides.all) as i16;
-            }
-        }
-    }
-    let is_one = columns
-        .thickness
-        .iter()
-        .chain(&rows.thickness)
-        .filter(|t| **t > 0)
-        .count()
-        == 1;
-    (is_one && strips.iter().any(|t| *t >= 1000 / BAR as i16)).then_some(strips)
+/// The thickness of a strip along the first or last row, thousandths of the height. Columns are no evidence, because a
+/// shift that is equal everywhere leaves the same hole.
+fn strip(rows: &Sides, columns: &Sides) -> Option<[i16; 2]> {
+    let side = match (rows.thickness, columns.thickness) {
+        ([_, 0], [0, 0]) => 0,
+        ([0, _], [0, 0]) => 1,
+        _ => return None,
+    };
+    let is_all = |is: fn(&u8) -> bool| rows.colours[side].iter().all(is);
+    let is_told = is_all(|v| *v >= WHITE) || is_all(|v| *v <= ONE_COLOUR);
+    let is_thick = rows.thickness[side] >= (rows.all / BAR).max(2);
+    (is_told && is_thick && rows.is_sharp[side] && rows.vary[side])
+        .then(|| rows.thickness.map(|lines| (1000 * lines / rows.all) as i16))
 }
 
 /// The lines of one colour at two opposite sides of a picture.
@@ -251,14 +240,14 @@ mod tests {
             other => panic!("{other:?}"),
         };
         let colour = |is: bool, level: u8| is.then_some([level; 3]);
-        assert_eq!(strip(told(|_, y| colour(y < 9, 255))), [0, 0, 100, 0]);
-        assert_eq!(strip(told(|x, _| colour(x >= 114, 255))), [0, 50, 0, 0]);
-        assert_eq!(strip(told(|_, y| colour(y > 80, 0))), [0, 0, 0, 100]);
+        assert_eq!(strip(told(|_, y| colour(y < 9, 255))), [100, 0]);
+        assert_eq!(strip(told(|_, y| colour(y > 80, 0))), [0, 100]);
         // An edge that follows the scene, two sides, and one line.
         for proper in [
             told(|x, y| colour(y < 9 + x % 5, 255)),
             told(|x, y| colour(y < 9 || x < 9, 255)),
             told(|_, y| colour(y < 1, 255)),
+            told(|x, _| colour(x >= 114, 255)),
         ] {
             assert_eq!(proper, None);
         }

@@ -74,9 +74,11 @@ impl Place {
             let found = error(&place);
             if found < best.0 { (found, place) } else { best }
         };
-        let starts = STARTS
-            .iter()
-            .flat_map(|x| STARTS.map(|y| Self([[0.0, *x], [0.0, y]])));
+        let starts = STARTS.iter().flat_map(|x| STARTS.map(|y| [*x, y]));
+        let starts = starts.flat_map(|sizes| {
+            let in_corner = sizes.map(|size| [(size - 1.0) / 2.0, size]);
+            [Self(sizes.map(|size| [0.0, size])), Self(in_corner)]
+        });
         let mut best = starts.fold((error(&Self::WHOLE), Self::WHOLE), better);
         for step in STEPS {
             loop {
@@ -146,7 +148,7 @@ impl Place {
             let is_kept = [first, last].map(|off| off.abs() < UNMOVED);
             let size = last - first;
             let change = if size < 0.0 { Padded } else { Cropped };
-            let is_centred = (first + last).abs() < UNMOVED && size.abs() >= RESIZED;
+            let is_centred = axis[0].abs() < UNMOVED && size.abs() >= RESIZED;
             (is_kept, is_centred.then_some(change), size)
         });
         match [x, y] {
@@ -211,7 +213,7 @@ mod tests {
         RgbImage::from_fn(160, 96, |x, y| {
             let (u, v) = (f64::from(x) + by, f64::from(y));
             let wave =
-                (u / 11.0 + v / 23.0).sin() + (u / 29.0 - v / 13.0).cos() + (u * v / 1500.0).sin();
+                (u / 11.0 + v / 23.0).sin() + (u / 19.0 - v / 5.0).cos() + (u * v / 1500.0).sin();
             let hash = f64::from((x * 7919 + y * 104_729) % 17) * by.min(1.0);
             Rgb([0.0, 1.0, 2.0].map(|c| (120.0 + 25.0 * wave + hash + c) as u8))
         })
@@ -242,7 +244,7 @@ mod tests {
 
     #[test]
     fn crops_and_padding_that_were_resized_are_told() {
-        let proper = photograph(1.0);
+        let proper = photograph(0.5);
         assert_eq!(
             told(&stretched(&proper, [32, 0, 96, 96])),
             Some(PictureChange::Cropped)
@@ -258,7 +260,7 @@ mod tests {
 
     #[test]
     fn panels_are_told() {
-        let (proper, other) = (photograph(1.0), photograph(70.0));
+        let (proper, other) = (photograph(0.5), photograph(70.0));
         let mut beside = RgbImage::new(320, 96);
         replace(&mut beside, &other, 0, 0);
         replace(&mut beside, &proper, 160, 0);
@@ -274,7 +276,7 @@ mod tests {
 
     #[test]
     fn parallax_and_motion_along_the_axis_are_not() {
-        let proper = photograph(1.0);
+        let proper = photograph(0.5);
         let moved = stretched(&proper, [10, 6, 140, 84]);
         let away = padded(&proper, [10, 10, 6, 6]);
         let blurred = image::imageops::fast_blur(&proper, 4.0);
