@@ -97,14 +97,18 @@ pub(super) fn stretching(
     shown: &RgbImage,
     picture: &RgbImage,
 ) -> Option<i16> {
-    let share = |of: &RgbImage, is: fn(u8) -> bool| {
+    let share = |of: &RgbImage, is: &dyn Fn(u8) -> bool| {
         of.iter().filter(|level| is(**level)).count() as f64 / of.len() as f64
     };
-    let is_end = |end: fn(u8) -> bool, near: fn(u8) -> bool| {
-        let found = share(picture, end);
-        found > 0.0 && found <= share(photograph, near) + ENDS
-    };
-    if !is_end(|v| v == 0, |v| v <= 2) || !is_end(|v| v == 255, |v| v >= 253) {
+    // A photograph's flat shadows and highlights stay flat.
+    let [darkest, brightest] = [photograph.iter().min()?, photograph.iter().max()?];
+    let flat = [
+        share(photograph, &|v| v - darkest <= 2),
+        share(photograph, &|v| brightest - v <= 2),
+    ];
+    let ends = [share(picture, &|v| v == 0), share(picture, &|v| v == 255)];
+    let mut both = ends.into_iter().zip(flat);
+    if !both.all(|(end, flat)| end > 0.0 && end <= flat + ENDS) {
         return None;
     }
     let (full, height) = seen.dimensions();
@@ -114,8 +118,8 @@ pub(super) fn stretching(
             [seen, shown].map(|p| moments(&thumbnail(p, width, (height * width / full).max(1))));
         (shown.1 / seen.1, shown.0 - seen.0 * shown.1 / seen.1)
     });
-    let lowest = photograph.iter().min().map(|v| f64::from(*v))?;
-    let highest = photograph.iter().max().map(|v| f64::from(*v))?;
+    let lowest = seen.iter().min().map(|v| f64::from(*v))?;
+    let highest = seen.iter().max().map(|v| f64::from(*v))?;
     let is_range = |(gain, black): &(f64, f64)| {
         *gain >= LEAST_STRETCH
             && (black + gain * lowest).abs() <= OFF_ENDS
