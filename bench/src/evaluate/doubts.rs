@@ -3,7 +3,8 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use super::gaussians::source_check::{SOURCE_BLUR, SOURCE_DEPTH, SOURCE_PSNR};
-use super::picture_check::{changed_pictures, is_checked};
+use super::picture_agreement::{changed_pictures, repeated_pictures};
+use super::picture_check::is_checked;
 use super::picture_order::misplaced_pictures;
 use super::record::Record;
 use crate::methods::{TrueDepth, UNUSABLE};
@@ -136,6 +137,7 @@ pub(super) fn joint_doubts<'a>(
         true => [
             changed_pictures(records.clone()),
             misplaced_pictures(records.clone()),
+            repeated_pictures(records.clone()),
         ]
         .concat(),
         false => Vec::new(),
@@ -170,7 +172,7 @@ fn trained_targets<'a>(records: impl Iterator<Item = &'a Record>) -> Option<Stri
 }
 
 /// The names in order, shortened if there are many.
-fn listed(names: BTreeSet<&str>) -> String {
+pub(super) fn listed(names: BTreeSet<&str>) -> String {
     let more = match names.len().saturating_sub(MOST_NAMED) {
         0 => String::new(),
         more => format!(" and {more} more"),

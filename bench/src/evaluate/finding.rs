@@ -47,6 +47,20 @@ pub enum PictureChange {
     Interlaced,
     /// A white border on all sides.
     Framed,
+    /// White or black from the first row down, or from some row to the last: its thickness, thousandths of the height.
+    Strip([i16; 2]),
+    /// Several pictures side by side or one above the other.
+    Panels,
+    /// The photograph is smaller along one axis, or along both with its upper left corner in place.
+    Padded,
+    /// The photograph is larger along one axis.
+    Cropped,
+    /// Darkest and brightest level became 0 and 255: the gain in contrast, percent.
+    Stretched(i16),
+    /// Three equal channels, although the photograph has colours.
+    Grey,
+    /// Neighbouring pixels have nothing in common.
+    Noise,
 }
 
 impl PictureChange {
@@ -105,6 +119,32 @@ impl PictureChange {
             Self::Framed => {
                 "have a white border on all sides, as figures with axes or margins have; store the picture alone"
             }
+            Self::Strip(_) => {
+                "have a strip of one colour, equally thick in all, along one side, as captions and padding leave; \
+                 store the picture alone"
+            }
+            Self::Panels => {
+                "are several pictures side by side or one above the other, squeezed; store the prediction alone"
+            }
+            Self::Padded => {
+                "were resized with padding around them: remove it before resizing, or store the pictures without it"
+            }
+            Self::Cropped => {
+                "are crops stretched to the target's size: store them unstretched and set crop=center:1:1 (or their \
+                 own aspect)"
+            }
+            Self::Stretched(_) => {
+                "had their levels stretched one by one, so that the darkest is 0 and the brightest 255 \
+                 (`normalize=True` of torchvision's save_image, for example); store the values as predicted"
+            }
+            Self::Grey => {
+                "have three equal channels, although the photographs have colours; if the method predicts colours, \
+                 store them"
+            }
+            Self::Noise => {
+                "are noise: neighbouring pixels have nothing in common (latents, unfinished sampling or bytes read as \
+                 another type?)"
+            }
         }
     }
 
@@ -118,7 +158,32 @@ impl PictureChange {
                 | Self::Unfinished
                 | Self::Interlaced
                 | Self::Framed
+                | Self::Panels
+                | Self::Noise
         )
+    }
+
+    /// Whether hardly any other picture looks like that, so that single files are named.
+    pub fn is_clear(self) -> bool {
+        use PictureChange::*;
+        let is_moved = matches!(
+            self,
+            Mirrored | UpsideDown | Turned180 | Turned90 | Turned270 | Transposed
+        );
+        let is_recoloured = matches!(
+            self,
+            Bgr | Grb | Rbg | Gbr | Brg | Luma | Normalised | Negative
+        );
+        is_moved || is_recoloured || matches!(self, Panels | Noise | Unscaled)
+    }
+
+    /// The change without its measured numbers.
+    pub fn kind(self) -> Self {
+        match self {
+            Self::Strip(_) => Self::Strip([0; 2]),
+            Self::Stretched(_) => Self::Stretched(0),
+            other => other,
+        }
     }
 }
 
@@ -136,6 +201,8 @@ pub enum ShownTarget {
     Other,
     /// None: it is the source's photograph.
     Source,
+    /// None: it is like the source's photograph, but no copy.
+    SourceView,
 }
 
 impl ShownTarget {
@@ -147,6 +214,7 @@ impl ShownTarget {
             Self::Next => "the target of the pair after theirs",
             Self::Other => "the target of another pair",
             Self::Source => "the source's photograph",
+            Self::SourceView => "the source's view",
         }
     }
 }

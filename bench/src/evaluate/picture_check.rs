@@ -5,8 +5,6 @@
 //! photograph, and for nearly all pictures of a dataset. Shifts are not tried, because parallax that a method ignores
 //! moves all pictures of a stereo dataset alike. Scores do not depend on this check.
 
-use std::collections::BTreeMap;
-
 use image::imageops::{flip_horizontal, flip_vertical, rotate90, rotate180, rotate270, thumbnail};
 use image::{GenericImageView, Rgb, RgbImage};
 use sharp::color::{Quantization, linear_from_srgb, quantize, srgb_from_linear};
@@ -14,8 +12,12 @@ use sharp::color::{Quantization, linear_from_srgb, quantize, srgb_from_linear};
 use super::finding::PictureChange;
 use super::gaussians::likeness::Likeness;
 use super::picture_layout::layout_change;
-use super::picture_levels::{from_luma, is_limited, is_unscaled, is_wrapped, normalised};
-use super::record::{Record, Status};
+use super::picture_levels::{
+    from_luma, is_grey, is_limited, is_noise, is_uniform, is_unscaled, is_wrapped, normalised,
+    stretching,
+};
+use super::picture_placement::placement_change;
+use super::record::Record;
 use crate::scoring::Region;
 
 /// Maximum width compared, pixels.
@@ -35,15 +37,8 @@ const BEYOND_ENDS: f64 = 0.002;
 const OPPOSED: f64 = -0.4;
 /// Minimum share of the photograph's variance explained after undoing a change; poor predictions reach a quarter.
 const EXPLAINED: f64 = 0.2;
-/// Minimum number of pictures in a dataset, and the share that must agree.
-const AGREEMENT: (usize, f64) = (3, 0.8);
-/// The share that suffices for the limited range of video: few other pictures have both of its ends.
-const AGREEMENT_OF_LIMITED: f64 = 0.5;
-/// The share that suffices for a visible change.
-const AGREEMENT_VISIBLE: f64 = 0.1;
-
 /// Pictures whose correlation with the photograph is lower have little in common with it.
-const UNLIKE: f64 = 0.15;
+pub(super) const UNLIKE: f64 = 0.15;
 
 /// Orders of stored channels: for each, which stored channel is red, which green, and which blue.
 const PERMUTATIONS: [(PictureChange, [usize; 3]); 5] = [
@@ -94,12 +89,20 @@ pub(crate) fn likely_change(photograph: &RgbImage, picture: &RgbImage) -> Option
     if is_unscaled(&seen, picture) {
         return Some(PictureChange::Unscaled);
     }
+    if is_grey(&seen, picture) {
+        return Some(PictureChange::Grey);
+    }
+    if is_noise(photograph, picture) {
+        return Some(PictureChange::Noise);
+    }
     if is_normalised(&seen, &shown) {
         return Some(PictureChange::Normalised);
     }
     let undone = undone_change(&seen, &shown, ends(picture), photograph.dimensions());
     let wrapped = || is_wrapped(photograph, picture).then_some(PictureChange::Wrapped);
-    undone.or_else(wrapped)
+    let stretched = || stretching(photograph, &seen, &shown, picture).map(PictureChange::Stretched);
+    let placed = || placement_change(&seen, &shown);
+    undone.or_else(wrapped).or_else(placed).or_else(stretched)
 }
 
 /// Whether the photograph, normalised by ImageNet's mean and standard deviation, is significantly closer to the picture
@@ -218,11 +221,10 @@ pub(crate) fn shrunk(picture: &RgbImage) -> RgbImage {
 }
 
 /// True if a picture that is not uniform has little in common with a [`shrunk`] photograph.
-fn is_unlike(small: &RgbImage, picture: &RgbImage) -> bool {
+pub(crate) fn is_unlike(small: &RgbImage, picture: &RgbImage) -> bool {
     let shown = thumbnail(picture, small.width(), small.height());
-    let [lowest, highest] = ends(&shown);
     let fit = Likeness::of(small, Region::whole(small.dimensions()), &shown);
-    lowest < highest && fit.correlation() < UNLIKE
+    !is_uniform(&shown) && fit.correlation() < UNLIKE
 }
 
 /// The darkest and the brightest level, ignoring [`BEYOND_ENDS`] of the levels at each end.
@@ -266,63 +268,8 @@ fn ranked(picture: &RgbImage) -> RgbImage {
     ranked
 }
 
-/// A sentence for each dataset in which nearly all pictures were probably changed in the same way.
-pub(super) fn changed_pictures<'a>(records: impl Iterator<Item = &'a Record>) -> Vec<String> {
-    let mut by_dataset: BTreeMap<&str, Vec<Option<PictureChange>>> = BTreeMap::new();
-    for record in records.filter(|record| record.status == Status::Ok) {
-        let of_dataset = by_dataset.entry(&record.dataset).or_default();
-        of_dataset.push(record.change);
-    }
-    let told = by_dataset.into_iter();
-    told.filter_map(|(dataset, changes)| agreed_change(&changes, &format!("of {dataset}")))
-        .collect()
-}
-
-/// A sentence on the change that nearly all of some pictures have in common, or several if it is visible. `photographs`
-/// completes "the photographs": which they were compared with.
-pub(crate) fn agreed_change(
-    changes: &[Option<PictureChange>],
-    photographs: &str,
-) -> Option<String> {
-    let all = changes.len();
-    let same = |change| changes.iter().filter(|c| **c == Some(change)).count();
-    let (count, change) = changes.iter().flatten().map(|c| (same(*c), *c)).max()?;
-    let counted = format!("{count} of {all}");
-    let share = match change {
-        PictureChange::LimitedRange => AGREEMENT_OF_LIMITED,
-        change if change.is_visible() => AGREEMENT_VISIBLE,
-        _ => AGREEMENT.1,
-    };
-    let is_agreed = count >= AGREEMENT.0 && count as f64 >= share * all as f64;
-    is_agreed.then(|| match change {
-        PictureChange::Photograph => {
-            format!("its pictures {}: {counted} are equal to those {photographs}", change.text())
-        }
-        PictureChange::Unlike => format!(
-            "its pictures {}: {counted} have a correlation below {UNLIKE} with those {photographs} (another scene, \
-             another order of their bytes, or unfinished files?)",
-            change.text()
-        ),
-        PictureChange::LimitedRange => format!(
-            "its pictures look as if they {}: {counted} have about 16 for black and 235 for white of the photographs \
-             {photographs}",
-            change.text()
-        ),
-        change if change.is_visible() => format!(
-            "{count} of its {all} pictures {} (compared with the photographs {photographs})",
-            change.text()
-        ),
-        change => format!(
-            "its pictures look as if they {}: {counted} are significantly closer to the photographs {photographs} when \
-             this is undone",
-            change.text()
-        ),
-    })
-}
-
 #[cfg(test)]
 mod tests {
-    use super::super::record::tests::record;
     use super::*;
 
     /// Coloured blobs, shifted by `by`, with `noise` added.
@@ -384,9 +331,21 @@ mod tests {
             }),
             (PictureChange::Normalised, |p| mapped(p, normalised)),
             (PictureChange::Unscaled, |p| levels(p, |v| v / 255.0)),
+            (PictureChange::Grey, grey),
+            (PictureChange::Noise, |p| {
+                RgbImage::from_fn(p.width(), p.height(), |x, y| {
+                    let hash = (x * 7919 + y * 104_729).wrapping_mul(2_654_435_761);
+                    let hash = (hash ^ (hash >> 15)).wrapping_mul(2_246_822_519);
+                    Rgb([8, 16, 24].map(|by| (hash >> by) as u8))
+                })
+            }),
         ] {
             assert_eq!(told(&done(&proper)), Some(name));
         }
+    }
+
+    fn grey(picture: &RgbImage) -> RgbImage {
+        mapped(picture, |[_, g, _]| [g; 3])
     }
 
     fn to_luma([r, g, b]: [u8; 3]) -> [u8; 3] {
@@ -436,7 +395,7 @@ mod tests {
 
     #[test]
     fn proper_and_poor_predictions_are_not_accused() {
-        let grey = |p: &RgbImage| mapped(p, |[_, g, _]| [g; 3]);
+        let faint = |p: &RgbImage| mapped(p, |[r, g, b]| [g - g / 9 + r / 9, g, g - g / 9 + b / 9]);
         let dim = |p: &RgbImage, by: f64| mapped(p, |c| c.map(|v| (f64::from(v) * by) as u8));
         let tinted = mapped(&picture(0.0, 1), |[r, g, b]| {
             [r.saturating_add(40), g, b.saturating_sub(40)]
@@ -446,7 +405,11 @@ mod tests {
             ("parallax", picture(6.0, 0)),
             ("much parallax", picture(20.0, 0)),
             ("noise", picture(0.0, 4)),
-            ("grey", grey(&picture(0.0, 1))),
+            ("faint colours", faint(&picture(0.0, 1))),
+            (
+                "one colour",
+                RgbImage::from_pixel(96, 96, Rgb([120, 90, 60])),
+            ),
             ("dim", dim(&picture(1.0, 1), 0.4)),
             ("pale", levels(&picture(1.0, 1), |v| 30.0 + 0.75 * v)),
             ("bright", levels(&picture(1.0, 1), |v| 0.8 * v + 51.0)),
@@ -456,33 +419,40 @@ mod tests {
         ] {
             assert_eq!(told(&poor), None, "{what}");
         }
-        // A grey photograph gives no evidence on channels.
+        // A grey photograph gives no evidence on channels or colours.
         let seen = grey(&picture(0.0, 0));
+        assert_eq!(likely_change(&seen, &grey(&picture(1.0, 1))), None);
         assert_eq!(likely_change(&seen, &tint_of(&seen)), None);
     }
 
     fn tint_of(picture: &RgbImage) -> RgbImage {
         mapped(picture, |[r, g, b]| [r.saturating_add(9), g, b])
     }
-
     #[test]
-    fn nearly_all_pictures_of_a_dataset_have_to_agree() {
-        let sentences = |change: PictureChange, changed: usize, all: usize| {
-            let records: Vec<Record> = (0..all)
-                .map(|at| {
-                    let mut record = record();
-                    record.status = Status::Ok;
-                    record.change = (at < changed).then_some(change);
-                    record
-                })
-                .collect();
-            changed_pictures(records.iter())
-        };
-        let (bgr, wrapped) = (PictureChange::Bgr, PictureChange::Wrapped);
-        for few in [(bgr, 2, 2), (bgr, 3, 8), (wrapped, 2, 8), (wrapped, 3, 40)] {
-            assert_eq!(sentences(few.0, few.1, few.2), Vec::<String>::new());
+    fn levels_stretched_to_the_whole_range_are_told() {
+        // The photograph has no black and no white.
+        let photograph = levels(&picture(0.0, 0), |v| 60.0 + 0.5 * v);
+        let mut proper = levels(&picture(1.0, 0), |v| 60.0 + 0.5 * v);
+        proper.put_pixel(3, 3, Rgb([60; 3]));
+        proper.put_pixel(9, 3, Rgb([180; 3]));
+        let gain = 255.0 / 120.0;
+        let [lowest, highest] =
+            [proper.iter().min(), proper.iter().max()].map(|v| f32::from(*v.unwrap()));
+        let normalised = mapped(&proper, |c| {
+            c.map(|v| (255.0 * (f32::from(v) - lowest) / (highest - lowest)).round() as u8)
+        });
+        let told = |shown: &RgbImage| likely_change(&photograph, shown);
+        let found = told(&normalised);
+        assert!(
+            matches!(found, Some(PictureChange::Stretched(percent)) if (f64::from(percent) - 100.0 * gain).abs() < 30.0),
+            "{found:?}"
+        );
+        // A few pixels at both ends, and contrast that saturates.
+        proper.put_pixel(3, 3, Rgb([0; 3]));
+        proper.put_pixel(9, 3, Rgb([255; 3]));
+        let hard = levels(&proper, |v| (3.0 * (v - 120.0) + 128.0).clamp(0.0, 255.0));
+        for silent in [proper, hard] {
+            assert_eq!(told(&silent), None);
         }
-        assert!(sentences(bgr, 7, 8)[0].contains("red and blue exchanged: 7 of 8 "));
-        assert!(sentences(wrapped, 3, 8)[0].starts_with("3 of its 8 pictures have very bright"));
     }
 }

@@ -43,10 +43,28 @@ pub(super) fn layout_change(photograph: &RgbImage, picture: &RgbImage) -> Option
     if rows.is_unfinished() {
         return Some(PictureChange::Unfinished);
     }
+    if let Some(thickness) = strip(&rows, &columns) {
+        return Some(PictureChange::Strip(thickness));
+    }
     let is_interlaced = steps(picture, true) > LEAST_STEPS
         && steps(picture, false) < MOST_STEPS
         && steps(photograph, true) < MOST_STEPS;
     is_interlaced.then_some(PictureChange::Interlaced)
+}
+
+/// The thickness of a strip along the first or last row, thousandths of the height. Columns are no evidence, because a
+/// shift that is equal everywhere leaves the same hole.
+fn strip(rows: &Sides, columns: &Sides) -> Option<[i16; 2]> {
+    let side = match (rows.thickness, columns.thickness) {
+        ([_, 0], [0, 0]) => 0,
+        ([0, _], [0, 0]) => 1,
+        _ => return None,
+    };
+    let is_all = |is: fn(&u8) -> bool| rows.colours[side].iter().all(is);
+    let is_told = is_all(|v| *v >= WHITE) || is_all(|v| *v <= ONE_COLOUR);
+    let is_thick = rows.thickness[side] >= (rows.all / BAR).max(2);
+    (is_told && is_thick && rows.is_sharp[side] && rows.vary[side])
+        .then(|| rows.thickness.map(|lines| (1000 * lines / rows.all) as i16))
 }
 
 /// The lines of one colour at two opposite sides of a picture.
@@ -58,6 +76,8 @@ struct Sides {
     colours: [[u8; 3]; 2],
     /// Whether the photograph varies along most of those lines.
     vary: [bool; 2],
+    /// Whether the next line hardly has that colour.
+    is_sharp: [bool; 2],
 }
 
 impl Sides {
@@ -75,7 +95,12 @@ impl Sides {
             let varying = (0..count)
                 .filter(|k| colour_of(photograph, is_row, place(side, *k)).is_none())
                 .count() as u32;
-            Some((count, first, 2 * varying > count))
+            let is_sharp = count < all && {
+                let next = line(picture, is_row, place(side, count));
+                10 * next.filter(|pixel| is_alike(*pixel, first)).count()
+                    < if is_row { width } else { height } as usize
+            };
+            Some((count, first, 2 * varying > count, is_sharp))
         };
         let [first, last] = [0, 1].map(|at| side(at).unwrap_or_default());
         Self {
@@ -83,6 +108,7 @@ impl Sides {
             thickness: [first.0, last.0],
             colours: [first.1, last.1],
             vary: [first.2, last.2],
+            is_sharp: [first.3, last.3],
         }
     }
 
@@ -108,17 +134,21 @@ impl Sides {
     }
 }
 
-/// The colour of a row or column; `None` if it has several.
-fn colour_of(picture: &RgbImage, is_row: bool, at: u32) -> Option<[u8; 3]> {
+/// The pixels of a row or column.
+fn line(picture: &RgbImage, is_row: bool, at: u32) -> impl Iterator<Item = [u8; 3]> {
     let (width, height) = picture.dimensions();
-    let pixel = |k: u32| match is_row {
+    let length = if is_row { width } else { height };
+    (0..length).map(move |k| match is_row {
         true => picture.get_pixel(k, at).0,
         false => picture.get_pixel(at, k).0,
-    };
-    let first = pixel(0);
-    let length = if is_row { width } else { height };
-    (1..length)
-        .all(|k| is_alike(pixel(k), first))
+    })
+}
+
+/// The colour of a row or column; `None` if it has several.
+fn colour_of(picture: &RgbImage, is_row: bool, at: u32) -> Option<[u8; 3]> {
+    let first = line(picture, is_row, at).next()?;
+    line(picture, is_row, at)
+        .all(|pixel| is_alike(pixel, first))
         .then_some(first)
 }
 
@@ -204,6 +234,26 @@ mod tests {
     }
 
     #[test]
+    fn strips_along_one_side_are_told() {
+        let strip = |told: Option<PictureChange>| match told {
+            Some(PictureChange::Strip(thickness)) => thickness,
+            other => panic!("{other:?}"),
+        };
+        let colour = |is: bool, level: u8| is.then_some([level; 3]);
+        assert_eq!(strip(told(|_, y| colour(y < 9, 255))), [100, 0]);
+        assert_eq!(strip(told(|_, y| colour(y > 80, 0))), [0, 100]);
+        // An edge that follows the scene, two sides, and one line.
+        for proper in [
+            told(|x, y| colour(y < 9 + x % 5, 255)),
+            told(|x, y| colour(y < 9 || x < 9, 255)),
+            told(|_, y| colour(y < 1, 255)),
+            told(|x, _| colour(x >= 114, 255)),
+        ] {
+            assert_eq!(proper, None);
+        }
+    }
+
+    #[test]
     fn holes_and_patterns_are_not() {
         let black = |is: bool| is.then_some([0; 3]);
         for proper in [
@@ -211,7 +261,6 @@ mod tests {
             told(|x, _| black(x < 20)),
             told(|x, y| black(!(12..108).contains(&x) || !(9..80).contains(&y))),
             told(|x, y| black(y > 60 + x / 8)),
-            told(|_, y| black(y > 80)),
             told(|x, y| ((x + y) % 2 == 1).then_some([120; 3])),
             told(|_, _| Some([90; 3])),
             told(|_, _| Some([0; 3])),

@@ -16,6 +16,15 @@ const WRAPPED: f64 = 5e-4;
 const MID_TONES: u8 = 30;
 /// Maximum number of pixels compared.
 const SAMPLES: u32 = 32_768;
+/// Share of a stretched picture's levels at each end, beyond that of the photograph.
+const ENDS: f64 = 2e-4;
+/// Minimum gain in contrast of a stretched picture, and how far the photograph's range may be from 0..255 after it.
+const LEAST_STRETCH: f64 = 1.04;
+const OFF_ENDS: f64 = 30.0;
+/// Minimum mean difference of a coloured photograph's channels, levels.
+const LEAST_COLOUR: usize = 8;
+/// The correlation of neighbouring pixels is below the first in noise, and above the second in photographs.
+const NOISE: [f64; 2] = [0.1, 0.5];
 /// ImageNet's mean and standard deviation of red, green and blue, 0..1.
 const IMAGENET: [(f64, f64); 3] = [(0.485, 0.229), (0.456, 0.224), (0.406, 0.225)];
 
@@ -78,6 +87,85 @@ pub(super) fn is_wrapped(photograph: &RgbImage, picture: &RgbImage) -> bool {
     found >= WRAPPED * all
         && saturated[1] >= 2.0 * saturated[0] + found / 2.0
         && 2 * near >= off.iter().sum()
+}
+
+/// The gain in contrast, percent, of a picture whose darkest and brightest level became 0 and 255; `None` if other levels
+/// are at those ends, or the photograph has them as well.
+pub(super) fn stretching(
+    photograph: &RgbImage,
+    seen: &RgbImage,
+    shown: &RgbImage,
+    picture: &RgbImage,
+) -> Option<i16> {
+    let share = |of: &RgbImage, is: &dyn Fn(u8) -> bool| {
+        of.iter().filter(|level| is(**level)).count() as f64 / of.len() as f64
+    };
+    // A photograph's flat shadows and highlights stay flat.
+    let [darkest, brightest] = [photograph.iter().min()?, photograph.iter().max()?];
+    let flat = [
+        share(photograph, &|v| v - darkest <= 2),
+        share(photograph, &|v| brightest - v <= 2),
+    ];
+    let ends = [share(picture, &|v| v == 0), share(picture, &|v| v == 255)];
+    let mut both = ends.into_iter().zip(flat);
+    if !both.all(|(end, flat)| end > 0.0 && end <= flat + ENDS) {
+        return None;
+    }
+    let (full, height) = seen.dimensions();
+    let gains = WIDTHS.map(|width| {
+        let width = width.min(full);
+        let [seen, shown] =
+            [seen, shown].map(|p| moments(&thumbnail(p, width, (height * width / full).max(1))));
+        (shown.1 / seen.1, shown.0 - seen.0 * shown.1 / seen.1)
+    });
+    let lowest = seen.iter().min().map(|v| f64::from(*v))?;
+    let highest = seen.iter().max().map(|v| f64::from(*v))?;
+    let is_range = |(gain, black): &(f64, f64)| {
+        *gain >= LEAST_STRETCH
+            && (black + gain * lowest).abs() <= OFF_ENDS
+            && (black + gain * highest - 255.0).abs() <= OFF_ENDS
+    };
+    gains
+        .iter()
+        .all(is_range)
+        .then(|| (100.0 * gains[0].0).round() as i16)
+}
+
+/// Whether a picture has three equal channels and several levels, and the photograph clearly has colours.
+pub(super) fn is_grey(seen: &RgbImage, picture: &RgbImage) -> bool {
+    let range = |[r, g, b]: [u8; 3]| usize::from(r.max(g).max(b) - r.min(g).min(b));
+    let colours: usize = seen.pixels().map(|pixel| range(pixel.0)).sum();
+    colours >= LEAST_COLOUR * seen.pixels().len()
+        && picture.pixels().all(|pixel| range(pixel.0) == 0)
+        && !is_uniform(picture)
+}
+
+/// Whether a picture has one colour.
+pub(super) fn is_uniform(picture: &RgbImage) -> bool {
+    picture
+        .pixels()
+        .all(|pixel| pixel == picture.get_pixel(0, 0))
+}
+
+/// Whether the green levels of neighbouring pixels are as different as those of any, and those of the photograph are not.
+pub(super) fn is_noise(photograph: &RgbImage, picture: &RgbImage) -> bool {
+    let likeness = |of: &RgbImage| {
+        let [mut pairs, mut sum, mut squares, mut products] = [0.0; 4];
+        for row in of.rows() {
+            let green: Vec<f64> = row.map(|pixel| f64::from(pixel.0[1])).collect();
+            for pair in green.chunks_exact(2) {
+                pairs += 1.0;
+                sum += pair[0] + pair[1];
+                squares += pair[0].powi(2) + pair[1].powi(2);
+                products += pair[0] * pair[1];
+            }
+        }
+        let mean = sum / (2.0 * pairs);
+        let variance = squares / (2.0 * pairs) - mean * mean;
+        (variance > 100.0).then(|| (products / pairs - mean * mean) / variance)
+    };
+    likeness(picture).is_some_and(|own| own < NOISE[0])
+        && likeness(photograph).is_some_and(|own| own > NOISE[1])
 }
 
 /// Whether a picture has only the levels 0 and 1, and the photograph others.

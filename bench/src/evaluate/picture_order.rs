@@ -27,6 +27,11 @@ const LEAST_GAIN: f64 = 2.0;
 /// Minimum PSNR of the source's photograph stored as JPEG, dB, and minimum gain over the target. Only copies reach both.
 const COPY: (f64, f64) = (40.0, 10.0);
 
+/// Minimum gain of the source over the target in predictions of the source's view, dB, and their minimum squared error
+/// relative to the source's own.
+const SOURCE_VIEW: f64 = 3.0;
+const AS_FAR: f64 = 0.7;
+
 /// For each pair, the other pairs with whose targets its picture is compared.
 pub(super) type OtherPairs<'a> = BTreeMap<String, Vec<(ShownTarget, ResolvedPair<'a>)>>;
 
@@ -134,6 +139,15 @@ pub(crate) fn shown_target(
     {
         return Some(ShownTarget::Source);
     }
+    // A prediction that moves is closer to the target than the source is.
+    if let Some(source) = source
+        && let (Some(shows), Some(copied)) = (fit(source, shown), fit(seen, source))
+        && shows.is_better_than(&own)
+        && shows.gain_over(&own) >= SOURCE_VIEW
+        && own.error() >= AS_FAR * copied.error()
+    {
+        return Some(ShownTarget::SourceView);
+    }
     let mut best: Option<(ShownTarget, Likeness)> = None;
     for (place, seen) in others {
         if let Some(other) = fit(&seen, shown)
@@ -182,7 +196,7 @@ pub(super) fn misplaced_pictures<'a>(records: impl Iterator<Item = &'a Record>) 
 /// A sentence if most compared pictures show other targets than their own; `found` counts what they show. `pairs` is
 /// what the names belong to.
 pub(crate) fn misplaced(found: &BTreeMap<ShownTarget, usize>, pairs: &str) -> Option<String> {
-    use ShownTarget::{Next, Other, Previous, Source};
+    use ShownTarget::{Next, Other, Previous, Source, SourceView};
     let count = |places: &[ShownTarget]| -> usize {
         places.iter().filter_map(|place| found.get(place)).sum()
     };
@@ -194,6 +208,15 @@ pub(crate) fn misplaced(found: &BTreeMap<ShownTarget, usize>, pairs: &str) -> Op
             "its pictures are {}, as the baseline `copy` gives: {copies} of the {all} compared in {pairs}; if this is \
              not intended, store the predictions",
             Source.text()
+        ));
+    }
+    let views = count(&[Source, SourceView]);
+    if is_most(views) {
+        return Some(format!(
+            "its pictures show {} rather than the target's: {views} of the {all} compared in {pairs} are significantly \
+             closer to the source's photograph, as if they were rendered with the source's pose, or with poses of \
+             another unit or axes",
+            SourceView.text()
         ));
     }
     let shifts = [Previous, Next].map(|place| (place, count(&[place])));
@@ -272,10 +295,23 @@ mod tests {
             )
         };
         assert_eq!(shown(&view(0, 0), 1), Some(ShownTarget::Source));
-        assert_eq!(shown(&view(0, 1), 1), Some(ShownTarget::Own));
+        assert_eq!(shown(&view(0, 1), 1), Some(ShownTarget::SourceView));
+        assert_eq!(shown(&view(1, 4), 1), Some(ShownTarget::Own));
+        let between = |x: u32, y: u32| {
+            let [a, b] = [0, 1].map(|k| view(k, 0).get_pixel(x, y).0[0] / 2);
+            Rgb([a + b; 3])
+        };
+        let blend = RgbImage::from_fn(96, 72, between);
+        assert_eq!(shown(&blend, 1), Some(ShownTarget::Own));
         // A target equal to its source.
         assert_eq!(shown(&view(0, 0), 0), Some(ShownTarget::Own));
         let said = misplaced(&BTreeMap::from([(ShownTarget::Source, 3)]), "pairs of d").unwrap();
         assert!(said.contains("are the source's photograph, "), "{said}");
+        let said = BTreeMap::from([(ShownTarget::Source, 1), (ShownTarget::SourceView, 3)]);
+        let said = misplaced(&said, "pairs of d").unwrap();
+        assert!(
+            said.contains("show the source's view rather than the target's: 4 of the 4"),
+            "{said}"
+        );
     }
 }

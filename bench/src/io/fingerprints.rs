@@ -226,7 +226,7 @@ version = \"0.3.7\"
     ];
 
     /// Files in those folders that affect no result: they plan, store, name, describe or measure time.
-    const UNDECIDING: [&str; 50] = [
+    const UNDECIDING: [&str; 52] = [
         "bench/src/evaluate/aggregation.rs",
         "bench/src/evaluate/bundle.rs",
         "bench/src/evaluate/differences.rs",
@@ -240,10 +240,12 @@ version = \"0.3.7\"
         "bench/src/evaluate/keys.rs",
         "bench/src/evaluate/manifest.rs",
         "bench/src/evaluate/mod.rs",
+        "bench/src/evaluate/picture_agreement.rs",
         "bench/src/evaluate/picture_check.rs",
         "bench/src/evaluate/picture_layout.rs",
         "bench/src/evaluate/picture_levels.rs",
         "bench/src/evaluate/picture_order.rs",
+        "bench/src/evaluate/picture_placement.rs",
         "bench/src/evaluate/pipeline.rs",
         "bench/src/evaluate/plan.rs",
         "bench/src/evaluate/predict.rs",

@@ -34,7 +34,7 @@ pub fn read(path: &Path) -> Result<ReadMask, MaskError> {
         rules: PictureRules::AS_STORED,
         exr: Some(ExrTransfer::Srgb),
     };
-    let ReadPicture { picture, notes } = pictures::read_as(path, &as_stored)?;
+    let ReadPicture { picture, notes, .. } = pictures::read_as(path, &as_stored)?;
     let refused = |reason: String| MaskError::NoMask {
         path: path.to_owned(),
         reason,

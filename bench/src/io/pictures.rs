@@ -59,6 +59,8 @@ pub struct PictureReading {
 pub struct ReadPicture {
     pub picture: Picture,
     pub notes: Vec<String>,
+    /// Whether the file is a JPEG, whatever its name.
+    pub is_jpeg: bool,
 }
 
 /// Largest plausible ratio of lossless picture compression.
@@ -93,6 +95,7 @@ pub fn read_as(path: &Path, reading: &PictureReading) -> Result<ReadPicture, Rea
         ));
     }
     let mut notes = Vec::new();
+    let mut is_jpeg = false;
     let picture = match extension(path).as_deref() {
         Some("exr") => Picture::RgbF32(read_exr(path, reading, &mut notes)?),
         Some("npy") => {
@@ -105,6 +108,7 @@ pub fn read_as(path: &Path, reading: &PictureReading) -> Result<ReadPicture, Rea
             let decode = |bytes: &[u8]| Ok(image_file::read(bytes, &reading.rules, None)?);
             let found = files::parse(path, decode)?;
             notes = found.notes(&reading.rules);
+            is_jpeg = found.header.format == "JPEG";
             Picture::Rgb8(found.image.into_rgb8())
         }
     };
@@ -112,7 +116,11 @@ pub fn read_as(path: &Path, reading: &PictureReading) -> Result<ReadPicture, Rea
         path: path.to_owned(),
         source,
     })?;
-    Ok(ReadPicture { picture, notes })
+    Ok(ReadPicture {
+        picture,
+        notes,
+        is_jpeg,
+    })
 }
 
 /// Width and height from the header of a compressed picture; `None` for arrays, which need no more

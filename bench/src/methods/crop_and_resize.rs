@@ -16,6 +16,10 @@ use super::method::{MethodError, PicturePrediction};
 use crate::io::pictures::{self, PictureReading, ReadError, to_rgb8};
 use crate::scoring::Region;
 
+/// Note on JPEG files, whose errors count as the method's.
+pub(crate) const LOSSY: &str =
+    "stored as JPEG, whose losses change the scores; store them as PNG or EXR";
+
 /// The part of the target that a method's pictures cover.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub(super) enum CropRule {
@@ -147,6 +151,9 @@ impl FitRules {
             .collect();
         let mut notes = read.notes;
         notes.retain(|note| !given.iter().any(|key| note.contains(key.as_str())));
+        if read.is_jpeg {
+            notes.push(LOSSY.to_owned());
+        }
         Ok(PicturePrediction { notes, ..fitted })
     }
 

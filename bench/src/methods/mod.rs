@@ -29,7 +29,7 @@ pub mod spec;
 pub mod training_views;
 pub mod trivial;
 
-pub(crate) use crop_and_resize::needs_kernel;
+pub(crate) use crop_and_resize::{LOSSY, needs_kernel};
 pub use gaussians::UNUSABLE;
 pub use kinds::{BuiltMethod, KINDS, MethodKind, build};
 pub use method::{

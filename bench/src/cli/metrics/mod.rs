@@ -29,12 +29,13 @@ use super::{Outcome, output};
 use crate::config::MetricConfig;
 use crate::config::metrics::demand_weights;
 use crate::evaluate::finding::ShownTarget;
-use crate::evaluate::picture_check::agreed_change;
+use crate::evaluate::picture_agreement::{agreed_changes, repeated};
 use crate::evaluate::picture_order::{compared_pictures, misplaced, shown_target};
 use crate::io::atomic_files::{check_writable, folder_of, write_atomic};
 use crate::io::counts::counted;
 use crate::io::observer::Observer;
 use crate::io::pictures::PictureReading;
+use crate::methods::LOSSY;
 use crate::pictures::keyed_scores::KeyedScores;
 use crate::pictures::matching::MatchBy;
 use crate::report::metrics_text::MethodsText;
@@ -195,8 +196,11 @@ pub(super) fn execute(args: &MetricsArgs) -> anyhow::Result<Outcome> {
 
 /// Warnings about all pairs together, one sentence each. `order`: which pictures are compared with which targets.
 fn warnings(scored: &[Scored], order: &BTreeMap<usize, Vec<(ShownTarget, usize)>>) -> Vec<String> {
-    let changes: Vec<_> = scored.iter().map(|pair| pair.change).collect();
-    let changed = agreed_change(&changes, "given as targets");
+    let changes: Vec<_> = scored
+        .iter()
+        .map(|pair| (pair.name.as_str(), pair.change))
+        .collect();
+    let mut all = agreed_changes(&changes, "given as targets");
     let mut found = BTreeMap::new();
     for (at, others) in order {
         let small = |at: usize| scored[at].small.as_ref();
@@ -209,6 +213,15 @@ fn warnings(scored: &[Scored], order: &BTreeMap<usize, Vec<(ShownTarget, usize)>
     }
     let misplaced = misplaced(&found, "pictures").map(|text| {
         text + " (or predictions merely repeat the previous or next picture, which looks the same)"
+    });
+    let pixels: Vec<_> = scored
+        .iter()
+        .map(|pair| (pair.name.as_str(), pair.pixels))
+        .collect();
+    let lossy = scored.iter().filter(|pair| pair.is_jpeg).count();
+    let lossy = (lossy > 0).then(|| {
+        let all = counted(scored.len(), "prediction");
+        format!("{lossy} of {all} are {LOSSY}")
     });
     let mean_left = scored.iter().map(|pair| pair.left).sum::<f64>() / scored.len().max(1) as f64;
     let inverted = (mean_left < LEAST_LEFT).then(|| {
@@ -228,8 +241,9 @@ fn warnings(scored: &[Scored], order: &BTreeMap<usize, Vec<(ShownTarget, usize)>
             100.0 * grey.iter().sum::<f64>() / grey.len() as f64
         )
     });
-    let all = [changed, misplaced, inverted, soft];
-    all.into_iter().flatten().collect()
+    let others = [misplaced, repeated(&pixels), lossy, inverted, soft];
+    all.extend(others.into_iter().flatten());
+    all
 }
 
 /// Fails if an explicitly named metric is unavailable.

@@ -1,5 +1,6 @@
 //! Results of a pair.
 
+use std::hash::{DefaultHasher, Hash, Hasher};
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, anyhow};
@@ -9,7 +10,7 @@ use sharp_metrics::{Examined, MetricKey, Picture, Scorer, Selection, Terms, resi
 use super::inputs::Input;
 use super::{MetricsArgs, demand_explicit, output};
 use crate::evaluate::finding::PictureChange;
-use crate::evaluate::picture_check::{likely_change, shrunk};
+use crate::evaluate::picture_check::{is_unlike, likely_change, shrunk};
 use crate::io::{masks, pictures};
 use crate::methods::needs_kernel;
 use crate::pictures::keyed_scores::KeyedScores;
@@ -18,6 +19,8 @@ use crate::pictures::other_forms::{OtherForm, other_forms};
 
 /// Results and metadata of one pair.
 pub(super) struct Scored {
+    /// Name of the pair.
+    pub(super) name: String,
     pub(super) prediction: PathBuf,
     pub(super) target: PathBuf,
     pub(super) mask: Option<PathBuf>,
@@ -27,6 +30,10 @@ pub(super) struct Scored {
     pub(super) left: f64,
     /// Share of the mask's pixels that are neither black nor white; `None` if there are none.
     pub(super) grey: Option<f64>,
+    /// Whether the prediction is a JPEG file.
+    pub(super) is_jpeg: bool,
+    /// Hashes of the pixels of prediction and target.
+    pub(super) pixels: [u64; 2],
     /// How the prediction was probably altered.
     pub(super) change: Option<PictureChange>,
     /// Prediction and target, reduced, if they are compared with others.
@@ -66,10 +73,11 @@ pub(super) fn score(
             output::remark(format!("warning: {note}"));
             notes.push(note);
         }
-        anyhow::Ok(read.picture)
+        anyhow::Ok((read.picture, read.is_jpeg))
     };
-    let mut prediction = read(&input.prediction)?;
-    let target = read(&input.target)?;
+    let (mut prediction, is_jpeg) = read(&input.prediction)?;
+    let (target, _) = read(&input.target)?;
+    let pixels = [&prediction, &target].map(hash_of);
     let resized_from = match args.resize_prediction {
         Some(kernel) if prediction.dimensions() != target.dimensions() => {
             let (from, (width, height)) = (prediction.dimensions(), target.dimensions());
@@ -88,7 +96,8 @@ pub(super) fn score(
     let (change, small) = match (&prediction, &target) {
         (Picture::Rgb8(shown), Picture::Rgb8(seen)) if shown.dimensions() == seen.dimensions() => {
             let small = compared.then(|| [shown, seen].map(shrunk));
-            (likely_change(seen, shown), small)
+            let unlike = || is_unlike(&shrunk(seen), shown).then_some(PictureChange::Unlike);
+            (likely_change(seen, shown).or_else(unlike), small)
         }
         _ => (None, None),
     };
@@ -121,6 +130,8 @@ pub(super) fn score(
     Ok(Scored {
         left,
         grey,
+        is_jpeg,
+        pixels,
         change,
         small,
         resized_from,
@@ -131,11 +142,25 @@ pub(super) fn score(
             .filter_map(|(key, terms)| Some((key, terms.ok()?)))
             .collect(),
         maps,
+        name: input.name,
         prediction: input.prediction,
         target: input.target,
         mask: input.mask,
         notes,
     })
+}
+
+fn hash_of(picture: &Picture) -> u64 {
+    let mut hasher = DefaultHasher::new();
+    picture.dimensions().hash(&mut hasher);
+    match picture {
+        Picture::Rgb8(image) => image.as_raw().hash(&mut hasher),
+        Picture::RgbF32(image) => {
+            let levels = image.as_raw().iter();
+            levels.for_each(|level| level.to_bits().hash(&mut hasher));
+        }
+    }
+    hasher.finish()
 }
 
 /// Warns if the aspect ratio differs from the target's by more than one pixel of rounding, which is

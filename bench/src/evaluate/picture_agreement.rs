@@ -1,0 +1,342 @@
+//! Sentences on changes that the pictures of a dataset have in common, or that single ones clearly have, and on pictures
+//! stored under several names.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use super::doubts::listed;
+use super::finding::{PictureChange, ShownTarget};
+use super::picture_check::UNLIKE;
+use super::record::{PairFiles, Record, Status};
+
+/// Minimum number of pictures in a dataset, and the share that must agree.
+const AGREEMENT: (usize, f64) = (3, 0.8);
+/// The share that suffices for the limited range of video, crops and padding: few other pictures look like that.
+const AGREEMENT_OF_RARE: f64 = 0.5;
+/// The share that suffices for stretched levels: photographs with black and white hardly change.
+const AGREEMENT_OF_STRETCHED: f64 = 0.25;
+/// The share that suffices for a visible change.
+const AGREEMENT_VISIBLE: f64 = 0.1;
+/// Minimum number of pictures whose clear change is named although others do not have it, and their share.
+const NAMED: (usize, f64) = (2, 0.02);
+/// Minimum number of targets with equal pictures. Two may have the same source and motion.
+const REPEATED: usize = 3;
+/// Maximum difference of equal strips, thousandths of the picture and relative to their thickness.
+const UNEVEN: (f64, f64) = (8.0, 0.1);
+/// Minimum difference of the gains of levels that were stretched one by one, percent. Equal gains are an exposure.
+const LEAST_SPREAD: i16 = 5;
+
+/// Sentences for each dataset: see [`agreed_changes`].
+pub(super) fn changed_pictures<'a>(records: impl Iterator<Item = &'a Record>) -> Vec<String> {
+    let mut by_dataset: BTreeMap<&str, Vec<(&str, Option<PictureChange>)>> = BTreeMap::new();
+    for record in records.filter(|record| record.status == Status::Ok) {
+        let of_dataset = by_dataset.entry(&record.dataset).or_default();
+        of_dataset.push((&record.pair_id, record.change));
+    }
+    let told = by_dataset.into_iter();
+    told.flat_map(|(dataset, pictures)| agreed_changes(&pictures, &format!("of {dataset}")))
+        .collect()
+}
+
+/// A sentence on each change that nearly all of some pictures (by name) have in common, several if it is visible, or a
+/// few if it is clear. `photographs` completes "the photographs": which they were compared with.
+pub(crate) fn agreed_changes(
+    pictures: &[(&str, Option<PictureChange>)],
+    photographs: &str,
+) -> Vec<String> {
+    let changes = pictures.iter().filter_map(|(_, change)| *change);
+    let kinds: BTreeSet<PictureChange> = changes.clone().map(PictureChange::kind).collect();
+    let all = pictures.len() as f64;
+    let sentence = |kind: PictureChange| {
+        let of_kind: Vec<_> = changes
+            .clone()
+            .filter(|change| change.kind() == kind)
+            .collect();
+        let count = agreeing(&of_kind);
+        let share = match kind {
+            PictureChange::LimitedRange | PictureChange::Padded | PictureChange::Cropped => {
+                AGREEMENT_OF_RARE
+            }
+            PictureChange::Stretched(_) => AGREEMENT_OF_STRETCHED,
+            kind if kind.is_visible() => AGREEMENT_VISIBLE,
+            _ => AGREEMENT.1,
+        };
+        let is_least = |(least, share): (usize, f64)| count >= least && count as f64 >= share * all;
+        if is_least((AGREEMENT.0, share)) {
+            return Some(sentence_on(kind, count, pictures.len(), photographs));
+        }
+        let names = named(pictures, kind);
+        (kind.is_clear() && is_least(NAMED)).then(|| {
+            format!(
+                "{count} of its {} pictures {} (compared with the photographs {photographs}): {names}",
+                pictures.len(),
+                kind.text()
+            )
+        })
+    };
+    kinds.into_iter().filter_map(sentence).collect()
+}
+
+/// How many changes of one kind agree in their numbers.
+fn agreeing(changes: &[PictureChange]) -> usize {
+    let strips: Vec<[i16; 2]> = changes
+        .iter()
+        .filter_map(|change| match change {
+            PictureChange::Strip(thickness) => Some(*thickness),
+            _ => None,
+        })
+        .collect();
+    if !strips.is_empty() {
+        let middle: [f64; 2] = std::array::from_fn(|side| {
+            let mut of_side: Vec<i16> = strips.iter().map(|strip| strip[side]).collect();
+            of_side.sort_unstable();
+            f64::from(of_side[of_side.len() / 2])
+        });
+        let is_equal = |strip: &&[i16; 2]| {
+            let mut sides = strip.iter().zip(middle);
+            sides.all(|(own, middle)| {
+                (f64::from(*own) - middle).abs() <= UNEVEN.0.max(UNEVEN.1 * middle)
+            })
+        };
+        return strips.iter().filter(is_equal).count();
+    }
+    let gains = changes.iter().filter_map(|change| match change {
+        PictureChange::Stretched(gain) => Some(*gain),
+        _ => None,
+    });
+    match (gains.clone().min(), gains.max()) {
+        (Some(least), Some(most)) if most - least < LEAST_SPREAD => 0,
+        _ => changes.len(),
+    }
+}
+
+fn sentence_on(change: PictureChange, count: usize, all: usize, photographs: &str) -> String {
+    let counted = format!("{count} of {all}");
+    match change {
+        PictureChange::Photograph => {
+            format!(
+                "its pictures {}: {counted} are equal to those {photographs}",
+                change.text()
+            )
+        }
+        PictureChange::Unlike => format!(
+            "its pictures {}: {counted} have a correlation below {UNLIKE} with those {photographs} (another scene, \
+             another order of their bytes, or unfinished files?)",
+            change.text()
+        ),
+        PictureChange::LimitedRange => format!(
+            "its pictures look as if they {}: {counted} have about 16 for black and 235 for white of the photographs \
+             {photographs}",
+            change.text()
+        ),
+        change
+            if change.is_visible()
+                || matches!(change, PictureChange::Grey | PictureChange::Strip(_)) =>
+        {
+            format!(
+                "{count} of its {all} pictures {} (compared with the photographs {photographs})",
+                change.text()
+            )
+        }
+        PictureChange::Stretched(_) => format!(
+            "its pictures look as if they {}: {counted} have more contrast than the photographs {photographs}, each by \
+             another factor",
+            change.text()
+        ),
+        change => format!(
+            "its pictures look as if they {}: {counted} are significantly closer to the photographs {photographs} when \
+             this is undone",
+            change.text()
+        ),
+    }
+}
+
+/// Names of the pictures with a kind of change, or of the scene if all of its pictures have it.
+fn named(pictures: &[(&str, Option<PictureChange>)], kind: PictureChange) -> String {
+    let mut by_scene: BTreeMap<&str, [Vec<&str>; 2]> = BTreeMap::new();
+    for (name, change) in pictures {
+        let scene = name.rsplit_once('/').map_or("", |(scene, _)| scene);
+        let has = change.map(PictureChange::kind) == Some(kind);
+        by_scene.entry(scene).or_default()[usize::from(has)].push(name);
+    }
+    let names = by_scene.into_iter().flat_map(|(scene, [others, changed])| {
+        match others.is_empty() && changed.len() > 1 && !scene.is_empty() {
+            true => vec![format!("all of {scene}")],
+            false => changed.into_iter().map(str::to_owned).collect(),
+        }
+    });
+    let names: Vec<String> = names.collect();
+    listed(names.iter().map(String::as_str).collect())
+}
+
+/// A sentence for each dataset in which several targets have the same file. Not for copies of the source, which are
+/// named otherwise.
+pub(super) fn repeated_pictures<'a>(records: impl Iterator<Item = &'a Record>) -> Vec<String> {
+    let mut by_dataset: BTreeMap<&str, Vec<(&str, [&str; 2])>> = BTreeMap::new();
+    let mut copies = BTreeSet::new();
+    for record in records.filter(|record| record.status == Status::Ok) {
+        if record.shows == Some(ShownTarget::Source) {
+            copies.insert(record.dataset.as_str());
+        }
+        if let Some(PairFiles {
+            target,
+            pictures: Some(picture),
+            ..
+        }) = &record.files
+        {
+            let of_dataset = by_dataset.entry(&record.dataset).or_default();
+            of_dataset.push((&record.pair_id, [picture, target]));
+        }
+    }
+    let told = by_dataset
+        .into_iter()
+        .filter(|(dataset, _)| !copies.contains(dataset));
+    told.filter_map(|(_, files)| repeated(&files)).collect()
+}
+
+/// A sentence if pictures (by name, with their contents and those of their targets) are equal although their targets are
+/// not.
+pub(crate) fn repeated<T: Ord>(pictures: &[(&str, [T; 2])]) -> Option<String> {
+    let mut targets: BTreeMap<&T, BTreeSet<&T>> = BTreeMap::new();
+    for (_, [picture, target]) in pictures {
+        targets.entry(picture).or_default().insert(target);
+    }
+    let repeated = pictures
+        .iter()
+        .filter(|(_, [picture, _])| targets[picture].len() >= REPEATED);
+    let names: BTreeSet<&str> = repeated.map(|(name, _)| *name).collect();
+    (!names.is_empty()).then(|| {
+        format!(
+            "{} of its {} pictures are equal to another one, although their targets differ (one file stored under \
+             several names?): {}",
+            names.len(),
+            pictures.len(),
+            listed(names)
+        )
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::record::tests::record;
+    use super::*;
+
+    fn records(all: usize, of: impl Fn(usize, &mut Record)) -> Vec<Record> {
+        let one = |at: usize| {
+            let mut record = record();
+            record.status = Status::Ok;
+            record.pair_id = format!("m/scene{}/a__{at}", at / 4);
+            of(at, &mut record);
+            record
+        };
+        (0..all).map(one).collect()
+    }
+
+    /// What is said if the first of `all` pictures have these changes.
+    fn told(changes: &[PictureChange], all: usize) -> Vec<String> {
+        let of = |at: usize, record: &mut Record| record.change = changes.get(at).copied();
+        changed_pictures(records(all, of).iter())
+    }
+
+    #[test]
+    fn nearly_all_pictures_of_a_dataset_have_to_agree() {
+        let sentences =
+            |change: PictureChange, changed: usize, all: usize| told(&vec![change; changed], all);
+        let (linear, wrapped) = (PictureChange::Linear, PictureChange::Wrapped);
+        for few in [
+            (linear, 2, 2),
+            (linear, 3, 8),
+            (wrapped, 2, 8),
+            (wrapped, 3, 40),
+        ] {
+            assert_eq!(sentences(few.0, few.1, few.2), Vec::<String>::new());
+        }
+        let bgr = PictureChange::Bgr;
+        assert!(sentences(bgr, 7, 8)[0].contains("red and blue exchanged: 7 of 8 "));
+        assert!(sentences(wrapped, 3, 8)[0].starts_with("3 of its 8 pictures have very bright"));
+        assert_eq!(sentences(PictureChange::Padded, 4, 8).len(), 1);
+    }
+
+    #[test]
+    fn a_few_clearly_changed_pictures_are_named() {
+        let (bgr, noise) = (PictureChange::Bgr, PictureChange::Noise);
+        let said = told(&[bgr, bgr, noise, noise], 7);
+        let named = |what: &str, names: &str| {
+            let end = format!("of m): {names}");
+            said.iter()
+                .any(|said| said.contains(what) && said.ends_with(&end))
+        };
+        assert!(named(
+            "2 of its 7 pictures have red and blue exchanged",
+            "m/scene0/a__0, m/scene0/a__1"
+        ));
+        assert!(named(
+            "2 of its 7 pictures are noise",
+            "m/scene0/a__2, m/scene0/a__3"
+        ));
+        // A whole scene.
+        assert!(told(&[bgr; 4], 8)[0].ends_with(": all of m/scene0"));
+        // Single ones, too few, or changes that proper pictures resemble.
+        for silent in [
+            told(&[bgr], 7),
+            told(&[bgr; 2], 200),
+            told(&[PictureChange::Linear; 4], 8),
+        ] {
+            assert_eq!(silent, Vec::<String>::new());
+        }
+    }
+
+    #[test]
+    fn strips_are_equally_thick_and_stretched_levels_have_other_gains() {
+        let strip = |top: i16| PictureChange::Strip([top, 0]);
+        let equal = told(&[strip(60), strip(60), strip(63)], 3);
+        assert!(
+            equal[0].starts_with("3 of its 3 pictures have a strip of one colour"),
+            "{equal:?}"
+        );
+        let stretched = |gain: i16| PictureChange::Stretched(gain);
+        let said = told(&[stretched(110), stretched(120), stretched(140)], 6);
+        assert!(
+            said[0].contains("levels stretched one by one") && said[0].contains("3 of 6"),
+            "{said:?}"
+        );
+        for proper in [[strip(60), strip(20), strip(90)], [stretched(120); 3]] {
+            assert_eq!(told(&proper, 3), Vec::<String>::new());
+        }
+    }
+
+    #[test]
+    fn one_file_for_several_targets_is_named() {
+        let files = |of: fn(usize) -> usize| {
+            move |at: usize, record: &mut Record| {
+                record.files = Some(PairFiles {
+                    source: String::new(),
+                    target: at.to_string(),
+                    pictures: Some(of(at).to_string()),
+                    gaussians: None,
+                });
+            }
+        };
+        let said = repeated_pictures(records(5, files(|at| at.min(2))).iter());
+        assert!(
+            said[0].starts_with("3 of its 5 pictures are equal to another one"),
+            "{said:?}"
+        );
+        assert!(
+            said[0].ends_with(": m/scene0/a__2, m/scene0/a__3, m/scene1/a__4"),
+            "{said:?}"
+        );
+        let of_source = |at: usize, record: &mut Record| {
+            files(|_| 0)(at, record);
+            record.shows = Some(ShownTarget::Source);
+        };
+        for proper in [
+            records(5, files(|at| at)),
+            records(5, files(|at| at / 2)),
+            records(5, of_source),
+        ] {
+            assert_eq!(repeated_pictures(proper.iter()), Vec::<String>::new());
+        }
+        // Repeated photographs have equal predictions.
+        assert_eq!(repeated(&["a", "b", "c"].map(|name| (name, [1, 2]))), None);
+    }
+}
