@@ -28,16 +28,22 @@ const LEAST_DETAIL: f64 = 0.2;
 pub(in crate::evaluate) fn missing_share(photograph: &RgbImage, alpha: &[f32]) -> Option<f64> {
     let (width, height) = photograph.dimensions();
     let mut parts = [(0.0, 0.0, 0.0); (PARTS.0 * PARTS.1) as usize];
-    let level = |x: u32, y: u32| photograph.get_pixel(x.min(width - 1), y.min(height - 1)).0[1];
-    for (at, alpha) in alpha.iter().enumerate() {
+    let level = |x: u32, y: u32| photograph.get_pixel(x, y).0[1];
+    let is_covered = |at: usize| alpha.get(at).is_some_and(|alpha| *alpha >= HOLE_ALPHA);
+    for at in 0..alpha.len() {
         let (x, y) = (at as u32 % width, at as u32 / width);
         let part = (y * PARTS.1 / height) * PARTS.0 + x * PARTS.0 / width;
         let (pixels, covered, detail) = parts.get_mut(part as usize)?;
         *pixels += 1.0;
-        *covered += f64::from(u8::from(*alpha >= HOLE_ALPHA));
-        // A single sharp edge is not decisive.
-        let step = |other: u8| f64::from(level(x, y).abs_diff(other).min(32)).powi(2);
-        *detail += step(level(x + 1, y)) + step(level(x, y + 1));
+        *covered += f64::from(u8::from(is_covered(at)));
+        // A single sharp edge is not decisive, and an outline of what is covered is no detail.
+        for (right, below) in [(x + 1, y), (x, y + 1)] {
+            let next = (below * width + right) as usize;
+            if right < width && below < height && is_covered(next) == is_covered(at) {
+                let step = level(x, y).abs_diff(level(right, below)).min(32);
+                *detail += f64::from(step).powi(2);
+            }
+        }
     }
     let empty = |part: &&(f64, f64, f64)| part.1 <= MOST_COVERED * part.0;
     let detail: f64 = parts.iter().map(|part| part.2).sum();

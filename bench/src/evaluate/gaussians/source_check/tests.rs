@@ -514,15 +514,13 @@ fn very_wide_gaussians_are_told_with_the_form_that_is_possible() {
     assert_eq!(about(&wide, reading), None);
 }
 
-/// The wall with stripes of three pixels.
+/// The wall with fine stripes, three pixels wide.
 fn stripes() -> Gaussians {
     let mut wall = mapped(&wall(), DAffine3::IDENTITY);
+    let width = source().intrinsics.width as usize;
     for (at, color) in wall.colors.iter_mut().enumerate() {
-        let x = at as u32 % source().intrinsics.width;
-        *color = match x / 3 % 2 == 0 {
-            true => [0.9, 0.8, 0.2],
-            false => [0.1, 0.2 + 0.01 * x as f32, 0.6],
-        };
+        let (x, y) = (at % width, at / width);
+        color[1] = 0.1 + 0.01 * y as f32 + 0.4 * (x / 3 % 2) as f32;
     }
     wall
 }
