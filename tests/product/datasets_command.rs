@@ -162,7 +162,7 @@ fn the_list_has_every_format_with_its_readings() {
     for part in [
         "split=nvs_sem_val (open)",
         "split=nvs_test_small (proxy)",
-        "illuminations=all unless given",
+        "illuminations=all by default",
         "rectification=perfect",
         "scenes=training15",
         "split=val-frames",

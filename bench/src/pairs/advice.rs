@@ -233,7 +233,7 @@ mod tests {
             ..counts
         };
         let sparse = said("eth3d=/x", "", found(depth(10, 10))).unwrap();
-        assert!(sparse.contains("better use"), "{sparse}");
+        assert!(sparse.contains("it is better to use"), "{sparse}");
         assert_eq!(
             said("eth3d=/x", "overlap=sparse", found(depth(10, 10))),
             None

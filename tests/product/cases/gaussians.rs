@@ -452,7 +452,9 @@ fn sizes_beside_a_checkpoint_are_used_and_others_end_a_run_before_its_first_pair
     let beside = predict("");
     ends(&beside, 0);
     assert!(
-        beside.err.contains("tiny_config.json#tiny next to it"),
+        beside
+            .err
+            .contains("tiny_config.json#tiny next to the file"),
         "{}",
         beside.err
     );
