@@ -147,6 +147,43 @@ fn masks_that_keep_little_are_warned_about_once() {
 }
 
 #[test]
+fn repeated_and_lossy_predictions_are_named() {
+    let dir = tempfile::tempdir().unwrap();
+    for (name, seed) in [("a", 0), ("b", 9), ("c", 20)] {
+        for (side, shown, ending) in [
+            ("t", seed, "png"),
+            ("same", 0, "jpg"),
+            ("good", seed, "png"),
+        ] {
+            let folder = dir.path().join(side);
+            std::fs::create_dir_all(&folder).unwrap();
+            let picture = RgbImage::from_fn(40, 30, |x, y| {
+                Rgb([x * 6, y * 8, (x + y + shown) * 3].map(|level| level as u8))
+            });
+            picture
+                .save(folder.join(name).with_extension(ending))
+                .unwrap();
+        }
+    }
+    let said = metrics(dir.path(), "same t --metrics psnr")
+        .ends_with(0)
+        .err;
+    for named in [
+        "3 of its 3 pictures are equal to another one",
+        "3 of 3 predictions are stored as JPEG",
+    ] {
+        assert!(said.contains(named), "{said}");
+    }
+    let said = metrics(dir.path(), "good t --metrics psnr")
+        .ends_with(0)
+        .err;
+    assert!(
+        !said.contains("equal to another") && !said.contains("JPEG"),
+        "{said}"
+    );
+}
+
+#[test]
 fn a_change_that_all_predictions_have_in_common_is_named() {
     let dir = tempfile::tempdir().unwrap();
     for side in ["t", "good", "bgr", "gbr"] {
