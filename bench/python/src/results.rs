@@ -110,6 +110,10 @@ pub(crate) struct Sweep {
 #[pymethods]
 impl Sweep {
     #[new]
+    #[allow(
+        clippy::too_many_arguments,
+        reason = "keywords of a function in Python"
+    )]
     #[pyo3(signature = (runs, x="baseline_m", bins=None, band="sd", split="dataset", metrics=Vec::new(), methods=Vec::new(), datasets=Vec::new(), renamed=Vec::new()))]
     fn new(
         py: Python<'_>,

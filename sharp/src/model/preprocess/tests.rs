@@ -215,7 +215,7 @@ fn shrunk_photographs_are_warned_about_once() {
     const UNIT: u16 = 0xa210;
     let said = |size: (u32, u32), entries: &[Entry]| {
         let photo = read(&with_exif_of(&RgbImage::new(size.0, size.1), 1, entries)).unwrap();
-        photo.warnings
+        photo.focal_warnings
     };
     // A 50 mm lens on 25 columns a millimetre: 600 columns are 24 mm wide.
     let pitch = [(FOCAL, 5, 500), (COLUMNS_PER_UNIT, 5, 250), (UNIT, 3, 4)];
