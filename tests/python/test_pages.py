@@ -23,6 +23,7 @@ TEXTS = [*PAGES, "ARCHITECTURE.md", "TESTING.md"]
 NOT_RUN = {
     ("bench/docs/network.md", "needs the official checkpoint"): 1,
     ("bench/docs/network.md", "a changed model of yours"): 1,
+    ("bench/docs/network.md", "needs Depth Pro's checkpoint"): 1,
     ("bench/docs/your-method.md", "needs a scene that was trained"): 1,
     ("bench/docs/train.md", "takes hours"): 1,
     ("bench/docs/recipes.md", "needs the project itself"): 2,
