@@ -267,7 +267,10 @@ def test_commands_are_functions(tmp_path):
     assert {row["method_a"] for row in sb.compare(old, new, ["mean"])["rows"]} == {"mean"}
     renamed = sb.compare(old, new, metrics=["psnr"], rename={"copy": "Ours"}, breakdown=True)
     assert {row["method_a"] for row in renamed["rows"]} == {"mean", "Ours"}
-    swept = sb.sweep(old, methods=["Ours"], datasets=["s"], rename={"copy": "Ours"}).csv.splitlines()
+    # A method is known by its old name and by the new one.
+    for name in ["copy", "Ours"]:
+        assert {row["method_a"] for row in sb.compare(old, new, [name], rename={"copy": "Ours"})["rows"]} == {"Ours"}
+    swept = sb.sweep(old, methods=["Ours"], datasets=["s"], rename={"copy": "Ours"}, metrics="psnr").csv.splitlines()
     assert {line.split(",")[1] for line in swept[1:]} == {"Ours"}
     with pytest.raises(ValueError, match="--method"):
         sb.compare(old)

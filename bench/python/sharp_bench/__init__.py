@@ -157,8 +157,9 @@ def compare(a, b=None, methods=(), **options):
 
 
 def sweep(*runs, x="baseline_m", bins=None, band="sd", split="dataset", metrics=(), methods=(), datasets=(), rename=None):
-    """Scores against how far the camera moved; the options are those of ``sharp-bench sweep``, ``rename`` a dictionary."""
-    shown = list(metrics), list(methods), list(datasets), list((rename or {}).items())
+    """Scores against how far the camera moved: figures (SVG), ``csv`` and ``latex``, which a notebook shows. The options are those
+    of ``sharp-bench sweep`` with these names; ``rename`` is a dictionary. The command writes PNG and PDF."""
+    shown = metrics.split(",") if isinstance(metrics, str) else list(metrics), list(methods), list(datasets), list((rename or {}).items())
     return Sweep([os.fspath(run) for run in runs], x, bins, band, split, *shown)
 
 

@@ -203,7 +203,7 @@ def sweep(
     bins: Optional[str] = None,
     band: Literal["sd", "ci95", "none"] = "sd",
     split: Literal["dataset", "method", "privileged"] = "dataset",
-    metrics: Sequence[str] = (),
+    metrics: _Metrics = (),
     methods: Sequence[str] = (),
     datasets: Sequence[str] = (),
     rename: Optional[Mapping[str, str]] = None,

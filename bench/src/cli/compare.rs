@@ -97,8 +97,11 @@ pub(super) fn execute(args: &CompareArgs) -> anyhow::Result<Outcome> {
     let both = args.shown.of(both_sides(&args.a, b)?);
     let [of_a, of_b] = both.map_err(|error| UsageError(error.to_string()))?;
     let sides = [(args.a.as_path(), of_a), (b, of_b)];
+    let shown = |label: &String| args.shown.name(label).to_owned();
+    let compared = args.compared.iter().map(|(a, b)| (shown(a), shown(b)));
+    let compared: Vec<(String, String)> = compared.collect();
     let comparison =
-        compare_results(sides, &args.compared, &practical).map_err(|error| match error {
+        compare_results(sides, &compared, &practical).map_err(|error| match error {
             CompareError::Methods(reason) => anyhow::Error::from(UsageError(reason)),
             other => other.into(),
         })?;

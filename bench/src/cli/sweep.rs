@@ -80,7 +80,10 @@ pub(super) fn execute(args: &SweepArgs) -> anyhow::Result<Outcome> {
         band: args.band,
         split: args.split,
         thresholds: args.thresholds.clone(),
-        against: args.against.clone(),
+        against: args
+            .against
+            .as_ref()
+            .map(|label| args.runs.shown.name(label).to_owned()),
         binning: args.bins.clone().unwrap_or(SweepSpec::default().binning),
         ..SweepSpec::default()
     };

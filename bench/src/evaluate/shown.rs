@@ -102,7 +102,7 @@ impl Shown {
     }
 
     /// The name under which a method is shown.
-    fn name<'a>(&'a self, label: &'a str) -> &'a str {
+    pub(crate) fn name<'a>(&'a self, label: &'a str) -> &'a str {
         let renamed = self.renamed.iter().find(|(old, _)| old == label);
         renamed.map_or(label, |(_, new)| new)
     }

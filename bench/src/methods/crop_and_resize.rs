@@ -197,6 +197,11 @@ impl FitRules {
         if (w, h) == (to_w, to_h) {
             return Ok(None);
         }
+        if (w, h) == (to_h, to_w) {
+            return Err(format!(
+                "the picture is {w}x{h}, but {what} is {to_w}x{to_h}: it was turned by 90 degrees; turn it back"
+            ));
+        }
         // The aspect ratios count as equal if they differ only because the smaller of both has whole pixels.
         let ((small_w, small_h), (large_w, large_h)) = match w > to_w || h > to_h {
             true => ((to_w, to_h), (w, h)),
@@ -333,6 +338,7 @@ mod tests {
             (None, (192, 144), "resize=bilinear|"),
             (Some("area"), (32, 24), "resize=area: "),
             (Some("bicubic"), (5, 5), "another aspect"),
+            (Some("bicubic"), (72, 96), "turned by 90 degrees"),
             (Some("bicubic"), (36, 24), "another aspect"),
             (Some("bicubic"), (192, 36), "another aspect"),
         ] {

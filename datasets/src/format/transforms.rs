@@ -214,13 +214,21 @@ impl JsonFrame {
     pub fn lens(&self, size: (u32, u32)) -> Result<Lens, FormatError> {
         let raw = &self.intrinsics;
         let (w, h) = (f64::from(size.0), f64::from(size.1));
-        let from_angle = |key: &str, side: f64| -> Result<Option<f64>, FormatError> {
-            Ok(raw
-                .number(key)?
-                .map(|angle| 0.5 * side / (0.5 * angle).tan()))
+        let focal = |key: &str, angle_key: &str, side: f64| -> Result<Option<f64>, FormatError> {
+            if let Some(focal) = raw.number(key)? {
+                return Ok(Some(focal));
+            }
+            match raw.number(angle_key)? {
+                Some(angle) if !(angle > 0.0 && angle < std::f64::consts::PI) => Err(invalid!(
+                    "'{angle_key}' is {angle}, but angles of view are in radians, between 0 and 3.14; in degrees it \
+                     would be {:.4}",
+                    angle.to_radians()
+                )),
+                angle => Ok(angle.map(|angle| 0.5 * side / (0.5 * angle).tan())),
+            }
         };
-        let fx = raw.number("fl_x")?.or(from_angle("camera_angle_x", w)?);
-        let fy = raw.number("fl_y")?.or(from_angle("camera_angle_y", h)?);
+        let fx = focal("fl_x", "camera_angle_x", w)?;
+        let fy = focal("fl_y", "camera_angle_y", h)?;
         let (fx, fy) = match (fx, fy) {
             (Some(fx), Some(fy)) => (fx, fy),
             (Some(f), None) | (None, Some(f)) => (f, f),
@@ -330,6 +338,14 @@ mod tests {
         assert!((lens.intrinsics().fx - 540.0).abs() < 1e-9);
         assert_eq!(lens.intrinsics().fy, lens.intrinsics().fx);
         assert_eq!(lens.intrinsics().cx, 540.0);
+        let degrees = one("\"camera_angle_x\": 58.1,", "");
+        let error = degrees.frames[0].lens((4, 3)).unwrap_err().to_string();
+        assert!(
+            error.contains("in radians") && error.contains("1.0140"),
+            "{error}"
+        );
+        let unused = one("\"camera_angle_x\": 58.1, \"fl_x\": 5,", "");
+        assert!(unused.frames[0].lens((4, 3)).is_ok());
         assert!(one("\"w\": 10.5, \"h\": 1,", "").frames[0].size().is_err());
         assert!(one("", "").frames[0].lens((2, 2)).is_err());
     }
