@@ -162,7 +162,8 @@ fn a_unit_that_leads_out_of_the_folder_or_is_not_its_own_counts_for_nothing() {
     image::RgbImage::new(48, 36)
         .save(dir.join("secret.png"))
         .unwrap();
-    let unit = files_below(&dir.join("r/units")).unwrap()[0].clone();
+    // Units are planted in the first subfolder, so an honest one from elsewhere is taken.
+    let unit = files_below(&dir.join("r/units")).unwrap().pop().unwrap();
     let honest: Unit = serde_json::from_str(&read(&unit)).unwrap();
     let plant = |unit: &Unit, name: &str| {
         let path = dir.join("r/units/00").join(format!("{name}.json"));
