@@ -18,25 +18,20 @@ fn align_corners_taps(input: usize, output: usize) -> Vec<Tap> {
     } else {
         0.0
     };
-    (0..output)
-        .map(|dst| {
-            let src = scale * dst as f32;
-            let low = (src as usize).min(input - 1);
-            Tap {
-                low,
-                high: (low + 1).min(input - 1),
-                weight: (src - low as f32).clamp(0.0, 1.0),
-            }
-        })
-        .collect()
+    taps(input, output, |dst| scale * dst)
 }
 
 /// Source positions with pixel centres at halves, `src = (dst + ½) · in / out − ½`, at least 0; in f32 as in PyTorch.
 fn half_pixel_taps(input: usize, output: usize) -> Vec<Tap> {
     let scale = input as f32 / output as f32;
+    taps(input, output, |dst| (scale * (dst + 0.5) - 0.5).max(0.0))
+}
+
+/// Taps at the source positions that `position` gives for the output's coordinates.
+fn taps(input: usize, output: usize, position: impl Fn(f32) -> f32) -> Vec<Tap> {
     (0..output)
         .map(|dst| {
-            let src = (scale * (dst as f32 + 0.5) - 0.5).max(0.0);
+            let src = position(dst as f32);
             let low = (src as usize).min(input - 1);
             Tap {
                 low,

@@ -20,7 +20,7 @@ const AGREEMENT_VISIBLE: f64 = 0.1;
 const NAMED: (usize, f64) = (2, 0.02);
 /// Minimum number of targets with equal pictures. Two may have the same source and motion.
 const REPEATED: usize = 3;
-/// Maximum difference of equal strips, thousandths of the picture and relative to their thickness.
+/// Maximum difference of equal strips: thousandths of the height, or, if larger, a share of their thickness.
 const UNEVEN: (f64, f64) = (8.0, 0.1);
 /// Minimum difference of the gains of levels that were stretched one by one, percent. Equal gains are an exposure.
 const LEAST_SPREAD: i16 = 5;

@@ -428,6 +428,7 @@ mod tests {
     fn tint_of(picture: &RgbImage) -> RgbImage {
         mapped(picture, |[r, g, b]| [r.saturating_add(9), g, b])
     }
+
     #[test]
     fn levels_stretched_to_the_whole_range_are_told() {
         // The photograph has no black and no white.

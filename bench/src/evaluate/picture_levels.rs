@@ -18,8 +18,9 @@ const MID_TONES: u8 = 30;
 const SAMPLES: u32 = 32_768;
 /// Share of a stretched picture's levels at each end, beyond that of the photograph.
 const ENDS: f64 = 2e-4;
-/// Minimum gain in contrast of a stretched picture, and how far the photograph's range may be from 0..255 after it.
+/// Minimum gain in contrast of a stretched picture.
 const LEAST_STRETCH: f64 = 1.04;
+/// Maximum difference of the photograph's range, stretched as the picture was, from 0..255 at either end, levels.
 const OFF_ENDS: f64 = 30.0;
 /// Minimum mean difference of a coloured photograph's channels, levels.
 const LEAST_COLOUR: usize = 8;

@@ -27,9 +27,10 @@ const LEAST_GAIN: f64 = 2.0;
 /// Minimum PSNR of the source's photograph stored as JPEG, dB, and minimum gain over the target. Only copies reach both.
 const COPY: (f64, f64) = (40.0, 10.0);
 
-/// Minimum gain of the source over the target in predictions of the source's view, dB, and their minimum squared error
-/// relative to the source's own.
+/// Minimum gain of the source's photograph over the target's if a prediction shows the source's view, dB.
 const SOURCE_VIEW: f64 = 3.0;
+/// Minimum squared error of such a prediction, relative to that of the source's photograph: predictions that move are
+/// closer to the target.
 const AS_FAR: f64 = 0.7;
 
 /// For each pair, the other pairs with whose targets its picture is compared.

@@ -1,8 +1,8 @@
 //! Detects pictures that show the photograph at another size, or several times: crops and padding that were resized to
 //! the target's size, and panels side by side.
 //!
-//! Only another size along one axis, or with one corner in place, is evidence: motion along the optical axis that a method
-//! ignores resizes pictures about their middle.
+//! Only another size along one axis, or with the upper left corner in place, is evidence: if a method ignores motion along
+//! the optical axis, its pictures have another size along both axes, about the middle.
 
 use image::imageops::thumbnail;
 use image::{GenericImageView, RgbImage};
@@ -19,11 +19,14 @@ const STARTS: [f64; 9] = [0.5, 0.5625, 0.67, 0.75, 0.87, 1.0, 1.15, 1.33, 1.78];
 const STEPS: [f64; 6] = [0.04, 0.02, 0.01, 0.005, 0.0025, 0.001];
 /// Minimum share of the picture that the photograph covers.
 const COVERED: f64 = 0.5;
-/// Minimum change of width or height, and maximum error of an edge's place, in sizes of the picture.
+/// Minimum change of width or height, in sizes of the picture.
 const RESIZED: f64 = 0.018;
+/// Maximum offset of an edge that has stayed in place, in sizes of the picture.
 const UNMOVED: f64 = 0.009;
-/// Minimum gain, dB: for another place, and for panels.
-const LEAST_GAIN: [f64; 2] = [1.5, 3.0];
+/// Minimum gain by another place, dB.
+const OF_PLACE: f64 = 1.5;
+/// Minimum gain by panels, dB.
+const OF_PANELS: f64 = 3.0;
 
 /// Whether a picture shows the photograph in panels, or all of it at another size. Both are shrunk to the same size.
 pub(super) fn placement_change(seen: &RgbImage, shown: &RgbImage) -> Option<PictureChange> {
@@ -52,7 +55,7 @@ fn has_panels(seen: &RgbImage, shown: &RgbImage) -> bool {
                 let panel = part(shown);
                 let [as_panel, as_read] =
                     [squeezed.clone(), part(seen)].map(|seen| Likeness::of(&seen, whole, &panel));
-                as_panel.is_better_than(&as_read) && as_panel.gain_over(&as_read) >= LEAST_GAIN[1]
+                as_panel.is_better_than(&as_read) && as_panel.gain_over(&as_read) >= OF_PANELS
             })
         })
 }
@@ -136,7 +139,7 @@ impl Place {
             }
         }
         let [placed, as_read] = [placed, as_read].map(|seen| Likeness::of(&seen, whole, shown));
-        placed.is_better_than(&as_read) && placed.gain_over(&as_read) >= LEAST_GAIN[0]
+        placed.is_better_than(&as_read) && placed.gain_over(&as_read) >= OF_PLACE
     }
 
     /// Padding makes the photograph smaller, a crop makes it larger: along one axis, or padding at the right and at the

@@ -57,8 +57,12 @@ pub struct DepthProSource(CheckpointSource);
 
 impl DepthProSource {
     /// # Errors
-    /// As for [`CheckpointSource::open`].
+    /// As for [`CheckpointSource::open`]; [`ModelError::Config`] for a checkpoint of SHARP.
     pub fn open(path: &Path) -> Result<Self, ModelError> {
+        if CheckpointSource::open(path)?.has(SHARPS_DEPTH) {
+            let reason = "a checkpoint of SHARP, but one of Depth Pro is needed";
+            return Err(ModelError::Config(format!("{}: {reason}", path.display())));
+        }
         let parameters = parameters(&ModelConfig::release(), true)?;
         Ok(Self(CheckpointSource::open_with(path, &parameters)?))
     }

@@ -3,6 +3,13 @@
 use super::*;
 use crate::tiny::depth_pro;
 
+/// Evaluates a pair of the procedural scene.
+fn run_one_pair(dir: &Path, out: &str, more: &[&str]) {
+    let args = ["run", "--dataset", SYNTHETIC, "--method", "copy"];
+    let rest = ["--metrics", "psnr", "--limit", "1", "--out", out];
+    sharp_bench(dir, &[&args[..], &rest, more].concat()).ends_with(0);
+}
+
 #[test]
 fn overlaps_are_kept_and_change_nothing() {
     let dir = tempfile::tempdir().unwrap();
@@ -100,20 +107,7 @@ fn somebody_elses_depth_decides_overlap_and_is_named() {
 
     // A run reports the source of its overlaps, even for a list that was built before.
     let run = |out: &str, pairs: &[&str]| {
-        let args = [
-            "run",
-            "--dataset",
-            SYNTHETIC,
-            "--method",
-            "copy",
-            "--metrics",
-            "psnr",
-            "--limit",
-            "1",
-            "--out",
-            out,
-        ];
-        sharp_bench(dir.path(), &[&args[..], pairs].concat()).ends_with(0);
+        run_one_pair(dir.path(), out, pairs);
         let manifest: serde_json::Value =
             serde_json::from_str(&read(dir.path().join(out).join("manifest.json"))).unwrap();
         manifest["pairs"]["lists"][0]["choices"].clone()
@@ -261,20 +255,7 @@ fn depth_pro_decides_overlap_and_is_recorded() {
 
     // A folder that is evaluated on both lists records each with its choices.
     for list in ["pro.csv", "truth.csv"] {
-        let run = [
-            "run",
-            "--dataset",
-            SYNTHETIC,
-            "--method",
-            "copy",
-            "--metrics",
-            "psnr",
-            "--limit",
-            "1",
-            "--out",
-            "r",
-        ];
-        sharp_bench(dir.path(), &[&run[..], &["--pairs", list]].concat()).ends_with(0);
+        run_one_pair(dir.path(), "r", &["--pairs", list]);
     }
     let manifest: serde_json::Value =
         serde_json::from_str(&read(dir.path().join("r/manifest.json"))).unwrap();

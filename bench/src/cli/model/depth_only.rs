@@ -15,7 +15,7 @@ use crate::cli::{Outcome, output};
 use crate::io::rendering_files::{write_exr_channels, write_millimetres_png};
 
 #[derive(Debug, Serialize)]
-struct PredictedDepth {
+struct WrittenDepth {
     image: String,
     depth: String,
     focal_px: f64,
@@ -27,7 +27,7 @@ pub(super) fn execute(args: &PredictArgs) -> anyhow::Result<Outcome> {
     let of_file = match args.out.extension().and_then(OsStr::to_str) {
         Some("exr") => Some(DepthForm::Exr),
         Some("png") => Some(DepthForm::Png16),
-        Some("ply") => bail!(
+        Some("ply" | "pfm" | "npy" | "jpg" | "jpeg" | "tif" | "tiff") => bail!(
             "--out {}: --depth-only writes .exr or .png",
             args.out.display()
         ),
@@ -69,7 +69,7 @@ fn predict_one(
     image: &Path,
     out: &Path,
     form: DepthForm,
-) -> anyhow::Result<PredictedDepth> {
+) -> anyhow::Result<WrittenDepth> {
     let started = Instant::now();
     let photo = args.photo.load_unless_estimated(image, is_estimated)?;
     let is_focal_estimated = is_estimated(&photo);
@@ -100,7 +100,7 @@ fn predict_one(
             photo.height
         ))?;
     }
-    Ok(PredictedDepth {
+    Ok(WrittenDepth {
         image: image.display().to_string(),
         depth: out.display().to_string(),
         focal_px: f64::from(predicted.focal_px),

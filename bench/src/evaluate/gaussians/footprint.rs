@@ -19,9 +19,10 @@ const MARGIN: f64 = 0.15;
 const PARTS: (u32, u32) = (8, 6);
 /// A part is empty if at most this share of it is covered.
 const MOST_COVERED: f64 = 0.02;
-/// Least share of a picture that is missing, and of its detail in empty parts. A sky or a plain background, where
-/// Gaussians may be missing on purpose, has hardly any.
+/// Minimum share of a picture that is missing.
 const LEAST_MISSING: f64 = 0.3;
+/// Minimum share of a picture's detail in empty parts. A sky or a plain background, where Gaussians may be missing on
+/// purpose, has hardly any.
 const LEAST_DETAIL: f64 = 0.2;
 
 /// The share of a photograph that Gaussians with this alpha leave empty, if it is large, connected and full of detail.

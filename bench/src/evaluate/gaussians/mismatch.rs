@@ -10,9 +10,9 @@ use crate::methods::file_reading::{Axes, FileReading, FileSpace, Placement};
 
 /// Factors of standard deviations to try.
 const WIDTHS: [f64; 8] = [1.0 / 3.0, 0.1, 0.01, 0.001, 3.0, 10.0, 100.0, 1000.0];
-/// Minimum gain with narrower and with wider standard deviations, dB. Crude but correct Gaussians, and those with holes,
-/// gain less.
+/// Minimum gain with narrower standard deviations, dB. Crude but correct Gaussians gain less.
 const OF_NARROWER: f64 = 4.0;
+/// Minimum gain with wider standard deviations, dB. Correct Gaussians with holes gain less.
 const OF_WIDER: f64 = 6.0;
 /// Minimum gain with a factor that depth suggests, dB.
 const OF_WIDTHS: f64 = 1.0;
@@ -30,9 +30,7 @@ impl Trial<'_> {
         reading: &FileReading,
         as_read: &Likeness,
     ) -> Result<Option<Likeness>, RenderError> {
-        let mut other = gaussians.clone();
-        let scales = other.scales.as_flattened_mut().iter_mut();
-        scales.for_each(|scale| *scale *= factor as f32);
+        let other = with_widths(gaussians, factor);
         let fit = self.fit(&other, reading.placement.camera_from_file(self.source))?;
         Ok(fit.filter(|fit| fit.is_better_than(as_read) && fit.gain_over(as_read) >= OF_WIDTHS))
     }
@@ -56,9 +54,7 @@ impl Trial<'_> {
             if best.as_ref().is_some_and(|(known, _)| *known < 1.0) {
                 break;
             }
-            let mut other = gaussians.clone();
-            let scales = other.scales.as_flattened_mut().iter_mut();
-            scales.for_each(|scale| *scale *= factor as f32);
+            let other = with_widths(gaussians, factor);
             if factor > 1.0 && Seen::of(&other, map, &self.source.intrinsics).layers > MOST_LAYERS {
                 break;
             }
@@ -144,6 +140,14 @@ impl Trial<'_> {
         }
         kept
     }
+}
+
+/// Gaussians with all standard deviations multiplied by a factor.
+fn with_widths(gaussians: &Gaussians, factor: f64) -> Gaussians {
+    let mut other = gaussians.clone();
+    let scales = other.scales.as_flattened_mut().iter_mut();
+    scales.for_each(|scale| *scale *= factor as f32);
+    other
 }
 
 /// The rotation of a similarity; of a mirrored one, that of its negative, which turns Gaussians in the same way.

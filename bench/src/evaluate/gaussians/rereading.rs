@@ -26,6 +26,7 @@ const MOST_LAYERS: f64 = 3000.0;
 const WORTH_A_LOOK: f64 = 0.25;
 /// If the source loses this much, a form of numbers is ruled out, dB.
 const MUCH: f64 = 1.0;
+/// [`MUCH`] for logarithms of opacities, which the stored values suggest strongly and the source hardly shows.
 const VERY_MUCH: f64 = 3.0;
 /// Errors in other views may grow by at most this factor.
 const NOT_WORSE: f64 = 1.1;
@@ -38,16 +39,17 @@ const BEYOND_CHANCE: f64 = 2.0;
 /// Gain that suffices for another form of colours, dB. Such forms may differ only in brightness and
 /// contrast.
 const RECOLORED: f64 = 6.0;
-/// Focal lengths that differ by less than this need [`OF_SMALL_ZOOM`], dB: Gaussians with a wrong shape may fit better by
-/// chance if they are slightly enlarged.
+/// [`RECOLORED`] for a form with which no other brightness and contrast would be better.
+const RECOLORED_EXACTLY: f64 = 2.0;
+/// Relative change of the focal length below which [`OF_SMALL_ZOOM`] is needed: Gaussians with a wrong shape may fit
+/// better by chance if they are slightly enlarged.
 const SMALL_ZOOM: f64 = 0.05;
+/// Minimum gain of a small change of the focal length, dB.
 const OF_SMALL_ZOOM: f64 = 1.0;
 /// Standard deviations may be logarithms to the base of 10 only if more Gaussians than this cover a pixel on average.
 const WIDE_LAYERS: f64 = 500.0;
-/// A view is covered from this share on.
+/// Minimum share of a view that Gaussians cover if they show all of it.
 const WHOLE: f64 = 0.7;
-/// The same, if no other brightness and contrast would be better, dB.
-const RECOLORED_EXACTLY: f64 = 2.0;
 /// Minimum area of Gaussians under another order of quaternions, as a share of that as read: most lie on surfaces that
 /// face the camera.
 pub(super) const FACING: f64 = 0.97;
@@ -436,9 +438,9 @@ fn placements(current: Placement, moves: &Moves, is_lost: bool) -> Vec<Placement
     all
 }
 
-/// Alternative interpretations of the stored numbers.
-/// `is_wide`: Gaussians cover each other as logarithms to the base of 10 do if they are read as natural ones. Others would
-/// become so narrow that only their centres are drawn, which may resemble the source.
+/// Alternative interpretations of the stored numbers. Logarithms to the base of 10 are tried only if `is_wide`: read as
+/// natural ones, they are so wide that many Gaussians cover each pixel. Other Gaussians would become so narrow that only
+/// their centres are drawn, which may resemble the source.
 fn numbers(current: &FileReading, stored: &Gaussians, is_wide: bool) -> Vec<FileReading> {
     let mut all = Vec::new();
     let mut add = |change: &dyn Fn(&mut FileReading)| {

@@ -2,7 +2,7 @@
 
 use std::sync::OnceLock;
 
-use sharp::model::depth_pro::DepthPro;
+use sharp::model::depth_pro::{DepthPro, DepthProSource};
 use sharp::model::predictor::{Planes, planes_of};
 use sharp::model::{ModelConfig, ModelError, NetworkSpec, Predictor};
 use sharp::resize::nearest;
@@ -39,14 +39,21 @@ impl PredictedDepth {
     /// Creates a source from a checkpoint; its weights are loaded on first use.
     ///
     /// # Errors
-    /// If the checkpoint cannot be read.
+    /// If the checkpoint cannot be read, or is not Depth Pro's although it should be. Those of SHARP are checked where
+    /// their configuration is found ([`named_network`](crate::io::checkpoint::named_network)).
     pub fn new(network: NetworkSpec, kind: DepthNetwork) -> Result<Self, PairError> {
-        Ok(Self {
+        let source = Self {
             checkpoint_sha256: file_sha256(&network.checkpoint)?,
             network,
             kind,
             opened: OnceLock::new(),
-        })
+        };
+        if kind == DepthNetwork::DepthPro {
+            let checked = DepthProSource::open(&source.network.checkpoint)
+                .and_then(|weights| weights.check(&source.network.config, &[]));
+            checked.map_err(|error| source.wrong(error.to_string()))?;
+        }
+        Ok(source)
     }
 
     pub fn checkpoint_sha256(&self) -> &str {
