@@ -283,7 +283,8 @@ fn depth_pro_writes_the_depth_of_a_photograph() {
     predict(&model, &["--out", "d.exr", "--depth", "png16"]).is_error_with(&["another form"]);
     let said = predict(&tiny, &["--out", "x.exr"]).ends_with(1);
     assert!(
-        said.err.contains("needs a checkpoint of Depth Pro"),
+        said.err
+            .contains("a checkpoint of SHARP, but one of Depth Pro is needed"),
         "{}",
         said.err
     );

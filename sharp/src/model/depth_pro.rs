@@ -57,11 +57,13 @@ pub struct DepthProSource(CheckpointSource);
 
 impl DepthProSource {
     /// # Errors
-    /// As for [`CheckpointSource::open`]; [`ModelError::Config`] for a checkpoint of SHARP.
+    /// As for [`CheckpointSource::open`]; [`ModelError::File`] for a checkpoint of SHARP.
     pub fn open(path: &Path) -> Result<Self, ModelError> {
         if CheckpointSource::open(path)?.has(SHARPS_DEPTH) {
-            let reason = "a checkpoint of SHARP, but one of Depth Pro is needed";
-            return Err(ModelError::Config(format!("{}: {reason}", path.display())));
+            return Err(ModelError::File {
+                path: path.to_owned(),
+                reason: "a checkpoint of SHARP, but one of Depth Pro is needed".to_owned(),
+            });
         }
         let parameters = parameters(&ModelConfig::release(), true)?;
         Ok(Self(CheckpointSource::open_with(path, &parameters)?))

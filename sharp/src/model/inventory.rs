@@ -40,7 +40,7 @@ impl CheckpointSource {
     /// (`module.`, `_orig_mod.`, `model.`) are removed.
     ///
     /// # Errors
-    /// [`ModelError::Checkpoint`]; [`ModelError::Config`] if names have different prefixes.
+    /// [`ModelError::Checkpoint`]; [`ModelError::File`] if names have different prefixes.
     pub fn open(path: &Path) -> Result<Self, ModelError> {
         Self::open_with(path, &inventory(&ModelConfig::release())?)
     }
@@ -53,11 +53,13 @@ impl CheckpointSource {
         let mut file = Checkpoint::open(path)?;
         let left_out = file.without_prefix(&roots).map_err(|prefixes| {
             let prefixes = prefixes.iter().map(|prefix| format!("`{prefix}`"));
-            ModelError::Config(format!(
-                "{}: its names have several prefixes ({}): save the tensors of only one network",
-                path.display(),
-                prefixes.collect::<Vec<_>>().join(", ")
-            ))
+            ModelError::File {
+                path: path.to_owned(),
+                reason: format!(
+                    "its names have several prefixes ({}): save the tensors of only one network",
+                    prefixes.collect::<Vec<_>>().join(", ")
+                ),
+            }
         })?;
         Ok(Self { file, left_out })
     }

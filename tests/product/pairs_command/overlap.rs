@@ -1,7 +1,7 @@
 //! The depth that determines overlap, and the cache of overlaps.
 
 use super::*;
-use crate::tiny::depth_pro;
+use crate::tiny::{depth_pro, golden};
 
 /// Evaluates a pair of the procedural scene.
 fn run_one_pair(dir: &Path, out: &str, more: &[&str]) {
@@ -252,6 +252,11 @@ fn depth_pro_decides_overlap_and_is_recorded() {
         read(dir.path().join("pro.csv"))
     );
     made("x.csv", "depth-pro", &[]).is_error_with(&["--overlap-checkpoint FILE"]);
+    let sharps = ["--overlap-checkpoint", "mini"];
+    made("x.csv", "depth-pro", &sharps).is_error_with(&["mini"]);
+    let file = golden("tiny_model.pt");
+    let sharps = ["--overlap-checkpoint", file.as_str()];
+    made("x.csv", "depth-pro", &sharps).is_error_with(&["a checkpoint of SHARP", "Depth Pro"]);
 
     // A folder that is evaluated on both lists records each with its choices.
     for list in ["pro.csv", "truth.csv"] {

@@ -54,8 +54,7 @@ impl ModelArgs {
         let checkpoint = self.checkpoint.as_deref();
         let checkpoint = checkpoint.context("give Depth Pro's --checkpoint FILE")?;
         let network = depth_pro_network(checkpoint, self.config.as_deref())?;
-        DepthPro::open(&self.on_device(network))
-            .context("--depth-only needs a checkpoint of Depth Pro (depth_pro.pt)")
+        Ok(DepthPro::open(&self.on_device(network))?)
     }
 
     fn on_device(&self, network: NetworkSpec) -> NetworkSpec {
