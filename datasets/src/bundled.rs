@@ -12,7 +12,7 @@ struct BundledScene {
 }
 
 struct BundledFile {
-    /// An EXR file of disparities is written as PFM, as Middlebury's reader takes them.
+    /// Disparities in an EXR file are written as PFM, which the `middlebury` reader requires.
     name: &'static str,
     bytes: &'static [u8],
 }
@@ -26,7 +26,7 @@ macro_rules! bundled {
     };
 }
 
-/// Of the files as written, by scene.
+/// SHA-256 of each file as [`extract_all`] writes it, in the format of `sha256sum`, with paths `SCENE/FILE`.
 const SHA256SUMS: &str = include_str!("../bundled/SHA256SUMS");
 
 const SCENES: [BundledScene; 4] = [

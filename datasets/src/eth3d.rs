@@ -75,7 +75,7 @@ fn required_files(photo: &PhotographPath<'_>) -> Vec<RequiredFile> {
 
 fn archives(photo: &PhotographPath<'_>) -> Vec<String> {
     let undistorted = photo.picture.contains("/dslr_images_undistorted/");
-    // The depth maps are aligned with the distorted pictures, so those are always needed.
+    // The depth maps are aligned with the distorted pictures, so the archive with their cameras is always needed.
     let parts = ["dslr_jpg", "dslr_depth"].into_iter();
     parts
         .chain(undistorted.then_some("dslr_undistorted"))

@@ -35,7 +35,7 @@ impl PlotAxis {
         }
     }
 
-    /// The axis with a style's label and limits.
+    /// The axis with a style's label and limits, if the style sets them.
     pub(super) fn styled(&self, label: Option<&String>, limits: Option<[f64; 2]>) -> Self {
         let label = label.unwrap_or(&self.label);
         match limits {

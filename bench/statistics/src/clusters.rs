@@ -108,6 +108,7 @@ impl Clusters {
         &self.clusters
     }
 
+    /// Sum of all differences.
     pub(crate) fn sum(&self) -> f64 {
         self.sums[2]
     }

@@ -22,8 +22,8 @@ pub struct SignFlip {
     pub floor: f64,
     /// How patterns were drawn; `None` if all were enumerated.
     pub resampling: Option<Resampling>,
-    /// For each pattern, the lowest true mean under which the pattern's mean is as far from its
-    /// expectation as the observed mean; sorted.
+    /// For each pattern, the lowest true mean under which the pattern's mean is at least as far from
+    /// its expectation as the observed mean; sorted.
     lows: Vec<f64>,
     /// For each pattern, the highest such true mean; sorted.
     highs: Vec<f64>,

@@ -44,7 +44,7 @@ impl Units {
         self.depth_unit.unwrap_or(1.0)
     }
 
-    /// Names of the settings that change the unit of depth or poses.
+    /// Advice that names the settings of the units of depth and poses, or questions the unit if there are none.
     pub(super) fn where_to_set(self) -> &'static str {
         match (self.scale, self.depth_unit) {
             (Some(_), Some(_)) => "set depth-unit=, and scale= for the poses",
@@ -180,8 +180,9 @@ pub(super) fn sentence(
     }
 }
 
-/// The setting that brings poses and depth to the same unit. If poses or depth have implausible values, that is their
-/// setting; otherwise it is that of the poses, followed by the alternative after a semicolon.
+/// The setting that brings poses and depth to the same unit, and the alternative after a semicolon, if there is one. If
+/// depth is implausible as read, it is the setting of depth alone; otherwise that of the poses, with that of depth as
+/// the alternative unless depth would become implausible.
 fn scaled(scale: f64, units: Units, median_m: f64) -> (String, String) {
     if units.is_of_points {
         let factor = number(scale);

@@ -23,9 +23,9 @@ pub(super) enum Change {
     RayLength,
     /// Depth was already z, but was interpreted as ray length.
     NoRayLength,
-    /// The stored values are the reciprocal of depth, which the poses' translations fit if multiplied by this.
+    /// The stored values are reciprocals of depths; the poses' translations fit these depths if multiplied by this.
     Inverse(f64),
-    /// The stored values are those of a z-buffer whose near plane is at this distance.
+    /// The stored values are those of a z-buffer whose near plane is at this distance in metres.
     Buffer(f64),
     /// The poses use another convention, named as in [`alternatives`].
     Convention(&'static str),
@@ -44,8 +44,8 @@ pub(super) enum Change {
     Registered(Registration),
     /// Pictures or depth maps are flipped; says in which direction.
     Flipped(Part, &'static str),
-    /// Pictures fit if turned by the other EXIF orientation rule, which also gives the camera's size; holds the setting
-    /// that selects this rule.
+    /// Pictures fit if read by the other rule of EXIF orientation, which also gives the camera's size; holds the
+    /// setting that selects this rule.
     Turned(&'static str),
 }
 

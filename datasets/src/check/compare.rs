@@ -13,7 +13,7 @@ pub(super) const LEAST_GAIN_OF_VIEWS: f64 = 0.15;
 const LEAST_LANDED: usize = 500;
 /// Minimum fraction of the picture tiles in which the other interpretation must be better.
 const LEAST_SHARE: f64 = 0.75;
-/// Minimum improvement per tile, in standard errors of the mean.
+/// Minimum of the mean improvement over tiles, in standard errors of that mean.
 pub(super) const LEAST_ERRORS: f64 = 3.0;
 /// [`LEAST_GAIN`] and [`LEAST_ERRORS`] for lens distortion; proper scenes gain 0.003.
 pub(super) const LEAST_GAIN_OF_LENSES: (f64, f64) = (0.03, 4.0);
@@ -25,9 +25,10 @@ const SUSPICIOUS: f64 = 0.25;
 const MOSTLY_AGREEING: f64 = 0.8;
 /// Minimum fraction of depths that agree in valid data with little motion.
 const AGREEING: f64 = 0.9;
-/// If depths agree to [`AGREEING`], another interpretation must increase the fraction by this.
+/// If [`AGREEING`] of the depths agree as read, a change is needed only if it increases this fraction by this much, or
+/// because of the colours.
 const MORE_AGREEING: f64 = 0.03;
-/// A change is needed because of the colours if it reduces colour differences to this fraction or less.
+/// A change that shows in colours is needed if it reduces colour differences to this fraction or less.
 const NEARER_COLOURS: f64 = 0.9;
 /// Minimum number of samples to judge a tile of a picture.
 const ENOUGH_IN_TILE: usize = 8;

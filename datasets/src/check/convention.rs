@@ -25,7 +25,7 @@ pub(super) const CONVENTIONS: [Convention; 4] = [
         RigidTransform::inverse,
     ),
     of("OpenGL's and OpenCV's camera axes confused", flip),
-    // Changing the axes before the exchange would only change the world's axes.
+    // Changing the axes before the exchange would give the exchange alone, with other axes of the world.
     of(
         "camera-to-world and world-to-camera exchanged, and OpenGL's camera axes",
         |pose| flip(&pose.inverse()),
@@ -96,7 +96,8 @@ const TRANSPOSED: [Convention; 3] = [
         turned_in_place(pose, axes * pose.rotation.transpose() * axes)
     }),
 ];
-/// Camera positions stored as translations of world-to-camera poses, then the reverse.
+/// Camera positions that were read as translations of world-to-camera poses, then translations that were read as camera
+/// positions.
 const EXCHANGED_PLACES: [Convention; 2] = [
     of(
         "the translations read as the cameras' positions (t = -R c)",

@@ -34,7 +34,8 @@ impl DepthIs {
         }
     }
 
-    /// Ratio of two overlapping depths without [`Self::Short`]'s offset, which would make any two depths similar.
+    /// Ratio of two overlapping depths, without a positive offset of [`Self::Short`], which would make any two depths
+    /// similar.
     fn ratio(self, one: f64, other: f64) -> f64 {
         match self {
             Self::Short(by) if by > 0.0 => (one - by) / (other - by).max(0.01 * one),
@@ -46,7 +47,7 @@ impl DepthIs {
 /// Placement of a depth map relative to its picture.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Registration {
-    /// Offset to the right and down, in widths of the picture, of the picture's centre as shown by the depth map.
+    /// How far right of and below its own centre the depth map shows the picture's centre, in widths of the picture.
     pub(super) off: DVec2,
     /// Magnification of the depth map relative to the picture.
     pub(super) zoom: f64,
@@ -110,7 +111,7 @@ impl Reading {
         take: |pose| *pose,
     };
 
-    /// Moves a point to where the lens shows it.
+    /// Moves a point to the direction in which the lens shows it, at the same z.
     pub(super) fn bent(&self, point: DVec3) -> DVec3 {
         if self.bend == 0.0 || point.z <= 0.0 {
             return point;

@@ -199,8 +199,9 @@ impl<'a> Matches<'a> {
         Some(compared(&as_read, &other)?.evidence())
     }
 
-    /// For each such view, the poses of other views that explain most of its matches with the next. Empty if other
-    /// pairs remain unexplained or two pictures would share a pose: among so many poses, some fit by chance.
+    /// For each view of `starts` whose matches with the next view are not explained by the two views' own poses, the
+    /// poses of other views that explain them. Empty if any pair remains unexplained or two pictures would share a
+    /// pose: among so many poses, some fit by chance.
     fn all_elsewhere(
         &self,
         starts: &BTreeSet<usize>,
@@ -282,7 +283,7 @@ impl<'a> Matches<'a> {
     }
 }
 
-/// If the views have two different focal lengths, a description of their exchange and each view's factors.
+/// If the views have exactly two focal lengths, a description of their exchange and each view's factors.
 pub(super) fn exchanged_focals(views: &[View]) -> Option<(String, Vec<DVec2>)> {
     let focal = |view: &View| DVec2::new(view.intrinsics.fx, view.intrinsics.fy);
     let is_same = |a: DVec2, b: DVec2| (a / b - 1.0).abs().max_element() < SAME;

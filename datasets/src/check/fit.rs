@@ -34,7 +34,7 @@ const MUCH_LESS: f64 = 0.75;
 const UNRELATED: f64 = 1.0;
 /// If more than this fraction of the loss remains, rounded poses are the more likely cause.
 const HARDLY_LESS: f64 = 0.75;
-/// Factor of fx or fy alone above which an interpretation must also reduce colour differences to [`LESS`].
+/// A factor of fx or fy alone that is above this, or below its reciprocal, must reduce colour differences to [`LESS`].
 const LARGE: f64 = 1.25;
 /// Fraction to which colour differences must be reduced to accept a factor above [`LARGE`].
 const LESS: f64 = 0.6;

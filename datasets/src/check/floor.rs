@@ -6,11 +6,11 @@ use super::features::Matches;
 use super::neighbours::Neighbours;
 use super::small_view::WIDEST;
 
-/// Median distance of matches from their predicted places, in reduced pixels, from which a scene is contradictory.
-/// Consistent scenes have medians below 1.
+/// Minimum median distance of matches from their predicted places, in reduced pixels, in a pair of views that depth
+/// contradicts; [`MOST_CLOSE`] must hold, too. Consistent scenes have medians below 1.
 const LEAST_MISS: f64 = 2.5;
-/// Fraction of matches within [`CLOSE`] of their predicted places, up to which a scene is contradictory. Consistent
-/// scenes have fractions above 0.8.
+/// Maximum fraction of matches within [`CLOSE`] of their predicted places in such a pair. Consistent scenes have
+/// fractions above 0.8.
 const MOST_CLOSE: f64 = 0.35;
 /// Distance of a match that is close to its predicted place, in reduced pixels.
 const CLOSE: f64 = 2.0;

@@ -224,7 +224,7 @@ fn look(scene: &Scene, units: Units, effort: Effort) -> Look {
         (_, Some(neighbours)) => {
             let contradiction = neighbours.repeated();
             let contradiction = contradiction.or_else(|| neighbours.contradictions(units));
-            // No interpretation assigns the pictures to their poses, so compare their features.
+            // Compares features, in case no interpretation assigns the pictures to their poses.
             contradiction.or_else(|| {
                 let is_suspicious = effort.thorough || neighbours.is_poorly_explained();
                 let matches = is_suspicious.then(|| Matches::new(&scene.views, effort))?;

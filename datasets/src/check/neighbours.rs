@@ -175,8 +175,8 @@ impl<'a> Neighbours<'a> {
         shares.fold(0.0, f64::max)
     }
 
-    /// True if the colours of view `first` and the next fit when each is projected into the other, whatever their
-    /// features match.
+    /// True if the colours of view `first` and the next fit when each is projected into the other. Matches of features
+    /// are not considered.
     pub(super) fn is_explained(&self, first: usize) -> bool {
         [(first, first + 1), (first + 1, first)]
             .iter()
@@ -247,7 +247,7 @@ impl<'a> Neighbours<'a> {
         ))
     }
 
-    /// Reports single-coloured pictures.
+    /// Reports a single-coloured picture among those read.
     pub(super) fn blank(&self) -> Option<String> {
         let around = self.around.iter();
         let all = self.small.iter().map(|(i, read)| (i, &read.0));

@@ -21,8 +21,8 @@ const LEAST_VIEWS: usize = 5;
 /// be due to one wrong pose.
 const LEAST_SHIFTED: usize = 2;
 
-/// Minimum fraction of a pair's loss that the poses of two other views must remove. High, because the best of many
-/// pairs of poses are taken.
+/// Minimum fraction of a pair's loss that the poses of two other views must remove. High, because these poses are the
+/// best of many.
 const LEAST_GAIN_ELSEWHERE: f64 = 0.25;
 /// Samples per view in the search for the poses of two other views.
 const SAMPLES_ELSEWHERE: usize = 500;

@@ -107,7 +107,7 @@ pub(super) fn have_one_rotation(views: &[View]) -> bool {
 const STEPS: [f64; 4] = [1.0, 0.1, 0.01, 0.001];
 /// Maximum distance from a multiple of the step, as a fraction of the step.
 const OFF_STEP: f64 = 1e-3;
-/// Minimum number of coordinates of positions other than 0.
+/// Minimum number of the positions' coordinates that are not 0.
 const LEAST_COORDINATES: usize = 3;
 /// Minimum step, as a fraction of the median distance between neighbouring views; a smaller one matters little.
 const LEAST_STEP: f64 = 0.02;

@@ -19,12 +19,11 @@ const OFFSETS: (i32, f64) = (10, 1.12);
 const ZOOMS: (i32, f64) = (12, 1.035);
 /// Minimum offset that is reported, in widths.
 const LEAST_OFF: f64 = 0.008;
-/// Maximum offset along an axis.
+/// Maximum offset along an axis, in widths.
 const MOST_OFF: f64 = 0.12;
 /// Maximum magnification.
 const MOST_ZOOM: f64 = 1.6;
-/// Maximum ratio of the remaining colour differences to those without registration. Only colours show that depth
-/// belongs elsewhere.
+/// Maximum ratio of the remaining colour differences to those as read. Only colours show that depth belongs elsewhere.
 const MOST_LEFT: f64 = 0.9;
 /// Maximum remaining colour differences, as a fraction of those between unrelated places.
 const MOST_UNEXPLAINED: f64 = 0.75;

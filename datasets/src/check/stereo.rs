@@ -28,9 +28,9 @@ const LEAST_RELATED: f64 = 0.1;
 /// Row offsets that are tested in both directions, in pixels of the reduced size; less than one pixel of the photograph
 /// is ignored.
 const ROWS: [f64; 7] = [0.25, 0.5, 1.0, 2.0, 3.0, 4.0, 6.0];
-/// Offsets of disparities that are tested in both directions, in pixels of the reduced size, and the least of them that
-/// is reported, in pixels of the photograph.
+/// Maximum offset of disparities that is tested in both directions, in pixels of the reduced size.
 const OFFSETS: i32 = 40;
+/// Minimum offset of disparities that is reported, in pixels of the photograph.
 const LEAST_OFFSET: f64 = 2.0;
 
 /// Number of rotations of the right picture that are tested in either direction.
@@ -168,7 +168,7 @@ impl Pair {
         })
     }
 
-    /// Evaluates how well the disparities that `disparity` computes from the stored ones match one picture with the
+    /// Evaluates how well the disparities that `disparity` computes from those as read match one picture with the
     /// other.
     fn explained(
         &self,
@@ -349,7 +349,8 @@ impl Pair {
                 ));
             }
         }
-        // If depths were read as disparities, the stored values are their reciprocals.
+        // If depths were read as disparities, the true disparities are proportional to the reciprocals of those read,
+        // up to an offset.
         let (camera, middle) = (
             &self.left.camera,
             self.samples[self.samples.len() / 2].depth,

@@ -110,8 +110,8 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
         ),
         Setting::free(
             "step",
-            "size of each of a sweep's views - 1 steps: metres (auto: 0.05; at most 10 in total), \
-             degrees (auto: 2; at most 90 in total) or posts (auto: 1; at most 15 in total)",
+            "size of a sweep's steps, which are one fewer than its views: metres (auto: 0.05; at most 10 in \
+             total), degrees (auto: 2; at most 90 in total) or posts (auto: 1; at most 15 in total)",
             "auto",
         ),
     ],

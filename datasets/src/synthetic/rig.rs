@@ -21,7 +21,7 @@ pub(super) struct Rig {
 }
 
 impl Rig {
-    /// Largest radius for which no two cameras are more than 60 cm apart, even though some are moved forward by 2 cm.
+    /// With this radius, no two cameras are more than 60 cm apart, even though some are moved forward by 2 cm.
     pub(super) const WIDEST_RADIUS_M: f64 = 0.2995;
 
     /// Horizontal field of view of 58 degrees.

@@ -2,7 +2,7 @@
 //! directory, with 64-bit sizes if needed.
 //!
 //! Implemented here because the `zip` crate reads entries as streams, guesses at damaged directories, and silently uses
-//! the last of several equal names. This implementation rejects every inconsistency.
+//! the last of several entries of one name. This implementation rejects every inconsistency.
 
 use std::collections::BTreeMap;
 use std::ops::Range;
@@ -19,9 +19,9 @@ const LOCAL: &[u8] = b"PK\x03\x04";
 const END_LEN: usize = 22;
 /// Length of the locator of a ZIP64 end record.
 const LOCATOR_LEN: usize = 20;
-/// Length of an entry of the central directory without names and extra fields.
+/// Length of an entry of the central directory without its name, extra fields and comment.
 const CENTRAL_LEN: usize = 46;
-/// Length of a local file header without names and extra fields.
+/// Length of a local file header without its name and extra fields.
 const LOCAL_LEN: usize = 30;
 
 /// Location of an entry's data.

@@ -7,8 +7,8 @@ use crate::ply::{
 /// Bytes per Gaussian: position and standard deviations as f32, colour and opacity as bytes, the quaternion w, x, y, z
 /// as bytes for −1..1.
 const ROW: usize = 32;
-/// Quantisation changes the length of a unit quaternion by at most 0.02. A warning is given if more than one in twenty
-/// differs from 1 by more than this.
+/// Maximum difference of a quaternion's length from 1; quantisation alone causes at most 0.02. A warning is given if
+/// more than one in twenty differ by more.
 const OFF_UNIT: f32 = 0.1;
 
 pub(super) fn decode(bytes: &[u8]) -> Result<Decoded, PlyReason> {
@@ -48,7 +48,7 @@ pub(super) fn decode(bytes: &[u8]) -> Result<Decoded, PlyReason> {
     Ok(out)
 }
 
-/// A doubt about quaternions whose length is not 1. Those of 0 are ignored.
+/// A doubt about quaternions whose length is not 1. Lengths up to [`OFF_UNIT`] are ignored: they may stand for 0.
 fn broken_quaternions(quaternions: &[[f32; 4]]) -> Option<Suspicion> {
     let lengths = quaternions
         .iter()

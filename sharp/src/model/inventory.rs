@@ -177,7 +177,7 @@ impl CheckpointSource {
 
 /// Parts of names of layers that are zero before training.
 pub const ZERO_BEFORE_TRAINING: [&str; 2] = ["prediction_head.", "scale_map_estimator.conv_out."];
-/// Share of zeros at the end of a tensor from which on values are missing.
+/// Minimum share of zeros at the end of a tensor that are taken for missing values.
 const LEAST_ZERO_TAIL: f64 = 0.1;
 
 const SKIP_CONVOLUTION: &str = "feature_model.image_encoder.conv.weight";

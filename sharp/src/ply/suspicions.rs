@@ -215,8 +215,9 @@ impl Range {
     }
 }
 
-/// Logarithms of opacities that one in twenty and half of the Gaussians of a scene exceed.
+/// Logarithm of an opacity that one in twenty Gaussians of a scene exceed.
 const NEARLY_OPAQUE: f32 = -0.25;
+/// Logarithm of an opacity that half of the Gaussians of a scene exceed.
 const MOSTLY_OPAQUE: f32 = -0.4;
 
 fn is_round(value: f32) -> bool {

@@ -104,7 +104,7 @@ pub struct StageConfig {
     /// pseudo-novel cameras.
     #[serde(default = "max_baseline_m")]
     pub max_baseline_m: f64,
-    /// For the second stage.
+    /// Choices about pseudo-novel views; for the second stage.
     #[serde(default)]
     pub pseudo_views: PseudoViews,
 }

@@ -112,8 +112,7 @@ impl WeightSource for Untrained {
             return constant(1.0);
         }
         let transposed = shape[2..] == [2, 2] && contains(&["deconv", "upsample", "head.1."]);
-        // In a transposed convolution, each output pixel depends on one weight per input channel, whatever the size of
-        // the kernel.
+        // In a transposed convolution, each output pixel depends on one weight per input channel.
         let fan_in = match transposed {
             true => shape[0],
             false => shape[1..].iter().product(),

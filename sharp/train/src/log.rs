@@ -44,7 +44,8 @@ pub struct TrainingLog {
 }
 
 impl TrainingLog {
-    /// Opens or creates the files in a folder, for a training run that resumes after `after`; later rows are removed.
+    /// Opens or creates the files in a folder, for a training run that continues after the step at `after`; later rows
+    /// are removed.
     ///
     /// # Errors
     /// [`LogError::Io`]; [`LogError::Other`] if a file is not such a log or ends before `after`.

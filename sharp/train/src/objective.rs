@@ -280,7 +280,7 @@ impl Objective {
                 SplatView::Input => input,
                 SplatView::Novel => novel,
             };
-            // Some Gaussians may be behind the novel camera; they have no loss.
+            // Gaussians behind the camera or nearer than its near plane are left out.
             let means = &pass.gaussians.means;
             let depth = |k: usize| {
                 let mean = DVec3::from_array(means[k].map(f64::from));
