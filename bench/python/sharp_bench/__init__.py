@@ -157,8 +157,8 @@ def compare(a, b=None, methods=(), **options):
 
 
 def sweep(*runs, x="baseline_m", bins=None, band="sd", split="dataset", metrics=(), methods=(), datasets=(), rename=None):
-    """Scores against how far the camera moved: figures (SVG), ``csv`` and ``latex``, which a notebook shows. The options are those
-    of ``sharp-bench sweep`` with these names; ``rename`` is a dictionary. The command writes PNG and PDF."""
+    """Scores against how far the camera moved: ``figures`` (SVG, shown in a notebook), ``csv`` and ``latex``. The options are those
+    of ``sharp-bench sweep`` with these names; ``rename`` is a dictionary. Only the command writes PNG and PDF."""
     shown = metrics.split(",") if isinstance(metrics, str) else list(metrics), list(methods), list(datasets), list((rename or {}).items())
     return Sweep([os.fspath(run) for run in runs], x, bins, band, split, *shown)
 

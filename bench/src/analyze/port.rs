@@ -186,8 +186,9 @@ struct Pair<'a> {
 impl Pair<'_> {
     /// Placement and order of the port's Gaussians, and the matched pairs of indices.
     ///
-    /// Of the known orders, takes the one with the smallest median distance between matched Gaussians. If that distance
-    /// is too large, matches Gaussians by position, with the placement that finds the most matches.
+    /// If both have equally many Gaussians, takes the known order with the smallest median distance between matched
+    /// Gaussians; it must be below [`SAME_PLACE`], unless opacities or colours show that the order is the reference's.
+    /// Otherwise matches Gaussians by position, with the placement that finds the most matches.
     fn matched(&self) -> (Placement, &'static str, Vec<[u32; 2]>) {
         let n = self.port.len();
         let placements = || {

@@ -156,7 +156,8 @@ struct UncertaintyArgs {
         required_unless_present = "depth"
     )]
     checkpoint: Option<PathBuf>,
-    /// Architecture of the checkpoint, FILE.json#NAME [default: the release's]
+    /// Architecture of the checkpoint, FILE.json#NAME [default: a fitting .json next to the checkpoint, or the
+    /// release's]
     #[arg(long, value_name = "CONFIG", requires = "checkpoint")]
     config: Option<String>,
     #[command(flatten)]

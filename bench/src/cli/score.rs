@@ -20,7 +20,8 @@ use crate::io::counts::counted;
 
 /// Add metrics to a run by scoring its kept pictures
 ///
-/// Predicts and renders nothing. Pairs whose predicted picture was not kept are counted and receive no new scores.
+/// Predicts and renders nothing. Results (of a method on a pair) whose picture was not kept receive no new scores; then
+/// the exit code is 4, and --json has their number.
 #[derive(Debug, Args)]
 #[command(after_help = "Example:\n  sharp-bench score runs/first --metrics lpips-vgg,ssim-all")]
 pub(super) struct ScoreArgs {

@@ -82,7 +82,7 @@ pub(super) struct Job<'a> {
     pub(super) pairs: Vec<ResolvedPair<'a>>,
     /// Sources for which other readings of their Gaussians are tried.
     pub(super) checked: BTreeSet<String>,
-    /// For a sample of pairs, other pairs whose targets their pictures may actually show.
+    /// For a sample of pairs, other pairs whose targets the pictures of the sample may show instead.
     pub(super) others: OtherPairs<'a>,
     pub(super) methods: &'a [Box<dyn Method>],
     pub(super) scoring: &'a Scoring,

@@ -550,7 +550,7 @@ impl<'j, 'a> PairWork<'j, 'a> {
             _ => None,
         };
         let photograph = sources.photograph(planned.source)?;
-        // Ignore an unreadable mask here: the pairs with that target fail.
+        // Ignore an unreadable mask here: only pairs in which this view is the target need it, and those fail.
         let valid = planned.source.content.valid_pixels().ok().flatten();
         let valid = valid.as_ref().and_then(valid_mask);
         let source = CheckedSource {

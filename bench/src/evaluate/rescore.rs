@@ -29,7 +29,8 @@ use crate::scoring::{Region, Scoring};
 /// Scores a folder's kept predictions with those metrics whose scores are missing.
 ///
 /// # Errors
-/// If the folder or its datasets cannot be read, or the networks of earlier scores were computed on another device.
+/// If the folder or its datasets cannot be read, or earlier scores of LPIPS and DISTS were computed on another
+/// device.
 pub fn rescore(
     root: &Path,
     scoring: &Scoring,

@@ -64,7 +64,7 @@ pub const KINDS: [MethodKind; 8] = [
                   black",
         settings: &[(
             "resolution=1536",
-            "side in pixels of the square working picture; SHARP's is the default",
+            "side in pixels of the square working picture, even, 2 to 8192; SHARP's is the default",
         )],
         build: |spec, _| Ok(Box::new(DepthSplat::from_spec(spec)?)),
     },
@@ -75,16 +75,19 @@ pub const KINDS: [MethodKind; 8] = [
         settings: &[
             (
                 "checkpoint=FILE",
-                "weights, or mini for the small network that comes with the program",
+                "weights, or mini for the small network that comes with the program; by default the release's",
             ),
-            ("config=FILE#NAME", "architecture of the checkpoint"),
+            (
+                "config=FILE#NAME",
+                "architecture of the checkpoint; by default a fitting .json next to it, or the release's",
+            ),
             (
                 "depth=none|privileged",
                 "privileged: scale the prediction by the median of true over predicted depth",
             ),
             (
                 "device=cpu|candle-cpu|cuda|metal|auto",
-                "device of the network",
+                "device of the network, cpu by default; cuda and metal only if built in",
             ),
             (
                 "allow_unused=PREFIX,…",
@@ -112,7 +115,7 @@ pub const KINDS: [MethodKind; 8] = [
             ),
             (
                 "rendering=inria|gsplat-classic|mip-splatting|…",
-                "rendering rule that the Gaussians were made for, if the file does not state it",
+                "rendering rule that the Gaussians were made for; by default the one that the file states",
             ),
             (
                 "depth=none|privileged",
@@ -145,7 +148,7 @@ pub const KINDS: [MethodKind; 8] = [
             ),
             (
                 "marks=ignore",
-                "accept files made for another rendering rule",
+                "accept files that state another rendering rule, and ignore what they state",
             ),
             (
                 "space=world|target|normalized",
@@ -158,7 +161,7 @@ pub const KINDS: [MethodKind; 8] = [
             ("scale=S", "unit of the file in metres"),
             (
                 "transform=FILE.json",
-                "nerfstudio's dataparser_transforms.json, which is undone, or a 4-row matrix to the space",
+                "nerfstudio's dataparser_transforms.json, which is undone, or a matrix of 4 rows from the file to space=",
             ),
             (
                 "shift=X:Y",
@@ -170,7 +173,7 @@ pub const KINDS: [MethodKind; 8] = [
             ),
             (
                 "train=source|LIST.txt|GLOB",
-                "views that a scene's Gaussians were trained on",
+                "views that a scene's Gaussians were trained on: the pair's source, a list, or a pattern",
             ),
             (
                 "align=pose",
@@ -195,7 +198,11 @@ pub const KINDS: [MethodKind; 8] = [
             ),
             (
                 "crop=x:y:w:h|center:W:H|center|sidecar",
-                "part of the target that the pictures show",
+                "part of the target that the pictures show; sidecar: DIR/<pair_id>.json states it",
+            ),
+            (
+                "alpha=…, color=…, orientation=…, exr=…",
+                "how to read the pictures, as the options of `metrics`",
             ),
             (
                 "scales=0.5+1+2",
@@ -220,14 +227,17 @@ pub const KINDS: [MethodKind; 8] = [
             ),
             (
                 "files=PATTERN",
-                "files that the program reads without being named in its command line",
+                "files that decide the predictions but are not named in the command line; they are hashed",
             ),
             ("cwd=DIR", "folder in which the program starts"),
             (
                 "depth=none|privileged",
                 "privileged: the program gets the source's true depth",
             ),
-            ("resize=…, crop=x:y:w:h|center:W:H", "as for imported"),
+            (
+                "resize=…, crop=x:y:w:h|center:W:H, alpha=…, color=…, orientation=…, exr=…",
+                "as for imported",
+            ),
         ],
         build: |spec, _| Ok(Box::new(Command::from_spec(spec)?)),
     },

@@ -97,7 +97,7 @@ pub const PROTOCOLS: [Protocol; 15] = [
         failures: CUDA_MESSAGE,
         traps: &[
             "PSNR is at most 80 dB, so that identical pictures count as 80",
-            "the 1e-8 in SSIM's denominator lowers values in black areas by a tenth, even if they are equal",
+            "the 1e-8 in SSIM's denominator lowers its values in black areas by a tenth, even where both pictures are equal",
             "LPIPS of the pasted box counts the pasted pixels as agreement: a small mask in a large box scores nearly perfectly",
             "manifest lines with another field count are silently dropped and still use up a group number",
             "the launcher skips LPIPS by default, and without the LPIPS package the column contains L1",
@@ -306,7 +306,8 @@ pub const PROTOCOLS: [Protocol; 15] = [
         failures: "a missing picture or mask ends the evaluation",
         traps: &[
             "a scene with many test images counts more: the mean is over all images of all scenes",
-            "LPIPS takes a separate mean at each layer, so that deep layers only cover what is far inside the mask",
+            "LPIPS has a mean of its own at each layer, over what no excluded pixel reaches: deep layers weigh only what is far from \
+             excluded pixels",
         ],
         departures: &[
             "pictures: undistorted to a pinhole camera, with their masks; the original takes the fisheye pictures as stored",

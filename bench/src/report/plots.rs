@@ -241,7 +241,7 @@ pub fn by_scene(board: &Board<'_>, metric: &Column) -> Result<Option<Figure>, Pl
             let draw = move |surface: &mut Surface, area: &PlotArea| {
                 let labels = || methods.iter().map(|m| board.methods[*m].label.as_str());
                 let room = 0.8 * (area.x.place(1.0) - area.x.place(0.0));
-                // Otherwise the legend's colours have to do.
+                // If a name is too wide, only the legend names the methods.
                 if labels().all(|label| width(label, NAME_SIZE, Weight::Regular) < room) {
                     for (place, label) in labels().enumerate() {
                         let at = (area.x.place(place as f64), area.y.from + 17.0);

@@ -55,7 +55,7 @@ impl Validation {
     /// Selects the pairs by the paper's rules and writes them into the folder of the training run.
     ///
     /// # Errors
-    /// [`TrainError::NotHeldOut`] if the training data are the same; [`TrainError::OtherFolder`] if the pairs differ
+    /// [`TrainError::NotHeldOut`] if a dataset is also trained on; [`TrainError::OtherFolder`] if the pairs differ
     /// from those of earlier validations; [`TrainError::Pairs`].
     pub(super) fn new(
         request: ValidationRequest,

@@ -95,15 +95,14 @@ pub(super) struct MetricsArgs {
     /// OpenCV's and can only downscale. Without this option, unequal sizes are an error.
     #[arg(long, value_name = "KERNEL")]
     resize_prediction: Option<ResizeKernel>,
-    /// How to treat pictures that are not opaque: refuse them, composite them over black or white (in encoded values),
-    /// or drop the alpha (colours as stored)
+    /// How to treat pictures that are not opaque: refuse, black or white (composite over it, in encoded values), or
+    /// drop (colours as stored)
     #[arg(long, value_name = "RULE", default_value_t)]
     alpha: AlphaRule,
     /// How to treat pictures whose colour profile is not sRGB: convert (to sRGB) or as-stored
     #[arg(long, value_name = "RULE", default_value_t)]
     color: ColorRule,
-    /// How to treat pictures with an EXIF orientation: turn them upright (auto does the same here) or read them as
-    /// stored
+    /// How to treat pictures with an EXIF orientation: upright (auto does the same here) or stored (not turned)
     #[arg(long, value_name = "RULE", default_value_t)]
     orientation: OrientationRule,
     /// Transfer function of EXR files that do not state one: linear (as most programs write) or srgb (encoded values)

@@ -20,7 +20,7 @@ pub(crate) struct ModelArgs {
     /// checkpoint in torch's hub folder or in sharp-bench's cache]
     #[arg(long, value_name = "FILE")]
     pub(crate) checkpoint: Option<PathBuf>,
-    /// Architecture, FILE.json or FILE.json#NAME [default: the release's]
+    /// Architecture, FILE.json or FILE.json#NAME [default: a fitting .json next to the checkpoint, or the release's]
     #[arg(long, value_name = "FILE[#NAME]")]
     pub(crate) config: Option<String>,
     /// Ignore unknown tensors with this name prefix; repeatable
@@ -79,8 +79,8 @@ pub(crate) struct PhotoArgs {
     /// Refuse photographs with more pixels, before they are decoded
     #[arg(long, value_name = "N", default_value_t = PhotoOptions::default().max_pixels)]
     pub(crate) max_pixels: u64,
-    /// How to treat a photograph that is not opaque: drop the alpha (colours as stored, as the release does, with a
-    /// warning), refuse it, or composite it over black or white
+    /// How to treat a photograph that is not opaque: drop (colours as stored, as the release does, with a warning),
+    /// refuse, or black or white (composite over it, in encoded values)
     #[arg(long, value_name = "RULE", default_value_t = AlphaRule::Drop)]
     pub(crate) alpha: AlphaRule,
     /// How to treat a photograph whose colour profile is not sRGB: convert (to sRGB) or as-stored (as the release does)

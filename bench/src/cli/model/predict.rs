@@ -36,7 +36,7 @@ The focal length sets the metric scale. It is read from --focal-px, else from th
 30 mm lens on 35 mm film is assumed, with a warning.
 
 --depth-only writes z-depth at the photograph's size by Depth Pro (github.com/apple/ml-depth-pro), whose checkpoint was never
-run here. It estimates a focal length that neither --focal-px nor a 35 mm equivalent in the file gives.
+run here. If neither --focal-px nor a 35 mm equivalent in the file gives the focal length, the network estimates it.
 
 Photographs are PNG, JPEG, WebP, TIFF or BMP: colour, grey, palette, 8 or 16 bit, CMYK. Palettes, 16 bit and CMYK are
 read with the colours that they represent. The release instead reads palette indices as grey levels, 16 bit as 8 bit,
@@ -49,7 +49,7 @@ pub(crate) struct PredictArgs {
     pub(super) model: ModelArgs,
     #[command(flatten)]
     pub(super) photo: PhotoArgs,
-    /// A .ply file (with --depth-only .exr or .png), or a folder (needed for several photographs)
+    /// A .ply file or a folder (needed for several photographs); with --depth-only .exr or .png instead of .ply
     #[arg(long, value_name = "FILE_OR_DIR")]
     pub(super) out: PathBuf,
     /// Omit the PLY elements that the release adds and some viewers cannot read

@@ -29,7 +29,8 @@ pub(super) struct FetchArgs {
     /// Only report whether the named weights are present
     #[arg(long)]
     offline: bool,
-    /// Accept the licence of SHARP's checkpoint; without this option, the licence is shown and nothing is downloaded
+    /// Accept the licence of SHARP's checkpoint; without this option, the licence is shown and the checkpoint is not
+    /// downloaded
     #[arg(long)]
     accept_licence: bool,
     /// Print JSON

@@ -54,8 +54,8 @@ pub enum NetworkError {
 }
 
 /// The network of a checkpoint, on the CPU. `mini` is the bundled network. Any other name is a
-/// file; the network's configuration is `config` (`FILE.json#NAME`), a `.json` next to the file, or that
-/// of the release. Without a name, searches for the official checkpoint.
+/// file; the network's configuration is `config` (`FILE.json#NAME`), or else a `.json` next to the file or
+/// that of the release. Without a name, searches for the official checkpoint.
 ///
 /// # Errors
 /// [`NetworkError`].
@@ -86,8 +86,8 @@ pub fn named_network(
     })
 }
 
-/// Depth Pro's network of a file, on the CPU. Its sizes are those of `config` (`FILE.json#NAME`), of which only the depth
-/// network's matter, or of its release, which are SHARP's.
+/// Depth Pro's network of a file, on the CPU. Its sizes are read from `config` (`FILE.json#NAME`; only the depth
+/// network's matter). Without `config`, they are those of Depth Pro's release, which equal those of SHARP's.
 ///
 /// # Errors
 /// [`NetworkError`] if the configuration cannot be read.

@@ -25,8 +25,9 @@ pub(super) const MEANINGS: [&str; 20] = [
     "what to do with views without depth: exclude them from pairs, accept their pairs without an overlap, or leave \
      them out before sets are formed",
     "whose depth decides overlap; sparse alone is sparse:8",
-    "when a projected pixel counts as seen: if depth differs from z by at most a share of z, if the pixel lies inside \
-     the picture, or if depth differs by less than a length plus a share of z",
+    "when a pixel that lands inside the other picture, at depth z, counts as seen: consistent, if the depth there \
+     differs from z by at most RELATIVE * z; frustum, always; absolute, if it differs by less than METRES + RELATIVE * z \
+     and z exceeds NEAREST, in metres; map-anything, as absolute, with MapAnything's values",
     "how the other view's depth is read where a pixel lands",
     "what the number of seen pixels is divided by: the pixels with depth, all pixels, or the other view's pixels with \
      depth",

@@ -57,8 +57,9 @@ pub enum Agreement {
     Equal,
     /// Several readings with different values round to the published number.
     Ambiguous,
-    /// No reading rounds to the published number, which lies between the smallest and largest reading.
+    /// No reading rounds to the published number, which lies between the smallest and largest reading, up to rounding.
     Inside,
+    /// The published number lies beyond all readings.
     Outside,
     /// No reading could be computed.
     NotComputed,

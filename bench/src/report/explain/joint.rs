@@ -17,8 +17,8 @@ pub struct JointReading {
     pub region: MetricRegion,
     /// Variant, value and distance to the published number, by metric of the table.
     pub variants: Vec<Variant>,
-    /// The largest distance, in halves of the last printed digit; at most 1 if all metrics print as
-    /// published.
+    /// The largest distance, in halves of the last printed digit; at most 1 if all metrics round to
+    /// the published numbers.
     pub farthest: f64,
 }
 

@@ -37,12 +37,12 @@ pub struct ReadingLine<'a> {
     pub published: f64,
     #[serde(with = "finite_or_text")]
     pub difference: f64,
-    /// Whether the value prints as the published number.
+    /// Whether the value rounds to the published number.
     pub equal: bool,
 }
 
 impl Explanation {
-    /// Whether the value rounds to the published number.
+    /// Every reading of every cell, one line each.
     pub fn lines(&self) -> Vec<ReadingLine<'_>> {
         let mut lines = Vec::new();
         for cell in &self.cells {

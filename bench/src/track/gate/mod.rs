@@ -45,7 +45,7 @@ pub enum CheckState {
     Passed,
     /// Beyond the limit, but not significant.
     NotSignificant,
-    /// A cost measured on different devices.
+    /// A cost that was not measured, is too small, or was measured on different devices.
     NotCompared,
     /// These runs do not allow a decision.
     Inconclusive,
@@ -79,11 +79,11 @@ pub struct Check {
     pub dataset: String,
     /// The scene, for limits `per scene`.
     pub scene: Option<String>,
-    /// Mean score or cost of A.
+    /// Mean score or cost of A; for coverage, the number of pairs with scores in A.
     pub a: Option<f64>,
-    /// Mean score or cost of B.
+    /// Mean score or cost of B; for coverage, how many of these pairs have scores in B.
     pub b: Option<f64>,
-    /// B − A; for costs, the increase in percent.
+    /// B − A; for costs, the increase in per cent.
     pub difference: Option<f64>,
     /// Lower end of the 95 % confidence interval of the difference.
     pub ci_low: Option<f64>,
