@@ -199,7 +199,8 @@ impl FitRules {
         }
         if (w, h) == (to_h, to_w) {
             return Err(format!(
-                "the picture is {w}x{h}, but {what} is {to_w}x{to_h}: it was turned by 90 degrees; turn it back"
+                "the picture is {w}x{h}, but {what} is {to_w}x{to_h}: was it turned by 90 degrees, or made with width and \
+                 height exchanged?"
             ));
         }
         // The aspect ratios count as equal if they differ only because the smaller of both has whole pixels.
