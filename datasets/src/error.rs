@@ -37,6 +37,9 @@ pub enum DatasetError {
         /// Folders that could not be searched, after a semicolon; empty if none.
         note: String,
     },
+    /// A virtual view is only a camera.
+    #[error("this view is only a camera, without a photograph")]
+    NoPhotograph,
     /// An invalid request for a dataset.
     #[error("dataset '{text}': {reason}")]
     Spec { text: String, reason: String },

@@ -56,6 +56,7 @@ pub mod synthetic;
 mod tanks_and_temples;
 pub mod undistort;
 pub mod view;
+mod virtual_views;
 mod wildrgbd;
 
 pub use depth_map::DepthMap;

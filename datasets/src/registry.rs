@@ -8,11 +8,11 @@ use crate::found_scenes::FoundScenes;
 use crate::setting::PICTURES;
 use crate::{
     DatasetEntry, DatasetError, DatasetSpec, Scene, booster, colmap, eth3d, middlebury, nerfstudio,
-    scannetpp, scene_notes, stereo, synthetic, tanks_and_temples, wildrgbd,
+    scannetpp, scene_notes, stereo, synthetic, tanks_and_temples, virtual_views, wildrgbd,
 };
 
 /// All datasets: those of the paper's tables in order, then the user's own data, then the procedural scene.
-pub static ENTRIES: [&DatasetEntry; 10] = [
+pub static ENTRIES: [&DatasetEntry; 11] = [
     &middlebury::ENTRY,
     &booster::ENTRY,
     &scannetpp::ENTRY,
@@ -22,6 +22,7 @@ pub static ENTRIES: [&DatasetEntry; 10] = [
     &nerfstudio::ENTRY,
     &colmap::ENTRY,
     &stereo::ENTRY,
+    &virtual_views::ENTRY,
     &synthetic::ENTRY,
 ];
 

@@ -30,7 +30,13 @@ pub trait ViewContent: Send + Sync + std::fmt::Debug {
     ///
     /// # Errors
     /// Names the file and the reason that it cannot be read, or that its size disagrees with the intrinsics.
+    /// [`DatasetError::NoPhotograph`] for a virtual view.
     fn image(&self) -> Result<RgbImage, DatasetError>;
+
+    /// False for a virtual view, which is only a camera: methods predict it, and nothing scores it.
+    fn has_photograph(&self) -> bool {
+        true
+    }
 
     /// 255 for valid pixels of the photograph; `None` if the dataset excludes none. Excluded pixels
     /// are black in [`ViewContent::image`] and have no depth.

@@ -12,8 +12,8 @@ use glam::DVec3;
 use sharp::color::Quantization;
 use sharp::model::preprocess::{PhotoOptions, load_photo};
 use sharp::model::{ModelConfig, NetworkSpec, Predictor, Silent};
-use sharp::render::trajectory::shifted;
 use sharp::render::{Background, CpuRenderer, RenderView, Renderer};
+use sharp::trajectory::shifted;
 use sharp::unprojection::{release_intrinsics, unproject};
 
 const TINY: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../tests/golden/model");

@@ -43,4 +43,5 @@ pub mod random;
 #[cfg(feature = "render")]
 pub mod render;
 pub mod resize;
+pub mod trajectory;
 pub mod unprojection;

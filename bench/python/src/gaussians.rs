@@ -7,7 +7,7 @@ use numpy::{AllowTypeChange, PyArray1, PyArray2, PyArray3, PyArrayLike1, PyArray
 use pyo3::prelude::*;
 use sharp::gaussian_files::turn;
 use sharp::gaussians::Gaussians as Core;
-use sharp::model::preprocess::focal_px_from_35mm;
+use sharp::image_file::focal::focal_px_from_35mm;
 use sharp::model::{Algorithm, DeviceChoice, ModelConfig, NetworkSpec, Predictor as Network};
 use sharp::ply::{GaussianScene, PlyForm, StoredForm};
 use sharp::render::{Backend, Background, RenderOutput, Rule};

@@ -7,7 +7,7 @@ use std::time::Instant;
 use image::RgbImage;
 use sharp::frustum_mask::{FrustumMask, FrustumMaskOptions, frustum_mask, source_bounds_mask};
 use sharp_datasets::{DepthMap, View};
-use sharp_metrics::{Mask, MetricKey, MetricRegion, Picture, Scorer};
+use sharp_metrics::{Mask, MetricKey, MetricRegion, Picture, Scorer, Unavailable};
 
 use super::error::EvaluateError;
 use super::folder::RunFolder;
@@ -178,6 +178,7 @@ pub(super) fn score_pair(
     }
     let mut scored = Vec::new();
     for (metrics, group) in groups {
+        let is_virtual = !truth.planned.target.content.has_photograph();
         let read = match (truth.get(), &masks) {
             (Err(reason), _) => Err(reason),
             (_, Err(reason)) => Err(reason.clone()),
@@ -192,6 +193,10 @@ pub(super) fn score_pair(
             .map(|unit| unit.record.crop.map(|crop| crop.region));
         let shown: Vec<(&Picture, Option<Region>)> = pictures.iter().zip(regions).collect();
         let results = match read {
+            Err(_) if is_virtual => {
+                let nothing = |key: &MetricKey| (*key, Err(Unavailable::NoPhotograph));
+                vec![Ok(metrics.iter().map(nothing).collect()); units.len()]
+            }
             Err(reason) => vec![Err(reason); units.len()],
             Ok((truth, masks)) => {
                 let scorer = scoring.scorer.restricted(&metrics);

@@ -18,8 +18,8 @@ use sha2::{Digest as _, Sha256};
 use sharp::color::Quantization;
 use sharp::gaussians::{Gaussians, Harmonics};
 use sharp::ply::ColorSpace;
-use sharp::render::trajectory::DepthRange;
 use sharp::render::{Background, RenderView};
+use sharp::trajectory::DepthRange;
 
 use crate::io::atomic_files::{FileError, write_over_own};
 use crate::report::html::{STYLE, VERSION, without_tags};

@@ -154,9 +154,10 @@ impl OpenDataset {
         })
     }
 
-    /// The dataset's folder; `None` for a procedural one.
+    /// The dataset's folder, or that of its only photograph; `None` for a procedural one.
     pub fn root(&self) -> Option<&Path> {
         let path = self.config.spec.path.as_path();
+        let path = if path.is_file() { path.parent()? } else { path };
         (!path.as_os_str().is_empty()).then_some(path)
     }
 

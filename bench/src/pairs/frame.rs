@@ -261,6 +261,10 @@ impl ViewContent for Framed {
         self.whole.stored_depth()
     }
 
+    fn has_photograph(&self) -> bool {
+        self.whole.has_photograph()
+    }
+
     fn image_file(&self) -> Option<&Path> {
         self.whole.image_file()
     }

@@ -132,6 +132,12 @@ impl<'a> ReportPictures<'a> {
         self.photograph(record, &record.target)
     }
 
+    /// Whether the target is only a camera, so that there is no photograph of it.
+    pub(crate) fn is_virtual(&self, record: &Record) -> bool {
+        let target = self.view(record, &record.target);
+        target.is_ok_and(|target| !target.content.has_photograph())
+    }
+
     /// Mask of the target with 255 for scored pixels, at the target's size; `None` if the dataset excludes none.
     ///
     /// # Errors

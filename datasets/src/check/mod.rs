@@ -341,6 +341,7 @@ fn decode(view: &View) -> Decoded {
     let mut problems = Vec::new();
     let mut levels = None;
     match view.content.image() {
+        Err(DatasetError::NoPhotograph) => {}
         Ok(image) => levels = image.iter().min().copied().zip(image.iter().max().copied()),
         Err(error) => problems.push(error.to_string()),
     }

@@ -5,10 +5,12 @@
 //! file's structure is checked before its pixels are decoded. Alpha, orientation and colour profiles are detected
 //! ([`Header`], [`Picture`]) and handled as [`PictureRules`] require; nothing is dropped silently.
 //!
+//! * [`focal`]: the focal length that a file states.
 //! * `format`: recognition, completeness, and limits of size.
 //! * `profile`: colour profiles, converted to sRGB.
 //! * `rules`: treatment of alpha, colours and orientation.
 
+pub mod focal;
 mod format;
 mod jpeg_markers;
 mod png_chunks;

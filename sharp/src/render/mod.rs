@@ -18,7 +18,7 @@
 //! * [`CpuRenderer::backward`]: derivative with SHARP's rule, for training; [`covariances`] and their derivative.
 //! * [`RenderOutput`]: colour, alpha, depth, [`Dropped`] by reason; its methods are the post step: [`Background`],
 //!   sRGB, 8 bit, expected depth.
-//! * [`trajectory`]: the release's camera paths; [`release_screen`]: its half-pixel shift and sizes;
+//! * [`release_screen`]: its half-pixel shift and sizes;
 //!   [`turbo`]: colours for inverse depth.
 //!
 //! # Passes
@@ -47,7 +47,6 @@ mod rule;
 mod scan;
 mod screen;
 mod simd;
-pub mod trajectory;
 mod view;
 
 #[cfg(feature = "gpu")]

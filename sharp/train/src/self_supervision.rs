@@ -21,9 +21,9 @@ use sharp::color::Quantization;
 use sharp::model::inventory::CheckpointSource;
 use sharp::model::{Algorithm, Compute, ModelConfig, ModelError, Predictor};
 use sharp::random::SplitMix64;
-use sharp::render::trajectory::looking;
 use sharp::render::{Background, CpuRenderer, RenderView, Renderer};
 use sharp::resize::nearest;
+use sharp::trajectory::looking;
 
 use crate::config::StageConfig;
 use crate::data::{DataError, Photograph, Sample, Source, TrainingView, draws};

@@ -4,9 +4,10 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, anyhow, bail, ensure};
 use clap::Args;
+use sharp::image_file::focal::FocalSource;
 use sharp::image_file::{AlphaRule, ColorRule, PictureRules};
 use sharp::model::depth_pro::DepthPro;
-use sharp::model::preprocess::{FocalSource, Photo, PhotoOptions};
+use sharp::model::preprocess::{Photo, PhotoOptions};
 use sharp::model::{Algorithm, DeviceChoice, NetworkSpec, Predictor};
 use sharp_datasets::files::what_lies_in;
 

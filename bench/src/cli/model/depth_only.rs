@@ -6,8 +6,9 @@ use std::time::Instant;
 
 use anyhow::{Context, bail, ensure};
 use serde::Serialize;
+use sharp::image_file::focal::FocalSource;
 use sharp::model::depth_pro::DepthPro;
-use sharp::model::preprocess::{FocalSource, Photo};
+use sharp::model::preprocess::Photo;
 
 use super::args::focal_text;
 use super::predict::{DepthForm, PredictArgs, for_each, named_after};

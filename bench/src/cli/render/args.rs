@@ -5,7 +5,7 @@ use std::str::FromStr;
 use clap::ValueEnum;
 use glam::DVec3;
 use sharp::gaussians::Gaussians;
-use sharp::render::trajectory::TrajectoryKind;
+use sharp::trajectory::TrajectoryKind;
 
 use crate::config::rendering::numbers;
 

@@ -10,8 +10,8 @@ use sharp::color::Quantization;
 use sharp::gaussian_files::turn;
 use sharp::gaussians::Gaussians;
 use sharp::ply::ColorSpace;
-use sharp::render::trajectory::DepthRange;
 use sharp::render::{RenderError, RenderOutput, RenderView, Rule, release_screen};
+use sharp::trajectory::DepthRange;
 
 use super::args::Layers;
 use super::writer::{self, Appearance, OutputKind, ViewWriter};

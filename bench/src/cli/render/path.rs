@@ -5,7 +5,7 @@ use clap::Args;
 use glam::{DAffine3, DVec3};
 use sharp::camera::{Intrinsics, RigidTransform};
 use sharp::gaussians::Gaussians;
-use sharp::render::trajectory::{DepthRange, Trajectory, shifted};
+use sharp::trajectory::{DepthRange, Trajectory, shifted};
 
 use super::args::{self, PathArg};
 

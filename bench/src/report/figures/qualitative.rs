@@ -48,26 +48,27 @@ pub fn figure(
 }
 
 impl SheetContent<'_> {
-    /// One row per pair: input, predictions, truth.
+    /// One row per pair: input, predictions, and truth if any target has one.
     pub fn pairs_as_rows(&self) -> Sheet {
         let labels = self
             .methods
             .iter()
             .map(|m| self.board.methods[*m].label.clone());
+        let has_truth = self.has_truth();
         let heads = std::iter::once("input".to_owned()).chain(labels);
         let rows = self.pairs.iter().map(|chosen| {
             let mut tiles = vec![self.input(chosen)];
             tiles.extend(self.methods.iter().map(|m| self.prediction(chosen, *m)));
-            tiles.push(self.truth(chosen));
+            tiles.extend(has_truth.then(|| self.truth(chosen)));
             (String::new(), tiles)
         });
         Sheet {
-            heads: heads.chain(["truth".to_owned()]).collect(),
+            heads: heads.chain(has_truth.then(|| "truth".to_owned())).collect(),
             rows: rows.collect(),
         }
     }
 
-    /// One row per method, then the truth; the input comes first if all pairs share it.
+    /// One row per method, then the truth if any target has one; the input comes first if all pairs share it.
     pub fn pairs_as_columns(&self, one_source: bool) -> Sheet {
         let row = |label: &str, tile: &dyn Fn(&ChosenPair<'_>) -> Tile| {
             (
@@ -84,11 +85,19 @@ impl SheetContent<'_> {
                 self.prediction(chosen, *m)
             })
         }));
-        rows.push(row("truth", &|chosen| self.truth(chosen)));
+        if self.has_truth() {
+            rows.push(row("truth", &|chosen| self.truth(chosen)));
+        }
         Sheet {
             heads: Vec::new(),
             rows,
         }
+    }
+
+    /// Whether any target has a photograph.
+    fn has_truth(&self) -> bool {
+        let mut targets = self.pairs.iter().map(|chosen| chosen.pair.facts);
+        targets.any(|facts| !self.pictures.is_virtual(facts))
     }
 
     pub(super) fn input(&self, chosen: &ChosenPair<'_>) -> Tile {

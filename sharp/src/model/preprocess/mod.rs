@@ -13,16 +13,13 @@
 //! HEIC, which the release supports, is not supported. As in the release, grey is repeated in all three channels, and
 //! alpha is dropped rather than composited, with a warning.
 
-mod focal;
-
 use std::io::Cursor;
 use std::path::Path;
 
 use super::ModelError;
 use super::predictor::{Planes, planes_of};
+use crate::image_file::focal::{Focal, FocalSource, focal_px_from_35mm};
 use crate::image_file::{self, AlphaRule, OrientationRule, PictureRules};
-
-pub use focal::{FocalSource, focal_px_from_35mm};
 
 /// Least focal length, in picture widths, that is taken without a warning: a field of view of 136 degrees.
 const LEAST_WIDTHS: f64 = 0.2;
@@ -142,7 +139,7 @@ fn photo_from_bytes(
     let (focal_px, focal_source, focal_warnings) = match options.focal_px {
         Some(px) => (px, FocalSource::Given, Vec::new()),
         None => {
-            let focal = focal::Focal::of_file(bytes, (width, height));
+            let focal = Focal::of_file(bytes, (width, height));
             (focal.px, focal.source, focal.warnings)
         }
     };

@@ -51,16 +51,16 @@ fn px_from_35mm(focal_mm: f64, (width, height): (f64, f64)) -> f64 {
 
 /// Focal length of a photograph according to its file.
 #[derive(Debug)]
-pub(super) struct Focal {
-    pub(super) px: f64,
-    pub(super) source: FocalSource,
+pub struct Focal {
+    pub px: f64,
+    pub source: FocalSource,
     /// Reasons that the true value may differ, with that value.
-    pub(super) warnings: Vec<String>,
+    pub warnings: Vec<String>,
 }
 
 impl Focal {
     /// `size` is that of the picture after orientation.
-    pub(super) fn of_file(bytes: &[u8], size: (usize, usize)) -> Self {
+    pub fn of_file(bytes: &[u8], size: (usize, usize)) -> Self {
         let exif = exif::Reader::new()
             .read_from_container(&mut Cursor::new(bytes))
             .ok();

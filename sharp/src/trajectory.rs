@@ -72,16 +72,17 @@ impl DepthRange {
     /// Measures a scene given in any space, from the photograph's camera; `None` if no finite centre lies in front of
     /// the camera.
     pub fn seen_from(scene: &Gaussians, camera_from_scene: &DAffine3) -> Option<Self> {
-        let mut depths: Vec<f32> = scene
-            .means
-            .iter()
-            .map(|mean| {
-                camera_from_scene
-                    .transform_point3(DVec3::from(mean.map(f64::from)))
-                    .z as f32
-            })
-            .filter(|z| *z > 0.0 && z.is_finite())
-            .collect();
+        let z = |mean: &[f32; 3]| {
+            let point = DVec3::from(mean.map(f64::from));
+            camera_from_scene.transform_point3(point).z as f32
+        };
+        Self::of_depths(scene.means.iter().map(z))
+    }
+
+    /// Quantiles of z, metres; `None` if no value is finite and above 0.
+    pub fn of_depths(depths: impl IntoIterator<Item = f32>) -> Option<Self> {
+        let depths = depths.into_iter();
+        let mut depths: Vec<f32> = depths.filter(|z| *z > 0.0 && z.is_finite()).collect();
         if depths.is_empty() {
             return None;
         }
