@@ -278,6 +278,11 @@ fn depth_pro_writes_the_depth_of_a_photograph() {
     let ratio = mean(&millimetres) / mean(&map("p.depth0.png"));
     assert!((ratio - 1.0).abs() < 0.02, "{ratio}");
 
+    // The same network predicts the mirror image for the figure of uncertainty.
+    let figure = ["figure", "uncertainty", "--picture", &image, "--out", "u"];
+    run(dir.path(), &[&figure[..], &model].concat()).ends_with(0);
+    assert!(dir.path().join("u/uncertainty.png").is_file());
+
     predict(&model, &["--out", "d.exr"]).is_error_with(&["focal length must be given"]);
     predict(&model, &["--out", "d.ply"]).is_error_with(&["writes .exr or .png"]);
     predict(&model, &["--out", "d.exr", "--depth", "png16"]).is_error_with(&["another form"]);

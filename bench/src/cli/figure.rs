@@ -148,7 +148,8 @@ struct UncertaintyArgs {
     /// The depth predicted for the mirrored picture, still mirrored
     #[arg(long, value_name = "FILE", requires = "depth")]
     mirrored: Option<PathBuf>,
-    /// A SHARP checkpoint, or mini, that predicts both depths; the figure has a row for each of SHARP's two layers
+    /// A checkpoint of SHARP or Depth Pro, or mini, that predicts both depths; the figure has a row for each of SHARP's
+    /// two layers
     #[arg(
         long,
         value_name = "FILE",

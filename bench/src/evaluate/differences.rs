@@ -1,5 +1,6 @@
 //! Compares two manifests, decides whether their results may be combined, and if so combines them.
 
+use std::collections::{BTreeMap, BTreeSet};
 use std::fmt;
 use std::path::Path;
 
@@ -87,6 +88,22 @@ impl fmt::Display for ManifestDifference {
     }
 }
 
+/// By dataset, the sources of depth behind the overlaps of its pairs, if known.
+fn overlap_depths(manifest: &Manifest) -> BTreeMap<&str, String> {
+    let mut sources: BTreeMap<&str, BTreeSet<String>> = BTreeMap::new();
+    for (dataset, choices) in manifest.pairs.lists.iter().flat_map(|list| &list.choices) {
+        let mut source = choices.overlap_depth.clone();
+        if let Some(checkpoint) = &choices.overlap_checkpoint {
+            source += &format!(" by checkpoint {:.12}", checkpoint);
+        }
+        sources.entry(dataset).or_default().insert(source);
+    }
+    let sources = sources.into_iter();
+    sources
+        .map(|(dataset, all)| (dataset, Vec::from_iter(all).join(" and ")))
+        .collect()
+}
+
 /// The first difference that forbids combining the results.
 pub(super) fn refusal(
     before: &Manifest,
@@ -126,6 +143,13 @@ pub(super) fn differences(before: &Manifest, now: &Manifest) -> Vec<ManifestDiff
         let what = "a common region (--common-region) depends on all methods of a folder: evaluate \
                     all methods in one folder";
         found.add(CONVENTION, what.to_owned());
+    }
+    let depths = both.map(overlap_depths);
+    for (dataset, before) in &depths[0] {
+        if let Some(now) = depths[1].get(dataset) {
+            let what = format!("the depth that decides overlap in dataset '{dataset}'");
+            found.compare(RULE, &what, [before.clone(), now.clone()]);
+        }
     }
     let metrics = by_name(&before.metrics, &now.metrics, |metric| metric.info.key);
     let datasets = by_name(&before.datasets, &now.datasets, |dataset| {

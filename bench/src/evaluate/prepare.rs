@@ -142,6 +142,8 @@ pub fn prepare(mut request: Request, observer: &dyn Observer) -> Result<Evaluati
     let mut pair_notes = BTreeMap::new();
     let (list, origin, choices) = match request.pairs {
         PairOrigin::Built { recipe, cache } => {
+            let configs = request.config.iter_mut().flat_map(|c| &mut c.datasets);
+            configs.for_each(|dataset| recipe.pin(dataset));
             let built = recipe.build(&request.datasets, cache.as_ref(), observer)?;
             // The manifest and the report list the files that cause pairs to be missing.
             for problem in built.build.left_out() {

@@ -44,6 +44,9 @@ pub struct Speed {
     /// Seconds from a ready renderer to the 8-bit picture in memory. Empty for methods that make
     /// pictures.
     pub render_secs: Vec<f64>,
+    /// Seconds of drawing on a GPU without copying the picture to the host, as papers usually measure it; empty on the
+    /// CPU.
+    pub device_secs: Vec<f64>,
     /// Numbers that explain the rendering times, per pair.
     pub splats: Vec<Splats>,
     /// Peak resident size of the process during measurement, bytes; `None` if the system does not report it.
@@ -123,6 +126,7 @@ impl Evaluation {
             inference_secs: Vec::new(),
             load_secs: Vec::new(),
             render_secs: Vec::new(),
+            device_secs: Vec::new(),
             splats: Vec::new(),
             peak_bytes: None,
             failures: Vec::new(),
@@ -182,7 +186,7 @@ impl Evaluation {
         let mut last: Option<RenderOutput> = None;
         for round in 0..warmup + options.repeat {
             let started = Instant::now();
-            let (loaded, secs, output) =
+            let (loaded, secs, on_device, output) =
                 self.renderer.with_loaded(&prediction.gaussians, |scene| {
                     let loaded = started.elapsed().as_secs_f64();
                     let started = Instant::now();
@@ -190,9 +194,13 @@ impl Evaluation {
                     let picture = self.renderer.picture(&output);
                     let secs = started.elapsed().as_secs_f64();
                     std::hint::black_box(picture);
-                    Ok((loaded, secs, output))
+                    let started = Instant::now();
+                    let is_drawn = scene.draw_on_device(&view)?;
+                    let on_device = is_drawn.then(|| started.elapsed().as_secs_f64());
+                    Ok((loaded, secs, on_device, output))
                 })?;
             if round >= warmup {
+                speed.device_secs.extend(on_device);
                 speed.load_secs.push(loaded);
                 speed.render_secs.push(secs);
             }

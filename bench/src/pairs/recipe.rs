@@ -3,10 +3,13 @@
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 
+use sharp_datasets::spec::PaperOverlap;
+
 use super::advice::{advice, sparse_pairs};
 use super::ambiguity::{Alternative, OtherReading, alternatives};
 use super::build::{BuildContext, PairBuild, Problem, build_pairs};
 use super::dataset::{OpenDataset, scenes_of};
+use super::dataset_config::DatasetConfig;
 use super::depth::{
     DepthNetwork, DepthSource, GivenDepth, GroundTruthDepth, PredictedDepth, ScaledToGroundTruth,
 };
@@ -15,7 +18,7 @@ use super::options::{OverlapDepth, PairOptions};
 use super::overlap_cache::OverlapCache;
 use super::pair_list::PairList;
 use super::provenance::{DepthMaps, PairProvenance};
-use crate::io::checkpoint::{depth_pro_network, named_network};
+use crate::io::checkpoint::{depth_pro_network, find_depth_pro, named_network};
 use crate::io::observer::Observer;
 use crate::pairs::PairOverrides;
 
@@ -25,8 +28,7 @@ pub struct PairRecipe {
     pub options: PairOptions,
     /// User-supplied depth maps, `DIR/<dataset>/<scene>/<view>.npy|npz|exr|pfm|png`.
     pub overlap_depth: Option<PathBuf>,
-    /// Checkpoint of `overlap=sharp-release`, by default the locally stored file of the release; or of
-    /// `overlap=depth-pro`, which has no default.
+    /// Checkpoint of `overlap=sharp-release` or `overlap=depth-pro`, by default the locally stored file.
     pub overlap_checkpoint: Option<PathBuf>,
     /// Architecture of the checkpoint, `FILE.json#NAME`; by default the release's.
     pub overlap_config: Option<String>,
@@ -67,8 +69,8 @@ impl OpenDepth {
     }
 }
 
-const NEEDS_DEPTH_PRO: &str =
-    "overlap=depth-pro needs --overlap-checkpoint FILE, Depth Pro's depth_pro.pt";
+const NEEDS_DEPTH_PRO: &str = "overlap=depth-pro needs --overlap-checkpoint FILE, Depth Pro's depth_pro.pt, because there \
+                               is none in torch's hub folder or in sharp-bench's cache";
 
 impl PairRecipe {
     /// A recipe that uses the dataset's own depth.
@@ -84,7 +86,7 @@ impl PairRecipe {
     /// # Errors
     /// [`PairError::Recipe`] names the option that is missing or not applicable.
     pub fn checked(mut self) -> Result<Self, PairError> {
-        if self.overlap_depth.is_some() && self.options.depth == OverlapDepth::GroundTruth {
+        if self.overlap_depth.is_some() && self.options.depth.is_ground_truth() {
             self.options.depth = OverlapDepth::Given;
         }
         let depth = self.options.depth;
@@ -97,6 +99,9 @@ impl PairRecipe {
         if !depth.takes_checkpoint() && self.overlap_checkpoint.is_some() {
             let reason = "--overlap-checkpoint applies only to --pair-options overlap=sharp-release or overlap=depth-pro";
             return Err(PairError::Recipe(reason.to_owned()));
+        }
+        if depth == OverlapDepth::DepthPro && self.overlap_checkpoint.is_none() {
+            self.overlap_checkpoint = find_depth_pro();
         }
         if depth == OverlapDepth::DepthPro && self.overlap_checkpoint.is_none() {
             return Err(PairError::Recipe(NEEDS_DEPTH_PRO.to_owned()));
@@ -122,13 +127,48 @@ impl PairRecipe {
                 .overlap_checkpoint
                 .take_if(|_| !options.depth.takes_checkpoint());
         }
-        let recipe = Self {
+        let mut recipe = Self {
             options,
             overlap_depth: own.overlap_depth.clone().or(common.overlap_depth),
             overlap_checkpoint: own.overlap_checkpoint.clone().or(common.overlap_checkpoint),
             overlap_config: own.overlap_config.clone().or(common.overlap_config),
         };
-        recipe.checked().map_err(named)
+        recipe = recipe.checked().map_err(named)?;
+        if recipe.options.depth == OverlapDepth::Auto {
+            recipe.resolve(dataset.config.spec.entry.paper_overlap);
+        }
+        Ok(recipe)
+    }
+
+    /// Replaces [`OverlapDepth::Auto`].
+    fn resolve(&mut self, paper: PaperOverlap) {
+        self.overlap_checkpoint = match paper {
+            PaperOverlap::Sparse => find_depth_pro(),
+            PaperOverlap::Stereo | PaperOverlap::Dense => None,
+        };
+        self.options.depth = match self.overlap_checkpoint {
+            Some(_) => OverlapDepth::DepthPro,
+            None => OverlapDepth::GroundTruth,
+        };
+    }
+
+    /// Records in a dataset's own options what [`OverlapDepth::Auto`] means for it here, so that the configuration
+    /// gives the same pairs on a machine with other weights.
+    pub fn pin(&self, dataset: &mut DatasetConfig) {
+        let own = &mut dataset.pairs;
+        let paper = dataset.spec.entry.paper_overlap;
+        if self.options.depth != OverlapDepth::Auto
+            || own.options.contains_key("overlap")
+            || own.overlap_depth.is_some()
+            || paper != PaperOverlap::Sparse
+        {
+            return;
+        }
+        let mut recipe = self.clone();
+        recipe.resolve(paper);
+        let depth = recipe.options.depth.to_string();
+        own.options.insert("overlap".to_owned(), depth);
+        own.overlap_checkpoint = recipe.overlap_checkpoint;
     }
 
     /// Builds the list of opened datasets, each by its own recipe. Files that cannot be read cause warnings.
@@ -231,12 +271,16 @@ impl PairRecipe {
                         .to_owned(),
             });
         }
+        let mut base = self.options.clone();
+        if base.depth == OverlapDepth::Auto {
+            base.depth = OverlapDepth::GroundTruth;
+        }
         let depth = self.depth()?;
         observer.begin("counting pairs", 0, "choices");
         let advance = |done: usize, _: usize| observer.progress(done, "");
         let context = context(datasets, depth.source.as_ref(), cache, &|_, _| {});
         let scenes = scenes_of(datasets);
-        let rows = alternatives(&scenes, &self.options, readings, &context, &advance)?;
+        let rows = alternatives(&scenes, &base, readings, &context, &advance)?;
         observer.end();
         warn(cache, observer);
         Ok(rows)
@@ -250,7 +294,7 @@ impl PairRecipe {
             )),
         };
         let mut depth = match self.options.depth {
-            OverlapDepth::GroundTruth | OverlapDepth::Sparse { .. } => {
+            OverlapDepth::Auto | OverlapDepth::GroundTruth | OverlapDepth::Sparse { .. } => {
                 return Ok(OpenDepth::new(GroundTruthDepth));
             }
             OverlapDepth::Given => OpenDepth::new(ScaledToGroundTruth(given()?)),

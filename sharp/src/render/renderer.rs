@@ -54,6 +54,15 @@ pub trait LoadedScene {
     /// # Errors
     /// [`RenderError::View`], [`RenderError::Size`], and those of the device.
     fn render(&mut self, view: &RenderView) -> Result<RenderOutput, RenderError>;
+
+    /// Draws one view and waits until the device is done, but leaves the picture there; for measuring. False, without
+    /// drawing, on a backend whose pictures are made in the host's memory.
+    ///
+    /// # Errors
+    /// As [`LoadedScene::render`].
+    fn draw_on_device(&mut self, _view: &RenderView) -> Result<bool, RenderError> {
+        Ok(false)
+    }
 }
 
 /// Side of the tiles that have their own list of Gaussians. Affects speed only: the picture's bytes do not depend on

@@ -258,24 +258,42 @@ fn depth_pro_decides_overlap_and_is_recorded() {
     let sharps = ["--overlap-checkpoint", file.as_str()];
     made("x.csv", "depth-pro", &sharps).is_error_with(&["a checkpoint of SHARP", "Depth Pro"]);
 
-    // A folder that is evaluated on both lists records each with its choices.
-    for list in ["pro.csv", "truth.csv"] {
-        run_one_pair(dir.path(), "r", &["--pairs", list]);
-    }
-    let manifest: serde_json::Value =
-        serde_json::from_str(&read(dir.path().join("r/manifest.json"))).unwrap();
-    let lists = manifest["pairs"]["lists"].as_array().unwrap();
-    let depths: Vec<&str> = lists
-        .iter()
-        .map(|list| {
-            let choices = list["choices"]
-                .as_object()
-                .unwrap()
-                .values()
-                .next()
-                .unwrap();
-            choices["overlap_depth"].as_str().unwrap()
-        })
-        .collect();
-    assert_eq!(depths, [expected.as_str(), "ground-truth"]);
+    // Results on both lists do not share a folder or a table.
+    run_one_pair(dir.path(), "a", &["--pairs", "pro.csv"]);
+    let more = ["run", "--dataset", SYNTHETIC, "--method", "copy"];
+    let list = ["--metrics", "psnr", "--pairs", "truth.csv", "--out", "a"];
+    let what = "the depth that decides overlap in dataset 'synthetic'";
+    sharp_bench(dir.path(), &[&more[..], &list].concat()).is_error_with(&[what]);
+    run_one_pair(dir.path(), "b", &["--pairs", "truth.csv"]);
+    let both = ["report", "a", "b", "--out", "r"];
+    sharp_bench(dir.path(), &both).is_error_with(&[what, "ground-truth"]);
+}
+
+#[test]
+fn depth_pro_is_the_default_on_sparse_depth_where_its_weights_are_at_hand() {
+    let dir = tempfile::tempdir().unwrap();
+    let layout = concat!(env!("CARGO_MANIFEST_DIR"), "/../tests/fuzz/datasets/eth3d");
+    let dataset = format!("eth3d={layout}");
+    let run = |out: &str, options: &str| {
+        let args = ["run", "--dataset", &dataset, "--pair-options", options];
+        let rest = ["--method", "copy", "--metrics", "psnr", "--out", out];
+        sharp_bench(dir.path(), &[&args[..], &rest].concat())
+    };
+    const ANY: &str = "threshold=0,missing-depth=accept";
+    run("proxy", ANY).ends_with(0);
+    let config = read(dir.path().join("proxy/run.toml"));
+    assert!(config.contains(",pairs.overlap=ground-truth"), "{config}");
+    // Not of the published size, so the run ends with the name of the file that it has chosen.
+    let weights = dir.path().join(".weights");
+    std::fs::create_dir_all(&weights).unwrap();
+    depth_pro(&weights.join("depth_pro.pt"));
+    run("pro", ANY).is_error_with(&[".weights/depth_pro.pt"]);
+    run("own", &format!("{ANY},overlap=ground-truth")).ends_with(0);
+    // The configuration of a run keeps what was chosen.
+    let again = ["run", "--config", "proxy/run.toml", "--out", "again"];
+    sharp_bench(dir.path(), &again).ends_with(0);
+    assert_eq!(
+        read(dir.path().join("again/pairs.csv")),
+        read(dir.path().join("proxy/pairs.csv"))
+    );
 }

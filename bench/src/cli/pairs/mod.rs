@@ -38,7 +38,9 @@ const SPARSE: &str = "\
 Sparse depth (ETH3D, Tanks and Temples): the paper predicts dense depth with Depth Pro and scales it to the sparse depth.
   overlap=given          --overlap-depth DIR, your own depth maps, scaled by the median of ratios as in the paper
   overlap=given-metric   the same maps unscaled, in metres
-  overlap=depth-pro      --overlap-checkpoint depth_pro.pt, depth by Depth Pro computed here, scaled as in the paper
+  overlap=depth-pro      depth by Depth Pro computed here, scaled as in the paper; the default (auto) on these datasets
+                         if depth_pro.pt is in torch's hub folder or in sharp-bench's cache, else ground-truth;
+                         --overlap-checkpoint FILE names another file
   overlap=sharp-release  the first depth layer of SHARP's official checkpoint, scaled the same way
   overlap=sparse:8       the dataset's sparse depth: agreement within 8 pixels of where a point lands
 None of them uses the method under test. overlap=depth-pro was compared with Depth Pro's code at small size, but never

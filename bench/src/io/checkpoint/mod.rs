@@ -36,6 +36,16 @@ pub fn find_checkpoint() -> Result<PathBuf, NoCheckpoint> {
     first_file(torchs.into_iter().chain(ours).collect())
 }
 
+/// File name of Depth Pro's checkpoint, as its authors distribute it.
+pub const DEPTH_PRO_FILE: &str = "depth_pro.pt";
+
+/// Depth Pro's checkpoint in torch's hub folder or in our cache; `None` if it is in neither.
+pub fn find_depth_pro() -> Option<PathBuf> {
+    let folders = torch_hub().into_iter().chain(cache_folder());
+    let mut files = folders.map(|folder| folder.join(DEPTH_PRO_FILE));
+    files.find(|file| file.is_file())
+}
+
 fn first_file(searched: Vec<PathBuf>) -> Result<PathBuf, NoCheckpoint> {
     match searched.iter().find(|path| path.is_file()) {
         Some(path) => Ok(path.clone()),

@@ -261,7 +261,8 @@ impl OptionValue for OverlapTest {
 
 impl OptionValue for OverlapDepth {
     fn values(&self) -> String {
-        "ground-truth, sparse:PIXELS, given, given-metric, sharp-release or depth-pro".to_owned()
+        "auto, ground-truth, sparse:PIXELS, given, given-metric, sharp-release or depth-pro"
+            .to_owned()
     }
 
     fn text(&self) -> String {

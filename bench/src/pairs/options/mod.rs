@@ -72,6 +72,9 @@ impl OverlapDirection {
 /// Source of the depth that determines overlap.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum OverlapDepth {
+    /// Not chosen: [`Self::DepthPro`] on datasets where the paper predicts depth, if its weights are at hand; else
+    /// [`Self::GroundTruth`]. Resolved before pairs are built.
+    Auto,
     /// The dataset's own, pixel by pixel.
     GroundTruth,
     /// The dataset's own, if sparse: a point counts as seen if a measured depth within `radius` pixels of its
@@ -90,7 +93,7 @@ pub enum OverlapDepth {
 
 impl OverlapDepth {
     pub fn is_ground_truth(self) -> bool {
-        self == Self::GroundTruth
+        matches!(self, Self::Auto | Self::GroundTruth)
     }
 
     /// Whether user-supplied depth maps determine overlap.
@@ -145,7 +148,7 @@ impl Default for PairOptions {
             sets: SetOptions::default(),
             order: PairOrder::Both,
             missing_depth: MissingDepth::Reject,
-            depth: OverlapDepth::GroundTruth,
+            depth: OverlapDepth::Auto,
             overlap: OverlapOptions::default(),
             direction: OverlapDirection::TargetInSource,
             threshold: 0.60,

@@ -16,7 +16,7 @@ pub const PROXY: &str = "proxy: differs from the paper";
 fn is_papers(kind: PaperOverlap, depth: OverlapDepth) -> bool {
     match kind {
         PaperOverlap::Stereo => true,
-        PaperOverlap::Dense => depth == OverlapDepth::GroundTruth,
+        PaperOverlap::Dense => depth.is_ground_truth(),
         PaperOverlap::Sparse => matches!(depth, OverlapDepth::Given | OverlapDepth::DepthPro),
     }
 }

@@ -6,13 +6,15 @@ use std::path::Path;
 use image::RgbImage;
 use image::imageops::flip_horizontal;
 use sharp::model::Predictor;
+use sharp::model::depth_pro::{DepthPro, DepthProSource};
+use sharp::model::predictor::{Planes, planes_of};
 use sharp::resize::nearest;
 use sharp_datasets::DepthMap;
 use sharp_plots::PlotError;
 
 use super::failure::inverse_depth;
 use super::sheet::{Sheet, Tile};
-use crate::io::checkpoint::{NetworkError, named_network};
+use crate::io::checkpoint::{NetworkError, depth_pro_network, named_network};
 use crate::pairs::PairError;
 use crate::pairs::depth::given::read_metres;
 use crate::pairs::valid_depth::{is_valid_depth, median_of};
@@ -74,9 +76,9 @@ impl Mirrored {
     }
 }
 
-/// Both layers of a SHARP checkpoint (`mini` for the bundled one), for a picture and its mirror image; `config` is the
-/// architecture, `FILE.json#NAME`, by default the release's. The focal length is not needed, because it scales both
-/// depths alike and does not affect their relative difference.
+/// Depth by a checkpoint of Depth Pro, or both layers of one of SHARP (`mini` for the bundled one), for a picture and its
+/// mirror image; `config` is the architecture, `FILE.json#NAME`, by default the release's. The focal length is not
+/// needed, because it scales both depths alike and does not affect their relative difference.
 ///
 /// # Errors
 /// If the network cannot be read or does not accept the picture.
@@ -85,6 +87,26 @@ pub fn by_network(
     checkpoint: &Path,
     config: Option<&str>,
 ) -> Result<Vec<Mirrored>, NetworkError> {
+    if matches!(DepthProSource::open_if(checkpoint), Ok(Some(_))) {
+        let network = DepthPro::open(&depth_pro_network(checkpoint, config)?)?;
+        let (width, height) = picture.dimensions();
+        let depth = |picture: &RgbImage| -> Result<Option<DepthMap>, NetworkError> {
+            let planes = Planes {
+                values: &planes_of(picture, |v| f32::from(v) / 255.0),
+                width: width as usize,
+                height: height as usize,
+            };
+            let predicted = network.predict(planes, Some(width as f32))?;
+            Ok(DepthMap::from_vec(width, height, predicted.depth))
+        };
+        let both = depth(picture)?.zip(depth(&flip_horizontal(picture))?);
+        let both = both.map(|(depth, of_mirror)| Mirrored {
+            name: String::new(),
+            depth,
+            of_mirror,
+        });
+        return Ok(both.into_iter().collect());
+    }
     let predictor = Predictor::open(&named_network(Some(checkpoint), config)?)?;
     let whole = predictor.predict_rgb8(picture, 1.0)?;
     let mirror = predictor.predict_rgb8(&flip_horizontal(picture), 1.0)?;

@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 
 use sharp_checkpoint::{Checkpoint, CheckpointError};
 use sharp_metrics::MetricKey;
+use sharp_train::parts::TrainedParts;
 
 use crate::evaluate::join::{Named, join_results};
 use crate::evaluate::{EvaluateError, Results};
@@ -245,20 +246,26 @@ fn translations(paper: &PublishedTable, rows: &[OwnRow]) -> Result<OwnRows, RowE
     })
 }
 
-/// One row per checkpoint, with the number of its parameters.
+/// One row per checkpoint, with the number of its parameters, and of those that the paper trains if it is one of SHARP.
 fn checkpoints(paper: &PublishedTable, rows: &[OwnRow]) -> Result<OwnRows, RowError> {
     let mut measured = Vec::new();
     for row in rows {
         let checkpoint = Checkpoint::open(&row.source.path)?;
-        let mut total = 0_usize;
+        let (mut total, mut trained) = (0_usize, 0_usize);
         for name in checkpoint.names() {
-            total += checkpoint.shape(name)?.iter().product::<usize>();
+            let count = checkpoint.shape(name)?.iter().product::<usize>();
+            total += count;
+            trained += usize::from(TrainedParts::default().contain(name)) * count;
         }
-        let millions = total as f64 / 1e6;
-        let text = format!("{millions:.*}M", usize::from(millions < 10.0));
+        let cell = |count: usize| {
+            let millions = count as f64 / 1e6;
+            let text = format!("{millions:.*}M", usize::from(millions < 10.0));
+            Cell::printed(Some(millions), &text)
+        };
         // A checkpoint does not record which of its parameters were trained.
         let cells = paper.metrics.iter().map(|metric| match *metric {
-            "total" => Cell::printed(Some(millions), &text),
+            "total" => cell(total),
+            "trainable" if trained > 0 => cell(trained),
             _ => Cell::dash(),
         });
         measured.push(Row::measured(&row.label, cells.collect()));
@@ -281,19 +288,27 @@ fn speeds(paper: &PublishedTable, rows: &[OwnRow]) -> Result<OwnRows, RowError> 
         let methods = lines.iter().map(|line| line.method.as_str());
         let method = row.source.chosen(methods)?;
         let cell = |dataset: &str, metric: &str| {
-            let (quantity, factor) = match metric {
-                "Inference" => ("inference_secs", 1.0),
-                "Render" => ("render_secs", 1.0),
-                _ => ("render_secs", 1000.0),
+            // Without a GPU there is only the time to the picture in the host's memory.
+            let (quantities, factor): (&[&str], f64) = match metric {
+                "Inference" => (&["inference_secs"], 1.0),
+                "Render" => (&["device_secs", "render_secs"], 1.0),
+                _ => (&["device_secs", "render_secs"], 1000.0),
             };
-            let line = lines.iter().find(|line| {
-                let of = ReportDataset::of(&line.dataset, &line.format);
-                line.method == method && line.quantity == quantity && column(&of) == Some(dataset)
-            });
-            line.map_or_else(Cell::dash, |line| Cell {
-                coverage: Some((line.n, line.n)),
-                ..Cell::of(Some(line.median * factor))
-            })
+            let line = |quantity: &&str| {
+                lines.iter().find(|line| {
+                    let of = ReportDataset::of(&line.dataset, &line.format);
+                    line.method == method
+                        && line.quantity == *quantity
+                        && column(&of) == Some(dataset)
+                })
+            };
+            quantities
+                .iter()
+                .find_map(line)
+                .map_or_else(Cell::dash, |line| Cell {
+                    coverage: Some((line.n, line.n)),
+                    ..Cell::of(Some(line.median * factor))
+                })
         };
         let datasets = paper.datasets.iter();
         let cells = datasets.flat_map(|dataset| paper.metrics.iter().map(|m| cell(dataset, m)));
@@ -301,7 +316,9 @@ fn speeds(paper: &PublishedTable, rows: &[OwnRow]) -> Result<OwnRows, RowError> 
     }
     let columns = paper.columns().into_iter().map(|published| Column {
         key: format!("{}_median", published.label.to_lowercase()),
-        convention: "median over rounds and pairs, measured by `speed`".to_owned(),
+        convention: "median over rounds and pairs, measured by `speed`; rendering on a GPU without copying the \
+                     picture back"
+            .to_owned(),
         ..published
     });
     Ok(OwnRows::Measured {

@@ -29,6 +29,7 @@ fn measured() -> Measured {
         inference_secs: inference.into(),
         load_secs: render.iter().map(|_| 0.001).collect(),
         render_secs: render.into(),
+        device_secs: Vec::new(),
         splats: render
             .iter()
             .take(1)

@@ -72,6 +72,8 @@ pub(super) struct Frame<'a> {
     pub(super) passes: &'a Passes,
     pub(super) scene: &'a GpuScene,
     pub(super) view: &'a RenderView,
+    /// Whether the pixels are copied to the host.
+    pub(super) copied: bool,
     /// Side of a tile in pixels: a power of two of at least [`LEAST_TILE`]. If the rule limits the support to tiles, a
     /// tile is no larger than the rule's, because a list applies to all pixels of its tile.
     pub(super) tile: u32,
@@ -274,7 +276,7 @@ impl Frame<'_> {
         half
     }
 
-    /// Builds the lists, rasterises, and copies the pixels to the host.
+    /// Builds the lists, rasterises, and copies the pixels to the host if they are wanted there.
     fn draw(
         &self,
         (order, colors): (&GpuBuffer, &GpuBuffer),
@@ -302,6 +304,9 @@ impl Frame<'_> {
             ],
             (width / RASTER_GROUP.0, height.div_ceil(RASTER_GROUP.1)),
         );
+        if !self.copied {
+            return gpu.finish(encoder, &[], |_, _| {});
+        }
         let (colors, depths) = (part.pixels() * PIXEL_BYTES, part.pixels() * 4);
         encoder.copy_buffer_to_buffer(&targets.picture, 0, &targets.home[0], 0, colors);
         encoder.copy_buffer_to_buffer(&targets.depths, 0, &targets.home[1], 0, depths);

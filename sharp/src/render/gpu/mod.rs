@@ -110,6 +110,17 @@ struct Uploaded<'a> {
 
 impl LoadedScene for Uploaded<'_> {
     fn render(&mut self, view: &RenderView) -> Result<RenderOutput, RenderError> {
+        self.frame(view, true)
+    }
+
+    fn draw_on_device(&mut self, view: &RenderView) -> Result<bool, RenderError> {
+        self.frame(view, false).map(|_| true)
+    }
+}
+
+impl Uploaded<'_> {
+    /// Draws a view; the picture stays black unless it is `copied` to the host.
+    fn frame(&mut self, view: &RenderView, copied: bool) -> Result<RenderOutput, RenderError> {
         view.check()?;
         let renderer = &mut *self.renderer;
         let frame = Frame {
@@ -117,6 +128,7 @@ impl LoadedScene for Uploaded<'_> {
             passes: &renderer.passes,
             scene: &self.on_device,
             view,
+            copied,
             tile: match view.rule.support {
                 Support::Exact => renderer.tile,
                 Support::Tiles => renderer.tile.min(tile_side(TileSize::Px16.pixels())),
