@@ -84,7 +84,21 @@ def grad(opacity, inverse):
 
 def grad_other(opacity, inverse):
     dx, dy = central(inverse / 0.5)
-    return edges(opacity, dx.abs() + dy.abs())
+    return edges(opacity, (dx**2 + dy**2).sqrt())
+
+
+def of_squares(differences):
+    return [F.avg_pool2d(difference, 2) for difference in differences]
+
+
+def grad_projected(opacity, depth):
+    dx, dy = of_squares(forward(0.5 / depth))
+    return edges(opacity, (dx.abs() + dy.abs()).detach())
+
+
+def grad_projected_other(opacity, depth):
+    dx, dy = of_squares(central(1 / depth))
+    return edges(opacity, (dx**2 + dy**2).sqrt())
 
 
 def delta(raw):
@@ -343,7 +357,8 @@ def renderer(**case):
 LOSSES = {
     "color": color, "color other": color_other, "alpha": alpha, "alpha other": alpha_other, "depth": depth,
     "depth other": lambda predicted, truth: depth(predicted, truth, 0.5), "tv": tv, "grad": grad,
-    "grad other": grad_other, "delta": delta, "splat": splat, "splat other": splat_other, "scale": scale,
+    "grad other": grad_other, "grad projected": grad_projected, "grad projected other": grad_projected_other,
+    "delta": delta, "splat": splat, "splat other": splat_other, "scale": scale,
     "scale gradient": scale_gradient, "scale gradient other": scale_gradient_other,
 }
 CASES = {name: (function, VALUE, ROUNDED) for name, function in LOSSES.items()}

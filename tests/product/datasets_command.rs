@@ -126,7 +126,7 @@ fn the_list_has_every_format_with_its_readings() {
     let names: Vec<&str> = all.iter().map(|f| f["format"].as_str().unwrap()).collect();
     assert_eq!(
         names.join(" "),
-        "middlebury booster scannetpp wildrgbd tanks-and-temples eth3d nerfstudio colmap stereo synthetic"
+        "middlebury booster scannetpp wildrgbd tanks-and-temples eth3d nerfstudio colmap stereo virtual synthetic"
     );
     for dataset in &all[..6] {
         for key in [

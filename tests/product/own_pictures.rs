@@ -9,6 +9,8 @@ use sharp_datasets::format::npy;
 use sharp_datasets::lens::{Distortion, Lens};
 use sharp_datasets::synthetic::{SyntheticOptions, SyntheticScene};
 
+use crate::support::{read, sharp_bench};
+
 /// Views of the procedural world on a wide arc, as one's own pictures with `transforms.json`;
 /// `axes` are the signs of the camera axes that the poses are written with.
 pub(crate) fn own_pictures(folder: &Path, axes: [f64; 3]) {
@@ -61,4 +63,48 @@ pub(crate) fn own_pictures(folder: &Path, axes: [f64; 3]) {
         "frames": frames,
     });
     std::fs::write(folder.join("transforms.json"), file.to_string()).unwrap();
+}
+
+#[test]
+fn virtual_views_are_predicted_and_not_scored() {
+    let dir = tempfile::tempdir().unwrap();
+    let scene = SyntheticScene::new(SyntheticOptions {
+        width: 64,
+        height: 48,
+        views: 2,
+        ..SyntheticOptions::default()
+    });
+    let view = scene.unwrap().views()[0].clone();
+    let photograph = dir.path().join("photo.png");
+    view.content.image().unwrap().save(&photograph).unwrap();
+    let in_folder = |args: &[&str]| sharp_bench(dir.path(), args);
+    let dataset = "virtual=photo.png,views=3,step=0.1,focal-px=50";
+    let run = ["run", "--dataset", dataset, "--method", "copy"];
+    let more = ["--method", "target", "--metrics", "psnr", "--out", "r"];
+    // The truth itself does not exist here.
+    let said = in_folder(&[&run[..], &more].concat()).ends_with(4);
+    assert!(
+        said.out.contains("without a photograph to compare with"),
+        "{}",
+        said.out
+    );
+    let scores = read(dir.path().join("r/scores.csv"));
+    let copies: Vec<&str> = scores
+        .lines()
+        .filter(|line| line.contains(",copy,"))
+        .collect();
+    assert_eq!(copies.len(), 3, "{scores}");
+    assert!(copies.iter().all(|line| line.contains(",ok,,")), "{scores}");
+    let figure = ["figure", "extended-motion", "r", "--out", "f"];
+    in_folder(&figure).ends_with(0);
+    let sheet = read(dir.path().join("f/extended-motion.svg"));
+    assert!(
+        sheet.contains("0.300") && !sheet.contains("truth"),
+        "{sheet:.2000}"
+    );
+    let check = in_folder(&["datasets", "check", dataset]).ends_with(0);
+    assert!(check.out.contains("problems: 0"), "{}", check.out);
+    assert!(!check.out.contains("poses"), "{}", check.out);
+    let report = ["report", "r", "--out", "page"];
+    in_folder(&report).ends_with(0);
 }

@@ -198,6 +198,11 @@ struct Look {
     note: Option<String>,
 }
 
+fn photographs(scene: &Scene) -> usize {
+    let views = scene.views.iter();
+    views.filter(|view| view.content.has_photograph()).count()
+}
+
 fn look(scene: &Scene, units: Units, effort: Effort) -> Look {
     let mut contradictions = plausible::cameras(&scene.views);
     let neighbours = match (&scene.pairing, effort.thorough) {
@@ -232,6 +237,8 @@ fn look(scene: &Scene, units: Units, effort: Effort) -> Look {
                 named.or_else(|| floor(&matches, Some(neighbours)))
             })
         }
+        // A photograph and virtual views: no two pictures to compare.
+        (_, None) if photographs(scene) < 2 => None,
         (_, None) => {
             let matches = Matches::new(&scene.views, effort);
             note = Some(matches.note());

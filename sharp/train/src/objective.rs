@@ -21,7 +21,7 @@ use sharp::resize::nearest;
 use crate::data::TrainingView;
 use crate::losses::perceptual::{PerceptualError, PerceptualViews};
 use crate::losses::{
-    self, AlphaViews, LossOptions, LossWeights, MaskSky, Perceptual, SplatView, TERMS,
+    self, AlphaViews, GradAt, LossOptions, LossWeights, MaskSky, Perceptual, SplatView, TERMS,
     linear_from_srgb_gradient,
 };
 
@@ -123,7 +123,7 @@ impl Objective {
             .after(&source.camera_from_world.inverse());
         let view = |view: &TrainingView, from_source: &RigidTransform| {
             let placed = target_camera_from_source_ndc(&source.intrinsics, from_source);
-            RenderView::new(placed, view.intrinsics).with_low_pass(RenderView::EPS2D_CONFIG)
+            RenderView::new(placed, view.intrinsics).with_low_pass(self.options.low_pass)
         };
         let input = view(source, &RigidTransform::IDENTITY);
         let novel = view(target, &target_from_source);
@@ -251,20 +251,28 @@ impl Objective {
         let (weights, options) = (&self.weights, &self.options);
         let base = &pass.base;
         if weights.grad > 0.0 {
-            let loss = losses::grad(
-                &pass.gaussians.opacities,
-                &base.inverse_depth,
-                [base.grid.rows(), base.grid.columns()],
-                f64::from(base.global_scale),
-                options,
-            );
+            let (opacities, nearest) = (&pass.gaussians.opacities, f64::from(base.global_scale));
+            let (rows, columns) = (base.grid.rows(), base.grid.columns());
+            let (loss, of_map) = match options.grad_at {
+                GradAt::Projected => {
+                    let sides = [columns, base.grid.width];
+                    let loss =
+                        losses::grad_projected(opacities, &pass.depth, sides, nearest, options);
+                    (loss, &mut sum.gradient.depth)
+                }
+                GradAt::Grid => {
+                    let (map, size) = (&base.inverse_depth, [rows, columns]);
+                    let loss = losses::grad(opacities, map, size, nearest, options);
+                    (loss, &mut sum.gradient.inverse_depth)
+                }
+            };
+            if let Some(gradient) = &loss.map {
+                add_scaled(of_map, gradient, weights.grad);
+            }
             sum.add(5, loss.opacity.value, weights.grad);
             let gradients = &mut sum.gradient.gaussians;
             for (gaussian, g) in gradients.iter_mut().zip(&loss.opacity.gradient) {
                 gaussian.opacity += (weights.grad * f64::from(*g)) as f32;
-            }
-            if let Some(of_depth) = &loss.inverse_depth {
-                add_scaled(&mut sum.gradient.inverse_depth, of_depth, weights.grad);
             }
         }
         if weights.delta > 0.0 {

@@ -28,7 +28,7 @@ use sharp_train::losses::perceptual::PerceptualMask;
 use sharp_train::losses::{
     Channels, Difference, GradientNorm, InverseDepthUnits, Loss, LossOptions, MaskNormalization,
     Perceptual, PerceptualOptions, ScalePooling, SplatVariance, alpha, color, delta, depth, grad,
-    linear_from_srgb_gradient, scale, scale_gradient, splat, tv,
+    grad_projected, linear_from_srgb_gradient, scale, scale_gradient, splat, tv,
 };
 
 #[derive(Deserialize)]
@@ -114,6 +114,7 @@ fn others() -> LossOptions {
         mask_normalization: MaskNormalization::MaskedPixels,
         grad_stops_at_depth: false,
         grad_difference: Difference::Central,
+        grad_norm: GradientNorm::Euclidean,
         grad_units: InverseDepthUnits::Metric,
         splat_variance: SplatVariance::Mean,
         scale_pooling: ScalePooling::First,
@@ -166,10 +167,23 @@ fn losses(values: &mut Values, folder: &Path) -> Done {
         let mut case = Case::default()
             .loss("opacity", &shape, &opacity, &found.opacity)
             .f32("inverse", &shape, &inverse);
-        if let Some(of_depth) = &found.inverse_depth {
+        if let Some(of_depth) = &found.map {
             case = case.f32("d inverse", &shape, of_depth);
         }
         case.write(folder, &format!("grad{suffix}"))?;
+
+        // Two layers of 12×12 Gaussians over 24×24 pixels.
+        let opacity = values.between(0.0, 1.0, 2 * 12 * 12);
+        let metres = values.between(10.0, 50.0, 2 * 24 * 24);
+        let found = grad_projected(&opacity, &metres, [12, 24], 0.5, &options);
+        let (shape, fine) = ([2, 12, 12], [2, 24, 24]);
+        let mut case = Case::default()
+            .loss("opacity", &shape, &opacity, &found.opacity)
+            .f32("depth", &fine, &metres);
+        if let Some(of_depth) = &found.map {
+            case = case.f32("d depth", &fine, of_depth);
+        }
+        case.write(folder, &format!("grad projected{suffix}"))?;
 
         // Variances from below 0.1 to above 100 px² for 1536 columns, in a picture of 96 columns.
         let shapes = values.between(-0.012, 0.012, 3 * 300);

@@ -108,13 +108,12 @@ impl SheetContent<'_> {
 
     fn truth(&self, chosen: &ChosenPair<'_>) -> Tile {
         let facts = chosen.pair.facts;
-        let baseline = format!("baseline {:.3} m", facts.baseline_m).replace(' ', "\u{a0}");
         Tile {
             crops: self.crops.clone(),
             ..Tile::new(
                 named(chosen, "truth"),
                 self.pictures.target(facts),
-                baseline,
+                baseline(facts),
             )
         }
     }
@@ -126,7 +125,13 @@ impl SheetContent<'_> {
             Some((_, Status::Failed { reason })) => {
                 (Err(MissingPicture::Failed(reason.clone())), String::new())
             }
-            Some((record, Status::Ok)) => (self.pictures.prediction(record), self.scores(record)),
+            Some((record, Status::Ok)) => {
+                let text = match self.pictures.is_virtual(record) {
+                    true => baseline(record),
+                    false => self.scores(record),
+                };
+                (self.pictures.prediction(record), text)
+            }
         };
         Tile {
             crops: self.crops.clone(),
@@ -147,6 +152,10 @@ impl SheetContent<'_> {
         });
         scores.collect::<Vec<_>>().join(", ")
     }
+}
+
+fn baseline(facts: &Record) -> String {
+    format!("baseline {:.3} m", facts.baseline_m).replace(' ', "\u{a0}")
 }
 
 /// Name of a tile for messages.

@@ -7,7 +7,7 @@
 //! # Contents
 //! * [`LossWeights`], [`LossOptions`]: the published weights, and choices that the paper leaves open.
 //! * `pictures`: [`color`], [`alpha`], [`depth`]; [`linear_from_srgb_gradient`].
-//! * `regularizers`: [`tv`], [`grad`], [`delta`], [`splat`].
+//! * `regularizers`: [`tv`], [`grad_projected`], [`grad`], [`delta`], [`splat`].
 //! * `alignment`: [`scale`], [`scale_gradient`].
 //! * [`perceptual`]: features of a frozen network, and the paper's graph surgery.
 //!
@@ -24,12 +24,12 @@ mod testing;
 
 pub use alignment::{scale, scale_gradient};
 pub use options::{
-    AlphaViews, Channels, Difference, GradientNorm, InverseDepthUnits, LossOptions, LossWeights,
-    MaskNormalization, MaskSky, ScalePooling, SplatVariance, SplatView, TERMS,
+    AlphaViews, Channels, Difference, GradAt, GradientNorm, InverseDepthUnits, LossOptions,
+    LossWeights, MaskNormalization, MaskSky, ScalePooling, SplatVariance, SplatView, TERMS,
 };
 pub use perceptual::{Perceptual, PerceptualOptions};
 pub use pictures::{alpha, color, depth, linear_from_srgb_gradient};
-pub use regularizers::{GradOutput, delta, grad, splat, tv};
+pub use regularizers::{GradOutput, delta, grad, grad_projected, splat, tv};
 
 use rayon::prelude::*;
 

@@ -2,6 +2,7 @@
 
 use super::perceptual::PerceptualOptions;
 use serde::{Deserialize, Serialize};
+use sharp::render::RenderView;
 
 /// Names of the losses.
 pub const TERMS: [&str; 10] = [
@@ -118,8 +119,12 @@ pub struct LossOptions {
     pub mask_normalization: MaskNormalization,
     /// True if the gradient of `grad` flows to the opacity only, not to the depth.
     pub grad_stops_at_depth: bool,
-    /// Differences of `grad`, on the grid of the Gaussians.
+    /// Where `grad` looks for edges of depth.
+    pub grad_at: GradAt,
+    /// Differences of `grad`.
     pub grad_difference: Difference,
+    /// Norm |∇| of `grad`.
+    pub grad_norm: GradientNorm,
     /// Units of `grad`, whose thresholds are meant for values in 0.01..1.
     pub grad_units: InverseDepthUnits,
     /// Measure of a 2D covariance that `splat` bounds.
@@ -134,6 +139,8 @@ pub struct LossOptions {
     pub scale_norm: GradientNorm,
     /// True if ∇scale measures differences per pixel of the full map, i.e. divides level k by 2^k.
     pub scale_per_full_pixel: bool,
+    /// Added to both diagonal entries of a projected covariance when pictures are rendered, px².
+    pub low_pass: f32,
     pub percep: PerceptualOptions,
 }
 
@@ -147,7 +154,9 @@ impl Default for LossOptions {
             mask_sky: MaskSky::Direction,
             mask_normalization: MaskNormalization::AllPixels,
             grad_stops_at_depth: true,
+            grad_at: GradAt::Projected,
             grad_difference: Difference::Forward,
+            grad_norm: GradientNorm::Absolute,
             grad_units: InverseDepthUnits::Normalized,
             splat_variance: SplatVariance::Eigenvalues,
             splat_view: SplatView::Input,
@@ -155,6 +164,7 @@ impl Default for LossOptions {
             scale_pooling: ScalePooling::Average,
             scale_norm: GradientNorm::Absolute,
             scale_per_full_pixel: false,
+            low_pass: RenderView::EPS2D_CONFIG,
             percep: PerceptualOptions::default(),
         }
     }
@@ -174,6 +184,11 @@ impl LossOptions {
                 self.splat_width > 0.0 && self.splat_width.is_finite(),
                 "splat_width",
                 "is not positive",
+            ),
+            (
+                is_weight(f64::from(self.low_pass)),
+                "low_pass",
+                "is negative or not finite",
             ),
             (
                 is_weight(percep.features),
@@ -224,6 +239,15 @@ pub enum InverseDepthUnits {
     Metric,
     /// The network's normalised unit: 1 at the nearest point.
     Normalized,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum GradAt {
+    /// In the depth at full resolution, where each base Gaussian is projected, as in the equation.
+    Projected,
+    /// Between neighbouring Gaussians, in the pooled depth from which they were made.
+    Grid,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]

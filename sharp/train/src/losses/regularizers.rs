@@ -27,20 +27,32 @@ pub fn tv(depth: &[f32], width: usize) -> Loss<f32> {
     })
 }
 
-/// Output of [`grad`].
+/// Output of [`grad`] and [`grad_projected`].
 #[derive(Debug, Clone, PartialEq)]
 pub struct GradOutput {
     /// Loss, and gradient with respect to the opacities.
     pub opacity: Loss<f32>,
-    /// Gradient with respect to the inverse depths; `None` if [`LossOptions::grad_stops_at_depth`].
-    pub inverse_depth: Option<Vec<f32>>,
+    /// Gradient with respect to the map whose edges count; `None` if [`LossOptions::grad_stops_at_depth`].
+    pub map: Option<Vec<f32>>,
 }
 
-/// E_i[α_i (1 − exp(−max(0, |∇(1/D̄)| − ε)/σ))], σ = ε = 0.01: penalises opacity at depth edges.
+/// 1 − exp(−max(0, |∇| − ε)/σ), 0..1, and its derivative with respect to ∂x and ∂y.
+fn edge(gradient: [f64; 2], norm: GradientNorm) -> (f64, [f64; 2]) {
+    let (norm, direction) = norm.of(gradient);
+    let beyond = norm - DEPTH_MARGIN;
+    if beyond <= 0.0 {
+        return (0.0, [0.0; 2]);
+    }
+    let rest = (-beyond / DEPTH_MARGIN).exp();
+    (1.0 - rest, direction.map(|d| d * rest / DEPTH_MARGIN))
+}
+
+/// E_i[α_i (1 − exp(−max(0, |∇(1/D̄)| − ε)/σ))], σ = ε = 0.01: penalises opacity at depth edges. The differences are
+/// those between neighbouring Gaussians ([`GradAt::Grid`](super::GradAt)).
 ///
 /// `opacity` is final (0..1). `inverse_depth` is normalised, as in
-/// [`BaseGaussians`](sharp::initializer::BaseGaussians). Both are `[layers, rows, columns]` with `size` = \[rows,
-/// columns\]. `nearest` is the number of metres per unit of normalised depth.
+/// [`BaseGaussians`](sharp::initializer::BaseGaussians), and so is its gradient. Both are `[layers, rows, columns]` with
+/// `size` = \[rows, columns\]. `nearest` is the number of metres per unit of normalised depth.
 ///
 /// # Panics
 /// If lengths differ or are not a multiple of a layer.
@@ -69,16 +81,7 @@ pub fn grad(
     };
     let share = 1.0 / count as f64;
     let inverse = |i: usize| unit * f64::from(inverse_depth[i]);
-    // Edge strength at index `i`, 0..1, and its derivative with respect to ∂x and ∂y.
-    let edge = |i: usize| {
-        let (norm, direction) = GradientNorm::Absolute.of(grid.at(inverse, i));
-        let beyond = norm - DEPTH_MARGIN;
-        if beyond <= 0.0 {
-            return (0.0, [0.0; 2]);
-        }
-        let rest = (-beyond / DEPTH_MARGIN).exp();
-        (1.0 - rest, direction.map(|d| d * rest / DEPTH_MARGIN))
-    };
+    let edge = |i: usize| edge(grid.at(inverse, i), options.grad_norm);
     let opacity_loss = sum_over(count, |i| {
         let edge = edge(i).0 * share;
         (f64::from(opacity[i]) * edge, edge as f32)
@@ -90,7 +93,75 @@ pub fn grad(
     };
     GradOutput {
         opacity: opacity_loss,
-        inverse_depth: (!options.grad_stops_at_depth).then(of_depth),
+        map: (!options.grad_stops_at_depth).then(of_depth),
+    }
+}
+
+/// [`grad`] with ∇(1/D̄) of the depth at full resolution, taken where each base Gaussian is projected
+/// ([`GradAt::Projected`](super::GradAt)): in the middle of the square of pixels that it stands for, so the differences
+/// of those pixels are averaged.
+///
+/// `depth`, in metres, has rows of `side` pixels, `[layers, side, side]`, and so has its gradient; `opacity` is
+/// `[layers, columns, columns]`.
+///
+/// # Panics
+/// If `side` is not a multiple of `columns`, or lengths disagree.
+pub fn grad_projected(
+    opacity: &[f32],
+    depth: &[f32],
+    [columns, side]: [usize; 2],
+    nearest: f64,
+    options: &LossOptions,
+) -> GradOutput {
+    let count = opacity.len();
+    assert!(
+        columns > 0 && side.is_multiple_of(columns) && count.is_multiple_of(columns * columns),
+        "{count} Gaussians in rows of {columns}, {side} pixels"
+    );
+    let stride = side / columns;
+    assert_eq!(depth.len(), count * stride * stride, "depths");
+    let grid = Grid {
+        width: side,
+        height: side,
+        difference: options.grad_difference,
+    };
+    let unit = match options.grad_units {
+        InverseDepthUnits::Normalized => nearest,
+        InverseDepthUnits::Metric => 1.0,
+    };
+    let share = 1.0 / count as f64;
+    let part = 1.0 / (stride * stride) as f64;
+    let inverse = |p: usize| unit / f64::from(depth[p]);
+    let edges = sum_over(count, |i| {
+        let (line, column) = (i / columns, i % columns);
+        let first = (line * side + column) * stride;
+        let mut mean = [0.0; 2];
+        for k in 0..stride * stride {
+            let pixel = first + k / stride * side + k % stride;
+            let [x, y] = grid.at(inverse, pixel);
+            mean = [mean[0] + part * x, mean[1] + part * y];
+        }
+        (0.0, edge(mean, options.grad_norm))
+    });
+    let edges = edges.gradient;
+    let opacity_loss = sum_over(count, |i| {
+        let edge = edges[i].0 * share;
+        (f64::from(opacity[i]) * edge, edge as f32)
+    });
+    let of_depth = || {
+        let of_pixel = |p: usize| {
+            let i = p / side / stride * columns + p % side / stride;
+            edges[i].1.map(|d| d * f64::from(opacity[i]) * part)
+        };
+        let each = |p: usize| {
+            let of_inverse = grid.pull(of_pixel, p) * share;
+            (0.0, (-of_inverse * inverse(p) / f64::from(depth[p])) as f32)
+        };
+        sum_over(depth.len(), each).gradient
+    };
+    GradOutput {
+        opacity: opacity_loss,
+        map: (!options.grad_stops_at_depth).then(of_depth),
     }
 }
 
@@ -175,7 +246,7 @@ mod tests {
         let options = LossOptions::default();
         let ramp = [0.1, 0.105, 0.11, 0.115];
         let flat = grad(&[1.0; 4], &ramp, [1, 4], 1.0, &options);
-        assert_eq!((flat.opacity.value, flat.inverse_depth), (0.0, None));
+        assert_eq!((flat.opacity.value, flat.map), (0.0, None));
         let step = grad(&[1.0, 0.5, 1.0], &[1.0, 1.0, 0.01], [1, 3], 1.0, &options);
         assert!((step.opacity.value - 0.5 / 3.0).abs() < 1e-12);
         assert_eq!(step.opacity.gradient, [0.0, 1.0 / 3.0, 0.0]);
@@ -270,12 +341,45 @@ mod tests {
             };
             let found = grad(&x, &depth, [5, 7], 1.0, &options);
             let fixed: Vec<f64> = depth.iter().map(|v| f64::from(*v)).collect();
-            let (loss, of_depth) = (found.opacity, found.inverse_depth.unwrap());
+            let (loss, of_depth) = (found.opacity, found.map.unwrap());
             check(&x, loss.value, &loss.gradient, |a| of(&|i| a[i], &fixed));
             check(&depth, loss.value, &of_depth, |d| {
                 of(&|i| f64::from(x[i]), d)
             });
         }
+
+        // Two layers of 2×2 Gaussians over 4×4 pixels: the mean difference of each square of four.
+        let (alpha, metres) = (&x[..8], &noise(3, 32));
+        let options = LossOptions {
+            grad_stops_at_depth: false,
+            grad_norm: GradientNorm::Euclidean,
+            ..LossOptions::default()
+        };
+        let of = |alpha: &dyn Fn(usize) -> f64, d: &[f64]| {
+            let mut sum = 0.0;
+            for i in 0..8 {
+                let mut mean = [0.0; 2];
+                for pixel in 0..4 {
+                    let (x, y) = (i % 2 * 2 + pixel % 2, i / 2 % 2 * 2 + pixel / 2);
+                    let at = |x: usize, y: usize| 0.02 / d[i / 4 * 16 + y * 4 + x];
+                    let next = [at((x + 1).min(3), y), at(x, (y + 1).min(3))];
+                    for (mean, next) in mean.iter_mut().zip(next) {
+                        *mean += (next - at(x, y)) / 4.0;
+                    }
+                }
+                let norm = mean[0].hypot(mean[1]);
+                sum += alpha(i) * (1.0 - (-(norm - 0.01).max(0.0) / 0.01).exp());
+            }
+            sum / 8.0
+        };
+        let found = grad_projected(alpha, metres, [2, 4], 0.02, &options);
+        let fixed: Vec<f64> = metres.iter().map(|v| f64::from(*v)).collect();
+        let (loss, of_depth) = (found.opacity, found.map.unwrap());
+        assert!(loss.value > 0.0);
+        check(alpha, loss.value, &loss.gradient, |a| of(&|i| a[i], &fixed));
+        check(metres, loss.value, &of_depth, |d| {
+            of(&|i| f64::from(alpha[i]), d)
+        });
 
         let raw: Vec<f32> = x.iter().map(|v| (v - 0.5) * 1500.0).collect();
         let loss = delta(&raw);

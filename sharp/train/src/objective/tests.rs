@@ -50,6 +50,8 @@ fn pass() -> (TrainingPass, Sample, Vec<f32>) {
 fn options() -> LossOptions {
     let mut options = LossOptions {
         grad_stops_at_depth: false,
+        // No other loss has a gradient with respect to the pooled inverse depth.
+        grad_at: GradAt::Grid,
         ..LossOptions::default()
     };
     options.percep.views = PerceptualViews::Both;

@@ -10,13 +10,14 @@ use sharp_kernels::{Epilogue, PackedMatrix, Simd, matmul};
 pub(super) struct Terms<'a> {
     pub(super) features: f64,
     pub(super) gram: f64,
+    pub(super) gram_per_pixel: bool,
     /// Per-pixel weight that multiplies the features first.
     pub(super) weight: Option<&'a [f32]>,
 }
 
 impl Terms<'_> {
-    /// `k ‖F̂ − F‖²/(D·H·W) + j ‖M̂ − M‖²/D²` with `M = Fᵀ F/(H·W)` for F of `H·W` rows and D columns,
-    /// and its gradient with respect to F̂.
+    /// `k ‖F̂ − F‖²/(D·H·W) + j ‖M̂ − M‖²/D²` with `M = Fᵀ F/(H·W)`, or without this divisor, for F of
+    /// `H·W` rows and D columns, and its gradient with respect to F̂.
     pub(super) fn compare(
         &self,
         [predicted, target]: [&[f32]; 2],
@@ -32,11 +33,16 @@ impl Terms<'_> {
         let (mut value, mut gradient) = (features.value, features.gradient);
         if self.gram != 0.0 {
             let share = self.gram / (channels * channels) as f64;
+            let divisor = if self.gram_per_pixel {
+                pixels as f64
+            } else {
+                1.0
+            };
             let difference = {
                 let [x, y] = [&x, &y].map(|map| gram(map, channels));
                 sum_over(x.len(), |i| {
-                    let d = (f64::from(x[i]) - f64::from(y[i])) / pixels as f64;
-                    (d * d * share, (4.0 * d * share / pixels as f64) as f32)
+                    let d = (f64::from(x[i]) - f64::from(y[i])) / divisor;
+                    (d * d * share, (4.0 * d * share / divisor) as f32)
                 })
             };
             value += difference.value;

@@ -57,6 +57,8 @@ pub struct PerceptualOptions {
     pub features: f64,
     /// Weight j of the Gram term.
     pub gram: f64,
+    /// True if Gram matrices are divided by the number of pixels of the feature map, which the paper leaves open.
+    pub gram_per_pixel: bool,
     /// If set, a random square with this side in pixels is compared instead of the whole picture.
     pub crop: Option<usize>,
     /// Weights of LaMa's encoder, `ade20k-resnet50dilated-ppm_deepsup/encoder_epoch_20.pth`. `None` uses VGG16 with the
@@ -71,6 +73,7 @@ impl Default for PerceptualOptions {
             mask: PerceptualMask::Pictures,
             features: 1.0,
             gram: 10.0,
+            gram_per_pixel: true,
             crop: None,
             resnet50dilated: None,
         }
@@ -203,6 +206,7 @@ impl Perceptual {
             let terms = Terms {
                 features: self.options.features,
                 gram: self.options.gram,
+                gram_per_pixel: self.options.gram_per_pixel,
                 weight: weight.as_deref(),
             };
             let [ours, theirs]: [Vec<f32>; 2] =

@@ -207,6 +207,7 @@ fn hand_case_of_both_terms() {
     let terms = |features, gram| Terms {
         features,
         gram,
+        gram_per_pixel: true,
         weight: None,
     };
     let compare = |terms: Terms<'_>| terms.compare([&[1.0, 2.0], &[1.0, 0.0]], 2);
@@ -225,6 +226,7 @@ fn the_gradient_of_both_terms_is_that_of_the_definition() {
     let terms = Terms {
         features: 1.0,
         gram: 10.0,
+        gram_per_pixel: true,
         weight: Some(&weight),
     };
     let (value, gradient) = terms.compare([&x, &y], D);
