@@ -250,8 +250,14 @@ fn printed(browser: &str) {
           return all('th, td, .col').filter(function (cell) { return cell.getBoundingClientRect().right > 719; }).length;
         };
         said('lost on a screen', lost() > 100);
-        var style = one('style');
+        var style = one('style'), rules = style.textContent;
+        var hint = function () { return getComputedStyle(one('.plot figcaption'), '::after'); };
+        said('hint', hint().content);
+        style.textContent = rules.replace('@media (max-width: 720px)', '@media all'); await later();
+        said('hint on a narrow screen', hint().content.includes('scroll'));
         style.textContent = style.textContent.replace('@media print', '@media all'); await later();
+        said('hint on paper', hint().display);
+        style.textContent = rules.replace('@media print', '@media all'); await later();
         said('columns', all('table.wide').length > 2 && all('.pair:first-of-type .col').length > 7);
         said('lost on paper', lost());";
     let said = done(browser, &dir.join("r/report/index.html"), script);
@@ -259,6 +265,9 @@ fn printed(browser: &str) {
         &said,
         &[
             ("lost on a screen", "true"),
+            ("hint", "none"),
+            ("hint on a narrow screen", "true"),
+            ("hint on paper", "none"),
             ("columns", "true"),
             ("lost on paper", "0"),
         ],
