@@ -88,15 +88,12 @@ impl fmt::Display for ManifestDifference {
     }
 }
 
-/// By dataset, the sources of depth behind the overlaps of its pairs, if known.
+/// By dataset, the sources of depth behind the overlaps of its pairs, with the hash of a checkpoint, if known.
 fn overlap_depths(manifest: &Manifest) -> BTreeMap<&str, String> {
     let mut sources: BTreeMap<&str, BTreeSet<String>> = BTreeMap::new();
     for (dataset, choices) in manifest.pairs.lists.iter().flat_map(|list| &list.choices) {
-        let mut source = choices.overlap_depth.clone();
-        if let Some(checkpoint) = &choices.overlap_checkpoint {
-            source += &format!(" by checkpoint {:.12}", checkpoint);
-        }
-        sources.entry(dataset).or_default().insert(source);
+        let sources = sources.entry(dataset).or_default();
+        sources.insert(choices.overlap_depth.clone());
     }
     let sources = sources.into_iter();
     sources

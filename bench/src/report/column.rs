@@ -133,7 +133,7 @@ fn label(key: MetricKey, with_default: bool) -> String {
 
 impl Column {
     /// The quantities that methods report about their predictions.
-    pub(super) fn extras() -> Vec<Self> {
+    pub(in crate::report) fn extras() -> Vec<Self> {
         REPORTED
             .map(|(key, label, decimals, convention)| {
                 Self::reported(key, label, decimals, convention)

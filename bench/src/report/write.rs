@@ -91,7 +91,7 @@ pub fn report(
         pictures = pictures.public(withheld.collect());
     }
     let (metrics, mut ours) = score_tables(&board, &results.records);
-    let extras = Column::extras();
+    let extras = build::extras(&board);
     ours.extend(build::of_extras(&board, &extras));
     let mut published = paper::beside(&board, &metrics, options.published);
     let here = pairs_here(&board);

@@ -262,7 +262,7 @@ fn depth_pro_decides_overlap_and_is_recorded() {
     run_one_pair(dir.path(), "a", &["--pairs", "pro.csv"]);
     let more = ["run", "--dataset", SYNTHETIC, "--method", "copy"];
     let list = ["--metrics", "psnr", "--pairs", "truth.csv", "--out", "a"];
-    let what = "the depth that decides overlap in dataset 'synthetic'";
+    let what = "the depth that decides overlap in dataset 'S'";
     sharp_bench(dir.path(), &[&more[..], &list].concat()).is_error_with(&[what]);
     run_one_pair(dir.path(), "b", &["--pairs", "truth.csv"]);
     let both = ["report", "a", "b", "--out", "r"];

@@ -45,24 +45,30 @@ pub fn of_scores(board: &Board<'_>, metrics: &[Column]) -> Vec<Table> {
     tables
 }
 
+/// Whether a method reports a value about a prediction.
+fn reports(board: &Board<'_>, method: usize, extra: &Column) -> bool {
+    let mut records = board.datasets.iter().flat_map(|d| d.records_of(method));
+    records.any(|record| record.reported().contains_key(extra.key.as_str()))
+}
+
+/// The known extras that a method reports.
+pub fn extras(board: &Board<'_>) -> Vec<Column> {
+    let mut extras = Column::extras();
+    extras.retain(|extra| (0..board.methods.len()).any(|method| reports(board, method, extra)));
+    extras
+}
+
 /// Table of the values that methods report about their predictions, unranked; `None` if no method reports any.
 pub fn of_extras(board: &Board<'_>, extras: &[Column]) -> Option<Table> {
-    let reports = |method: usize, extra: &Column| {
-        let mut records = board.datasets.iter().flat_map(|d| d.records_of(method));
-        records.any(|record| record.reported().contains_key(extra.key.as_str()))
-    };
-    let methods = 0..board.methods.len();
-    let mut present = extras.to_vec();
-    present.retain(|extra| methods.clone().any(|method| reports(method, extra)));
-    if present.is_empty() {
+    if extras.is_empty() {
         return None;
     }
     let title = "What the methods report about their predictions";
-    let mut all = table(board, &present, REPORTED, title, of_extra);
+    let mut all = table(board, extras, REPORTED, title, of_extra);
     let mut position = 0..;
     all.rows.retain(|_| {
         let method = position.next().unwrap_or_default();
-        present.iter().any(|extra| reports(method, extra))
+        extras.iter().any(|extra| reports(board, method, extra))
     });
     for row in &mut all.rows {
         row.note = None;

@@ -214,6 +214,7 @@ fn frame<'a>(
     tile: u32,
 ) -> Frame<'a> {
     Frame {
+        copied: true,
         gpu: &renderer.gpu,
         passes: &renderer.passes,
         scene,
