@@ -2,7 +2,8 @@
 
 use std::path::Path;
 
-use image::{ColorType, DynamicImage};
+use image::codecs::png::PngEncoder;
+use image::{ColorType, DynamicImage, ExtendedColorType, ImageEncoder as _};
 use sharp::image_file;
 
 use super::{FloatMap, FormatError};
@@ -32,9 +33,12 @@ pub fn parse(bytes: &[u8]) -> Result<FloatMap, FormatError> {
 /// # Errors
 /// [`DatasetError::Malformed`] if it cannot be written.
 pub fn write(path: &Path, map: &FloatMap) -> Result<(), DatasetError> {
-    let values = map.iter().map(|v| v.round() as u16).collect();
-    image::ImageBuffer::<image::Luma<u16>, Vec<u16>>::from_vec(map.width(), map.height(), values)
-        .ok_or_else(|| DatasetError::malformed(path, "the map's size overflows"))?
-        .save(path)
-        .map_err(|e| DatasetError::malformed(path, e.to_string()))
+    // Naming the encoder keeps those of all other formats out of the build. It wants native byte order.
+    let levels = map.iter().flat_map(|v| (v.round() as u16).to_ne_bytes());
+    let levels: Vec<u8> = levels.collect();
+    let mut bytes = Vec::new();
+    PngEncoder::new(&mut bytes)
+        .write_image(&levels, map.width(), map.height(), ExtendedColorType::L16)
+        .map_err(|e| DatasetError::malformed(path, e.to_string()))?;
+    std::fs::write(path, bytes).map_err(|e| DatasetError::io(path, e))
 }

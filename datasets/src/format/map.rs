@@ -55,7 +55,7 @@ fn compressed_size(bytes: &[u8]) -> Result<Option<(u32, u32)>, FormatError> {
     } else if bytes.starts_with(EXR) {
         Some(exr_depth::size(bytes)?)
     } else if bytes.starts_with(b"\x89PNG") {
-        Some(image_file::dimensions(Cursor::new(bytes))?)
+        Some(image_file::dimensions(&mut Cursor::new(bytes))?)
     } else {
         None
     })

@@ -60,8 +60,8 @@ pub fn read_mask(path: &Path, white: u8) -> Result<GrayImage, DatasetError> {
 /// # Errors
 /// The errors of [`read`] that the header reveals.
 pub fn header(path: &Path) -> Result<Header, DatasetError> {
-    let file = BufReader::new(files::open(path)?);
-    image_file::header(file).map_err(|error| DatasetError::format(path, error))
+    let mut file = BufReader::new(files::open(path)?);
+    image_file::header(&mut file).map_err(|error| DatasetError::format(path, error))
 }
 
 /// Width and height of a photograph as read by `rules`, if there is no camera whose size it has to
@@ -81,6 +81,6 @@ pub fn size_as_read(path: &Path, rules: &PictureRules) -> Result<(u32, u32), Dat
 /// # Errors
 /// The errors of [`read`] that the header reveals.
 pub fn dimensions(path: &Path) -> Result<(u32, u32), DatasetError> {
-    let file = BufReader::new(files::open(path)?);
-    image_file::dimensions(file).map_err(|error| DatasetError::format(path, error))
+    let mut file = BufReader::new(files::open(path)?);
+    image_file::dimensions(&mut file).map_err(|error| DatasetError::format(path, error))
 }

@@ -2,6 +2,8 @@
 
 use std::io::{BufRead, Read};
 
+use super::ReadSeek;
+
 /// Checks that a JPEG stream runs from its start marker to its end marker.
 ///
 /// Only the structure is checked: segments are skipped by their length (so the end marker of an embedded thumbnail does
@@ -47,7 +49,7 @@ pub(super) fn check_complete(bytes: &[u8]) -> Result<(), String> {
 ///
 /// # Errors
 /// Any error of the reader.
-pub(super) fn head(file: &mut impl BufRead) -> std::io::Result<Vec<u8>> {
+pub(super) fn head(file: &mut dyn ReadSeek) -> std::io::Result<Vec<u8>> {
     let mut head = Vec::new();
     let take = |file: &mut dyn BufRead, bytes: u64, head: &mut Vec<u8>| {
         Ok::<_, std::io::Error>(file.take(bytes).read_to_end(head)? as u64 == bytes)

@@ -192,12 +192,13 @@ fn decode(
     bytes: &[u8],
     rules: &PictureRules,
     fit: Option<(u32, u32)>,
-    check: impl Fn(&DynamicImage) -> Result<(), ImageFileError>,
+    check: fn(&DynamicImage) -> Result<(), ImageFileError>,
 ) -> Result<Picture, ImageFileError> {
     let format = format::of(bytes)?;
     format::check_complete(bytes, format)?;
-    dimensions(Cursor::new(bytes))?;
-    let (decoder, header) = open(Cursor::new(bytes), format)?;
+    let mut file = Cursor::new(bytes);
+    dimensions(&mut file)?;
+    let (decoder, header) = open(&mut file, format)?;
     let mut image = DynamicImage::from_decoder(decoder)?;
     if matches!(
         image,
@@ -258,7 +259,7 @@ pub fn read_rgb8(
 pub fn check_complete(bytes: &[u8]) -> Result<(), ImageFileError> {
     let format = format::of(bytes)?;
     if format == ImageFormat::Tiff {
-        DynamicImage::from_decoder(open(Cursor::new(bytes), format)?.0)?;
+        DynamicImage::from_decoder(open(&mut Cursor::new(bytes), format)?.0)?;
     }
     format::check_complete(bytes, format)
 }
@@ -267,14 +268,15 @@ pub fn check_complete(bytes: &[u8]) -> Result<(), ImageFileError> {
 ///
 /// # Errors
 /// Every [`ImageFileError`] that the header reveals.
-pub fn header(mut file: impl BufRead + Seek) -> Result<Header, ImageFileError> {
-    dimensions(&mut file)?;
+pub fn header(file: &mut dyn ReadSeek) -> Result<Header, ImageFileError> {
+    dimensions(file)?;
     file.rewind()?;
-    let start = start_of(&mut file)?;
+    let start = start_of(file)?;
     match format::of(&start)? {
         // The JPEG decoder takes ownership of the whole file.
         format @ ImageFormat::Jpeg => {
-            Ok(open(Cursor::new(jpeg_markers::head(&mut file)?), format)?.1)
+            let mut head = Cursor::new(jpeg_markers::head(file)?);
+            Ok(open(&mut head, format)?.1)
         }
         format => Ok(open(file, format)?.1),
     }
@@ -284,14 +286,15 @@ pub fn header(mut file: impl BufRead + Seek) -> Result<Header, ImageFileError> {
 ///
 /// # Errors
 /// Every [`ImageFileError`] that the header reveals.
-pub fn dimensions(mut file: impl BufRead + Seek) -> Result<(u32, u32), ImageFileError> {
+pub fn dimensions(file: &mut dyn ReadSeek) -> Result<(u32, u32), ImageFileError> {
     let file_bytes = file.seek(std::io::SeekFrom::End(0))?;
     file.rewind()?;
-    let start = start_of(&mut file)?;
+    let start = start_of(file)?;
     let format = format::of(&start)?;
     let size = match format {
         ImageFormat::Jpeg => {
-            let head = Cursor::new(jpeg_markers::head(&mut file)?);
+            let mut head = Cursor::new(jpeg_markers::head(file)?);
+            let head: &mut dyn ReadSeek = &mut head;
             ImageReader::with_format(head, format).into_dimensions()?
         }
         _ => ImageReader::with_format(file, format).into_dimensions()?,
@@ -300,15 +303,20 @@ pub fn dimensions(mut file: impl BufRead + Seek) -> Result<(u32, u32), ImageFile
     Ok(size)
 }
 
-fn start_of(file: &mut (impl BufRead + Seek)) -> Result<Vec<u8>, ImageFileError> {
+/// A source of bytes. Without generics, every decoder is compiled once, in this crate.
+pub trait ReadSeek: BufRead + Seek {}
+
+impl<T: BufRead + Seek> ReadSeek for T {}
+
+fn start_of(file: &mut dyn ReadSeek) -> Result<Vec<u8>, ImageFileError> {
     let mut start = Vec::with_capacity(32);
-    file.by_ref().take(32).read_to_end(&mut start)?;
+    file.take(32).read_to_end(&mut start)?;
     file.rewind()?;
     Ok(start)
 }
 
 fn open<'a>(
-    mut file: impl BufRead + Seek + 'a,
+    mut file: &'a mut dyn ReadSeek,
     format: ImageFormat,
 ) -> Result<(Box<dyn ImageDecoder + 'a>, Header), ImageFileError> {
     let chunks = match format {

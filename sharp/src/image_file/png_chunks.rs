@@ -1,9 +1,11 @@
 //! Walks the chunks of a PNG file to check that it is complete before anything is decoded.
 
 use std::collections::BTreeMap;
-use std::io::{BufRead, ErrorKind, Read, Seek, SeekFrom};
+use std::io::{ErrorKind, Read, SeekFrom};
 
 use flate2::Crc;
+
+use super::ReadSeek;
 
 /// Checks every checksum up to the end chunk, and the length of the palette. Bytes after the end chunk are ignored.
 ///
@@ -70,7 +72,7 @@ pub(super) fn against_srgb(chunks: &BTreeMap<[u8; 4], Vec<u8>>) -> Option<String
 /// # Errors
 /// Any error of the reader. If the file ends early, the chunks before the end are returned.
 pub(super) fn before_pixels(
-    file: &mut (impl BufRead + Seek),
+    file: &mut dyn ReadSeek,
 ) -> std::io::Result<BTreeMap<[u8; 4], Vec<u8>>> {
     file.seek(SeekFrom::Start(8))?;
     let mut found = BTreeMap::new();
@@ -86,7 +88,7 @@ pub(super) fn before_pixels(
         }
         let length = u32::from_be_bytes([l0, l1, l2, l3]);
         let mut bytes = Vec::new();
-        file.by_ref()
+        (&mut *file)
             .take(length.min(32).into())
             .read_to_end(&mut bytes)?;
         file.seek_relative(i64::from(length) - bytes.len() as i64 + 4)?;

@@ -75,7 +75,7 @@ fn a_header_cannot_make_us_allocate() {
     bytes[29..33].copy_from_slice(&crc.to_be_bytes());
     for error in [
         decode(&bytes).unwrap_err(),
-        dimensions(Cursor::new(&bytes)).unwrap_err(),
+        dimensions(&mut Cursor::new(&bytes)).unwrap_err(),
     ] {
         assert!(
             matches!(error, ImageFileError::Oversized { width: 65536, .. }),
@@ -90,7 +90,7 @@ fn truncated_files_are_refused() {
     let picture = RgbImage::from_fn(64, 64, |x, y| image::Rgb([(x * y) as u8, 7, 200]));
     picture.write_to(&mut jpeg, ImageFormat::Jpeg).unwrap();
     for whole in [jpeg.into_inner(), png(picture.clone().into())] {
-        assert_eq!(dimensions(Cursor::new(&whole)).unwrap(), (64, 64));
+        assert_eq!(dimensions(&mut Cursor::new(&whole)).unwrap(), (64, 64));
         let half = decode(&whole[..whole.len() / 2]).unwrap_err();
         assert!(matches!(half, ImageFileError::Damaged(_)), "{half}");
     }
@@ -152,7 +152,7 @@ fn a_picture_is_turned_where_only_its_upright_form_fits() {
     let exif = b"MM\0*\0\0\0\x08\0\x01\x01\x12\0\x03\0\0\0\x01\0\x06\0\0\0\0\0\0";
     image::ImageEncoder::set_exif_metadata(&mut encoder, exif.to_vec()).unwrap();
     encoder.encode_image(&RgbImage::new(6, 4)).unwrap();
-    let found = header(Cursor::new(&bytes)).unwrap();
+    let found = header(&mut Cursor::new(&bytes)).unwrap();
     assert_eq!((found.orientation, found.upright_size()), (6, (4, 6)));
     for (rule, fit, turned) in [
         (OrientationRule::Auto, None, true),

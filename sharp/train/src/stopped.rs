@@ -4,7 +4,8 @@ use std::fs;
 use std::io;
 use std::path::Path;
 
-use image::GrayImage;
+use image::codecs::png::PngEncoder;
+use image::{ExtendedColorType, ImageEncoder as _};
 use serde_json::json;
 
 use crate::data::Sample;
@@ -21,16 +22,20 @@ pub(crate) fn save(
     let mut views = serde_json::Map::new();
     for (role, view) in [("source", &sample.source), ("target", &sample.target)] {
         let picture = folder.join(format!("{role}.png"));
-        view.image.save(&picture).map_err(io::Error::other)?;
+        png(
+            &picture,
+            &view.image,
+            view.image.dimensions(),
+            ExtendedColorType::Rgb8,
+        )?;
         let depth: Vec<u8> = view.depth.iter().flat_map(|d| d.to_le_bytes()).collect();
         fs::write(folder.join(format!("{role}-depth.f32")), depth)?;
         if let Some(valid) = &view.valid {
             let (width, height) = view.image.dimensions();
-            let levels = valid.iter().map(|counts| 255 * u8::from(*counts)).collect();
-            if let Some(mask) = GrayImage::from_raw(width, height, levels) {
-                let picture = folder.join(format!("{role}-mask.png"));
-                mask.save(&picture).map_err(io::Error::other)?;
-            }
+            let levels = valid.iter().map(|counts| 255 * u8::from(*counts));
+            let levels: Vec<u8> = levels.collect();
+            let mask = folder.join(format!("{role}-mask.png"));
+            png(&mask, &levels, (width, height), ExtendedColorType::L8)?;
         }
         let k = view.intrinsics;
         let camera = json!({
@@ -47,4 +52,18 @@ pub(crate) fn save(
         .collect();
     let text = json!({ "id": sample.id, "views": views, "losses": losses }).to_string();
     fs::write(folder.join("step.json"), text)
+}
+
+/// Naming the encoder keeps those of all other formats out of the build.
+fn png(
+    path: &Path,
+    samples: &[u8],
+    (width, height): (u32, u32),
+    color: ExtendedColorType,
+) -> io::Result<()> {
+    let mut bytes = Vec::new();
+    PngEncoder::new(&mut bytes)
+        .write_image(samples, width, height, color)
+        .map_err(io::Error::other)?;
+    fs::write(path, bytes)
 }

@@ -98,7 +98,7 @@ fn photo_from_bytes(
         path: path.to_owned(),
         reason,
     };
-    let (width, height) = image_file::dimensions(Cursor::new(bytes)).map_err(undecodable)?;
+    let (width, height) = image_file::dimensions(&mut Cursor::new(bytes)).map_err(undecodable)?;
     if width < 2 || height < 2 {
         return refuse(format!(
             "an image of {width}x{height} pixels; at least 2x2 are needed"
@@ -110,7 +110,7 @@ fn photo_from_bytes(
             options.max_pixels
         ));
     }
-    let header = image_file::header(Cursor::new(bytes)).map_err(undecodable)?;
+    let header = image_file::header(&mut Cursor::new(bytes)).map_err(undecodable)?;
     let is_mirrored = matches!(header.orientation, 2 | 4 | 5 | 7);
     let rules = match is_mirrored {
         true => PictureRules {
