@@ -33,8 +33,14 @@ pub enum PictureChange {
     Transposed,
     /// Luma and chroma are stored as red, green and blue.
     Luma,
+    /// Hue, saturation and value are.
+    Hsv,
+    /// CIE L*a*b* is.
+    Lab,
     /// Values are normalised by ImageNet's mean and standard deviation.
     Normalised,
+    /// After that, or after CLIP's normalisation, one range of all channels became 0..255.
+    NormalisedAndStretched,
     /// Levels beyond 0..255 wrapped around.
     Wrapped,
     /// Values of 0..1 are stored as whole levels.
@@ -97,8 +103,14 @@ impl PictureChange {
             Self::Turned270 => "are turned by 270°",
             Self::Transposed => "have rows and columns exchanged",
             Self::Luma => "contain Y, Cb and Cr but were read as red, green and blue",
+            Self::Hsv => "contain hue, saturation and value but were read as red, green and blue",
+            Self::Lab => "contain L*a*b* but were read as red, green and blue",
             Self::Normalised => {
                 "are normalised by ImageNet's mean and standard deviation; undo this before storing them"
+            }
+            Self::NormalisedAndStretched => {
+                "were normalised by ImageNet's or CLIP's mean and standard deviation of each channel and then stretched \
+                 to 0..255; undo the normalisation before storing them"
             }
             Self::Wrapped => {
                 "have very bright levels stored as very dark ones or the reverse, because levels beyond 0 and 255 wrapped \
@@ -172,7 +184,7 @@ impl PictureChange {
         );
         let is_recoloured = matches!(
             self,
-            Bgr | Grb | Rbg | Gbr | Brg | Luma | Normalised | Negative
+            Bgr | Grb | Rbg | Gbr | Brg | Luma | Hsv | Lab | Normalised | Negative
         );
         is_moved || is_recoloured || matches!(self, Panels | Noise | Unscaled)
     }
@@ -203,6 +215,16 @@ pub enum ShownTarget {
     Source,
     /// None: it is like the source's photograph, but no copy.
     SourceView,
+    /// What the target's motion times this factor shows, percent: 100 is its own.
+    Motion(i16),
+    /// The target as the source's intrinsics would show it.
+    SourceIntrinsics,
+    /// The target as the inverse of its pose relative to the source would show it.
+    InversePose,
+    /// The target as its pose with y and z reversed would show it.
+    OtherAxes,
+    /// The target as the transpose of its rotation would show it.
+    TransposedRotation,
 }
 
 impl ShownTarget {
@@ -215,6 +237,32 @@ impl ShownTarget {
             Self::Other => "the target of another pair",
             Self::Source => "the source's photograph",
             Self::SourceView => "the source's view",
+            Self::Motion(_) => "a multiple of the true motion",
+            Self::SourceIntrinsics => {
+                "the target through the source's intrinsics, whose principal point or focal length differs: render them \
+                 with the target's intrinsics"
+            }
+            Self::InversePose => {
+                "what the inverse of the target's pose sees: check whether the pose maps from or to the camera"
+            }
+            Self::OtherAxes => {
+                "what the target's pose sees if y and z are reversed: check the axes (OpenCV or OpenGL)"
+            }
+            Self::TransposedRotation => {
+                "what the transpose of the target's rotation sees: check the order of rows and columns"
+            }
+        }
+    }
+
+    /// Whether it shows something else because of a motion, clearly.
+    pub fn is_misplaced(self) -> bool {
+        match self {
+            Self::Motion(percent) => percent.abs() >= 20 && !(65..150).contains(&percent),
+            Self::SourceIntrinsics
+            | Self::InversePose
+            | Self::OtherAxes
+            | Self::TransposedRotation => true,
+            _ => false,
         }
     }
 }

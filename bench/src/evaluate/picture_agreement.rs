@@ -137,6 +137,11 @@ fn sentence_on(change: PictureChange, count: usize, all: usize, photographs: &st
                 change.text()
             )
         }
+        PictureChange::NormalisedAndStretched => format!(
+            "its pictures look as if they {}: {counted} have, by channel, the brightness and contrast that this gives the \
+             photographs {photographs}",
+            change.text()
+        ),
         PictureChange::Stretched(_) => format!(
             "its pictures look as if they {}: {counted} have more contrast than the photographs {photographs}, each by \
              another factor",

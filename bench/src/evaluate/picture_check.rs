@@ -13,8 +13,8 @@ use super::finding::PictureChange;
 use super::gaussians::likeness::Likeness;
 use super::picture_layout::layout_change;
 use super::picture_levels::{
-    from_luma, is_grey, is_limited, is_noise, is_uniform, is_unscaled, is_wrapped, normalised,
-    stretching,
+    from_hsv, from_lab, from_luma, is_grey, is_limited, is_noise, is_normalised_and_stretched,
+    is_uniform, is_unscaled, is_wrapped, normalised, stretching,
 };
 use super::picture_placement::placement_change;
 use super::record::Record;
@@ -47,6 +47,21 @@ const PERMUTATIONS: [(PictureChange, [usize; 3]); 5] = [
     (PictureChange::Rbg, [0, 2, 1]),
     (PictureChange::Gbr, [2, 0, 1]),
     (PictureChange::Brg, [1, 2, 0]),
+];
+
+/// Colour spaces, their conversion to RGB, and the order of their stored channels, which is reversed if OpenCV wrote them
+/// as BGR.
+type OtherSpace = (PictureChange, fn([u8; 3]) -> [u8; 3], [usize; 3]);
+const OTHER_SPACES: [OtherSpace; 9] = [
+    (PictureChange::Luma, from_luma, [0, 1, 2]),
+    (PictureChange::Luma, from_luma, [0, 2, 1]),
+    (PictureChange::Luma, from_luma, [2, 0, 1]),
+    (PictureChange::Hsv, |hsv| from_hsv(hsv, 256.0), [0, 1, 2]),
+    (PictureChange::Hsv, |hsv| from_hsv(hsv, 256.0), [2, 1, 0]),
+    (PictureChange::Hsv, |hsv| from_hsv(hsv, 180.0), [0, 1, 2]),
+    (PictureChange::Hsv, |hsv| from_hsv(hsv, 180.0), [2, 1, 0]),
+    (PictureChange::Lab, from_lab, [0, 1, 2]),
+    (PictureChange::Lab, from_lab, [2, 1, 0]),
 ];
 
 /// Whether this kind of method reads pictures stored by other programs.
@@ -102,7 +117,13 @@ pub(crate) fn likely_change(photograph: &RgbImage, picture: &RgbImage) -> Option
     let wrapped = || is_wrapped(photograph, picture).then_some(PictureChange::Wrapped);
     let stretched = || stretching(photograph, &seen, &shown, picture).map(PictureChange::Stretched);
     let placed = || placement_change(&seen, &shown);
-    undone.or_else(wrapped).or_else(placed).or_else(stretched)
+    let normalised = || {
+        let fit = Likeness::of(&seen, Region::whole(seen.dimensions()), &shown);
+        let is_it = fit.explained() >= EXPLAINED && is_normalised_and_stretched(&seen, &shown);
+        is_it.then_some(PictureChange::NormalisedAndStretched)
+    };
+    let found = undone.or_else(wrapped).or_else(placed).or_else(stretched);
+    found.or_else(normalised)
 }
 
 /// Whether the photograph, normalised by ImageNet's mean and standard deviation, is significantly closer to the picture
@@ -165,12 +186,14 @@ fn undone_change(
         color.map(|v| ((f32::from(v) - 16.0) * 255.0 / 219.0).round() as u8)
     });
     let full = is_limited(seen, shown, ends).then(|| fit(&full));
-    let from_luma = |order: [usize; 3]| {
-        let rgb = mapped(shown, |color| {
-            from_luma(order.map(|channel| color[channel]))
-        });
-        nearer(&rgb, LEAST_GAIN_OF_TRANSFER).filter(|fit| fit.is_nearer_than_exposed(&as_read))
-    };
+    let other_spaces = OTHER_SPACES.map(|(change, to_rgb, order)| {
+        let rgb = mapped(shown, |color| to_rgb(order.map(|channel| color[channel])));
+        let fit = nearer(&rgb, LEAST_GAIN_OF_TRANSFER);
+        (
+            change,
+            fit.filter(|fit| fit.is_nearer_than_exposed(&as_read)),
+        )
+    });
     let exchanged = PERMUTATIONS.map(|(change, order)| {
         let permuted = mapped(shown, |color| order.map(|channel| color[channel]));
         (change, nearer(&permuted, LEAST_GAIN_OF_CHANNELS))
@@ -193,8 +216,6 @@ fn undone_change(
             ranged(|v| (v + 255.0) / 2.0, false),
         ),
         (PictureChange::LimitedRange, full),
-        (PictureChange::Luma, from_luma([0, 1, 2])),
-        (PictureChange::Luma, from_luma([0, 2, 1])),
         (PictureChange::Mirrored, moved(&flip_horizontal(shown))),
         (PictureChange::UpsideDown, moved(&flip_vertical(shown))),
         (PictureChange::Turned180, moved(&rotate180(shown))),
@@ -208,6 +229,7 @@ fn undone_change(
     let likely = all
         .into_iter()
         .chain(exchanged)
+        .chain(other_spaces)
         .filter_map(|(change, fit)| Some((change, fit?.error())));
     let best = likely.min_by(|a, b| a.1.total_cmp(&b.1));
     best.map(|(change, _)| change)
@@ -329,6 +351,13 @@ mod tests {
             (PictureChange::Luma, |p| {
                 mapped(p, |color| [0, 2, 1].map(|c| to_luma(color)[c]))
             }),
+            (PictureChange::Hsv, |p| mapped(p, to_hsv)),
+            (PictureChange::Hsv, |p| {
+                mapped(p, |color| {
+                    let [h, s, v] = to_hsv(color);
+                    [v, s, (f64::from(h) * 180.0 / 256.0) as u8]
+                })
+            }),
             (PictureChange::Normalised, |p| mapped(p, normalised)),
             (PictureChange::Unscaled, |p| levels(p, |v| v / 255.0)),
             (PictureChange::Grey, grey),
@@ -352,6 +381,63 @@ mod tests {
         let [r, g, b] = [r, g, b].map(f64::from);
         let y = 0.299 * r + 0.587 * g + 0.114 * b;
         [y, 128.0 + 0.564 * (b - y), 128.0 + 0.713 * (r - y)].map(|v| v.round() as u8)
+    }
+
+    fn to_hsv(color: [u8; 3]) -> [u8; 3] {
+        let [r, g, b] = color.map(f64::from);
+        let (most, range) = (r.max(g).max(b), r.max(g).max(b) - r.min(g).min(b));
+        let hue = match range {
+            0.0 => 0.0,
+            _ if most == r => ((g - b) / range).rem_euclid(6.0),
+            _ if most == g => (b - r) / range + 2.0,
+            _ => (r - g) / range + 4.0,
+        };
+        [hue * 256.0 / 6.0, 255.0 * range / most.max(1.0), most].map(|v| v as u8)
+    }
+
+    #[test]
+    fn colour_spaces_are_undone() {
+        for color in [[200, 30, 90], [10, 240, 60], [120, 120, 120], [5, 80, 250]] {
+            let back = from_hsv(to_hsv(color), 256.0);
+            assert!(
+                color.iter().zip(back).all(|(a, b)| a.abs_diff(b) <= 8),
+                "{color:?} {back:?}"
+            );
+        }
+        // OpenCV's values of these colours.
+        for (lab, color) in [
+            ([136, 208, 195], [255, 0, 0]),
+            ([224, 42, 211], [0, 255, 0]),
+            ([137, 128, 128], [128; 3]),
+        ] {
+            let back = from_lab(lab);
+            assert!(
+                back.iter()
+                    .zip(color)
+                    .all(|(a, b): (&u8, u8)| a.abs_diff(b) <= 3),
+                "{back:?}"
+            );
+        }
+    }
+
+    #[test]
+    fn normalised_and_stretched_levels_are_told() {
+        // The photograph is neither red nor blue on average.
+        let stretched = |p: &RgbImage, statistics: [(f64, f64); 3]| {
+            mapped(p, |color| {
+                std::array::from_fn(|c| {
+                    let (mean, deviation) = statistics[c];
+                    let value = (f64::from(color[c]) / 255.0 - mean) / deviation;
+                    (255.0 * (value + 2.118) / 4.758).round() as u8
+                })
+            })
+        };
+        let proper = picture(1.0, 1);
+        let imagenet = [(0.485, 0.229), (0.456, 0.224), (0.406, 0.225)];
+        let told_of = told(&stretched(&proper, imagenet));
+        assert_eq!(told_of, Some(PictureChange::NormalisedAndStretched));
+        // Equal statistics are an exposure.
+        assert_eq!(told(&stretched(&proper, [(0.45, 0.226); 3])), None);
     }
 
     #[test]

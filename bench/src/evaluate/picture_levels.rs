@@ -3,6 +3,7 @@
 
 use image::RgbImage;
 use image::imageops::thumbnail;
+use sharp::color::{Quantization, quantize, srgb_from_linear};
 
 /// The limited range of video, and how far its measured ends may be off, levels.
 const LIMITED: [(f64, f64); 2] = [(16.0, 2.5), (235.0, 3.0)];
@@ -28,6 +29,13 @@ const LEAST_COLOUR: usize = 8;
 const NOISE: [f64; 2] = [0.1, 0.5];
 /// ImageNet's mean and standard deviation of red, green and blue, 0..1.
 const IMAGENET: [(f64, f64); 3] = [(0.485, 0.229), (0.456, 0.224), (0.406, 0.225)];
+/// CLIP's.
+const CLIP: [(f64, f64); 3] = [(0.4815, 0.2686), (0.4578, 0.2613), (0.4082, 0.2758)];
+/// Levels at which the lines of the three channels are compared.
+const COMPARED: [f64; 2] = [60.0, 190.0];
+/// Maximum root mean square difference of such lines from those of a normalisation, and minimum one from equal lines,
+/// levels.
+const OFF_LINES: (f64, f64) = (3.0, 5.0);
 
 /// Whether black and white of a photograph became 16 and 235: matching mean and standard deviation puts them there at
 /// two resolutions, and the picture's `ends` are within. Other losses of contrast keep another level.
@@ -35,8 +43,8 @@ pub(super) fn is_limited(seen: &RgbImage, shown: &RgbImage, ends: [u8; 2]) -> bo
     let is_near = |width: u32| {
         let (full, height) = seen.dimensions();
         let width = width.min(full);
-        let [seen, shown] =
-            [seen, shown].map(|p| moments(&thumbnail(p, width, (height * width / full).max(1))));
+        let [seen, shown] = [seen, shown]
+            .map(|p| moments(thumbnail(p, width, (height * width / full).max(1)).iter()));
         let gain = shown.1 / seen.1;
         let black = shown.0 - gain * seen.0;
         let found = [black, black + 255.0 * gain];
@@ -48,10 +56,10 @@ pub(super) fn is_limited(seen: &RgbImage, shown: &RgbImage, ends: [u8; 2]) -> bo
     ends[0] >= WITHIN[0] && ends[1] <= WITHIN[1] && WIDTHS.into_iter().all(is_near)
 }
 
-/// Mean and standard deviation of all levels.
-fn moments(picture: &RgbImage) -> (f64, f64) {
-    let count = picture.len() as f64;
-    let sum = |of: &dyn Fn(f64) -> f64| picture.iter().map(|v| of(f64::from(*v))).sum::<f64>();
+/// Mean and standard deviation of some levels.
+fn moments<'a>(levels: impl Iterator<Item = &'a u8> + Clone) -> (f64, f64) {
+    let count = levels.clone().count() as f64;
+    let sum = |of: &dyn Fn(f64) -> f64| levels.clone().map(|v| of(f64::from(*v))).sum::<f64>();
     let mean = sum(&|v| v) / count;
     (mean, (sum(&|v| (v - mean).powi(2)) / count).sqrt())
 }
@@ -115,8 +123,8 @@ pub(super) fn stretching(
     let (full, height) = seen.dimensions();
     let gains = WIDTHS.map(|width| {
         let width = width.min(full);
-        let [seen, shown] =
-            [seen, shown].map(|p| moments(&thumbnail(p, width, (height * width / full).max(1))));
+        let [seen, shown] = [seen, shown]
+            .map(|p| moments(thumbnail(p, width, (height * width / full).max(1)).iter()));
         (shown.1 / seen.1, shown.0 - seen.0 * shown.1 / seen.1)
     });
     let lowest = seen.iter().min().map(|v| f64::from(*v))?;
@@ -179,6 +187,78 @@ pub(super) fn normalised(color: [u8; 3]) -> [u8; 3] {
     std::array::from_fn(|c| {
         let (mean, deviation) = IMAGENET[c];
         (255.0 * (f64::from(color[c]) / 255.0 - mean) / deviation).round() as u8
+    })
+}
+
+/// Whether the channels' means and standard deviations are those of a photograph normalised by ImageNet's or CLIP's and
+/// then mapped to 0..255 by one line for all channels.
+pub(super) fn is_normalised_and_stretched(seen: &RgbImage, shown: &RgbImage) -> bool {
+    let (full, height) = seen.dimensions();
+    let width = WIDTHS[0].min(full);
+    let [seen, shown] = [seen, shown].map(|p| thumbnail(p, width, (height * width / full).max(1)));
+    let lines: [[f64; 2]; 3] = std::array::from_fn(|c| {
+        let [seen, shown] = [&seen, &shown].map(|p| moments(p.iter().skip(c).step_by(3)));
+        COMPARED.map(|level| shown.0 + (level - seen.0) * shown.1 / seen.1.max(1.0))
+    });
+    let count = lines.as_flattened().len() as f64;
+    let middle: [f64; 2] =
+        std::array::from_fn(|at| lines.iter().map(|line| line[at]).sum::<f64>() / 3.0);
+    let from_middle = lines.iter().flat_map(|line| line.iter().zip(middle));
+    let apart = from_middle
+        .map(|(own, middle)| (own - middle).powi(2))
+        .sum::<f64>()
+        / count;
+    let off = |statistics: [(f64, f64); 3]| {
+        let expected = statistics
+            .map(|(mean, deviation)| COMPARED.map(|level| (level / 255.0 - mean) / deviation));
+        let pairs = || expected.as_flattened().iter().zip(lines.as_flattened());
+        let [x, y] = [
+            pairs().map(|p| p.0).sum::<f64>(),
+            pairs().map(|p| p.1).sum(),
+        ]
+        .map(|v| v / count);
+        let sum =
+            |of: fn(f64, f64) -> f64| pairs().map(|p| of(p.0 - x, p.1 - y)).sum::<f64>() / count;
+        let [xx, xy, yy] = [sum(|x, _| x * x), sum(|x, y| x * y), sum(|_, y| y * y)];
+        (yy - xy * xy / xx).max(0.0).sqrt()
+    };
+    apart.sqrt() >= OFF_LINES.1 && off(IMAGENET).min(off(CLIP)) <= OFF_LINES.0
+}
+
+/// RGB of hue, saturation and value, 0..255, of which hue turns once at `turn`: 256 (PIL), or 180 (OpenCV).
+pub(super) fn from_hsv([hue, saturation, value]: [u8; 3], turn: f64) -> [u8; 3] {
+    let (saturation, value) = (f64::from(saturation) / 255.0, f64::from(value));
+    [5.0, 3.0, 1.0].map(|start| {
+        let sector = (start + 6.0 * f64::from(hue) / turn) % 6.0;
+        (value * (1.0 - saturation * sector.min(4.0 - sector).clamp(0.0, 1.0))).round() as u8
+    })
+}
+
+/// sRGB of CIE L*a*b* as OpenCV stores it (L* times 2.55, a* and b* plus 128; white D65).
+pub(super) fn from_lab([lightness, a, b]: [u8; 3]) -> [u8; 3] {
+    let y = (f64::from(lightness) / 2.55 + 16.0) / 116.0;
+    let [x, z] = [
+        y + (f64::from(a) - 128.0) / 500.0,
+        y - (f64::from(b) - 128.0) / 200.0,
+    ];
+    let [x, y, z] = [x, y, z].map(|f| {
+        if f > 6.0 / 29.0 {
+            f.powi(3)
+        } else {
+            (f - 4.0 / 29.0) * 108.0 / 841.0
+        }
+    });
+    let (x, z) = (0.950_456 * x, 1.088_754 * z);
+    let linear = [
+        3.240_479 * x - 1.537_150 * y - 0.498_535 * z,
+        -0.969_256 * x + 1.875_991 * y + 0.041_556 * z,
+        0.055_648 * x - 0.204_043 * y + 1.057_311 * z,
+    ];
+    linear.map(|v| {
+        quantize(
+            srgb_from_linear(v.clamp(0.0, 1.0) as f32),
+            Quantization::Round,
+        )
     })
 }
 

@@ -8,15 +8,21 @@
 use std::collections::BTreeMap;
 
 use image::RgbImage;
+use image::imageops::thumbnail;
 use sharp_datasets::View;
 
 use super::finding::ShownTarget;
 use super::gaussians::likeness::Likeness;
 use super::picture_check::shrunk;
+use super::picture_motion::shown_motion;
 use super::record::Record;
 use crate::pairs::pair_list::ResolvedPair;
 use crate::scoring::Region;
 
+/// Share of the pictures with a measured motion that must agree, and how far factors of motion may differ: percentage
+/// points, or, if larger, a share of the factor.
+const AGREEING: f64 = 0.8;
+const UNEVEN: (f64, f64) = (8.0, 0.12);
 /// Number of pairs per dataset whose pictures are compared, evenly spaced, and number of other targets for each.
 const SAMPLED: usize = 8;
 const OTHERS: usize = 12;
@@ -116,7 +122,25 @@ pub(super) fn note_order(
     };
     let others = others.iter().filter(|(_, other)| is_other(other));
     let others = others.filter_map(|(place, other)| Some((*place, read.of(other, other.target)?)));
-    record.shows = shown_target(&seen, &shown, Some(&source), others);
+    record.shows = shown_target(&seen, &shown, Some(&source), others).map(|shows| {
+        let views = [planned.source, planned.target];
+        let [from, to] = views.map(|view| view.camera_from_world);
+        let motion = || {
+            let intrinsics = views.map(|view| view.intrinsics);
+            shown_motion(
+                intrinsics,
+                to.after(&from.inverse()),
+                [&source, &seen, &shown],
+            )
+        };
+        match shows {
+            ShownTarget::Source => shows,
+            ShownTarget::Own => motion().unwrap_or(shows),
+            _ => motion()
+                .filter(|motion| motion.is_misplaced())
+                .unwrap_or(shows),
+        }
+    });
 }
 
 /// The target that a picture shows best: its own (`seen`) unless one of `others` is significantly better, or unless it
@@ -127,22 +151,24 @@ pub(crate) fn shown_target(
     source: Option<&RgbImage>,
     others: impl Iterator<Item = (ShownTarget, RgbImage)>,
 ) -> Option<ShownTarget> {
+    // Pictures of other targets were perhaps resized.
     let fit = |seen: &RgbImage, shown: &RgbImage| {
-        let is_same_size = seen.dimensions() == shown.dimensions();
-        is_same_size.then(|| Likeness::of(seen, Region::whole(seen.dimensions()), shown))
+        let size = shown.dimensions();
+        let resized = (seen.dimensions() != size).then(|| thumbnail(seen, size.0, size.1));
+        Likeness::of(resized.as_ref().unwrap_or(seen), Region::whole(size), shown)
     };
-    let own = fit(seen, shown)?;
+    if seen.dimensions() != shown.dimensions() {
+        return None;
+    }
+    let own = fit(seen, shown);
     let is_copy =
         |copied: Likeness| copied.psnr() >= COPY.0 && copied.psnr() - own.psnr() >= COPY.1;
-    if source
-        .and_then(|source| fit(source, shown))
-        .is_some_and(is_copy)
-    {
+    if source.is_some_and(|source| is_copy(fit(source, shown))) {
         return Some(ShownTarget::Source);
     }
     // A prediction that moves is closer to the target than the source is.
     if let Some(source) = source
-        && let (Some(shows), Some(copied)) = (fit(source, shown), fit(seen, source))
+        && let (shows, copied) = (fit(source, shown), fit(seen, source))
         && shows.is_better_than(&own)
         && shows.gain_over(&own) >= SOURCE_VIEW
         && own.error() >= AS_FAR * copied.error()
@@ -151,12 +177,10 @@ pub(crate) fn shown_target(
     }
     let mut best: Option<(ShownTarget, Likeness)> = None;
     for (place, seen) in others {
-        if let Some(other) = fit(&seen, shown)
-            && other.is_better_than(&own)
+        let other = fit(&seen, shown);
+        if other.is_better_than(&own)
             && other.gain_over(&own) >= LEAST_GAIN
-            && source
-                .and_then(|source| fit(&seen, source))
-                .is_none_or(|copied| other.is_closer_than(&copied))
+            && source.is_none_or(|source| other.is_closer_than(&fit(&seen, source)))
             && best.as_ref().is_none_or(|(_, b)| other.error() < b.error())
         {
             best = Some((place, other));
@@ -211,6 +235,9 @@ pub(crate) fn misplaced(found: &BTreeMap<ShownTarget, usize>, pairs: &str) -> Op
             Source.text()
         ));
     }
+    if let Some(moved) = moved(found, pairs) {
+        return Some(moved);
+    }
     let views = count(&[Source, SourceView]);
     if is_most(views) {
         return Some(format!(
@@ -232,6 +259,43 @@ pub(crate) fn misplaced(found: &BTreeMap<ShownTarget, usize>, pairs: &str) -> Op
              significantly better than their own; correct the file names",
             what.text()
         )
+    })
+}
+
+/// A sentence if nearly all pictures with a measured motion moved by the same wrong multiple, or by the same misread pose.
+fn moved(found: &BTreeMap<ShownTarget, usize>, pairs: &str) -> Option<String> {
+    use ShownTarget::Motion;
+    let measured = found
+        .iter()
+        .filter(|(shows, _)| matches!(shows, Motion(_)) || shows.is_misplaced());
+    let all: usize = measured.clone().map(|(_, count)| count).sum();
+    let wrong = measured.filter(|(shows, _)| shows.is_misplaced());
+    let sorted: Vec<ShownTarget> = wrong
+        .flat_map(|(shows, count)| std::iter::repeat_n(*shows, *count))
+        .collect();
+    let middle = *sorted.get(sorted.len() / 2)?;
+    let agrees = |shows: &&ShownTarget| match (shows, middle) {
+        (Motion(factor), Motion(middle)) => {
+            let middle = f64::from(middle);
+            (f64::from(*factor) - middle).abs() <= UNEVEN.0.max(UNEVEN.1 * middle.abs())
+        }
+        (shows, middle) => **shows == middle,
+    };
+    let count = sorted.iter().filter(agrees).count();
+    if count < FEWEST || (count as f64) < AGREEING * all as f64 {
+        return None;
+    }
+    let counted = format!("{count} of the {all} in {pairs} whose motion could be measured");
+    Some(match middle {
+        Motion(percent) => format!(
+            "its pictures move by {:.2} of the way from the source's view to the target's: {counted} agree; {}",
+            f64::from(percent) / 100.0,
+            match percent < 0 {
+                true => "check the sign of the translation, and whether the pose is inverted",
+                false => "check the unit of the translation and the scale of the depths",
+            }
+        ),
+        pose => format!("its pictures show {} ({counted})", pose.text()),
     })
 }
 
@@ -313,6 +377,50 @@ mod tests {
         assert!(
             said.contains("show the source's view rather than the target's: 4 of the 4"),
             "{said}"
+        );
+    }
+
+    #[test]
+    fn nearly_all_measured_motions_have_to_agree() {
+        use ShownTarget::{InversePose, Motion, Own};
+        let told = |found: &[(ShownTarget, usize)]| {
+            misplaced(&found.iter().copied().collect(), "pairs of d")
+        };
+        let said = told(&[(Motion(-104), 2), (Motion(-98), 2), (Own, 4)]).unwrap();
+        assert!(
+            said.contains("move by -0.98 of the way") && said.contains("4 of the 4"),
+            "{said}"
+        );
+        assert!(said.contains("check the sign"), "{said}");
+        let said = told(&[(Motion(47), 1), (Motion(50), 5), (Motion(100), 1)]).unwrap();
+        assert!(
+            said.contains("by 0.50") && said.contains("6 of the 7"),
+            "{said}"
+        );
+        assert!(
+            told(&[(InversePose, 3)])
+                .unwrap()
+                .contains("the inverse of the target's pose")
+        );
+        for proper in [
+            told(&[(Motion(50), 2), (Own, 6)]),
+            told(&[(Motion(50), 3), (Motion(100), 3)]),
+            told(&[(Motion(30), 2), (Motion(45), 2), (Motion(170), 2)]),
+            told(&[(Motion(100), 8)]),
+            told(&[(Motion(70), 8)]),
+        ] {
+            assert_eq!(proper, None);
+        }
+    }
+
+    #[test]
+    fn pictures_of_other_targets_are_told_at_other_sizes() {
+        let resized = thumbnail(&view(1, 1), 120, 60);
+        let own = thumbnail(&view(0, 0), 120, 60);
+        let other = [(ShownTarget::Next, view(1, 0))].into_iter();
+        assert_eq!(
+            shown_target(&own, &resized, None, other),
+            Some(ShownTarget::Next)
         );
     }
 }

@@ -217,6 +217,16 @@ fn warnings(scored: &[Scored], order: &BTreeMap<usize, Vec<(ShownTarget, usize)>
         .iter()
         .map(|pair| (pair.name.as_str(), pair.pixels))
         .collect();
+    let equal = pixels
+        .iter()
+        .filter(|(_, [own, target])| own == target)
+        .count();
+    let equal = (scored.len() > 1 && equal == scored.len()).then(|| {
+        format!(
+            "all {equal} predictions have exactly the pixels of their targets; if this is not intended, check whether \
+             both folders hold the targets"
+        )
+    });
     let lossy = scored.iter().filter(|pair| pair.is_jpeg).count();
     let lossy = (lossy > 0).then(|| {
         let all = counted(scored.len(), "prediction");
@@ -240,7 +250,7 @@ fn warnings(scored: &[Scored], order: &BTreeMap<usize, Vec<(ShownTarget, usize)>
             100.0 * grey.iter().sum::<f64>() / grey.len() as f64
         )
     });
-    let others = [misplaced, repeated(&pixels), lossy, inverted, soft];
+    let others = [equal, misplaced, repeated(&pixels), lossy, inverted, soft];
     all.extend(others.into_iter().flatten());
     all
 }

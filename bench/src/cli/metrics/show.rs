@@ -105,6 +105,7 @@ impl ScoredPairs<'_> {
         }
         if let Some(mask) = &pair.mask {
             value["mask"] = json!(mask.display().to_string());
+            value["mask_share"] = json!(pair.left);
         }
         if self.terms {
             let terms = pair.terms.iter();
@@ -141,6 +142,19 @@ impl ScoredPairs<'_> {
             let predictions = counted(resized, "prediction");
             let how = kernel.describe();
             output::line(format!("{predictions} resized: {kernel}, {how}"))?;
+        }
+        let masked: Vec<f64> = self
+            .scored
+            .iter()
+            .filter(|pair| pair.mask.is_some())
+            .map(|pair| pair.left)
+            .collect();
+        if !masked.is_empty() {
+            let mean = 100.0 * masked.iter().sum::<f64>() / masked.len() as f64;
+            output::line(format!(
+                "mask: {mean:.1} % of the pixels are white and count under @mask (mean of {})",
+                counted(masked.len(), "pair")
+            ))?;
         }
         for used in self.scorer.weights() {
             output::line(weights_line(used))?;

@@ -1,0 +1,451 @@
+//! Detects pictures that moved otherwise than the target: by a multiple of the true motion, or as a misread pose moves
+//! them.
+//!
+//! Blocks of the source's photograph are found in the target's along their epipolar lines, which gives their inverse
+//! depths, and then in the picture. Poor predictions must not raise false alarms: most blocks of a picture have to agree
+//! with one cause and contradict the true motion. `picture_order` asks most pictures to agree.
+
+use std::ops::RangeInclusive;
+
+use glam::{DMat3, DVec2, DVec3};
+use image::RgbImage;
+use sharp::camera::{Intrinsics, RigidTransform};
+
+use super::finding::ShownTarget;
+
+/// Half the side of a block, rounded down, pixels of a shrunk picture.
+const HALF: i64 = 5;
+const AREA: usize = (2 * HALF as usize + 1).pow(2);
+/// Number of blocks across and down.
+const GRID: [u32; 2] = [14, 10];
+/// Minimum standard deviation of a block, levels.
+const LEAST_CONTRAST: f64 = 6.0;
+/// Share of the width to which the search extends along an epipolar line.
+const REACH: f64 = 0.4;
+/// Minimum correlation of a block with its place in the target's photograph and in the picture, and how much lower the
+/// correlation must be elsewhere on the line.
+const IN_TARGET: (f64, f64) = (0.8, 0.1);
+const IN_PICTURE: (f64, f64) = (0.7, 0.05);
+/// Minimum gain in correlation over the true place.
+const LEAST_GAIN: f64 = 0.1;
+/// Minimum number of blocks, and the share that must be found in the picture.
+const FOUND: (usize, f64) = (8, 0.4);
+/// Minimum length of a motion that is compared with another one, pixels.
+const LEAST_MOTION: f64 = 3.0;
+/// Share of the blocks that must agree with a multiple of the motion, share that must contradict the true motion, and
+/// share that must agree with a misread pose.
+const AGREEING: f64 = 0.6;
+const CONTRADICTING: f64 = 0.5;
+const OF_POSE: f64 = 0.5;
+/// Maximum distance from an expected place: pixels, or, if larger, a share of the motion.
+const OFF: (f64, f64) = (1.0, 0.1);
+
+/// A camera, and its pose relative to the source's.
+#[derive(Clone, Copy)]
+struct Camera {
+    intrinsics: Intrinsics,
+    from_source: RigidTransform,
+}
+
+impl Camera {
+    /// The place of a point on a ray (z = 1) of the source.
+    fn place(&self, ray: DVec3, inverse_depth: f64) -> Option<DVec2> {
+        let RigidTransform {
+            rotation,
+            translation,
+        } = self.from_source;
+        self.intrinsics
+            .project(rotation * ray + inverse_depth * translation)
+    }
+}
+
+/// What the motion of a picture shows: a multiple of the true one ([`ShownTarget::Motion`]), or a misread pose. `None` if
+/// it cannot be measured. All pictures are shrunk; `intrinsics` are those of source and target at their full sizes.
+pub(super) fn shown_motion(
+    intrinsics: [Intrinsics; 2],
+    target_from_source: RigidTransform,
+    [source, target, shown]: [&RgbImage; 3],
+) -> Option<ShownTarget> {
+    let (width, height) = target.dimensions();
+    let own = Camera {
+        intrinsics: intrinsics[1].resized(width, height),
+        from_source: target_from_source,
+    };
+    let source_camera = intrinsics[0].resized(source.width(), source.height());
+    let read = |rotation: DMat3, translation: DVec3| Camera {
+        from_source: RigidTransform {
+            rotation,
+            translation,
+        },
+        ..own
+    };
+    let RigidTransform {
+        rotation,
+        translation,
+    } = target_from_source;
+    let axes = DMat3::from_diagonal(DVec3::new(1.0, -1.0, -1.0));
+    let misread = [
+        (
+            ShownTarget::SourceIntrinsics,
+            Camera {
+                intrinsics: intrinsics[0].resized(width, height),
+                ..own
+            },
+        ),
+        (
+            ShownTarget::InversePose,
+            Camera {
+                from_source: target_from_source.inverse(),
+                ..own
+            },
+        ),
+        (
+            ShownTarget::OtherAxes,
+            read(axes * rotation * axes, axes * translation),
+        ),
+        (
+            ShownTarget::TransposedRotation,
+            read(rotation.transpose(), translation),
+        ),
+    ];
+    let cameras = misread.map(|(_, camera)| camera);
+    let at = |k: u32, of: u32, size: u32| {
+        f64::from(HALF as u32 + k * size.saturating_sub(2 * HALF as u32 + 1) / (of - 1)) + 0.5
+    };
+    let places = (0..GRID[1]).flat_map(|j| (0..GRID[0]).map(move |i| (i, j)));
+    let centres = places.map(|(i, j)| {
+        DVec2::new(
+            at(i, GRID[0], source.width()),
+            at(j, GRID[1], source.height()),
+        )
+    });
+    let blocks: Vec<Block> = centres
+        .filter_map(|centre| {
+            Block::of(
+                (source, source_camera, centre),
+                (target, own),
+                shown,
+                &cameras,
+            )
+        })
+        .collect();
+    if blocks.len() < FOUND.0 {
+        return None;
+    }
+    let poses = misread.iter().enumerate().map(|(k, (cause, _))| {
+        let inside = blocks.iter().filter_map(|block| block.misread[k]);
+        let agreeing = inside.clone().filter(|agrees| *agrees).count();
+        (*cause, agreeing as f64 / inside.count().max(FOUND.0) as f64)
+    });
+    let pose = poses
+        .filter(|(_, share)| *share >= OF_POSE)
+        .max_by(|a, b| a.1.total_cmp(&b.1));
+    let motion = multiple(&blocks);
+    match (pose, motion) {
+        (Some((cause, share)), other) if other.is_none_or(|(_, agreeing)| share >= agreeing) => {
+            Some(cause)
+        }
+        (_, motion) => motion.map(|(percent, _)| ShownTarget::Motion(percent)),
+    }
+}
+
+/// A block of the source's photograph with a distinct place in the target's. Places are in steps along its epipolar line.
+struct Block {
+    /// Its place in the target's photograph.
+    own: f64,
+    /// Its place in the picture, if it is found there, and whether this contradicts the true motion.
+    found: Option<(f64, bool)>,
+    /// The source's own place, if it is on the line.
+    home: Option<f64>,
+    /// Whether each misread pose explains the picture and the true one does not; `None` if it leads outside.
+    misread: [Option<bool>; 4],
+}
+
+impl Block {
+    fn of(
+        (source, camera, centre): (&RgbImage, Intrinsics, DVec2),
+        (target, own): (&RgbImage, Camera),
+        shown: &RgbImage,
+        misread: &[Camera; 4],
+    ) -> Option<Self> {
+        let (block, contrast) = patch(source, centre)?;
+        if contrast < LEAST_CONTRAST {
+            return None;
+        }
+        let ray = camera.unproject(centre, 1.0);
+        let infinity = own.place(ray, 0.0)?;
+        let tiny = 1e-4 / own.from_source.translation.length();
+        let velocity = (own.place(ray, tiny)? - infinity) / tiny;
+        // A step is a pixel at infinity.
+        let step = velocity.length().recip();
+        if !step.is_finite() {
+            return None;
+        }
+        let along = |k: i32| own.place(ray, f64::from(k) * step);
+        let likeness = |picture: &RgbImage, place: DVec2| {
+            let (other, _) = patch(picture, place)?;
+            Some(block.iter().zip(other).map(|(a, b)| a * b).sum::<f64>())
+        };
+        let best = |picture: &RgbImage, steps: RangeInclusive<i32>, (least, margin): (f64, f64)| {
+            let all = steps.filter_map(|k| Some((k, likeness(picture, along(k)?)?)));
+            let all: Vec<(i32, f64)> = all.collect();
+            let best = all.iter().copied().max_by(|a, b| a.1.total_cmp(&b.1))?;
+            let elsewhere = all.iter().filter(|(k, _)| (k - best.0).abs() > 2);
+            let elsewhere = elsewhere.map(|(_, other)| *other).fold(-1.0, f64::max);
+            (best.1 >= least && elsewhere <= best.1 - margin).then_some(best)
+        };
+        let reach = (REACH * f64::from(target.width())) as i32;
+        let (at, _) = best(target, 0..=reach, IN_TARGET)?;
+        if f64::from(at) < LEAST_MOTION {
+            return None;
+        }
+        let nearby = |place: DVec2| {
+            let around = (0..9).filter_map(|k| {
+                likeness(
+                    shown,
+                    place + DVec2::new(f64::from(k % 3 - 1), f64::from(k / 3 - 1)),
+                )
+            });
+            around.reduce(f64::max)
+        };
+        let as_true = along(at).and_then(nearby).unwrap_or(-1.0);
+        let found = best(shown, -reach..=reach, IN_PICTURE);
+        let sizes = [target, source].map(|p| DVec2::new(p.width().into(), p.height().into()));
+        let home = centre * sizes[0] / sizes[1] - infinity;
+        Some(Self {
+            own: f64::from(at),
+            found: found.map(|(k, like)| (f64::from(k), like - as_true >= LEAST_GAIN)),
+            home: (home.perp_dot(velocity * step).abs() <= 1.5).then(|| home.dot(velocity * step)),
+            misread: misread.each_ref().map(|camera| {
+                let like = nearby(camera.place(ray, f64::from(at) * step)?)?;
+                Some(like >= IN_PICTURE.0 && like - as_true >= LEAST_GAIN)
+            }),
+        })
+    }
+}
+
+/// By which multiple of the true motion the blocks of a picture moved, percent, and the share of the blocks that agree.
+/// Motion counts from infinity, as in another unit of the translation, or from the source's own places, as in warped
+/// photographs: the two differ if the camera is turned or has another principal point.
+fn multiple(blocks: &[Block]) -> Option<(i16, f64)> {
+    let found: Vec<(&Block, f64, bool)> = blocks
+        .iter()
+        .filter_map(|block| block.found.map(|(at, is_other)| (block, at, is_other)))
+        .collect();
+    let all = found.len() as f64;
+    if found.len() < FOUND.0 || all < FOUND.1 * blocks.len() as f64 {
+        return None;
+    }
+    let from = |start: fn(&Block) -> Option<f64>| {
+        let moves = found.iter().filter_map(|(block, at, _)| {
+            let start = start(block)?;
+            Some([block.own - start, at - start])
+        });
+        let moves: Vec<[f64; 2]> = moves.filter(|[own, _]| own.abs() >= LEAST_MOTION).collect();
+        let mut factors: Vec<f64> = moves.iter().map(|[own, shown]| shown / own).collect();
+        factors.sort_by(f64::total_cmp);
+        let factor = *factors
+            .get(factors.len() / 2)
+            .filter(|_| factors.len() >= FOUND.0)?;
+        let off = moves
+            .iter()
+            .map(|[own, shown]| ((shown - factor * own).abs(), (factor * own).abs()));
+        let agreeing = off
+            .clone()
+            .filter(|(off, motion)| *off <= OFF.0.max(OFF.1 * motion));
+        let agreeing = agreeing.count() as f64 / all;
+        let missing = all - moves.len() as f64;
+        let error = off.map(|(off, _)| off.min(3.0)).sum::<f64>() + 3.0 * missing;
+        Some((factor, agreeing, error / all))
+    };
+    let ways = [from(|_| Some(0.0)), from(|block| block.home)];
+    let (factor, agreeing, _) = ways.into_iter().flatten().reduce(|infinity, home| {
+        if home.2 < infinity.2 - 0.02 {
+            home
+        } else {
+            infinity
+        }
+    })?;
+    let contradicting = found.iter().filter(|(.., is_other)| *is_other).count() as f64;
+    let percent = (100.0 * factor).round() as i16;
+    let is_right =
+        !ShownTarget::Motion(percent).is_misplaced() || contradicting >= CONTRADICTING * all;
+    (agreeing >= AGREEING && is_right).then_some((percent, agreeing))
+}
+
+/// The green levels around a place, with the mean 0 and the norm 1, and their standard deviation.
+fn patch(picture: &RgbImage, place: DVec2) -> Option<([f64; AREA], f64)> {
+    let [left, top] = [place.x, place.y].map(|v| v.floor() as i64 - HALF);
+    let side = 2 * HALF + 1;
+    let is_inside = |from: i64, size: u32| from >= 0 && from + side <= i64::from(size);
+    if !is_inside(left, picture.width()) || !is_inside(top, picture.height()) {
+        return None;
+    }
+    let mut levels: [f64; AREA] = std::array::from_fn(|k| {
+        let (x, y) = (left + k as i64 % side, top + k as i64 / side);
+        f64::from(picture.get_pixel(x as u32, y as u32).0[1])
+    });
+    let mean = levels.iter().sum::<f64>() / AREA as f64;
+    levels.iter_mut().for_each(|level| *level -= mean);
+    let norm = levels.iter().map(|v| v * v).sum::<f64>().sqrt();
+    levels.iter_mut().for_each(|level| *level /= norm.max(1.0));
+    Some((levels, norm / (AREA as f64).sqrt()))
+}
+
+#[cfg(test)]
+mod tests {
+    use image::Rgb;
+    use image::imageops::fast_blur;
+
+    use super::*;
+
+    const SIZE: (u32, u32) = (160, 120);
+    /// The inverse depth of a slanted plane along a ray (z = 1) of the source is its product with this.
+    const PLANE: DVec3 = DVec3::new(0.12, 0.25, 0.4);
+
+    fn camera(cx: f64) -> Intrinsics {
+        Intrinsics::new((150.0, 150.0), (cx, 60.0), SIZE).unwrap()
+    }
+
+    fn pose(turn: f64, translation: [f64; 3]) -> RigidTransform {
+        let rotation = DMat3::from_rotation_z(turn) * DMat3::from_rotation_y(turn);
+        RigidTransform::new(rotation, translation.into()).unwrap()
+    }
+
+    /// Interpolated random levels.
+    fn texture(x: f64, y: f64) -> f64 {
+        let level = |x: f64, y: f64| {
+            let hash = (x as i64 * 7919 + y as i64 * 104_729) as u32;
+            let hash = (hash ^ (hash >> 15)).wrapping_mul(2_246_822_519);
+            f64::from((hash ^ (hash >> 13)) >> 8 & 255)
+        };
+        let (left, top) = (x.floor(), y.floor());
+        let row = |y: f64| level(left, y) + (x - left) * (level(left + 1.0, y) - level(left, y));
+        row(top) + (y - top) * (row(top + 1.0) - row(top))
+    }
+
+    /// The plane as a camera sees it.
+    fn view(intrinsics: Intrinsics, from_source: RigidTransform, plane: DVec3) -> RgbImage {
+        let back = from_source.rotation.transpose();
+        RgbImage::from_fn(SIZE.0, SIZE.1, |x, y| {
+            let pixel = DVec2::new(f64::from(x) + 0.5, f64::from(y) + 0.5);
+            let ray = back * intrinsics.unproject(pixel, 1.0);
+            let start = back * from_source.translation;
+            let point = ray * ((1.0 + plane.dot(start)) / plane.dot(ray)) - start;
+            Rgb([texture(12.0 * point.x, 12.0 * point.y) as u8; 3])
+        })
+    }
+
+    /// What a picture shows of the motion to a target.
+    fn told(
+        cameras: [Intrinsics; 2],
+        true_pose: RigidTransform,
+        shown: &RgbImage,
+    ) -> Option<ShownTarget> {
+        let source = view(cameras[0], RigidTransform::IDENTITY, PLANE);
+        let target = view(cameras[1], true_pose, PLANE);
+        shown_motion(cameras, true_pose, [&source, &target, shown])
+    }
+
+    #[test]
+    fn multiples_of_the_motion_are_measured() {
+        let cameras = [camera(80.0); 2];
+        for (turn, translation) in [(0.0, [-0.15, 0.0, 0.0]), (0.03, [0.12, 0.06, 0.02])] {
+            let seen = |factor: f64| {
+                view(
+                    cameras[1],
+                    pose(turn, translation.map(|v| factor * v)),
+                    PLANE,
+                )
+            };
+            for percent in [100, -100, 50, 200, 0, 70] {
+                let noisy = {
+                    let mut shown = seen(f64::from(percent) / 100.0);
+                    for (at, level) in shown.iter_mut().enumerate() {
+                        *level = level.saturating_add((at * 7919 % 13) as u8);
+                    }
+                    shown
+                };
+                let found = told(cameras, pose(turn, translation), &noisy);
+                assert!(
+                    matches!(found, Some(ShownTarget::Motion(found)) if (found - percent).abs() <= 4),
+                    "{percent}: {found:?}"
+                );
+                let is_wrong = [-100, 50, 200].contains(&percent);
+                assert_eq!(found.unwrap().is_misplaced(), is_wrong, "{percent}");
+            }
+        }
+    }
+
+    #[test]
+    fn misread_poses_are_told() {
+        let own = pose(0.06, [0.15, 0.05, 0.02]);
+        let cameras = [camera(70.0), camera(80.0)];
+        let axes = DMat3::from_diagonal(DVec3::new(1.0, -1.0, -1.0));
+        let read = |rotation, translation| RigidTransform {
+            rotation,
+            translation,
+        };
+        for (cause, intrinsics, misread) in [
+            (ShownTarget::SourceIntrinsics, cameras[0], own),
+            (ShownTarget::InversePose, cameras[1], own.inverse()),
+            (
+                ShownTarget::OtherAxes,
+                cameras[1],
+                read(axes * own.rotation * axes, axes * own.translation),
+            ),
+            (
+                ShownTarget::TransposedRotation,
+                cameras[1],
+                read(own.rotation.transpose(), own.translation),
+            ),
+        ] {
+            assert_eq!(
+                told(cameras, own, &view(intrinsics, misread, PLANE)),
+                Some(cause)
+            );
+        }
+    }
+
+    #[test]
+    fn poor_predictions_are_not() {
+        let own = pose(0.03, [0.12, 0.06, 0.02]);
+        let cameras = [camera(80.0), camera(75.0)];
+        let right = view(cameras[1], own, PLANE);
+        let source = view(cameras[0], RigidTransform::IDENTITY, PLANE);
+        let blend = RgbImage::from_fn(SIZE.0, SIZE.1, |x, y| {
+            let [a, b] = [&source, &right].map(|p| p.get_pixel(x, y).0[1] / 2);
+            Rgb([a + b; 3])
+        });
+        let elsewhere = RgbImage::from_fn(SIZE.0, SIZE.1, |x, y| {
+            Rgb([texture(f64::from(x) / 5.0 + 900.0, f64::from(y) / 5.0) as u8; 3])
+        });
+        for (what, shown) in [
+            ("blurred", fast_blur(&right, 4.0)),
+            ("copy", source),
+            ("blend", blend),
+            (
+                "one depth",
+                view(cameras[1], own, DVec3::new(0.0, 0.0, 0.45)),
+            ),
+            (
+                "flatter",
+                view(cameras[1], own, DVec3::new(0.06, 0.12, 0.4)),
+            ),
+            ("steeper", view(cameras[1], own, DVec3::new(-0.2, 0.5, 0.4))),
+            (
+                "one colour",
+                RgbImage::from_pixel(SIZE.0, SIZE.1, Rgb([90; 3])),
+            ),
+            ("elsewhere", elsewhere),
+        ] {
+            let found = told(cameras, own, &shown);
+            assert!(
+                !found.is_some_and(ShownTarget::is_misplaced),
+                "{what}: {found:?}"
+            );
+        }
+        // Without motion, there is nothing to measure.
+        assert_eq!(told(cameras, pose(0.0, [1e-9, 0.0, 0.0]), &right), None);
+    }
+}
