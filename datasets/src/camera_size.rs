@@ -31,6 +31,8 @@ pub(crate) struct CameraSizes {
     /// Source file of the cameras, for notes.
     file: PathBuf,
     scale: bool,
+    /// True if the format has [`CAMERA_SIZE`].
+    pub(crate) is_offered: bool,
     rules: PictureRules,
     /// Number of scaled cameras, by the camera's size and the picture's.
     scaled: BTreeMap<(PixelSize, PixelSize), usize>,
@@ -41,6 +43,7 @@ impl CameraSizes {
         Self {
             file: file.to_owned(),
             scale: spec.setting(CAMERA_SIZE.key) == "scaled",
+            is_offered: spec.entry.settings.iter().any(|s| s.key == CAMERA_SIZE.key),
             rules: spec.picture_rules(),
             scaled: BTreeMap::new(),
         }
@@ -103,16 +106,25 @@ impl CameraSizes {
     }
 }
 
-/// Rejects a picture whose size differs from its camera's; the error mentions [`CAMERA_SIZE`] if it would help.
+/// Rejects a picture whose size differs from its camera's. If the ratio is that of both axes, the error says what
+/// helps: [`CAMERA_SIZE`], if the format `has_setting`, or another calibration.
 pub(crate) fn check_size(
     path: &Path,
     found: PixelSize,
     expected: PixelSize,
+    has_setting: bool,
 ) -> Result<(), DatasetError> {
     mask::check_size(path, found, expected).map_err(|error| match error {
         DatasetError::Malformed { path, reason } if is_same_ratio(expected, found) => {
-            let hint = "the ratio is the same in both axes: camera-size=scaled scales the camera \
-                        (formats nerfstudio, colmap and tanks-and-temples)";
+            let hint = match has_setting {
+                true => {
+                    "the ratio is the same in both axes: camera-size=scaled scales the camera"
+                }
+                false => {
+                    "the ratio is the same in both axes: use pictures of the camera's size, or a calibration for \
+                     theirs"
+                }
+            };
             DatasetError::malformed(path, format!("{reason}; {hint}"))
         }
         error => error,
@@ -192,14 +204,20 @@ mod tests {
 
     #[test]
     fn the_error_names_the_setting_where_it_would_help() {
-        let error = |found| {
-            check_size(Path::new("a.png"), found, (160, 120))
+        let error_of = |found, has_setting| {
+            check_size(Path::new("a.png"), found, (160, 120), has_setting)
                 .unwrap_err()
                 .to_string()
         };
+        let error = |found| error_of(found, true);
         let helped = error((80, 60));
         assert!(helped.starts_with("a.png: is 80x60, but its camera is for 160x120 pixels; "));
         assert!(helped.contains("camera-size=scaled"), "{helped}");
+        let without = error_of((80, 60), false);
+        assert!(
+            without.ends_with("or a calibration for theirs"),
+            "{without}"
+        );
         assert_eq!(
             error((80, 80)),
             "a.png: is 80x80, but its camera is for 160x120 pixels"

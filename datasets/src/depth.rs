@@ -116,6 +116,9 @@ impl ViewDepth {
 /// With this many negative disparities per positive one, the sign is considered inverted.
 const MOSTLY: u64 = 20;
 
+/// One disparity in this many may lie behind the cameras, as noise.
+const MOST_BEHIND: u64 = 20;
+
 /// Conversion from disparity to depth: `Z = baseline · f / (d + doffs)`.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct StereoGeometry {
@@ -176,8 +179,20 @@ impl StereoGeometry {
                 path,
                 format!(
                     "none of {strange} disparities lies within the picture's width of {widest} \
-                     pixels: are they in another unit (as in 16-bit PNG of KITTI, 1/256 pixel; in rig.txt: \
-                     disparity_unit), is it depth, or is the byte order wrong?"
+                     pixels: are they in another unit (as in 16-bit PNG of KITTI, 1/256 pixel; format stereo has \
+                     disparity_unit in rig.txt), is it depth, or is the byte order wrong?"
+                ),
+            ));
+        }
+        let is_behind = |d: &&f32| **d > 0.0 && f64::from(**d) + self.doffs <= 0.0;
+        let behind = disparity.iter().filter(is_behind).count() as u64;
+        if sane > 0 && behind * MOST_BEHIND > sane {
+            return Err(DatasetError::malformed(
+                path,
+                format!(
+                    "{behind} of {sane} disparities are below {}, so their points would lie behind the cameras: have \
+                     the principal points of the two cameras been exchanged?",
+                    -self.doffs
                 ),
             ));
         }
@@ -329,6 +344,20 @@ mod tests {
             error.contains("22 disparities are negative and 0 positive"),
             "{error}"
         );
+        let exchanged = StereoGeometry {
+            doffs: -10.0,
+            ..RIG
+        };
+        let below = |d: f32| {
+            let map = FloatMap::from_vec(24, 1, [vec![d; 2], vec![30.0; 22]].concat());
+            exchanged.depth_map(path, &map.unwrap())
+        };
+        let error = below(8.0).unwrap_err().to_string();
+        assert!(
+            error.contains("2 of 24 disparities are below 10"),
+            "{error}"
+        );
+        assert!(below(12.0).is_ok());
         let marked = FloatMap::from_vec(24, 1, vec![-2.0; 24]).unwrap();
         assert!(RIG.depth_map(path, &marked).is_ok());
         let unknown = FloatMap::from_vec(3, 1, vec![f32::INFINITY, 0.0, -1.0]).unwrap();

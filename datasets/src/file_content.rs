@@ -25,6 +25,8 @@ pub(crate) struct FileContent {
     pub(crate) depth: Option<ViewDepth>,
     /// Files from which the camera was read.
     pub(crate) cameras: Vec<PathBuf>,
+    /// True if the format has `camera-size=`.
+    pub(crate) has_camera_size: bool,
 }
 
 impl FileContent {
@@ -39,7 +41,8 @@ impl FileContent {
             true => (header.upright_size(), header.size),
             false => (header.size, header.upright_size()),
         };
-        check_size(&self.image, size, self.geometry.size).map_err(|error| match error {
+        let checked = check_size(&self.image, size, self.geometry.size, self.has_camera_size);
+        checked.map_err(|error| match error {
             DatasetError::Malformed { path, reason } if other == self.geometry.size => {
                 let hint = format!(
                     "by its EXIF orientation {} it is {}x{} (orientation=auto)",

@@ -96,7 +96,8 @@ impl<'a> SceneBuilder<'a> {
     /// If its lens cannot be resampled to a pinhole; names the picture.
     pub(crate) fn add(&mut self, mut frame: PosedFrame) -> Result<(), DatasetError> {
         frame.lens = self.sizes.fit(frame.lens, &frame.image)?;
-        self.views.push(frame.into_view(self.rules)?);
+        self.views
+            .push(frame.into_view(self.rules, self.sizes.is_offered)?);
         Ok(())
     }
 
@@ -217,7 +218,7 @@ pub(crate) struct PosedFrame {
 }
 
 impl PosedFrame {
-    fn into_view(self, rules: PictureRules) -> Result<View, DatasetError> {
+    fn into_view(self, rules: PictureRules, has_camera_size: bool) -> Result<View, DatasetError> {
         let undistortion = if self.lens.is_pinhole() {
             None
         } else {
@@ -246,6 +247,7 @@ impl PosedFrame {
                 mask: self.mask,
                 depth: self.depth,
                 cameras: self.cameras,
+                has_camera_size,
             }),
         })
     }

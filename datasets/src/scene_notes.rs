@@ -3,15 +3,15 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
+use image::GrayImage;
 use sharp::camera::Intrinsics;
 use sharp::image_file::{ColorRule, OrientationRule};
 
 use crate::format::picture;
 use crate::left_out::first_few;
-use crate::mask::WHITE;
+use crate::mask::{WHITE, labels};
 use crate::processing::Undistorted;
 use crate::required_files::FileRole;
-use crate::setting::Setting;
 use crate::view::{evenly_spaced, without_depth};
 use crate::{DatasetSpec, Pairing, Scene, View, files};
 
@@ -98,17 +98,13 @@ pub(crate) fn add(scene: &mut Scene, spec: &DatasetSpec) {
             .push(format!("pictures: {count} of {of} have {text}"));
     }
     // Polarity is not in doubt if the format defines it or the user specified it.
-    let has_polarity = |s: &Setting| s.allows("masks", "keep-black");
-    if !spec.entry.settings.iter().any(has_polarity) {
+    if !spec.has_mask_sides() {
         return;
     }
     let masked = scene.views.iter().filter(|v| v.content.processing().masked);
     let masked: Vec<&View> = masked.collect();
     let grey = grey_masks(&masked);
     scene.warnings.extend(grey);
-    if spec.setting("masks") != "apply" {
-        return;
-    }
     let shares = evenly_spaced(masked.len(), MASKS)
         .into_iter()
         .filter_map(|i| {
@@ -118,12 +114,17 @@ pub(crate) fn add(scene: &mut Scene, spec: &DatasetSpec) {
         });
     let shares: Vec<f64> = shares.collect();
     let left = shares.iter().sum::<f64>() / shares.len().max(1) as f64;
-    if !shares.is_empty() && left < LEAST_LEFT {
-        scene.warnings.push(format!(
-            "masks: on average they leave {:.1} % of the pixels; if black marks the pixels to \
-             keep, set masks=keep-black (masks=keep-white: the same reading without this warning)",
-            100.0 * left
-        ));
+    let percent = 100.0 * left;
+    match spec.setting("masks") {
+        _ if shares.is_empty() => {}
+        "apply" if left < LEAST_LEFT => scene.warnings.push(format!(
+            "masks: on average they leave {percent:.1} % of the pixels; if black marks the pixels to \
+             keep, set masks=keep-black (masks=keep-white: the same reading without this warning)"
+        )),
+        _ if left < 0.5 => scene.notes.push(format!(
+            "masks: on average they leave {percent:.1} % of the pixels"
+        )),
+        _ => {}
     }
 }
 
@@ -135,17 +136,21 @@ fn grey_masks(masked: &[&View]) -> Option<String> {
             let files = masked[i].content.files_by_role().into_iter();
             files.filter(|(role, _)| *role == FileRole::Mask)
         });
-    let shares = files.filter_map(|(_, file)| {
-        let mask = picture::read_mask(&file, WHITE).ok()?;
+    let masks = files.filter_map(|(_, file)| picture::read_mask(&file, WHITE).ok());
+    let masks: Vec<GrayImage> = masks.collect();
+    let shares = masks.iter().map(|mask| {
         let grey = mask.iter().filter(|level| (1..255).contains(*level));
-        Some(grey.count() as f64 / mask.len().max(1) as f64)
+        grey.count() as f64 / mask.len().max(1) as f64
     });
-    let shares: Vec<f64> = shares.collect();
-    let share = shares.iter().sum::<f64>() / shares.len().max(1) as f64;
+    let share = shares.sum::<f64>() / masks.len().max(1) as f64;
     (share > MOST_GREY).then(|| {
+        let cause = match masks.iter().find_map(labels) {
+            Some(labels) => format!("with areas of the levels {labels} like a map of objects"),
+            None => "stored as JPEG, or resized?".to_owned(),
+        };
         format!(
-            "masks: {:.1} % of their pixels are neither black nor white (stored as JPEG, or resized?); levels of {WHITE} \
-             and more count as white; store masks as PNG with levels 0 and 255",
+            "masks: {:.1} % of their pixels are neither black nor white ({cause}); levels of {WHITE} and more count as \
+             white; store masks as PNG with levels 0 and 255",
             100.0 * share
         )
     })

@@ -143,6 +143,12 @@ impl DatasetSpec {
         }
     }
 
+    /// True if a setting says which side of masks is kept; otherwise the format defines it.
+    pub(crate) fn has_mask_sides(&self) -> bool {
+        let mut settings = self.entry.settings.iter();
+        settings.any(|setting| setting.allows("masks", "keep-black"))
+    }
+
     /// Rules for reading the dataset's pictures.
     pub fn picture_rules(&self) -> PictureRules {
         // The values were validated when they were set.

@@ -54,6 +54,7 @@ impl Side {
                 mask: None,
                 depth: self.disparity.map(disparity),
                 cameras: vec![calibration.to_owned()],
+                has_camera_size: false,
             }),
         })
     }

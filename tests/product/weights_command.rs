@@ -61,6 +61,17 @@ fn weights_are_made_checked_and_converted() {
         "{}",
         said.err
     );
+    assert!(
+        said.err
+            .contains("for one of another size, give its configuration with"),
+        "{}",
+        said.err
+    );
+    // A fitting configuration next to the file is found.
+    let tiny = dir.path().join("tiny.json");
+    std::fs::copy(golden("tiny_config.json"), &tiny).unwrap();
+    let said = run(dir.path(), &["weights", "check", "a.safetensors"]).ends_with(0);
+    assert!(said.out.contains("complete for tiny"), "{}", said.out);
     std::fs::write(dir.path().join("page.pt"), b"<!DOCTYPE html>").unwrap();
     assert_eq!(run(dir.path(), &["weights", "check", "page.pt"]).code, 1);
 }
@@ -134,6 +145,29 @@ fn values_that_are_not_finite_are_counted() {
     let said = run(dir.path(), &["weights", "check", "w.safetensors"]);
     said.is_error_with(&["w.safetensors", "2 values are not finite"]);
     assert!(said.out.contains("not finite    2"), "{}", said.out);
+}
+
+/// Depth Pro's names, with a checkpoint of which `predict` cannot do anything.
+#[test]
+fn depth_pros_weights_are_told_from_those_of_sharp() {
+    let dir = tempfile::tempdir().unwrap();
+    let tensor = OutTensor {
+        name: "encoder.patch_encoder.cls_token".into(),
+        dtype: DType::F32,
+        shape: vec![1],
+    };
+    write_safetensors(
+        &dir.path().join("depth_pro.safetensors"),
+        &BTreeMap::new(),
+        &[tensor],
+        |_| Ok(Cow::Owned(vec![0; 4])),
+    )
+    .unwrap();
+    let (image, _) = recorded_input();
+    let args = ["predict", &image, "--out", "p.ply"];
+    let checkpoint = ["--checkpoint", "depth_pro.safetensors"];
+    run(dir.path(), &[&args[..], &checkpoint].concat())
+        .is_error_with(&["depth_pro.safetensors", "`predict --depth-only`"]);
 }
 
 /// The tiny network's weights with an additional tensor.

@@ -1,5 +1,6 @@
 //! Quick check of scenes at the start of a run, cached by the content of the checked views.
 
+use std::collections::BTreeMap;
 use std::path::PathBuf;
 
 use rayon::prelude::*;
@@ -50,9 +51,15 @@ impl SceneChecks {
         } = &*dataset;
         let stride = scenes.len().div_ceil(SCENES).max(1);
         let chosen: Vec<usize> = (0..scenes.len()).step_by(stride).collect();
+        let copied: BTreeMap<usize, String> =
+            check::copied_calibrations(scenes).into_iter().collect();
         let found: Vec<(usize, Vec<String>)> = chosen
             .par_iter()
-            .map(|&i| (i, self.contradictions(&scenes[i], settings, dataset.units)))
+            .map(|&i| {
+                let mut found = self.contradictions(&scenes[i], settings, dataset.units);
+                found.extend(copied.get(&i).cloned());
+                (i, found)
+            })
             .filter(|(_, found)| !found.is_empty())
             .collect();
         for (i, contradictions) in found.iter().take(NAMED) {

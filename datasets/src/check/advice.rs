@@ -10,7 +10,7 @@ use crate::{DatasetSpec, View};
 /// Plausible range of scene depths, in metres.
 pub(super) const DEPTHS_M: (f64, f64) = (0.05, 2000.0);
 
-/// A dataset's settings of units.
+/// A dataset's settings of units, and of the meaning of masks.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Units {
     /// Metres per unit of the poses; `None` if not set.
@@ -19,6 +19,8 @@ pub struct Units {
     depth_unit: Option<f64>,
     /// True if depth is made of a model's points; `scale` then multiplies them together with its poses.
     is_of_points: bool,
+    /// True if a setting says which side of masks is kept.
+    has_mask_sides: bool,
 }
 
 impl Units {
@@ -29,11 +31,20 @@ impl Units {
             scale: value("scale"),
             depth_unit: value("depth-unit").filter(|_| !is_of_points),
             is_of_points,
+            has_mask_sides: spec.has_mask_sides(),
         }
     }
-}
 
-impl Units {
+    /// Question whether masks are inverted, given the fraction of pixels that they exclude.
+    pub(super) fn inverted_masks(self, excluded: f64) -> String {
+        let setting = match self.has_mask_sides {
+            true => " (masks=keep-black keeps black pixels, masks=keep-white white ones)",
+            false => "",
+        };
+        let percent = 100.0 * excluded;
+        format!("; or the masks are inverted: they exclude {percent:.0} % of the pixels{setting}")
+    }
+
     /// Metres per unit of the poses.
     pub(super) fn pose_unit_m(self) -> f64 {
         self.scale.unwrap_or(1.0)

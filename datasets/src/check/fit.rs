@@ -75,7 +75,9 @@ impl Neighbours<'_> {
                 focal: [which.times(factor); 2],
                 ..Reading::AS_READ
             };
-            let factor = self.fit(20, 1.035, &with);
+            // Cameras of pictures four times as large, or as small, are common.
+            let n = if which == Focal::Both { 42 } else { 20 };
+            let factor = self.fit(n, 1.035, &with);
             if is_worth_a_word(factor) {
                 fitted(&with(factor), Change::Focal(which, factor));
             }
@@ -344,7 +346,15 @@ mod tests {
             }
         }
         let near = |found: f64, right: f64| (found / right).ln().abs() < 0.02;
-        let cases: [(Spoil, Found<'_>); 9] = [
+        let cases: [(Spoil, Found<'_>); 11] = [
+            (
+                |v| focal(v, 4.0),
+                &|c| matches!(c, Change::Focal(Focal::Both, f) if near(*f, 0.25)),
+            ),
+            (
+                |v| focal(v, 0.25),
+                &|c| matches!(c, Change::Focal(Focal::Both, f) if near(*f, 4.0)),
+            ),
             (
                 |v| scaled(v, 0.3),
                 &|c| matches!(c, Change::Scale(s) if near(*s, 1.0 / 0.3)),

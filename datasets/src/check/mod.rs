@@ -5,13 +5,15 @@
 //! * [`consistency`][]: agreement of depth and colours projected from view to view.
 //! * `small_view`, `neighbours`, `explained`, `change`, `fit`: alternative interpretations of poses, cameras and depth,
 //!   fitted to reduced views; `one_view`, `some_views`: those that affect some views only; `stereo`: those of a
-//!   rectified pair; `features`: those of poses without depth.
+//!   rectified pair; `block_match`: their disparities; `features`: those of poses without depth.
 //! * `orders`: other assignments of pictures to poses; `search`: search for the best-fitting factor.
 //! * `registered`, `z_buffer`, `overflow`: depth of another camera, of a renderer's z-buffer, or beyond 16 bits.
-//! * `plausible`: implausible values.
+//! * `calibration`: calibrations of another scene; `plausible`: implausible values.
 //! * [`advice`][]: a sentence on a better fit, with the setting that selects it.
 
 pub mod advice;
+mod block_match;
+mod calibration;
 mod change;
 mod compare;
 pub mod consistency;
@@ -44,6 +46,7 @@ use crate::spec::SettingInForce;
 use crate::view::{evenly_spaced, without_depth};
 use crate::{DatasetError, DatasetSpec, Pairing, Scene, View};
 use advice::Units;
+pub use calibration::copied_calibrations;
 use consistency::Consistency;
 use features::Matches;
 use neighbours::Neighbours;
@@ -101,6 +104,10 @@ pub fn check(
         report.notes.extend(without_pairs(spec, scene));
         reports.push(report);
         done(i + 1, found.scenes.len());
+    }
+    for (i, text) in copied_calibrations(&found.scenes) {
+        let problem = format!("{}: {text}", reports[i].id);
+        reports[i].problems.push(problem);
     }
     let of_kind = |by_choice: bool| -> Vec<String> {
         let groups = by_reason(&found.left_out).into_iter();
@@ -227,7 +234,8 @@ fn look(scene: &Scene, units: Units, effort: Effort) -> Look {
             contradiction
         }
         (_, Some(neighbours)) => {
-            let contradiction = neighbours.repeated();
+            let contradiction = plausible::one_pose(&scene.views);
+            let contradiction = contradiction.or_else(|| neighbours.repeated());
             let contradiction = contradiction.or_else(|| neighbours.contradictions(units));
             // Compares features, in case no interpretation assigns the pictures to their poses.
             contradiction.or_else(|| {
@@ -242,17 +250,13 @@ fn look(scene: &Scene, units: Units, effort: Effort) -> Look {
         (_, None) => {
             let matches = Matches::new(&scene.views, effort);
             note = Some(matches.note());
-            let named = matches.contradiction();
+            let named = plausible::one_pose(&scene.views).or_else(|| matches.contradiction());
             named.or_else(|| floor(&matches, None))
         }
     });
     if let Some(share) = neighbours.as_ref().and_then(Neighbours::excluded) {
         for text in &mut contradictions {
-            *text += &format!(
-                "; or the masks are inverted: they exclude {:.0} % of the pixels (masks=keep-black keeps black \
-                 pixels, masks=keep-white white ones)",
-                100.0 * share
-            );
+            *text += &units.inverted_masks(share);
         }
     }
     if !effort.thorough {

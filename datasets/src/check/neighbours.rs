@@ -6,7 +6,7 @@ use glam::DVec2;
 use sharp::camera::Intrinsics;
 
 use super::Effort;
-use super::compare::{forward, is_suspicious};
+use super::compare::{agrees, forward, is_suspicious};
 use super::consistency::{Consistency, Fit};
 use super::convention::CONVENTIONS;
 use super::explained::{Explained, Reading};
@@ -221,7 +221,7 @@ impl<'a> Neighbours<'a> {
         is_suspicious(&self.explained(&Reading::AS_READ, self.stride))
     }
 
-    /// Reports neighbouring views with the same picture, although its content should have moved between them.
+    /// Reports neighbouring views with the same picture or depth map, although its content should have moved between them.
     pub(super) fn repeated(&self) -> Option<String> {
         let is_one = |(a, b): &&(usize, usize)| {
             let ((one, samples), (other, _)) = (&self.small[a], &self.small[b]);
@@ -237,12 +237,19 @@ impl<'a> Neighbours<'a> {
                     .filter(|one| is_moved(one))
                     .count()
             };
-            one.has_picture_of(other) && 2 * 7 * moved() > samples.len()
+            // Depth of a plane may stay the same while the camera moves.
+            let agrees = || agrees(&[self.explained_one((*a, *b), &Reading::AS_READ, self.stride)]);
+            let is_same = one.has_picture_of(other) || one.has_same_depth_as(other) && !agrees();
+            is_same && 2 * 7 * moved() > samples.len()
         };
         let (a, b) = self.carries.iter().step_by(2).find(is_one)?;
+        let what = match self.small[a].0.has_picture_of(&self.small[b].0) {
+            true => "picture",
+            false => "depth map",
+        };
         let [a, b] = [a, b].map(|i| &self.views[*i].id);
         Some(format!(
-            "{a} and {b} have the same picture, but what it shows moves by {LEAST_MOVED} pixels or more between their poses \
+            "{a} and {b} have the same {what}, but what it shows moves by {LEAST_MOVED} pixels or more between their poses \
              (at a width of {WIDEST} or less); which of the two is it? Replace the other one"
         ))
     }

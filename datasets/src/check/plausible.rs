@@ -1,7 +1,7 @@
 //! Detection of implausible values.
 
 use glam::DVec3;
-use sharp::camera::baseline_m;
+use sharp::camera::{Intrinsics, baseline_m};
 
 use super::advice::{DEPTHS_M, Units, number};
 use crate::View;
@@ -36,6 +36,38 @@ fn exchanged_centres(views: &[View]) -> Option<String> {
         k.width,
         k.height
     ))
+}
+
+/// Detects views that all have the same pose.
+pub(super) fn one_pose(views: &[View]) -> Option<String> {
+    let first = views.first()?.camera_from_world;
+    let is_first = |view: &View| {
+        let pose = view.camera_from_world;
+        pose.rotation.abs_diff_eq(first.rotation, 1e-9)
+            && pose.translation.abs_diff_eq(first.translation, 1e-9)
+    };
+    (views.len() >= 2 && views.iter().all(is_first)).then(|| {
+        format!(
+            "all {} views have the same pose, so none shows the scene from another place; put their own poses into the \
+             cameras' file",
+            views.len()
+        )
+    })
+}
+
+/// The likely cause of an implausible camera: pictures of another size, if the principal point is off the centre by the
+/// same factor in both directions.
+fn cause(k: &Intrinsics) -> String {
+    let [x, y] = [(k.cx, k.width), (k.cy, k.height)].map(|(c, side)| 2.0 * c / f64::from(side));
+    let times = (x + y) / 2.0;
+    match x > 0.0 && (x / y).ln().abs() <= 2.0 * MIDDLE && times.ln().abs() > OFF_CENTRE {
+        true => format!(
+            "is the calibration for pictures {} times as large? Multiply focal lengths and principal points by {}",
+            number((20.0 * times).round() / 20.0),
+            number(1.0 / times)
+        ),
+        false => "is the calibration for another picture size or unit?".to_owned(),
+    }
 }
 
 /// Implausible cameras: for each kind of error, a sentence with the first such camera.
@@ -78,8 +110,9 @@ pub(super) fn cameras(views: &[View]) -> Vec<String> {
             String::new()
         };
         Some(format!(
-            "{}{others}: {what}; is the calibration for another picture size or unit?",
-            view.id
+            "{}{others}: {what}; {}",
+            view.id,
+            cause(&view.intrinsics)
         ))
     };
     [

@@ -143,6 +143,11 @@ impl SmallView {
         self.colours == other.colours && !self.is_of_one_colour()
     }
 
+    /// True if both depth maps are identical.
+    pub(super) fn has_same_depth_as(&self, other: &Self) -> bool {
+        self.has_depth() && self.depth == other.depth
+    }
+
     /// Root mean square difference of colours a few pixels apart, in levels; unrelated pictures differ as much.
     pub(super) fn unrelated_levels(&self) -> f64 {
         let (w, h) = (self.camera.width as usize, self.camera.height as usize);

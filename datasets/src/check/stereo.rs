@@ -4,13 +4,13 @@
 use glam::{DMat3, DVec2};
 use sharp::camera::baseline_m;
 
-use super::Effort;
 use super::advice::{DEPTHS_M, number};
-use super::compare::{LEAST_GAIN, is_better, mean_loss};
+use super::compare::{LEAST_GAIN, is_better, landed, mean_loss};
 use super::explained::{COLOUR_SCALE, Explained, TILES};
 use super::features::Matches;
 use super::search::{is_worth_a_word, least};
 use super::small_view::{FLIPS, Part, Sample, SmallView, WIDEST};
+use super::{Effort, block_match, calibration};
 use crate::View;
 
 /// Plausible distances between the two cameras of a pair, in metres.
@@ -33,6 +33,11 @@ const OFFSETS: i32 = 40;
 /// Minimum offset of disparities that is reported, in pixels of the photograph.
 const LEAST_OFFSET: f64 = 2.0;
 
+/// Middle of the tested units of depth maps that were stored as disparities, in metres.
+const MIDDLE_UNIT_M: f64 = 0.03;
+/// Number of tested units in either direction and the ratio between them: from 0.1 mm to 10 m. A larger step would
+/// change disparities by too many pixels where the principal points differ much.
+const UNITS: (i32, f64) = (195, 1.03);
 /// Number of rotations of the right picture that are tested in either direction.
 const SLOPES: i32 = 14;
 /// Step between tested rotations, as a slope; about 0.2 degrees.
@@ -113,17 +118,36 @@ fn by_disparity(left: &View, right: &View) -> Option<String> {
     let flipped: Vec<(&str, Pair)> = flipped.collect();
     let full = left.intrinsics.fx / a.camera.fx;
     let pair = pair_of(a)?;
-    let better = pair.better(&flipped, baseline_m, full);
+    let better = pair.better(&flipped, baseline_m, full, has_rig_file(left));
     let unrelated = || pair.unrelated().filter(|_| is_rectified(left, right));
-    better.or_else(unrelated).or_else(|| {
-        let plausible = (DEPTHS_M.0..=DEPTHS_M.1).contains(&median_m);
-        (!plausible).then(|| {
+    let out_of_range = || {
+        let disparities = pair.samples.iter().map(|sample| sample.depth * full);
+        calibration::range(left, &disparities.collect::<Vec<_>>())
+    };
+    let mismatch = || {
+        let [left, right] = [&pair.left, &pair.right].map(|view| view.clone().grey());
+        let is_judged = pair.is_rectified;
+        is_judged.then(|| block_match::mismatch(&left, &right, &pair.samples))?
+    };
+    better
+        .or_else(unrelated)
+        .or_else(mismatch)
+        .or_else(out_of_range)
+        .or_else(|| {
+            let plausible = (DEPTHS_M.0..=DEPTHS_M.1).contains(&median_m);
+            (!plausible).then(|| {
             format!(
                 "the median depth is {} m; correct the baseline's unit or the calibration's size",
                 number(median_m)
             )
         })
-    })
+        })
+}
+
+/// True if the camera was read from a `rig.txt`, which has a unit of disparities.
+fn has_rig_file(view: &View) -> bool {
+    let files = view.content.files_by_role().into_iter();
+    files.into_iter().any(|(_, file)| file.ends_with("rig.txt"))
 }
 
 fn median_depth(view: &SmallView) -> Option<f64> {
@@ -252,14 +276,21 @@ impl Pair {
     }
 
     /// Interpretation that explains the pictures significantly better than the pair as read. `flipped` are pairs with
-    /// flipped disparities; `full` is the photographs' size relative to the reduced ones.
-    fn better(&self, flipped: &[(&str, Self)], baseline_m: f64, full: f64) -> Option<String> {
+    /// flipped disparities; `full` is the photographs' size relative to the reduced ones. `has_unit` is true if a
+    /// setting gives the disparities' unit.
+    fn better(
+        &self,
+        flipped: &[(&str, Self)],
+        baseline_m: f64,
+        full: f64,
+        has_unit: bool,
+    ) -> Option<String> {
         let stride = self.samples.len().div_ceil(8000);
         let (left, right) = ((&self.left, &self.right), (&self.right, &self.left));
         let (same, negated) = (|d: f64| d, |d: f64| -d);
         let as_read = self.explained(left, &same, stride);
-        let fit = |disparity: &dyn Fn(f64, f64) -> f64| {
-            let factor = least(40, 2_f64.powf(0.25), &|factor, is_coarse| {
+        let fit = |(n, step): (i32, f64), disparity: &dyn Fn(f64, f64) -> f64| {
+            let factor = least(n, step, &|factor, is_coarse| {
                 let stride = if is_coarse { 4 * stride } else { stride };
                 mean_loss(&self.explained(left, &|d| disparity(factor, d), stride))
             });
@@ -268,7 +299,7 @@ impl Pair {
                 self.explained(left, &|d| disparity(factor, d), stride),
             )
         };
-        let (factor, scaled) = fit(&|factor, d| factor * d);
+        let (factor, scaled) = fit((40, 2_f64.powf(0.25)), &|factor, d| factor * d);
         let times = number(factor);
         let mut readings = vec![
             (EXCHANGED.to_owned(), self.explained(right, &same, stride)),
@@ -351,26 +382,34 @@ impl Pair {
         }
         // If depths were read as disparities, the true disparities are proportional to the reciprocals of those read,
         // up to an offset.
-        let (camera, middle) = (
-            &self.left.camera,
-            self.samples[self.samples.len() / 2].depth,
-        );
+        let camera = &self.left.camera;
         let offset = self.right.camera.cx - camera.cx;
-        let (product, reciprocal) = fit(&|factor, d| factor * middle * middle / d - offset);
-        let unit_m = camera.fx * baseline_m / (product * middle * middle * full);
+        let product = camera.fx * baseline_m / (full * MIDDLE_UNIT_M);
+        let (factor_of_unit, reciprocal) = fit(UNITS, &|factor, d| product / (factor * d) - offset);
         let how = format!(
             "the disparity map holds depth, {} m a unit; store the disparities",
-            number(unit_m)
+            number(factor_of_unit * MIDDLE_UNIT_M)
         );
         readings.push((how, reciprocal));
         if is_worth_a_word(factor) {
             let how = format!(
                 "disparities should be multiplied by {times}: they are for another picture size or in another unit; \
-                 rescale them (in rig.txt: disparity_unit)"
+                 rescale them{}",
+                if has_unit {
+                    " (in rig.txt: disparity_unit)"
+                } else {
+                    ""
+                }
             );
             readings.push((how, scaled));
         }
         readings.retain(|(_, explained)| is_better(&as_read, explained, LEAST_GAIN));
+        // A reading that leads few places into the right picture may fit these by chance.
+        let most = readings
+            .iter()
+            .map(|(_, explained)| landed(explained))
+            .max();
+        readings.retain(|(_, explained)| 2 * landed(explained) >= most.unwrap_or(0));
         let best = readings
             .into_iter()
             .min_by(|a, b| mean_loss(&a.1).total_cmp(&mean_loss(&b.1)));

@@ -19,6 +19,8 @@ pub struct StereoCalibration {
     pub baseline_m: f64,
     /// Size of the pictures, if stated.
     pub size: Option<(u32, u32)>,
+    /// Lowest and highest disparity in pixels (`vmin` and `vmax`, else 0 and `ndisp`), if stated.
+    pub disparities: Option<(f64, f64)>,
 }
 
 /// Parses a `calib.txt`.
@@ -79,7 +81,12 @@ pub fn parse(text: &str) -> Result<StereoCalibration, FormatError> {
         (Some(width), Some(height)) => Some((pixels("width", width)?, pixels("height", height)?)),
         _ => None,
     };
+    // No depth depends on the range, so a range that cannot be read counts as absent.
+    let stated = |key: &str| entries.get(key).and_then(|text| number(key, text).ok());
+    let range = stated("vmin").zip(stated("vmax"));
+    let range = range.or_else(|| Some((0.0, stated("ndisp")?)));
     Ok(StereoCalibration {
+        disparities: range.filter(|(low, high)| low < high),
         focal: left[0],
         left_center: (left[2], left[5]),
         right_center: (right[2], right[5]),
@@ -135,6 +142,10 @@ mod tests {
         assert_eq!(rig.doffs, 31.08575);
         assert_eq!(rig.baseline_m, 0.193_001);
         assert_eq!(rig.size, Some((741, 500)));
+        assert_eq!(rig.disparities, Some((0.0, 68.0)));
+        let with = |more: &str| parse(&format!("{PLAIN}{more}")).unwrap().disparities;
+        assert_eq!(with("vmin=7\nvmax=60\n"), Some((7.0, 60.0)));
+        assert_eq!(with("vmin=0\nvmax=0\n"), None);
     }
 
     #[test]

@@ -6,6 +6,7 @@ use std::path::Path;
 use image::{GrayImage, RgbImage};
 use sharp::image_file::{self, Header, OrientationRule, PictureRules};
 
+use crate::mask::labels;
 use crate::{DatasetError, files};
 
 /// Decodes a photograph to 8-bit RGB; `fit` is the expected size.
@@ -47,10 +48,16 @@ pub fn read_mask(path: &Path, white: u8) -> Result<GrayImage, DatasetError> {
     }
     let mask = picture.image.into_luma8();
     match mask.iter().max() {
-        Some(highest) if (1..white).contains(highest) => refused(format!(
-            "its maximum level is {highest}, but a mask has levels 0 and 255; multiply it by {:.4}",
-            255.0 / f64::from(*highest)
-        )),
+        Some(highest) if (1..white).contains(highest) => refused(match labels(&mask) {
+            Some(labels) => format!(
+                "it has areas of the levels {labels} like a map of objects; write a mask with level 255 for the objects \
+                 that count, else 0"
+            ),
+            None => format!(
+                "its maximum level is {highest}, but a mask has levels 0 and 255; multiply it by {:.4}",
+                255.0 / f64::from(*highest)
+            ),
+        }),
         _ => Ok(mask),
     }
 }

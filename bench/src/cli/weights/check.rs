@@ -10,8 +10,8 @@ use sharp_checkpoint::{Checkpoint, Expected};
 
 use super::load_config;
 use crate::cli::{Outcome, output};
-use crate::io::checkpoint::RELEASE_FILE;
 use crate::io::checkpoint::record::{compare_or_record, record_file};
+use crate::io::checkpoint::{RELEASE_FILE, named_network};
 
 #[derive(Debug, Default, Serialize)]
 struct Module {
@@ -68,15 +68,35 @@ pub(super) fn execute(
             output::line(format!("record        {standing}"))?;
         }
     }
-    // A file with SHARP's modules is compared with the release by default.
+    // A file with SHARP's modules is compared with a network by default.
     let looks_like_sharp = modules
         .keys()
         .any(|name| name.starts_with("monodepth_model"));
-    if looks_like_sharp && let Some(zeros) = CheckpointSource::open(file)?.zero_tails()? {
+    let mut zeros = None;
+    if looks_like_sharp {
+        zeros = CheckpointSource::open(file)?.zero_tails()?;
+    }
+    if let Some(zeros) = &zeros {
         output::remark(format!("warning: {}: {zeros}", file.display()));
     }
-    if let Some(config) = config.or(looks_like_sharp.then_some("release")) {
-        let expected: Vec<Expected> = inventory(&load_config(config)?)?
+    let network = match config {
+        Some(name) => Some((name.to_owned(), load_config(name)?)),
+        // As `predict` does without a configuration.
+        None if looks_like_sharp => {
+            let network = named_network(Some(file), None)?;
+            for note in network
+                .notes
+                .iter()
+                .filter(|note| Some(*note) != zeros.as_ref())
+            {
+                output::remark(format!("note: {note}"));
+            }
+            Some((network.config.preset.clone(), network.config))
+        }
+        None => None,
+    };
+    if let Some((name, config)) = network {
+        let expected: Vec<Expected> = inventory(&config)?
             .into_iter()
             .map(|parameter| Expected {
                 name: parameter.name,
@@ -85,7 +105,7 @@ pub(super) fn execute(
             .collect();
         checkpoint.check(&expected, allow_unused)?;
         if !json {
-            output::line(format!("complete for {config}"))?;
+            output::line(format!("complete for {name}"))?;
         }
     }
     anyhow::ensure!(

@@ -46,11 +46,12 @@ enum WeightsCommand {
     /// Show the contents of a file: modules, parameters, non-finite values
     ///
     /// With --config (or for a file that looks like SHARP's), the file must have exactly the network's tensors, with
-    /// the same shapes.
+    /// the same shapes. Without --config, that network is the release's, or the only one in the .json files next to the
+    /// file that fits.
     Check {
         /// The file: .pt, .pth (zip or older) or .safetensors
         file: PathBuf,
-        /// The network that the file should fit, `release` or FILE.json#NAME
+        /// The network that the file should fit, `release`, or FILE.json#NAME for one of another size
         #[arg(long, value_name = "FILE[#NAME]")]
         config: Option<String>,
         /// Accept unknown tensors with this name prefix; repeatable

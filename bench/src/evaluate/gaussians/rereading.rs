@@ -367,7 +367,42 @@ impl Trial<'_> {
                 None => break,
             }
         }
-        Ok((best.0 != *reading).then_some(best))
+        let (other, fit) = self.simplest(gaussians, reading, best, neighbours)?;
+        Ok((other != *reading).then_some((other, fit)))
+    }
+
+    /// Reverts each changed setting without which the reading is not significantly worse: it only made up for another.
+    fn simplest(
+        &self,
+        gaussians: &Gaussians,
+        reading: &FileReading,
+        best: (FileReading, Likeness),
+        neighbours: &[Trial<'_>],
+    ) -> Result<(FileReading, Likeness), RenderError> {
+        let all = |other: &FileReading, fit: &Likeness| {
+            let mut recoded = gaussians.clone();
+            reading.stored.encode(&mut recoded);
+            other.stored.decode(&mut recoded);
+            let elsewhere = self.fit_elsewhere(&recoded, other, neighbours)?;
+            Ok::<_, RenderError>(fit.joined(&elsewhere))
+        };
+        let mut best = best;
+        let settings = reading.changes_from(&best.0);
+        for (key, value) in settings.iter().filter(|_| settings.len() > 1) {
+            let mut fewer = best.0;
+            if fewer.set(key, value).is_err() || fewer == *reading {
+                continue;
+            }
+            let Some(fit) = self.fit_read(gaussians, reading, &fewer)? else {
+                continue;
+            };
+            let is_needed = best.1.is_nearer_than(&fit)
+                || all(&best.0, &best.1)?.is_nearer_than(&all(&fewer, &fit)?);
+            if !is_needed {
+                best = (fewer, fit);
+            }
+        }
+        Ok(best)
     }
 
     /// Renders the Gaussians into other views.

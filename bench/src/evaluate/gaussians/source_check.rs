@@ -234,6 +234,156 @@ pub(in crate::evaluate) fn absurd_coverage(
     Some(("coverage".to_owned(), text))
 }
 
+/// Comparisons of Gaussians with photographs, under their own reading and under others.
+struct Findings<'a> {
+    /// Beginning of sentences, on the part of the photograph that the Gaussians show as read.
+    shown: String,
+    as_read: Likeness,
+    /// [`Self::as_read`], rendered like the others.
+    compared: Likeness,
+    better: Option<(FileReading, Likeness)>,
+    other: Option<OtherView<'a>>,
+    /// Rotation of the quaternions in degrees.
+    turned: Option<(f64, Likeness)>,
+    missing: Option<f64>,
+    is_lost: bool,
+    /// The source's view.
+    id: String,
+}
+
+impl<'a> Findings<'a> {
+    /// `elsewhere` are other views of the scene.
+    fn of(
+        prediction: &GaussianPrediction,
+        reading: &FileReading,
+        seen: &SeenSource,
+        trial: &Trial<'_>,
+        elsewhere: &[Trial<'a>],
+    ) -> Result<Self, RenderError> {
+        let (photograph, region, gaussians) =
+            (trial.photograph, trial.region, &prediction.gaussians);
+        let part = |whole| crop_imm(whole, region.x, region.y, region.width, region.height);
+        let [shown, part] = [&seen.picture, photograph].map(|whole| part(whole).to_image());
+        let as_read = Likeness::of(photograph, region, &shown);
+        let is_right = as_read.psnr() >= RIGHT_DB;
+        let is_lost = shows_nothing(photograph, &seen.over_mean);
+        let own = reading.placement.camera_from_file(trial.source);
+        let compared = trial.fit(gaussians, own)?;
+        let compared = compared.unwrap_or_else(|| as_read.clone());
+        let mut better = None;
+        if !is_right {
+            let zoom = |along| zoom(photograph, &seen.picture, trial.principal_point(), along);
+            let zooms = [[1, 1], [0, 1], [1, 0]].into_iter().filter_map(zoom);
+            let moves = Moves {
+                aside: shift(&part, &shown),
+                zooms: zooms.collect(),
+            };
+            let best =
+                trial.best_reading(gaussians, reading, &compared, elsewhere, &moves, is_lost)?;
+            if let Some((other, _)) = &best
+                && is_confirmed(trial, gaussians, reading, other)?
+            {
+                better = best;
+            }
+        }
+        let other = other_view(prediction, reading, trial, elsewhere, &compared, &shown)?;
+        let turned = match is_right {
+            true => None,
+            false => trial.other_turn(gaussians, reading, &compared)?,
+        };
+        let missing = match seen.missing.filter(|_| better.is_none() && other.is_none()) {
+            Some(_) if trial.is_whole_elsewhere(gaussians, reading, elsewhere)? => None,
+            missing => missing,
+        };
+        let of_part = match (region.width, region.height) == photograph.dimensions() {
+            true => String::new(),
+            false => format!("{}x{} pixels of ", region.width, region.height),
+        };
+        let shown = format!(
+            "its Gaussians show {of_part}the photograph they were predicted from at {:.2} dB PSNR ({})",
+            as_read.psnr(),
+            trial.source.id
+        );
+        let mut found = Self {
+            shown,
+            as_read,
+            compared,
+            better,
+            other,
+            turned: None,
+            missing,
+            is_lost,
+            id: trial.source.id.clone(),
+        };
+        found.turned = turned.filter(|(_, fit)| found.is_best(fit));
+        Ok(found)
+    }
+
+    /// Whether a comparison is closer than another reading and another view.
+    fn is_best(&self, fit: &Likeness) -> bool {
+        let better = self.better.iter().map(|(_, fit)| fit);
+        let mut known = better.chain(self.other.iter().map(|other| &other.fit));
+        known.all(|known| fit.error() < known.error())
+    }
+
+    /// The topic of a warning, and its text, on what matches significantly better, or that nothing matches.
+    fn cause(
+        &self,
+        prediction: &GaussianPrediction,
+        reading: &FileReading,
+    ) -> Option<(String, String)> {
+        let shown = &self.shown;
+        let (topic, text) = match (&self.better, &self.other) {
+            _ if let Some((degrees, fit)) = &self.turned => (
+                "rotations",
+                format!(
+                    "{shown}; with their quaternions turned by {degrees:.0}°: {:.2} dB: their means were turned \
+                     without their quaternions, which no setting corrects; turn both",
+                    fit.psnr()
+                ),
+            ),
+            (Some((better, fit)), other)
+                if other
+                    .as_ref()
+                    .is_none_or(|other| fit.error() <= other.fit.error()) =>
+            {
+                let settings = better.changes_from(reading).into_iter();
+                let settings: Vec<String> = settings.map(|(k, v)| format!("{k}={v}")).collect();
+                let named = format!("`{}`", settings.join("` and `"));
+                // If a setting fixes only half of the problem, report it once, together with the other
+                // half.
+                let half = settings
+                    .iter()
+                    .find(|s| prediction.warnings.contains_key(*s));
+                let half = half.filter(|_| settings.len() > 1);
+                let text = format!("{shown}; with {named}: {:.2} dB", fit.psnr());
+                return Some((half.map_or("reading", String::as_str).to_owned(), text));
+            }
+            (_, Some(other)) => ("view", other.sentence(shown)),
+            _ if let Some(missing) = self.missing
+                && !self.is_lost =>
+            {
+                let text = format!(
+                    "its Gaussians leave {:.0} % of the photograph they were predicted from empty, in large parts full \
+                     of detail ({}): is a part of the file missing? If it shows only an object or a crop, give the \
+                     dataset masks of it",
+                    100.0 * missing,
+                    self.id
+                );
+                ("missing", text)
+            }
+            _ if self.is_lost => (
+                "unrelated",
+                format!(
+                    "{shown}, so it is hardly recognisable, and no other reading that was tried is better"
+                ),
+            ),
+            _ => return None,
+        };
+        Some((topic.to_owned(), text))
+    }
+}
+
 /// Warns if another reading or another view's photograph matches significantly better, if another unit matches the
 /// depth, or if nothing matches.
 fn add_doubts(
@@ -244,131 +394,32 @@ fn add_doubts(
     source: &CheckedSource<'_>,
     trial: &Trial<'_>,
 ) -> Result<(), RenderError> {
-    let (camera, photograph) = (source.camera, source.photograph);
-    let id = &camera.id;
-    let region = trial.region;
-    let [shown, part] = [&seen.picture, photograph]
-        .map(|whole| crop_imm(whole, region.x, region.y, region.width, region.height).to_image());
-    let as_read = Likeness::of(photograph, region, &shown);
-    let center = trial.principal_point();
-    let zoom = |along| zoom(photograph, &seen.picture, center, along);
-    let moves = Moves {
-        aside: shift(&part, &shown),
-        zooms: [[1, 1], [0, 1], [1, 0]]
-            .into_iter()
-            .filter_map(zoom)
-            .collect(),
-    };
-    let is_lost = shows_nothing(photograph, &seen.over_mean);
-    let of_part = match (region.width, region.height) == photograph.dimensions() {
-        true => String::new(),
-        false => format!("{}x{} pixels of ", region.width, region.height),
-    };
-    let shown = format!(
-        "its Gaussians show {of_part}the photograph they were predicted from at {:.2} dB PSNR ({id})",
-        as_read.psnr()
-    );
     let gaussians = &prediction.gaussians;
-    let others = other_views(camera, source.scene, photograph.dimensions());
-    let elsewhere: Vec<Trial<'_>> = others
-        .iter()
-        .map(|(source, photograph)| Trial {
-            source,
-            photograph,
-            ..*trial
-        })
-        .collect();
-    let own = reading.placement.camera_from_file(camera);
-    let compared = trial.fit(gaussians, own)?;
-    let compared = compared.as_ref().unwrap_or(&as_read);
-    let better = match as_read.psnr() < RIGHT_DB {
-        true => trial.best_reading(gaussians, reading, compared, &elsewhere, &moves, is_lost)?,
-        false => None,
-    };
-    let better = match better {
-        Some((other, fit)) if is_confirmed(trial, gaussians, reading, &other)? => {
-            Some((other, fit))
-        }
-        _ => None,
-    };
-    let other = other_view(prediction, reading, &elsewhere, compared)?;
-    let is_other = |error: f64| other.as_ref().is_some_and(|(_, fit)| fit.error() < error);
-    let turned = match as_read.psnr() < RIGHT_DB {
-        true => trial.other_turn(gaussians, reading, compared)?,
-        false => None,
-    };
-    let is_best = |fit: &Likeness| {
-        let known = better
-            .as_ref()
-            .map_or(f64::INFINITY, |(_, fit)| fit.error());
-        fit.error() < known && !is_other(fit.error())
-    };
-    let turned = turned.filter(|(_, fit)| is_best(fit));
-    let missing = match seen.missing.filter(|_| better.is_none() && other.is_none()) {
-        Some(_) if trial.is_whole_elsewhere(gaussians, reading, &elsewhere)? => None,
-        missing => missing,
-    };
-    match (&better, &other) {
-        _ if let Some((degrees, fit)) = &turned => {
-            let text = format!(
-                "{shown}; with their quaternions turned by {degrees:.0}°: {:.2} dB: their means were turned without \
-                 their quaternions, which no setting corrects; turn both",
-                fit.psnr()
-            );
-            warnings.insert("rotations".to_owned(), text);
-        }
-        (Some((other, fit)), _) if !is_other(fit.error()) => {
-            let settings = other.changes_from(reading).into_iter();
-            let settings: Vec<String> = settings.map(|(k, v)| format!("{k}={v}")).collect();
-            let named = format!("`{}`", settings.join("` and `"));
-            let text = format!("{shown}; with {named}: {:.2} dB", fit.psnr());
-            // If a setting fixes only half of the problem, report it once, together with the other
-            // half.
-            let half = settings
-                .iter()
-                .find(|s| prediction.warnings.contains_key(*s));
-            let half = half.filter(|_| settings.len() > 1);
-            let about = half.map_or("reading", String::as_str).to_owned();
-            warnings.insert(about, text);
-        }
-        (_, Some((view, fit))) => {
-            let text = format!(
-                "{shown}, and that of {} at {:.2} dB: do the files have the names of other views?",
-                view.id,
-                fit.psnr()
-            );
-            warnings.insert("view".to_owned(), text);
-        }
-        _ if let Some(missing) = missing
-            && !is_lost =>
-        {
-            let text = format!(
-                "its Gaussians leave {:.0} % of the photograph they were predicted from empty, in large parts full of \
-                 detail ({id}): is a part of the file missing? If it shows only an object or a crop, give the dataset \
-                 masks of it",
-                100.0 * missing
-            );
-            warnings.insert("missing".to_owned(), text);
-        }
-        _ if is_lost => {
-            let text = format!(
-                "{shown}, so it is hardly recognisable, and no other reading that was tried is \
-                 better"
-            );
-            warnings.insert("unrelated".to_owned(), text);
-        }
-        _ => {}
-    }
-    if better.is_some() {
+    let others = other_views(source.camera, source.scene, trial.photograph.dimensions());
+    let elsewhere = others.iter().map(|(source, photograph)| Trial {
+        source,
+        photograph,
+        ..*trial
+    });
+    let elsewhere: Vec<Trial<'_>> = elsewhere.collect();
+    let found = Findings::of(prediction, reading, seen, trial, &elsewhere)?;
+    warnings.extend(found.cause(prediction, reading));
+    // Means in another view's camera are not those of another unit.
+    let is_placed_elsewhere = found.other.as_ref().is_some_and(|other| other.is_frame);
+    if found.better.is_some() || is_placed_elsewhere {
         return Ok(());
     }
+    let (as_read, compared) = (&found.as_read, &found.compared);
     let may_be_scaled = reading.placement.space != FileSpace::World || as_read.explains();
     let depth = source.depth.filter(|_| may_be_scaled);
-    let doubt =
-        depth.and_then(|truth| depth_doubt(truth, &seen.depth, reading.placement.scale, id));
+    let doubt = depth.and_then(|truth| {
+        let id = &source.camera.id;
+        depth_doubt(truth, &seen.depth, reading.placement.scale, id)
+    });
     let with_widths = |factor: f64, fit: &Likeness| {
         format!(
-            "{shown}, and with standard deviations {} times as wide: {:.2} dB",
+            "{}, and with standard deviations {} times as wide: {:.2} dB",
+            found.shown,
             rounded(factor),
             fit.psnr()
         )
@@ -385,11 +436,11 @@ fn add_doubts(
         }
         warnings.insert("scale".to_owned(), text);
     } else if as_read.psnr() < RIGHT_DB
-        && missing.is_none()
+        && found.missing.is_none()
         && let Some((factor, fit)) =
             trial.other_widths(gaussians, reading, compared, seen.is_blurred)?
-        && is_best(&fit)
-        && turned.is_none()
+        && found.is_best(&fit)
+        && found.turned.is_none()
     {
         let text = format!(
             "{}: were their means scaled without the standard deviations, or these written in another form? No setting \
@@ -446,27 +497,68 @@ fn other_views(
         .collect()
 }
 
-/// The view whose photograph the Gaussians explain significantly better than the photograph of
-/// their own source.
+/// A view that explains the Gaussians significantly better than their own source.
+struct OtherView<'a> {
+    view: &'a PosedCamera,
+    fit: Likeness,
+    /// Whether the means are in this view's camera, but show the source; otherwise the Gaussians show this view.
+    is_frame: bool,
+}
+
+impl OtherView<'_> {
+    fn sentence(&self, shown: &str) -> String {
+        let (id, db) = (&self.view.id, self.fit.psnr());
+        match self.is_frame {
+            true => format!(
+                "{shown}; with their means taken as those in the camera of {id}: {db:.2} dB; write them in the \
+                 source's own camera (`space=target` reads means in the target's, from a file per pair)"
+            ),
+            false => format!(
+                "{shown}, and that of {id} at {db:.2} dB: were they predicted from {id}, or do the files have the \
+                 names of other views? A file must belong to the view that it is named after"
+            ),
+        }
+    }
+}
+
+/// The view whose photograph the Gaussians explain significantly better than that of their own source, from that view or
+/// from the source (`shown`), or whose camera is the frame of their means.
 fn other_view<'a>(
     prediction: &GaussianPrediction,
     reading: &FileReading,
+    own: &Trial<'_>,
     others: &[Trial<'a>],
     as_read: &Likeness,
-) -> Result<Option<(&'a PosedCamera, Likeness)>, RenderError> {
-    let mut best: Option<(&PosedCamera, Likeness)> = None;
+    shown: &RgbImage,
+) -> Result<Option<OtherView<'a>>, RenderError> {
+    let mut best: Option<OtherView<'a>> = None;
     if reading.placement.space == FileSpace::World {
         return Ok(best);
     }
+    let gaussians = &prediction.gaussians;
     for trial in others {
-        let placed = reading.placement.camera_from_file(trial.source);
-        if let Some(fit) = trial.fit(&prediction.gaussians, placed)?
-            && fit.is_better_than(as_read)
-            && best
-                .as_ref()
-                .is_none_or(|(_, known)| fit.error() < known.error())
-        {
-            best = Some((trial.source, fit));
+        let view = trial.source;
+        let placed = reading.placement.camera_from_file(view);
+        let own_from_view = view.to(own.source).to_affine();
+        let colored = Likeness::of(trial.photograph, trial.region, shown);
+        let candidates = [
+            (trial.fit(gaussians, placed)?, false),
+            (Some(colored), false),
+            (own.fit(gaussians, own_from_view * placed)?, true),
+        ];
+        for (fit, is_frame) in candidates {
+            if let Some(fit) = fit
+                && fit.is_better_than(as_read)
+                && best
+                    .as_ref()
+                    .is_none_or(|known| fit.error() < known.fit.error())
+            {
+                best = Some(OtherView {
+                    view,
+                    fit,
+                    is_frame,
+                });
+            }
         }
     }
     Ok(best)

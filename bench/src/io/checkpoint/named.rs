@@ -20,13 +20,20 @@ pub enum NetworkError {
     #[error(transparent)]
     File(#[from] FileError),
     #[error(
-        "{source}: the checkpoint's tensor shapes do not match `{preset}`; give its configuration with \
+        "{source}; compared with the network `{preset}`: for one of another size, give its configuration with \
          config=FILE.json#NAME (--config)"
     )]
     Sizes {
         preset: String,
         source: Box<ModelError>,
     },
+    /// A checkpoint of Depth Pro where one of SHARP is needed.
+    #[error(
+        "{}: Depth Pro's weights, which predict depth instead of Gaussians: pass them to `predict --depth-only`, and \
+         SHARP's here",
+        checkpoint.display()
+    )]
+    DepthPro { checkpoint: PathBuf },
     #[error(
         "{}: several configurations next to it fit ({names}); choose one with config=FILE.json#NAME (--config)", checkpoint.display()
     )]
@@ -105,6 +112,10 @@ pub fn depth_pro_network(
 /// fitting one in the `.json` files next to the file.
 fn network_of(file: &Path, config: Option<&str>) -> Result<NetworkSpec, NetworkError> {
     let source = CheckpointSource::open(file)?;
+    if source.has("encoder.patch_encoder.") {
+        let checkpoint = file.to_owned();
+        return Err(NetworkError::DepthPro { checkpoint });
+    }
     // Allow further tensors here; whether they may stay unused is decided later.
     let fits = |config: &ModelConfig| source.check(config, &[String::new()]);
     let mut notes = Vec::new();

@@ -1,6 +1,7 @@
 //! Views in memory, and how tests change them.
 
 mod depth;
+mod pairs;
 mod proper;
 mod spoiled;
 

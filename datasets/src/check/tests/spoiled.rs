@@ -92,6 +92,33 @@ fn depth_maps_of_other_pictures_are_named() {
 }
 
 #[test]
+fn one_pose_or_one_depth_map_for_all_and_cameras_of_another_size_are_named() {
+    named(&[
+        (
+            |views| {
+                let first = views[0].camera_from_world;
+                views
+                    .iter_mut()
+                    .for_each(|view| view.camera_from_world = first);
+            },
+            "all 9 views have the same pose",
+        ),
+        (|views| depth_of(views, |_| 0), "have the same depth map"),
+    ]);
+    let mut half = views(0, SIZE);
+    for view in &mut half {
+        let k = &mut view.intrinsics;
+        let all = [&mut k.fx, &mut k.fy, &mut k.cx, &mut k.cy];
+        all.into_iter().for_each(|value| *value /= 2.0);
+    }
+    let said = plausible::cameras(&half);
+    assert!(
+        said[0].contains("pictures 0.5 times as large? Multiply"),
+        "{said:?}"
+    );
+}
+
+#[test]
 fn turned_pictures_and_depth_maps_are_named() {
     named(&[
         (
@@ -277,16 +304,21 @@ fn exchanged_principal_points_are_named_and_crops_are_not() {
     }
 }
 
-const FOCAL: f64 = 150.0;
-const BASELINE_M: f64 = 0.1;
+pub(super) const FOCAL: f64 = 150.0;
+pub(super) const BASELINE_M: f64 = 0.1;
 
 /// A rectified pair of the procedural world.
-fn pair(seed: u64) -> Vec<View> {
+pub(super) fn pair(seed: u64) -> Vec<View> {
     pair_of_size(seed, 1)
 }
 
 /// So many times as large as 160x120.
 fn pair_of_size(seed: u64, times: u32) -> Vec<View> {
+    pair_of(seed, times, (BASELINE_M, 82.0))
+}
+
+/// With this baseline and principal point of the right camera.
+pub(super) fn pair_of(seed: u64, times: u32, right: (f64, f64)) -> Vec<View> {
     let by = f64::from(times);
     let options = SyntheticOptions {
         seed,
@@ -306,12 +338,12 @@ fn pair_of_size(seed: u64, times: u32) -> Vec<View> {
         };
         scene.view_through("side", lens, pose)
     };
-    let mut views = [(0.0, 79.5), (BASELINE_M, 82.0)].map(side).to_vec();
+    let mut views = [(0.0, 79.5), right].map(side).to_vec();
     change(&mut views, |_| {});
     views
 }
 
-fn of_pair(views: Vec<View>) -> (String, Option<String>) {
+pub(super) fn of_pair(views: Vec<View>) -> (String, Option<String>) {
     let stereo = Pairing::Stereo {
         source: 0,
         target: 1,

@@ -5,6 +5,8 @@ use image::Luma;
 use sharp::camera::{Intrinsics, RigidTransform};
 use sharp::color::srgb_from_linear;
 use sharp::gaussians::Gaussians;
+use sharp_datasets::required_files::FileRole;
+use sharp_datasets::{DatasetError, View, ViewContent};
 
 use super::*;
 use crate::evaluate::doubts::doubts_of;
@@ -148,6 +150,26 @@ fn facts_of(
     suggested: Option<&str>,
     depth: Option<&DepthMap>,
 ) -> SourceFacts {
+    let scene = Scene::new("m", "s", Vec::new(), sharp_datasets::Pairing::MultiView);
+    let (camera, is_chosen, valid) = (source, true, None);
+    let checked = CheckedSource {
+        camera,
+        photograph,
+        valid,
+        depth,
+        scene: &scene,
+        is_chosen,
+    };
+    facts_about(&checked, space, gaussians, reading, suggested)
+}
+
+fn facts_about(
+    checked: &CheckedSource<'_>,
+    space: GaussianSpace,
+    gaussians: Gaussians,
+    reading: FileReading,
+    suggested: Option<&str>,
+) -> SourceFacts {
     let renderer = SharedRenderer::cpu();
     let prediction = GaussianPrediction {
         rule: reading.rule,
@@ -162,17 +184,7 @@ fn facts_of(
             .into_iter()
             .collect(),
     };
-    let pairing = sharp_datasets::Pairing::MultiView;
-    let scene = Scene::new("m", "s", Vec::new(), pairing);
-    let checked = CheckedSource {
-        camera: source,
-        photograph,
-        valid: None,
-        depth,
-        scene: &scene,
-        is_chosen: true,
-    };
-    check_source(&prediction, &checked, &renderer).unwrap()
+    check_source(&prediction, checked, &renderer).unwrap()
 }
 
 #[test]
@@ -584,4 +596,150 @@ fn means_scaled_without_their_deviations_are_named_by_their_overlap() {
             assert_eq!(said(right, factor), "", "{factor}");
         }
     }
+}
+
+/// A picture in memory.
+#[derive(Debug)]
+struct Still(RgbImage);
+
+impl ViewContent for Still {
+    fn image(&self) -> Result<RgbImage, DatasetError> {
+        Ok(self.0.clone())
+    }
+
+    fn valid_pixels(&self) -> Result<Option<image::GrayImage>, DatasetError> {
+        Ok(None)
+    }
+
+    fn depth(&self) -> Result<Option<DepthMap>, DatasetError> {
+        Ok(None)
+    }
+
+    fn image_file(&self) -> Option<&std::path::Path> {
+        None
+    }
+
+    fn files_by_role(&self) -> Vec<(FileRole, std::path::PathBuf)> {
+        Vec::new()
+    }
+
+    fn image_sha256(&self) -> Result<String, DatasetError> {
+        Ok(String::new())
+    }
+}
+
+/// A block in front of a wall, seen by two cameras side by side with different principal points.
+struct Pair {
+    scene: Scene,
+    photographs: [RgbImage; 2],
+}
+
+const BASELINE_M: f64 = 0.2;
+
+impl Pair {
+    fn new() -> Self {
+        let views = [(0.0, 20.0), (BASELINE_M, 23.0)].map(|(x, cx)| {
+            let k = Intrinsics::new((40.0, 40.0), (cx, 16.0), (40, 32)).unwrap();
+            let pose = RigidTransform::new(DMat3::IDENTITY, DVec3::X * -x).unwrap();
+            (k, pose)
+        });
+        let mut world = Gaussians::default();
+        // From far to near, with some of the wall beyond the pictures.
+        for (z, columns, rows) in [(2.0, -12..60, -4..36), (1.2, 12..26, 8..24)] {
+            for (x, y) in columns.flat_map(|x: i32| rows.clone().map(move |y: i32| (x, y))) {
+                Self::add(&mut world, (x, y), z);
+            }
+        }
+        let renderer = SharedRenderer::cpu();
+        let photographs = views.map(|(k, pose)| {
+            let seen = renderer.render(&world, pose.to_affine(), k, None).unwrap();
+            renderer.picture(&seen)
+        });
+        let ids = ["l", "r"].into_iter().zip(&photographs);
+        let views = ids.zip(views).map(|((id, picture), (k, pose))| View {
+            id: id.to_owned(),
+            intrinsics: k,
+            camera_from_world: pose,
+            content: std::sync::Arc::new(Still(picture.clone())),
+        });
+        let pairing = sharp_datasets::Pairing::MultiView;
+        Self {
+            scene: Scene::new("m", "s", views.collect(), pairing),
+            photographs,
+        }
+    }
+
+    /// Adds a Gaussian at a pixel of the left camera.
+    fn add(gaussians: &mut Gaussians, (x, y): (i32, i32), z: f64) {
+        let at = |p: i32, c: f64| ((f64::from(p) + 0.5 - c) * z / 40.0) as f32;
+        let block = sharp::random::mix((x.div_euclid(3) * 1000 + y.div_euclid(3)) as u64);
+        let level = |shift: u32| 0.1 + 0.8 * ((block >> shift) % 64) as f32 / 64.0;
+        gaussians.means.push([at(x, 20.0), at(y, 16.0), z as f32]);
+        gaussians.quaternions.push([1.0, 0.0, 0.0, 0.0]);
+        gaussians.scales.push([0.012 * z as f32; 3]);
+        gaussians.opacities.push(0.95);
+        gaussians.colors.push([level(0), level(8), level(16)]);
+    }
+
+    /// Gaussians of the left view's pixels.
+    fn predicted(&self) -> Gaussians {
+        let mut predicted = Gaussians::default();
+        for (x, y) in (0..32).flat_map(|y| (0..40).map(move |x| (x, y))) {
+            let is_near = (12..26).contains(&x) && (8..24).contains(&y);
+            Self::add(&mut predicted, (x, y), if is_near { 1.2 } else { 2.0 });
+        }
+        predicted
+    }
+
+    fn said(&self, gaussians: Gaussians) -> String {
+        let camera = PosedCamera::from(&self.scene.views[0]);
+        let checked = CheckedSource {
+            camera: &camera,
+            photograph: &self.photographs[0],
+            valid: None,
+            depth: None,
+            scene: &self.scene,
+            is_chosen: true,
+        };
+        let reading = FileReading::of_arrays();
+        let facts = facts_about(&checked, GaussianSpace::CAMERA, gaussians, reading, None);
+        let texts: Vec<String> = facts.warnings.into_values().collect();
+        texts.join("; ")
+    }
+}
+
+#[test]
+fn another_view_as_the_source_is_named_and_not_called_a_shift() {
+    let pair = Pair::new();
+    let proper = pair.predicted();
+    assert_eq!(pair.said(proper.clone()), "");
+    // Colours of the right picture's pixels.
+    let mut colored = proper.clone();
+    for (at, pixel) in pair.photographs[1].pixels().enumerate() {
+        let linear = |level: u8| linear_from_srgb(f32::from(level) / 255.0);
+        colored.colors[at] = pixel.0.map(linear);
+    }
+    let text = pair.said(colored);
+    assert!(text.contains("were they predicted from r,"), "{text}");
+    // Means in the right camera.
+    let aside = DAffine3::from_translation(DVec3::X * -BASELINE_M);
+    let placed = Gaussians {
+        scales: proper.scales.clone(),
+        ..mapped(&proper, aside)
+    };
+    let text = pair.said(placed);
+    assert!(
+        text.contains("with their means taken as those in the camera of r"),
+        "{text}"
+    );
+    // A wrong focal length is a single cause.
+    let narrow = DAffine3::from_scale(DVec3::new(0.7, 0.7, 1.0));
+    let mut discs = mapped(&proper, narrow);
+    for (at, scales) in discs.scales.iter_mut().enumerate() {
+        *scales = proper.scales[at];
+        scales[2] /= 10.0;
+    }
+    let text = pair.said(discs);
+    assert!(text.contains("with `focal=1.4"), "{text}");
+    assert!(!text.contains("` and `"), "{text}");
 }

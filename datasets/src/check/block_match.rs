@@ -1,0 +1,77 @@
+//! Comparison of a rectified pair's disparities with the places at which the pictures match best.
+
+use super::small_view::{Grey, Sample};
+
+/// Radius of the compared blocks, in reduced pixels.
+const RADIUS: u32 = 3;
+/// Maximum number of blocks; those with enough contrast are compared.
+const BLOCKS: usize = 1500;
+/// Minimum standard deviation of a block, in levels.
+const LEAST_CONTRAST: f32 = 8.0;
+/// Maximum distance of the best match from its disparity, in reduced pixels.
+const NEAR: f64 = 2.0;
+/// Minimum number of blocks to judge a pair.
+const FEWEST: usize = 200;
+/// Minimum fraction of blocks that match best near their disparity; 0.5 to 0.9 are usual, even for another exposure.
+const LEAST_NEAR: f64 = 0.3;
+/// Minimum median correlation of the best matches of two pictures of one scene.
+const LEAST_RELATED: f32 = 0.8;
+
+/// Differences of a block's levels from their mean, and the square root of the sum of their squares. `None` outside the
+/// picture or under a mask.
+fn block(picture: &Grey, x: i64, y: i64) -> Option<(Vec<f32>, f32)> {
+    let (width, height) = picture.size();
+    let fits = |at: i64, side: u32| at >= i64::from(RADIUS) && at + i64::from(RADIUS) < side.into();
+    if !fits(x, width) || !fits(y, height) {
+        return None;
+    }
+    let (x, y) = (x as u32, y as u32);
+    let rows = y - RADIUS..=y + RADIUS;
+    let levels = rows.flat_map(|v| (x - RADIUS..=x + RADIUS).map(move |u| picture.at(u, v)));
+    let mut levels: Vec<f32> = levels.collect();
+    let mean = levels.iter().sum::<f32>() / levels.len() as f32;
+    levels.iter_mut().for_each(|level| *level -= mean);
+    let length = levels.iter().map(|v| v * v).sum::<f32>().sqrt();
+    length.is_finite().then_some((levels, length))
+}
+
+/// A contradiction if the pictures match each other, but at other places than disparities (`samples`, which hold them
+/// instead of depth) lead to.
+pub(super) fn mismatch(left: &Grey, right: &Grey, samples: &[Sample]) -> Option<String> {
+    let mut disparities: Vec<f64> = samples.iter().map(|sample| sample.depth).collect();
+    disparities.sort_by(f64::total_cmp);
+    let [low, high] = [1, 99].map(|percent| disparities.get(disparities.len() * percent / 100));
+    let (low, high) = (low?.floor() as i64 - 8, high?.ceil() as i64 + 8);
+    let (mut near, mut best) = (0, Vec::new());
+    for sample in samples.iter().step_by(samples.len().div_ceil(BLOCKS)) {
+        let (x, y) = (i64::from(sample.x), i64::from(sample.y));
+        let Some((own, length)) = block(left, x, y) else {
+            continue;
+        };
+        // A disparity that leads outside the right picture cannot match.
+        let is_inside = block(right, x - sample.depth.round() as i64, y).is_some();
+        if length < LEAST_CONTRAST * (own.len() as f32).sqrt() || !is_inside {
+            continue;
+        }
+        let matches = (low..=high).filter_map(|d| {
+            let (other, size) = block(right, x - d, y)?;
+            let product: f32 = own.iter().zip(&other).map(|(a, b)| a * b).sum();
+            Some((product / (length * size.max(1e-3)), d))
+        });
+        if let Some((related, d)) = matches.max_by(|a, b| a.0.total_cmp(&b.0)) {
+            near += usize::from((d as f64 - sample.depth).abs() <= NEAR);
+            best.push(related);
+        }
+    }
+    best.sort_by(f32::total_cmp);
+    let share = near as f64 / best.len().max(1) as f64;
+    let is_pair = best.len() >= FEWEST && best[best.len() / 2] >= LEAST_RELATED;
+    (is_pair && share < LEAST_NEAR).then(|| {
+        format!(
+            "the pictures match each other, but only {:.0} % of {} blocks do where the disparities lead (50 % or more is \
+             usual); is the disparity map of another scene, or of other pictures? Put this pair's own in its place",
+            100.0 * share,
+            best.len()
+        )
+    })
+}

@@ -1,0 +1,72 @@
+//! Detection of calibrations that belong to another scene than their pictures.
+
+use std::collections::BTreeMap;
+
+use super::advice::number;
+use crate::format::{calib, picture};
+use crate::required_files::FileRole;
+use crate::{Pairing, Scene, View, files};
+
+/// Maximum fraction of disparities outside the range that the calibration states.
+const MOST_OUTSIDE: f64 = 0.1;
+/// Tolerance of that range, in pixels and as a fraction of the range.
+const TOLERANCE: (f64, f64) = (1.0, 0.02);
+
+/// A contradiction between disparities, in pixels, and the range that Middlebury's `calib.txt` states.
+pub(super) fn range(left: &View, disparities: &[f64]) -> Option<String> {
+    let files = left.content.files_by_role().into_iter();
+    let mut cameras = files.filter(|(role, _)| *role == FileRole::Camera);
+    let file = cameras.find(|(_, file)| file.ends_with("calib.txt"))?.1;
+    let (low, high) = files::parse_text(&file, calib::parse).ok()?.disparities?;
+    let tolerance = TOLERANCE.0 + TOLERANCE.1 * (high - low);
+    let stated = low - tolerance..=high + tolerance;
+    let outside = disparities.iter().filter(|d| !stated.contains(*d)).count();
+    let share = outside as f64 / disparities.len().max(1) as f64;
+    (share > MOST_OUTSIDE).then(|| {
+        format!(
+            "{:.0} % of the disparities lie outside the range from {} to {} pixels that {} states; is it the \
+             calibration of another scene or picture size? Put this scene's own in its place",
+            100.0 * share,
+            number(low),
+            number(high),
+            file.display()
+        )
+    })
+}
+
+/// Scenes of rectified pairs that have the same cameras as another scene, whose pictures have another size. Each with
+/// a sentence.
+pub fn copied_calibrations(scenes: &[Scene]) -> Vec<(usize, String)> {
+    let mut groups: BTreeMap<Vec<u64>, Vec<usize>> = BTreeMap::new();
+    for (i, scene) in scenes.iter().enumerate() {
+        if matches!(scene.pairing, Pairing::Stereo { .. }) {
+            let numbers = scene.views.iter().flat_map(|view| {
+                let (k, at) = (view.intrinsics, view.camera_from_world.translation);
+                [k.fx, k.fy, k.cx, k.cy, at.x, at.y, at.z].map(f64::to_bits)
+            });
+            groups.entry(numbers.collect()).or_default().push(i);
+        }
+    }
+    let mut found = Vec::new();
+    for group in groups.into_values().filter(|group| group.len() > 1) {
+        let size = |i: &usize| {
+            let first = scenes[*i].views.first()?;
+            picture::dimensions(first.content.image_file()?).ok()
+        };
+        let sized: Vec<_> = group.iter().filter_map(|i| Some((*i, size(i)?))).collect();
+        for (i, (w, h)) in &sized {
+            if let Some((other, (v, u))) = sized.iter().find(|(_, size)| *size != (*w, *h)) {
+                found.push((
+                    *i,
+                    format!(
+                        "the cameras are the same as those of {}, whose pictures are {v}x{u} instead of {w}x{h}; was the \
+                         calibration copied from another scene? Put this scene's own in its place",
+                        scenes[*other].id
+                    ),
+                ));
+            }
+        }
+    }
+    found.sort();
+    found
+}
