@@ -8,10 +8,10 @@ Input     the photograph as their loader reads it: the longer side at most 1024 
           stretched to 0..1. Depth Pro sees that picture and the dataset's focal length.
 Output    the target camera drawn by their PyTorch renderer, with the source's intrinsics less 0.5, since its pixel
           centres are whole numbers, and target_from_source as the pose, OpenCV axes; the target's part is cut out and
-          resized here (Lanczos). Planes are put back to inverse metres before. Their OpenGL renderer, the default of
-          run.py, holds the principal point to be the middle and lies one row lower.
-Lost      resolution: 1024. Tiles reach as far beyond their edges as content moves, at most 512 pixels; what nothing
-          reaches is black. With depth=privileged the motion is divided by the median of true over Depth Pro's depth.
+          resized here (Lanczos). Planes are converted back to inverse metres before. Their OpenGL renderer, the default
+          of run.py, assumes the principal point in the middle and draws one row lower.
+Lost      resolution: 1024. Tiles are padded (config.render_padsz) by as much as content moves, at most 512 pixels;
+          what no tile covers is black. With depth=privileged the motion is divided by the median of true over Depth Pro's depth.
 Licence   CC BY-NC 4.0, not for commercial use; Depth Pro has Apple's. Neither comes with this file.
 
 $ run='python bench/recipes/tiled_mpi.py --checkpoint TMPI/weights/mpti_04.pth --depth-checkpoint depth_pro.pt'
@@ -65,7 +65,7 @@ def load(options: argparse.Namespace):
         focal = pair.K_s[0, 0] / pair.source.width
         with tempfile.TemporaryDirectory() as folder:
             pair.source.save(f"{folder}/source.png")
-            sample = torch.utils.data.default_collate([TMPIDataset(data_root=folder)[0]])
+            sample = next(iter(torch.utils.data.DataLoader(TMPIDataset(data_root=folder))))
         tensors = ("src_rgb_tiles", "src_disp_tiles", "src_rgb", "src_disp")
         mpis, planes = model(*(sample[name].to(device) for name in tensors))
         near, far = float(depth.min()), float(depth.max())
