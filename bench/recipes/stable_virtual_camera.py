@@ -64,9 +64,10 @@ def load(options: argparse.Namespace):
             around = (-x / scale, -y / scale, (width - x) / scale, (height - y) / scale)
             K_t = torch.tensor(protocol.cut_K(pair.K_t, around, (width, height))).float()
             c2w = torch.tensor(np.stack([np.eye(4), pair.source_from_target])[:, :3]).float()
+            settings = {**OPTIONS, "camera_scale": options.camera_scale * pair.scale}
             made = run_one_scene(
                 "img2img",
-                {**VERSION, "H": height, "W": width, "options": {**OPTIONS, "camera_scale": options.camera_scale * pair.scale}},
+                {**VERSION, "H": height, "W": width, "options": settings},
                 **networks,
                 image_cond={"img": [source, np.zeros_like(source)], "input_indices": [0], "prior_indices": None},
                 camera_cond={"c2w": c2w, "K": torch.stack([K_s[0], K_t]), "input_indices": [0, 1]},
