@@ -161,7 +161,10 @@ pub(crate) const GROUPS: [SourceGroup; 13] = [
     ),
     group(
         "COMMAND",
-        &["bench/src/methods/command"],
+        &[
+            "bench/src/methods/command",
+            "bench/src/methods/scale_sweep.rs",
+        ],
         &[PICTURES],
         READERS,
     ),

@@ -8,8 +8,9 @@ Input     the photograph squeezed to 384 x 256 (Lanczos), 0..1, with 32 black pi
 Output    `color_gauss` of the target, sRGB in 0..1. Their Gaussians have view-dependent colours and were trained to
           blend in sRGB, which a renderer in linear light changes: their rasteriser makes the picture. It is asked for
           the target's own aspect at 256 rows, the density it was trained at, and the harness enlarges it.
-Lost      resolution: 256 rows. Translations are metres against UniDepth's metric depth; their evaluation fits a scale
-          for each picture to COLMAP's points instead, which is other knowledge. Behind the Gaussians is their grey.
+Lost      resolution: 256 rows. Translations are metres against UniDepth's metric depth, or with depth=privileged
+          divided by the median of true over UniDepth's depth; their evaluation fits a scale for each picture to
+          COLMAP's points instead, which is other knowledge. Behind the Gaussians is their grey.
 Licence   no licence is stated, and the rasteriser is Inria's, not for commercial use. Neither comes with this file.
 
 $ PYTHONPATH=flash3d sharp-bench run --dataset middlebury=data/Middlebury2014 --out runs/flash3d --method \
@@ -64,7 +65,13 @@ def load(options: argparse.Namespace):
             ("T_c2w", 1): tensor(pair.source_from_target),
             "target_frame_ids": [1],
         }
-        return protocol.to_levels(model(inputs)["color_gauss", 1, 0][0])
+        outputs = model(inputs)
+        if pair.depth is not None:
+            # The first of its depths at each pixel is UniDepth's.
+            depth = outputs["depth", 0][0, 0, margin:-margin, margin:-margin].cpu().numpy()
+            motion = protocol.in_units_of(depth, pair, (0, 0, *pair.source.size))
+            outputs = model({**inputs, ("T_c2w", 1): tensor(np.linalg.inv(motion))})
+        return protocol.to_levels(outputs["color_gauss", 1, 0][0])
 
     return predict
 

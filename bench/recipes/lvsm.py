@@ -9,8 +9,8 @@ Input     the square in the middle of the photograph at 256 x 256 (Lanczos; 512 
 Output    the square in the middle of the target (crop=center:1:1), sRGB in 0..1.
 Lost      the rest of both pictures, and resolution. The models were trained with two inputs or more; here there is
           one. Scale: preprocess_poses brings any two cameras to the same distance, so the network is not told how far
-          the target is from the source, and one photograph does not tell it either. Two cameras in one place are
-          refused.
+          the target is from the source, and one photograph does not tell it either. With scales= that distance is
+          multiplied by each scale. Two cameras in one place are refused.
 Licence   CC BY-NC-SA 4.0, not for commercial use. Nothing of it comes with this file.
 
 $ run="python bench/recipes/lvsm.py --config LVSM/configs/LVSM_scene_decoder_only.yaml --checkpoint lvsm.pt"
@@ -58,10 +58,12 @@ def load(options: argparse.Namespace):
         views = [(pair.K_s, pair.source.size), (pair.K_t, pair.target_size)]
         cameras = [protocol.cut_K(K, square(of), size) for K, of in views]
         poses = tensor(np.stack([np.eye(4), pair.source_from_target]))
+        # The method does not look at its object, which would want a data set on disk.
+        normalised = Dataset.preprocess_poses(None, poses, config.training.get("scene_scale_factor", 1.35))
+        normalised[:, :3, 3] *= pair.scale
         batch = {
             "image": image[None, None],
-            # The method does not look at its object, which would want a data set on disk.
-            "c2w": Dataset.preprocess_poses(None, poses, config.training.get("scene_scale_factor", 1.35))[None],
+            "c2w": normalised[None],
             "fxfycxcy": tensor([[K[0, 0], K[1, 1], K[0, 2], K[1, 2]] for K in cameras])[None],
         }
         batch = {name: part.to(options.device) for name, part in batch.items()}

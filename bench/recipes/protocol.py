@@ -32,6 +32,10 @@ class Pair:
     K_t: np.ndarray
     target_from_source: np.ndarray
     target_size: tuple[int, int]  # width, height
+    depth: np.ndarray | None = None  # of the source, [H, W], metres, 0 where unknown; only with depth=privileged
+    # With scales=: a factor that target_from_source contains; where a method normalises the distance of the cameras,
+    # its recipe multiplies by this afterwards.
+    scale: float = 1.0
 
     @property
     def source_from_target(self) -> np.ndarray:
@@ -62,7 +66,47 @@ def read(request: dict) -> Pair:
     target = (pair["target"]["width"], pair["target"]["height"])
     K_s, K_t = (np.reshape(pair[name], (3, 3)) for name in ("K_s", "K_t"))
     source = Image.open(request["source_picture"]).convert("RGB")
-    return Pair(request["pair_id"], source, K_s, K_t, np.reshape(pair["target_from_source"], (4, 4)), target)
+    depth = np.load(request["source_depth"]) if "source_depth" in request else None
+    scale = request.get("scale", 1.0)
+    target_from_source = np.reshape(pair["target_from_source"], (4, 4)).astype(float)
+    target_from_source[:3, 3] *= scale
+    return Pair(request["pair_id"], source, K_s, K_t, target_from_source, target, depth, scale)
+
+
+def in_units_of(depth: np.ndarray, pair: Pair, box: Box) -> np.ndarray:
+    """target_from_source in the unit of a method's own depth map [H, W] of the part `box` of the source.
+
+    With depth=privileged the unit is the median of true over predicted depth, over the pixels that have both (the
+    paper's alignment: to scale depth by it and to divide the motion by it are the same). Without, it is a metre.
+    """
+    motion = pair.target_from_source.copy()
+    if pair.depth is not None:
+        height, width = depth.shape
+        y, x = np.nonzero(pair.depth > 0)
+        # True depth may be sparse: each of its pixels is compared with the predicted one that contains its centre.
+        column = np.floor((x + 0.5 - box[0]) / (box[2] - box[0]) * width).astype(int)
+        row = np.floor((y + 0.5 - box[1]) / (box[3] - box[1]) * height).astype(int)
+        inside = (column >= 0) & (column < width) & (row >= 0) & (row < height)
+        true, predicted = pair.depth[y, x][inside], depth[row[inside], column[inside]]
+        both = np.isfinite(predicted) & (predicted > 0)
+        if not both.any():
+            raise ValueError("no pixel has both true and predicted depth")
+        motion[:3, 3] /= np.median(true[both] / predicted[both])
+    return motion
+
+
+def trajectory(target_from_source: np.ndarray, frames: int) -> np.ndarray:
+    """Cameras from the source to the target, [frames, 4, 4], each camera-from-source: centres at equal steps on a line,
+    rotations at equal steps about one axis."""
+    rotation, centre = target_from_source[:3, :3], np.linalg.inv(target_from_source)[:3, 3]
+    axis = np.linalg.eigh(rotation + rotation.T)[1][:, -1]
+    cross = np.cross(np.eye(3), -axis)
+    angle = np.arctan2(np.trace(cross.T @ rotation) / 2, (np.trace(rotation) - 1) / 2)
+    path = np.tile(np.eye(4), (frames, 1, 1))
+    for camera, step in zip(path, np.linspace(0, 1, frames)):
+        camera[:3, :3] += np.sin(step * angle) * cross + (1 - np.cos(step * angle)) * cross @ cross
+        camera[:3, 3] = -camera[:3, :3] @ (step * centre)
+    return path
 
 
 def cut(picture: Image.Image, box: Box, size: tuple[int, int], kernel: int = Image.Resampling.LANCZOS) -> Image.Image:
@@ -90,10 +134,15 @@ def cut_K(K: np.ndarray, box: Box, size: tuple[int, int]) -> np.ndarray:
 
 
 def center_square(size: tuple[int, int]) -> Box:
-    """The largest square in the middle: the very pixels that `crop=center:1:1` scores."""
-    side = min(size)
-    x, y = ((length - side) // 2 for length in size)
-    return (x, y, x + side, y + side)
+    return center(size, (1, 1))
+
+
+def center(size: tuple[int, int], aspect: tuple[int, int]) -> Box:
+    """The largest part in the middle with an aspect: the very pixels that `crop=center:W:H` scores."""
+    across = min(size[0], math.floor(size[1] * aspect[0] / aspect[1] + 0.5))
+    down = min(size[1], math.floor(size[0] * aspect[1] / aspect[0] + 0.5))
+    x, y = (size[0] - across) // 2, (size[1] - down) // 2
+    return (x, y, x + across, y + down)
 
 
 def to_levels(chw) -> np.ndarray:

@@ -10,8 +10,8 @@ Output    one sRGB picture of the same size. The camera that is asked for shows 
           the aspects differ; the target's part of it is cut out and resized here (Lanczos), up or down.
 Lost      some columns or rows at the source's border (the crop). Scale: they centre the two cameras and bring the
           source's distance from the centre to --camera-scale (2), whatever it was in metres; they sweep 0.1 to 2.0
-          for one input and keep the best. Two targets of one source are sampled apart, and nothing makes them agree.
-          Samples are random: --seed.
+          for one input and keep the best: --camera-scale 1 with scales=0.1+0.2+…+2. Two targets of one source are
+          sampled apart, and nothing makes them agree. Samples are random: --seed.
 Licence   Stability AI's non-commercial licence, code and weights. Neither comes with this file.
 
 $ PYTHONPATH=stable-virtual-camera sharp-bench run --dataset middlebury=data/Middlebury2014 --out runs/seva --method \
@@ -64,9 +64,10 @@ def load(options: argparse.Namespace):
             around = (-x / scale, -y / scale, (width - x) / scale, (height - y) / scale)
             K_t = torch.tensor(protocol.cut_K(pair.K_t, around, (width, height))).float()
             c2w = torch.tensor(np.stack([np.eye(4), pair.source_from_target])[:, :3]).float()
+            settings = {**OPTIONS, "camera_scale": options.camera_scale * pair.scale}
             made = run_one_scene(
                 "img2img",
-                {**VERSION, "H": height, "W": width, "options": {**OPTIONS, "camera_scale": options.camera_scale}},
+                {**VERSION, "H": height, "W": width, "options": settings},
                 **networks,
                 image_cond={"img": [source, np.zeros_like(source)], "input_indices": [0], "prior_indices": None},
                 camera_cond={"c2w": c2w, "K": torch.stack([K_s[0], K_t]), "input_indices": [0, 1]},

@@ -201,6 +201,28 @@ fn tables_that_are_no_scores_take_rows_too() {
         assert_eq!(cell["dataset"], "Middlebury");
     }
 
+    // Datasets that the paper does not have follow its own.
+    let own = "m,mine,colmap,inference_secs,15,0.7,0.6,0.8,0.5,0.9\n";
+    std::fs::create_dir(dir.join("more")).unwrap();
+    std::fs::write(dir.join("more/speed.csv"), format!("{head}{lines}{own}")).unwrap();
+    let table = |more: &[&str]| {
+        let args = ["timing-comparison", "--row", "a=speed", "--row", "b=more"];
+        sharp_bench(dir, &[&["table"], &args[..], more].concat()).ends_with(0)
+    };
+    let json = table(&["--json"]).json();
+    let cells = json["cells"].as_array().unwrap().iter();
+    let of_own: Vec<_> = cells.filter(|c| c["dataset"] == "mine").collect();
+    assert!(of_own.iter().all(|c| c["origin"] == "measured"));
+    let values: Vec<_> = of_own.iter().map(|c| c["value"].as_f64()).collect();
+    assert_eq!(values, [None, None, Some(0.7), None]);
+    let text = table(&["--datasets", "mine", "--out", "speeds"]).out;
+    assert!(text.contains("mine") && !text.contains("ETH3D"), "{text}");
+    assert!(
+        std::fs::read_to_string(dir.join("speeds/timing-comparison.tex"))
+            .unwrap()
+            .contains("mine")
+    );
+
     let tiny = golden("tiny_model.pt");
     let row = format!("tiny={tiny}");
     let args = ["table", "param-count", "--row", &row];

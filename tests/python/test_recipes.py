@@ -9,6 +9,7 @@ import csv
 import json
 import os
 import pathlib
+import re
 import shlex
 import subprocess
 import sys
@@ -26,6 +27,8 @@ STUBS = pathlib.Path(__file__).parent / "stubs"
 RECIPES = ROOT / "bench/recipes"
 PAIRS = "sets=whole,threshold=0,at-threshold=in,limit=all,missing-depth=accept,order=once"
 SQUARE = "crop=center:1:1,resize=bicubic"
+TMPI = "--checkpoint {0}/tmpi.pth --depth-checkpoint {0}/sharp.pt"
+VIDEO = ["crop=center:16:9,resize=bicubic", "crop=center:20:11,resize=bicubic"]
 DEPTH = 2.0  # metres from the source to the plane
 
 # Principal points far from the middle, pixels that are not square, and sizes of another aspect.
@@ -93,11 +96,15 @@ def datasets(tmp_path_factory):
     for name, camera, pose in (("a", SOURCE, np.eye(4)), ("b", TARGET, POSE)):
         (width, height), K = camera["size"], camera["K"]
         Image.fromarray(picture((width, height), K, pose)).save(folder / f"{name}.png")
+        depth = {"depth_file_path": "depth.png"} if name == "a" else {}
         world_from_camera = np.linalg.inv(pose) @ np.diag([1, -1, -1, 1])
         frames.append(
-            {"file_path": f"{name}.png", "w": width, "h": height, "transform_matrix": world_from_camera.tolist()}
+            {"file_path": f"{name}.png", **depth, "w": width, "h": height, "transform_matrix": world_from_camera.tolist()}
             | {"fl_x": K[0, 0], "fl_y": K[1, 1], "cx": K[0, 2], "cy": K[1, 2]}
         )
+    depth = np.full(SOURCE["size"][::-1], DEPTH * 1000, np.uint16)
+    depth[::3] = 0  # unknown
+    Image.fromarray(depth).save(folder / "depth.png")
     (folder / "transforms.json").write_text(json.dumps({"frames": frames}))
     return [f"P:nerfstudio={folder}", f"M:middlebury={sb.bundled_data(tmp_path_factory.mktemp('bundled'))}"]
 
@@ -114,6 +121,7 @@ def scores(run):
 def stubs(monkeypatch):
     monkeypatch.setenv("STUB_DEPTH", str(DEPTH))
     monkeypatch.setenv("STUB_BASELINE", str(np.linalg.norm(POSE[:3, 3])))
+    monkeypatch.setenv("STUB_FOCAL", str(SOURCE["K"][0, 0] / SOURCE["size"][0]))
 
     def use(name):
         folders = [STUBS / name, STUBS / "common", ROOT / "bench/python"]
@@ -128,6 +136,7 @@ def write_weights(folder):
     unisharp = {"config": {"initializer_scale_factor": 1.25, "unheard_of": 1}, "unik3d_backbone": "vitb"}
     torch.save(unisharp, folder / "unisharp.pt")
     torch.save({"model": {}}, folder / "lvsm.pt")
+    torch.save({"module.weight": torch.ones(1)}, folder / "tmpi.pth")
     (folder / "cars/.hydra").mkdir(parents=True)
     data = {"training_resolution": 128, "fov": 51.98948897809546, "znear": 0.8, "zfar": 1.8, "category": "cars"}
     (folder / "cars/.hydra/config.yaml").write_text(json.dumps({"data": {**data, "white_background": True}}))
@@ -160,18 +169,64 @@ def test_recipes_that_predict_gaussians(recipe, weights, datasets, stubs, tmp_pa
         ("splatter_image", "splatter_image", "--model {}/cars --units-per-metre 0.5", SQUARE, True),
         ("stable_virtual_camera", "seva", "--camera-scale 1", "timeout=60", False),
         ("lvsm", "lvsm", "--config {0}/lvsm.yaml --checkpoint {0}/lvsm.pt", SQUARE, False),
+        ("tiled_mpi", "tmpi", TMPI, "timeout=60", True),
+        ("view_crafter", "view_crafter", "--checkpoint {}/sharp.pt", VIDEO[0], True),
+        ("gen3c", "gen3c", "--checkpoint_dir {} --offload_tokenizer", VIDEO[1], True),
     ],
-    ids=["flash3d", "splatter_image", "stable_virtual_camera", "lvsm"],
+    ids=["flash3d", "splatter_image", "stable_virtual_camera", "lvsm", "tiled_mpi", "view_crafter", "gen3c"],
 )
 def test_recipes_that_make_pictures(recipe, stub, arguments, fit, metric, datasets, stubs, program, tmp_path):
     write_weights(tmp_path)
     stubs(stub)
-    run = f"{shlex.quote(sys.executable)} {RECIPES / recipe}.py --device cpu {arguments.format(tmp_path)}"
-    options = ["--pair-options", PAIRS, "--metrics", "psnr", "--out", tmp_path / "run"]
+    evaluate(program, tmp_path, "run", recipe, arguments, fit, datasets)
+    assert scores(tmp_path / "run")["P"] > best_mistake(metric)
+
+
+def evaluate(program, folder, name, recipe, arguments, fit, datasets, *more):
+    run = f"{shlex.quote(sys.executable)} {RECIPES / recipe}.py --device cpu {arguments.format(folder)}"
+    options = ["--pair-options", PAIRS, "--metrics", "psnr", "--out", folder / name, *more]
     for dataset in datasets:
         options += ["--dataset", dataset]
     program("run", "--method", f'command:label=theirs,{fit},run="{run}"', *options)
-    assert scores(tmp_path / "run")["P"] > best_mistake(metric)
+
+
+@pytest.mark.parametrize(
+    "recipe, stub, arguments, fit",
+    [
+        ("flash3d", "flash3d", "--checkpoint {}/sharp.pt", "resize=bicubic"),
+        ("tiled_mpi", "tmpi", TMPI, "timeout=60"),
+        ("view_crafter", "view_crafter", "--checkpoint {}/sharp.pt", VIDEO[0]),
+        ("gen3c", "gen3c", "--checkpoint_dir {} --offload_tokenizer", VIDEO[1]),
+    ],
+    ids=["flash3d", "tiled_mpi", "view_crafter", "gen3c"],
+)
+def test_the_median_scale_of_a_methods_own_depth(recipe, stub, arguments, fit, datasets, stubs, program, monkeypatch, tmp_path):
+    """Depth that is too large by a constant factor costs quality unless the recipe sees the source's true depth."""
+    write_weights(tmp_path)
+    stubs(stub)
+    monkeypatch.setenv("STUB_DEPTH_FACTOR", "1.3")
+    for name, privilege in (("blind", "none"), ("told", "privileged")):
+        evaluate(program, tmp_path, name, recipe, arguments, f"depth={privilege},{fit}", datasets)
+    assert scores(tmp_path / "blind")["P"] < best_mistake(metric=True) < scores(tmp_path / "told")["P"]
+
+
+@pytest.mark.parametrize(
+    "recipe, stub, arguments, fit",
+    [
+        ("stable_virtual_camera", "seva", "--camera-scale 1", "timeout=60"),
+        ("lvsm", "lvsm", "--config {0}/lvsm.yaml --checkpoint {0}/lvsm.pt", SQUARE),
+    ],
+    ids=["stable_virtual_camera", "lvsm"],
+)
+def test_scales_of_a_method_that_normalises_the_cameras(recipe, stub, arguments, fit, datasets, stubs, program, tmp_path):
+    write_weights(tmp_path)
+    stubs(stub)
+    for name, scales in (("all", "0.8+1+1.25"), ("small", "0.8")):
+        evaluate(program, tmp_path, name, recipe, arguments, f"scales={scales},{fit}", datasets, "--scale-sweep")
+    with open(tmp_path / "all/scores.csv", newline="") as file:
+        chosen = {row["dataset"]: (row["best_scale"], row["scales_tried"]) for row in csv.DictReader(file)}
+    assert chosen["P"] == ("1", "3")
+    assert scores(tmp_path / "small")["P"] < best_mistake(metric=True) < scores(tmp_path / "all")["P"]
 
 
 def test_what_they_share(monkeypatch):
@@ -189,6 +244,19 @@ def test_what_they_share(monkeypatch):
     assert (outside[20:, 10:] == np.asarray(whole)[:268, :374]).all()
     assert (np.asarray(protocol.cut(whole, (-1e-9, 0, 384 + 1e-9, 288), SOURCE["size"])) == np.asarray(whole)).all()
     assert protocol.center_square((741, 497)) == (122, 0, 619, 497)
+    assert protocol.center((741, 497), (16, 9)) == (0, 40, 741, 457)
+    path = protocol.trajectory(POSE, 5)
+    assert np.allclose(path[0], np.eye(4)) and np.allclose(path[-1], POSE)
+    assert np.allclose(np.linalg.matrix_power(path[1, :3, :3], 4), POSE[:3, :3])
+    assert np.allclose(np.linalg.inv(path)[:, :3, 3], np.linspace(0, 1, 5)[:, None] * np.linalg.inv(POSE)[:3, 3])
+    pair = protocol.Pair("a", whole, K, K, POSE, whole.size)
+    assert (protocol.in_units_of(np.ones((2, 3)), pair, (0, 0, 3, 2)) == POSE).all()
+    pair.depth = np.array([[9, 2, 0, 6, 9]] * 2)
+    # Of the part from the second to the fourth column: true over predicted depth is 2 / 4, nothing, and 6 / 4.
+    seen = protocol.in_units_of(np.array([[4.0, 0, 4]]), pair, (1, 0, 4, 2))
+    assert np.allclose(seen[:3, 3], POSE[:3, 3]) and np.allclose(seen[:3, :3], POSE[:3, :3])
+    with pytest.raises(ValueError, match="no pixel"):
+        protocol.in_units_of(np.zeros((1, 3)), pair, (1, 0, 4, 2))
     assert protocol.to_levels(torch.tensor([[[-1.0]], [[0.5]], [[2.0]]])).tolist() == [[[0, 128, 255]]]
 
 
@@ -216,3 +284,15 @@ def test_a_pair_that_cannot_be_predicted_is_answered(monkeypatch, stubs, tmp_pat
     assert answers[1] == {"pair_id": "good", "extras": {"rendered_width": 8}}
     assert Image.open(tmp_path / "made.png").size == (8, 6)
     assert "loading" in done.stderr and done.stderr.count("working") == 2
+
+
+def test_every_row_of_the_papers_main_tables_has_a_recipe():
+    page = (ROOT / "bench/docs/reproduce-table-1.md").read_text()
+    ways = dict(re.findall(r"^\| (\w+) \| `(\w+\.py)` \| `(?:depth=privileged|scales=)`", page, re.MULTILINE))
+    with open(ROOT / "bench/data/paper_tables.csv", newline="") as file:
+        rows = {row["row"] for row in csv.DictReader(file) if row["table"] in ("quantitative", "privileged", "timing-comparison")}
+    assert rows == {"SHARP (ours)", *ways}
+    assert all((RECIPES / recipe).exists() for recipe in ways.values())
+    # And every recipe is on the page of recipes.
+    listed = (ROOT / "bench/docs/recipes.md").read_text()
+    assert all(f"`{recipe.name}`" in listed for recipe in RECIPES.glob("*.py"))

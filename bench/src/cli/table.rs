@@ -150,7 +150,7 @@ fn made_by(table: &PublishedTable) -> (&'static str, &'static str) {
     match table.made_by {
         MadeBy::Run => ("run", "a run on the table's datasets"),
         MadeBy::PrivilegedRun => (
-            "run --method KIND:depth=privileged",
+            "run --method KIND:depth=privileged or --scale-sweep",
             "a run on those of the table's datasets that have depth",
         ),
         MadeBy::Speed => ("speed --out", "the folder that the command wrote"),

@@ -84,6 +84,18 @@ impl<'a> Sources<'a> {
         let depth = cached(&mut self.depth, view, || Ok(view.content.depth()?))?;
         Ok(depth.as_ref())
     }
+
+    /// The depth of a view, if the method has the privilege to see it.
+    fn depth_seen_by(
+        &mut self,
+        method: &dyn Method,
+        view: &'a View,
+    ) -> Result<Option<DepthMap>, MethodError> {
+        match method.privilege().depth {
+            TrueDepth::SourceDepth => Ok(self.depth(view)?.cloned()),
+            _ => Ok(None),
+        }
+    }
 }
 
 fn cached<'c, 'a, T>(
@@ -364,10 +376,7 @@ impl<'j, 'a> PairWork<'j, 'a> {
                 plain(truth.image().clone().into(), 0.0)
             }
             Approach::Pictures(pictures) => {
-                let depth = match method.privilege().depth {
-                    TrueDepth::SourceDepth => sources.depth(view)?.cloned(),
-                    _ => None,
-                };
+                let depth = sources.depth_seen_by(method, view)?;
                 let image = sources.photograph(view)?;
                 let source = SourceView::new(name, &self.source, image, depth.as_ref());
                 let (prediction, secs) = self.timed(|| pictures.predict(&source, &target));
@@ -376,8 +385,9 @@ impl<'j, 'a> PairWork<'j, 'a> {
                 plain(prediction, secs)
             }
             Approach::Scales(sweep) => {
+                let depth = sources.depth_seen_by(method, view)?;
                 let image = sources.photograph(view)?;
-                let source = SourceView::new(name, &self.source, image, None);
+                let source = SourceView::new(name, &self.source, image, depth.as_ref());
                 let (candidates, secs) = self.timed(|| sweep.predict(&source, &target));
                 let mut candidates = candidates?;
                 let tried = candidates.len();

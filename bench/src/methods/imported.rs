@@ -12,6 +12,7 @@ use super::method::{
     Approach, Method, MethodError, MethodIdentity, PicturePrediction, PredictPicture, SourceView,
     TargetCamera,
 };
+use super::scale_sweep::{PredictAtScale, Scale};
 use super::spec::{MethodSpec, SpecError};
 use crate::io::{fingerprints, pictures};
 use crate::pairs::pair_id::path_of;
@@ -66,15 +67,11 @@ impl Imported {
     }
 
     /// The same method reading from the subfolder `name`.
-    pub(super) fn in_folder(&self, name: &str) -> Self {
+    fn in_folder(&self, name: &str) -> Self {
         Self {
             dir: self.dir.join(name),
             ..self.clone()
         }
-    }
-
-    pub(super) fn dir(&self) -> &Path {
-        &self.dir
     }
 
     fn find(&self, pair_id: &str) -> Result<PathBuf, MethodError> {
@@ -180,6 +177,34 @@ impl Method for Imported {
 
     fn approach(&self) -> Approach<'_> {
         Approach::Pictures(self)
+    }
+}
+
+/// Each scale has a folder of its own, `DIR/<scale>/`.
+impl PredictAtScale for Imported {
+    fn predict_at(
+        &self,
+        (folder, _): &Scale,
+        source: &SourceView,
+        target: &TargetCamera,
+    ) -> Result<PicturePrediction, MethodError> {
+        self.in_folder(folder).predict(source, target)
+    }
+
+    fn input_files_at(
+        &self,
+        (folder, _): &Scale,
+        pair_id: &str,
+    ) -> Result<Vec<PathBuf>, MethodError> {
+        self.in_folder(folder).input_files(pair_id)
+    }
+
+    fn check(&self, (folder, _): &Scale) -> Result<(), String> {
+        let dir = self.dir.join(folder);
+        match dir.is_dir() {
+            true => Ok(()),
+            false => Err(format!("{} is not a folder", dir.display())),
+        }
     }
 }
 

@@ -13,7 +13,7 @@ use super::file_reading::FileReading;
 use super::gaussians::GaussianFiles;
 use super::imported::Imported;
 use super::method::Method;
-use super::scale_sweep::ScaleSweep;
+use super::scale_sweep::{PredictAtScale, ScaleSweep};
 use super::sharp::Sharp;
 use super::spec::{MethodSpec, SpecError};
 use super::trivial::{self, Target};
@@ -209,12 +209,14 @@ pub const KINDS: [MethodKind; 8] = [
                 "read DIR/<scale>/<pair_id>.png for each scale; with --scale-sweep",
             ),
         ],
-        build: imported,
+        build: |spec, chooser| swept(spec, chooser, Imported::from_spec(spec)?),
     },
     MethodKind {
         name: "command",
         options: &[
-            &["run", "timeout", "version", "files", "depth", "cwd"],
+            &[
+                "run", "timeout", "version", "files", "depth", "scales", "cwd",
+            ],
             &FitRules::OPTIONS,
         ],
         summary: "an external program that gets one line of JSON per pair",
@@ -235,11 +237,15 @@ pub const KINDS: [MethodKind; 8] = [
                 "privileged: the program gets the source's true depth",
             ),
             (
+                "scales=0.5+1+2",
+                "request each pair once per scale, which the request states; with --scale-sweep",
+            ),
+            (
                 "resize=…, crop=x:y:w:h|center:W:H, alpha=…, color=…, orientation=…, exr=…",
                 "as for imported",
             ),
         ],
-        build: |spec, _| Ok(Box::new(Command::from_spec(spec)?)),
+        build: |spec, chooser| swept(spec, chooser, Command::from_spec(spec)?),
     },
 ];
 
@@ -296,10 +302,17 @@ fn kind_of(spec: &MethodSpec) -> Result<&'static MethodKind, SpecError> {
 
 type Built = Result<Box<dyn Method>, SpecError>;
 
-fn imported(spec: &MethodSpec, chooser: Option<&Arc<ScaleChooser>>) -> Built {
+/// The method itself, or at each of the scales in `scales=`.
+fn swept<M: PredictAtScale + 'static>(
+    spec: &MethodSpec,
+    chooser: Option<&Arc<ScaleChooser>>,
+    method: M,
+) -> Built {
     Ok(match (spec.option("scales"), chooser) {
-        (None, _) => Box::new(Imported::from_spec(spec)?),
-        (Some(_), Some(chooser)) => Box::new(ScaleSweep::from_spec(spec, Arc::clone(chooser))?),
+        (None, _) => Box::new(method),
+        (Some(_), Some(chooser)) => {
+            Box::new(ScaleSweep::from_spec(spec, method, Arc::clone(chooser))?)
+        }
         (Some(_), None) => {
             return Err(spec.error("several scales: --scale-sweep scores the best of them"));
         }

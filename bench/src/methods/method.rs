@@ -209,6 +209,9 @@ pub struct MethodIdentity {
 }
 
 impl MethodIdentity {
+    /// Setting that names what chooses among several scales; absent if a method predicts a single one.
+    pub const CHOSEN_BY: &str = "chosen_by";
+
     pub fn new<const N: usize>(kind: &str, settings: [(&str, String); N]) -> Self {
         let settings = settings.into_iter();
         Self {

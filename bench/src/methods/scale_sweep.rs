@@ -1,57 +1,76 @@
 //! Pictures of an external method at several scales of the scene; the best scale is scored.
 
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use super::imported::Imported;
 use super::method::{
-    Approach, Candidate, Method, MethodError, MethodIdentity, PredictPicture, PredictScales,
+    Approach, Candidate, Method, MethodError, MethodIdentity, PicturePrediction, PredictScales,
     SourceView, TargetCamera,
 };
+use super::privilege::Privilege;
 use super::spec::{MethodSpec, SpecError};
 use crate::scoring::ScaleChooser;
 
-/// Reads `DIR/<scale>/<pair_id>.png` for every scale and keeps the best.
+/// One scale: its name in `scales=`, and its value.
+pub type Scale = (String, f64);
+
+/// A method that can predict a pair at a given scale of the scene.
+pub(super) trait PredictAtScale: Method {
+    /// Predicts the target's picture, with the distance of the two cameras multiplied by the scale.
+    fn predict_at(
+        &self,
+        scale: &Scale,
+        source: &SourceView,
+        target: &TargetCamera,
+    ) -> Result<PicturePrediction, MethodError>;
+
+    /// [`Method::input_files`] at a scale.
+    fn input_files_at(&self, _scale: &Scale, pair_id: &str) -> Result<Vec<PathBuf>, MethodError> {
+        self.input_files(pair_id)
+    }
+
+    /// Checks that the scale can be predicted. Errors do not name the method.
+    fn check(&self, _scale: &Scale) -> Result<(), String> {
+        Ok(())
+    }
+}
+
+/// Predicts every pair at every scale and keeps the best.
 ///
-/// If a pair's picture is missing at any scale, the pair fails, because the best of fewer scales is
-/// not comparable. Ties go to the scale listed first.
+/// If a pair fails at any scale, the pair fails, because the best of fewer scales is not comparable. Ties go to the
+/// scale listed first.
 ///
-/// Extras: `best_scale`, `scales_tried`, and those of [`Imported`].
+/// Extras: `best_scale`, `scales_tried`, and those of the method at that scale.
 #[derive(Debug)]
-pub struct ScaleSweep {
-    label: String,
-    scales: Vec<(f64, Imported)>,
+pub(super) struct ScaleSweep<M> {
+    method: M,
+    scales: Vec<Scale>,
     names: String,
     chooser: Arc<ScaleChooser>,
 }
 
-impl ScaleSweep {
-    /// Parses `scales=A+B+…`, each the name of a folder.
+impl<M: PredictAtScale> ScaleSweep<M> {
+    /// Parses `scales=A+B+…`.
     ///
     /// # Errors
-    /// If a scale is not a positive number, is given twice or has no folder.
+    /// If a scale is not a positive number, is given twice or cannot be predicted.
     pub(super) fn from_spec(
         spec: &MethodSpec,
+        method: M,
         chooser: Arc<ScaleChooser>,
     ) -> Result<Self, SpecError> {
-        let pictures = Imported::from_spec(spec)?;
         let names = spec.option("scales").unwrap_or_default().to_owned();
-        let mut scales: Vec<(f64, Imported)> = Vec::new();
-        let folders: Vec<String> = names
+        let each: Vec<String> = names
             .split('+')
             .map(|name| name.trim().to_owned())
             .collect();
-        let of_names = sweep_scales(&folders);
-        for (name, scale) in of_names.map_err(|e| spec.error(format!("scales={names}: {e}")))? {
-            let of_scale = pictures.in_folder(&name);
-            if !of_scale.dir().is_dir() {
-                let dir = of_scale.dir().display();
-                return Err(spec.refused(format!("{dir} is not a folder")));
-            }
-            scales.push((scale, of_scale));
+        let scales = sweep_scales(&each).map_err(|e| spec.error(format!("scales={names}: {e}")))?;
+        for scale in &scales {
+            method.check(scale).map_err(|reason| spec.refused(reason))?;
         }
         Ok(Self {
-            label: spec.label.clone(),
+            method,
             scales,
             names,
             chooser,
@@ -59,9 +78,9 @@ impl ScaleSweep {
     }
 }
 
-/// Parses the scales of a sweep from its folder names. Errors do not name the method.
-pub fn sweep_scales(names: &[String]) -> Result<Vec<(String, f64)>, String> {
-    let mut scales: Vec<(String, f64)> = Vec::new();
+/// Parses the scales of a sweep from their names. Errors do not name the method.
+pub fn sweep_scales(names: &[String]) -> Result<Vec<Scale>, String> {
+    let mut scales: Vec<Scale> = Vec::new();
     for name in names {
         let scale = name.parse().ok();
         let Some(scale) = scale.filter(|s: &f64| s.is_finite() && *s > 0.0) else {
@@ -75,34 +94,44 @@ pub fn sweep_scales(names: &[String]) -> Result<Vec<(String, f64)>, String> {
     Ok(scales)
 }
 
-impl Method for ScaleSweep {
+impl<M: PredictAtScale> Method for ScaleSweep<M> {
     fn label(&self) -> &str {
-        &self.label
+        self.method.label()
     }
 
     fn identity(&self) -> MethodIdentity {
-        let pictures = self.scales.first().map(|(_, pictures)| pictures.identity());
-        let mut settings = pictures.map_or_else(Default::default, |identity| identity.settings);
-        settings.insert("scales".to_owned(), self.names.clone());
-        settings.insert("chosen_by".to_owned(), self.chooser.identity().to_owned());
-        MethodIdentity {
-            kind: "imported".to_owned(),
-            settings,
-        }
+        let mut identity = self.method.identity();
+        let settings = [
+            ("scales", &*self.names),
+            (MethodIdentity::CHOSEN_BY, self.chooser.identity()),
+        ];
+        let settings = settings.map(|(key, value)| (key.to_owned(), value.to_owned()));
+        identity.settings.extend(settings);
+        identity
     }
 
     fn sources(&self) -> &'static str {
-        self.scales
-            .first()
-            .map_or("", |(_, pictures)| pictures.sources())
+        self.method.sources()
+    }
+
+    fn privilege(&self) -> Privilege {
+        self.method.privilege()
+    }
+
+    fn notes(&self) -> Vec<String> {
+        self.method.notes()
     }
 
     fn input_files(&self, pair_id: &str) -> Result<Vec<PathBuf>, MethodError> {
-        let mut files = Vec::new();
-        for (_, pictures) in &self.scales {
-            files.extend(pictures.input_files(pair_id)?);
+        let mut files = BTreeSet::new();
+        for scale in &self.scales {
+            files.extend(self.method.input_files_at(scale, pair_id)?);
         }
-        Ok(files)
+        Ok(files.into_iter().collect())
+    }
+
+    fn begin(&self, logs: &Path, scratch_in: &Path) {
+        self.method.begin(logs, scratch_in);
     }
 
     fn approach(&self) -> Approach<'_> {
@@ -110,15 +139,15 @@ impl Method for ScaleSweep {
     }
 }
 
-impl PredictScales for ScaleSweep {
+impl<M: PredictAtScale> PredictScales for ScaleSweep<M> {
     fn predict(
         &self,
         source: &SourceView,
         target: &TargetCamera,
     ) -> Result<Vec<Candidate>, MethodError> {
         let mut candidates: Vec<Candidate> = Vec::new();
-        for (scale, pictures) in &self.scales {
-            let prediction = pictures.predict(source, target)?;
+        for scale in &self.scales {
+            let prediction = self.method.predict_at(scale, source, target)?;
             if candidates
                 .first()
                 .is_some_and(|first| first.prediction.region != prediction.region)
@@ -129,7 +158,7 @@ impl PredictScales for ScaleSweep {
                 });
             }
             candidates.push(Candidate {
-                scale: *scale,
+                scale: scale.1,
                 prediction,
             });
         }

@@ -61,3 +61,70 @@ fn the_best_of_several_scales_is_chosen_by_dists_and_said() {
     }
     with("1+7").is_error_with(&["7"]);
 }
+
+/// The program returns the true picture at one scale and a blurred one at the others.
+#[cfg(unix)]
+#[test]
+fn a_program_is_asked_at_every_scale_and_the_best_is_chosen() {
+    let dir = tempfile::tempdir().unwrap();
+    let dir = dir.path();
+    let ids = truth(dir, "2");
+    for (id, best) in ids.iter().zip(["0.5", "2.0"]) {
+        let image = picture(dir, id);
+        save(dir, &format!("made/{best}"), id, &image);
+        save(dir, "made/other", id, &imageops::blur(&image, 3.0));
+    }
+    let script = r#"
+while IFS= read -r line; do
+  id=$(printf '%s' "$line" | sed 's/.*"pair_id":"\([^"]*\)","source_picture".*/\1/')
+  scale=$(printf '%s' "$line" | sed -n 's/.*"scale":\([0-9.]*\),"pair":.*/\1/p')
+  case "$line" in *'"source_depth":"'*) told=1;; *) told=0;; esac
+  picture="made/$scale/$id.png"
+  [ -f "$picture" ] || picture="made/other/$id.png"
+  echo "{\"pair_id\":\"$id\",\"picture\":\"$picture\",\"extras\":{\"told\":$told,\"at\":$scale}}"
+done
+"#;
+    std::fs::write(dir.join("my.sh"), script).unwrap();
+    let plain = "command:run='sh my.sh',scales=0.5+1+2";
+    run(dir, "r", &["--method", plain]).is_usage_error_with(&["--scale-sweep"]);
+    let told = "command:label=told,run='sh my.sh',scales=0.5+1+2,depth=privileged";
+    let methods = ["--method", plain, "--method", told, "--limit", "2"];
+    let said = run(dir, "r", &[&methods[..], &["--scale-sweep"]].concat()).ends_with(0);
+    assert!(
+        said.out.contains("best of 3 scales by DISTS"),
+        "{}",
+        said.out
+    );
+    let found = scores(dir, "r");
+    for (method, told) in [("command", "0"), ("told", "1")] {
+        for (row, best) in found[method].iter().zip(["0.5", "2"]) {
+            // The extras are those of the chosen picture.
+            let seen = ["best_scale", "at", "scales_tried", "told"].map(|name| &*row[name]);
+            assert_eq!(seen, [best, best, "3", told]);
+            assert_eq!(row["psnr"], "inf");
+        }
+    }
+    let manifest: serde_json::Value =
+        serde_json::from_str(&read(dir.join("r/manifest.json"))).unwrap();
+    let identity = &manifest["methods"][0]["identity"];
+    assert_eq!(identity["kind"], "command");
+    assert_eq!(identity["settings"]["scales"], "0.5+1+2");
+    assert!(identity["settings"]["chosen_by"].is_string());
+
+    // Both are as privileged as the paper's rows: by a sweep and by depth.
+    let table = |name: &str, row: &str| {
+        let args = ["table", name, "--metrics", "psnr", "--row", row];
+        sharp_bench(dir, &args).out
+    };
+    let mark = |text: &str| format!("[x] Every row uses {text}");
+    let privileged = table("privileged-psnr-ssim", "mine=r:command");
+    assert!(
+        privileged.contains(&mark(
+            "the scale of the true depth, or the best of several scales"
+        )),
+        "{privileged}"
+    );
+    assert!(!privileged.contains("changed or selected"), "{privileged}");
+    let others = table("psnr-ssim", "mine=r:command");
+    assert!(others.contains("the best of several scales"), "{others}");
+}

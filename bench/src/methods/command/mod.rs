@@ -27,6 +27,7 @@ use super::method::{
     TargetCamera,
 };
 use super::privilege::{Privilege, TrueDepth};
+use super::scale_sweep::{PredictAtScale, Scale};
 use super::spec::{MethodSpec, SpecError};
 use crate::io::atomic_files::{FileError, scratch_folder};
 use crate::io::fingerprints;
@@ -159,19 +160,12 @@ impl Command {
         Ok(state.log.clone())
     }
 
-    /// Requests a prediction, which the program should write to `write_to`.
-    fn ask(
-        &self,
-        state: &mut State,
-        source: &SourceView,
-        target: &TargetCamera,
-        files: &SourceFiles,
-        write_to: &Path,
-    ) -> Result<Answer, MethodError> {
+    /// Sends a request and waits for its answer.
+    fn ask(&self, state: &mut State, request: &PairRequest) -> Result<Answer, MethodError> {
         if let Some(reason) = &state.given_up {
             return Err(self.failure(reason));
         }
-        let line = PairRequest::new(source, target, files, write_to)
+        let line = request
             .to_line()
             .map_err(|error| self.failure(error.to_string()))?;
         loop {
@@ -184,7 +178,7 @@ impl Command {
                 }
             };
             let trouble = match process.ask(&line, self.timeout) {
-                Ok(text) => match Answer::parse(&text, target.pair_id()) {
+                Ok(text) => match Answer::parse(&text, request.pair_id()) {
                     Ok(answer) => {
                         state.process = Some(process);
                         state.has_answered = true;
@@ -380,6 +374,29 @@ impl PredictPicture for Command {
         source: &SourceView,
         target: &TargetCamera,
     ) -> Result<PicturePrediction, MethodError> {
+        self.request(None, source, target)
+    }
+}
+
+impl PredictAtScale for Command {
+    fn predict_at(
+        &self,
+        (_, scale): &Scale,
+        source: &SourceView,
+        target: &TargetCamera,
+    ) -> Result<PicturePrediction, MethodError> {
+        self.request(Some(*scale), source, target)
+    }
+}
+
+impl Command {
+    /// Requests a prediction and reads its picture.
+    fn request(
+        &self,
+        scale: Option<f64>,
+        source: &SourceView,
+        target: &TargetCamera,
+    ) -> Result<PicturePrediction, MethodError> {
         let region = self.fit.region(target.size(), None, None);
         let region = region.map_err(|reason| self.failure(reason))?;
         let mut state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
@@ -397,7 +414,8 @@ impl PredictPicture for Command {
         {
             return Err(MethodError::file(&write_to, error));
         }
-        let answer = self.ask(&mut state, source, target, &files, &write_to)?;
+        let request = PairRequest::new(source, target, &files, scale, &write_to);
+        let answer = self.ask(&mut state, &request)?;
         if let Some(reason) = answer.error {
             return Err(self.failure(format!("the program says: {reason}")));
         }

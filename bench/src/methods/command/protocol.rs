@@ -3,7 +3,8 @@
 //! Request: `{"protocol":1,"pair_id":…,"source_picture":…,"write_to":…,"pair":{…}}`. The paths are
 //! absolute; `source_picture` is a PNG, `pair` is the `pair.json` of `pairs export`, `write_to` is
 //! where the program writes its PNG. With `depth=privileged`, `source_depth` is the source's true
-//! z-depth as `.npy`.
+//! z-depth as `.npy`. With `scales=`, each pair is requested once per scale, and `scale` is the factor by which the
+//! program multiplies the distance of the two cameras in its own units; `pair` stays in metres.
 //!
 //! Answer: `{"pair_id":…}` if the picture was written there. Optional keys are `"picture":PATH` if
 //! it was written elsewhere (.png, .jpg, .exr, .npy), and `"extras":{NAME:NUMBER}` for additional
@@ -38,6 +39,8 @@ pub(super) struct PairRequest<'a> {
     write_to: &'a Path,
     #[serde(skip_serializing_if = "Option::is_none")]
     source_depth: Option<&'a Path>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    scale: Option<f64>,
     pair: PairDescription,
 }
 
@@ -46,6 +49,7 @@ impl<'a> PairRequest<'a> {
         source: &SourceView,
         target: &TargetCamera<'a>,
         files: &'a SourceFiles,
+        scale: Option<f64>,
         write_to: &'a Path,
     ) -> Self {
         Self {
@@ -54,8 +58,13 @@ impl<'a> PairRequest<'a> {
             source_picture: &files.picture,
             write_to,
             source_depth: files.depth.as_deref(),
+            scale,
             pair: PairDescription::new(target.pair_id(), source.camera(), target.camera()),
         }
+    }
+
+    pub(super) fn pair_id(&self) -> &'a str {
+        self.pair_id
     }
 
     pub(super) fn to_line(&self) -> serde_json::Result<String> {

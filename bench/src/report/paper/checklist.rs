@@ -9,7 +9,7 @@ use crate::evaluate::Aggregation;
 use crate::evaluate::manifest::{DatasetRecord, Manifest, MethodRecord};
 use crate::evaluate::record::{Record, Status};
 use crate::io::counts::counted;
-use crate::methods::TrueDepth;
+use crate::methods::{MethodIdentity, TrueDepth};
 use crate::report::board::{Board, DatasetBoard};
 use crate::report::column::Column;
 use crate::report::tables::Condition;
@@ -55,7 +55,7 @@ pub(super) fn checklist(compared: &ChecklistInput<'_>) -> Vec<Condition> {
     checks.extend(compared.columns.iter().map(identity));
     checks.push(aggregation(compared));
     checks.push(privilege(compared));
-    checks.push(whole_pictures(&measured));
+    checks.push(whole_pictures(compared, &measured));
     if !others.is_empty() {
         let names: Vec<&str> = others.iter().map(|d| title(d)).collect();
         let names = names.join(", ");
@@ -244,17 +244,25 @@ fn aggregation(compared: &ChecklistInput<'_>) -> Condition {
 /// Condition on whether the rows use true depth.
 fn privilege(compared: &ChecklistInput<'_>) -> Condition {
     let wants = compared.paper.made_by == MadeBy::PrivilegedRun;
-    let otherwise = |method: &&MethodRecord| (method.privilege.depth != TrueDepth::None) != wants;
+    // The paper sweeps scales for methods whose depth cannot be aligned.
+    let is_told = |method: &MethodRecord| {
+        let sweeps = method
+            .identity
+            .settings
+            .contains_key(MethodIdentity::CHOSEN_BY);
+        method.privilege.depth != TrueDepth::None || (wants && sweeps)
+    };
+    let otherwise = |method: &&MethodRecord| is_told(method) != wants;
     let others = compared.manifest.methods.iter().filter(otherwise);
     let others: Vec<&str> = others.map(|method| method.label.as_str()).collect();
     match (others.is_empty(), wants) {
         (true, true) => check(
             true,
-            "Every row uses the scale of the true depth, as do the paper's rows.",
+            "Every row uses the scale of the true depth, or the best of several scales, as do the paper's rows.",
         ),
         (true, false) => check(true, "No row uses the true depth, nor do the paper's rows."),
         (false, true) => unmet(format!(
-            "Without the scale of the true depth, which the paper's rows use: {}.",
+            "Without the scale of the true depth or a sweep of scales, one of which the paper's rows use: {}.",
             others.join(", ")
         )),
         (false, false) => unmet(format!(
@@ -265,7 +273,7 @@ fn privilege(compared: &ChecklistInput<'_>) -> Condition {
 }
 
 /// Condition that pictures are not cropped, resized or masked.
-fn whole_pictures(measured: &[&DatasetBoard<'_>]) -> Condition {
+fn whole_pictures(compared: &ChecklistInput<'_>, measured: &[&DatasetBoard<'_>]) -> Condition {
     let records = || {
         let pairs = measured.iter().flat_map(|dataset| &dataset.pairs);
         pairs
@@ -286,7 +294,14 @@ fn whole_pictures(measured: &[&DatasetBoard<'_>]) -> Condition {
             "scored without the pixels that a mask of the dataset excludes",
             count(|r| r.valid_share.is_some()),
         ),
-        ("the best of several scales", count(|r| r.scale.is_some())),
+        (
+            "the best of several scales",
+            match compared.paper.made_by {
+                // The paper sweeps scales here, which `privilege` states.
+                MadeBy::PrivilegedRun => 0,
+                _ => count(|r| r.scale.is_some()),
+            },
+        ),
     ];
     let found = found.into_iter().filter(|(_, n)| *n > 0);
     let found: Vec<String> = found

@@ -6,7 +6,7 @@ use sharp_metrics::MetricKey;
 use crate::report::board::{Board, DatasetBoard, ReportDataset};
 use crate::report::column::Column;
 use crate::report::statistics::of_metric;
-use crate::report::tables::{Cell, Origin, Row, Table, build};
+use crate::report::tables::{Cell, Group, Origin, Row, Table, build};
 
 use super::checklist::{ChecklistInput, checklist};
 use super::column;
@@ -83,14 +83,22 @@ pub(super) fn with_rows(
             own.remarks.extend(doubts);
             Ok(below(paper.table(&kept), own))
         }
-        OwnRows::Measured { columns, rows } => {
+        OwnRows::Measured {
+            datasets,
+            columns,
+            rows,
+        } => {
             let width = columns.len();
+            let others = (paper.datasets.len()..).zip(&datasets);
+            let others: Vec<(usize, &String)> =
+                others.filter(|(_, name)| beside.shows(name)).collect();
             let of = |row: &Row, d: usize| row.cells[d * width..(d + 1) * width].to_vec();
             let has = |row: &Row, d: usize| of(row, d).iter().any(|cell| cell.value.is_some());
             let kept = |d: &usize| !beside.only_measured || rows.iter().any(|row| has(row, *d));
             let kept: Vec<usize> = listed.filter(kept).collect();
+            let shown = || kept.iter().chain(others.iter().map(|(d, _)| d));
             let narrowed = rows.iter().map(|row| Row {
-                cells: kept.iter().flat_map(|d| of(row, *d)).collect(),
+                cells: shown().flat_map(|d| of(row, *d)).collect(),
                 ..row.clone()
             });
             let published = paper.table(&kept);
@@ -101,6 +109,8 @@ pub(super) fn with_rows(
             };
             let decimals: Vec<usize> = own.columns.iter().map(|column| column.decimals).collect();
             own.columns = columns;
+            let others = others.iter().map(|(_, name)| Group::titled(name));
+            own.groups.extend(others);
             for (column, decimals) in own.columns.iter_mut().zip(decimals) {
                 column.decimals = decimals;
             }

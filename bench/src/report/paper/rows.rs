@@ -141,6 +141,8 @@ pub enum OwnRows {
     Scores(Box<Results>),
     /// Rows of a table without pairs, with its measured columns.
     Measured {
+        /// Datasets that the table does not have, whose cells follow those of its own.
+        datasets: Vec<String>,
         columns: Vec<Column>,
         rows: Vec<Row>,
     },
@@ -241,6 +243,7 @@ fn translations(paper: &PublishedTable, rows: &[OwnRow]) -> Result<OwnRows, RowE
         }
     }
     Ok(OwnRows::Measured {
+        datasets: Vec::new(),
         columns,
         rows: measured,
     })
@@ -275,6 +278,7 @@ fn checkpoints(paper: &PublishedTable, rows: &[OwnRow]) -> Result<OwnRows, RowEr
         ..column
     });
     Ok(OwnRows::Measured {
+        datasets: Vec::new(),
         columns: columns.collect(),
         rows: measured,
     })
@@ -282,11 +286,27 @@ fn checkpoints(paper: &PublishedTable, rows: &[OwnRow]) -> Result<OwnRows, RowEr
 
 /// One row per method measured by `speed`.
 fn speeds(paper: &PublishedTable, rows: &[OwnRow]) -> Result<OwnRows, RowError> {
-    let mut measured = Vec::new();
+    let mut read = Vec::new();
     for row in rows {
-        let lines = SpeedLine::read(&row.source.path)?;
+        let mut lines = SpeedLine::read(&row.source.path)?;
         let methods = lines.iter().map(|line| line.method.as_str());
-        let method = row.source.chosen(methods)?;
+        let method = row.source.chosen(methods)?.to_owned();
+        lines.retain(|line| line.method == method);
+        read.push((row, lines));
+    }
+    // The paper's name of a line's dataset, or else the user's.
+    let place = |line: &SpeedLine| {
+        let of_paper = column(&ReportDataset::of(&line.dataset, &line.format));
+        let of_paper = of_paper.filter(|column| paper.datasets.contains(column));
+        of_paper.map_or_else(|| line.dataset.clone(), str::to_owned)
+    };
+    let mut datasets: Vec<String> = Vec::new();
+    for name in read.iter().flat_map(|(_, lines)| lines).map(place) {
+        if !paper.datasets.contains(&name.as_str()) && !datasets.contains(&name) {
+            datasets.push(name);
+        }
+    }
+    let measured = read.iter().map(|(row, lines)| {
         let cell = |dataset: &str, metric: &str| {
             // Without a GPU there is only the time to the picture in the host's memory.
             let (quantities, factor): (&[&str], f64) = match metric {
@@ -295,25 +315,21 @@ fn speeds(paper: &PublishedTable, rows: &[OwnRow]) -> Result<OwnRows, RowError> 
                 _ => (&["device_secs", "render_secs"], 1000.0),
             };
             let line = |quantity: &&str| {
-                lines.iter().find(|line| {
-                    let of = ReportDataset::of(&line.dataset, &line.format);
-                    line.method == method
-                        && line.quantity == *quantity
-                        && column(&of) == Some(dataset)
-                })
+                let mut lines = lines.iter();
+                lines.find(|line| line.quantity == *quantity && place(line) == dataset)
             };
-            quantities
-                .iter()
-                .find_map(line)
-                .map_or_else(Cell::dash, |line| Cell {
-                    coverage: Some((line.n, line.n)),
-                    ..Cell::of(Some(line.median * factor))
-                })
+            let found = quantities.iter().find_map(line);
+            found.map_or_else(Cell::dash, |line| Cell {
+                coverage: Some((line.n, line.n)),
+                ..Cell::of(Some(line.median * factor))
+            })
         };
-        let datasets = paper.datasets.iter();
-        let cells = datasets.flat_map(|dataset| paper.metrics.iter().map(|m| cell(dataset, m)));
-        measured.push(Row::measured(&row.label, cells.collect()));
-    }
+        let others = datasets.iter().map(String::as_str);
+        let all = paper.datasets.iter().copied().chain(others);
+        let cells = all.flat_map(|dataset| paper.metrics.iter().map(move |m| cell(dataset, m)));
+        Row::measured(&row.label, cells.collect())
+    });
+    let measured = measured.collect();
     let columns = paper.columns().into_iter().map(|published| Column {
         key: format!("{}_median", published.label.to_lowercase()),
         convention: "median over rounds and pairs, measured by `speed`; rendering on a GPU without copying the \
@@ -322,6 +338,7 @@ fn speeds(paper: &PublishedTable, rows: &[OwnRow]) -> Result<OwnRows, RowError> 
         ..published
     });
     Ok(OwnRows::Measured {
+        datasets,
         columns: columns.collect(),
         rows: measured,
     })

@@ -9,6 +9,11 @@ def depth() -> float:
     return float(os.environ["STUB_DEPTH"])
 
 
+def predicted_depth() -> float:
+    """What a network that sees the plane says its depth is, in a unit of its own."""
+    return depth() * float(os.environ.get("STUB_DEPTH_FACTOR", "1"))
+
+
 def baseline() -> float:
     """What methods without a scale of their own have to guess."""
     return float(os.environ["STUB_BASELINE"])

@@ -31,7 +31,10 @@ class GaussianPredictor(torch.nn.Module):
         assert padded.count_nonzero() == inside.count_nonzero(), "the margin is black"
         height, width = inputs["color", 0, 0].shape[2:]
         assert height <= data.height
-        outputs = {}
+        # Two Gaussians a pixel, the first at UniDepth's depth; nothing is known in the margin.
+        depth = torch.full((2, 1, *padded.shape[2:]), 1e-3)
+        depth[0, ..., margin:-margin, margin:-margin] = plane.predicted_depth()
+        outputs = {("depth", 0): depth}
         for frame in [0, *inputs["target_frame_ids"]]:
             target_from_source = inputs["T_c2w", frame][0].inverse() @ inputs["T_c2w", 0][0]
             K = inputs["K_tgt", frame][0].clone()
@@ -41,6 +44,6 @@ class GaussianPredictor(torch.nn.Module):
             elif data.name in ["co3d", "re10k", "mixed"]:
                 K[:2, 2] = torch.tensor([width / 2, height / 2])
             K_source = inputs["K_src", 0][0]
-            seen = plane.warp(padded[0], K_source, K, target_from_source, (height, width), plane.depth())
+            seen = plane.warp(padded[0], K_source, K, target_from_source, (height, width), plane.predicted_depth())
             outputs["color_gauss", frame, 0] = seen[None]
         return outputs

@@ -30,11 +30,11 @@ class Images2LatentScene(torch.nn.Module):
         image, c2w, cameras = data_batch["image"], data_batch["c2w"], data_batch["fxfycxcy"]
         assert image.shape == (1, 1, 3, side, side) and 0 <= image.min() and image.max() <= 1
         assert c2w.shape == (1, 2, 4, 4) and cameras.shape == (1, 2, 4)
-        farthest = c2w[0, :, :3, 3].abs().max() * training.scene_scale_factor
-        assert abs(farthest - 1) < 1e-3, "preprocess_poses was not called"
+        # 1 as preprocess_poses leaves it.
+        scale = c2w[0, :, :3, 3].abs().max() * training.scene_scale_factor
         target_from_source = c2w[0, 1].inverse() @ c2w[0, 0]
         # What the network would have to guess.
-        target_from_source[:3, 3] *= plane.baseline() / target_from_source[:3, 3].norm()
+        target_from_source[:3, 3] *= scale * plane.baseline() / target_from_source[:3, 3].norm()
         K_s, K_t = (torch.tensor([[fx, 0, cx], [0, fy, cy], [0, 0, 1]]) for fx, fy, cx, cy in cameras[0].tolist())
         seen = plane.warp(image[0, 0], K_s, K_t, target_from_source, (side, side), plane.depth())
         return EasyDict(render=seen[None, None], loss_metrics=None)

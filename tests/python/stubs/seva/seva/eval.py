@@ -83,7 +83,8 @@ def run_one_scene(
     c2w[:, :3] = camera_cond["c2w"]
     target_from_source = c2w[1].inverse() @ c2w[0]
     # What the network would have to guess.
-    target_from_source[:3, 3] *= plane.baseline() / target_from_source[:3, 3].norm()
+    scale = options["camera_scale"] * plane.baseline()
+    target_from_source[:3, 3] *= scale / target_from_source[:3, 3].norm()
     K_s, K_t = (K * torch.tensor([[W], [H], [1]]) for K in camera_cond["K"])
     seen = plane.warp(images[0], K_s, K_t, target_from_source, (H, W), plane.depth())
     os.makedirs(f"{save_path}/samples-rgb")
