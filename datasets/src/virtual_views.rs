@@ -242,6 +242,7 @@ fn scene(spec: &DatasetSpec, options: &Options, file: &Path) -> Result<Scene, Da
         mask: None,
         depth,
         cameras: Vec::new(),
+        has_camera_size: false,
     };
     let poses = options.poses(&intrinsics, photograph.depth()?.as_ref());
     let view = |id: String, camera_from_world, content| View {
