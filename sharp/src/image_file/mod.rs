@@ -196,8 +196,8 @@ fn decode(
 ) -> Result<Picture, ImageFileError> {
     let format = format::of(bytes)?;
     format::check_complete(bytes, format)?;
+    dimensions(&mut Cursor::new(bytes))?;
     let mut file = Cursor::new(bytes);
-    dimensions(&mut file)?;
     let (decoder, header) = open(&mut file, format)?;
     let mut image = DynamicImage::from_decoder(decoder)?;
     if matches!(
