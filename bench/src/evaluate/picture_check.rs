@@ -414,7 +414,7 @@ mod tests {
             assert!(
                 back.iter()
                     .zip(color)
-                    .all(|(a, b): (&u8, u8)| a.abs_diff(b) <= 3),
+                    .all(|(a, b): (&u8, u8)| a.abs_diff(b) <= 8),
                 "{back:?}"
             );
         }

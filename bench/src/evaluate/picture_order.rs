@@ -122,25 +122,21 @@ pub(super) fn note_order(
     };
     let others = others.iter().filter(|(_, other)| is_other(other));
     let others = others.filter_map(|(place, other)| Some((*place, read.of(other, other.target)?)));
-    record.shows = shown_target(&seen, &shown, Some(&source), others).map(|shows| {
-        let views = [planned.source, planned.target];
-        let [from, to] = views.map(|view| view.camera_from_world);
-        let motion = || {
-            let intrinsics = views.map(|view| view.intrinsics);
-            shown_motion(
-                intrinsics,
-                to.after(&from.inverse()),
-                [&source, &seen, &shown],
-            )
-        };
-        match shows {
-            ShownTarget::Source => shows,
-            ShownTarget::Own => motion().unwrap_or(shows),
-            _ => motion()
-                .filter(|motion| motion.is_misplaced())
-                .unwrap_or(shows),
-        }
-    });
+    let views = [planned.source, planned.target];
+    let [from, to] = views.map(|view| view.camera_from_world);
+    let motion = shown_motion(
+        views.map(|view| view.intrinsics),
+        to.after(&from.inverse()),
+        [&source, &seen, &shown],
+    );
+    use ShownTarget::{Motion, Own, Source, SourceView};
+    let shows = shown_target(&seen, &shown, Some(&source), others);
+    record.shows = match (shows, motion) {
+        (Some(Source), _) | (Some(SourceView), Some(Motion(-5..=5))) => shows,
+        (Some(Own), Some(motion)) => Some(motion),
+        (Some(_), Some(motion)) if motion.is_misplaced() => Some(motion),
+        _ => shows,
+    };
 }
 
 /// The target that a picture shows best: its own (`seen`) unless one of `others` is significantly better, or unless it
