@@ -207,29 +207,24 @@ pub(super) fn is_normalised_and_stretched(seen: &RgbImage, shown: &RgbImage) -> 
         least = least.min(a.zip(b).map(product).sum::<f64>() / covariance.max(1.0));
         COMPARED.map(|level| shown.0 + (level - seen.0) * shown.1 / seen.1.max(1.0))
     });
-    let count = lines.as_flattened().len() as f64;
-    let middle: [f64; 2] =
-        std::array::from_fn(|at| lines.iter().map(|line| line[at]).sum::<f64>() / 3.0);
-    let from_middle = lines.iter().flat_map(|line| line.iter().zip(middle));
-    let apart = from_middle
-        .map(|(own, middle)| (own - middle).powi(2))
-        .sum::<f64>()
-        / count;
+    // What is left of the lines after the best line of all channels that were normalised by these statistics.
     let off = |statistics: [(f64, f64); 3]| {
-        let expected = statistics
-            .map(|(mean, deviation)| COMPARED.map(|level| (level / 255.0 - mean) / deviation));
-        let pairs = || expected.as_flattened().iter().zip(lines.as_flattened());
-        let [x, y] = [
-            pairs().map(|p| p.0).sum::<f64>(),
-            pairs().map(|p| p.1).sum(),
-        ]
-        .map(|v| v / count);
-        let sum =
-            |of: fn(f64, f64) -> f64| pairs().map(|p| of(p.0 - x, p.1 - y)).sum::<f64>() / count;
-        let [xx, xy, yy] = [sum(|x, _| x * x), sum(|x, y| x * y), sum(|_, y| y * y)];
-        (yy - xy * xy / xx).max(0.0).sqrt()
+        let expected =
+            statistics.map(|(mean, by)| COMPARED.map(|level| (level / 255.0 - mean) / by));
+        let centred = [expected, lines].map(|all| {
+            let all = all.as_flattened();
+            let mean = all.iter().sum::<f64>() / all.len() as f64;
+            all.iter().map(|v| v - mean).collect::<Vec<f64>>()
+        });
+        let product = |a: usize, b: usize| {
+            let pairs = centred[a].iter().zip(&centred[b]);
+            pairs.map(|(a, b)| a * b).sum::<f64>() / centred[a].len() as f64
+        };
+        let explained = product(0, 1).powi(2) / product(0, 0);
+        (product(1, 1) - explained).max(0.0).sqrt()
     };
-    least >= ALIKE && apart.sqrt() >= OFF_LINES.1 && off(IMAGENET).min(off(CLIP)) <= OFF_LINES.0
+    let is_exposure = off([(0.0, 1.0); 3]) < OFF_LINES.1;
+    least >= ALIKE && !is_exposure && off(IMAGENET).min(off(CLIP)) <= OFF_LINES.0
 }
 
 /// RGB of hue, saturation and value, 0..255, of which hue turns once at `turn`: 256 (PIL), or 180 (OpenCV).

@@ -625,14 +625,14 @@ fn pictures_of_another_motion_are_told_and_poor_ones_are_not() {
     ] {
         let said = stored(name, proper);
         assert!(
-            !said.err.contains("of the way from"),
+            !said.err.contains("times the target's motion"),
             "{name}: {}",
             said.err
         );
     }
     let all = Case { said, ..case };
-    all.is_said_everywhere("r-sign", "move by -1.00 of the way from the source's view");
-    all.is_said_everywhere("r-half", "move by 0.50 of the way from the source's view");
+    all.is_said_everywhere("r-sign", "move by -1.00 times the target's motion");
+    all.is_said_everywhere("r-half", "move by 0.50 times the target's motion");
 }
 
 #[test]
