@@ -257,7 +257,7 @@ impl ShownTarget {
     /// Whether the picture moved clearly otherwise than its target.
     pub fn is_misplaced(self) -> bool {
         match self {
-            Self::Motion(percent) => percent.abs() >= 20 && !(65..150).contains(&percent),
+            Self::Motion(percent) => !(65..150).contains(&percent),
             Self::SourceIntrinsics
             | Self::InversePose
             | Self::OtherAxes

@@ -37,6 +37,9 @@ const LEAST_MOTION: f64 = 3.0;
 const AGREEING: f64 = 0.6;
 const CONTRADICTING: f64 = 0.5;
 const OF_POSE: f64 = 0.5;
+/// Share of the blocks that must agree below such a percentage, because blends of the source with a prediction show it in
+/// part.
+const STILL: (i16, f64) = (20, 0.8);
 /// Minimum rotation that tells the inverse pose from the translation with the other sign, degrees.
 const LEAST_TURN: f64 = 0.5;
 /// Maximum distance from an expected place: pixels, or, if larger, a share of the motion.
@@ -238,7 +241,12 @@ fn multiple(blocks: &[Block]) -> Option<(i16, f64)> {
     let percent = (100.0 * factor).round() as i16;
     let is_right =
         !ShownTarget::Motion(percent).is_misplaced() || contradicting >= CONTRADICTING * all;
-    (agreeing >= AGREEING && is_right).then_some((percent, agreeing))
+    let least = if percent.abs() < STILL.0 {
+        STILL.1
+    } else {
+        AGREEING
+    };
+    (agreeing >= least && is_right).then_some((percent, agreeing))
 }
 
 /// The green levels around a place, with the mean 0 and the norm 1, and their standard deviation.

@@ -663,7 +663,10 @@ fn metrics_names_predictions_equal_to_their_targets_and_the_share_inside_masks()
     let share = json(&format!("{line} --json"))["pairs"][0]["mask_share"]
         .as_f64()
         .unwrap();
-    let printed = format!("mask: {:.1} % of the pixels", 100.0 * share);
+    let printed = format!(
+        "mask: {:.1} % of the pixels count under @mask",
+        100.0 * share
+    );
     holds(&case.run(line).ends_with(0).out, &[&printed]);
     assert!((share - 0.25).abs() < 0.02, "{share}");
 }
