@@ -106,7 +106,7 @@ impl PictureChange {
             Self::Hsv => "contain hue, saturation and value but were read as red, green and blue",
             Self::Lab => "contain L*a*b* but were read as red, green and blue",
             Self::Normalised => {
-                "are normalised by ImageNet's mean and standard deviation; undo this before storing them"
+                "are normalised by ImageNet's or CLIP's mean and standard deviation; undo this before storing them"
             }
             Self::NormalisedAndStretched => {
                 "were normalised by ImageNet's or CLIP's mean and standard deviation of each channel and then stretched \
@@ -254,10 +254,10 @@ impl ShownTarget {
         }
     }
 
-    /// Whether it shows something else because of a motion, clearly.
+    /// Whether the picture moved clearly otherwise than its target.
     pub fn is_misplaced(self) -> bool {
         match self {
-            Self::Motion(percent) => percent.abs() >= 20 && !(65..150).contains(&percent),
+            Self::Motion(percent) => !(65..150).contains(&percent),
             Self::SourceIntrinsics
             | Self::InversePose
             | Self::OtherAxes

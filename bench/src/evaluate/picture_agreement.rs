@@ -119,8 +119,8 @@ fn sentence_on(change: PictureChange, count: usize, all: usize, photographs: &st
             )
         }
         PictureChange::Unlike => format!(
-            "its pictures {}: {counted} have a correlation below {UNLIKE} with those {photographs} (another scene, \
-             another order of their bytes, or unfinished files?)",
+            "its pictures {}: {counted} have a correlation below {UNLIKE} with those {photographs} (another scene \
+             or pose, another order of their bytes, or unfinished files?)",
             change.text()
         ),
         PictureChange::LimitedRange => format!(

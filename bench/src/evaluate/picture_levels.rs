@@ -36,6 +36,8 @@ const COMPARED: [f64; 2] = [60.0, 190.0];
 /// Maximum root mean square difference of such lines from those of a normalisation, and minimum one from equal lines,
 /// levels.
 const OFF_LINES: (f64, f64) = (3.0, 5.0);
+/// Minimum correlation of each channel with the photograph's; other colours are not another line.
+const ALIKE: f64 = 0.8;
 
 /// Whether black and white of a photograph became 16 and 235: matching mean and standard deviation puts them there at
 /// two resolutions, and the picture's `ends` are within. Other losses of contrast keep another level.
@@ -196,33 +198,33 @@ pub(super) fn is_normalised_and_stretched(seen: &RgbImage, shown: &RgbImage) -> 
     let (full, height) = seen.dimensions();
     let width = WIDTHS[0].min(full);
     let [seen, shown] = [seen, shown].map(|p| thumbnail(p, width, (height * width / full).max(1)));
+    let mut least = 1.0_f64;
     let lines: [[f64; 2]; 3] = std::array::from_fn(|c| {
-        let [seen, shown] = [&seen, &shown].map(|p| moments(p.iter().skip(c).step_by(3)));
+        let [a, b] = [&seen, &shown].map(|p| p.iter().skip(c).step_by(3));
+        let [seen, shown] = [a.clone(), b.clone()].map(moments);
+        let product = |(a, b): (&u8, &u8)| (f64::from(*a) - seen.0) * (f64::from(*b) - shown.0);
+        let covariance = a.len() as f64 * seen.1 * shown.1;
+        least = least.min(a.zip(b).map(product).sum::<f64>() / covariance.max(1.0));
         COMPARED.map(|level| shown.0 + (level - seen.0) * shown.1 / seen.1.max(1.0))
     });
-    let count = lines.as_flattened().len() as f64;
-    let middle: [f64; 2] =
-        std::array::from_fn(|at| lines.iter().map(|line| line[at]).sum::<f64>() / 3.0);
-    let from_middle = lines.iter().flat_map(|line| line.iter().zip(middle));
-    let apart = from_middle
-        .map(|(own, middle)| (own - middle).powi(2))
-        .sum::<f64>()
-        / count;
+    // What is left of the lines after the best line of all channels that were normalised by these statistics.
     let off = |statistics: [(f64, f64); 3]| {
-        let expected = statistics
-            .map(|(mean, deviation)| COMPARED.map(|level| (level / 255.0 - mean) / deviation));
-        let pairs = || expected.as_flattened().iter().zip(lines.as_flattened());
-        let [x, y] = [
-            pairs().map(|p| p.0).sum::<f64>(),
-            pairs().map(|p| p.1).sum(),
-        ]
-        .map(|v| v / count);
-        let sum =
-            |of: fn(f64, f64) -> f64| pairs().map(|p| of(p.0 - x, p.1 - y)).sum::<f64>() / count;
-        let [xx, xy, yy] = [sum(|x, _| x * x), sum(|x, y| x * y), sum(|_, y| y * y)];
-        (yy - xy * xy / xx).max(0.0).sqrt()
+        let expected =
+            statistics.map(|(mean, by)| COMPARED.map(|level| (level / 255.0 - mean) / by));
+        let centred = [expected, lines].map(|all| {
+            let all = all.as_flattened();
+            let mean = all.iter().sum::<f64>() / all.len() as f64;
+            all.iter().map(|v| v - mean).collect::<Vec<f64>>()
+        });
+        let product = |a: usize, b: usize| {
+            let pairs = centred[a].iter().zip(&centred[b]);
+            pairs.map(|(a, b)| a * b).sum::<f64>() / centred[a].len() as f64
+        };
+        let explained = product(0, 1).powi(2) / product(0, 0);
+        (product(1, 1) - explained).max(0.0).sqrt()
     };
-    apart.sqrt() >= OFF_LINES.1 && off(IMAGENET).min(off(CLIP)) <= OFF_LINES.0
+    let is_exposure = off([(0.0, 1.0); 3]) < OFF_LINES.1;
+    least >= ALIKE && !is_exposure && off(IMAGENET).min(off(CLIP)) <= OFF_LINES.0
 }
 
 /// RGB of hue, saturation and value, 0..255, of which hue turns once at `turn`: 256 (PIL), or 180 (OpenCV).

@@ -5,7 +5,7 @@
 //! target significantly better than its own, and better than the source's photograph does, for most of the compared
 //! pictures. Scores do not depend on this check.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use image::RgbImage;
 use image::imageops::thumbnail;
@@ -122,25 +122,21 @@ pub(super) fn note_order(
     };
     let others = others.iter().filter(|(_, other)| is_other(other));
     let others = others.filter_map(|(place, other)| Some((*place, read.of(other, other.target)?)));
-    record.shows = shown_target(&seen, &shown, Some(&source), others).map(|shows| {
-        let views = [planned.source, planned.target];
-        let [from, to] = views.map(|view| view.camera_from_world);
-        let motion = || {
-            let intrinsics = views.map(|view| view.intrinsics);
-            shown_motion(
-                intrinsics,
-                to.after(&from.inverse()),
-                [&source, &seen, &shown],
-            )
-        };
-        match shows {
-            ShownTarget::Source => shows,
-            ShownTarget::Own => motion().unwrap_or(shows),
-            _ => motion()
-                .filter(|motion| motion.is_misplaced())
-                .unwrap_or(shows),
-        }
-    });
+    let views = [planned.source, planned.target];
+    let [from, to] = views.map(|view| view.camera_from_world);
+    let motion = shown_motion(
+        views.map(|view| view.intrinsics),
+        to.after(&from.inverse()),
+        [&source, &seen, &shown],
+    );
+    use ShownTarget::{Motion, Own, Source, SourceView};
+    let shows = shown_target(&seen, &shown, Some(&source), others);
+    record.shows = match (shows, motion) {
+        (Some(Source), _) | (Some(SourceView), Some(Motion(-5..=5))) => shows,
+        (Some(Own), Some(motion)) => Some(motion),
+        (Some(_), Some(motion)) if motion.is_misplaced() => Some(motion),
+        _ => shows,
+    };
 }
 
 /// The target that a picture shows best: its own (`seen`) unless one of `others` is significantly better, or unless it
@@ -207,8 +203,13 @@ pub(crate) fn compared_pictures(count: usize) -> BTreeMap<usize, Vec<(ShownTarge
 /// A sentence for each dataset in which most compared pictures show other targets.
 pub(super) fn misplaced_pictures<'a>(records: impl Iterator<Item = &'a Record>) -> Vec<String> {
     let mut by_dataset: BTreeMap<&str, BTreeMap<ShownTarget, usize>> = BTreeMap::new();
+    let mut sources = BTreeSet::new();
     for record in records {
-        if let Some(found) = record.shows {
+        // The pictures of a source have the same scale, so they are one measurement.
+        let source = (&record.dataset, &record.scene, &record.source);
+        let is_repeated =
+            matches!(record.shows, Some(ShownTarget::Motion(1..))) && !sources.insert(source);
+        if let (Some(found), false) = (record.shows, is_repeated) {
             let of_dataset = by_dataset.entry(&record.dataset).or_default();
             *of_dataset.entry(found).or_default() += 1;
         }
@@ -288,7 +289,7 @@ fn moved(found: &BTreeMap<ShownTarget, usize>, pairs: &str) -> Option<String> {
     let counted = format!("{count} of the {all} in {pairs} whose motion could be measured");
     Some(match middle {
         Motion(percent) => format!(
-            "its pictures move by {:.2} of the way from the source's view to the target's: {counted} agree; {}",
+            "its pictures move by {:.2} times the target's motion from the source's view: {counted} agree; {}",
             f64::from(percent) / 100.0,
             match percent < 0 {
                 true => "check the sign of the translation, and whether the pose is inverted",
@@ -303,6 +304,7 @@ fn moved(found: &BTreeMap<ShownTarget, usize>, pairs: &str) -> Option<String> {
 mod tests {
     use image::Rgb;
 
+    use super::super::record::tests::record;
     use super::*;
 
     /// Waves of another direction for each `view`, with some noise.
@@ -388,7 +390,7 @@ mod tests {
         };
         let said = told(&[(Motion(-104), 2), (Motion(-98), 2), (Own, 4)]).unwrap();
         assert!(
-            said.contains("move by -0.98 of the way") && said.contains("4 of the 4"),
+            said.contains("move by -0.98 times") && said.contains("4 of the 4"),
             "{said}"
         );
         assert!(said.contains("check the sign"), "{said}");
@@ -411,6 +413,22 @@ mod tests {
         ] {
             assert_eq!(proper, None);
         }
+    }
+
+    #[test]
+    fn pictures_of_one_source_are_one_measurement_of_its_scale() {
+        let told = |of: fn(usize) -> String| {
+            let records: Vec<Record> = (0..4)
+                .map(|k| Record {
+                    source: of(k),
+                    shows: Some(ShownTarget::Motion(50)),
+                    ..record()
+                })
+                .collect();
+            misplaced_pictures(records.iter())
+        };
+        assert_eq!(told(|_| "a".to_owned()), Vec::<String>::new());
+        assert!(told(|k| k.to_string())[0].contains("4 of the 4"));
     }
 
     #[test]

@@ -549,3 +549,124 @@ fn pictures_of_other_pairs_and_ranges_are_told_and_poor_ones_are_not() {
         all.is_said_everywhere(&format!("r-{name}"), part);
     }
 }
+
+/// Pictures rendered with translations of another sign or unit, and poor pictures without such a mistake.
+#[test]
+fn pictures_of_another_motion_are_told_and_poor_ones_are_not() {
+    // A textured plane whose inverse depth is `plane` times a ray (z = 1), seen from (x, 0, 0).
+    let texture = |x: f64, y: f64| {
+        let level = |x: f64, y: f64| {
+            let hash = (x as i64 * 7919 + y as i64 * 104_729) as u32;
+            let hash = (hash ^ (hash >> 15)).wrapping_mul(2_246_822_519);
+            f64::from((hash ^ (hash >> 13)) >> 8 & 255)
+        };
+        let (left, top) = (x.floor(), y.floor());
+        let row = |y: f64| level(left, y) + (x - left) * (level(left + 1.0, y) - level(left, y));
+        row(top) + (y - top) * (row(top + 1.0) - row(top))
+    };
+    let view = |at: f64, plane: [f64; 3]| {
+        RgbImage::from_fn(160, 120, |x, y| {
+            let [x, y] = [(f64::from(x) - 79.5) / 150.0, (f64::from(y) - 59.5) / 150.0];
+            let depth = (1.0 - plane[0] * at) / (plane[0] * x + plane[1] * y + plane[2]);
+            image::Rgb([texture(12.0 * (x * depth + at), 12.0 * y * depth) as u8; 3])
+        })
+    };
+    let case = empty();
+    let plane = [0.12, 0.25, 0.4];
+    let place = |name: &str| name[5..].parse::<f64>().unwrap() * 0.1;
+    std::fs::create_dir(case.path("ns")).unwrap();
+    let frame = |k: usize| {
+        let name = format!("view_{k}.png");
+        view(place(&name[..6]), plane)
+            .save(case.path(&format!("ns/{name}")))
+            .unwrap();
+        let pose = [
+            [1.0, 0.0, 0.0, 0.1 * k as f64],
+            [0.0, 1.0, 0.0, 0.0],
+            [0.0, 0.0, 1.0, 0.0],
+            [0.0, 0.0, 0.0, 1.0],
+        ];
+        serde_json::json!({"file_path": name, "transform_matrix": pose})
+    };
+    let frames: Vec<_> = (0..4).map(frame).collect();
+    let transforms = serde_json::json!({
+        "fl_x": 150.0, "fl_y": 150.0, "cx": 80.0, "cy": 60.0, "w": 160, "h": 120, "frames": frames,
+    });
+    std::fs::write(case.path("ns/transforms.json"), transforms.to_string()).unwrap();
+    let run = |method: &str, out: &str| {
+        case.run(&format!(
+            "sharp-bench run -q --dataset nerfstudio=ns --pair-options missing-depth=accept --method {method} \
+             --metrics psnr --out {out}"
+        ))
+        .ends_with(0)
+    };
+    run("copy", "made");
+    let stored = |to: &str, shown: &dyn Fn(f64, f64) -> RgbImage| {
+        let rows = csv::Reader::from_path(case.path("made/scores.csv"));
+        for row in rows.unwrap().records().map(Result::unwrap) {
+            let (_, views) = row[0].rsplit_once('/').unwrap();
+            let (source, target) = views.split_once("__").unwrap();
+            let to = case.path(&format!("{to}/{}.png", &row[0]));
+            std::fs::create_dir_all(to.parent().unwrap()).unwrap();
+            shown(place(source), place(target)).save(to).unwrap();
+        }
+        run(&format!("imported:dir={to}"), &format!("r-{to}"))
+    };
+    let moved = |factor: f64| move |from: f64, to: f64| view(from + factor * (to - from), plane);
+    let said = vec![stored("sign", &moved(-1.0)), stored("half", &moved(0.5))];
+    for (name, proper) in [
+        ("right", &moved(1.0) as &dyn Fn(f64, f64) -> RgbImage),
+        ("near", &moved(0.8)),
+        ("copies", &moved(0.0)),
+        ("blurred", &|_, to| {
+            image::imageops::fast_blur(&view(to, plane), 3.0)
+        }),
+        ("steeper", &|from, to| view(to, [0.0, 0.4 + from, 0.4])),
+    ] {
+        let said = stored(name, proper);
+        assert!(
+            !said.err.contains("times the target's motion"),
+            "{name}: {}",
+            said.err
+        );
+    }
+    let all = Case { said, ..case };
+    all.is_said_everywhere("r-sign", "move by -1.00 times the target's motion");
+    all.is_said_everywhere("r-half", "move by 0.50 times the target's motion");
+}
+
+#[test]
+fn metrics_names_predictions_equal_to_their_targets_and_the_share_inside_masks() {
+    let case = untried("X72-metrics-nested");
+    let json = |line: &str| case.run(line).ends_with(0).json();
+    let same = json("sharp-bench metrics t t --metrics psnr --json");
+    holds(
+        &same["warnings"].to_string(),
+        &["all 4 predictions have exactly the pixels"],
+    );
+    for (line, name) in [
+        ("sharp-bench metrics p t", "p"),
+        ("sharp-bench metrics t/a/0.png t/a/0.png", "t"),
+    ] {
+        let said = json(&format!("{line} --metrics psnr --json"));
+        assert!(
+            !said["warnings"].to_string().contains("exactly the pixels"),
+            "{name}"
+        );
+    }
+    let target = image::open(case.path("t/a/0.png")).unwrap();
+    let mask = image::GrayImage::from_fn(target.width(), target.height(), |x, _| {
+        image::Luma([if x < target.width() / 4 { 255 } else { 0 }])
+    });
+    mask.save(case.path("mask.png")).unwrap();
+    let line = "sharp-bench metrics p/a/0.png t/a/0.png --metrics psnr --mask mask.png";
+    let share = json(&format!("{line} --json"))["pairs"][0]["mask_share"]
+        .as_f64()
+        .unwrap();
+    let printed = format!(
+        "mask: {:.1} % of the pixels count under @mask",
+        100.0 * share
+    );
+    holds(&case.run(line).ends_with(0).out, &[&printed]);
+    assert!((share - 0.25).abs() < 0.02, "{share}");
+}

@@ -151,9 +151,12 @@ impl ScoredPairs<'_> {
             .collect();
         if !masked.is_empty() {
             let mean = 100.0 * masked.iter().sum::<f64>() / masked.len() as f64;
+            let of_pairs = match masked.len() {
+                1 => String::new(),
+                count => format!(", mean of {count} pairs"),
+            };
             output::line(format!(
-                "mask: {mean:.1} % of the pixels are white and count under @mask (mean of {})",
-                counted(masked.len(), "pair")
+                "mask: {mean:.1} % of the pixels count under @mask{of_pairs}"
             ))?;
         }
         for used in self.scorer.weights() {
