@@ -9,10 +9,11 @@ const BLOCKS: usize = 1500;
 /// Minimum standard deviation of a block, in levels.
 const LEAST_CONTRAST: f32 = 8.0;
 /// Maximum distance of the best match from its disparity, in reduced pixels.
-const NEAR: f64 = 2.0;
+const NEAR: f64 = 1.0;
 /// Minimum number of blocks to judge a pair.
 const FEWEST: usize = 200;
-/// Minimum fraction of blocks that match best near their disparity; 0.5 to 0.9 are usual, even for another exposure.
+/// Minimum fraction of blocks that match best near their disparity. Consistent pairs have 0.4 to 0.9, even of two
+/// exposures; disparities of other scenes have below 0.2.
 const LEAST_NEAR: f64 = 0.3;
 /// Minimum median correlation of the best matches of two pictures of one scene.
 const LEAST_RELATED: f32 = 0.8;
@@ -68,7 +69,7 @@ pub(super) fn mismatch(left: &Grey, right: &Grey, samples: &[Sample]) -> Option<
     let is_pair = best.len() >= FEWEST && best[best.len() / 2] >= LEAST_RELATED;
     (is_pair && share < LEAST_NEAR).then(|| {
         format!(
-            "the pictures match each other, but only {:.0} % of {} blocks do where the disparities lead (50 % or more is \
+            "the pictures match each other, but only {:.0} % of {} blocks do where the disparities lead (40 % or more is \
              usual); is the disparity map of another scene, or of other pictures? Put this pair's own in its place",
             100.0 * share,
             best.len()

@@ -124,11 +124,7 @@ fn by_disparity(left: &View, right: &View) -> Option<String> {
         let disparities = pair.samples.iter().map(|sample| sample.depth * full);
         calibration::range(left, &disparities.collect::<Vec<_>>())
     };
-    let mismatch = || {
-        let [left, right] = [&pair.left, &pair.right].map(|view| view.clone().grey());
-        let is_judged = pair.is_rectified;
-        is_judged.then(|| block_match::mismatch(&left, &right, &pair.samples))?
-    };
+    let mismatch = || pair.mismatch(&|d| d);
     better
         .or_else(unrelated)
         .or_else(mismatch)
@@ -238,6 +234,17 @@ impl Pair {
         bands
     }
 
+    /// See [`block_match::mismatch`], for the disparities that `disparity` computes from those as read.
+    fn mismatch(&self, disparity: &dyn Fn(f64) -> f64) -> Option<String> {
+        let [left, right] = [&self.left, &self.right].map(|view| view.clone().grey());
+        let samples = self.samples.iter().filter(|_| self.is_rectified);
+        let samples = samples.map(|sample| Sample {
+            depth: disparity(sample.depth),
+            ..*sample
+        });
+        block_match::mismatch(&left, &right, &samples.collect::<Vec<_>>())
+    }
+
     /// Reports a contradiction if details of the left picture do not match those of the right one at the positions
     /// given by the disparities.
     fn unrelated(&self) -> Option<String> {
@@ -299,8 +306,11 @@ impl Pair {
                 self.explained(left, &|d| disparity(factor, d), stride),
             )
         };
+        // A fit to disparities of another scene may be better by chance.
+        let is_cause = |fitted: &[Explained], disparity: &dyn Fn(f64) -> f64| {
+            is_better(&as_read, fitted, LEAST_GAIN) && self.mismatch(disparity).is_none()
+        };
         let (factor, scaled) = fit((40, 2_f64.powf(0.25)), &|factor, d| factor * d);
-        let times = number(factor);
         let mut readings = vec![
             (EXCHANGED.to_owned(), self.explained(right, &same, stride)),
             (
@@ -366,7 +376,8 @@ impl Pair {
             };
             let coarse = best(&mut (-OFFSETS..=OFFSETS).map(f64::from), 4 * stride);
             let by = best(&mut (-4..=4).map(|i| coarse + 0.25 * f64::from(i)), stride);
-            if by.abs() * full >= LEAST_OFFSET {
+            let fitted = moved(by, stride);
+            if by.abs() * full >= LEAST_OFFSET && is_cause(&fitted, &|d| d + by) {
                 let (pixels, way) = (
                     number((by.abs() * full).round()),
                     if by > 0.0 { "larger" } else { "smaller" },
@@ -376,7 +387,7 @@ impl Pair {
                         "disparities should be {pixels} pixels {way}: the two pictures were cropped at different \
                          columns; crop both alike"
                     ),
-                    moved(by, stride),
+                    fitted,
                 ));
             }
         }
@@ -385,16 +396,19 @@ impl Pair {
         let camera = &self.left.camera;
         let offset = self.right.camera.cx - camera.cx;
         let product = camera.fx * baseline_m / (full * MIDDLE_UNIT_M);
-        let (factor_of_unit, reciprocal) = fit(UNITS, &|factor, d| product / (factor * d) - offset);
+        let (times, reciprocal) = fit(UNITS, &|times, d| product / (times * d) - offset);
         let how = format!(
             "the disparity map holds depth, {} m a unit; store the disparities",
-            number(factor_of_unit * MIDDLE_UNIT_M)
+            number(times * MIDDLE_UNIT_M)
         );
-        readings.push((how, reciprocal));
-        if is_worth_a_word(factor) {
+        if is_cause(&reciprocal, &|d| product / (times * d) - offset) {
+            readings.push((how, reciprocal));
+        }
+        if is_worth_a_word(factor) && is_cause(&scaled, &|d| factor * d) {
             let how = format!(
-                "disparities should be multiplied by {times}: they are for another picture size or in another unit; \
+                "disparities should be multiplied by {}: they are for another picture size or in another unit; \
                  rescale them{}",
+                number(factor),
                 if has_unit {
                     " (in rig.txt: disparity_unit)"
                 } else {
