@@ -1,10 +1,9 @@
 //! Rectified pairs with the calibration of another scene, or with other numbers than disparities.
 
 use std::path::Path;
-use std::sync::Arc;
 
 use super::spoiled::{BASELINE_M, FOCAL, of_pair, pair, pair_of};
-use super::{Pixels, change};
+use super::change;
 use crate::check::advice::{Units, sentence};
 use crate::check::change::{Change, Focal};
 use crate::check::{QUICK, THOROUGH, check, copied_calibrations, look};
@@ -135,7 +134,7 @@ fn disparities_of_another_scene_are_named() {
         });
         let (said, _) = of_pair(wrong);
         assert!(
-            said.contains("the pictures match each other, but only"),
+            said.contains("match each other, but not where the disparities lead"),
             "{said}"
         );
     }
