@@ -116,16 +116,12 @@ pub(crate) fn check_size(
 ) -> Result<(), DatasetError> {
     mask::check_size(path, found, expected).map_err(|error| match error {
         DatasetError::Malformed { path, reason } if is_same_ratio(expected, found) => {
-            let hint = match has_setting {
-                true => {
-                    "the ratio is the same in both axes: camera-size=scaled scales the camera"
-                }
-                false => {
-                    "the ratio is the same in both axes: use pictures of the camera's size, or a calibration for \
-                     theirs"
-                }
+            let helps = match has_setting {
+                true => "camera-size=scaled scales the camera",
+                false => "use pictures of the camera's size, or a calibration for theirs",
             };
-            DatasetError::malformed(path, format!("{reason}; {hint}"))
+            let hint = "the ratio is the same in both axes";
+            DatasetError::malformed(path, format!("{reason}; {hint}: {helps}"))
         }
         error => error,
     })

@@ -349,7 +349,7 @@ mod tests {
             ..RIG
         };
         let below = |d: f32| {
-            let map = FloatMap::from_vec(24, 1, [vec![d; 2], vec![30.0; 22]].concat());
+            let map = FloatMap::from_vec(24, 1, [vec![d; 2], vec![20.0; 22]].concat());
             exchanged.depth_map(path, &map.unwrap())
         };
         let error = below(8.0).unwrap_err().to_string();

@@ -9,13 +9,16 @@ const BLOCKS: usize = 1500;
 /// Minimum standard deviation of a block, in levels.
 const LEAST_CONTRAST: f32 = 8.0;
 /// Maximum distance of the best match from its disparity, in reduced pixels.
-const NEAR: f64 = 2.0;
+const NEAR: f64 = 1.0;
 /// Minimum number of blocks to judge a pair.
 const FEWEST: usize = 200;
-/// Minimum fraction of blocks that match best near their disparity; 0.5 to 0.9 are usual, even for another exposure.
+/// Minimum fraction of blocks that match best near their disparity. Consistent pairs have 0.4 to 0.9, even of two
+/// exposures; disparities of other scenes have below 0.2.
 const LEAST_NEAR: f64 = 0.3;
 /// Minimum median correlation of the best matches of two pictures of one scene.
 const LEAST_RELATED: f32 = 0.8;
+/// [`LEAST_NEAR`] for pictures that are less related; unrelated ones match as well anywhere.
+const LEAST_NEAR_OF_UNRELATED: f64 = 0.12;
 
 /// Differences of a block's levels from their mean, and the square root of the sum of their squares. `None` outside the
 /// picture or under a mask.
@@ -35,13 +38,14 @@ fn block(picture: &Grey, x: i64, y: i64) -> Option<(Vec<f32>, f32)> {
     length.is_finite().then_some((levels, length))
 }
 
-/// A contradiction if the pictures match each other, but at other places than disparities (`samples`, which hold them
-/// instead of depth) lead to.
+/// A contradiction if the pictures do not match where disparities (`samples`, which hold them instead of depth) lead.
 pub(super) fn mismatch(left: &Grey, right: &Grey, samples: &[Sample]) -> Option<String> {
     let mut disparities: Vec<f64> = samples.iter().map(|sample| sample.depth).collect();
     disparities.sort_by(f64::total_cmp);
     let [low, high] = [1, 99].map(|percent| disparities.get(disparities.len() * percent / 100));
+    let width = i64::from(left.size().0);
     let (low, high) = (low?.floor() as i64 - 8, high?.ceil() as i64 + 8);
+    let (low, high) = (low.max(-width), high.min(width));
     let (mut near, mut best) = (0, Vec::new());
     for sample in samples.iter().step_by(samples.len().div_ceil(BLOCKS)) {
         let (x, y) = (i64::from(sample.x), i64::from(sample.y));
@@ -65,11 +69,22 @@ pub(super) fn mismatch(left: &Grey, right: &Grey, samples: &[Sample]) -> Option<
     }
     best.sort_by(f32::total_cmp);
     let share = near as f64 / best.len().max(1) as f64;
-    let is_pair = best.len() >= FEWEST && best[best.len() / 2] >= LEAST_RELATED;
-    (is_pair && share < LEAST_NEAR).then(|| {
+    let is_pair = *best.get(best.len() / 2)? >= LEAST_RELATED;
+    let (least, what, cause) = match is_pair {
+        true => (
+            LEAST_NEAR,
+            "the pictures match each other, but not where the disparities lead",
+            "is the disparity map of another scene, or of other pictures?",
+        ),
+        false => (
+            LEAST_NEAR_OF_UNRELATED,
+            "the pictures do not seem to show the same scene",
+            "is the right picture from another pair?",
+        ),
+    };
+    (best.len() >= FEWEST && share < least).then(|| {
         format!(
-            "the pictures match each other, but only {:.0} % of {} blocks do where the disparities lead (50 % or more is \
-             usual); is the disparity map of another scene, or of other pictures? Put this pair's own in its place",
+            "{what}: {:.0} % of {} blocks match best there (40 % or more is usual); {cause} Put this pair's own in its place",
             100.0 * share,
             best.len()
         )

@@ -56,14 +56,12 @@ pub fn copied_calibrations(scenes: &[Scene]) -> Vec<(usize, String)> {
         let sized: Vec<_> = group.iter().filter_map(|i| Some((*i, size(i)?))).collect();
         for (i, (w, h)) in &sized {
             if let Some((other, (v, u))) = sized.iter().find(|(_, size)| *size != (*w, *h)) {
-                found.push((
-                    *i,
-                    format!(
-                        "the cameras are the same as those of {}, whose pictures are {v}x{u} instead of {w}x{h}; was the \
-                         calibration copied from another scene? Put this scene's own in its place",
-                        scenes[*other].id
-                    ),
-                ));
+                let text = format!(
+                    "the cameras are the same as those of {}, whose pictures are {v}x{u} instead of {w}x{h}; was the \
+                     calibration copied from another scene? Put this scene's own in its place",
+                    scenes[*other].id
+                );
+                found.push((*i, text));
             }
         }
     }

@@ -223,11 +223,11 @@ fn look(scene: &Scene, units: Units, effort: Effort) -> Look {
         floor::contradiction(matches, neighbours).map(|text| text + &rounded())
     };
     let overflowed = overflow::overflowed(&scene.views, effort);
-    let is_overflowed = overflowed.is_some();
+    let is_known = overflowed.is_some() || plausible::are_of_other_size(&scene.views);
     contradictions.extend(overflowed);
     contradictions.extend(match (&scene.pairing, &neighbours) {
-        // An overflow prevents telling other causes apart.
-        _ if is_overflowed => None,
+        // These prevent telling other causes apart.
+        _ if is_known => None,
         (Pairing::Stereo { .. }, _) => {
             let (contradiction, said) = stereo::contradictions(&scene.views, effort);
             note = said;

@@ -221,31 +221,35 @@ impl<'a> Neighbours<'a> {
         is_suspicious(&self.explained(&Reading::AS_READ, self.stride))
     }
 
-    /// Reports neighbouring views with the same picture or depth map, although its content should have moved between them.
+    /// Reports neighbouring views with the same picture, or with one depth map for all, although its content should have
+    /// moved between them.
     pub(super) fn repeated(&self) -> Option<String> {
-        let is_one = |(a, b): &&(usize, usize)| {
+        let is_moved = |(a, b): &(usize, usize)| {
             let ((one, samples), (other, _)) = (&self.small[a], &self.small[b]);
-            let is_moved = |sample: &Sample| {
+            let is_moved = |sample: &&Sample| {
                 let place = sample.middle();
                 let miss = self.miss((*a, &one.camera, place), &other.camera, place);
                 miss.is_some_and(|miss| miss >= LEAST_MOVED)
             };
-            let moved = || {
-                samples
-                    .iter()
-                    .step_by(7)
-                    .filter(|one| is_moved(one))
-                    .count()
-            };
-            // Depth of a plane may stay the same while the camera moves.
-            let agrees = || agrees(&[self.explained_one((*a, *b), &Reading::AS_READ, self.stride)]);
-            let is_same = one.has_picture_of(other) || one.has_same_depth_as(other) && !agrees();
-            is_same && 2 * 7 * moved() > samples.len()
+            let moved = samples.iter().step_by(7).filter(is_moved).count();
+            2 * 7 * moved > samples.len()
         };
-        let (a, b) = self.carries.iter().step_by(2).find(is_one)?;
-        let what = match self.small[a].0.has_picture_of(&self.small[b].0) {
-            true => "picture",
-            false => "depth map",
+        let small = |(a, b): &(usize, usize)| [a, b].map(|i| &self.small[i].0);
+        let mut pairs = self.carries.iter().step_by(2);
+        let pictured = pairs.clone().find(|pair| {
+            let [one, other] = small(pair);
+            one.has_picture_of(other) && is_moved(pair)
+        });
+        // Depth of a plane may stay the same while the camera moves.
+        let has_one_depth = |pair: &(usize, usize)| {
+            let [one, other] = small(pair);
+            let explained = || self.explained_one(*pair, &Reading::AS_READ, self.stride);
+            one.has_depth_of(other) && is_moved(pair) && !agrees(&[explained()])
+        };
+        let ((a, b), what) = match pictured {
+            Some(pair) => (pair, "picture"),
+            None if pairs.all(has_one_depth) => (self.carries.first()?, "depth map"),
+            None => return None,
         };
         let [a, b] = [a, b].map(|i| &self.views[*i].id);
         Some(format!(

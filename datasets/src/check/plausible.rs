@@ -55,19 +55,20 @@ pub(super) fn one_pose(views: &[View]) -> Option<String> {
     })
 }
 
-/// The likely cause of an implausible camera: pictures of another size, if the principal point is off the centre by the
-/// same factor in both directions.
-fn cause(k: &Intrinsics) -> String {
+/// Size of the pictures for which a camera seems to be calibrated, relative to its own, if its principal point is far
+/// off the centre by the same factor in both directions.
+fn calibrated_for(k: &Intrinsics) -> Option<f64> {
     let [x, y] = [(k.cx, k.width), (k.cy, k.height)].map(|(c, side)| 2.0 * c / f64::from(side));
     let times = (x + y) / 2.0;
-    match x > 0.0 && (x / y).ln().abs() <= 2.0 * MIDDLE && times.ln().abs() > OFF_CENTRE {
-        true => format!(
-            "is the calibration for pictures {} times as large? Multiply focal lengths and principal points by {}",
-            number((20.0 * times).round() / 20.0),
-            number(1.0 / times)
-        ),
-        false => "is the calibration for another picture size or unit?".to_owned(),
-    }
+    let is_one = x > 0.0 && (x / y).ln().abs() <= 2.0 * MIDDLE;
+    (is_one && (times - 1.0).abs() > 2.0 * OFF_CENTRE).then_some(times)
+}
+
+/// True if all cameras seem to be calibrated for pictures of another size.
+pub(super) fn are_of_other_size(views: &[View]) -> bool {
+    views
+        .iter()
+        .all(|view| calibrated_for(&view.intrinsics).is_some())
 }
 
 /// Implausible cameras: for each kind of error, a sentence with the first such camera.
@@ -109,10 +110,16 @@ pub(super) fn cameras(views: &[View]) -> Vec<String> {
         } else {
             String::new()
         };
+        let cause = calibrated_for(&view.intrinsics).map_or(
+            "another picture size or unit?".to_owned(),
+            |times| {
+                let (size, by) = (number((20.0 * times).round() / 20.0), number(1.0 / times));
+                format!("pictures {size} times as large? Multiply focal lengths and principal points by {by}")
+            },
+        );
         Some(format!(
-            "{}{others}: {what}; {}",
-            view.id,
-            cause(&view.intrinsics)
+            "{}{others}: {what}; is the calibration for {cause}",
+            view.id
         ))
     };
     [

@@ -143,9 +143,9 @@ impl SmallView {
         self.colours == other.colours && !self.is_of_one_colour()
     }
 
-    /// True if both depth maps are identical.
-    pub(super) fn has_same_depth_as(&self, other: &Self) -> bool {
-        self.has_depth() && self.depth == other.depth
+    /// True if both depth maps are identical and not constant.
+    pub(super) fn has_depth_of(&self, other: &Self) -> bool {
+        self.depth == other.depth && self.depth.iter().any(|z| *z != self.depth[0])
     }
 
     /// Root mean square difference of colours a few pixels apart, in levels; unrelated pictures differ as much.

@@ -17,14 +17,6 @@ use crate::View;
 const BASELINES_M: (f64, f64) = (1e-3, 10.0);
 /// Number of horizontal bands of a picture; each has [`TILES`] tiles whose losses are compared separately.
 const BANDS: u32 = 4;
-/// Radius of a picture's details, in reduced pixels.
-const FINE: f64 = 3.0;
-/// Minimum spread of details, in levels.
-const LEAST_SPREAD: f64 = 3.0;
-/// Minimum number of compared positions.
-const FEWEST: usize = 500;
-/// Minimum correlation of details between two pictures of one scene with correct disparities.
-const LEAST_RELATED: f64 = 0.1;
 /// Row offsets that are tested in both directions, in pixels of the reduced size; less than one pixel of the photograph
 /// is ignored.
 const ROWS: [f64; 7] = [0.25, 0.5, 1.0, 2.0, 3.0, 4.0, 6.0];
@@ -119,29 +111,20 @@ fn by_disparity(left: &View, right: &View) -> Option<String> {
     let full = left.intrinsics.fx / a.camera.fx;
     let pair = pair_of(a)?;
     let better = pair.better(&flipped, baseline_m, full, has_rig_file(left));
-    let unrelated = || pair.unrelated().filter(|_| is_rectified(left, right));
     let out_of_range = || {
         let disparities = pair.samples.iter().map(|sample| sample.depth * full);
         calibration::range(left, &disparities.collect::<Vec<_>>())
     };
-    let mismatch = || {
-        let [left, right] = [&pair.left, &pair.right].map(|view| view.clone().grey());
-        let is_judged = pair.is_rectified;
-        is_judged.then(|| block_match::mismatch(&left, &right, &pair.samples))?
-    };
-    better
-        .or_else(unrelated)
-        .or_else(mismatch)
-        .or_else(out_of_range)
-        .or_else(|| {
-            let plausible = (DEPTHS_M.0..=DEPTHS_M.1).contains(&median_m);
-            (!plausible).then(|| {
+    let mismatch = || pair.mismatch(&|d| d).filter(|_| is_rectified(left, right));
+    better.or_else(mismatch).or_else(out_of_range).or_else(|| {
+        let plausible = (DEPTHS_M.0..=DEPTHS_M.1).contains(&median_m);
+        (!plausible).then(|| {
             format!(
                 "the median depth is {} m; correct the baseline's unit or the calibration's size",
                 number(median_m)
             )
         })
-        })
+    })
 }
 
 /// True if the camera was read from a `rig.txt`, which has a unit of disparities.
@@ -238,41 +221,14 @@ impl Pair {
         bands
     }
 
-    /// Reports a contradiction if details of the left picture do not match those of the right one at the positions
-    /// given by the disparities.
-    fn unrelated(&self) -> Option<String> {
-        let grey = |view: &SmallView, place: DVec2| {
-            let colour = view
-                .colour_at(place)
-                .filter(|_| view.camera.contains(place))?;
-            Some(f64::from(colour.iter().sum::<f32>()) / 3.0)
-        };
-        let fine = |view: &SmallView, place: DVec2| {
-            let around = [DVec2::X, DVec2::Y, DVec2::NEG_X, DVec2::NEG_Y];
-            let around = around.map(|to| grey(view, place + FINE * to));
-            let sum = around.into_iter().sum::<Option<f64>>()?;
-            Some(grey(view, place)? - sum / 4.0)
-        };
-        let (mut n, mut of_left, mut of_right, mut of_both) = (0, 0.0, 0.0, 0.0);
-        for sample in &self.samples {
-            let place = sample.middle();
-            let there = place - DVec2::new(sample.depth, 0.0);
-            if let (Some(a), Some(b)) = (fine(&self.left, place), fine(&self.right, there)) {
-                n += 1;
-                of_left += a * a;
-                of_right += b * b;
-                of_both += a * b;
-            }
-        }
-        let least = f64::from(n as u32) * LEAST_SPREAD * LEAST_SPREAD;
-        let is_enough = n >= FEWEST && of_left > least && of_right > least;
-        let related = of_both / (of_left * of_right).sqrt();
-        (is_enough && related < LEAST_RELATED).then(|| {
-            format!(
-                "the pictures do not seem to show the same scene: at the positions matched by the disparities, their \
-                 details correlate by {related:.2} (0.3 or more is usual); is the right picture from another pair?"
-            )
-        })
+    /// See [`block_match::mismatch`], for the disparities that `disparity` computes from those as read.
+    fn mismatch(&self, disparity: &dyn Fn(f64) -> f64) -> Option<String> {
+        let [left, right] = [&self.left, &self.right].map(|view| view.clone().grey());
+        let samples = self.samples.iter().map(|sample| Sample {
+            depth: disparity(sample.depth),
+            ..*sample
+        });
+        block_match::mismatch(&left, &right, &samples.collect::<Vec<_>>())
     }
 
     /// Interpretation that explains the pictures significantly better than the pair as read. `flipped` are pairs with
@@ -299,8 +255,12 @@ impl Pair {
                 self.explained(left, &|d| disparity(factor, d), stride),
             )
         };
+        // A fit to disparities of another scene may be better by chance.
+        let is_cause = |fitted: &[Explained], disparity: &dyn Fn(f64) -> f64| {
+            let is_confirmed = || !self.is_rectified || self.mismatch(disparity).is_none();
+            is_better(&as_read, fitted, LEAST_GAIN) && is_confirmed()
+        };
         let (factor, scaled) = fit((40, 2_f64.powf(0.25)), &|factor, d| factor * d);
-        let times = number(factor);
         let mut readings = vec![
             (EXCHANGED.to_owned(), self.explained(right, &same, stride)),
             (
@@ -366,7 +326,8 @@ impl Pair {
             };
             let coarse = best(&mut (-OFFSETS..=OFFSETS).map(f64::from), 4 * stride);
             let by = best(&mut (-4..=4).map(|i| coarse + 0.25 * f64::from(i)), stride);
-            if by.abs() * full >= LEAST_OFFSET {
+            let fitted = moved(by, stride);
+            if by.abs() * full >= LEAST_OFFSET && is_cause(&fitted, &|d| d + by) {
                 let (pixels, way) = (
                     number((by.abs() * full).round()),
                     if by > 0.0 { "larger" } else { "smaller" },
@@ -376,7 +337,7 @@ impl Pair {
                         "disparities should be {pixels} pixels {way}: the two pictures were cropped at different \
                          columns; crop both alike"
                     ),
-                    moved(by, stride),
+                    fitted,
                 ));
             }
         }
@@ -385,16 +346,19 @@ impl Pair {
         let camera = &self.left.camera;
         let offset = self.right.camera.cx - camera.cx;
         let product = camera.fx * baseline_m / (full * MIDDLE_UNIT_M);
-        let (factor_of_unit, reciprocal) = fit(UNITS, &|factor, d| product / (factor * d) - offset);
+        let (times, reciprocal) = fit(UNITS, &|times, d| product / (times * d) - offset);
         let how = format!(
             "the disparity map holds depth, {} m a unit; store the disparities",
-            number(factor_of_unit * MIDDLE_UNIT_M)
+            number(times * MIDDLE_UNIT_M)
         );
-        readings.push((how, reciprocal));
-        if is_worth_a_word(factor) {
+        if is_cause(&reciprocal, &|d| product / (times * d) - offset) {
+            readings.push((how, reciprocal));
+        }
+        if is_worth_a_word(factor) && is_cause(&scaled, &|d| factor * d) {
             let how = format!(
-                "disparities should be multiplied by {times}: they are for another picture size or in another unit; \
+                "disparities should be multiplied by {}: they are for another picture size or in another unit; \
                  rescale them{}",
+                number(factor),
                 if has_unit {
                     " (in rig.txt: disparity_unit)"
                 } else {

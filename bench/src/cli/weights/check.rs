@@ -5,8 +5,8 @@ use std::path::Path;
 
 use serde::Serialize;
 use serde_json::json;
-use sharp::model::inventory::{CheckpointSource, inventory};
-use sharp_checkpoint::{Checkpoint, Expected};
+use sharp::model::inventory::CheckpointSource;
+use sharp_checkpoint::Checkpoint;
 
 use super::load_config;
 use crate::cli::{Outcome, output};
@@ -72,38 +72,25 @@ pub(super) fn execute(
     let looks_like_sharp = modules
         .keys()
         .any(|name| name.starts_with("monodepth_model"));
-    let mut zeros = None;
-    if looks_like_sharp {
-        zeros = CheckpointSource::open(file)?.zero_tails()?;
-    }
-    if let Some(zeros) = &zeros {
-        output::remark(format!("warning: {}: {zeros}", file.display()));
-    }
-    let network = match config {
-        Some(name) => Some((name.to_owned(), load_config(name)?)),
-        // As `predict` does without a configuration.
-        None if looks_like_sharp => {
-            let network = named_network(Some(file), None)?;
-            for note in network
-                .notes
-                .iter()
-                .filter(|note| Some(*note) != zeros.as_ref())
-            {
-                output::remark(format!("note: {note}"));
-            }
-            Some((network.config.preset.clone(), network.config))
+    if looks_like_sharp || config.is_some() {
+        let source = CheckpointSource::open(file)?;
+        let zeros = source.zero_tails()?.filter(|_| looks_like_sharp);
+        if let Some(zeros) = &zeros {
+            output::remark(format!("warning: {}: {zeros}", file.display()));
         }
-        None => None,
-    };
-    if let Some((name, config)) = network {
-        let expected: Vec<Expected> = inventory(&config)?
-            .into_iter()
-            .map(|parameter| Expected {
-                name: parameter.name,
-                shape: parameter.shape,
-            })
-            .collect();
-        checkpoint.check(&expected, allow_unused)?;
+        let (name, network) = match config {
+            Some(name) => (name.to_owned(), load_config(name)?),
+            // As `predict` does without a configuration.
+            None => {
+                let found = named_network(Some(file), None)?;
+                let notes = found.notes.iter();
+                for note in notes.filter(|note| Some(*note) != zeros.as_ref()) {
+                    output::remark(format!("note: {note}"));
+                }
+                (found.config.preset.clone(), found.config)
+            }
+        };
+        source.check(&network, allow_unused)?;
         if !json {
             output::line(format!("complete for {name}"))?;
         }

@@ -376,30 +376,33 @@ impl Trial<'_> {
         &self,
         gaussians: &Gaussians,
         reading: &FileReading,
-        best: (FileReading, Likeness),
+        mut best: (FileReading, Likeness),
         neighbours: &[Trial<'_>],
     ) -> Result<(FileReading, Likeness), RenderError> {
-        let all = |other: &FileReading, fit: &Likeness| {
+        let all = |(other, fit): &(FileReading, Likeness)| {
             let mut recoded = gaussians.clone();
             reading.stored.encode(&mut recoded);
             other.stored.decode(&mut recoded);
             let elsewhere = self.fit_elsewhere(&recoded, other, neighbours)?;
             Ok::<_, RenderError>(fit.joined(&elsewhere))
         };
-        let mut best = best;
         let settings = reading.changes_from(&best.0);
         for (key, value) in settings.iter().filter(|_| settings.len() > 1) {
             let mut fewer = best.0;
-            if fewer.set(key, value).is_err() || fewer == *reading {
-                continue;
-            }
-            let Some(fit) = self.fit_read(gaussians, reading, &fewer)? else {
-                continue;
-            };
-            let is_needed = best.1.is_nearer_than(&fit)
-                || all(&best.0, &best.1)?.is_nearer_than(&all(&fewer, &fit)?);
-            if !is_needed {
-                best = (fewer, fit);
+            if fewer.set(key, value).is_ok()
+                && fewer != *reading
+                && let Some(fit) = self.fit_read(gaussians, reading, &fewer)?
+            {
+                // Randomly turned Gaussians may cover holes that another setting leaves.
+                let is_weak = *key == "quaternions" && best.1.gain_over(&fit) < MUCH;
+                let fewer = (fewer, fit);
+                let is_needed = || -> Result<bool, RenderError> {
+                    let is_nearer = best.1.is_nearer_than(&fewer.1);
+                    Ok(is_nearer || all(&best)?.is_nearer_than(&all(&fewer)?))
+                };
+                if is_weak || !is_needed()? {
+                    best = fewer;
+                }
             }
         }
         Ok(best)

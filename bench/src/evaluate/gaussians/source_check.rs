@@ -21,6 +21,7 @@ use sharp_metrics::{Mask, Picture, psnr};
 use super::depth_check::{depth_doubt, rounded};
 use super::footprint::missing_share;
 use super::likeness::{Likeness, blur, window};
+use super::other_view::{OtherView, other_view, other_views};
 use super::registration::{shift, zoom};
 use super::render::placed;
 use super::rereading::{Moves, Seen, Trial};
@@ -472,96 +473,6 @@ fn is_confirmed(
 fn shows_nothing(photograph: &RgbImage, over_mean: &RgbImage) -> bool {
     let whole = Region::whole(photograph.dimensions());
     Likeness::of(photograph, whole, over_mean).is_unrelated()
-}
-
-/// Other views of the scene whose photographs have the same size: the neighbours of a view, and the
-/// one at the mirrored position in the scene's order.
-fn other_views(
-    source: &PosedCamera,
-    scene: &Scene,
-    size: (u32, u32),
-) -> Vec<(PosedCamera, RgbImage)> {
-    let Some(at) = scene.views.iter().position(|view| view.id == source.id) else {
-        return Vec::new();
-    };
-    let mirrored = scene.views.len() - 1 - at;
-    let others = [at.checked_sub(1), Some(at + 1), Some(mirrored)];
-    let others: BTreeSet<usize> = others.into_iter().flatten().filter(|&k| k != at).collect();
-    let views = others.into_iter().filter_map(|k| scene.views.get(k));
-    let read = views.filter_map(|view| {
-        // If a photograph is unreadable, its own pairs report it.
-        let photograph = view.content.image().ok()?;
-        Some((PosedCamera::from(view), photograph))
-    });
-    read.filter(|(_, photograph)| photograph.dimensions() == size)
-        .collect()
-}
-
-/// A view that explains the Gaussians significantly better than their own source.
-struct OtherView<'a> {
-    view: &'a PosedCamera,
-    fit: Likeness,
-    /// Whether the means are in this view's camera, but show the source; otherwise the Gaussians show this view.
-    is_frame: bool,
-}
-
-impl OtherView<'_> {
-    fn sentence(&self, shown: &str) -> String {
-        let (id, db) = (&self.view.id, self.fit.psnr());
-        match self.is_frame {
-            true => format!(
-                "{shown}; with their means taken as those in the camera of {id}: {db:.2} dB; write them in the \
-                 source's own camera (`space=target` reads means in the target's, from a file per pair)"
-            ),
-            false => format!(
-                "{shown}, and that of {id} at {db:.2} dB: were they predicted from {id}, or do the files have the \
-                 names of other views? A file must belong to the view that it is named after"
-            ),
-        }
-    }
-}
-
-/// The view whose photograph the Gaussians explain significantly better than that of their own source, from that view or
-/// from the source (`shown`), or whose camera is the frame of their means.
-fn other_view<'a>(
-    prediction: &GaussianPrediction,
-    reading: &FileReading,
-    own: &Trial<'_>,
-    others: &[Trial<'a>],
-    as_read: &Likeness,
-    shown: &RgbImage,
-) -> Result<Option<OtherView<'a>>, RenderError> {
-    let mut best: Option<OtherView<'a>> = None;
-    if reading.placement.space == FileSpace::World {
-        return Ok(best);
-    }
-    let gaussians = &prediction.gaussians;
-    for trial in others {
-        let view = trial.source;
-        let placed = reading.placement.camera_from_file(view);
-        let own_from_view = view.to(own.source).to_affine();
-        let colored = Likeness::of(trial.photograph, trial.region, shown);
-        let candidates = [
-            (trial.fit(gaussians, placed)?, false),
-            (Some(colored), false),
-            (own.fit(gaussians, own_from_view * placed)?, true),
-        ];
-        for (fit, is_frame) in candidates {
-            if let Some(fit) = fit
-                && fit.is_better_than(as_read)
-                && best
-                    .as_ref()
-                    .is_none_or(|known| fit.error() < known.fit.error())
-            {
-                best = Some(OtherView {
-                    view,
-                    fit,
-                    is_frame,
-                });
-            }
-        }
-    }
-    Ok(best)
 }
 
 #[cfg(test)]

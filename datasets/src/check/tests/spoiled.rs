@@ -796,7 +796,7 @@ fn right_pictures_of_other_pairs_are_told() {
         let (own, other) = (pair(seed), pair(seed + 1));
         let (said, _) = of_pair(vec![own[0].clone(), other[1].clone()]);
         assert!(
-            said.contains("do not seem to show the same scene"),
+            said.contains("Put this pair's own in its place"),
             "{seed}: {said}"
         );
     }

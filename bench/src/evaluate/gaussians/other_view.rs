@@ -1,0 +1,96 @@
+//! Other views of a scene as the source of Gaussians.
+
+use std::collections::BTreeSet;
+
+use image::RgbImage;
+use sharp::render::RenderError;
+use sharp_datasets::Scene;
+
+use super::likeness::Likeness;
+use super::rereading::Trial;
+use crate::methods::GaussianPrediction;
+use crate::methods::file_reading::{FileReading, FileSpace};
+use crate::pairs::PosedCamera;
+
+/// Other views of the scene whose photographs have the same size: the neighbours of a view, and the
+/// one at the mirrored position in the scene's order.
+pub(super) fn other_views(
+    source: &PosedCamera,
+    scene: &Scene,
+    size: (u32, u32),
+) -> Vec<(PosedCamera, RgbImage)> {
+    let Some(at) = scene.views.iter().position(|view| view.id == source.id) else {
+        return Vec::new();
+    };
+    let mirrored = scene.views.len() - 1 - at;
+    let others = [at.checked_sub(1), Some(at + 1), Some(mirrored)];
+    let others: BTreeSet<usize> = others.into_iter().flatten().filter(|&k| k != at).collect();
+    let views = others.into_iter().filter_map(|k| scene.views.get(k));
+    let read = views.filter_map(|view| {
+        // If a photograph is unreadable, its own pairs report it.
+        let photograph = view.content.image().ok()?;
+        Some((PosedCamera::from(view), photograph))
+    });
+    read.filter(|(_, photograph)| photograph.dimensions() == size)
+        .collect()
+}
+
+/// A view that explains the Gaussians significantly better than their own source.
+pub(super) struct OtherView<'a> {
+    view: &'a PosedCamera,
+    pub(super) fit: Likeness,
+    /// Whether the means are in this view's camera, but show the source; otherwise the Gaussians show this view.
+    pub(super) is_frame: bool,
+}
+
+impl OtherView<'_> {
+    pub(super) fn sentence(&self, shown: &str) -> String {
+        let (id, db) = (&self.view.id, self.fit.psnr());
+        match self.is_frame {
+            true => format!(
+                "{shown}; with their means taken as those in the camera of {id}: {db:.2} dB; write them in the \
+                 source's own camera (`space=target` reads means in the target's, from a file per pair)"
+            ),
+            false => format!(
+                "{shown}, and that of {id} at {db:.2} dB: were they predicted from {id}, or do the files have the \
+                 names of other views? A file must belong to the view that it is named after"
+            ),
+        }
+    }
+}
+
+/// The view whose photograph the Gaussians explain significantly better than that of their own source, from that view or
+/// from the source (`shown`), or whose camera is the frame of their means.
+pub(super) fn other_view<'a>(
+    prediction: &GaussianPrediction,
+    reading: &FileReading,
+    own: &Trial<'_>,
+    others: &[Trial<'a>],
+    as_read: &Likeness,
+    shown: &RgbImage,
+) -> Result<Option<OtherView<'a>>, RenderError> {
+    let mut candidates = Vec::new();
+    let in_cameras = reading.placement.space != FileSpace::World;
+    for trial in others.iter().filter(|_| in_cameras) {
+        let view = trial.source;
+        let placed = reading.placement.camera_from_file(view);
+        let placed_in_own = view.to(own.source).to_affine() * placed;
+        let colored = Likeness::of(trial.photograph, trial.region, shown);
+        let predicted = trial.fit(&prediction.gaussians, placed)?;
+        let framed = own.fit(&prediction.gaussians, placed_in_own)?;
+        candidates.extend([
+            (view, Some(colored), false),
+            (view, predicted, false),
+            (view, framed, true),
+        ]);
+    }
+    let candidates = candidates.into_iter().filter_map(|(view, fit, is_frame)| {
+        let fit = fit.filter(|fit| fit.is_better_than(as_read))?;
+        Some(OtherView {
+            view,
+            fit,
+            is_frame,
+        })
+    });
+    Ok(candidates.min_by(|a, b| a.fit.error().total_cmp(&b.fit.error())))
+}
