@@ -2,8 +2,8 @@
 
 use std::path::Path;
 
-use super::spoiled::{BASELINE_M, FOCAL, of_pair, pair, pair_of};
 use super::change;
+use super::spoiled::{BASELINE_M, FOCAL, of_pair, pair, pair_of};
 use crate::check::advice::{Units, sentence};
 use crate::check::change::{Change, Focal};
 use crate::check::{QUICK, THOROUGH, check, copied_calibrations, look};
