@@ -31,6 +31,7 @@ const READING: &[&str] = &[
     "sharp/src/camera.rs",
     "sharp/src/image_file",
     "sharp/src/random.rs",
+    "sharp/src/trajectory.rs",
     "bench/src/pairs/frame.rs",
     "metrics/src/resize",
 ];

@@ -128,7 +128,8 @@ mod tests {
                 .proxies_on(entry(format).unwrap().paper_overlap, 24)
                 .join(",")
         };
-        assert_eq!(on("", "eth3d"), "overlap=ground-truth");
+        assert_eq!(on("", "eth3d"), "overlap=auto");
+        assert_eq!(on("overlap=ground-truth", "eth3d"), "overlap=ground-truth");
         assert_eq!(on("overlap=given", "tanks-and-temples"), "");
         assert_eq!(on("overlap=depth-pro", "eth3d"), "");
         assert_eq!(on("overlap=depth-pro", "scannetpp"), "overlap=depth-pro");

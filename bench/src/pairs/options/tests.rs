@@ -7,7 +7,7 @@ fn the_defaults_read_as_documented() {
     assert_eq!(
         PairOptions::default().to_string(),
         "sets=consecutive,size=10,remainder=keep,max-sets=all,order=both,missing-depth=reject,\
-         overlap=ground-truth,test=consistent:0.05,lookup=nearest,denominator=valid,stride=1,max-side=full,\
+         overlap=auto,test=consistent:0.05,lookup=nearest,denominator=valid,stride=1,max-side=full,\
          direction=target-in-source,threshold=0.6,at-threshold=out,min-baseline=0,max-baseline=none,limit=512,\
          sampling=uniform,seed=0"
     );

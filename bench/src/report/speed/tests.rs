@@ -29,7 +29,7 @@ fn measured() -> Measured {
         inference_secs: inference.into(),
         load_secs: render.iter().map(|_| 0.001).collect(),
         render_secs: render.into(),
-        device_secs: Vec::new(),
+        device_secs: render.iter().map(|_| 0.002).collect(),
         splats: render
             .iter()
             .take(1)
@@ -112,6 +112,7 @@ fn the_table_has_medians_and_says_why_a_cell_is_empty() {
         "1.0000 [0.7500, 1.5000]",
         "0.0010 [0.0010, 0.0010]",
         "0.0150 [0.0125, 0.0175]",
+        "0.0020 [0.0020, 0.0020]",
         "1000",
         "500",
         "4.80",
