@@ -240,15 +240,20 @@ impl<'a> Neighbours<'a> {
             let [one, other] = small(pair);
             one.has_picture_of(other) && is_moved(pair)
         });
-        // Depth of a plane may stay the same while the camera moves.
         let has_one_depth = |pair: &(usize, usize)| {
             let [one, other] = small(pair);
+            one.has_depth_of(other)
+        };
+        // Depth of a plane may stay the same while the camera moves.
+        let disagrees = |pair: &(usize, usize)| {
             let explained = || self.explained_one(*pair, &Reading::AS_READ, self.stride);
-            one.has_depth_of(other) && is_moved(pair) && !agrees(&[explained()])
+            is_moved(pair) && !agrees(&[explained()])
         };
         let ((a, b), what) = match pictured {
             Some(pair) => (pair, "picture"),
-            None if pairs.all(has_one_depth) => (self.carries.first()?, "depth map"),
+            None if pairs.clone().all(has_one_depth) && pairs.any(disagrees) => {
+                (self.carries.first()?, "depth map")
+            }
             None => return None,
         };
         let [a, b] = [a, b].map(|i| &self.views[*i].id);

@@ -255,10 +255,10 @@ impl Pair {
                 self.explained(left, &|d| disparity(factor, d), stride),
             )
         };
-        // A fit to disparities of another scene may be better by chance.
-        let is_cause = |fitted: &[Explained], disparity: &dyn Fn(f64) -> f64| {
-            let is_confirmed = || !self.is_rectified || self.mismatch(disparity).is_none();
-            is_better(&as_read, fitted, LEAST_GAIN) && is_confirmed()
+        // Disparities of another scene may be better by chance.
+        let is_cause = |pair: &Self, explained: &[Explained], disparity: &dyn Fn(f64) -> f64| {
+            let is_confirmed = || !self.is_rectified || pair.mismatch(disparity).is_none();
+            is_better(&as_read, explained, LEAST_GAIN) && is_confirmed()
         };
         let (factor, scaled) = fit((40, 2_f64.powf(0.25)), &|factor, d| factor * d);
         let mut readings = vec![
@@ -273,12 +273,10 @@ impl Pair {
                 self.explained(right, &negated, stride),
             ),
         ];
-        readings.extend(flipped.iter().map(|(how, pair)| {
-            let pictures = (&pair.left, &pair.right);
-            (
-                format!("the disparity map is {how}"),
-                pair.explained(pictures, &same, stride),
-            )
+        readings.extend(flipped.iter().filter_map(|(how, pair)| {
+            let explained = pair.explained((&pair.left, &pair.right), &same, stride);
+            is_cause(pair, &explained, &same)
+                .then(|| (format!("the disparity map is {how}"), explained))
         }));
         let rows = ROWS
             .iter()
@@ -327,7 +325,7 @@ impl Pair {
             let coarse = best(&mut (-OFFSETS..=OFFSETS).map(f64::from), 4 * stride);
             let by = best(&mut (-4..=4).map(|i| coarse + 0.25 * f64::from(i)), stride);
             let fitted = moved(by, stride);
-            if by.abs() * full >= LEAST_OFFSET && is_cause(&fitted, &|d| d + by) {
+            if by.abs() * full >= LEAST_OFFSET && is_cause(self, &fitted, &|d| d + by) {
                 let (pixels, way) = (
                     number((by.abs() * full).round()),
                     if by > 0.0 { "larger" } else { "smaller" },
@@ -351,10 +349,10 @@ impl Pair {
             "the disparity map holds depth, {} m a unit; store the disparities",
             number(times * MIDDLE_UNIT_M)
         );
-        if is_cause(&reciprocal, &|d| product / (times * d) - offset) {
+        if is_cause(self, &reciprocal, &|d| product / (times * d) - offset) {
             readings.push((how, reciprocal));
         }
-        if is_worth_a_word(factor) && is_cause(&scaled, &|d| factor * d) {
+        if is_worth_a_word(factor) && is_cause(self, &scaled, &|d| factor * d) {
             let how = format!(
                 "disparities should be multiplied by {}: they are for another picture size or in another unit; \
                  rescale them{}",
