@@ -39,8 +39,8 @@ pub enum PictureChange {
     Lab,
     /// Values are normalised by ImageNet's mean and standard deviation.
     Normalised,
-    /// Values are normalised by ImageNet's or CLIP's mean and standard deviation, then stretched to 0..255 by one range for
-    /// all channels.
+    /// Values are normalised by ImageNet's or CLIP's mean and standard deviation, then stretched to 0..255 by one range
+    /// for all channels.
     NormalisedAndStretched,
     /// Levels beyond 0..255 wrapped around.
     Wrapped,

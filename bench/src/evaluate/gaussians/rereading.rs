@@ -371,8 +371,8 @@ impl Trial<'_> {
         Ok((other != *reading).then_some((other, fit)))
     }
 
-    /// Reverts each changed setting without which the reading is not significantly worse; it only compensated for another
-    /// one.
+    /// Reverts each changed setting without which the reading is not significantly worse; it only compensated for
+    /// another one.
     fn simplest(
         &self,
         gaussians: &Gaussians,
