@@ -10,8 +10,8 @@ Input     the 20:11 part in the middle of the photograph at 1280 x 704 (Lanczos)
 Output    the 20:11 part in the middle of the target (crop=center:20:11) at 1280 x 704, sRGB levels.
 Lost      the rest of both pictures, and resolution. MoGe's depth has no metric scale: its unit is taken for a metre,
           unless depth=privileged, which divides the motion by the median of true over MoGe's depth. Two targets of
-          one source are sampled apart. The paper says that a view is a by-product of a video, not how it led the
-          camera. Samples are random: --seed.
+          one source are sampled independently. The paper says that a view is a by-product of a video, but not along
+          which path the camera moved. Samples are random: --seed.
 Licence   Apache 2.0; the weights have NVIDIA's own. Neither comes with this file.
 
 $ run="python $PWD/bench/recipes/gen3c.py --checkpoint_dir checkpoints"

@@ -58,7 +58,7 @@ def load(options: argparse.Namespace):
         views = [(pair.K_s, pair.source.size), (pair.K_t, pair.target_size)]
         cameras = [protocol.cut_K(K, square(of), size) for K, of in views]
         poses = tensor(np.stack([np.eye(4), pair.source_from_target]))
-        # The method does not look at its object, which would want a data set on disk.
+        # The method does not use its object, whose construction needs a data set on disk.
         normalised = Dataset.preprocess_poses(None, poses, config.training.get("scene_scale_factor", 1.35))
         normalised[:, :3, 3] *= pair.scale
         batch = {

@@ -33,8 +33,8 @@ class Pair:
     target_from_source: np.ndarray
     target_size: tuple[int, int]  # width, height
     depth: np.ndarray | None = None  # of the source, [H, W], metres, 0 where unknown; only with depth=privileged
-    # With scales=: a factor that target_from_source contains; where a method normalises the distance of the cameras,
-    # its recipe multiplies by this afterwards.
+    # With scales=: the factor already in target_from_source. If a method normalises the distance of the cameras, its
+    # recipe multiplies by this afterwards.
     scale: float = 1.0
 
     @property
@@ -77,7 +77,7 @@ def in_units_of(depth: np.ndarray, pair: Pair, box: Box) -> np.ndarray:
     """target_from_source in the unit of a method's own depth map [H, W] of the part `box` of the source.
 
     With depth=privileged the unit is the median of true over predicted depth, over the pixels that have both (the
-    paper's alignment: to scale depth by it and to divide the motion by it are the same). Without, it is a metre.
+    paper's alignment: dividing the motion by it is equivalent to scaling the depth). Otherwise it is a metre.
     """
     motion = pair.target_from_source.copy()
     if pair.depth is not None:
@@ -138,7 +138,7 @@ def center_square(size: tuple[int, int]) -> Box:
 
 
 def center(size: tuple[int, int], aspect: tuple[int, int]) -> Box:
-    """The largest part in the middle with an aspect: the very pixels that `crop=center:W:H` scores."""
+    """The largest part in the middle with an aspect: exactly the pixels that `crop=center:W:H` scores."""
     across = min(size[0], math.floor(size[1] * aspect[0] / aspect[1] + 0.5))
     down = min(size[1], math.floor(size[0] * aspect[1] / aspect[0] + 0.5))
     x, y = (size[0] - across) // 2, (size[1] - down) // 2

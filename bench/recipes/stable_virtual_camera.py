@@ -10,8 +10,8 @@ Output    one sRGB picture of the same size. The camera that is asked for shows 
           the aspects differ; the target's part of it is cut out and resized here (Lanczos), up or down.
 Lost      some columns or rows at the source's border (the crop). Scale: they centre the two cameras and bring the
           source's distance from the centre to --camera-scale (2), whatever it was in metres; they sweep 0.1 to 2.0
-          for one input and keep the best: --camera-scale 1 with scales=0.1+0.2+…+2. Two targets of one source are
-          sampled apart, and nothing makes them agree. Samples are random: --seed.
+          for one input and keep the best, as --camera-scale 1 with scales=0.1+0.2+…+2 does here. Two targets of one
+          source are sampled independently, and nothing makes them agree. Samples are random: --seed.
 Licence   Stability AI's non-commercial licence, code and weights. Neither comes with this file.
 
 $ PYTHONPATH=stable-virtual-camera sharp-bench run --dataset middlebury=data/Middlebury2014 --out runs/seva --method \

@@ -3,12 +3,12 @@
 Calls     tmpi.TMPI, tmpi_renderer.TMPIRenderer, dataset.TMPIDataset and config of facebookresearch/TMPI, written
           against commit 2847eb4 (run.py shows their use), and depth_pro.create_model_and_transforms and
           DepthPro.infer of apple/ml-depth-pro, written against commit 9efe5c1 (src/depth_pro/depth_pro.py). Depth Pro
-          takes the place of DPT, as in the paper, where TMPI's README says: what dataset.py imports as DPTWrapper.
+          replaces DPT, as in the paper, at the place named in TMPI's README: the DPTWrapper that dataset.py imports.
 Input     the photograph as their loader reads it: the longer side at most 1024 (bilinear), 0..1, with inverse depth
           stretched to 0..1. Depth Pro sees that picture and the dataset's focal length.
 Output    the target camera drawn by their PyTorch renderer, with the source's intrinsics less 0.5, since its pixel
           centres are whole numbers, and target_from_source as the pose, OpenCV axes; the target's part is cut out and
-          resized here (Lanczos). Planes are converted back to inverse metres before. Their OpenGL renderer, the default
+          resized here (Lanczos). Planes are first converted back to inverse metres. Their OpenGL renderer, the default
           of run.py, assumes the principal point in the middle and draws one row lower.
 Lost      resolution: 1024. Tiles are padded (config.render_padsz) by as much as content moves, at most 512 pixels;
           what no tile covers is black. With depth=privileged the motion is divided by the median of true over Depth

@@ -10,7 +10,8 @@ Input     the 16:9 part in the middle of the photograph at 1024 x 576 (Lanczos),
 Output    the 16:9 part in the middle of the target (crop=center:16:9) at 1024 x 576, sRGB in 0..1.
 Lost      the rest of both pictures, and resolution. DUSt3R's depth has no metric scale: its unit is taken for a metre,
           unless depth=privileged, which divides the motion by the median of true over DUSt3R's depth. Two targets of
-          one source are sampled apart. The paper does not say how it led the camera. Samples are random: --seed.
+          one source are sampled independently. The paper does not say along which path the camera moved. Samples are
+          random: --seed.
 Licence   Apache 2.0; DUSt3R, which it contains, is CC BY-NC-SA 4.0, not for commercial use. Neither comes with this
           file.
 

@@ -106,8 +106,8 @@ impl CameraSizes {
     }
 }
 
-/// Rejects a picture whose size differs from its camera's. If the ratio is that of both axes, the error says what
-/// helps: [`CAMERA_SIZE`], if the format `has_setting`, or another calibration.
+/// Rejects a picture whose size differs from its camera's. If both axes differ by the same ratio, the error suggests
+/// [`CAMERA_SIZE`], or other files if the format does not have that setting.
 pub(crate) fn check_size(
     path: &Path,
     found: PixelSize,
@@ -117,10 +117,10 @@ pub(crate) fn check_size(
     mask::check_size(path, found, expected).map_err(|error| match error {
         DatasetError::Malformed { path, reason } if is_same_ratio(expected, found) => {
             let helps = match has_setting {
-                true => "camera-size=scaled scales the camera",
-                false => "use pictures of the camera's size, or a calibration for theirs",
+                true => "set camera-size=scaled to scale the camera",
+                false => "use pictures of the camera's size, or a calibration for this size",
             };
-            let hint = "the ratio is the same in both axes";
+            let hint = "the ratio is the same on both axes";
             DatasetError::malformed(path, format!("{reason}; {hint}: {helps}"))
         }
         error => error,
@@ -211,7 +211,7 @@ mod tests {
         assert!(helped.contains("camera-size=scaled"), "{helped}");
         let without = error_of((80, 60), false);
         assert!(
-            without.ends_with("or a calibration for theirs"),
+            without.ends_with("or a calibration for this size"),
             "{without}"
         );
         assert_eq!(

@@ -116,7 +116,7 @@ impl ViewDepth {
 /// With this many negative disparities per positive one, the sign is considered inverted.
 const MOSTLY: u64 = 20;
 
-/// One disparity in this many may lie behind the cameras, as noise.
+/// Up to one disparity in this many may lie behind the cameras: noise.
 const MOST_BEHIND: u64 = 20;
 
 /// Conversion from disparity to depth: `Z = baseline · f / (d + doffs)`.
@@ -179,8 +179,8 @@ impl StereoGeometry {
                 path,
                 format!(
                     "none of {strange} disparities lies within the picture's width of {widest} \
-                     pixels: are they in another unit (as in 16-bit PNG of KITTI, 1/256 pixel; format stereo has \
-                     disparity_unit in rig.txt), is it depth, or is the byte order wrong?"
+                     pixels: are they in another unit (as in KITTI's 16-bit PNG, 1/256 pixel; with format \
+                     stereo, set disparity_unit in rig.txt), are they depths, or is the byte order wrong?"
                 ),
             ));
         }
@@ -190,8 +190,8 @@ impl StereoGeometry {
             return Err(DatasetError::malformed(
                 path,
                 format!(
-                    "{behind} of {sane} disparities are below {}, so their points would lie behind the cameras: have \
-                     the principal points of the two cameras been exchanged?",
+                    "{behind} of {sane} disparities are below {}, so their points would lie behind the cameras: are \
+                     the principal points of the two cameras exchanged?",
                     -self.doffs
                 ),
             ));

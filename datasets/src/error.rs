@@ -37,7 +37,7 @@ pub enum DatasetError {
         /// Folders that could not be searched, after a semicolon; empty if none.
         note: String,
     },
-    /// A virtual view is only a camera.
+    /// The photograph of a virtual view was requested.
     #[error("this view is only a camera, without a photograph")]
     NoPhotograph,
     /// An invalid request for a dataset.

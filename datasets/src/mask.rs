@@ -53,8 +53,8 @@ const LEAST_LABELLED: f64 = 0.01;
 /// Minimum fraction of the pixels between black and white that lie in areas of one level.
 const LEAST_FLAT: f64 = 0.8;
 
-/// The first levels of a map of objects or classes: three or more, in areas of one level. `None` for a mask, even if it
-/// was blurred or stored as JPEG.
+/// The first few levels of a map of objects or classes, which has three or more levels in uniform areas. `None` for a
+/// mask, even if it was blurred or stored as JPEG.
 pub(crate) fn labels(mask: &GrayImage) -> Option<String> {
     let (width, height) = mask.dimensions();
     let mut counts = [0_usize; 256];
@@ -142,7 +142,7 @@ mod tests {
         for proper in [&mask, &jpeg, &soft, &dim] {
             assert_eq!(labels(proper), None);
         }
-        // Numbers of objects must not be multiplied.
+        // The error must not advise to multiply numbers of objects.
         let folder = tempfile::tempdir().unwrap();
         let file = folder.path().join("m.png");
         of(|x, _| (x / 24) as u8).save(&file).unwrap();

@@ -97,7 +97,7 @@ pub(crate) fn add(scene: &mut Scene, spec: &DatasetSpec) {
             .notes
             .push(format!("pictures: {count} of {of} have {text}"));
     }
-    // Polarity is not in doubt if the format defines it or the user specified it.
+    // A format that defines the polarity of its masks leaves nothing to check.
     if !spec.has_mask_sides() {
         return;
     }

@@ -33,7 +33,7 @@ pub trait ViewContent: Send + Sync + std::fmt::Debug {
     /// [`DatasetError::NoPhotograph`] for a virtual view.
     fn image(&self) -> Result<RgbImage, DatasetError>;
 
-    /// False for a virtual view, which is only a camera: methods predict it, and nothing scores it.
+    /// False for a virtual view, which is only a camera: methods predict it, and no metric scores it.
     fn has_photograph(&self) -> bool {
         true
     }

@@ -1,4 +1,4 @@
-//! Any photograph, with virtual views around it: cameras along a path, without pictures to score.
+//! Any photograph, with virtual views around it: cameras along a path, without photographs to score against.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -24,7 +24,7 @@ use crate::{DatasetEntry, DatasetError, DatasetSpec, DepthMap, Pairing, Scene, V
 pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
     format: "virtual",
     display_name: "virtual views",
-    title: "any photographs, and cameras around them without pictures",
+    title: "any photographs, with virtual cameras around them",
     layout: "a photograph, or a folder of them",
     caveat: "nothing to score: methods predict the views, for figures",
     settings: &[
@@ -41,7 +41,7 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
                 choice(
                     "swipe",
                     "from left to right; this path and the following ones are the release's, sized by `near` and \
-                     turned to the point at `focus`",
+                     looking at the point at `focus`",
                 ),
                 choice("shake", "left and right, then up and down"),
                 choice("rotate", "on a circle"),
@@ -59,7 +59,7 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
         ),
         Setting::free(
             "near",
-            "depth of the nearest things in metres (auto: the 0.001 quantile of the depth map, or 1 without one)",
+            "depth of the nearest objects in metres (auto: the 0.001 quantile of the depth map, or 1 without one)",
             "auto",
         ),
         Setting::free(
@@ -76,8 +76,8 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
         Setting::free(
             "depth",
             "folder with a depth map of each photograph, NAME.exr, .npy, .npz or .pfm in metres or .png in \
-             millimetres, as `predict --depth-only` writes them; methods with the privilege of the source's depth \
-             use it",
+             millimetres, as `predict --depth-only` writes them; methods that use true depth \
+             read it",
             "none",
         ),
     ],
@@ -157,7 +157,7 @@ impl Options {
         })
     }
 
-    /// From the photograph's camera to each virtual view's.
+    /// Transforms from the photograph's camera to each virtual view's.
     fn poses(&self, camera: &Intrinsics, depth: Option<&DepthMap>) -> Vec<RigidTransform> {
         let range = depth.and_then(|depth| DepthRange::of_depths(depth.iter().copied()));
         let near = self.near_m.or(range.map(|range| range.near)).unwrap_or(1.0);
@@ -192,7 +192,7 @@ impl Options {
 fn scene(spec: &DatasetSpec, options: &Options, file: &Path) -> Result<Scene, DatasetError> {
     let header = picture::header(file)?;
     let mut rules = spec.picture_rules();
-    // There is no camera whose size could decide.
+    // There is no camera whose size could decide the orientation.
     let is_turned = rules.turns(&header, None);
     rules.orientation = match is_turned {
         true => OrientationRule::Upright,
@@ -214,7 +214,7 @@ fn scene(spec: &DatasetSpec, options: &Options, file: &Path) -> Result<Scene, Da
                 let text = text.replace("--focal-px", "focal-px=PIXELS");
                 format!("{}: {text}", file.display())
             });
-            // The default is what the paper's own code assumes of every photograph without a focal length.
+            // The paper's own code assumes this default for every photograph without a focal length.
             match focal.source {
                 FocalSource::Default => notes.extend(named),
                 _ => warnings.extend(named),

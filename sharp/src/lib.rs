@@ -23,6 +23,7 @@
 //! * [`ply`]: PLY files of Gaussian scenes, and of any other kind.
 //! * [`random`]: the random generator for every seeded choice.
 //! * [`render`]: Gaussians to pictures (feature `render`).
+//! * [`trajectory`]: the release's camera paths.
 
 pub mod camera;
 pub mod color;

@@ -49,7 +49,7 @@ pub struct Trajectory {
     pub steps: usize,
 }
 
-/// Depth range of a scene: quantiles of the z of all centres in front of the camera, in metres.
+/// Depth range of a scene: quantiles of the z of all centres or pixels in front of the camera, in metres.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct DepthRange {
     /// The 0.001 quantile.
@@ -79,7 +79,7 @@ impl DepthRange {
         Self::of_depths(scene.means.iter().map(z))
     }
 
-    /// Quantiles of z, metres; `None` if no value is finite and above 0.
+    /// Measures z values in metres; `None` if none is finite and above 0.
     pub fn of_depths(depths: impl IntoIterator<Item = f32>) -> Option<Self> {
         let depths = depths.into_iter();
         let mut depths: Vec<f32> = depths.filter(|z| *z > 0.0 && z.is_finite()).collect();

@@ -147,7 +147,7 @@ fn values_that_are_not_finite_are_counted() {
     assert!(said.out.contains("not finite    2"), "{}", said.out);
 }
 
-/// Depth Pro's names, with a checkpoint of which `predict` cannot do anything.
+/// A checkpoint with Depth Pro's tensor names, which `predict` refuses.
 #[test]
 fn depth_pros_weights_are_told_from_those_of_sharp() {
     let dir = tempfile::tempdir().unwrap();

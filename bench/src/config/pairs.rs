@@ -17,8 +17,8 @@ pub struct OverlapConfig {
     /// median of ratios (overlap=given)
     #[arg(long, value_name = "DIR")]
     pub overlap_depth: Option<PathBuf>,
-    /// Checkpoint for overlap=sharp-release, or mini for the bundled network; or for overlap=depth-pro [default: the
-    /// release checkpoint or depth_pro.pt in torch's hub folder or in sharp-bench's cache]
+    /// Checkpoint for overlap=sharp-release (mini: the bundled network) or overlap=depth-pro [default: the release
+    /// checkpoint or depth_pro.pt, in torch's hub folder or in sharp-bench's cache]
     #[arg(long, value_name = "FILE")]
     pub overlap_checkpoint: Option<PathBuf>,
     /// The checkpoint's architecture, FILE.json#NAME [default: the release's]

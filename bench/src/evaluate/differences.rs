@@ -88,7 +88,7 @@ impl fmt::Display for ManifestDifference {
     }
 }
 
-/// By dataset, the sources of depth behind the overlaps of its pairs, with the hash of a checkpoint, if known.
+/// For each dataset, the sources of the depth that decided overlap, with checkpoint hashes if known.
 fn overlap_depths(manifest: &Manifest) -> BTreeMap<&str, String> {
     let mut sources: BTreeMap<&str, BTreeSet<String>> = BTreeMap::new();
     for (dataset, choices) in manifest.pairs.lists.iter().flat_map(|list| &list.choices) {

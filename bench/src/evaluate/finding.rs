@@ -33,13 +33,14 @@ pub enum PictureChange {
     Transposed,
     /// Luma and chroma are stored as red, green and blue.
     Luma,
-    /// Hue, saturation and value are.
+    /// Hue, saturation and value are stored as red, green and blue.
     Hsv,
-    /// CIE L*a*b* is.
+    /// CIE L*a*b* is stored as red, green and blue.
     Lab,
     /// Values are normalised by ImageNet's mean and standard deviation.
     Normalised,
-    /// After that, or after CLIP's normalisation, one range of all channels became 0..255.
+    /// Values are normalised by ImageNet's or CLIP's mean and standard deviation, then stretched to 0..255 by one range
+    /// for all channels.
     NormalisedAndStretched,
     /// Levels beyond 0..255 wrapped around.
     Wrapped,
@@ -215,15 +216,15 @@ pub enum ShownTarget {
     Source,
     /// None: it is like the source's photograph, but no copy.
     SourceView,
-    /// What the target's motion times this factor shows, percent: 100 is its own.
+    /// The view after this percentage of the target's motion; 100 is the target's own.
     Motion(i16),
-    /// The target as the source's intrinsics would show it.
+    /// The target's view through the source's intrinsics.
     SourceIntrinsics,
-    /// The target as the inverse of its pose relative to the source would show it.
+    /// The view from the inverse of the target's pose relative to the source.
     InversePose,
-    /// The target as its pose with y and z reversed would show it.
+    /// The view from the target's pose with y and z reversed.
     OtherAxes,
-    /// The target as the transpose of its rotation would show it.
+    /// The view from the target's pose with its rotation transposed.
     TransposedRotation,
 }
 
@@ -254,7 +255,7 @@ impl ShownTarget {
         }
     }
 
-    /// Whether the picture moved clearly otherwise than its target.
+    /// Whether the motion clearly differs from the target's.
     pub fn is_misplaced(self) -> bool {
         match self {
             Self::Motion(percent) => !(65..150).contains(&percent),

@@ -120,7 +120,7 @@ fn sentence_on(change: PictureChange, count: usize, all: usize, photographs: &st
         }
         PictureChange::Unlike => format!(
             "its pictures {}: {counted} have a correlation below {UNLIKE} with those {photographs} (another scene \
-             or pose, another order of their bytes, or unfinished files?)",
+             or pose, another byte order, or unfinished files?)",
             change.text()
         ),
         PictureChange::LimitedRange => format!(
@@ -138,8 +138,8 @@ fn sentence_on(change: PictureChange, count: usize, all: usize, photographs: &st
             )
         }
         PictureChange::NormalisedAndStretched => format!(
-            "its pictures look as if they {}: {counted} have, by channel, the brightness and contrast that this gives the \
-             photographs {photographs}",
+            "its pictures look as if they {}: {counted} have the brightness and contrast per channel of the photographs \
+             {photographs} after this",
             change.text()
         ),
         PictureChange::Stretched(_) => format!(

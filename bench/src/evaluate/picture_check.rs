@@ -30,7 +30,8 @@ const LEAST_GAIN_OF_CHANNELS: f64 = 0.25;
 const LEAST_GAIN_OF_TRANSFER: f64 = 3.0;
 /// Minimum gain for another range of levels, which other exposures resemble, dB.
 const LEAST_GAIN_OF_RANGE: f64 = 1.5;
-/// Maximum PSNR of pictures in another colour space, dB: they have 8 to 13. Saves time for the others.
+/// Maximum PSNR at which other colour spaces are tried, dB: pictures stored in one have 8 to 13. Skipping the rest saves
+/// time.
 const MOST_OF_SPACES: f64 = 20.0;
 /// Share of the levels ignored at each end, because ringing of JPEG and of resampling exceeds it.
 const BEYOND_ENDS: f64 = 0.002;
@@ -51,8 +52,8 @@ const PERMUTATIONS: [(PictureChange, [usize; 3]); 5] = [
     (PictureChange::Brg, [1, 2, 0]),
 ];
 
-/// Colour spaces, their conversion to RGB, and the order of their stored channels, which is reversed if OpenCV wrote them
-/// as BGR.
+/// A colour space, its conversion to RGB, and the stored position of each of its channels. Positions are reversed if
+/// OpenCV wrote the channels as BGR.
 type OtherSpace = (PictureChange, fn([u8; 3]) -> [u8; 3], [usize; 3]);
 const OTHER_SPACES: [OtherSpace; 9] = [
     (PictureChange::Luma, from_luma, [0, 1, 2]),
@@ -440,7 +441,7 @@ mod tests {
         let imagenet = [(0.485, 0.229), (0.456, 0.224), (0.406, 0.225)];
         let told_of = told(&stretched(&proper, imagenet));
         assert_eq!(told_of, Some(PictureChange::NormalisedAndStretched));
-        // Equal statistics are an exposure.
+        // With equal statistics for all channels, it is only another exposure.
         assert_eq!(told(&stretched(&proper, [(0.45, 0.226); 3])), None);
     }
 

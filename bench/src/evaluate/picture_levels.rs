@@ -29,14 +29,14 @@ const LEAST_COLOUR: usize = 8;
 const NOISE: [f64; 2] = [0.1, 0.5];
 /// ImageNet's mean and standard deviation of red, green and blue, 0..1.
 const IMAGENET: [(f64, f64); 3] = [(0.485, 0.229), (0.456, 0.224), (0.406, 0.225)];
-/// CLIP's.
+/// CLIP's mean and standard deviation of red, green and blue, 0..1.
 const CLIP: [(f64, f64); 3] = [(0.4815, 0.2686), (0.4578, 0.2613), (0.4082, 0.2758)];
-/// Levels at which the lines of the three channels are compared.
+/// Levels of the photograph at which the channels' lines (level of the picture by level of the photograph) are compared.
 const COMPARED: [f64; 2] = [60.0, 190.0];
-/// Maximum root mean square difference of such lines from those of a normalisation, and minimum one from equal lines,
-/// levels.
+/// Maximum root mean square difference from the lines of a normalisation, and minimum one from equal lines for all
+/// channels, levels.
 const OFF_LINES: (f64, f64) = (3.0, 5.0);
-/// Minimum correlation of each channel with the photograph's; other colours are not another line.
+/// Minimum correlation of each channel with the photograph's; below it, a line does not describe the channel.
 const ALIKE: f64 = 0.8;
 
 /// Whether black and white of a photograph became 16 and 235: matching mean and standard deviation puts them there at
@@ -58,7 +58,7 @@ pub(super) fn is_limited(seen: &RgbImage, shown: &RgbImage, ends: [u8; 2]) -> bo
     ends[0] >= WITHIN[0] && ends[1] <= WITHIN[1] && WIDTHS.into_iter().all(is_near)
 }
 
-/// Mean and standard deviation of some levels.
+/// Mean and standard deviation of the levels.
 fn moments<'a>(levels: impl Iterator<Item = &'a u8> + Clone) -> (f64, f64) {
     let count = levels.clone().count() as f64;
     let sum = |of: &dyn Fn(f64) -> f64| levels.clone().map(|v| of(f64::from(*v))).sum::<f64>();
@@ -192,8 +192,8 @@ pub(super) fn normalised(color: [u8; 3]) -> [u8; 3] {
     })
 }
 
-/// Whether the channels' means and standard deviations are those of a photograph normalised by ImageNet's or CLIP's and
-/// then mapped to 0..255 by one line for all channels.
+/// Whether the channels' means and standard deviations are those of the photograph, normalised by ImageNet's or CLIP's
+/// statistics and then mapped to 0..255 by one line for all channels.
 pub(super) fn is_normalised_and_stretched(seen: &RgbImage, shown: &RgbImage) -> bool {
     let (full, height) = seen.dimensions();
     let width = WIDTHS[0].min(full);
@@ -207,7 +207,7 @@ pub(super) fn is_normalised_and_stretched(seen: &RgbImage, shown: &RgbImage) -> 
         least = least.min(a.zip(b).map(product).sum::<f64>() / covariance.max(1.0));
         COMPARED.map(|level| shown.0 + (level - seen.0) * shown.1 / seen.1.max(1.0))
     });
-    // What is left of the lines after the best line of all channels that were normalised by these statistics.
+    // Root mean square residual of the lines, fitted by those of a normalisation followed by one line for all channels.
     let off = |statistics: [(f64, f64); 3]| {
         let expected =
             statistics.map(|(mean, by)| COMPARED.map(|level| (level / 255.0 - mean) / by));
@@ -227,7 +227,7 @@ pub(super) fn is_normalised_and_stretched(seen: &RgbImage, shown: &RgbImage) -> 
     least >= ALIKE && !is_exposure && off(IMAGENET).min(off(CLIP)) <= OFF_LINES.0
 }
 
-/// RGB of hue, saturation and value, 0..255, of which hue turns once at `turn`: 256 (PIL), or 180 (OpenCV).
+/// RGB of hue, saturation and value, 0..255. `turn` is the level of a full turn of hue: 256 (PIL) or 180 (OpenCV).
 pub(super) fn from_hsv([hue, saturation, value]: [u8; 3], turn: f64) -> [u8; 3] {
     let (saturation, value) = (f64::from(saturation) / 255.0, f64::from(value));
     [5.0, 3.0, 1.0].map(|start| {

@@ -1,9 +1,8 @@
-//! Detects pictures that moved otherwise than the target: by a multiple of the true motion, or as a misread pose moves
-//! them.
+//! Detects pictures whose motion differs from the target's: a multiple of the true motion, or that of a misread pose.
 //!
-//! Blocks of the source's photograph are found in the target's along their epipolar lines, which gives their inverse
-//! depths, and then in the picture. Poor predictions must not raise false alarms: most blocks of a picture have to agree
-//! with one cause and contradict the true motion. `picture_order` asks most pictures to agree.
+//! Blocks of the source's photograph are located in the target's along their epipolar lines, which gives their inverse
+//! depths, and then in the picture. To avoid false alarms on poor predictions, at least half of the blocks must agree on
+//! one cause and contradict the true motion, and `picture_order` requires most pictures to agree.
 
 use std::ops::RangeInclusive;
 
@@ -30,17 +29,17 @@ const IN_PICTURE: (f64, f64) = (0.7, 0.05);
 const LEAST_GAIN: f64 = 0.1;
 /// Minimum number of blocks, and the share that must be found in the picture.
 const FOUND: (usize, f64) = (8, 0.4);
-/// Minimum length of a motion that is compared with another one, pixels.
+/// Minimum true motion of a compared block, pixels.
 const LEAST_MOTION: f64 = 3.0;
 /// Share of the blocks that must agree with a multiple of the motion, share that must contradict the true motion, and
 /// share that must agree with a misread pose.
 const AGREEING: f64 = 0.6;
 const CONTRADICTING: f64 = 0.5;
 const OF_POSE: f64 = 0.5;
-/// Share of the blocks that must agree below such a percentage, because blends of the source with a prediction show it in
-/// part.
+/// Below this percentage of the true motion, the share of the blocks that must agree: blends of the source with a
+/// prediction partly show the source.
 const STILL: (i16, f64) = (20, 0.8);
-/// Minimum rotation that tells the inverse pose from the translation with the other sign, degrees.
+/// Minimum rotation at which the inverse pose is told from a negated translation, degrees.
 const LEAST_TURN: f64 = 0.5;
 /// Maximum distance from an expected place: pixels, or, if larger, a share of the motion.
 const OFF: (f64, f64) = (1.0, 0.1);
@@ -50,15 +49,15 @@ const OFF: (f64, f64) = (1.0, 0.1);
 struct Camera(Intrinsics, RigidTransform);
 
 impl Camera {
-    /// The place of a point on a ray (z = 1) of the source.
+    /// Projection of a point on a ray (z = 1) of the source.
     fn place(&self, ray: DVec3, inverse_depth: f64) -> Option<DVec2> {
         self.0
             .project(self.1.rotation * ray + inverse_depth * self.1.translation)
     }
 }
 
-/// What the motion of a picture shows: a multiple of the true one ([`ShownTarget::Motion`]), or a misread pose. `None` if
-/// it cannot be measured. All pictures are shrunk; `intrinsics` are those of source and target at their full sizes.
+/// Measures a picture's motion: a multiple of the true one ([`ShownTarget::Motion`]) or that of a misread pose. `None` if
+/// it cannot be measured. All pictures are shrunk; `intrinsics` are those of source and target at full size.
 pub(super) fn shown_motion(
     intrinsics: [Intrinsics; 2],
     target_from_source: RigidTransform,
@@ -110,7 +109,7 @@ pub(super) fn shown_motion(
         let agreeing = inside.clone().filter(|agrees| *agrees).count();
         (*cause, agreeing as f64 / inside.count().max(FOUND.0) as f64)
     });
-    // Without a rotation, the inverse pose is the translation with the other sign.
+    // Without a rotation, inverting the pose only negates the translation.
     let is_turned = target_from_source.rotation_deg() >= LEAST_TURN;
     let poses = poses.filter(|(cause, _)| is_turned || *cause != ShownTarget::InversePose);
     let motion = multiple(&blocks).map(|(percent, share)| (ShownTarget::Motion(percent), share));
@@ -126,9 +125,9 @@ struct Block {
     own: f64,
     /// Its place in the picture, if it is found there, and whether this contradicts the true motion.
     found: Option<(f64, bool)>,
-    /// The source's own place, if it is on the line.
+    /// Its place in the source's photograph, if that is on the line.
     home: Option<f64>,
-    /// Whether each misread pose explains the picture and the true one does not; `None` if it leads outside.
+    /// Whether each misread pose explains the picture while the true one does not; `None` if it leads outside.
     misread: [Option<bool>; 4],
 }
 
@@ -149,7 +148,7 @@ impl Search<'_> {
         let infinity = self.own.place(ray, 0.0)?;
         let tiny = 1e-4 / self.own.1.translation.length();
         let velocity = (self.own.place(ray, tiny)? - infinity) / tiny;
-        // A step is a pixel at infinity.
+        // A step is one pixel at infinite depth.
         let step = velocity.length().recip();
         if contrast < LEAST_CONTRAST || !step.is_finite() {
             return None;
@@ -195,9 +194,9 @@ impl Search<'_> {
     }
 }
 
-/// By which multiple of the true motion the blocks of a picture moved, percent, and the share of the blocks that agree.
-/// Motion counts from infinity, as in another unit of the translation, or from the source's own places, as in warped
-/// photographs: the two differ if the camera is turned or has another principal point.
+/// Percentage of the true motion by which the blocks moved, and the share of the blocks that agree. Motion is measured
+/// from the place at infinite depth (scaled translations) or from the place in the source (scaled warps), whichever fits
+/// better. The two differ if the camera is turned or has another principal point.
 fn multiple(blocks: &[Block]) -> Option<(i16, f64)> {
     let found = blocks
         .iter()
@@ -249,7 +248,7 @@ fn multiple(blocks: &[Block]) -> Option<(i16, f64)> {
     (agreeing >= least && is_right).then_some((percent, agreeing))
 }
 
-/// The green levels around a place, with the mean 0 and the norm 1, and their standard deviation.
+/// The green levels around a place, normalised to mean 0 and norm 1, and their standard deviation.
 fn patch(picture: &RgbImage, place: DVec2) -> Option<([f64; AREA], f64)> {
     let [left, top] = [place.x, place.y].map(|v| v.floor() as i64 - HALF);
     let side = 2 * HALF + 1;
@@ -276,7 +275,7 @@ mod tests {
     use super::*;
 
     const SIZE: (u32, u32) = (160, 120);
-    /// The inverse depth of a slanted plane along a ray (z = 1) of the source is its product with this.
+    /// A slanted plane: its inverse depth along a ray (z = 1) of the source is the dot product with that ray.
     const PLANE: DVec3 = DVec3::new(0.12, 0.25, 0.4);
 
     fn camera(cx: f64) -> Intrinsics {

@@ -133,7 +133,8 @@ pub(super) fn note_order(
     let shows = shown_target(&seen, &shown, Some(&source), others);
     record.shows = match (shows, motion) {
         (Some(Source), _) | (Some(SourceView), Some(Motion(-5..=5))) => shows,
-        (Some(Own), Some(motion)) => Some(motion),
+        // A picture of poor depth may be closer to the source, although it moved.
+        (Some(Own), Some(motion)) | (Some(SourceView), Some(motion @ Motion(20..))) => Some(motion),
         (Some(_), Some(motion)) if motion.is_misplaced() => Some(motion),
         _ => shows,
     };
@@ -147,7 +148,7 @@ pub(crate) fn shown_target(
     source: Option<&RgbImage>,
     others: impl Iterator<Item = (ShownTarget, RgbImage)>,
 ) -> Option<ShownTarget> {
-    // Pictures of other targets were perhaps resized.
+    // Pictures of other targets may have been resized.
     let fit = |seen: &RgbImage, shown: &RgbImage| {
         let size = shown.dimensions();
         let resized = (seen.dimensions() != size).then(|| thumbnail(seen, size.0, size.1));
@@ -205,7 +206,7 @@ pub(super) fn misplaced_pictures<'a>(records: impl Iterator<Item = &'a Record>) 
     let mut by_dataset: BTreeMap<&str, BTreeMap<ShownTarget, usize>> = BTreeMap::new();
     let mut sources = BTreeSet::new();
     for record in records {
-        // The pictures of a source have the same scale, so they are one measurement.
+        // Pictures predicted from one source share its scale, so positive factors count once per source.
         let source = (&record.dataset, &record.scene, &record.source);
         let is_repeated =
             matches!(record.shows, Some(ShownTarget::Motion(1..))) && !sources.insert(source);
@@ -263,7 +264,7 @@ pub(crate) fn misplaced(found: &BTreeMap<ShownTarget, usize>, pairs: &str) -> Op
     })
 }
 
-/// A sentence if nearly all pictures with a measured motion moved by the same wrong multiple, or by the same misread pose.
+/// A sentence if nearly all pictures with a measured motion moved by the same wrong multiple, or as the same misread pose.
 fn moved(found: &BTreeMap<ShownTarget, usize>, pairs: &str) -> Option<String> {
     use ShownTarget::Motion;
     let measured = found

@@ -85,7 +85,7 @@ impl<'a> Sources<'a> {
         Ok(depth.as_ref())
     }
 
-    /// The depth of a view, if the method has the privilege to see it.
+    /// The depth of a view for a method that is allowed to use it; otherwise `None`.
     fn depth_seen_by(
         &mut self,
         method: &dyn Method,

@@ -209,7 +209,7 @@ pub struct MethodIdentity {
 }
 
 impl MethodIdentity {
-    /// Setting that names what chooses among several scales; absent if a method predicts a single one.
+    /// Key of the setting that names the metric choosing among scales; absent if a method predicts a single scale.
     pub const CHOSEN_BY: &str = "chosen_by";
 
     pub fn new<const N: usize>(kind: &str, settings: [(&str, String); N]) -> Self {

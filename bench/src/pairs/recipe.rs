@@ -69,8 +69,8 @@ impl OpenDepth {
     }
 }
 
-const NEEDS_DEPTH_PRO: &str = "overlap=depth-pro needs --overlap-checkpoint FILE, Depth Pro's depth_pro.pt, because there \
-                               is none in torch's hub folder or in sharp-bench's cache";
+const NEEDS_DEPTH_PRO: &str = "overlap=depth-pro: there is no depth_pro.pt in torch's hub folder or in sharp-bench's \
+                               cache; pass the file with --overlap-checkpoint FILE";
 
 impl PairRecipe {
     /// A recipe that uses the dataset's own depth.
@@ -152,8 +152,8 @@ impl PairRecipe {
         };
     }
 
-    /// Records in a dataset's own options what [`OverlapDepth::Auto`] means for it here, so that the configuration
-    /// gives the same pairs on a machine with other weights.
+    /// Writes what [`OverlapDepth::Auto`] resolves to on this machine into a dataset's own options, so that the
+    /// configuration gives the same pairs on machines with other weights.
     pub fn pin(&self, dataset: &mut DatasetConfig) {
         let own = &mut dataset.pairs;
         let paper = dataset.spec.entry.paper_overlap;

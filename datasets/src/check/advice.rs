@@ -10,7 +10,7 @@ use crate::{DatasetSpec, View};
 /// Plausible range of scene depths, in metres.
 pub(super) const DEPTHS_M: (f64, f64) = (0.05, 2000.0);
 
-/// A dataset's settings of units, and of the meaning of masks.
+/// A dataset's settings for units, and whether it has one for masks.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Units {
     /// Metres per unit of the poses; `None` if not set.
@@ -35,7 +35,7 @@ impl Units {
         }
     }
 
-    /// Question whether masks are inverted, given the fraction of pixels that they exclude.
+    /// Another possible cause, to append to a contradiction: inverted masks, given the fraction of pixels they exclude.
     pub(super) fn inverted_masks(self, excluded: f64) -> String {
         let setting = match self.has_mask_sides {
             true => " (masks=keep-black keeps black pixels, masks=keep-white white ones)",

@@ -17,11 +17,10 @@ const FEWEST: usize = 200;
 const LEAST_NEAR: f64 = 0.3;
 /// Minimum median correlation of the best matches of two pictures of one scene.
 const LEAST_RELATED: f32 = 0.8;
-/// [`LEAST_NEAR`] for pictures that are less related; unrelated ones match as well anywhere.
+/// [`LEAST_NEAR`] for pictures that are less related; unrelated ones match equally well anywhere.
 const LEAST_NEAR_OF_UNRELATED: f64 = 0.12;
 
-/// Differences of a block's levels from their mean, and the square root of the sum of their squares. `None` outside the
-/// picture or under a mask.
+/// Differences of a block's levels from their mean, and their Euclidean norm. `None` outside the picture or under a mask.
 fn block(picture: &Grey, x: i64, y: i64) -> Option<(Vec<f32>, f32)> {
     let (width, height) = picture.size();
     let fits = |at: i64, side: u32| at >= i64::from(RADIUS) && at + i64::from(RADIUS) < side.into();
@@ -38,7 +37,8 @@ fn block(picture: &Grey, x: i64, y: i64) -> Option<(Vec<f32>, f32)> {
     length.is_finite().then_some((levels, length))
 }
 
-/// A contradiction if the pictures do not match where disparities (`samples`, which hold them instead of depth) lead.
+/// Reports a contradiction if the pictures do not match where the disparities lead. `samples` hold disparities in place
+/// of depth.
 pub(super) fn mismatch(left: &Grey, right: &Grey, samples: &[Sample]) -> Option<String> {
     let mut disparities: Vec<f64> = samples.iter().map(|sample| sample.depth).collect();
     disparities.sort_by(f64::total_cmp);
@@ -74,7 +74,7 @@ pub(super) fn mismatch(left: &Grey, right: &Grey, samples: &[Sample]) -> Option<
         true => (
             LEAST_NEAR,
             "the pictures match each other, but not where the disparities lead",
-            "is the disparity map of another scene, or of other pictures?",
+            "does the disparity map belong to another scene or to other pictures?",
         ),
         false => (
             LEAST_NEAR_OF_UNRELATED,
@@ -84,7 +84,8 @@ pub(super) fn mismatch(left: &Grey, right: &Grey, samples: &[Sample]) -> Option<
     };
     (best.len() >= FEWEST && share < least).then(|| {
         format!(
-            "{what}: {:.0} % of {} blocks match best there (40 % or more is usual); {cause} Put this pair's own in its place",
+            "{what}: {:.0} % of {} blocks match best at their disparity (40 % or more is usual); {cause} Replace it with \
+             this pair's own",
             100.0 * share,
             best.len()
         )

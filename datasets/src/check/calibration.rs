@@ -1,4 +1,4 @@
-//! Detection of calibrations that belong to another scene than their pictures.
+//! Detection of calibrations that belong to another scene.
 
 use std::collections::BTreeMap;
 
@@ -25,7 +25,7 @@ pub(super) fn range(left: &View, disparities: &[f64]) -> Option<String> {
     (share > MOST_OUTSIDE).then(|| {
         format!(
             "{:.0} % of the disparities lie outside the range from {} to {} pixels that {} states; is it the \
-             calibration of another scene or picture size? Put this scene's own in its place",
+             calibration of another scene or picture size? Replace it with this scene's own",
             100.0 * share,
             number(low),
             number(high),
@@ -34,8 +34,8 @@ pub(super) fn range(left: &View, disparities: &[f64]) -> Option<String> {
     })
 }
 
-/// Scenes of rectified pairs that have the same cameras as another scene, whose pictures have another size. Each with
-/// a sentence.
+/// Rectified pairs with the same cameras as another scene whose pictures have another size: the scene's index, and a
+/// sentence.
 pub fn copied_calibrations(scenes: &[Scene]) -> Vec<(usize, String)> {
     let mut groups: BTreeMap<Vec<u64>, Vec<usize>> = BTreeMap::new();
     for (i, scene) in scenes.iter().enumerate() {
@@ -58,7 +58,7 @@ pub fn copied_calibrations(scenes: &[Scene]) -> Vec<(usize, String)> {
             if let Some((other, (v, u))) = sized.iter().find(|(_, size)| *size != (*w, *h)) {
                 let text = format!(
                     "the cameras are the same as those of {}, whose pictures are {v}x{u} instead of {w}x{h}; was the \
-                     calibration copied from another scene? Put this scene's own in its place",
+                     calibration copied from another scene? Replace it with this scene's own",
                     scenes[*other].id
                 );
                 found.push((*i, text));

@@ -75,7 +75,7 @@ impl Neighbours<'_> {
                 focal: [which.times(factor); 2],
                 ..Reading::AS_READ
             };
-            // Cameras of pictures four times as large, or as small, are common.
+            // Calibrations for pictures four times as large or as small are common.
             let n = if which == Focal::Both { 42 } else { 20 };
             let factor = self.fit(n, 1.035, &with);
             if is_worth_a_word(factor) {

@@ -226,7 +226,7 @@ fn look(scene: &Scene, units: Units, effort: Effort) -> Look {
     let is_known = overflowed.is_some() || plausible::are_of_other_size(&scene.views);
     contradictions.extend(overflowed);
     contradictions.extend(match (&scene.pairing, &neighbours) {
-        // These prevent telling other causes apart.
+        // With one of these, other causes cannot be told apart.
         _ if is_known => None,
         (Pairing::Stereo { .. }, _) => {
             let (contradiction, said) = stereo::contradictions(&scene.views, effort);
@@ -245,7 +245,7 @@ fn look(scene: &Scene, units: Units, effort: Effort) -> Look {
                 named.or_else(|| floor(&matches, Some(neighbours)))
             })
         }
-        // A photograph and virtual views: no two pictures to compare.
+        // With virtual views, there may not be two pictures to compare.
         (_, None) if photographs(scene) < 2 => None,
         (_, None) => {
             let matches = Matches::new(&scene.views, effort);

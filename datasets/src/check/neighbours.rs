@@ -221,8 +221,8 @@ impl<'a> Neighbours<'a> {
         is_suspicious(&self.explained(&Reading::AS_READ, self.stride))
     }
 
-    /// Reports neighbouring views with the same picture, or with one depth map for all, although its content should have
-    /// moved between them.
+    /// Reports neighbouring views with the same picture, or the same depth map in all views, although the content should
+    /// have moved between them.
     pub(super) fn repeated(&self) -> Option<String> {
         let is_moved = |(a, b): &(usize, usize)| {
             let ((one, samples), (other, _)) = (&self.small[a], &self.small[b]);
@@ -244,7 +244,7 @@ impl<'a> Neighbours<'a> {
             let [one, other] = small(pair);
             one.has_depth_of(other)
         };
-        // Depth of a plane may stay the same while the camera moves.
+        // The depth of a plane may stay the same while the camera moves.
         let disagrees = |pair: &(usize, usize)| {
             let explained = || self.explained_one(*pair, &Reading::AS_READ, self.stride);
             is_moved(pair) && !agrees(&[explained()])
@@ -259,7 +259,7 @@ impl<'a> Neighbours<'a> {
         let [a, b] = [a, b].map(|i| &self.views[*i].id);
         Some(format!(
             "{a} and {b} have the same {what}, but what it shows moves by {LEAST_MOVED} pixels or more between their poses \
-             (at a width of {WIDEST} or less); which of the two is it? Replace the other one"
+             (at a width of {WIDEST} or less); to which of the two does it belong? Replace the other's"
         ))
     }
 

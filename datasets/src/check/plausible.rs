@@ -48,15 +48,14 @@ pub(super) fn one_pose(views: &[View]) -> Option<String> {
     };
     (views.len() >= 2 && views.iter().all(is_first)).then(|| {
         format!(
-            "all {} views have the same pose, so none shows the scene from another place; put their own poses into the \
-             cameras' file",
+            "all {} views have the same pose; give each view its own pose in the camera file",
             views.len()
         )
     })
 }
 
-/// Size of the pictures for which a camera seems to be calibrated, relative to its own, if its principal point is far
-/// off the centre by the same factor in both directions.
+/// Size of the pictures for which a camera seems to be calibrated, relative to its own; `None` unless its principal point
+/// is far off the centre by the same factor in both directions.
 fn calibrated_for(k: &Intrinsics) -> Option<f64> {
     let [x, y] = [(k.cx, k.width), (k.cy, k.height)].map(|(c, side)| 2.0 * c / f64::from(side));
     let times = (x + y) / 2.0;

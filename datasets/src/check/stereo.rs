@@ -25,7 +25,7 @@ const OFFSETS: i32 = 40;
 /// Minimum offset of disparities that is reported, in pixels of the photograph.
 const LEAST_OFFSET: f64 = 2.0;
 
-/// Middle of the tested units of depth maps that were stored as disparities, in metres.
+/// Middle of the units tested for depth maps stored as disparities, in metres.
 const MIDDLE_UNIT_M: f64 = 0.03;
 /// Number of tested units in either direction and the ratio between them: from 0.1 mm to 10 m. A larger step would
 /// change disparities by too many pixels where the principal points differ much.
@@ -127,7 +127,7 @@ fn by_disparity(left: &View, right: &View) -> Option<String> {
     })
 }
 
-/// True if the camera was read from a `rig.txt`, which has a unit of disparities.
+/// True if the camera was read from a `rig.txt`, where `disparity_unit` can be set.
 fn has_rig_file(view: &View) -> bool {
     let files = view.content.files_by_role().into_iter();
     files.into_iter().any(|(_, file)| file.ends_with("rig.txt"))
@@ -221,7 +221,7 @@ impl Pair {
         bands
     }
 
-    /// See [`block_match::mismatch`], for the disparities that `disparity` computes from those as read.
+    /// [`block_match::mismatch`] of the disparities that `disparity` computes from those as read.
     fn mismatch(&self, disparity: &dyn Fn(f64) -> f64) -> Option<String> {
         let [left, right] = [&self.left, &self.right].map(|view| view.clone().grey());
         let samples = self.samples.iter().map(|sample| Sample {
@@ -366,7 +366,7 @@ impl Pair {
             readings.push((how, scaled));
         }
         readings.retain(|(_, explained)| is_better(&as_read, explained, LEAST_GAIN));
-        // A reading that leads few places into the right picture may fit these by chance.
+        // A reading under which few places land in the right picture may fit them by chance.
         let most = readings
             .iter()
             .map(|(_, explained)| landed(explained))

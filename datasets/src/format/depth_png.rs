@@ -33,7 +33,7 @@ pub fn parse(bytes: &[u8]) -> Result<FloatMap, FormatError> {
 /// # Errors
 /// [`DatasetError::Malformed`] if it cannot be written.
 pub fn write(path: &Path, map: &FloatMap) -> Result<(), DatasetError> {
-    // Naming the encoder keeps those of all other formats out of the build. It wants native byte order.
+    // Naming the encoder keeps those of all other formats out of the build. It expects native byte order.
     let levels = map.iter().flat_map(|v| (v.round() as u16).to_ne_bytes());
     let levels: Vec<u8> = levels.collect();
     let mut bytes = Vec::new();

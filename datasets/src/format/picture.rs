@@ -50,8 +50,8 @@ pub fn read_mask(path: &Path, white: u8) -> Result<GrayImage, DatasetError> {
     match mask.iter().max() {
         Some(highest) if (1..white).contains(highest) => refused(match labels(&mask) {
             Some(labels) => format!(
-                "it has areas of the levels {labels} like a map of objects; write a mask with level 255 for the objects \
-                 that count, else 0"
+                "its areas have the levels {labels} like a map of objects; write a mask with level 255 for the objects to \
+                 keep and 0 elsewhere"
             ),
             None => format!(
                 "its maximum level is {highest}, but a mask has levels 0 and 255; multiply it by {:.4}",

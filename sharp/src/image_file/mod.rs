@@ -303,7 +303,7 @@ pub fn dimensions(file: &mut dyn ReadSeek) -> Result<(u32, u32), ImageFileError>
     Ok(size)
 }
 
-/// A source of bytes. Without generics, every decoder is compiled once, in this crate.
+/// A seekable source of bytes. Used as a trait object, so that each decoder is compiled once, in this crate.
 pub trait ReadSeek: BufRead + Seek {}
 
 impl<T: BufRead + Seek> ReadSeek for T {}

@@ -18,8 +18,7 @@
 //! * [`CpuRenderer::backward`]: derivative with SHARP's rule, for training; [`covariances`] and their derivative.
 //! * [`RenderOutput`]: colour, alpha, depth, [`Dropped`] by reason; its methods are the post step: [`Background`],
 //!   sRGB, 8 bit, expected depth.
-//! * [`release_screen`]: its half-pixel shift and sizes;
-//!   [`turbo`]: colours for inverse depth.
+//! * [`release_screen`]: the release's half-pixel shift and sizes; [`turbo`]: colours for inverse depth.
 //!
 //! # Passes
 //! `project` (→ `harmonics`) → `scan` → `radix` (front to back) → `emit` → `radix` (by tile) → `ranges` → `raster`.

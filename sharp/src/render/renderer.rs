@@ -55,8 +55,8 @@ pub trait LoadedScene {
     /// [`RenderError::View`], [`RenderError::Size`], and those of the device.
     fn render(&mut self, view: &RenderView) -> Result<RenderOutput, RenderError>;
 
-    /// Draws one view and waits until the device is done, but leaves the picture there; for measuring. False, without
-    /// drawing, on a backend whose pictures are made in the host's memory.
+    /// Draws one view and waits until the device has finished, without copying the picture to the host; for timing.
+    /// Returns false without drawing on backends that draw in the host's memory.
     ///
     /// # Errors
     /// As [`LoadedScene::render`].

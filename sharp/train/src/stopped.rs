@@ -54,7 +54,7 @@ pub(crate) fn save(
     fs::write(folder.join("step.json"), text)
 }
 
-/// Naming the encoder keeps those of all other formats out of the build.
+/// Writes a PNG. Naming the encoder keeps those of all other formats out of the build.
 fn png(
     path: &Path,
     samples: &[u8],

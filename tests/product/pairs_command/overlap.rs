@@ -283,7 +283,7 @@ fn depth_pro_is_the_default_on_sparse_depth_where_its_weights_are_at_hand() {
     run("proxy", ANY).ends_with(0);
     let config = read(dir.path().join("proxy/run.toml"));
     assert!(config.contains(",pairs.overlap=ground-truth"), "{config}");
-    // Not of the published size, so the run ends with the name of the file that it has chosen.
+    // The file does not have the published size, so the run fails and names it.
     let weights = dir.path().join(".weights");
     std::fs::create_dir_all(&weights).unwrap();
     depth_pro(&weights.join("depth_pro.pt"));

@@ -80,7 +80,7 @@ pub(super) fn execute(
         }
         let (name, network) = match config {
             Some(name) => (name.to_owned(), load_config(name)?),
-            // As `predict` does without a configuration.
+            // Chosen as in `predict` without a configuration.
             None => {
                 let found = named_network(Some(file), None)?;
                 let notes = found.notes.iter();

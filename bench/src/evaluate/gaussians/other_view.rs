@@ -48,19 +48,20 @@ impl OtherView<'_> {
         let (id, db) = (&self.view.id, self.fit.psnr());
         match self.is_frame {
             true => format!(
-                "{shown}; with their means taken as those in the camera of {id}: {db:.2} dB; write them in the \
-                 source's own camera (`space=target` reads means in the target's, from a file per pair)"
+                "{shown}; with their means read in the camera of {id}: {db:.2} dB; write means in the source's own \
+                 camera, or set `space=target` if each pair has a file in its target's camera"
             ),
             false => format!(
-                "{shown}, and that of {id} at {db:.2} dB: were they predicted from {id}, or do the files have the \
-                 names of other views? A file must belong to the view that it is named after"
+                "{shown}, and that of {id} at {db:.2} dB: were they predicted from {id}, or are files named after \
+                 the wrong views? Name each file after the view that it was predicted from"
             ),
         }
     }
 }
 
-/// The view whose photograph the Gaussians explain significantly better than that of their own source, from that view or
-/// from the source (`shown`), or whose camera is the frame of their means.
+/// The view that explains the Gaussians best, `None` if not significantly better than their own source (`as_read`): its
+/// photograph matches them, rendered from that view or from the source (`shown`), or its camera is the frame of their
+/// means.
 pub(super) fn other_view<'a>(
     prediction: &GaussianPrediction,
     reading: &FileReading,

@@ -371,7 +371,8 @@ impl Trial<'_> {
         Ok((other != *reading).then_some((other, fit)))
     }
 
-    /// Reverts each changed setting without which the reading is not significantly worse: it only made up for another.
+    /// Reverts each changed setting without which the reading is not significantly worse; it only compensated for
+    /// another one.
     fn simplest(
         &self,
         gaussians: &Gaussians,
@@ -393,7 +394,7 @@ impl Trial<'_> {
                 && fewer != *reading
                 && let Some(fit) = self.fit_read(gaussians, reading, &fewer)?
             {
-                // Randomly turned Gaussians may cover holes that another setting leaves.
+                // Misread quaternions turn Gaussians at random, which may cover holes left by another setting.
                 let is_weak = *key == "quaternions" && best.1.gain_over(&fit) < MUCH;
                 let fewer = (fewer, fit);
                 let is_needed = || -> Result<bool, RenderError> {

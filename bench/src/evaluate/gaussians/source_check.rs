@@ -237,7 +237,7 @@ pub(in crate::evaluate) fn absurd_coverage(
 
 /// Comparisons of Gaussians with photographs, under their own reading and under others.
 struct Findings<'a> {
-    /// Beginning of sentences, on the part of the photograph that the Gaussians show as read.
+    /// Start of each sentence: how well the Gaussians, as read, show the photograph.
     shown: String,
     as_read: Likeness,
     /// [`Self::as_read`], rendered like the others.
@@ -248,7 +248,7 @@ struct Findings<'a> {
     turned: Option<(f64, Likeness)>,
     missing: Option<f64>,
     is_lost: bool,
-    /// The source's view.
+    /// Id of the source's view.
     id: String,
 }
 
@@ -320,14 +320,14 @@ impl<'a> Findings<'a> {
         Ok(found)
     }
 
-    /// Whether a comparison is closer than another reading and another view.
+    /// Whether a comparison is closer than those with another reading and another view.
     fn is_best(&self, fit: &Likeness) -> bool {
         let better = self.better.iter().map(|(_, fit)| fit);
         let mut known = better.chain(self.other.iter().map(|other| &other.fit));
         known.all(|known| fit.error() < known.error())
     }
 
-    /// The topic of a warning, and its text, on what matches significantly better, or that nothing matches.
+    /// Topic and text of a warning that something else matches significantly better, or that nothing matches.
     fn cause(
         &self,
         prediction: &GaussianPrediction,
@@ -405,7 +405,7 @@ fn add_doubts(
     let elsewhere: Vec<Trial<'_>> = elsewhere.collect();
     let found = Findings::of(prediction, reading, seen, trial, &elsewhere)?;
     warnings.extend(found.cause(prediction, reading));
-    // Means in another view's camera are not those of another unit.
+    // Means in another view's camera do not suggest another unit.
     let is_placed_elsewhere = found.other.as_ref().is_some_and(|other| other.is_frame);
     if found.better.is_some() || is_placed_elsewhere {
         return Ok(());

@@ -20,7 +20,7 @@ pub enum NetworkError {
     #[error(transparent)]
     File(#[from] FileError),
     #[error(
-        "{source}; compared with the network `{preset}`: for one of another size, give its configuration with \
+        "{source} (compared with the network `{preset}`); for one of another size, give its configuration with \
          config=FILE.json#NAME (--config)"
     )]
     Sizes {
@@ -29,8 +29,8 @@ pub enum NetworkError {
     },
     /// A checkpoint of Depth Pro where one of SHARP is needed.
     #[error(
-        "{}: Depth Pro's weights, which predict depth instead of Gaussians: pass them to `predict --depth-only`, and \
-         SHARP's here",
+        "{}: these are Depth Pro's weights, which predict depth instead of Gaussians; pass them to `predict --depth-only`, \
+         and give SHARP's here",
         checkpoint.display()
     )]
     DepthPro { checkpoint: PathBuf },

@@ -72,7 +72,7 @@ impl OverlapDirection {
 /// Source of the depth that determines overlap.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum OverlapDepth {
-    /// Not chosen: [`Self::DepthPro`] on datasets where the paper predicts depth, if its weights are at hand; else
+    /// The default: [`Self::DepthPro`] on datasets where the paper predicts depth, if its weights are found; else
     /// [`Self::GroundTruth`]. Resolved before pairs are built.
     Auto,
     /// The dataset's own, pixel by pixel.

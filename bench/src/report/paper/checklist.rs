@@ -262,7 +262,7 @@ fn privilege(compared: &ChecklistInput<'_>) -> Condition {
         ),
         (true, false) => check(true, "No row uses the true depth, nor do the paper's rows."),
         (false, true) => unmet(format!(
-            "Without the scale of the true depth or a sweep of scales, one of which the paper's rows use: {}.",
+            "With neither the scale of the true depth nor a sweep of scales, unlike the paper's rows: {}.",
             others.join(", ")
         )),
         (false, false) => unmet(format!(

@@ -141,7 +141,7 @@ pub enum OwnRows {
     Scores(Box<Results>),
     /// Rows of a table without pairs, with its measured columns.
     Measured {
-        /// Datasets that the table does not have, whose cells follow those of its own.
+        /// Datasets that are not in the table; their cells follow those of the table's datasets.
         datasets: Vec<String>,
         columns: Vec<Column>,
         rows: Vec<Row>,
@@ -249,7 +249,7 @@ fn translations(paper: &PublishedTable, rows: &[OwnRow]) -> Result<OwnRows, RowE
     })
 }
 
-/// One row per checkpoint, with the number of its parameters, and of those that the paper trains if it is one of SHARP.
+/// One row per checkpoint: the number of its parameters and, for SHARP's, of those that the paper trains.
 fn checkpoints(paper: &PublishedTable, rows: &[OwnRow]) -> Result<OwnRows, RowError> {
     let mut measured = Vec::new();
     for row in rows {
@@ -265,7 +265,7 @@ fn checkpoints(paper: &PublishedTable, rows: &[OwnRow]) -> Result<OwnRows, RowEr
             let text = format!("{millions:.*}M", usize::from(millions < 10.0));
             Cell::printed(Some(millions), &text)
         };
-        // A checkpoint does not record which of its parameters were trained.
+        // A checkpoint does not record which of its parameters were trained; SHARP's are known by name.
         let cells = paper.metrics.iter().map(|metric| match *metric {
             "total" => cell(total),
             "trainable" if trained > 0 => cell(trained),
@@ -294,7 +294,7 @@ fn speeds(paper: &PublishedTable, rows: &[OwnRow]) -> Result<OwnRows, RowError> 
         lines.retain(|line| line.method == method);
         read.push((row, lines));
     }
-    // The paper's name of a line's dataset, or else the user's.
+    // The paper's name of a line's dataset, or the user's if the paper has none.
     let place = |line: &SpeedLine| {
         let of_paper = column(&ReportDataset::of(&line.dataset, &line.format));
         let of_paper = of_paper.filter(|column| paper.datasets.contains(column));
@@ -308,7 +308,7 @@ fn speeds(paper: &PublishedTable, rows: &[OwnRow]) -> Result<OwnRows, RowError> 
     }
     let measured = read.iter().map(|(row, lines)| {
         let cell = |dataset: &str, metric: &str| {
-            // Without a GPU there is only the time to the picture in the host's memory.
+            // Without a GPU, only the time until the picture is in the host's memory was measured.
             let (quantities, factor): (&[&str], f64) = match metric {
                 "Inference" => (&["inference_secs"], 1.0),
                 "Render" => (&["device_secs", "render_secs"], 1.0),

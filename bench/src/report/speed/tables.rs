@@ -194,7 +194,7 @@ pub fn details(measured: &Measured) -> TextGrid {
     });
     TextGrid::new("Spread, memory and what is drawn", &heads, rows).remarked([
         "Times: median, first and third quartile of all rounds. On the GPU: drawing without copying the \
-             picture back; the paper's tables are compared with it. Gaussians: means over pairs; \
+             picture back, as compared in the paper's tables. Gaussians: means over pairs; \
              visible ones reach the target's picture; tiles are 16 × 16 pixels, and a Gaussian \
              counts in each tile in which its alpha can reach 1/255. Peak: largest resident size \
              of the process while the method was measured; the memory of a device is not part of \

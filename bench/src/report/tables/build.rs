@@ -45,20 +45,20 @@ pub fn of_scores(board: &Board<'_>, metrics: &[Column]) -> Vec<Table> {
     tables
 }
 
-/// Whether a method reports a value about a prediction.
+/// Whether a method reports this extra for any prediction.
 fn reports(board: &Board<'_>, method: usize, extra: &Column) -> bool {
     let mut records = board.datasets.iter().flat_map(|d| d.records_of(method));
     records.any(|record| record.reported().contains_key(extra.key.as_str()))
 }
 
-/// The known extras that a method reports.
+/// The known extras that at least one method reports.
 pub fn extras(board: &Board<'_>) -> Vec<Column> {
     let mut extras = Column::extras();
     extras.retain(|extra| (0..board.methods.len()).any(|method| reports(board, method, extra)));
     extras
 }
 
-/// Table of the values that methods report about their predictions, unranked; `None` if no method reports any.
+/// Table of the values that methods report about their predictions, unranked; `None` without `extras`.
 pub fn of_extras(board: &Board<'_>, extras: &[Column]) -> Option<Table> {
     if extras.is_empty() {
         return None;

@@ -36,7 +36,7 @@ fn calibrations_of_other_scenes_are_named() {
     let dataset = crate::bundled::extract(folder.path()).unwrap();
     let own = dataset.join("Motorcycle-quarter");
     assert_eq!(problems(&dataset), [""; 0]);
-    // Slightly too narrow, and missing.
+    // A slightly too narrow range, and none, are accepted.
     let original = std::fs::read_to_string(own.join("calib.txt")).unwrap();
     for stated in ["vmin=9\nvmax=57", ""] {
         edit(&own, |text| text.replace("vmin=7\nvmax=60", stated));
@@ -78,8 +78,8 @@ fn calibrations_of_other_scenes_are_named() {
     assert_eq!(copied_calibrations(&[]), []);
 }
 
-/// Sixteenths of pixels, with which few places land in the right picture, and depths where principal points differ
-/// much.
+/// Disparities in sixteenths of pixels, with which few places land in the right picture, and depths in place of
+/// disparities where principal points differ much.
 #[test]
 fn other_numbers_than_disparities_are_named_where_few_places_land() {
     const OFFSET: f64 = 30.0;
@@ -110,7 +110,7 @@ fn other_numbers_than_disparities_are_named_where_few_places_land() {
     }
 }
 
-/// Disparities of other places, in the same range. Another exposure is proper.
+/// Disparities from other parts of the map, in the same range, are reported; another exposure is not.
 #[test]
 fn disparities_of_another_scene_are_named() {
     let folder = tempfile::tempdir().unwrap();

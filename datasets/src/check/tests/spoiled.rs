@@ -317,7 +317,7 @@ fn pair_of_size(seed: u64, times: u32) -> Vec<View> {
     pair_of(seed, times, (BASELINE_M, 82.0))
 }
 
-/// With this baseline and principal point of the right camera.
+/// A pair with this baseline (metres) and horizontal principal point (pixels) of the right camera.
 pub(super) fn pair_of(seed: u64, times: u32, right: (f64, f64)) -> Vec<View> {
     let by = f64::from(times);
     let options = SyntheticOptions {
@@ -796,7 +796,7 @@ fn right_pictures_of_other_pairs_are_told() {
         let (own, other) = (pair(seed), pair(seed + 1));
         let (said, _) = of_pair(vec![own[0].clone(), other[1].clone()]);
         assert!(
-            said.contains("Put this pair's own in its place"),
+            said.contains("Replace it with this pair's own"),
             "{seed}: {said}"
         );
     }

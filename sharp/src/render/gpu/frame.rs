@@ -276,7 +276,7 @@ impl Frame<'_> {
         half
     }
 
-    /// Builds the lists, rasterises, and copies the pixels to the host if they are wanted there.
+    /// Builds the lists, rasterises, and copies the pixels to the host if `copied`.
     fn draw(
         &self,
         (order, colors): (&GpuBuffer, &GpuBuffer),

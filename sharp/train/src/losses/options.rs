@@ -119,7 +119,7 @@ pub struct LossOptions {
     pub mask_normalization: MaskNormalization,
     /// True if the gradient of `grad` flows to the opacity only, not to the depth.
     pub grad_stops_at_depth: bool,
-    /// Where `grad` looks for edges of depth.
+    /// Where `grad` measures edges of depth.
     pub grad_at: GradAt,
     /// Differences of `grad`.
     pub grad_difference: Difference,

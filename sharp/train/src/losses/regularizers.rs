@@ -32,7 +32,7 @@ pub fn tv(depth: &[f32], width: usize) -> Loss<f32> {
 pub struct GradOutput {
     /// Loss, and gradient with respect to the opacities.
     pub opacity: Loss<f32>,
-    /// Gradient with respect to the map whose edges count; `None` if [`LossOptions::grad_stops_at_depth`].
+    /// Gradient with respect to the given inverse depth or depth; `None` if [`LossOptions::grad_stops_at_depth`].
     pub map: Option<Vec<f32>>,
 }
 
@@ -98,8 +98,8 @@ pub fn grad(
 }
 
 /// [`grad`] with ∇(1/D̄) of the depth at full resolution, taken where each base Gaussian is projected
-/// ([`GradAt::Projected`](super::GradAt)): in the middle of the square of pixels that it stands for, so the differences
-/// of those pixels are averaged.
+/// ([`GradAt::Projected`](super::GradAt)). That is the middle of the square of pixels that it represents, so the
+/// differences of those pixels are averaged.
 ///
 /// `depth`, in metres, has rows of `side` pixels, `[layers, side, side]`, and so has its gradient; `opacity` is
 /// `[layers, columns, columns]`.

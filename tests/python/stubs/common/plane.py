@@ -10,7 +10,7 @@ def depth() -> float:
 
 
 def predicted_depth() -> float:
-    """What a network that sees the plane says its depth is, in a unit of its own."""
+    """Depth of the plane as a network predicts it, in a unit of its own."""
     return depth() * float(os.environ.get("STUB_DEPTH_FACTOR", "1"))
 
 

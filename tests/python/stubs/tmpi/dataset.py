@@ -41,5 +41,5 @@ class TMPIDataset(torch.utils.data.Dataset):
             "src_disp": disparity[0],
             "sx": torch.tensor([x for x, _ in places]),
             "sy": torch.tensor([y for _, y in places]),
-            "K": torch.full((len(places), 3, 3), float("nan")),  # of a camera that it assumes
+            "K": torch.full((len(places), 3, 3), float("nan")),  # of an assumed camera, not to be used
         }

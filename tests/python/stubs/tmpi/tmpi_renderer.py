@@ -9,7 +9,7 @@ class TMPIRenderer(torch.nn.Module):
         self.ho, self.wo = ho, wo
 
     def forward(self, mpis, mpi_disp, cam_ext, K, sx, sy):
-        """The planes of all tiles by `cam_ext`, target from source; tiles and K of each as in the source."""
+        """The planes of all tiles seen through `cam_ext`, target from source; each K is in the pixels of its tile."""
         b, n, _, _, h, w = mpis.shape
         assert b == 1 and K.shape == (1, n, 3, 3) and sx.shape == sy.shape == (1, n) and cam_ext.shape[1:] == (4, 4)
         canvas = torch.zeros(3, self.ho + h, self.wo + w)

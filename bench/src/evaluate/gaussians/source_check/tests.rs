@@ -729,7 +729,7 @@ fn another_view_as_the_source_is_named_and_not_called_a_shift() {
     };
     let text = pair.said(placed);
     assert!(
-        text.contains("with their means taken as those in the camera of r"),
+        text.contains("with their means read in the camera of r"),
         "{text}"
     );
     // A wrong focal length is a single cause.
