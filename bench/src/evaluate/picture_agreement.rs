@@ -114,7 +114,8 @@ fn sentence_on(change: PictureChange, count: usize, all: usize, photographs: &st
     match change {
         PictureChange::Photograph => {
             format!(
-                "its pictures {}: {counted} are equal to those {photographs}",
+                "its pictures {}: {counted} are equal to those {photographs}; were the photographs stored in place of the \
+                 predictions?",
                 change.text()
             )
         }

@@ -149,11 +149,21 @@ pub(super) fn sentence(
         Change::Views(sentence) => sentence.clone(),
         Change::Unlisted => format!("pictures and poses contradict each other: {evidence}"),
         Change::Cameras(how) => format!("{how}: {evidence}; correct the cameras' file"),
-        Change::Bent(by) => format!(
-            "lens distortion was left in, k1 about {}: {evidence}; undistort the pictures, or put the coefficients \
-             into the cameras' file",
-            number(-by)
-        ),
+        Change::Bent(by) => {
+            let is_undone = |view: &View| view.content.processing().undistorted.is_some();
+            match views.iter().any(is_undone) {
+                true => format!(
+                    "the distortion of the cameras' file does not fit the pictures; were they undistorted already? {evidence} \
+                     with k1 changed by about {}; correct the coefficients, or remove them",
+                    number(-by)
+                ),
+                false => format!(
+                    "lens distortion was left in, k1 about {}: {evidence}; undistort the pictures, or put the \
+                     coefficients into the cameras' file",
+                    number(-by)
+                ),
+            }
+        }
         Change::Registered(by) => {
             let size = (by.zoom != 1.0).then(|| match by.zoom < 1.0 {
                 true => format!("enlarged {} times", number(1.0 / by.zoom)),
@@ -191,6 +201,12 @@ pub(super) fn sentence(
     }
 }
 
+/// Customary units in metres: TUM's 1/5000, a quarter millimetre, millimetre, centimetre, decimetre, foot, and multiples
+/// of a metre.
+const CUSTOMARY: [f64; 10] = [
+    0.0002, 0.00025, 0.001, 0.01, 0.1, 0.3048, 1.0, 10.0, 100.0, 1000.0,
+];
+
 /// The setting that brings poses and depth to the same unit, and the alternative after a semicolon, if there is one. If
 /// depth is implausible as read, it is the setting of depth alone; otherwise that of the poses, with that of depth as
 /// the alternative unless depth would become implausible.
@@ -212,10 +228,22 @@ fn scaled(scale: f64, units: Units, median_m: f64) -> (String, String) {
     let alone = |fits: String| (fits, String::new());
     match (poses, depth) {
         (_, Some(depth)) if !is_plausible(median_m) => alone(depth),
-        (Some(poses), Some(depth)) => (
-            poses,
-            format!("; or {depth}, if the poses are in metres and the depth is not"),
-        ),
+        (Some(poses), Some(depth)) => {
+            let is_customary = |unit: Option<f64>| {
+                unit.is_some_and(|unit| CUSTOMARY.iter().any(|c| (unit / c - 1.0).abs() < 0.02))
+            };
+            let of_depth = is_customary(units.depth_unit.map(|unit| unit / scale));
+            match of_depth && !is_customary(units.scale.map(|unit| unit * scale)) {
+                true => (
+                    depth,
+                    format!("; or {poses}, if the depth is in metres and the poses are not"),
+                ),
+                false => (
+                    poses,
+                    format!("; or {depth}, if the poses are in metres and the depth is not"),
+                ),
+            }
+        }
         (Some(poses), None) => alone(poses),
         (None, Some(depth)) => alone(depth),
         (None, None) => alone(format!(
@@ -228,11 +256,11 @@ fn scaled(scale: f64, units: Units, median_m: f64) -> (String, String) {
 /// The numbers that show how much better another interpretation fits neighbouring views.
 pub(super) fn evidence(as_read: &Explained, other: &Explained) -> String {
     let mut parts = Vec::new();
-    if other.meets_depth() {
+    let [after, before] = [other, as_read].map(|read| format!("{:.1}", 100.0 * read.agreement()));
+    // Equal numbers are no evidence.
+    if other.meets_depth() && (after != before || other.colour_levels().is_none()) {
         parts.push(format!(
-            "{:.1} % of depths agree between neighbouring views instead of {:.1} %",
-            100.0 * other.agreement(),
-            100.0 * as_read.agreement()
+            "{after} % of depths agree between neighbouring views instead of {before} %"
         ));
     }
     if let Some(levels) = other.colour_levels() {
