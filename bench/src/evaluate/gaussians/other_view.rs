@@ -12,8 +12,9 @@ use crate::methods::GaussianPrediction;
 use crate::methods::file_reading::{FileReading, FileSpace};
 use crate::pairs::PosedCamera;
 
-/// Other views of the scene whose photographs have the same size: the neighbours of a view, and the
-/// one at the mirrored position in the scene's order.
+/// Other views of the scene whose photographs have the same size: the neighbours of a view, the one
+/// at the mirrored position in the scene's order, and the first one, whose camera may be the frame
+/// of all.
 pub(super) fn other_views(
     source: &PosedCamera,
     scene: &Scene,
@@ -23,7 +24,7 @@ pub(super) fn other_views(
         return Vec::new();
     };
     let mirrored = scene.views.len() - 1 - at;
-    let others = [at.checked_sub(1), Some(at + 1), Some(mirrored)];
+    let others = [at.checked_sub(1), Some(at + 1), Some(mirrored), Some(0)];
     let others: BTreeSet<usize> = others.into_iter().flatten().filter(|&k| k != at).collect();
     let views = others.into_iter().filter_map(|k| scene.views.get(k));
     let read = views.filter_map(|view| {

@@ -50,6 +50,8 @@ pub const SOURCE_BLUR: &str = "source_blur";
 const LEAST_VALID: f64 = 0.95;
 /// PSNR of the source's rendering above which no other reading is tried, dB.
 const RIGHT_DB: f64 = 38.0;
+/// Gain below which a setting may only make up for wrong standard deviations, dB.
+const WEAK_DB: f64 = 3.0;
 /// Other readings are tried only on photographs with at least this many pixels; smaller ones do not
 /// show a Gaussian's shape.
 const FEWEST_PIXELS: usize = 1200;
@@ -404,6 +406,35 @@ fn add_doubts(
     });
     let elsewhere: Vec<Trial<'_>> = elsewhere.collect();
     let found = Findings::of(prediction, reading, seen, trial, &elsewhere)?;
+    let with_widths = |factor: f64, fit: &Likeness| {
+        format!(
+            "{}, and with standard deviations {} times as wide: {:.2} dB",
+            found.shown,
+            rounded(factor),
+            fit.psnr()
+        )
+    };
+    let other_widths = || -> Result<Option<String>, RenderError> {
+        if found.as_read.psnr() >= RIGHT_DB || found.missing.is_some() || found.turned.is_some() {
+            return Ok(None);
+        }
+        let widths = trial.other_widths(gaussians, reading, &found.compared, seen.is_blurred)?;
+        Ok(widths.filter(|(_, fit)| found.is_best(fit)).map(|(factor, fit)| {
+            format!(
+                "{}: were their means scaled without the standard deviations, or these written in another form? No \
+                 setting corrects it; write both in one unit",
+                with_widths(factor, &fit)
+            )
+        }))
+    };
+    // A setting that explains little may only make up for wrong widths.
+    let is_weak = |(_, fit): &(FileReading, Likeness)| fit.psnr() < found.compared.psnr() + WEAK_DB;
+    if found.better.as_ref().is_some_and(is_weak)
+        && let Some(text) = other_widths()?
+    {
+        warnings.insert("widths".to_owned(), text);
+        return Ok(());
+    }
     warnings.extend(found.cause(prediction, reading));
     // Means in another view's camera do not suggest another unit.
     let is_placed_elsewhere = found.other.as_ref().is_some_and(|other| other.is_frame);
@@ -417,14 +448,6 @@ fn add_doubts(
         let id = &source.camera.id;
         depth_doubt(truth, &seen.depth, reading.placement.scale, id)
     });
-    let with_widths = |factor: f64, fit: &Likeness| {
-        format!(
-            "{}, and with standard deviations {} times as wide: {:.2} dB",
-            found.shown,
-            rounded(factor),
-            fit.psnr()
-        )
-    };
     if let Some((factor, mut text)) = doubt {
         if let Some(factor) = factor
             && let Some(fit) = trial.fit_with_widths(gaussians, factor, reading, compared)?
@@ -436,18 +459,7 @@ fn add_doubts(
             );
         }
         warnings.insert("scale".to_owned(), text);
-    } else if as_read.psnr() < RIGHT_DB
-        && found.missing.is_none()
-        && let Some((factor, fit)) =
-            trial.other_widths(gaussians, reading, compared, seen.is_blurred)?
-        && found.is_best(&fit)
-        && found.turned.is_none()
-    {
-        let text = format!(
-            "{}: were their means scaled without the standard deviations, or these written in another form? No setting \
-             corrects it; write both in one unit",
-            with_widths(factor, &fit)
-        );
+    } else if let Some(text) = other_widths()? {
         warnings.insert("widths".to_owned(), text);
     }
     Ok(())
