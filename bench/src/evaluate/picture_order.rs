@@ -241,7 +241,12 @@ pub(crate) fn misplaced(found: &BTreeMap<ShownTarget, usize>, pairs: &str) -> Op
         return Some(moved);
     }
     let views = count(&[Source, SourceView]);
-    if is_most(views) {
+    // If a quarter moved clearly, the others only have poor depth.
+    let moving = found
+        .iter()
+        .filter(|(shows, _)| matches!(shows, ShownTarget::Motion(20..)));
+    let moving: usize = moving.map(|(_, count)| count).sum();
+    if is_most(views) && 4 * moving < all {
         return Some(format!(
             "its pictures show {} rather than the target's: {views} of the {all} compared in {pairs} are significantly \
              closer to the source's photograph, as if they were rendered with the source's pose, or with poses of \
@@ -410,6 +415,7 @@ mod tests {
             told(&[(Motion(50), 3), (Motion(100), 3)]),
             told(&[(Motion(30), 2), (Motion(45), 2), (Motion(170), 2)]),
             told(&[(Motion(100), 8)]),
+            told(&[(ShownTarget::SourceView, 6), (Motion(60), 2)]),
             told(&[(Motion(70), 8)]),
         ] {
             assert_eq!(proper, None);

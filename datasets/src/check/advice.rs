@@ -201,12 +201,6 @@ pub(super) fn sentence(
     }
 }
 
-/// Customary units in metres: TUM's 1/5000, a quarter millimetre, millimetre, centimetre, decimetre, foot, and multiples
-/// of a metre.
-const CUSTOMARY: [f64; 10] = [
-    0.0002, 0.00025, 0.001, 0.01, 0.1, 0.3048, 1.0, 10.0, 100.0, 1000.0,
-];
-
 /// The setting that brings poses and depth to the same unit, and the alternative after a semicolon, if there is one. If
 /// depth is implausible as read, it is the setting of depth alone; otherwise that of the poses, with that of depth as
 /// the alternative unless depth would become implausible.
@@ -228,22 +222,10 @@ fn scaled(scale: f64, units: Units, median_m: f64) -> (String, String) {
     let alone = |fits: String| (fits, String::new());
     match (poses, depth) {
         (_, Some(depth)) if !is_plausible(median_m) => alone(depth),
-        (Some(poses), Some(depth)) => {
-            let is_customary = |unit: Option<f64>| {
-                unit.is_some_and(|unit| CUSTOMARY.iter().any(|c| (unit / c - 1.0).abs() < 0.02))
-            };
-            let of_depth = is_customary(units.depth_unit.map(|unit| unit / scale));
-            match of_depth && !is_customary(units.scale.map(|unit| unit * scale)) {
-                true => (
-                    depth,
-                    format!("; or {poses}, if the depth is in metres and the poses are not"),
-                ),
-                false => (
-                    poses,
-                    format!("; or {depth}, if the poses are in metres and the depth is not"),
-                ),
-            }
-        }
+        (Some(poses), Some(depth)) => (
+            poses,
+            format!("; or {depth}, if the poses are in metres and the depth is not"),
+        ),
         (Some(poses), None) => alone(poses),
         (None, Some(depth)) => alone(depth),
         (None, None) => alone(format!(
