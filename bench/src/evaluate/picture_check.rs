@@ -129,8 +129,8 @@ pub(crate) fn likely_change(photograph: &RgbImage, picture: &RgbImage) -> Option
     found.or_else(normalised)
 }
 
-/// Whether the photograph, normalised by ImageNet's mean and standard deviation, is significantly closer to the picture
-/// than the photograph at any brightness and contrast.
+/// Whether the photograph, normalised by ImageNet's mean and standard deviation (CLIP's are too similar to tell apart), is
+/// significantly closer to the picture than the photograph at any brightness and contrast.
 fn is_normalised(seen: &RgbImage, shown: &RgbImage) -> bool {
     let fit = |seen: &RgbImage| Likeness::of(shown, Region::whole(shown.dimensions()), seen);
     let (as_read, normalised) = (fit(seen), fit(&mapped(seen, normalised)));

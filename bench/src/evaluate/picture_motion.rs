@@ -49,7 +49,7 @@ const OFF: (f64, f64) = (1.0, 0.1);
 struct Camera(Intrinsics, RigidTransform);
 
 impl Camera {
-    /// Projection of a point on a ray (z = 1) of the source.
+    /// Projects the point at `inverse_depth` (1/z) on a ray of the source's camera with z = 1.
     fn place(&self, ray: DVec3, inverse_depth: f64) -> Option<DVec2> {
         self.0
             .project(self.1.rotation * ray + inverse_depth * self.1.translation)

@@ -35,8 +35,8 @@ const COPY: (f64, f64) = (40.0, 10.0);
 
 /// Minimum gain of the source's photograph over the target's if a prediction shows the source's view, dB.
 const SOURCE_VIEW: f64 = 3.0;
-/// Minimum squared error of such a prediction, relative to that of the source's photograph: predictions that move are
-/// closer to the target.
+/// Minimum squared error of such a prediction against the target, relative to that of the source's photograph. A
+/// prediction that moves is below.
 const AS_FAR: f64 = 0.7;
 
 /// For each pair, the other pairs with whose targets its picture is compared.
@@ -292,7 +292,7 @@ fn moved(found: &BTreeMap<ShownTarget, usize>, pairs: &str) -> Option<String> {
     if count < FEWEST || (count as f64) < AGREEING * all as f64 {
         return None;
     }
-    let counted = format!("{count} of the {all} in {pairs} whose motion could be measured");
+    let counted = format!("{count} of the {all} whose motion could be measured in {pairs}");
     Some(match middle {
         Motion(percent) => format!(
             "its pictures move by {:.2} times the target's motion from the source's view: {counted} agree; {}",

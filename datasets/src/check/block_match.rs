@@ -12,8 +12,8 @@ const LEAST_CONTRAST: f32 = 8.0;
 const NEAR: f64 = 1.0;
 /// Minimum number of blocks to judge a pair.
 const FEWEST: usize = 200;
-/// Minimum fraction of blocks that match best near their disparity. Consistent pairs have 0.4 to 0.9, even of two
-/// exposures; disparities of other scenes have below 0.2.
+/// Minimum fraction of blocks that match best near their disparity. In consistent pairs it is 0.4 to 0.9, also with
+/// different exposures; with another scene's disparities it is below 0.2.
 const LEAST_NEAR: f64 = 0.3;
 /// Minimum median correlation of the best matches of two pictures of one scene.
 const LEAST_RELATED: f32 = 0.8;

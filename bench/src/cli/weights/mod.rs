@@ -46,8 +46,8 @@ enum WeightsCommand {
     /// Show the contents of a file: modules, parameters, non-finite values
     ///
     /// With --config (or for a file that looks like SHARP's), the file must have the tensors that the network uses, with
-    /// the same shapes, and no unknown ones. Without --config, that network is the release's or the only fitting one in
-    /// the .json files next to the file.
+    /// the same shapes, and no unknown ones. Without --config, that network is the one of a .json
+    /// next to the file if it fits, or else the release's.
     Check {
         /// The file: .pt, .pth (zip or older) or .safetensors
         file: PathBuf,
