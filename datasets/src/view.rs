@@ -117,6 +117,13 @@ pub struct View {
 }
 
 impl View {
+    /// The file with this name from which the camera was read, if any.
+    pub(crate) fn camera_file(&self, name: &str) -> Option<PathBuf> {
+        let mut files = self.content.files_by_role().into_iter();
+        let found = files.find(|(role, file)| *role == FileRole::Camera && file.ends_with(name));
+        found.map(|(_, file)| file)
+    }
+
     /// The files of this view, as found by its reader. Paths are relative to `folder`, or complete
     /// if a file is elsewhere.
     pub fn required_files(&self, folder: &Path) -> Vec<RequiredFile> {

@@ -59,12 +59,12 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
         ),
         Setting::free(
             "near",
-            "depth of the nearest objects in metres (auto: the 0.001 quantile of the depth map, or 1 without one)",
+            "depth of the nearest objects in metres, for the release's paths (auto: the 0.001 quantile of the depth map, or 1 without one)",
             "auto",
         ),
         Setting::free(
             "focus",
-            "depth of the point that the camera looks at in metres (auto: the 0.1 quantile of the depth map, at \
+            "depth of the point that the camera looks at in metres, for an orbit and the release's paths (auto: the 0.1 quantile of the depth map, at \
              least 2, or 2 without one)",
             "auto",
         ),
@@ -127,13 +127,16 @@ impl Options {
             _ => spec.positive(key).map(Some),
         };
         let (path, step) = (spec.setting("path"), number("step")?);
+        let unused: &[&str] = match path {
+            "lateral" | "forward" => &["near", "focus"],
+            "orbit" => &["near"],
+            _ => &["step"],
+        };
+        if let Some(key) = unused.iter().find(|key| spec.setting(key) != "auto") {
+            return Err(spec.refused(format!("path={path} does not use '{key}'; leave it out")));
+        }
         let kind = TrajectoryKind::ALL.into_iter().find(|k| k.name() == path);
         let path = match (path, kind) {
-            (_, Some(_)) if step.is_some() => {
-                return Err(
-                    spec.refused(format!("path={path} has no 'step': 'near' sets its size"))
-                );
-            }
             (_, Some(kind)) => CameraPath::Release(kind),
             ("forward", None) => CameraPath::ForwardM(step.unwrap_or(0.05)),
             ("orbit", None) => CameraPath::OrbitDeg(step.unwrap_or(2.0)),
@@ -404,8 +407,9 @@ mod tests {
         assert!(reason("").contains("no virtual scene found"));
         for (settings, part) in [
             (",views=0", "from 1 to 1000"),
-            (",path=swipe,step=1", "has no 'step'"),
-            (",near=-1", "'near' cannot be '-1'"),
+            (",path=swipe,step=1", "path=swipe does not use 'step'"),
+            (",near=2", "path=lateral does not use 'near'"),
+            (",path=orbit,focus=-1", "'focus' cannot be '-1'"),
             (",path=zigzag", "one of: lateral"),
         ] {
             let reason = reason(settings);

@@ -43,10 +43,7 @@ const ALIKE: f64 = 0.8;
 /// two resolutions, and the picture's `ends` are within. Other losses of contrast keep another level.
 pub(super) fn is_limited(seen: &RgbImage, shown: &RgbImage, ends: [u8; 2]) -> bool {
     let is_near = |width: u32| {
-        let (full, height) = seen.dimensions();
-        let width = width.min(full);
-        let [seen, shown] = [seen, shown]
-            .map(|p| moments(thumbnail(p, width, (height * width / full).max(1)).iter()));
+        let [seen, shown] = [seen, shown].map(|p| moments(narrowed(p, width).iter()));
         let gain = shown.1 / seen.1;
         let black = shown.0 - gain * seen.0;
         let found = [black, black + 255.0 * gain];
@@ -56,6 +53,13 @@ pub(super) fn is_limited(seen: &RgbImage, shown: &RgbImage, ends: [u8; 2]) -> bo
             .all(|(found, (level, off))| (found - level).abs() <= off)
     };
     ends[0] >= WITHIN[0] && ends[1] <= WITHIN[1] && WIDTHS.into_iter().all(is_near)
+}
+
+/// A picture reduced to a width, if it is wider.
+fn narrowed(picture: &RgbImage, width: u32) -> RgbImage {
+    let (full, height) = picture.dimensions();
+    let width = width.min(full);
+    thumbnail(picture, width, (height * width / full).max(1))
 }
 
 /// Mean and standard deviation of the levels.
@@ -122,11 +126,8 @@ pub(super) fn stretching(
     if !both.all(|(end, flat)| end > 0.0 && end <= flat + ENDS) {
         return None;
     }
-    let (full, height) = seen.dimensions();
     let gains = WIDTHS.map(|width| {
-        let width = width.min(full);
-        let [seen, shown] = [seen, shown]
-            .map(|p| moments(thumbnail(p, width, (height * width / full).max(1)).iter()));
+        let [seen, shown] = [seen, shown].map(|p| moments(narrowed(p, width).iter()));
         (shown.1 / seen.1, shown.0 - seen.0 * shown.1 / seen.1)
     });
     let lowest = seen.iter().min().map(|v| f64::from(*v))?;
@@ -195,9 +196,7 @@ pub(super) fn normalised(color: [u8; 3]) -> [u8; 3] {
 /// Whether the channels' means and standard deviations are those of the photograph, normalised by ImageNet's or CLIP's
 /// statistics and then mapped to 0..255 by one line for all channels.
 pub(super) fn is_normalised_and_stretched(seen: &RgbImage, shown: &RgbImage) -> bool {
-    let (full, height) = seen.dimensions();
-    let width = WIDTHS[0].min(full);
-    let [seen, shown] = [seen, shown].map(|p| thumbnail(p, width, (height * width / full).max(1)));
+    let [seen, shown] = [seen, shown].map(|p| narrowed(p, WIDTHS[0]));
     let mut least = 1.0_f64;
     let lines: [[f64; 2]; 3] = std::array::from_fn(|c| {
         let [a, b] = [&seen, &shown].map(|p| p.iter().skip(c).step_by(3));

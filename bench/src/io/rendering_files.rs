@@ -6,7 +6,8 @@ use exr::prelude::{
     AnyChannel, AnyChannels, AttributeValue, Encoding, FlatSamples, Image, Layer, LayerAttributes,
     LineOrder, WritableImage,
 };
-use image::{ExtendedColorType, GrayImage, ImageEncoder, RgbImage, codecs::png::PngEncoder};
+use image::{ExtendedColorType, GrayImage, RgbImage};
+use sharp::image_file;
 use sharp::render::{Background, RenderOutput};
 
 use crate::io::atomic_files::{FileError, write_atomic};
@@ -52,14 +53,11 @@ pub fn write_millimetres_png(
 fn png(
     path: &Path,
     samples: &[u8],
-    (width, height): (u32, u32),
+    size: (u32, u32),
     color: ExtendedColorType,
 ) -> Result<Vec<u8>, FileError> {
-    let mut bytes = Vec::new();
-    PngEncoder::new(&mut bytes)
-        .write_image(samples, width, height, color)
-        .map_err(|error| FileError::new(path, "encode")(std::io::Error::other(error)))?;
-    Ok(bytes)
+    image_file::encode_png(samples, size, color)
+        .map_err(|error| FileError::new(path, "encode")(std::io::Error::other(error)))
 }
 
 /// EXR layer attribute that states the colours' transfer function. Files of other programs lack it,

@@ -4,7 +4,6 @@ use std::collections::BTreeMap;
 
 use super::advice::number;
 use crate::format::{calib, picture};
-use crate::required_files::FileRole;
 use crate::{Pairing, Scene, View, files};
 
 /// Maximum fraction of disparities outside the range that the calibration states.
@@ -14,9 +13,7 @@ const TOLERANCE: (f64, f64) = (1.0, 0.02);
 
 /// A contradiction between disparities, in pixels, and the range that Middlebury's `calib.txt` states.
 pub(super) fn range(left: &View, disparities: &[f64]) -> Option<String> {
-    let files = left.content.files_by_role().into_iter();
-    let mut cameras = files.filter(|(role, _)| *role == FileRole::Camera);
-    let file = cameras.find(|(_, file)| file.ends_with("calib.txt"))?.1;
+    let file = left.camera_file("calib.txt")?;
     let (low, high) = files::parse_text(&file, calib::parse).ok()?.disparities?;
     let tolerance = TOLERANCE.0 + TOLERANCE.1 * (high - low);
     let stated = low - tolerance..=high + tolerance;

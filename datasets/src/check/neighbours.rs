@@ -249,18 +249,19 @@ impl<'a> Neighbours<'a> {
             let explained = || self.explained_one(*pair, &Reading::AS_READ, self.stride);
             is_moved(pair) && !agrees(&[explained()])
         };
-        let ((a, b), what) = match pictured {
-            Some(pair) => (pair, "picture"),
-            None if pairs.clone().all(has_one_depth) && pairs.any(disagrees) => {
-                (self.carries.first()?, "depth map")
-            }
-            None => return None,
-        };
-        let [a, b] = [a, b].map(|i| &self.views[*i].id);
-        Some(format!(
-            "{a} and {b} have the same {what}, but what it shows moves by {LEAST_MOVED} pixels or more between their poses \
-             (at a width of {WIDEST} or less); to which of the two does it belong? Replace the other's"
-        ))
+        let moves = format!(
+            "but what it shows moves by {LEAST_MOVED} pixels or more between their poses (at a width of {WIDEST} or less)"
+        );
+        if let Some((a, b)) = pictured {
+            let [a, b] = [a, b].map(|i| &self.views[*i].id);
+            return Some(format!(
+                "{a} and {b} have the same picture, {moves}; to which of the two does it belong? Replace the other's"
+            ));
+        }
+        let is_one = pairs.clone().all(has_one_depth) && pairs.any(disagrees);
+        is_one.then(|| {
+            format!("all views examined have the same depth map, {moves}; give each view its own")
+        })
     }
 
     /// Reports a single-coloured picture among those read.

@@ -110,7 +110,12 @@ fn by_disparity(left: &View, right: &View) -> Option<String> {
     let flipped: Vec<(&str, Pair)> = flipped.collect();
     let full = left.intrinsics.fx / a.camera.fx;
     let pair = pair_of(a)?;
-    let better = pair.better(&flipped, baseline_m, full, has_rig_file(left));
+    let better = pair.better(
+        &flipped,
+        baseline_m,
+        full,
+        left.camera_file("rig.txt").is_some(),
+    );
     let out_of_range = || {
         let disparities = pair.samples.iter().map(|sample| sample.depth * full);
         calibration::range(left, &disparities.collect::<Vec<_>>())
@@ -125,12 +130,6 @@ fn by_disparity(left: &View, right: &View) -> Option<String> {
             )
         })
     })
-}
-
-/// True if the camera was read from a `rig.txt`, where `disparity_unit` can be set.
-fn has_rig_file(view: &View) -> bool {
-    let files = view.content.files_by_role().into_iter();
-    files.into_iter().any(|(_, file)| file.ends_with("rig.txt"))
 }
 
 fn median_depth(view: &SmallView) -> Option<f64> {

@@ -2,8 +2,7 @@
 
 use std::path::Path;
 
-use image::codecs::png::PngEncoder;
-use image::{ColorType, DynamicImage, ExtendedColorType, ImageEncoder as _};
+use image::{ColorType, DynamicImage, ExtendedColorType};
 use sharp::image_file;
 
 use super::{FloatMap, FormatError};
@@ -33,12 +32,9 @@ pub fn parse(bytes: &[u8]) -> Result<FloatMap, FormatError> {
 /// # Errors
 /// [`DatasetError::Malformed`] if it cannot be written.
 pub fn write(path: &Path, map: &FloatMap) -> Result<(), DatasetError> {
-    // Naming the encoder keeps those of all other formats out of the build. It expects native byte order.
     let levels = map.iter().flat_map(|v| (v.round() as u16).to_ne_bytes());
     let levels: Vec<u8> = levels.collect();
-    let mut bytes = Vec::new();
-    PngEncoder::new(&mut bytes)
-        .write_image(&levels, map.width(), map.height(), ExtendedColorType::L16)
+    let bytes = image_file::encode_png(&levels, map.dimensions(), ExtendedColorType::L16)
         .map_err(|e| DatasetError::malformed(path, e.to_string()))?;
     std::fs::write(path, bytes).map_err(|e| DatasetError::io(path, e))
 }

@@ -21,9 +21,11 @@ use std::collections::BTreeMap;
 use std::io::{BufRead, Cursor, Read, Seek};
 
 use exif::{In, Tag, Value};
+use image::codecs::png::PngEncoder;
 use image::metadata::Orientation;
 use image::{
-    ColorType, DynamicImage, ImageBuffer, ImageDecoder, ImageFormat, ImageReader, Pixel, RgbImage,
+    ColorType, DynamicImage, ExtendedColorType, ImageBuffer, ImageDecoder, ImageEncoder as _,
+    ImageFormat, ImageReader, ImageResult, Pixel, RgbImage,
 };
 
 use crate::camera::Intrinsics;
@@ -301,6 +303,21 @@ pub fn dimensions(file: &mut dyn ReadSeek) -> Result<(u32, u32), ImageFileError>
     };
     format::check_size(size, file_bytes, &start, format)?;
     Ok(size)
+}
+
+/// Encodes a picture as PNG, 16-bit samples in native byte order. Unlike `image`'s `save`, this does not compile the
+/// encoders of all other formats.
+///
+/// # Errors
+/// If the samples do not fit the size.
+pub fn encode_png(
+    samples: &[u8],
+    (width, height): (u32, u32),
+    color: ExtendedColorType,
+) -> ImageResult<Vec<u8>> {
+    let mut bytes = Vec::new();
+    PngEncoder::new(&mut bytes).write_image(samples, width, height, color)?;
+    Ok(bytes)
 }
 
 /// A seekable source of bytes. Used as a trait object, so that each decoder is compiled once, in this crate.

@@ -75,7 +75,7 @@ impl DepthProSource {
     /// As for [`Self::open`].
     pub fn open_if(path: &Path) -> Result<Option<Self>, ModelError> {
         let source = Self::open(path)?;
-        Ok(source.0.has("encoder.patch_encoder.").then_some(source))
+        Ok(is_depth_pro(&source.0).then_some(source))
     }
 
     /// Whether the file has a head that estimates the field of view.
@@ -91,6 +91,11 @@ impl DepthProSource {
         self.0
             .check_for(parameters(config, self.has_fov())?, allow_unused)
     }
+}
+
+/// Whether a file has the tensors of Depth Pro, which lack the prefix of SHARP's depth network.
+pub fn is_depth_pro(source: &CheckpointSource) -> bool {
+    source.has("encoder.patch_encoder.")
 }
 
 impl WeightSource for DepthProSource {

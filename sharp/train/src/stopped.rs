@@ -4,9 +4,9 @@ use std::fs;
 use std::io;
 use std::path::Path;
 
-use image::codecs::png::PngEncoder;
-use image::{ExtendedColorType, ImageEncoder as _};
+use image::ExtendedColorType;
 use serde_json::json;
+use sharp::image_file::encode_png;
 
 use crate::data::Sample;
 use crate::losses::TERMS;
@@ -54,16 +54,9 @@ pub(crate) fn save(
     fs::write(folder.join("step.json"), text)
 }
 
-/// Writes a PNG. Naming the encoder keeps those of all other formats out of the build.
-fn png(
-    path: &Path,
-    samples: &[u8],
-    (width, height): (u32, u32),
-    color: ExtendedColorType,
-) -> io::Result<()> {
-    let mut bytes = Vec::new();
-    PngEncoder::new(&mut bytes)
-        .write_image(samples, width, height, color)
-        .map_err(io::Error::other)?;
-    fs::write(path, bytes)
+fn png(path: &Path, samples: &[u8], size: (u32, u32), color: ExtendedColorType) -> io::Result<()> {
+    fs::write(
+        path,
+        encode_png(samples, size, color).map_err(io::Error::other)?,
+    )
 }

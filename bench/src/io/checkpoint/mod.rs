@@ -31,9 +31,7 @@ pub struct NoCheckpoint {
 /// The release's checkpoint, searched for in torch's hub folder (where the release stores it) and
 /// in our cache.
 pub fn find_checkpoint() -> Result<PathBuf, NoCheckpoint> {
-    let ours = cache_folder().map(|folder| folder.join(RELEASE_FILE));
-    let torchs = torch_hub().map(|folder| folder.join(RELEASE_FILE));
-    first_file(torchs.into_iter().chain(ours).collect())
+    first_file(places_of(RELEASE_FILE))
 }
 
 /// File name of Depth Pro's checkpoint, as its authors distribute it.
@@ -41,9 +39,12 @@ pub const DEPTH_PRO_FILE: &str = "depth_pro.pt";
 
 /// Depth Pro's checkpoint in torch's hub folder or in our cache; `None` if it is in neither.
 pub fn find_depth_pro() -> Option<PathBuf> {
+    first_file(places_of(DEPTH_PRO_FILE)).ok()
+}
+
+fn places_of(name: &str) -> Vec<PathBuf> {
     let folders = torch_hub().into_iter().chain(cache_folder());
-    let mut files = folders.map(|folder| folder.join(DEPTH_PRO_FILE));
-    files.find(|file| file.is_file())
+    folders.map(|folder| folder.join(name)).collect()
 }
 
 fn first_file(searched: Vec<PathBuf>) -> Result<PathBuf, NoCheckpoint> {

@@ -2,6 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
+use sharp::model::depth_pro::is_depth_pro;
 use sharp::model::inventory::CheckpointSource;
 use sharp::model::{ModelConfig, ModelError, NetworkSpec, bundled};
 use sharp_metrics::weights::own_folders;
@@ -60,9 +61,9 @@ pub enum NetworkError {
     OtherWeights { path: PathBuf, sha256: String },
 }
 
-/// The network of a checkpoint, on the CPU. `mini` is the bundled network. Any other name is a
-/// file; the network's configuration is `config` (`FILE.json#NAME`), or else a `.json` next to the file or
-/// that of the release. Without a name, searches for the official checkpoint.
+/// The network of a checkpoint, on the CPU: `mini`, which is bundled, or a file. A file's configuration is `config`
+/// (`FILE.json#NAME`) if given, or else that of a fitting `.json` next to the file or of the release. Without a
+/// `checkpoint`, searches for the official one.
 ///
 /// # Errors
 /// [`NetworkError`].
@@ -112,7 +113,7 @@ pub fn depth_pro_network(
 /// fitting one in the `.json` files next to the file.
 fn network_of(file: &Path, config: Option<&str>) -> Result<NetworkSpec, NetworkError> {
     let source = CheckpointSource::open(file)?;
-    if source.has("encoder.patch_encoder.") {
+    if is_depth_pro(&source) {
         let checkpoint = file.to_owned();
         return Err(NetworkError::DepthPro { checkpoint });
     }

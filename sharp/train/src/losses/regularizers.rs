@@ -82,19 +82,24 @@ pub fn grad(
     let share = 1.0 / count as f64;
     let inverse = |i: usize| unit * f64::from(inverse_depth[i]);
     let edge = |i: usize| edge(grid.at(inverse, i), options.grad_norm);
-    let opacity_loss = sum_over(count, |i| {
-        let edge = edge(i).0 * share;
-        (f64::from(opacity[i]) * edge, edge as f32)
-    });
     let of_depth = || {
         let of_edge = |i: usize| edge(i).1.map(|d| d * f64::from(opacity[i]));
         let each = |i: usize| (0.0, (grid.pull(of_edge, i) * unit * share) as f32);
         sum_over(count, each).gradient
     };
     GradOutput {
-        opacity: opacity_loss,
+        opacity: at_edges(opacity, |i| edge(i).0),
         map: (!options.grad_stops_at_depth).then(of_depth),
     }
+}
+
+/// Mean of the opacities times the strengths of their edges, 0..1.
+fn at_edges(opacity: &[f32], edge: impl Fn(usize) -> f64 + Sync) -> Loss<f32> {
+    let share = 1.0 / opacity.len() as f64;
+    sum_over(opacity.len(), |i| {
+        let edge = edge(i) * share;
+        (f64::from(opacity[i]) * edge, edge as f32)
+    })
 }
 
 /// [`grad`] with ∇(1/D̄) of the depth at full resolution, taken where each base Gaussian is projected
@@ -144,10 +149,6 @@ pub fn grad_projected(
         (0.0, edge(mean, options.grad_norm))
     });
     let edges = edges.gradient;
-    let opacity_loss = sum_over(count, |i| {
-        let edge = edges[i].0 * share;
-        (f64::from(opacity[i]) * edge, edge as f32)
-    });
     let of_depth = || {
         let of_pixel = |p: usize| {
             let i = p / side / stride * columns + p % side / stride;
@@ -160,7 +161,7 @@ pub fn grad_projected(
         sum_over(depth.len(), each).gradient
     };
     GradOutput {
-        opacity: opacity_loss,
+        opacity: at_edges(opacity, |i| edges[i].0),
         map: (!options.grad_stops_at_depth).then(of_depth),
     }
 }
