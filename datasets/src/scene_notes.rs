@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use image::GrayImage;
+use image::{ColorType, GrayImage};
 use sharp::camera::Intrinsics;
 use sharp::image_file::{ColorRule, OrientationRule};
 
@@ -19,6 +19,10 @@ use crate::{DatasetSpec, Pairing, Scene, View, files};
 const HEADERS: usize = 64;
 /// Maximum number of masks decoded per scene, evenly spaced.
 const MASKS: usize = 4;
+/// Maximum number of 16-bit pictures decoded per scene, evenly spaced, and their brightest levels (of 255) if values of
+/// 13 or 14 bits were not scaled. Those of fewer bits are refused one by one.
+const DEEP: usize = 4;
+const UNSCALED: std::ops::RangeInclusive<u8> = 16..=64;
 /// Minimum fraction of the pixels that a plausible mask keeps: most masks exclude a person, a sky or a logo.
 const LEAST_LEFT: f64 = 0.2;
 
@@ -41,6 +45,25 @@ pub(crate) fn unread_masks(folder: &Path, hint: &str) -> Option<String> {
             "masks: {} contains {count} file(s), which are not read{hint}",
             folder.display()
         )
+    })
+}
+
+/// A warning if all pictures have 16 bits and end at a quarter of the range; `stored` are the types that their headers
+/// state.
+fn unscaled(scene: &Scene, mut stored: impl ExactSizeIterator<Item = ColorType>) -> Option<String> {
+    use ColorType::{L16, La16, Rgb16, Rgba16};
+    let is_deep =
+        stored.len() >= 2 && stored.all(|color| matches!(color, L16 | La16 | Rgb16 | Rgba16));
+    let read = evenly_spaced(scene.views.len(), DEEP)
+        .into_iter()
+        .filter(|_| is_deep);
+    let highest = read.filter_map(|i| scene.views[i].content.image().ok()?.iter().max().copied());
+    let highest: Vec<u8> = highest.collect();
+    let is_unscaled = highest.len() >= 2 && highest.iter().all(|level| UNSCALED.contains(level));
+    is_unscaled.then(|| {
+        "pictures: the 16-bit values of all that were looked at end at a quarter of their range, as if 14-bit values \
+         had been stored unscaled; if so, multiply them by 4"
+            .to_owned()
     })
 }
 
@@ -97,6 +120,10 @@ pub(crate) fn add(scene: &mut Scene, spec: &DatasetSpec) {
             .notes
             .push(format!("pictures: {count} of {of} have {text}"));
     }
+    scene.warnings.extend(unscaled(
+        scene,
+        found.iter().map(|picture| picture.header.color),
+    ));
     // A format that defines the polarity of its masks leaves nothing to check.
     if !spec.has_mask_sides() {
         return;

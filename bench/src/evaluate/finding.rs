@@ -216,16 +216,6 @@ pub enum ShownTarget {
     Source,
     /// None: it is like the source's photograph, but no copy.
     SourceView,
-    /// The view after this percentage of the target's motion; 100 is the target's own.
-    Motion(i16),
-    /// The target's view through the source's intrinsics.
-    SourceIntrinsics,
-    /// The view from the inverse of the target's pose relative to the source.
-    InversePose,
-    /// The view from the target's pose with y and z reversed.
-    OtherAxes,
-    /// The view from the target's pose with its rotation transposed.
-    TransposedRotation,
 }
 
 impl ShownTarget {
@@ -238,7 +228,48 @@ impl ShownTarget {
             Self::Other => "the target of another pair",
             Self::Source => "the source's photograph",
             Self::SourceView => "the source's view",
-            Self::Motion(_) => "a multiple of the true motion",
+        }
+    }
+}
+
+/// The camera through which a stored picture shows the scene, measured against the target's.
+#[derive(
+    Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, JsonSchema,
+)]
+#[serde(rename_all = "kebab-case")]
+pub enum ShownCamera {
+    /// One that moved by this percentage of the target's motion; 100 is the target's own.
+    Moved(i16),
+    /// The target's with the source's intrinsics.
+    SourceIntrinsics,
+    /// One at the inverse of the target's pose relative to the source.
+    InversePose,
+    /// One at the target's pose with y and z reversed.
+    OtherAxes,
+    /// One at the target's pose with its rotation transposed.
+    TransposedRotation,
+    /// The target's, framed differently.
+    Framed(Framing),
+}
+
+impl ShownCamera {
+    /// Completes the sentence "its pictures".
+    pub fn text(self) -> String {
+        let shown = match self {
+            Self::Moved(percent) => {
+                return format!(
+                    "move by {:.2} times the target's motion from the source's view; {}",
+                    f64::from(percent) / 100.0,
+                    match percent < 0 {
+                        true =>
+                            "check the sign of the translation, and whether the pose is inverted",
+                        false => "check the unit of the translation and the scale of the depths",
+                    }
+                );
+            }
+            Self::Framed(framing) => {
+                return format!("show what the target's camera would see {}", framing.text());
+            }
             Self::SourceIntrinsics => {
                 "the target through the source's intrinsics, whose principal point or focal length differs: render them \
                  with the target's intrinsics"
@@ -252,18 +283,97 @@ impl ShownTarget {
             Self::TransposedRotation => {
                 "what the transpose of the target's rotation sees: check the order of rows and columns"
             }
-        }
+        };
+        format!("show {shown}")
     }
 
-    /// Whether the motion clearly differs from the target's.
-    pub fn is_misplaced(self) -> bool {
-        match self {
-            Self::Motion(percent) => !(65..150).contains(&percent),
-            Self::SourceIntrinsics
-            | Self::InversePose
-            | Self::OtherAxes
-            | Self::TransposedRotation => true,
-            _ => false,
+    /// Whether it clearly differs from the target's camera.
+    pub fn is_wrong(self) -> bool {
+        !matches!(self, Self::Moved(65..150))
+    }
+
+    /// Whether two pictures of one dataset agree on the camera, apart from measuring errors.
+    pub fn is_like(self, other: Self) -> bool {
+        match (self, other) {
+            (Self::Moved(percent), Self::Moved(other)) => {
+                let other = f64::from(other);
+                (f64::from(percent) - other).abs() <= UNEVEN.0.max(UNEVEN.1 * other.abs())
+            }
+            (Self::Framed(framing), Self::Framed(other)) => framing.is_like(other),
+            _ => self == other,
         }
+    }
+}
+
+/// How far multiples of the motion with one cause may differ: percentage points, or, if larger, a share of the multiple.
+const UNEVEN: (f64, f64) = (8.0, 0.12);
+
+/// How a picture frames its target, compared with its photograph.
+#[derive(
+    Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, JsonSchema,
+)]
+pub struct Framing {
+    /// Size of what it shows, about the principal point, thousandths.
+    pub zoom: i16,
+    /// Angle by which it is turned clockwise, thousandths of a degree.
+    pub roll: i16,
+    /// To the right and downwards, thousandths of the width.
+    pub shift: [i16; 2],
+}
+
+impl Framing {
+    /// How far framings of one cause may differ in zoom, roll and shift.
+    const UNEVEN: [i16; 3] = [20, 700, 5];
+    /// Minimum zoom, roll and shift that count.
+    const LEAST: [i16; 3] = [15, 700, 5];
+
+    fn is_zoomed(self) -> bool {
+        (self.zoom - 1000).abs() >= Self::LEAST[0]
+    }
+
+    fn is_rolled(self) -> bool {
+        self.roll.abs() >= Self::LEAST[1]
+    }
+
+    fn is_shifted(self) -> bool {
+        self.shift.iter().any(|by| by.abs() >= Self::LEAST[2])
+    }
+
+    pub fn is_wrong(self) -> bool {
+        self.is_zoomed() || self.is_rolled() || self.is_shifted()
+    }
+
+    /// Whether both have the same cause.
+    pub fn is_like(self, other: Self) -> bool {
+        let values = |framing: Self| {
+            let [x, y] = framing.shift;
+            [(framing.zoom, 0), (framing.roll, 1), (x, 2), (y, 2)]
+        };
+        let pairs = values(self).into_iter().zip(values(other));
+        pairs
+            .into_iter()
+            .all(|((a, kind), (b, _))| (a - b).abs() <= Self::UNEVEN[kind])
+    }
+
+    /// Completes the sentence "what the target's camera would see".
+    pub fn text(self) -> String {
+        let mut parts = Vec::new();
+        if self.is_zoomed() {
+            let zoom = f64::from(self.zoom) / 1000.0;
+            parts.push(format!(
+                "with {zoom:.2} times its focal length (another focal length, or a resized crop?)"
+            ));
+        }
+        if self.is_rolled() {
+            let roll = f64::from(self.roll) / 1000.0;
+            parts.push(format!("turned by {roll:.1}° about its axis"));
+        }
+        if self.is_shifted() {
+            let [x, y] = self.shift.map(|by| f64::from(by) / 10.0);
+            parts.push(format!(
+                "shifted by ({x:.1} %, {y:.1} %) of the width (another principal point, or a crop?)"
+            ));
+        }
+        parts.join(", ")
     }
 }

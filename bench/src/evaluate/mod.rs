@@ -18,7 +18,7 @@
 //! * [`plan`]: planned pairs and methods; [`shard`]: a process's part of a plan; `run`: runs a plan or a shard;
 //!   [`status`]: progress.
 //! * `keys`: hashed inputs of each stage; [`gaussians`]: predictions of sources, stored, rendered and compared with
-//!   their photographs; `picture_check`, `picture_layout`, `picture_levels`, `picture_motion`, `picture_order` and
+//!   their photographs; `picture_check`, `picture_framing`, `picture_layout`, `picture_levels`, `picture_motion`, `picture_order` and
 //!   `picture_placement`: compare pictures with the photographs that they predict; [`finding`]: what that found;
 //!   `picture_agreement`: what is said about it; [`doubts`]: warnings from a method's records.
 //! * [`record`]: one result; [`mod@unit`]: a result with its keys, as stored; [`folder`]: the run folder; [`manifest`]:
@@ -43,6 +43,7 @@ mod keys;
 pub mod manifest;
 pub(crate) mod picture_agreement;
 pub(crate) mod picture_check;
+mod picture_framing;
 mod picture_layout;
 mod picture_levels;
 mod picture_motion;

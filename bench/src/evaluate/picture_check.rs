@@ -2,7 +2,7 @@
 //! the target's photograph.
 //!
 //! Poor predictions must not raise false alarms, so a change has to bring a picture significantly closer to its
-//! photograph, and for nearly all pictures of a dataset. Shifts are not tried, because parallax that a method ignores
+//! photograph, and for nearly all pictures of a dataset. Shifts are not tried here, because parallax that a method ignores
 //! moves all pictures of a stereo dataset alike. Scores do not depend on this check.
 
 use image::imageops::{flip_horizontal, flip_vertical, rotate90, rotate180, rotate270, thumbnail};
@@ -28,6 +28,9 @@ const LEAST_GAIN: f64 = 1.0;
 const LEAST_GAIN_OF_CHANNELS: f64 = 0.25;
 /// Minimum gain for another transfer function, dB: linear light stored as sRGB loses far more, other exposures less.
 const LEAST_GAIN_OF_TRANSFER: f64 = 3.0;
+/// Minimum gain of the sorted levels if another transfer function fits them better than an exposure only in part, as in
+/// pictures with other contents than their photographs, dB.
+const LEAST_GAIN_BY_RANK: f64 = 8.0;
 /// Minimum gain for another range of levels, which other exposures resemble, dB.
 const LEAST_GAIN_OF_RANGE: f64 = 1.5;
 /// Maximum PSNR at which other colour spaces are tried, dB: pictures stored in one have 8 to 13. Skipping the rest saves
@@ -165,7 +168,11 @@ fn undone_change(
         // contrast.
         let by_rank = |of: &RgbImage| Likeness::of(&ranked(seen), whole, &ranked(of));
         let fit = nearer(&changed, LEAST_GAIN_OF_TRANSFER);
-        fit.filter(|_| by_rank(&changed).is_nearer_than_exposed(&by_rank(shown)))
+        fit.filter(|_| {
+            let (before, after) = (by_rank(shown), by_rank(&changed));
+            let is_far_nearer = after.gain_over(&before) >= LEAST_GAIN_BY_RANK;
+            after.is_nearer_than_exposed(&before) || is_far_nearer && after.is_closer_than(&before)
+        })
     };
     // Ignore black, which gives no evidence of a range: it may be a hole, or clipped.
     let lit = |of: &dyn Fn(u8) -> u8| {

@@ -10,15 +10,15 @@ use glam::{DMat3, DVec2, DVec3};
 use image::RgbImage;
 use sharp::camera::{Intrinsics, RigidTransform};
 
-use super::finding::ShownTarget;
+use super::finding::ShownCamera;
 
 /// Half the side of a block, rounded down, pixels of a shrunk picture.
 const HALF: i64 = 5;
-const AREA: usize = (2 * HALF as usize + 1).pow(2);
+pub(super) const AREA: usize = (2 * HALF as usize + 1).pow(2);
 /// Number of blocks across and down.
 const GRID: [u32; 2] = [14, 10];
 /// Minimum standard deviation of a block, levels.
-const LEAST_CONTRAST: f64 = 6.0;
+pub(super) const LEAST_CONTRAST: f64 = 6.0;
 /// Share of the width to which the search extends along an epipolar line.
 const REACH: f64 = 0.4;
 /// Minimum correlation of a block with its place in the target's photograph and in the picture, and how much lower the
@@ -56,13 +56,13 @@ impl Camera {
     }
 }
 
-/// Measures a picture's motion: a multiple of the true one ([`ShownTarget::Motion`]) or that of a misread pose. `None` if
+/// Measures a picture's motion: a multiple of the true one ([`ShownCamera::Motion`]) or that of a misread pose. `None` if
 /// it cannot be measured. All pictures are shrunk; `intrinsics` are those of source and target at full size.
-pub(super) fn shown_motion(
+pub(super) fn shown_camera(
     intrinsics: [Intrinsics; 2],
     target_from_source: RigidTransform,
     [source, target, shown]: [&RgbImage; 3],
-) -> Option<ShownTarget> {
+) -> Option<ShownCamera> {
     let [from, to] = intrinsics.map(|k| k.resized(target.width(), target.height()));
     let RigidTransform {
         rotation,
@@ -76,10 +76,10 @@ pub(super) fn shown_motion(
     let flipped = pose(axes * rotation * axes, axes * translation);
     let transposed = pose(rotation.transpose(), translation);
     let misread = [
-        (ShownTarget::SourceIntrinsics, from, target_from_source),
-        (ShownTarget::InversePose, to, target_from_source.inverse()),
-        (ShownTarget::OtherAxes, to, flipped),
-        (ShownTarget::TransposedRotation, to, transposed),
+        (ShownCamera::SourceIntrinsics, from, target_from_source),
+        (ShownCamera::InversePose, to, target_from_source.inverse()),
+        (ShownCamera::OtherAxes, to, flipped),
+        (ShownCamera::TransposedRotation, to, transposed),
     ];
     let search = Search {
         source,
@@ -111,8 +111,8 @@ pub(super) fn shown_motion(
     });
     // Without a rotation, inverting the pose only negates the translation.
     let is_turned = target_from_source.rotation_deg() >= LEAST_TURN;
-    let poses = poses.filter(|(cause, _)| is_turned || *cause != ShownTarget::InversePose);
-    let motion = multiple(&blocks).map(|(percent, share)| (ShownTarget::Motion(percent), share));
+    let poses = poses.filter(|(cause, _)| is_turned || *cause != ShownCamera::InversePose);
+    let motion = multiple(&blocks).map(|(percent, share)| (ShownCamera::Moved(percent), share));
     let causes = poses.filter(|(_, share)| *share >= OF_POSE).chain(motion);
     causes
         .max_by(|a, b| a.1.total_cmp(&b.1))
@@ -238,8 +238,7 @@ fn multiple(blocks: &[Block]) -> Option<(i16, f64)> {
     })?;
     let contradicting = found.iter().filter(|(_, (_, is_other))| *is_other).count() as f64;
     let percent = (100.0 * factor).round() as i16;
-    let is_right =
-        !ShownTarget::Motion(percent).is_misplaced() || contradicting >= CONTRADICTING * all;
+    let is_right = !ShownCamera::Moved(percent).is_wrong() || contradicting >= CONTRADICTING * all;
     let least = if percent.abs() < STILL.0 {
         STILL.1
     } else {
@@ -249,7 +248,7 @@ fn multiple(blocks: &[Block]) -> Option<(i16, f64)> {
 }
 
 /// The green levels around a place, normalised to mean 0 and norm 1, and their standard deviation.
-fn patch(picture: &RgbImage, place: DVec2) -> Option<([f64; AREA], f64)> {
+pub(super) fn patch(picture: &RgbImage, place: DVec2) -> Option<([f64; AREA], f64)> {
     let [left, top] = [place.x, place.y].map(|v| v.floor() as i64 - HALF);
     let side = 2 * HALF + 1;
     let is_inside = |from: i64, size: u32| from >= 0 && from + side <= i64::from(size);
@@ -268,7 +267,7 @@ fn patch(picture: &RgbImage, place: DVec2) -> Option<([f64; AREA], f64)> {
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use image::Rgb;
     use image::imageops::fast_blur;
 
@@ -276,13 +275,13 @@ mod tests {
 
     const SIZE: (u32, u32) = (160, 120);
     /// A slanted plane: its inverse depth along a ray (z = 1) of the source is the dot product with that ray.
-    const PLANE: DVec3 = DVec3::new(0.12, 0.25, 0.4);
+    pub(in crate::evaluate) const PLANE: DVec3 = DVec3::new(0.12, 0.25, 0.4);
 
-    fn camera(cx: f64) -> Intrinsics {
+    pub(in crate::evaluate) fn camera(cx: f64) -> Intrinsics {
         Intrinsics::new((150.0, 150.0), (cx, 60.0), SIZE).unwrap()
     }
 
-    fn pose(turn: f64, translation: [f64; 3]) -> RigidTransform {
+    pub(in crate::evaluate) fn pose(turn: f64, translation: [f64; 3]) -> RigidTransform {
         let rotation = DMat3::from_rotation_z(turn) * DMat3::from_rotation_y(turn);
         RigidTransform::new(rotation, translation.into()).unwrap()
     }
@@ -300,7 +299,11 @@ mod tests {
     }
 
     /// The plane as a camera sees it.
-    fn view(intrinsics: Intrinsics, from_source: RigidTransform, plane: DVec3) -> RgbImage {
+    pub(in crate::evaluate) fn view(
+        intrinsics: Intrinsics,
+        from_source: RigidTransform,
+        plane: DVec3,
+    ) -> RgbImage {
         let back = from_source.rotation.transpose();
         RgbImage::from_fn(SIZE.0, SIZE.1, |x, y| {
             let pixel = DVec2::new(f64::from(x) + 0.5, f64::from(y) + 0.5);
@@ -316,10 +319,10 @@ mod tests {
         cameras: [Intrinsics; 2],
         true_pose: RigidTransform,
         shown: &RgbImage,
-    ) -> Option<ShownTarget> {
+    ) -> Option<ShownCamera> {
         let source = view(cameras[0], RigidTransform::IDENTITY, PLANE);
         let target = view(cameras[1], true_pose, PLANE);
-        shown_motion(cameras, true_pose, [&source, &target, shown])
+        shown_camera(cameras, true_pose, [&source, &target, shown])
     }
 
     #[test]
@@ -343,11 +346,11 @@ mod tests {
                 };
                 let found = told(cameras, pose(turn, translation), &noisy);
                 assert!(
-                    matches!(found, Some(ShownTarget::Motion(found)) if (found - percent).abs() <= i16::max(4, percent.abs() / 12)),
+                    matches!(found, Some(ShownCamera::Moved(found)) if (found - percent).abs() <= i16::max(4, percent.abs() / 12)),
                     "{percent}: {found:?}"
                 );
                 let is_wrong = ![100, 70].contains(&percent);
-                assert_eq!(found.unwrap().is_misplaced(), is_wrong, "{percent}");
+                assert_eq!(found.unwrap().is_wrong(), is_wrong, "{percent}");
             }
         }
     }
@@ -362,15 +365,15 @@ mod tests {
             translation,
         };
         for (cause, intrinsics, misread) in [
-            (ShownTarget::SourceIntrinsics, cameras[0], own),
-            (ShownTarget::InversePose, cameras[1], own.inverse()),
+            (ShownCamera::SourceIntrinsics, cameras[0], own),
+            (ShownCamera::InversePose, cameras[1], own.inverse()),
             (
-                ShownTarget::OtherAxes,
+                ShownCamera::OtherAxes,
                 cameras[1],
                 read(axes * own.rotation * axes, axes * own.translation),
             ),
             (
-                ShownTarget::TransposedRotation,
+                ShownCamera::TransposedRotation,
                 cameras[1],
                 read(own.rotation.transpose(), own.translation),
             ),
@@ -390,7 +393,7 @@ mod tests {
         let source = view(cameras[0], RigidTransform::IDENTITY, PLANE);
         let copy = told(cameras, own, &source);
         assert!(
-            matches!(copy, None | Some(ShownTarget::Motion(-5..=5))),
+            matches!(copy, None | Some(ShownCamera::Moved(-5..=5))),
             "{copy:?}"
         );
         let blend = RgbImage::from_fn(SIZE.0, SIZE.1, |x, y| {
@@ -420,7 +423,7 @@ mod tests {
         ] {
             let found = told(cameras, own, &shown);
             assert!(
-                !found.is_some_and(ShownTarget::is_misplaced),
+                !found.is_some_and(ShownCamera::is_wrong),
                 "{what}: {found:?}"
             );
         }

@@ -11,18 +11,17 @@ use image::RgbImage;
 use image::imageops::thumbnail;
 use sharp_datasets::View;
 
-use super::finding::ShownTarget;
+use super::finding::{ShownCamera, ShownTarget};
 use super::gaussians::likeness::Likeness;
 use super::picture_check::shrunk;
-use super::picture_motion::shown_motion;
+use super::picture_framing::shown_framing;
+use super::picture_motion::shown_camera;
 use super::record::Record;
 use crate::pairs::pair_list::ResolvedPair;
 use crate::scoring::Region;
 
-/// Share of the pictures with a measured motion that must agree, and how far factors of motion may differ: percentage
-/// points, or, if larger, a share of the factor.
+/// Share of the pictures with a measured camera that must agree.
 const AGREEING: f64 = 0.8;
-const UNEVEN: (f64, f64) = (8.0, 0.12);
 /// Number of pairs per dataset whose pictures are compared, evenly spaced, and number of other targets for each.
 const SAMPLED: usize = 8;
 const OTHERS: usize = 12;
@@ -99,7 +98,7 @@ impl Thumbnails {
     }
 }
 
-/// Sets the [`Record::shows`] if the picture is in the sample and covers the whole target.
+/// Sets [`Record::shows`] and [`Record::camera`] if the picture is in the sample and covers the whole target.
 pub(super) fn note_order(
     record: &mut Record,
     planned: &ResolvedPair<'_>,
@@ -107,7 +106,7 @@ pub(super) fn note_order(
     (photograph, picture): (&RgbImage, &RgbImage),
     read: &mut Thumbnails,
 ) {
-    record.shows = None;
+    (record.shows, record.camera) = (None, None);
     let others = others.get(&record.pair_id);
     let (Some(others), None) = (others, record.crop) else {
         return;
@@ -124,19 +123,25 @@ pub(super) fn note_order(
     let others = others.filter_map(|(place, other)| Some((*place, read.of(other, other.target)?)));
     let views = [planned.source, planned.target];
     let [from, to] = views.map(|view| view.camera_from_world);
-    let motion = shown_motion(
+    let target_from_source = to.after(&from.inverse());
+    let moved = shown_camera(
         views.map(|view| view.intrinsics),
-        to.after(&from.inverse()),
+        target_from_source,
         [&source, &seen, &shown],
     );
-    use ShownTarget::{Motion, Own, Source, SourceView};
+    let camera = moved.filter(|camera| camera.is_wrong()).or_else(|| {
+        let translation = target_from_source.translation;
+        let framing = || shown_framing(planned.target.intrinsics, translation, [&seen, &shown]);
+        let framing = record.change.is_none().then(framing).flatten();
+        framing.map(ShownCamera::Framed).or(moved)
+    });
+    use ShownTarget::{Own, Source, SourceView};
     let shows = shown_target(&seen, &shown, Some(&source), others);
-    record.shows = match (shows, motion) {
-        (Some(Source), _) | (Some(SourceView), Some(Motion(-5..=5))) => shows,
+    (record.shows, record.camera) = match (shows, camera) {
+        (Some(Source), _) | (Some(SourceView), Some(ShownCamera::Moved(-5..=5))) => (shows, None),
         // A picture of poor depth may be closer to the source, although it moved.
-        (Some(Own), Some(motion)) | (Some(SourceView), Some(motion @ Motion(20..))) => Some(motion),
-        (Some(_), Some(motion)) if motion.is_misplaced() => Some(motion),
-        _ => shows,
+        (Some(SourceView), Some(_)) => (Some(Own), camera),
+        _ => (shows, camera),
     };
 }
 
@@ -201,23 +206,35 @@ pub(crate) fn compared_pictures(count: usize) -> BTreeMap<usize, Vec<(ShownTarge
     sampled.map(|at| (at, others(at))).collect()
 }
 
-/// A sentence for each dataset in which most compared pictures show other targets.
+/// A sentence for each dataset in which the compared pictures agree on a wrong camera, or most show other targets.
 pub(super) fn misplaced_pictures<'a>(records: impl Iterator<Item = &'a Record>) -> Vec<String> {
-    let mut by_dataset: BTreeMap<&str, BTreeMap<ShownTarget, usize>> = BTreeMap::new();
+    let mut by_dataset: BTreeMap<&str, (BTreeMap<ShownTarget, usize>, Vec<ShownCamera>)> =
+        BTreeMap::new();
     let mut sources = BTreeSet::new();
     for record in records {
+        let (shown, cameras) = by_dataset.entry(&record.dataset).or_default();
+        if let Some(target) = record.shows {
+            *shown.entry(target).or_default() += 1;
+        }
         // Pictures predicted from one source share its scale, so positive factors count once per source.
         let source = (&record.dataset, &record.scene, &record.source);
         let is_repeated =
-            matches!(record.shows, Some(ShownTarget::Motion(1..))) && !sources.insert(source);
-        if let (Some(found), false) = (record.shows, is_repeated) {
-            let of_dataset = by_dataset.entry(&record.dataset).or_default();
-            *of_dataset.entry(found).or_default() += 1;
-        }
+            matches!(record.camera, Some(ShownCamera::Moved(1..))) && !sources.insert(source);
+        cameras.extend(record.camera.filter(|_| !is_repeated));
     }
     let told = by_dataset.into_iter();
-    told.filter_map(|(dataset, found)| misplaced(&found, &format!("pairs of {dataset}")))
-        .collect()
+    told.filter_map(|(dataset, (mut shown, cameras))| {
+        let pairs = format!("pairs of {dataset}");
+        // If a quarter moved clearly, those that are like the source only have poor depth.
+        let moving = cameras
+            .iter()
+            .filter(|camera| matches!(camera, ShownCamera::Moved(20..)));
+        if 4 * moving.count() >= shown.values().sum() {
+            shown.remove(&ShownTarget::SourceView);
+        }
+        wrong_camera(cameras, &pairs).or_else(|| misplaced(&shown, &pairs))
+    })
+    .collect()
 }
 
 /// A sentence if most compared pictures show other targets than their own; `found` counts what they show. `pairs` is
@@ -237,16 +254,8 @@ pub(crate) fn misplaced(found: &BTreeMap<ShownTarget, usize>, pairs: &str) -> Op
             Source.text()
         ));
     }
-    if let Some(moved) = moved(found, pairs) {
-        return Some(moved);
-    }
     let views = count(&[Source, SourceView]);
-    // If a quarter moved clearly, the others only have poor depth.
-    let moving = found
-        .iter()
-        .filter(|(shows, _)| matches!(shows, ShownTarget::Motion(20..)));
-    let moving: usize = moving.map(|(_, count)| count).sum();
-    if is_most(views) && 4 * moving < all {
+    if is_most(views) {
         return Some(format!(
             "its pictures show {} rather than the target's: {views} of the {all} compared in {pairs} are significantly \
              closer to the source's photograph, as if they were rendered with the source's pose, or with poses of \
@@ -269,40 +278,18 @@ pub(crate) fn misplaced(found: &BTreeMap<ShownTarget, usize>, pairs: &str) -> Op
     })
 }
 
-/// A sentence if nearly all pictures with a measured motion moved by the same wrong multiple, or as the same misread pose.
-fn moved(found: &BTreeMap<ShownTarget, usize>, pairs: &str) -> Option<String> {
-    use ShownTarget::Motion;
-    let measured = found
-        .iter()
-        .filter(|(shows, _)| matches!(shows, Motion(_)) || shows.is_misplaced());
-    let all: usize = measured.clone().map(|(_, count)| count).sum();
-    let wrong = measured.filter(|(shows, _)| shows.is_misplaced());
-    let sorted: Vec<ShownTarget> = wrong
-        .flat_map(|(shows, count)| std::iter::repeat_n(*shows, *count))
-        .collect();
-    let middle = *sorted.get(sorted.len() / 2)?;
-    let agrees = |shows: &&ShownTarget| match (shows, middle) {
-        (Motion(factor), Motion(middle)) => {
-            let middle = f64::from(middle);
-            (f64::from(*factor) - middle).abs() <= UNEVEN.0.max(UNEVEN.1 * middle.abs())
-        }
-        (shows, middle) => **shows == middle,
-    };
-    let count = sorted.iter().filter(agrees).count();
-    if count < FEWEST || (count as f64) < AGREEING * all as f64 {
-        return None;
-    }
-    let counted = format!("{count} of the {all} whose motion could be measured in {pairs}");
-    Some(match middle {
-        Motion(percent) => format!(
-            "its pictures move by {:.2} times the target's motion from the source's view: {counted} agree; {}",
-            f64::from(percent) / 100.0,
-            match percent < 0 {
-                true => "check the sign of the translation, and whether the pose is inverted",
-                false => "check the unit of the translation and the scale of the depths",
-            }
-        ),
-        pose => format!("its pictures show {} ({counted})", pose.text()),
+/// A sentence if nearly all pictures whose camera could be measured agree on the same wrong one.
+fn wrong_camera(cameras: Vec<ShownCamera>, pairs: &str) -> Option<String> {
+    let all = cameras.len();
+    let mut wrong: Vec<ShownCamera> = cameras.into_iter().filter(|c| c.is_wrong()).collect();
+    wrong.sort_unstable();
+    let middle = *wrong.get(wrong.len() / 2)?;
+    let count = wrong.iter().filter(|camera| camera.is_like(middle)).count();
+    (count >= FEWEST && count as f64 >= AGREEING * all as f64).then(|| {
+        format!(
+            "its pictures {} ({count} of the {all} whose motion could be measured in {pairs} agree)",
+            middle.text()
+        )
     })
 }
 
@@ -310,6 +297,7 @@ fn moved(found: &BTreeMap<ShownTarget, usize>, pairs: &str) -> Option<String> {
 mod tests {
     use image::Rgb;
 
+    use super::super::finding::Framing;
     use super::super::record::tests::record;
     use super::*;
 
@@ -388,38 +376,92 @@ mod tests {
         );
     }
 
+    /// The warning about 8 pictures of as many sources, `found` of which show a camera; the others show their own.
+    fn told_of(found: &[(ShownCamera, usize)]) -> Option<String> {
+        let found = found
+            .iter()
+            .flat_map(|(camera, n)| std::iter::repeat_n(*camera, *n));
+        let cameras: Vec<ShownCamera> = found.collect();
+        let records: Vec<Record> = (0..8)
+            .map(|k| Record {
+                source: k.to_string(),
+                shows: Some(ShownTarget::Own),
+                camera: cameras.get(k).copied(),
+                ..record()
+            })
+            .collect();
+        misplaced_pictures(records.iter()).pop()
+    }
+
     #[test]
-    fn nearly_all_measured_motions_have_to_agree() {
-        use ShownTarget::{InversePose, Motion, Own};
-        let told = |found: &[(ShownTarget, usize)]| {
-            misplaced(&found.iter().copied().collect(), "pairs of d")
+    fn nearly_all_measured_cameras_have_to_agree() {
+        use ShownCamera::{Framed, InversePose, Moved};
+        let framed = |zoom: i16, x: i16| {
+            let shift = [x, 0];
+            Framed(Framing {
+                zoom,
+                roll: 0,
+                shift,
+            })
         };
-        let said = told(&[(Motion(-104), 2), (Motion(-98), 2), (Own, 4)]).unwrap();
-        assert!(
-            said.contains("move by -0.98 times") && said.contains("4 of the 4"),
-            "{said}"
-        );
-        assert!(said.contains("check the sign"), "{said}");
-        let said = told(&[(Motion(47), 1), (Motion(50), 5), (Motion(100), 1)]).unwrap();
-        assert!(
-            said.contains("by 0.50") && said.contains("6 of the 7"),
-            "{said}"
-        );
-        assert!(
-            told(&[(InversePose, 3)])
-                .unwrap()
-                .contains("the inverse of the target's pose")
-        );
-        for proper in [
-            told(&[(Motion(50), 2), (Own, 6)]),
-            told(&[(Motion(50), 3), (Motion(100), 3)]),
-            told(&[(Motion(30), 2), (Motion(45), 2), (Motion(170), 2)]),
-            told(&[(Motion(100), 8)]),
-            told(&[(ShownTarget::SourceView, 6), (Motion(60), 2)]),
-            told(&[(Motion(70), 8)]),
+        for (found, parts) in [
+            (
+                vec![(Moved(-104), 2), (Moved(-98), 2)],
+                ["move by -0.98 times", "check the sign", "4 of the 4"],
+            ),
+            (
+                vec![(Moved(47), 1), (Moved(50), 5), (Moved(100), 1)],
+                ["by 0.50", "the unit", "6 of the 7"],
+            ),
+            (
+                vec![(InversePose, 3)],
+                ["show", "the inverse of the target's pose", "3 of the 3"],
+            ),
+            (
+                vec![(framed(801, 2), 2), (framed(795, -1), 3)],
+                ["show", "0.80 times its focal length (", "5 of the 5"],
+            ),
+            (
+                vec![(framed(1000, 12), 4)],
+                ["show", "shifted by (1.2 %, 0.0 %)", "4 of the 4"],
+            ),
         ] {
-            assert_eq!(proper, None);
+            let said = told_of(&found).unwrap();
+            assert!(parts.iter().all(|part| said.contains(part)), "{said}");
         }
+        for proper in [
+            vec![(Moved(50), 2)],
+            vec![(Moved(50), 3), (Moved(100), 3)],
+            vec![(Moved(30), 2), (Moved(45), 2), (Moved(170), 2)],
+            vec![(Moved(100), 8)],
+            vec![(Moved(70), 8)],
+            vec![(framed(800, 0), 3), (framed(900, 0), 3)],
+            vec![(framed(1000, 12), 3), (framed(1000, -12), 3)],
+            vec![(framed(800, 0), 3), (Moved(100), 3)],
+        ] {
+            assert_eq!(told_of(&proper), None);
+        }
+    }
+
+    #[test]
+    fn moving_pictures_are_not_the_sources_view() {
+        let told = |moving: usize| {
+            let records: Vec<Record> = (0..8)
+                .map(|k| Record {
+                    source: k.to_string(),
+                    shows: Some(if k < moving {
+                        ShownTarget::Own
+                    } else {
+                        ShownTarget::SourceView
+                    }),
+                    camera: (k < moving).then_some(ShownCamera::Moved(60)),
+                    ..record()
+                })
+                .collect();
+            misplaced_pictures(records.iter()).pop()
+        };
+        assert!(told(1).unwrap().contains("show the source's view"));
+        assert_eq!(told(2), None);
     }
 
     #[test]
@@ -428,7 +470,7 @@ mod tests {
             let records: Vec<Record> = (0..4)
                 .map(|k| Record {
                     source: of(k),
-                    shows: Some(ShownTarget::Motion(50)),
+                    camera: Some(ShownCamera::Moved(50)),
                     ..record()
                 })
                 .collect();
@@ -436,6 +478,24 @@ mod tests {
         };
         assert_eq!(told(|_| "a".to_owned()), Vec::<String>::new());
         assert!(told(|k| k.to_string())[0].contains("4 of the 4"));
+    }
+
+    /// A picture under another name also seems to have moved by some multiple, another one for each pair.
+    #[test]
+    fn other_targets_are_told_although_cameras_were_measured() {
+        let records: Vec<Record> = (0..8)
+            .map(|k| Record {
+                source: k.to_string(),
+                shows: Some(ShownTarget::Next),
+                camera: (k < 6).then_some(ShownCamera::Moved(-150 + 60 * k as i16)),
+                ..record()
+            })
+            .collect();
+        let said = misplaced_pictures(records.iter()).pop().unwrap();
+        assert!(
+            said.contains("the target of the pair after theirs"),
+            "{said}"
+        );
     }
 
     #[test]

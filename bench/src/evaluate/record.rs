@@ -7,7 +7,7 @@ use std::collections::BTreeMap;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::finding::{PictureChange, ShownTarget};
+use super::finding::{PictureChange, ShownCamera, ShownTarget};
 use crate::scoring::Region;
 
 /// Outcome of a unit.
@@ -107,6 +107,9 @@ pub struct Record {
     /// The target that the stored picture shows best, if it was compared with those of other pairs.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub shows: Option<ShownTarget>,
+    /// The camera that the stored picture shows, if it could be measured.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub camera: Option<ShownCamera>,
     /// A note on the rendering rule of the Gaussians, if it was stated neither by the file nor by
     /// the user.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -331,6 +334,7 @@ pub(super) mod tests {
             warnings: BTreeMap::new(),
             change: None,
             shows: None,
+            camera: None,
             rule_note: None,
         }
     }

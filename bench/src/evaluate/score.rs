@@ -282,6 +282,7 @@ pub(super) fn empty_record(pair: &Pair, cluster: &str, method: &str) -> Record {
         warnings: BTreeMap::new(),
         change: None,
         shows: None,
+        camera: None,
         rule_note: None,
     }
 }

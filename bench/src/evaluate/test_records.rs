@@ -53,6 +53,7 @@ pub(crate) fn record(dataset: &str, scene: usize, number: usize) -> Record {
         warnings: BTreeMap::new(),
         change: None,
         shows: None,
+        camera: None,
         rule_note: None,
     }
 }

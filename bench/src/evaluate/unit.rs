@@ -252,6 +252,7 @@ mod tests {
             warnings: BTreeMap::new(),
             change: None,
             shows: None,
+            camera: None,
             rule_note: None,
         };
         let score = StoredScore {

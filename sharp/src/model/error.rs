@@ -42,7 +42,9 @@ pub enum ModelError {
     #[error("{0}")]
     Image(String),
     /// The network's depth cannot be converted to Gaussians.
-    #[error("predicted depth: {0}")]
+    #[error(
+        "predicted depth: {0} (`sharp-bench weights check FILE` counts weights that are not finite)"
+    )]
     Depth(#[from] InitializerError),
     /// A weight is NaN or infinite, so that the prediction is unusable.
     #[error(

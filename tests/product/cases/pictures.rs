@@ -613,7 +613,16 @@ fn pictures_of_another_motion_are_told_and_poor_ones_are_not() {
         run(&format!("imported:dir={to}"), &format!("r-{to}"))
     };
     let moved = |factor: f64| move |from: f64, to: f64| view(from + factor * (to - from), plane);
-    let said = vec![stored("sign", &moved(-1.0)), stored("half", &moved(0.5))];
+    // A crop of four fifths, resized back.
+    let cropped = |_, to: f64| {
+        let part = image::imageops::crop_imm(&view(to, plane), 16, 12, 128, 96).to_image();
+        image::imageops::resize(&part, 160, 120, image::imageops::FilterType::CatmullRom)
+    };
+    let said = vec![
+        stored("sign", &moved(-1.0)),
+        stored("half", &moved(0.5)),
+        stored("cropped", &cropped),
+    ];
     for (name, proper) in [
         ("right", &moved(1.0) as &dyn Fn(f64, f64) -> RgbImage),
         ("near", &moved(0.8)),
@@ -625,7 +634,7 @@ fn pictures_of_another_motion_are_told_and_poor_ones_are_not() {
     ] {
         let said = stored(name, proper);
         assert!(
-            !said.err.contains("times the target's motion"),
+            !said.err.contains("its pictures move") && !said.err.contains("its pictures show"),
             "{name}: {}",
             said.err
         );
@@ -633,6 +642,42 @@ fn pictures_of_another_motion_are_told_and_poor_ones_are_not() {
     let all = Case { said, ..case };
     all.is_said_everywhere("r-sign", "move by -1.00 times the target's motion");
     all.is_said_everywhere("r-half", "move by 0.50 times the target's motion");
+    all.is_said_everywhere("r-cropped", "with 1.25 times its focal length");
+}
+
+#[test]
+fn values_of_14_bits_are_told_from_dark_pictures() {
+    let case = empty();
+    let check = |name: &str, level: &dyn Fn(u32, u32) -> u16| {
+        std::fs::create_dir(case.path(name)).unwrap();
+        let frames = (0..3).map(|k| {
+            let file = format!("{k}.png");
+            let picture =
+                image::ImageBuffer::from_fn(32, 24, |x, y| image::Rgb([level(x + k, y); 3]));
+            picture.save(case.path(&format!("{name}/{file}"))).unwrap();
+            let pose = [[1, 0, 0, k], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]];
+            serde_json::json!({"file_path": file, "transform_matrix": pose})
+        });
+        let transforms = serde_json::json!({
+            "fl_x": 30.0, "fl_y": 30.0, "cx": 16.0, "cy": 12.0, "w": 32, "h": 24, "frames": frames.collect::<Vec<_>>(),
+        });
+        std::fs::write(
+            case.path(&format!("{name}/transforms.json")),
+            transforms.to_string(),
+        )
+        .unwrap();
+        let said = case.run(&format!("sharp-bench datasets check nerfstudio={name}"));
+        both(&said).contains("as if 14-bit values had been stored unscaled")
+    };
+    let unscaled = |x: u32, y: u32| (x * 397 + y * 101) as u16;
+    assert!(check("unscaled", &unscaled));
+    // Night with a lamp.
+    assert!(!check("night", &|x, y| if (x, y) == (9, 9) {
+        48_000
+    } else {
+        unscaled(x, y)
+    }));
+    assert!(!check("bright", &|x, y| 4 * unscaled(x, y)));
 }
 
 #[test]

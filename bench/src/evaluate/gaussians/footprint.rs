@@ -54,6 +54,12 @@ pub(in crate::evaluate) fn missing_share(photograph: &RgbImage, alpha: &[f32]) -
     (missing >= LEAST_MISSING && detail > 0.0 && lost >= LEAST_DETAIL * detail).then_some(missing)
 }
 
+/// The share of pixels with this alpha that no Gaussian covers.
+pub(in crate::evaluate) fn hole_share(alpha: &[f32]) -> f64 {
+    let holes = alpha.iter().filter(|alpha| **alpha < HOLE_ALPHA).count();
+    holes as f64 / alpha.len().max(1) as f64
+}
+
 /// Number of 16 × 16 pixel tiles that the Gaussians' bounding boxes touch, counted once per
 /// Gaussian, and number of tiles in the picture. A box bounds the area in which a Gaussian can
 /// reach an alpha of 1/255, under the projection of SHARP's rule, in f64.
