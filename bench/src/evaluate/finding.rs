@@ -66,8 +66,12 @@ pub enum PictureChange {
     Stretched(i16),
     /// Three equal channels, although the photograph has colours.
     Grey,
+    /// Two equal channels, although the photograph's differ.
+    EqualChannels,
     /// Neighbouring pixels have nothing in common.
     Noise,
+    /// Blocks of equal pixels.
+    Blocks,
 }
 
 impl PictureChange {
@@ -154,6 +158,13 @@ impl PictureChange {
                 "have three equal channels, although the photographs have colours; if the method predicts colours, \
                  store them"
             }
+            Self::EqualChannels => {
+                "have two equal channels, although those of the photographs differ: was one stored in another's place?"
+            }
+            Self::Blocks => {
+                "consist of blocks of equal pixels, as if small pictures had been enlarged by repeating pixels; store \
+                 them at the size at which they were predicted, and see resize="
+            }
             Self::Noise => {
                 "are noise: neighbouring pixels have nothing in common (latents, unfinished sampling or bytes read as \
                  another type?)"
@@ -172,7 +183,9 @@ impl PictureChange {
                 | Self::Interlaced
                 | Self::Framed
                 | Self::Panels
+                | Self::EqualChannels
                 | Self::Noise
+                | Self::Blocks
         )
     }
 
@@ -187,7 +200,7 @@ impl PictureChange {
             self,
             Bgr | Grb | Rbg | Gbr | Brg | Luma | Hsv | Lab | Normalised | Negative
         );
-        is_moved || is_recoloured || matches!(self, Panels | Noise | Unscaled)
+        is_moved || is_recoloured || matches!(self, Panels | EqualChannels | Noise | Unscaled)
     }
 
     /// The change without its measured numbers.

@@ -13,8 +13,8 @@ use super::finding::PictureChange;
 use super::gaussians::likeness::Likeness;
 use super::picture_layout::layout_change;
 use super::picture_levels::{
-    from_hsv, from_lab, from_luma, is_grey, is_limited, is_noise, is_normalised_and_stretched,
-    is_uniform, is_unscaled, is_wrapped, normalised, stretching,
+    from_hsv, from_lab, from_luma, has_equal_channels, is_grey, is_limited, is_noise,
+    is_normalised_and_stretched, is_uniform, is_unscaled, is_wrapped, normalised, stretching,
 };
 use super::picture_placement::placement_change;
 use super::record::Record;
@@ -112,6 +112,9 @@ pub(crate) fn likely_change(photograph: &RgbImage, picture: &RgbImage) -> Option
     }
     if is_grey(&seen, picture) {
         return Some(PictureChange::Grey);
+    }
+    if has_equal_channels(&seen, picture) {
+        return Some(PictureChange::EqualChannels);
     }
     if is_noise(photograph, picture) {
         return Some(PictureChange::Noise);
@@ -373,6 +376,9 @@ mod tests {
             (PictureChange::Normalised, |p| mapped(p, normalised)),
             (PictureChange::Unscaled, |p| levels(p, |v| v / 255.0)),
             (PictureChange::Grey, grey),
+            (PictureChange::EqualChannels, |p| {
+                mapped(p, |[r, g, _]| [r, g, g])
+            }),
             (PictureChange::Noise, |p| {
                 RgbImage::from_fn(p.width(), p.height(), |x, y| {
                     let hash = (x * 7919 + y * 104_729).wrapping_mul(2_654_435_761);

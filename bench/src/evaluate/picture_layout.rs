@@ -20,6 +20,9 @@ const UNEVEN: u32 = 2;
 const LEAST_STEPS: f64 = 1.2;
 /// In other pictures, and among columns, they differ at most by this factor.
 const MOST_STEPS: f64 = 1.05;
+/// Share of the lines that repeat the line before in pictures enlarged by 1.3 to 16, and how many do in succession.
+const REPEATED: std::ops::RangeInclusive<f64> = 0.2..=0.95;
+const MOST_REPEATED: usize = 15;
 /// Maximum size of the central part in which steps are measured, pixels.
 const STEPS_WITHIN: u32 = 256;
 
@@ -49,7 +52,28 @@ pub(super) fn layout_change(photograph: &RgbImage, picture: &RgbImage) -> Option
     let is_interlaced = steps(picture, true) > LEAST_STEPS
         && steps(picture, false) < MOST_STEPS
         && steps(photograph, true) < MOST_STEPS;
-    is_interlaced.then_some(PictureChange::Interlaced)
+    if is_interlaced {
+        return Some(PictureChange::Interlaced);
+    }
+    let is_repeated = |of: &RgbImage, is_row| REPEATED.contains(&repeated(of, is_row));
+    let has_blocks = is_repeated(picture, true) && is_repeated(picture, false);
+    let is_change = has_blocks && [true, false].iter().any(|is| !is_repeated(photograph, *is));
+    is_change.then_some(PictureChange::Blocks)
+}
+
+/// The share of the lines that are equal to the line before them; 1 if many in succession are, as in plain areas.
+fn repeated(picture: &RgbImage, is_row: bool) -> f64 {
+    let (width, height) = picture.dimensions();
+    let all = if is_row { height } else { width };
+    let is_equal = |at: &u32| line(picture, is_row, *at).eq(line(picture, is_row, at - 1));
+    let equal: Vec<bool> = (1..all).map(|at| is_equal(&at)).collect();
+    if equal
+        .chunk_by(|a, b| a == b)
+        .any(|run| run[0] && run.len() > MOST_REPEATED)
+    {
+        return 1.0;
+    }
+    equal.iter().filter(|is| **is).count() as f64 / equal.len().max(1) as f64
 }
 
 /// The thickness of a strip along the first or last row, thousandths of the height. Columns are no evidence, because a
@@ -250,6 +274,24 @@ mod tests {
             told(|x, _| colour(x >= 114, 255)),
         ] {
             assert_eq!(proper, None);
+        }
+    }
+
+    #[test]
+    fn pictures_enlarged_by_repeating_pixels_are_told() {
+        use image::imageops::{FilterType, resize};
+        for size in [(30, 22), (45, 40), (80, 60)] {
+            let small = resize(&photograph(1), size.0, size.1, FilterType::Triangle);
+            let again = |filter| resize(&small, 120, 90, filter);
+            let told = |shown: &RgbImage| layout_change(&photograph(0), shown);
+            assert_eq!(
+                told(&again(FilterType::Nearest)),
+                Some(PictureChange::Blocks)
+            );
+            assert_eq!(told(&again(FilterType::Triangle)), None);
+            // The photograph was enlarged, too.
+            let blocks = again(FilterType::Nearest);
+            assert_eq!(layout_change(&blocks, &blocks), None);
         }
     }
 

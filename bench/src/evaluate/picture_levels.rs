@@ -1,8 +1,8 @@
 //! Detects pictures whose levels were converted wrongly, by what the conversion leaves: the ends of the range, colours
 //! that only an overflow makes, or the levels of a normalised photograph.
 
-use image::RgbImage;
 use image::imageops::thumbnail;
+use image::{Rgb, RgbImage};
 use sharp::color::{Quantization, quantize, srgb_from_linear};
 
 /// The limited range of video, and how far its measured ends may be off, levels.
@@ -150,6 +150,16 @@ pub(super) fn is_grey(seen: &RgbImage, picture: &RgbImage) -> bool {
     colours >= LEAST_COLOUR * seen.pixels().len()
         && picture.pixels().all(|pixel| range(pixel.0) == 0)
         && !is_uniform(picture)
+}
+
+/// Whether two of a picture's channels are equal, and those of the photograph clearly differ.
+pub(super) fn has_equal_channels(seen: &RgbImage, picture: &RgbImage) -> bool {
+    let is_any = [(0, 1), (1, 2), (0, 2)].into_iter().any(|(a, b)| {
+        let off = |pixel: &Rgb<u8>| usize::from(pixel.0[a].abs_diff(pixel.0[b]));
+        picture.pixels().all(|pixel| off(pixel) == 0)
+            && seen.pixels().map(off).sum::<usize>() >= LEAST_COLOUR * seen.pixels().len()
+    });
+    is_any && !is_uniform(picture)
 }
 
 /// Whether a picture has one colour.

@@ -13,8 +13,8 @@ use super::method::{
 };
 use super::privilege::{Privilege, TrueDepth};
 use super::spec::{MethodSpec, SpecError};
-use crate::io::checkpoint::named_network;
 use crate::io::checkpoint::record::{RecordError, compare_or_record, record_file};
+use crate::io::checkpoint::{RELEASE_ADDRESS, RELEASE_FILE, named_network};
 use crate::io::fingerprints;
 use crate::io::hash::{FileStamp, HashedFile};
 
@@ -68,11 +68,12 @@ impl Sharp {
         let sharp = Self::new(&spec.label, network, depth).map_err(|error| refused(&error))?;
         // An official checkpoint that was found rather than named must be the one used before. An
         // unwritable cache is not an error.
-        if let (None, Some(record)) = (checkpoint, record_file()) {
+        if let (None, Some(record)) = (checkpoint, record_file(RELEASE_FILE)) {
             let Self {
                 network, identity, ..
             } = &sharp;
-            match compare_or_record(&network.checkpoint, &identity.checkpoint_sha256, &record) {
+            let sha256 = &identity.checkpoint_sha256;
+            match compare_or_record(&network.checkpoint, RELEASE_ADDRESS, sha256, &record) {
                 Ok(_) | Err(RecordError::File(_)) => {}
                 Err(error) => return Err(refused(&error)),
             }

@@ -84,8 +84,8 @@ pub fn train(request: TrainRequest<'_>, observer: &dyn Observer) -> Result<Train
     if is_vgg && weight > VGG_WEIGHT_AT_MOST {
         observer.warn(&format!(
             "`losses.percep` is {weight}, a weight for the paper's network \
-             (`loss_options.percep.resnet50dilated`); with VGG16, its values are about a hundred \
-             times as large and need a weight near 0.01"
+             (`loss_options.percep.resnet50dilated`, which `weights fetch resnet50dilated` gets); with VGG16, its \
+             values are about a hundred times as large and need a weight near 0.01"
         ));
     }
     // The saved configuration names the bundled network, because the path of its file depends on where the program is

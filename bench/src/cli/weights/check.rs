@@ -11,7 +11,7 @@ use sharp_checkpoint::Checkpoint;
 use super::load_config;
 use crate::cli::{Outcome, output};
 use crate::io::checkpoint::record::{compare_or_record, record_file};
-use crate::io::checkpoint::{RELEASE_FILE, named_network};
+use crate::io::checkpoint::{RELEASE_ADDRESS, RELEASE_FILE, named_network};
 
 #[derive(Debug, Default, Serialize)]
 struct Module {
@@ -106,8 +106,10 @@ pub(super) fn execute(
 /// Compares the official checkpoint with its record; `None` for other files.
 fn standing(file: &Path, sha256: &str) -> anyhow::Result<Option<String>> {
     let official = file.file_name().is_some_and(|name| name == RELEASE_FILE);
-    match record_file().filter(|_| official) {
-        Some(record) => Ok(Some(compare_or_record(file, sha256, &record)?.to_string())),
+    match record_file(RELEASE_FILE).filter(|_| official) {
+        Some(record) => Ok(Some(
+            compare_or_record(file, RELEASE_ADDRESS, sha256, &record)?.to_string(),
+        )),
         None => Ok(None),
     }
 }

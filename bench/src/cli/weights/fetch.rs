@@ -12,18 +12,17 @@ use sharp_metrics::{Backbone, Weights};
 use crate::cli::output::Terminal;
 use crate::cli::{Outcome, output};
 use crate::io::checkpoint::fetch::fetch;
-use crate::io::checkpoint::find_checkpoint;
 use crate::io::checkpoint::record::{Standing, compare_or_record, record_file};
-use crate::io::checkpoint::release::{
-    LICENCE_ADDRESS, LICENCE_NAME, RELEASE_ADDRESS, RELEASE_FILE, Release, licence_text,
-};
+use crate::io::checkpoint::release::{Contents, Release, licence_text};
+use crate::io::checkpoint::{find_checkpoint, find_resnet};
 use crate::io::hash::file_sha256;
 use crate::io::observer::Observer;
 
 /// Names to fetch, and accepted terms.
 #[derive(Debug, Args)]
 pub(super) struct FetchArgs {
-    /// `metrics` for all missing backbones; alexnet, vgg16, squeezenet1_1; `sharp` for the official checkpoint
+    /// `metrics` for all missing backbones; alexnet, vgg16, squeezenet1_1; `sharp` for the official checkpoint;
+    /// resnet50dilated, for the training's perceptual loss
     #[arg(required = true, value_name = "NAME")]
     names: Vec<String>,
     /// Only report whether the named weights are present
@@ -39,7 +38,7 @@ pub(super) struct FetchArgs {
 }
 
 pub(super) fn execute(args: &FetchArgs) -> anyhow::Result<Outcome> {
-    let (backbones, sharp) = wanted(&args.names)?;
+    let (backbones, releases) = wanted(&args.names)?;
     let Some(cache) = cache_folder() else {
         bail!("no cache folder: set HOME or SHARP_BENCH_WEIGHTS");
     };
@@ -47,8 +46,8 @@ pub(super) fn execute(args: &FetchArgs) -> anyhow::Result<Outcome> {
     for backbone in backbones {
         results.push(backbone_features(args, backbone, &cache)?);
     }
-    if sharp {
-        results.push(checkpoint(args, &cache)?);
+    for release in releases {
+        results.push(published(args, &release, &cache)?);
     }
     if args.json {
         output::json(&results)?;
@@ -56,21 +55,24 @@ pub(super) fn execute(args: &FetchArgs) -> anyhow::Result<Outcome> {
     Ok(Outcome::Done)
 }
 
-/// The backbones in a list of names, each once, and whether it includes SHARP's checkpoint.
-fn wanted(names: &[String]) -> anyhow::Result<(BTreeSet<Backbone>, bool)> {
-    let (mut backbones, mut sharp) = (BTreeSet::new(), false);
+/// The backbones and other releases in a list of names, each once.
+fn wanted(names: &[String]) -> anyhow::Result<(BTreeSet<Backbone>, Vec<Release>)> {
+    let mut backbones = BTreeSet::new();
+    let mut releases = vec![Release::official(), Release::resnet50dilated()];
+    releases.retain(|release| names.iter().any(|name| name == release.name));
     for name in names {
         match name.as_str() {
             "metrics" => backbones.extend(Backbone::ALL),
-            "sharp" => sharp = true,
+            name if releases.iter().any(|release| release.name == name) => {}
             name => {
-                let hint = "`metrics` means all missing backbones, `sharp` the official checkpoint";
+                let hint = "`metrics` means all missing backbones, `sharp` the official checkpoint, `resnet50dilated` \
+                            the network of the training's perceptual loss";
                 let known = name.parse().map_err(|error| anyhow!("{error}; {hint}"));
                 backbones.insert(known?);
             }
         }
     }
-    Ok((backbones, sharp))
+    Ok((backbones, releases))
 }
 
 /// Downloads a backbone's features into the cache; if they are already present, only if the
@@ -102,57 +104,78 @@ fn backbone_features(args: &FetchArgs, backbone: Backbone, cache: &Path) -> anyh
     Ok(json!({ "name": backbone.name(), "file": file }))
 }
 
-/// Finds or fetches the official checkpoint and compares it with its record.
-fn checkpoint(args: &FetchArgs, cache: &Path) -> anyhow::Result<Value> {
-    let (file, standing) = match find_checkpoint() {
-        Ok(file) => {
+/// Finds or fetches a release and compares it with its record.
+fn published(args: &FetchArgs, release: &Release, cache: &Path) -> anyhow::Result<Value> {
+    let is_sharp = matches!(release.contents, Contents::Sharp(_));
+    let found = match is_sharp {
+        true => find_checkpoint().ok(),
+        false => find_resnet(),
+    };
+    let (file, standing) = match found {
+        Some(file) => {
             let sha256 = file_sha256(&file)?;
-            let record =
-                record_file().unwrap_or_else(|| cache.join(format!("{RELEASE_FILE}.json")));
-            let standing = compare_or_record(&file, &sha256, &record)?;
+            let own = || cache.join(format!("{}.json", release.file));
+            let record = record_file(release.file).unwrap_or_else(own);
+            let standing = compare_or_record(&file, release.published, &sha256, &record)?;
             (file, standing)
         }
-        Err(_) => transfer(args, cache)?,
+        None => transfer(args, release, cache)?,
     };
     if !args.json {
         output::line(format!(
             "{:<14} {}\n{:<14} {standing}",
-            "sharp",
+            release.name,
             file.display(),
             ""
         ))?;
     }
+    let (licence, address) = release.licence();
     Ok(json!({
-        "name": "sharp",
+        "name": release.name,
         "file": file.display().to_string(),
         "verified": matches!(standing, Standing::Matches(_)),
         "record": standing.to_string(),
-        "licence": LICENCE_NAME,
-        "licence_address": LICENCE_ADDRESS,
+        "licence": licence,
+        "licence_address": address,
     }))
 }
 
-/// Shows the licence and, if accepted, downloads the checkpoint.
-fn transfer(args: &FetchArgs, cache: &Path) -> anyhow::Result<(std::path::PathBuf, Standing)> {
-    output::remark(licence_text());
+/// Downloads a release; SHARP's only after its licence was shown and accepted.
+fn transfer(
+    args: &FetchArgs,
+    release: &Release,
+    cache: &Path,
+) -> anyhow::Result<(std::path::PathBuf, Standing)> {
+    let is_sharp = matches!(release.contents, Contents::Sharp(_));
+    let option = match is_sharp {
+        true => "--checkpoint FILE",
+        false => "`loss_options.percep.resnet50dilated` of the training's configuration",
+    };
     let by_hand = format!(
-        "download {RELEASE_ADDRESS} yourself and save it as {}, or give it with --checkpoint FILE",
-        cache.join(RELEASE_FILE).display()
+        "download {} yourself and save it as {}, or give it with {option}",
+        release.published,
+        cache.join(release.file).display()
     );
-    if args.offline {
-        bail!("the checkpoint is missing, and --offline forbids fetching it; {by_hand}");
+    if is_sharp {
+        output::remark(licence_text());
     }
-    if !args.accept_licence {
+    if args.offline {
+        bail!(
+            "{} is missing, and --offline forbids fetching it; {by_hand}",
+            release.name
+        );
+    }
+    if is_sharp && !args.accept_licence {
         bail!(
             "nothing was fetched: read the licence above and accept it with --accept-licence; or \
              {by_hand}"
         );
     }
     let terminal = Terminal::default();
-    let found = fetch(&Release::official(), cache, |at| {
-        terminal.advance("sharp", "bytes", at.done, at.total);
+    let found = fetch(release, cache, |at| {
+        terminal.advance(release.name, "bytes", at.done, at.total);
     })
-    .with_context(|| format!("the checkpoint was not fetched; {by_hand}"))?;
+    .with_context(|| format!("{} was not fetched; {by_hand}", release.name))?;
     terminal.end();
     Ok(found)
 }
@@ -167,10 +190,23 @@ mod tests {
             let names: Vec<String> = names.iter().map(ToString::to_string).collect();
             wanted(&names)
         };
-        let (backbones, sharp) = of(&["vgg16", "metrics", "sharp", "sharp"]).unwrap();
+        let named = |names: &[&str]| {
+            let (backbones, releases) = of(names).unwrap();
+            (
+                backbones,
+                releases
+                    .iter()
+                    .map(|release| release.name)
+                    .collect::<Vec<_>>(),
+            )
+        };
+        let (backbones, releases) = named(&["vgg16", "metrics", "sharp", "sharp"]);
         assert!(backbones.into_iter().eq(Backbone::ALL));
-        assert!(sharp);
-        assert!(!of(&["alexnet"]).unwrap().1);
+        assert_eq!(releases, ["sharp"]);
+        assert_eq!(
+            named(&["resnet50dilated", "alexnet"]).1,
+            ["resnet50dilated"]
+        );
         let error = of(&["vgg19"]).unwrap_err().to_string();
         assert!(
             error.contains("vgg19") && error.contains("`sharp`"),

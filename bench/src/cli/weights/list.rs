@@ -9,8 +9,8 @@ use sharp_metrics::{Backbone, Weights};
 
 use crate::cli::{Outcome, output};
 use crate::io::checkpoint::record::{self, record_file};
-use crate::io::checkpoint::release::{LICENCE_ADDRESS, LICENCE_NAME, RELEASE_ADDRESS};
-use crate::io::checkpoint::{bundled_weights, find_checkpoint};
+use crate::io::checkpoint::release::Release;
+use crate::io::checkpoint::{bundled_weights, find_checkpoint, find_resnet};
 
 pub(super) fn execute(json: bool) -> anyhow::Result<Outcome> {
     let weights = Weights::at_hand();
@@ -41,9 +41,6 @@ pub(super) fn execute(json: bool) -> anyhow::Result<Outcome> {
             "file": kept,
         }));
     }
-    let sharp = shown(find_checkpoint().ok());
-    let recorded = record_file().map(|file| record::read(&file)).transpose()?;
-    let recorded = recorded.flatten();
     let mini = shown(bundled_weights().ok());
     let description = bundled::description()?;
     if json {
@@ -54,20 +51,7 @@ pub(super) fn execute(json: bool) -> anyhow::Result<Outcome> {
             "licence": "MIT or Apache-2.0",
             "file": mini,
         }));
-        entries.push(json!({
-            "name": "sharp",
-            "address": RELEASE_ADDRESS,
-            "licence": LICENCE_NAME,
-            "licence_address": LICENCE_ADDRESS,
-            "recorded": recorded,
-            "file": sharp,
-        }));
-        output::json(&entries)?;
     } else {
-        let known = recorded.map_or_else(
-            || "no hash is published: unverified until its first use".to_owned(),
-            |record| format!("sha256 {} recorded on {}", record.sha256, record.recorded),
-        );
         output::line(format!(
             "{:<14} {:>13}  {description}  {}\n{:<14} sha256 {:.8}…, licence MIT or Apache-2.0",
             bundled::NAME,
@@ -76,13 +60,44 @@ pub(super) fn execute(json: bool) -> anyhow::Result<Outcome> {
             "",
             bundled::weights_sha256(),
         ))?;
-        output::line(format!(
-            "{:<14} {:>13}  {RELEASE_ADDRESS}  {}\n{:<14} {known}, licence {LICENCE_NAME} (research only)",
-            "sharp",
+    }
+    for (release, size, note, file) in [
+        (
+            Release::official(),
             "2.8 GB",
-            sharp.as_deref().unwrap_or("missing"),
-            "",
-        ))?;
+            " (research only)",
+            find_checkpoint().ok(),
+        ),
+        (Release::resnet50dilated(), "95 MB", "", find_resnet()),
+    ] {
+        let file = shown(file);
+        let recorded = record_file(release.file).map(|file| record::read(&file));
+        let recorded = recorded.transpose()?.flatten();
+        let (licence, address) = release.licence();
+        if !json {
+            let known = recorded.as_ref().map_or_else(
+                || "no hash is published: unverified until its first use".to_owned(),
+                |record| format!("sha256 {} recorded on {}", record.sha256, record.recorded),
+            );
+            output::line(format!(
+                "{:<14} {size:>13}  {}  {}\n{:<14} {known}, licence {licence}{note}",
+                release.name,
+                release.published,
+                file.as_deref().unwrap_or("missing"),
+                "",
+            ))?;
+        }
+        entries.push(json!({
+            "name": release.name,
+            "address": release.published,
+            "licence": licence,
+            "licence_address": address,
+            "recorded": recorded,
+            "file": file,
+        }));
+    }
+    if json {
+        output::json(&entries)?;
     }
     Ok(Outcome::Done)
 }

@@ -1,13 +1,11 @@
-//! Downloads the official checkpoint.
+//! Downloads published networks.
 
 use std::path::{Path, PathBuf};
 
-use sharp::model::ModelError;
-use sharp::model::inventory::CheckpointSource;
 use sharp_checkpoint::download::{Download, DownloadError, Progress, remove};
 
 use super::record::{RecordError, Standing, compare_or_record};
-use super::release::{RELEASE_FILE, Release};
+use super::release::Release;
 use crate::io::atomic_files::FileError;
 use crate::io::hash::file_sha256;
 
@@ -15,16 +13,16 @@ use crate::io::hash::file_sha256;
 pub enum CheckpointFetchError {
     #[error(transparent)]
     Download(#[from] DownloadError),
-    #[error("the file from {address} is not SHARP's checkpoint and was deleted: {source}")]
-    NotTheNetwork { address: String, source: ModelError },
+    #[error("the file from {address} was deleted: {reason}")]
+    NotTheNetwork { address: String, reason: String },
     #[error(transparent)]
     Record(#[from] RecordError),
     #[error(transparent)]
     File(#[from] FileError),
 }
 
-/// Downloads a checkpoint into a cache folder. The caller must have shown the licence and had it
-/// accepted.
+/// Downloads a release into a cache folder. The caller must have shown its licence and had it accepted, if it demands
+/// that.
 ///
 /// Resumes an interrupted transfer, even one of an earlier call. The file gets its final name only
 /// if its size is possible for the network, it has all of the network's tensors, and it equals the
@@ -35,7 +33,7 @@ pub fn fetch(
     progress: impl FnMut(Progress),
 ) -> Result<(PathBuf, Standing), CheckpointFetchError> {
     std::fs::create_dir_all(cache).map_err(FileError::new(cache, "create"))?;
-    let part = cache.join(format!("{RELEASE_FILE}.part"));
+    let part = cache.join(format!("{}.part", release.file));
     let (least, most) = (release.sizes.start(), release.sizes.end());
     let download = Download {
         address: release.address.clone(),
@@ -43,18 +41,17 @@ pub fn fetch(
         size_text: format!("{least} to {most} bytes, by the network's number of parameters"),
     };
     download.fetch(&part, progress)?;
-    let complete =
-        CheckpointSource::open(&part).and_then(|source| source.check(&release.config, &[]));
-    if let Err(source) = complete {
+    if let Err(reason) = release.check(&part) {
         remove(&part)?;
         return Err(CheckpointFetchError::NotTheNetwork {
             address: release.address.clone(),
-            source,
+            reason,
         });
     }
     let sha256 = file_sha256(&part)?;
-    let standing = compare_or_record(&part, &sha256, &cache.join(format!("{RELEASE_FILE}.json")))?;
-    let kept = cache.join(RELEASE_FILE);
+    let record = cache.join(format!("{}.json", release.file));
+    let standing = compare_or_record(&part, release.published, &sha256, &record)?;
+    let kept = cache.join(release.file);
     std::fs::rename(&part, &kept).map_err(FileError::new(&kept, "write"))?;
     Ok((kept, standing))
 }
@@ -63,6 +60,8 @@ pub fn fetch(
 mod tests {
     use super::*;
     use sharp::model::ModelConfig;
+
+    use super::super::release::{Contents, RELEASE_FILE};
     use sharp_tests::unreliable_server::{Answer, Server};
     use tempfile::TempDir;
 
@@ -87,8 +86,9 @@ mod tests {
         let server = Server::start(bytes, "v1", answers);
         let release = Release {
             address: server.address(),
-            config,
+            contents: Contents::Sharp(config),
             sizes: size - 1000..=size + 1000,
+            ..Release::official()
         };
         (fetch(&release, cache, |_| {}), server.starts())
     }
@@ -152,6 +152,24 @@ mod tests {
             );
             assert!(names(&cache).is_empty(), "{:?}", names(&cache));
         }
+    }
+
+    #[test]
+    fn the_encoder_of_the_perceptual_loss_is_checked_by_its_tensors() {
+        let cache = tempfile::tempdir().unwrap();
+        let bytes = std::fs::read(golden("tiny_model.pt")).unwrap();
+        let size = bytes.len() as u64;
+        let server = Server::start(bytes, "v1", vec![Answer::Whole]);
+        let release = Release {
+            address: server.address(),
+            sizes: size..=size,
+            ..Release::resnet50dilated()
+        };
+        let error = fetch(&release, cache.path(), |_| {})
+            .unwrap_err()
+            .to_string();
+        assert!(error.contains("not the encoder resnet50dilated"), "{error}");
+        assert!(names(&cache).is_empty());
     }
 
     #[test]

@@ -1,4 +1,4 @@
-//! SHARP's official checkpoint (facts, location, integrity), and networks by name.
+//! SHARP's official checkpoint and other published networks (facts, location, integrity), and networks by name.
 //!
 //! * [`release`]: name, address and licence.
 //! * [`record`]: size and SHA-256, recorded at the first use.
@@ -40,6 +40,17 @@ pub const DEPTH_PRO_FILE: &str = "depth_pro.pt";
 /// Depth Pro's checkpoint in torch's hub folder or in our cache; `None` if it is in neither.
 pub fn find_depth_pro() -> Option<PathBuf> {
     first_file(places_of(DEPTH_PRO_FILE)).ok()
+}
+
+/// The encoder of the paper's perceptual loss in our cache; `None` if it is not there.
+pub fn find_resnet() -> Option<PathBuf> {
+    first_file(
+        cache_folder()
+            .into_iter()
+            .map(|folder| folder.join(release::RESNET_FILE))
+            .collect(),
+    )
+    .ok()
 }
 
 fn places_of(name: &str) -> Vec<PathBuf> {

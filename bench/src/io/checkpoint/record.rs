@@ -1,7 +1,7 @@
-//! Size and SHA-256 of the official checkpoint, recorded at its first use.
+//! Size and SHA-256 of a release, recorded at its first use.
 //!
-//! Apple publishes no hash, so the first file used is trusted and recorded, and later files must be identical. The
-//! record is in our cache folder, wherever the checkpoint is.
+//! No hash is published, so the first file used is trusted and recorded, and later files must be identical. The
+//! record is in our cache folder, wherever the file is.
 
 use std::path::{Path, PathBuf};
 use std::time::SystemTime;
@@ -9,7 +9,6 @@ use std::time::SystemTime;
 use serde::{Deserialize, Serialize};
 use sharp_metrics::weights::cache_folder;
 
-use super::release::{RELEASE_ADDRESS, RELEASE_FILE};
 use crate::io::atomic_files::{FileError, write_json};
 use crate::io::calendar::day;
 
@@ -63,9 +62,9 @@ pub enum RecordError {
     },
 }
 
-/// Path of the record; `None` if there is no cache folder.
-pub fn record_file() -> Option<PathBuf> {
-    Some(cache_folder()?.join(format!("{RELEASE_FILE}.json")))
+/// Path of the record of a release's file; `None` if there is no cache folder.
+pub fn record_file(file: &str) -> Option<PathBuf> {
+    Some(cache_folder()?.join(format!("{file}.json")))
 }
 
 /// The record; `None` if there is none.
@@ -84,18 +83,19 @@ pub fn read(file: &Path) -> Result<Option<CheckpointRecord>, RecordError> {
     }
 }
 
-/// Compares a checkpoint of known SHA-256 with the record in `file`, or creates the record.
+/// Compares a checkpoint of known SHA-256, published at `address`, with the record in `file`, or creates the record.
 ///
 /// # Errors
 /// [`RecordError`] if the checkpoint differs from the record, or the record cannot be read or written.
 pub fn compare_or_record(
     checkpoint: &Path,
+    address: &str,
     sha256: &str,
     file: &Path,
 ) -> Result<Standing, RecordError> {
     let metadata = std::fs::metadata(checkpoint).map_err(FileError::new(checkpoint, "read"))?;
     let found = CheckpointRecord {
-        address: RELEASE_ADDRESS.to_owned(),
+        address: address.to_owned(),
         bytes: metadata.len(),
         sha256: sha256.to_owned(),
         recorded: day(SystemTime::now()),
@@ -128,24 +128,24 @@ mod tests {
         let (checkpoint, file) = (dir.path().join("w.pt"), dir.path().join("cache/w.json"));
         std::fs::write(&checkpoint, b"12345").unwrap();
         assert_eq!(read(&file).unwrap(), None);
-        let first = compare_or_record(&checkpoint, "aa", &file).unwrap();
+        let first = compare_or_record(&checkpoint, "http://a", "aa", &file).unwrap();
         assert_eq!(first, Standing::Unverified(file.clone()));
         assert!(first.to_string().starts_with("unverified"));
         let record = read(&file).unwrap().unwrap();
         assert_eq!((record.bytes, record.sha256.as_str()), (5, "aa"));
-        let again = compare_or_record(&checkpoint, "aa", &file).unwrap();
+        let again = compare_or_record(&checkpoint, "http://a", "aa", &file).unwrap();
         assert_eq!(
             again.to_string(),
             format!("matches the one recorded on {}", record.recorded)
         );
         for (content, hash) in [(&b"12345"[..], "bb"), (b"1234", "aa")] {
             std::fs::write(&checkpoint, content).unwrap();
-            let error = compare_or_record(&checkpoint, hash, &file).unwrap_err();
+            let error = compare_or_record(&checkpoint, "http://a", hash, &file).unwrap_err();
             let text = error.to_string();
             assert!(text.contains("w.pt") && text.contains("w.json"), "{text}");
         }
         std::fs::write(&file, b"{}").unwrap();
-        let error = compare_or_record(&checkpoint, "aa", &file).unwrap_err();
+        let error = compare_or_record(&checkpoint, "http://a", "aa", &file).unwrap_err();
         assert!(error.to_string().contains("not a record"), "{error}");
     }
 }

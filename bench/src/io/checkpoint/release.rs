@@ -1,9 +1,13 @@
-//! Facts about the official checkpoint that are known without its file.
+//! Facts about published networks that are known without their files: SHARP's checkpoint, and the encoder of the
+//! perceptual loss.
 
 use std::ops::RangeInclusive;
+use std::path::Path;
 
-use sharp::model::ModelConfig;
+use sharp::model::inventory::CheckpointSource;
+use sharp::model::{Algorithm, Compute, ModelConfig};
 use sharp_metrics::weights::mirrored;
+use sharp_train::losses::{Perceptual, PerceptualOptions};
 
 pub const RELEASE_FILE: &str = "sharp_2572gikvuh.pt";
 
@@ -25,28 +29,104 @@ pub fn licence_text() -> String {
     )
 }
 
+/// LaMa's encoder, as its authors (CSAIL's semantic-segmentation-pytorch, BSD 3-clause) publish it.
+pub const RESNET_ADDRESS: &str = "http://sceneparsing.csail.mit.edu/model/pytorch/ade20k-resnet50dilated-ppm_deepsup/\
+                                  encoder_epoch_20.pth";
+
+/// Its name in our cache; the published one says nothing.
+pub const RESNET_FILE: &str = "resnet50dilated.pth";
+
+/// A published file without a published hash.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Release {
+    /// Its name for `weights fetch`.
+    pub name: &'static str,
+    /// File name in our cache.
+    pub file: &'static str,
+    pub published: &'static str,
+    /// Where it is fetched from.
     pub address: String,
-    pub config: ModelConfig,
+    pub contents: Contents,
     /// Plausible file sizes, bytes.
     pub sizes: RangeInclusive<u64>,
+}
+
+/// The network that a file must hold.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Contents {
+    Sharp(ModelConfig),
+    ResNet50Dilated,
 }
 
 /// Number of f32 values in the release's state dict.
 const PARAMETERS: u64 = 702_305_169;
 
-/// Upper bound on the size of the names, shapes and alignment of a thousand tensors, bytes.
+/// Those of the encoder: ResNet-50's without its classifier, with three 3×3 convolutions in place of the first one.
+const RESNET_PARAMETERS: u64 = 23_631_808;
+
+/// Upper bound on the size of the names, shapes and alignment of a thousand tensors, and of the statistics of a
+/// normalisation, bytes.
 const OVERHEAD: u64 = 16 << 20;
 
+/// Sizes of a file of that many parameters in f32.
+fn sizes(parameters: u64) -> RangeInclusive<u64> {
+    4 * parameters..=4 * parameters + OVERHEAD
+}
+
 impl Release {
-    /// The official release. Neither size nor hash of the file is published; the size follows from the number of
+    /// SHARP's official release. Neither size nor hash of the file is published; the size follows from the number of
     /// parameters, except for the table of contents.
     pub fn official() -> Self {
         Self {
+            name: "sharp",
+            file: RELEASE_FILE,
+            published: RELEASE_ADDRESS,
             address: mirrored(RELEASE_ADDRESS),
-            config: ModelConfig::release(),
-            sizes: 4 * PARAMETERS..=4 * PARAMETERS + OVERHEAD,
+            contents: Contents::Sharp(ModelConfig::release()),
+            sizes: sizes(PARAMETERS),
+        }
+    }
+
+    /// The network of the paper's perceptual loss.
+    pub fn resnet50dilated() -> Self {
+        Self {
+            name: "resnet50dilated",
+            file: RESNET_FILE,
+            published: RESNET_ADDRESS,
+            address: mirrored(RESNET_ADDRESS),
+            contents: Contents::ResNet50Dilated,
+            sizes: sizes(RESNET_PARAMETERS),
+        }
+    }
+
+    /// Name and address of its licence.
+    pub fn licence(&self) -> (&'static str, &'static str) {
+        match self.contents {
+            Contents::Sharp(_) => (LICENCE_NAME, LICENCE_ADDRESS),
+            Contents::ResNet50Dilated => (
+                "BSD 3-clause",
+                "https://github.com/CSAILVision/semantic-segmentation-pytorch/blob/master/LICENSE",
+            ),
+        }
+    }
+
+    /// Checks that a file holds the network.
+    ///
+    /// # Errors
+    /// What is wrong with it.
+    pub(super) fn check(&self, file: &Path) -> Result<(), String> {
+        match &self.contents {
+            Contents::Sharp(config) => CheckpointSource::open(file)
+                .and_then(|source| source.check(config, &[]))
+                .map_err(|error| format!("not SHARP's checkpoint: {error}")),
+            Contents::ResNet50Dilated => {
+                let options = PerceptualOptions {
+                    resnet50dilated: Some(file.to_owned()),
+                    ..PerceptualOptions::default()
+                };
+                let network = Perceptual::new(options, Compute::cpu(Algorithm::Winograd));
+                network.map(|_| ()).map_err(|error| error.to_string())
+            }
         }
     }
 }
@@ -60,7 +140,7 @@ mod tests {
     #[test]
     fn the_size_is_that_of_the_releases_parameters() {
         let release = Release::official();
-        let parameters = inventory(&release.config).unwrap();
+        let parameters = inventory(&ModelConfig::release()).unwrap();
         let count: usize = parameters.iter().map(Parameter::len).sum();
         assert_eq!(count as u64, PARAMETERS);
         assert!(release.address.ends_with(RELEASE_FILE));

@@ -73,6 +73,8 @@ pub(super) struct NamedPair {
     pub(super) scene: Option<String>,
     pub(super) source: FrameName,
     pub(super) target: FrameName,
+    /// The last position that the entry names, used or not.
+    pub(super) last: Option<FrameName>,
 }
 
 impl<'de> Deserialize<'de> for Index {
@@ -204,6 +206,9 @@ impl Entry {
                 (Context::First, &self.targets[slot as usize..][..1])
             }
         };
+        // A position beyond the scene also shows that the others count from 1.
+        let last = self.inputs.iter().chain(targets).max().cloned();
+        let last = last.filter(|_| matches!(form, ListForm::Index | ListForm::Seva));
         let pair = |target: &FrameName| {
             let source = source(&self.inputs, target, rule).ok_or_else(|| {
                 let scene = self.scene.as_ref();
@@ -215,6 +220,7 @@ impl Entry {
                 scene: self.scene.clone(),
                 source: source.clone(),
                 target: target.clone(),
+                last: last.clone(),
             })
         };
         targets.iter().map(pair).collect()

@@ -205,6 +205,7 @@ impl ForeignList {
                 let found = found(scene, frame);
                 found.map_err(|reason| wrong(pair.line, format!("scene '{}': {reason}", scene.id)))
             };
+            pair.last.as_ref().map(place).transpose()?;
             let (source, target) = (place(&pair.source)?, place(&pair.target)?);
             let (s, t) = (&scene.views[source], &scene.views[target]);
             let named = (scene.dataset.as_str(), scene.id.as_str());
@@ -244,7 +245,7 @@ fn found(scene: &Scene, frame: &FrameName) -> Result<usize, String> {
     match frame {
         FrameName::Position(at) => match (*at as usize) < count {
             true => Ok(*at as usize),
-            false => Err(format!("position {at} of {count} views")),
+            false => Err(format!("position {at} of {count} views, counted from 0")),
         },
         FrameName::Name(name) => {
             let stem = name

@@ -144,6 +144,11 @@ fn lists_become_pairs_of_the_dataset() {
             r#"{"b": {"context": [4], "target": [1]}}"#,
             "none of its scenes",
         ),
+        // Only the second context shows that the list counts from 1.
+        (
+            r#"{"apple": {"context": [1, 6], "target": [2]}}"#,
+            "position 6 of 6 views, counted from 0",
+        ),
     ] {
         let error = import(text, ListForm::Index).unwrap_err().to_string();
         assert!(error.contains(reason), "{error}");
