@@ -209,8 +209,8 @@ impl Light {
         }
     }
 
-    /// The same light with the sun, if any, in the sky. Outdoors, ambient light is that of this sky and of the ground.
-    pub(super) fn from_sky(self) -> Self {
+    /// Puts the sun, if any, into the sky. Outdoors, ambient light becomes that of this sky and of the ground.
+    pub(super) fn lit_by_sky(self) -> Self {
         const GROUND: DVec3 = DVec3::new(0.24, 0.22, 0.18);
         let sky = |ground| Sky::Sunlit {
             above: Box::new(self.sky.clone()),
@@ -271,7 +271,7 @@ mod tests {
     #[test]
     fn ambient_light_is_that_of_the_sky() {
         for seed in 0..12 {
-            let light = Light::outdoors(&mut SplitMix64::new(seed)).from_sky();
+            let light = Light::outdoors(&mut SplitMix64::new(seed)).lit_by_sky();
             for normal in [DVec3::NEG_Y, DVec3::Y, DVec3::X, DVec3::NEG_Z] {
                 let across = normal.any_orthonormal_vector();
                 let aside = normal.cross(across);
@@ -299,7 +299,7 @@ mod tests {
     fn the_sun_is_in_the_sky_unless_it_is_overcast() {
         let (mut sunny, mut overcast) = (0, 0);
         for seed in 0..30 {
-            let light = Light::outdoors(&mut SplitMix64::new(seed)).from_sky();
+            let light = Light::outdoors(&mut SplitMix64::new(seed)).lit_by_sky();
             let at_sun = light.sky.radiance(light.to_sun * 3.0);
             match light.sun == DVec3::ZERO {
                 true => overcast += u32::from(at_sun.max_element() < 1.5),

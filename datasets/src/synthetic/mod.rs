@@ -141,7 +141,7 @@ pub enum WorldKind {
     Classic,
     /// Everything: the kind of scene, its light and the lens.
     Varied,
-    /// The same, with mirrors, panes of glass and water, and with light from the sky.
+    /// A varied scene with mirrors, panes of glass and water, lit by its sky.
     Reflective,
 }
 

@@ -197,7 +197,7 @@ pub(super) fn table_top<'a>(mut draft: Draft<'a>) -> (Draft<'a>, DVec3) {
         hull.put(&mut draft);
         let hung = draft.count(1, 4);
         hull.hang(&mut draft, hung);
-        light_up(&mut draft, &hull);
+        light_up(&mut draft, hull);
     } else {
         let ground = draft.paint(Tone::Earth, 0.5);
         draft.panel(DVec3::new(0.0, floor, 20.0), 1, (50.0, 50.0), ground);

@@ -70,8 +70,8 @@ pub(super) fn scene(seed: u64) -> (World, Rig) {
     scene_of(family(seed), seed, false)
 }
 
-/// The same kind of scene, usually the same one, with mirrors, glass and water, and with light from the sky. Rooms take
-/// the place of classic scenes.
+/// The world of a seed with mirrors, glass and water, lit by its sky, and its cameras. It is usually that of [`scene`]
+/// otherwise; rooms take the place of classic scenes.
 pub(super) fn reflective_scene(seed: u64) -> (World, Rig) {
     let family = match family(seed) {
         Family::Classic => Family::Room,
@@ -102,7 +102,7 @@ fn drafted(family: Family, random: &mut SplitMix64, reflective: bool) -> Option<
         _ => Light::outdoors(random),
     };
     if reflective {
-        light = light.from_sky();
+        light = light.lit_by_sky();
     }
     let draft = Draft::new(random, light, reflective);
     let (draft, target) = match family {
