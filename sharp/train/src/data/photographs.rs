@@ -15,13 +15,15 @@ use super::{DataError, Photograph, Source, draws};
 /// Accepted file extensions, in lower case.
 const ENDINGS: [&str; 3] = ["png", "jpg", "jpeg"];
 
+/// Paths below a folder, with `/`, and files.
+type Pictures = Vec<(String, PathBuf)>;
+
 /// PNG and JPEG files of a folder and its subfolders. Photograph k is a random one of them.
 #[derive(Debug, Clone)]
 pub struct FolderPhotographs {
     seed: u64,
     size: (u32, u32),
-    /// Paths below the folder, with `/`, and files.
-    files: Vec<(String, PathBuf)>,
+    files: Pictures,
 }
 
 /// True if the file or subfolder at `index` of a folder is held out.
@@ -40,10 +42,10 @@ pub fn held_out_entries(folder: &Path, every: usize) -> Result<Vec<PathBuf>, Dat
 }
 
 /// Files and subfolders directly in a folder that have pictures, with these pictures as in [`FolderPhotographs`].
-fn entries(folder: &Path) -> Result<Vec<(PathBuf, Vec<(String, PathBuf)>)>, DataError> {
+fn entries(folder: &Path) -> Result<Vec<(PathBuf, Pictures)>, DataError> {
     let mut all = Vec::new();
     find(folder, "", &mut all)?;
-    let mut entries: Vec<(PathBuf, Vec<(String, PathBuf)>)> = Vec::new();
+    let mut entries: Vec<(PathBuf, Pictures)> = Vec::new();
     for (name, path) in all {
         let entry = folder.join(name.split('/').next().unwrap_or_default());
         match entries.last_mut() {
@@ -56,7 +58,7 @@ fn entries(folder: &Path) -> Result<Vec<(PathBuf, Vec<(String, PathBuf)>)>, Data
 
 /// Adds the pictures below `folder`, whose own path below the top is `inside`. Links to folders are not followed, as they
 /// may form a circle.
-fn find(folder: &Path, inside: &str, found: &mut Vec<(String, PathBuf)>) -> Result<(), DataError> {
+fn find(folder: &Path, inside: &str, found: &mut Pictures) -> Result<(), DataError> {
     for (name, path) in files::list(folder)? {
         let ending = path.extension().unwrap_or_default().to_ascii_lowercase();
         if path.is_dir() && !path.is_symlink() {
