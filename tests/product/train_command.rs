@@ -5,6 +5,7 @@ use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
 use sharp::model::inventory::CheckpointSource;
+use sharp_datasets::bundled;
 
 use crate::support::{Said, read, sharp_bench};
 use crate::tiny::{golden, recorded_input};
@@ -205,6 +206,40 @@ fn what_cannot_be_trained_is_one_clear_error() {
     .concat();
     sharp_bench(dir.path(), &learnt)
         .is_usage_error_with(&["photographs", "this training run uses"]);
+}
+
+/// The second of two scenes is held out, so that all pairs of the validation are its.
+#[test]
+fn a_folder_of_photographs_is_split_into_training_and_validation() {
+    let dir = tempfile::tempdir().unwrap();
+    config(dir.path());
+    let bundled = bundled::extract(&dir.path().join("bundled")).unwrap();
+    let from = bundled.join("Motorcycle-quarter");
+    for scene in ["A", "B"] {
+        let to = dir.path().join("data").join(scene);
+        std::fs::create_dir_all(&to).unwrap();
+        for entry in std::fs::read_dir(&from).unwrap() {
+            let file = entry.unwrap();
+            std::fs::copy(file.path(), to.join(file.file_name())).unwrap();
+        }
+    }
+    let trained = |held_out: usize, out| {
+        let data = format!("stage2.data.split={{ photographs = \"data\", held_out = {held_out} }}");
+        let mut arguments = arguments(out).to_vec();
+        arguments[5] = "middlebury=data";
+        for set in [
+            "stage1.steps=0",
+            "stage2={ steps = 1, side = 192, schedule.warmup_steps = 0 }",
+            &data,
+        ] {
+            arguments.extend(["--set", set]);
+        }
+        sharp_bench(dir.path(), &arguments)
+    };
+    trained(2, "t").ends_with(0);
+    let pairs = read(dir.path().join("t/validation-pairs.csv"));
+    assert!(pairs.contains(",B,") && !pairs.contains(",A,"), "{pairs}");
+    trained(3, "u").is_error_with(&["held out (`stage2.data.split`)"]);
 }
 
 #[test]

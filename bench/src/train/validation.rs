@@ -6,8 +6,10 @@ use std::path::{Path, PathBuf};
 
 use sharp::files::read_text;
 use sharp::model::{ModelConfig, NetworkSpec};
+use sharp_datasets::View;
 use sharp_train::config::{TrainingConfig, TrainingData};
-use sharp_train::data::shares_training_seeds;
+use sharp_train::data::{held_out_entries, shares_training_seeds};
+use sharp_train::trainer::TrainingError;
 
 use super::{TrainError, TrainingFolder};
 use crate::evaluate::record::Status;
@@ -79,10 +81,16 @@ impl Validation {
         let all = built.list("");
         let scenes = scenes_of(&datasets);
         let mut resolved = all.resolve(&scenes)?;
-        resolved.retain(|pair| pair.pair.selected);
+        let split = SplitPhotographs::of(config)?;
+        let fresh = |view: &View| split.as_ref().is_none_or(|split| split.allows(view));
+        resolved.retain(|pair| pair.pair.selected && fresh(pair.source) && fresh(pair.target));
         let chosen = spread(&resolved, request.pairs);
         if chosen.is_empty() {
-            return Err(PairError::NoPair(built.advice.join("; ")).into());
+            let split = split.map(|_| {
+                "both photographs of a pair must be held out (`stage2.data.split`)".to_owned()
+            });
+            let advice: Vec<String> = built.advice.into_iter().chain(split).collect();
+            return Err(PairError::NoPair(advice.join("; ")).into());
         }
         let path = folder.root().join("validation-pairs.csv");
         let list = PairList::new(&path, chosen.iter().map(|pair| pair.pair.clone()).collect());
@@ -141,6 +149,34 @@ impl Validation {
             &Unstopped(observer),
         )?;
         means(&finished.results)
+    }
+}
+
+/// A folder of photographs of which the second stage uses only a part.
+struct SplitPhotographs {
+    folder: PathBuf,
+    held_out: Vec<PathBuf>,
+}
+
+impl SplitPhotographs {
+    /// `None` if no folder is split.
+    fn of(config: &TrainingConfig) -> Result<Option<Self>, TrainError> {
+        let (1.., TrainingData::Split(split)) = (config.stage2.steps, &config.stage2.data) else {
+            return Ok(None);
+        };
+        let folder = split.photographs.canonicalize();
+        let folder = folder.map_err(FileError::new(&split.photographs, "read"))?;
+        let held_out = held_out_entries(&folder, split.held_out).map_err(TrainingError::from)?;
+        Ok(Some(Self { folder, held_out }))
+    }
+
+    /// True if the view's picture is held out or in another folder.
+    fn allows(&self, view: &View) -> bool {
+        let file = view.content.image_file().map(Path::canonicalize);
+        let Some(Ok(file)) = file else {
+            return true;
+        };
+        !file.starts_with(&self.folder) || self.held_out.iter().any(|entry| file.starts_with(entry))
     }
 }
 

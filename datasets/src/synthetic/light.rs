@@ -45,6 +45,13 @@ pub(super) enum Sky {
         /// Approximate fraction of the sky covered by clouds.
         cover: f64,
     },
+    /// A sky with a sun in it, above a ground of one colour.
+    Sunlit {
+        above: Box<Self>,
+        ground: DVec3,
+        to_sun: DVec3,
+        sun: DVec3,
+    },
 }
 
 impl Sky {
@@ -72,15 +79,75 @@ impl Sky {
                 let share = ((noise - 1.0 + cover) * 3.0).clamp(0.0, 1.0);
                 clear + (*clouds - clear) * share
             }
+            Self::Sunlit { to_sun, sun, .. } => {
+                let off = 1.0 - to_sun.dot(direction) / direction.length();
+                // A disc with a radius of half a degree to a degree, and a saturated colour.
+                let disc = ((1.5e-4 - off) / 1.1e-4).clamp(0.0, 1.0);
+                self.scattered(direction) + *sun * (30.0 * disc)
+            }
         }
+    }
+
+    /// Radiance without the sun's disc.
+    fn scattered(&self, direction: DVec3) -> DVec3 {
+        let Self::Sunlit {
+            above,
+            ground,
+            to_sun,
+            sun,
+        } = self
+        else {
+            return self.radiance(direction);
+        };
+        let length = direction.length();
+        let near_sun = 1.0 + 40.0 * (1.0 - to_sun.dot(direction) / length);
+        let sky = above.radiance(direction) + *sun * (0.4 / (near_sun * near_sun));
+        let below = (direction.y / length * 25.0).clamp(0.0, 1.0);
+        sky + (*ground - sky) * below
     }
 
     pub(super) fn haze(&self) -> DVec3 {
         match self {
             Self::Classic { .. } => DVec3::ZERO,
             Self::Varied { horizon, .. } => *horizon,
+            Self::Sunlit { above, .. } => above.haze(),
         }
     }
+
+    /// Mean over all directions of the radiance without the sun's disc, and of radiance times direction, per colour.
+    fn moments(&self) -> (DVec3, [DVec3; 3]) {
+        const CELLS: u32 = 16;
+        let (mut mean, mut first, mut total) = (DVec3::ZERO, [DVec3::ZERO; 3], 0.0);
+        let edge = |cell| (2.0 * f64::from(cell) + 1.0) / f64::from(CELLS) - 1.0;
+        for place in 0..6 * CELLS * CELLS {
+            let (u, v) = (edge(place % CELLS), edge(place / CELLS % CELLS));
+            let direction = match place / (CELLS * CELLS) {
+                0 => DVec3::new(1.0, u, v),
+                1 => DVec3::new(-1.0, u, v),
+                2 => DVec3::new(u, 1.0, v),
+                3 => DVec3::new(u, -1.0, v),
+                4 => DVec3::new(u, v, 1.0),
+                _ => DVec3::new(u, v, -1.0),
+            };
+            let length = direction.length();
+            // Solid angle of a cell on a cube's face, up to a factor.
+            let share = 1.0 / (length * length * length);
+            let radiance = self.scattered(direction) * share;
+            total += share;
+            mean += radiance;
+            for (axis, sum) in first.iter_mut().enumerate() {
+                *sum += radiance * (direction[axis] / length);
+            }
+        }
+        (mean / total, first.map(|sum| sum / total))
+    }
+}
+
+/// Ambient light from `towards` (unit vector) and from the opposite side, as spherical harmonics up to the first order
+/// give it from a sky's moments.
+fn ambient((mean, first): (DVec3, [DVec3; 3]), towards: DVec3) -> [DVec3; 2] {
+    let slope = (first[0] * towards.x + first[1] * towards.y + first[2] * towards.z) * 2.0;
+    [mean - slope, mean + slope].map(|light| light.max(DVec3::ZERO))
 }
 
 impl Light {
@@ -142,6 +209,40 @@ impl Light {
         }
     }
 
+    /// Puts the sun, if any, into the sky. Outdoors, ambient light becomes that of this sky and of the ground.
+    pub(super) fn lit_by_sky(self) -> Self {
+        const GROUND: DVec3 = DVec3::new(0.24, 0.22, 0.18);
+        let sky = |ground| Sky::Sunlit {
+            above: Box::new(self.sky.clone()),
+            ground,
+            to_sun: self.to_sun,
+            sun: self.sun,
+        };
+        let [_, from_above] = ambient(sky(DVec3::ZERO).moments(), DVec3::NEG_Y);
+        let ground = GROUND * (from_above + self.sun * -self.to_sun.y);
+        let sky = sky(ground);
+        // Indoors, there is neither haze nor a view of the whole sky.
+        if self.haze_m.is_infinite() {
+            return Self { sky, ..self };
+        }
+        let moments = sky.moments();
+        let [x, y, z] = moments.1.map(|sum| sum.x + sum.y + sum.z);
+        let dome = DVec3::new(x, y, z).normalize();
+        Self {
+            dome,
+            ambient: ambient(moments, dome),
+            sky,
+            ..self
+        }
+    }
+
+    /// Adds light from the sky through a window of `square_m` square metres in direction `to_window` (unit vector).
+    pub(super) fn admit(&mut self, to_window: DVec3, square_m: f64) {
+        let share = (0.12 * square_m).min(0.5);
+        self.dome = to_window;
+        self.ambient[1] += self.sky.scattered(to_window) * share;
+    }
+
     /// Indoor light: from all walls, with more from one side. Lamps are added separately.
     pub(super) fn indoors(random: &mut SplitMix64) -> Self {
         let tint = DVec3::new(1.0, random.between(0.8, 1.0), random.between(0.6, 1.05));
@@ -158,5 +259,56 @@ impl Light {
             haze_m: f64::INFINITY,
             ..Self::outdoors(random)
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Ambient light agrees with an integral over the hemisphere above a surface, which is computed from directions
+    /// in other places.
+    #[test]
+    fn ambient_light_is_that_of_the_sky() {
+        for seed in 0..12 {
+            let light = Light::outdoors(&mut SplitMix64::new(seed)).lit_by_sky();
+            for normal in [DVec3::NEG_Y, DVec3::Y, DVec3::X, DVec3::NEG_Z] {
+                let across = normal.any_orthonormal_vector();
+                let aside = normal.cross(across);
+                let (mut sum, rays) = (DVec3::ZERO, 40);
+                for place in 0..rays * rays {
+                    // Cosine-weighted directions, on rings of equal weight.
+                    let ring = (f64::from(place / rays) + 0.5) / f64::from(rays);
+                    let turn = f64::from(place % rays) / f64::from(rays) * std::f64::consts::TAU;
+                    let flat = (across * turn.cos() + aside * turn.sin()) * ring.sqrt();
+                    sum += light.sky.scattered(flat + normal * (1.0 - ring).sqrt());
+                }
+                let exact = sum / f64::from(rays * rays);
+                let half = 0.5 + 0.5 * normal.dot(light.dome);
+                let found = light.ambient[0] + (light.ambient[1] - light.ambient[0]) * half;
+                let brightest = light.ambient[1].max_element();
+                assert!(
+                    (found - exact).abs().max_element() < 0.15 * brightest,
+                    "seed {seed}, {normal}: {found} {exact}"
+                );
+            }
+        }
+    }
+
+    #[test]
+    fn the_sun_is_in_the_sky_unless_it_is_overcast() {
+        let (mut sunny, mut overcast) = (0, 0);
+        for seed in 0..30 {
+            let light = Light::outdoors(&mut SplitMix64::new(seed)).lit_by_sky();
+            let at_sun = light.sky.radiance(light.to_sun * 3.0);
+            match light.sun == DVec3::ZERO {
+                true => overcast += u32::from(at_sun.max_element() < 1.5),
+                false => sunny += u32::from(at_sun.min_element() > 2.0),
+            }
+            let ground = light.sky.radiance(DVec3::Y);
+            assert!(ground.max_element() < light.ambient[1].max_element() + light.sun.x);
+        }
+        assert_eq!(sunny + overcast, 30);
+        assert!(overcast > 0);
     }
 }

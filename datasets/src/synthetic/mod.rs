@@ -14,7 +14,8 @@
 //! * `world`: objects and lights, and the radiance along a ray.
 //! * `classic`: the objects of the classic scene.
 //! * `candidates`: the objects that a bundle of rays can hit.
-//! * `varied`: training scenes of many kinds; `paint` and `light`: their colours and their light.
+//! * `varied`: training scenes of many kinds; `paint`, `finish` and `light`: their colours, their mirrors and panes, and
+//!   their light.
 //! * `rig`: the cameras.
 //! * `sweep`: sweeps of a single motion, step by step.
 //! * `content`: pictures and depth of views.
@@ -23,8 +24,11 @@ mod arithmetic;
 mod candidates;
 mod classic;
 mod content;
+mod finish;
 mod light;
 mod paint;
+#[cfg(test)]
+mod reflection_tests;
 mod rig;
 mod shapes;
 mod sweep;
@@ -65,7 +69,7 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
         ),
         Setting::free(
             "views",
-            "number of cameras, at least 2 (auto: 24; 11 in a varied world)",
+            "number of cameras, at least 2 (auto: 24; 11 in a varied or reflective world)",
             "auto",
         ),
         Setting::free(
@@ -75,7 +79,8 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
         ),
         Setting::choice(
             "world",
-            "kind of world (classic: a fixed layout; varied: everything from the seed)",
+            "kind of world (classic: a fixed layout; varied: everything from the seed; reflective: varied, with mirrors \
+             and glass)",
             &[
                 choice(
                     "classic",
@@ -85,6 +90,11 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
                     "varied",
                     "the seed determines everything: rooms, tables, corridors, gardens, streets, their light and the \
                      lens; one scene in eight is classic",
+                ),
+                choice(
+                    "reflective",
+                    "like varied, with mirrors, panes of glass and water, whose depth is that of their surface, and with \
+                     light from the sky; no classic scenes",
                 ),
             ],
         ),
@@ -131,6 +141,8 @@ pub enum WorldKind {
     Classic,
     /// Everything: the kind of scene, its light and the lens.
     Varied,
+    /// A varied scene with mirrors, panes of glass and water, lit by its sky.
+    Reflective,
 }
 
 /// Parameters that determine a procedural scene.
@@ -225,6 +237,7 @@ impl SyntheticScene {
         let (world, rig) = match options.world {
             WorldKind::Classic => (classic::world(options.seed, 0), Rig::CLASSIC),
             WorldKind::Varied => varied::scene(options.seed),
+            WorldKind::Reflective => varied::reflective_scene(options.seed),
         };
         let lens = options.lens(&rig).map_err(|e| refuse(e.to_string()))?;
         let mut scene = Self {
@@ -363,15 +376,16 @@ fn open(spec: &DatasetSpec) -> Result<FoundScenes, DatasetError> {
         .ok_or_else(|| wrong(spec, "size"))?;
     let world = match spec.setting("world") {
         "varied" => WorldKind::Varied,
+        "reflective" => WorldKind::Reflective,
         _ => WorldKind::Classic,
     };
     let views = match (spec.setting("views"), world) {
         ("auto", WorldKind::Classic) => CLASSIC_VIEWS,
-        ("auto", WorldKind::Varied) => VARIED_VIEWS,
+        ("auto", _) => VARIED_VIEWS,
         _ => usize::try_from(number(spec, "views")?).unwrap_or(usize::MAX),
     };
     let kind = SweepKind::of(spec)?;
-    if kind.is_some() && world == WorldKind::Varied {
+    if kind.is_some() && world != WorldKind::Classic {
         return Err(spec.refused("sweeps are only available with world=classic".to_owned()));
     }
     let mut scenes = Vec::new();
@@ -524,6 +538,7 @@ mod tests {
             "synthetic=scenes=1001",
             "synthetic=world=other",
             "synthetic=world=varied,sweep=translation",
+            "synthetic=world=reflective,sweep=translation",
             "synthetic=seed=18446744073709551615,scenes=2",
             "synthetic=sweep=zoom",
             "synthetic=step=0.1",

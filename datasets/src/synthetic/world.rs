@@ -5,6 +5,7 @@
 use glam::DVec3;
 
 use super::candidates::{LampCube, SunGrid, Wedge};
+use super::finish::Finish;
 use super::light::{Light, Sky};
 use super::paint::Paint;
 use super::shapes::{Meeting, SurfaceShape};
@@ -25,7 +26,11 @@ pub(super) struct Object {
 pub(super) enum Surface {
     Classic(Texture),
     Varied(Paint),
+    Layered(Finish),
 }
+
+/// Maximum number of mirrors and panes that light passes on its way to the camera; the last of more is black.
+const MOST_LAYERS: u32 = 5;
 
 impl Object {
     pub(super) fn new(shape: SurfaceShape, surface: Surface, casts: bool) -> Self {
@@ -136,6 +141,13 @@ impl World {
         &self.objects
     }
 
+    /// True if the nearest surface along a ray is a mirror or a pane.
+    #[cfg(test)]
+    pub(super) fn is_layered_along(&self, origin: DVec3, direction: DVec3) -> bool {
+        let hit = self.first_hit(origin, direction);
+        hit.is_some_and(|hit| matches!(self.objects[hit.object].surface, Surface::Layered(_)))
+    }
+
     /// Multiplies the exposure of all cameras.
     pub(super) fn expose(&mut self, factor: f64) {
         self.light.exposure *= factor;
@@ -222,13 +234,18 @@ impl World {
     }
 
     /// True if two rays of a pixel may be shaded together. Paints of varied scenes fade out details finer than a pixel;
-    /// classic textures do not.
+    /// classic textures, mirrors and panes do not.
     pub(super) fn shades_as_one(&self, a: &Sight, b: &Sight) -> bool {
         let surface = |sight: &Sight| {
             let hit = sight.hit.as_ref();
             hit.map(|(hit, _)| (hit.object, hit.meeting.across))
         };
-        matches!(self.light.sky, Sky::Varied { .. }) && surface(a) == surface(b)
+        let layered = |(object, _): (usize, usize)| {
+            matches!(self.objects[object].surface, Surface::Layered(_))
+        };
+        !matches!(self.light.sky, Sky::Classic { .. })
+            && surface(a) == surface(b)
+            && !surface(a).is_some_and(layered)
     }
 
     /// Linear light that arrives along the rays, summed over them. `sample` is the width
@@ -246,37 +263,90 @@ impl World {
             across: hit.meeting.across,
         };
         let size = sample * sight.rays.sqrt();
-        let mut seen = self.reflected(hit.object, &meeting, *point * share, direction, size);
-        if light.haze_m.is_finite() {
-            let far = meeting.distance / light.haze_m;
-            seen += (light.sky.haze() - seen) * (far * far / (1.0 + far * far));
-        }
+        let point = *point * share;
+        let seen = self.seen(hit.object, &meeting, point, direction, size, MOST_LAYERS);
         seen * (light.exposure * sight.rays)
     }
 
-    /// Linear light reflected by a surface from a point back along the incoming ray.
-    fn reflected(
+    /// Linear light that a surface sends from a point back along the incoming ray, through haze. The distance of
+    /// `meeting` is that of the whole path from the camera, on which the light may pass `layers` mirrors and panes.
+    fn seen(
         &self,
         object: usize,
         meeting: &Meeting,
         point: DVec3,
         direction: DVec3,
         size: f64,
+        layers: u32,
     ) -> DVec3 {
-        let (light, normal) = (&self.light, meeting.normal);
-        let albedo = match &self.objects[object].surface {
-            Surface::Classic(texture) => texture.color(meeting),
+        let light = &self.light;
+        let mut seen = match &self.objects[object].surface {
+            Surface::Classic(texture) => {
+                self.reflected(object, texture.color(meeting), meeting.normal, point)
+            }
             Surface::Varied(paint) => {
                 // On a slanted surface, a pixel covers a larger area, stretched in one direction.
-                let facing = (normal.dot(direction).abs() / direction.length()).max(0.1);
+                let facing = (meeting.normal.dot(direction).abs() / direction.length()).max(0.1);
                 let footprint_m = meeting.distance * size / facing.sqrt();
                 let albedo = paint.color(meeting, footprint_m);
-                if paint.glow > 0.0 {
-                    return albedo * paint.glow;
+                match paint.glow > 0.0 {
+                    true => albedo * paint.glow,
+                    false => self.reflected(object, albedo, meeting.normal, point),
                 }
-                albedo
+            }
+            Surface::Layered(finish) => {
+                let Some(layers) = layers.checked_sub(1) else {
+                    return DVec3::ZERO;
+                };
+                let found = finish.layers(meeting.normal, direction);
+                let onwards = |origin, direction| {
+                    self.onwards(object, origin, direction, meeting.distance, size, layers)
+                };
+                let (mirrored, weight) = found.reflected;
+                let mut seen = onwards(point, mirrored) * weight;
+                if let Some((offset, weight)) = found.transmitted {
+                    seen += onwards(point + offset, direction) * weight;
+                }
+                // The haze of the whole path is included.
+                return seen;
             }
         };
+        if light.haze_m.is_finite() {
+            let far = meeting.distance / light.haze_m;
+            seen += (light.sky.haze() - seen) * (far * far / (1.0 + far * far));
+        }
+        seen
+    }
+
+    /// Linear light along a ray that leaves the flat surface of object `own`, after `before` lengths of its direction
+    /// vector from the camera.
+    fn onwards(
+        &self,
+        own: usize,
+        origin: DVec3,
+        direction: DVec3,
+        before: f64,
+        size: f64,
+        layers: u32,
+    ) -> DVec3 {
+        let mut first = None;
+        for object in (0..self.objects.len()).filter(|object| *object != own) {
+            self.meet_nearer(object, origin, direction, &mut first);
+        }
+        let Some(hit) = first else {
+            return self.light.sky.radiance(direction);
+        };
+        let meeting = Meeting {
+            distance: before + hit.distance,
+            ..hit.meeting
+        };
+        let point = origin + direction * hit.distance;
+        self.seen(hit.object, &meeting, point, direction, size, layers)
+    }
+
+    /// Linear light of sun, lamps and surroundings that a surface of the given albedo reflects from a point.
+    fn reflected(&self, object: usize, albedo: DVec3, normal: DVec3, point: DVec3) -> DVec3 {
+        let light = &self.light;
         // Start slightly above the surface, to avoid self-shadowing.
         let above = point + normal * 1e-6;
         let facing_dome = 0.5 + 0.5 * normal.dot(light.dome);

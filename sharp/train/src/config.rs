@@ -115,10 +115,35 @@ pub enum TrainingData {
     /// Scenes generated from seeds; the second stage uses only their pictures.
     #[default]
     Procedural,
+    /// Scenes generated from seeds, of which every other one has mirrors, panes of glass and water, and light from the
+    /// sky.
+    Reflective,
     /// Datasets with depth, each given as `[NAME:]FORMAT=PATH[,key=value…]`; for the first stage.
     Datasets(Vec<String>),
     /// A folder of PNG and JPEG files, also in its subfolders; for the second stage.
     Photographs(PathBuf),
+    /// A folder of photographs, of which a part is held out for validation; for the second stage.
+    Split(SplitFolder),
+}
+
+/// A folder of photographs of which a part is held out.
+#[derive(Debug, Clone, PartialEq, Eq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SplitFolder {
+    pub photographs: PathBuf,
+    /// Every `held_out`-th file or subfolder directly in the folder is held out, in natural order of names; at least 2.
+    pub held_out: usize,
+}
+
+impl TrainingData {
+    /// The folder of photographs, and `held_out` if it is split.
+    pub fn photographs(&self) -> Option<(&Path, Option<usize>)> {
+        match self {
+            Self::Photographs(folder) => Some((folder, None)),
+            Self::Split(split) => Some((&split.photographs, Some(split.held_out))),
+            _ => None,
+        }
+    }
 }
 
 /// Intervals in steps; they do not affect results.
@@ -372,8 +397,12 @@ impl StageConfig {
 impl TrainingData {
     fn fault(&self, stage: Stage) -> Option<String> {
         match (self, stage) {
-            (Self::Procedural, _) | (Self::Photographs(_), Stage::SelfSupervised) => None,
-            (Self::Photographs(_), Stage::Supervised) => {
+            (Self::Split(split), _) if split.held_out < 2 => {
+                Some("holds out everything; `split.held_out` must be at least 2".to_owned())
+            }
+            (Self::Procedural | Self::Reflective, _)
+            | (Self::Photographs(_) | Self::Split(_), Stage::SelfSupervised) => None,
+            (Self::Photographs(_) | Self::Split(_), Stage::Supervised) => {
                 Some("has photographs, which have no depth, but this stage needs depth".to_owned())
             }
             (Self::Datasets(_), Stage::SelfSupervised) => Some(

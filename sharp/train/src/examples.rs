@@ -7,7 +7,7 @@ use sharp_datasets::DatasetSpec;
 use crate::config::{TrainingConfig, TrainingData};
 use crate::data::{
     DataError, FolderPhotographs, Photograph, PosedSamples, ProceduralPhotographs,
-    ProceduralSamples, Sample, Source,
+    ProceduralSamples, Sample, Source, TrainingWorlds,
 };
 use crate::position::Stage;
 use crate::self_supervision::SelfSupervisedSamples;
@@ -29,14 +29,18 @@ impl Examples {
         let settings = config.stage(stage);
         let (seed, size) = (settings.seed, (settings.side, settings.side));
         let limit_m = settings.max_baseline_m;
+        let worlds = match settings.data {
+            TrainingData::Reflective => TrainingWorlds::HalfReflective,
+            _ => TrainingWorlds::Varied,
+        };
         let mut left_out = Vec::new();
         let mut sources: Vec<Box<dyn Source<Sample>>> = Vec::new();
         if stage == Stage::SelfSupervised {
-            let photographs: Box<dyn Source<Photograph>> = match &settings.data {
-                TrainingData::Photographs(folder) => {
-                    Box::new(FolderPhotographs::open(folder, seed, size)?)
+            let photographs: Box<dyn Source<Photograph>> = match settings.data.photographs() {
+                Some((folder, held_out)) => {
+                    Box::new(FolderPhotographs::open(folder, held_out, seed, size)?)
                 }
-                _ => Box::new(ProceduralPhotographs::new(seed, size)),
+                None => Box::new(ProceduralPhotographs::new(seed, size, worlds)),
             };
             let network = &config.network;
             let samples = SelfSupervisedSamples::new(photographs, teacher, network, settings)?;
@@ -50,7 +54,7 @@ impl Examples {
                 sources.push(Box::new(samples));
             }
         } else {
-            sources.push(Box::new(ProceduralSamples::new(seed, size)));
+            sources.push(Box::new(ProceduralSamples::new(seed, size, worlds)));
         }
         Ok(Self { sources, left_out })
     }

@@ -188,8 +188,8 @@ mod tests {
 
     use super::*;
     use crate::config::TrainingConfig;
-    use crate::data::ProceduralPhotographs;
     use crate::data::tests::warped;
+    use crate::data::{ProceduralPhotographs, TrainingWorlds};
 
     const SIZE: (u32, u32) = (96, 96);
     const COUNT: u64 = 8;
@@ -201,7 +201,7 @@ mod tests {
     fn samples_with(max_baseline_m: f64, pseudo_views: PseudoViews) -> SelfSupervisedSamples {
         let teacher = bundled::source_folder().join(bundled::FILE);
         let config = bundled::config().unwrap();
-        let photographs = Box::new(ProceduralPhotographs::new(4, SIZE));
+        let photographs = Box::new(ProceduralPhotographs::new(4, SIZE, TrainingWorlds::Varied));
         let stage = StageConfig {
             seed: 7,
             max_baseline_m,
@@ -213,7 +213,7 @@ mod tests {
 
     #[test]
     fn a_photograph_is_the_novel_view_of_what_the_teacher_makes_of_it() {
-        let photographs = ProceduralPhotographs::new(4, SIZE);
+        let photographs = ProceduralPhotographs::new(4, SIZE, TrainingWorlds::Varied);
         let samples = samples(0.6);
         let mut before_when_exchanged = 0.0;
         for k in 0..COUNT {

@@ -27,7 +27,7 @@ pub use error::TrainingError;
 use sum::StepSum;
 
 use crate::checkpoint::{CheckpointFolder, Precision, StateError, TrainingState};
-use crate::config::{StageConfig, TrainingConfig, TrainingData};
+use crate::config::{StageConfig, TrainingConfig};
 use crate::data::{FolderPhotographs, Prefetcher, Sample};
 use crate::examples::Examples;
 use crate::initial::{Pretrained, TrainedDepth, Untrained};
@@ -107,9 +107,10 @@ impl Trainer {
         compute: Compute,
     ) -> Result<Self, TrainingError> {
         // Check this now rather than after the first stage.
-        if let (1.., TrainingData::Photographs(folder)) = (config.stage2.steps, &config.stage2.data)
+        if let (1.., Some((folder, held_out))) =
+            (config.stage2.steps, config.stage2.data.photographs())
         {
-            FolderPhotographs::open(folder, config.stage2.seed, (1, 1))?;
+            FolderPhotographs::open(folder, held_out, config.stage2.seed, (1, 1))?;
         }
         let network = TrainableNetwork::new(&config.network, compute.clone())?;
         let checkpoints = CheckpointFolder::new(folder.join("checkpoints"));

@@ -4,6 +4,7 @@ use glam::{DMat3, DVec3};
 use sharp::random::SplitMix64;
 
 use super::super::arithmetic::unit_circle;
+use super::super::finish::Finish;
 use super::super::light::{Lamp, Light};
 use super::super::paint::{Paint, Tone};
 use super::super::rig::Rig;
@@ -20,6 +21,8 @@ const CLEAR_M: f64 = 0.34;
 pub(super) struct Draft<'a> {
     pub(super) random: &'a mut SplitMix64,
     pub(super) light: Light,
+    /// True if mirrors and panes are added.
+    pub(super) reflective: bool,
     objects: Vec<Object>,
     /// Cameras; the lens has a horizontal field of view of 45 to 75 degrees.
     pub(super) rig: Rig,
@@ -32,7 +35,7 @@ pub(super) struct Draft<'a> {
 }
 
 impl<'a> Draft<'a> {
-    pub(super) fn new(random: &'a mut SplitMix64, light: Light) -> Self {
+    pub(super) fn new(random: &'a mut SplitMix64, light: Light, reflective: bool) -> Self {
         let rig = Rig {
             focal: random.between(0.652, 1.207),
             center: (random.between(0.49, 0.51), random.between(0.49, 0.51)),
@@ -43,6 +46,7 @@ impl<'a> Draft<'a> {
             random,
             rig,
             light,
+            reflective,
             objects: Vec::new(),
             world_from_frame: DMat3::IDENTITY,
             cameras: rig.centers(97),
@@ -81,20 +85,24 @@ impl<'a> Draft<'a> {
 
     /// Adds a shape, unless it is too close to a camera.
     pub(super) fn put(&mut self, shape: SurfaceShape, paint: Paint) {
-        self.put_if_clear(shape, paint, true);
+        self.put_if_clear(shape, Surface::Varied(paint), true);
     }
 
     /// Adds a shape that casts no shadow, unless it is too close to a camera.
     pub(super) fn put_without_shadow(&mut self, shape: SurfaceShape, paint: Paint) {
-        self.put_if_clear(shape, paint, false);
+        self.put_if_clear(shape, Surface::Varied(paint), false);
     }
 
-    fn put_if_clear(&mut self, shape: SurfaceShape, paint: Paint, casts: bool) {
+    /// Adds a mirror or a pane, unless it is too close to a camera.
+    pub(super) fn put_finish(&mut self, shape: SurfaceShape, finish: Finish) {
+        self.put_if_clear(shape, Surface::Layered(finish), false);
+    }
+
+    fn put_if_clear(&mut self, shape: SurfaceShape, surface: Surface, casts: bool) {
         let shape = shape.turned_by(&self.world_from_frame);
         let clear = |camera: &DVec3| shape.distance_to(*camera) > CLEAR_M;
         if self.cameras.iter().all(clear) {
-            let object = Object::new(shape, Surface::Varied(paint), casts);
-            self.objects.push(object);
+            self.objects.push(Object::new(shape, surface, casts));
         }
     }
 
@@ -172,6 +180,12 @@ impl<'a> Draft<'a> {
             place: self.world_from_frame * place,
             power: tint * power,
         });
+    }
+
+    /// Adds the light of a window of `square_m` square metres in the given direction of the frame.
+    pub(super) fn admit(&mut self, to_window: DVec3, square_m: f64) {
+        let to_window = self.world_from_frame * to_window;
+        self.light.admit(to_window, square_m);
     }
 
     /// Finds and occupies a free circle on the floor (y = 0) that is in view and whose centre

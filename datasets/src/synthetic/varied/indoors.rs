@@ -5,26 +5,27 @@ use glam::DVec3;
 use super::super::paint::{Paint, Tone};
 use super::draft::Draft;
 use super::furnishing::{chair, clutter, shelf, table};
+use super::reflective;
 
 /// An empty room around the cameras: x and z of its walls, y of floor and ceiling.
-struct Hull {
-    left: f64,
-    right: f64,
-    behind: f64,
-    ahead: f64,
-    floor: f64,
-    ceiling: f64,
+pub(super) struct Hull {
+    pub(super) left: f64,
+    pub(super) right: f64,
+    pub(super) behind: f64,
+    pub(super) ahead: f64,
+    pub(super) floor: f64,
+    pub(super) ceiling: f64,
 }
 
 impl Hull {
-    fn holds(&self, x: f64, z: f64, margin: f64) -> bool {
+    pub(super) fn holds(&self, x: f64, z: f64, margin: f64) -> bool {
         x > self.left + margin
             && x < self.right - margin
             && z > self.behind + margin
             && z < self.ahead - margin
     }
 
-    fn center(&self) -> DVec3 {
+    pub(super) fn center(&self) -> DVec3 {
         DVec3::new(
             0.5 * (self.left + self.right),
             0.5 * (self.floor + self.ceiling),
@@ -109,6 +110,7 @@ pub(super) fn room<'a>(mut draft: Draft<'a>) -> (Draft<'a>, DVec3) {
     let depth = draft.between(0.35, 0.8) * hull.ahead;
     let below = draft.between(-0.1, 0.5) * floor;
     let target = draft.target(depth, below);
+    reflective::indoors(&mut draft, &hull);
     (draft, target)
 }
 
@@ -182,19 +184,20 @@ pub(super) fn table_top<'a>(mut draft: Draft<'a>) -> (Draft<'a>, DVec3) {
     let top = draft.between(0.3, 0.65);
     let floor = top + draft.between(0.5, 0.9);
     let indoors = draft.light.haze_m.is_infinite();
+    let mut hull = None;
     if indoors {
-        let hull = Hull {
+        let hull = hull.insert(Hull {
             left: -draft.between(1.3, 3.0),
             right: draft.between(1.3, 3.0),
             behind: -draft.between(1.0, 2.5),
             ahead: draft.between(1.8, 5.0),
             floor,
             ceiling: -draft.between(0.7, 1.8),
-        };
+        });
         hull.put(&mut draft);
         let hung = draft.count(1, 4);
         hull.hang(&mut draft, hung);
-        light_up(&mut draft, &hull);
+        light_up(&mut draft, hull);
     } else {
         let ground = draft.paint(Tone::Earth, 0.5);
         draft.panel(DVec3::new(0.0, floor, 20.0), 1, (50.0, 50.0), ground);
@@ -226,6 +229,10 @@ pub(super) fn table_top<'a>(mut draft: Draft<'a>) -> (Draft<'a>, DVec3) {
     let depth = draft.between(0.6, 1.0) * (0.4 + 0.6 * deep);
     let below = draft.between(0.5, 1.0) * top;
     let target = draft.target(depth, below);
+    reflective::on_table(&mut draft, top, middle, (0.48 * wide, 0.48 * deep));
+    if let Some(hull) = &hull {
+        reflective::indoors(&mut draft, hull);
+    }
     (draft, target)
 }
 
@@ -293,5 +300,6 @@ pub(super) fn corridor<'a>(mut draft: Draft<'a>) -> (Draft<'a>, DVec3) {
     let depth = draft.between(3.0, 6.0);
     let below = draft.between(-0.3, 0.6);
     let target = draft.target(depth, below);
+    reflective::indoors(&mut draft, &hull);
     (draft, target)
 }

@@ -3,11 +3,13 @@
 //! * `draft`: a scene under construction; keeps objects clear of the cameras and of each other.
 //! * `furnishing`: tables, shelves, trees, fences and buildings made of simple shapes.
 //! * `indoors`, `outdoors`: the families of scenes.
+//! * `reflective`: mirrors, glass and water, for `world=reflective`.
 
 mod draft;
 mod furnishing;
 mod indoors;
 mod outdoors;
+mod reflective;
 #[cfg(test)]
 mod tests;
 
@@ -65,25 +67,44 @@ fn family(seed: u64) -> Family {
 
 /// The world of a seed and its cameras.
 pub(super) fn scene(seed: u64) -> (World, Rig) {
-    let family = family(seed);
+    scene_of(family(seed), seed, false)
+}
+
+/// The world of a seed with mirrors, glass and water, lit by its sky, and its cameras. It is usually that of [`scene`]
+/// otherwise; rooms take the place of classic scenes.
+pub(super) fn reflective_scene(seed: u64) -> (World, Rig) {
+    let family = match family(seed) {
+        Family::Classic => Family::Room,
+        other => other,
+    };
+    scene_of(family, seed, true)
+}
+
+fn scene_of(family: Family, seed: u64, reflective: bool) -> (World, Rig) {
     let drafts = match family {
         Family::Classic => 0,
         _ => DRAFTS,
     };
     (1..=drafts)
-        .find_map(|number| drafted(family, &mut SplitMix64::new(derived(seed, number))))
+        .find_map(|number| {
+            let mut random = SplitMix64::new(derived(seed, number));
+            drafted(family, &mut random, reflective)
+        })
         .unwrap_or_else(|| (classic::world(seed, 0), Rig::CLASSIC))
 }
 
 /// A random scene of a family; `None` if too little is visible.
-fn drafted(family: Family, random: &mut SplitMix64) -> Option<(World, Rig)> {
-    let light = match family {
+fn drafted(family: Family, random: &mut SplitMix64, reflective: bool) -> Option<(World, Rig)> {
+    let mut light = match family {
         Family::Room | Family::Corridor => Light::indoors(random),
         // On a terrace or in a room.
         Family::TableTop if random.below(2) == 0 => Light::indoors(random),
         _ => Light::outdoors(random),
     };
-    let draft = Draft::new(random, light);
+    if reflective {
+        light = light.lit_by_sky();
+    }
+    let draft = Draft::new(random, light, reflective);
     let (draft, target) = match family {
         Family::Classic => return None,
         Family::Room => indoors::room(draft),

@@ -5,6 +5,7 @@ use glam::DVec3;
 use super::super::paint::Tone;
 use super::draft::Draft;
 use super::furnishing::{building, car, clutter, fence, table, tree};
+use super::reflective;
 
 /// Adds the ground, which ends 70 metres away.
 fn lay_ground(draft: &mut Draft<'_>, below: f64) {
@@ -113,8 +114,9 @@ pub(super) fn ground<'a>(mut draft: Draft<'a>) -> (Draft<'a>, DVec3) {
         fence(&mut draft, from, to, height);
     }
     let depth = draft.between(0.25, 0.6) * far;
-    let below = draft.between(0.0, 0.5) * below;
-    let target = draft.target(depth, below);
+    let down = draft.between(0.0, 0.5) * below;
+    let target = draft.target(depth, down);
+    reflective::outdoors(&mut draft, below);
     (draft, target)
 }
 
@@ -175,8 +177,9 @@ pub(super) fn street<'a>(mut draft: Draft<'a>) -> (Draft<'a>, DVec3) {
         scatter(&mut draft, (1.5, 12.0), below);
     }
     let depth = draft.between(4.0, 10.0);
-    let below = draft.between(-0.2, 0.8);
-    let target = draft.target(depth, below);
+    let down = draft.between(-0.2, 0.8);
+    let target = draft.target(depth, down);
+    reflective::outdoors(&mut draft, below);
     (draft, target)
 }
 
@@ -218,7 +221,8 @@ pub(super) fn thin<'a>(mut draft: Draft<'a>) -> (Draft<'a>, DVec3) {
         scatter(&mut draft, (2.5, 14.0), below);
     }
     let depth = draft.between(2.0, 5.0);
-    let below = draft.between(-0.1, 0.35) * below;
-    let target = draft.target(depth, below);
+    let down = draft.between(-0.1, 0.35) * below;
+    let target = draft.target(depth, down);
+    reflective::outdoors(&mut draft, below);
     (draft, target)
 }

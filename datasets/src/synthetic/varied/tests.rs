@@ -1,9 +1,22 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use super::*;
-use crate::synthetic::{SyntheticOptions, SyntheticScene, TRAINING_SEEDS};
+use crate::synthetic::{SyntheticOptions, SyntheticScene, TRAINING_SEEDS, WorldKind};
 
 const SEEDS: std::ops::Range<u64> = 1_000..1_060;
+/// Marks the seed of a reflective scene.
+const REFLECTIVE: u64 = 1 << 40;
+
+fn options(seed: u64) -> SyntheticOptions {
+    let varied = SyntheticOptions::varied(seed & !REFLECTIVE);
+    match seed & REFLECTIVE {
+        0 => varied,
+        _ => SyntheticOptions {
+            world: WorldKind::Reflective,
+            ..varied
+        },
+    }
+}
 
 #[test]
 fn every_family_occurs_as_often_as_it_is_listed() {
@@ -23,8 +36,11 @@ fn every_family_occurs_as_often_as_it_is_listed() {
 
 #[test]
 fn cameras_are_clear_of_surfaces_and_of_the_papers_distance() {
-    for seed in SEEDS {
-        let (world, rig) = scene(seed);
+    for seed in SEEDS.chain(SEEDS.map(|seed| seed | REFLECTIVE)) {
+        let (world, rig) = match seed & REFLECTIVE {
+            0 => scene(seed),
+            _ => reflective_scene(seed ^ REFLECTIVE),
+        };
         let centers = rig.centers(11);
         for (i, a) in centers.iter().enumerate() {
             let shapes = world.objects().iter().map(|object| object.shape());
@@ -39,11 +55,11 @@ fn cameras_are_clear_of_surfaces_and_of_the_papers_distance() {
 
 #[test]
 fn pictures_show_enough() {
-    for seed in SEEDS {
+    for seed in SEEDS.chain(SEEDS.map(|seed| seed | REFLECTIVE)) {
         let options = SyntheticOptions {
             width: 48,
             height: 48,
-            ..SyntheticOptions::varied(seed)
+            ..options(seed)
         };
         let scene = SyntheticScene::new(options).unwrap();
         assert_eq!(scene.views().len(), 11);
@@ -77,7 +93,7 @@ fn hash(seed: u64, threads: usize) -> String {
     let options = SyntheticOptions {
         width: 64,
         height: 48,
-        ..SyntheticOptions::varied(seed)
+        ..options(seed)
     };
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads);
     pool.build().unwrap().install(|| {
@@ -89,7 +105,8 @@ fn hash(seed: u64, threads: usize) -> String {
 #[test]
 fn pictures_do_not_depend_on_threads_and_differ_between_seeds() {
     let mut seen = BTreeSet::new();
-    for seed in 1_000..1_012 {
+    let reflective = (1_000..1_012).map(|seed| seed | REFLECTIVE);
+    for seed in (1_000..1_012).chain(reflective) {
         let one = hash(seed, 1);
         assert_eq!(one, hash(seed, 2));
         assert!(seen.insert(one), "seed {seed}");
@@ -112,6 +129,18 @@ fn pictures_are_the_same_on_every_machine() {
     let found: Vec<(Family, String)> = found.collect();
     let recorded = RECORDED.map(|(family, hash)| (family, hash.to_owned()));
     assert_eq!(found, recorded);
+}
+
+/// As above, for thirty reflective scenes together.
+#[test]
+fn reflective_pictures_are_the_same_on_every_machine() {
+    let all: Vec<String> = (1_000..1_030)
+        .map(|seed| hash(seed | REFLECTIVE, 2))
+        .collect();
+    assert_eq!(
+        crate::files::sha256_of(all.join(" ").as_bytes()),
+        "0169c7dd91e827227901fe592c917003b1e2d5075d8c5254e7ee142eba753829"
+    );
 }
 
 const RECORDED: [(Family, &str); 7] = [
@@ -152,7 +181,7 @@ fn classic_seeds_are_the_classic_scene() {
         .unwrap();
     let varied = SyntheticOptions::varied(seed);
     let classic = SyntheticOptions {
-        world: crate::synthetic::WorldKind::Classic,
+        world: WorldKind::Classic,
         ..varied
     };
     let [a, b] = [varied, classic].map(|options| SyntheticScene::new(options).unwrap());
@@ -164,4 +193,26 @@ fn classic_seeds_are_the_classic_scene() {
     }
     let picture = |scene: &SyntheticScene| scene.views()[3].content.image_sha256().unwrap();
     assert_eq!(picture(&a), picture(&b));
+}
+
+/// Most reflective scenes show a mirror, a pane or water in their central picture.
+#[test]
+fn reflective_scenes_show_what_they_are_for() {
+    let mut shares = Vec::new();
+    for seed in 1_000..1_120 {
+        let (world, rig) = reflective_scene(seed);
+        let forward = rig.target.normalize();
+        let right = DVec3::Y.cross(forward).normalize();
+        let down = forward.cross(right);
+        let rays = (0..30 * 30).map(|place| {
+            let at = |cell: i32| (f64::from(cell) + 0.5) / 30.0 - 0.5;
+            right * (at(place % 30) / rig.focal) + down * (at(place / 30) / rig.focal) + forward
+        });
+        let seen = rays.filter(|ray| world.is_layered_along(DVec3::ZERO, *ray));
+        shares.push(seen.count() as f64 / 900.0);
+    }
+    let visible = shares.iter().filter(|share| **share > 0.02).count();
+    assert!(visible > 84, "{visible} of 120");
+    let mean = shares.iter().sum::<f64>() / 120.0;
+    assert!((0.08..0.3).contains(&mean), "{mean}");
 }

@@ -79,6 +79,15 @@ fn everything_can_be_set() {
 }
 
 #[test]
+fn both_stages_may_have_reflective_scenes() {
+    let stage = "steps = 20\nschedule.warmup_steps = 5\ndata = \"reflective\"\n";
+    let config = load(&format!("[stage1]\n{stage}[stage2]\n{stage}")).unwrap();
+    for stage in Stage::ALL {
+        assert_eq!(config.stage(stage).data, TrainingData::Reflective);
+    }
+}
+
+#[test]
 fn errors_name_file_and_key() {
     let stage = "[stage1]\nsteps = 20\nbatch = 1\nschedule.warmup_steps = 5\n";
     for (text, part) in [
@@ -153,6 +162,11 @@ fn errors_name_file_and_key() {
         (
             &format!("{stage}data.photographs = \"mine\""),
             "`stage1.data` has photographs",
+        ),
+        (
+            "[stage1]\nsteps = 0\n[stage2]\nsteps = 9\nschedule.warmup_steps = 1\n\
+             data.split = { photographs = \"mine\", held_out = 1 }",
+            "`stage2.data` holds out everything",
         ),
         (&format!("{stage}side = 0"), "`stage1.side` is not"),
         (

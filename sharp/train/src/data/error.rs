@@ -38,6 +38,16 @@ pub enum DataError {
     },
     #[error("{}: no PNG or JPEG files in this folder", folder.display())]
     NoPicture { folder: PathBuf },
+    /// Too few files and subfolders to hold one out.
+    #[error(
+        "{}: with {count} files and subfolders that have pictures, none is held out; `split.held_out` is {every}",
+        folder.display()
+    )]
+    Unsplit {
+        folder: PathBuf,
+        count: usize,
+        every: usize,
+    },
     /// Some of the scenes are reserved for evaluation.
     #[error(
         "{dataset}: only seeds {} to {} may be used for training; all others are held out",

@@ -4,9 +4,9 @@
 //! samples.
 //!
 //! * [`Sample`], [`TrainingView`], [`Photograph`], [`Source`]: the interface to training.
-//! * [`ProceduralSamples`]: scenes generated on the fly from seeds.
+//! * [`ProceduralSamples`], [`TrainingWorlds`]: scenes generated on the fly from seeds.
 //! * [`PosedSamples`]: posed pictures with depth, read by `sharp-datasets`.
-//! * [`FolderPhotographs`], [`ProceduralPhotographs`]: pictures without depth.
+//! * [`FolderPhotographs`], [`ProceduralPhotographs`], [`held_out_entries`]: pictures without depth.
 //! * [`Prefetcher`]: samples prepared in the background, in order.
 //! * [`DataError`]: errors of training data.
 
@@ -24,10 +24,10 @@ use sharp::camera::Intrinsics;
 use sharp::random::{SplitMix64, mix};
 
 pub use error::DataError;
-pub use photographs::{FolderPhotographs, ProceduralPhotographs};
+pub use photographs::{FolderPhotographs, ProceduralPhotographs, held_out_entries};
 pub use posed::PosedSamples;
 pub use prefetch::Prefetcher;
-pub use procedural::{ProceduralSamples, shares_training_seeds};
+pub use procedural::{ProceduralSamples, TrainingWorlds, shares_training_seeds};
 pub use view::TrainingView;
 
 /// Two views of a scene. The network receives the source's picture; its Gaussians are compared with

@@ -8,25 +8,57 @@ use sharp::color::{Quantization, quantize};
 use sharp::model::preprocess::{Photo, PhotoOptions, load_photo};
 use sharp_datasets::files;
 
-use super::procedural::scene;
+use super::procedural::{TrainingWorlds, scene};
 use super::view::resized;
 use super::{DataError, Photograph, Source, draws};
 
 /// Accepted file extensions, in lower case.
 const ENDINGS: [&str; 3] = ["png", "jpg", "jpeg"];
 
+/// Paths below a folder, with `/`, and files.
+type Pictures = Vec<(String, PathBuf)>;
+
 /// PNG and JPEG files of a folder and its subfolders. Photograph k is a random one of them.
 #[derive(Debug, Clone)]
 pub struct FolderPhotographs {
     seed: u64,
     size: (u32, u32),
-    /// Paths below the folder, with `/`, and files.
-    files: Vec<(String, PathBuf)>,
+    files: Pictures,
+}
+
+/// True if the file or subfolder at `index` of a folder is held out.
+fn is_held_out(index: usize, every: Option<usize>) -> bool {
+    every.is_some_and(|every| (index + 1).is_multiple_of(every))
+}
+
+/// Files and subfolders directly in a folder that are held out of training if every `every`-th one is.
+///
+/// # Errors
+/// [`DataError::Dataset`] if the folder cannot be read.
+pub fn held_out_entries(folder: &Path, every: usize) -> Result<Vec<PathBuf>, DataError> {
+    let entries = entries(folder)?.into_iter().enumerate();
+    let held_out = entries.filter(|(index, _)| is_held_out(*index, Some(every)));
+    Ok(held_out.map(|(_, (path, _))| path).collect())
+}
+
+/// Files and subfolders directly in a folder that have pictures, with these pictures as in [`FolderPhotographs`].
+fn entries(folder: &Path) -> Result<Vec<(PathBuf, Pictures)>, DataError> {
+    let mut all = Vec::new();
+    find(folder, "", &mut all)?;
+    let mut entries: Vec<(PathBuf, Pictures)> = Vec::new();
+    for (name, path) in all {
+        let entry = folder.join(name.split('/').next().unwrap_or_default());
+        match entries.last_mut() {
+            Some((last, pictures)) if *last == entry => pictures.push((name, path)),
+            _ => entries.push((entry, vec![(name, path)])),
+        }
+    }
+    Ok(entries)
 }
 
 /// Adds the pictures below `folder`, whose own path below the top is `inside`. Links to folders are not followed, as they
 /// may form a circle.
-fn find(folder: &Path, inside: &str, found: &mut Vec<(String, PathBuf)>) -> Result<(), DataError> {
+fn find(folder: &Path, inside: &str, found: &mut Pictures) -> Result<(), DataError> {
     for (name, path) in files::list(folder)? {
         let ending = path.extension().unwrap_or_default().to_ascii_lowercase();
         if path.is_dir() && !path.is_symlink() {
@@ -39,18 +71,31 @@ fn find(folder: &Path, inside: &str, found: &mut Vec<(String, PathBuf)>) -> Resu
 }
 
 impl FolderPhotographs {
-    /// Lists a folder; pictures are resized to `size` (width, height) in pixels.
+    /// Lists a folder without its [held-out entries](held_out_entries); pictures are resized to `size` (width, height)
+    /// in pixels.
     ///
     /// # Errors
-    /// [`DataError::Dataset`] if the folder cannot be read; [`DataError::NoPicture`].
-    pub fn open(folder: &Path, seed: u64, size: (u32, u32)) -> Result<Self, DataError> {
-        let mut files = Vec::new();
-        find(folder, "", &mut files)?;
-        match files.is_empty() {
-            true => Err(DataError::NoPicture {
-                folder: folder.to_owned(),
+    /// [`DataError::Dataset`] if the folder cannot be read; [`DataError::NoPicture`]; [`DataError::Unsplit`] if nothing
+    /// would be held out.
+    pub fn open(
+        folder: &Path,
+        held_out: Option<usize>,
+        seed: u64,
+        size: (u32, u32),
+    ) -> Result<Self, DataError> {
+        let entries = entries(folder)?;
+        let (count, folder) = (entries.len(), folder.to_owned());
+        let kept = entries.into_iter().enumerate();
+        let kept = kept.filter(|(index, _)| !is_held_out(*index, held_out));
+        let files: Vec<_> = kept.flat_map(|(_, (_, pictures))| pictures).collect();
+        match held_out {
+            _ if files.is_empty() => Err(DataError::NoPicture { folder }),
+            Some(every) if count < every => Err(DataError::Unsplit {
+                folder,
+                count,
+                every,
             }),
-            false => Ok(Self { seed, size, files }),
+            _ => Ok(Self { seed, size, files }),
         }
     }
 
@@ -93,6 +138,7 @@ fn eight_bit(photo: &Photo, (width, height): (u32, u32)) -> RgbImage {
 pub struct ProceduralPhotographs {
     seed: u64,
     size: (u32, u32),
+    worlds: TrainingWorlds,
 }
 
 /// Separates the scenes used as photographs from those that a first stage with the same seed uses.
@@ -100,15 +146,15 @@ const APART: u64 = 0x5048_4f54;
 
 impl ProceduralPhotographs {
     /// Creates a source with the given seed and picture size (width, height) in pixels.
-    pub fn new(seed: u64, size: (u32, u32)) -> Self {
-        Self { seed, size }
+    pub fn new(seed: u64, size: (u32, u32), worlds: TrainingWorlds) -> Self {
+        Self { seed, size, worlds }
     }
 }
 
 impl Source<Photograph> for ProceduralPhotographs {
     fn get(&self, k: u64) -> Result<Photograph, DataError> {
         let mut random = draws(self.seed ^ APART, k);
-        let (scene, views) = scene(&mut random, self.size)?;
+        let (scene, views) = scene(&mut random, self.size, self.worlds.of(k))?;
         let view = &views[random.below(views.len() as u64) as usize];
         let id = format!("{scene}/{}", view.id);
         let image = view.content.image();

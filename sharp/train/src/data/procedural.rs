@@ -1,7 +1,9 @@
 //! Samples of procedural scenes, rendered on demand.
 
 use sharp::random::SplitMix64;
-use sharp_datasets::synthetic::{SyntheticOptions, SyntheticScene, TRAINING_SEEDS, seeds_of};
+use sharp_datasets::synthetic::{
+    SyntheticOptions, SyntheticScene, TRAINING_SEEDS, WorldKind, seeds_of,
+};
 use sharp_datasets::{DatasetError, DatasetSpec, View};
 
 use super::view::TrainingView;
@@ -17,19 +19,37 @@ use super::{DataError, Sample, Source, draws};
 pub struct ProceduralSamples {
     seed: u64,
     size: (u32, u32),
+    worlds: TrainingWorlds,
+}
+
+/// The worlds that training scenes are from. The same sample has the same seed and cameras in both.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum TrainingWorlds {
+    Varied,
+    /// Every other sample is from a reflective world.
+    HalfReflective,
+}
+
+impl TrainingWorlds {
+    pub(super) fn of(self, k: u64) -> WorldKind {
+        match self {
+            Self::HalfReflective if k % 2 == 1 => WorldKind::Reflective,
+            _ => WorldKind::Varied,
+        }
+    }
 }
 
 impl ProceduralSamples {
     /// Creates a source from a seed, with pictures of `size` (width, height) in pixels.
-    pub fn new(seed: u64, size: (u32, u32)) -> Self {
-        Self { seed, size }
+    pub fn new(seed: u64, size: (u32, u32), worlds: TrainingWorlds) -> Self {
+        Self { seed, size, worlds }
     }
 }
 
 impl Source<Sample> for ProceduralSamples {
     fn get(&self, k: u64) -> Result<Sample, DataError> {
         let mut random = draws(self.seed, k);
-        let (id, views) = scene(&mut random, self.size)?;
+        let (id, views) = scene(&mut random, self.size, self.worlds.of(k))?;
         let (source, target) = cameras(&mut random, views.len() as u64);
         pair(
             &id,
@@ -58,12 +78,14 @@ pub(super) fn training_seed(random: &mut SplitMix64) -> u64 {
 pub(super) fn scene(
     random: &mut SplitMix64,
     (width, height): (u32, u32),
+    world: WorldKind,
 ) -> Result<(String, Vec<View>), DataError> {
     let seed = training_seed(random);
     let id = format!("seed{seed}");
     let options = SyntheticOptions {
         width,
         height,
+        world,
         ..SyntheticOptions::varied(seed)
     };
     let scene = SyntheticScene::new(options).map_err(|e| DataError::from(e).of_sample(&id))?;

@@ -24,7 +24,7 @@ fn posed(text: &str, size: (u32, u32), limit_m: f64) -> Result<PosedSamples, Dat
 
 #[test]
 fn a_sample_follows_from_seed_and_number() {
-    let samples = ProceduralSamples::new(5, SIZE);
+    let samples = ProceduralSamples::new(5, SIZE, TrainingWorlds::Varied);
     let first: Vec<Sample> = (0..4).map(|k| samples.get(k).unwrap()).collect();
     for k in [2, 0, 3, 1] {
         assert_eq!(samples.get(k).unwrap(), first[k as usize]);
@@ -32,7 +32,9 @@ fn a_sample_follows_from_seed_and_number() {
     for (a, b) in [(0, 1), (1, 2), (2, 3)] {
         assert_ne!(first[a].source.image, first[b].source.image);
     }
-    let other = ProceduralSamples::new(6, SIZE).get(0).unwrap();
+    let other = ProceduralSamples::new(6, SIZE, TrainingWorlds::Varied)
+        .get(0)
+        .unwrap();
     assert_ne!(other.id, first[0].id);
     for sample in &first {
         for view in [&sample.source, &sample.target] {
@@ -138,7 +140,7 @@ pub(crate) fn warped(sample: &Sample) -> (f64, f64) {
 
 #[test]
 fn poses_and_depth_of_a_sample_agree() {
-    let samples = ProceduralSamples::new(2, (96, 96));
+    let samples = ProceduralSamples::new(2, (96, 96), TrainingWorlds::Varied);
     let mut mean_when_exchanged = 0.0;
     for k in 0..24 {
         let mut sample = samples.get(k).unwrap();
@@ -155,6 +157,18 @@ fn poses_and_depth_of_a_sample_agree() {
         mean_when_exchanged += warped(&sample).1 / 24.0;
     }
     assert!(mean_when_exchanged > 0.03, "{mean_when_exchanged}");
+}
+
+#[test]
+fn every_other_sample_may_be_reflective() {
+    let [varied, half] = [TrainingWorlds::Varied, TrainingWorlds::HalfReflective]
+        .map(|worlds| ProceduralSamples::new(5, SIZE, worlds));
+    let photographs = ProceduralPhotographs::new(5, SIZE, TrainingWorlds::HalfReflective);
+    for k in 0..6 {
+        let [a, b] = [&varied, &half].map(|samples| samples.get(k).unwrap());
+        assert_eq!((a.id == b.id, a == b), (true, k % 2 == 0), "{}", a.id);
+        assert_eq!(photographs.get(k).unwrap().image.dimensions(), SIZE);
+    }
 }
 
 #[test]
@@ -292,7 +306,7 @@ fn gradient(width: u32, height: u32) -> RgbImage {
 #[test]
 fn photographs_of_a_folder_keep_pixels_and_have_a_focal_length() {
     let folder = tempfile::tempdir().unwrap();
-    let open = |size| FolderPhotographs::open(folder.path(), 1, size);
+    let open = |size| FolderPhotographs::open(folder.path(), None, 1, size);
     assert!(matches!(open(SIZE), Err(DataError::NoPicture { .. })));
     std::fs::write(folder.path().join("notes.txt"), "no picture").unwrap();
     gradient(40, 30)
@@ -337,13 +351,48 @@ fn photographs_of_a_folder_keep_pixels_and_have_a_focal_length() {
         errors.iter().all(|error| error.contains("sample one.png")),
         "{errors:?}"
     );
-    let nowhere = FolderPhotographs::open(Path::new("/nowhere"), 1, SIZE);
+    let nowhere = FolderPhotographs::open(Path::new("/nowhere"), None, 1, SIZE);
     assert!(nowhere.unwrap_err().to_string().contains("/nowhere"));
 }
 
 #[test]
+fn held_out_entries_of_a_folder_are_never_training_data() {
+    let folder = tempfile::tempdir().unwrap();
+    // In natural order: 1.png, 2, 3.png, 10, 11.png; a folder without pictures does not count.
+    for name in ["1.png", "2/a.png", "2/b.png", "3.png", "10/a.png", "11.png"] {
+        let path = folder.path().join(name);
+        std::fs::create_dir_all(path.parent().unwrap()).unwrap();
+        gradient(8, 8).save(path).unwrap();
+    }
+    std::fs::create_dir(folder.path().join("0")).unwrap();
+    let kept = |every| {
+        let photographs = FolderPhotographs::open(folder.path(), Some(every), 1, (8, 8)).unwrap();
+        let ids = (0..100).map(|k| photographs.get(k).unwrap().id);
+        ids.collect::<std::collections::BTreeSet<_>>()
+    };
+    let held_out = |every: usize| {
+        let paths = held_out_entries(folder.path(), every).unwrap();
+        let names = paths.iter().map(|path| path.strip_prefix(folder.path()));
+        let names = names.map(|name| name.unwrap().display().to_string());
+        names.collect::<Vec<_>>()
+    };
+    assert_eq!(held_out(2), ["2", "10"]);
+    assert_eq!(
+        kept(2).into_iter().collect::<Vec<_>>(),
+        ["1.png", "11.png", "3.png"]
+    );
+    assert_eq!(held_out(5), ["11.png"]);
+    assert_eq!(kept(5).len(), 5);
+    let error = FolderPhotographs::open(folder.path(), Some(6), 1, SIZE).unwrap_err();
+    assert!(
+        error.to_string().contains("with 5 files and subfolders"),
+        "{error}"
+    );
+}
+
+#[test]
 fn procedural_photographs_are_of_training_scenes() {
-    let photographs = ProceduralPhotographs::new(4, SIZE);
+    let photographs = ProceduralPhotographs::new(4, SIZE, TrainingWorlds::Varied);
     let taken: Vec<Photograph> = (0..6).map(|k| photographs.get(k).unwrap()).collect();
     assert_eq!(photographs.get(3).unwrap(), taken[3]);
     for photograph in &taken {
@@ -393,7 +442,7 @@ fn a_prefetcher_keeps_the_order_and_hands_errors_on() {
 
 #[test]
 fn prefetched_samples_are_those_of_the_source() {
-    let samples = ProceduralSamples::new(8, (32, 32));
+    let samples = ProceduralSamples::new(8, (32, 32), TrainingWorlds::Varied);
     let chosen: Box<dyn Source<Sample>> = Box::new(samples.clone());
     let mut ahead = Prefetcher::start(chosen, 2, 2).unwrap();
     for k in 2..6 {

@@ -6,7 +6,7 @@ use sharp::model::training::{TrainableNetwork, TrainingInput};
 use sharp::model::{Algorithm, Compute, ModelConfig};
 
 use super::*;
-use crate::data::{ProceduralSamples, Sample, Source};
+use crate::data::{ProceduralSamples, Sample, Source, TrainingWorlds};
 
 const SIDE: usize = 192;
 
@@ -17,7 +17,8 @@ fn objective(weights: LossWeights, options: LossOptions) -> Objective {
 /// A pass of the tiny network with weights that make every attribute differ from its base, and the
 /// picture's planes `[3, 192, 192]`.
 fn pass() -> (TrainingPass, Sample, Vec<f32>) {
-    let sample = ProceduralSamples::new(3, (SIDE as u32, SIDE as u32)).get(0);
+    let sample =
+        ProceduralSamples::new(3, (SIDE as u32, SIDE as u32), TrainingWorlds::Varied).get(0);
     let sample = sample.unwrap();
     let config = concat!(
         env!("CARGO_MANIFEST_DIR"),

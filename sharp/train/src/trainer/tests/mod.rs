@@ -7,6 +7,7 @@ use sharp::model::Algorithm;
 use tempfile::TempDir;
 
 use super::*;
+use crate::config::TrainingData;
 use crate::losses::LossWeights;
 use crate::schedule::Schedule;
 use crate::self_supervision::PseudoViews;

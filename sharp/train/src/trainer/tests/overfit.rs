@@ -6,7 +6,7 @@ use sharp_metrics::picture::Picture;
 use sharp_metrics::psnr;
 
 use super::*;
-use crate::data::{DataError, ProceduralSamples, Source};
+use crate::data::{DataError, ProceduralSamples, Source, TrainingWorlds};
 
 /// Returns the same sample for every index.
 struct Same(Sample);
@@ -67,7 +67,9 @@ fn one_scene_can_be_learnt_by_heart() {
         ..config.losses
     };
     let mut training = Training::new(&config);
-    let sample = ProceduralSamples::new(3, (192, 192)).get(13).unwrap();
+    let sample = ProceduralSamples::new(3, (192, 192), TrainingWorlds::Varied)
+        .get(13)
+        .unwrap();
     let mut samples = Prefetcher::start(Same(sample.clone()), 0, 1).unwrap();
     let folder = training.folder.path();
     let mut log = TrainingLog::open(folder, Position::START).unwrap();
