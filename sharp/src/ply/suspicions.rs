@@ -9,9 +9,12 @@ use super::reading::{
     StoredColors, StoredForm, StoredOpacity, StoredQuaternions, StoredScales, logistic,
 };
 use crate::gaussians::Gaussians;
+use crate::random::mix;
 
 /// Files with fewer Gaussians are not judged.
 const LEAST: usize = 20;
+/// Minimum share of different Gaussians that occur several times.
+const LEAST_REPEATED: f64 = 0.05;
 
 /// A doubt about the encoding of a file.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -144,7 +147,33 @@ pub fn suspicions(stored: &Gaussians, given: &StoredForm, format: &StoredForm) -
              Gaussians from before the export",
         ));
     }
+    found.extend(repetition(stored, &finite));
     found
+}
+
+/// A suspicion if many different Gaussians occur several times. A single one that occurs often, such as a placeholder for
+/// invalid pixels, counts once.
+fn repetition(stored: &Gaussians, finite: &[usize]) -> Option<Suspicion> {
+    let hash = |&k: &usize| {
+        let rows = [stored.means[k], stored.scales[k], stored.colors[k]];
+        let values = rows.as_flattened().iter().chain(&stored.quaternions[k]);
+        let values = values.chain([&stored.opacities[k]]);
+        values.fold(0, |hash, value| mix(hash ^ u64::from(value.to_bits())))
+    };
+    let mut hashes: Vec<u64> = finite.iter().map(hash).collect();
+    hashes.sort_unstable();
+    let groups = hashes.chunk_by(|a, b| a == b);
+    let (different, repeated) = groups.fold((0, 0), |(all, repeated), group| {
+        (all + 1, repeated + usize::from(group.len() > 1))
+    });
+    (repeated >= LEAST && repeated as f64 >= LEAST_REPEATED * different as f64).then(|| {
+        let share = 100.0 * (1.0 - different as f64 / finite.len() as f64);
+        let text = format!(
+            "{share:.0} % of its Gaussians repeat another one exactly, which makes them more opaque: was the file \
+             appended to when it was written again?"
+        );
+        Suspicion::new("repetition", text)
+    })
 }
 
 /// Minimum, median and maximum of some values.

@@ -394,6 +394,23 @@ fn varied(store: impl Fn(f32, f32) -> (f32, f32)) -> Gaussians {
 }
 
 #[test]
+fn repeated_gaussians_are_told_and_placeholders_are_not() {
+    let found = |stored: &Gaussians| {
+        let all = suspicions(stored, &StoredForm::default(), &StoredForm::ply());
+        let repetition = all.into_iter().find(|doubt| doubt.about == "repetition");
+        repetition.map_or_else(String::new, |doubt| doubt.text)
+    };
+    let once = varied(|o, c| (o, c));
+    assert_eq!(found(&once), "");
+    let rows: Vec<usize> = (0..400).collect();
+    let with = |more: Vec<usize>| once.subset(&[rows.clone(), more].concat());
+    assert!(found(&with(rows.clone())).starts_with("50 % of its Gaussians repeat"));
+    assert!(found(&with((0..40).collect())).starts_with("9 %"));
+    assert_eq!(found(&with((0..19).collect())), "");
+    assert_eq!(found(&with(vec![7; 400])), "");
+}
+
+#[test]
 fn logarithms_of_opacities_and_signed_colours_are_suspected_and_mended() {
     let (logit, dc) = (
         |o: f32| (o / (1.0 - o)).ln(),
