@@ -1,5 +1,6 @@
 //! Ground-truth depth from files: disparity, metric maps, raw floats.
 
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 use glam::{DVec2, DVec3};
@@ -116,6 +117,9 @@ impl ViewDepth {
 /// With this many negative disparities per positive one, the sign is considered inverted.
 const MOSTLY: u64 = 20;
 
+/// With this many different negative disparities, they are no marks of invalid pixels.
+const VALUES: usize = 8;
+
 /// Up to one disparity in this many may lie behind the cameras: noise.
 const MOST_BEHIND: u64 = 20;
 
@@ -131,11 +135,12 @@ pub(crate) struct StereoGeometry {
 }
 
 impl StereoGeometry {
-    /// Depth in metres; 0 if the disparity is not finite or not positive, or if its point would be
-    /// behind the cameras.
-    fn depth(&self, disparity: f32) -> f32 {
+    /// Depth in metres; 0 if the disparity is not finite, 0 or not above `least`, or if its point would be behind the
+    /// cameras.
+    fn depth(&self, disparity: f32, least: f64) -> f32 {
         let shifted = f64::from(disparity) + self.doffs;
-        if !disparity.is_finite() || disparity <= 0.0 || shifted <= 0.0 {
+        let is_value = disparity != 0.0 && f64::from(disparity) > least;
+        if !disparity.is_finite() || !is_value || shifted <= 0.0 {
             return 0.0;
         }
         valid_depth(self.baseline_m * self.focal / shifted)
@@ -144,27 +149,32 @@ impl StereoGeometry {
     /// Converts a disparity map.
     ///
     /// Rejects a map that has values but no disparity within the picture's width: if the byte order
-    /// is wrong, disparities are denormal or astronomical. Also rejects negative disparities.
+    /// is wrong, disparities are denormal or astronomical. Also rejects negative disparities, unless there are positive
+    /// ones and `doffs` makes all their depths positive, as in pictures that were cropped differently.
     fn depth_map(&self, path: &Path, disparity: &FloatMap) -> Result<DepthMap, DatasetError> {
         let widest = f64::from(disparity.width());
         let (mut sane, mut strange, mut negative, mut mark) = (0_u64, 0_u64, 0_u64, None);
-        let depth = disparity
-            .as_raw()
-            .iter()
-            .map(|&d| {
-                // Zero and -1 commonly mark invalid pixels and prove nothing.
-                let magnitude = f64::from(d.abs());
-                if d.is_finite() && (magnitude >= widest || (magnitude > 0.0 && magnitude < 1e-6)) {
-                    strange += 1;
-                } else if d.is_finite() && d > 0.0 {
-                    sane += 1;
-                } else if d.is_finite() && d < 0.0 {
-                    // If all negative values are equal, they mark invalid pixels.
-                    negative += u64::from(d != *mark.get_or_insert(d));
+        let (mut values, mut lowest) = (BTreeSet::new(), 0.0_f32);
+        for &d in disparity.as_raw() {
+            // Zero and -1 commonly mark invalid pixels and prove nothing.
+            let magnitude = f64::from(d.abs());
+            if d.is_finite() && (magnitude >= widest || (magnitude > 0.0 && magnitude < 1e-6)) {
+                strange += 1;
+            } else if d.is_finite() && d > 0.0 {
+                sane += 1;
+            } else if d.is_finite() && d < 0.0 {
+                // If all negative values are equal, they mark invalid pixels.
+                negative += u64::from(d != *mark.get_or_insert(d));
+                lowest = lowest.min(d);
+                if values.len() < VALUES {
+                    values.insert(d.to_bits());
                 }
-                self.depth(d)
-            })
-            .collect();
+            }
+        }
+        let are_values = values.len() == VALUES && f64::from(lowest) + self.doffs > 0.0;
+        let least = if are_values { -widest } else { 0.0 };
+        let stored = disparity.as_raw().iter();
+        let depth = stored.map(|d| self.depth(*d, least)).collect();
         if negative > MOSTLY * sane.max(1) {
             return Err(DatasetError::malformed(
                 path,
@@ -319,15 +329,35 @@ mod tests {
 
     #[test]
     fn disparity_becomes_metric_depth() {
-        assert_eq!(RIG.depth(20.0), 4.0);
+        assert_eq!(RIG.depth(20.0, 0.0), 4.0);
         for invalid in [0.0, -1.0, f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
-            assert_eq!(RIG.depth(invalid), 0.0);
+            assert_eq!(RIG.depth(invalid, 0.0), 0.0);
         }
+        assert_eq!(RIG.depth(-10.0, -24.0), 10.0);
+        assert_eq!(RIG.depth(0.0, -24.0), 0.0);
         let negative_offset = StereoGeometry {
             doffs: -30.0,
             ..RIG
         };
-        assert_eq!(negative_offset.depth(20.0), 0.0);
+        assert_eq!(negative_offset.depth(20.0, 0.0), 0.0);
+    }
+
+    /// The right picture was cropped, so that the farthest points have negative disparities.
+    #[test]
+    fn an_offset_makes_negative_disparities_valid() {
+        let path = Path::new("d.pfm");
+        let read = |doffs: f64, from: i32| {
+            let map = FloatMap::from_vec(40, 1, (from..from + 40).map(|d| d as f32).collect());
+            let rig = StereoGeometry { doffs, ..RIG };
+            let depth = rig.depth_map(path, &map.unwrap()).unwrap().into_raw();
+            depth.into_iter().filter(|z| *z > 0.0).count()
+        };
+        // All but 0.
+        assert_eq!(read(30.0, -12), 39);
+        assert_eq!(read(0.0, -12), 27);
+        // Too few to be more than marks, or behind the cameras.
+        assert_eq!(read(30.0, -3), 36);
+        assert_eq!(read(9.0, -12), 27);
     }
 
     #[test]

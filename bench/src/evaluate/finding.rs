@@ -1,5 +1,6 @@
 //! Findings on a stored picture. What is shown of them depends on all pictures of a dataset.
 
+use glam::{DMat2, DVec2};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -330,13 +331,13 @@ pub struct Framing {
     pub zoom: i16,
     /// Angle by which it is turned clockwise, thousandths of a degree.
     pub roll: i16,
-    /// To the right and downwards, thousandths of the width.
+    /// To the right and downwards, thousandths of the width; the part along epipolar lines of one direction is missing.
     pub shift: [i16; 2],
 }
 
 impl Framing {
     /// How far framings of one cause may differ in zoom, roll and shift.
-    const UNEVEN: [i16; 3] = [20, 700, 5];
+    const UNEVEN: [i16; 3] = [25, 700, 4];
     /// Minimum zoom, roll and shift that count.
     const LEAST: [i16; 3] = [15, 700, 5];
 
@@ -345,27 +346,59 @@ impl Framing {
     }
 
     fn is_rolled(self) -> bool {
-        self.roll.abs() >= Self::LEAST[1]
+        self.roll.abs() >= self.coarser() * Self::LEAST[1]
     }
 
     fn is_shifted(self) -> bool {
-        self.shift.iter().any(|by| by.abs() >= Self::LEAST[2])
+        let least = self.coarser() * Self::LEAST[2];
+        self.shift.iter().any(|by| by.abs() >= least)
+    }
+
+    /// Turns and shifts of zoomed pictures are measured less exactly, by this factor.
+    fn coarser(self) -> i16 {
+        if self.is_zoomed() { 3 } else { 1 }
     }
 
     pub fn is_wrong(self) -> bool {
         self.is_zoomed() || self.is_rolled() || self.is_shifted()
     }
 
-    /// Whether both have the same cause.
+    /// Whether this may be a measurement of `other`, in which a shift has its full length.
     pub fn is_like(self, other: Self) -> bool {
-        let values = |framing: Self| {
-            let [x, y] = framing.shift;
-            [(framing.zoom, 0), (framing.roll, 1), (x, 2), (y, 2)]
+        let near = |a: i16, b: i16, most: i16| (a - b).abs() <= most;
+        let [zoom, roll, shift] = Self::UNEVEN;
+        let times = self.coarser();
+        let [own, all] = [self, other].map(Self::shift_vector);
+        let off = own.length() - all.dot(own.normalize_or_zero());
+        near(self.zoom, other.zoom, zoom)
+            && near(self.roll, other.roll, times * roll)
+            && off.abs() <= f64::from(times * shift)
+    }
+
+    /// One framing for several pictures: the shift of which each shows the part beside its own epipolar lines.
+    pub fn common(framings: &[Self]) -> Option<Self> {
+        let middle = |of: fn(&Self) -> i16| {
+            let mut all: Vec<i16> = framings.iter().map(of).collect();
+            all.sort_unstable();
+            all.get(all.len() / 2).copied()
         };
-        let pairs = values(self).into_iter().zip(values(other));
-        pairs
-            .into_iter()
-            .all(|((a, kind), (b, _))| (a - b).abs() <= Self::UNEVEN[kind])
+        let mut normal = DMat2::from_diagonal(DVec2::splat(0.05));
+        let mut sum = DVec2::ZERO;
+        for shift in framings.iter().map(|framing| framing.shift_vector()) {
+            let along = shift.normalize_or_zero();
+            normal += DMat2::from_cols(along.x * along, along.y * along);
+            sum += shift;
+        }
+        let shift = normal.inverse() * sum;
+        Some(Self {
+            zoom: middle(|framing| framing.zoom)?,
+            roll: middle(|framing| framing.roll)?,
+            shift: [shift.x.round() as i16, shift.y.round() as i16],
+        })
+    }
+
+    fn shift_vector(self) -> DVec2 {
+        DVec2::from(self.shift.map(f64::from))
     }
 
     /// Completes the sentence "what the target's camera would see".

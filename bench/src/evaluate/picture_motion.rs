@@ -13,8 +13,8 @@ use sharp::camera::{Intrinsics, RigidTransform};
 use super::finding::ShownCamera;
 
 /// Half the side of a block, rounded down, pixels of a shrunk picture.
-const HALF: i64 = 5;
-pub(super) const AREA: usize = (2 * HALF as usize + 1).pow(2);
+pub(super) const HALF: i64 = 5;
+const AREA: usize = (2 * HALF as usize + 1).pow(2);
 /// Number of blocks across and down.
 const GRID: [u32; 2] = [14, 10];
 /// Minimum standard deviation of a block, levels.

@@ -11,7 +11,7 @@ use image::RgbImage;
 use image::imageops::thumbnail;
 use sharp_datasets::View;
 
-use super::finding::{ShownCamera, ShownTarget};
+use super::finding::{Framing, ShownCamera, ShownTarget};
 use super::gaussians::likeness::Likeness;
 use super::picture_check::shrunk;
 use super::picture_framing::shown_framing;
@@ -283,7 +283,16 @@ fn wrong_camera(cameras: Vec<ShownCamera>, pairs: &str) -> Option<String> {
     let all = cameras.len();
     let mut wrong: Vec<ShownCamera> = cameras.into_iter().filter(|c| c.is_wrong()).collect();
     wrong.sort_unstable();
-    let middle = *wrong.get(wrong.len() / 2)?;
+    let framed = wrong.iter().filter_map(|camera| match camera {
+        ShownCamera::Framed(framing) => Some(*framing),
+        _ => None,
+    });
+    let middle = match *wrong.get(wrong.len() / 2)? {
+        ShownCamera::Framed(_) => {
+            ShownCamera::Framed(Framing::common(&framed.collect::<Vec<_>>())?)
+        }
+        other => other,
+    };
     let count = wrong.iter().filter(|camera| camera.is_like(middle)).count();
     (count >= FEWEST && count as f64 >= AGREEING * all as f64).then(|| {
         format!(
@@ -297,7 +306,6 @@ fn wrong_camera(cameras: Vec<ShownCamera>, pairs: &str) -> Option<String> {
 mod tests {
     use image::Rgb;
 
-    use super::super::finding::Framing;
     use super::super::record::tests::record;
     use super::*;
 
@@ -396,8 +404,7 @@ mod tests {
     #[test]
     fn nearly_all_measured_cameras_have_to_agree() {
         use ShownCamera::{Framed, InversePose, Moved};
-        let framed = |zoom: i16, x: i16| {
-            let shift = [x, 0];
+        let framed = |zoom, shift| {
             Framed(Framing {
                 zoom,
                 roll: 0,
@@ -418,12 +425,21 @@ mod tests {
                 ["show", "the inverse of the target's pose", "3 of the 3"],
             ),
             (
-                vec![(framed(801, 2), 2), (framed(795, -1), 3)],
+                vec![(framed(801, [2, 0]), 2), (framed(795, [-1, 0]), 3)],
                 ["show", "0.80 times its focal length (", "5 of the 5"],
             ),
             (
-                vec![(framed(1000, 12), 4)],
+                vec![(framed(1000, [12, 0]), 4)],
                 ["show", "shifted by (1.2 %, 0.0 %)", "4 of the 4"],
+            ),
+            // Parts of one shift, beside lines of three directions.
+            (
+                vec![
+                    (framed(1000, [12, 0]), 2),
+                    (framed(1000, [0, 6]), 2),
+                    (framed(1000, [9, 9]), 1),
+                ],
+                ["show", "shifted by (1.2 %, 0.6 %)", "5 of the 5"],
             ),
         ] {
             let said = told_of(&found).unwrap();
@@ -435,9 +451,15 @@ mod tests {
             vec![(Moved(30), 2), (Moved(45), 2), (Moved(170), 2)],
             vec![(Moved(100), 8)],
             vec![(Moved(70), 8)],
-            vec![(framed(800, 0), 3), (framed(900, 0), 3)],
-            vec![(framed(1000, 12), 3), (framed(1000, -12), 3)],
-            vec![(framed(800, 0), 3), (Moved(100), 3)],
+            vec![(framed(800, [0, 0]), 3), (framed(900, [0, 0]), 3)],
+            vec![(framed(1000, [12, 0]), 3), (framed(1000, [-12, 0]), 3)],
+            vec![
+                (framed(1000, [6, 0]), 2),
+                (framed(1000, [-6, 1]), 2),
+                (framed(1000, [0, 7]), 2),
+                (framed(1000, [1, -7]), 2),
+            ],
+            vec![(framed(800, [0, 0]), 3), (Moved(100), 3)],
         ] {
             assert_eq!(told_of(&proper), None);
         }

@@ -1,6 +1,7 @@
 //! Compares the depth of Gaussians in their own source with true depth.
 
 use image::Luma;
+use sharp::camera::Intrinsics;
 use sharp_datasets::DepthMap;
 
 use crate::pairs::valid_depth::{is_valid_depth, median_of};
@@ -14,12 +15,20 @@ const LEAST_FACTOR: f64 = 1.5;
 /// The factor's logarithm must be at least this many times the spread of depth ratios, which
 /// prediction errors cause.
 const FACTOR_SIGNIFICANCE: f64 = 10.0;
+/// Ray lengths are only compared over at least this many pixels.
+const FEWEST_RAYS: usize = 300;
+/// Minimum spread of the logarithms of depth ratios that ray lengths may explain; in a narrower field of view, rays hardly
+/// differ.
+const LEAST_SPREAD: f64 = 0.01;
+/// Maximum spread that may remain if ray lengths explain it, as a share.
+const LEFT_BY_RAYS: f64 = 0.4;
 
-/// Warns if rendered depth has another unit than true depth, or is its inverse, and prediction errors do not explain
-/// this. Of another unit, also how many times the true depth is seen.
+/// Warns if rendered depth has another unit than true depth, is its inverse, or differs from it like the length of rays,
+/// and prediction errors do not explain this. Of another unit, also how many times the true depth is seen.
 pub(super) fn depth_doubt(
     truth: &DepthMap,
     seen: &DepthMap,
+    k: Intrinsics,
     scale: f64,
     id: &str,
 ) -> Option<(Option<f64>, String)> {
@@ -28,21 +37,28 @@ pub(super) fn depth_doubt(
     }
     // About ten thousand pixels are enough.
     let step = (truth.as_raw().len() / 10_000).max(1);
-    let both = truth.pixels().zip(seen.pixels()).step_by(step);
-    let both: Vec<[f64; 2]> = both
-        .filter(|(Luma([t]), Luma([s]))| is_valid_depth(*t) && is_valid_depth(*s))
-        .map(|(Luma([t]), Luma([s]))| [f64::from(*t).ln(), f64::from(*s).ln()])
+    let both = truth.enumerate_pixels().zip(seen.pixels()).step_by(step);
+    let both: Vec<[f64; 3]> = both
+        .filter(|((_, _, Luma([t])), Luma([s]))| is_valid_depth(*t) && is_valid_depth(*s))
+        .map(|((x, y, Luma([t])), Luma([s]))| {
+            let across = (f64::from(x) + 0.5 - k.cx) / k.fx;
+            let down = (f64::from(y) + 0.5 - k.cy) / k.fy;
+            let ray = across.hypot(down).hypot(1.0);
+            [f64::from(*t), f64::from(*s), ray].map(f64::ln)
+        })
         .collect();
     if both.len() < 20 {
         return None;
     }
-    let middle_and_spread = |power: f64| {
-        let ratios: Vec<f64> = both.iter().map(|[t, s]| t - power * s).collect();
+    let middle_and_spread = |power: f64, of_ray: f64| {
+        let ratios = both.iter().map(|[t, s, ray]| t - power * s + of_ray * ray);
+        let ratios: Vec<f64> = ratios.collect();
         let middle = median_of(ratios.clone())?;
         let spread = median_of(ratios.iter().map(|r| (r - middle).abs()).collect())?;
         Some((middle, spread))
     };
-    let ((middle, spread), (_, of_inverse)) = (middle_and_spread(1.0)?, middle_and_spread(-1.0)?);
+    let ((middle, spread), (_, of_inverse)) =
+        (middle_and_spread(1.0, 0.0)?, middle_and_spread(-1.0, 0.0)?);
     if of_inverse * INVERSE_SIGNIFICANCE < spread {
         let text = format!(
             "its Gaussians are far where the dataset's depth is near, and near where it is far \
@@ -51,6 +67,28 @@ pub(super) fn depth_doubt(
         return Some((None, text));
     }
     let is_unit = middle.abs() > LEAST_FACTOR.ln().max(FACTOR_SIGNIFICANCE * 1.4826 * spread);
+    for (of_ray, what) in [
+        (
+            1.0,
+            "too far away towards the picture's edges, by the length of their rays: it was probably taken as depth",
+        ),
+        (
+            -1.0,
+            "too near towards the picture's edges, by the length of their rays: depth was probably taken as that length",
+        ),
+    ] {
+        // The first must be far below no correction, and the best of all slopes.
+        let left = |share: f64| Some(middle_and_spread(1.0, share * of_ray)?.1);
+        let (half, own, more) = (left(0.5)?, left(1.0)?, left(1.5)?);
+        let is_ray = spread >= LEAST_SPREAD && own <= LEFT_BY_RAYS * spread && own < half.min(more);
+        if is_ray && both.len() >= FEWEST_RAYS && !is_unit {
+            let text = format!(
+                "its Gaussians are {what} ({id}), which no setting corrects; z is the length divided by √(1 + x² + y²), \
+                 with x and y in focal lengths from the principal point"
+            );
+            return Some((None, text));
+        }
+    }
     is_unit.then(|| {
         let factor = (-middle).exp();
         let text = format!(
@@ -75,8 +113,9 @@ mod tests {
         let map =
             |of: fn(f32) -> f32| DepthMap::from_fn(40, 32, |x, y| Luma([of((x * 32 + y) as f32)]));
         let truth = map(|at| 1.0 + at / 100.0);
-        let said =
-            |seen: fn(f32) -> f32| depth_doubt(&truth, &map(seen), 1.0, "s").map(|found| found.1);
+        let said = |seen: fn(f32) -> f32| {
+            depth_doubt(&truth, &map(seen), camera(), 1.0, "s").map(|found| found.1)
+        };
         let text = said(|at| 3.0 / (1.0 + at / 100.0)).unwrap_or_default();
         assert!(text.contains("inverse depth"), "{text}");
         for proper in [
@@ -86,6 +125,47 @@ mod tests {
             |at| 4.0 + (at * 7.0).sin(),
         ] {
             assert_eq!(said(proper), None);
+        }
+    }
+
+    fn camera() -> Intrinsics {
+        Intrinsics::new((40.0, 40.0), (20.0, 16.0), (40, 32)).unwrap()
+    }
+
+    #[test]
+    fn ray_lengths_taken_as_depth_are_told_and_errors_at_the_edges_are_not() {
+        // Boxes before a slanted wall; `seen` gives the factor from x, y and noise, in half pictures.
+        let truth = |x: u32, y: u32| 2.0 + 0.05 * f64::from(x) + f64::from((x / 9 + y / 7) % 3);
+        let said = |seen: fn(f64, f64, f64) -> f64| {
+            let map = |of: &dyn Fn(u32, u32) -> f64| {
+                DepthMap::from_fn(40, 32, |x, y| Luma([of(x, y) as f32]))
+            };
+            let factor = |x: u32, y: u32| {
+                let noise = f64::from((x * 7919 + y * 104_729) % 101) / 50.0 - 1.0;
+                seen(
+                    (f64::from(x) - 19.5) / 40.0,
+                    (f64::from(y) - 15.5) / 40.0,
+                    noise,
+                )
+            };
+            let other = map(&|x, y| truth(x, y) * factor(x, y));
+            let found = depth_doubt(&map(&truth), &other, camera(), 1.0, "s");
+            found.map_or_else(String::new, |found| found.1)
+        };
+        let text = said(|x, y, noise| 1.2 * x.hypot(y).hypot(1.0) * (1.0 + 0.01 * noise));
+        assert!(text.contains("too far away towards"), "{text}");
+        let text = said(|x, y, _| 1.0 / x.hypot(y).hypot(1.0));
+        assert!(text.contains("too near towards"), "{text}");
+        for proper in [
+            (|_, _, _| 1.0) as fn(f64, f64, f64) -> f64,
+            |_, _, noise| 1.0 + 0.2 * noise,
+            |x, y, noise| x.hypot(y).hypot(1.0) * (1.0 + 0.2 * noise),
+            |x, _, _| 1.0 + 0.3 * x,
+            |x, y, _| 1.0 + 0.1 * (7.0 * x + 3.0 * y).sin(),
+            |x, y, _| 1.0 + 0.15 * (x * x + y * y),
+            |x, y, _| 1.0 + x * x + y * y,
+        ] {
+            assert_eq!(said(proper), "");
         }
     }
 }

@@ -24,6 +24,10 @@ const SIGNIFICANCE_FREE: f64 = 2.0;
 const HARDLY: f64 = 1.1;
 /// A picture explains a photograph if it explains at least this share of its variance.
 const EXPLAINED: f64 = 0.5;
+/// Minimum factor between the contrasts of a picture and its photograph that is told.
+const OTHER_CONTRAST: f64 = 1.6;
+/// Minimum gain with another brightness and contrast, dB.
+const OF_CONTRAST: f64 = 6.0;
 /// Pictures count as equal below this mean squared error, levels²: the difference between rounding
 /// and truncation to 8 bit.
 const ROUNDING: f64 = 1.0;
@@ -241,6 +245,20 @@ impl Likeness {
         1.0 - whole.residual / whole.variance
     }
 
+    /// The picture's contrast as a multiple of the photograph's, and the PSNR with brightness and contrast corrected, dB;
+    /// `None` unless that explains most of the error.
+    pub(in crate::evaluate) fn contrast(&self) -> Option<(f64, f64)> {
+        let sum = |of: fn(&Sums) -> f64| self.total.iter().map(of).sum::<f64>();
+        let covariance = sum(|c| c.pr - c.p * c.r / c.n);
+        let contrast = sum(|c| c.rr - c.r * c.r / c.n) / covariance;
+        let Errors {
+            error, residual, ..
+        } = Errors::of(self.total);
+        let gain = 10.0 * (error / residual).log10();
+        let is_other = contrast > 0.0 && contrast.ln().abs() >= OTHER_CONTRAST.ln();
+        (is_other && self.explains() && gain >= OF_CONTRAST).then(|| (contrast, self.psnr() + gain))
+    }
+
     /// Whether this picture explains its photograph, and is significantly closer to it than `other` is to its own.
     pub(in crate::evaluate) fn is_better_than(&self, other: &Self) -> bool {
         self.explains() && self.is_closer_than(other)
@@ -373,6 +391,28 @@ mod tests {
         };
         assert!(fit(&dimmed(0.8)).error() < fit(&dimmed(0.5)).error());
         assert!(!fit(&dimmed(0.8)).is_better_than(&fit(&dimmed(0.5))));
+    }
+
+    #[test]
+    fn another_contrast_is_measured_and_another_brightness_or_noise_is_not() {
+        let toned = |by: f64, level: f64| {
+            let picture = photograph(1);
+            let tone = |v: u8| (level + by * (f64::from(v) - level)).round() as u8;
+            let pixels = RgbImage::from_fn(64, 48, |x, y| Rgb(picture.get_pixel(x, y).0.map(tone)));
+            fit(&pixels).contrast()
+        };
+        let (contrast, fitted) = toned(0.08, 128.0).unwrap();
+        assert!(
+            (contrast - 0.08).abs() < 0.01 && fitted > 25.0,
+            "{contrast} {fitted}"
+        );
+        for (by, level) in [(1.0, 0.0), (0.75, 0.0), (0.75, 255.0)] {
+            assert_eq!(toned(by, level), None, "{by}");
+        }
+        let flat = RgbImage::from_pixel(64, 48, Rgb([120; 3]));
+        assert_eq!(fit(&flat).contrast(), None);
+        let aside = RgbImage::from_fn(64, 48, |x, y| *photograph(0).get_pixel((x + 9) % 64, y));
+        assert_eq!(fit(&aside).contrast(), None);
     }
 
     #[test]

@@ -437,8 +437,8 @@ pub(in crate::evaluate) struct Moves {
     pub(in crate::evaluate) zooms: Vec<[f64; 2]>,
 }
 
-/// Alternative placements: each space with each system of axes, a world in each unit, shifted
-/// placements, and other focal lengths.
+/// Alternative placements: each space with each system of axes, a world in each unit, the inverse of
+/// `transform=`, shifted placements, and other focal lengths.
 fn placements(current: Placement, moves: &Moves, is_lost: bool) -> Vec<Placement> {
     let mut all = Vec::new();
     let axes: Vec<Axes> = match is_lost {
@@ -464,6 +464,10 @@ fn placements(current: Placement, moves: &Moves, is_lost: bool) -> Vec<Placement
         axes: Axes::OPENCV,
         ..current
     });
+    all.extend(current.transform.map(|map| Placement {
+        transform: Some(map.inverse()),
+        ..current
+    }));
     let rounded = |value: f64| (value * 1000.0).round() / 1000.0;
     all.push(Placement {
         shift: [0, 1].map(|axis| rounded(current.shift[axis] + moves.aside[axis])),

@@ -8,6 +8,7 @@
 //! small pictures.
 
 use std::collections::{BTreeMap, BTreeSet};
+use std::ops::RangeInclusive;
 
 use image::RgbImage;
 use image::imageops::crop_imm;
@@ -52,6 +53,9 @@ const LEAST_VALID: f64 = 0.95;
 const RIGHT_DB: f64 = 38.0;
 /// Gain below which a setting may only make up for wrong standard deviations, dB.
 const WEAK_DB: f64 = 3.0;
+/// Contrast of colours whose coefficients were multiplied by the constant harmonic, 0.282, instead of divided by it:
+/// its square, 0.08.
+const SQUARED_CONSTANT: RangeInclusive<f64> = 0.06..=0.1;
 /// Minimum share of empty pixels that suggests removed Gaussians.
 const LEAST_HOLES: f64 = 0.02;
 /// Other readings are tried only on photographs with at least this many pixels; smaller ones do not
@@ -359,7 +363,11 @@ impl<'a> Findings<'a> {
             {
                 let settings = better.changes_from(reading).into_iter();
                 let settings: Vec<String> = settings.map(|(k, v)| format!("{k}={v}")).collect();
-                let named = format!("`{}`", settings.join("` and `"));
+                let named = settings.iter().map(|s| match s.starts_with("transform=") {
+                    true => "the inverse of `transform=`".to_owned(),
+                    false => format!("`{s}`"),
+                });
+                let named = named.collect::<Vec<_>>().join(" and ");
                 // If a setting fixes only half of the problem, report it once, together with the other
                 // half.
                 let half = settings
@@ -372,7 +380,7 @@ impl<'a> Findings<'a> {
                     && fit.psnr() < self.compared.psnr() + WEAK_DB;
                 let holes = match may_cover && self.holes >= LEAST_HOLES {
                     true => format!(
-                        " and leave {:.0} % of its pixels empty: were Gaussians removed? If not",
+                        " and leave {:.0} % of its pixels empty (were Gaussians removed?)",
                         100.0 * self.holes
                     ),
                     false => String::new(),
@@ -399,6 +407,18 @@ impl<'a> Findings<'a> {
                     "{shown}, so it is hardly recognisable, and no other reading that was tried is better"
                 ),
             ),
+            _ if let Some((contrast, fitted)) = self.as_read.contrast() => {
+                let cause = match SQUARED_CONSTANT.contains(&contrast) {
+                    true => "as if `f_dc` had been multiplied by 0.282 instead of divided",
+                    false => "were they stored in another form?",
+                };
+                let text = format!(
+                    "{shown}, with {} times the photograph's contrast; brightness and contrast corrected: {fitted:.2} \
+                     dB: {cause}",
+                    rounded(contrast)
+                );
+                ("contrast", text)
+            }
             _ => return None,
         };
         Some((topic.to_owned(), text))
@@ -423,17 +443,18 @@ fn add_doubts(
         ..*trial
     });
     let elsewhere: Vec<Trial<'_>> = elsewhere.collect();
-    let found = Findings::of(prediction, reading, seen, trial, &elsewhere)?;
+    let mut found = Findings::of(prediction, reading, seen, trial, &elsewhere)?;
+    let shown = found.shown.clone();
     let with_widths = |factor: f64, fit: &Likeness| {
         format!(
             "{}, and with standard deviations {} times as wide: {:.2} dB",
-            found.shown,
+            shown,
             rounded(factor),
             fit.psnr()
         )
     };
     let other_widths = || -> Result<Option<String>, RenderError> {
-        if found.as_read.psnr() >= RIGHT_DB || found.missing.is_some() || found.turned.is_some() {
+        if found.as_read.psnr() >= RIGHT_DB || found.turned.is_some() {
             return Ok(None);
         }
         let widths = trial.other_widths(gaussians, reading, &found.compared, seen.is_blurred)?;
@@ -447,12 +468,16 @@ fn add_doubts(
     };
     // A setting that explains little may only make up for wrong widths.
     let is_weak = |(_, fit): &(FileReading, Likeness)| fit.psnr() < found.compared.psnr() + WEAK_DB;
-    if found.better.as_ref().is_some_and(is_weak)
-        && let Some(text) = other_widths()?
-    {
-        warnings.insert("widths".to_owned(), text);
+    let widths = match found.better.as_ref().is_none_or(is_weak) {
+        true => other_widths()?,
+        false => None,
+    };
+    if let Some(text) = widths.as_ref().filter(|_| found.better.is_some()) {
+        warnings.insert("widths".to_owned(), text.clone());
         return Ok(());
     }
+    // Gaussians that are too narrow leave holes, too.
+    found.missing = found.missing.filter(|_| widths.is_none());
     warnings.extend(found.cause(prediction, reading));
     // Means in another view's camera do not suggest another unit.
     let is_placed_elsewhere = found.other.as_ref().is_some_and(|other| other.is_frame);
@@ -464,7 +489,8 @@ fn add_doubts(
     let depth = source.depth.filter(|_| may_be_scaled);
     let doubt = depth.and_then(|truth| {
         let id = &source.camera.id;
-        depth_doubt(truth, &seen.depth, reading.placement.scale, id)
+        let k = source.camera.intrinsics;
+        depth_doubt(truth, &seen.depth, k, reading.placement.scale, id)
     });
     if let Some((factor, mut text)) = doubt {
         if let Some(factor) = factor
@@ -477,7 +503,7 @@ fn add_doubts(
             );
         }
         warnings.insert("scale".to_owned(), text);
-    } else if let Some(text) = other_widths()? {
+    } else if let Some(text) = widths {
         warnings.insert("widths".to_owned(), text);
     }
     Ok(())
