@@ -163,7 +163,7 @@ mod tests {
     }
 
     #[test]
-    fn other_cameras_are_measured_however_wrong_the_depth_is() {
+    fn other_cameras_are_measured() {
         let right = camera(80.0);
         let with = |zoom: f64, [x, y]: [f64; 2]| Intrinsics {
             fx: zoom * right.fx,
@@ -172,37 +172,35 @@ mod tests {
             cy: right.cy + y,
             ..right
         };
-        for plane in [PLANE, 0.8 * PLANE, DVec3::new(0.0, 0.0, 0.45)] {
-            for (zoom, roll, shift) in [
-                (0.8, 0.0, [0.0; 2]),
-                (1.25, 0.0, [0.0; 2]),
-                (1.06, 0.0, [0.0, 2.0]),
-                (1.0, 0.03, [0.0; 2]),
-                (1.0, 0.0, [0.0, -3.0]),
-                (1.0, 0.0, [2.0, 4.0]),
-            ] {
-                let [_, found] = told(with(zoom, shift), roll, plane);
-                let found = found.unwrap_or_else(|| panic!("{plane}: {zoom} {roll} {shift:?}"));
-                // Along the lines, a shift cannot be told from depth.
-                let (off, along) = (
-                    DVec2::from(shift) / 0.16,
-                    DVec2::new(0.12, 0.06).normalize(),
-                );
-                let off = (off - along * off.dot(along)).to_array();
+        for (zoom, roll, shift) in [
+            (0.8, 0.0, [0.0; 2]),
+            (1.25, 0.0, [0.0; 2]),
+            (1.06, 0.0, [0.0, 2.0]),
+            (1.0, 0.03, [0.0; 2]),
+            (1.0, 0.0, [0.0, -3.0]),
+            (1.0, 0.0, [2.0, 4.0]),
+        ] {
+            let [_, found] = told(with(zoom, shift), roll, PLANE);
+            let found = found.unwrap_or_else(|| panic!("{zoom} {roll} {shift:?}"));
+            // Along the lines, a shift cannot be told from depth.
+            let (off, along) = (
+                DVec2::from(shift) / 0.16,
+                DVec2::new(0.12, 0.06).normalize(),
+            );
+            let off = (off - along * off.dot(along)).to_array();
+            assert!(
+                (f64::from(found.zoom) - 1000.0 * zoom).abs() < 15.0,
+                "{zoom}: {found:?}"
+            );
+            assert!(
+                (f64::from(found.roll) - 1000.0 * roll.to_degrees()).abs() < 500.0,
+                "{roll}: {found:?}"
+            );
+            for (by, off) in found.shift.into_iter().zip(off) {
                 assert!(
-                    (f64::from(found.zoom) - 1000.0 * zoom).abs() < 15.0,
-                    "{zoom}: {found:?}"
+                    (f64::from(by) - off).abs() < if zoom == 1.0 { 5.0 } else { 15.0 },
+                    "{shift:?}: {found:?}"
                 );
-                assert!(
-                    (f64::from(found.roll) - 1000.0 * roll.to_degrees()).abs() < 500.0,
-                    "{roll}: {found:?}"
-                );
-                for (by, off) in found.shift.into_iter().zip(off) {
-                    assert!(
-                        (f64::from(by) - off).abs() < if zoom == 1.0 { 5.0 } else { 15.0 },
-                        "{shift:?}: {found:?}"
-                    );
-                }
             }
         }
     }

@@ -11,7 +11,7 @@ use image::RgbImage;
 use image::imageops::thumbnail;
 use sharp_datasets::View;
 
-use super::finding::{Framing, ShownCamera, ShownTarget};
+use super::finding::{Framing, PictureChange, ShownCamera, ShownTarget};
 use super::gaussians::likeness::Likeness;
 use super::picture_check::shrunk;
 use super::picture_framing::shown_framing;
@@ -131,8 +131,7 @@ pub(super) fn note_order(
     );
     let camera = moved.filter(|camera| camera.is_wrong()).or_else(|| {
         let translation = target_from_source.translation;
-        let framing = || shown_framing(planned.target.intrinsics, translation, [&seen, &shown]);
-        let framing = record.change.is_none().then(framing).flatten();
+        let framing = shown_framing(planned.target.intrinsics, translation, [&seen, &shown]);
         framing.map(ShownCamera::Framed).or(moved)
     });
     use ShownTarget::{Own, Source, SourceView};
@@ -208,22 +207,38 @@ pub(crate) fn compared_pictures(count: usize) -> BTreeMap<usize, Vec<(ShownTarge
 
 /// A sentence for each dataset in which the compared pictures agree on a wrong camera, or most show other targets.
 pub(super) fn misplaced_pictures<'a>(records: impl Iterator<Item = &'a Record>) -> Vec<String> {
-    let mut by_dataset: BTreeMap<&str, (BTreeMap<ShownTarget, usize>, Vec<ShownCamera>)> =
-        BTreeMap::new();
+    #[derive(Default)]
+    struct Found {
+        shown: BTreeMap<ShownTarget, usize>,
+        cameras: Vec<ShownCamera>,
+        /// Number of pictures, and of those that were cropped or padded and then resized, which is told already.
+        all: usize,
+        resized: usize,
+    }
+    let mut by_dataset: BTreeMap<&str, Found> = BTreeMap::new();
     let mut sources = BTreeSet::new();
     for record in records {
-        let (shown, cameras) = by_dataset.entry(&record.dataset).or_default();
+        let found = by_dataset.entry(&record.dataset).or_default();
+        found.all += 1;
+        found.resized += usize::from(matches!(
+            record.change,
+            Some(PictureChange::Cropped | PictureChange::Padded)
+        ));
         if let Some(target) = record.shows {
-            *shown.entry(target).or_default() += 1;
+            *found.shown.entry(target).or_default() += 1;
         }
         // Pictures predicted from one source share its scale, so positive factors count once per source.
         let source = (&record.dataset, &record.scene, &record.source);
         let is_repeated =
             matches!(record.camera, Some(ShownCamera::Moved(1..))) && !sources.insert(source);
-        cameras.extend(record.camera.filter(|_| !is_repeated));
+        found.cameras.extend(record.camera.filter(|_| !is_repeated));
     }
     let told = by_dataset.into_iter();
-    told.filter_map(|(dataset, (mut shown, cameras))| {
+    told.filter_map(|(dataset, found)| {
+        let (mut shown, mut cameras) = (found.shown, found.cameras);
+        if 2 * found.resized >= found.all {
+            cameras.retain(|camera| !matches!(camera, ShownCamera::Framed(_)));
+        }
         let pairs = format!("pairs of {dataset}");
         // If a quarter moved clearly, those that are like the source only have poor depth.
         let moving = cameras

@@ -407,7 +407,10 @@ impl<'a> Findings<'a> {
                     "{shown}, so it is hardly recognisable, and no other reading that was tried is better"
                 ),
             ),
-            _ if let Some((contrast, fitted)) = self.as_read.contrast() => {
+            // Holes lower the contrast, too.
+            _ if self.holes < LEAST_HOLES
+                && let Some((contrast, fitted)) = self.as_read.contrast() =>
+            {
                 let cause = match SQUARED_CONSTANT.contains(&contrast) {
                     true => "as if `f_dc` had been multiplied by 0.282 instead of divided",
                     false => "were they stored in another form?",

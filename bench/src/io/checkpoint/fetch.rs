@@ -86,7 +86,7 @@ mod tests {
         let server = Server::start(bytes, "v1", answers);
         let release = Release {
             address: server.address(),
-            contents: Contents::Sharp(config),
+            contents: Contents::Sharp(Box::new(config)),
             sizes: size - 1000..=size + 1000,
             ..Release::official()
         };

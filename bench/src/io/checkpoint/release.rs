@@ -54,7 +54,7 @@ pub struct Release {
 /// The network that a file must hold.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Contents {
-    Sharp(ModelConfig),
+    Sharp(Box<ModelConfig>),
     ResNet50Dilated,
 }
 
@@ -82,7 +82,7 @@ impl Release {
             file: RELEASE_FILE,
             published: RELEASE_ADDRESS,
             address: mirrored(RELEASE_ADDRESS),
-            contents: Contents::Sharp(ModelConfig::release()),
+            contents: Contents::Sharp(Box::new(ModelConfig::release())),
             sizes: sizes(PARAMETERS),
         }
     }
