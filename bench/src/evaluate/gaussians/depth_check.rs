@@ -15,12 +15,12 @@ const LEAST_FACTOR: f64 = 1.5;
 /// The factor's logarithm must be at least this many times the spread of depth ratios, which
 /// prediction errors cause.
 const FACTOR_SIGNIFICANCE: f64 = 10.0;
-/// Ray lengths are only compared over at least this many pixels.
+/// Minimum number of pixels on which ray lengths are compared.
 const FEWEST_RAYS: usize = 300;
-/// Minimum spread of the logarithms of depth ratios that ray lengths may explain; in a narrower field of view, rays hardly
+/// Minimum spread of the logarithms of depth ratios that ray lengths may explain; in a narrow field of view, they hardly
 /// differ.
 const LEAST_SPREAD: f64 = 0.01;
-/// Maximum spread that may remain if ray lengths explain it, as a share.
+/// Maximum share of that spread that may remain if ray lengths explain it.
 const LEFT_BY_RAYS: f64 = 0.4;
 
 /// Warns if rendered depth has another unit than true depth, is its inverse, or differs from it like the length of rays,
@@ -70,21 +70,23 @@ pub(super) fn depth_doubt(
     for (of_ray, what) in [
         (
             1.0,
-            "too far away towards the picture's edges, by the length of their rays: it was probably taken as depth",
+            "too far away towards the picture's edges by the factor √(1 + x² + y²): lengths of rays were probably taken as \
+             depths",
         ),
         (
             -1.0,
-            "too near towards the picture's edges, by the length of their rays: depth was probably taken as that length",
+            "too near towards the picture's edges by the factor √(1 + x² + y²): depths were probably taken as lengths of \
+             rays",
         ),
     ] {
-        // The first must be far below no correction, and the best of all slopes.
+        // The full correction must leave less than none, half of it, or more.
         let left = |share: f64| Some(middle_and_spread(1.0, share * of_ray)?.1);
         let (half, own, more) = (left(0.5)?, left(1.0)?, left(1.5)?);
         let is_ray = spread >= LEAST_SPREAD && own <= LEFT_BY_RAYS * spread && own < half.min(more);
         if is_ray && both.len() >= FEWEST_RAYS && !is_unit {
             let text = format!(
-                "its Gaussians are {what} ({id}), which no setting corrects; z is the length divided by √(1 + x² + y²), \
-                 with x and y in focal lengths from the principal point"
+                "its Gaussians are {what} ({id}); no setting corrects this; a ray's length is z times that factor, with x \
+                 and y in focal lengths from the principal point"
             );
             return Some((None, text));
         }

@@ -24,7 +24,7 @@ const SIGNIFICANCE_FREE: f64 = 2.0;
 const HARDLY: f64 = 1.1;
 /// A picture explains a photograph if it explains at least this share of its variance.
 const EXPLAINED: f64 = 0.5;
-/// Minimum factor between the contrasts of a picture and its photograph that is told.
+/// Minimum factor between the contrasts of a picture and its photograph that is reported.
 const OTHER_CONTRAST: f64 = 1.6;
 /// Minimum gain with another brightness and contrast, dB.
 const OF_CONTRAST: f64 = 6.0;

@@ -361,12 +361,16 @@ impl<'a> Findings<'a> {
                     .as_ref()
                     .is_none_or(|other| fit.error() <= other.fit.error()) =>
             {
-                let settings = better.changes_from(reading).into_iter();
-                let settings: Vec<String> = settings.map(|(k, v)| format!("{k}={v}")).collect();
-                let named = settings.iter().map(|s| match s.starts_with("transform=") {
-                    true => "the inverse of `transform=`".to_owned(),
-                    false => format!("`{s}`"),
-                });
+                let changes = better.changes_from(reading);
+                let settings = changes.iter().map(|(key, value)| format!("{key}={value}"));
+                let settings: Vec<String> = settings.collect();
+                let named = changes
+                    .iter()
+                    .zip(&settings)
+                    .map(|((key, _), setting)| match *key {
+                        "transform" => "the inverse of `transform=`".to_owned(),
+                        _ => format!("`{setting}`"),
+                    });
                 let named = named.collect::<Vec<_>>().join(" and ");
                 // If a setting fixes only half of the problem, report it once, together with the other
                 // half.
@@ -374,9 +378,8 @@ impl<'a> Findings<'a> {
                     .iter()
                     .find(|s| prediction.warnings.contains_key(*s));
                 let half = half.filter(|_| settings.len() > 1);
-                // Other orders of quaternions turn Gaussians at random, which also covers holes.
-                let may_cover = settings.len() == 1
-                    && settings[0].starts_with("quaternions")
+                // Another order of quaternions turns Gaussians at random, which also covers holes.
+                let may_cover = matches!(changes[..], [("quaternions", _)])
                     && fit.psnr() < self.compared.psnr() + WEAK_DB;
                 let holes = match may_cover && self.holes >= LEAST_HOLES {
                     true => format!(
@@ -446,18 +449,17 @@ fn add_doubts(
         ..*trial
     });
     let elsewhere: Vec<Trial<'_>> = elsewhere.collect();
-    let mut found = Findings::of(prediction, reading, seen, trial, &elsewhere)?;
-    let shown = found.shown.clone();
+    let found = Findings::of(prediction, reading, seen, trial, &elsewhere)?;
     let with_widths = |factor: f64, fit: &Likeness| {
         format!(
             "{}, and with standard deviations {} times as wide: {:.2} dB",
-            shown,
+            found.shown,
             rounded(factor),
             fit.psnr()
         )
     };
     let other_widths = || -> Result<Option<String>, RenderError> {
-        if found.as_read.psnr() >= RIGHT_DB || found.turned.is_some() {
+        if found.as_read.psnr() >= RIGHT_DB || found.missing.is_some() || found.turned.is_some() {
             return Ok(None);
         }
         let widths = trial.other_widths(gaussians, reading, &found.compared, seen.is_blurred)?;
@@ -471,16 +473,12 @@ fn add_doubts(
     };
     // A setting that explains little may only make up for wrong widths.
     let is_weak = |(_, fit): &(FileReading, Likeness)| fit.psnr() < found.compared.psnr() + WEAK_DB;
-    let widths = match found.better.as_ref().is_none_or(is_weak) {
-        true => other_widths()?,
-        false => None,
-    };
-    if let Some(text) = widths.as_ref().filter(|_| found.better.is_some()) {
-        warnings.insert("widths".to_owned(), text.clone());
+    if found.better.as_ref().is_some_and(is_weak)
+        && let Some(text) = other_widths()?
+    {
+        warnings.insert("widths".to_owned(), text);
         return Ok(());
     }
-    // Gaussians that are too narrow leave holes, too.
-    found.missing = found.missing.filter(|_| widths.is_none());
     warnings.extend(found.cause(prediction, reading));
     // Means in another view's camera do not suggest another unit.
     let is_placed_elsewhere = found.other.as_ref().is_some_and(|other| other.is_frame);
@@ -506,7 +504,7 @@ fn add_doubts(
             );
         }
         warnings.insert("scale".to_owned(), text);
-    } else if let Some(text) = widths {
+    } else if let Some(text) = other_widths()? {
         warnings.insert("widths".to_owned(), text);
     }
     Ok(())

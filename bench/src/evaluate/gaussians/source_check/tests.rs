@@ -402,6 +402,26 @@ fn unusual_axes_and_units_of_a_world_are_named() {
 }
 
 #[test]
+fn an_inverted_transform_is_named() {
+    let turn = DMat3::from_rotation_y(0.9) * DMat3::from_rotation_x(0.4);
+    let world_from_file = DAffine3::from_mat3_translation(turn, DVec3::new(0.4, -0.3, 0.8));
+    let world_from_camera = source().camera_from_world.inverse().to_affine();
+    let file = mapped(&wall(), world_from_file.inverse() * world_from_camera);
+    let said = |transform: DAffine3| {
+        let mut reading = FileReading::of_arrays();
+        reading.placement.space = FileSpace::World;
+        reading.placement.transform = Some(transform);
+        doubt_about_world(file.clone(), reading)
+    };
+    assert_eq!(said(world_from_file), None);
+    let inverted = said(world_from_file.inverse()).unwrap_or_default();
+    assert!(
+        inverted.contains("with the inverse of `transform=`: "),
+        "{inverted}"
+    );
+}
+
+#[test]
 fn few_or_blurred_gaussians_show_something_and_plain_ones_do_not() {
     let round = mapped(&wall(), DAffine3::IDENTITY);
     let said = |gaussians: Gaussians| doubt_about(gaussians).unwrap_or_default();
