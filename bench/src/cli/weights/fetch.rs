@@ -13,7 +13,7 @@ use crate::cli::output::Terminal;
 use crate::cli::{Outcome, output};
 use crate::io::checkpoint::fetch::fetch;
 use crate::io::checkpoint::record::{Standing, compare_or_record, record_file};
-use crate::io::checkpoint::release::{Contents, Release, licence_text};
+use crate::io::checkpoint::release::{Release, ReleasedNetwork, licence_text};
 use crate::io::checkpoint::{find_checkpoint, find_resnet};
 use crate::io::hash::file_sha256;
 use crate::io::observer::Observer;
@@ -22,7 +22,7 @@ use crate::io::observer::Observer;
 #[derive(Debug, Args)]
 pub(super) struct FetchArgs {
     /// `metrics` for all missing backbones; alexnet, vgg16, squeezenet1_1; `sharp` for the official checkpoint;
-    /// resnet50dilated, for the training's perceptual loss
+    /// `resnet50dilated` for the network of the perceptual loss, for training
     #[arg(required = true, value_name = "NAME")]
     names: Vec<String>,
     /// Only report whether the named weights are present
@@ -66,7 +66,7 @@ fn wanted(names: &[String]) -> anyhow::Result<(BTreeSet<Backbone>, Vec<Release>)
             name if releases.iter().any(|release| release.name == name) => {}
             name => {
                 let hint = "`metrics` means all missing backbones, `sharp` the official checkpoint, `resnet50dilated` \
-                            the network of the training's perceptual loss";
+                            the network of the perceptual loss";
                 let known = name.parse().map_err(|error| anyhow!("{error}; {hint}"));
                 backbones.insert(known?);
             }
@@ -99,14 +99,14 @@ fn backbone_features(args: &FetchArgs, backbone: Backbone, cache: &Path) -> anyh
         }
     };
     if !args.json {
-        output::line(format!("{:<14} {file}", backbone.name()))?;
+        output::line(format!("{:<15} {file}", backbone.name()))?;
     }
     Ok(json!({ "name": backbone.name(), "file": file }))
 }
 
 /// Finds or fetches a release and compares it with its record.
 fn published(args: &FetchArgs, release: &Release, cache: &Path) -> anyhow::Result<Value> {
-    let is_sharp = matches!(release.contents, Contents::Sharp(_));
+    let is_sharp = matches!(release.network, ReleasedNetwork::Sharp(_));
     let found = match is_sharp {
         true => find_checkpoint().ok(),
         false => find_resnet(),
@@ -123,13 +123,13 @@ fn published(args: &FetchArgs, release: &Release, cache: &Path) -> anyhow::Resul
     };
     if !args.json {
         output::line(format!(
-            "{:<14} {}\n{:<14} {standing}",
+            "{:<15} {}\n{:<15} {standing}",
             release.name,
             file.display(),
             ""
         ))?;
     }
-    let (licence, address) = release.licence();
+    let (licence, address) = release.licence;
     Ok(json!({
         "name": release.name,
         "file": file.display().to_string(),
@@ -146,7 +146,7 @@ fn transfer(
     release: &Release,
     cache: &Path,
 ) -> anyhow::Result<(std::path::PathBuf, Standing)> {
-    let is_sharp = matches!(release.contents, Contents::Sharp(_));
+    let is_sharp = matches!(release.network, ReleasedNetwork::Sharp(_));
     let option = match is_sharp {
         true => "--checkpoint FILE",
         false => "`loss_options.percep.resnet50dilated` of the training's configuration",

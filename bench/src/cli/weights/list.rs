@@ -22,7 +22,7 @@ pub(super) fn execute(json: bool) -> anyhow::Result<Outcome> {
         let mib = published.size_milli_mib as f64 / 1000.0;
         if !json {
             output::line(format!(
-                "{:<14} {mib:>9.3} MiB  {}  {}\n{:<14} sha256 {}…, licence {}",
+                "{:<15} {mib:>9.3} MiB  {}  {}\n{:<15} sha256 {}…, licence {}",
                 backbone.name(),
                 published.address,
                 kept.as_deref().unwrap_or("missing"),
@@ -53,7 +53,7 @@ pub(super) fn execute(json: bool) -> anyhow::Result<Outcome> {
         }));
     } else {
         output::line(format!(
-            "{:<14} {:>13}  {description}  {}\n{:<14} sha256 {:.8}…, licence MIT or Apache-2.0",
+            "{:<15} {:>13}  {description}  {}\n{:<15} sha256 {:.8}…, licence MIT or Apache-2.0",
             bundled::NAME,
             "bundled",
             mini.as_deref().unwrap_or("missing"),
@@ -73,14 +73,14 @@ pub(super) fn execute(json: bool) -> anyhow::Result<Outcome> {
         let file = shown(file);
         let recorded = record_file(release.file).map(|file| record::read(&file));
         let recorded = recorded.transpose()?.flatten();
-        let (licence, address) = release.licence();
+        let (licence, address) = release.licence;
         if !json {
             let known = recorded.as_ref().map_or_else(
                 || "no hash is published: unverified until its first use".to_owned(),
                 |record| format!("sha256 {} recorded on {}", record.sha256, record.recorded),
             );
             output::line(format!(
-                "{:<14} {size:>13}  {}  {}\n{:<14} {known}, licence {licence}{note}",
+                "{:<15} {size:>13}  {}  {}\n{:<15} {known}, licence {licence}{note}",
                 release.name,
                 release.published,
                 file.as_deref().unwrap_or("missing"),

@@ -21,8 +21,7 @@ pub enum CheckpointFetchError {
     File(#[from] FileError),
 }
 
-/// Downloads a release into a cache folder. The caller must have shown its licence and had it accepted, if it demands
-/// that.
+/// Downloads a release into a cache folder. If its licence must be accepted, the caller must have asked for that.
 ///
 /// Resumes an interrupted transfer, even one of an earlier call. The file gets its final name only
 /// if its size is possible for the network, it has all of the network's tensors, and it equals the
@@ -61,7 +60,7 @@ mod tests {
     use super::*;
     use sharp::model::ModelConfig;
 
-    use super::super::release::{Contents, RELEASE_FILE};
+    use super::super::release::{RELEASE_FILE, ReleasedNetwork};
     use sharp_tests::unreliable_server::{Answer, Server};
     use tempfile::TempDir;
 
@@ -86,7 +85,7 @@ mod tests {
         let server = Server::start(bytes, "v1", answers);
         let release = Release {
             address: server.address(),
-            contents: Contents::Sharp(Box::new(config)),
+            network: ReleasedNetwork::Sharp(Box::new(config)),
             sizes: size - 1000..=size + 1000,
             ..Release::official()
         };

@@ -29,14 +29,14 @@ pub fn licence_text() -> String {
     )
 }
 
-/// LaMa's encoder, as its authors (CSAIL's semantic-segmentation-pytorch, BSD 3-clause) publish it.
+/// The encoder of LaMa's loss, published by CSAIL's semantic-segmentation-pytorch.
 pub const RESNET_ADDRESS: &str = "http://sceneparsing.csail.mit.edu/model/pytorch/ade20k-resnet50dilated-ppm_deepsup/\
                                   encoder_epoch_20.pth";
 
-/// Its name in our cache; the published one says nothing.
+/// Its name in our cache; `encoder_epoch_20.pth` would not say what it is.
 pub const RESNET_FILE: &str = "resnet50dilated.pth";
 
-/// A published file without a published hash.
+/// A file whose authors publish no hash of it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Release {
     /// Its name for `weights fetch`.
@@ -46,14 +46,16 @@ pub struct Release {
     pub published: &'static str,
     /// Where it is fetched from.
     pub address: String,
-    pub contents: Contents,
+    pub network: ReleasedNetwork,
+    /// Name and address.
+    pub licence: (&'static str, &'static str),
     /// Plausible file sizes, bytes.
     pub sizes: RangeInclusive<u64>,
 }
 
 /// The network that a file must hold.
 #[derive(Debug, Clone, PartialEq)]
-pub enum Contents {
+pub enum ReleasedNetwork {
     Sharp(Box<ModelConfig>),
     ResNet50Dilated,
 }
@@ -61,14 +63,15 @@ pub enum Contents {
 /// Number of f32 values in the release's state dict.
 const PARAMETERS: u64 = 702_305_169;
 
-/// Those of the encoder: ResNet-50's without its classifier, with three 3×3 convolutions in place of the first one.
+/// Number of parameters of the encoder: a ResNet-50 without its classifier, with three 3×3 convolutions in place of the
+/// 7×7 one.
 const RESNET_PARAMETERS: u64 = 23_631_808;
 
 /// Upper bound on the size of the names, shapes and alignment of a thousand tensors, and of the statistics of a
 /// normalisation, bytes.
 const OVERHEAD: u64 = 16 << 20;
 
-/// Sizes of a file of that many parameters in f32.
+/// Plausible sizes of a file with this number of f32 parameters, bytes.
 fn sizes(parameters: u64) -> RangeInclusive<u64> {
     4 * parameters..=4 * parameters + OVERHEAD
 }
@@ -82,7 +85,8 @@ impl Release {
             file: RELEASE_FILE,
             published: RELEASE_ADDRESS,
             address: mirrored(RELEASE_ADDRESS),
-            contents: Contents::Sharp(Box::new(ModelConfig::release())),
+            network: ReleasedNetwork::Sharp(Box::new(ModelConfig::release())),
+            licence: (LICENCE_NAME, LICENCE_ADDRESS),
             sizes: sizes(PARAMETERS),
         }
     }
@@ -94,32 +98,22 @@ impl Release {
             file: RESNET_FILE,
             published: RESNET_ADDRESS,
             address: mirrored(RESNET_ADDRESS),
-            contents: Contents::ResNet50Dilated,
+            network: ReleasedNetwork::ResNet50Dilated,
+            licence: (
+                "BSD 3-clause",
+                "https://github.com/CSAILVision/semantic-segmentation-pytorch/blob/master/LICENSE",
+            ),
             sizes: sizes(RESNET_PARAMETERS),
         }
     }
 
-    /// Name and address of its licence.
-    pub fn licence(&self) -> (&'static str, &'static str) {
-        match self.contents {
-            Contents::Sharp(_) => (LICENCE_NAME, LICENCE_ADDRESS),
-            Contents::ResNet50Dilated => (
-                "BSD 3-clause",
-                "https://github.com/CSAILVision/semantic-segmentation-pytorch/blob/master/LICENSE",
-            ),
-        }
-    }
-
-    /// Checks that a file holds the network.
-    ///
-    /// # Errors
-    /// What is wrong with it.
+    /// Checks that a file holds the network; the error says what is wrong.
     pub(super) fn check(&self, file: &Path) -> Result<(), String> {
-        match &self.contents {
-            Contents::Sharp(config) => CheckpointSource::open(file)
+        match &self.network {
+            ReleasedNetwork::Sharp(config) => CheckpointSource::open(file)
                 .and_then(|source| source.check(config, &[]))
                 .map_err(|error| format!("not SHARP's checkpoint: {error}")),
-            Contents::ResNet50Dilated => {
+            ReleasedNetwork::ResNet50Dilated => {
                 let options = PerceptualOptions {
                     resnet50dilated: Some(file.to_owned()),
                     ..PerceptualOptions::default()
