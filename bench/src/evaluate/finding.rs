@@ -263,7 +263,7 @@ pub enum ShownCamera {
     /// One at the target's pose with its rotation transposed.
     TransposedRotation,
     /// The target's, framed differently.
-    Framed(Framing),
+    Reframed(Framing),
 }
 
 impl ShownCamera {
@@ -281,7 +281,7 @@ impl ShownCamera {
                     }
                 );
             }
-            Self::Framed(framing) => {
+            Self::Reframed(framing) => {
                 return format!("show what the target's camera would see {}", framing.text());
             }
             Self::SourceIntrinsics => {
@@ -313,13 +313,14 @@ impl ShownCamera {
                 let other = f64::from(other);
                 (f64::from(percent) - other).abs() <= UNEVEN.0.max(UNEVEN.1 * other.abs())
             }
-            (Self::Framed(framing), Self::Framed(other)) => framing.is_like(other),
+            (Self::Reframed(framing), Self::Reframed(other)) => framing.is_like(other),
             _ => self == other,
         }
     }
 }
 
-/// How far multiples of the motion with one cause may differ: percentage points, or, if larger, a share of the multiple.
+/// Maximum difference between multiples of the motion with one cause: percentage points, or, if larger, a share of the
+/// multiple.
 const UNEVEN: (f64, f64) = (8.0, 0.12);
 
 /// How a picture frames its target, compared with its photograph.
@@ -336,9 +337,9 @@ pub struct Framing {
 }
 
 impl Framing {
-    /// How far framings of one cause may differ in zoom, roll and shift.
+    /// Maximum difference between framings with one cause, in zoom, roll and shift.
     const UNEVEN: [i16; 3] = [25, 700, 4];
-    /// Minimum zoom, roll and shift that count.
+    /// Minimum difference in zoom, roll and shift that is wrong.
     const LEAST: [i16; 3] = [15, 700, 5];
 
     fn is_zoomed(self) -> bool {
@@ -363,7 +364,7 @@ impl Framing {
         self.is_zoomed() || self.is_rolled() || self.is_shifted()
     }
 
-    /// Whether this may be a measurement of `other`, in which a shift has its full length.
+    /// Whether this may be a measurement of `other`, whose shift is the whole one.
     pub fn is_like(self, other: Self) -> bool {
         let near = |a: i16, b: i16, most: i16| (a - b).abs() <= most;
         let [zoom, roll, shift] = Self::UNEVEN;
@@ -375,7 +376,8 @@ impl Framing {
             && off.abs() <= f64::from(times * shift)
     }
 
-    /// One framing for several pictures: the shift of which each shows the part beside its own epipolar lines.
+    /// The framing that explains several measurements best. Each of them has only the part of the shift that is beside
+    /// its own epipolar lines.
     pub fn common(framings: &[Self]) -> Option<Self> {
         let middle = |of: fn(&Self) -> i16| {
             let mut all: Vec<i16> = framings.iter().map(of).collect();
@@ -407,17 +409,17 @@ impl Framing {
         if self.is_zoomed() {
             let zoom = f64::from(self.zoom) / 1000.0;
             parts.push(format!(
-                "with {zoom:.2} times its focal length (another focal length, or a resized crop?)"
+                "with {zoom:.2} times its focal length, as after a wrong focal length or a crop that was resized"
             ));
         }
         if self.is_rolled() {
             let roll = f64::from(self.roll) / 1000.0;
-            parts.push(format!("turned by {roll:.1}° about its axis"));
+            parts.push(format!("turned clockwise by {roll:.1}°"));
         }
         if self.is_shifted() {
             let [x, y] = self.shift.map(|by| f64::from(by) / 10.0);
             parts.push(format!(
-                "shifted by ({x:.1} %, {y:.1} %) of the width (another principal point, or a crop?)"
+                "shifted by ({x:.1} %, {y:.1} %) of the width, as by a wrong principal point or a crop"
             ));
         }
         parts.join(", ")

@@ -18,8 +18,9 @@
 //! * [`plan`]: planned pairs and methods; [`shard`]: a process's part of a plan; `run`: runs a plan or a shard;
 //!   [`status`]: progress.
 //! * `keys`: hashed inputs of each stage; [`gaussians`]: predictions of sources, stored, rendered and compared with
-//!   their photographs; `picture_check`, `picture_framing`, `picture_layout`, `picture_levels`, `picture_motion`, `picture_order` and
-//!   `picture_placement`: compare pictures with the photographs that they predict; [`finding`]: what that found;
+//!   their photographs; `picture_check`, `picture_framing`, `picture_layout`, `picture_levels`, `picture_motion`,
+//!   `picture_order` and `picture_placement`: compare pictures with the photographs that they predict; [`finding`]: what
+//!   that found;
 //!   `picture_agreement`: what is said about it; [`doubts`]: warnings from a method's records.
 //! * [`record`]: one result; [`mod@unit`]: a result with its keys, as stored; [`folder`]: the run folder; [`manifest`]:
 //!   facts common to all results of a folder; `differences`: which facts may differ between combined results.

@@ -28,8 +28,8 @@ const LEAST_GAIN: f64 = 1.0;
 const LEAST_GAIN_OF_CHANNELS: f64 = 0.25;
 /// Minimum gain for another transfer function, dB: linear light stored as sRGB loses far more, other exposures less.
 const LEAST_GAIN_OF_TRANSFER: f64 = 3.0;
-/// Minimum gain of the sorted levels if another transfer function fits them better than an exposure only in part, as in
-/// pictures with other contents than their photographs, dB.
+/// Minimum gain of sorted levels at which another transfer function need not fit them better than any exposure, dB: poor
+/// predictions do not have their photographs' levels.
 const LEAST_GAIN_BY_RANK: f64 = 8.0;
 /// Minimum gain for another range of levels, which other exposures resemble, dB.
 const LEAST_GAIN_OF_RANGE: f64 = 1.5;

@@ -9,32 +9,34 @@ use image::imageops::thumbnail;
 use sharp::camera::Intrinsics;
 
 use super::finding::Framing;
-use super::picture_motion::{HALF, LEAST_CONTRAST, patch};
+use super::picture_motion::{HALF, LEAST_CONTRAST, correlation, patch};
 
 /// Number of blocks across and down.
 const GRID: [u32; 2] = [12, 8];
 /// Minimum distance of their centres from the edges, pixels: blocks are as large in pictures of half size.
 const INSET: f64 = 2.0 * HALF as f64 + 1.0;
-/// How far blocks are searched in pictures of half size, in sizes of the picture, and how far around the place found.
+/// How far from its own place a block is searched in the picture of half size, as a share of the width; and how far around
+/// the place found there, pixels of the shrunk picture.
 const REACH: f64 = 0.15;
 const REFINED: i32 = 2;
 /// Minimum correlation of a block with its place in the picture, and how much lower it must be elsewhere.
 const FOUND: (f64, f64) = (0.7, 0.05);
 /// Minimum number of blocks found, and their minimum share.
 const LEAST_FOUND: (usize, f64) = (12, 0.15);
-/// Number of steps in which the fit to the least absolute distance converges.
+/// Number of reweighted least-squares steps.
 const STEPS: usize = 12;
-/// Weight of a framing without change, blocks.
+/// Weight with which the fit is drawn towards an unchanged framing, in blocks.
 const PRIOR: f64 = 0.05;
-/// Maximum distance of a block that agrees with the fit, pixels of a shrunk picture, and the share that has to agree.
+/// Maximum distance from the fit of a block that agrees with it, pixels, and the share of the blocks that must agree.
 const AGREEING: (f64, f64) = (1.0, 0.6);
-/// Minimum mean distance from the lines that the fit removes, pixels, and the maximum share that it may leave.
+/// The mean distance from the lines must fall by this many pixels, and to this share.
 const GAIN: (f64, f64) = (0.3, 0.5);
-/// Distances count at most so much, pixels.
+/// Larger distances count as this one, pixels.
 const MOST: f64 = 3.0;
 
-/// Measures how a picture frames its target's photograph; `None` if as it should, or if it cannot be measured. Both are
-/// shrunk to one size; `intrinsics` are the target's at full size, and `translation` leads from the source to its camera.
+/// Measures how a picture frames its target; `None` if correctly, or if this cannot be measured. Picture and target's
+/// photograph are shrunk to the same size; `intrinsics` are the target's at full size, and `translation` is that of the
+/// pose that maps from the source's camera to the target's.
 pub(super) fn shown_framing(
     intrinsics: Intrinsics,
     translation: DVec3,
@@ -63,7 +65,7 @@ pub(super) fn shown_framing(
     let reach = (REACH * f64::from(width) / 2.0) as i32;
     let half = f64::from(width) / 2.0;
     let lines = blocks.iter().filter_map(|centre| {
-        // Along this direction, depth moves what lies at the block.
+        // Another depth moves the block's content along this direction.
         let from_middle = *centre - middle;
         let along = focal * translation.truncate() - from_middle * translation.z;
         let beside = along.perp().try_normalize()?;
@@ -100,18 +102,14 @@ pub(super) fn shown_framing(
     (is_clear && framing.is_wrong()).then_some(framing)
 }
 
-/// Where the block of the first picture lies in the second one, relative to its own place: at `start`, or at most `reach`
-/// pixels beside it.
+/// Offset at which a block of the first picture is found in the second one: `start`, or at most `reach` pixels from it
+/// in x and y.
 fn locate([of, shown]: [&RgbImage; 2], centre: DVec2, start: DVec2, reach: i32) -> Option<DVec2> {
     let (block, _) = patch(of, centre)?;
     let places = (-reach..=reach).flat_map(|y| (-reach..=reach).map(move |x| (x, y)));
     let all = places.filter_map(|(x, y)| {
         let off = start + DVec2::new(x.into(), y.into());
-        let (other, _) = patch(shown, centre + off)?;
-        Some((
-            off,
-            block.iter().zip(other).map(|(a, b)| a * b).sum::<f64>(),
-        ))
+        Some((off, correlation(&block, shown, centre + off)?))
     });
     let all: Vec<(DVec2, f64)> = all.collect();
     let best = all.iter().max_by(|a, b| a.1.total_cmp(&b.1))?;
@@ -120,8 +118,8 @@ fn locate([of, shown]: [&RgbImage; 2], centre: DVec2, start: DVec2, reach: i32) 
     (best.1 >= FOUND.0 && elsewhere <= best.1 - FOUND.1).then_some(best.0)
 }
 
-/// Zoom and roll, as displacements at half a width from the principal point, and shift, all in pixels: the least sum of
-/// absolute distances from the lines.
+/// Fits zoom, roll and shift to distances from the lines by least absolute deviation. Zoom and roll are given as
+/// displacements at half a width from the principal point; all are in pixels.
 fn fitted(lines: &[(DVec4, f64)]) -> Option<DVec4> {
     let mut fit = DVec4::ZERO;
     for _ in 0..STEPS {
@@ -146,7 +144,8 @@ mod tests {
     use super::super::picture_motion::tests::{PLANE, camera, pose, view};
     use super::*;
 
-    /// The framing of what another camera shows under a pose turned about its axis, of two targets.
+    /// How pictures by another camera, turned by `roll` radians, frame two targets: one of a stereo pair, one of a turned
+    /// camera. `plane` is the predicted depth.
     fn told(intrinsics: Intrinsics, roll: f64, plane: DVec3) -> [Option<Framing>; 2] {
         let stereo = pose(0.0, [-0.15, 0.0, 0.0]);
         let turned = pose(0.03, [0.12, 0.06, 0.02]);

@@ -20,7 +20,8 @@ const UNEVEN: u32 = 2;
 const LEAST_STEPS: f64 = 1.2;
 /// In other pictures, and among columns, they differ at most by this factor.
 const MOST_STEPS: f64 = 1.05;
-/// Share of the lines that repeat the line before in pictures enlarged by 1.3 to 16, and how many do in succession.
+/// Share of the lines that are equal to the line before in pictures enlarged by 1.3 to 16 times, and maximum number of
+/// them in succession.
 const REPEATED: std::ops::RangeInclusive<f64> = 0.2..=0.95;
 const MOST_REPEATED: usize = 15;
 /// Maximum size of the central part in which steps are measured, pixels.
@@ -61,7 +62,7 @@ pub(super) fn layout_change(photograph: &RgbImage, picture: &RgbImage) -> Option
     is_change.then_some(PictureChange::Blocks)
 }
 
-/// The share of the lines that are equal to the line before them; 1 if many in succession are, as in plain areas.
+/// The share of the lines that are equal to the line before them; 1 if too many in succession are, as in bars.
 fn repeated(picture: &RgbImage, is_row: bool) -> f64 {
     let (width, height) = picture.dimensions();
     let all = if is_row { height } else { width };

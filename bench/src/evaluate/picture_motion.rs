@@ -14,7 +14,7 @@ use super::finding::ShownCamera;
 
 /// Half the side of a block, rounded down, pixels of a shrunk picture.
 pub(super) const HALF: i64 = 5;
-const AREA: usize = (2 * HALF as usize + 1).pow(2);
+pub(super) const AREA: usize = (2 * HALF as usize + 1).pow(2);
 /// Number of blocks across and down.
 const GRID: [u32; 2] = [14, 10];
 /// Minimum standard deviation of a block, levels.
@@ -56,7 +56,7 @@ impl Camera {
     }
 }
 
-/// Measures a picture's motion: a multiple of the true one ([`ShownCamera::Motion`]) or that of a misread pose. `None` if
+/// Measures a picture's motion: a multiple of the true one ([`ShownCamera::Moved`]) or that of a misread pose. `None` if
 /// it cannot be measured. All pictures are shrunk; `intrinsics` are those of source and target at full size.
 pub(super) fn shown_camera(
     intrinsics: [Intrinsics; 2],
@@ -153,10 +153,7 @@ impl Search<'_> {
         if contrast < LEAST_CONTRAST || !step.is_finite() {
             return None;
         }
-        let likeness = |picture: &RgbImage, place: DVec2| {
-            let (other, _) = patch(picture, place)?;
-            Some(block.iter().zip(other).map(|(a, b)| a * b).sum::<f64>())
-        };
+        let likeness = |picture: &RgbImage, place: DVec2| correlation(&block, picture, place);
         let along = |k: i32| self.own.place(ray, f64::from(k) * step);
         let best = |picture: &RgbImage, steps: RangeInclusive<i32>, (least, margin): (f64, f64)| {
             let all = steps.filter_map(|k| Some((k, likeness(picture, along(k)?)?)));
@@ -245,6 +242,12 @@ fn multiple(blocks: &[Block]) -> Option<(i16, f64)> {
         AGREEING
     };
     (agreeing >= least && is_right).then_some((percent, agreeing))
+}
+
+/// Correlation of a block with another place, −1..1; `None` if that is not inside the picture.
+pub(super) fn correlation(block: &[f64; AREA], picture: &RgbImage, place: DVec2) -> Option<f64> {
+    let (other, _) = patch(picture, place)?;
+    Some(block.iter().zip(other).map(|(a, b)| a * b).sum())
 }
 
 /// The green levels around a place, normalised to mean 0 and norm 1, and their standard deviation.

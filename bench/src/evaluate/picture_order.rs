@@ -132,7 +132,7 @@ pub(super) fn note_order(
     let camera = moved.filter(|camera| camera.is_wrong()).or_else(|| {
         let translation = target_from_source.translation;
         let framing = shown_framing(planned.target.intrinsics, translation, [&seen, &shown]);
-        framing.map(ShownCamera::Framed).or(moved)
+        framing.map(ShownCamera::Reframed).or(moved)
     });
     use ShownTarget::{Own, Source, SourceView};
     let shows = shown_target(&seen, &shown, Some(&source), others);
@@ -208,14 +208,14 @@ pub(crate) fn compared_pictures(count: usize) -> BTreeMap<usize, Vec<(ShownTarge
 /// A sentence for each dataset in which the compared pictures agree on a wrong camera, or most show other targets.
 pub(super) fn misplaced_pictures<'a>(records: impl Iterator<Item = &'a Record>) -> Vec<String> {
     #[derive(Default)]
-    struct Found {
+    struct OfDataset {
         shown: BTreeMap<ShownTarget, usize>,
         cameras: Vec<ShownCamera>,
         /// Number of pictures, and of those that were cropped or padded and then resized, which is told already.
         all: usize,
         resized: usize,
     }
-    let mut by_dataset: BTreeMap<&str, Found> = BTreeMap::new();
+    let mut by_dataset: BTreeMap<&str, OfDataset> = BTreeMap::new();
     let mut sources = BTreeSet::new();
     for record in records {
         let found = by_dataset.entry(&record.dataset).or_default();
@@ -237,7 +237,7 @@ pub(super) fn misplaced_pictures<'a>(records: impl Iterator<Item = &'a Record>) 
     told.filter_map(|(dataset, found)| {
         let (mut shown, mut cameras) = (found.shown, found.cameras);
         if 2 * found.resized >= found.all {
-            cameras.retain(|camera| !matches!(camera, ShownCamera::Framed(_)));
+            cameras.retain(|camera| !matches!(camera, ShownCamera::Reframed(_)));
         }
         let pairs = format!("pairs of {dataset}");
         // If a quarter moved clearly, those that are like the source only have poor depth.
@@ -299,19 +299,19 @@ fn wrong_camera(cameras: Vec<ShownCamera>, pairs: &str) -> Option<String> {
     let mut wrong: Vec<ShownCamera> = cameras.into_iter().filter(|c| c.is_wrong()).collect();
     wrong.sort_unstable();
     let framed = wrong.iter().filter_map(|camera| match camera {
-        ShownCamera::Framed(framing) => Some(*framing),
+        ShownCamera::Reframed(framing) => Some(*framing),
         _ => None,
     });
     let middle = match *wrong.get(wrong.len() / 2)? {
-        ShownCamera::Framed(_) => {
-            ShownCamera::Framed(Framing::common(&framed.collect::<Vec<_>>())?)
+        ShownCamera::Reframed(_) => {
+            ShownCamera::Reframed(Framing::common(&framed.collect::<Vec<_>>())?)
         }
         other => other,
     };
     let count = wrong.iter().filter(|camera| camera.is_like(middle)).count();
     (count >= FEWEST && count as f64 >= AGREEING * all as f64).then(|| {
         format!(
-            "its pictures {} ({count} of the {all} whose motion could be measured in {pairs} agree)",
+            "its pictures {} ({count} of the {all} {pairs} whose motion could be measured agree)",
             middle.text()
         )
     })
@@ -418,9 +418,9 @@ mod tests {
 
     #[test]
     fn nearly_all_measured_cameras_have_to_agree() {
-        use ShownCamera::{Framed, InversePose, Moved};
+        use ShownCamera::{InversePose, Moved, Reframed};
         let framed = |zoom, shift| {
-            Framed(Framing {
+            Reframed(Framing {
                 zoom,
                 roll: 0,
                 shift,
@@ -441,7 +441,7 @@ mod tests {
             ),
             (
                 vec![(framed(801, [2, 0]), 2), (framed(795, [-1, 0]), 3)],
-                ["show", "0.80 times its focal length (", "5 of the 5"],
+                ["show", "0.80 times its focal length, ", "5 of the 5"],
             ),
             (
                 vec![(framed(1000, [12, 0]), 4)],
@@ -517,7 +517,7 @@ mod tests {
         assert!(told(|k| k.to_string())[0].contains("4 of the 4"));
     }
 
-    /// A picture under another name also seems to have moved by some multiple, another one for each pair.
+    /// Pictures under other names also seem to have moved by multiples of the motion, which differ from pair to pair.
     #[test]
     fn other_targets_are_told_although_cameras_were_measured() {
         let records: Vec<Record> = (0..8)
