@@ -19,8 +19,8 @@ use crate::{DatasetSpec, Pairing, Scene, View, files};
 const HEADERS: usize = 64;
 /// Maximum number of masks decoded per scene, evenly spaced.
 const MASKS: usize = 4;
-/// Maximum number of 16-bit pictures decoded per scene, evenly spaced, and their brightest levels (of 255) if values of
-/// 13 or 14 bits were not scaled. Those of fewer bits are refused one by one.
+/// Maximum number of 16-bit pictures decoded per scene, evenly spaced, and their brightest level (of 255) if they hold
+/// 14-bit values. Values of 8 to 12 bits are refused picture by picture.
 const DEEP: usize = 4;
 const UNSCALED: std::ops::RangeInclusive<u8> = 16..=64;
 /// Minimum fraction of the pixels that a plausible mask keeps: most masks exclude a person, a sky or a logo.
@@ -48,8 +48,8 @@ pub(crate) fn unread_masks(folder: &Path, hint: &str) -> Option<String> {
     })
 }
 
-/// A warning if all pictures have 16 bits and end at a quarter of the range; `stored` are the types that their headers
-/// state.
+/// A warning if all pictures have 16 bits and no value in the upper three quarters of the range; `stored` are the types
+/// stated by their headers.
 fn unscaled(scene: &Scene, mut stored: impl ExactSizeIterator<Item = ColorType>) -> Option<String> {
     use ColorType::{L16, La16, Rgb16, Rgba16};
     let is_deep =
@@ -61,8 +61,8 @@ fn unscaled(scene: &Scene, mut stored: impl ExactSizeIterator<Item = ColorType>)
     let highest: Vec<u8> = highest.collect();
     let is_unscaled = highest.len() >= 2 && highest.iter().all(|level| UNSCALED.contains(level));
     is_unscaled.then(|| {
-        "pictures: the 16-bit values of all that were looked at end at a quarter of their range, as if 14-bit values \
-         had been stored unscaled; if so, multiply them by 4"
+        "pictures: no 16-bit value of those checked exceeds a quarter of the range, as if 14-bit values had been stored \
+         unscaled; if so, multiply them by 4"
             .to_owned()
     })
 }

@@ -268,8 +268,8 @@ impl World {
         seen * (light.exposure * sight.rays)
     }
 
-    /// Linear light that a surface sends from a point back along the incoming ray, through haze. The distance of
-    /// `meeting` is that of the whole path from the camera, on which the light may pass `layers` mirrors and panes.
+    /// Linear light that leaves a surface at `point` against the ray's direction, after the haze on its way. The distance
+    /// in `meeting` is that along the whole path from the camera. At most `layers` more mirrors and panes are followed.
     fn seen(
         &self,
         object: usize,

@@ -13,7 +13,7 @@ use crate::random::mix;
 
 /// Files with fewer Gaussians are not judged.
 const LEAST: usize = 20;
-/// Minimum share of different Gaussians that occur several times.
+/// Minimum share of the different Gaussians that occur more than once.
 const LEAST_REPEATED: f64 = 0.05;
 
 /// A doubt about the encoding of a file.
@@ -151,8 +151,8 @@ pub fn suspicions(stored: &Gaussians, given: &StoredForm, format: &StoredForm) -
     found
 }
 
-/// A suspicion if many different Gaussians occur several times. A single one that occurs often, such as a placeholder for
-/// invalid pixels, counts once.
+/// A suspicion if many different Gaussians occur more than once. One that occurs often, such as that of all invalid
+/// pixels, counts once.
 fn repetition(stored: &Gaussians, finite: &[usize]) -> Option<Suspicion> {
     let hash = |&k: &usize| {
         let rows = [stored.means[k], stored.scales[k], stored.colors[k]];
