@@ -1,6 +1,7 @@
 #!/usr/bin/env bash
-# The paper's ablations at the scale of the bundled network: every variant begins with the same depth network and learns for
-# the same number of steps on the same examples, and is evaluated on the same held-out scenes. Resumable: run it again.
+# The paper's ablations at the scale of the bundled network, with two seeds. Every variant starts from the same depth network and
+# trains for the same number of steps on the same examples; those of one seed are evaluated on the same held-out scenes.
+# Resumable: run it again.
 #
 # usage: ablate.sh OUT DEPTH.safetensors [STEPS]
 set -euo pipefail
@@ -8,55 +9,68 @@ here=$(cd "$(dirname "$0")" && pwd)
 root=$here/../..
 bench=${SHARP_BENCH:-$root/target/release/sharp-bench}
 usage="usage: ablate.sh OUT DEPTH.safetensors [STEPS]"
-out=${1:?$usage} depth=$(realpath "${2:?$usage}") steps=${3:-150}
+out=${1:?$usage} depth=$(realpath "${2:?$usage}") steps=${3:-600}
 mkdir -p "$out"
 cp "$root/sharp/mini/mini-384.json" "$out/stride2.json"
 for stride in 4 8; do
     sed "s/\"internal_resolution\"/\"gaussian_stride\": $stride,\n  &/" "$out/stride2.json" >"$out/stride$stride.json"
 done
 
-# variant NAME STRIDE [KEY=VALUE…]
+# variant NAME STRIDE [KEY=VALUE…], for the seed $seed
 variant() {
-    local name=$1 stride=$2 keys=()
+    local name=$1 stride=$2 keys=() folder=$out/$seed/$1
     shift 2
     for key in network.file="\"$out/stride$stride.json\"" initial_depth="\"$depth\"" \
-        stage1.steps="$steps" stage1.schedule.warmup_steps=25 stage2.steps=0 \
+        stage1.steps="$steps" stage1.batch=1 stage1.seed="$seed" stage1.schedule.warmup_steps=25 \
+        stage2.steps=0 stage2.batch=1 stage2.seed="$seed" \
         intervals.validation=0 intervals.checkpoint=50 "$@"; do
         keys+=(--set "$key")
     done
-    if [ ! -e "$out/$name/weights.safetensors" ]; then
-        "$bench" train -q "$root/sharp/train/configs/mini-384.toml" --out "$out/$name" "${keys[@]}"
+    if [ ! -e "$folder/weights.safetensors" ]; then
+        "$bench" train -q "$root/sharp/train/configs/mini-384.toml" --out "$folder" "${keys[@]}"
     fi
-    methods+=(--method "sharp:label=$name,checkpoint=$out/$name/weights.safetensors,config=$out/stride$stride.json")
+    methods+=(--method "sharp:label=$name,checkpoint=$folder/weights.safetensors,config=$out/stride$stride.json")
 }
 
-regularizers=(losses.{tv,grad,delta,splat,scale,scale_gradient}=0)
-methods=()
-variant color-alpha 2 losses.percep=0 losses.depth=0 "${regularizers[@]}"
-variant depth 2 losses.percep=0 "${regularizers[@]}"
-variant percep 2 "${regularizers[@]}"
-variant whole 2
-variant no-gram 2 loss_options.percep.gram=0
-variant no-alignment 2 aligned=false
-variant frozen-depth 2 trained.{patch_encoder,image_encoder,encoder_norms,depth_decoder}=false
-variant stride4 4
-variant stride8 8
-# A fifth of the same budget goes to the second stage.
-variant self-supervised 2 stage1.steps=$((steps * 4 / 5)) stage2.steps=$((steps - steps * 4 / 5))
-
-"$bench" run -q --dataset held-out:synthetic=world=varied,seed=902000,size=256x256,scenes=50 --limit 50 \
-    --method copy "${methods[@]}" --metrics paper --keep none --out "$out/run"
 rows() {
     local table=$1 pair
     shift
     local arguments=()
-    for pair in "$@"; do arguments+=(--row "${pair%%=*}=$out/run:${pair#*=}"); done
-    "$bench" table -q "$table" "${arguments[@]}" --out "$out/tables"
+    for pair in "$@"; do arguments+=(--row "${pair%%=*}=$out/$seed/run:${pair#*=}"); done
+    "$bench" table -q "$table" "${arguments[@]}" --out "$out/$seed/tables"
 }
-rows ablation_loss "ours: color+alpha=color-alpha" "ours: color+alpha+depth=depth" \
-    "ours: color+alpha+depth+percep=percep" "ours: color+alpha+depth+percep+reg=whole"
-rows ablation_gram "ours: no=no-gram" "ours: yes=whole"
-rows ablation_depth_alignment "ours: no=no-alignment" "ours: yes=whole"
-rows ablation_module "ours: no=frozen-depth" "ours: yes=whole"
-rows ablation_ssl "ours: no=whole" "ours: yes=self-supervised"
-rows ablation_stride "ours: 2x48x48=stride8" "ours: 2x96x96=stride4" "ours: 2x192x192=whole"
+
+regularizers=(losses.{tv,grad,delta,splat,scale,scale_gradient}=0)
+for seed in 1 2; do
+    methods=()
+    variant color-alpha 2 losses.percep=0 losses.depth=0 "${regularizers[@]}"
+    variant depth 2 losses.percep=0 "${regularizers[@]}"
+    variant percep 2 "${regularizers[@]}"
+    variant whole 2
+    variant no-gram 2 loss_options.percep.gram=0
+    variant no-alignment 2 aligned=false
+    variant frozen-depth 2 trained.{patch_encoder,image_encoder,encoder_norms,depth_decoder}=false
+    variant stride4 4
+    variant stride8 8
+    # A fifth of the same budget goes to the second stage.
+    variant self-supervised 2 stage1.steps=$((steps * 4 / 5)) stage2.steps=$((steps - steps * 4 / 5))
+
+    "$bench" run -q --dataset held-out:synthetic=world=varied,seed=902000,size=256x256,scenes=50 --limit 50 \
+        --method copy "${methods[@]}" --metrics paper --out "$out/$seed/run"
+    rows ablation_loss "ours: color+alpha=color-alpha" "ours: color+alpha+depth=depth" \
+        "ours: color+alpha+depth+percep=percep" "ours: color+alpha+depth+percep+reg=whole"
+    rows ablation_gram "ours: no=no-gram" "ours: yes=whole"
+    rows ablation_depth_alignment "ours: no=no-alignment" "ours: yes=whole"
+    rows ablation_module "ours: no=frozen-depth" "ours: yes=whole"
+    rows ablation_ssl "ours: no=whole" "ours: yes=self-supervised"
+    rows ablation_stride "ours: 2x48x48=stride8" "ours: 2x96x96=stride4" "ours: 2x192x192=whole"
+    # Each ablation's sheet: the same three pairs under its variants.
+    for sheet in loss=color-alpha,depth,percep,whole gram=no-gram,whole alignment=no-alignment,whole \
+        module=frozen-depth,whole ssl=whole,self-supervised stride=stride8,stride4,whole; do
+        "$bench" figure ablation "$out/$seed/run" --methods "${sheet#*=}" --count 3 --out "$out/$seed/sheets/${sheet%%=*}"
+    done
+    for pair in depth=color-alpha percep=depth whole=percep whole=no-gram whole=no-alignment whole=frozen-depth \
+        self-supervised=whole stride4=stride8 whole=stride4; do
+        "$bench" compare "$out/$seed/run" --method "${pair#*=}=${pair%%=*}" >"$out/$seed/${pair%%=*}-after-${pair#*=}.txt"
+    done
+done

@@ -1,11 +1,14 @@
 //! The multi-resolution decoder: five feature maps fused from coarse to fine.
 
+use std::sync::Arc;
+
 use candle_core::Tensor;
 use candle_nn::Module;
 
 use super::ModelError;
 use super::layers::{Conv, Deconv};
 use super::observer::{StageObserver, StageValue};
+use super::ops::Recompute;
 use super::params::Params;
 
 /// `y + conv3(relu(conv1(relu(y))))`: both 3×3, no normalisation.
@@ -81,10 +84,36 @@ impl FusionBlock {
 
 /// The decoder; there is one for depth and one for Gaussians.
 pub(super) struct MultiresConvDecoder {
-    /// Projects each map to the decoder's width: 1×1 at the finest level, 3×3 at the others; `None` if the finest map
-    /// already has that width.
-    convs: Vec<Option<Conv>>,
-    fusions: Vec<FusionBlock>,
+    /// Finest first.
+    levels: Vec<Arc<Level>>,
+    recompute: Option<Recompute>,
+}
+
+struct Level {
+    /// Projects the map to the decoder's width: 1×1 at the finest level, 3×3 at the others; `None` if the map already
+    /// has that width.
+    conv: Option<Conv>,
+    fusion: FusionBlock,
+}
+
+impl Level {
+    /// `fused` is the output of the coarser level, if any. `see` receives the stages `conv` and `fusion`.
+    fn forward(
+        &self,
+        fused: Option<Tensor>,
+        map: &Tensor,
+        see: &mut dyn FnMut(&str, &Tensor) -> Result<(), ModelError>,
+    ) -> Result<Tensor, ModelError> {
+        let projected = self.conv.as_ref().map(|conv| conv.forward(map));
+        let projected = projected.transpose()?;
+        if let Some(map) = &projected {
+            see("conv", map)?;
+        }
+        let map = projected.as_ref().unwrap_or(map);
+        let fused = self.fusion.forward(fused, map)?;
+        see("fusion", &fused)?;
+        Ok(fused)
+    }
 }
 
 impl MultiresConvDecoder {
@@ -99,17 +128,22 @@ impl MultiresConvDecoder {
                 _ => Some(Conv::spatial(&p, inputs[level], dim, false)),
             }
         };
+        // All convolutions are declared before the first fusion, as in the checkpoint.
+        let convs: Vec<Option<Conv>> = (0..5).map(conv).collect();
+        let levels = convs.into_iter().enumerate().map(|(level, conv)| {
+            let p = fusions.pp(level);
+            let fusion = FusionBlock::new(&p, dim, level < 4, level > 0);
+            Arc::new(Level { conv, fusion })
+        });
         Self {
-            convs: (0..5).map(conv).collect(),
-            fusions: (0..5)
-                .map(|level| FusionBlock::new(&fusions.pp(level), dim, level < 4, level > 0))
-                .collect(),
+            levels: levels.collect(),
+            recompute: p.recompute.clone(),
         }
     }
 
     /// The projection of the coarsest of `maps`.
     pub(super) fn coarsest(&self, maps: &[Tensor; 5]) -> candle_core::Result<Tensor> {
-        match &self.convs[4] {
+        match &self.levels[4].conv {
             Some(conv) => conv.forward(&maps[4]),
             None => Ok(maps[4].clone()),
         }
@@ -124,16 +158,22 @@ impl MultiresConvDecoder {
         observer: &mut dyn StageObserver,
     ) -> Result<Tensor, ModelError> {
         let mut fused: Option<Tensor> = None;
-        for level in (0..5).rev() {
-            let learned = self.convs[level].as_ref();
-            let learned = learned.map(|conv| conv.forward(&maps[level])).transpose()?;
-            if let Some(map) = &learned {
-                observer.stage(&format!("{name}.conv{level}"), StageValue::image(map))?;
-            }
-            let map = learned.as_ref().unwrap_or(&maps[level]);
-            let next = self.fusions[level].forward(fused.take(), map)?;
-            observer.stage(&format!("{name}.fusion{level}"), StageValue::image(&next))?;
-            fused = Some(next);
+        for (number, (level, map)) in self.levels.iter().zip(maps).enumerate().rev() {
+            let mut see = |stage: &str, value: &Tensor| {
+                let stage = format!("{name}.{stage}{number}");
+                observer.stage(&stage, StageValue::image(value))
+            };
+            fused = Some(match &self.recompute {
+                None => level.forward(fused.take(), map, &mut see)?,
+                Some(recompute) => {
+                    let level = Arc::clone(level);
+                    let inputs: Vec<&Tensor> = [map].into_iter().chain(&fused).collect();
+                    recompute.run(&inputs, move |inputs| {
+                        let fused = inputs.get(1).cloned();
+                        level.forward(fused, &inputs[0], &mut |_, _| Ok(()))
+                    })?
+                }
+            });
         }
         fused.ok_or_else(|| ModelError::Config("a decoder without levels".into()))
     }

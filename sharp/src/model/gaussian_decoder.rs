@@ -1,5 +1,7 @@
 //! Decoder from encoder maps, image and depth to the deltas that refine base Gaussians.
 
+use std::sync::Arc;
+
 use candle_core::Tensor;
 use candle_nn::Module;
 
@@ -7,8 +9,8 @@ use super::alignment::NormResidualBlock;
 use super::config::LAYERS;
 use super::decoder::{FusionBlock, MultiresConvDecoder};
 use super::layers::Conv;
-use super::observer::{StageObserver, StageValue};
-use super::ops::avg_pool;
+use super::observer::{Silent, StageObserver, StageValue};
+use super::ops::{Recompute, avg_pool};
 use super::params::Params;
 use super::{ModelConfig, ModelError};
 
@@ -21,9 +23,10 @@ const TEXTURE: usize = 11;
 pub(super) struct GaussianDecoder {
     decoder: MultiresConvDecoder,
     skip: Conv,
-    fusion: FusionBlock,
-    texture_head: AttributeHead,
-    geometry_head: AttributeHead,
+    fusion: Arc<FusionBlock>,
+    texture_head: Arc<AttributeHead>,
+    geometry_head: Arc<AttributeHead>,
+    recompute: Option<Recompute>,
     /// Side, in pixels of the decoder's finest map, of the block that one Gaussian covers.
     pooling: usize,
 }
@@ -37,9 +40,10 @@ impl GaussianDecoder {
         Self {
             decoder: MultiresConvDecoder::new(&p.pp("decoder"), [d0, d0, d1, d2, d3], dim),
             skip: Conv::blocks(&skip, 3 + LAYERS, dim, stride),
-            fusion: FusionBlock::new(&p.pp("fusion"), dim, true, false),
-            texture_head: AttributeHead::new(&p.pp("texture_head"), config),
-            geometry_head: AttributeHead::new(&p.pp("geometry_head"), config),
+            fusion: Arc::new(FusionBlock::new(&p.pp("fusion"), dim, true, false)),
+            texture_head: Arc::new(AttributeHead::new(&p.pp("texture_head"), config)),
+            geometry_head: Arc::new(AttributeHead::new(&p.pp("geometry_head"), config)),
+            recompute: p.recompute.clone(),
             // The finest map has half the internal resolution. Coarser Gaussians use its block means. This is our
             // choice: the release only supports stride 2, which needs no pooling.
             pooling: stride / 2,
@@ -61,14 +65,27 @@ impl GaussianDecoder {
         }
         let skip = self.skip.forward(input)?;
         observer.stage("gauss_decoder.skip", StageValue::image(&skip))?;
-        let fused = self.fusion.forward(Some(decoded), &skip)?;
+        let fused = match &self.recompute {
+            None => self.fusion.forward(Some(decoded), &skip)?,
+            Some(recompute) => {
+                let fusion = Arc::clone(&self.fusion);
+                recompute.run(&[&decoded, &skip], move |inputs| {
+                    Ok(fusion.forward(Some(inputs[0].clone()), &inputs[1])?)
+                })?
+            }
+        };
         drop(skip);
         observer.stage("gauss_decoder.fused", StageValue::image(&fused))?;
+        let mut attributes = |head: &Arc<AttributeHead>, name| match &self.recompute {
+            None => head.forward(&fused, name, observer),
+            Some(recompute) => {
+                let head = Arc::clone(head);
+                recompute.run(&[&fused], move |x| head.forward(&x[0], name, &mut Silent))
+            }
+        };
         Ok([
-            self.texture_head
-                .forward(&fused, "texture_head", observer)?,
-            self.geometry_head
-                .forward(&fused, "geometry_head", observer)?,
+            attributes(&self.texture_head, "texture_head")?,
+            attributes(&self.geometry_head, "geometry_head")?,
         ])
     }
 }

@@ -1,11 +1,14 @@
 //! Layers of disparity from an image: two in SHARP, one in Depth Pro.
 
+use std::sync::Arc;
+
 use candle_core::Tensor;
 use candle_nn::Module;
 
 use super::decoder::MultiresConvDecoder;
 use super::layers::{Conv, Deconv};
-use super::observer::{StageObserver, StageValue};
+use super::observer::{Silent, StageObserver, StageValue};
+use super::ops::Recompute;
 use super::params::Params;
 use super::pyramid::Encoder;
 use super::{ModelConfig, ModelError};
@@ -13,7 +16,8 @@ use super::{ModelConfig, ModelError};
 pub(super) struct Monodepth {
     encoder: Encoder,
     decoder: MultiresConvDecoder,
-    head: DisparityHead,
+    head: Arc<DisparityHead>,
+    recompute: Option<Recompute>,
 }
 
 /// Outputs of the depth network that the rest of the network uses.
@@ -31,7 +35,8 @@ impl Monodepth {
         Self {
             encoder: Encoder::new(&p.pp("encoder"), config),
             decoder: MultiresConvDecoder::new(&p.pp("decoder"), [d0, d0, d1, d2, d3], dim),
-            head: DisparityHead::new(&p.pp("head"), dim, layers),
+            head: Arc::new(DisparityHead::new(&p.pp("head"), dim, layers)),
+            recompute: p.recompute.clone(),
         }
     }
 
@@ -43,7 +48,15 @@ impl Monodepth {
     ) -> Result<MonodepthOutput, ModelError> {
         let features = self.encoder.forward(image, observer)?;
         let decoded = self.decoder.forward(&features, "depth_decoder", observer)?;
-        let disparity = self.head.forward(decoded, observer)?;
+        let disparity = match &self.recompute {
+            None => self.head.forward(decoded, observer)?,
+            Some(recompute) => {
+                let head = Arc::clone(&self.head);
+                recompute.run(&[&decoded], move |x| {
+                    head.forward(x[0].clone(), &mut Silent)
+                })?
+            }
+        };
         observer.stage("disparity", StageValue::rectified(&disparity))?;
         Ok(MonodepthOutput {
             features,

@@ -14,6 +14,7 @@ use candle_nn::{Init, VarBuilder};
 
 use super::ModelError;
 use super::compute::{Compute, Kernels};
+use super::ops::Recompute;
 
 /// A source of parameter values.
 pub trait WeightSource: Send + Sync {
@@ -141,6 +142,8 @@ impl Weight {
 pub(super) struct Params<'a> {
     module: VarBuilder<'static>,
     pub(super) kernels: Option<Kernels>,
+    /// In training, if intermediate tensors are not kept.
+    pub(super) recompute: Option<Recompute>,
     list: &'a RefCell<Vec<Parameter>>,
 }
 
@@ -155,6 +158,7 @@ impl<'a> Params<'a> {
         Self {
             module: VarBuilder::from_backend(weights, DType::F32, device),
             kernels: compute.kernels,
+            recompute: None,
             list,
         }
     }

@@ -13,7 +13,7 @@ use super::inventory::inventory;
 use super::monodepth::MonodepthOutput;
 use super::network::SharpNetwork;
 use super::observer::Silent;
-use super::ops::{from_planes, pull, to_planes};
+use super::ops::{Recompute, from_planes, pull, to_planes};
 use super::params::{Parameter, Params, WeightSource, Weights};
 use super::predictor::{DISPARITY, Planes, check_input, metric_depth};
 use super::{Compute, ModelConfig, ModelError};
@@ -28,6 +28,7 @@ pub struct TrainableNetwork {
     config: ModelConfig,
     parameters: Vec<Parameter>,
     compute: Compute,
+    recomputes: bool,
 }
 
 /// Inputs of a pass.
@@ -68,6 +69,7 @@ pub struct TrainingPass {
     alignment: Option<AlignmentGraph>,
     deltas_graph: Option<DeltasGraph>,
     weights: Weights,
+    recompute: Option<Recompute>,
     compute: Compute,
 }
 
@@ -112,8 +114,15 @@ impl TrainableNetwork {
         Ok(Self {
             config: config.clone(),
             parameters: inventory(config)?,
+            recomputes: compute.device.is_cpu() && config.internal_resolution >= RECOMPUTED_FROM,
             compute: compute.learning(),
         })
+    }
+
+    /// True if the backward pass computes most intermediate tensors again because memory does not hold them. This costs
+    /// another forward pass; gradients differ by rounding.
+    pub fn recomputes(&self) -> bool {
+        self.recomputes
     }
 
     /// All parameters of the network, in the order of its modules.
@@ -137,7 +146,10 @@ impl TrainableNetwork {
         let (side, grid) = (self.config.internal_resolution, self.config.grid());
         let weights = Weights::new(weights, trainable);
         let list = RefCell::default();
-        let network = SharpNetwork::new(&self.config, &Params::new(&self.compute, &weights, &list));
+        let recompute = self.recomputes.then(|| Recompute::new(&self.compute));
+        let mut params = Params::new(&self.compute, &weights, &list);
+        params.recompute = recompute.clone();
+        let network = SharpNetwork::new(&self.config, &params);
         let size = (input.image.width, input.image.height);
         let image = bilinear_align_corners(input.image.values, size, (side, side));
         let normal: Vec<f32> = image.iter().map(|v| v * 2.0 - 1.0).collect();
@@ -149,7 +161,8 @@ impl TrainableNetwork {
 
         let (factors, alignment) = match input.known_depth {
             Some(known) => {
-                let (factors, graph) = self.align(&network.depth_alignment, &predicted, known)?;
+                let (factors, graph) =
+                    self.align(network.depth_alignment, &recompute, &predicted, known)?;
                 (factors, Some(graph))
             }
             None => (vec![1.0; grid.pixels()], None),
@@ -199,6 +212,7 @@ impl TrainableNetwork {
             alignment,
             deltas_graph,
             weights,
+            recompute,
             compute: self.compute.clone(),
         })
     }
@@ -206,7 +220,8 @@ impl TrainableNetwork {
     /// Computes the factors of the alignment.
     fn align(
         &self,
-        network: &DepthAlignment,
+        network: DepthAlignment,
+        recompute: &Option<Recompute>,
         predicted: &[f32],
         known: &[f32],
     ) -> Result<(Vec<f32>, AlignmentGraph), ModelError> {
@@ -228,7 +243,10 @@ impl TrainableNetwork {
         let known = Tensor::from_slice(known, first.shape(), device)?;
         let seen = unknown.where_cond(&first, &known)?;
         let depths = Tensor::cat(&[&first, &seen], 3)?;
-        let log = network.forward(&depths)?;
+        let log = match recompute {
+            None => network.forward(&depths)?,
+            Some(recompute) => recompute.run(&[&depths], move |x| Ok(network.forward(&x[0])?))?,
+        };
         let factors = log.exp()?;
         let graph = AlignmentGraph {
             depth: predicted.broadcast_mul(&factors)?,
@@ -291,7 +309,8 @@ impl TrainingPass {
         let mut gradients = BTreeMap::new();
         let mut collect = |found: &GradStore| {
             for (name, variable) in &variables {
-                if let Some(gradient) = found.get(variable) {
+                let recomputed = self.recompute.as_ref().and_then(|r| r.take(variable));
+                if let Some(gradient) = found.get(variable).or(recomputed.as_ref()) {
                     gradients.insert(name.clone(), gradient.flatten_all()?.to_vec1()?);
                 }
             }
@@ -376,6 +395,9 @@ impl TrainingPass {
         Ok(gradients)
     }
 }
+
+/// Internal resolution from which intermediate tensors are not kept. At 1536 they would take more than 24 GiB.
+const RECOMPUTED_FROM: usize = 1024;
 
 /// Output channels of the two heads.
 const DELTA_CHANNELS: [usize; 2] = [3 * LAYERS, 11 * LAYERS];

@@ -1,12 +1,14 @@
 //! The vision transformer, used for patches and for the whole image.
 
+use std::sync::Arc;
+
 use candle_core::{Device, Tensor};
 
 use super::ModelError;
 use super::compute::Kernels;
 use super::config::VitConfig;
 use super::observer::{StageObserver, StageValue};
-use super::ops::{Linear, attention, gather, layer_norm};
+use super::ops::{Linear, Recompute, attention, gather, layer_norm};
 use super::params::{Params, Weight};
 
 /// Number of images whose intermediate values are in memory at a time. In the release's network,
@@ -53,9 +55,10 @@ pub(super) struct Vit {
     patch_embed: Affine,
     cls_token: Weight,
     pos_embed: Weight,
-    blocks: Vec<VitBlock>,
+    blocks: Vec<Arc<VitBlock>>,
     norm: Affine,
     shape: Shape,
+    recompute: Option<Recompute>,
     device: Device,
 }
 
@@ -108,7 +111,7 @@ impl Vit {
             cls_token: p.get("cls_token", &[1, 1, dim]),
             pos_embed: p.get("pos_embed", &[1, side * side + 1, dim]),
             blocks: (0..config.depth)
-                .map(|k| VitBlock::new(&blocks.pp(k), dim))
+                .map(|k| Arc::new(VitBlock::new(&blocks.pp(k), dim)))
                 .collect(),
             norm: Affine::new(&p.pp("norm"), &[dim]),
             shape: Shape {
@@ -120,6 +123,7 @@ impl Vit {
                 heads: config.num_heads,
                 norm_eps: config.norm_eps,
             },
+            recompute: p.recompute.clone(),
             device: p.device().clone(),
         }
     }
@@ -158,7 +162,13 @@ impl Vit {
         see("tokens_in", StageValue::tensor(&x))?;
         let mut tapped = Vec::with_capacity(taps.len());
         for (k, block) in self.blocks.iter().enumerate() {
-            x = block.forward(x, self.shape)?;
+            x = match &self.recompute {
+                None => block.forward(x, self.shape)?,
+                Some(recompute) => {
+                    let (block, shape) = (Arc::clone(block), self.shape);
+                    recompute.run(&[&x], move |x| Ok(block.forward(x[0].clone(), shape)?))?
+                }
+            };
             see(&format!("block{k}"), StageValue::tensor(&x))?;
             for (_, tokens) in taps.iter().filter(|(tap, _)| *tap == k) {
                 tapped.push(gather(&x, tokens)?);

@@ -257,7 +257,11 @@ impl Trainer {
         let mut sum = StepSum::default();
         let batch = settings.batch as u64;
         let indices: Vec<u64> = ((position.step - 1) * batch..position.step * batch).collect();
-        for indices in indices.chunks(EXAMPLES_AT_ONCE) {
+        let at_once = match self.network.recomputes() {
+            true => 1,
+            false => EXAMPLES_AT_ONCE,
+        };
+        for indices in indices.chunks(at_once) {
             let mut examples = Vec::new();
             for index in indices {
                 let sample = samples.fetch()?;
@@ -417,7 +421,8 @@ const FIRST_STAGE: &str = "stage1";
 /// Number of examples prefetched while a step computes.
 const SAMPLES_AHEAD: usize = 3;
 /// Number of examples of a batch computed concurrently. Much of a pass is too small for several
-/// threads, and two passes fill each other's idle time. More than two would only need more memory.
+/// threads, and two passes fill each other's idle time. More than two would only need more memory. A network so large that
+/// it recomputes fills the processor with one.
 const EXAMPLES_AT_ONCE: usize = 2;
 
 #[cfg(test)]

@@ -8,6 +8,7 @@ mod custom;
 mod frozen;
 mod images;
 mod norm;
+mod recompute;
 mod tokens;
 
 pub(super) use convolution::{Convolution, deconvolution};
@@ -15,6 +16,7 @@ pub use custom::pull;
 pub use frozen::{FrozenConvolution, max_pool};
 pub(super) use images::{avg_pool, double_nearest, from_planes, gather, to_planes};
 pub(super) use norm::{group_norm, layer_norm};
+pub(super) use recompute::Recompute;
 pub(super) use tokens::{Linear, attention};
 
 use candle_core::{Result, Tensor};

@@ -286,6 +286,46 @@ fn frozen_parts_have_no_gradients_and_change_no_others() {
 }
 
 #[test]
+fn recomputing_changes_rounding_alone() {
+    let scene = scene();
+    let trained: [fn(&str) -> bool; 4] = [
+        |_| true,
+        |name| name.contains("monodepth_predictor.decoder"),
+        |name| name.contains("image_encoder") && !name.contains("feature_model"),
+        |name| name.contains("feature_model") || name.contains("depth_alignment"),
+    ];
+    for compute in [
+        Compute::cpu(Algorithm::Winograd),
+        Compute::candle(candle_core::Device::Cpu),
+    ] {
+        for trained in trained {
+            let [kept, recomputed] = [false, true].map(|recomputes| {
+                let mut network = TrainableNetwork::new(&config(), compute.clone()).unwrap();
+                assert!(!network.recomputes());
+                network.recomputes = recomputes;
+                let weights = Held(weights(&network));
+                let pass = network.forward(weights, trained, scene.input()).unwrap();
+                let loss = Loss::new(&pass);
+                (loss.of(&pass), pass.backward(&loss.0).unwrap())
+            });
+            assert!(!kept.1.is_empty() && kept.0 == recomputed.0);
+            assert!(kept.1.keys().eq(recomputed.1.keys()));
+            for (name, gradient) in kept.1 {
+                let largest = gradient.iter().fold(0.0_f32, |m, v| m.max(v.abs()));
+                let mut pairs = gradient.iter().zip(&recomputed.1[&name]);
+                assert!(
+                    pairs.all(|(a, b)| (a - b).abs() <= 1e-5 * largest),
+                    "{name}"
+                );
+            }
+        }
+    }
+    let release = ModelConfig::release();
+    let release = TrainableNetwork::new(&release, Compute::cpu(Algorithm::Winograd));
+    assert!(release.unwrap().recomputes());
+}
+
+#[test]
 fn depth_that_is_lost_everywhere_returns_where_it_may() {
     const BIAS: &str = "monodepth_model.monodepth_predictor.head.4.bias";
     let network = network();
