@@ -17,7 +17,7 @@ import OpenEXR
 import torch
 import torchvision
 
-# Neither package is told of weights to download; torchvision remarks on how they call it.
+# Neither package may download weights; torchvision warns about how they call it.
 warnings.filterwarnings("ignore", module="torchvision")
 import DISTS_pytorch
 import lpips
@@ -133,7 +133,7 @@ def tensors(both):
 
 
 def add_lpips(comparison, quantity, ours, theirs):
-    """Deviations are scaled so that one bound stands for the absolute and the relative one."""
+    """Deviations are scaled so that one bound covers both the absolute and the relative one."""
     theirs = np.asarray(theirs)
     scale = np.maximum(1, LPIPS_RELATIVE / LPIPS * np.abs(theirs))
     comparison.add(quantity, "lpips", np.asarray(ours) / scale, theirs / scale, LPIPS)
@@ -208,7 +208,7 @@ def compare_resized(comparison, run_json, binary, dists, options, rng, folder, p
 
 
 def published_weights():
-    """The published weights by network: two lie beside their metric, SqueezeNet 1.1's may be at hand."""
+    """The published weights by network: two are bundled with the metrics, SqueezeNet 1.1's may be available."""
     shared = Path(os.environ.get("SHARP_BENCH_SHARED", Path(__file__).parents[2] / "../shared"))
     cache = os.environ.get("SHARP_BENCH_WEIGHTS") or Path.home() / ".cache/sharp-bench/weights"
     files = {"alex": BUNDLED / "alexnet.safetensors", "vgg": BUNDLED / "vgg16.safetensors"}

@@ -181,7 +181,7 @@ mod tests {
         ] {
             let [_, found] = told(with(zoom, shift), roll, PLANE);
             let found = found.unwrap_or_else(|| panic!("{zoom} {roll} {shift:?}"));
-            // Along the lines, a shift cannot be told from depth.
+            // Along the lines, a shift cannot be distinguished from wrong depth.
             let (off, along) = (
                 DVec2::from(shift) / 0.16,
                 DVec2::new(0.12, 0.06).normalize(),

@@ -448,7 +448,7 @@ mod tests {
                 vec![(framed(1000, [12, 0]), 4)],
                 ["show", "shifted by (1.2 %, 0.0 %)", "4 of the 4"],
             ),
-            // Parts of one shift, beside lines of three directions.
+            // Components of one shift, across epipolar lines in three directions.
             (
                 vec![
                     (framed(1000, [12, 0]), 2),
