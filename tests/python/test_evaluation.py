@@ -204,7 +204,7 @@ def test_runs_are_compared_and_swept_as_by_the_command_line(program, tmp_path):
     swept = sb.sweep(tmp_path / "a", x="rotation_deg", bins="quantile:2", metrics=["psnr"])
     program("sweep", tmp_path / "a", "--x", "rotation_deg", "--bins", "quantile:2", "--metrics", "psnr", "--out", tmp_path / "s")
     assert swept.csv == (tmp_path / "s/sweep.csv").read_text() and "<svg" in swept._repr_html_() and list(swept.figures) == ["psnr"]
-    with pytest.raises(ValueError, match='x="speed": one of baseline_m'):
+    with pytest.raises(ValueError, match='x="speed": expected one of baseline_m'):
         sb.sweep(tmp_path / "a", x="speed")
 
 
