@@ -41,7 +41,7 @@ BUNDLED = Path(__file__).parents[2] / "metrics/weights"
 
 
 def empty(architecture):
-    """A network of torchvision without values; making them up would take longer than all else."""
+    """A torchvision network without values; initialising them would take longer than everything else."""
     with torch.device("meta"):
         return getattr(torchvision.models, architecture)(weights=None).features
 
@@ -73,7 +73,7 @@ def lpips_of(net, weights):
 def dists_of(weights):
     with mock.patch.object(torchvision.models, "vgg16", return_value=network("vgg16", weights)):
         model = DISTS_pytorch.DISTS(load_weights=False)
-    # Saved on a GPU, which the package itself would insist on.
+    # Saved on a GPU, which the package itself would require.
     file = Path(DISTS_pytorch.__file__).with_name("weights.pt")
     stored = torch.load(file, map_location="cpu", weights_only=True)
     model.alpha.data, model.beta.data = stored["alpha"], stored["beta"]
@@ -203,7 +203,7 @@ def compare_resized(comparison, run_json, binary, dists, options, rng, folder, p
     from DISTS_pytorch.DISTS_pt import prepare_image
     x, y = [prepare_image(Image.open(f).convert("RGB"), resize=True).double() for f in files]
     ours = answer["pairs"][0]["scores"]["dists[resize256]"]
-    # torchvision hands the pictures over in f32, v / 255 rounded.
+    # torchvision passes the pictures as f32, v / 255 rounded.
     comparison.add("dists[resize256]", "DISTS-pytorch", ours, dists(x, y).item(), DISTS)
 
 

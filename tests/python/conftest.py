@@ -17,7 +17,7 @@ PROGRAM = str(pathlib.Path(os.environ.get("SHARP_BENCH", BUILT / "sharp-bench"))
 
 if MODULE is not None:
     package = ROOT / "bench/python/sharp_bench"
-    # In one step: another process may have the old one open.
+    # Atomically, because another process may have the old one open.
     copy = package / f"_sharp_bench.{os.getpid()}.partial"
     shutil.copyfile(MODULE, copy)
     copy.replace(package / "_sharp_bench.abi3.so")
