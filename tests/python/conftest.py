@@ -1,5 +1,5 @@
-"""The package as the workspace built it, without an installation: SHARP_BENCH_MODULE is the shared library, SHARP_BENCH the program, the
-one beside the library unless given."""
+"""The package as the workspace built it, without an installation: SHARP_BENCH_MODULE is the shared library, SHARP_BENCH the program,
+by default the one next to the library."""
 
 import os
 import pathlib
